@@ -1,0 +1,1 @@
+"""The effects: one file each; :mod:`spot_model.effects.base` says what an effect is."""

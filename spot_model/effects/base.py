@@ -1,0 +1,203 @@
+"""What an unmodelled effect is, and the places in the plant where one can act.
+
+An effect is a frozen dataclass. Each parameter is one physical number with a null value at which the effect vanishes
+bit for bit. A formula is written once against the array-API standard and serves NumPy and torch.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Protocol, TypeVar
+
+import numpy as np
+from array_api_compat import array_namespace, device
+from numpy.typing import NDArray
+
+from spot_model.errors import BadInputError
+from spot_model.joints import select_joints
+from spot_model.rotation import AnyArray
+
+Memory = Any
+"""What an effect carries from one physics step to the next; made by ``start``, returned by ``torque``."""
+
+EffectT = TypeVar("EffectT", bound="Effect")
+
+
+class Hook(enum.Enum):
+    """Where an effect acts."""
+
+    MODEL = "model"
+    """Fields of the physics model, once, before the first step."""
+    TORQUE = "torque"
+    """The motor torque, at every physics step."""
+    COMMAND = "command"
+    """The way of a set-point from the policy to the servo."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One physical number of an effect."""
+
+    name: str
+    null: float
+    low: float
+    high: float
+    unit: str
+    source: str
+
+
+def parameter(*, null: float, low: float, high: float, unit: str, source: str) -> Any:
+    """Declare a dataclass field as a parameter: its null value (the default), bounds, unit and source."""
+    return dataclasses.field(
+        default=null, metadata={"null": null, "low": low, "high": high, "unit": unit, "source": source}
+    )
+
+
+class ModelFields(Protocol):
+    """Live per-simulation values of a MuJoCo model's fields."""
+
+    def __getitem__(self, name: str) -> AnyArray:
+        """The field ``name``, shape (n_sims, ...); writing into it edits the model."""
+        ...
+
+    @property
+    def joint_dofs(self) -> NDArray[np.intp]:
+        """Degrees of freedom of the twelve joints, canonical order, shape (12,)."""
+        ...
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What a torque effect may look at: the joints at this physics step."""
+
+    position_rad: AnyArray
+    """Shape (n, 12), canonical joint order."""
+    velocity_rad_s: AnyArray
+    """Shape (n, 12)."""
+    dt_s: float
+    """Length of the physics step."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Effect(ABC):
+    """Base of all effects; ``joints`` says where it acts.
+
+    A parameter is a float, or an array that broadcasts to (n_sims, 12) and so gives each simulation its own value.
+    """
+
+    name: ClassVar[str]
+    hook: ClassVar[Hook]
+
+    joints: tuple[str, ...] = ("all",)
+
+    def __post_init__(self) -> None:
+        select_joints(self.joints)
+        for p in self.parameters():
+            _check_bounds(self.name, p, getattr(self, p.name))
+        self.check()
+
+    def check(self) -> None:  # noqa: B027 - optional for subclasses
+        """Check relations between parameters; raises :class:`BadInputError`."""
+
+    @classmethod
+    def parameters(cls) -> tuple[Parameter, ...]:
+        """The effect's parameters, in the order of its fields."""
+        return tuple(Parameter(f.name, **f.metadata) for f in dataclasses.fields(cls) if "null" in f.metadata)
+
+    @property
+    def values(self) -> Mapping[str, Any]:
+        """Parameter values by name."""
+        return {p.name: getattr(self, p.name) for p in self.parameters()}
+
+    @property
+    def is_null(self) -> bool:
+        """Whether every parameter has its null value."""
+        return all(bool(np.all(np.asarray(getattr(self, p.name)) == p.null)) for p in self.parameters())
+
+    @property
+    def mask(self) -> NDArray[np.bool_]:
+        """Joints on which the effect acts, shape (12,)."""
+        return select_joints(self.joints)
+
+    def arrays_like(self: EffectT, like: AnyArray) -> EffectT:
+        """The same effect with every parameter as an array of ``like``'s library, dtype and device.
+
+        A float becomes shape (1, 1); arrays keep their shape. Formulas rely on this.
+        """
+        xp = array_namespace(like)
+
+        def as_array(value: Any) -> AnyArray:
+            array = xp.asarray(value, dtype=like.dtype, device=device(like))
+            return xp.reshape(array, (1, 1)) if array.ndim == 0 else array
+
+        return dataclasses.replace(self, **{p.name: as_array(getattr(self, p.name)) for p in self.parameters()})
+
+
+class ModelEffect(Effect):
+    """An effect that edits the physics model."""
+
+    hook: ClassVar[Hook] = Hook.MODEL
+
+    @abstractmethod
+    def edit(self, fields: ModelFields) -> None:
+        """Edit the model in place, for the joints in :attr:`mask`; adds to what stands there."""
+
+
+class TorqueEffect(Effect):
+    """An effect that changes the motor torque at every physics step."""
+
+    hook: ClassVar[Hook] = Hook.TORQUE
+
+    def start(self, torque_nm: AnyArray) -> Memory:
+        """Memory before the first step, for arrays like ``torque_nm``, shape (n, 12)."""
+        return None
+
+    @abstractmethod
+    def torque(self, torque_nm: AnyArray, motion: Motion, memory: Memory) -> tuple[AnyArray, Memory]:
+        """The torque that comes out, for all twelve joints, and the new memory. Call on :meth:`arrays_like` effects.
+
+        Args:
+            torque_nm: Torque that goes in. Shape (n, 12), N·m.
+            motion: The joints at this step.
+            memory: From :meth:`start` or the step before.
+        """
+
+    def apply(
+        self, torque_nm: AnyArray, motion: Motion, memory: Memory, mask: AnyArray | None
+    ) -> tuple[AnyArray, Memory]:
+        """:meth:`torque` on the joints of ``mask`` (shape (12,), None for all), the input on the others."""
+        changed, memory = self.torque(torque_nm, motion, memory)
+        if mask is None:
+            return changed, memory
+        return array_namespace(torque_nm).where(mask, changed, torque_nm), memory
+
+
+class CommandEffect(Effect):
+    """An effect on the way of a command from the policy to the servo."""
+
+    hook: ClassVar[Hook] = Hook.COMMAND
+
+    @abstractmethod
+    def arrival_s(self, issued_s: AnyArray) -> AnyArray:
+        """When a command takes effect that was issued at ``issued_s``, shape (n,), s; infinity if it is lost.
+
+        The channel keeps order by itself: no command takes effect before one that was issued earlier.
+        """
+
+
+def _check_bounds(effect: str, p: Parameter, value: Any) -> None:
+    # Torch tensors on a GPU arrive here only from arrays_like, whose values were checked as floats.
+    if not isinstance(value, (int, float, np.ndarray, np.floating)):
+        return
+    array = np.asarray(value, dtype=np.float64)
+    ok = (array == p.null) | ((array >= p.low) & (array <= p.high))
+    if not bool(np.all(ok)):
+        bad = array[~ok].flat[0] if array.ndim else float(array)
+        null = "" if p.low <= p.null <= p.high else f" or {p.null:g} for none"
+        what = "is not a number" if math.isnan(bad) else f"= {bad:g}"
+        raise BadInputError(f"{effect}.{p.name} {what}; allowed: {p.low:g} to {p.high:g} {p.unit}{null}")

@@ -1,0 +1,26 @@
+"""Commands take effect a constant time after they were issued."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from spot_model.effects.base import CommandEffect, parameter
+from spot_model.rotation import AnyArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class CommandDelay(CommandEffect):
+    """A constant delay from policy to servo.
+
+    Source: the paper models the whole path as 5 ms.
+    """
+
+    name: ClassVar[str] = "command_delay"
+
+    delay_s: Any = parameter(null=0.0, low=0.0, high=0.2, unit="s", source="the paper: 5 ms")
+
+    def arrival_s(self, issued_s: AnyArray) -> AnyArray:
+        """Issue time plus delay."""
+        delay = self.delay_s
+        return issued_s + (delay[:, 0] if getattr(delay, "ndim", 0) == 2 else delay)

@@ -1,0 +1,29 @@
+"""A flat bound on motor torque."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from array_api_compat import array_namespace
+
+from spot_model.effects.base import Memory, Motion, TorqueEffect, parameter
+from spot_model.rotation import AnyArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class TorqueLimit(TorqueEffect):
+    """Torque saturates at ± a constant.
+
+    Source: the SDK's hip limit, 45 N·m.
+    """
+
+    name: ClassVar[str] = "torque_limit"
+
+    limit_nm: Any = parameter(null=math.inf, low=1.0, high=500.0, unit="N·m", source="SDK: hips 45 N·m")
+
+    def torque(self, torque_nm: AnyArray, motion: Motion, memory: Memory) -> tuple[AnyArray, Memory]:
+        """Clip to ± the limit."""
+        xp = array_namespace(torque_nm)
+        return xp.minimum(xp.maximum(torque_nm, -self.limit_nm), self.limit_nm), memory

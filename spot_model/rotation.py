@@ -1,0 +1,75 @@
+"""Quaternions, scalar first, batched over leading axes, for NumPy and torch alike."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from array_api_compat import array_namespace
+
+# Arrays are Any: one formula serves NumPy arrays and torch tensors, which share no static type.
+AnyArray = Any
+
+
+def multiply_wxyz(a_wxyz: AnyArray, b_wxyz: AnyArray) -> AnyArray:
+    """Hamilton product of two quaternions, shape (..., 4): the rotation b, then a."""
+    xp = array_namespace(a_wxyz, b_wxyz)
+    aw, ax, ay, az = (a_wxyz[..., i] for i in range(4))
+    bw, bx, by, bz = (b_wxyz[..., i] for i in range(4))
+    return xp.stack(
+        [
+            aw * bw - ax * bx - ay * by - az * bz,
+            aw * bx + ax * bw + ay * bz - az * by,
+            aw * by - ax * bz + ay * bw + az * bx,
+            aw * bz + ax * by - ay * bx + az * bw,
+        ],
+        axis=-1,
+    )
+
+
+def conjugate_wxyz(quaternion_wxyz: AnyArray) -> AnyArray:
+    """The inverse of a unit quaternion, shape (..., 4)."""
+    xp = array_namespace(quaternion_wxyz)
+    return xp.concat([quaternion_wxyz[..., :1], -quaternion_wxyz[..., 1:]], axis=-1)
+
+
+def rotate_wxyz(a_from_b_wxyz: AnyArray, vector_in_b: AnyArray) -> AnyArray:
+    """Express a vector of frame b in frame a. Shapes (..., 4) and (..., 3) give (..., 3)."""
+    xp = array_namespace(a_from_b_wxyz, vector_in_b)
+    w, u = a_from_b_wxyz[..., :1], a_from_b_wxyz[..., 1:]
+    uv = _cross(xp, u, vector_in_b)
+    return vector_in_b + 2.0 * (w * uv + _cross(xp, u, uv))
+
+
+def rotate_inverse_wxyz(a_from_b_wxyz: AnyArray, vector_in_a: AnyArray) -> AnyArray:
+    """Express a vector of frame a in frame b, given the rotation a_from_b. Shapes (..., 4), (..., 3) give (..., 3)."""
+    xp = array_namespace(a_from_b_wxyz, vector_in_a)
+    w, u = a_from_b_wxyz[..., :1], a_from_b_wxyz[..., 1:]
+    uv = _cross(xp, u, vector_in_a)
+    return vector_in_a - 2.0 * (w * uv - _cross(xp, u, uv))
+
+
+def projected_gravity(world_from_body_wxyz: AnyArray) -> AnyArray:
+    """Unit gravity vector in the body frame, shape (..., 3); (0, 0, −1) when level."""
+    w, x, y, z = (world_from_body_wxyz[..., i] for i in range(4))
+    xp = array_namespace(world_from_body_wxyz)
+    return xp.stack([-2.0 * (x * z - w * y), -2.0 * (y * z + w * x), -(1.0 - 2.0 * (x * x + y * y))], axis=-1)
+
+
+def yaw_rad(world_from_body_wxyz: AnyArray) -> AnyArray:
+    """Heading about the world's z axis, shape (...,), rad in (−π, π]."""
+    xp = array_namespace(world_from_body_wxyz)
+    w, x, y, z = (world_from_body_wxyz[..., i] for i in range(4))
+    return xp.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+def tilt_rad(world_from_body_wxyz: AnyArray) -> AnyArray:
+    """Angle between the body's z axis and the vertical, shape (...,), rad in [0, π]."""
+    xp = array_namespace(world_from_body_wxyz)
+    x, y = world_from_body_wxyz[..., 1], world_from_body_wxyz[..., 2]
+    return xp.acos(xp.clip(1.0 - 2.0 * (x * x + y * y), -1.0, 1.0))
+
+
+def _cross(xp: Any, a: AnyArray, b: AnyArray) -> AnyArray:
+    ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
+    bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
+    return xp.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
