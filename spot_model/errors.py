@@ -1,15 +1,13 @@
-"""The one error base class of the project: a message for a person, and the exit code of a command that ends with it."""
+"""The base class of every error that a user should read as one line, without a traceback."""
 
 from __future__ import annotations
 
 
 class SpotRlError(Exception):
-    """An error whose message names the thing, its value, what is allowed and the next step; no traceback is needed."""
+    """An error whose message is meant for the user.
 
-    exit_code = 1
+    The message names the thing, its value, what is allowed and the next step. The command line prints it as one line
+    and leaves with ``exit_code``; a subclass may set its own.
+    """
 
-
-class BadInputError(SpotRlError):
-    """Something that came from outside (file, message, flag, environment) is not valid."""
-
-    exit_code = 2
+    exit_code: int = 1

@@ -1,0 +1,174 @@
+"""A policy loaded from an ONNX file, refused unless its contract holds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnxruntime  # type: ignore[import-untyped]
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from spot_model import facts
+from spot_model.observation import N_OBSERVATION, build_observation
+from spot_model.policy_contract import (
+    INPUT_NAME,
+    MAX_POLICY_BYTES,
+    METADATA_KEY,
+    OUTPUT_NAME,
+    PolicyContract,
+    PolicyError,
+    sha256_hex,
+)
+from spot_model.state import Gains, RobotState
+from spot_model.validation import explain
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Policy:
+    """A network with its contract. Observations and actions stand in the contract's joint order, set-points in the
+    canonical one."""
+
+    contract: PolicyContract
+    sha256: str
+    session: Any
+    policy_from_canonical: NDArray[np.intp]
+    """``x[policy_from_canonical]`` reorders canonical joints into the policy's order. Shape (12,)."""
+    canonical_from_policy: NDArray[np.intp]
+    default_position_rad: Array
+    """Policy order, shape (12,)."""
+
+    def observe(self, state: RobotState, velocity_command: Array, last_action: NDArray[np.float32]) -> Array:
+        """The observation for one state.
+
+        Args:
+            state: The robot's state.
+            velocity_command: V_x, V_y (m/s), ω_z (rad/s), shape (3,).
+            last_action: The network's previous output, shape (12,), policy order; zeros at first.
+
+        Returns:
+            Shape (48,), float64; a state that is not finite gives an observation that is not finite.
+        """
+        order = self.policy_from_canonical
+        observation: Array = build_observation(
+            world_from_body_wxyz=state.odom_from_body_wxyz,
+            linear_vel_of_body_in_world_m_s=state.linear_vel_of_body_in_odom_m_s,
+            angular_vel_of_body_in_world_rad_s=state.angular_vel_of_body_in_odom_rad_s,
+            velocity_command=velocity_command,
+            position_rad=state.position_rad[order],
+            velocity_rad_s=state.velocity_rad_s[order],
+            last_action=last_action,
+            default_position_rad=self.default_position_rad,
+        )
+        return observation
+
+    def act(self, observation: NDArray[Any]) -> NDArray[np.float32]:
+        """Run the network. Shape (48,) gives (12,); a batch (n, 48) gives (n, 12)."""
+        batch = np.atleast_2d(np.asarray(observation, dtype=np.float32))
+        action: NDArray[np.float32] = self.session.run([OUTPUT_NAME], {INPUT_NAME: batch})[0]
+        return action[0] if np.ndim(observation) == 1 else action
+
+    def setpoint_rad(self, action: NDArray[Any]) -> Array:
+        """Joint position set-points of an action, canonical order. Shape (..., 12), rad."""
+        policy_order = self.contract.action_scale_rad * np.asarray(action, dtype=np.float64) + self.default_position_rad
+        return np.asarray(policy_order[..., self.canonical_from_policy])
+
+    def gains(self) -> Gains:
+        """The contract's gains, canonical order."""
+        order = self.canonical_from_policy
+        return Gains(np.array(self.contract.kp_nm_per_rad)[order], np.array(self.contract.kd_nm_s_per_rad)[order])
+
+
+def load_policy(path: Path) -> Policy:
+    """Load a policy and check all that its contract promises.
+
+    Raises:
+        PolicyError: The file cannot be read, is no ONNX model, has no contract or one that does not hold.
+    """
+    try:
+        size = path.stat().st_size
+        if size > MAX_POLICY_BYTES:
+            raise PolicyError(f"policy {path} has {size} bytes; allowed: at most {MAX_POLICY_BYTES}")
+        data = path.read_bytes()
+    except OSError as error:
+        raise PolicyError(f"policy {path} cannot be read: {error.strerror}; give an ONNX file") from error
+    return policy_from_bytes(data, source=str(path))
+
+
+def policy_from_bytes(data: bytes, *, source: str) -> Policy:
+    """Like :func:`load_policy`, for a file's content; ``source`` names it in errors."""
+    session = _session(data, source)
+    _check_shapes(session, source)
+    contract = _contract(session, source)
+    index = {name: i for i, name in enumerate(facts.JOINT_NAMES)}
+    policy_from_canonical = np.array([index[name] for name in contract.joint_names], dtype=np.intp)
+    policy = Policy(
+        contract=contract,
+        sha256=sha256_hex(data),
+        session=session,
+        policy_from_canonical=policy_from_canonical,
+        canonical_from_policy=np.argsort(policy_from_canonical),
+        default_position_rad=np.array(contract.default_position_rad),
+    )
+    _check_stored_pair(policy, source)
+    return policy
+
+
+def _session(data: bytes, source: str) -> Any:
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = 1
+    options.inter_op_num_threads = 1
+    options.log_severity_level = 3
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+    try:
+        return onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
+    except Exception as error:  # onnxruntime raises bare pybind exceptions of many types
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise PolicyError(f"policy {source} is no readable ONNX model: {reason}; export it again") from error
+
+
+def _check_shapes(session: Any, source: str) -> None:
+    for kind, nodes, name, size in (
+        ("input", session.get_inputs(), INPUT_NAME, N_OBSERVATION),
+        ("output", session.get_outputs(), OUTPUT_NAME, facts.N_JOINTS),
+    ):
+        found = [(n.name, list(n.shape), n.type) for n in nodes]
+        ok = (
+            len(nodes) == 1
+            and nodes[0].name == name
+            and len(nodes[0].shape) == 2
+            and nodes[0].shape[1] == size
+            and (nodes[0].shape[0] == 1 or not isinstance(nodes[0].shape[0], int))
+            and nodes[0].type == "tensor(float)"
+        )
+        if not ok:
+            raise PolicyError(
+                f"policy {source}: {kind} is {found}; expected one float tensor '{name}' of shape (batch, {size})"
+            )
+
+
+def _contract(session: Any, source: str) -> PolicyContract:
+    metadata: dict[str, str] = session.get_modelmeta().custom_metadata_map
+    if METADATA_KEY not in metadata:
+        raise PolicyError(
+            f"policy {source} has no contract (metadata key {METADATA_KEY!r}); export it with 'spot-rl export'"
+        )
+    try:
+        return PolicyContract.from_json(metadata[METADATA_KEY])
+    except ValidationError as error:
+        raise PolicyError(f"policy {source}: its contract does not hold:\n{explain(error)}") from error
+
+
+def _check_stored_pair(policy: Policy, source: str) -> None:
+    pair = policy.contract.stored_pair
+    action = policy.act(np.array(pair.observation))
+    error = float(np.max(np.abs(action - np.array(pair.action))))
+    if not error <= pair.tolerance:
+        raise PolicyError(
+            f"policy {source}: the stored input gives an action that is off by {error:g}; expected at most "
+            f"{pair.tolerance:g}; the network is not the one that was exported"
+        )
