@@ -11,3 +11,9 @@ class SpotRlError(Exception):
     """
 
     exit_code: int = 1
+
+
+class BadInputError(SpotRlError):
+    """Something that came from outside (file, message, flag, environment) is not valid."""
+
+    exit_code: int = 2
