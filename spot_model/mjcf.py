@@ -1,7 +1,8 @@
 """The MuJoCo model of Spot, as MJCF text built from ``facts``: primitives only, no meshes, no mujoco import.
 
-Names: bodies ``body`` and ``{leg}_hip``, ``{leg}_uleg``, ``{leg}_lleg``; joints, motors and torque sites by joint name;
-geoms ``body``, ``{leg}_uleg``, ``{leg}_lleg``, ``{leg}_foot``; sites ``{leg}_foot`` and ``imu``; keyframe ``default``.
+Names: bodies ``body`` and ``{leg}_hip``, ``{leg}_uleg``, ``{leg}_lleg``; joints, motors and torque sites by joint
+name; geoms ``body``, ``{leg}_uleg``, ``{leg}_lleg``, ``{leg}_foot``; sites ``{leg}_foot`` and ``imu``; keyframe
+``default``.
 """
 
 from __future__ import annotations
@@ -29,9 +30,9 @@ def default_height_m() -> float:
 
 
 def spot_mjcf(options: MjcfOptions = MjcfOptions()) -> str:  # noqa: B008
-    """Build the model: free base, twelve torque motors (ctrl = joint torque, N·m, unlimited) in canonical order.
+    """Build the model: a free base and twelve torque motors in canonical order (ctrl = joint torque, N·m).
 
-    Limits of torque and speed, friction and delays are effects, so they are not in the model.
+    Limits of torque and speed, friction and delays are effects, so the motors have no bound here.
 
     Args:
         options: What is a choice and not a fact.
@@ -57,8 +58,10 @@ def spot_mjcf(options: MjcfOptions = MjcfOptions()) -> str:  # noqa: B008
     </default>
   </default>
   <asset>
-    <texture name="sky" type="skybox" builtin="gradient" rgb1="0.9 0.94 1" rgb2="0.5 0.6 0.75" width="64" height="384"/>
-    <texture name="grid" type="2d" builtin="checker" rgb1="0.55 0.57 0.6" rgb2="0.48 0.5 0.53" width="256" height="256"/>
+    <texture name="sky" type="skybox" builtin="gradient" rgb1="0.9 0.94 1" rgb2="0.5 0.6 0.75"
+             width="64" height="384"/>
+    <texture name="grid" type="2d" builtin="checker" rgb1="0.55 0.57 0.6" rgb2="0.48 0.5 0.53"
+             width="256" height="256"/>
     <material name="ground" texture="grid" texrepeat="1 1" texuniform="true"/>
     <material name="yellow" rgba="0.98 0.78 0.1 1"/>
     <material name="black" rgba="0.1 0.1 0.11 1"/>
@@ -143,7 +146,7 @@ def _contact(options: MjcfOptions) -> str:
 
 
 def _sensors(options: MjcfOptions) -> str:
-    """Net ground force on each foot (with the number of contacts), then the link-side torques if asked for."""
+    """Net force of each foot on the ground (with the number of contacts), then link-side torques if asked."""
     feet = "".join(
         f'<contact name="{leg}_foot" geom1="{leg}_foot" num="1" reduce="netforce" data="found force"/>'
         for leg in facts.LEG_NAMES

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal, Union
+from typing import Literal
 
+from spot_model.errors import BadInputError
 from spot_model.facts import JOINT_NAMES
 
 
@@ -20,7 +21,7 @@ class NoiseTerrain:
     Args:
         seed: Seed of the heights; the same seed gives the same ground.
         amplitude_m: Heights lie in [-amplitude_m, amplitude_m], m, > 0.
-        cell_m: Grid spacing, m, > 0.
+        cell_m: Grid spacing, m, > 0; rounded so that a whole number of cells spans the ground.
         half_size_m: The ground covers [-half_size_m, half_size_m] in x and y, m.
         flat_radius_m: Ground nearer than this to the origin stays at z = 0, m, so that a robot starts level.
     """
@@ -34,14 +35,14 @@ class NoiseTerrain:
     def __post_init__(self) -> None:
         for name in ("amplitude_m", "cell_m", "half_size_m"):
             if not getattr(self, name) > 0.0:
-                raise ValueError(f"NoiseTerrain.{name} is {getattr(self, name)}; it must be above 0 m")
+                raise BadInputError(f"NoiseTerrain.{name} is {getattr(self, name)}; it must be above 0 m")
         if self.cell_m > self.half_size_m:
-            raise ValueError(
-                f"NoiseTerrain.cell_m is {self.cell_m} m; it must not exceed half_size_m = {self.half_size_m} m"
+            raise BadInputError(
+                f"NoiseTerrain.cell_m is {self.cell_m} m; it must be at most half_size_m = {self.half_size_m} m"
             )
 
 
-Terrain = Union[FlatTerrain, NoiseTerrain]
+Terrain = FlatTerrain | NoiseTerrain
 
 
 @dataclass(frozen=True)
@@ -53,16 +54,16 @@ class MjcfOptions:
         integrator: MuJoCo's integrator.
         cone: Friction cone.
         solver_iterations: Upper bound on Newton iterations a step.
-        contact_solref: MuJoCo contact time constant (s) and damping ratio; a time constant under two steps is stiffer
-            than the step can follow.
+        contact_solref: MuJoCo contact time constant (s) and damping ratio; a time constant under two steps is
+            stiffer than the step can follow.
         contact_solimp: MuJoCo contact impedance: smallest, largest, width (m).
         foot_friction: Sliding friction coefficient between foot and ground.
         terrain: The ground.
-        collision: "feet" lets only the four foot spheres touch the ground; "all" adds the body and the legs, so that a
-            fall is a contact and not a sinking. Links never collide with each other.
+        collision: "feet" lets only the four foot spheres touch the ground; "all" adds the body and the legs, so
+            that a fall is a contact and not a sinking. Links never collide with each other.
         armature_kg_m2: Reflected rotor inertia a joint, one number or twelve in canonical order. Default 0: the
-            nominal model of the paper has none, and the public estimate in ``facts`` is not a measurement.
-        link_torque_sensors: Adds a torque sensor on the link side of each joint (costs a pass over the bodies a step).
+            nominal model of the paper has none, and the public estimate in ``facts`` is no measurement.
+        link_torque_sensors: Adds a torque sensor on the link side of each joint, at about a tenth of the speed.
     """
 
     timestep_s: float = 0.005
@@ -85,7 +86,9 @@ class MjcfOptions:
         _check(self.solver_iterations >= 1, "solver_iterations", self.solver_iterations, "at least 1")
         _check(self.foot_friction >= 0.0, "foot_friction", self.foot_friction, "at least 0")
         n_values = 1 if isinstance(self.armature_kg_m2, (int, float)) else len(self.armature_kg_m2)
-        _check(n_values in (1, len(JOINT_NAMES)), "armature_kg_m2", self.armature_kg_m2, "one number or twelve")
+        _check(
+            n_values in (1, len(JOINT_NAMES)), "armature_kg_m2", self.armature_kg_m2, "one number or twelve"
+        )
         _check(min(self.armature_by_joint) >= 0.0, "armature_kg_m2", self.armature_kg_m2, "at least 0 kg·m²")
 
     @property
@@ -99,7 +102,7 @@ class MjcfOptions:
 
 def _check(holds: bool, name: str, value: object, allowed: str) -> None:
     if not holds:
-        raise ValueError(f"MjcfOptions.{name} is {value!r}; it must be {allowed}")
+        raise BadInputError(f"MjcfOptions.{name} is {value!r}; it must be {allowed}")
 
 
 def _check_choice(name: str, value: str, allowed: tuple[str, ...]) -> None:

@@ -13,8 +13,10 @@ _BASE_THICKNESS_M = 0.5
 
 def terrain_heights_m(terrain: NoiseTerrain) -> Array:
     """Heights at the grid points, shape (n, n), rows along +y and columns along +x, m."""
-    n = 2 * int(round(terrain.half_size_m / terrain.cell_m)) + 1
-    heights = np.random.default_rng(terrain.seed).uniform(-terrain.amplitude_m, terrain.amplitude_m, size=(n, n))
+    n = 2 * round(terrain.half_size_m / terrain.cell_m) + 1
+    heights = np.random.default_rng(terrain.seed).uniform(
+        -terrain.amplitude_m, terrain.amplitude_m, size=(n, n)
+    )
     axis = np.linspace(-terrain.half_size_m, terrain.half_size_m, n)
     x, y = np.meshgrid(axis, axis)
     heights[np.hypot(x, y) < terrain.flat_radius_m] = 0.0
@@ -26,12 +28,13 @@ def terrain_asset(terrain: Terrain) -> str:
     if not isinstance(terrain, NoiseTerrain):
         return ""
     heights = terrain_heights_m(terrain)
-    # MuJoCo stretches the data to 0..1 and then by the third size, so the offset goes into the geom's position.
+    # MuJoCo stretches the data to 0..1 and then by the third size; the offset goes into the geom's position.
     span = float(np.ptp(heights))
     size = f"{terrain.half_size_m!r} {terrain.half_size_m!r} {span!r} {_BASE_THICKNESS_M!r}"
     # Inline elevation lists the rows from +y to −y, as a picture seen from above.
     data = " ".join(repr(float(h)) for h in (heights[::-1] - heights.min()).ravel())
-    return f'<hfield name="ground" nrow="{len(heights)}" ncol="{len(heights)}" size="{size}" elevation="{data}"/>'
+    n = len(heights)
+    return f'<hfield name="ground" nrow="{n}" ncol="{n}" size="{size}" elevation="{data}"/>'
 
 
 def terrain_geom(terrain: Terrain) -> str:
