@@ -1,0 +1,1 @@
+"""What a Spot is: facts, state, control law, policy contract, effects, plant."""

@@ -135,8 +135,7 @@ def _joint(index: int, axis: str, options: MjcfOptions) -> str:
 
 def _inertial(link: facts.LinkInertia) -> str:
     return (
-        f'<inertial mass="{link.mass_kg!r}" pos="{_numbers(link.com_m)}" '
-        f'fullinertia="{_numbers(link.inertia_kg_m2)}"/>'
+        f'<inertial mass="{link.mass_kg!r}" pos="{_numbers(link.com_m)}" fullinertia="{_numbers(link.inertia_kg_m2)}"/>'
     )
 
 

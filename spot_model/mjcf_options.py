@@ -86,9 +86,7 @@ class MjcfOptions:
         _check(self.solver_iterations >= 1, "solver_iterations", self.solver_iterations, "at least 1")
         _check(self.foot_friction >= 0.0, "foot_friction", self.foot_friction, "at least 0")
         n_values = 1 if isinstance(self.armature_kg_m2, (int, float)) else len(self.armature_kg_m2)
-        _check(
-            n_values in (1, len(JOINT_NAMES)), "armature_kg_m2", self.armature_kg_m2, "one number or twelve"
-        )
+        _check(n_values in (1, len(JOINT_NAMES)), "armature_kg_m2", self.armature_kg_m2, "one number or twelve")
         _check(min(self.armature_by_joint) >= 0.0, "armature_kg_m2", self.armature_kg_m2, "at least 0 kg·m²")
 
     @property

@@ -14,9 +14,7 @@ _BASE_THICKNESS_M = 0.5
 def terrain_heights_m(terrain: NoiseTerrain) -> Array:
     """Heights at the grid points, shape (n, n), rows along +y and columns along +x, m."""
     n = 2 * round(terrain.half_size_m / terrain.cell_m) + 1
-    heights = np.random.default_rng(terrain.seed).uniform(
-        -terrain.amplitude_m, terrain.amplitude_m, size=(n, n)
-    )
+    heights = np.random.default_rng(terrain.seed).uniform(-terrain.amplitude_m, terrain.amplitude_m, size=(n, n))
     axis = np.linspace(-terrain.half_size_m, terrain.half_size_m, n)
     x, y = np.meshgrid(axis, axis)
     heights[np.hypot(x, y) < terrain.flat_radius_m] = 0.0

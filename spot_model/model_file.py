@@ -1,9 +1,9 @@
 """The model file: which robot, with which effects. One format for scenario, identification, diagnosis and training.
 
-    schema: spot-rl/model/1
-    robot: spot
-    effects:
-      - {effect: joint_friction, joints: [knees], friction_nm: 0.18}
+schema: spot-rl/model/1
+robot: spot
+effects:
+  - {effect: joint_friction, joints: [knees], friction_nm: 0.18}
 """
 
 from __future__ import annotations
@@ -154,7 +154,9 @@ def _effect_data(effect: Effect) -> dict[str, Any]:
     for p in effect.parameters():
         value = getattr(effect, p.name)
         if np.ndim(value) != 0:
-            raise ValueError(f"{effect.name}.{p.name} has shape {np.shape(value)}; only a single number goes into a file")
+            raise ValueError(
+                f"{effect.name}.{p.name} has shape {np.shape(value)}; only a single number goes into a file"
+            )
         if float(value) != p.null or not math.isfinite(p.null):
             data[p.name] = float(value)
     return {k: v for k, v in data.items() if not (isinstance(v, float) and math.isinf(v))}

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import onnxruntime  # type: ignore[import-untyped]
+import onnxruntime
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
@@ -31,7 +31,8 @@ Array = NDArray[np.float64]
 @dataclass(frozen=True)
 class Policy:
     """A network with its contract. Observations and actions stand in the contract's joint order, set-points in the
-    canonical one."""
+    canonical one.
+    """
 
     contract: PolicyContract
     sha256: str

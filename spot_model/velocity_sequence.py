@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Final, Literal
 
@@ -124,7 +125,7 @@ def standing_sequence(duration_s: float = 20.0) -> VelocitySequence:
     return VelocitySequence(name="standing", duration_s=duration_s, waypoints=(Waypoint(time_s=0.0),))
 
 
-BUILT_IN: Final = {
+BUILT_IN: Final[dict[str, Callable[[], VelocitySequence]]] = {
     "forward": forward_sequence,
     "six_directions": six_directions_sequence,
     "random": random_sequence,

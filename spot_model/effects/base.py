@@ -17,6 +17,7 @@ from typing import Any, ClassVar, Protocol, TypeVar
 import numpy as np
 from array_api_compat import array_namespace, device
 from numpy.typing import NDArray
+from typing_extensions import Self
 
 from spot_model.errors import BadInputError
 from spot_model.joints import select_joints
@@ -124,7 +125,7 @@ class Effect(ABC):
         """Joints on which the effect acts, shape (12,)."""
         return select_joints(self.joints)
 
-    def arrays_like(self: EffectT, like: AnyArray) -> EffectT:
+    def arrays_like(self, like: AnyArray) -> Self:
         """The same effect with every parameter as an array of ``like``'s library, dtype and device.
 
         A float becomes shape (1, 1); arrays keep their shape. Formulas rely on this.

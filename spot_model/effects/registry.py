@@ -17,8 +17,7 @@ from spot_model.errors import BadInputError
 ENTRY_POINT_GROUP = "spot_rl.effects"
 
 BUILT_IN: dict[str, type[Effect]] = {
-    effect.name: effect
-    for effect in (JointFriction, TorqueLimit, TorqueSpeedCurve, PositionTorqueLimit, CommandDelay)
+    effect.name: effect for effect in (JointFriction, TorqueLimit, TorqueSpeedCurve, PositionTorqueLimit, CommandDelay)
 }
 
 

@@ -100,9 +100,7 @@ def test_joint_placement(model: mujoco.MjModel, leg: str) -> None:
     assert model.geom(f"{leg}_foot").size[0] == 0.036
 
 
-def test_a_mirrored_pose_has_a_mirrored_mass_matrix_and_feet(
-    model: mujoco.MjModel, data: mujoco.MjData
-) -> None:
+def test_a_mirrored_pose_has_a_mirrored_mass_matrix_and_feet(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     rng = np.random.default_rng(0)
     pose = facts.DEFAULT_POSITION_RAD + rng.uniform(-0.3, 0.3, 12)
     swap = [3, 4, 5, 0, 1, 2, 9, 10, 11, 6, 7, 8]
@@ -187,9 +185,7 @@ def test_options_reach_the_model() -> None:
 
 
 @pytest.mark.parametrize(("collision", "touching"), [("feet", 0), ("all", 4)])
-def test_a_body_dropped_on_its_belly_touches_only_where_collision_says_so(
-    collision: str, touching: int
-) -> None:
+def test_a_body_dropped_on_its_belly_touches_only_where_collision_says_so(collision: str, touching: int) -> None:
     model = mujoco.MjModel.from_xml_string(spot_mjcf(MjcfOptions(collision=collision)))  # type: ignore[arg-type]
     data = mujoco.MjData(model)
     data.qpos[2] = 0.08  # the box's half height is 0.085 m; legs lie along ±x with the feet up in the air
@@ -203,9 +199,7 @@ def test_rough_ground_is_seeded_bounded_and_level_at_the_start() -> None:
     terrain = NoiseTerrain(seed=3, amplitude_m=0.05, half_size_m=3.0)
     heights = terrain_heights_m(terrain)
     np.testing.assert_array_equal(heights, terrain_heights_m(terrain))
-    assert not np.array_equal(
-        heights, terrain_heights_m(NoiseTerrain(seed=4, amplitude_m=0.05, half_size_m=3.0))
-    )
+    assert not np.array_equal(heights, terrain_heights_m(NoiseTerrain(seed=4, amplitude_m=0.05, half_size_m=3.0)))
     assert heights.shape == (25, 25)
     assert 0.04 < np.abs(heights).max() <= 0.05
     assert heights[12, 12] == 0.0

@@ -1,0 +1,86 @@
+"""The sub-commands that installed packages offer, found and described without importing them.
+
+A command is an entry point of group ``spot_rl.commands``::
+
+    [project.entry-points."spot_rl.commands"]
+    train = "trainer.commands:train [train]"
+
+The value names a function that Typer can turn into a command, or a ``typer.Typer`` app with sub-commands of its own.
+The extra in brackets is the one to install when a module that the command needs is missing.
+"""
+
+from __future__ import annotations
+
+import ast
+import importlib.util
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+
+from spot_model.errors import SpotRlError
+
+COMMAND_GROUP = "spot_rl.commands"
+OWN_PACKAGES = ("spot_protos", "spot_model", "spot_runtime", "fake_robot", "trainer", "diagnosis", "withheld")
+
+
+class CommandUnavailableError(SpotRlError):
+    """A command cannot be loaded; the user can do something about it."""
+
+    exit_code = 2
+
+
+def find_commands() -> dict[str, EntryPoint]:
+    """Return the installed commands by name, in alphabetical order.
+
+    Raises:
+        CommandUnavailableError: Two packages offer different commands of one name.
+    """
+    commands: dict[str, EntryPoint] = {}
+    for entry in sorted(entry_points(group=COMMAND_GROUP), key=lambda e: (e.name, e.value)):
+        other = commands.setdefault(entry.name, entry)
+        if other.value != entry.value:
+            raise CommandUnavailableError(
+                f"two packages offer the command {entry.name!r}: {other.value} and {entry.value}; uninstall one"
+            )
+    return commands
+
+
+def describe_command(entry: EntryPoint) -> str:
+    """Return the first docstring line of what ``entry`` names, read from source so that nothing heavy is imported.
+
+    A function answers with its own docstring, an app with its module's. Empty where there is no source or docstring.
+    """
+    try:
+        spec = importlib.util.find_spec(entry.module)
+    except ModuleNotFoundError:
+        return ""
+    if spec is None or spec.origin is None or not spec.origin.endswith(".py"):
+        return ""
+    tree = ast.parse(Path(spec.origin).read_text(encoding="utf-8"))
+    functions = {node.name: node for node in tree.body if isinstance(node, ast.FunctionDef)}
+    docstring = ast.get_docstring(functions.get(entry.attr, tree)) or ""
+    return docstring.partition("\n")[0]
+
+
+def load_command(entry: EntryPoint) -> object:
+    """Import and return what ``entry`` names.
+
+    Raises:
+        CommandUnavailableError: A third-party module that it imports is not installed; the message names the extra.
+        ModuleNotFoundError: One of our own modules is missing, which no extra would mend.
+    """
+    try:
+        return entry.load()
+    except ModuleNotFoundError as error:
+        raise explain_missing_module(entry, error) from error
+
+
+def explain_missing_module(entry: EntryPoint, error: ModuleNotFoundError) -> Exception:
+    """Turn a missing third-party module into advice; hand the error back when the module is one of ours."""
+    missing = (error.name or "").partition(".")[0]
+    if not missing or missing in OWN_PACKAGES:
+        return error
+    extra = entry.extras[0] if entry.extras else "runtime"
+    return CommandUnavailableError(
+        f"'spot-rl {entry.name}' needs the module {missing!r}, which is not installed; "
+        f"install the extra {extra!r}: pip install 'spot-rl[{extra}]'"
+    )
