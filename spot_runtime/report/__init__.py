@@ -1,0 +1,1 @@
+"""What a person reads after a run: a summary in words and one page of plots."""
