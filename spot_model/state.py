@@ -17,10 +17,10 @@ class ImuPacket:
     """One sample of the body's inertial unit (1 kHz, three in a state message)."""
 
     robot_stamp_ns: int
-    acceleration_of_imu_in_odom_m_s2: Array
-    """Linear acceleration of the sensor, gravity included, as the robot reports it. Shape (3,)."""
-    angular_vel_of_link_in_odom_rad_s: Array
-    """Shape (3,)."""
+    acceleration_of_imu_in_link_m_s2: Array
+    """Linear acceleration relative to odom, expressed in the mounting link's frame, as the robot reports it; (3,)."""
+    angular_vel_of_link_in_link_rad_s: Array
+    """Relative to odom, expressed in the mounting link's frame. Shape (3,)."""
     odom_from_link_wxyz: Array
     """Shape (4,). May be the negative of the body's quaternion: the same rotation."""
 

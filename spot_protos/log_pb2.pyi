@@ -8,7 +8,7 @@ from typing import ClassVar as _ClassVar, Optional as _Optional, Union as _Union
 DESCRIPTOR: _descriptor.FileDescriptor
 
 class Header(_message.Message):
-    __slots__ = ("schema", "run_id", "started_host_stamp_ns", "robot_id", "adapter", "policy_name", "policy_sha256", "policy_contract_json", "config_json", "command_sequence", "repeat", "labels", "software_version", "software_revision")
+    __slots__ = ("schema", "run_id", "started_host_stamp_ns", "robot_id", "adapter", "policy_name", "policy_sha256", "policy_contract_json", "config_json", "command_sequence", "repeat", "labels", "software_version", "software_revision", "joint_names", "foot_names")
     class LabelsEntry(_message.Message):
         __slots__ = ("key", "value")
         KEY_FIELD_NUMBER: _ClassVar[int]
@@ -30,6 +30,8 @@ class Header(_message.Message):
     LABELS_FIELD_NUMBER: _ClassVar[int]
     SOFTWARE_VERSION_FIELD_NUMBER: _ClassVar[int]
     SOFTWARE_REVISION_FIELD_NUMBER: _ClassVar[int]
+    JOINT_NAMES_FIELD_NUMBER: _ClassVar[int]
+    FOOT_NAMES_FIELD_NUMBER: _ClassVar[int]
     schema: str
     run_id: str
     started_host_stamp_ns: int
@@ -44,19 +46,21 @@ class Header(_message.Message):
     labels: _containers.ScalarMap[str, str]
     software_version: str
     software_revision: str
-    def __init__(self, schema: _Optional[str] = ..., run_id: _Optional[str] = ..., started_host_stamp_ns: _Optional[int] = ..., robot_id: _Optional[str] = ..., adapter: _Optional[str] = ..., policy_name: _Optional[str] = ..., policy_sha256: _Optional[str] = ..., policy_contract_json: _Optional[str] = ..., config_json: _Optional[str] = ..., command_sequence: _Optional[str] = ..., repeat: _Optional[int] = ..., labels: _Optional[_Mapping[str, str]] = ..., software_version: _Optional[str] = ..., software_revision: _Optional[str] = ...) -> None: ...
+    joint_names: _containers.RepeatedScalarFieldContainer[str]
+    foot_names: _containers.RepeatedScalarFieldContainer[str]
+    def __init__(self, schema: _Optional[str] = ..., run_id: _Optional[str] = ..., started_host_stamp_ns: _Optional[int] = ..., robot_id: _Optional[str] = ..., adapter: _Optional[str] = ..., policy_name: _Optional[str] = ..., policy_sha256: _Optional[str] = ..., policy_contract_json: _Optional[str] = ..., config_json: _Optional[str] = ..., command_sequence: _Optional[str] = ..., repeat: _Optional[int] = ..., labels: _Optional[_Mapping[str, str]] = ..., software_version: _Optional[str] = ..., software_revision: _Optional[str] = ..., joint_names: _Optional[_Iterable[str]] = ..., foot_names: _Optional[_Iterable[str]] = ...) -> None: ...
 
 class ImuPacket(_message.Message):
-    __slots__ = ("robot_stamp_ns", "acceleration_of_imu_in_odom_m_s2", "angular_vel_of_link_in_odom_rad_s", "odom_from_link_wxyz")
+    __slots__ = ("robot_stamp_ns", "acceleration_of_imu_in_link_m_s2", "angular_vel_of_link_in_link_rad_s", "odom_from_link_wxyz")
     ROBOT_STAMP_NS_FIELD_NUMBER: _ClassVar[int]
-    ACCELERATION_OF_IMU_IN_ODOM_M_S2_FIELD_NUMBER: _ClassVar[int]
-    ANGULAR_VEL_OF_LINK_IN_ODOM_RAD_S_FIELD_NUMBER: _ClassVar[int]
+    ACCELERATION_OF_IMU_IN_LINK_M_S2_FIELD_NUMBER: _ClassVar[int]
+    ANGULAR_VEL_OF_LINK_IN_LINK_RAD_S_FIELD_NUMBER: _ClassVar[int]
     ODOM_FROM_LINK_WXYZ_FIELD_NUMBER: _ClassVar[int]
     robot_stamp_ns: int
-    acceleration_of_imu_in_odom_m_s2: _containers.RepeatedScalarFieldContainer[float]
-    angular_vel_of_link_in_odom_rad_s: _containers.RepeatedScalarFieldContainer[float]
+    acceleration_of_imu_in_link_m_s2: _containers.RepeatedScalarFieldContainer[float]
+    angular_vel_of_link_in_link_rad_s: _containers.RepeatedScalarFieldContainer[float]
     odom_from_link_wxyz: _containers.RepeatedScalarFieldContainer[float]
-    def __init__(self, robot_stamp_ns: _Optional[int] = ..., acceleration_of_imu_in_odom_m_s2: _Optional[_Iterable[float]] = ..., angular_vel_of_link_in_odom_rad_s: _Optional[_Iterable[float]] = ..., odom_from_link_wxyz: _Optional[_Iterable[float]] = ...) -> None: ...
+    def __init__(self, robot_stamp_ns: _Optional[int] = ..., acceleration_of_imu_in_link_m_s2: _Optional[_Iterable[float]] = ..., angular_vel_of_link_in_link_rad_s: _Optional[_Iterable[float]] = ..., odom_from_link_wxyz: _Optional[_Iterable[float]] = ...) -> None: ...
 
 class State(_message.Message):
     __slots__ = ("robot_stamp_ns", "host_stamp_ns", "position_rad", "velocity_rad_s", "load_nm", "position_of_body_in_odom_m", "odom_from_body_wxyz", "linear_vel_of_body_in_odom_m_s", "angular_vel_of_body_in_odom_rad_s", "foot_contact", "last_command_key", "last_command_robot_stamp_ns", "imu")

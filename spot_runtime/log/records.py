@@ -10,6 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from spot_model.facts import JOINT_NAMES, LEG_NAMES
 from spot_model.state import Array, JointCommand
 
 SCHEMA_NAME: Final = "spot-rl/log/1"
@@ -41,6 +42,8 @@ class RunHeader:
     labels: Mapping[str, str] = field(default_factory=dict)
     software_version: str = ""
     software_revision: str = ""
+    joint_names: tuple[str, ...] = JOINT_NAMES
+    foot_names: tuple[str, ...] = LEG_NAMES
     schema: str = SCHEMA_NAME
 
 
