@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal, Union
 
@@ -66,7 +67,7 @@ class EmpiricalDelay(_Delay):
         """Check that edges rise and counts fit them."""
         if len(self.counts) != len(self.edges_s) - 1:
             raise ValueError(f"counts has {len(self.counts)} values for {len(self.edges_s)} edges; one fewer is needed")
-        if self.edges_s[0] < 0.0 or any(b <= a for a, b in zip(self.edges_s, self.edges_s[1:], strict=False)):
+        if self.edges_s[0] < 0.0 or any(b <= a for a, b in pairwise(self.edges_s)):
             raise ValueError("edges_s must rise from 0 or above")
         if min(self.counts) < 0.0 or sum(self.counts) <= 0.0:
             raise ValueError("counts must be at least 0, and one above 0")

@@ -1,6 +1,6 @@
 """What a Spot is, in figures; every number carries its source.
 
-Sources: [sdk] Boston Dynamics' SDK 5.2.0, its documents and model; [isaac] Isaac Lab's public Spot asset (BSD-3-Clause);
+Sources: [sdk] Boston Dynamics' SDK 5.2.0, its documents and model; [isaac] Isaac Lab's public Spot asset (BSD-3);
 [paper] Miller et al. 2025, "High-Performance Reinforcement Learning on Spot"; [judo] judo's public Spot model (MIT);
 [log] a published recording of a real Spot's state stream. Derived numbers are derived here, in code.
 """
@@ -139,7 +139,7 @@ ROBOT_CLOCK_SKEW_S: Final = -199.19
 
 @dataclass(frozen=True)
 class PaperActuator:
-    """The eight actuator parameters that the paper identifies. [paper, table of optimised parameters]"""
+    """The eight actuator parameters that the paper identifies; its table of optimised parameters."""
 
     hip_friction_nm: float
     knee_friction_nm: float

@@ -30,8 +30,9 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Policy:
-    """A network with its contract. Observations and actions stand in the contract's joint order, set-points in the
-    canonical one.
+    """A network with its contract.
+
+    Observations and actions stand in the contract's joint order, set-points in the canonical one.
     """
 
     contract: PolicyContract

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 from typing import Final, Literal
 
@@ -49,7 +50,7 @@ class VelocitySequence(BaseModel):
     def model_post_init(self, _context: object) -> None:
         """Check that waypoint times rise from 0 within the duration."""
         times = [w.time_s for w in self.waypoints]
-        if times[0] != 0.0 or any(b <= a for a, b in zip(times, times[1:], strict=False)):
+        if times[0] != 0.0 or any(b <= a for a, b in pairwise(times)):
             raise ValueError("waypoints: time_s must start at 0 and rise")
         if times[-1] > self.duration_s:
             raise ValueError(f"waypoints: time_s = {times[-1]} lies after duration_s = {self.duration_s}")

@@ -54,7 +54,7 @@ def test_histogram_from_csv(tmp_path: Path):
     drawn = delay.sample(np.random.default_rng(0), 20_000)
     assert np.mean(drawn < 0.004) == pytest.approx(0.25, abs=0.01)
     file.write_text("low_s,high_s,count\n0.003,0.004,10\n0.005,0.006,30\n")
-    with pytest.raises(BadInputError, match="line 3: low_s = 0.005; bins must touch at 0.004"):
+    with pytest.raises(BadInputError, match=r"line 3: low_s = 0\.005; bins must touch at 0\.004"):
         read_delay_csv(file)
     file.write_text("low,high\n1,2\n")
     with pytest.raises(BadInputError, match="low_s,high_s,count"):
