@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from array_api_compat import array_namespace, device
@@ -36,23 +36,41 @@ class PositionTorqueLimit(TorqueEffect):
     )
 
     def start(self, torque_nm: AnyArray) -> Memory:
-        """The table as an array like ``torque_nm``, so that no step copies it."""
+        """The table as arrays like ``torque_nm``, so that no step copies it."""
         xp = array_namespace(torque_nm)
-        return xp.asarray(np.abs(KNEE_TABLE_RATIO), dtype=torque_nm.dtype, device=device(torque_nm))
+        number = {"dtype": torque_nm.dtype, "device": device(torque_nm)}
+        ratio = np.abs(KNEE_TABLE_RATIO)
+        return _Table(
+            ratio=xp.asarray(ratio[:-1], **number),
+            rise=xp.asarray(np.diff(ratio), **number),
+            zero=xp.zeros((1, 1), **number),
+            last=xp.full((1, 1), float(_INTERVALS), **number),
+            last_start=xp.full((1, 1), float(_INTERVALS - 1), **number),
+        )
 
     def torque(self, torque_nm: AnyArray, motion: Motion, memory: Memory) -> tuple[AnyArray, Memory]:
         """Clip to ± the limit at this position."""
         xp = array_namespace(torque_nm)
-        limit = self.motor_torque_nm * interpolate_ratio(motion.position_rad, memory)
+        limit = self.motor_torque_nm * _interpolate(xp, motion.position_rad, memory)
         return xp.minimum(xp.maximum(torque_nm, -limit), limit), memory
 
 
-def interpolate_ratio(position_rad: AnyArray, table: AnyArray) -> AnyArray:
-    """Magnitude of the knee's transmission ratio at an angle; ``table`` as made by ``start``. Any shape."""
-    xp = array_namespace(position_rad)
-    x = xp.clip((position_rad - _FIRST_RAD) / _STEP_RAD, 0.0, float(_INTERVALS))
-    below = xp.clip(xp.floor(x), 0.0, float(_INTERVALS - 1))
+class _Table(NamedTuple):
+    """Ratio at the start of each of the table's intervals and its rise over it; then bounds of a row number."""
+
+    ratio: AnyArray
+    rise: AnyArray
+    zero: AnyArray
+    last: AnyArray
+    last_start: AnyArray
+
+
+def _interpolate(xp: Any, position_rad: AnyArray, table: _Table) -> AnyArray:
+    """Magnitude of the knee's transmission ratio at an angle, shape of ``position_rad``."""
+    row = (position_rad - _FIRST_RAD) * (1.0 / _STEP_RAD)
+    row = xp.minimum(xp.maximum(row, table.zero), table.last)
+    below = xp.minimum(xp.floor(row), table.last_start)
     index = xp.reshape(xp.astype(below, xp.int64), (-1,))
-    low = xp.reshape(xp.take(table, index, axis=0), x.shape)
-    high = xp.reshape(xp.take(table, index + 1, axis=0), x.shape)
-    return low + (x - below) * (high - low)
+    ratio = xp.reshape(xp.take(table.ratio, index, axis=0), row.shape)
+    rise = xp.reshape(xp.take(table.rise, index, axis=0), row.shape)
+    return ratio + (row - below) * rise

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from array_api_compat import array_namespace
+from array_api_compat import array_namespace, device
 
 from spot_model.effects.base import Memory, Motion, TorqueEffect, parameter
 from spot_model.errors import BadInputError
@@ -56,25 +56,54 @@ class TorqueSpeedCurve(TorqueEffect):
                     f"{self.name}.speed_{side}_rad_s = {speed} is set without torque_{side}_nm; give both"
                 )
 
+    def start(self, torque_nm: AnyArray) -> Memory:
+        """What depends on the parameters alone, so that no step computes it again."""
+        return self._lines(torque_nm)
+
     def torque(self, torque_nm: AnyArray, motion: Motion, memory: Memory) -> tuple[AnyArray, Memory]:
         """Clip to the bounds at this speed."""
         xp = array_namespace(torque_nm)
-        high, low = self.bounds_nm(motion.velocity_rad_s)
+        high, low = self._bounds_nm(xp, motion.velocity_rad_s, memory)
         return xp.minimum(xp.maximum(torque_nm, low), high), memory
 
     def bounds_nm(self, velocity_rad_s: AnyArray) -> tuple[AnyArray, AnyArray]:
         """Upper and lower torque bound at a speed, shape of ``velocity_rad_s`` (broadcast), N·m."""
-        high = _bound(self.torque_max_nm, self.speed_max_rad_s, self.intersect_max_rad_s, velocity_rad_s)
-        low = _bound(-self.torque_min_nm, -self.speed_min_rad_s, -self.intersect_min_rad_s, -velocity_rad_s)
-        return high, -low
+        return self._bounds_nm(array_namespace(velocity_rad_s), velocity_rad_s, self._lines(velocity_rad_s))
+
+    def _lines(self, like: AnyArray) -> _Lines:
+        xp = array_namespace(like)
+        number = {"dtype": like.dtype, "device": device(like)}
+        return _Lines(
+            *_line(xp, self.speed_max_rad_s, self.intersect_max_rad_s),
+            *_line(xp, -self.speed_min_rad_s, -self.intersect_min_rad_s),
+            zero=xp.zeros((1, 1), **number),
+            one=xp.ones((1, 1), **number),
+        )
+
+    def _bounds_nm(self, xp: Any, velocity_rad_s: AnyArray, lines: _Lines) -> tuple[AnyArray, AnyArray]:
+        up = lines.start_max - lines.slope_max_s_per_rad * velocity_rad_s
+        down = lines.start_min + lines.slope_min_s_per_rad * velocity_rad_s
+        high = self.torque_max_nm * xp.minimum(xp.maximum(up, lines.zero), lines.one)
+        low = self.torque_min_nm * xp.minimum(xp.maximum(down, lines.zero), lines.one)
+        return high, low
 
 
-def _bound(stall_nm: AnyArray, no_load_rad_s: AnyArray, corner_rad_s: AnyArray, speed_rad_s: AnyArray) -> AnyArray:
-    xp = array_namespace(speed_rad_s)
+class _Lines(NamedTuple):
+    """The falling lines as a share of the bound at rest: start − slope·speed, later held between 0 and 1."""
+
+    start_max: AnyArray
+    slope_max_s_per_rad: AnyArray
+    start_min: AnyArray
+    slope_min_s_per_rad: AnyArray
+    zero: AnyArray
+    one: AnyArray
+
+
+def _line(xp: Any, no_load_rad_s: AnyArray, corner_rad_s: AnyArray) -> tuple[AnyArray, AnyArray]:
+    """Start and slope of one line; without a speed limit, 1 and 0."""
     limited = xp.isfinite(no_load_rad_s)
-    span = xp.where(limited, no_load_rad_s - corner_rad_s, xp.ones_like(corner_rad_s))
-    room = xp.where(limited, no_load_rad_s, xp.ones_like(no_load_rad_s)) - xp.where(
-        limited, speed_rad_s, xp.zeros_like(speed_rad_s)
-    )
-    fraction = xp.clip(room / xp.maximum(span, xp.full_like(span, 1e-9)), 0.0, 1.0)
-    return xp.where(limited, xp.where(limited, stall_nm, xp.zeros_like(stall_nm)) * fraction, stall_nm)
+    one = xp.ones_like(no_load_rad_s)
+    span = xp.where(limited, no_load_rad_s - corner_rad_s, one)
+    # A corner at the limit itself makes the line a step.
+    span = xp.maximum(span, xp.full_like(span, 1e-9))
+    return xp.where(limited, no_load_rad_s, one) / span, xp.where(limited, one, xp.zeros_like(one)) / span

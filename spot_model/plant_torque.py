@@ -1,0 +1,67 @@
+"""From the command in effect to the motor torque: the servo's law, then the torque effects in their order."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot_model import facts
+from spot_model.control import pd_torque
+from spot_model.effects.base import Memory, Motion, TorqueEffect
+from spot_model.facts import Array
+from spot_model.plant_command import ServoCommand
+
+
+class TorqueChain:
+    """The torque effects of ``n_sims`` simulations with their memories."""
+
+    def __init__(self, effects: Sequence[TorqueEffect], n_sims: int) -> None:
+        self._still = np.zeros((n_sims, facts.N_JOINTS))
+        self._effects = tuple(effect.arrays_like(self._still) for effect in effects)
+        self._masks = tuple(None if effect.mask.all() else effect.mask for effect in self._effects)
+        self._memory: list[Memory] = [effect.start(self._still) for effect in self._effects]
+
+    def torque_nm(self, command: ServoCommand, motion: Motion) -> Array:
+        """Motor torque at this physics step, shape (n_sims, 12), N·m; moves the effects' memories on by one step."""
+        torque = pd_torque(
+            position_rad=motion.position_rad,
+            velocity_rad_s=motion.velocity_rad_s,
+            setpoint_position_rad=command.position_rad,
+            setpoint_velocity_rad_s=command.velocity_rad_s,
+            feedforward_nm=command.load_nm,
+            kp_nm_per_rad=command.kp_nm_per_rad,
+            kd_nm_s_per_rad=command.kd_nm_s_per_rad,
+        )
+        for i, (effect, mask) in enumerate(zip(self._effects, self._masks, strict=True)):
+            # As Effect.apply does, without its look-up of the array library: here all is NumPy.
+            changed, self._memory[i] = effect.torque(torque, motion, self._memory[i])
+            torque = changed if mask is None else np.where(mask, changed, torque)
+        return np.asarray(torque)
+
+    def reset(self, rows: NDArray[np.bool_]) -> None:
+        """Start the memories afresh in the simulations of ``rows``, shape (n_sims,)."""
+        for i, effect in enumerate(self._effects):
+            self._memory[i] = _restart(rows, effect.start(self._still), self._memory[i])
+
+
+def _restart(rows: NDArray[np.bool_], fresh: Any, old: Any) -> Any:
+    """``fresh`` in the simulations of ``rows``, ``old`` elsewhere; arrays without an axis of simulations stay."""
+    if isinstance(fresh, np.ndarray):
+        if fresh.ndim == 0 or fresh.shape[0] != len(rows):
+            return old
+        return np.where(rows.reshape((-1,) + (1,) * (fresh.ndim - 1)), fresh, old)
+    if isinstance(fresh, (tuple, list)):
+        parts = [_restart(rows, f, o) for f, o in zip(fresh, old, strict=True)]
+        return type(fresh)(*parts) if hasattr(fresh, "_fields") else type(fresh)(parts)
+    if isinstance(fresh, dict):
+        return {key: _restart(rows, value, old[key]) for key, value in fresh.items()}
+    if dataclasses.is_dataclass(fresh) and not isinstance(fresh, type):
+        names = [f.name for f in dataclasses.fields(fresh)]
+        return dataclasses.replace(
+            fresh, **{name: _restart(rows, getattr(fresh, name), getattr(old, name)) for name in names}
+        )
+    return old
