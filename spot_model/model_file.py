@@ -3,7 +3,7 @@
 schema: spot-rl/model/1
 robot: spot
 effects:
-  - {effect: joint_friction, joints: [knees], friction_nm: 0.18}
+  - {effect: coulomb_friction, joints: [knees], level_nm: 0.18}
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from spot_model import facts
 from spot_model.effects.base import Effect
 from spot_model.effects.command_delay import CommandDelay
-from spot_model.effects.joint_friction import JointFriction
+from spot_model.effects.coulomb_friction import CoulombFriction
 from spot_model.effects.position_torque_limit import PositionTorqueLimit
 from spot_model.effects.registry import make_effect
 from spot_model.effects.torque_limit import TorqueLimit
@@ -124,8 +124,8 @@ def paper_model(actuator: facts.PaperActuator) -> RobotModel:
     """The paper's simulator: friction, hip limit, knee limits by speed and position, 5 ms delay."""
     return RobotModel(
         effects=(
-            JointFriction(joints=("hips",), friction_nm=actuator.hip_friction_nm),
-            JointFriction(joints=("knees",), friction_nm=actuator.knee_friction_nm),
+            CoulombFriction(joints=("hips",), level_nm=actuator.hip_friction_nm),
+            CoulombFriction(joints=("knees",), level_nm=actuator.knee_friction_nm),
             TorqueLimit(joints=("hips",), limit_nm=facts.HIP_TORQUE_LIMIT_NM),
             TorqueSpeedCurve(
                 joints=("knees",),

@@ -70,7 +70,5 @@ def _interpolate(xp: Any, position_rad: AnyArray, table: _Table) -> AnyArray:
     row = (position_rad - _FIRST_RAD) * (1.0 / _STEP_RAD)
     row = xp.minimum(xp.maximum(row, table.zero), table.last)
     below = xp.minimum(xp.floor(row), table.last_start)
-    index = xp.reshape(xp.astype(below, xp.int64), (-1,))
-    ratio = xp.reshape(xp.take(table.ratio, index, axis=0), row.shape)
-    rise = xp.reshape(xp.take(table.rise, index, axis=0), row.shape)
-    return ratio + (row - below) * rise
+    index = xp.astype(below, xp.int64)
+    return table.ratio[index] + (row - below) * table.rise[index]

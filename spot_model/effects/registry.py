@@ -8,7 +8,7 @@ from typing import Any
 
 from spot_model.effects.base import Effect
 from spot_model.effects.command_delay import CommandDelay
-from spot_model.effects.joint_friction import JointFriction
+from spot_model.effects.coulomb_friction import CoulombFriction
 from spot_model.effects.position_torque_limit import PositionTorqueLimit
 from spot_model.effects.torque_limit import TorqueLimit
 from spot_model.effects.torque_speed_curve import TorqueSpeedCurve
@@ -17,7 +17,7 @@ from spot_model.errors import BadInputError
 ENTRY_POINT_GROUP = "spot_rl.effects"
 
 BUILT_IN: dict[str, type[Effect]] = {
-    effect.name: effect for effect in (JointFriction, TorqueLimit, TorqueSpeedCurve, PositionTorqueLimit, CommandDelay)
+    effect.name: effect for effect in (CoulombFriction, TorqueLimit, TorqueSpeedCurve, PositionTorqueLimit, CommandDelay)
 }
 
 

@@ -9,7 +9,7 @@ import pytest
 from spot_model import facts
 from spot_model.effects.base import Effect, Hook, Motion, TorqueEffect
 from spot_model.effects.command_delay import CommandDelay
-from spot_model.effects.joint_friction import JointFriction
+from spot_model.effects.coulomb_friction import CoulombFriction
 from spot_model.effects.position_torque_limit import PositionTorqueLimit
 from spot_model.effects.registry import BUILT_IN, effect_class, make_effect
 from spot_model.effects.torque_limit import TorqueLimit
@@ -70,7 +70,7 @@ def test_a_null_effect_changes_no_bit(cls: type[Effect]):
     ("effect", "parameter"),
     [(PAPER_CURVE, p.name) for p in TorqueSpeedCurve.parameters()]
     + [
-        (JointFriction(friction_nm=0.2), "friction_nm"),
+        (CoulombFriction(level_nm=0.2), "level_nm"),
         (TorqueLimit(limit_nm=45.0), "limit_nm"),
         (PositionTorqueLimit(motor_torque_nm=1.5), "motor_torque_nm"),
         (CommandDelay(delay_s=0.005), "delay_s"),
