@@ -1,0 +1,118 @@
+"""The CPU back end: ``mujoco.batch`` through the plant that all parts of the project share."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch
+
+from spot_model import facts
+from spot_model.effects.base import Effect
+from spot_model.mjcf import MjcfOptions
+from spot_model.plant import Plant, PlantOptions
+from trainer.backend import InitialState, PlantState, SimulationDraws
+from trainer.ground import terrain_of
+from trainer.task_config import TaskConfig
+
+Tensor = torch.Tensor
+
+FOOT_GEOMS = tuple(f"{leg}_foot" for leg in facts.LEG_NAMES)
+
+
+class CpuBackend:
+    """``n_envs`` robots on the CPU's cores.
+
+    Args:
+        config: Physics rate and terrain are taken from it.
+        effects: What acts in the robots.
+        draws: Friction and mass of each simulation.
+        n_threads: Threads, 0 for all cores; results do not depend on it.
+    """
+
+    def __init__(
+        self, config: TaskConfig, effects: tuple[Effect, ...], draws: SimulationDraws, n_threads: int = 0
+    ) -> None:
+        self.n_envs = len(draws.foot_friction)
+        self.device = torch.device("cpu")
+        self._substeps = round(config.physics_rate_hz / facts.POLICY_RATE_HZ)
+        options = PlantOptions(mjcf=mjcf_options(config), n_threads=n_threads)
+        self.plant = Plant(effects, self.n_envs, options)
+        randomise(self.plant, draws)
+        self.plant.reset()
+
+    def step(self, setpoint_position_rad: Tensor) -> None:
+        """Advance one policy period."""
+        self.plant.step(setpoint_position_rad.numpy(), self._substeps)
+
+    def read(self) -> PlantState:
+        """The state now, copied into float32 tensors."""
+        p = self.plant
+        return PlantState(
+            position_rad=_float(p.joint_position_rad),
+            velocity_rad_s=_float(p.joint_velocity_rad_s),
+            torque_nm=_float(p.applied_torque_nm),
+            body_position_m=_float(p.position_of_body_in_world_m),
+            world_from_body_wxyz=_float(p.world_from_body_wxyz),
+            linear_vel_of_body_in_world_m_s=_float(p.linear_vel_of_body_in_world_m_s),
+            angular_vel_of_body_in_world_rad_s=_float(p.angular_vel_of_body_in_world_rad_s),
+            foot_contact=torch.from_numpy(p.foot_contact),
+            body_contact=torch.from_numpy(p.body_contact),
+        )
+
+    def reset(self, mask: Tensor, initial: InitialState) -> None:
+        """Put the robots of ``mask`` into their initial state."""
+        rows = mask.numpy()
+        if not rows.any():
+            return
+
+        def of(tensor: Tensor) -> np.ndarray[Any, np.dtype[np.float64]]:
+            return tensor[mask].numpy().astype(np.float64)
+
+        attitude = of(initial.world_from_body_wxyz)
+        self.plant.reset(
+            rows,
+            position_of_body_in_world_m=of(initial.body_position_m),
+            world_from_body_wxyz=attitude / np.linalg.norm(attitude, axis=-1, keepdims=True),
+            joint_position_rad=of(initial.position_rad),
+            linear_vel_of_body_in_world_m_s=of(initial.linear_vel_of_body_in_world_m_s),
+            angular_vel_of_body_in_body_rad_s=of(initial.angular_vel_of_body_in_body_rad_s),
+            joint_velocity_rad_s=of(initial.velocity_rad_s),
+        )
+
+    def add_velocity(self, delta_m_s: Tensor) -> None:
+        """Push: change the body's linear velocity in the world."""
+        delta = delta_m_s.numpy()
+        rows = delta.any(axis=-1)
+        if rows.any():
+            self.plant.push(rows, linear_vel_in_world_m_s=delta[rows])
+
+    def snapshot(self) -> dict[str, Any]:
+        """The plant's own snapshot."""
+        return self.plant.snapshot() if hasattr(self.plant, "snapshot") else {}
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Continue from a snapshot."""
+        self.plant.restore(snapshot)
+
+
+def mjcf_options(config: TaskConfig) -> MjcfOptions:
+    """The physics model that a task trains on."""
+    return MjcfOptions(timestep_s=1.0 / config.physics_rate_hz, terrain=terrain_of(config.terrain))
+
+
+def randomise(plant: Plant, draws: SimulationDraws) -> None:
+    """Give each simulation its foot friction and body mass; inertia grows with the mass."""
+    friction = plant.fields["geom_friction"]
+    for name in FOOT_GEOMS:
+        friction[:, plant.model.geom(name).id, 0] = draws.foot_friction.cpu().numpy()
+    body = plant.model.body("body").id
+    mass, inertia = plant.fields["body_mass"], plant.fields["body_inertia"]
+    ratio = 1.0 + draws.added_body_mass_kg.cpu().numpy() / mass[:, body]
+    mass[:, body] *= ratio
+    inertia[:, body] *= ratio[:, None]
+    plant.fields.commit()
+
+
+def _float(array: np.ndarray[Any, np.dtype[np.float64]]) -> Tensor:
+    return torch.from_numpy(array).float()

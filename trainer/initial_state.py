@@ -1,0 +1,55 @@
+"""Where episodes start: the paper's randomisation of pose, velocity and joints."""
+
+from __future__ import annotations
+
+import torch
+
+from spot_model import facts
+from spot_model.mjcf import default_height_m
+from trainer.backend import InitialState, SimulationDraws
+from trainer.random_draws import Draws
+from trainer.task_config import RandomisationConfig, TerrainConfig
+
+FREE_HEIGHT_M = 0.02
+"""Room under the lowest foot at the start, so that drawn joint angles do not put a foot deep into the ground."""
+
+
+def draw_initial_state(config: RandomisationConfig, terrain: TerrainConfig, n: int, draws: Draws) -> InitialState:
+    """Initial states for n robots, one draw each; see :class:`RandomisationConfig` for the ranges."""
+    device = draws.device
+    c = config
+    half_yaw = 0.5 * draws.uniform(c.initial_yaw_rad, n)
+    zero = torch.zeros(n, device=device)
+    height = default_height_m() + FREE_HEIGHT_M + (terrain.amplitude_m if terrain.kind == "noise" else 0.0)
+    default = torch.tensor(facts.DEFAULT_POSITION_RAD, device=device, dtype=torch.float32)
+    low = torch.tensor(facts.POSITION_LOW_RAD, device=device, dtype=torch.float32)
+    high = torch.tensor(facts.POSITION_HIGH_RAD, device=device, dtype=torch.float32)
+    xy = draws.uniform(c.initial_xy_m, n, 2)
+    if terrain.kind == "noise":
+        # Spread over the ground, so that robots do not all learn the same few square metres.
+        reach = max(0.0, terrain.half_size_m - 12.0)
+        xy = xy + draws.uniform((-reach, reach), n, 2)
+    return InitialState(
+        body_position_m=torch.cat([xy, zero[:, None] + height], dim=-1),
+        world_from_body_wxyz=torch.stack([half_yaw.cos(), zero, zero, half_yaw.sin()], dim=-1),
+        linear_vel_of_body_in_world_m_s=torch.stack(
+            [draws.uniform(r, n) for r in (c.initial_v_x_m_s, c.initial_v_y_m_s, c.initial_v_z_m_s)], dim=-1
+        ),
+        angular_vel_of_body_in_body_rad_s=torch.stack(
+            [
+                draws.uniform(r, n)
+                for r in (c.initial_roll_rate_rad_s, c.initial_pitch_rate_rad_s, c.initial_yaw_rate_rad_s)
+            ],
+            dim=-1,
+        ),
+        position_rad=(default + draws.uniform(c.initial_position_rad, n, facts.N_JOINTS)).clamp(low, high),
+        velocity_rad_s=draws.uniform(c.initial_velocity_rad_s, n, facts.N_JOINTS),
+    )
+
+
+def draw_simulations(config: RandomisationConfig, n: int, draws: Draws) -> SimulationDraws:
+    """Friction and mass of n simulations."""
+    return SimulationDraws(
+        foot_friction=draws.uniform(config.foot_friction, n),
+        added_body_mass_kg=draws.uniform(config.added_body_mass_kg, n),
+    )

@@ -1,0 +1,63 @@
+"""From a config to a running task, on a CPU or a GPU."""
+
+from __future__ import annotations
+
+import torch
+
+from spot_model.errors import BadInputError
+from trainer.backend import Backend
+from trainer.config import TrainConfig
+from trainer.cpu_backend import CpuBackend
+from trainer.initial_state import draw_simulations
+from trainer.random_draws import Draws
+from trainer.randomised_effects import training_effects
+from trainer.task import Task
+
+
+def make_task(config: TrainConfig, device: str, *, rank: int = 0, n_threads: int = 0) -> Task:
+    """Build back end and task.
+
+    Args:
+        config: What to train.
+        device: "cpu", or a CUDA device such as "cuda:0".
+        rank: Number of this process among several; each draws differently.
+        n_threads: CPU threads for physics, 0 for all.
+
+    Raises:
+        BadInputError: The device does not exist, or the model or an effect is not allowed.
+    """
+    check_device(device)
+    generator = torch.Generator(device=device)
+    generator.manual_seed(config.seed * 1000 + rank)
+    draws = Draws(generator)
+    randomisation = config.task.randomisation
+    effects = training_effects(config.model, randomisation.effects, config.n_envs, draws)
+    simulations = draw_simulations(randomisation, config.n_envs, draws)
+    backend: Backend
+    if device == "cpu":
+        backend = CpuBackend(config.task, effects, simulations, n_threads)
+    else:
+        from trainer.warp_backend import WarpBackend
+
+        backend = WarpBackend(config.task, effects, simulations, device)
+    return Task(config.task, backend, generator)
+
+
+def check_device(device: str) -> None:
+    """Refuse a device that is not there.
+
+    Raises:
+        BadInputError: No such device; the message says what there is.
+    """
+    if device == "cpu":
+        return
+    if not device.startswith("cuda"):
+        raise BadInputError(f"device {device!r} is unknown; allowed: cpu, cuda, cuda:N")
+    if not torch.cuda.is_available():
+        raise BadInputError(
+            f"device {device!r}: there is no usable NVIDIA GPU here (torch {torch.__version__}); "
+            "use --device cpu, or a machine with a GPU and a CUDA build of torch"
+        )
+    index = torch.device(device).index or 0
+    if index >= torch.cuda.device_count():
+        raise BadInputError(f"device {device!r}: there are {torch.cuda.device_count()} GPUs, cuda:0 upwards")
