@@ -39,7 +39,7 @@ class ServoCommand:
             value = getattr(self, name)
             if isinstance(value, float) and name != "position_rad":
                 return value
-            array = np.array(value, dtype=np.float64)
+            array: Array = np.array(value, dtype=np.float64)
             if array.shape == shape:
                 return array
             try:
@@ -48,14 +48,16 @@ class ServoCommand:
                 message = f"ServoCommand.{name} has shape {array.shape}; it must broadcast to {shape}"
                 raise ValueError(message) from None
 
-        return ServoCommand(**{f.name: copied(f.name) for f in fields(ServoCommand)})
+        return ServoCommand(**{name: copied(name) for name in _NAMES})
 
     def where(self, rows: NDArray[np.bool_], other: ServoCommand) -> ServoCommand:
         """This command in the simulations of ``rows`` (shape (n_sims,)), the other one elsewhere."""
         mask = rows[:, None]
-        return ServoCommand(
-            **{f.name: _merge(mask, getattr(self, f.name), getattr(other, f.name)) for f in fields(ServoCommand)}
-        )
+        values = {name: _merge(mask, getattr(self, name), getattr(other, name)) for name in _NAMES}
+        return ServoCommand(**values)
+
+
+_NAMES = tuple(f.name for f in fields(ServoCommand))
 
 
 @dataclass
@@ -123,7 +125,8 @@ class CommandChannel:
             self._pending.popleft()
 
 
-def _merge(mask: NDArray[np.bool_], first: Array | float, second: Array | float) -> Array | float:
-    if first is second or (isinstance(first, float) and first == second):
+def _merge(mask: NDArray[np.bool_], first: Array | float, second: Array | float) -> Any:
+    same = isinstance(first, float) and isinstance(second, float) and first == second
+    if first is second or same:
         return first
     return np.where(mask, first, second)

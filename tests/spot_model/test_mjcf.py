@@ -188,8 +188,8 @@ def test_options_reach_the_model() -> None:
 def test_a_body_dropped_on_its_belly_touches_only_where_collision_says_so(collision: str, touching: int) -> None:
     model = mujoco.MjModel.from_xml_string(spot_mjcf(MjcfOptions(collision=collision)))  # type: ignore[arg-type]
     data = mujoco.MjData(model)
-    data.qpos[2] = 0.08  # the box's half height is 0.085 m; legs lie along ±x with the feet up in the air
-    data.qpos[7:] = np.tile([0.0, 1.6, -0.3], 4)
+    data.qpos[2] = 0.08  # the box's half height is 0.085 m; the legs are folded up
+    data.qpos[7:] = np.tile([0.0, 2.2, -0.3], 4)
     mujoco.mj_forward(model, data)
     on_body = sum(1 for i in range(data.ncon) if model.geom("body").id in data.contact[i].geom)
     assert on_body == touching
