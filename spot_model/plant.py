@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import mujoco
 import numpy as np
@@ -179,6 +179,34 @@ class Plant(PlantState):
         self._torques.reset(mask)
         self._channel.reset(mask, ServoCommand(position_rad=self._joint_pos.copy()))
         self._batch.forward(rows)
+
+    def snapshot(self) -> dict[str, Any]:
+        """Everything that moves, as plain arrays and numbers: physics, commands on their way, effects' memories."""
+        return {
+            "state": self._batch.state.copy(),
+            "n_steps": self._n_steps,
+            "commands": self._channel.snapshot(),
+            "memories": self._torques.snapshot(),
+        }
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Continue bit for bit from a snapshot of a plant of the same size, options, effects and fields.
+
+        Until the next step, contacts, forces and accelerations are those of the restored state itself.
+
+        Raises:
+            ValueError: The snapshot is of another size, or of other effects.
+        """
+        state = np.asarray(snapshot["state"])
+        if state.shape != self._batch.state.shape:
+            raise ValueError(f"the snapshot has shape {state.shape}, the plant {self._batch.state.shape}")
+        self._torques.restore(snapshot["memories"])
+        self._channel.restore(snapshot["commands"])
+        self._n_steps = int(snapshot["n_steps"])
+        self._batch.state[...] = state
+        self._batch.forward()
+        # Forward moves the solver's starting point on; the next step must start from the saved one.
+        self._batch.state[...] = state
 
     # Private ---------------------------------------------------------------------------------------------------------
 

@@ -42,6 +42,14 @@ class PlantFields:
         """Degrees of freedom of the twelve joints, canonical order, shape (12,)."""
         return np.arange(FIRST_JOINT_DOF, FIRST_JOINT_DOF + facts.N_JOINTS, dtype=np.intp)
 
+    def body_id(self, name: str) -> int:
+        """Number of the body ``name``; raises KeyError with the names there are."""
+        return int(self._batch.model.body(name).id)
+
+    def geom_id(self, name: str) -> int:
+        """Number of the geom ``name``; raises KeyError with the names there are."""
+        return int(self._batch.model.geom(name).id)
+
     def commit(self) -> None:
         """Bring derived constants up to date with what was written."""
         derives = set(mujoco.MjModel._setconst_inputs)

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from typing_extensions import Self
 
 from spot_model.errors import BadInputError
+from spot_model.facts import LEG_NAMES
 from spot_model.joints import select_joints
 from spot_model.rotation import AnyArray
 
@@ -69,6 +70,14 @@ class ModelFields(Protocol):
     @property
     def joint_dofs(self) -> NDArray[np.intp]:
         """Degrees of freedom of the twelve joints, canonical order, shape (12,)."""
+        ...
+
+    def body_id(self, name: str) -> int:
+        """Number of the body ``name`` in the model."""
+        ...
+
+    def geom_id(self, name: str) -> int:
+        """Number of the geom ``name`` in the model."""
         ...
 
 
@@ -189,6 +198,16 @@ class CommandEffect(Effect):
 
         The channel keeps order by itself: no command takes effect before one that was issued earlier.
         """
+
+
+def per_sim(value: Any) -> Any:
+    """A parameter that is one number a simulation: a float as it is, an array of shape (n_sims, 1) as (n_sims,)."""
+    return value[:, 0] if getattr(value, "ndim", 0) == 2 else value
+
+
+def legs_of(mask: NDArray[np.bool_]) -> tuple[str, ...]:
+    """Legs with at least one joint in ``mask``, shape (12,)."""
+    return tuple(leg for leg, joints in zip(LEG_NAMES, mask.reshape(-1, 3), strict=True) if joints.any())
 
 
 def _check_bounds(effect: str, p: Parameter, value: Any) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from spot_model.effects.base import CommandEffect, parameter
+from spot_model.effects.base import CommandEffect, parameter, per_sim
 from spot_model.rotation import AnyArray
 
 
@@ -22,5 +22,4 @@ class CommandDelay(CommandEffect):
 
     def arrival_s(self, issued_s: AnyArray) -> AnyArray:
         """Issue time plus delay."""
-        delay = self.delay_s
-        return issued_s + (delay[:, 0] if getattr(delay, "ndim", 0) == 2 else delay)
+        return issued_s + per_sim(self.delay_s)

@@ -6,18 +6,61 @@ import pkgutil
 from importlib.metadata import entry_points
 from typing import Any
 
+from spot_model.effects.armature import Armature
+from spot_model.effects.backlash import Backlash
 from spot_model.effects.base import Effect
+from spot_model.effects.body_inertia import BodyInertia
+from spot_model.effects.bus_sag import BusSag
+from spot_model.effects.com_offset import ComOffset
 from spot_model.effects.command_delay import CommandDelay
 from spot_model.effects.coulomb_friction import CoulombFriction
+from spot_model.effects.foot_radius import FootRadius
+from spot_model.effects.ground_compliance import GroundCompliance
+from spot_model.effects.ground_friction import GroundFriction
+from spot_model.effects.leg_mass import LegMass
+from spot_model.effects.load_friction import LoadFriction
+from spot_model.effects.payload_mass import PayloadMass
 from spot_model.effects.position_torque_limit import PositionTorqueLimit
+from spot_model.effects.power_limit import PowerLimit
+from spot_model.effects.stribeck_friction import StribeckFriction
+from spot_model.effects.thermal_derating import ThermalDerating
+from spot_model.effects.torque_bandwidth import TorqueBandwidth
+from spot_model.effects.torque_gain import TorqueGain
 from spot_model.effects.torque_limit import TorqueLimit
+from spot_model.effects.torque_ripple import TorqueRipple
 from spot_model.effects.torque_speed_curve import TorqueSpeedCurve
+from spot_model.effects.viscous_friction import ViscousFriction
 from spot_model.errors import BadInputError
 
 ENTRY_POINT_GROUP = "spot_rl.effects"
 
 BUILT_IN: dict[str, type[Effect]] = {
-    effect.name: effect for effect in (CoulombFriction, TorqueLimit, TorqueSpeedCurve, PositionTorqueLimit, CommandDelay)
+    effect.name: effect
+    for effect in (
+        CoulombFriction,
+        TorqueLimit,
+        TorqueSpeedCurve,
+        PositionTorqueLimit,
+        CommandDelay,
+        ViscousFriction,
+        StribeckFriction,
+        LoadFriction,
+        TorqueGain,
+        Armature,
+        TorqueBandwidth,
+        ThermalDerating,
+        TorqueRipple,
+        PowerLimit,
+        BusSag,
+        Backlash,
+        PayloadMass,
+        ComOffset,
+        BodyInertia,
+        LegMass,
+        FootRadius,
+        GroundFriction,
+        GroundCompliance,
+    )
 }
 
 

@@ -2,18 +2,37 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import ClassVar
 
 import numpy as np
 import pytest
 
 from spot_model import facts
+from spot_model.effects.armature import Armature
+from spot_model.effects.backlash import Backlash
 from spot_model.effects.base import Effect, Hook, Motion, TorqueEffect
+from spot_model.effects.body_inertia import BodyInertia
+from spot_model.effects.bus_sag import BusSag
+from spot_model.effects.com_offset import ComOffset
 from spot_model.effects.command_delay import CommandDelay
 from spot_model.effects.coulomb_friction import CoulombFriction
+from spot_model.effects.foot_radius import FootRadius
+from spot_model.effects.ground_compliance import GroundCompliance
+from spot_model.effects.ground_friction import GroundFriction
+from spot_model.effects.leg_mass import LegMass
+from spot_model.effects.load_friction import LoadFriction
+from spot_model.effects.payload_mass import PayloadMass
 from spot_model.effects.position_torque_limit import PositionTorqueLimit
+from spot_model.effects.power_limit import PowerLimit
 from spot_model.effects.registry import BUILT_IN, effect_class, make_effect
+from spot_model.effects.stribeck_friction import StribeckFriction
+from spot_model.effects.thermal_derating import ThermalDerating
+from spot_model.effects.torque_bandwidth import TorqueBandwidth
+from spot_model.effects.torque_gain import TorqueGain
 from spot_model.effects.torque_limit import TorqueLimit
+from spot_model.effects.torque_ripple import TorqueRipple
 from spot_model.effects.torque_speed_curve import TorqueSpeedCurve
+from spot_model.effects.viscous_friction import ViscousFriction
 from spot_model.errors import BadInputError
 from spot_model.knee_table import KNEE_TABLE_POSITION_RAD, KNEE_TABLE_TORQUE_NM
 
@@ -27,6 +46,9 @@ PAPER_CURVE = TorqueSpeedCurve(
 )
 
 
+N_STEPS = 3
+
+
 def random_joints(n: int = 64) -> tuple[np.ndarray, Motion]:
     rng = np.random.default_rng(7)
     torque = rng.normal(0.0, 80.0, (n, 12))
@@ -35,29 +57,85 @@ def random_joints(n: int = 64) -> tuple[np.ndarray, Motion]:
 
 
 class Fields(dict):
+    """A model of three simulations with the fields that effects edit; links and geoms by name."""
+
     joint_dofs = np.arange(6, 18)
+    names: ClassVar = [
+        "world",
+        "body",
+        *(f"{leg}_{link}" for leg in facts.LEG_NAMES for link in ("hip", "uleg", "lleg")),
+    ]
+    geoms: ClassVar = [f"{leg}_foot" for leg in facts.LEG_NAMES]
+
+    def __init__(self):
+        rng = np.random.default_rng(11)
+        shapes = {
+            **dict.fromkeys(("dof_frictionloss", "dof_armature", "dof_damping"), (3, 18)),
+            "body_mass": (3, 14),
+            **dict.fromkeys(("body_ipos", "body_inertia"), (3, 14, 3)),
+            **dict.fromkeys(("geom_size", "geom_friction"), (3, 4, 3)),
+            "geom_solref": (3, 4, 2),
+        }
+        super().__init__({name: rng.uniform(0.5, 1.0, shape) for name, shape in shapes.items()})
+
+    def body_id(self, name: str) -> int:
+        return self.names.index(name)
+
+    def geom_id(self, name: str) -> int:
+        return self.geoms.index(name)
+
+    def flat(self) -> np.ndarray:
+        return np.concatenate([self[k].ravel() for k in sorted(self)])
 
 
 def outcome(effect: Effect) -> np.ndarray:
-    """What an effect makes of a fixed input, by its hook, through its own formula."""
-    torque, motion = random_joints()
+    """What an effect makes of a fixed input, by its hook, through its own formula, over a few steps."""
     if isinstance(effect, TorqueEffect):
+        torque, motion = random_joints()
         effect = effect.arrays_like(torque)
-        return effect.apply(torque, motion, effect.start(torque), effect.mask)[0]
+        memory, outs = effect.start(torque), []
+        for _ in range(N_STEPS):
+            out, memory = effect.apply(torque, motion, memory, effect.mask)
+            outs.append(out)
+        return np.concatenate(outs)
     if effect.hook is Hook.MODEL:
-        fields = Fields(
-            dof_frictionloss=np.zeros((3, 18)), dof_armature=np.zeros((3, 18)), dof_damping=np.zeros((3, 18))
-        )
+        fields = Fields()
         effect.edit(fields)
-        return np.concatenate([fields[k] for k in sorted(fields)])
+        return fields.flat()
     return effect.arrival_s(np.linspace(0.0, 1.0, 5))
 
 
 NULL_INPUT = {
-    Hook.TORQUE: lambda: random_joints()[0],
-    Hook.MODEL: lambda: np.zeros((9, 18)),
+    Hook.TORQUE: lambda: np.concatenate([random_joints()[0]] * N_STEPS),
+    Hook.MODEL: lambda: Fields().flat(),
     Hook.COMMAND: lambda: np.linspace(0.0, 1.0, 5),
 }
+
+ACTIVE = (
+    PAPER_CURVE,
+    CoulombFriction(level_nm=0.2),
+    TorqueLimit(limit_nm=45.0),
+    PositionTorqueLimit(motor_torque_nm=1.5),
+    CommandDelay(delay_s=0.005),
+    ViscousFriction(damping_nm_s_per_rad=0.1),
+    StribeckFriction(level_nm=0.5, speed_rad_s=0.5),
+    LoadFriction(share=0.1),
+    TorqueGain(gain=0.9),
+    Armature(inertia_kg_m2=0.04),
+    TorqueBandwidth(time_constant_s=0.01),
+    ThermalDerating(loss_per_k=0.004, heating_k_per_nm2_s=0.5, cooling_time_s=2.0),
+    TorqueRipple(amplitude_nm=0.5, cycles_per_rad=50.0, phase_rad=0.5),
+    PowerLimit(power_w=1500.0, copper_w_per_nm2=0.01),
+    BusSag(resistance_ohm=0.05, open_voltage_v=55.0, back_emf_v_s_per_rad=2.0, stall_nm_per_v=2.0, smoothing_s=0.01),
+    Backlash(gap_rad=0.01, rotor_inertia_kg_m2=0.04),
+    PayloadMass(mass_kg=3.0, x_m=0.1, y_m=0.05, z_m=0.1),
+    ComOffset(x_m=0.02, y_m=0.01, z_m=0.01),
+    BodyInertia(scale=1.2),
+    LegMass(scale=1.2),
+    FootRadius(change_m=0.003),
+    GroundFriction(scale=0.5),
+    GroundCompliance(time_constant_s=0.01),
+)
 
 
 @pytest.mark.parametrize("cls", BUILT_IN.values(), ids=BUILT_IN)
@@ -68,18 +146,16 @@ def test_a_null_effect_changes_no_bit(cls: type[Effect]):
 
 @pytest.mark.parametrize(
     ("effect", "parameter"),
-    [(PAPER_CURVE, p.name) for p in TorqueSpeedCurve.parameters()]
-    + [
-        (CoulombFriction(level_nm=0.2), "level_nm"),
-        (TorqueLimit(limit_nm=45.0), "limit_nm"),
-        (PositionTorqueLimit(motor_torque_nm=1.5), "motor_torque_nm"),
-        (CommandDelay(delay_s=0.005), "delay_s"),
-    ],
+    [(effect, p.name) for effect in ACTIVE for p in effect.parameters()],
     ids=lambda v: v if isinstance(v, str) else v.name,
 )
 def test_every_parameter_changes_something(effect: Effect, parameter: str):
     smaller = dataclasses.replace(effect, **{parameter: 0.8 * getattr(effect, parameter)})
     assert not np.array_equal(outcome(effect), outcome(smaller))
+
+
+def test_every_effect_has_an_active_example():
+    assert sorted(effect.name for effect in ACTIVE) == sorted(BUILT_IN)
 
 
 @pytest.mark.parametrize("cls", BUILT_IN.values(), ids=BUILT_IN)
@@ -92,7 +168,7 @@ def test_every_parameter_says_its_bounds_unit_and_source(cls: type[Effect]):
 
 def test_an_effect_acts_on_its_joints_only():
     torque, _ = random_joints()
-    out = outcome(TorqueLimit(joints=("hl", "fr_kn"), limit_nm=20.0))
+    out = outcome(TorqueLimit(joints=("hl", "fr_kn"), limit_nm=20.0))[: len(torque)]
     touched = TorqueLimit(joints=("hl", "fr_kn"), limit_nm=20.0).mask
     np.testing.assert_array_equal(out[:, ~touched], torque[:, ~touched])
     np.testing.assert_array_equal(out[:, touched], np.clip(torque[:, touched], -20.0, 20.0))
@@ -140,20 +216,53 @@ def test_position_limit_follows_the_table_between_and_beyond_its_rows():
     np.testing.assert_allclose(out, np.interp(position, KNEE_TABLE_POSITION_RAD, KNEE_TABLE_TORQUE_NM), rtol=1e-12)
 
 
-def test_torch_gives_what_numpy_gives():
+@pytest.mark.parametrize("effect", [e for e in ACTIVE if isinstance(e, TorqueEffect)], ids=lambda e: e.name)
+def test_torch_gives_what_numpy_gives(effect: TorqueEffect):
     torch = pytest.importorskip("torch")
     torque, motion = random_joints()
-    for effect in (PAPER_CURVE, PositionTorqueLimit(motor_torque_nm=1.5), TorqueLimit(limit_nm=45.0)):
-        expected = outcome(effect)
-        like = torch.as_tensor(torque)
-        on_torch = effect.arrays_like(like)
-        out, _ = on_torch.apply(
-            like,
-            Motion(torch.as_tensor(motion.position_rad), torch.as_tensor(motion.velocity_rad_s), 0.005),
-            on_torch.start(like),
-            torch.as_tensor(effect.mask),
-        )
-        np.testing.assert_allclose(out.numpy(), expected, rtol=1e-12, atol=1e-12)
+    like = torch.as_tensor(torque)
+    on_torch = effect.arrays_like(like)
+    same = Motion(torch.as_tensor(motion.position_rad), torch.as_tensor(motion.velocity_rad_s), motion.dt_s)
+    memory, outs = on_torch.start(like), []
+    for _ in range(N_STEPS):
+        out, memory = on_torch.apply(like, same, memory, torch.as_tensor(effect.mask))
+        outs.append(out.numpy())
+    np.testing.assert_allclose(np.concatenate(outs), outcome(effect), rtol=1e-11, atol=1e-11)
+
+
+def test_a_payload_moves_the_centre_of_mass_by_hand():
+    fields = Fields()
+    fields["body_mass"][:, 1], fields["body_ipos"][:, 1], fields["body_inertia"][:, 1] = 6.0, 0.0, 1.0
+    PayloadMass(mass_kg=2.0, x_m=0.4).edit(fields)
+    # Together 8 kg; the centre moves by 0.4 · 2/8; the reduced mass 6 · 2/8 = 1.5 kg adds 1.5 · 0.16 about y and z.
+    np.testing.assert_allclose(fields["body_mass"][0, 1], 8.0)
+    np.testing.assert_allclose(fields["body_ipos"][0, 1], [0.1, 0.0, 0.0])
+    np.testing.assert_allclose(fields["body_inertia"][0, 1], [1.0, 1.24, 1.24])
+
+
+def test_power_is_scaled_to_the_limit_for_all_driving_joints():
+    torque = np.zeros((1, 12))
+    velocity = np.zeros((1, 12))
+    torque[0, :3], velocity[0, :3] = [30.0, -20.0, 10.0], [10.0, -10.0, -5.0]
+    effect = PowerLimit(power_w=250.0).arrays_like(torque)
+    out, _ = effect.torque(torque, Motion(velocity * 0.0, velocity, 0.005), None)
+    # Driving: 300 + 200 W of which half is granted; the braking joint keeps its torque.
+    np.testing.assert_allclose(out[0, :3], [15.0, -10.0, 10.0])
+
+
+def test_backlash_holds_the_torque_back_for_the_time_the_rotor_needs():
+    effect = Backlash(gap_rad=0.01, rotor_inertia_kg_m2=0.04)
+    like = np.zeros((1, 12))
+    effect, push, dt_s = effect.arrays_like(like), np.full((1, 12), 8.0), 1e-4
+    motion, memory, held = Motion(like, like, dt_s), effect.start(like), 0
+    while True:
+        out, memory = effect.torque(push, motion, memory)
+        if out[0, 0] != 0.0:
+            break
+        held += 1
+    # From the middle, 5 mrad at 8 / 0.04 = 200 rad/s²: sqrt(2 · 0.005 / 200) = 7.07 ms.
+    assert held * dt_s == pytest.approx(0.00707, abs=2e-4)
+    assert out[0, 0] == 8.0
 
 
 def test_delay_shifts_the_arrival():
