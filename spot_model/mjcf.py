@@ -134,9 +134,12 @@ def _joint(index: int, axis: str, options: MjcfOptions) -> str:
 
 
 def _inertial(link: facts.LinkInertia) -> str:
-    return (
-        f'<inertial mass="{link.mass_kg!r}" pos="{_numbers(link.com_m)}" fullinertia="{_numbers(link.inertia_kg_m2)}"/>'
+    diagonal, off_diagonal = link.inertia_kg_m2[:3], link.inertia_kg_m2[3:]
+    # MuJoCo turns a full matrix into principal axes in its own order; a diagonal one keeps the link's axes.
+    inertia = (
+        f'fullinertia="{_numbers(link.inertia_kg_m2)}"' if any(off_diagonal) else f'diaginertia="{_numbers(diagonal)}"'
     )
+    return f'<inertial mass="{link.mass_kg!r}" pos="{_numbers(link.com_m)}" {inertia}/>'
 
 
 def _contact(options: MjcfOptions) -> str:

@@ -110,6 +110,23 @@ class CommandChannel:
         for entry in self._pending:
             entry.arrival_s = np.where(rows, math.inf, entry.arrival_s)
 
+    def snapshot(self) -> dict[str, Any]:
+        """The command in effect and those on their way, as plain arrays and numbers."""
+        return {
+            "active": _plain(self.active),
+            "latest_s": self._latest_s.copy(),
+            "pending": [{"command": _plain(p.command), "arrival_s": p.arrival_s.copy()} for p in self._pending],
+        }
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Continue from a snapshot of a channel of the same size and effects."""
+        self.active = ServoCommand(**snapshot["active"]).copied_for(self._n_sims)
+        self._latest_s = np.array(snapshot["latest_s"])
+        self._pending = deque(
+            _Pending(ServoCommand(**entry["command"]).copied_for(self._n_sims), np.array(entry["arrival_s"]))
+            for entry in snapshot["pending"]
+        )
+
     def _receive(self, until_s: float) -> None:
         for entry in self._pending:
             due = entry.arrival_s <= until_s
@@ -123,6 +140,11 @@ class CommandChannel:
             entry.arrival_s = np.where(due, math.inf, entry.arrival_s)
         while self._pending and not np.isfinite(self._pending[0].arrival_s).any():
             self._pending.popleft()
+
+
+def _plain(command: ServoCommand) -> dict[str, Any]:
+    values = {name: getattr(command, name) for name in _NAMES}
+    return {name: value if isinstance(value, float) else np.array(value) for name, value in values.items()}
 
 
 def _merge(mask: NDArray[np.bool_], first: Array | float, second: Array | float) -> Any:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
@@ -14,6 +13,7 @@ from spot_model.control import pd_torque
 from spot_model.effects.base import Memory, Motion, TorqueEffect
 from spot_model.facts import Array
 from spot_model.plant_command import ServoCommand
+from spot_model.plant_memory import leaves, restarted, with_leaves
 
 
 class TorqueChain:
@@ -45,23 +45,18 @@ class TorqueChain:
     def reset(self, rows: NDArray[np.bool_]) -> None:
         """Start the memories afresh in the simulations of ``rows``, shape (n_sims,)."""
         for i, effect in enumerate(self._effects):
-            self._memory[i] = _restart(rows, effect.start(self._still), self._memory[i])
+            self._memory[i] = restarted(rows, effect.start(self._still), self._memory[i])
 
+    def snapshot(self) -> list[list[Any]]:
+        """The memories as plain arrays and numbers, one list an effect."""
+        return [leaves(memory) for memory in self._memory]
 
-def _restart(rows: NDArray[np.bool_], fresh: Any, old: Any) -> Any:
-    """``fresh`` in the simulations of ``rows``, ``old`` elsewhere; arrays without an axis of simulations stay."""
-    if isinstance(fresh, np.ndarray):
-        if fresh.ndim == 0 or fresh.shape[0] != len(rows):
-            return old
-        return np.where(rows.reshape((-1,) + (1,) * (fresh.ndim - 1)), fresh, old)
-    if isinstance(fresh, (tuple, list)):
-        parts = [_restart(rows, f, o) for f, o in zip(fresh, old, strict=True)]
-        return type(fresh)(*parts) if hasattr(fresh, "_fields") else type(fresh)(parts)
-    if isinstance(fresh, dict):
-        return {key: _restart(rows, value, old[key]) for key, value in fresh.items()}
-    if dataclasses.is_dataclass(fresh) and not isinstance(fresh, type):
-        names = [f.name for f in dataclasses.fields(fresh)]
-        return dataclasses.replace(
-            fresh, **{name: _restart(rows, getattr(fresh, name), getattr(old, name)) for name in names}
-        )
-    return old
+    def restore(self, snapshot: list[list[Any]]) -> None:
+        """Continue from a snapshot.
+
+        Raises:
+            ValueError: It was made with other effects.
+        """
+        if len(snapshot) != len(self._effects):
+            raise ValueError(f"the snapshot has memories of {len(snapshot)} effects, the plant {len(self._effects)}")
+        self._memory = [with_leaves(memory, values) for memory, values in zip(self._memory, snapshot, strict=True)]

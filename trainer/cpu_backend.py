@@ -11,6 +11,7 @@ from spot_model import facts
 from spot_model.effects.base import Effect
 from spot_model.mjcf import MjcfOptions
 from spot_model.plant import Plant, PlantOptions
+from spot_model.plant_memory import map_leaves
 from trainer.backend import InitialState, PlantState, SimulationDraws
 from trainer.ground import terrain_of
 from trainer.task_config import TaskConfig
@@ -88,12 +89,15 @@ class CpuBackend:
             self.plant.push(rows, linear_vel_in_world_m_s=delta[rows])
 
     def snapshot(self) -> dict[str, Any]:
-        """The plant's own snapshot."""
-        return self.plant.snapshot() if hasattr(self.plant, "snapshot") else {}
+        """The plant's own snapshot, with its arrays as tensors."""
+        plain: dict[str, Any] = map_leaves(
+            lambda v: torch.from_numpy(v) if isinstance(v, np.ndarray) else v, self.plant.snapshot()
+        )
+        return plain
 
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Continue from a snapshot."""
-        self.plant.restore(snapshot)
+        self.plant.restore(map_leaves(lambda v: v.numpy() if isinstance(v, Tensor) else v, snapshot))
 
 
 def mjcf_options(config: TaskConfig) -> MjcfOptions:

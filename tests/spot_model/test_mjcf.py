@@ -68,6 +68,11 @@ def test_link_has_the_published_mass_com_and_inertia(model: mujoco.MjModel, name
     np.testing.assert_allclose(link_inertia(model, name), as_matrix(inertia), atol=1e-12)
 
 
+def test_the_bodys_inertia_stays_in_the_bodys_axes(model: mujoco.MjModel) -> None:
+    assert model.body("body").inertia.tolist() == [0.08154, 0.54923, 0.56945]
+    assert model.body("body").iquat.tolist() == [1.0, 0.0, 0.0, 0.0]
+
+
 @pytest.mark.parametrize("leg", facts.LEG_NAMES)
 @pytest.mark.parametrize("link", ["hip", "uleg", "lleg"])
 def test_other_legs_mirror_the_front_left_one(model: mujoco.MjModel, leg: str, link: str) -> None:

@@ -188,6 +188,29 @@ def test_the_senders_array_may_change_after_a_command() -> None:
     assert np.abs(plant.applied_torque_nm).max() < 10.0
 
 
+def test_a_snapshot_continues_bit_for_bit() -> None:
+    effects = (*PAPER, Lag(share=0.5))
+    plant = Plant(effects, 2)
+    for position in setpoints(5, 2):
+        plant.step(position, 4)
+    plant.command(ServoCommand(facts.DEFAULT_POSITION_RAD))  # still on its way
+    saved = plant.snapshot()
+    expected = run(plant)
+    other = Plant(effects, 2)
+    other.restore(saved)
+    np.testing.assert_array_equal(run(other), expected)
+    plant.restore(saved)
+    np.testing.assert_array_equal(run(plant), expected)
+
+
+def test_a_snapshot_of_another_plant_is_refused() -> None:
+    saved = Plant(PAPER, 2).snapshot()
+    with pytest.raises(ValueError, match=r"the snapshot has shape \(2, .*the plant \(3, "):
+        Plant(PAPER, 3).restore(saved)
+    with pytest.raises(ValueError, match="memories of 3 effects, the plant 0"):
+        Plant((), 2).restore(saved)
+
+
 def test_a_push_adds_to_the_velocity_of_its_simulations() -> None:
     plant = Plant((), 3)
     plant.push([0, 2], linear_vel_in_world_m_s=[[0.5, 0, 0], [0, -0.5, 0]], angular_vel_in_body_rad_s=[0, 0, 1.0])

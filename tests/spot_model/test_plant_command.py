@@ -25,7 +25,9 @@ class Schedule(CommandEffect):
     delays_s: dict[float, tuple[float, ...]] = dataclasses.field(default_factory=dict)
 
     def arrival_s(self, issued_s: np.ndarray) -> np.ndarray:
-        return issued_s + np.array(self.delays_s[float(issued_s[0])])
+        delays: np.ndarray = np.array(self.delays_s[float(issued_s[0])])
+        arrival: np.ndarray = issued_s + delays
+        return arrival
 
 
 def channel(n_sims: int, *effects: CommandEffect) -> CommandChannel:

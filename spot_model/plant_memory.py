@@ -1,0 +1,65 @@
+"""What effects carry from step to step is a tree of arrays; here it is copied, reset by simulation, and rebuilt."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot_model.effects.base import Memory
+
+
+def map_leaves(change: Callable[..., Any], tree: Any, *others: Any) -> Any:
+    """The same tree (tuples, lists, dicts, dataclasses) with ``change`` of the leaves of all given trees."""
+    if isinstance(tree, dict):
+        return {key: map_leaves(change, value, *(o[key] for o in others)) for key, value in tree.items()}
+    if isinstance(tree, (tuple, list)):
+        parts = [map_leaves(change, *values) for values in zip(tree, *others, strict=True)]
+        return type(tree)(*parts) if hasattr(tree, "_fields") else type(tree)(parts)
+    if dataclasses.is_dataclass(tree) and not isinstance(tree, type):
+        names = [f.name for f in dataclasses.fields(tree)]
+        values = {n: map_leaves(change, getattr(tree, n), *(getattr(o, n) for o in others)) for n in names}
+        return dataclasses.replace(tree, **values)
+    return change(tree, *others)
+
+
+def restarted(rows: NDArray[np.bool_], fresh: Memory, old: Memory) -> Memory:
+    """``fresh`` in the simulations of ``rows`` (shape (n_sims,)), ``old`` elsewhere.
+
+    An array whose first axis has ``n_sims`` entries holds one entry a simulation; anything else is shared and stays.
+    """
+
+    def choose(new: Any, kept: Any) -> Any:
+        if not isinstance(new, np.ndarray) or new.ndim == 0 or new.shape[0] != len(rows):
+            return kept
+        return np.where(rows.reshape((-1,) + (1,) * (new.ndim - 1)), new, kept)
+
+    return map_leaves(choose, fresh, old)
+
+
+def leaves(memory: Memory) -> list[Any]:
+    """Copies of the leaves, in the tree's order."""
+    found: list[Any] = []
+    map_leaves(lambda leaf: found.append(np.copy(leaf) if isinstance(leaf, np.ndarray) else leaf), memory)
+    return found
+
+
+def with_leaves(memory: Memory, values: list[Any]) -> Memory:
+    """A tree like ``memory`` with the leaves of :func:`leaves`.
+
+    Raises:
+        ValueError: There are more or fewer leaves than the tree has.
+    """
+    n_leaves = len(leaves(memory))
+    if len(values) != n_leaves:
+        raise ValueError(f"{len(values)} leaves for a memory of {n_leaves}; it was made with other effects")
+    rest = iter(values)
+
+    def replaced(_: Any) -> Any:
+        value = next(rest)
+        return np.copy(value) if isinstance(value, np.ndarray) else value
+
+    return map_leaves(replaced, memory)
