@@ -39,9 +39,7 @@ def robot_state_from_wire(wire: bytes, host_stamp_ns: int) -> RobotState:
     return robot_state_from_message(message, host_stamp_ns)
 
 
-def robot_state_from_message(
-    message: robot_state_pb2.RobotStateStreamResponse, host_stamp_ns: int
-) -> RobotState:
+def robot_state_from_message(message: robot_state_pb2.RobotStateStreamResponse, host_stamp_ns: int) -> RobotState:
     """Convert a RobotStateStreamResponse; the seven arm joints, where there are any, are left out.
 
     The state's stamp is the joints' acquisition stamp. No value is checked here, so NaN passes through.
@@ -84,7 +82,8 @@ def _base_joints(values: object, name: str) -> Array:
     array = np.array(values, dtype=np.float64)
     if array.size not in (N_JOINTS, N_JOINTS_WITH_ARM):
         raise StateMessageError(
-            f"state message has {array.size} joint {name} values; Spot sends {N_JOINTS}, or {N_JOINTS_WITH_ARM} with an arm"
+            f"state message has {array.size} joint {name} values; "
+            f"Spot sends {N_JOINTS}, or {N_JOINTS_WITH_ARM} with an arm"
         )
     return array[:N_JOINTS]
 

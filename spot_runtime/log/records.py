@@ -61,7 +61,8 @@ class CommandRecord(NamedTuple):
     """Stamp of the state that it answers; 0 where it answers none."""
 
 
-class TickRecord(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class TickRecord:
     """One 50 Hz policy tick."""
 
     index: int

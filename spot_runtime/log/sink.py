@@ -138,9 +138,7 @@ class MemorySink:
 
     def health(self) -> SinkHealth:
         """Always well, until closed."""
-        return SinkHealth(
-            is_alive=self.outcome is None, dropped=self.dropped, unwritten=dict.fromkeys(TOPICS, 0)
-        )
+        return SinkHealth(is_alive=self.outcome is None, dropped=self.dropped, unwritten=dict.fromkeys(TOPICS, 0))
 
     def close(self, outcome: str) -> None:
         """Keep the first outcome."""

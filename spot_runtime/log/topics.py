@@ -1,0 +1,70 @@
+"""The log's topics: their names, channel numbers and message types."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final, cast
+
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.Odometry_pb2 import Odometry
+from google.protobuf.descriptor import FileDescriptor
+from google.protobuf.descriptor_pb2 import FileDescriptorSet
+from google.protobuf.message import Message
+
+from spot_protos import log_pb2
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One channel of the file. The numbers are fixed, so a damaged file can still be told apart."""
+
+    channel_id: int
+    name: str
+    message_type: type[Message]
+
+    @property
+    def schema_name(self) -> str:
+        """Full name of the protobuf message."""
+        return str(self.message_type.DESCRIPTOR.full_name)
+
+    def schema_data(self) -> bytes:
+        """Serialised FileDescriptorSet of the message's file and all that it imports."""
+        return _descriptor_set(cast("FileDescriptor", self.message_type.DESCRIPTOR.file))
+
+
+HEADER: Final = Topic(1, "/header", log_pb2.Header)
+STATE: Final = Topic(2, "/state", log_pb2.State)
+COMMAND: Final = Topic(3, "/command", log_pb2.Command)
+TICK: Final = Topic(4, "/tick", log_pb2.Tick)
+SLOW_STATE: Final = Topic(5, "/slow_state", log_pb2.SlowState)
+EVENT: Final = Topic(6, "/event", log_pb2.Event)
+FOOTER: Final = Topic(7, "/footer", log_pb2.Footer)
+OWN_TOPICS: Final = (HEADER, STATE, COMMAND, TICK, SLOW_STATE, EVENT, FOOTER)
+
+JOINT_STATES: Final = Topic(11, "/joint_states", JointStates)
+TRANSFORMS: Final = Topic(12, "/tf", FrameTransforms)
+ODOMETRY: Final = Topic(13, "/odometry", Odometry)
+EVENT_TEXT: Final = Topic(14, "/log", Log)
+VIEWER_TOPICS: Final = (JOINT_STATES, TRANSFORMS, ODOMETRY, EVENT_TEXT)
+"""What Foxglove shows without set-up; nothing of ours reads them back."""
+
+ALL_TOPICS: Final = OWN_TOPICS + VIEWER_TOPICS
+
+
+def _descriptor_set(root: FileDescriptor) -> bytes:
+    files = FileDescriptorSet()
+    for descriptor in _with_dependencies(root, set()):
+        descriptor.CopyToProto(files.file.add())
+    return files.SerializeToString()
+
+
+def _with_dependencies(descriptor: FileDescriptor, seen: set[str]) -> Iterator[FileDescriptor]:
+    if descriptor.name in seen:
+        return
+    seen.add(descriptor.name)
+    for dependency in descriptor.dependencies:
+        yield from _with_dependencies(dependency, seen)
+    yield descriptor
