@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import mujoco
@@ -13,11 +13,24 @@ from mujoco.batch import Batch
 from numpy.typing import ArrayLike, NDArray
 
 from spot_model import facts
-from spot_model.effects.base import CommandEffect, Effect, ModelEffect, Motion, TorqueEffect
+from spot_model.effects.base import (
+    BodyEstimate,
+    CommandEffect,
+    Effect,
+    EstimateEffect,
+    JointReading,
+    ModelEffect,
+    Motion,
+    SensorEffect,
+    SoftwareEffect,
+    TorqueEffect,
+)
 from spot_model.errors import SpotRlError
 from spot_model.mjcf import MjcfOptions, default_height_m, spot_mjcf
 from spot_model.plant_command import CommandChannel, ServoCommand
 from spot_model.plant_fields import PlantFields
+from spot_model.plant_memory import leaves, with_leaves
+from spot_model.plant_sensing import Sensing
 from spot_model.plant_state import PlantState
 from spot_model.plant_torque import TorqueChain
 
@@ -42,11 +55,13 @@ class PlantOptions:
         mjcf: Choices of the MuJoCo model: time step, integrator, contact, terrain.
         n_threads: Threads that step simulations, 0 for all CPUs. The result is bit-identical at any number.
         on_divergence: "raise", or "flag" to leave it at :attr:`Plant.diverged`.
+        seed: Seed of what effects draw: noise, jitter, drops.
     """
 
     mjcf: MjcfOptions = field(default_factory=MjcfOptions)
     n_threads: int = 0
     on_divergence: Literal["raise", "flag"] = "raise"
+    seed: int = 0
 
 
 class Plant(PlantState):
@@ -62,7 +77,7 @@ class Plant(PlantState):
 
     Raises:
         ValueError: An effect's parameter does not fit ``n_sims``.
-        TypeError: An effect acts neither on the model, nor on torque, nor on commands.
+        TypeError: An effect acts at no place that the plant has.
     """
 
     def __init__(self, effects: Sequence[Effect] = (), n_sims: int = 1, options: PlantOptions = PlantOptions()) -> None:
@@ -79,6 +94,8 @@ class Plant(PlantState):
         self.fields.commit()
         self.timestep_s = options.mjcf.timestep_s
         self._n_steps = 0
+        self._rng = np.random.default_rng(options.seed)
+        self._software = [e for e in acting if isinstance(e, SoftwareEffect)]
         self._torques = TorqueChain([e for e in acting if isinstance(e, TorqueEffect)], n_sims)
         rest = np.tile(facts.DEFAULT_POSITION_RAD, (n_sims, 1))
         self._channel = CommandChannel(
@@ -86,13 +103,30 @@ class Plant(PlantState):
             n_sims,
             self.timestep_s,
             ServoCommand(position_rad=rest),
+            self._rng,
         )
+        sensors = [e for e in acting if isinstance(e, SensorEffect)]
+        estimators = [e for e in acting if isinstance(e, EstimateEffect)]
+        self._has_sensing = bool(sensors or estimators)
+        self._sensing = Sensing(sensors, estimators, self.true_reading(), self.true_estimate())
         self.reset()
 
     @property
     def batch(self) -> Batch:
         """The MuJoCo batch beneath, for rendering (``get_model``, ``get_data``), rays or external forces."""
         return self._batch
+
+    # What the robot reports; the truth is in PlantState --------------------------------------------------------------
+
+    @property
+    def reading(self) -> JointReading:
+        """What the joints' sensors report, to the servos too."""
+        return self._reading if self._has_sensing else self.true_reading()
+
+    @property
+    def estimate(self) -> BodyEstimate:
+        """What the state estimator reports."""
+        return self._estimate if self._has_sensing else self.true_estimate()
 
     # Moving ----------------------------------------------------------------------------------------------------------
 
@@ -115,7 +149,10 @@ class Plant(PlantState):
         Raises:
             ValueError: An array does not broadcast to (n_sims, 12).
         """
-        self._channel.issue(command.copied_for(self.n_sims), self._now_s)
+        command = command.copied_for(self.n_sims)
+        for effect in self._software:
+            command = replace(command, position_rad=effect.setpoint_rad(command.position_rad))
+        self._channel.issue(command, self._now_s)
 
     def advance(self, n_substeps: int = 1) -> None:
         """Advance all simulations by physics steps, with the servo law and the torque effects at each.
@@ -126,9 +163,12 @@ class Plant(PlantState):
         for _ in range(n_substeps):
             # Fresh arrays: an effect may keep what it is shown until the next step.
             motion = Motion(self._joint_pos.copy(), self._joint_vel.copy(), self.timestep_s)
-            self._ctrl[...] = self._torques.torque_nm(self._channel.at(self._now_s), motion)
+            believed = self._reading if self._has_sensing else motion
+            self._ctrl[...] = self._torques.torque_nm(self._channel.at(self._now_s), motion, believed)
             self._batch.step()
             self._n_steps += 1
+            if self._has_sensing:
+                self._sense(self.timestep_s)
         if self.options.on_divergence == "raise" and self._warning_counts().any():
             self._raise_divergence()
 
@@ -179,6 +219,9 @@ class Plant(PlantState):
         self._torques.reset(mask)
         self._channel.reset(mask, ServoCommand(position_rad=self._joint_pos.copy()))
         self._batch.forward(rows)
+        if self._has_sensing:
+            self._sensing.reset(mask, self.true_reading(), self.true_estimate())
+            self._sense(0.0)
 
     def snapshot(self) -> dict[str, Any]:
         """Everything that moves, as plain arrays and numbers: physics, commands on their way, effects' memories."""
@@ -187,6 +230,9 @@ class Plant(PlantState):
             "n_steps": self._n_steps,
             "commands": self._channel.snapshot(),
             "memories": self._torques.snapshot(),
+            "sensing": self._sensing.snapshot(),
+            "reported": leaves((self.reading, self.estimate)),
+            "rng": self._rng.bit_generator.state,
         }
 
     def restore(self, snapshot: dict[str, Any]) -> None:
@@ -202,6 +248,9 @@ class Plant(PlantState):
             raise ValueError(f"the snapshot has shape {state.shape}, the plant {self._batch.state.shape}")
         self._torques.restore(snapshot["memories"])
         self._channel.restore(snapshot["commands"])
+        self._sensing.restore(snapshot["sensing"])
+        self._reading, self._estimate = with_leaves((self.reading, self.estimate), snapshot["reported"])
+        self._rng.bit_generator.state = snapshot["rng"]
         self._n_steps = int(snapshot["n_steps"])
         self._batch.state[...] = state
         self._batch.forward()
@@ -209,6 +258,10 @@ class Plant(PlantState):
         self._batch.state[...] = state
 
     # Private ---------------------------------------------------------------------------------------------------------
+
+    def _sense(self, dt_s: float) -> None:
+        self._reading = self._sensing.read(self.true_reading(), dt_s, self._rng)
+        self._estimate = self._sensing.estimate(self.true_estimate(), dt_s, self._rng)
 
     @property
     def _now_s(self) -> float:
@@ -237,6 +290,10 @@ class Plant(PlantState):
         )
 
 
+PLACES = (ModelEffect, TorqueEffect, CommandEffect, SoftwareEffect, SensorEffect, EstimateEffect)
+"""Kinds of effect that the plant has a place for."""
+
+
 def _threads(n_threads: int, n_sims: int) -> int:
     available = len(os.sched_getaffinity(0)) if n_threads == 0 else n_threads
     return min(available, n_sims)
@@ -245,7 +302,7 @@ def _threads(n_threads: int, n_sims: int) -> int:
 def _check_effects(effects: Sequence[Effect], n_sims: int) -> None:
     allowed = ((), (1, 1), (n_sims, 1), (1, facts.N_JOINTS), (n_sims, facts.N_JOINTS))
     for effect in effects:
-        if not isinstance(effect, (ModelEffect, TorqueEffect, CommandEffect)):
+        if not isinstance(effect, PLACES):
             raise TypeError(f"effect {effect.name} acts at {effect.hook.value}; the plant has no such place")
         for name, value in effect.values.items():
             if np.shape(value) not in allowed:

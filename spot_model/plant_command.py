@@ -76,8 +76,16 @@ class CommandChannel:
     was issued earlier. Without effects it takes effect at once.
     """
 
-    def __init__(self, effects: Sequence[CommandEffect], n_sims: int, timestep_s: float, start: ServoCommand) -> None:
+    def __init__(
+        self,
+        effects: Sequence[CommandEffect],
+        n_sims: int,
+        timestep_s: float,
+        start: ServoCommand,
+        rng: np.random.Generator,
+    ) -> None:
         self._effects = tuple(effects)
+        self._rng = rng
         self._n_sims = n_sims
         # Times are sums of steps, so a step may start a rounding error before the arrival that it meets.
         self._tolerance_s = 1e-6 * timestep_s
@@ -92,7 +100,7 @@ class CommandChannel:
             return
         arrival = np.full(self._n_sims, now_s)
         for effect in self._effects:
-            arrival = np.broadcast_to(effect.arrival_s(arrival), (self._n_sims,))
+            arrival = np.broadcast_to(effect.arrival_s(arrival, self._rng), (self._n_sims,))
         arrival = np.maximum(arrival, self._latest_s)
         self._latest_s = np.where(np.isfinite(arrival), arrival, self._latest_s)
         self._pending.append(_Pending(command, arrival))

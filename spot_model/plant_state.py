@@ -8,6 +8,7 @@ from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from spot_model import facts
+from spot_model.effects.base import BodyEstimate, JointReading
 from spot_model.facts import Array
 from spot_model.leg_kinematics import foot_position_and_jacobian, foot_position_in_body_m
 from spot_model.plant_fields import FIRST_JOINT_COORDINATE, FIRST_JOINT_DOF
@@ -84,6 +85,20 @@ class PlantState:
             raise ValueError("this plant has no link-side torque; build it with MjcfOptions(link_torque_sensors=True)")
         torque: Array = self._link_torques[:, np.arange(facts.N_JOINTS), _TORQUE_AXIS]
         return torque
+
+    def true_reading(self) -> JointReading:
+        """What perfect sensors of the joints would report; the load is the link's torque where the model has it."""
+        load = self.link_torque_nm if self._has_link_torque else self._ctrl.copy()
+        return JointReading(self._joint_pos.copy(), self._joint_vel.copy(), load)
+
+    def true_estimate(self) -> BodyEstimate:
+        """What a perfect state estimator would report."""
+        return BodyEstimate(
+            linear_vel_of_body_in_body_m_s=self.linear_vel_of_body_in_body_m_s,
+            angular_vel_of_body_in_body_rad_s=self._qvel[:, 3:6].copy(),
+            world_from_body_wxyz=self._qpos[:, 3:7].copy(),
+            foot_contact=self.foot_contact.astype(np.float64),
+        )
 
     # Body ------------------------------------------------------------------------------------------------------------
 

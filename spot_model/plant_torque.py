@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from spot_model import facts
 from spot_model.control import pd_torque
-from spot_model.effects.base import Memory, Motion, TorqueEffect
+from spot_model.effects.base import JointReading, Memory, Motion, TorqueEffect
 from spot_model.facts import Array
 from spot_model.plant_command import ServoCommand
 from spot_model.plant_memory import leaves, restarted, with_leaves
@@ -25,11 +25,20 @@ class TorqueChain:
         self._masks = tuple(None if effect.mask.all() else effect.mask for effect in self._effects)
         self._memory: list[Memory] = [effect.start(self._still) for effect in self._effects]
 
-    def torque_nm(self, command: ServoCommand, motion: Motion) -> Array:
-        """Motor torque at this physics step, shape (n_sims, 12), N·m; moves the effects' memories on by one step."""
+    def torque_nm(self, command: ServoCommand, motion: Motion, reading: JointReading | Motion) -> Array:
+        """Motor torque at this physics step; moves the effects' memories on by one step.
+
+        Args:
+            command: What the servos are told.
+            motion: How the joints move.
+            reading: What the servos believe of it, from the joints' sensors.
+
+        Returns:
+            Shape (n_sims, 12), N·m.
+        """
         torque = pd_torque(
-            position_rad=motion.position_rad,
-            velocity_rad_s=motion.velocity_rad_s,
+            position_rad=reading.position_rad,
+            velocity_rad_s=reading.velocity_rad_s,
             setpoint_position_rad=command.position_rad,
             setpoint_velocity_rad_s=command.velocity_rad_s,
             feedforward_nm=command.load_nm,

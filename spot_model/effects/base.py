@@ -37,8 +37,14 @@ class Hook(enum.Enum):
     """Fields of the physics model, once, before the first step."""
     TORQUE = "torque"
     """The motor torque, at every physics step."""
+    SOFTWARE = "software"
+    """What the program sends in place of the set-point that it should."""
     COMMAND = "command"
     """The way of a set-point from the policy to the servo."""
+    SENSOR = "sensor"
+    """What the joints' sensors report: to the servo, the log and the policy."""
+    ESTIMATE = "estimate"
+    """What the state estimator reports of the body: to the log and the policy."""
 
 
 @dataclass(frozen=True)
@@ -193,11 +199,83 @@ class CommandEffect(Effect):
     hook: ClassVar[Hook] = Hook.COMMAND
 
     @abstractmethod
-    def arrival_s(self, issued_s: AnyArray) -> AnyArray:
+    def arrival_s(self, issued_s: AnyArray, rng: np.random.Generator) -> AnyArray:
         """When a command takes effect that was issued at ``issued_s``, shape (n,), s; infinity if it is lost.
 
         The channel keeps order by itself: no command takes effect before one that was issued earlier.
         """
+
+
+class SoftwareEffect(Effect):
+    """An effect of the program that drives the robot."""
+
+    hook: ClassVar[Hook] = Hook.SOFTWARE
+
+    @abstractmethod
+    def setpoint_rad(self, position_rad: AnyArray) -> AnyArray:
+        """What is sent in place of the position set-points, shape (n, 12), canonical order, rad."""
+
+
+@dataclass(frozen=True)
+class JointReading:
+    """What the joints' sensors report, each of shape (n, 12)."""
+
+    position_rad: AnyArray
+    velocity_rad_s: AnyArray
+    load_nm: AnyArray
+
+
+class SensorEffect(Effect):
+    """An effect on the joints' sensors."""
+
+    hook: ClassVar[Hook] = Hook.SENSOR
+
+    def start(self, reading: JointReading) -> Memory:
+        """Memory before the first reading."""
+        return None
+
+    @abstractmethod
+    def read(
+        self, reading: JointReading, dt_s: float, memory: Memory, rng: np.random.Generator
+    ) -> tuple[JointReading, Memory]:
+        """The reading that comes out, for all twelve joints, and the new memory. Call on :meth:`arrays_like` effects.
+
+        Args:
+            reading: What would be read without the effect, at this instant.
+            dt_s: Time since the reading before.
+            memory: From :meth:`start` or the reading before.
+            rng: For effects that draw.
+        """
+
+
+@dataclass(frozen=True)
+class BodyEstimate:
+    """What the state estimator reports."""
+
+    linear_vel_of_body_in_body_m_s: AnyArray
+    """Shape (n, 3)."""
+    angular_vel_of_body_in_body_rad_s: AnyArray
+    """Shape (n, 3)."""
+    world_from_body_wxyz: AnyArray
+    """Shape (n, 4)."""
+    foot_contact: AnyArray
+    """Shape (n, 4), 1 where a foot is said to touch the ground, else 0; floating point."""
+
+
+class EstimateEffect(Effect):
+    """An effect on the state estimator."""
+
+    hook: ClassVar[Hook] = Hook.ESTIMATE
+
+    def start(self, estimate: BodyEstimate) -> Memory:
+        """Memory before the first estimate."""
+        return None
+
+    @abstractmethod
+    def estimate(
+        self, estimate: BodyEstimate, dt_s: float, memory: Memory, rng: np.random.Generator
+    ) -> tuple[BodyEstimate, Memory]:
+        """The estimate that comes out and the new memory; arguments as in :meth:`SensorEffect.read`."""
 
 
 def per_sim(value: Any) -> Any:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+import numpy as np
+
 from spot_model.effects.base import CommandEffect, parameter, per_sim
 from spot_model.rotation import AnyArray
 
@@ -20,6 +22,6 @@ class CommandDelay(CommandEffect):
 
     delay_s: Any = parameter(null=0.0, low=0.0, high=0.2, unit="s", source="the paper: 5 ms")
 
-    def arrival_s(self, issued_s: AnyArray) -> AnyArray:
+    def arrival_s(self, issued_s: AnyArray, rng: np.random.Generator) -> AnyArray:
         """Issue time plus delay."""
         return issued_s + per_sim(self.delay_s)

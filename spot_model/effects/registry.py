@@ -6,6 +6,7 @@ import pkgutil
 from importlib.metadata import entry_points
 from typing import Any
 
+from spot_model.effects.action_scale import ActionScale
 from spot_model.effects.armature import Armature
 from spot_model.effects.backlash import Backlash
 from spot_model.effects.base import Effect
@@ -13,15 +14,25 @@ from spot_model.effects.body_inertia import BodyInertia
 from spot_model.effects.bus_sag import BusSag
 from spot_model.effects.com_offset import ComOffset
 from spot_model.effects.command_delay import CommandDelay
+from spot_model.effects.command_drop import CommandDrop
+from spot_model.effects.command_jitter import CommandJitter
+from spot_model.effects.contact_delay import ContactDelay
 from spot_model.effects.coulomb_friction import CoulombFriction
+from spot_model.effects.default_pose import DefaultPose
+from spot_model.effects.encoder_offset import EncoderOffset
 from spot_model.effects.foot_radius import FootRadius
 from spot_model.effects.ground_compliance import GroundCompliance
 from spot_model.effects.ground_friction import GroundFriction
+from spot_model.effects.imu_tilt import ImuTilt
+from spot_model.effects.joint_compliance import JointCompliance
+from spot_model.effects.joint_swap import JointSwap
 from spot_model.effects.leg_mass import LegMass
 from spot_model.effects.load_friction import LoadFriction
+from spot_model.effects.load_sensor_gain import LoadSensorGain
 from spot_model.effects.payload_mass import PayloadMass
 from spot_model.effects.position_torque_limit import PositionTorqueLimit
 from spot_model.effects.power_limit import PowerLimit
+from spot_model.effects.sensor_noise import SensorNoise
 from spot_model.effects.stribeck_friction import StribeckFriction
 from spot_model.effects.thermal_derating import ThermalDerating
 from spot_model.effects.torque_bandwidth import TorqueBandwidth
@@ -29,6 +40,8 @@ from spot_model.effects.torque_gain import TorqueGain
 from spot_model.effects.torque_limit import TorqueLimit
 from spot_model.effects.torque_ripple import TorqueRipple
 from spot_model.effects.torque_speed_curve import TorqueSpeedCurve
+from spot_model.effects.velocity_estimate import VelocityEstimate
+from spot_model.effects.velocity_filter import VelocityFilter
 from spot_model.effects.viscous_friction import ViscousFriction
 from spot_model.errors import BadInputError
 
@@ -60,6 +73,19 @@ BUILT_IN: dict[str, type[Effect]] = {
         FootRadius,
         GroundFriction,
         GroundCompliance,
+        CommandJitter,
+        CommandDrop,
+        EncoderOffset,
+        JointCompliance,
+        SensorNoise,
+        VelocityFilter,
+        LoadSensorGain,
+        VelocityEstimate,
+        ImuTilt,
+        ContactDelay,
+        ActionScale,
+        DefaultPose,
+        JointSwap,
     )
 }
 

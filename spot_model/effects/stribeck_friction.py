@@ -10,7 +10,7 @@ from array_api_compat import array_namespace
 from spot_model.effects.base import Memory, Motion, TorqueEffect, parameter
 from spot_model.rotation import AnyArray
 
-STICK_SPEED_RAD_S = 0.05
+STICK_SPEED_RAD_S = 0.1
 """Below this speed the sign of the velocity is smoothed, so that a still joint is not shaken."""
 
 

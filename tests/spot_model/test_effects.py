@@ -8,23 +8,45 @@ import numpy as np
 import pytest
 
 from spot_model import facts
+from spot_model.effects.action_scale import ActionScale
 from spot_model.effects.armature import Armature
 from spot_model.effects.backlash import Backlash
-from spot_model.effects.base import Effect, Hook, Motion, TorqueEffect
+from spot_model.effects.base import (
+    BodyEstimate,
+    CommandEffect,
+    Effect,
+    EstimateEffect,
+    Hook,
+    JointReading,
+    Motion,
+    SensorEffect,
+    SoftwareEffect,
+    TorqueEffect,
+)
 from spot_model.effects.body_inertia import BodyInertia
 from spot_model.effects.bus_sag import BusSag
 from spot_model.effects.com_offset import ComOffset
 from spot_model.effects.command_delay import CommandDelay
+from spot_model.effects.command_drop import CommandDrop
+from spot_model.effects.command_jitter import CommandJitter
+from spot_model.effects.contact_delay import ContactDelay
 from spot_model.effects.coulomb_friction import CoulombFriction
+from spot_model.effects.default_pose import DefaultPose
+from spot_model.effects.encoder_offset import EncoderOffset
 from spot_model.effects.foot_radius import FootRadius
 from spot_model.effects.ground_compliance import GroundCompliance
 from spot_model.effects.ground_friction import GroundFriction
+from spot_model.effects.imu_tilt import ImuTilt
+from spot_model.effects.joint_compliance import JointCompliance
+from spot_model.effects.joint_swap import JointSwap
 from spot_model.effects.leg_mass import LegMass
 from spot_model.effects.load_friction import LoadFriction
+from spot_model.effects.load_sensor_gain import LoadSensorGain
 from spot_model.effects.payload_mass import PayloadMass
 from spot_model.effects.position_torque_limit import PositionTorqueLimit
 from spot_model.effects.power_limit import PowerLimit
 from spot_model.effects.registry import BUILT_IN, effect_class, make_effect
+from spot_model.effects.sensor_noise import SensorNoise
 from spot_model.effects.stribeck_friction import StribeckFriction
 from spot_model.effects.thermal_derating import ThermalDerating
 from spot_model.effects.torque_bandwidth import TorqueBandwidth
@@ -32,6 +54,8 @@ from spot_model.effects.torque_gain import TorqueGain
 from spot_model.effects.torque_limit import TorqueLimit
 from spot_model.effects.torque_ripple import TorqueRipple
 from spot_model.effects.torque_speed_curve import TorqueSpeedCurve
+from spot_model.effects.velocity_estimate import VelocityEstimate
+from spot_model.effects.velocity_filter import VelocityFilter
 from spot_model.effects.viscous_friction import ViscousFriction
 from spot_model.errors import BadInputError
 from spot_model.knee_table import KNEE_TABLE_POSITION_RAD, KNEE_TABLE_TORQUE_NM
@@ -102,13 +126,66 @@ def outcome(effect: Effect) -> np.ndarray:
         fields = Fields()
         effect.edit(fields)
         return fields.flat()
-    return effect.arrival_s(np.linspace(0.0, 1.0, 5))
+    if isinstance(effect, CommandEffect):
+        return effect.arrival_s(np.linspace(0.0, 1.0, 50), np.random.default_rng(5))
+    if isinstance(effect, SoftwareEffect):
+        return effect.setpoint_rad(random_joints()[1].position_rad)
+    if isinstance(effect, SensorEffect):
+        return read_over_steps(effect)
+    assert isinstance(effect, EstimateEffect)
+    return estimate_over_steps(effect)
+
+
+def readings() -> list[JointReading]:
+    rng = np.random.default_rng(3)
+    return [JointReading(*(rng.normal(0.0, scale, (4, 12)) for scale in (1.0, 5.0, 30.0))) for _ in range(30)]
+
+
+def estimates() -> list[BodyEstimate]:
+    rng = np.random.default_rng(4)
+    out = []
+    for _ in range(30):
+        attitude = rng.normal(size=(4, 4))
+        attitude /= np.linalg.norm(attitude, axis=1, keepdims=True)
+        out.append(
+            BodyEstimate(
+                rng.normal(size=(4, 3)), rng.normal(size=(4, 3)), attitude, np.float64(rng.random((4, 4)) < 0.8)
+            )
+        )
+    return out
+
+
+def stacked(records: list) -> np.ndarray:
+    return np.concatenate([getattr(r, f.name).ravel() for r in records for f in dataclasses.fields(r)])
+
+
+def read_over_steps(effect: SensorEffect) -> np.ndarray:
+    truth, rng, out = readings(), np.random.default_rng(5), []
+    effect = effect.arrays_like(truth[0].position_rad)
+    memory = effect.start(truth[0])
+    for reading in truth:
+        reported, memory = effect.read(reading, 0.005, memory, rng)
+        out.append(reported)
+    return stacked(out)
+
+
+def estimate_over_steps(effect: EstimateEffect) -> np.ndarray:
+    truth, rng, out = estimates(), np.random.default_rng(5), []
+    effect = effect.arrays_like(truth[0].world_from_body_wxyz)
+    memory = effect.start(truth[0])
+    for estimate in truth:
+        reported, memory = effect.estimate(estimate, 0.005, memory, rng)
+        out.append(reported)
+    return stacked(out)
 
 
 NULL_INPUT = {
     Hook.TORQUE: lambda: np.concatenate([random_joints()[0]] * N_STEPS),
     Hook.MODEL: lambda: Fields().flat(),
-    Hook.COMMAND: lambda: np.linspace(0.0, 1.0, 5),
+    Hook.COMMAND: lambda: np.linspace(0.0, 1.0, 50),
+    Hook.SOFTWARE: lambda: random_joints()[1].position_rad,
+    Hook.SENSOR: lambda: stacked(readings()),
+    Hook.ESTIMATE: lambda: stacked(estimates()),
 }
 
 ACTIVE = (
@@ -135,6 +212,19 @@ ACTIVE = (
     FootRadius(change_m=0.003),
     GroundFriction(scale=0.5),
     GroundCompliance(time_constant_s=0.01),
+    CommandJitter(mean_s=0.002),
+    CommandDrop(probability=0.3),
+    EncoderOffset(offset_rad=0.02),
+    JointCompliance(compliance_rad_per_nm=0.001),
+    SensorNoise(position_rad=0.001, velocity_rad_s=0.05, load_nm=0.5),
+    VelocityFilter(time_constant_s=0.005),
+    LoadSensorGain(gain=0.95, bias_nm=0.5),
+    VelocityEstimate(scale=0.95, bias_x_m_s=0.05, bias_y_m_s=0.02, lag_s=0.02),
+    ImuTilt(roll_rad=0.02, pitch_rad=0.03),
+    ContactDelay(delay_s=0.02),
+    ActionScale(scale=1.25),
+    DefaultPose(offset_rad=0.1),
+    JointSwap(share=1.0),
 )
 
 
@@ -230,6 +320,20 @@ def test_torch_gives_what_numpy_gives(effect: TorqueEffect):
     np.testing.assert_allclose(np.concatenate(outs), outcome(effect), rtol=1e-11, atol=1e-11)
 
 
+def test_a_flag_comes_late_by_the_delay():
+    touch = [
+        BodyEstimate(np.zeros((1, 3)), np.zeros((1, 3)), np.eye(4)[:1], np.full((1, 4), float(k >= 10)))
+        for k in range(30)
+    ]
+    effect = ContactDelay(delay_s=0.02).arrays_like(np.zeros((1, 12)))
+    memory, flags = effect.start(touch[0]), []
+    for estimate in touch:
+        reported, memory = effect.estimate(estimate, 0.005, memory, np.random.default_rng(0))
+        flags.append(reported.foot_contact[0, 0])
+    # Made at the tenth instant of 5 ms, reported 20 ms later.
+    assert flags.index(1.0) == 14
+
+
 def test_a_payload_moves_the_centre_of_mass_by_hand():
     fields = Fields()
     fields["body_mass"][:, 1], fields["body_ipos"][:, 1], fields["body_inertia"][:, 1] = 6.0, 0.0, 1.0
@@ -266,7 +370,9 @@ def test_backlash_holds_the_torque_back_for_the_time_the_rotor_needs():
 
 
 def test_delay_shifts_the_arrival():
-    np.testing.assert_array_equal(CommandDelay(delay_s=0.005).arrival_s(np.array([0.0, 0.02])), [0.005, 0.025])
+    np.testing.assert_array_equal(
+        CommandDelay(delay_s=0.005).arrival_s(np.array([0.0, 0.02]), np.random.default_rng(0)), [0.005, 0.025]
+    )
 
 
 @pytest.mark.parametrize(

@@ -24,14 +24,14 @@ class Schedule(CommandEffect):
     delay_s: Any = parameter(null=0.0, low=0.0, high=1.0, unit="s", source="test")
     delays_s: dict[float, tuple[float, ...]] = dataclasses.field(default_factory=dict)
 
-    def arrival_s(self, issued_s: np.ndarray) -> np.ndarray:
+    def arrival_s(self, issued_s: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         delays: np.ndarray = np.array(self.delays_s[float(issued_s[0])])
         arrival: np.ndarray = issued_s + delays
         return arrival
 
 
 def channel(n_sims: int, *effects: CommandEffect) -> CommandChannel:
-    return CommandChannel(effects, n_sims, DT, at(n_sims, -1.0))
+    return CommandChannel(effects, n_sims, DT, at(n_sims, -1.0), np.random.default_rng(0))
 
 
 def at(n_sims: int, value: float, **more: Any) -> ServoCommand:
