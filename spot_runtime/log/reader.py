@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 import numpy as np
 from google.protobuf.message import DecodeError, Message
@@ -20,6 +21,8 @@ from spot_runtime.log.run import CommandTable, ImuTable, Run, RunFooter, SlowTab
 from spot_runtime.log.run_writer import HEADER_ATTACHMENT
 from spot_runtime.log.topics import COMMAND, EVENT, FOOTER, HEADER, SLOW_STATE, STATE, TICK, Topic
 
+RECOVERED: Final = "recovered: "
+"""How the outcome of a recovered log begins."""
 _SEVERITIES: Final = frozenset(int(severity) for severity in Severity)
 M = TypeVar("M", bound=Message)
 
@@ -87,14 +90,22 @@ def run_of(path: Path, header: RunHeader, scan: Scan) -> Run:
         slow_states=_slow_table(slow_states, joints),
         events=tuple(_event(message) for message in events),
         footer=_footer(footers[-1]) if footers else None,
-        damage=_damage_text(scan, has_footer=bool(footers)),
+        damage=_damage_text(scan, footers[-1] if footers else None),
     )
 
 
-def _damage_text(scan: Scan, *, has_footer: bool) -> tuple[str, ...]:
+def _damage_text(scan: Scan, footer: log_pb2.Footer | None) -> tuple[str, ...]:
     lost = [f"lost for certain: {count} of {topic}" for topic, count in sorted(scan.lost.items())]
-    cut = [] if has_footer else ["the log has no footer: it was not closed, and its last half second may be missing"]
-    return (*scan.damage, *lost, *cut)
+    if footer is None:
+        lost.append("the log has no footer: it was not closed, and its last half second may be missing")
+        return (*scan.damage, *lost)
+    counts = Counter(message.topic[1:] for message in scan.messages)
+    for topic, written in sorted(footer.messages.items()):
+        if counts[topic] < written and not scan.damage:
+            lost.append(f"{written} of {topic} were written, {counts[topic]} are here")
+    if footer.outcome.startswith(RECOVERED):
+        lost.append(f"this log was {footer.outcome}")
+    return (*scan.damage, *lost)
 
 
 def _parse(path: Path, topics: dict[str, list[RawMessage]], topic: Topic, kind: type[M]) -> tuple[list[M], list[int]]:

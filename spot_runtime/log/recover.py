@@ -1,0 +1,180 @@
+"""Make a whole log of a cut or damaged one, check the result, and say what is lost."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+
+from spot_protos import log_pb2
+from spot_runtime.log.errors import LogError, LogReadError, MissingHeaderError, NotAnMcapError
+from spot_runtime.log.mcap_file import CHUNK_BYTES, McapFile
+from spot_runtime.log.mcap_scan import RawMessage, Scan, scan_mcap
+from spot_runtime.log.reader import RECOVERED, header_of, read_run
+from spot_runtime.log.run_writer import ACTIVE_SUFFIX, HEADER_ATTACHMENT, active_path, check_can_start
+from spot_runtime.log.topics import ALL_TOPICS, FOOTER, HEADER, OWN_TOPICS
+
+_CHANNELS = {topic.name: topic.channel_id for topic in ALL_TOPICS}
+
+
+@dataclass(frozen=True)
+class Recovery:
+    """What came of one recovery."""
+
+    source: Path
+    result: Path
+    kept: dict[str, int]
+    """Messages in the result by topic."""
+    damage: tuple[str, ...]
+    """What could not be read; empty where the source was whole."""
+
+
+def recover_log(source: Path, result: Path) -> Recovery:
+    """Copy every readable message of ``source`` to the new log ``result``.
+
+    Raises:
+        LogReadError: There is nothing to recover: no MCAP file, or no header.
+        LogExistsError: ``result`` exists.
+        LogError: The result does not hold what was read; it is removed.
+        OSError: A file cannot be read or written.
+    """
+    check_can_start(result)
+    data = source.read_bytes()
+    scan = scan_mcap(data)
+    if not scan.is_mcap:
+        raise NotAnMcapError(source, len(data))
+    header_of(source, scan)
+    messages = _messages_to_keep(source, scan)
+    _write(result, messages)
+    try:
+        _verify(active_path(result), messages)
+    except LogError:
+        active_path(result).unlink()
+        raise
+    os.link(active_path(result), result)
+    active_path(result).unlink()
+    counts = Counter(message.topic[1:] for message in messages)
+    kept = {topic.name[1:]: counts[topic.name[1:]] for topic in OWN_TOPICS}
+    return Recovery(source, result, kept, _damage(scan))
+
+
+def recover_leftovers(directory: Path) -> list[Recovery]:
+    """Recover every log in ``directory`` that a crash has left ``.active``; one that is being written is left alone.
+
+    A leftover that was only cut is removed after its recovery; one that is damaged inside is kept as ``.damaged``.
+    A leftover that holds nothing to recover keeps its name.
+
+    Raises:
+        OSError: The directory cannot be read, or a result cannot be written.
+    """
+    recovered = []
+    for leftover in sorted(directory.glob(f"*{ACTIVE_SUFFIX}")):
+        result = _free_name(leftover.with_name(leftover.name.removesuffix(ACTIVE_SUFFIX)))
+        aside = leftover.with_name(leftover.name.removesuffix(ACTIVE_SUFFIX) + ".damaged")
+        if _is_locked(leftover) or aside.exists():
+            continue
+        # The name in the making is the leftover's own, so move that away first.
+        leftover.rename(aside)
+        try:
+            recovery = recover_log(aside, result)
+        except (LogReadError, LogError, OSError):
+            aside.rename(leftover)
+            continue
+        if len(recovery.damage) <= 1:
+            aside.unlink()
+        recovered.append(recovery)
+    return recovered
+
+
+def _free_name(path: Path) -> Path:
+    number, name = 1, path
+    while name.exists():
+        name, number = path.with_name(f"{path.stem}.recovered-{number}{path.suffix}"), number + 1
+    return name
+
+
+def _is_locked(path: Path) -> bool:
+    fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        fcntl.flock(fd, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    finally:
+        os.close(fd)
+    return False
+
+
+def _damage(scan: Scan) -> tuple[str, ...]:
+    return (*scan.damage, *(f"lost for certain: {count} of {topic}" for topic, count in sorted(scan.lost.items())))
+
+
+def _messages_to_keep(source: Path, scan: Scan) -> list[RawMessage]:
+    messages = [message for message in scan.messages if message.topic in _CHANNELS]
+    if not any(message.topic == HEADER.name for message in messages):
+        copy = scan.attachments.get(HEADER_ATTACHMENT)
+        if copy is None:
+            raise MissingHeaderError(source, sorted(scan.by_topic()))
+        started_ns = log_pb2.Header.FromString(copy).started_host_stamp_ns
+        messages.insert(0, RawMessage(HEADER.name, HEADER.schema_name, 0, started_ns, started_ns, copy))
+    if not any(message.topic == FOOTER.name for message in messages):
+        messages.append(_footer(messages, scan))
+    return messages
+
+
+def _footer(messages: list[RawMessage], scan: Scan) -> RawMessage:
+    counts = Counter(message.topic[1:] for message in messages)
+    own = {topic.name[1:]: counts[topic.name[1:]] for topic in OWN_TOPICS if topic not in (HEADER, FOOTER)}
+    last_ns = max(message.log_ns for message in messages)
+    footer = log_pb2.Footer(
+        host_stamp_ns=last_ns,
+        messages=own,
+        dropped=_gaps(messages),
+        outcome=RECOVERED + "; ".join(scan.damage or ["the log was not closed"]),
+    )
+    return RawMessage(FOOTER.name, FOOTER.schema_name, 0, last_ns, last_ns, footer.SerializeToString())
+
+
+def _gaps(messages: list[RawMessage]) -> dict[str, int]:
+    """Messages missing between the first number of a topic, 0, and its highest."""
+    own = [message for message in messages if message.topic in {topic.name for topic in OWN_TOPICS}]
+    highest: dict[str, int] = {}
+    for message in own:
+        highest[message.topic[1:]] = max(highest.get(message.topic[1:], 0), message.sequence + 1)
+    counts = Counter(message.topic[1:] for message in own)
+    return {name: highest[name] - counts[name] for name in sorted(highest) if name not in ("header", "footer")}
+
+
+def _write(result: Path, messages: list[RawMessage]) -> None:
+    file = McapFile(active_path(result), ALL_TOPICS)
+    header = next(message for message in messages if message.topic == HEADER.name)
+    try:
+        file.attach(HEADER_ATTACHMENT, "application/x-protobuf", header.data, header.log_ns)
+        for message in messages:
+            file.add(
+                _CHANNELS[message.topic],
+                message.data,
+                log_ns=message.log_ns,
+                publish_ns=message.publish_ns,
+                sequence=message.sequence,
+            )
+            if file.buffered_bytes >= CHUNK_BYTES:
+                file.flush()
+        file.finish()
+    except OSError:
+        file.close()
+        active_path(result).unlink()
+        raise
+
+
+def _verify(path: Path, messages: list[RawMessage]) -> None:
+    """Read the result again: it must hold the same messages, and be a log.
+
+    Raises:
+        LogError: It does not.
+    """
+    scan = scan_mcap(path.read_bytes())
+    if scan.damage or [m[2:] for m in scan.messages] != [m[2:] for m in messages]:
+        raise LogError(f"{path}: the recovered log does not hold what was written; check the disk and try again")
+    read_run(path)

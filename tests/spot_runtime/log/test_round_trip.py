@@ -1,0 +1,231 @@
+"""What goes into a log comes out of it, through our reader and through MCAP's own."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+
+from spot_model.facts import JOINT_NAMES
+from spot_model.state import ImuPacket, RobotState
+from spot_runtime.log import codec, read_run
+from spot_runtime.log.errors import DiskSpaceError, LogExistsError
+from spot_runtime.log.run_writer import RunWriter, active_path
+from spot_runtime.vendor_state import robot_state_from_wire
+
+TOPICS = ("state", "command", "tick", "slow_state", "event")
+
+
+def test_header_and_footer(synthetic_run, synthetic_log):
+    run = read_run(synthetic_log)
+    assert run.header == synthetic_run().header
+    assert run.footer is not None
+    assert run.footer.outcome == run.outcome == "completed"
+    assert run.footer.messages == {"state": 667, "command": 100, "tick": 100, "slow_state": 10, "event": 3}
+    assert not run.truncated
+    assert run.duration_s == pytest.approx(666 * 0.003)
+
+
+def test_every_state(synthetic_run, synthetic_log):
+    expected = synthetic_run()
+    states = read_run(synthetic_log).states
+    assert len(states) == expected.n_states
+    assert states.sequence.tolist() == list(range(expected.n_states))
+    for i in (0, 1, 333, 666):
+        one = robot_state_from_wire(expected.message(i).SerializeToString(), expected.received_ns(i))
+        assert states.robot_stamp_ns[i] == one.robot_stamp_ns == expected.robot_ns(i)
+        assert states.host_stamp_ns[i] == one.host_stamp_ns
+        for name in (
+            "position_rad",
+            "velocity_rad_s",
+            "load_nm",
+            "position_of_body_in_odom_m",
+            "odom_from_body_wxyz",
+            "linear_vel_of_body_in_odom_m_s",
+            "angular_vel_of_body_in_odom_rad_s",
+            "foot_contact",
+        ):
+            np.testing.assert_array_equal(getattr(states, name)[i], getattr(one, name), err_msg=name)
+        assert states.last_command_key[i] == one.last_command_key
+        assert states.last_command_robot_stamp_ns[i] == one.last_command_robot_stamp_ns
+    imu = states.imu
+    assert len(imu.robot_stamp_ns) == 3 * expected.n_states
+    assert imu.state_index.tolist() == np.repeat(np.arange(expected.n_states), 3).tolist()
+    assert imu.robot_stamp_ns[5] == expected.robot_ns(1)
+    np.testing.assert_allclose(imu.angular_vel_of_link_in_link_rad_s[:3, 0], [0.0, 0.1, 0.2])
+    np.testing.assert_allclose(imu.acceleration_of_imu_in_link_m_s2[7], [0, 0, 9.81])
+    np.testing.assert_array_equal(imu.odom_from_link_wxyz[7], [1, 0, 0, 0])
+
+
+def test_every_command(synthetic_run, synthetic_log):
+    expected = synthetic_run()
+    commands = read_run(synthetic_log).commands
+    for k, state in enumerate(expected.tick_states):
+        record = expected.command(k, state)
+        assert commands.key[k] == record.command.key
+        assert commands.host_stamp_ns[k] == record.host_stamp_ns
+        assert commands.robot_stamp_ns[k] == record.robot_stamp_ns
+        assert commands.state_robot_stamp_ns[k] == record.state_robot_stamp_ns
+        assert commands.end_robot_stamp_ns[k] == record.command.end_robot_stamp_ns
+        np.testing.assert_array_equal(commands.requested_position_rad[k], record.requested_position_rad)
+        np.testing.assert_array_equal(commands.position_rad[k], record.command.position_rad)
+        np.testing.assert_array_equal(commands.velocity_rad_s[k], np.zeros(12))
+        np.testing.assert_array_equal(commands.load_nm[k], np.zeros(12))
+        np.testing.assert_array_equal(commands.kp_nm_per_rad[k], np.full(12, 60.0))
+        np.testing.assert_array_equal(commands.kd_nm_s_per_rad[k], np.full(12, 1.5))
+
+
+def test_every_tick(synthetic_run, synthetic_log):
+    expected = synthetic_run()
+    ticks = read_run(synthetic_log).ticks
+    for k, state in enumerate(expected.tick_states):
+        record = expected.tick(k, state)
+        for name in ("index", "robot_stamp_ns", "host_stamp_ns", "state_age_s", "inference_s", "compute_s", "skipped"):
+            assert getattr(ticks, name)[k] == getattr(record, name), name
+        assert (ticks.mode[k], ticks.command_key[k]) == (record.mode, record.command_key)
+        np.testing.assert_array_equal(ticks.observation[k], record.observation)
+        np.testing.assert_array_equal(ticks.action[k], record.action)
+        np.testing.assert_array_equal(ticks.velocity_command[k], record.velocity_command)
+
+
+def test_every_slow_state_and_event(synthetic_run, synthetic_log):
+    expected = synthetic_run()
+    run = read_run(synthetic_log)
+    slow = run.slow_states
+    for j in range(len(slow)):
+        record = expected.slow_state(j)
+        assert slow.robot_stamp_ns[j] == record.robot_stamp_ns
+        assert slow.battery_charge_percent[j] == record.battery_charge_percent
+        assert slow.battery_voltage_v[j] == record.battery_voltage_v
+        assert slow.battery_current_a[j] == record.battery_current_a
+        assert slow.battery_temperature_c[j] == record.battery_temperature_c
+        np.testing.assert_array_equal(slow.motor_temperature_c[j], [record.motor_temperature_c[n] for n in JOINT_NAMES])
+        assert slow.behavior_faults[j] == record.behavior_faults
+        assert bool(slow.motors_powered[j])
+        assert not bool(slow.estopped[j])
+    assert run.events == tuple(expected.events)
+
+
+def test_ticks_without_a_policy_are_rows_of_nan(synthetic_run, tmp_path):
+    from dataclasses import replace
+
+    from spot_runtime.log import hand_off
+
+    writer = RunWriter(tmp_path / "run.mcap", synthetic_run().header)
+    tick = synthetic_run().tick(0, 0)
+    empty = np.zeros(0, dtype=np.float32)
+    for number, record in enumerate((tick, replace(tick, mode="standing", observation=empty, action=empty))):
+        writer.add(hand_off.unpack(hand_off.pack_tick(number, record)).message, number)
+    writer.close({}, "completed")
+    ticks = read_run(tmp_path / "run.mcap").ticks
+    assert ticks.mode.tolist() == ["active", "standing"]
+    assert np.isfinite(ticks.action[0]).all()
+    assert np.isnan(ticks.action[1]).all()
+    assert np.isnan(ticks.observation[1]).all()
+
+
+def test_a_decoded_state_is_the_same_as_its_wire_bytes(synthetic_run):
+    from spot_runtime.log import hand_off
+
+    wire = synthetic_run().message(7).SerializeToString()
+    state = robot_state_from_wire(wire, 5)
+    a = hand_off.unpack(hand_off.pack_state_wire(0, wire, 5)).message
+    b = hand_off.unpack(hand_off.pack_state(0, state)).message
+    assert a == b
+
+
+def test_an_arm_is_left_out(synthetic_run):
+    with_arm = robot_state_from_wire(synthetic_run(has_arm=True).message(3).SerializeToString(), 1)
+    without = robot_state_from_wire(synthetic_run().message(3).SerializeToString(), 1)
+    np.testing.assert_array_equal(with_arm.position_rad, without.position_rad)
+
+
+def test_mcaps_own_reader_finds_every_message_with_index_and_check_sums(synthetic_run, synthetic_log):
+    with synthetic_log.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
+        summary = reader.get_summary()
+        assert summary is not None
+        assert summary.statistics is not None
+        counts: Counter[str] = Counter()
+        first = {}
+        for _, channel, message, decoded in reader.iter_decoded_messages():
+            counts[channel.topic] += 1
+            first.setdefault(channel.topic, (message, decoded))
+        attachments = list(reader.iter_attachments())
+    assert counts["/state"] == 667
+    assert (
+        counts["/joint_states"] == counts["/tf"] == counts["/odometry"] == 101
+    )  # the first slot of 20 ms is half full
+    assert sum(counts.values()) == summary.statistics.message_count
+    assert attachments[0].data == codec.header_to_proto(synthetic_run().header).SerializeToString()
+    message, joints = first["/joint_states"]
+    assert [joint.name for joint in joints.joints] == list(JOINT_NAMES)
+    assert joints.joints[4].position == synthetic_run().position_rad(0)[4]
+    # Published when the robot sampled it, by the host's clock; logged when it was received, 1 ms later.
+    assert message.log_time - message.publish_time == 1_000_000
+
+
+def test_the_viewers_odometry_is_in_the_body_frame(tmp_path, synthetic_run):
+    """Yaw of 90°: 1 m/s along odom's y is 1 m/s forward for the body."""
+    half = np.sqrt(0.5)
+    state = RobotState(
+        robot_stamp_ns=20_000_000,
+        host_stamp_ns=21_000_000,
+        position_rad=np.zeros(12),
+        velocity_rad_s=np.zeros(12),
+        load_nm=np.zeros(12),
+        position_of_body_in_odom_m=np.array([1.0, 2.0, 3.0]),
+        odom_from_body_wxyz=np.array([half, 0, 0, half]),
+        linear_vel_of_body_in_odom_m_s=np.array([0.0, 1.0, 0.0]),
+        angular_vel_of_body_in_odom_rad_s=np.array([0.0, 0.0, 0.3]),
+        foot_contact=np.ones(4, dtype=bool),
+        last_command_key=0,
+        last_command_robot_stamp_ns=0,
+        imu=(ImuPacket(20_000_000, np.zeros(3), np.zeros(3), np.array([1.0, 0, 0, 0])),),
+    )
+    writer = RunWriter(tmp_path / "run.mcap", synthetic_run().header)
+    writer.add(codec.state_to_proto(state), 0)
+    writer.close({}, "completed")
+    with (tmp_path / "run.mcap").open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        [(_, _, _, odometry)] = reader.iter_decoded_messages(topics=["/odometry"])
+    assert odometry.linear_velocity.x == pytest.approx(1.0)
+    assert odometry.linear_velocity.y == pytest.approx(0.0)
+    assert odometry.angular_velocity.z == pytest.approx(0.3)
+    assert (odometry.frame_id, odometry.body_frame_id) == ("odom", "body")
+
+
+def test_a_log_is_active_until_closed_and_never_overwritten(synthetic_run, tmp_path):
+    path = tmp_path / "run.mcap"
+    writer = RunWriter(path, synthetic_run().header)
+    assert active_path(path).name == "run.mcap.active"
+    assert active_path(path).exists()
+    assert not path.exists()
+    with pytest.raises(LogExistsError, match=r"run\.mcap\.active exists already; logs are never overwritten"):
+        RunWriter(path, synthetic_run().header)
+    writer.close({}, "completed")
+    assert not active_path(path).exists()
+    before = path.read_bytes()
+    with pytest.raises(LogExistsError, match="choose another name"):
+        RunWriter(path, synthetic_run().header)
+    assert path.read_bytes() == before
+
+
+def test_a_file_that_appears_meanwhile_is_not_overwritten(synthetic_run, tmp_path):
+    path = tmp_path / "run.mcap"
+    writer = RunWriter(path, synthetic_run().header)
+    path.write_text("precious")
+    with pytest.raises(FileExistsError):
+        writer.close({}, "completed")
+    assert path.read_text() == "precious"
+    assert read_run(active_path(path)).outcome == "completed"
+
+
+def test_too_little_room_is_said_with_figures(synthetic_run, tmp_path):
+    with pytest.raises(DiskSpaceError, match=r"MB free; a log needs at least 1000000000000 MB"):
+        RunWriter(tmp_path / "run.mcap", synthetic_run().header, min_free_bytes=10**18)
+    assert not list(Path(tmp_path).iterdir())
