@@ -1,0 +1,148 @@
+"""Run a policy on a robot."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated, Optional
+
+import typer
+
+from spot_model.errors import BadInputError
+from spot_model.policy import Policy, load_policy
+from spot_model.velocity_sequence import load_sequence
+from spot_runtime.clock import HostClock
+from spot_runtime.config import RunConfig, load_config
+from spot_runtime.console import Console
+from spot_runtime.hal.address import parse_address
+from spot_runtime.hal.base import Hal
+from spot_runtime.hal.bosdyn import BosdynHal
+from spot_runtime.hal.lock_step import LockStep
+from spot_runtime.log.logger_process import LoggerProcess
+from spot_runtime.log.sink import LogSink
+from spot_runtime.run import RunRequest, log_file_name
+from spot_runtime.run import run as run_once
+from spot_runtime.sources.base import CommandSource
+from spot_runtime.sources.gamepad import GamepadSource, PygamePad
+from spot_runtime.sources.keyboard import HELP, TerminalKeyboardSource
+from spot_runtime.sources.scripted import ScriptedSource
+
+CA_VARIABLE = "SPOT_RL_CA_FILE"
+
+
+def run(
+    robot: Annotated[str, typer.Option(help="Address: HOST, HOST:PORT or unix:/path.")],
+    policy: Annotated[Path, typer.Option(help="ONNX file with its contract.")],
+    sequence: Annotated[
+        Optional[str], typer.Option(help="Velocity commands: a built-in name or a YAML file.")  # noqa: UP007, UP045
+    ] = None,
+    keyboard: Annotated[bool, typer.Option("--keyboard", help="Velocity commands from the keyboard.")] = False,
+    gamepad: Annotated[bool, typer.Option("--gamepad", help="Velocity commands from a gamepad.")] = False,
+    duration: Annotated[
+        Optional[float], typer.Option(help="End after so many seconds of control; a sequence repeats.")  # noqa: UP007, UP045
+    ] = None,
+    config: Annotated[Optional[Path], typer.Option(help="YAML configuration.")] = None,  # noqa: UP007, UP045
+    ca_file: Annotated[
+        Optional[Path], typer.Option(help=f"Certificate to trust beside the vendor's; also {CA_VARIABLE}.")  # noqa: UP007, UP045
+    ] = None,
+    credentials_file: Annotated[
+        Optional[Path], typer.Option(help="File with user name and password.")  # noqa: UP007, UP045
+    ] = None,
+    log_dir: Annotated[Optional[Path], typer.Option(help="Where the log goes.")] = None,  # noqa: UP007, UP045
+    label: Annotated[Optional[list[str]], typer.Option(help="Label of the log, KEY=VALUE; may repeat.")] = None,  # noqa: UP007, UP045
+    repeat: Annotated[int, typer.Option(min=0, help="Number of this repetition, for the log.")] = 0,
+    lock_step: Annotated[
+        Optional[str], typer.Option(help="Admin address of a fake robot in lock-step mode.")  # noqa: UP007, UP045
+    ] = None,
+    summary_json: Annotated[
+        Optional[Path], typer.Option(help="Also write the summary here, as JSON.")  # noqa: UP007, UP045
+    ] = None,
+) -> None:
+    """Run a policy on a robot: connect, stand, hand over, follow velocity commands, hand back, sit, power off."""
+    settings = resolve_config(config, ca_file=ca_file, credentials_file=credentials_file, log_dir=log_dir)
+    address = parse_address(robot)
+    loaded = load_policy(policy)
+    labels = parse_labels(label or [])
+    console = Console()
+    source = make_source(
+        settings, loaded, console, sequence=sequence, is_keyboard=keyboard, is_gamepad=gamepad, duration_s=duration
+    )
+    directory = settings.log.directory
+    directory.mkdir(parents=True, exist_ok=True)
+    path = directory / log_file_name(loaded.contract.name, source.name, repeat)
+    request = RunRequest(robot, loaded, source, settings, path, repeat, labels)
+
+    def make_hal(sink: LogSink) -> Hal:
+        pace = None if lock_step is None else LockStep(lock_step, HostClock().now_ns())
+        return BosdynHal(address, settings, sink, pace)
+
+    try:
+        summary = run_once(request, make_hal, LoggerProcess.start, console)
+    finally:
+        source.close()
+        console.close()
+    typer.echo(summary.to_text())
+    if summary_json is not None:
+        summary_json.write_text(summary.to_json() + "\n", encoding="utf-8")
+    raise typer.Exit(summary.exit_code)
+
+
+def resolve_config(
+    path: Path | None, *, ca_file: Path | None, credentials_file: Path | None, log_dir: Path | None
+) -> RunConfig:
+    """The configuration of the file, with what the command line and the environment say in its place."""
+    config = RunConfig() if path is None else load_config(path)
+    from_environment = os.environ.get(CA_VARIABLE)
+    ca = ca_file or config.robot.ca_file or (Path(from_environment) if from_environment else None)
+    robot = config.robot.model_copy(
+        update={"ca_file": ca, "credentials_file": credentials_file or config.robot.credentials_file}
+    )
+    log = config.log.model_copy(update={"directory": log_dir or config.log.directory})
+    return config.model_copy(update={"robot": robot, "log": log})
+
+
+def parse_labels(texts: list[str]) -> dict[str, str]:
+    """``KEY=VALUE`` pairs.
+
+    Raises:
+        BadInputError: One is no such pair, or a key comes twice.
+    """
+    labels: dict[str, str] = {}
+    for text in texts:
+        key, equals, value = text.partition("=")
+        if not key or not equals or key in labels:
+            raise BadInputError(f"label {text!r} is not valid; allowed: KEY=VALUE, each key once")
+        labels[key] = value
+    return labels
+
+
+def make_source(
+    config: RunConfig,
+    policy: Policy,
+    console: Console,
+    *,
+    sequence: str | None,
+    is_keyboard: bool,
+    is_gamepad: bool,
+    duration_s: float | None,
+) -> CommandSource:
+    """The one source of velocity commands that was asked for; the standing sequence where none was.
+
+    Raises:
+        BadInputError: More than one was asked for, or the one is not available.
+    """
+    if (sequence is not None) + is_keyboard + is_gamepad > 1:
+        raise BadInputError("--sequence, --keyboard and --gamepad exclude each other; give one")
+    if duration_s is not None and not 0.0 < duration_s <= 86_400.0:
+        raise BadInputError(f"--duration is {duration_s}; allowed: above 0, at most 86400 s")
+    if is_keyboard:
+        console.say(HELP)
+        return TerminalKeyboardSource(config.operator)
+    if is_gamepad:
+        return GamepadSource(config.operator, PygamePad(config.operator.gamepad_index))
+    wanted = load_sequence(sequence or "standing")
+    low, high = policy.contract.velocity_command_low, policy.contract.velocity_command_high
+    clipped = wanted.clipped(low, high)
+    if clipped != wanted:
+        console.say(f"sequence {wanted.name}: commands are cut to the policy's range, {low} to {high}")
+    return ScriptedSource(clipped, duration_s=duration_s)

@@ -1,0 +1,148 @@
+"""The configuration of one run: strict models over YAML, every bound a key, the whole of it in the log's header."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final, Literal
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from spot_model.errors import BadInputError
+from spot_model.validation import explain
+from spot_runtime.safety_limits import SafetyLimits
+
+SCHEMA: Final = "spot-rl/run/1"
+MAX_CONFIG_BYTES: Final = 1024 * 1024
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class RobotConfig(_Part):
+    """How to reach the robot. Passwords never stand here: they come from a file or the environment."""
+
+    ca_file: Path | None = Field(default=None, description="PEM file trusted beside the vendor's own certificate.")
+    credentials_file: Path | None = Field(
+        default=None, description="YAML file with 'username' and 'password', readable by its owner alone."
+    )
+    client_name: str = Field(default="spot-rl", min_length=1, max_length=40)
+    estop: Literal["auto", "own", "external"] = Field(
+        default="auto",
+        description="'external' relies on the endpoint that is there, 'own' replaces it, 'auto' makes an own one only "
+        "where no endpoint answers.",
+    )
+    estop_timeout_s: float = Field(default=9.0, ge=1.0, le=60.0)
+    rpc_timeout_s: float = Field(default=3.0, gt=0.0, le=30.0)
+    power_timeout_s: float = Field(default=20.0, gt=0.0, le=120.0)
+    stand_timeout_s: float = Field(default=10.0, gt=0.0, le=60.0)
+    slow_state_rate_hz: float = Field(default=5.0, gt=0.0, le=20.0)
+    time_sync_period_s: float = Field(default=2.0, ge=0.1, le=60.0)
+
+
+class ControlConfig(_Part):
+    """What every command carries."""
+
+    end_time_ahead_s: float = Field(
+        default=0.05, ge=0.02, le=0.1, description="A command is void this long after it was sent, robot clock."
+    )
+    velocity_safety_limit_rad_s: float = Field(
+        default=40.0, gt=0.0, le=100.0, description="Joint speed above which the robot itself stops."
+    )
+    resend_on_state: bool = Field(
+        default=True, description="Send the current set-points again, with a new end time, on each state message."
+    )
+
+
+class HandoverConfig(_Part):
+    """The way from the vendor's stand to the policy, and back."""
+
+    settle_s: float = Field(default=0.3, ge=0.1, le=10.0, description="Time over which the load is averaged.")
+    activation_timeout_s: float = Field(default=3.0, gt=0.0, le=30.0)
+    ramp_in_s: float = Field(default=2.0, ge=0.1, le=20.0)
+    ramp_out_s: float = Field(default=1.0, ge=0.1, le=20.0)
+    soft_stop_s: float = Field(default=1.0, ge=0.0, le=10.0, description="Time in which the velocity command fades.")
+    soft_stop_settle_s: float = Field(default=0.6, ge=0.0, le=10.0, description="Standing time after it.")
+    damping_s: float = Field(default=1.5, ge=0.1, le=10.0)
+    damping_kd_nm_s_per_rad: float = Field(default=8.0, gt=0.0, le=50.0)
+
+
+class OperatorConfig(_Part):
+    """Keyboard and gamepad."""
+
+    top_v_x_m_s: float = Field(default=1.0, gt=0.0, le=5.0)
+    top_v_y_m_s: float = Field(default=0.5, gt=0.0, le=5.0)
+    top_yaw_rate_rad_s: float = Field(default=1.0, gt=0.0, le=5.0)
+    acceleration_m_s2: float = Field(default=2.0, gt=0.0, le=20.0, description="Rise of the command; rad/s² for turns.")
+    release_s: float = Field(default=0.25, gt=0.0, le=2.0, description="Time in which a released command fades to 0.")
+    keyboard_silence_s: float = Field(
+        default=0.6, gt=0.0, le=5.0, description="Dead-man: no key for this long counts as released."
+    )
+    gamepad_silence_s: float = Field(default=0.25, gt=0.0, le=5.0)
+    gamepad_index: int = Field(default=0, ge=0, le=15)
+    gamepad_deadman_button: int = Field(default=4, ge=0, le=31)
+    gamepad_axis_v_x: int = Field(default=1, ge=0, le=15)
+    gamepad_axis_v_y: int = Field(default=0, ge=0, le=15)
+    gamepad_axis_yaw: int = Field(default=3, ge=0, le=15)
+    gamepad_dead_zone: float = Field(default=0.1, ge=0.0, lt=1.0)
+
+
+class RealTimeConfig(_Part):
+    """What is asked of the system; what it refuses is said once, with what to grant."""
+
+    fifo_priority: int = Field(
+        default=40, ge=0, le=98, description="SCHED_FIFO for the whole process; 0 asks for none."
+    )
+    lock_memory: bool = True
+    cpu_affinity: tuple[int, ...] = Field(default=(), description="CPUs to stay on; empty: all.")
+    freeze_garbage_collection: bool = True
+    switch_interval_s: float = Field(default=0.0005, ge=0.0001, le=0.01)
+
+
+class LogConfig(_Part):
+    """Where logs go."""
+
+    directory: Path = Path("logs")
+    labels: dict[str, str] = Field(default_factory=dict)
+    stop_on_failure: bool = Field(default=False, description="End the run when the log no longer records.")
+
+
+class RunConfig(_Part):
+    """Everything that decides how a run goes."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True, allow_inf_nan=False)
+
+    schema_name: Literal["spot-rl/run/1"] = Field(default=SCHEMA, alias="schema")
+    robot: RobotConfig = RobotConfig()
+    control: ControlConfig = ControlConfig()
+    handover: HandoverConfig = HandoverConfig()
+    safety: SafetyLimits = SafetyLimits()
+    operator: OperatorConfig = OperatorConfig()
+    real_time: RealTimeConfig = RealTimeConfig()
+    log: LogConfig = LogConfig()
+
+    def to_json(self) -> str:
+        """The whole configuration as JSON, for the log's header; it holds no secret."""
+        return self.model_dump_json(by_alias=True)
+
+
+def load_config(path: Path) -> RunConfig:
+    """Read a configuration from YAML.
+
+    Raises:
+        BadInputError: The file cannot be read or holds a key or value that is not allowed; the message names it.
+    """
+    try:
+        size = path.stat().st_size
+        if size > MAX_CONFIG_BYTES:
+            raise BadInputError(f"configuration {path} has {size} bytes; allowed: at most {MAX_CONFIG_BYTES}")
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise BadInputError(f"configuration {path} cannot be read: {error.strerror}; give a YAML file") from error
+    except (UnicodeDecodeError, yaml.YAMLError) as error:
+        raise BadInputError(f"configuration {path} is no YAML: {error}") from error
+    try:
+        return RunConfig.model_validate({} if content is None else content)
+    except ValidationError as error:
+        raise BadInputError(f"configuration {path}:\n{explain(error)}") from error

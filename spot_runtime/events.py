@@ -1,0 +1,38 @@
+"""The closed table of event names that a run writes to its log."""
+
+from __future__ import annotations
+
+from enum import Enum
+
+from spot_runtime.log.records import Severity
+
+
+class EventName(Enum):
+    """Every event, with its severity and what it means."""
+
+    RUN_STARTED = (Severity.INFO, "the run began")
+    CONNECTED = (Severity.INFO, "the robot answered, and the lease is ours")
+    CONNECTION_FAILED = (Severity.ERROR, "the robot cannot be used; the text says why")
+    REAL_TIME_REFUSED = (Severity.WARNING, "the system refused real-time settings")
+    MODE = (Severity.INFO, "the loop changed its mode")
+    COMMAND_CLIPPED = (Severity.WARNING, "velocity commands were brought into the policy's range")
+    SETPOINT_CUT = (Severity.WARNING, "a limit changed requested set-points")
+    STATE_OLD = (Severity.WARNING, "the newest state is older than the warning bound")
+    STATE_REJECTED = (Severity.WARNING, "a duplicated or back-dated state was not used")
+    TICKS_SKIPPED = (Severity.WARNING, "policy ticks were lost")
+    LOG_PROBLEM = (Severity.WARNING, "the log lost something")
+    FAULT = (Severity.WARNING, "the robot reports a fault that does not end the run")
+    STOP = (Severity.ERROR, "the run ends before its time; the text says why")
+    COMPLETED = (Severity.INFO, "the command sequence is done")
+    POWER_OFF = (Severity.INFO, "the robot sits and its motors are off")
+    POWER_OFF_FAILED = (Severity.ERROR, "the robot could not be powered off")
+
+    @property
+    def label(self) -> str:
+        """The name in the log."""
+        return self.name.lower()
+
+    @property
+    def severity(self) -> Severity:
+        """How much it matters."""
+        return self.value[0]

@@ -1,0 +1,1 @@
+"""The hardware abstraction: one protocol, and the adapters behind it."""

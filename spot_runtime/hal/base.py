@@ -1,0 +1,100 @@
+"""What the loop needs of a robot: one small protocol that every adapter keeps.
+
+The order of a run: ``connect``, ``stand``, ``begin_joint_control`` with a first command, then ``receive`` and ``send``
+in turn; ``end_joint_control``, with ``send`` going on until it is done; ``power_off``; ``close``. After a failure at any point, ``release``,
+``power_off`` and ``close`` still work.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Protocol
+
+from spot_model.state import JointCommand, RobotState, SlowState
+from spot_runtime.stops import Stop
+
+
+@dataclass(frozen=True)
+class RobotInfo:
+    """Who answered."""
+
+    adapter: str
+    """Name of the adapter."""
+    robot_id: str
+    """Serial number and nickname, or what the adapter knows."""
+    clock_skew_s: float
+    """Robot clock minus host clock."""
+    round_trip_s: float
+    """Shortest round trip of the time sync."""
+
+
+class JointControl(Enum):
+    """How far the switch to joint control is."""
+
+    OFF = "off"
+    PENDING = "pending"
+    ACTIVE = "active"
+    LEAVING = "leaving"
+    """The vendor's stand has been asked to take the joints back."""
+    FAILED = "failed"
+    """Refused, or the stream has ended; ``problems`` says why."""
+
+
+class Hal(Protocol):
+    """One robot. Everything but ``receive``, ``connect``, ``stand`` and ``power_off`` returns at once."""
+
+    def connect(self) -> RobotInfo:
+        """Reach the robot, sync clocks, check e-stop and faults, take the lease; start the state stream.
+
+        Raises:
+            HalError: One of its subclasses says what is in the way and what to do.
+        """
+
+    def stand(self) -> None:
+        """Power on where needed and let the vendor's controller stand; returns when it does. Raises HalError."""
+
+    def receive(self, until_robot_ns: int, timeout_s: float) -> Sequence[RobotState]:
+        """States that have arrived since the last call, oldest first; empty when none came within the time-out.
+
+        May return before a state stamped ``until_robot_ns`` has come. In lock-step, advances the robot towards it.
+        """
+
+    def robot_now_ns(self) -> int:
+        """The robot's clock, now."""
+
+    def host_now_ns(self) -> int:
+        """The host's clock, now: UNIX time that never jumps."""
+
+    def begin_joint_control(self, first: JointCommand) -> None:
+        """Open the command stream with a first command and ask for joint control; see :attr:`joint_control`."""
+
+    def end_joint_control(self) -> None:
+        """Ask the vendor's stand to take the joints back; commands go on until it has. See :attr:`joint_control`."""
+
+    @property
+    def joint_control(self) -> JointControl:
+        """How far the switch to joint control is."""
+
+    def send(self, command: JointCommand) -> None:
+        """Hand a command to the stream; an unsent older one is replaced. Never blocks."""
+
+    def departures(self) -> Sequence[tuple[int, int]]:
+        """Key and host stamp of each command that the transport has taken since the last call."""
+
+    def release(self) -> None:
+        """Send nothing more; the last command lapses."""
+
+    @property
+    def slow_state(self) -> SlowState | None:
+        """The newest poll of battery, temperatures and faults."""
+
+    def problems(self) -> Sequence[Stop]:
+        """What went wrong beside the streams since the last call: lease, e-stop, polls, a stream that ended."""
+
+    def power_off(self) -> None:
+        """Sit and cut motor power, from any state. Raises HalError."""
+
+    def close(self) -> None:
+        """Stop all threads and give everything back; a second call does nothing."""

@@ -1,0 +1,244 @@
+"""The adapter for everything that speaks Boston Dynamics' API: a Spot, or the fake one."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from typing import Final
+
+from bosdyn.api import robot_state_pb2
+from bosdyn.client.robot_command import RobotCommandStreamingClient
+from bosdyn.client.robot_state import RobotStateStreamingClient
+
+from spot_model.state import JointCommand, RobotState, SlowState
+from spot_runtime.clock import NS_PER_S, HostClock, RobotClockEstimate
+from spot_runtime.config import RunConfig
+from spot_runtime.hal.address import Address
+from spot_runtime.hal.base import JointControl, RobotInfo
+from spot_runtime.hal.command_wire import CommandEncoder
+from spot_runtime.hal.errors import EstopError, HalError, LeaseHeldError
+from spot_runtime.hal.jobs import Jobs
+from spot_runtime.hal.pace import Pace, RealTime
+from spot_runtime.hal.session import Session
+from spot_runtime.hal.streams import CommandStream, StateReceiver
+from spot_runtime.log.sink import LogSink
+from spot_runtime.stops import Stop, StopReason
+
+LEASE_PERIOD_S: Final = 2.0
+FAILED_POLLS: Final = 5
+
+
+class BosdynHal:
+    """Keeps the protocol of :class:`spot_runtime.hal.base.Hal` over the vendor's SDK."""
+
+    def __init__(self, address: Address, config: RunConfig, sink: LogSink, pace: Pace | None = None) -> None:
+        """Prepare; nothing is sent yet.
+
+        Args:
+            address: Where the robot is.
+            config: The run's configuration.
+            sink: Takes every state as its wire bytes, and every slow state.
+            pace: How robot time passes; by itself unless told otherwise.
+        """
+        self._config, self._sink = config, sink
+        clock = HostClock()
+        self._estimate = RobotClockEstimate()
+        self._session = Session(address, config.robot, clock, self._estimate)
+        self._pace: Pace = pace or RealTime(clock, self._estimate)
+        self._jobs = Jobs(self._job_failed)
+        self._problems: deque[Stop] = deque(maxlen=100)
+        self._slow: SlowState | None = None
+        self._failed_polls = 0
+        self._states: StateReceiver | None = None
+        self._commands: CommandStream | None = None
+        self._encoder = CommandEncoder(config.robot.client_name, config.control.velocity_safety_limit_rad_s)
+        self._joint_control = JointControl.OFF
+        self._is_closed = False
+
+    # The protocol ----------------------------------------------------------------------------------------------------
+
+    def connect(self) -> RobotInfo:
+        """See the protocol."""
+        session, robot = self._session, self._config.robot
+        robot_id = session.log_in()
+        session.sync_clocks()
+        self._slow = session.check_faults()
+        has_own_estop = session.set_up_estop()
+        session.acquire_lease()
+        self._pace.start(self._jobs)
+        now_s = self._pace.chore_now_s()
+        if has_own_estop:
+            self._jobs.add("estop", robot.estop_timeout_s / 3.0, session.check_in_estop, now_s=now_s)
+        self._jobs.add("lease", LEASE_PERIOD_S, session.retain_lease, now_s=now_s)
+        self._jobs.add("time_sync", robot.time_sync_period_s, self._sync_clocks, now_s=now_s)
+        self._jobs.add("slow_state", 1.0 / robot.slow_state_rate_hz, self._poll, now_s=now_s)
+        self._open_states()
+        skew_s = (self.robot_now_ns() - self.host_now_ns()) / NS_PER_S
+        return RobotInfo("bosdyn", robot_id, skew_s, 2.0 * self._estimate.uncertainty_ns() / NS_PER_S)
+
+    def stand(self) -> None:
+        """See the protocol."""
+        self._session.power_on(self._pause)
+        self._session.stand(self._pause)
+
+    def receive(self, until_robot_ns: int, timeout_s: float) -> Sequence[RobotState]:
+        """See the protocol."""
+        if self._states is None:
+            raise HalError("there is no state stream; connect first")
+        return self._pace.receive(self._states.states, until_robot_ns, timeout_s)
+
+    def robot_now_ns(self) -> int:
+        """See the protocol."""
+        return self._pace.robot_now_ns()
+
+    def host_now_ns(self) -> int:
+        """See the protocol."""
+        return self._pace.host_now_ns()
+
+    def begin_joint_control(self, first: JointCommand) -> None:
+        """See the protocol. The stream is opened first, then joint control is asked for, as in the vendor's example."""
+        self._joint_control = JointControl.PENDING
+        wire = (first.key, self._encoder.encode(first, self._pace.host_now_ns()))
+        channel = self._session.streaming_channel(RobotCommandStreamingClient)
+        self._commands = CommandStream(channel, wire, now_ns=self._pace.host_now_ns, on_end=self._commands_ended)
+        self._pace.sent(first.key)
+        self._pace.begin(self._activate)
+
+    def end_joint_control(self) -> None:
+        """See the protocol."""
+        self._joint_control = JointControl.LEAVING
+        self._pace.begin(self._leave)
+
+    @property
+    def joint_control(self) -> JointControl:
+        """See the protocol."""
+        return self._joint_control
+
+    def send(self, command: JointCommand) -> None:
+        """See the protocol."""
+        if self._commands is not None:
+            self._commands.put(command.key, self._encoder.encode(command, self._pace.host_now_ns()))
+            self._pace.sent(command.key)
+
+    def departures(self) -> Sequence[tuple[int, int]]:
+        """See the protocol."""
+        return () if self._commands is None else self._commands.departures()
+
+    def release(self) -> None:
+        """See the protocol."""
+        self._joint_control = JointControl.OFF
+        if self._commands is not None:
+            self._commands.stop()
+            self._commands = None
+            self._pace.released()
+
+    @property
+    def slow_state(self) -> SlowState | None:
+        """See the protocol."""
+        return self._slow
+
+    def problems(self) -> Sequence[Stop]:
+        """See the protocol."""
+        found = []
+        while self._problems:
+            found.append(self._problems.popleft())
+        return found
+
+    def power_off(self) -> None:
+        """See the protocol."""
+        if self._session.has_lease:
+            self._session.power_off(self._pause)
+        self.release()
+
+    def close(self) -> None:
+        """See the protocol."""
+        if self._is_closed:
+            return
+        self._is_closed = True
+        self.release()
+        self._pace.stop()
+        if self._states is not None:
+            self._states.stop()
+        self._session.close()
+
+    # Details ---------------------------------------------------------------------------------------------------------
+
+    def _pause(self, duration_s: float) -> None:
+        self._pace.pause(duration_s)
+        for problem in self._problems:
+            if problem.reason is StopReason.LEASE_LOST:
+                raise LeaseHeldError(problem.sentence())
+            if problem.reason is StopReason.ESTOPPED:
+                raise EstopError(problem.sentence())
+
+    def _open_states(self) -> None:
+        request = robot_state_pb2.RobotStateStreamRequest()
+        request.header.client_name = self._config.robot.client_name
+        stamp = request.header.request_timestamp
+        stamp.seconds, stamp.nanos = divmod(self._pace.host_now_ns(), NS_PER_S)
+        self._states = StateReceiver(
+            self._session.streaming_channel(RobotStateStreamingClient),
+            request,
+            now_ns=self._pace.host_now_ns,
+            on_wire=self._sink.state,
+            on_end=lambda reason: self._problems.append(Stop(StopReason.STATE_LOST, reason)),
+        )
+
+    def _activate(self) -> None:
+        try:
+            self._session.ask_for_joint_control()
+        except HalError as error:
+            self._joint_control = JointControl.FAILED
+            self._problems.append(Stop(StopReason.ACTIVATION_FAILED, str(error)))
+        else:
+            if self._joint_control is JointControl.PENDING:
+                self._joint_control = JointControl.ACTIVE
+
+    def _leave(self) -> None:
+        try:
+            self._session.ask_for_stand()
+        except HalError as error:
+            self._problems.append(Stop(StopReason.HAND_BACK_FAILED, str(error)))
+            self._joint_control = JointControl.FAILED
+        else:
+            self.release()
+
+    def _commands_ended(self, verdict: str) -> None:
+        # The robot ends the stream by itself when the vendor's stand takes over.
+        if self._joint_control in (JointControl.OFF, JointControl.LEAVING):
+            return
+        self._joint_control = JointControl.FAILED
+        skew_s = self._estimate_skew_s()
+        values = {} if skew_s is None else {"clock_skew_s": skew_s}
+        self._problems.append(Stop(StopReason.COMMAND_REFUSED, verdict, values))
+
+    def _estimate_skew_s(self) -> float | None:
+        if not self._estimate.is_known:
+            return None
+        return (self.robot_now_ns() - self.host_now_ns()) / NS_PER_S
+
+    def _sync_clocks(self) -> None:
+        off_s = self._session.sync_once() / NS_PER_S
+        bound_s = self._config.safety.clock_jump_s
+        if abs(off_s) > bound_s:
+            self._problems.append(Stop(StopReason.CLOCK_JUMPED, "", {"off_s": off_s, "bound_s": bound_s}))
+
+    def _poll(self) -> None:
+        slow = self._session.poll()
+        self._failed_polls = 0
+        self._slow = slow
+        self._sink.slow_state(slow)
+
+    def _job_failed(self, name: str, error: Exception) -> None:
+        if name == "lease" and isinstance(error, LeaseHeldError):
+            self._jobs.remove("lease")
+            self._session.has_lease = False
+            self._problems.append(Stop(StopReason.LEASE_LOST, str(error)))
+        elif name == "estop":
+            self._problems.append(Stop(StopReason.ESTOPPED, str(error)))
+        elif name == "slow_state" and isinstance(error, HalError):
+            self._failed_polls += 1
+            if self._failed_polls == FAILED_POLLS:
+                self._problems.append(Stop(StopReason.LINK_LOST, str(error)))
+        elif not isinstance(error, HalError):
+            self._problems.append(Stop(StopReason.INTERNAL_ERROR, f"{name}: {type(error).__name__}: {error}"))

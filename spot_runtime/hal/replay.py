@@ -1,0 +1,139 @@
+"""The adapter that takes a log for a robot: the states come as recorded, whatever is sent."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+
+from spot_model.errors import BadInputError
+from spot_model.state import JointCommand, RobotState, SlowState
+from spot_runtime.hal.base import JointControl, RobotInfo
+from spot_runtime.log.sink import LogSink
+from spot_runtime.stops import Stop, StopReason
+
+
+class ReplayHal:
+    """Plays states at the pace of their stamps, or as fast as they are asked for; keeps what was sent."""
+
+    def __init__(
+        self,
+        states: Sequence[RobotState],
+        slow_states: Sequence[SlowState],
+        sink: LogSink,
+        *,
+        robot_id: str = "",
+        is_paced: bool = False,
+    ) -> None:
+        """Take recorded states, oldest first.
+
+        Args:
+            states: At least one.
+            slow_states: The polls that go with them; may be empty.
+            sink: Takes every state that is played.
+            robot_id: Whose states these are.
+            is_paced: Whether a state comes no sooner than its stamp says.
+
+        Raises:
+            BadInputError: There is no state.
+        """
+        if not states:
+            raise BadInputError("the log holds no state to replay; give a log of a run")
+        self._states, self._slow_states, self._sink = states, slow_states, sink
+        self._robot_id, self._is_paced = robot_id, is_paced
+        self._played = 0
+        self._now_ns = states[0].robot_stamp_ns
+        self._skew_ns = states[0].robot_stamp_ns - states[0].host_stamp_ns
+        self._started_s = time.monotonic()
+        self._joint_control = JointControl.OFF
+        self._has_told_end = False
+        self.sent: list[JointCommand] = []
+
+    def connect(self) -> RobotInfo:
+        """See the protocol."""
+        self._started_s = time.monotonic()
+        return RobotInfo("replay", self._robot_id, self._skew_ns / 1e9, 0.0)
+
+    def stand(self) -> None:
+        """A recorded robot stands as it stood."""
+
+    def receive(self, until_robot_ns: int, timeout_s: float) -> Sequence[RobotState]:
+        """The recorded states up to the instant that is asked for, at least one; at most those that are due."""
+        received = []
+        while self._played < len(self._states):
+            state = self._states[self._played]
+            if received and state.robot_stamp_ns > until_robot_ns:
+                break
+            if self._is_paced and not self._wait(state, timeout_s):
+                break
+            received.append(state)
+            self._sink.decoded_state(state)
+            self._now_ns = state.robot_stamp_ns
+            self._played += 1
+        if not received and not self._is_paced:
+            self._now_ns += round(timeout_s * 1e9)
+        return received
+
+    def robot_now_ns(self) -> int:
+        """The stamp of the newest state that was played; runs on with the time that was waited after the last."""
+        return self._now_ns
+
+    def host_now_ns(self) -> int:
+        """The recorded host clock at that instant."""
+        return self._now_ns - self._skew_ns
+
+    def begin_joint_control(self, first: JointCommand) -> None:
+        """See the protocol."""
+        self.sent.append(first)
+        self._joint_control = JointControl.ACTIVE
+
+    def end_joint_control(self) -> None:
+        """See the protocol."""
+        self.release()
+
+    @property
+    def joint_control(self) -> JointControl:
+        """See the protocol."""
+        return self._joint_control
+
+    def send(self, command: JointCommand) -> None:
+        """Keep it."""
+        if self._joint_control is JointControl.ACTIVE:
+            self.sent.append(command)
+
+    def departures(self) -> Sequence[tuple[int, int]]:
+        """Nothing departs."""
+        return ()
+
+    def release(self) -> None:
+        """See the protocol."""
+        self._joint_control = JointControl.OFF
+
+    @property
+    def slow_state(self) -> SlowState | None:
+        """The newest recorded poll at this instant."""
+        past = [slow for slow in self._slow_states if slow.host_stamp_ns <= self.host_now_ns()]
+        return past[-1] if past else None
+
+    def problems(self) -> Sequence[Stop]:
+        """The end of the recording, once."""
+        if self._played < len(self._states) or self._has_told_end:
+            return []
+        self._has_told_end = True
+        return [Stop(StopReason.RECORDING_OVER)]
+
+    def power_off(self) -> None:
+        """See the protocol."""
+        self.release()
+
+    def close(self) -> None:
+        """See the protocol."""
+        self.release()
+
+    def _wait(self, state: RobotState, timeout_s: float) -> bool:
+        due_s = (state.robot_stamp_ns - self._states[0].robot_stamp_ns) / 1e9
+        late_s = time.monotonic() - self._started_s - due_s
+        if late_s < -timeout_s:
+            time.sleep(timeout_s)
+            return False
+        time.sleep(max(0.0, -late_s))
+        return True

@@ -1,0 +1,301 @@
+"""A session with a robot over the vendor's SDK: trust, login, clocks, e-stop, lease, power, the vendor's motions."""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+import bosdyn.client
+import grpc
+from bosdyn.api import basic_command_pb2, power_pb2
+from bosdyn.client.estop import EstopClient
+from bosdyn.client.exceptions import Error as SdkError
+from bosdyn.client.lease import LeaseClient, ResourceAlreadyClaimedError
+from bosdyn.client.power import PowerClient
+from bosdyn.client.robot_command import (
+    RobotCommandBuilder,
+    RobotCommandClient,
+    RobotCommandStreamingClient,
+)
+from bosdyn.client.robot_state import RobotStateClient, RobotStateStreamingClient
+from bosdyn.client.time_sync import TimeSyncClient
+
+from spot_model.errors import BadInputError
+from spot_model.state import SlowState
+from spot_runtime.clock import HostClock, RobotClockEstimate
+from spot_runtime.config import RobotConfig
+from spot_runtime.hal.address import Address, explain_no_connection
+from spot_runtime.hal.credentials import find_credentials
+from spot_runtime.hal.errors import ClockError, FaultError, HalError, MotionError
+from spot_runtime.hal.estop import OwnEstop, needs_own_endpoint
+from spot_runtime.hal.slow_state import CRITICAL, slow_state_from_message
+from spot_runtime.hal.time_sync import TimeSync
+from spot_runtime.hal.vendor_errors import describe, lease_held, translate
+
+SYNC_ROUND_TRIPS: Final = 12
+SYNC_ATTEMPTS: Final = 40
+POLL_S: Final = 0.05
+"""Robot time between two looks at the progress of a motion."""
+
+_STAND: Final = basic_command_pb2.StandCommand.Feedback
+_SIT: Final = basic_command_pb2.SitCommand.Feedback
+
+
+class Session:
+    """Everything of one robot that goes by single calls. Every method raises HalError and nothing else."""
+
+    def __init__(self, address: Address, config: RobotConfig, clock: HostClock, estimate: RobotClockEstimate) -> None:
+        """Prepare; nothing is sent yet."""
+        self._address, self._config, self._clock, self._estimate = address, config, clock, estimate
+        self._robot: Any = None
+        self._time_sync: TimeSync | None = None
+        self._own_estop: OwnEstop | None = None
+        self._lease: Any = None
+        self.has_lease = False
+
+    # Connecting ------------------------------------------------------------------------------------------------------
+
+    def log_in(self) -> str:
+        """Reach the robot and log in. Returns its serial number and nickname."""
+        credentials = find_credentials(self._config.credentials_file, os.environ)
+        trusted_pem = self._make_robot()
+        timeout_s = self._config.rpc_timeout_s
+
+        def explain(reason: str) -> HalError:
+            return explain_no_connection(self._address, trusted_pem, reason, timeout_s)
+
+        try:
+            self._robot.authenticate(credentials.username, credentials.password, timeout=timeout_s)
+            robot_id = self._robot.get_cached_robot_id(timeout=timeout_s)
+            self._robot.sync_with_directory()
+        except (SdkError, grpc.RpcError) as error:
+            raise translate(error, f"logging in to {self._address}", explain) from error
+        return f"{robot_id.serial_number} {robot_id.nickname}".strip()
+
+    def sync_clocks(self) -> None:
+        """Bring the estimate of the robot's clock about."""
+        self._time_sync = TimeSync(self._client(TimeSyncClient), self._clock, self._config.rpc_timeout_s)
+        for attempt in range(SYNC_ATTEMPTS):
+            self.sync_once()
+            if attempt + 1 >= SYNC_ROUND_TRIPS and self._time_sync.is_established:
+                return
+        raise ClockError(f"time sync was not established in {SYNC_ATTEMPTS} round trips ({self._time_sync.status})")
+
+    def sync_once(self) -> int:
+        """One round trip. Returns how far it lies from the estimate, ns."""
+        if self._time_sync is None:
+            raise ClockError("time sync has not begun; connect first")
+        try:
+            return self._estimate.add(self._time_sync.round_trip())
+        except (SdkError, grpc.RpcError) as error:
+            raise translate(error, "syncing clocks") from error
+
+    def check_faults(self) -> SlowState:
+        """Refuse a robot that must not move. Returns its slow state."""
+        slow = self.poll()
+        critical = [fault.removeprefix(CRITICAL) for fault in slow.system_faults if fault.startswith(CRITICAL)]
+        if critical:
+            raise FaultError(f"the robot reports a system fault: {', '.join(critical)}; see the robot's own page")
+        if slow.behavior_faults:
+            raise FaultError(
+                f"the robot reports a behaviour fault: {', '.join(slow.behavior_faults)}; clear it on the tablet, "
+                f"it is never cleared by this program"
+            )
+        return slow
+
+    def set_up_estop(self) -> bool:
+        """Make sure that an e-stop endpoint answers. Returns whether it is our own, which then wants check-ins."""
+        client = self._client(EstopClient)
+        try:
+            status = client.get_status(timeout=self._config.rpc_timeout_s)
+            if not needs_own_endpoint(status, self._config.estop):
+                return False
+            self._own_estop = OwnEstop(
+                client, self._config.client_name, self._config.estop_timeout_s, self._config.rpc_timeout_s
+            )
+        except (SdkError, grpc.RpcError) as error:
+            raise translate(error, "setting up the e-stop") from error
+        return True
+
+    def check_in_estop(self) -> None:
+        """Keep our own endpoint alive."""
+        if self._own_estop is not None:
+            self._call("checking in to the e-stop", self._own_estop.check_in)
+
+    def acquire_lease(self) -> None:
+        """Take the lease if it is free."""
+        client = self._client(LeaseClient)
+        try:
+            self._lease = client.acquire(timeout=self._config.rpc_timeout_s)
+        except ResourceAlreadyClaimedError as error:
+            raise lease_held(error) from error
+        except (SdkError, grpc.RpcError) as error:
+            raise translate(error, "taking the lease") from error
+        self.has_lease = True
+
+    def retain_lease(self) -> None:
+        """Keep the lease alive."""
+        client = self._client(LeaseClient)
+        wallet = self._robot.lease_wallet
+        self._call("keeping the lease", lambda: client.retain_lease(wallet.get_lease(), timeout=self._timeout_s))
+
+    # Power and the vendor's motions ----------------------------------------------------------------------------------
+
+    def poll(self) -> SlowState:
+        """Battery, temperatures, power and faults, now."""
+        client = self._client(RobotStateClient)
+        message = self._call("polling the robot's state", lambda: client.get_robot_state(timeout=self._timeout_s))
+        return slow_state_from_message(message, self._clock.now_ns())
+
+    def power_on(self, pause: Callable[[float], None]) -> None:
+        """Give the motors power; returns when they have it."""
+        if self.poll().motors_powered:
+            return
+        client = self._client(PowerClient)
+        request = power_pb2.PowerCommandRequest.REQUEST_ON_MOTORS
+        answer = self._call("powering on", lambda: client.power_command(request, timeout=self._timeout_s))
+        if answer.status == power_pb2.STATUS_SUCCESS:
+            return
+
+        def is_done() -> bool:
+            status = self._call(
+                "powering on", lambda: client.power_command_feedback(answer.power_command_id, timeout=self._timeout_s)
+            )
+            if status in (power_pb2.STATUS_SUCCESS, power_pb2.STATUS_IN_PROGRESS):
+                return bool(status == power_pb2.STATUS_SUCCESS)
+            raise MotionError(f"powering on failed: {power_pb2.PowerCommandStatus.Name(status)}; see the robot's page")
+
+        self._wait(is_done, "power on", self._config.power_timeout_s, pause)
+
+    def stand(self, pause: Callable[[float], None]) -> None:
+        """Let the vendor's controller stand; returns when it does."""
+        command_id = self._command(RobotCommandBuilder.synchro_stand_command(), "standing")
+        self._wait(
+            lambda: self._mobility(command_id, "standing").stand_feedback.status == _STAND.STATUS_IS_STANDING,
+            "stand",
+            self._config.stand_timeout_s,
+            pause,
+        )
+
+    def ask_for_stand(self) -> None:
+        """Ask the vendor's controller to stand, and do not wait for it."""
+        self._command(RobotCommandBuilder.synchro_stand_command(), "standing")
+
+    def ask_for_joint_control(self) -> None:
+        """Ask the robot to follow the command stream."""
+        self._command(RobotCommandBuilder.joint_command(), "entering joint control")
+
+    def sit(self, pause: Callable[[float], None]) -> None:
+        """Let the vendor's controller sit; returns when it does."""
+        command_id = self._command(RobotCommandBuilder.synchro_sit_command(), "sitting")
+        self._wait(
+            lambda: self._mobility(command_id, "sitting").sit_feedback.status == _SIT.STATUS_IS_SITTING,
+            "sit",
+            self._config.stand_timeout_s,
+            pause,
+        )
+
+    def power_off(self, pause: Callable[[float], None]) -> None:
+        """Sit where needed and cut power; returns when it is cut."""
+        if not self.poll().motors_powered:
+            return
+        self._command(RobotCommandBuilder.safe_power_off_command(), "powering off")
+        self._wait(lambda: not self.poll().motors_powered, "power off", self._config.power_timeout_s, pause)
+
+    # Channels and the end --------------------------------------------------------------------------------------------
+
+    def streaming_channel(self, service: type[RobotStateStreamingClient] | type[RobotCommandStreamingClient]) -> Any:
+        """The secure channel of a streaming service."""
+        return self._call(
+            f"finding {service.default_service_name}", lambda: self._robot.ensure_channel(service.default_service_name)
+        )
+
+    @property
+    def client_name(self) -> str:
+        """The name that requests carry."""
+        return str(self._robot.client_name)
+
+    def close(self) -> None:
+        """Return the lease and end the SDK's threads. Errors are left alone: there is nobody to act on them."""
+        if self._robot is None:
+            return
+        if self.has_lease:
+            client = self._client(LeaseClient)
+            try:
+                client.return_lease(self._lease, timeout=self._timeout_s)
+            except (SdkError, grpc.RpcError):
+                logging.getLogger(__name__).debug("the lease was not returned", exc_info=True)
+            self.has_lease = False
+        self._robot._shutdown()  # noqa: SLF001 - the SDK's only way to end its token thread
+        self._robot.shutdown()
+        self._robot = None
+
+    # Details ---------------------------------------------------------------------------------------------------------
+
+    @property
+    def _timeout_s(self) -> float:
+        return self._config.rpc_timeout_s
+
+    def _make_robot(self) -> bytes:
+        # The SDK logs to the root logger by default; what matters reaches the user as our own errors.
+        for name in ("bosdyn", self._config.client_name):
+            logging.getLogger(name).addHandler(logging.NullHandler())
+            logging.getLogger(name).propagate = False
+        sdk = bosdyn.client.create_standard_sdk(self._config.client_name)
+        if self._config.ca_file is not None:
+            sdk.cert += b"\n" + _read_pem(self._config.ca_file)
+        for service in (RobotStateStreamingClient, RobotCommandStreamingClient):
+            sdk.register_service_client(service)
+        self._robot = sdk.create_robot(self._address.sdk_host)
+        self._robot.update_secure_channel_port(self._address.port)
+        return bytes(sdk.cert)
+
+    def _client(self, kind: Any) -> Any:
+        if self._robot is None:
+            raise HalError("there is no connection to the robot; connect first")
+        return self._call(
+            f"finding {kind.default_service_name}", lambda: self._robot.ensure_client(kind.default_service_name)
+        )
+
+    def _call(self, doing: str, function: Callable[[], Any]) -> Any:
+        try:
+            return function()
+        except (SdkError, grpc.RpcError) as error:
+            raise translate(error, doing) from error
+
+    def _command(self, command: Any, doing: str) -> Any:
+        client = self._client(RobotCommandClient)
+        return self._call(doing, lambda: client.robot_command(command, timeout=self._timeout_s))
+
+    def _mobility(self, command_id: Any, doing: str) -> Any:
+        client = self._client(RobotCommandClient)
+        answer = self._call(doing, lambda: client.robot_command_feedback(command_id, timeout=self._timeout_s))
+        feedback = answer.feedback.synchronized_feedback.mobility_command_feedback
+        if feedback.status != basic_command_pb2.RobotCommandFeedbackStatus.STATUS_PROCESSING:
+            name = basic_command_pb2.RobotCommandFeedbackStatus.Status.Name(feedback.status)
+            raise MotionError(f"{doing} was not carried out: {name}; see the robot's own page")
+        return feedback
+
+    def _wait(self, is_done: Callable[[], bool], what: str, timeout_s: float, pause: Callable[[float], None]) -> None:
+        waited_s = 0.0
+        while not is_done():
+            if waited_s >= timeout_s:
+                raise MotionError(f"the robot did not {what} within {timeout_s:g} s; see the robot's own page")
+            pause(POLL_S)
+            waited_s += POLL_S
+
+
+def _read_pem(path: Path) -> bytes:
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise BadInputError(f"certificate file {path} cannot be read: {error.strerror}; give a PEM file") from error
+    if b"-----BEGIN CERTIFICATE-----" not in data:
+        raise BadInputError(f"certificate file {path} holds no PEM certificate; give the one that signed the robot's")
+    return data
+
+
+__all__ = ["Session", "describe"]

@@ -1,0 +1,107 @@
+"""The SDK's and gRPC's errors, turned into ours: what is in the way, and what to do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import grpc
+from bosdyn.client import auth, estop, lease, power, robot_command
+from bosdyn.client import exceptions as sdk
+
+from spot_runtime.hal.errors import (
+    ClockError,
+    CredentialsError,
+    EstopError,
+    FaultError,
+    HalError,
+    LeaseHeldError,
+    LicenseError,
+    MotionError,
+)
+
+NO_CONNECTION = (
+    sdk.UnableToConnectToRobotError,
+    sdk.ProxyConnectionError,
+    sdk.InvalidClientCertificateError,
+    sdk.NonexistentAuthorityError,
+    sdk.UnknownDnsNameError,
+    sdk.TransientFailureError,
+    sdk.TimedOutError,
+    sdk.UnimplementedError,
+)
+
+
+def translate(error: Exception, doing: str, explain_connection: Callable[[str], HalError] | None = None) -> HalError:
+    """Our error for one of the SDK's.
+
+    Args:
+        error: What the SDK or gRPC raised.
+        doing: What was being done, as "taking the lease".
+        explain_connection: Finds out why there is no connection, given the SDK's words; None where that is not asked.
+    """
+    if isinstance(error, HalError):
+        return error
+    if isinstance(error, sdk.RpcError):
+        if explain_connection is not None and isinstance(error, NO_CONNECTION):
+            return explain_connection(describe(error))
+        if isinstance(error, (sdk.UnauthenticatedError, sdk.PermissionDeniedError)):
+            return CredentialsError(f"{doing}: the robot denies access ({describe(error)}); check the user's rights")
+        return HalError(f"{doing}: the robot did not answer ({describe(error)}); check the link")
+    for kinds, ours, advice in _TABLE:
+        if isinstance(error, kinds):
+            return ours(f"{doing}: {describe(error)}; {advice}")
+    return HalError(f"{doing}: {describe(error)}")
+
+
+def describe(error: Exception) -> str:
+    """What an error of the SDK or gRPC says, on one line, without the request's content."""
+    if isinstance(error, sdk.RpcError):
+        inner = error.error
+        details = inner.details() if isinstance(inner, grpc.Call) else ""
+        text = f"{type(error).__name__}: {details or error.error_message}"
+    elif isinstance(error, grpc.RpcError) and isinstance(error, grpc.Call):
+        text = f"{error.code().name}: {error.details()}"
+    elif isinstance(error, sdk.ResponseError):
+        text = f"{type(error).__name__}: {error.error_message or type(error).__doc__}" + _faults(error)
+    else:
+        text = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+    return " ".join(text.split())
+
+
+def lease_held(error: lease.ResourceAlreadyClaimedError) -> LeaseHeldError:
+    """Our error for a lease that somebody else holds; it names the holder."""
+    owner = error.response.lease_owner
+    who = " / ".join(name for name in (owner.client_name, owner.user_name) if name) or "an unnamed client"
+    return LeaseHeldError(
+        f"the lease is held by {who}; it is never taken by force: release it there (or on the tablet), then start again"
+    )
+
+
+def _faults(error: sdk.ResponseError) -> str:
+    """Names of the faults that a power or robot-command answer carries, as far as it does."""
+    response = error.response
+    names = [fault.name for fault in getattr(response, "blocking_faults", ())]
+    names += [fault.DESCRIPTOR.name for fault in getattr(response, "behavior_faults", ())]
+    message = getattr(response, "message", "")
+    return (f" ({', '.join(names)})" if names else "") + (f" ({message})" if message else "")
+
+
+_TABLE: tuple[tuple[tuple[type[Exception], ...], type[HalError], str], ...] = (
+    ((auth.AuthResponseError,), CredentialsError, "check user name and password"),
+    ((sdk.LicenseError,), LicenseError, "ask the vendor for a licence with joint control"),
+    ((lease.ResourceAlreadyClaimedError,), LeaseHeldError, "release it there, then start again"),
+    ((lease.LeaseResponseError, sdk.LeaseUseError), LeaseHeldError, "see who holds the lease"),
+    ((power.EstoppedError, estop.EstopResponseError), EstopError, "release every e-stop, then start again"),
+    (
+        (power.FaultedError, power.BatteryMissingError, power.ShorePowerConnectedError),
+        FaultError,
+        "clear the cause on the robot's own page",
+    ),
+    ((robot_command.BehaviorFaultError,), FaultError, "clear the behaviour fault on the tablet"),
+    (
+        (robot_command.NoTimeSyncError, robot_command.ExpiredError, robot_command.TooDistantError),
+        ClockError,
+        "check the clocks",
+    ),
+    ((power.PowerResponseError, robot_command.RobotCommandResponseError), MotionError, "see the robot's own page"),
+)

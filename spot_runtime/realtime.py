@@ -1,0 +1,71 @@
+"""What a control process asks of the operating system; what is refused is said once, with what to grant."""
+
+from __future__ import annotations
+
+import ctypes
+import errno
+import gc
+import os
+import sys
+from typing import Final
+
+from spot_runtime.config import RealTimeConfig
+
+_MCL_CURRENT: Final = 1
+_MCL_FUTURE: Final = 2
+_MCL_ONFAULT: Final = 4
+"""Lock pages once they are touched, so that the unused part of each thread's stack costs nothing."""
+
+
+def apply_real_time(config: RealTimeConfig) -> list[str]:
+    """Ask for everything that the configuration wants. Call it before any thread or channel exists.
+
+    Returns:
+        One sentence for each refusal, with what to grant; empty when all is granted.
+    """
+    refusals = []
+    if config.fifo_priority:
+        refusals += _scheduler(config.fifo_priority)
+    if config.cpu_affinity:
+        refusals += _affinity(config.cpu_affinity)
+    if config.lock_memory:
+        refusals += _lock_memory()
+    sys.setswitchinterval(config.switch_interval_s)
+    return refusals
+
+
+def freeze_garbage_collection(config: RealTimeConfig) -> None:
+    """Collect once, then never again: call it when everything is loaded, before motion."""
+    if config.freeze_garbage_collection:
+        gc.collect()
+        gc.freeze()
+        gc.disable()
+
+
+def _scheduler(priority: int) -> list[str]:
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+    except OSError as error:
+        return [
+            f"SCHED_FIFO {priority} was refused ({error.strerror}): grant it with 'LimitRTPRIO={priority}' in the unit, "
+            f"or CAP_SYS_NICE"
+        ]
+    return []
+
+
+def _affinity(cpus: tuple[int, ...]) -> list[str]:
+    try:
+        os.sched_setaffinity(0, cpus)
+    except OSError as error:
+        there = sorted(os.sched_getaffinity(0))
+        return [f"CPUs {list(cpus)} were refused ({error.strerror}): this process may use {there}"]
+    return []
+
+
+def _lock_memory() -> list[str]:
+    libc = ctypes.CDLL(None, use_errno=True)
+    if libc.mlockall(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT) == 0:
+        return []
+    number = ctypes.get_errno()
+    name = errno.errorcode.get(number, str(number))
+    return [f"locking memory was refused ({name}): grant it with 'LimitMEMLOCK=infinity' in the unit, or CAP_IPC_LOCK"]

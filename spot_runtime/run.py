@@ -1,0 +1,233 @@
+"""One run from the first call to the robot to the closed log."""
+
+from __future__ import annotations
+
+import uuid
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from datetime import datetime, timezone
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from spot_model.policy import Policy
+from spot_runtime.clock import HostClock
+from spot_runtime.config import RunConfig
+from spot_runtime.console import Console
+from spot_runtime.events import EventName
+from spot_runtime.hal.base import Hal
+from spot_runtime.hal.errors import HalError
+from spot_runtime.log.records import EventRecord, RunHeader, Severity
+from spot_runtime.log.sink import LogSink
+from spot_runtime.loop import ControlLoop
+from spot_runtime.loop_stats import LoopStats
+from spot_runtime.realtime import apply_real_time, freeze_garbage_collection
+from spot_runtime.signals import OperatorInterrupt, StopSignals
+from spot_runtime.sources.base import CommandSource
+from spot_runtime.stops import Reaction, Stop, StopReason
+from spot_runtime.summary import RunSummary, figures, resident_mb
+
+
+@dataclass(frozen=True)
+class RunRequest:
+    """What one run is made of."""
+
+    robot: str
+    """The robot's address, as given."""
+    policy: Policy
+    source: CommandSource
+    config: RunConfig
+    log_path: Path
+    repeat: int = 0
+    labels: dict[str, str] = field(default_factory=dict)
+
+
+HalFactory = Callable[[LogSink], Hal]
+SinkFactory = Callable[[Path, RunHeader], LogSink]
+
+
+def header_of(request: RunRequest, started_host_stamp_ns: int) -> RunHeader:
+    """The log's header: all that tells this run from others."""
+    contract = request.policy.contract
+    return RunHeader(
+        run_id=uuid.uuid4().hex,
+        started_host_stamp_ns=started_host_stamp_ns,
+        robot_id=request.robot,
+        adapter="bosdyn",
+        policy_name=contract.name,
+        policy_sha256=request.policy.sha256,
+        policy_contract_json=contract.to_json(),
+        config_json=request.config.to_json(),
+        command_sequence=request.source.name,
+        repeat=request.repeat,
+        labels={**request.config.log.labels, **request.labels},
+        software_version=_software_version(),
+        software_revision="",
+    )
+
+
+def log_file_name(policy_name: str, sequence: str, repeat: int, now: datetime | None = None) -> str:
+    """A name that sorts by time and says what ran."""
+    now = now or datetime.now(timezone.utc)
+    words = [now.strftime("%Y%m%d-%H%M%S"), policy_name, sequence, f"r{repeat}"]
+    safe = ["".join(c if c.isalnum() or c in "-_." else "_" for c in word) for word in words]
+    return "-".join(safe) + ".mcap"
+
+
+def run(request: RunRequest, make_hal: HalFactory, make_sink: SinkFactory, console: Console) -> RunSummary:
+    """Drive the robot through one run; it ends at rest and without power, or the summary says why not.
+
+    Args:
+        request: What to run.
+        make_hal: Makes the adapter, given the log.
+        make_sink: Opens the log.
+        console: Where progress goes.
+
+    Raises:
+        SpotRlError: The log cannot be opened. Whatever happens later is in the summary, and in the log.
+    """
+    sink = make_sink(request.log_path, header_of(request, HostClock().now_ns()))
+    attempt = _Attempt(request, sink, console)
+    try:
+        with StopSignals() as signals:
+            attempt.drive(make_hal, signals)
+    finally:
+        console.show(None)
+        request.source.close()
+        sink.close(attempt.outcome)
+    return attempt.summary()
+
+
+class _Attempt:
+    """The steps of one run, and what is known of its end."""
+
+    def __init__(self, request: RunRequest, sink: LogSink, console: Console) -> None:
+        self._request, self._sink, self._console = request, sink, console
+        self._clock = HostClock()
+        self._hal: Hal | None = None
+        self._stats = LoopStats()
+        self._refusals: tuple[str, ...] = ()
+        self._rss_start_mb = resident_mb()
+        self.outcome, self._exit_code, self._sentence = "internal_error", StopReason.INTERNAL_ERROR.exit_code, ""
+
+    def drive(self, make_hal: HalFactory, signals: StopSignals) -> None:
+        """Connect, stand, control, sit, power off."""
+        config = self._request.config
+        self._event(EventName.RUN_STARTED, f"policy {self._request.policy.contract.name}, {self._request.source.name}")
+        self._refusals = tuple(apply_real_time(config.real_time))
+        for refusal in self._refusals:
+            self._event(EventName.REAL_TIME_REFUSED, refusal)
+        hal: Hal | None = None
+        try:
+            signals.interrupts = True
+            hal = make_hal(self._sink)
+            self._hal = hal
+            self._connect(hal)
+            signals.interrupts = False
+            stop = self._control(hal, signals)
+            signals.interrupts = True
+            self._end(stop)
+            self._rest(hal, stop)
+        except HalError as error:
+            self.outcome, self._exit_code, self._sentence = type(error).__name__, error.exit_code, str(error)
+            self._event(EventName.CONNECTION_FAILED, str(error))
+            self._try_power_off(hal, signals)
+        except OperatorInterrupt as interrupt:
+            self._end(interrupt.stop)
+            self._event(EventName.STOP, interrupt.stop.sentence())
+            self._try_power_off(hal, signals)
+        finally:
+            signals.interrupts = False
+            if hal is not None:
+                hal.close()
+
+    def summary(self) -> RunSummary:
+        """What a person and a program want to know."""
+        rss_mb = resident_mb()
+        return RunSummary(
+            outcome=self.outcome,
+            exit_code=self._exit_code,
+            sentence=self._sentence,
+            log_path=str(self._request.log_path),
+            log_dropped=sum(self._sink.dropped.values()),
+            rss_mb=rss_mb,
+            rss_growth_mb=rss_mb - self._rss_start_mb,
+            real_time_refusals=self._refusals,
+            **figures(self._stats),  # type: ignore[arg-type]
+        )
+
+    def _connect(self, hal: Hal) -> None:
+        self._console.say(f"connecting to {self._request.robot} …")
+        info = hal.connect()
+        text = f"{info.robot_id}; its clock is {info.clock_skew_s:+.3f} s from ours, round trip {info.round_trip_s * 1e3:.1f} ms"
+        self._event(EventName.CONNECTED, text)
+        self._console.say("powering on and standing …")
+        hal.stand()
+
+    def _control(self, hal: Hal, signals: StopSignals) -> Stop:
+        loop = ControlLoop(
+            hal, self._request.policy, self._request.source, self._request.config, self._sink, on_event=self._tell
+        )
+        self._stats = loop.stats
+        self._console.show(lambda: _progress(loop))
+        freeze_garbage_collection(self._request.config.real_time)
+        self._rss_start_mb = resident_mb()
+        while not loop.is_done:
+            asked = signals.take()
+            if asked is not None:
+                loop.ask_stop(asked)
+            loop.cycle()
+        self._console.show(None)
+        return loop.stop or Stop(StopReason.COMPLETED)
+
+    def _end(self, stop: Stop) -> None:
+        self.outcome, self._exit_code, self._sentence = stop.reason.label, stop.reason.exit_code, stop.sentence()
+
+    def _rest(self, hal: Hal, stop: Stop) -> None:
+        self._console.say("sitting and powering off …")
+        try:
+            if stop.reason.reaction is Reaction.HAND_BACK:
+                hal.stand()
+            hal.power_off()
+        except HalError as error:
+            self._event(EventName.POWER_OFF_FAILED, f"{error}; see to the robot")
+            if self._exit_code == 0:
+                self.outcome, self._exit_code, self._sentence = "power_off_failed", error.exit_code, str(error)
+        else:
+            self._event(EventName.POWER_OFF, "the robot sits and its motors are off")
+
+    def _try_power_off(self, hal: Hal | None, signals: StopSignals) -> None:
+        """After a failure before control: whatever was powered on goes off again."""
+        signals.interrupts = False
+        if hal is None:
+            return
+        try:
+            hal.power_off()
+        except HalError as error:
+            self._console.say(f"could not power off: {error}")
+
+    def _event(self, name: EventName, text: str) -> None:
+        host_ns = self._clock.now_ns() if self._hal is None else self._hal.host_now_ns()
+        record = EventRecord(host_ns, 0, name.severity, name.label, text)
+        self._sink.event(record)
+        self._tell(record)
+
+    def _tell(self, record: EventRecord) -> None:
+        mark = {Severity.INFO: "", Severity.WARNING: "warning: ", Severity.ERROR: "error: "}[record.severity]
+        self._console.say(f"{mark}{record.name}: {record.text}")
+
+
+def _progress(loop: ControlLoop) -> str:
+    status, stats = loop.status, loop.stats
+    v_x, v_y, yaw = status.velocity_command.tolist()
+    return (
+        f"{status.mode.value:<11} {status.active_s:6.1f} s  command {v_x:+.2f} {v_y:+.2f} m/s {yaw:+.2f} rad/s  "
+        f"{stats.rate_hz:6.2f} Hz  age p99 {stats.state_age_s.percentile(99) * 1e3:.1f} ms  "
+        f"tick p50 {stats.compute_s.percentile(50) * 1e6:.0f} µs  skipped {stats.skipped_ticks}"
+    )
+
+
+def _software_version() -> str:
+    try:
+        return version("spot-rl")
+    except PackageNotFoundError:
+        return ""

@@ -1,0 +1,51 @@
+"""The bounds of the safety core, as data: each a key of the configuration, with its unit in its name."""
+
+from __future__ import annotations
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+
+class SafetyLimits(BaseModel):
+    """Bounds of the safety core. Ages and times count in robot time."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    state_age_warn_s: float = Field(default=0.015, gt=0.0, le=1.0)
+    state_age_damp_s: float = Field(default=0.040, gt=0.0, le=1.0, description="A staler state ends in damping.")
+    state_age_stop_s: float = Field(default=0.200, gt=0.0, le=5.0, description="Then nothing is sent any more.")
+    state_from_future_s: float = Field(
+        default=0.050, gt=0.0, le=5.0, description="A state stamped later than this from now means a jumped clock."
+    )
+    rejected_states: int = Field(default=10, ge=1, le=1000, description="Duplicated or back-dated states in a row.")
+    frozen_s: float = Field(default=0.060, gt=0.0, le=5.0, description="Joint values identical for this long.")
+    quaternion_norm_error: float = Field(default=0.05, gt=0.0, le=1.0)
+    tilt_rad: float = Field(default=0.785398, gt=0.0, le=3.2)
+    joint_velocity_rad_s: float = Field(default=40.0, gt=0.0, le=100.0)
+    joint_position_margin_rad: float = Field(
+        default=0.15, ge=0.0, le=1.0, description="A joint measured this far beyond its stop is not believed."
+    )
+    setpoint_step_rad: float = Field(
+        default=1.5, gt=0.0, le=10.0, description="A set-point may move this far in a policy period; the rest is cut."
+    )
+    setpoint_step_ticks: int = Field(default=5, ge=1, le=1000, description="Cut steps in a row before the stop.")
+    setpoint_overshoot_rad: float = Field(
+        default=1.0, gt=0.0, le=20.0, description="A request this far beyond a joint's stop comes from a wrong policy."
+    )
+    setpoint_overshoot_ticks: int = Field(default=5, ge=1, le=1000)
+    feedforward_nm: float = Field(default=120.0, gt=0.0, le=200.0, description="Largest feed-forward torque sent.")
+    command_echo_s: float = Field(
+        default=0.150, gt=0.0, le=5.0, description="The robot must confirm a command at least this often."
+    )
+    skipped_ticks: int = Field(default=10, ge=1, le=1000, description="Policy ticks lost within a second.")
+    clock_jump_s: float = Field(
+        default=0.050, gt=0.0, le=5.0, description="A round trip this far from the estimate means a clock that was set."
+    )
+    battery_percent: float = Field(default=8.0, ge=0.0, le=100.0, description="Below this the run ends.")
+    motor_temperature_c: float = Field(default=75.0, gt=0.0, le=150.0)
+    slow_state_age_s: float = Field(default=3.0, gt=0.0, le=60.0, description="Without a poll for this long: stop.")
+
+    @model_validator(mode="after")
+    def _ages_rise(self) -> SafetyLimits:
+        if not self.state_age_warn_s < self.state_age_damp_s < self.state_age_stop_s:
+            raise ValueError("must rise: state_age_warn_s < state_age_damp_s < state_age_stop_s")
+        return self

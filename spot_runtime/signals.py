@@ -1,0 +1,62 @@
+"""SIGINT and SIGTERM: the first asks for a stop in place, the second for damping at once."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable
+from types import FrameType, TracebackType
+from typing import Any, Final
+
+from spot_runtime.stops import Stop, StopReason
+
+HANDLED: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+class OperatorInterrupt(BaseException):
+    """The operator wants to stop while the program waits for the robot; carries the stop."""
+
+    def __init__(self, stop: Stop) -> None:
+        """Carry a stop."""
+        super().__init__(stop.sentence())
+        self.stop = stop
+
+
+class StopSignals:
+    """Turns signals into stops while it is entered.
+
+    While the loop runs, ``take`` gives the newest stop. While the program waits in a call of the robot
+    (``interrupts`` set), a signal raises :class:`OperatorInterrupt` there instead.
+    """
+
+    def __init__(self) -> None:
+        """Count from zero."""
+        self.interrupts = False
+        self._count = 0
+        self._pending: Stop | None = None
+        self._previous: dict[signal.Signals, Callable[[int, FrameType | None], Any] | int | None] = {}
+
+    def __enter__(self) -> StopSignals:
+        """Install the handlers; only the main thread may."""
+        for number in HANDLED:
+            self._previous[number] = signal.signal(number, self._handle)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Put back what was there."""
+        for number, handler in self._previous.items():
+            signal.signal(number, handler)
+
+    def take(self) -> Stop | None:
+        """The stop that was asked for since the last call."""
+        pending, self._pending = self._pending, None
+        return pending
+
+    def _handle(self, number: int, frame: FrameType | None) -> None:
+        self._count += 1
+        reason = StopReason.OPERATOR_STOP if self._count == 1 else StopReason.OPERATOR_DAMP
+        stop = Stop(reason, signal.Signals(number).name)
+        if self.interrupts:
+            raise OperatorInterrupt(stop)
+        self._pending = stop

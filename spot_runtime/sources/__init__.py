@@ -1,0 +1,1 @@
+"""Sources of velocity commands: scripted, keyboard, gamepad."""

@@ -1,0 +1,33 @@
+"""Where velocity commands come from."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+from spot_model.state import Array
+
+
+class VelocityCommand(NamedTuple):
+    """What the operator wants now."""
+
+    command: Array
+    """V_x, V_y (m/s), ω_z (rad/s), shape (3,)."""
+    is_finished: bool = False
+    """The source has nothing more to say: stop and hand back."""
+
+
+class CommandSource(Protocol):
+    """Asked once a policy tick; never blocks."""
+
+    name: str
+
+    def sample(self, active_s: float, host_stamp_ns: int) -> VelocityCommand:
+        """The command at this instant.
+
+        Args:
+            active_s: Robot time since the policy has been in full control.
+            host_stamp_ns: The host's clock, for dead-man timers.
+        """
+
+    def close(self) -> None:
+        """Give back what is held (a terminal's mode, a device)."""

@@ -1,0 +1,110 @@
+"""Velocity commands from the keys of a terminal; letting go of the key is the dead-man."""
+
+from __future__ import annotations
+
+import os
+import select
+import sys
+import termios
+import tty
+from collections.abc import Callable
+from typing import Any, Final
+
+import numpy as np
+
+from spot_model.errors import BadInputError
+from spot_model.state import Array
+from spot_runtime.config import OperatorConfig
+from spot_runtime.sources.base import VelocityCommand
+from spot_runtime.sources.shaping import Shaper
+
+HELP: Final = "hold w/s: forward, back · a/d: left, right · q/e: turn · space: stand still · x: stop and sit"
+DIRECTIONS: Final = {
+    "w": (1.0, 0.0, 0.0),
+    "s": (-1.0, 0.0, 0.0),
+    "a": (0.0, 1.0, 0.0),
+    "d": (0.0, -1.0, 0.0),
+    "q": (0.0, 0.0, 1.0),
+    "e": (0.0, 0.0, -1.0),
+}
+QUIT: Final = "x"
+
+
+class KeyboardSource:
+    """One key at a time, as terminals repeat only the newest; silence for longer than the repeat delay is release."""
+
+    name = "keyboard"
+
+    def __init__(self, config: OperatorConfig, read_keys: Callable[[], str]) -> None:
+        """Use ``read_keys``, which gives the keys pressed since its last call and never blocks."""
+        self._read_keys = read_keys
+        self._top = np.array([config.top_v_x_m_s, config.top_v_y_m_s, config.top_yaw_rate_rad_s])
+        self._silence_ns = round(config.keyboard_silence_s * 1e9)
+        self._shaper = Shaper(config.acceleration_m_s2, config.release_s)
+        self._wanted: Array | None = None
+        self._pressed_ns = 0
+        self._is_finished = False
+
+    def sample(self, active_s: float, host_stamp_ns: int) -> VelocityCommand:
+        """See the protocol."""
+        del active_s
+        for key in self._read_keys():
+            self._pressed_ns = host_stamp_ns
+            if key in DIRECTIONS:
+                self._wanted = np.array(DIRECTIONS[key]) * self._top
+            elif key == QUIT:
+                self._is_finished = True
+            else:
+                self._wanted = None
+        if host_stamp_ns - self._pressed_ns > self._silence_ns:
+            self._wanted = None
+        return VelocityCommand(self._shaper.follow(self._wanted, host_stamp_ns), self._is_finished)
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+
+class TerminalKeys:
+    """Keys of the controlling terminal as they are pressed, without echo."""
+
+    def __init__(self) -> None:
+        """Switch the terminal; :meth:`close` switches it back.
+
+        Raises:
+            BadInputError: Standard input is no terminal.
+        """
+        if not sys.stdin.isatty():
+            raise BadInputError("--keyboard needs a terminal, and standard input is none; use --sequence instead")
+        self._descriptor = sys.stdin.fileno()
+        self._before: list[Any] | None = termios.tcgetattr(self._descriptor)
+        # Not raw mode: Ctrl-C must still reach us as SIGINT.
+        tty.setcbreak(self._descriptor)
+
+    def read(self) -> str:
+        """What was pressed since the last call."""
+        keys = b""
+        while select.select([self._descriptor], [], [], 0.0)[0]:
+            chunk = os.read(self._descriptor, 64)
+            if not chunk:
+                break
+            keys += chunk
+        return keys.decode("ascii", errors="ignore")
+
+    def close(self) -> None:
+        """Give the terminal back as it was."""
+        if self._before is not None:
+            termios.tcsetattr(self._descriptor, termios.TCSADRAIN, self._before)
+            self._before = None
+
+
+class TerminalKeyboardSource(KeyboardSource):
+    """A :class:`KeyboardSource` on the controlling terminal."""
+
+    def __init__(self, config: OperatorConfig) -> None:
+        """Switch the terminal. Raises BadInputError where there is none."""
+        self._terminal = TerminalKeys()
+        super().__init__(config, self._terminal.read)
+
+    def close(self) -> None:
+        """Give the terminal back."""
+        self._terminal.close()

@@ -1,0 +1,131 @@
+"""Why a run can end: one closed table of reasons, each with its reaction, exit code and words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import NamedTuple
+
+
+class Reaction(Enum):
+    """What is done with the robot, mildest first."""
+
+    HAND_BACK = "stop in place, hand back to the vendor's stand, sit, power off"
+    DAMP = "joints damped until the body rests, then power off"
+    EXPIRE = "nothing more is sent, the last command lapses, then power off"
+
+    @property
+    def level(self) -> int:
+        """0 for the mildest; a running stop is only ever replaced by a stronger one."""
+        return list(Reaction).index(self)
+
+
+class StopRule(NamedTuple):
+    """One row of the table."""
+
+    reaction: Reaction
+    exit_code: int
+    text: str
+    next_step: str
+
+
+class StopReason(Enum):
+    """Every reason for which a run ends. The values are the rows of the table in the documentation."""
+
+    COMPLETED = StopRule(Reaction.HAND_BACK, 0, "the command sequence is done", "")
+    RECORDING_OVER = StopRule(Reaction.EXPIRE, 0, "the recording is over", "")
+    OPERATOR_STOP = StopRule(Reaction.HAND_BACK, 10, "the operator asked to stop", "start again when ready")
+    OPERATOR_DAMP = StopRule(Reaction.DAMP, 11, "the operator asked twice to stop", "check the robot, then start again")
+    STATE_STALE = StopRule(Reaction.DAMP, 20, "the newest state is too old", "check link and load of this computer")
+    STATE_LOST = StopRule(Reaction.EXPIRE, 21, "no state arrives any more", "check the link to the robot")
+    STATE_NOT_FINITE = StopRule(
+        Reaction.DAMP, 22, "a state holds a value that is no number", "check the robot's sensors"
+    )
+    STATE_FROZEN = StopRule(Reaction.DAMP, 23, "joint values no longer change", "check the robot's sensors")
+    STATE_REJECTED = StopRule(
+        Reaction.DAMP, 24, "states arrive duplicated or back-dated", "check the link and the robot's clock"
+    )
+    STATE_ATTITUDE = StopRule(Reaction.DAMP, 25, "the attitude is no rotation", "check the robot's sensors")
+    TILT = StopRule(Reaction.DAMP, 26, "the body tilts too far", "set the robot upright; check policy and ground")
+    JOINT_VELOCITY = StopRule(Reaction.DAMP, 27, "a joint moves too fast", "check policy and ground")
+    JOINT_POSITION = StopRule(Reaction.DAMP, 28, "a joint is measured beyond its stop", "check the robot's calibration")
+    POLICY_NOT_FINITE = StopRule(
+        Reaction.DAMP, 30, "the policy gave a value that is no number", "check the policy file"
+    )
+    SETPOINT_STEP = StopRule(Reaction.DAMP, 31, "set-points keep jumping", "check the policy's scale and joint order")
+    SETPOINT_OVERSHOOT = StopRule(
+        Reaction.DAMP, 32, "set-points stay far beyond a joint's stop", "check the policy's scale and joint order"
+    )
+    TICKS_SKIPPED = StopRule(Reaction.DAMP, 33, "too many policy ticks were lost", "check load and priority")
+    COMMAND_UNCONFIRMED = StopRule(Reaction.DAMP, 40, "the robot confirms no command", "check the link")
+    COMMAND_REFUSED = StopRule(Reaction.EXPIRE, 41, "the robot ended the command stream", "see the robot's message")
+    ACTIVATION_FAILED = StopRule(
+        Reaction.EXPIRE, 42, "the robot did not enter joint control", "check the joint-control licence and the lease"
+    )
+    HAND_BACK_FAILED = StopRule(
+        Reaction.DAMP, 49, "the vendor's stand did not take the robot back", "see the robot's own page"
+    )
+    CLOCK_JUMPED = StopRule(Reaction.DAMP, 43, "the robot's clock jumped", "wait for time sync, then start again")
+    LEASE_LOST = StopRule(Reaction.EXPIRE, 44, "the lease is gone; it is never taken back", "see who holds it")
+    ESTOPPED = StopRule(Reaction.EXPIRE, 45, "an e-stop is pressed", "release the e-stop, then start again")
+    MOTORS_OFF = StopRule(Reaction.EXPIRE, 46, "the motors have no power", "power on, then start again")
+    BEHAVIOR_FAULT = StopRule(
+        Reaction.DAMP, 47, "the robot reports a behaviour fault", "clear it by hand, then start again"
+    )
+    LINK_LOST = StopRule(Reaction.DAMP, 48, "the robot no longer answers polls", "check the link")
+    BATTERY_LOW = StopRule(Reaction.HAND_BACK, 50, "the battery is low", "charge or change the battery")
+    MOTOR_HOT = StopRule(Reaction.HAND_BACK, 51, "a motor is hot", "let the robot cool down")
+    SYSTEM_FAULT = StopRule(Reaction.HAND_BACK, 52, "the robot reports a system fault", "see the robot's own page")
+    LOG_FAILED = StopRule(Reaction.HAND_BACK, 60, "the log no longer records", "free the disk, then start again")
+    INTERNAL_ERROR = StopRule(Reaction.DAMP, 70, "a defect of this program", "report it with the log")
+
+    @property
+    def label(self) -> str:
+        """The name in logs, summaries and file names."""
+        return self.name.lower()
+
+    @property
+    def reaction(self) -> Reaction:
+        """What is done with the robot."""
+        return self.value.reaction
+
+    @property
+    def exit_code(self) -> int:
+        """The process's exit code."""
+        return self.value.exit_code
+
+
+@dataclass(frozen=True)
+class Stop:
+    """One stop that happened: the reason with its figures."""
+
+    reason: StopReason
+    detail: str = ""
+    """What exactly, in words: a joint's name, the robot's own message."""
+    values: dict[str, float] = field(default_factory=dict)
+    """Measured value, bound and the like, unit in the key."""
+
+    def sentence(self) -> str:
+        """One line for a person: what happened, with which figures, and what to do next."""
+        rule = self.reason.value
+        figures = ", ".join(f"{name} = {value:g}" for name, value in self.values.items())
+        text = rule.text + (f": {self.detail}" if self.detail else "") + (f" ({figures})" if figures else "")
+        return f"{text}; {rule.next_step}" if rule.next_step else text
+
+
+def stronger(running: Stop | None, new: Stop | None) -> Stop | None:
+    """The stop that counts: the first one, unless a later one asks for a stronger reaction."""
+    if running is None or new is None:
+        return running or new
+    return new if new.reason.reaction.level > running.reason.reaction.level else running
+
+
+def stops_table() -> str:
+    """All reasons as a Markdown table, for the documentation."""
+    lines = ["| reason | exit code | meaning | reaction | next step |", "|---|---|---|---|---|"]
+    for reason in StopReason:
+        rule = reason.value
+        lines.append(
+            f"| `{reason.label}` | {rule.exit_code} | {rule.text} | {rule.reaction.value} | {rule.next_step or '–'} |"
+        )
+    return "\n".join(lines)

@@ -1,0 +1,74 @@
+"""How a run ended, for a person and for programs."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from spot_runtime.loop_stats import LoopStats
+
+
+@dataclass(frozen=True)
+class RunSummary:
+    """The end of a run."""
+
+    outcome: str
+    """``completed``, or the reason of the stop."""
+    exit_code: int
+    sentence: str
+    log_path: str
+    ticks: int
+    rate_hz: float
+    skipped_ticks: int
+    tick_compute_p50_us: float
+    tick_compute_p99_us: float
+    state_to_command_p50_ms: float
+    state_to_command_p99_ms: float
+    state_age_p50_ms: float
+    state_age_p99_ms: float
+    log_dropped: int
+    rss_mb: float
+    rss_growth_mb: float
+    """Resident memory at the end less that at the start of control."""
+    real_time_refusals: tuple[str, ...] = ()
+
+    def to_json(self) -> str:
+        """One JSON object; figures that were not measured are null."""
+        values = {k: None if isinstance(v, float) and math.isnan(v) else v for k, v in asdict(self).items()}
+        return json.dumps(values)
+
+    def to_text(self) -> str:
+        """A few lines for a person."""
+        lines = [f"outcome            {self.outcome}: {self.sentence}"]
+        if self.ticks:
+            lines += [
+                f"policy ticks       {self.ticks} at {self.rate_hz:.3f} Hz of robot time, {self.skipped_ticks} skipped",
+                f"tick compute       p50 {self.tick_compute_p50_us:.0f} µs, p99 {self.tick_compute_p99_us:.0f} µs",
+                f"state to command   p50 {self.state_to_command_p50_ms:.2f} ms, p99 {self.state_to_command_p99_ms:.2f} ms",
+                f"state age          p50 {self.state_age_p50_ms:.2f} ms, p99 {self.state_age_p99_ms:.2f} ms",
+            ]
+        lines.append(f"log                {self.log_path} ({self.log_dropped} messages dropped)")
+        return "\n".join(lines)
+
+
+def figures(stats: LoopStats) -> dict[str, float | int]:
+    """The loop's own figures, by the summary's names."""
+    return {
+        "ticks": stats.ticks,
+        "rate_hz": stats.rate_hz,
+        "skipped_ticks": stats.skipped_ticks,
+        "tick_compute_p50_us": stats.compute_s.percentile(50) * 1e6,
+        "tick_compute_p99_us": stats.compute_s.percentile(99) * 1e6,
+        "state_to_command_p50_ms": stats.state_to_command_s.percentile(50) * 1e3,
+        "state_to_command_p99_ms": stats.state_to_command_s.percentile(99) * 1e3,
+        "state_age_p50_ms": stats.state_age_s.percentile(50) * 1e3,
+        "state_age_p99_ms": stats.state_age_s.percentile(99) * 1e3,
+    }
+
+
+def resident_mb() -> float:
+    """Resident memory of this process, MB."""
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+    return pages * 4096 / 1e6
