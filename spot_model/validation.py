@@ -2,19 +2,46 @@
 
 from __future__ import annotations
 
-from pydantic import ValidationError
+import typing
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
 
 
-def explain(error: ValidationError) -> str:
-    """One line a problem: the key's path, the value that was given, and what is wrong or allowed."""
+def explain(error: ValidationError, model: type[BaseModel] | None = None) -> str:
+    """One line a problem: the key's path, the value that was given, and what is wrong or allowed.
+
+    With the ``model`` that was validated, an unknown key comes with the keys that are allowed at its place.
+    """
     lines = []
     for problem in error.errors(include_url=False):
         where = ".".join(str(part) for part in problem["loc"]) or "file"
         value = "" if problem["type"] == "missing" else f" = {_short(problem['input'])}"
-        lines.append(f"  {where}{value}: {problem['msg']}")
+        message = problem["msg"]
+        if problem["type"] == "extra_forbidden":
+            message = "unknown key"
+            allowed = _keys_at(model, problem["loc"][:-1]) if model is not None else ()
+            message += f"; allowed: {', '.join(allowed)}" if allowed else ""
+        lines.append(f"  {where}{value}: {message}")
     return "\n".join(lines)
 
 
 def _short(value: object, limit: int = 80) -> str:
     text = repr(value)
     return text if len(text) <= limit else f"{text[: limit - 1]}…"
+
+
+def _keys_at(model: type[BaseModel], path: tuple[int | str, ...]) -> tuple[str, ...]:
+    """Names of the keys that the part of ``model`` at ``path`` knows; none where the path leaves plain models."""
+    here: list[type[BaseModel]] = [model]
+    for part in path:
+        found = [_models_in(m.model_fields[str(part)].annotation) for m in here if str(part) in m.model_fields]
+        tagged = [m for m in here if any(f.default == part for f in m.model_fields.values())]
+        here = [m for group in found for m in group] if found else tagged or here
+    return tuple(dict.fromkeys(f.alias or name for m in here for name, f in m.model_fields.items()))
+
+
+def _models_in(annotation: Any) -> list[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for part in typing.get_args(annotation) for model in _models_in(part)]
