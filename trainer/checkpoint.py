@@ -66,6 +66,14 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
     return content
 
 
+def save_networks(checkpoint: Path, out: Path) -> None:
+    """Write a small checkpoint that only ``start_from`` and ``export`` can use: no optimiser, no environment."""
+    content = read_checkpoint(checkpoint)
+    keys = ("actor_state_dict", "critic_state_dict")
+    small = {key: content[key] for key in ("schema", "contract", "config", "iterations_done")}
+    torch.save({**small, "algorithm": {key: content["algorithm"][key] for key in keys}}, out)
+
+
 def config_of(content: dict[str, Any], source: str) -> TrainConfig:
     """The config that a checkpoint was trained with."""
     return config_from_data(yaml.safe_load(content["config"]), source=source)
@@ -98,7 +106,13 @@ def load_networks(runner: PpoRunner, content: dict[str, Any], source: str) -> No
 
 
 def restore(runner: PpoRunner, content: dict[str, Any]) -> None:
-    """Put a runner into the state in which the checkpoint was written."""
+    """Put a runner into the state in which the checkpoint was written.
+
+    Raises:
+        BadInputError: The checkpoint holds networks alone.
+    """
+    if "environment" not in content:
+        raise BadInputError("this checkpoint holds networks alone; start a new run from it with --set start_from=FILE")
     runner.alg.load(content["algorithm"], None, strict=True)
     runner.env.restore(content["environment"])
     runner.current_learning_iteration = int(content["iterations_done"])

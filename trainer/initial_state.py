@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import torch
 
 from spot_model import facts
@@ -21,9 +23,7 @@ def draw_initial_state(config: RandomisationConfig, terrain: TerrainConfig, n: i
     half_yaw = 0.5 * draws.uniform(c.initial_yaw_rad, n)
     zero = torch.zeros(n, device=device)
     height = default_height_m() + FREE_HEIGHT_M + (terrain.amplitude_m if terrain.kind == "noise" else 0.0)
-    default = torch.tensor(facts.DEFAULT_POSITION_RAD, device=device, dtype=torch.float32)
-    low = torch.tensor(facts.POSITION_LOW_RAD, device=device, dtype=torch.float32)
-    high = torch.tensor(facts.POSITION_HIGH_RAD, device=device, dtype=torch.float32)
+    default, low, high = _joint_constants(device)
     xy = draws.uniform(c.initial_xy_m, n, 2)
     if terrain.kind == "noise":
         # Spread over the ground, so that robots do not all learn the same few square metres.
@@ -45,6 +45,13 @@ def draw_initial_state(config: RandomisationConfig, terrain: TerrainConfig, n: i
         position_rad=(default + draws.uniform(c.initial_position_rad, n, facts.N_JOINTS)).clamp(low, high),
         velocity_rad_s=draws.uniform(c.initial_velocity_rad_s, n, facts.N_JOINTS),
     )
+
+
+@functools.lru_cache(maxsize=8)
+def _joint_constants(device: torch.device) -> tuple[torch.Tensor, ...]:
+    """Default pose and joint stops; kept on the device, because a copy would make it wait."""
+    values = (facts.DEFAULT_POSITION_RAD, facts.POSITION_LOW_RAD, facts.POSITION_HIGH_RAD)
+    return tuple(torch.tensor(v, device=device, dtype=torch.float32) for v in values)
 
 
 def draw_simulations(config: RandomisationConfig, n: int, draws: Draws) -> SimulationDraws:

@@ -6,6 +6,8 @@ foot distance, which the paper names without a formula, are this project's.
 
 from __future__ import annotations
 
+import functools
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
@@ -88,15 +90,9 @@ def air_time(m: Moment, c: RewardShape) -> Tensor:
 def gait(m: Moment, c: RewardShape) -> Tensor:
     """Diagonal feet in step, neighbouring feet out of step; 0 when standing."""
     cap, scale = c.gait_largest_error_s**2, c.gait_scale_s2
-    air, contact = m.air_time_s, m.contact_time_s
-
-    def capped(a: Tensor, b: Tensor) -> Tensor:
-        return (a - b).square().clamp(max=cap)
-
-    pair_a, pair_b = [0, 1], [3, 2]  # fl with hr, fr with hl
-    error = (capped(air[:, pair_a], air[:, pair_b]) + capped(contact[:, pair_a], contact[:, pair_b])).sum(dim=-1)
-    first, second = [0, 3, 0, 1], [1, 2, 2, 3]  # fl-fr, hr-hl, fl-hl, fr-hr
-    error = error + (capped(air[:, first], contact[:, second]) + capped(contact[:, first], air[:, second])).sum(-1)
+    times = torch.cat([m.air_time_s, m.contact_time_s], dim=-1)
+    first, second = _gait_pairs(times.device)
+    error = (times[:, first] - times[:, second]).square().clamp(max=cap).sum(dim=-1)
     return torch.exp(-error / scale) * m.is_moving
 
 
@@ -140,7 +136,7 @@ def foot_impact(m: Moment, _c: RewardShape) -> Tensor:
 
 def foot_distance(m: Moment, c: RewardShape) -> Tensor:
     """How much closer than allowed the feet are, summed over the six pairs."""
-    first, second = [0, 0, 0, 1, 1, 2], [1, 2, 3, 2, 3, 3]
+    first, second = _foot_pairs(m.foot_xy_m.device)
     distance = (m.foot_xy_m[:, first] - m.foot_xy_m[:, second]).norm(dim=-1)
     return (c.foot_distance_m - distance).clamp(min=0.0).sum(dim=-1)
 
@@ -164,6 +160,24 @@ def joint_position(m: Moment, c: RewardShape) -> Tensor:
 def joint_torque(m: Moment, _c: RewardShape) -> Tensor:
     """Norm of the motor torques."""
     return m.torque_nm.norm(dim=-1)
+
+
+@functools.lru_cache(maxsize=8)
+def _gait_pairs(device: torch.device) -> tuple[Tensor, Tensor]:
+    """Columns of (air, contact) times that a trot makes equal; kept on the device, a copy would make it wait."""
+    fl, fr, hl, hr = range(4)
+    in_step = [(fl, hr), (fr, hl)]
+    out_of_step = [(fl, fr), (hr, hl), (fl, hl), (fr, hr)]
+    pairs = [(a + k, b + k) for a, b in in_step for k in (0, 4)]
+    pairs += [pair for a, b in out_of_step for pair in ((a, b + 4), (a + 4, b))]
+    first, second = zip(*pairs, strict=True)
+    return torch.tensor(first, device=device), torch.tensor(second, device=device)
+
+
+@functools.lru_cache(maxsize=8)
+def _foot_pairs(device: torch.device) -> tuple[Tensor, Tensor]:
+    first, second = zip(*itertools.combinations(range(4), 2), strict=True)
+    return torch.tensor(first, device=device), torch.tensor(second, device=device)
 
 
 TERMS: Final[dict[str, Term]] = {

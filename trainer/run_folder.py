@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import json
+import os
 import platform
 import subprocess
 import sys
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from spot_model.errors import BadInputError
 from trainer.config import TrainConfig, config_yaml
+
+REVISION_VARIABLE: Final = "SPOT_RL_REVISION"
 
 
 def make_run_folder(folder: Path, config: TrainConfig, command: str, device: str) -> None:
@@ -44,7 +47,12 @@ def read_run_record(folder: Path) -> dict[str, Any]:
 
 
 def git_revision() -> str:
-    """The source's revision, with ``+changes`` if files differ from it; ``unknown`` outside a checkout."""
+    """The source's revision, with ``+changes`` if files differ from it; ``unknown`` outside a checkout.
+
+    Where the source was copied without its history, the environment variable SPOT_RL_REVISION says it.
+    """
+    if REVISION_VARIABLE in os.environ:
+        return os.environ[REVISION_VARIABLE]
     here = Path(__file__).parent
     try:
         revision = _git("rev-parse", "HEAD", cwd=here)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 import torch
@@ -25,20 +26,14 @@ _VECTOR_SIGN = {
 
 def mirror_action(action: Tensor) -> Tensor:
     """The mirror image of joint values (actions, offsets, velocities), shape (..., 12), canonical order."""
-    return action[..., JOINT_SOURCE] * torch.tensor(JOINT_SIGN, device=action.device, dtype=action.dtype)
+    source, sign = _joint_mirror(action.device)
+    return action[..., source] * sign
 
 
 def mirror_observation(observation: Tensor) -> Tensor:
     """The mirror image of an observation, shape (..., 48)."""
-    parts = []
-    for (name, _), block in zip(
-        OBSERVATION_LAYOUT, observation.split([size for _, size in OBSERVATION_LAYOUT], dim=-1), strict=True
-    ):
-        sign = _VECTOR_SIGN.get(name)
-        parts.append(
-            mirror_action(block) if sign is None else block * torch.tensor(sign, device=block.device, dtype=block.dtype)
-        )
-    return torch.cat(parts, dim=-1)
+    source, sign = _observation_mirror(observation.device)
+    return observation[..., source] * sign
 
 
 def with_mirror_images(
@@ -51,3 +46,23 @@ def with_mirror_images(
         both_obs = TensorDict(groups, batch_size=[2 * obs.batch_size[0]], device=obs.device)
     both_actions = None if actions is None else torch.cat([actions, mirror_action(actions)])
     return both_obs, both_actions
+
+
+@functools.lru_cache(maxsize=8)
+def _joint_mirror(device: torch.device) -> tuple[Tensor, Tensor]:
+    with torch.inference_mode(mode=False):
+        return torch.tensor(JOINT_SOURCE, device=device), torch.tensor(JOINT_SIGN, device=device)
+
+
+@functools.lru_cache(maxsize=8)
+def _observation_mirror(device: torch.device) -> tuple[Tensor, Tensor]:
+    """Source column and sign of each of the 48 columns of a mirrored observation."""
+    source: list[int] = []
+    sign: list[float] = []
+    for name, size in OBSERVATION_LAYOUT:
+        first = len(source)
+        vector = _VECTOR_SIGN.get(name)
+        source += [first + i for i in (range(size) if vector else JOINT_SOURCE)]
+        sign += vector or JOINT_SIGN
+    with torch.inference_mode(mode=False):
+        return torch.tensor(source, device=device), torch.tensor(sign, device=device)

@@ -13,7 +13,7 @@ from spot_model.effects.base import Effect
 from spot_model.leg_kinematics import foot_position_in_body_m
 from spot_model.mjcf import MjcfOptions
 from spot_model.observation import build_observation
-from spot_model.plant import Plant, PlantOptions
+from spot_model.plant import Plant, PlantOptions, ServoCommand
 from spot_model.policy import Policy
 from spot_model.rotation import rotate_wxyz
 from trainer.sysid.features import control_law_features
@@ -93,7 +93,7 @@ def roll_out(
     plant = _started_plant(effects, n_candidates, cases, options)
     commands = np.stack([_padded(c.velocity_command, n_ticks) for c in cases])
     noise = np.stack([_noise(c, n_ticks) for c in cases])
-    order = policy.policy_from_canonical
+    order, gains = policy.policy_from_canonical, policy.gains()
     last_action = np.tile(np.stack([c.start.last_action for c in cases]), (n_candidates, 1))
     substeps = control_substeps(n_ticks, policy.contract.rate_hz, options.timestep_s)
 
@@ -124,7 +124,14 @@ def roll_out(
         velocity[:, tick] = observation[:, :3]
         fallen = np.where((observation[:, 8] > FALL_GRAVITY_Z) & (fallen == n_ticks), tick, fallen)
         last_action = action
-        plant.step(policy.setpoint_rad(action), int(substeps[tick]))
+        plant.command(
+            ServoCommand(
+                position_rad=policy.setpoint_rad(action),
+                kp_nm_per_rad=gains.kp_nm_per_rad,
+                kd_nm_s_per_rad=gains.kd_nm_s_per_rad,
+            )
+        )
+        plant.advance(int(substeps[tick]))
         torque[:, tick] = plant.applied_torque_nm
     features[plant.diverged] = np.nan
     for i, case in enumerate(cases):

@@ -1,0 +1,51 @@
+#!/usr/bin/env bash
+# One stage of a session on a lent GPU machine without a network; run from the repository's root.
+#   setup            lay the packed wheels (.gpu, .whl) into $SITE
+#   check            parity of the two back ends, then training speed at three sizes, as JSON
+#   train NAME [S]   train policies/NAME.yaml for at most S seconds, then export to $OUT
+#   scale N          training speed on N GPUs by torchrun, as JSON
+set -euo pipefail
+SITE=${SITE:-/tmp/site}
+OUT=${OUT:-out}
+DEVICE=${DEVICE:-cuda}
+export PYTHONPATH="$SITE:$PWD" PYTHONUNBUFFERED=1 OMP_WAIT_POLICY=PASSIVE
+mkdir -p "$OUT"
+
+setup() {
+    for part in .gpu/1 .gpu/2; do
+        if [ -d "$part" ]; then python3 "$part/gpu_stack.py" unpack "$part" "$SITE"; fi
+    done
+    for wheel in .whl/*.whl; do
+        if [ -e "$wheel" ]; then python3 -m zipfile -e "$wheel" "$SITE"; fi
+    done
+}
+
+check() {
+    nvidia-smi -L
+    python3 benchmarks/gpu_parity.py cuda:0 256 50 | tee "$OUT/parity.jsonl"
+    for n in 4096 8192 16384; do
+        python3 -m trainer bench-train --device "$DEVICE" --set "n_envs=$n" --json | tee -a "$OUT/bench.jsonl"
+    done
+}
+
+train() {
+    local name=$1 seconds=${2:-520} run=runs/$1
+    shift; shift || true
+    rm -rf "$run"
+    timeout --signal=INT "$seconds" \
+        python3 -m trainer train --config "policies/$name.yaml" --device "$DEVICE" --out "$run" "$@" || true
+    cp "$run/metrics.jsonl" "$OUT/$name-metrics.jsonl"
+    cp "$run/config.yaml" "$OUT/$name-config.yaml"
+    cp "$run/run.json" "$OUT/$name-run.json"
+    rm -f "$OUT/$name.onnx"
+    python3 -m trainer export "$run" --out "$OUT/$name.onnx" --networks "$OUT/$name-networks.pt"
+}
+
+scale() {
+    python3 -m torch.distributed.run --standalone --nproc-per-node "$1" \
+        -m trainer bench-train --device "$DEVICE" --set n_envs=16384 --json | tee -a "$OUT/scale.jsonl"
+}
+
+stage=$1
+shift
+"$stage" "$@"

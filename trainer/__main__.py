@@ -1,0 +1,24 @@
+"""``python -m trainer``: the trainer's commands where the package is not installed, such as on a lent GPU machine."""
+
+from __future__ import annotations
+
+import sys
+
+import typer
+
+from spot_model.errors import SpotRlError
+from trainer.bench_command import train as bench
+from trainer.export_command import export
+from trainer.train_command import train
+
+app = typer.Typer(no_args_is_help=True, add_completion=False)
+app.command("train")(train)
+app.command("export")(export)
+app.command("bench-train")(bench)
+
+if __name__ == "__main__":
+    try:
+        app()
+    except SpotRlError as error:
+        typer.echo(f"error: {error}", err=True)
+        sys.exit(error.exit_code)

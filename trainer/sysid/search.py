@@ -1,0 +1,147 @@
+"""The paper's search: CMA-ES by ask and tell over the unit cube, with a checkpoint after every generation."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from cmaes import CMA
+from numpy.typing import NDArray
+
+from spot_model.errors import BadInputError
+from trainer.sysid.config import SearchConfig
+from trainer.sysid.engine import Engine
+from trainer.sysid.problem import CandidateResult, Problem
+
+Array = NDArray[np.float64]
+
+SCHEMA: Final = "spot-rl/sysid-search/1"
+EDGE: Final = 1e-6
+"""The search starts at least so far inside the unit cube, which the optimiser's bounds must contain."""
+
+
+@dataclass(frozen=True)
+class Generation:
+    """One iteration: the points of the unit cube that were asked for, and what they gave."""
+
+    index: int
+    unit: Array
+    """Shape (population, n)."""
+    results: tuple[CandidateResult, ...]
+
+
+@dataclass(frozen=True)
+class SearchState:
+    """All that has been searched."""
+
+    generations: tuple[Generation, ...]
+    mean_unit: Array
+    """Mean of the search distribution, shape (n,)."""
+    sigma: float
+    """Its step size, as a share of the bounds."""
+
+    def units(self) -> Array:
+        """All points, shape (n_evaluations, n)."""
+        return np.concatenate([g.unit for g in self.generations])
+
+    def results(self) -> list[CandidateResult]:
+        """All results, in the order of :meth:`units`."""
+        return [r for g in self.generations for r in g.results]
+
+
+def run_search(
+    problem: Problem,
+    engine: Engine,
+    config: SearchConfig,
+    checkpoint: Path,
+    on_generation: Callable[[Generation], None] = lambda _: None,
+) -> SearchState:
+    """Search, or go on where the checkpoint ends; the outcome is the same bit for bit.
+
+    Args:
+        problem: What is searched.
+        engine: Where candidates are evaluated.
+        config: Generations, population, step size, seed.
+        checkpoint: File of finished generations, one JSON object a line; made where it is missing.
+        on_generation: Called after each generation, also for those read from the checkpoint.
+
+    Raises:
+        BadInputError: The checkpoint belongs to another search.
+    """
+    head = {"schema": SCHEMA, "problem": problem.digest(), "search": config.model_dump(exclude={"generations"})}
+    done = _read_checkpoint(checkpoint, head)
+    optimiser = _optimiser(problem, config)
+    generations: list[Generation] = []
+    for index in range(config.generations):
+        unit = np.stack([optimiser.ask() for _ in range(config.population)])
+        if index < len(done):
+            generation = _generation(done[index], unit, checkpoint)
+        else:
+            generation = Generation(index, unit, tuple(engine.evaluate(problem.space.values_of_unit(unit))))
+            _append(checkpoint, _generation_data(generation))
+        scores = [problem.score(r) for r in generation.results]
+        optimiser.tell(list(zip(unit, scores, strict=True)))
+        generations.append(generation)
+        on_generation(generation)
+    return SearchState(tuple(generations), np.clip(optimiser.mean, 0.0, 1.0), float(optimiser._sigma))  # noqa: SLF001
+
+
+def _optimiser(problem: Problem, config: SearchConfig) -> Any:
+    n = problem.space.n
+    start = np.clip(problem.space.unit_of_values(problem.space.initial), EDGE, 1.0 - EDGE)
+    bounds = np.tile([0.0, 1.0], (n, 1))
+    return CMA(mean=start, sigma=config.sigma, bounds=bounds, seed=config.seed, population_size=config.population)
+
+
+def _read_checkpoint(path: Path, head: dict[str, Any]) -> list[dict[str, Any]]:
+    if not path.exists():
+        _append(path, head)
+        return []
+    lines = path.read_text(encoding="utf-8").split("\n")
+    complete, torn = lines[:-1], lines[-1]
+    if torn:
+        # The process ended while it wrote this line; that generation is searched again.
+        path.write_text("".join(f"{line}\n" for line in complete), encoding="utf-8")
+    try:
+        entries = [json.loads(line) for line in complete]
+    except json.JSONDecodeError as error:
+        raise BadInputError(f"checkpoint {path} is damaged: {error}; search in a new folder") from error
+    if not entries:
+        _append(path, head)
+        return []
+    if entries[0] != head:
+        what = [key for key in head if entries[0].get(key) != head[key]] if isinstance(entries[0], dict) else ["all"]
+        raise BadInputError(
+            f"checkpoint {path} belongs to another search ({', '.join(what)} differ); "
+            "resume with the same logs and config, or search in a new folder"
+        )
+    return entries[1:]
+
+
+def _generation(data: dict[str, Any], unit: Array, path: Path) -> Generation:
+    if not np.array_equal(np.array(data["unit"]), unit):
+        raise BadInputError(
+            f"checkpoint {path}: generation {data['generation']} was drawn differently; it was made by another version "
+            "of the optimiser or of NumPy; search in a new folder"
+        )
+    return Generation(data["generation"], unit, tuple(CandidateResult.from_data(r) for r in data["results"]))
+
+
+def _generation_data(generation: Generation) -> dict[str, Any]:
+    return {
+        "generation": generation.index,
+        "unit": generation.unit.tolist(),
+        "results": [r.to_data() for r in generation.results],
+    }
+
+
+def _append(path: Path, data: dict[str, Any]) -> None:
+    with path.open("a", encoding="utf-8") as file:
+        file.write(json.dumps(data) + "\n")
+        file.flush()
+        os.fsync(file.fileno())
