@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 from typing import Annotated, Optional
 
+import numpy as np
 import typer
 
 from spot_model.errors import BadInputError
@@ -34,28 +35,28 @@ def run(
     robot: Annotated[str, typer.Option(help="Address: HOST, HOST:PORT or unix:/path.")],
     policy: Annotated[Path, typer.Option(help="ONNX file with its contract.")],
     sequence: Annotated[
-        Optional[str], typer.Option(help="Velocity commands: a built-in name or a YAML file.")  # noqa: UP007, UP045
+        Optional[str], typer.Option(help="Velocity commands: a built-in name or a YAML file.")  # noqa: UP045
     ] = None,
     keyboard: Annotated[bool, typer.Option("--keyboard", help="Velocity commands from the keyboard.")] = False,
     gamepad: Annotated[bool, typer.Option("--gamepad", help="Velocity commands from a gamepad.")] = False,
     duration: Annotated[
-        Optional[float], typer.Option(help="End after so many seconds of control; a sequence repeats.")  # noqa: UP007, UP045
+        Optional[float], typer.Option(help="End after so many seconds of control; a sequence repeats.")  # noqa: UP045
     ] = None,
-    config: Annotated[Optional[Path], typer.Option(help="YAML configuration.")] = None,  # noqa: UP007, UP045
+    config: Annotated[Optional[Path], typer.Option(help="YAML configuration.")] = None,  # noqa: UP045
     ca_file: Annotated[
-        Optional[Path], typer.Option(help=f"Certificate to trust beside the vendor's; also {CA_VARIABLE}.")  # noqa: UP007, UP045
+        Optional[Path], typer.Option(help=f"Certificate to trust beside the vendor's; also {CA_VARIABLE}.")  # noqa: UP045
     ] = None,
     credentials_file: Annotated[
-        Optional[Path], typer.Option(help="File with user name and password.")  # noqa: UP007, UP045
+        Optional[Path], typer.Option(help="File with user name and password.")  # noqa: UP045
     ] = None,
-    log_dir: Annotated[Optional[Path], typer.Option(help="Where the log goes.")] = None,  # noqa: UP007, UP045
-    label: Annotated[Optional[list[str]], typer.Option(help="Label of the log, KEY=VALUE; may repeat.")] = None,  # noqa: UP007, UP045
+    log_dir: Annotated[Optional[Path], typer.Option(help="Where the log goes.")] = None,  # noqa: UP045
+    label: Annotated[Optional[list[str]], typer.Option(help="Label of the log, KEY=VALUE; may repeat.")] = None,  # noqa: UP045
     repeat: Annotated[int, typer.Option(min=0, help="Number of this repetition, for the log.")] = 0,
     lock_step: Annotated[
-        Optional[str], typer.Option(help="Admin address of a fake robot in lock-step mode.")  # noqa: UP007, UP045
+        Optional[str], typer.Option(help="Admin address of a fake robot in lock-step mode.")  # noqa: UP045
     ] = None,
     summary_json: Annotated[
-        Optional[Path], typer.Option(help="Also write the summary here, as JSON.")  # noqa: UP007, UP045
+        Optional[Path], typer.Option(help="Also write the summary here, as JSON.")  # noqa: UP045
     ] = None,
 ) -> None:
     """Run a policy on a robot: connect, stand, hand over, follow velocity commands, hand back, sit, power off."""
@@ -141,8 +142,9 @@ def make_source(
     if is_gamepad:
         return GamepadSource(config.operator, PygamePad(config.operator.gamepad_index))
     wanted = load_sequence(sequence or "standing")
-    low, high = policy.contract.velocity_command_low, policy.contract.velocity_command_high
-    clipped = wanted.clipped(low, high)
+    contract = policy.contract
+    low, high = contract.velocity_command_low, contract.velocity_command_high
+    clipped = wanted.clipped(np.array(low), np.array(high))
     if clipped != wanted:
         console.say(f"sequence {wanted.name}: commands are cut to the policy's range, {low} to {high}")
     return ScriptedSource(clipped, duration_s=duration_s)

@@ -112,4 +112,4 @@ class LoadAverage:
         """
         if not self._samples:
             raise ValueError("no state to average over")
-        return np.mean([load for _, load in self._samples], axis=0)
+        return np.asarray(np.mean([load for _, load in self._samples], axis=0))

@@ -46,10 +46,8 @@ def _scheduler(priority: int) -> list[str]:
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
     except OSError as error:
-        return [
-            f"SCHED_FIFO {priority} was refused ({error.strerror}): grant it with 'LimitRTPRIO={priority}' in the unit, "
-            f"or CAP_SYS_NICE"
-        ]
+        grant = f"grant it with 'LimitRTPRIO={priority}' in the unit, or CAP_SYS_NICE"
+        return [f"SCHED_FIFO {priority} was refused ({error.strerror}): {grant}"]
     return []
 
 

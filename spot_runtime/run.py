@@ -158,7 +158,8 @@ class _Attempt:
     def _connect(self, hal: Hal) -> None:
         self._console.say(f"connecting to {self._request.robot} …")
         info = hal.connect()
-        text = f"{info.robot_id}; its clock is {info.clock_skew_s:+.3f} s from ours, round trip {info.round_trip_s * 1e3:.1f} ms"
+        round_trip_ms = info.round_trip_s * 1e3
+        text = f"{info.robot_id}; clock {info.clock_skew_s:+.3f} s from ours, round trip {round_trip_ms:.1f} ms"
         self._event(EventName.CONNECTED, text)
         self._console.say("powering on and standing …")
         hal.stand()

@@ -21,6 +21,8 @@ END_TIME_MAX_S: Final = 0.1
 """No command is ever valid for longer than this."""
 
 NS_PER_S: Final = 1_000_000_000
+CRITICAL: Final = "critical: "
+"""Prefix of a system fault that must end a run."""
 
 
 @dataclass(frozen=True)
@@ -156,8 +158,11 @@ def limit_setpoint(
     return memory, LimitedSetpoint(position, cut), _cut_too_often(memory, beyond, cut, limits)
 
 
-def check_slow_state(slow: SlowState, limits: SafetyLimits) -> Stop | None:
-    """Judge battery, temperatures, power, e-stop and faults."""
+def check_slow_state(slow: SlowState, host_now_ns: int, limits: SafetyLimits) -> Stop | None:
+    """Judge battery, temperatures, power, e-stop and faults, and how old that knowledge is."""
+    age_s = (host_now_ns - slow.host_stamp_ns) / NS_PER_S
+    if age_s > limits.slow_state_age_s:
+        return Stop(StopReason.LINK_LOST, "", {"age_s": age_s, "bound_s": limits.slow_state_age_s})
     if slow.estopped:
         return Stop(StopReason.ESTOPPED)
     if slow.behavior_faults:
@@ -171,8 +176,9 @@ def check_slow_state(slow: SlowState, limits: SafetyLimits) -> Stop | None:
         if temperature_c > limits.motor_temperature_c:
             values = {"temperature_c": temperature_c, "bound_c": limits.motor_temperature_c}
             return Stop(StopReason.MOTOR_HOT, name, values)
-    if slow.system_faults:
-        return Stop(StopReason.SYSTEM_FAULT, ", ".join(slow.system_faults))
+    critical = [fault for fault in slow.system_faults if fault.startswith(CRITICAL)]
+    if critical:
+        return Stop(StopReason.SYSTEM_FAULT, ", ".join(critical))
     return None
 
 

@@ -7,6 +7,8 @@ from collections.abc import Callable
 from types import FrameType, TracebackType
 from typing import Any, Final
 
+from typing_extensions import Self
+
 from spot_runtime.stops import Stop, StopReason
 
 HANDLED: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -35,7 +37,7 @@ class StopSignals:
         self._pending: Stop | None = None
         self._previous: dict[signal.Signals, Callable[[int, FrameType | None], Any] | int | None] = {}
 
-    def __enter__(self) -> StopSignals:
+    def __enter__(self) -> Self:
         """Install the handlers; only the main thread may."""
         for number in HANDLED:
             self._previous[number] = signal.signal(number, self._handle)

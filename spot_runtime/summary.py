@@ -45,12 +45,17 @@ class RunSummary:
         if self.ticks:
             lines += [
                 f"policy ticks       {self.ticks} at {self.rate_hz:.3f} Hz of robot time, {self.skipped_ticks} skipped",
-                f"tick compute       p50 {self.tick_compute_p50_us:.0f} µs, p99 {self.tick_compute_p99_us:.0f} µs",
-                f"state to command   p50 {self.state_to_command_p50_ms:.2f} ms, p99 {self.state_to_command_p99_ms:.2f} ms",
-                f"state age          p50 {self.state_age_p50_ms:.2f} ms, p99 {self.state_age_p99_ms:.2f} ms",
+                _pair("tick compute", self.tick_compute_p50_us, self.tick_compute_p99_us, "µs"),
+                _pair("state to command", self.state_to_command_p50_ms, self.state_to_command_p99_ms, "ms"),
+                _pair("state age", self.state_age_p50_ms, self.state_age_p99_ms, "ms"),
             ]
         lines.append(f"log                {self.log_path} ({self.log_dropped} messages dropped)")
         return "\n".join(lines)
+
+
+def _pair(name: str, p50: float, p99: float, unit: str) -> str:
+    digits = 0 if unit == "µs" else 2
+    return f"{name:<18} p50 {p50:.{digits}f} {unit}, p99 {p99:.{digits}f} {unit}"
 
 
 def figures(stats: LoopStats) -> dict[str, float | int]:

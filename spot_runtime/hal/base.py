@@ -1,8 +1,8 @@
 """What the loop needs of a robot: one small protocol that every adapter keeps.
 
 The order of a run: ``connect``, ``stand``, ``begin_joint_control`` with a first command, then ``receive`` and ``send``
-in turn; ``end_joint_control``, with ``send`` going on until it is done; ``power_off``; ``close``. After a failure at any point, ``release``,
-``power_off`` and ``close`` still work.
+in turn; ``end_joint_control``, with ``send`` going on until it is done; ``power_off``; ``close``. After a failure at any
+point, ``release``, ``power_off`` and ``close`` still work.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class Hal(Protocol):
     def stand(self) -> None:
         """Power on where needed and let the vendor's controller stand; returns when it does. Raises HalError."""
 
-    def receive(self, until_robot_ns: int, timeout_s: float) -> Sequence[RobotState]:
+    def receive(self, until_robot_ns: int, timeout_s: float) -> list[RobotState]:
         """States that have arrived since the last call, oldest first; empty when none came within the time-out.
 
         May return before a state stamped ``until_robot_ns`` has come. In lock-step, advances the robot towards it.

@@ -25,7 +25,6 @@ from spot_runtime.log.sink import LogSink
 from spot_runtime.stops import Stop, StopReason
 
 LEASE_PERIOD_S: Final = 2.0
-FAILED_POLLS: Final = 5
 
 
 class BosdynHal:
@@ -48,7 +47,6 @@ class BosdynHal:
         self._jobs = Jobs(self._job_failed)
         self._problems: deque[Stop] = deque(maxlen=100)
         self._slow: SlowState | None = None
-        self._failed_polls = 0
         self._states: StateReceiver | None = None
         self._commands: CommandStream | None = None
         self._encoder = CommandEncoder(config.robot.client_name, config.control.velocity_safety_limit_rad_s)
@@ -81,7 +79,7 @@ class BosdynHal:
         self._session.power_on(self._pause)
         self._session.stand(self._pause)
 
-    def receive(self, until_robot_ns: int, timeout_s: float) -> Sequence[RobotState]:
+    def receive(self, until_robot_ns: int, timeout_s: float) -> list[RobotState]:
         """See the protocol."""
         if self._states is None:
             raise HalError("there is no state stream; connect first")
@@ -225,7 +223,6 @@ class BosdynHal:
 
     def _poll(self) -> None:
         slow = self._session.poll()
-        self._failed_polls = 0
         self._slow = slow
         self._sink.slow_state(slow)
 
@@ -236,9 +233,5 @@ class BosdynHal:
             self._problems.append(Stop(StopReason.LEASE_LOST, str(error)))
         elif name == "estop":
             self._problems.append(Stop(StopReason.ESTOPPED, str(error)))
-        elif name == "slow_state" and isinstance(error, HalError):
-            self._failed_polls += 1
-            if self._failed_polls == FAILED_POLLS:
-                self._problems.append(Stop(StopReason.LINK_LOST, str(error)))
         elif not isinstance(error, HalError):
             self._problems.append(Stop(StopReason.INTERNAL_ERROR, f"{name}: {type(error).__name__}: {error}"))

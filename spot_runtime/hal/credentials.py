@@ -64,8 +64,8 @@ def _read(file: Path) -> Credentials:
         content = yaml.safe_load(data) if len(data) <= MAX_BYTES else None
     except (yaml.YAMLError, UnicodeDecodeError, ValueError):
         content = None
-    keys = set(content) if isinstance(content, dict) else set()
-    if keys != {"username", "password"} or not all(isinstance(v, str) and v for v in content.values()):
+    fields = content if isinstance(content, dict) else {}
+    if set(fields) != {"username", "password"} or not all(isinstance(v, str) and v for v in fields.values()):
         # The content is a secret, so neither it nor a parser's quotation of it may show.
         raise CredentialsError(f"credentials file {file} must hold 'username: …' and 'password: …', both text")
-    return Credentials(content["username"], content["password"])
+    return Credentials(fields["username"], fields["password"])

@@ -20,7 +20,7 @@ def needs_own_endpoint(status: Any, policy: Policy) -> bool:
         EstopError: An endpoint that answers holds the robot stopped, or there is none and ``policy`` forbids our own.
     """
     if status.stop_level == estop_pb2.ESTOP_LEVEL_NONE:
-        return policy == "own"
+        return bool(policy == "own")
     pressed = [e for e in status.endpoints if is_alive(e) and e.stop_level != estop_pb2.ESTOP_LEVEL_NONE]
     if pressed:
         raise EstopError(f"an e-stop is pressed: {_names(pressed)}; release it, then start again")
@@ -35,7 +35,7 @@ def is_alive(endpoint: Any) -> bool:
     """Whether an endpoint (vendor's EstopEndpointWithStatus) has answered within its own time-out."""
     timeout = endpoint.endpoint.timeout
     silent = endpoint.time_since_valid_response
-    has_answered = endpoint.HasField("time_since_valid_response")
+    has_answered = bool(endpoint.HasField("time_since_valid_response"))
     return has_answered and silent.seconds + silent.nanos * 1e-9 <= timeout.seconds + timeout.nanos * 1e-9
 
 
@@ -59,7 +59,7 @@ class OwnEstop:
 
 
 def _names(endpoints: Sequence[Any]) -> str:
-    return ", ".join(
-        f"{e.endpoint.name or 'unnamed'} ({estop_pb2.EstopStopLevel.Name(e.stop_level).removeprefix('ESTOP_LEVEL_').lower()})"
-        for e in endpoints
-    )
+    def level(endpoint: Any) -> str:
+        return str(estop_pb2.EstopStopLevel.Name(endpoint.stop_level)).removeprefix("ESTOP_LEVEL_").lower()
+
+    return ", ".join(f"{e.endpoint.name or 'unnamed'} ({level(e)})" for e in endpoints)

@@ -14,6 +14,7 @@ from spot_protos import fake_admin_pb2
 from spot_runtime.clock import NS_PER_S
 from spot_runtime.hal.errors import LockStepError
 from spot_runtime.hal.jobs import Jobs
+from spot_runtime.hal.vendor_errors import describe
 
 STEP_METHOD: Final = "/spot_rl.fake.v1.FakeAdmin/Step"
 STATUS_METHOD: Final = "/spot_rl.fake.v1.FakeAdmin/GetStatus"
@@ -142,5 +143,6 @@ class LockStep:
             raise self._error("asking for its status", error) from error
 
     def _error(self, doing: str, error: grpc.RpcError) -> LockStepError:
-        words = f"{error.code().name}: {error.details()}" if isinstance(error, grpc.Call) else str(error)
-        return LockStepError(f"{doing} through the fake robot's admin service at {self._address} failed: {words}")
+        return LockStepError(
+            f"{doing} through the fake robot's admin service at {self._address} failed: {describe(error)}"
+        )

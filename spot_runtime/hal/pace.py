@@ -111,9 +111,6 @@ class RealTime:
 
 
 def take_all(states: queue.SimpleQueue[RobotState], into: list[RobotState]) -> None:
-    """Move what is there, without waiting."""
-    while True:
-        try:
-            into.append(states.get_nowait())
-        except queue.Empty:
-            return
+    """Move what is there, without waiting; there is one reader, so what is there stays there."""
+    while not states.empty():
+        into.append(states.get_nowait())

@@ -56,9 +56,9 @@ class ReplayHal:
     def stand(self) -> None:
         """A recorded robot stands as it stood."""
 
-    def receive(self, until_robot_ns: int, timeout_s: float) -> Sequence[RobotState]:
+    def receive(self, until_robot_ns: int, timeout_s: float) -> list[RobotState]:
         """The recorded states up to the instant that is asked for, at least one; at most those that are due."""
-        received = []
+        received: list[RobotState] = []
         while self._played < len(self._states):
             state = self._states[self._played]
             if received and state.robot_stamp_ns > until_robot_ns:

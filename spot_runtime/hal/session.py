@@ -31,9 +31,10 @@ from spot_runtime.hal.address import Address, explain_no_connection
 from spot_runtime.hal.credentials import find_credentials
 from spot_runtime.hal.errors import ClockError, FaultError, HalError, MotionError
 from spot_runtime.hal.estop import OwnEstop, needs_own_endpoint
-from spot_runtime.hal.slow_state import CRITICAL, slow_state_from_message
+from spot_runtime.hal.slow_state import slow_state_from_message
 from spot_runtime.hal.time_sync import TimeSync
-from spot_runtime.hal.vendor_errors import describe, lease_held, translate
+from spot_runtime.hal.vendor_errors import lease_held, translate
+from spot_runtime.safety import CRITICAL
 
 SYNC_ROUND_TRIPS: Final = 12
 SYNC_ATTEMPTS: Final = 40
@@ -207,7 +208,7 @@ class Session:
 
     # Channels and the end --------------------------------------------------------------------------------------------
 
-    def streaming_channel(self, service: type[RobotStateStreamingClient] | type[RobotCommandStreamingClient]) -> Any:
+    def streaming_channel(self, service: type[RobotStateStreamingClient | RobotCommandStreamingClient]) -> Any:
         """The secure channel of a streaming service."""
         return self._call(
             f"finding {service.default_service_name}", lambda: self._robot.ensure_channel(service.default_service_name)
@@ -229,7 +230,7 @@ class Session:
             except (SdkError, grpc.RpcError):
                 logging.getLogger(__name__).debug("the lease was not returned", exc_info=True)
             self.has_lease = False
-        self._robot._shutdown()  # noqa: SLF001 - the SDK's only way to end its token thread
+        self._robot._shutdown()
         self._robot.shutdown()
         self._robot = None
 
@@ -296,6 +297,3 @@ def _read_pem(path: Path) -> bytes:
     if b"-----BEGIN CERTIFICATE-----" not in data:
         raise BadInputError(f"certificate file {path} holds no PEM certificate; give the one that signed the robot's")
     return data
-
-
-__all__ = ["Session", "describe"]

@@ -7,10 +7,9 @@ from typing import Final
 from bosdyn.api import robot_state_pb2, service_fault_pb2
 
 from spot_model.state import SlowState
+from spot_runtime.safety import CRITICAL
 
 NS_PER_S: Final = 1_000_000_000
-CRITICAL: Final = "critical: "
-"""Prefix of a system fault that ends a run."""
 
 
 def slow_state_from_message(message: robot_state_pb2.RobotState, host_stamp_ns: int) -> SlowState:

@@ -25,8 +25,10 @@ def _as_it_is(wire: bytes) -> bytes:
 
 
 class StateReceiver:
-    """Drains the state stream: raw bytes to the log, states to a queue. The vendor never drops a state for a slow
-    reader, so this thread does nothing else."""
+    """Drains the state stream: raw bytes to the log, states to a queue.
+
+    The vendor never drops a state for a slow reader, so the thread does nothing else.
+    """
 
     def __init__(
         self,

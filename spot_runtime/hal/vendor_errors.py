@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import grpc
 from bosdyn.client import auth, estop, lease, power, robot_command
@@ -56,11 +57,10 @@ def translate(error: Exception, doing: str, explain_connection: Callable[[str], 
 def describe(error: Exception) -> str:
     """What an error of the SDK or gRPC says, on one line, without the request's content."""
     if isinstance(error, sdk.RpcError):
-        inner = error.error
-        details = inner.details() if isinstance(inner, grpc.Call) else ""
-        text = f"{type(error).__name__}: {details or error.error_message}"
-    elif isinstance(error, grpc.RpcError) and isinstance(error, grpc.Call):
-        text = f"{error.code().name}: {error.details()}"
+        details = _details(error.error)
+        text = f"{type(error).__name__}: {details}"
+    elif isinstance(error, grpc.RpcError):
+        text = _details(error)
     elif isinstance(error, sdk.ResponseError):
         text = f"{type(error).__name__}: {error.error_message or type(error).__doc__}" + _faults(error)
     else:
@@ -75,6 +75,12 @@ def lease_held(error: lease.ResourceAlreadyClaimedError) -> LeaseHeldError:
     return LeaseHeldError(
         f"the lease is held by {who}; it is never taken by force: release it there (or on the tablet), then start again"
     )
+
+
+def _details(error: Any) -> str:
+    """Code and details of a gRPC error; those that a call raises have both, though their type does not say so."""
+    code, details = getattr(error, "code", None), getattr(error, "details", None)
+    return f"{code().name}: {details()}" if callable(code) and callable(details) else str(error)
 
 
 def _faults(error: sdk.ResponseError) -> str:

@@ -61,7 +61,7 @@ class GamepadSource:
         # Sticks point down and right for positive values; forward, left and turning left are positive here.
         sticks = -np.array([reading.axes[axis] for axis in axes])
         sticks[np.abs(sticks) < config.gamepad_dead_zone] = 0.0
-        return sticks * np.array([config.top_v_x_m_s, config.top_v_y_m_s, config.top_yaw_rate_rad_s])
+        return np.asarray(sticks * np.array([config.top_v_x_m_s, config.top_v_y_m_s, config.top_yaw_rate_rad_s]))
 
 
 class PygamePad:
