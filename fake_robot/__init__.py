@@ -1,0 +1,1 @@
+"""A Spot as seen from the network: Boston Dynamics' own services over a simulated robot."""

@@ -1,0 +1,250 @@
+"""The fake robot's server: its services over TLS on one address, its admin service on another."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable
+from concurrent import futures
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import grpc
+
+from fake_robot.certificates import ServerCertificates
+from fake_robot.robot_port import RobotPort
+from fake_robot.services.access import GatekeeperInterceptor
+from fake_robot.services.admin import AdminService
+from fake_robot.services.fault_desk import FaultDesk
+from fake_robot.services.tokens import Credentials
+from fake_robot.services.wiring import add_services
+from fake_robot.services.world import World
+from fake_robot.services_config import ServicesConfig
+from spot_model.errors import SpotRlError
+from spot_protos import fake_admin_pb2_grpc
+
+_LOGGER = logging.getLogger(__name__)
+
+TICK_PERIOD_S = 0.05
+STOP_GRACE_S = 0.5
+ADMIN_THREADS = 4
+UNIX_PREFIX = "unix:"
+SDK_PORT = 443
+"""The port that the SDK appends to every host argument; a Unix socket's path ends in it too."""
+
+
+class BindError(SpotRlError):
+    """The server cannot listen where it was told to."""
+
+
+@dataclass(frozen=True)
+class Endpoints:
+    """Where a running fake listens.
+
+    ``robot`` and ``admin`` are gRPC targets; ``sdk_host`` is what an SDK program takes as the robot's host name.
+    """
+
+    robot: str
+    sdk_host: str
+    admin: str
+    host: str
+    port: int
+
+
+class FakeServer:
+    """Serves one robot. A context manager: leaving it stops the servers and the robot.
+
+    Args:
+        robot: Started by ``start``, stopped by ``stop``.
+        config: Settings of the services.
+        credentials: The user name and password that open it.
+        certificates: Certificate and key of the TLS server.
+        address: IP address to listen on, or ``unix:/path`` without a port.
+        port: TCP port; 0 picks a free one. Ignored for a Unix socket.
+        admin: gRPC target of the admin service: ``unix:/path``, or ``127.0.0.1:PORT`` (0 picks one).
+    """
+
+    def __init__(
+        self,
+        robot: RobotPort,
+        config: ServicesConfig,
+        credentials: Credentials,
+        certificates: ServerCertificates,
+        *,
+        address: str = "127.0.0.1",
+        port: int = 0,
+        admin: str = "127.0.0.1:0",
+    ) -> None:
+        self._robot = robot
+        self._config = config
+        self._certificates = certificates
+        self._address, self._port, self._admin_target = address, port, admin
+        self._world = World(robot, config, credentials)
+        self._faults = FaultDesk(self._world)
+        self._credentials = credentials
+        self._stop_requested = threading.Event()
+        self._ticker: threading.Thread | None = None
+        self._servers: list[grpc.Server] = []
+
+    @property
+    def world(self) -> World:
+        """What the services share."""
+        return self._world
+
+    @property
+    def faults(self) -> FaultDesk:
+        """The faults that can be injected."""
+        return self._faults
+
+    def start(self) -> Endpoints:
+        """Start robot and servers.
+
+        Raises:
+            BindError: An address or port cannot be listened on; nothing is left running.
+        """
+        try:
+            robot_server, robot_target, port = self._start_robot_server()
+            admin_target = self._start_admin_server()
+            self._robot.start()
+        except BaseException:
+            self.stop()
+            raise
+        self._world.apply_estop()
+        self._ticker = threading.Thread(target=self._tick_until_stopped, name="fake-robot-ticker", daemon=True)
+        self._ticker.start()
+        _LOGGER.info("serving on %s, admin on %s", robot_target, admin_target)
+        del robot_server
+        return Endpoints(
+            robot=robot_target,
+            sdk_host=sdk_host(self._address, port),
+            admin=admin_target,
+            host=self._address,
+            port=port,
+        )
+
+    def stop(self) -> None:
+        """Stop servers and robot; harmless when called again."""
+        self._stop_requested.set()
+        if self._ticker is not None and self._ticker is not threading.current_thread():
+            self._ticker.join()
+        self._world.link.end_streams()
+        for stopped in [server.stop(STOP_GRACE_S) for server in self._servers]:
+            stopped.wait()
+        self._servers.clear()
+        self._robot.stop()
+
+    def request_stop(self) -> None:
+        """Have ``wait`` return."""
+        self._stop_requested.set()
+
+    def wait(self, timeout_s: float | None = None) -> bool:
+        """Wait until somebody asks the server to stop; False after ``timeout_s`` without."""
+        return self._stop_requested.wait(timeout_s)
+
+    def __enter__(self) -> Self:
+        self.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.stop()
+
+    def _start_robot_server(self) -> tuple[grpc.Server, str, int]:
+        config, world = self._config, self._world
+        server = grpc.server(
+            futures.ThreadPoolExecutor(max_workers=config.max_concurrent_calls, thread_name_prefix="fake-robot"),
+            interceptors=[GatekeeperInterceptor(world.tokens, world.link, world.now_ns)],
+            options=[
+                ("grpc.so_reuseport", 0),
+                ("grpc.max_receive_message_length", config.max_message_bytes),
+                ("grpc.max_metadata_size", 32 * 1024),
+            ],
+            maximum_concurrent_rpcs=config.max_concurrent_calls,
+        )
+        add_services(server, world, self._credentials.username)
+        key_and_certificate = (self._certificates.key_pem, self._certificates.certificate_pem)
+        tls = grpc.ssl_server_credentials([key_and_certificate])
+        target = listen_target(self._address, self._port)
+        port = _bind(target, lambda: server.add_secure_port(target, tls))
+        server.start()
+        self._servers.append(server)
+        return server, listen_target(self._address, port), port
+
+    def _start_admin_server(self) -> str:
+        server = grpc.server(
+            futures.ThreadPoolExecutor(max_workers=ADMIN_THREADS, thread_name_prefix="fake-admin"),
+            options=[("grpc.so_reuseport", 0)],
+        )
+        service = AdminService(self._world, self._faults, self.request_stop)
+        fake_admin_pb2_grpc.add_FakeAdminServicer_to_server(service, server)  # type: ignore[no-untyped-call]
+        target = self._admin_target
+        port = _bind(target, lambda: server.add_insecure_port(target))
+        server.start()
+        self._servers.append(server)
+        if target.startswith(UNIX_PREFIX):
+            return target
+        return f"{target.rpartition(':')[0]}:{port}"
+
+    def _tick_until_stopped(self) -> None:
+        while not self._stop_requested.wait(TICK_PERIOD_S):
+            self._world.tick()
+            self._faults.tick()
+
+
+def listen_target(address: str, port: int) -> str:
+    """The gRPC target of the robot's server for an IP address, or for ``unix:/path``."""
+    if address.startswith(UNIX_PREFIX):
+        return f"{address}:{SDK_PORT}"
+    return f"[{address}]:{port}" if ":" in address else f"{address}:{port}"
+
+
+def sdk_host(address: str, port: int) -> str:
+    """What an SDK program must be given as host name. The SDK appends ``:443`` to it, whatever it is.
+
+    For TCP this makes a list of two addresses, of which the first is ours. [sdk]
+    """
+    if address.startswith(UNIX_PREFIX):
+        return address
+    family = "ipv6" if ":" in address else "ipv4"
+    reachable = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(address, address)  # noqa: S104 - compared, not bound
+    bracketed = f"[{reachable}]" if family == "ipv6" else reachable
+    return f"{family}:{bracketed}:{port},{bracketed}"
+
+
+def _bind(target: str, add_port: Callable[[], int]) -> int:
+    if target.startswith(UNIX_PREFIX):
+        _prepare_socket(Path(target.removeprefix(UNIX_PREFIX)))
+    try:
+        port = add_port()
+    except RuntimeError:
+        port = 0
+    if not port:
+        raise BindError(
+            f"cannot listen on {target}: it is in use, or not an address of this machine; "
+            "choose another (port 0 picks a free one)"
+        )
+    return port
+
+
+def _prepare_socket(path: Path) -> None:
+    """Refuse a socket that somebody listens on or whose path is too long; remove one that a dead server left."""
+    import socket
+
+    if len(str(path).encode()) > 100:
+        raise BindError(f"the path of the Unix socket {path} is longer than 100 bytes; choose a shorter one")
+    if not path.parent.is_dir():
+        raise BindError(f"there is no folder {path.parent} for the Unix socket {path.name}; make it first")
+    if not path.is_socket():
+        if path.exists():
+            raise BindError(f"{path} exists and is no socket; choose another path")
+        return
+    with socket.socket(socket.AF_UNIX) as probe:
+        try:
+            probe.connect(str(path))
+        except OSError:
+            path.unlink()
+            return
+    raise BindError(f"another server listens on {path}; stop it, or choose another path")

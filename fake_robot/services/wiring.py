@@ -1,0 +1,88 @@
+"""Every service of the robot, hung onto one gRPC server."""
+
+from __future__ import annotations
+
+import grpc
+from bosdyn.api import (
+    auth_service_pb2_grpc,
+    data_buffer_service_pb2_grpc,
+    data_service_pb2_grpc,
+    directory_registration_service_pb2_grpc,
+    directory_service_pb2_grpc,
+    estop_service_pb2_grpc,
+    fault_service_pb2_grpc,
+    image_service_pb2_grpc,
+    lease_service_pb2_grpc,
+    license_service_pb2_grpc,
+    local_grid_service_pb2_grpc,
+    payload_registration_service_pb2_grpc,
+    payload_service_pb2_grpc,
+    point_cloud_service_pb2_grpc,
+    power_service_pb2_grpc,
+    robot_command_service_pb2_grpc,
+    robot_id_service_pb2_grpc,
+    robot_state_service_pb2_grpc,
+    time_sync_service_pb2_grpc,
+    world_object_service_pb2_grpc,
+)
+from bosdyn.api.docking import docking_service_pb2_grpc
+from bosdyn.api.keepalive import keepalive_service_pb2_grpc
+from bosdyn.api.log_status import log_status_service_pb2_grpc
+
+from fake_robot.services import senses
+from fake_robot.services.access import UnknownServiceHandler
+from fake_robot.services.auth import AuthService
+from fake_robot.services.command_streaming import RobotCommandStreamingService
+from fake_robot.services.data_buffer import DataBufferService, DataService
+from fake_robot.services.directory import DirectoryRegistrationService, DirectoryService
+from fake_robot.services.docking import DockingService, LogStatusService
+from fake_robot.services.estop import EstopService
+from fake_robot.services.fault import FaultService
+from fake_robot.services.keepalive import KeepaliveService
+from fake_robot.services.lease import LeaseService
+from fake_robot.services.license import LicenseService
+from fake_robot.services.payload import PayloadRegistrationService, PayloadService
+from fake_robot.services.power import PowerService
+from fake_robot.services.robot_command import RobotCommandService
+from fake_robot.services.robot_id import RobotIdService
+from fake_robot.services.robot_state import RobotStateService, stream_handler
+from fake_robot.services.time_sync import TimeSyncService
+from fake_robot.services.world import World
+
+
+def add_services(server: grpc.Server, world: World, username: str) -> None:
+    """Add every service; the full name of a method tells them apart, so one server has room for all."""
+    auth_service_pb2_grpc.add_AuthServiceServicer_to_server(AuthService(world.tokens), server)
+    directory_service_pb2_grpc.add_DirectoryServiceServicer_to_server(DirectoryService(world.directory), server)
+    directory_registration_service_pb2_grpc.add_DirectoryRegistrationServiceServicer_to_server(
+        DirectoryRegistrationService(world.directory), server
+    )
+    robot_id_service_pb2_grpc.add_RobotIdServiceServicer_to_server(RobotIdService(world.config), server)
+    time_sync_service_pb2_grpc.add_TimeSyncServiceServicer_to_server(TimeSyncService(world.time_sync), server)
+    estop_service_pb2_grpc.add_EstopServiceServicer_to_server(EstopService(world.estop, world.apply_estop), server)
+    lease_service_pb2_grpc.add_LeaseServiceServicer_to_server(LeaseService(world.leases, username), server)
+    power_service_pb2_grpc.add_PowerServiceServicer_to_server(PowerService(world), server)
+    robot_state_service_pb2_grpc.add_RobotStateServiceServicer_to_server(RobotStateService(world), server)
+    robot_command_service_pb2_grpc.add_RobotCommandServiceServicer_to_server(RobotCommandService(world), server)
+    robot_command_service_pb2_grpc.add_RobotCommandStreamingServiceServicer_to_server(
+        RobotCommandStreamingService(world), server
+    )
+    license_service_pb2_grpc.add_LicenseServiceServicer_to_server(
+        LicenseService(world.config.serial_number, lambda: world.license_state, world.now_ns), server
+    )
+    payload_service_pb2_grpc.add_PayloadServiceServicer_to_server(PayloadService(world.payloads), server)
+    payload_registration_service_pb2_grpc.add_PayloadRegistrationServiceServicer_to_server(
+        PayloadRegistrationService(world.payloads, world.tokens), server
+    )
+    fault_service_pb2_grpc.add_FaultServiceServicer_to_server(FaultService(world.service_faults), server)
+    keepalive_service_pb2_grpc.add_KeepaliveServiceServicer_to_server(KeepaliveService(world.keepalive), server)
+    data_buffer_service_pb2_grpc.add_DataBufferServiceServicer_to_server(DataBufferService(world.notes), server)
+    data_service_pb2_grpc.add_DataServiceServicer_to_server(DataService(world.notes), server)
+    docking_service_pb2_grpc.add_DockingServiceServicer_to_server(DockingService(world.leases), server)
+    log_status_service_pb2_grpc.add_LogStatusServiceServicer_to_server(LogStatusService(), server)
+    image_service_pb2_grpc.add_ImageServiceServicer_to_server(senses.ImageService(), server)
+    point_cloud_service_pb2_grpc.add_PointCloudServiceServicer_to_server(senses.PointCloudService(), server)
+    local_grid_service_pb2_grpc.add_LocalGridServiceServicer_to_server(senses.LocalGridService(), server)
+    world_object_service_pb2_grpc.add_WorldObjectServiceServicer_to_server(senses.WorldObjectService(), server)
+    # The first handler that takes a method wins: the stream of bytes, then whatever nobody took.
+    server.add_generic_rpc_handlers((stream_handler(world), UnknownServiceHandler()))

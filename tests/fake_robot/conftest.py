@@ -1,0 +1,324 @@
+"""A robot without physics for the tests of the services, and a server for it inside the test's process."""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fake_robot.certificates import ServerCertificates, ensure_certificates
+from fake_robot.robot_port import (
+    BehaviorFault,
+    EstopLevel,
+    FaultKind,
+    Mode,
+    MotorPower,
+    Snapshot,
+    StreamFailure,
+    SystemFault,
+)
+from fake_robot.server import Endpoints, FakeServer
+from fake_robot.services.tokens import Credentials
+from fake_robot.services_config import ServicesConfig
+from spot_model.errors import BadInputError
+
+START_NS = 1_700_000_000_000_000_000
+
+
+class StubClock:
+    """A clock that tests set forward by hand."""
+
+    def __init__(self) -> None:
+        self.stamp_ns = START_NS
+
+    def now_ns(self) -> int:
+        return self.stamp_ns
+
+    def pass_s(self, seconds: float) -> None:
+        self.stamp_ns += round(seconds * 1e9)
+
+
+class StubSubscription:
+    """Gives out the messages that a test puts in."""
+
+    def __init__(self) -> None:
+        self.messages: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+        self._closed = threading.Event()
+
+    def get(self, timeout_s: float) -> bytes | None:
+        try:
+            return self.messages.get(timeout=min(timeout_s, 0.02))
+        except queue.Empty:
+            return None
+
+    @property
+    def is_closed(self) -> bool:
+        return self._closed.is_set()
+
+    def close(self) -> None:
+        self._closed.set()
+
+
+class StubCommandStream:
+    """Remembers what was submitted, and fails when a test says so."""
+
+    def __init__(self, robot: StubRobot, on_failure: Callable[[], None]) -> None:
+        self.requests: list[Any] = []
+        self.is_closed = False
+        self._robot = robot
+        self._on_failure = on_failure
+        self._failure: StreamFailure | None = None
+        self.arrived = threading.Semaphore(0)
+
+    def submit(self, request: Any) -> None:
+        self.requests.append(request)
+        self._robot.last_command_key = request.joint_command.user_command_key
+        self.arrived.release()
+
+    def failure(self) -> StreamFailure | None:
+        return self._failure
+
+    def fail(self, status: int, message: str) -> None:
+        self._failure = StreamFailure(status, message)
+        self._on_failure()
+
+    def close(self) -> None:
+        self.is_closed = True
+
+
+class StubRobot:
+    """Obeys at once and counts calls; a test reads ``calls`` and may replace ``state``."""
+
+    def __init__(self, *, is_lock_step: bool = False) -> None:
+        self.clock = StubClock()
+        self.is_lock_step = is_lock_step
+        self.calls: list[str] = []
+        self.last_command_key = 0
+        self.last_state_stamp_ns = 0
+        self.states_sent = 0
+        self.subscriptions: list[StubSubscription] = []
+        self.streams: list[StubCommandStream] = []
+        self.injected: dict[int, str] = {}
+        zeros = np.zeros
+        self.state = Snapshot(
+            robot_stamp_ns=START_NS,
+            mode=Mode.LIMP,
+            motor_power=MotorPower.OFF,
+            estop_level=EstopLevel.NONE,
+            position_rad=np.arange(12) * 0.1,
+            velocity_rad_s=zeros(12),
+            load_nm=zeros(12),
+            position_of_body_in_odom_m=np.array([1.0, 2.0, 0.5]),
+            odom_from_body_wxyz=np.array([1.0, 0.0, 0.0, 0.0]),
+            position_of_body_in_vision_m=np.array([3.0, 4.0, 0.5]),
+            vision_from_body_wxyz=np.array([1.0, 0.0, 0.0, 0.0]),
+            linear_vel_of_body_in_odom_m_s=np.array([0.1, 0.2, 0.3]),
+            angular_vel_of_body_in_odom_rad_s=zeros(3),
+            linear_vel_of_body_in_vision_m_s=zeros(3),
+            angular_vel_of_body_in_vision_rad_s=zeros(3),
+            foot_contact=np.array([True, True, True, False]),
+            foot_position_in_body_m=np.array(
+                [[0.3, 0.2, -0.5], [0.3, -0.2, -0.5], [-0.3, 0.2, -0.5], [-0.3, -0.2, -0.5]]
+            ),
+            ground_height_in_odom_m=0.0,
+            battery_charge_percent=80.0,
+            battery_voltage_v=57.0,
+            battery_current_a=-3.0,
+            battery_temperature_c=(30.0, 31.0),
+            battery_runtime_s=3600.0,
+            is_battery_missing=False,
+            is_on_shore_power=False,
+            motor_temperature_c={"fl_hx": 40.0},
+        )
+
+    def set(self, **changes: Any) -> None:
+        self.state = replace(self.state, **changes)
+
+    def start(self) -> None:
+        self.calls.append("start")
+
+    def stop(self) -> None:
+        self.calls.append("stop")
+
+    def snapshot(self) -> Snapshot:
+        return replace(self.state, robot_stamp_ns=self.clock.now_ns())
+
+    def power_on(self) -> None:
+        self.calls.append("power_on")
+        self.set(motor_power=MotorPower.POWERING_ON)
+
+    def power_off(self) -> None:
+        self.calls.append("power_off")
+        self.set(motor_power=MotorPower.OFF, mode=Mode.LIMP)
+
+    def stand(
+        self, *, body_height_m: float = 0.0, roll_rad: float = 0.0, pitch_rad: float = 0.0, yaw_rad: float = 0.0
+    ) -> None:
+        self.calls.append(f"stand {body_height_m:.2f} {roll_rad:.2f} {pitch_rad:.2f} {yaw_rad:.2f}")
+        self.set(mode=Mode.STANDING_UP)
+
+    def sit(self) -> None:
+        self.calls.append("sit")
+        self.set(mode=Mode.SITTING_DOWN)
+
+    def stop_motion(self) -> None:
+        self.calls.append("stop_motion")
+
+    def freeze(self) -> None:
+        self.calls.append("freeze")
+
+    def selfright(self) -> None:
+        self.calls.append("selfright")
+
+    def safe_power_off(self) -> None:
+        self.calls.append("safe_power_off")
+
+    def enter_joint_control(self) -> None:
+        self.calls.append("enter_joint_control")
+        self.set(mode=Mode.JOINT_CONTROL)
+
+    def set_estop_level(self, level: EstopLevel) -> None:
+        if level is not self.state.estop_level:
+            self.calls.append(f"estop {level.value}")
+        self.set(estop_level=level)
+
+    def add_behavior_fault(self, cause: str) -> None:
+        faults = (*self.state.behavior_faults, BehaviorFault(len(self.state.behavior_faults) + 1, START_NS, cause))
+        self.set(behavior_faults=faults)
+
+    def clear_behavior_fault(self, fault_id: int) -> bool:
+        kept = tuple(fault for fault in self.state.behavior_faults if fault.fault_id != fault_id)
+        is_cleared = len(kept) < len(self.state.behavior_faults)
+        self.set(behavior_faults=kept)
+        return is_cleared
+
+    def add_system_fault(self, name: str, severity: str) -> None:
+        fault = SystemFault(name, START_NS, severity=severity, attributes=("power",))
+        self.set(system_faults=(*self.state.system_faults, fault))
+
+    def open_command_stream(self, on_failure: Callable[[], None]) -> StubCommandStream:
+        self.streams.append(StubCommandStream(self, on_failure))
+        return self.streams[-1]
+
+    def subscribe_state(self) -> StubSubscription:
+        self.subscriptions.append(StubSubscription())
+        return self.subscriptions[-1]
+
+    def advance(self, duration_ns: int) -> None:
+        self.clock.stamp_ns += duration_ns
+
+    def advance_states(self, count: int) -> None:
+        self.clock.stamp_ns += 3_000_000 * count
+        self.states_sent += count
+        self.last_state_stamp_ns = self.clock.stamp_ns
+
+    def wait_for_command_key(self, key: int, timeout_s: float) -> bool:
+        return self.last_command_key >= key
+
+    def fault_kinds(self) -> tuple[FaultKind, ...]:
+        return (FaultKind("stub_fault", "Nothing happens.", {"size": "How much."}),)
+
+    def inject(self, name: str, parameters: Mapping[str, float | str], duration_s: float | None) -> int:
+        if not set(parameters) <= {"size"}:
+            raise BadInputError(f"fault {name} has no such parameter; allowed: size")
+        self.injected[len(self.injected) + 1] = name
+        return len(self.injected)
+
+    def clear_faults(self, fault_ids: tuple[int, ...]) -> tuple[int, ...]:
+        return tuple(i for i in fault_ids if self.injected.pop(i, None) is not None)
+
+    def active_faults(self) -> Mapping[int, str]:
+        return dict(self.injected)
+
+    def truth(self, *, reset_extremes: bool = False) -> Any:
+        return SimpleNamespace(
+            robot_stamp_ns=self.clock.now_ns(),
+            position_of_body_in_world_m=np.array([1.0, 2.0, 3.0]),
+            world_from_body_wxyz=np.array([1.0, 0.0, 0.0, 0.0]),
+            linear_vel_of_body_in_world_m_s=np.zeros(3),
+            angular_vel_of_body_in_body_rad_s=np.zeros(3),
+            body_height_m=0.5,
+            joint_position_rad=np.zeros(12),
+            joint_velocity_rad_s=np.zeros(12),
+            joint_torque_nm=np.arange(12.0),
+            foot_contact=np.ones(4, dtype=bool),
+            foot_force_n=np.zeros(4),
+            has_fallen=False,
+            body_height_min_m=0.4,
+            peak_torque_nm=11.0,
+        )
+
+
+@dataclass
+class ServedStub:
+    """A stub robot behind a real server."""
+
+    robot: StubRobot
+    server: FakeServer
+    endpoints: Endpoints
+    certificates: ServerCertificates
+    credentials: Credentials
+
+    def sdk(self, *clients: type) -> Any:
+        """An SDK that trusts the server, with fresh default clients and ``clients``."""
+        from bosdyn.client.sdk import create_standard_sdk
+
+        return create_standard_sdk("test", list(clients), cert_resource_glob=str(self.certificates.ca_path))
+
+    def sdk_robot(self, *clients: type, is_authenticated: bool = True) -> Any:
+        """A robot object of the SDK, by default logged in."""
+        robot = self.sdk(*clients).create_robot(self.endpoints.sdk_host)
+        if is_authenticated:
+            robot.authenticate(self.credentials.username, self.credentials.password)
+        return robot
+
+
+@pytest.fixture(scope="session")
+def certificates(tmp_path_factory: pytest.TempPathFactory) -> ServerCertificates:
+    """Certificates for the whole session."""
+    return ensure_certificates(tmp_path_factory.mktemp("certificates"))
+
+
+@pytest.fixture
+def serve_stub(certificates: ServerCertificates) -> Iterator[Callable[..., ServedStub]]:
+    """Start a server around a stub robot; keywords go into its configuration."""
+    servers = []
+
+    def serve(robot: StubRobot | None = None, *, address: str = "127.0.0.1", **config: Any) -> ServedStub:
+        robot = robot or StubRobot()
+        credentials = Credentials("user", "correct horse")
+        server = FakeServer(robot, ServicesConfig(**config), credentials, certificates, address=address)
+        servers.append(server)
+        return ServedStub(robot, server, server.start(), certificates, credentials)
+
+    yield serve
+    for server in servers:
+        server.stop()
+
+
+@pytest.fixture
+def stub(serve_stub: Callable[..., ServedStub]) -> ServedStub:
+    """A stub robot with the default configuration."""
+    return serve_stub()
+
+
+@pytest.fixture
+def stub_robot_type() -> type[StubRobot]:
+    """The stub's class, for tests that need one in lock-step."""
+    return StubRobot
+
+
+@pytest.fixture
+def short_folder() -> Iterator[Path]:
+    """A temporary folder whose path is short enough for a Unix socket."""
+    import tempfile
+
+    with tempfile.TemporaryDirectory(prefix="spot-rl-") as folder:
+        yield Path(folder)
