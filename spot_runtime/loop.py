@@ -176,7 +176,8 @@ class ControlLoop:
                 key=self._key,
                 skipped=lost,
             )
-            self.stats.ticked(newest.robot_stamp_ns, compute_s, age_s, lost)
+            acquisition_age_s = (robot_ns - newest.robot_stamp_ns) / NS_PER_S
+            self.stats.ticked(newest.robot_stamp_ns, compute_s, age_s, acquisition_age_s, lost)
         self.stats.departures(self._hal.departures())
 
     def _judge(self, states: list[RobotState], robot_ns: int) -> RobotState | None:

@@ -19,6 +19,9 @@ class LoopStats:
         """State taken to command handed over, one tick."""
         self.state_age_s = Samples()
         """Receipt of a state to the begin of the tick that uses it."""
+        self.acquisition_age_s = Samples()
+        """Sampling of the joints to the begin of the tick, by the estimated robot clock: the robot's own delay and the
+        link's are in it."""
         self.state_to_command_s = Samples()
         """Receipt of a tick's state to the instant at which the transport took its command."""
         self.skipped_ticks = 0
@@ -27,7 +30,7 @@ class LoopStats:
         self._last_robot_ns = 0
         self._pending: dict[int, int] = {}
 
-    def ticked(self, robot_stamp_ns: int, compute_s: float, state_age_s: float, skipped: int) -> None:
+    def ticked(self, robot_stamp_ns: int, compute_s: float, state_age_s: float, acquisition_age_s: float, skipped: int) -> None:
         """Take note of one tick."""
         if self.ticks == 0:
             self._first_robot_ns = robot_stamp_ns
@@ -36,6 +39,7 @@ class LoopStats:
         self.skipped_ticks += skipped
         self.compute_s.add(compute_s)
         self.state_age_s.add(state_age_s)
+        self.acquisition_age_s.add(acquisition_age_s)
 
     def sent(self, key: int, state_host_stamp_ns: int) -> None:
         """A tick's command was handed over; it answers a state received at this instant."""

@@ -28,6 +28,10 @@ class RunSummary:
     state_to_command_p99_ms: float
     state_age_p50_ms: float
     state_age_p99_ms: float
+    """Receipt of a state to the tick that uses it."""
+    acquisition_age_p50_ms: float
+    acquisition_age_p99_ms: float
+    """Sampling of the joints to the tick, by the estimated robot clock."""
     log_dropped: int
     rss_mb: float
     rss_growth_mb: float
@@ -47,7 +51,8 @@ class RunSummary:
                 f"policy ticks       {self.ticks} at {self.rate_hz:.3f} Hz of robot time, {self.skipped_ticks} skipped",
                 _pair("tick compute", self.tick_compute_p50_us, self.tick_compute_p99_us, "µs"),
                 _pair("state to command", self.state_to_command_p50_ms, self.state_to_command_p99_ms, "ms"),
-                _pair("state age", self.state_age_p50_ms, self.state_age_p99_ms, "ms"),
+                _pair("state age, receipt", self.state_age_p50_ms, self.state_age_p99_ms, "ms"),
+                _pair("state age, robot", self.acquisition_age_p50_ms, self.acquisition_age_p99_ms, "ms"),
             ]
         lines.append(f"log                {self.log_path} ({self.log_dropped} messages dropped)")
         return "\n".join(lines)
@@ -70,6 +75,8 @@ def figures(stats: LoopStats) -> dict[str, float | int]:
         "state_to_command_p99_ms": stats.state_to_command_s.percentile(99) * 1e3,
         "state_age_p50_ms": stats.state_age_s.percentile(50) * 1e3,
         "state_age_p99_ms": stats.state_age_s.percentile(99) * 1e3,
+        "acquisition_age_p50_ms": stats.acquisition_age_s.percentile(50) * 1e3,
+        "acquisition_age_p99_ms": stats.acquisition_age_s.percentile(99) * 1e3,
     }
 
 
