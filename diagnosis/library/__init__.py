@@ -1,0 +1,1 @@
+"""What each effect predicts in each channel, one object an effect."""

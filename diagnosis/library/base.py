@@ -1,0 +1,97 @@
+"""What the diagnosis knows of one effect: where it shows, what it looks like, what it is mistaken for."""
+
+from __future__ import annotations
+
+import enum
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from diagnosis.library.experiments import Experiment
+from diagnosis.seam import Array, ChannelView, Flags, Shape, Views
+from spot_model.effects.base import Effect
+from spot_model.model_file import RobotModel
+
+
+class Location(enum.Enum):
+    """What an effect can be local to."""
+
+    JOINT = "joint"
+    """Each joint by itself, or any set of joints."""
+    LEG = "leg"
+    """Each leg by itself, or any set of legs."""
+    ROBOT = "robot"
+    """The robot as a whole only."""
+
+
+@dataclass(frozen=True)
+class Coefficient:
+    """One linear unknown: what a column is multiplied by."""
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    """Bounds of the coefficient (parameter less null). Equal bounds: the column has no freedom but its shape."""
+
+
+class LibraryEffect(ABC):
+    """One effect of the library.
+
+    ``columns`` of a joint set is the sum over its joints, so that one coefficient is shared by the set. In a channel
+    of ``separable``, joint j touches row j alone; there the columns of one joint are those of all joints, row j.
+    """
+
+    name: ClassVar[str]
+    """Name of the spot_model effect that puts it into a simulator."""
+    title: ClassVar[str]
+    """For a person."""
+    effect: ClassVar[type[Effect]]
+    channels: ClassVar[tuple[str, ...]]
+    """Where it shows; a missing channel makes it weaker, missing all makes it invisible."""
+    separable: ClassVar[frozenset[str]] = frozenset({"A", "Q", "L"})
+    location: ClassVar[Location] = Location.JOINT
+    coefficients: ClassVar[tuple[Coefficient, ...]]
+    confused_with: ClassVar[tuple[str, ...]]
+    """Names of library effects that can look the same."""
+    split_by: ClassVar[Experiment]
+    """What to record to tell it from those."""
+
+    def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:
+        """Values of the non-linear parameters that are worth a try, coarse, from the data of the joints.
+
+        Default: one empty shape, all is linear.
+        """
+        return ({},)
+
+    def refined(self, shape: Shape) -> tuple[Shape, ...]:
+        """Neighbours of the best coarse shape, for a second, finer round. Default: none."""
+        return ()
+
+    @abstractmethod
+    def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
+        """What one unit of each coefficient adds to the response. Shape (n, R, len(coefficients))."""
+
+    @abstractmethod
+    def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
+        """Parameters of the spot_model effect, from coefficients of shape (len(coefficients),) and the shape."""
+
+    def make(self, values: Mapping[str, float], joints: tuple[str, ...]) -> Effect:
+        """The spot_model effect with these parameters."""
+        return self.effect(joints=joints, **values)
+
+    def add_to(self, model: RobotModel, values: Mapping[str, float], joints: tuple[str, ...]) -> RobotModel:
+        """The nominal model with the effect. Default: added at the end; a correction of what is there replaces it."""
+        return model.with_effects(self.make(values, joints))
+
+    def show(self, views: Views) -> tuple[str, ...]:
+        """Channels in which the effect can be seen in these logs."""
+        return tuple(c for c in self.channels if c in views)
+
+
+def on_joints(values: Array, joints: Flags) -> Array:
+    """A column (n, J) restricted to some joints, as (n, J, 1)."""
+    return np.asarray((values * joints)[:, :, None])

@@ -1,0 +1,76 @@
+"""What to record next to tell two effects apart: a velocity sequence, gains and conditions that can be collected."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from spot_model.velocity_sequence import VelocitySequence, Waypoint, forward_sequence, standing_sequence
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One more recording."""
+
+    name: str
+    text: str
+    """What to do and why it tells, one sentence for a person."""
+    sequence: VelocitySequence
+    kp_nm_per_rad: float | None = None
+    """Servo stiffness for this recording; None for the policy's own."""
+    kd_nm_s_per_rad: float | None = None
+    by_hand: str = ""
+    """What a person must do besides: payload, surface, attitude."""
+
+
+def _steps(name: str, duration_s: float, *points: tuple[float, float, float, float]) -> VelocitySequence:
+    """A sequence of steps, each (time s, V_x m/s, V_y m/s, ω_z rad/s)."""
+    return VelocitySequence(
+        name=name,
+        duration_s=duration_s,
+        waypoints=tuple(Waypoint(time_s=t, v_x_m_s=x, v_y_m_s=y, yaw_rate_rad_s=w) for t, x, y, w in points),
+    )
+
+
+WALK = _steps("walk_and_turn", 20.0, (0, 0, 0, 0), (1, 0.8, 0, 0), (7, 0, 0.5, 0), (11, 0, 0, 1.0), (15, -0.6, 0, 0),
+              (19, 0, 0, 0))  # fmt: skip
+SLOW = _steps("slow_walk", 20.0, (0, 0, 0, 0), (1, 0.2, 0, 0), (10, -0.2, 0, 0), (19, 0, 0, 0))
+TURN_IN_PLACE = _steps("turn_in_place", 20.0, (0, 0, 0, 0), (2, 0, 0, 1.0), (9, 0, 0, -1.0), (16, 0, 0, 0))
+SIDEWAYS = _steps("mirrored_sideways", 20.0, (0, 0, 0, 0), (1, 0, 0.8, 0), (10, 0, -0.8, 0), (19, 0, 0, 0))
+FAST = forward_sequence(4.0)
+
+OTHER_KD = Experiment(
+    "other_damping", "Walk again with kd 1.0: a change of kd scales with kd, friction does not.", WALK,
+    kd_nm_s_per_rad=1.0,
+)  # fmt: skip
+OTHER_KP = Experiment(
+    "other_stiffness", "Walk again with kp 50: a wrong stiffness scales with kp, a torque gain with all torque.", WALK,
+    kp_nm_per_rad=50.0,
+)  # fmt: skip
+SLOW_WALK = Experiment("slow_walk", "Walk slowly: what acts near standstill grows, what needs speed vanishes.", SLOW)
+SPRINT = Experiment("sprint", "Run up to 4 m/s: limits of torque, speed and power act only there.", FAST)
+LOADED_WALK = Experiment(
+    "loaded_walk", "Walk with a known payload: load-dependent friction grows, plain friction does not.", WALK,
+    by_hand="fix a known mass of 5 kg or more to the middle of the back",
+)  # fmt: skip
+STAND = Experiment("stand", "Stand still: loads alone must carry the known weight.", standing_sequence())
+LONG_WALK = Experiment(
+    "long_walk", "Walk for two minutes: heat grows with time, a gain does not.",
+    _steps("long_walk", 120.0, (0, 0, 0, 0), (1, 1.0, 0, 0), (119, 0, 0, 0)),
+)  # fmt: skip
+TURN = Experiment(
+    "turn_in_place", "Turn in place by half a turn: a tilted floor turns with the heading, a tilted sensor does not.",
+    TURN_IN_PLACE,
+)  # fmt: skip
+MIRROR = Experiment(
+    "mirrored_sideways", "Step left, then right: what belongs to one side changes sides.", SIDEWAYS,
+)  # fmt: skip
+OTHER_GROUND = Experiment(
+    "other_ground", "Walk on hard, grippy ground: what belongs to the ground changes, the robot does not.", WALK,
+    by_hand="repeat on bare concrete or rubber flooring",
+)  # fmt: skip
+TAPED_DISTANCE = Experiment(
+    "taped_distance", "Walk along a taped line and compare the odometry with its length.", WALK,
+    by_hand="mark start and end of the walk and measure the distance",
+)  # fmt: skip
+WIRED_LINK = Experiment("wired_link", "Repeat over a cable: what belongs to the link changes.", WALK,
+                        by_hand="connect by Ethernet in place of wireless")  # fmt: skip

@@ -1,0 +1,101 @@
+"""What the parts of the diagnosis hand to each other: one channel over all logs, and what an effect predicts in it.
+
+A channel turns logs and the nominal model into a :class:`ChannelView`: a response that is zero, up to noise, where the
+nominal model is the truth. An effect predicts the response as columns times coefficients; a coefficient is a parameter
+less its null value. Numbers that do not enter linearly are the effect's *shape*, tried value by value.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.intp]
+Flags = NDArray[np.bool_]
+
+CHANNEL_TITLES: Final[Mapping[str, str]] = {
+    "L": "policy replay",
+    "T": "time stamps",
+    "Q": "joint sensors against each other",
+    "A": "set-point to load",
+    "D": "load to motion of swinging legs",
+    "B": "base motion against the loads of all legs",
+    "K": "kinematics of standing feet",
+    "I": "inertial unit against the estimator",
+    "P": "battery power and voltage",
+}
+"""Channels in the order in which they are looked at."""
+
+Shape = Mapping[str, float]
+"""Values of the parameters that do not enter linearly, by name; empty where there are none."""
+
+
+@dataclass(frozen=True)
+class ChannelOff:
+    """A channel that these logs cannot feed."""
+
+    name: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class ChannelView:
+    """One channel over all recordings, stacked: n samples of R rows.
+
+    A row is one scalar signal: a joint in A, D and Q; a component of force or moment in B; a foot's component in K.
+    """
+
+    name: str
+    """Key of :data:`CHANNEL_TITLES`."""
+    rows: tuple[str, ...]
+    """Names of the R rows."""
+    unit: str
+    response: Array
+    """Measured less predicted by the nominal model. Shape (n, R)."""
+    usable: Flags
+    """Where the response means something. Shape (n, R)."""
+    run: Ints
+    """Number of the recording that a sample comes from. Shape (n,)."""
+    state: Ints
+    """Row of that recording's states at the sample. Shape (n,)."""
+    noise: Array
+    """Standard deviation of a usable sample that sensor noise alone explains. Shape (R,), > 0."""
+    nuisance: Array
+    """What is always fitted beside any effect, each row by itself. Shape (n, R, q)."""
+    row_joint: Ints
+    """Joint that a row belongs to, -1 for none. Shape (R,)."""
+    row_leg: Ints
+    """Leg that a row belongs to, -1 for none. Shape (R,)."""
+    signals: Any
+    """What effects compute their columns from; a class of the channel's own file."""
+    measured: Mapping[str, float] = field(default_factory=dict)
+    """Numbers found on the way, such as the load's time offset; by name with unit."""
+    notes: tuple[str, ...] = ()
+    """What a reader should know, a sentence each."""
+
+    @property
+    def n(self) -> int:
+        """Number of samples."""
+        return len(self.run)
+
+    def of_run(self, run: int) -> Flags:
+        """Samples of one recording, shape (n,)."""
+        return np.asarray(self.run == run)
+
+
+Views = Mapping[str, ChannelView]
+"""The channels that are on, by name."""
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A fitted number."""
+
+    value: float
+    low: float
+    high: float
