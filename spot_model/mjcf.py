@@ -20,6 +20,10 @@ UPPER_LEG_RADIUS_M = 0.045
 LOWER_LEG_RADIUS_M = 0.02
 """Rough outlines for contact in a fall; they carry no mass."""
 
+SHIN_SHARE = 0.75
+"""How far down the lower leg it can touch the ground: a foot that lands hard sinks in by more than the difference of
+the radii, and that is no fall."""
+
 IMU_FROM_BODY_M = (0.0, 0.0, 0.0)
 """The IMU site sits at the body's origin; a robot reports its own mounting point."""
 
@@ -102,6 +106,7 @@ def _leg(index: int, options: MjcfOptions) -> str:
     hy_pos = (facts.HY_FROM_HX_M[0], side * facts.HY_FROM_HX_M[1], facts.HY_FROM_HX_M[2])
     joints = [_joint(3 * index + k, "1 0 0" if k == 0 else "0 1 0", options) for k in range(3)]
     foot = _numbers(facts.FOOT_FROM_KN_M)
+    shin_end = _numbers(SHIN_SHARE * x for x in facts.FOOT_FROM_KN_M)
     return f"""
       <body name="{leg}_hip" pos="{_numbers(hx_pos)}">
         {joints[0]}{_inertial(hip)}
@@ -113,7 +118,8 @@ def _leg(index: int, options: MjcfOptions) -> str:
           <geom type="cylinder" fromto="0 {-0.03 * side} 0 0 {0.045 * side} 0" size="0.055" material="black"/>
           <body name="{leg}_lleg" pos="{_numbers(facts.KN_FROM_HY_M)}">
             {joints[2]}{_inertial(lower)}
-            <geom name="{leg}_lleg" type="capsule" fromto="0 0 0 {foot}" size="{LOWER_LEG_RADIUS_M}"
+            <geom type="capsule" fromto="0 0 0 {foot}" size="{LOWER_LEG_RADIUS_M}" material="grey"/>
+            <geom name="{leg}_lleg" type="capsule" fromto="0 0 0 {shin_end}" size="{LOWER_LEG_RADIUS_M}"
                   material="grey"{_contact(options)}/>
             <geom name="{leg}_foot" class="contact" type="sphere" pos="{foot}" size="{facts.FOOT_RADIUS_M}"
                   material="black"/>

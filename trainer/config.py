@@ -34,6 +34,10 @@ class PpoConfig(Config):
     gamma: float = Field(default=0.99, gt=0.0, le=1.0)
     lam: float = Field(default=0.95, gt=0.0, le=1.0)
     max_grad_norm: float = Field(default=1.0, gt=0.0)
+    clip_value_loss: bool = True
+    """Holds values within ``clip`` of the old ones at each update, as released; slow where returns are large."""
+    normalise_observations: bool = False
+    """Running mean and deviation; folded into the first layer at export."""
     mirror_loss: float = Field(default=0.0, ge=0.0)
     """Weight of the left–right symmetry loss; 0 switches it off."""
     mixed_precision: bool = False

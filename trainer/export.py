@@ -22,6 +22,8 @@ from trainer.config import TrainConfig
 from trainer.run_folder import read_run_record
 
 OPSET = 18
+NORMALISER_FLOOR = 1.0e-2
+"""Added to the deviation by rsl-rl's normaliser."""
 LARGEST_ERROR = 1.0e-5
 """Largest difference between torch and onnxruntime on the check inputs."""
 
@@ -56,9 +58,15 @@ def export_policy(run: Path, out: Path, name: str | None = None) -> Path:
 
 
 def actor_layers(state: dict[str, torch.Tensor]) -> Layers:
-    """The linear layers of an actor's state dict, in order."""
+    """The linear layers of an actor's state dict, in order; observation normalisation goes into the first one."""
     numbers = sorted(int(key.split(".")[1]) for key in state if key.startswith("mlp.") and key.endswith(".weight"))
-    return [(state[f"mlp.{i}.weight"].float(), state[f"mlp.{i}.bias"].float()) for i in numbers]
+    layers = [(state[f"mlp.{i}.weight"].float(), state[f"mlp.{i}.bias"].float()) for i in numbers]
+    if "obs_normalizer._mean" in state:
+        weight, bias = (t.double() for t in layers[0])
+        mean, std = state["obs_normalizer._mean"].double(), state["obs_normalizer._std"].double()
+        weight = weight / (std + NORMALISER_FLOOR)
+        layers[0] = (weight.float(), (bias - weight @ mean[0]).float())
+    return layers
 
 
 def run_torch(layers: Layers, observation: torch.Tensor) -> torch.Tensor:

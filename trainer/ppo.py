@@ -79,7 +79,8 @@ class PpoRunner(OnPolicyRunner):  # type: ignore[misc]  # rsl_rl has no types
 
 def rsl_config(ppo: PpoConfig) -> dict[str, Any]:
     """rsl-rl's config dictionary; a fresh one each time, because rsl-rl writes into it."""
-    network = {"class_name": "MLPModel", "hidden_dims": list(ppo.hidden), "activation": "elu"}
+    network: dict[str, Any] = {"class_name": "MLPModel", "hidden_dims": list(ppo.hidden), "activation": "elu"}
+    network["obs_normalization"] = ppo.normalise_observations
     gaussian = {"class_name": "GaussianDistribution", "init_std": ppo.initial_std, "std_type": "scalar"}
     symmetry = {
         "data_augmentation_func": with_mirror_images,
@@ -103,6 +104,7 @@ def rsl_config(ppo: PpoConfig) -> dict[str, Any]:
             "gamma": ppo.gamma,
             "lam": ppo.lam,
             "value_loss_coef": ppo.value_loss,
+            "use_clipped_value_loss": ppo.clip_value_loss,
             "entropy_coef": ppo.entropy,
             "learning_rate": ppo.learning_rate,
             "max_grad_norm": ppo.max_grad_norm,

@@ -86,6 +86,8 @@ class SimulationConfig(_Part):
     """Whether the simulated policy sees noise of the logs' own size; the paper's simulated data has none."""
     measured_delay: bool = True
     """Whether the model's command delay is set to the median that the logs show, from state to servo."""
+    measured_inertia: bool = True
+    """Whether the reflected inertia that the logged torques show is put into the model; the paper's model has none."""
 
 
 class SysidConfig(_Part):

@@ -64,7 +64,7 @@ class States:
     last_command_robot_stamp_ns: Stamps
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LoggedRun:
     """One run of one policy through one command sequence."""
 
@@ -76,7 +76,6 @@ class LoggedRun:
     ticks: Ticks
     commands: Commands
     states: States
-    motor_temperature_c: Array | None = None
     notes: tuple[str, ...] = ()
     """What was cut or is missing, in words."""
     labels: Mapping[str, str] = field(default_factory=dict)

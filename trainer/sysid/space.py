@@ -81,6 +81,10 @@ class SearchSpace:
                 unit[..., i] = (values[..., i] - p.low) / (p.high - p.low)
         return unit
 
+    def within_bounds(self, values: Array) -> Array:
+        """Physical values, shape (..., n), brought within the bounds of the search."""
+        return self.values_of_unit(np.clip(self.unit_of_values(values), 0.0, 1.0))
+
     def effects(self, values: Array, sims_per_candidate: int = 1) -> tuple[Effect, ...]:
         """The model's effects with per-simulation values.
 

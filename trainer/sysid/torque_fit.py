@@ -12,6 +12,7 @@ import scipy.stats
 from numpy.typing import NDArray
 
 from spot_model import facts
+from trainer.sysid.space import SearchSpace
 from trainer.sysid.torque_model import MIN_SPEED_RAD_S, NUISANCE_NAMES, NUISANCE_SCALE, TorqueModel
 from trainer.sysid.torque_samples import TorqueSamples
 
@@ -161,9 +162,10 @@ def _with_errors(
     residual = residual / doubt
     columns = []
     for j, step in enumerate(steps):
-        plus, minus = (_shifted(values, nuisance, indices, j, sign * step) for sign in (1.0, -1.0))
+        plus, minus = (_shifted(space, values, nuisance, indices, j, sign * step) for sign in (1.0, -1.0))
+        moved = (plus[0] - minus[0]).sum() + (plus[1] - minus[1]).sum()
         difference = model.load_nm(samples, *plus) - model.load_nm(samples, *minus)
-        columns.append(np.where(used, difference / (2.0 * step), 0.0) / doubt)
+        columns.append(np.where(used, difference / moved, 0.0) / doubt)
     jacobian = np.stack(columns, axis=-1)
     weight = 1.0 / np.sqrt(1.0 + (residual / scale) ** 2)
 
@@ -233,15 +235,21 @@ def _relative_doubt(model: TorqueModel, samples: TorqueSamples, values: Array, n
     slope = (faster - slower) / (2.0 * step)
     # Through a reversal the slope is that of the friction's jump, which says nothing about the doubt.
     slope = np.where(np.abs(samples.velocity_rad_s) > 2.0 * step, slope, samples.kd_nm_s_per_rad)
-    return np.sqrt(1.0 + (slope * samples.velocity_doubt_rad_s / scale) ** 2)
+    # The same bend of the velocity makes the acceleration as doubtful over one period.
+    inertia = model.inertia_kg_m2(values, nuisance) / (facts.STATE_PERIOD_NS * 1e-9)
+    return np.sqrt(1.0 + (slope**2 + inertia**2) * (samples.velocity_doubt_rad_s / scale) ** 2)
 
 
 def _shifted(
-    values: Array, nuisance: Array, indices: NDArray[np.intp], column: int, step: float
+    space: SearchSpace, values: Array, nuisance: Array, indices: NDArray[np.intp], column: int, step: float
 ) -> tuple[Array, Array]:
+    """One number moved by a step, or to the bound of the search if that is nearer."""
     values, nuisance = values.copy(), nuisance.copy()
     if column < len(indices):
-        values[indices[column]] += step
+        i = indices[column]
+        moved = values.copy()
+        moved[i] += step
+        values[i] = space.within_bounds(moved)[i]
     else:
         nuisance[column - len(indices)] += step
     return values, nuisance

@@ -77,19 +77,25 @@ class TorqueModel:
                 ready = effect.arrays_like(torque)
                 torque, _ = ready.apply(torque, motion, ready.start(torque), effect.mask)
         viscosity = _by_joint(nuisance[1], nuisance[2])
-        inertia = _by_joint(nuisance[3], nuisance[4])
         level = np.zeros(facts.N_JOINTS)
         for effect in effects:
             if isinstance(effect, CoulombFriction):
                 level = level + np.ravel(effect.level_nm)[0] * effect.mask
             elif isinstance(effect, ViscousFriction):
                 viscosity = viscosity + np.ravel(effect.damping_nm_s_per_rad)[0] * effect.mask
-            elif isinstance(effect, Armature):
-                inertia = inertia + np.ravel(effect.inertia_kg_m2)[0] * effect.mask
+        inertia = self.inertia_kg_m2(values, nuisance)
         steady = friction_direction(velocity, acceleration)
         turning = np.sign(velocity) - steady
         friction = level * steady + _by_joint(nuisance[5], nuisance[6]) * turning
         return np.asarray(torque - friction - viscosity * velocity - inertia * acceleration)
+
+    def inertia_kg_m2(self, values: Array, nuisance: Array) -> Array:
+        """Inertia between motor and torque sensor, shape (12,), kg·m²."""
+        inertia = _by_joint(nuisance[3], nuisance[4])
+        for effect in self.space.effects(values[None, :]):
+            if isinstance(effect, Armature):
+                inertia = inertia + np.ravel(effect.inertia_kg_m2)[0] * effect.mask
+        return inertia
 
 
 def friction_direction(velocity_rad_s: Array, acceleration_rad_s2: Array) -> Array:

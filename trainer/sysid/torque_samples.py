@@ -14,9 +14,6 @@ from trainer.sysid.logged_run import LoggedRun
 
 Array = NDArray[np.float64]
 
-SETTLE_NS: Final = 1_500_000
-"""A state this soon after the receipt of a command is left out: its load may still belong to the set-point before."""
-
 SLOPE_WEIGHTS: Final = np.array([-2.0, -1.0, 0.0, 1.0, 2.0]) / 10.0
 """Least-squares slope through five neighbouring samples, per sample period."""
 
@@ -56,8 +53,9 @@ class TorqueSamples:
 def torque_samples(runs: Sequence[LoggedRun]) -> TorqueSamples:
     """Collect the samples of runs, numbered in their order.
 
-    Left out are the states before the first command, those within :data:`SETTLE_NS` after a receipt, those whose
-    command is not in the log, and those without five neighbours at the stream's own period.
+    Left out are the states before the first command, those by which a new set-point has just arrived (their load may
+    still belong to the one before), those whose command is not in the log, and those without five neighbours at the
+    stream's own period.
     """
     parts = [_of_run(number, run) for number, run in enumerate(runs)]
     return TorqueSamples(**{f.name: np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(TorqueSamples)})
@@ -69,7 +67,10 @@ def _of_run(number: int, run: LoggedRun) -> TorqueSamples:
     index = np.searchsorted(commands.key, states.last_command_key)
     index = np.minimum(index, max(len(commands.key) - 1, 0))
     known = (commands.key[index] == states.last_command_key) if len(commands.key) else np.zeros(n, dtype=np.bool_)
-    settled = states.robot_stamp_ns - states.last_command_robot_stamp_ns >= SETTLE_NS
+    settled = np.zeros(n, dtype=np.bool_)
+    if len(commands.key):
+        setpoints = commands.position_rad[index]
+        settled[1:] = known[:-1] & np.all(setpoints[1:] == setpoints[:-1], axis=1)
     regular = np.zeros(n, dtype=np.bool_)
     acceleration, doubt = np.zeros((n, facts.N_JOINTS)), np.zeros((n, facts.N_JOINTS))
     if n >= len(SLOPE_WEIGHTS):

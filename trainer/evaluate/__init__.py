@@ -1,0 +1,1 @@
+"""Evaluation of policies on the CPU plant: trials, figures, a page and a video."""

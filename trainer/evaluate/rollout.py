@@ -1,0 +1,106 @@
+"""Many robots under one policy on the CPU plant, recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot_model import facts
+from spot_model.observation import build_observation
+from spot_model.plant import Plant
+from spot_model.policy import Policy
+
+Array = NDArray[np.float64]
+
+CommandAt = Callable[[int], Array]
+"""Velocity commands of all robots at a policy tick, shape (n, 3)."""
+Disturb = Callable[[Plant, int], None]
+"""Called before every tick with the plant and the tick's number."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What happened, tick by tick (T ticks, n robots); a robot that fell keeps its last row's meaning no more."""
+
+    command: Array
+    """V_x, V_y (m/s), ω_z (rad/s), shape (T, n, 3)."""
+    velocity: Array
+    """Measured V_x, V_y (m/s) and ω_z (rad/s) in the body frame, shape (T, n, 3)."""
+    foot_contact: NDArray[np.bool_]
+    """Shape (T, n, 4), legs fl, fr, hl, hr."""
+    power_w: Array
+    """Mechanical power of all motors, shape (T, n); positive work only."""
+    torque_peak_nm: Array
+    """Largest motor torque so far, shape (n,)."""
+    alive: NDArray[np.bool_]
+    """Whether the robot has not fallen yet, shape (T, n)."""
+    rate_hz: float
+
+    def ticks(self, start_s: float, end_s: float) -> slice:
+        """The ticks of a span of time."""
+        return slice(round(start_s * self.rate_hz), round(end_s * self.rate_hz))
+
+    @property
+    def survived(self) -> NDArray[np.bool_]:
+        """Robots that never fell, shape (n,)."""
+        return np.asarray(self.alive[-1])
+
+
+def roll_out(
+    policy: Policy,
+    plant: Plant,
+    command_at: CommandAt,
+    n_ticks: int,
+    *,
+    noise_sigma: Array | None = None,
+    rng: np.random.Generator | None = None,
+    disturb: Disturb | None = None,
+) -> Recording:
+    """Run the policy from the plant's present state.
+
+    Args:
+        policy: Joint order and gains are its contract's.
+        plant: Robots, already in their initial state.
+        command_at: Commands by tick.
+        n_ticks: Policy periods.
+        noise_sigma: Observation noise, shape (48,), in the policy's joint order; None for none.
+        rng: Draws the noise; needed with ``noise_sigma``.
+        disturb: Pushes, patches and the like.
+    """
+    n = plant.n_sims
+    substeps = round(1.0 / (policy.contract.rate_hz * plant.timestep_s))
+    order = policy.policy_from_canonical
+    action = np.zeros((n, facts.N_JOINTS), dtype=np.float32)
+    rows: list[tuple[Array, Array, NDArray[np.bool_], Array, NDArray[np.bool_]]] = []
+    alive = np.ones(n, dtype=np.bool_)
+    peak = np.zeros(n)
+    for tick in range(n_ticks):
+        if disturb is not None:
+            disturb(plant, tick)
+        command = np.broadcast_to(command_at(tick), (n, 3))
+        observation = build_observation(
+            world_from_body_wxyz=plant.world_from_body_wxyz,
+            linear_vel_of_body_in_world_m_s=plant.linear_vel_of_body_in_world_m_s,
+            angular_vel_of_body_in_world_rad_s=plant.angular_vel_of_body_in_world_rad_s,
+            velocity_command=command,
+            position_rad=plant.joint_position_rad[:, order],
+            velocity_rad_s=plant.joint_velocity_rad_s[:, order],
+            last_action=action.astype(np.float64),
+            default_position_rad=policy.default_position_rad,
+        )
+        if noise_sigma is not None and rng is not None:
+            observation = observation + noise_sigma * rng.standard_normal(observation.shape)
+        action = policy.act(observation)
+        plant.step(policy.setpoint_rad(action), substeps)
+        alive &= ~plant.body_contact
+        power = np.maximum(plant.applied_torque_nm * plant.joint_velocity_rad_s, 0.0).sum(axis=-1)
+        peak = np.maximum(peak, np.abs(plant.applied_torque_nm).max(axis=-1))
+        velocity = np.concatenate(
+            [plant.linear_vel_of_body_in_body_m_s[:, :2], plant.angular_vel_of_body_in_body_rad_s[:, 2:]], axis=-1
+        )
+        rows.append((np.array(command), velocity, plant.foot_contact, power, alive.copy()))
+    commands, velocities, contacts, powers, lives = (np.stack(column) for column in zip(*rows, strict=True))
+    return Recording(commands, velocities, contacts, powers, peak, lives, policy.contract.rate_hz)

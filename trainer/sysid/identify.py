@@ -1,0 +1,135 @@
+"""The whole identification: what logs show directly, the paper's search, the fit of measured torques, and the verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot_model.model_file import RobotModel
+from spot_model.policy import Policy
+from trainer.sysid.config import SysidConfig
+from trainer.sysid.delays import MeasuredDelays, measure_delays
+from trainer.sysid.engine import Engine
+from trainer.sysid.measured import DirectChange, with_measured
+from trainer.sysid.noise import ObservationNoise, observation_noise
+from trainer.sysid.problem import Problem, build_problem
+from trainer.sysid.read_logs import LogSet
+from trainer.sysid.rollout import RolloutOptions
+from trainer.sysid.search import Generation, SearchState, run_search
+from trainer.sysid.space import SearchSpace
+from trainer.sysid.surrogate import ScoreIntervals, score_intervals
+from trainer.sysid.torque_fit import TorqueFit, fit_torque
+from trainer.sysid.torque_model import TorqueModel
+from trainer.sysid.torque_samples import TorqueSamples, torque_samples
+from trainer.sysid.verdict import CONFIDENCE, ParameterVerdict, judge
+
+Array = NDArray[np.float64]
+
+
+class EngineMaker(Protocol):
+    """Makes the engine for a problem."""
+
+    def __call__(self, problem: Problem) -> Engine: ...
+
+
+@dataclass(frozen=True)
+class Preparation:
+    """What the logs say before anything is simulated, and the problem that remains."""
+
+    logs: LogSet
+    noise: ObservationNoise
+    delays: MeasuredDelays
+    changes: tuple[DirectChange, ...]
+    samples: TorqueSamples | None
+    problem: Problem
+
+
+@dataclass(frozen=True)
+class Identification:
+    """All that was found."""
+
+    preparation: Preparation
+    search: SearchState
+    intervals: ScoreIntervals | None
+    fit: TorqueFit | None
+    verdicts: tuple[ParameterVerdict, ...]
+    model: RobotModel
+    """The identified model."""
+    scores: dict[str, float]
+    """Of the initial values, the search's mean, and the identified model; 1 is the floor where there are repeats."""
+
+
+def prepare(logs: LogSet, policy: Policy, policy_bytes: bytes, config: SysidConfig) -> Preparation:
+    """Read off what needs no search, and set up the search."""
+    space = config.space()
+    noise = observation_noise(logs.runs)
+    delays = measure_delays(logs.runs)
+    with_load = [run for run in logs.runs if np.isfinite(run.states.load_nm).any()]
+    samples = torque_samples(with_load) if with_load else None
+    if samples is not None and not len(samples):
+        samples = None
+    first = None
+    if samples is not None and config.simulation.measured_inertia:
+        first = fit_torque(TorqueModel(space), samples, [space.initial], np.random.default_rng(config.search.seed))
+    space, changes = with_measured(
+        space, delays, first, use_delay=config.simulation.measured_delay, use_inertia=config.simulation.measured_inertia
+    )
+    problem = build_problem(
+        space,
+        policy_bytes,
+        logs.compared,
+        RolloutOptions(config.simulation.timestep_s, config.simulation.foot_friction),
+        robots_per_sequence=config.simulation.robots_per_sequence,
+        weights=config.sequence_weights,
+        noise_sigma=_policy_order(noise, policy) if config.simulation.sensor_noise else None,
+        seed=config.search.seed,
+    )
+    return Preparation(logs, noise, delays, changes, samples, problem)
+
+
+def identify(
+    preparation: Preparation,
+    config: SysidConfig,
+    engine: Engine,
+    checkpoint: Path,
+    on_generation: Callable[[Generation], None] = lambda _: None,
+) -> Identification:
+    """Search, fit, judge and score.
+
+    Args:
+        preparation: From :func:`prepare`.
+        config: The configuration.
+        engine: Where candidates are evaluated.
+        checkpoint: File of the search's generations.
+        on_generation: Called after each generation.
+    """
+    problem = preparation.problem
+    space = problem.space
+    state = run_search(problem, engine, config.search, checkpoint, on_generation)
+    mean = space.values_of_unit(state.mean_unit)
+    rng = np.random.default_rng(config.search.seed)
+    intervals = score_intervals(problem, state.units(), state.results(), CONFIDENCE, rng)
+    fit = None
+    if preparation.samples is not None:
+        fit = fit_torque(TorqueModel(space), preparation.samples, [mean, space.initial], rng)
+    verdicts = judge(TorqueModel(space), preparation.samples, fit, mean, intervals)
+    chosen = space.within_bounds(np.array([v.value for v in verdicts]))
+    names = ("initial", "search", "identified")
+    results = engine.evaluate(np.stack([space.initial, mean, chosen]))
+    scores = {name: problem.score(result) for name, result in zip(names, results, strict=True)}
+    return Identification(
+        preparation, state, intervals, fit, verdicts, space.model_with(chosen), scores
+    )
+
+
+def _policy_order(noise: ObservationNoise, policy: Policy) -> Array:
+    order = policy.policy_from_canonical
+    sigma = noise.sigma.copy()
+    for start in (12, 24):
+        sigma[start : start + 12] = noise.sigma[start : start + 12][order]
+    return sigma
