@@ -45,7 +45,7 @@ def header_from_proto(message: log_pb2.Header) -> RunHeader:
         config_json=message.config_json,
         command_sequence=message.command_sequence,
         repeat=message.repeat,
-        labels=dict(message.labels),
+        labels=dict(sorted(message.labels.items())),
         software_version=message.software_version,
         software_revision=message.software_revision,
         joint_names=tuple(message.joint_names),

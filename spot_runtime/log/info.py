@@ -232,7 +232,7 @@ def _event(run: Run, index: int) -> dict[str, Any]:
     event = run.events[index]
     first_ns = run.states.host_stamp_ns[0] if len(run.states) else run.header.started_host_stamp_ns
     return {
-        "time_s": float(event.host_stamp_ns - first_ns) * 1e-9,
+        "time_s": round(float(event.host_stamp_ns - first_ns) * 1e-9, 6),
         "severity": event.severity.name.lower(),
         "name": event.name,
         "text": event.text,

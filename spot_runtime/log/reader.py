@@ -217,9 +217,14 @@ def _event(message: log_pb2.Event) -> EventRecord:
         severity=Severity(number) if number in _SEVERITIES else Severity.INFO,
         name=message.name,
         text=message.text,
-        values=dict(message.values),
+        values=dict(sorted(message.values.items())),
     )
 
 
 def _footer(message: log_pb2.Footer) -> RunFooter:
-    return RunFooter(message.host_stamp_ns, dict(message.messages), dict(message.dropped), message.outcome)
+    return RunFooter(
+        message.host_stamp_ns,
+        dict(sorted(message.messages.items())),
+        dict(sorted(message.dropped.items())),
+        message.outcome,
+    )

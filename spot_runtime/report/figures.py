@@ -16,14 +16,16 @@ from spot_runtime.log import measures
 from spot_runtime.log.run import Run
 from spot_runtime.report.thin import thin_rows
 
-MAX_POINTS: Final = 1200
+MAX_POINTS: Final = 1600
 MAX_STANCES: Final = 4000
+WINDOW_S: Final = 4.0
+"""What joints and contacts show at first: the gait is not to be seen in a longer stretch."""
 MEASURED: Final = "#1f6fb2"
 ASKED: Final = "#d1662b"
 LIMIT: Final = "#b03030"
 NEUTRAL: Final = "#7a8794"
 FEET: Final = ("#1f6fb2", "#d1662b", "#3c8d5a", "#8e5aa8")
-_LEFT: Final = {"l": 62, "r": 18, "t": 46, "b": 44}
+_MARGIN: Final = {"l": 62, "r": 18, "t": 56, "b": 44}
 
 
 def velocity(run: Run) -> go.Figure | None:
@@ -60,6 +62,7 @@ def joints(run: Run) -> go.Figure | None:
         measured = run.states.position_rad[:, j]
         _line(figure, time_s, measured, "position", MEASURED, row=row, col=col, first=j == 0)
     figure.update_yaxes(title_text="rad", col=1)
+    figure.update_xaxes(range=_window(time_s))
     return _styled(figure, 210 * _n_rows(places) + 60)
 
 
@@ -117,9 +120,13 @@ def contacts(run: Run) -> go.Figure | None:
         )
     names = list(run.header.foot_names)
     figure.update_yaxes(
-        tickvals=list(range(len(names))), ticktext=names, range=[len(names) - 0.5, -0.5], showgrid=False
+        tickvals=list(range(len(names))),
+        ticktext=names,
+        range=[len(names) - 0.5, -0.5],
+        showgrid=False,
+        ticklabelstandoff=8,
     )
-    figure.update_xaxes(title_text="time, s")
+    figure.update_xaxes(title_text="time, s", range=_window(time_s))
     return _styled(figure, 60 * len(names) + 90, legend=False)
 
 
@@ -232,6 +239,13 @@ def _torque_limit_nm(run: Run, joint: int) -> NDArray[Any] | None:
     return None
 
 
+def _window(time_s: NDArray[Any]) -> tuple[float, float]:
+    """The middle of the run, at most :data:`WINDOW_S` long."""
+    first, last = float(time_s[0]), float(time_s[-1])
+    middle, half = 0.5 * (first + last), 0.5 * min(WINDOW_S, last - first)
+    return middle - half, middle + half
+
+
 def _mark_events(figure: go.Figure, run: Run) -> None:
     """A dotted line at every warning and error, at most 40."""
     if not len(run.states):
@@ -247,13 +261,13 @@ def _mark_events(figure: go.Figure, run: Run) -> None:
 def _styled(figure: go.Figure, height: int, *, legend: bool = True) -> go.Figure:
     figure.update_layout(
         height=height,
-        margin=_LEFT,
+        margin=_MARGIN,
         showlegend=legend,
         template="plotly_white",
         hovermode="x",
         bargap=0,
         font={"family": "system-ui, sans-serif", "size": 12, "color": "#26313b"},
-        legend={"orientation": "h", "x": 1, "xanchor": "right", "y": 1.0, "yanchor": "bottom", "yref": "container"},
+        legend={"orientation": "h", "x": 0, "xanchor": "left", "y": 1 + 22 / (height - 90), "yanchor": "bottom"},
     )
     figure.update_annotations(font_size=12)
     return figure

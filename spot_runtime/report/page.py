@@ -9,17 +9,26 @@ from typing import Any, Final
 from spot_runtime.log.info import LogInfo, log_info
 from spot_runtime.log.run import Run
 from spot_runtime.report.errors import PlotlyMissingError, ReportError
-from spot_runtime.report.summary import summary_lines
+from spot_runtime.report.summary import seconds_text, summary_lines
 
 MAX_EVENT_ROWS: Final = 300
 MAX_HEADER_TEXT: Final = 4000
 
+_WINDOW: Final = "Four seconds of the run; double-click for all of it."
 SECTIONS: Final = (
     ("velocity", "Velocity", "What was commanded and what the body did, in the body frame. Dotted: warnings, errors."),
-    ("joints", "Joints", "Measured position and the set-point that was sent."),
+    (
+        "joints",
+        "Joints",
+        f"Measured position and the set-point that was sent. {_WINDOW}",
+    ),
     ("loads", "Loads", "Measured torque of each joint; red: what the joint can give, for the knee at its position."),
     ("timing", "Timing", "One count a tick or command. Dotted: median and 99th percentile."),
-    ("contacts", "Contacts", "A bar while the foot is on the ground."),
+    (
+        "contacts",
+        "Contacts",
+        f"A bar while the foot is on the ground. {_WINDOW}",
+    ),
     ("power", "Battery and temperatures", "Polled a few times a second."),
 )
 """Name of the figure's function, heading, one line of explanation."""
@@ -88,7 +97,8 @@ def _section(heading: str, note: str, body: str) -> str:
 def _figure_div(name: str, figure: Any) -> str:
     if figure is None:
         return '<p class="note">The log has no data for this.</p>'
-    config = {"displaylogo": False, "responsive": True}
+    buttons = [["toImage", "zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "autoScale2d", "resetScale2d"]]
+    config = {"displaylogo": False, "responsive": True, "modeBarButtons": buttons}
     return str(figure.to_html(full_html=False, include_plotlyjs=False, div_id=f"figure-{name}", config=config))
 
 
@@ -110,7 +120,7 @@ def _events_table(info: LogInfo) -> str:
     rows = []
     for event in info.events[:MAX_EVENT_ROWS]:
         values = ", ".join(f"{key} {value:g}" for key, value in event["values"].items())
-        cells = (f"{event['time_s']:.2f} s", event["severity"], event["name"], event["text"], values)
+        cells = (seconds_text(event["time_s"]), event["severity"], event["name"], event["text"], values)
         told = "".join(f"<td>{html.escape(cell)}</td>" for cell in cells)
         rows.append(f'<tr class="{html.escape(event["severity"])}">{told}</tr>')
     left = len(info.events) - MAX_EVENT_ROWS

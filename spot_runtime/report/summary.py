@@ -132,7 +132,7 @@ def _event_lines(info: LogInfo) -> list[str]:
     lines = []
     for event in info.events[:MAX_EVENTS]:
         values = "".join(f" {key}={value:g}" for key, value in event["values"].items())
-        lines.append(_row("event", f"{event['time_s']:7.2f} s {event['severity']}: {event['text']}{values}"))
+        lines.append(_row("event", f"{seconds_text(event['time_s']):>9} {event['severity']}: {event['text']}{values}"))
     left = len(info.events) - MAX_EVENTS
     if left > 0:
         lines.append(_row("event", f"and {left} more: 'spot-rl log info --json' lists all"))
@@ -149,3 +149,8 @@ def spread(values: Spread, unit: str, style: str = ".2f") -> str:
 def number(value: float, style: str) -> str:
     """Word a number; a dash where it is not known."""
     return f"{value:{style}}" if math.isfinite(value) else "–"
+
+
+def seconds_text(time_s: float) -> str:
+    """Word an instant to a hundredth, without a negative zero."""
+    return f"{round(time_s, 2) + 0.0:.2f} s"

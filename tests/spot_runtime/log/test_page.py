@@ -1,0 +1,148 @@
+"""The page: one file, no network, every plot in it; and in a real browser, drawn."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from spot_runtime.log import read_run
+from spot_runtime.report.errors import PlotlyMissingError, ReportError
+from spot_runtime.report.figures import FIGURES
+from spot_runtime.report.page import SECTIONS, page_html, write_page
+from spot_runtime.report.thin import thin_rows
+
+CHROMIUM = next(
+    (found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None
+)
+
+
+@pytest.fixture(scope="module")
+def run(synthetic_log):
+    return read_run(synthetic_log)
+
+
+@pytest.fixture(scope="module")
+def page(run, tmp_path_factory):
+    return write_page(run, tmp_path_factory.mktemp("page") / "run.html")
+
+
+def test_the_page_is_one_file_with_every_plot(page):
+    text = page.read_text(encoding="utf-8")
+    for name, heading, _ in SECTIONS:
+        assert f'id="figure-{name}"' in text
+        assert f"<h2>{heading}</h2>" in text
+    assert len(text.encode()) < 6_000_000
+    own = re.sub(r"<script>.*?</script>", "", text, count=1, flags=re.DOTALL)
+    assert not re.findall(r"""(?:src|href)\s*=\s*["']""", own)
+    assert text.count("<!DOCTYPE html>") == 1
+    for told in ("synthetic-1", "lab floor", "a set-point was clamped", "sequence forward, repeat 3"):
+        assert told in text
+
+
+def test_text_from_a_log_cannot_become_markup(run):
+    evil = "<script>alert(1)</script>"
+    header = replace(run.header, run_id=evil, labels={"note": evil})
+    event = run.events[0]._replace(text=evil)
+    text = page_html(replace(run, header=header, events=(event,)))
+    assert evil not in text
+    assert "&lt;script&gt;alert(1)" in text
+
+
+def test_a_log_without_data_gives_a_page_that_says_so(run):
+    empty = replace(
+        run,
+        states=_cut(run.states, skip=("imu",)),
+        commands=_cut(run.commands),
+        ticks=_cut(run.ticks),
+        slow_states=_cut(run.slow_states),
+        events=(),
+    )
+    assert all(figure(empty) is None for figure in FIGURES.values())
+    assert page_html(empty).count("The log has no data for this.") == len(SECTIONS)
+
+
+def _cut(table, skip=()):
+    return replace(table, **{name: getattr(table, name)[:0] for name in table.__dataclass_fields__ if name not in skip})
+
+
+def test_loads_carry_the_robots_limits(run):
+    limits = [trace for trace in FIGURES["loads"](run).data if trace.name == "limit"]
+    assert len(limits) == 24
+    np.testing.assert_allclose(np.asarray(limits[0].y), 45.0)
+    knee = np.asarray(limits[4].y)
+    # At −1.5 rad ± 0.2 the knee can give between 105 and 114 N·m.
+    assert knee.min() > 105
+    assert knee.max() < 114
+
+
+def test_velocity_shows_command_and_body(run):
+    traces = {(trace.name, trace.yaxis): trace for trace in FIGURES["velocity"](run).data}
+    np.testing.assert_allclose(np.asarray(traces["command", "y"].y), 1.0)
+    np.testing.assert_allclose(np.asarray(traces["body", "y"].y), 0.8, rtol=1e-6)
+
+
+def test_contact_bars_cover_the_stance(run):
+    trace = FIGURES["contacts"](run).data[0]
+    x = [value for value in trace.x if value is not None]
+    stance_s = sum(b - a for a, b in zip(x[::2], x[1::2], strict=True))
+    bars = len(x) // 2
+    assert stance_s == pytest.approx(0.003 * (run.states.foot_contact[:, 0].sum() - bars), abs=0.002 * bars)
+
+
+def test_pages_are_never_overwritten(run, page):
+    before = page.read_bytes()
+    with pytest.raises(ReportError, match="exists already; pages are never overwritten: choose another name"):
+        write_page(run, page)
+    assert page.read_bytes() == before
+
+
+def test_without_plotly_the_extra_is_named(run, monkeypatch):
+    monkeypatch.setitem(sys.modules, "plotly.offline", None)
+    with pytest.raises(PlotlyMissingError, match=r"pip install 'spot-rl\[report\]'"):
+        page_html(run)
+
+
+def test_thinning_keeps_peaks_and_ends():
+    rng = np.random.default_rng(5)
+    values = rng.normal(size=50_000)
+    values[12_345], values[40_001] = 99.0, -99.0
+    values[7] = np.nan
+    rows = thin_rows(values, 500)
+    assert len(rows) <= 500
+    assert {0, 12_345, 40_001, 49_999} <= set(rows.tolist())
+    assert (np.diff(rows) > 0).all()
+    assert thin_rows(values[:400], 500).tolist() == list(range(400))
+
+
+@pytest.mark.browser
+@pytest.mark.skipif(CHROMIUM is None, reason="no headless Chromium is installed")
+def test_a_browser_draws_every_plot(page, tmp_path):
+    command = [
+        CHROMIUM,
+        "--headless",
+        "--no-sandbox",
+        "--disable-gpu",
+        "--disable-quic",
+        "--no-first-run",
+        "--disable-background-networking",
+        "--disable-component-update",
+        "--disable-sync",
+        f"--user-data-dir={tmp_path / 'profile'}",
+        "--virtual-time-budget=10000",
+        "--dump-dom",
+        f"file://{page}",
+    ]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    drawn = done.stdout.split("<h2>")
+    for heading in [heading for _, heading, _ in SECTIONS]:
+        section = next(part for part in drawn if part.startswith(heading))
+        assert 'class="main-svg"' in section, heading
+    # One line a joint for set-point and position.
+    joints = next(part for part in drawn if part.startswith("Joints"))
+    assert joints.count("js-line") >= 24
