@@ -1,0 +1,50 @@
+"""``spot-rl sysid``."""
+
+from __future__ import annotations
+
+from enum import Enum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+class EngineName(str, Enum):
+    """Where candidates are evaluated."""
+
+    LOCAL = "local"
+    RAY = "ray"
+
+
+def sysid(
+    logs: Annotated[list[Path], typer.Argument(help="Log files of one policy, or folders of them.")],
+    policy: Annotated[Path, typer.Option("--policy", help="The policy that ran (ONNX).")],
+    out: Annotated[Path, typer.Option("--out", help="Folder for the result; nothing in it is overwritten.")],
+    config: Annotated[Path | None, typer.Option("--config", help="What is searched and how (YAML).")] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on where an interrupted search in --out ended.")] = False,
+    workers: Annotated[int, typer.Option("--workers", min=1, max=256, help="Processes; the result is the same.")] = 2,
+    engine: Annotated[EngineName, typer.Option("--engine", help="Where candidates are evaluated.")] = EngineName.LOCAL,
+    ray_address: Annotated[str | None, typer.Option("--ray-address", help="A running Ray cluster.")] = None,
+) -> None:
+    """Identify a robot's physical parameters from its logs (Wasserstein, MMD and CMA-ES, and measured torques)."""
+    from spot_model.policy import load_policy
+    from trainer.sysid.config import SysidConfig, load_config
+    from trainer.sysid.read_logs import read_logs
+    from trainer.sysid.run_identification import run_identification
+
+    settings = load_config(config) if config is not None else SysidConfig()
+    loaded = load_policy(policy)
+    log_set = read_logs(logs, loaded)
+    for warning in log_set.warnings:
+        typer.echo(f"note: {warning}", err=True)
+    run_identification(
+        log_set,
+        policy,
+        settings,
+        out,
+        resume=resume,
+        workers=workers,
+        ray=engine is EngineName.RAY,
+        ray_address=ray_address,
+        say=typer.echo,
+    )
