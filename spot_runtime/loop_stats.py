@@ -30,7 +30,9 @@ class LoopStats:
         self._last_robot_ns = 0
         self._pending: dict[int, int] = {}
 
-    def ticked(self, robot_stamp_ns: int, compute_s: float, state_age_s: float, acquisition_age_s: float, skipped: int) -> None:
+    def ticked(
+        self, robot_stamp_ns: int, compute_s: float, state_age_s: float, acquisition_age_s: float, skipped: int
+    ) -> None:
         """Take note of one tick."""
         if self.ticks == 0:
             self._first_robot_ns = robot_stamp_ns

@@ -128,7 +128,7 @@ class _Attempt:
             self._end(stop)
             self._rest(hal, stop)
         except HalError as error:
-            self.outcome, self._exit_code, self._sentence = type(error).__name__, error.exit_code, str(error)
+            self.outcome, self._exit_code, self._sentence = error.label, error.exit_code, str(error)
             self._event(EventName.CONNECTION_FAILED, str(error))
             self._try_power_off(hal, signals)
         except OperatorInterrupt as interrupt:

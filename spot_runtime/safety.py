@@ -143,10 +143,12 @@ def limit_setpoint(
     position = np.clip(requested_rad, facts.POSITION_LOW_RAD, facts.POSITION_HIGH_RAD)
     is_step = False
     if memory.sent_rad is not None:
-        step = position - memory.sent_rad
-        is_step = bool(np.abs(step).max() > limits.setpoint_step_rad)
+        step = limits.setpoint_step_rad
+        is_step = bool(np.abs(position - memory.sent_rad).max() > step)
         if is_step:
-            position = memory.sent_rad + np.clip(step, -limits.setpoint_step_rad, limits.setpoint_step_rad)
+            position = np.clip(position, memory.sent_rad - step, memory.sent_rad + step)
+            # What was sent lies within the stops, so this only takes back what rounding added.
+            position = np.clip(position, facts.POSITION_LOW_RAD, facts.POSITION_HIGH_RAD)
     is_overshoot = bool(beyond.max() > limits.setpoint_overshoot_rad)
     cut = position != requested_rad
     memory = SetpointMemory(
@@ -190,8 +192,10 @@ def check_command(command: JointCommand, last_key: int, robot_now_ns: int) -> st
     if not 0.0 < ahead_s <= END_TIME_MAX_S:
         return f"its end time lies {ahead_s:g} s ahead; allowed: above 0, at most {END_TIME_MAX_S:g}"
     gains = command.gains
-    total = command.position_rad.sum() + command.velocity_rad_s.sum() + command.load_nm.sum()
-    if not math.isfinite(total + gains.kp_nm_per_rad.sum() + gains.kd_nm_s_per_rad.sum()):
+    with np.errstate(invalid="ignore"):
+        total = command.position_rad.sum() + command.velocity_rad_s.sum() + command.load_nm.sum()
+        total += gains.kp_nm_per_rad.sum() + gains.kd_nm_s_per_rad.sum()
+    if not math.isfinite(total):
         return "it holds a value that is no number"
     if bool(((command.position_rad < facts.POSITION_LOW_RAD) | (command.position_rad > facts.POSITION_HIGH_RAD)).any()):
         return "a set-point lies beyond a joint's stop"
@@ -210,8 +214,9 @@ def _broken_values(state: RobotState, limits: SafetyLimits) -> Stop | None:
     shape = (facts.N_JOINTS,)
     if not (state.position_rad.shape == state.velocity_rad_s.shape == state.load_nm.shape == shape):
         return Stop(StopReason.STATE_NOT_FINITE, f"a state holds {state.position_rad.shape} joint values; needed: 12")
-    total = state.position_rad.sum() + state.velocity_rad_s.sum() + state.load_nm.sum()
-    total += state.linear_vel_of_body_in_odom_m_s.sum() + state.angular_vel_of_body_in_odom_rad_s.sum()
+    with np.errstate(invalid="ignore"):  # infinities of both signs add up to NaN, which is what is looked for
+        total = state.position_rad.sum() + state.velocity_rad_s.sum() + state.load_nm.sum()
+        total += state.linear_vel_of_body_in_odom_m_s.sum() + state.angular_vel_of_body_in_odom_rad_s.sum()
     w, x, y, z = state.odom_from_body_wxyz.tolist()
     norm = w * w + x * x + y * y + z * z
     if not math.isfinite(total + norm):

@@ -82,9 +82,9 @@ def explain_no_connection(address: Address, trusted_pem: bytes, reason: str, tim
         return NoRobotError(f"no robot at {address}: {error.strerror}; check address, port and that the robot is on")
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     try:
-        context.load_verify_locations(cadata=trusted_pem.decode("ascii"))
-        with connection, context.wrap_socket(connection, server_hostname=TLS_NAME):
-            pass
+        with connection:
+            context.load_verify_locations(cadata=trusted_pem.decode("ascii"))
+            context.wrap_socket(connection, server_hostname=TLS_NAME).close()
     except ssl.SSLCertVerificationError as error:
         return CertificateError(
             f"{address} presents a certificate that is not trusted: {error.verify_message.rstrip('.')}; "

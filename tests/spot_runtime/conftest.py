@@ -64,6 +64,7 @@ class HandMadeRobot:
     calls: list[str] = field(default_factory=list)
     waiting: deque[Stop] = field(default_factory=deque)
     control: JointControl = JointControl.OFF
+    slow_lag_ns: int = 0
 
     def connect(self) -> RobotInfo:
         self.calls.append("connect")
@@ -108,7 +109,7 @@ class HandMadeRobot:
 
     @property
     def slow_state(self) -> SlowState | None:
-        return self.slow
+        return None if self.slow is None else replace(self.slow, host_stamp_ns=self.now_ns + self.slow_lag_ns)
 
     def problems(self) -> Sequence[Stop]:
         found = list(self.waiting)
@@ -163,3 +164,31 @@ def policy_bytes(
 def zero_policy() -> Policy:
     """A policy that asks for the default pose, whatever it sees."""
     return policy_from_bytes(policy_bytes(), source="test policy")
+
+
+@pytest.fixture(name="make_state")
+def make_state_fixture() -> Callable[..., RobotState]:
+    """Makes states of a robot that stands."""
+    return make_state
+
+
+@pytest.fixture(name="make_slow")
+def make_slow_fixture() -> Callable[..., SlowState]:
+    """Makes slow states of a healthy robot."""
+    return make_slow
+
+
+@pytest.fixture(name="make_policy")
+def make_policy_fixture() -> Callable[..., Policy]:
+    """Makes small policies."""
+
+    def make(**changes: object) -> Policy:
+        return policy_from_bytes(policy_bytes(**changes), source="test policy")  # type: ignore[arg-type]
+
+    return make
+
+
+@pytest.fixture
+def robot() -> HandMadeRobot:
+    """A hand-made robot that behaves."""
+    return HandMadeRobot()
