@@ -1,0 +1,197 @@
+"""What the robot reports of itself: the body's truth, seen through sensors and an estimator, with noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from fake_robot.body import GRAVITY_M_S2, Body
+from fake_robot.knobs import Knobs
+from fake_robot.scenario import Scenario
+from spot_model.facts import N_JOINTS, N_LEGS, STATE_PERIOD_NS, Array
+
+IMU_PACKETS = 3
+IMU_PERIOD_NS = 1_000_000
+_NOISE_BLOCK = 256
+_JOINTS, _BODY = slice(0, 3 * N_JOINTS), slice(3 * N_JOINTS, 3 * N_JOINTS + 9)
+_IMU = slice(3 * N_JOINTS + 9, 3 * N_JOINTS + 9 + 6 * IMU_PACKETS)
+_WIDTH = _IMU.stop
+
+
+@dataclass(frozen=True)
+class Report:
+    """One state as the robot reports it. Canonical joint order, legs fl fr hl hr, SI units; joints of shape (12,)."""
+
+    elapsed_ns: int
+    """Robot time since the start at which it was sampled."""
+    position_rad: Array
+    velocity_rad_s: Array
+    load_nm: Array
+    world_from_body_wxyz: Array
+    """As estimated. The odometry frames are fixed in the world."""
+    position_of_body_in_world_m: Array
+    linear_vel_of_body_in_world_m_s: Array
+    angular_vel_of_body_in_world_rad_s: Array
+    foot_contact: NDArray[np.bool_]
+    imu_acceleration_m_s2: Array
+    """Specific force in the body frame, one row a packet, oldest first; shape (3, 3)."""
+    imu_angular_velocity_rad_s: Array
+    imu_wxyz: Array
+    """Attitude at each packet, shape (3, 4)."""
+
+
+class Sensing:
+    """Samples the body at every physics step, and reports once a state message.
+
+    Args:
+        scenario: Its noise, and where the inertial unit sits.
+        body: What is sensed.
+        rng: Of the noise, used by this object alone.
+    """
+
+    def __init__(self, scenario: Scenario, body: Body, rng: np.random.Generator) -> None:
+        self._body = body
+        self._rng = rng
+        config = scenario.sensors
+        joints = [config.position_rad] * N_JOINTS + [config.velocity_rad_s] * N_JOINTS + [config.load_nm] * N_JOINTS
+        base = [config.body_velocity_m_s] * 3 + [config.body_angular_velocity_rad_s] * 3 + [config.attitude_rad] * 3
+        imu = [config.imu_acceleration_m_s2] * 3 * IMU_PACKETS + [config.imu_angular_velocity_rad_s] * 3 * IMU_PACKETS
+        self._sigma = np.array(joints + base + imu)
+        self._noise = np.zeros((0, _WIDTH))
+        self._row = 0
+        self._threshold_n = config.contact_threshold_n
+        self._imu_arm_m = np.array(config.imu_from_body_m)
+        self._has_imu_arm = bool(np.any(self._imu_arm_m))
+        self._dt_s = scenario.physics.timestep_s
+        self._period_s = STATE_PERIOD_NS * 1e-9
+        n = scenario.physics.substeps_per_state
+        # Rows: velocity of the base (6) and attitude (4), at the end of the last message and after each physics step.
+        self._samples = np.tile(self._sample(), (n + 1, 1))
+        self._interpolate = _interpolation(n)
+        self._frozen: Report | None = None
+
+    def sample(self, substep: int) -> None:
+        """Note the body's motion after the physics step with this number, from 0, since the last report."""
+        samples = self._samples
+        samples[substep + 1, :6] = self._body.base_velocity
+        samples[substep + 1, 6:] = self._body.base_wxyz
+
+    def report(self, elapsed_ns: int, knobs: Knobs) -> Report:
+        """The state now; faults of the sensors included."""
+        body, noise = self._body, self._next_noise()
+        reading = body.reading()
+        joints = noise[_JOINTS]
+        base = noise[_BODY]
+        attitude, linear, angular, contact = self._estimate()
+        quaternion = _perturbed(attitude, base[6:])
+        acceleration, turn, imu_wxyz = self._imu(noise[_IMU])
+        report = Report(
+            elapsed_ns,
+            reading.position_rad[0] + joints[:N_JOINTS],
+            reading.velocity_rad_s[0] + joints[N_JOINTS : 2 * N_JOINTS],
+            reading.load_nm[0] + joints[2 * N_JOINTS :],
+            quaternion,
+            body.base_position_m.copy(),
+            linear + base[:3],
+            angular + base[3:6],
+            contact,
+            acceleration,
+            turn,
+            imu_wxyz,
+        )
+        self._samples[0] = self._samples[-1]
+        if knobs.has_sensor_fault:
+            return self._faulty(report, knobs)
+        self._frozen = None
+        return report
+
+    # Private ----------------------------------------------------------------------------------------------------------
+
+    def _sample(self) -> Array:
+        return np.concatenate([self._body.base_velocity, self._body.base_wxyz])
+
+    def _next_noise(self) -> Array:
+        if self._row == len(self._noise):
+            self._noise = self._rng.standard_normal((_NOISE_BLOCK, _WIDTH)) * self._sigma
+            self._row = 0
+        row: Array = self._noise[self._row]
+        self._row += 1
+        return row
+
+    def _estimate(self) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+        """Attitude, linear and angular velocity in the world, contacts; with the effects on the estimator."""
+        body = self._body
+        contact: NDArray[np.bool_] = body.foot_force_n > self._threshold_n
+        if not body.has_estimators:
+            attitude = body.base_wxyz
+            return attitude, body.base_velocity[:3], _rotated(attitude, body.base_velocity[3:]), contact
+        estimate = body.estimate(self._period_s)
+        attitude = np.ascontiguousarray(estimate.world_from_body_wxyz[0])
+        return (
+            attitude,
+            _rotated(attitude, np.ascontiguousarray(estimate.linear_vel_of_body_in_body_m_s[0])),
+            _rotated(attitude, np.ascontiguousarray(estimate.angular_vel_of_body_in_body_rad_s[0])),
+            np.asarray(estimate.foot_contact[0] > 0.5),
+        )
+
+    def _imu(self, noise: Array) -> tuple[Array, Array, Array]:
+        samples = self._samples
+        rows = self._interpolate @ samples
+        # Mean acceleration over each physics step, weighted as the samples that end them.
+        steps = (samples[1:, :6] - samples[:-1, :6]) * (1.0 / self._dt_s)
+        steps[:, 2] += GRAVITY_M_S2
+        rates = self._interpolate[:, 1:] @ steps / self._interpolate[:, 1:].sum(axis=1, keepdims=True)
+        quaternions = rows[:, 6:] / np.sqrt((rows[:, 6:] ** 2).sum(axis=1, keepdims=True))
+        force = np.empty((IMU_PACKETS, 3))
+        turn = rows[:, 3:6]
+        for i in range(IMU_PACKETS):
+            force[i] = _rotated_back(quaternions[i], rates[i, :3])
+        if self._has_imu_arm:
+            arm = self._imu_arm_m
+            force += np.cross(rates[:, 3:], arm) + np.cross(turn, np.cross(turn, arm))
+        half = 3 * IMU_PACKETS
+        return force + noise[:half].reshape(-1, 3), turn + noise[half:].reshape(-1, 3), quaternions
+
+    def _faulty(self, report: Report, knobs: Knobs) -> Report:
+        values = dict(vars(report))
+        if knobs.is_frozen:
+            self._frozen = self._frozen or report
+            values = {**vars(self._frozen), "elapsed_ns": report.elapsed_ns}
+        else:
+            self._frozen = None
+        for name in knobs.nan_signals:
+            values[name] = np.full_like(values[name], np.nan)
+        if knobs.quaternion_scale != 1.0:
+            values["world_from_body_wxyz"] = values["world_from_body_wxyz"] * knobs.quaternion_scale
+            values["imu_wxyz"] = values["imu_wxyz"] * knobs.quaternion_scale
+        return Report(**values)
+
+
+def _interpolation(n_steps: int) -> Array:
+    """Weights of the samples at 0, 1/n .. 1 of a period for packets 2, 1 and 0 ms before its end, shape (3, n + 1)."""
+    at = np.linspace(0.0, STATE_PERIOD_NS, n_steps + 1)
+    wanted = STATE_PERIOD_NS - IMU_PERIOD_NS * np.arange(IMU_PACKETS - 1, -1, -1)
+    return np.stack([np.interp(wanted, at, unit) for unit in np.eye(n_steps + 1)], axis=1)
+
+
+def _rotated(quaternion_wxyz: Array, vector: Array) -> Array:
+    out = np.empty(3)
+    mujoco.mju_rotVecQuat(out, vector, quaternion_wxyz)
+    return out
+
+
+def _rotated_back(quaternion_wxyz: Array, vector: Array) -> Array:
+    w, x, y, z = quaternion_wxyz.tolist()
+    return _rotated(np.array([w, -x, -y, -z]), vector)
+
+
+def _perturbed(quaternion_wxyz: Array, angles_rad: Array) -> Array:
+    """The rotation with a further small turn about the body's axes."""
+    w, x, y, z = quaternion_wxyz.tolist()
+    a, b, c = (0.5 * angles_rad).tolist()
+    turned = (w - x * a - y * b - z * c, x + w * a + y * c - z * b, y + w * b + z * a - x * c, z + w * c + x * b - y * a)
+    q = np.array(turned)
+    return np.asarray(q / np.sqrt(q @ q))
