@@ -1,10 +1,24 @@
-"""``python -m fake_robot``: the same as ``spot-rl fake-robot``."""
+"""``python -m fake_robot``: the same as ``spot-rl fake-robot``, also where the console script is not installed."""
 
 from __future__ import annotations
 
 import sys
 
-from spot_model.command_line import main
+import typer
+
+from fake_robot.cli import app
+from spot_model.command_line import error_line, exit_code_of
+from spot_model.errors import SpotRlError
+
+
+def main() -> None:
+    """Run the command with the process's own arguments."""
+    try:
+        typer.main.get_command(app).main(args=sys.argv[1:], prog_name="python -m fake_robot")
+    except (SpotRlError, OSError) as error:
+        typer.echo(error_line(error, "fake-robot", is_debug=False), err=True)
+        raise SystemExit(exit_code_of(error)) from None
+
 
 if __name__ == "__main__":
-    main(["fake-robot", *sys.argv[1:]])
+    main()

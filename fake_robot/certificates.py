@@ -12,7 +12,7 @@ import ipaddress
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from cryptography import x509
@@ -40,7 +40,7 @@ class ServerCertificates:
     ca_path: Path
     ca_pem: bytes
     certificate_pem: bytes
-    key_pem: bytes
+    key_pem: bytes = field(repr=False)
 
 
 def ensure_certificates(folder: Path, *, addresses: tuple[str, ...] = ()) -> ServerCertificates:
@@ -99,7 +99,7 @@ def _serves(stored: ServerCertificates, addresses: tuple[str, ...]) -> bool:
         leaf.verify_directly_issued_by(ca)
     except (ValueError, TypeError, InvalidSignature):
         return False
-    now = dt.dt.now(dt.UTC)
+    now = dt.datetime.now(dt.UTC)
     names = leaf.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
     return (
         key.public_key() == leaf.public_key()
@@ -110,7 +110,7 @@ def _serves(stored: ServerCertificates, addresses: tuple[str, ...]) -> bool:
 
 def _write(folder: Path, addresses: tuple[str, ...]) -> None:
     """Make an authority and a leaf, and replace the files one by one, the key first."""
-    now = dt.dt.now(dt.UTC)
+    now = dt.datetime.now(dt.UTC)
     ca_key, leaf_key = ec.generate_private_key(ec.SECP256R1()), ec.generate_private_key(ec.SECP256R1())
     ca_name = _name("spot-rl fake robot CA")
     names = [x509.DNSName("*.spot.robot"), *map(_general_name, dict.fromkeys(("localhost", "127.0.0.1", *addresses)))]

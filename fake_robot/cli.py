@@ -39,7 +39,7 @@ app = typer.Typer(invoke_without_command=True, no_args_is_help=False, add_comple
 class FakeOptions:
     """What the command line asked for."""
 
-    scenario: str = "default"
+    scenario: str = ""
     lock_step: bool = False
     address: str = "127.0.0.1"
     port: int = 8443
@@ -144,14 +144,16 @@ class RunningFake:
 
 def scenario_of(options: FakeOptions) -> Scenario:
     """The scenario, with lock-step if it was asked for."""
-    scenario = load_scenario(options.scenario)
+    scenario = load_scenario(options.scenario) if options.scenario else Scenario()
     return scenario.with_changes(time_mode="lock_step") if options.lock_step else scenario
 
 
 @app.callback()
 def fake_robot(
     context: typer.Context,
-    scenario: Annotated[str, typer.Option(help="Scenario file (YAML), or the name of a shipped one.")] = "default",
+    scenario: Annotated[
+        str, typer.Option(help="Scenario file (YAML), or the name of a shipped one; without it, the default robot.")
+    ] = "",
     lock_step: Annotated[
         bool, typer.Option("--lock-step", help="Robot time passes only by the admin service.")
     ] = False,

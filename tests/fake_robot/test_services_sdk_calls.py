@@ -1,0 +1,236 @@
+"""Every call of the SDK's clients that a base Spot without arm can answer, in its sync and its async form."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+from bosdyn.api import data_buffer_pb2, data_index_pb2, payload_pb2, power_pb2, service_fault_pb2
+from bosdyn.client.data_buffer import DataBufferClient
+from bosdyn.client.data_service import DataServiceClient
+from bosdyn.client.directory import DirectoryClient, NonexistentServiceError
+from bosdyn.client.directory_registration import DirectoryRegistrationClient, ServiceAlreadyExistsError
+from bosdyn.client.docking import DockingClient
+from bosdyn.client.exceptions import InvalidRequestError, UnimplementedError
+from bosdyn.client.fault import FaultClient, ServiceFaultAlreadyExistsError, ServiceFaultDoesNotExistError
+from bosdyn.client.image import ImageClient, UnknownImageSourceError
+from bosdyn.client.keepalive import InvalidPolicyError, KeepaliveClient, Policy, PolicyKeepalive
+from bosdyn.client.license import LicenseClient
+from bosdyn.client.local_grid import LocalGridClient
+from bosdyn.client.log_status import LogStatusClient
+from bosdyn.client.payload import PayloadClient
+from bosdyn.client.payload_registration import PayloadRegistrationClient
+from bosdyn.client.point_cloud import PointCloudClient
+from bosdyn.client.power import PowerClient
+from bosdyn.client.robot import UnregisteredServiceNameError
+from bosdyn.client.robot_state import RobotStateClient
+from bosdyn.client.world_object import WorldObjectClient
+
+from spot_model.facts import JOINT_NAMES
+
+
+@pytest.fixture
+def robot(stub: Any) -> Any:
+    """An authenticated robot of the SDK in front of the stub."""
+    return stub.sdk_robot()
+
+
+@pytest.fixture
+def call(robot: Any) -> Iterator[Callable[..., Any]]:
+    """Make a call in both forms; returns the answer of the sync one after comparing their types."""
+
+    def both(client_type: Any, method: str, *arguments: Any, **keywords: Any) -> Any:
+        client = robot.ensure_client(client_type.default_service_name)
+        answer = getattr(client, method)(*arguments, **keywords)
+        later = getattr(client, f"{method}_async")(*arguments, **keywords).result(timeout=10)
+        assert type(later) is type(answer)
+        return answer
+
+    return both
+
+
+def test_state_metrics_and_hardware(robot: Any, call: Callable[..., Any], stub: Any) -> None:
+    stub.robot.add_system_fault("weak_battery", "warn")
+    state = call(RobotStateClient, "get_robot_state")
+    assert [joint.name for joint in state.kinematic_state.joint_states] == [n.replace("_", ".") for n in JOINT_NAMES]
+    assert [joint.position.value for joint in state.kinematic_state.joint_states] == pytest.approx(
+        [0.1 * i for i in range(12)]
+    )
+    assert state.battery_states[0].voltage.value == 57.0
+    assert state.system_fault_state.aggregated["power"] == state.system_fault_state.faults[0].SEVERITY_WARN
+    assert [foot.contact for foot in state.foot_state] == [1, 1, 1, 2]
+    labels = [metric.label for metric in call(RobotStateClient, "get_robot_metrics").metrics]
+    assert "distance" in labels
+    hardware = call(RobotStateClient, "get_robot_hardware_configuration")
+    assert hardware.skeleton.links[0].name == "body"
+    assert len(hardware.skeleton.links) == 13
+    with pytest.raises(InvalidRequestError, match="no meshes"):
+        robot.ensure_client("robot-state").get_robot_link_model("body")
+    assert robot.has_arm() is False
+    assert robot.is_powered_on() is False
+    assert robot.get_cached_hardware_hardware_configuration() == hardware
+
+
+def test_frames_of_the_polled_state_form_a_tree(robot: Any) -> None:
+    from bosdyn.client.frame_helpers import get_a_tform_b, get_odom_tform_body, get_vision_tform_body
+
+    frames = robot.get_frame_tree_snapshot()
+    odom_from_body = get_odom_tform_body(frames)
+    assert (odom_from_body.x, odom_from_body.y, odom_from_body.z) == pytest.approx((1.0, 2.0, 0.5))
+    assert get_vision_tform_body(frames).x == pytest.approx(3.0)
+    ground = get_a_tform_b(frames, "odom", "gpe")
+    assert (ground.x, ground.y, ground.z) == pytest.approx((1.0, 2.0, 0.0))
+    assert get_a_tform_b(frames, "body", "feet_center").z == pytest.approx(-0.5)
+
+
+def test_identity_and_directory(robot: Any, call: Callable[..., Any]) -> None:
+    assert robot.get_id().species == "spot"
+    assert robot.get_cached_robot_id().serial_number.startswith("spot-FAKE")
+    services = {entry.name: entry.type for entry in robot.list_services()}
+    assert services["robot-state-streaming"] == "bosdyn.api.RobotStateStreamingService"
+    assert call(DirectoryClient, "get_entry", "lease").authority.endswith(".spot.robot")
+    with pytest.raises(NonexistentServiceError):
+        robot.ensure_client("directory").get_entry("coffee")
+    registration = robot.ensure_client(DirectoryRegistrationClient.default_service_name)
+    words = ("mine", "my.Service", "mine.spot.robot", "127.0.0.1", 4000)
+    registration.register(*words)
+    assert "mine" in {entry.name for entry in robot.list_services()}
+    with pytest.raises(ServiceAlreadyExistsError):
+        registration.register(*words)
+    registration.update(*words)
+    registration.unregister("mine")
+    assert "mine" not in {entry.name for entry in robot.list_services()}
+
+
+def test_time_sync_measures_the_skew(robot: Any, stub: Any) -> None:
+    robot.time_sync.wait_for_sync(timeout_sec=10)
+    endpoint = robot.time_sync.endpoint
+    expected_s = stub.robot.clock.now_ns() * 1e-9 - time.time()
+    skew_s = endpoint.clock_skew.seconds + endpoint.clock_skew.nanos * 1e-9
+    assert skew_s == pytest.approx(expected_s, abs=5.0)
+    assert endpoint.clock_identifier
+    robot.stop_time_sync()
+
+
+def test_power_extras_and_fans(robot: Any, stub: Any, call: Callable[..., Any]) -> None:
+    from bosdyn.client import power
+
+    robot.ensure_client("lease").acquire()
+    client = robot.ensure_client(PowerClient.default_service_name)
+    power.power_off_wifi_radio(client, timeout_sec=5)
+    assert robot.ensure_client("robot-state").get_robot_state().power_state.wifi_radio_power_state == 2
+    power.power_on_wifi_radio(client, timeout_sec=5)
+    power.power_off_payload_ports(client, timeout_sec=5)
+    power.power_on_payload_ports(client, timeout_sec=5)
+    assert set(call(PowerClient, "get_fan_info").fan_information) == {"fan_front", "fan_rear"}
+    command = client.fan_power_command(50, 10)
+    feedback = call(PowerClient, "fan_power_command_feedback", command.command_id)
+    assert feedback.status == power_pb2.FanPowerCommandFeedbackResponse.STATUS_RUNNING
+    stub.robot.clock.pass_s(11)
+    feedback = client.fan_power_command_feedback(command.command_id)
+    assert feedback.status == power_pb2.FanPowerCommandFeedbackResponse.STATUS_COMPLETE
+
+
+def test_licence(robot: Any, stub: Any) -> None:
+    client = robot.ensure_client(LicenseClient.default_service_name)
+    assert client.get_license_info().status == client.get_license_info().STATUS_VALID
+    assert client.get_feature_enabled(["joint_control", "choreography"]) == {
+        "joint_control": True,
+        "choreography": False,
+    }
+    stub.server.world.license_state = "missing"
+    assert client.get_license_info().status == client.get_license_info().STATUS_NO_LICENSE
+    assert client.get_feature_enabled(["joint_control"]) == {"joint_control": False}
+
+
+def test_payloads(robot: Any, stub: Any, call: Callable[..., Any]) -> None:
+    assert list(call(PayloadClient, "list_payloads")) == []
+    registration = robot.ensure_client(PayloadRegistrationClient.default_service_name)
+    registration.register_payload(payload_pb2.Payload(GUID="g", name="lamp"), "a secret")
+    assert [payload.name for payload in call(PayloadClient, "list_payloads")] == ["lamp"]
+    assert stub.server.world.tokens.user_of(registration.get_payload_auth_token("g", "a secret")) == "payload:g"
+    registration.detach_payload("g", "a secret")
+    assert not call(PayloadClient, "list_payloads")[0].is_enabled
+    from bosdyn.client.payload_registration import InvalidPayloadCredentialsError
+
+    with pytest.raises(InvalidPayloadCredentialsError):
+        registration.get_payload_auth_token("g", "guess")
+
+
+def test_service_faults(robot: Any) -> None:
+    client = robot.ensure_client(FaultClient.default_service_name)
+    fault_id = service_fault_pb2.ServiceFaultId(fault_name="hot", service_name="mine")
+    client.trigger_service_fault(service_fault_pb2.ServiceFault(fault_id=fault_id, attributes=["lamp"], severity=2))
+    state = robot.ensure_client("robot-state").get_robot_state().service_fault_state
+    assert state.faults[0].fault_id == fault_id
+    assert state.aggregated["lamp"] == 2
+    with pytest.raises(ServiceFaultAlreadyExistsError):
+        client.trigger_service_fault(service_fault_pb2.ServiceFault(fault_id=fault_id))
+    client.clear_service_fault(fault_id)
+    state = robot.ensure_client("robot-state").get_robot_state().service_fault_state
+    assert not state.faults
+    assert state.historical_faults[0].fault_id == fault_id
+    with pytest.raises(ServiceFaultDoesNotExistError):
+        client.clear_service_fault_async(fault_id).result()
+
+
+def test_data_buffer_and_what_it_keeps(robot: Any) -> None:
+    robot.time_sync.wait_for_sync(timeout_sec=10)
+    robot.operator_comment("hello")
+    robot.log_event("walk", data_buffer_pb2.Event.LEVEL_LOW, "began", time.time())
+    client = robot.ensure_client(DataBufferClient.default_service_name)
+    client.add_text_messages([data_buffer_pb2.TextMessage(message="text")])
+    client.add_blob(b"bytes", "a type")
+    client.add_protobuf_async(data_buffer_pb2.TextMessage(message="text")).result()
+    client.register_signal_schema([data_buffer_pb2.SignalSchema.Variable(name="x")], "schema")
+    client.add_signal_tick(b"1", 1)
+    request = data_index_pb2.EventsCommentsSpec(comments=True, events=[data_index_pb2.EventSpec(type="walk")])
+    found = robot.ensure_client(DataServiceClient.default_service_name).get_events_comments(request).events_comments
+    assert [comment.message for comment in found.operator_comments] == ["hello"]
+    assert [event.description for event in found.events] == ["began"]
+    robot.stop_time_sync()
+
+
+def test_senses_are_empty_but_answer(robot: Any, call: Callable[..., Any]) -> None:
+    assert list(call(ImageClient, "list_image_sources")) == []
+    with pytest.raises(UnknownImageSourceError):
+        robot.ensure_client("image").get_image_from_sources(["frontleft_fisheye_image"])
+    assert list(call(PointCloudClient, "list_point_cloud_sources")) == []
+    assert list(call(LocalGridClient, "get_local_grid_types")) == []
+    assert list(call(WorldObjectClient, "list_world_objects").world_objects) == []
+    docked = call(DockingClient, "get_docking_state")
+    assert docked.status == docked.DOCK_STATUS_UNDOCKED
+    assert list(call(LogStatusClient, "get_active_log_statuses").log_statuses) == []
+
+
+def test_keepalive_policy_acts_once_when_its_client_is_silent(robot: Any, stub: Any) -> None:
+    client = robot.ensure_client(KeepaliveClient.default_service_name)
+    policy = Policy()
+    policy.name = "watch"
+    policy.add_controlled_motors_off_action(5.0)
+    with PolicyKeepalive(client, policy, rpc_interval_seconds=60, remove_policy_on_exit=True):
+        assert client.get_status().status[0].policy.name == "watch"
+        stub.robot.clock.pass_s(4.9)
+        stub.server.world.tick()
+        assert "safe_power_off" not in stub.robot.calls
+        stub.robot.clock.pass_s(0.2)
+        stub.server.world.tick()
+        stub.server.world.tick()
+        assert stub.robot.calls.count("safe_power_off") == 1
+    assert not client.get_status().status
+    with pytest.raises(InvalidPolicyError):
+        client.check_in(77)
+
+
+def test_a_service_that_a_base_spot_has_and_the_fake_has_not(robot: Any) -> None:
+    with pytest.raises(UnregisteredServiceNameError, match="graph-nav"):
+        robot.ensure_client("graph-nav-service")
+    from bosdyn.client.graph_nav import GraphNavClient
+
+    client = GraphNavClient()
+    client.channel = robot.ensure_channel("lease")
+    with pytest.raises(UnimplementedError) as refused:
+        client.get_localization_state()
+    assert "no service 'bosdyn.api.graph_nav.GraphNavService'" in refused.value.error.details()
