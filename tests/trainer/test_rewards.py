@@ -1,0 +1,149 @@
+import dataclasses
+import math
+
+import pytest
+import torch
+
+from trainer.reward_config import RewardShape, RewardWeights
+from trainer.rewards import TERMS, Moment
+
+SHAPE = RewardShape()
+
+
+def moment(**changes: torch.Tensor) -> Moment:
+    """One robot that stands perfectly still, as it was told to."""
+    zero3, zero4, zero12 = torch.zeros(1, 3), torch.zeros(1, 4), torch.zeros(1, 12)
+    corners = torch.tensor([[[0.3, 0.2], [0.3, -0.2], [-0.3, 0.2], [-0.3, -0.2]]])
+    still = Moment(
+        command=zero3,
+        linear_vel_m_s=zero3,
+        angular_vel_rad_s=zero3,
+        gravity=torch.tensor([[0.0, 0.0, -1.0]]),
+        position_offset_rad=zero12,
+        velocity_rad_s=zero12,
+        acceleration_rad_s2=zero12,
+        torque_nm=zero12,
+        action=zero12,
+        last_action=zero12,
+        foot_height_m=zero4,
+        foot_velocity_m_s=torch.zeros(1, 4, 3),
+        foot_xy_m=corners,
+        contact=torch.ones(1, 4, dtype=torch.bool),
+        air_time_s=zero4,
+        contact_time_s=zero4,
+        last_air_time_s=zero4,
+        last_contact_time_s=zero4,
+        touchdown_speed_m_s=zero4,
+        is_moving=torch.tensor([False]),
+    )
+    return dataclasses.replace(still, **changes)
+
+
+def value(term: str, **changes: torch.Tensor) -> float:
+    return float(TERMS[term](moment(**changes), SHAPE)[0])
+
+
+def row(*values: float) -> torch.Tensor:
+    return torch.tensor([list(values)])
+
+
+
+def test_every_weight_has_a_term_and_every_term_a_weight() -> None:
+    assert set(TERMS) == set(RewardWeights.model_fields)
+
+
+def test_linear_velocity() -> None:
+    # Command 3 m/s, measured 2.5: exp(-0.5), times 1 + 0.5·(3 − 1) = 2.
+    got = value("linear_velocity", command=row(3.0, 0.0, 0.0), linear_vel_m_s=row(2.5, 0.0, 9.0))
+    assert got == pytest.approx(2.0 * math.exp(-0.5))
+    # Below 1 m/s the factor is 1, whatever the error's direction: 3-4-5 triangle.
+    got = value("linear_velocity", command=row(0.3, 0.4, 0.0))
+    assert got == pytest.approx(math.exp(-0.5))
+
+
+def test_yaw_rate() -> None:
+    got = value("yaw_rate", command=row(0.0, 0.0, 1.0), angular_vel_rad_s=row(7.0, 7.0, -0.5))
+    assert got == pytest.approx(math.exp(-1.5 / 2.0))
+
+
+def test_air_time_rewards_short_phases_when_moving_and_contact_when_standing() -> None:
+    times = {"air_time_s": row(0.2, 0.0, 0.35, 0.0), "contact_time_s": row(0.0, 0.1, 0.0, 0.3)}
+    # Moving: 0.2 + 0.1, and nothing for phases of 0.3 s and more.
+    assert value("air_time", **times, is_moving=torch.tensor([True])) == pytest.approx(0.3)
+    # Standing: −0.2 + 0.1 − 0.3 (clipped) + 0.3.
+    assert value("air_time", **times) == pytest.approx(-0.1)
+
+
+def test_gait_is_one_in_a_perfect_trot_and_zero_when_standing() -> None:
+    # fl and hr in the air for 0.1 s, fr and hl on the ground for 0.1 s.
+    trot = {"air_time_s": row(0.1, 0.0, 0.0, 0.1), "contact_time_s": row(0.0, 0.1, 0.1, 0.0)}
+    assert value("gait", **trot, is_moving=torch.tensor([True])) == pytest.approx(1.0)
+    assert value("gait", **trot) == 0.0
+
+
+def test_gait_counts_each_pair_once_and_caps_errors() -> None:
+    # Pace: fl and hl in the air for 0.1 s. Diagonals are out of step: two pairs, air and contact each 0.1² → 4·0.01.
+    # fl–fr and hr–hl are out of step as wanted: 0. fl–hl and fr–hr: air and contact differ by 0.1 → 4·0.01.
+    pace = {"air_time_s": row(0.1, 0.0, 0.1, 0.0), "contact_time_s": row(0.0, 0.1, 0.0, 0.1)}
+    assert value("gait", **pace, is_moving=torch.tensor([True])) == pytest.approx(math.exp(-0.08 / 0.1))
+    # All four feet on the ground for a second: in step, but each of eight comparisons with air is capped at 0.2².
+    stand = {"contact_time_s": row(1.0, 1.0, 1.0, 1.0)}
+    assert value("gait", **stand, is_moving=torch.tensor([True])) == pytest.approx(math.exp(-8 * 0.04 / 0.1))
+
+
+def test_foot_clearance() -> None:
+    velocity = torch.zeros(1, 4, 3)
+    velocity[0, 0, 0] = 0.5
+    got = value("foot_clearance", foot_height_m=row(0.05, 0.0, 0.0, 0.0), foot_velocity_m_s=velocity)
+    assert got == pytest.approx(math.exp(-(0.05**2) * math.tanh(2.0 * 0.5) / 0.05))
+
+
+def test_air_time_variance_uses_the_unbiased_variance_and_the_cap() -> None:
+    got = value("air_time_variance", last_air_time_s=row(0.9, 0.1, 0.1, 0.1), last_contact_time_s=row(0.2, 0.2, 0.2, 0.2))
+    # 0.9 is capped at 0.5: mean 0.2, squares 0.09 + 3·0.01, over three.
+    assert got == pytest.approx(0.12 / 3.0)
+
+
+def test_base_motion_and_orientation() -> None:
+    got = value("base_motion", linear_vel_m_s=row(9.0, 9.0, 0.5), angular_vel_rad_s=row(-0.3, 0.2, 9.0))
+    assert got == pytest.approx(0.8 * 0.25 + 0.2 * 0.5)
+    assert value("orientation", gravity=row(0.3, -0.4, -0.8)) == pytest.approx(0.5)
+
+
+def test_foot_slip_counts_only_feet_on_the_ground() -> None:
+    velocity = torch.zeros(1, 4, 3)
+    velocity[0, 0] = torch.tensor([0.3, 0.4, 5.0])
+    velocity[0, 1, 0] = 2.0
+    contact = torch.tensor([[True, False, True, True]])
+    assert value("foot_slip", foot_velocity_m_s=velocity, contact=contact) == pytest.approx(0.5)
+
+
+def test_foot_impact_and_distance() -> None:
+    assert value("foot_impact", touchdown_speed_m_s=row(0.0, 0.7, 0.0, 0.3)) == pytest.approx(1.0)
+    assert value("foot_distance") == 0.0
+    close = torch.tensor([[[0.3, 0.04], [0.3, -0.04], [-0.3, 0.2], [-0.3, -0.2]]])
+    assert value("foot_distance", foot_xy_m=close) == pytest.approx(0.18 - 0.08)
+
+
+@pytest.mark.parametrize(
+    ("term", "field", "size"),
+    [
+        ("action_smoothness", "action", 12),
+        ("joint_acceleration", "acceleration_rad_s2", 12),
+        ("joint_velocity", "velocity_rad_s", 12),
+        ("joint_torque", "torque_nm", 12),
+    ],
+)
+def test_norms(term: str, field: str, size: int) -> None:
+    vector = torch.zeros(1, size)
+    vector[0, 2], vector[0, 7] = 3.0, -4.0
+    assert value(term) == 0.0
+    assert value(term, **{field: vector}) == pytest.approx(5.0)
+
+
+def test_joint_position_weighs_more_when_standing() -> None:
+    offset = torch.zeros(1, 12)
+    offset[0, 4] = 0.5
+    assert value("joint_position", position_offset_rad=offset) == pytest.approx(2.5)
+    got = value("joint_position", position_offset_rad=offset, is_moving=torch.tensor([True]))
+    assert got == pytest.approx(0.5)

@@ -1,0 +1,101 @@
+"""The evaluation as one HTML page that needs nothing from a network."""
+
+from __future__ import annotations
+
+import html
+import json
+from typing import Any
+
+import plotly.graph_objects as go
+from plotly.offline import get_plotlyjs
+
+_STYLE = """
+body { font: 15px/1.5 system-ui, sans-serif; margin: 2em auto; max-width: 60em; padding: 0 1em; color: #222; }
+table { border-collapse: collapse; } td, th { padding: .2em .8em; text-align: left; border-bottom: 1px solid #ddd; }
+"""
+
+
+def evaluation_page(result: dict[str, Any]) -> str:
+    """The page's text."""
+    figures = [_speed_figure(result), _error_figure(result), _gait_figure(result), _power_figure(result)]
+    plots = "".join(f.to_html(full_html=False, include_plotlyjs=False, default_height="380px") for f in figures)
+    rows = "".join(
+        f"<tr><td>{html.escape(label)}</td><td>{html.escape(str(value))}</td></tr>" for label, value in _summary(result)
+    )
+    name = html.escape(result["policy"])
+    return (
+        f"<!doctype html><html lang='en'><head><meta charset='utf-8'><title>Policy {name}</title>"
+        f"<style>{_STYLE}</style><script>{get_plotlyjs()}</script></head><body><h1>Policy {name}</h1>"
+        f"<table>{rows}</table>{plots}<details><summary>All figures</summary>"
+        f"<pre>{html.escape(json.dumps(result, indent=1))}</pre></details></body></html>"
+    )
+
+
+def _summary(result: dict[str, Any]) -> list[tuple[str, Any]]:
+    tracking, top = result["tracking"], result["top_speed"]
+    rows = [
+        ("Highest sustained speed, m/s", top["sustained_m_s"]),
+        ("Flight share there", top["flight_share"]),
+        ("Duty factors there (fl, fr, hl, hr)", top["duty_factors"]),
+        ("Mean forward error up to 5 m/s, m/s", tracking["mean_forward_error_m_s"]),
+        ("Mean lateral error up to 3 m/s, m/s", tracking["mean_lateral_error_m_s"]),
+        ("Mean yaw error up to 3 m/s, rad/s", tracking["mean_yaw_error_rad_s"]),
+        ("Speed when told to stand, m/s", tracking["standing_speed_m_s"]),
+        ("Peak torque, N·m", tracking["peak_torque_nm"]),
+    ]
+    for key, label in (("episodes_slow", "up to 3 m/s"), ("episodes_fast", "above 3 m/s")):
+        if key in result:
+            rows.append((f"Falls in {result[key]['episodes']} randomised episodes {label}", result[key]["falls"]))
+            rows.append((f"Falls per hour {label}", result[key]["falls_per_hour"]))
+    for key, label in (("pushes", "a push of 1 m/s"), ("slippery_patch", "a patch of μ 0.3")):
+        rows.append((f"Survived {label}", f"{result[key]['survived']} of {result[key]['trials']}"))
+    return rows
+
+
+def _forward(result: dict[str, Any]) -> list[dict[str, Any]]:
+    points = [p for p in result["tracking"]["points"] if p["command"][1] == 0.0 and p["command"][2] == 0.0]
+    return sorted(points, key=lambda p: float(p["command"][0]))
+
+
+def _speed_figure(result: dict[str, Any]) -> Any:
+    curve = result["top_speed"]["curve"]
+    asked = [c[0] for c in curve]
+    figure = go.Figure(
+        [
+            go.Scatter(x=asked, y=asked, name="commanded", line={"dash": "dot", "color": "#999"}),
+            go.Scatter(x=asked, y=[c[1] if c[2] else None for c in curve], name="measured", mode="lines+markers"),
+        ]
+    )
+    return _titled(figure, "Forward speed, held for 10 s after a ramp", "commanded V_x, m/s", "mean V_x, m/s")
+
+
+def _error_figure(result: dict[str, Any]) -> Any:
+    figure = go.Figure()
+    for axis, label in enumerate(("V_x, m/s", "V_y, m/s", "ω_z, rad/s")):
+        others = [i for i in range(3) if i != axis]
+        points = [p for p in result["tracking"]["points"] if all(p["command"][i] == 0.0 for i in others)]
+        points.sort(key=lambda p: float(p["command"][axis]))
+        x, y = [p["command"][axis] for p in points], [p["error"][axis] for p in points]
+        figure.add_trace(go.Scatter(x=x, y=y, name=label, mode="lines+markers"))
+    return _titled(figure, "Tracking error, one command at a time", "command", "mean error")
+
+
+def _gait_figure(result: dict[str, Any]) -> Any:
+    points = [p for p in _forward(result) if not p["fell"]]
+    x = [p["command"][0] for p in points]
+    figure = go.Figure()
+    for leg, name in enumerate(("fl", "fr", "hl", "hr")):
+        figure.add_trace(go.Scatter(x=x, y=[p["duty_factors"][leg] for p in points], name=f"duty {name}"))
+    figure.add_trace(go.Scatter(x=x, y=[p["flight_share"] for p in points], name="flight", line={"dash": "dash"}))
+    return _titled(figure, "Duty factors and flight share", "commanded V_x, m/s", "share of time")
+
+
+def _power_figure(result: dict[str, Any]) -> Any:
+    points = [p for p in _forward(result) if not p["fell"]]
+    figure = go.Figure(go.Scatter(x=[p["command"][0] for p in points], y=[p["power_w"] for p in points]))
+    return _titled(figure, "Mechanical power (positive work of all motors)", "commanded V_x, m/s", "power, W")
+
+
+def _titled(figure: Any, title: str, x: str, y: str) -> Any:
+    figure.update_layout(title=title, xaxis_title=x, yaxis_title=y, template="plotly_white", margin={"t": 50, "b": 40})
+    return figure

@@ -1,0 +1,97 @@
+"""The robots that a policy is evaluated on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from spot_model import facts
+from spot_model.mjcf import MjcfOptions
+from spot_model.model_file import RobotModel, load_model
+from spot_model.observation import OBSERVATION_LAYOUT
+from spot_model.plant import Plant, PlantOptions
+from spot_model.policy import Policy
+from trainer.evaluate.rollout import Array
+from trainer.observation_noise import noise_sigmas
+from trainer.task_config import NoiseConfig, RandomisationConfig
+
+FOOT_GEOMS = tuple(f"{leg}_foot" for leg in facts.LEG_NAMES)
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What all trials of an evaluation share.
+
+    Args:
+        policy: The policy.
+        model: The robot with its effects.
+        mjcf: The physics; another step and integrator than training's shows what depends on them.
+        seed: Of everything that is drawn.
+        randomisation: Ranges for the trials under randomisation.
+        noise: Observation noise.
+        n_threads: CPU threads, 0 for all.
+    """
+
+    policy: Policy
+    model: RobotModel = field(default_factory=lambda: load_model("paper_identified"))
+    mjcf: MjcfOptions = field(default_factory=MjcfOptions)
+    seed: int = 0
+    randomisation: RandomisationConfig = RandomisationConfig()
+    noise: NoiseConfig = NoiseConfig()
+    n_threads: int = 0
+
+    def plant(self, n: int) -> Plant:
+        """Robots at rest in the default pose."""
+        return Plant(self.model.effects, n, PlantOptions(mjcf=self.mjcf, n_threads=self.n_threads))
+
+    def random_plant(self, n: int, rng: np.random.Generator) -> Plant:
+        """Robots with drawn friction, mass and initial state."""
+        plant, r = self.plant(n), self.randomisation
+        set_friction(plant, rng.uniform(*r.foot_friction, n))
+        body = plant.model.body("body").id
+        mass, inertia = plant.fields["body_mass"], plant.fields["body_inertia"]
+        ratio = 1.0 + rng.uniform(*r.added_body_mass_kg, n) / mass[:, body]
+        mass[:, body] *= ratio
+        inertia[:, body] *= ratio[:, None]
+        plant.fields.commit()
+        half_yaw = 0.5 * rng.uniform(*r.initial_yaw_rad, n)
+        zero = np.zeros(n)
+        joints = facts.DEFAULT_POSITION_RAD + rng.uniform(*r.initial_position_rad, (n, facts.N_JOINTS))
+        position = plant.position_of_body_in_world_m
+        position[:, 2] += 0.02
+        plant.reset(
+            position_of_body_in_world_m=position,
+            world_from_body_wxyz=np.stack([np.cos(half_yaw), zero, zero, np.sin(half_yaw)], axis=-1),
+            joint_position_rad=np.clip(joints, facts.POSITION_LOW_RAD, facts.POSITION_HIGH_RAD),
+            linear_vel_of_body_in_world_m_s=_columns(
+                rng, n, r.initial_v_x_m_s, r.initial_v_y_m_s, r.initial_v_z_m_s
+            ),
+            angular_vel_of_body_in_body_rad_s=_columns(
+                rng, n, r.initial_roll_rate_rad_s, r.initial_pitch_rate_rad_s, r.initial_yaw_rate_rad_s
+            ),
+            joint_velocity_rad_s=rng.uniform(*r.initial_velocity_rad_s, (n, facts.N_JOINTS)),
+        )
+        return plant
+
+    def noise_sigma(self) -> Array:
+        """Noise of each observation feature in the policy's joint order, shape (48,)."""
+        canonical = noise_sigmas(self.noise, "cpu").numpy().astype(np.float64)
+        blocks, start = [], 0
+        for name, size in OBSERVATION_LAYOUT:
+            block = canonical[start : start + size]
+            blocks.append(block[self.policy.policy_from_canonical] if name.startswith("joint_") else block)
+            start += size
+        return np.concatenate(blocks)
+
+
+def set_friction(plant: Plant, friction: Array | float) -> None:
+    """Give the feet of each simulation their sliding friction, shape (n,) or one number."""
+    field_ = plant.fields["geom_friction"]
+    for name in FOOT_GEOMS:
+        field_[:, plant.model.geom(name).id, 0] = friction
+    plant.fields.commit()
+
+
+def _columns(rng: np.random.Generator, n: int, *ranges: tuple[float, float]) -> Array:
+    return np.stack([rng.uniform(*bounds, n) for bounds in ranges], axis=-1)

@@ -1,0 +1,203 @@
+"""The trials: what is asked of a policy, and the figures that come out."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from spot_model.plant import Plant
+from trainer.evaluate.figures import gait, mean_velocity, tracking_error
+from trainer.evaluate.rollout import Array, roll_out
+from trainer.evaluate.setting import Setting, set_friction
+
+RAMP_M_S2 = 0.5
+"""Commanded acceleration in ramps, as in the paper's forward sequence at 4 m/s (10 s)."""
+
+
+def _ramped(target: Array, rate_hz: float, seconds: float) -> Any:
+    """Commands that reach ``target`` (n, 3) in a straight line."""
+    return lambda tick: target * min(1.0, (tick + 1) / max(1.0, seconds * rate_hz))
+
+
+def tracking(setting: Setting, step: float = 0.5) -> dict[str, Any]:
+    """Mean tracking error over the policy's command range: V_x, V_y and ω_z one at a time, 10 s after a ramp."""
+    low, high = (np.array(v) for v in _command_bounds(setting))
+    commands = [np.zeros(3)]
+    for axis in range(3):
+        for value in _grid(low[axis], high[axis], step):
+            commands.append(np.eye(3)[axis] * value)
+    for v_x in (v for v in (1.0, 2.0, 3.0) if v <= high[0]):
+        commands += [np.array([v_x, min(0.5, high[1]), 0.0]), np.array([v_x, 0.0, min(1.0, high[2])])]
+    target = np.array(commands)
+    ramp_s = float(np.abs(target[:, 0]).max() / RAMP_M_S2) if len(target) else 0.0
+    rate = setting.policy.contract.rate_hz
+    recording = roll_out(
+        setting.policy, setting.plant(len(target)), _ramped(target, rate, ramp_s), round((ramp_s + 10.0) * rate)
+    )
+    span = recording.ticks(ramp_s + 2.0, ramp_s + 10.0)
+    errors, means = tracking_error(recording, span), mean_velocity(recording, span)
+    points = [
+        {
+            "command": [round(float(c), 3) for c in target[i]],
+            "velocity": [round(float(v), 3) for v in means[i]],
+            "error": [None if np.isnan(e) else round(float(e), 3) for e in errors[i]],
+            "fell": not bool(recording.survived[i]),
+            "power_w": round(float(recording.power_w[span, i].mean()), 1),
+            **gait(recording, span, i),
+        }
+        for i in range(len(target))
+    ]
+    forward = [p for p in points if p["command"][1] == 0.0 and p["command"][2] == 0.0 and p["command"][0] <= 5.0]
+    slow = [p for p in points if abs(p["command"][0]) <= 3.0]
+    return {
+        "points": points,
+        "mean_forward_error_m_s": _mean(p["error"][0] for p in forward),
+        "worst_forward_error_m_s": _worst(p["error"][0] for p in forward),
+        "mean_lateral_error_m_s": _mean(p["error"][1] for p in slow),
+        "mean_yaw_error_rad_s": _mean(p["error"][2] for p in slow),
+        "standing_speed_m_s": round(float(np.linalg.norm(means[0][:2])), 4),
+        "standing_feet_moves_per_s": points[0]["stride_hz"],
+        "peak_torque_nm": round(float(recording.torque_peak_nm.max()), 1),
+    }
+
+
+def top_speed(setting: Setting, step: float = 0.25) -> dict[str, Any]:
+    """Highest sustained speed: a ramp to each speed, held 10 s; the mean of its last 5 s, if the robot never fell."""
+    _, high = _command_bounds(setting)
+    speeds = np.array(_grid(step, high[0], step))
+    target = np.stack([speeds, 0 * speeds, 0 * speeds], axis=-1)
+    ramp_s = float(high[0] / RAMP_M_S2)
+    rate = setting.policy.contract.rate_hz
+    recording = roll_out(
+        setting.policy, setting.plant(len(target)), _ramped(target, rate, ramp_s), round((ramp_s + 10.0) * rate)
+    )
+    span = recording.ticks(ramp_s + 5.0, ramp_s + 10.0)
+    reached = mean_velocity(recording, span)[:, 0]
+    held = np.where(recording.survived, reached, -np.inf)
+    best = int(np.argmax(held))
+    return {
+        "sustained_m_s": round(float(held[best]), 3) if np.isfinite(held[best]) else None,
+        "commanded_m_s": round(float(speeds[best]), 3),
+        "curve": [
+            [round(float(c), 3), round(float(v), 3), bool(s)]
+            for c, v, s in zip(speeds, reached, recording.survived, strict=True)
+        ],
+        "power_w": round(float(recording.power_w[span, best].mean()), 1),
+        **gait(recording, span, best),
+    }
+
+
+def episodes(setting: Setting, n: int = 100, top_m_s: float | None = None, bottom_m_s: float = 0.0) -> dict[str, Any]:
+    """n episodes of 20 s under randomisation, noise and pushes; commands drawn anew after 10 s.
+
+    ``bottom_m_s`` and ``top_m_s`` bound |V_x|.
+    """
+    rng = np.random.default_rng(setting.seed)
+    plant, rate = setting.random_plant(n, rng), setting.policy.contract.rate_hz
+    low, high = (np.array(v) for v in _command_bounds(setting))
+    first, second = (_drawn(rng, n, low, high, top_m_s, bottom_m_s) for _ in range(2))
+    push_tick = rng.integers(round(5.0 * rate), round(15.0 * rate), n)
+    push = np.concatenate([rng.uniform(*setting.randomisation.push_m_s, (n, 2)), np.zeros((n, 1))], axis=-1)
+
+    def shove(robots: Plant, tick: int) -> None:
+        rows = push_tick == tick
+        if rows.any():
+            robots.push(rows, linear_vel_in_world_m_s=push[rows])
+
+    recording = roll_out(
+        setting.policy,
+        plant,
+        lambda tick: first if tick < 10.0 * rate else second,
+        round(20.0 * rate),
+        noise_sigma=setting.noise_sigma(),
+        rng=rng,
+        disturb=shove,
+    )
+    falls = int((~recording.survived).sum())
+    hours = float(recording.alive.sum()) / rate / 3600.0
+    return {
+        "episodes": n,
+        "falls": falls,
+        "falls_per_hour": round(falls / hours, 2),
+        "v_x_m_s": [bottom_m_s, high[0] if top_m_s is None else top_m_s],
+    }
+
+
+def pushes(setting: Setting, n: int = 100, speed_m_s: float = 1.0, v_x_m_s: float = 1.0) -> dict[str, Any]:
+    """n robots that walk are pushed by 1 m/s in a direction drawn evenly; who still walks after 5 s."""
+    rng = np.random.default_rng(setting.seed + 1)
+    rate, angle = setting.policy.contract.rate_hz, rng.uniform(-np.pi, np.pi, n)
+    delta = speed_m_s * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
+    # Pushed at different phases of the stride.
+    when = round(4.0 * rate) + rng.integers(0, round(rate), n)
+
+    def shove(robots: Plant, tick: int) -> None:
+        rows = when == tick
+        if rows.any():
+            robots.push(rows, linear_vel_in_world_m_s=delta[rows])
+
+    return _survival(setting, n, v_x_m_s, 10.0, shove, rng)
+
+
+def slippery_patch(setting: Setting, n: int = 100, friction: float = 0.3, v_x_m_s: float = 2.0) -> dict[str, Any]:
+    """n robots at 2 m/s meet μ 0.3 for one second; who still walks after 5 s."""
+    rng = np.random.default_rng(setting.seed + 2)
+    rate = setting.policy.contract.rate_hz
+    when = round(6.0 * rate) + rng.integers(0, round(rate), n)
+    usual = setting.mjcf.foot_friction
+
+    def change(robots: Plant, tick: int) -> None:
+        inside = (tick >= when) & (tick < when + round(rate))
+        if (tick == when).any() or (tick == when + round(rate)).any():
+            set_friction(robots, np.where(inside, friction, usual))
+
+    return _survival(setting, n, v_x_m_s, 12.0, change, rng)
+
+
+def _survival(
+    setting: Setting, n: int, v_x_m_s: float, seconds: float, disturb: Any, rng: np.random.Generator
+) -> dict[str, Any]:
+    rate = setting.policy.contract.rate_hz
+    target = np.tile([v_x_m_s, 0.0, 0.0], (n, 1))
+    recording = roll_out(
+        setting.policy,
+        setting.plant(n),
+        _ramped(target, rate, 2.0),
+        round(seconds * rate),
+        noise_sigma=setting.noise_sigma(),
+        rng=rng,
+        disturb=disturb,
+    )
+    return {"trials": n, "survived": int(recording.survived.sum()), "v_x_m_s": v_x_m_s}
+
+
+def _command_bounds(setting: Setting) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+    contract = setting.policy.contract
+    return contract.velocity_command_low, contract.velocity_command_high
+
+
+def _drawn(
+    rng: np.random.Generator, n: int, low: Array, high: Array, top: float | None, bottom: float
+) -> Array:
+    command = rng.uniform(low, high, (n, 3))
+    reach = high[0] if top is None else min(high[0], top)
+    size = rng.uniform(bottom, reach, n)
+    backwards = (rng.random(n) < -low[0] / (high[0] - low[0])) & (size <= -low[0])
+    command[:, 0] = np.where(backwards, -size, size)
+    return np.asarray(command)
+
+
+def _grid(low: float, high: float, step: float) -> list[float]:
+    count = round((high - low) / step)
+    return [v for v in (round(low + i * step, 6) for i in range(count + 1)) if v != 0.0 and v <= high + 1e-9]
+
+
+def _mean(values: Any) -> float | None:
+    known = [v for v in values if v is not None]
+    return round(float(np.mean(known)), 4) if known else None
+
+
+def _worst(values: Any) -> float | None:
+    known = list(values)
+    return None if not known or any(v is None for v in known) else round(float(max(known)), 4)
