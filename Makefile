@@ -1,0 +1,68 @@
+# Every target sets up what it needs: a Python 3.11 (or later) and a C compiler are enough. The environment lives in .venv and is
+# installed once; after that no target but `lock` needs a network.
+
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test check format protos lock clean distclean
+SHELL := /bin/bash
+
+# One thread for each numerical library: processes share the cores, and a spinning pool would steal them from the loop.
+export OMP_NUM_THREADS := 1
+export OMP_WAIT_POLICY := PASSIVE
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+
+PYTHON ?= $(shell for p in python3.11 python3 python3.12 python3.13; do \
+	if $$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' >/dev/null 2>&1; then echo $$p; break; fi; done)
+RUN := .venv/bin/python
+INSTALLED := .venv/.installed
+PYTEST_WORKERS ?= 2
+
+help: ## List the targets
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' Makefile
+
+setup: $(INSTALLED) ## Create .venv and install everything, as locked
+
+demo: $(INSTALLED) ## Walk the fake robot, write a log, a summary and a page with plots
+	@".venv/bin/spot-rl" demo $(ARGS)
+
+test: $(INSTALLED) ## Run all tests
+	@folder=$$(mktemp -d) && trap 'rm -rf "$$folder"' EXIT && \
+	$(RUN) -m pytest -n $(PYTEST_WORKERS) --dist loadfile --basetemp "$$folder/t" $(ARGS)
+
+check: $(INSTALLED) ## Lint, format, types, layers, generated protos, leftovers
+	$(RUN) -m ruff check
+	$(RUN) -m ruff format --check
+	$(RUN) -m mypy
+	.venv/bin/lint-imports
+	$(RUN) scripts/generate_protos.py --check
+	$(RUN) scripts/check_leftovers.py
+
+format: $(INSTALLED) ## Format the code and mend what the linter can mend
+	$(RUN) -m ruff format
+	$(RUN) -m ruff check --fix
+
+protos: $(INSTALLED) ## Regenerate spot_protos/ from protos/
+	$(RUN) scripts/generate_protos.py
+
+lock: $(INSTALLED) ## Resolve all versions anew and write requirements.lock (needs a network)
+	$(RUN) scripts/make_lock.py
+
+clean: ## Remove caches and build outputs; keep the environment and the runs
+	rm -rf build dist .cache .coverage .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache *.egg-info
+	find . -path ./.venv -prune -o -name __pycache__ -type d -prune -exec rm -rf {} +
+
+distclean: clean ## Remove the environment too
+	rm -rf .venv
+
+.venv/bin/python:
+	@if [ -z "$(PYTHON)" ]; then \
+		echo "spot-rl needs Python 3.11 or later, and none was found on PATH. Install one, or name it: make PYTHON=/path/to/python3.11" >&2; \
+		exit 1; fi
+	@"$(PYTHON)" -c 'import sys; v = sys.version_info; sys.exit(None if v >= (3, 11) else \
+		f"spot-rl needs Python 3.11 or later; $(PYTHON) is {v.major}.{v.minor}. Name another one: make PYTHON=/path/to/python3.11")'
+	"$(PYTHON)" -m venv .venv
+
+# setuptools first: the package itself is then built without fetching a builder, also when there is no network.
+$(INSTALLED): pyproject.toml requirements.lock | .venv/bin/python
+	$(RUN) -m pip install --quiet -c requirements.lock setuptools
+	$(RUN) -m pip install --quiet -c requirements.lock --no-build-isolation -e '.[all,dev]'
+	@touch $(INSTALLED)
