@@ -18,7 +18,7 @@ from spot_model.state import RobotState, SlowState
 from spot_protos import log_pb2
 from spot_runtime.log import codec
 from spot_runtime.log.records import CommandRecord, EventRecord, TickRecord
-from spot_runtime.vendor_state import robot_state_from_wire
+from spot_runtime.log.vendor_record import state_record_from_wire
 
 
 class Kind(IntEnum):
@@ -162,8 +162,7 @@ def unpack(datagram: bytes) -> Datagram:
     kind, sequence = unpack_head(datagram)
     if kind is Kind.STATE_WIRE:
         _, _, host_stamp_ns = _STATE_HEAD.unpack_from(datagram)
-        state = robot_state_from_wire(datagram[_STATE_HEAD.size :], host_stamp_ns)
-        return Datagram(kind, sequence, codec.state_to_proto(state))
+        return Datagram(kind, sequence, state_record_from_wire(datagram[_STATE_HEAD.size :], host_stamp_ns))
     if kind is Kind.COMMAND:
         return Datagram(kind, sequence, _unpack_command(datagram))
     if kind is Kind.TICK:

@@ -92,18 +92,20 @@ class LoggerChild:
                 self._overflowed[_topic_of(datagram)] += 1
 
     def _take(self, datagram: bytes) -> None:
+        topic = _topic_of(datagram)
         try:
-            kind, sequence, record = unpack(datagram)
+            kind, sequence = unpack_head(datagram)
+            if kind is not Kind.CLOSE:
+                self._missing[topic] += sequence - self._expected_sequence[topic]
+                self._expected_sequence[topic] = sequence + 1
+            record = unpack(datagram).message
         except (ValueError, struct.error, DecodeError, SpotRlError) as error:
-            self._lose(Counter({_topic_of(datagram): 1}), f"a record could not be decoded: {error}")
+            self._lose(Counter({topic: 1}), f"a record could not be decoded: {error}")
             return
         if isinstance(record, log_pb2.Footer):
             self._footer = record
-            return
-        topic = TOPIC_OF_KIND[kind]
-        self._missing[topic] += sequence - self._expected_sequence[topic]
-        self._expected_sequence[topic] = sequence + 1
-        self._writer.add(record, sequence)
+        else:
+            self._writer.add(record, sequence)
 
     def _flush(self) -> None:
         buffered = self._writer.buffered

@@ -223,8 +223,8 @@ def _event(message: log_pb2.Event) -> EventRecord:
 
 def _footer(message: log_pb2.Footer) -> RunFooter:
     return RunFooter(
-        message.host_stamp_ns,
-        dict(sorted(message.messages.items())),
-        dict(sorted(message.dropped.items())),
-        message.outcome,
+        host_stamp_ns=message.host_stamp_ns,
+        messages=dict(sorted(message.messages.items())),
+        dropped=dict(sorted(message.dropped.items())),
+        outcome=message.outcome,
     )

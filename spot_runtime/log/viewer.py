@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-import numpy as np
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.JointState_pb2 import JointState
@@ -17,7 +16,6 @@ from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.timestamp_pb2 import Timestamp
 
-from spot_model.rotation import rotate_inverse_wxyz
 from spot_protos import log_pb2
 
 NS_PER_S: Final = 1_000_000_000
@@ -34,12 +32,11 @@ _LEVELS: Final = {
 
 def joint_states(state: log_pb2.State, names: Sequence[str], host_ns: int) -> JointStates:
     """Positions (rad), velocities (rad/s) and loads (N·m) by joint name; a signal that the state lacks is left out."""
-    message = JointStates(timestamp=_timestamp(host_ns))
-    signals = {"position": state.position_rad, "velocity": state.velocity_rad_s, "effort": state.load_nm}
-    present = {name: values for name, values in signals.items() if len(values) == len(names)}
-    for i, name in enumerate(names):
-        message.joints.append(JointState(name=name, **{key: values[i] for key, values in present.items()}))
-    return message
+    n = len(names)
+    columns = {"name": names, "position": state.position_rad, "velocity": state.velocity_rad_s, "effort": state.load_nm}
+    present = {key: list(values) for key, values in columns.items() if len(values) == n}
+    rows = (dict(zip(present, row, strict=True)) for row in zip(*present.values(), strict=True))
+    return JointStates(timestamp=_timestamp(host_ns), joints=[JointState(**row) for row in rows])
 
 
 def transforms(state: log_pb2.State, host_ns: int) -> FrameTransforms:
@@ -56,8 +53,6 @@ def transforms(state: log_pb2.State, host_ns: int) -> FrameTransforms:
 
 def odometry(state: log_pb2.State, host_ns: int) -> Odometry:
     """Pose in odom, and velocities expressed in the body frame as Foxglove wants them."""
-    velocities = np.array([state.linear_vel_of_body_in_odom_m_s, state.angular_vel_of_body_in_odom_rad_s])
-    linear, angular = rotate_inverse_wxyz(np.array(state.odom_from_body_wxyz)[None], velocities)
     return Odometry(
         timestamp=_timestamp(host_ns),
         frame_id=ODOM_FRAME,
@@ -65,8 +60,8 @@ def odometry(state: log_pb2.State, host_ns: int) -> Odometry:
         pose=Pose(
             position=_vector(state.position_of_body_in_odom_m), orientation=_quaternion(state.odom_from_body_wxyz)
         ),
-        linear_velocity=_vector(linear.tolist()),
-        angular_velocity=_vector(angular.tolist()),
+        linear_velocity=_in_body(state.odom_from_body_wxyz, state.linear_vel_of_body_in_odom_m_s),
+        angular_velocity=_in_body(state.odom_from_body_wxyz, state.angular_vel_of_body_in_odom_rad_s),
     )
 
 
@@ -98,6 +93,14 @@ def _timestamp(stamp_ns: int) -> Timestamp:
 def _vector(values: Sequence[float]) -> Vector3:
     x, y, z = values
     return Vector3(x=x, y=y, z=z)
+
+
+def _in_body(odom_from_body_wxyz: Sequence[float], vector_in_odom: Sequence[float]) -> Vector3:
+    """Rotate one vector by plain arithmetic: arrays cost thirty times as much for a single one."""
+    w, x, y, z = odom_from_body_wxyz
+    a, b, c = vector_in_odom
+    tx, ty, tz = 2 * (y * c - z * b), 2 * (z * a - x * c), 2 * (x * b - y * a)
+    return Vector3(x=a - w * tx + y * tz - z * ty, y=b - w * ty + z * tx - x * tz, z=c - w * tz + x * ty - y * tx)
 
 
 def _quaternion(values_wxyz: Sequence[float]) -> Quaternion:

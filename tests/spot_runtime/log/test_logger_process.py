@@ -107,11 +107,12 @@ def test_drops_are_counted_by_gaps_where_the_parent_cannot_tell(tmp_path, synthe
             ours.send(hand_off.pack_state_wire(number, wire, 9))
         ours.send(b"\x63nonsense")
         ours.send(hand_off.pack_state_wire(5, b"\xff\xff\xff", 9))
+        ours.send(hand_off.pack_state_wire(6, wire, 9))
         ours.shutdown(socket.SHUT_WR)
         child.run()
     run = read_run(tmp_path / "run.mcap")
     assert run.footer is not None
-    assert run.states.sequence.tolist() == [0, 1, 4]
+    assert run.states.sequence.tolist() == [0, 1, 4, 6]
     assert run.footer.dropped["state"] == 2 + 1
     assert run.footer.dropped["unknown"] == 1
     assert run.outcome == logger_child.PARENT_LOST
