@@ -25,6 +25,7 @@ from spot_runtime.signals import OperatorInterrupt, StopSignals
 from spot_runtime.sources.base import CommandSource
 from spot_runtime.stops import Reaction, Stop, StopReason
 from spot_runtime.summary import RunSummary, figures, resident_mb
+from spot_runtime.tick import warm_up
 
 
 @dataclass(frozen=True)
@@ -170,6 +171,7 @@ class _Attempt:
         )
         self._stats = loop.stats
         self._console.show(lambda: _progress(loop))
+        warm_up(self._request.policy)
         freeze_garbage_collection(self._request.config.real_time)
         self._rss_start_mb = resident_mb()
         while not loop.is_done:

@@ -1,8 +1,8 @@
 """What the loop needs of a robot: one small protocol that every adapter keeps.
 
 The order of a run: ``connect``, ``stand``, ``begin_joint_control`` with a first command, then ``receive`` and ``send``
-in turn; ``end_joint_control``, with ``send`` going on until it is done; ``power_off``; ``close``. After a failure at any
-point, ``release``, ``power_off`` and ``close`` still work.
+in turn; ``end_joint_control``, with ``send`` going on until it is done; ``power_off``; ``close``. After a failure at
+any point, ``release``, ``power_off`` and ``close`` still work.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 from bosdyn.api import robot_state_pb2
 from bosdyn.client.robot_command import RobotCommandStreamingClient
@@ -49,6 +49,7 @@ class BosdynHal:
         self._slow: SlowState | None = None
         self._states: StateReceiver | None = None
         self._commands: CommandStream | None = None
+        self._command_channel: Any = None
         self._encoder = CommandEncoder(config.robot.client_name, config.control.velocity_safety_limit_rad_s)
         self._joint_control = JointControl.OFF
         self._is_closed = False
@@ -70,6 +71,8 @@ class BosdynHal:
         self._jobs.add("lease", LEASE_PERIOD_S, session.retain_lease, now_s=now_s)
         self._jobs.add("time_sync", robot.time_sync_period_s, self._sync_clocks, now_s=now_s)
         self._jobs.add("slow_state", 1.0 / robot.slow_state_rate_hz, self._poll, now_s=now_s)
+        # Opened now: a handshake takes too long once commands must flow.
+        self._command_channel = session.streaming_channel(RobotCommandStreamingClient)
         self._open_states()
         skew_s = (self.robot_now_ns() - self.host_now_ns()) / NS_PER_S
         return RobotInfo("bosdyn", robot_id, skew_s, 2.0 * self._estimate.uncertainty_ns() / NS_PER_S)
@@ -78,6 +81,9 @@ class BosdynHal:
         """See the protocol."""
         self._session.power_on(self._pause)
         self._session.stand(self._pause)
+        # States have piled up meanwhile; the loop wants to begin with now.
+        while self._states is not None and not self._states.states.empty():
+            self._states.states.get_nowait()
 
     def receive(self, until_robot_ns: int, timeout_s: float) -> list[RobotState]:
         """See the protocol."""
@@ -97,8 +103,7 @@ class BosdynHal:
         """See the protocol. The stream is opened first, then joint control is asked for, as in the vendor's example."""
         self._joint_control = JointControl.PENDING
         wire = (first.key, self._encoder.encode(first, self._pace.host_now_ns()))
-        channel = self._session.streaming_channel(RobotCommandStreamingClient)
-        self._commands = CommandStream(channel, wire, now_ns=self._pace.host_now_ns, on_end=self._commands_ended)
+        self._commands = CommandStream(self._command_channel, wire, now_ns=self._pace.host_now_ns, on_end=self._commands_ended)
         self._pace.sent(first.key)
         self._pace.begin(self._activate)
 

@@ -209,10 +209,14 @@ class Session:
     # Channels and the end --------------------------------------------------------------------------------------------
 
     def streaming_channel(self, service: type[RobotStateStreamingClient | RobotCommandStreamingClient]) -> Any:
-        """The secure channel of a streaming service."""
-        return self._call(
-            f"finding {service.default_service_name}", lambda: self._robot.ensure_channel(service.default_service_name)
-        )
+        """The secure channel of a streaming service, connected."""
+        name = service.default_service_name
+        channel = self._call(f"finding {name}", lambda: self._robot.ensure_channel(name))
+        try:
+            grpc.channel_ready_future(channel).result(timeout=self._timeout_s)
+        except grpc.FutureTimeoutError as error:
+            raise HalError(f"the service {name} did not answer within {self._timeout_s:g} s; check the link") from error
+        return channel
 
     @property
     def client_name(self) -> str:

@@ -62,7 +62,7 @@ def test_the_ends_of_the_blend_are_the_two_laws_themselves() -> None:
 
 @pytest.mark.parametrize("weight", [-0.01, 1.01, float("nan")])
 def test_a_weight_outside_0_to_1_is_refused(weight: float) -> None:
-    with pytest.raises(ValueError, match="hold_weight = .*allowed: 0 to 1"):
+    with pytest.raises(ValueError, match=r"hold_weight = .*allowed: 0 to 1"):
         blend(HOLD, POLICY, weight)
 
 

@@ -301,7 +301,7 @@ def test_the_operator_may_stop_in_every_mode(robot: Any, zero_policy: Policy, mo
 
 
 def test_a_second_signal_damps_at_once(robot: Any, zero_policy: Policy) -> None:
-    loop, sink = make_loop(robot, zero_policy, sequence=standing_sequence(100.0))
+    loop, _ = make_loop(robot, zero_policy, sequence=standing_sequence(100.0))
     drive_until(loop, Mode.ACTIVE)
     loop.ask_stop(Stop(StopReason.OPERATOR_STOP))
     loop.cycle()

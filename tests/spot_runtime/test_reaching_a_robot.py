@@ -33,7 +33,7 @@ def test_addresses(text: str, host: str, port: int, sdk_host: str) -> None:
     "text", ["", ":443", "h:", "h:0", "h:65536", "h:x", "a b", "https://h", "unix:", "[::1]x", "[::"]
 )
 def test_what_is_no_address_is_refused(text: str) -> None:
-    with pytest.raises(BadInputError, match="allowed|names no socket"):
+    with pytest.raises(BadInputError, match=r"allowed|names no socket"):
         parse_address(text)
 
 

@@ -1,0 +1,237 @@
+"""The parts of the vendor adapter that need no robot."""
+
+from __future__ import annotations
+
+import threading
+from types import SimpleNamespace
+
+import grpc
+import numpy as np
+import pytest
+from bosdyn.api import estop_pb2, robot_command_pb2, robot_state_pb2
+from bosdyn.client import exceptions as sdk
+from bosdyn.client.lease import ResourceAlreadyClaimedError
+
+from spot_model import facts
+from spot_model.state import Gains, JointCommand
+from spot_runtime.hal.command_wire import CommandEncoder
+from spot_runtime.hal.errors import CredentialsError, EstopError, HalError, NoRobotError
+from spot_runtime.hal.estop import needs_own_endpoint
+from spot_runtime.hal.jobs import Jobs
+from spot_runtime.hal.latest_slot import LatestSlot
+from spot_runtime.hal.slow_state import slow_state_from_message
+from spot_runtime.hal.vendor_errors import lease_held, translate
+
+STAMP_NS = 1_700_000_000_123_456_789
+
+
+def decoded(wire: bytes) -> robot_command_pb2.JointControlStreamRequest:
+    return robot_command_pb2.JointControlStreamRequest.FromString(wire)
+
+
+def numbered(key: int) -> JointCommand:
+    """A command in which every number is different, so that swapped fields show."""
+    values = np.arange(12.0)
+    gains = Gains(values + 400.0, values + 500.0)
+    return JointCommand(key, values + 100.0, values + 200.0, values + 300.0, gains, STAMP_NS + 50_000_000)
+
+
+# Commands on the wire ------------------------------------------------------------------------------------------------
+
+
+def test_every_field_of_a_command_reaches_its_place() -> None:
+    message = decoded(CommandEncoder("me", 35.0).encode(numbered(7), STAMP_NS))
+    joint = message.joint_command
+    assert message.header.client_name == "me"
+    assert (message.header.request_timestamp.seconds, message.header.request_timestamp.nanos) == (
+        1_700_000_000,
+        123_456_789,
+    )
+    assert (joint.end_time.seconds, joint.end_time.nanos) == (1_700_000_000, 173_456_789)
+    assert list(joint.position) == list(range(100, 112))
+    assert list(joint.velocity) == list(range(200, 212))
+    assert list(joint.load) == list(range(300, 312))
+    assert list(joint.gains.k_q_p) == list(range(400, 412))
+    assert list(joint.gains.k_qd_p) == list(range(500, 512))
+    assert joint.user_command_key == 7
+    assert joint.velocity_safety_limit.value == 35.0
+
+
+def test_a_reused_message_keeps_nothing_of_the_one_before() -> None:
+    encoder = CommandEncoder("me", 35.0)
+    encoder.encode(numbered(7), STAMP_NS)
+    second = JointCommand(8, np.zeros(12), np.zeros(12), np.zeros(12), Gains.policy(), STAMP_NS)
+    again = decoded(encoder.encode(second, STAMP_NS))
+    assert again == decoded(CommandEncoder("me", 35.0).encode(second, STAMP_NS))
+    assert len(again.joint_command.position) == 12
+
+
+# The slot ------------------------------------------------------------------------------------------------------------
+
+
+def test_the_newest_value_replaces_one_that_nobody_took() -> None:
+    slot: LatestSlot[int] = LatestSlot()
+    for value in (1, 2, 3):
+        slot.put(value)
+    assert slot.take() == 3
+    assert slot.replaced == 2
+
+
+def test_a_closed_slot_wakes_its_reader_and_gives_nothing_more() -> None:
+    slot: LatestSlot[int] = LatestSlot()
+    taken: list[int | None] = []
+    reader = threading.Thread(target=lambda: taken.append(slot.take()))
+    reader.start()
+    slot.close()
+    reader.join(timeout=10.0)
+    slot.put(1)
+    assert taken == [None]
+    assert slot.take() is None
+
+
+# Chores --------------------------------------------------------------------------------------------------------------
+
+
+def test_chores_run_when_they_are_due_and_one_that_fails_stays() -> None:
+    ran: list[str] = []
+    failed: list[str] = []
+
+    def fail() -> None:
+        raise HalError("no answer")
+
+    jobs = Jobs(lambda name, error: failed.append(f"{name}: {error}"))
+    jobs.add("lease", 2.0, lambda: ran.append("lease"), now_s=0.0)
+    jobs.add("poll", 0.5, fail, now_s=0.0)
+    waits = [jobs.run_due(now_s) for now_s in (0.0, 0.5, 0.75, 1.0, 2.0)]
+    assert ran == ["lease"]
+    assert failed == ["poll: no answer"] * 3
+    assert waits == [0.5, 0.5, 0.25, 0.5, 0.5]
+    jobs.remove("poll")
+    jobs.remove("poll")
+    assert list(jobs.names) == ["lease"]
+
+
+# Slow state ----------------------------------------------------------------------------------------------------------
+
+
+def test_the_slow_state_takes_every_value_from_its_place() -> None:
+    message = robot_state_pb2.RobotState()
+    message.power_state.motor_power_state = robot_state_pb2.PowerState.MOTOR_POWER_STATE_ON
+    message.power_state.timestamp.seconds = 12
+    battery = message.battery_states.add()
+    battery.charge_percentage.value, battery.voltage.value, battery.current.value = 71.0, 55.5, -6.5
+    battery.temperatures.extend([30.0, 31.0])
+    message.estop_states.add(state=robot_state_pb2.EStopState.STATE_NOT_ESTOPPED)
+    message.system_state.motor_temperatures.add(name="fl.kn", temperature=44.0)
+    faults = message.system_fault_state.faults
+    faults.add(name="battery", error_message="cell", severity=robot_state_pb2.SystemFault.SEVERITY_CRITICAL)
+    faults.add(name="camera", severity=robot_state_pb2.SystemFault.SEVERITY_WARN)
+    message.behavior_fault_state.faults.add(behavior_fault_id=3, cause=robot_state_pb2.BehaviorFault.CAUSE_FALL)
+    slow = slow_state_from_message(message, STAMP_NS)
+    assert (slow.robot_stamp_ns, slow.host_stamp_ns) == (12_000_000_000, STAMP_NS)
+    assert slow.motors_powered
+    assert not slow.estopped
+    assert (slow.battery_charge_percent, slow.battery_voltage_v, slow.battery_current_a) == (71.0, 55.5, -6.5)
+    assert slow.battery_temperature_c == (30.0, 31.0)
+    assert slow.motor_temperature_c == {"fl.kn": 44.0}
+    assert slow.system_faults == ("critical: battery (cell)", "camera")
+    assert slow.behavior_faults == ("fall (3)",)
+
+
+def test_one_pressed_estop_is_enough() -> None:
+    message = robot_state_pb2.RobotState()
+    message.estop_states.add(state=robot_state_pb2.EStopState.STATE_NOT_ESTOPPED)
+    message.estop_states.add(state=robot_state_pb2.EStopState.STATE_ESTOPPED)
+    assert slow_state_from_message(message, STAMP_NS).estopped
+
+
+# E-stop --------------------------------------------------------------------------------------------------------------
+
+
+def estop_status(level: int, *endpoints: tuple[str, int, float]) -> estop_pb2.EstopSystemStatus:
+    status = estop_pb2.EstopSystemStatus(stop_level=level)
+    for name, own_level, silent_s in endpoints:
+        endpoint = status.endpoints.add(stop_level=own_level)
+        endpoint.endpoint.name = name
+        endpoint.endpoint.timeout.seconds = 9
+        endpoint.time_since_valid_response.FromMilliseconds(round(silent_s * 1000))
+    return status
+
+
+CUT, NONE = estop_pb2.ESTOP_LEVEL_CUT, estop_pb2.ESTOP_LEVEL_NONE
+
+
+def test_a_released_estop_of_somebody_else_is_relied_on_unless_told_otherwise() -> None:
+    status = estop_status(NONE, ("tablet", NONE, 1.0))
+    assert not needs_own_endpoint(status, "auto")
+    assert not needs_own_endpoint(status, "external")
+    assert needs_own_endpoint(status, "own")
+
+
+def test_a_robot_without_any_living_endpoint_gets_our_own() -> None:
+    assert needs_own_endpoint(estop_status(CUT), "auto")
+    assert needs_own_endpoint(estop_status(CUT, ("tablet", NONE, 20.0)), "auto")
+    with pytest.raises(EstopError, match="no e-stop endpoint answers"):
+        needs_own_endpoint(estop_status(CUT), "external")
+
+
+@pytest.mark.parametrize("policy", ["auto", "own", "external"])
+def test_a_pressed_estop_is_never_overruled(policy: str) -> None:
+    with pytest.raises(EstopError, match=r"pressed: tablet \(cut\)"):
+        needs_own_endpoint(estop_status(CUT, ("tablet", CUT, 1.0)), policy)  # type: ignore[arg-type]
+
+
+# Errors --------------------------------------------------------------------------------------------------------------
+
+
+class _FailedCall(grpc.RpcError):
+    """What a failed call raises, written by hand."""
+
+    def code(self) -> grpc.StatusCode:
+        return grpc.StatusCode.UNAVAILABLE
+
+    def details(self) -> str:
+        return "failed to connect\nto all addresses"
+
+
+def test_no_connection_is_explained_where_that_is_asked() -> None:
+    error = sdk.UnableToConnectToRobotError(_FailedCall(), "doc")
+    told = translate(error, "logging in", lambda reason: NoRobotError(f"because {reason}"))
+    assert isinstance(told, NoRobotError)
+    assert str(told) == (
+        "because UnableToConnectToRobotError: UNAVAILABLE: failed to connect to all addresses"
+    )
+    told = translate(error, "polling")
+    assert type(told) is HalError
+    assert "polling: the robot did not answer" in str(told)
+
+
+def test_denied_access_is_about_credentials() -> None:
+    assert isinstance(translate(sdk.UnauthenticatedError(_FailedCall(), "doc"), "polling"), CredentialsError)
+
+
+def test_our_own_errors_pass_untouched() -> None:
+    error = EstopError("pressed")
+    assert translate(error, "anything") is error
+
+
+def test_the_holder_of_the_lease_is_named() -> None:
+    owner = SimpleNamespace(client_name="tablet-7", user_name="anna")
+    told = lease_held(ResourceAlreadyClaimedError(SimpleNamespace(lease_owner=owner), ""))
+    assert "held by tablet-7 / anna" in str(told)
+    assert told.exit_code == 84
+
+
+def test_every_error_has_a_label_and_an_exit_code_of_its_own() -> None:
+    kinds = [HalError, *HalError.__subclasses__()]
+    assert len({kind.exit_code for kind in kinds}) == len(kinds)
+    assert len({kind.label for kind in kinds}) == len(kinds)
+
+
+def test_the_default_pose_is_sent_in_the_sdks_order() -> None:
+    command = JointCommand(
+        1, facts.DEFAULT_POSITION_RAD, np.zeros(12), np.zeros(12), Gains.stand(), STAMP_NS + 50_000_000
+    )
+    joint = decoded(CommandEncoder("me", 35.0).encode(command, STAMP_NS)).joint_command
+    assert list(joint.gains.k_q_p)[:3] == [624.0, 936.0, 286.0]
+    assert np.allclose(joint.position[:3], [0.1, 0.9, -1.5])
