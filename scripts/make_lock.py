@@ -12,9 +12,9 @@ import json
 import subprocess
 import sys
 import tempfile
-import tomllib
 from pathlib import Path
 
+import tomllib
 from packaging.requirements import Requirement
 
 REPOSITORY = Path(__file__).resolve().parent.parent

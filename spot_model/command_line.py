@@ -32,7 +32,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         entry = commands.get(chosen) if chosen else None
         app = build_app(commands, chosen)
         typer.main.get_command(app).main(args=words, prog_name="spot-rl")
-    except Exception as error:
+    except Exception as error:  # noqa: BLE001 - the last place where an error can become a line for the user
         told = explain_missing_module(entry, error) if entry and isinstance(error, ModuleNotFoundError) else error
         if is_debug:
             traceback.print_exception(error)

@@ -49,13 +49,10 @@ def describe_command(entry: EntryPoint) -> str:
 
     A function answers with its own docstring, an app with its module's. Empty where there is no source or docstring.
     """
-    try:
-        spec = importlib.util.find_spec(entry.module)
-    except ModuleNotFoundError:
+    source = _source_of(entry.module)
+    if source is None:
         return ""
-    if spec is None or spec.origin is None or not spec.origin.endswith(".py"):
-        return ""
-    tree = ast.parse(Path(spec.origin).read_text(encoding="utf-8"))
+    tree = ast.parse(source.read_text(encoding="utf-8"))
     functions = {node.name: node for node in tree.body if isinstance(node, ast.FunctionDef)}
     docstring = ast.get_docstring(functions.get(entry.attr, tree)) or ""
     return docstring.partition("\n")[0]
@@ -84,3 +81,14 @@ def explain_missing_module(entry: EntryPoint, error: ModuleNotFoundError) -> Exc
         f"'spot-rl {entry.name}' needs the module {missing!r}, which is not installed; "
         f"install the extra {extra!r}: pip install 'spot-rl[{extra}]'"
     )
+
+
+def _source_of(module: str) -> Path | None:
+    """Return the source file of ``module``, found from its top package so that not even its parents are imported."""
+    top, *rest = module.split(".")
+    spec = importlib.util.find_spec(top)
+    if spec is None or spec.origin is None:
+        return None
+    path = Path(spec.origin).parent.joinpath(*rest) if rest else Path(spec.origin)
+    candidates = (path.with_suffix(".py"), path / "__init__.py")
+    return next((candidate for candidate in candidates if candidate.is_file()), None)

@@ -1,0 +1,166 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+
+import pytest
+import typer
+
+from spot_model import command_line, command_registry
+from spot_model.command_registry import COMMAND_GROUP, CommandUnavailableError, describe_command, find_commands
+from spot_model.errors import BadInputError
+
+MODULE = '''"""Help of the module."""
+
+import typer
+
+from spot_model.errors import SpotRlError
+
+app = typer.Typer()
+
+
+def walk(distance_m: float = 1.0) -> None:
+    """Walk some way.
+
+    More about it.
+    """
+    print(f"walked {distance_m} m")
+
+
+def fail() -> None:
+    """Fail with an error of ours."""
+    raise SpotRlError("leg 'xx' is unknown; use one of fl, fr, hl, hr")
+
+
+def break_down() -> None:
+    """Fail with a defect."""
+    raise KeyError("knee")
+
+
+@app.command()
+def one() -> None:
+    """Do one thing."""
+    print("one")
+
+
+@app.command()
+def two() -> None:
+    """Do another thing."""
+'''
+
+
+@pytest.fixture
+def commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, EntryPoint]:
+    (tmp_path / "some_commands.py").write_text(MODULE)
+    (tmp_path / "heavy_commands.py").write_text('"""Needs much."""\nimport no_such_library.part\n')
+    (tmp_path / "broken_commands.py").write_text("import trainer.no_such_module\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    values = {
+        "walk": "some_commands:walk",
+        "fail": "some_commands:fail",
+        "break": "some_commands:break_down",
+        "group": "some_commands:app",
+        "heavy": "heavy_commands:app [train]",
+        "broken": "broken_commands:app",
+    }
+    found = {name: EntryPoint(name, value, COMMAND_GROUP) for name, value in values.items()}
+    monkeypatch.setattr(command_line, "find_commands", lambda: found)
+    return found
+
+
+def run(*words: str) -> int:
+    with pytest.raises(SystemExit) as left:
+        command_line.main(words)
+    return int(left.value.code or 0)
+
+
+@pytest.mark.usefixtures("commands")
+class TestMain:
+    def test_runs_a_function_with_its_options(self, capsys: pytest.CaptureFixture[str]) -> None:
+        assert run("walk", "--distance-m", "2.5") == 0
+        assert capsys.readouterr().out == "walked 2.5 m\n"
+
+    def test_runs_a_command_of_an_app(self, capsys: pytest.CaptureFixture[str]) -> None:
+        assert run("group", "one") == 0
+        assert capsys.readouterr().out == "one\n"
+
+    def test_help_lists_every_command_and_imports_none(self, capsys: pytest.CaptureFixture[str]) -> None:
+        sys.modules.pop("some_commands", None)
+        assert run("--help") == 0
+        out = capsys.readouterr().out
+        for line in ("Walk some way.", "Fail with a defect.", "Help of the module.", "Needs much."):
+            assert line in out
+        assert "some_commands" not in sys.modules
+
+    def test_help_of_a_command_is_its_own(self, capsys: pytest.CaptureFixture[str]) -> None:
+        assert run("walk", "--help") == 0
+        assert "--distance-m" in capsys.readouterr().out
+
+    def test_an_error_of_ours_is_one_line(self, capsys: pytest.CaptureFixture[str]) -> None:
+        assert run("fail") == 1
+        assert capsys.readouterr().err == "spot-rl fail: error: leg 'xx' is unknown; use one of fl, fr, hl, hr\n"
+
+    def test_a_defect_is_one_line_that_says_how_to_see_more(self, capsys: pytest.CaptureFixture[str]) -> None:
+        assert run("break") == 70
+        err = capsys.readouterr().err
+        assert err == "spot-rl break: internal error: KeyError: 'knee'; 'spot-rl --debug break' shows where\n"
+
+    def test_debug_shows_the_traceback(self, capsys: pytest.CaptureFixture[str]) -> None:
+        assert run("--debug", "break") == 70
+        err = capsys.readouterr().err
+        assert "Traceback (most recent call last)" in err
+        assert "in break_down" in err
+
+    def test_a_missing_library_names_the_extra(self, capsys: pytest.CaptureFixture[str]) -> None:
+        assert run("heavy") == 2
+        assert capsys.readouterr().err == (
+            "spot-rl heavy: error: 'spot-rl heavy' needs the module 'no_such_library', which is not installed; "
+            "install the extra 'train': pip install 'spot-rl[train]'\n"
+        )
+
+    def test_a_missing_module_of_ours_is_a_defect(self, capsys: pytest.CaptureFixture[str]) -> None:
+        assert run("broken") == 70
+        assert "trainer.no_such_module" in capsys.readouterr().err
+
+    def test_an_unknown_command_is_wrong_usage(self, capsys: pytest.CaptureFixture[str]) -> None:
+        assert run("wlak") == 2
+        assert "wlak" in capsys.readouterr().err
+
+    def test_version(self, capsys: pytest.CaptureFixture[str]) -> None:
+        assert run("--version") == 0
+        assert capsys.readouterr().out.startswith("spot-rl 0.")
+
+
+def test_exit_codes_follow_the_error() -> None:
+    assert command_line.exit_code_of(BadInputError("x")) == 2
+    assert command_line.exit_code_of(FileNotFoundError("x")) == 1
+    assert command_line.exit_code_of(ZeroDivisionError()) == 70
+
+
+def test_two_packages_with_one_command_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    rivals = [EntryPoint("walk", "ours:walk", COMMAND_GROUP), EntryPoint("walk", "theirs:walk", COMMAND_GROUP)]
+    monkeypatch.setattr(command_registry, "entry_points", lambda **_group: rivals)
+    with pytest.raises(CommandUnavailableError, match="'walk': ours:walk and theirs:walk; uninstall one"):
+        find_commands()
+
+
+@pytest.mark.parametrize("entry", entry_points(group=COMMAND_GROUP), ids=lambda entry: entry.name)
+def test_every_installed_command_loads_and_describes_itself(entry: EntryPoint) -> None:
+    loaded = entry.load()
+    assert callable(loaded) or isinstance(loaded, typer.Typer)
+    assert describe_command(entry).endswith(".")
+    assert entry.extras
+
+
+def test_real_help_imports_nothing_heavy() -> None:
+    script = (
+        "import sys\n"
+        "from spot_model.command_line import main\n"
+        "try:\n    main(['--help'])\n"
+        "except SystemExit:\n    pass\n"
+        "print('heavy:', {'torch', 'mujoco', 'numpy', 'onnxruntime', 'grpc', 'scipy'} & sys.modules.keys())\n"
+    )
+    result = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert result.stdout.endswith("heavy: set()\n")
