@@ -2,7 +2,7 @@
 # installed once; after that no target but `lock` needs a network.
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test check format protos lock clean distclean
+.PHONY: help setup demo test check lint types layers protos-check leftovers format protos lock clean distclean
 SHELL := /bin/bash
 
 # One thread for each numerical library: processes share the cores, and a spinning pool would steal them from the loop.
@@ -29,11 +29,22 @@ test: $(INSTALLED) ## Run all tests
 	$(RUN) -m pytest -n $(PYTEST_WORKERS) --dist loadfile --basetemp "$$folder/t" $(ARGS)
 
 check: $(INSTALLED) ## Lint, format, types, layers, generated protos, leftovers
+	@$(MAKE) --no-print-directory --keep-going lint types layers protos-check leftovers
+
+lint: $(INSTALLED)
 	$(RUN) -m ruff check
 	$(RUN) -m ruff format --check
+
+types: $(INSTALLED)
 	$(RUN) -m mypy
-	.venv/bin/lint-imports
+
+layers: $(INSTALLED)
+	"$(CURDIR)/.venv/bin/lint-imports" --no-logo
+
+protos-check: $(INSTALLED)
 	$(RUN) scripts/generate_protos.py --check
+
+leftovers: $(INSTALLED)
 	$(RUN) scripts/check_leftovers.py
 
 format: $(INSTALLED) ## Format the code and mend what the linter can mend
