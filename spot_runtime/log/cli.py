@@ -65,6 +65,20 @@ def recover(
     typer.echo(f"{out}: {kept} kept")
 
 
+@app.command("import")
+def import_recording(
+    mapping: Annotated[Path, typer.Argument(help="YAML file that says which array is which signal.")],
+    file: Annotated[Path, typer.Argument(help="The recording: .npz, .csv, .parquet, .h5 or .hdf5.")],
+    out: Annotated[Path, typer.Option("--out", help="Name of the log to write; never overwritten.")],
+) -> None:
+    """Turn somebody else's recording into a log."""
+    from spot_runtime.log.importing import import_log, load_mapping
+
+    imported = import_log(load_mapping(mapping), file, out)
+    typer.echo(f"{out}: {imported.rows} rows at {imported.rate_hz:.2f} Hz")
+    typer.echo(f"not in the recording: {', '.join(imported.missing)}")
+
+
 @app.command()
 def report(
     file: LogFile,

@@ -98,7 +98,8 @@ class MotionInfo:
     """Of V_x, V_y (m/s) and ω_z (rad/s), over the ticks."""
     tilt_max_rad: float
     load_peak_nm: dict[str, float]
-    falls: list[Fall]
+    falls: list[Fall] | None
+    """None where the log has neither orientation nor contacts."""
 
 
 @dataclass(frozen=True)
@@ -216,15 +217,15 @@ def _motion(run: Run) -> MotionInfo:
     distance = measures.distance_m(run)
     tilt = tilt_rad(states.odom_from_body_wxyz)
     tilt = tilt[np.isfinite(tilt)]
-    load = np.abs(states.load_nm)
-    peaks = np.nan_to_num(load, nan=0.0).max(axis=0) if len(states) else np.zeros(len(run.header.joint_names))
+    names = run.header.joint_names
+    peaks = [Spread.of(np.abs(states.load_nm[:, j])).largest for j in range(len(names))]
     return MotionInfo(
         distance_m=distance,
         mean_speed_m_s=distance / run.duration_s if run.duration_s else float("nan"),
         tracking_rms=np.sqrt(np.mean(error**2, axis=0)).tolist() if len(error) else [],
         tilt_max_rad=float(tilt.max()) if len(tilt) else float("nan"),
-        load_peak_nm=dict(zip(run.header.joint_names, peaks.tolist(), strict=True)),
-        falls=list(measures.falls(run)),
+        load_peak_nm=dict(zip(names, peaks, strict=True)),
+        falls=list(measures.falls(run)) if measures.has_falls_signals(run) else None,
     )
 
 

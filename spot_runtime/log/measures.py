@@ -175,6 +175,11 @@ def _spans(time_s: Array, mask: NDArray[np.bool_], least_s: float) -> list[tuple
     return [(a, b) for a, b in spans if time_s[b] - time_s[a] >= least_s]
 
 
+def has_falls_signals(run: Run) -> bool:
+    """Whether the log has the signals that tell a fall: an orientation, or foot contacts."""
+    return bool(np.isfinite(run.states.odom_from_body_wxyz).any()) or run.states.foot_contact.size > 0
+
+
 def clamped_commands(run: Run) -> int:
     """Commands whose set-points differ from what was asked for."""
     commands = run.commands
@@ -191,9 +196,11 @@ def dropped(run: Run) -> dict[str, int]:
 
 
 def distance_m(run: Run) -> float:
-    """Length of the body's path over the ground, sampled every 0.1 s so that sway counts little."""
+    """Length of the body's path over the ground, sampled every 0.1 s so that sway counts little; NaN without a pose."""
     if len(run.states) < 2:
         return 0.0
+    if not np.isfinite(run.states.position_of_body_in_odom_m).any():
+        return float("nan")
     time_s = seconds(run, run.states.robot_stamp_ns)
     rows = np.unique(np.searchsorted(time_s, np.arange(0.0, time_s[-1], 0.1)))
     rows = np.unique(np.append(rows[rows < len(time_s)], len(time_s) - 1))

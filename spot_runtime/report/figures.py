@@ -30,7 +30,7 @@ _MARGIN: Final = {"l": 62, "r": 18, "t": 56, "b": 44}
 
 def velocity(run: Run) -> go.Figure | None:
     """Velocity command against the body's velocity, both in the body frame."""
-    if not len(run.states):
+    if not np.isfinite(run.states.linear_vel_of_body_in_odom_m_s).any() and not len(run.ticks):
         return None
     linear, angular = measures.body_velocity(run)
     measured = np.column_stack([linear[:, :2], angular[:, 2]])
@@ -68,7 +68,7 @@ def joints(run: Run) -> go.Figure | None:
 
 def loads(run: Run) -> go.Figure | None:
     """Measured load of every joint with the robot's limits, where they are known."""
-    if not len(run.states):
+    if not np.isfinite(run.states.load_nm).any():
         return None
     figure, places = _joint_grid(run)
     time_s = measures.seconds(run, run.states.robot_stamp_ns)
@@ -96,7 +96,7 @@ def timing(run: Run) -> go.Figure | None:
         ("state received to command sent, ms", measures.state_to_command_s(run) * 1e3),
         ("command sent to received by the robot, ms", delay_s * 1e3),
     )
-    if not any(len(values) for _, values in panels):
+    if not any(np.isfinite(values).any() for _, values in panels):
         return None
     figure = make_subplots(rows=1, cols=4, subplot_titles=[title for title, _ in panels], horizontal_spacing=0.05)
     for col, (_, values) in enumerate(panels, start=1):

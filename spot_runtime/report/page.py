@@ -108,7 +108,7 @@ def _summary_section(info: LogInfo) -> str:
         label, _, text = line.partition(" ")
         if label == "event":
             continue
-        is_bad = label == "damaged" or (label == "falls" and text.strip() != "none")
+        is_bad = label == "damaged" or (label == "falls" and bool(info.motion.falls))
         css = ' class="bad"' if is_bad else ""
         rows.append(f"<tr><th>{html.escape(label)}</th><td{css}>{html.escape(text.strip())}</td></tr>")
     return _section("Summary", "", f"<table>{''.join(rows)}</table>")

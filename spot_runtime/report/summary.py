@@ -51,15 +51,19 @@ def _run_text(info: LogInfo) -> str:
 
 def _motion_text(info: LogInfo) -> str:
     motion = info.motion
+    if not math.isfinite(motion.distance_m):
+        return "not known: the log has no pose of the body"
     text = f"{motion.distance_m:.2f} m walked, mean speed {number(motion.mean_speed_m_s, '.2f')} m/s, "
     text += f"largest tilt {number(math.degrees(motion.tilt_max_rad), '.1f')}°"
-    if motion.tracking_rms:
+    if motion.tracking_rms and all(math.isfinite(value) for value in motion.tracking_rms):
         vx, vy, wz = motion.tracking_rms
         text += f", velocity error (RMS) {vx:.2f} and {vy:.2f} m/s, {wz:.2f} rad/s"
     return text
 
 
 def _falls_text(info: LogInfo) -> str:
+    if info.motion.falls is None:
+        return "not known: the log has neither orientation nor contacts"
     if not info.motion.falls:
         return "none"
     told = [
@@ -102,7 +106,10 @@ def _delay_text(info: LogInfo) -> str:
 
 
 def _loads_text(info: LogInfo) -> str:
-    peaks = sorted(info.motion.load_peak_nm.items(), key=lambda item: -item[1])[:3]
+    known = [item for item in info.motion.load_peak_nm.items() if math.isfinite(item[1])]
+    if not known:
+        return "not known: the log has no joint loads"
+    peaks = sorted(known, key=lambda item: -item[1])[:3]
     return "largest " + ", ".join(f"{joint} {peak:.1f} N·m" for joint, peak in peaks)
 
 
