@@ -65,11 +65,11 @@ distclean: clean ## Remove the environment too
 	rm -rf .venv
 
 .venv/bin/python:
-	@if [ -z "$(PYTHON)" ]; then \
-		echo "spot-rl needs Python 3.11 or later, and none was found on PATH. Install one, or name it: make PYTHON=/path/to/python3.11" >&2; \
-		exit 1; fi
+	@if ! "$(PYTHON)" -c '' 2>/dev/null; then \
+		echo "spot-rl needs Python 3.11 or later, and $(or $(PYTHON),none on PATH) cannot be run." \
+			"Install one, or name it: make PYTHON=/path/to/python3.11" >&2; exit 1; fi
 	@"$(PYTHON)" -c 'import sys; v = sys.version_info; sys.exit(None if v >= (3, 11) else \
-		f"spot-rl needs Python 3.11 or later; $(PYTHON) is {v.major}.{v.minor}. Name another one: make PYTHON=/path/to/python3.11")'
+		f"spot-rl needs Python 3.11 or later, and $(PYTHON) is {v.major}.{v.minor}. Name another: make PYTHON=/path/to/python3.11")'
 	"$(PYTHON)" -m venv .venv
 
 # setuptools first: the package itself is then built without fetching a builder, also when there is no network.

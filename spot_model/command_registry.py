@@ -13,12 +13,14 @@ from __future__ import annotations
 
 import ast
 import importlib.util
+import sys
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
 from spot_model.errors import SpotRlError
 
 COMMAND_GROUP = "spot_rl.commands"
+EXTRAS_FOR_PYTHON_3_10 = frozenset({"runtime", "gamepad"})
 OWN_PACKAGES = ("spot_protos", "spot_model", "spot_runtime", "fake_robot", "trainer", "diagnosis", "withheld")
 
 
@@ -62,9 +64,15 @@ def load_command(entry: EntryPoint) -> object:
     """Import and return what ``entry`` names.
 
     Raises:
-        CommandUnavailableError: A third-party module that it imports is not installed; the message names the extra.
+        CommandUnavailableError: A third-party module that it imports is not installed (the message names the extra), or
+            the extra needs a newer Python than this.
         ModuleNotFoundError: One of our own modules is missing, which no extra would mend.
     """
+    if sys.version_info < (3, 11) and not EXTRAS_FOR_PYTHON_3_10.issuperset(entry.extras):
+        raise CommandUnavailableError(
+            f"'spot-rl {entry.name}' needs Python 3.11 or later, and this is {sys.version.split()[0]}; "
+            "on an older one install only the extras runtime and gamepad"
+        )
     try:
         return entry.load()
     except ModuleNotFoundError as error:

@@ -120,6 +120,14 @@ class TestMain:
             "install the extra 'train': pip install 'spot-rl[train]'\n"
         )
 
+    def test_an_old_python_is_told_so(
+        self, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr(sys, "version_info", (3, 10, 13))
+        assert run("heavy") == 2
+        assert "'spot-rl heavy' needs Python 3.11 or later, and this is" in capsys.readouterr().err
+        assert run("walk", "--distance-m", "1") == 0
+
     def test_a_missing_module_of_ours_is_a_defect(self, capsys: pytest.CaptureFixture[str]) -> None:
         assert run("broken") == 70
         assert "trainer.no_such_module" in capsys.readouterr().err
