@@ -3,6 +3,8 @@
 #   setup            lay the packed wheels (.gpu, .whl) into $SITE
 #   check            parity of the two back ends, then training speed at three sizes, as JSON
 #   train NAME [S]   train policies/NAME.yaml for at most S seconds, then export to $OUT
+#   sweep FILE S     CPU trainings of policies/walk.yaml with FILE's options (a name and options a line), two cores
+#                    each from core 4 upwards, for at most S seconds; metrics and policies into $OUT/sweep.tar.gz
 #   scale N          training speed on N GPUs by torchrun, as JSON
 set -euo pipefail
 SITE=${SITE:-/tmp/site}
@@ -35,10 +37,25 @@ train() {
     timeout --signal=INT "$seconds" \
         python3 -m trainer train --config "policies/$name.yaml" --device "$DEVICE" --out "$run" "$@" || true
     cp "$run/metrics.jsonl" "$OUT/$name-metrics.jsonl"
-    cp "$run/config.yaml" "$OUT/$name-config.yaml"
-    cp "$run/run.json" "$OUT/$name-run.json"
     rm -f "$OUT/$name.onnx"
     python3 -m trainer export "$run" --out "$OUT/$name.onnx" --networks "$OUT/$name-networks.pt"
+}
+
+sweep() {
+    local file=$1 seconds=$2 core=4 name options
+    mkdir -p runs/sweep
+    while read -r name options; do
+        # shellcheck disable=SC2086
+        taskset -c "$core-$((core + 1))" timeout --signal=INT "$seconds" \
+            python3 -m trainer train --config policies/walk.yaml --device cpu --out "runs/sweep/$name" $options \
+            </dev/null >"runs/sweep/$name.log" 2>&1 &
+        core=$((core + 2))
+    done <"$file"
+    wait
+    for name in runs/sweep/*/; do
+        python3 -m trainer export "$name" --out "$name/policy.onnx" || true
+    done
+    tar -czf "$OUT/sweep.tar.gz" --exclude tensorboard --exclude '*.pt' runs/sweep
 }
 
 scale() {

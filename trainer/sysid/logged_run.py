@@ -79,6 +79,8 @@ class LoggedRun:
     notes: tuple[str, ...] = ()
     """What was cut or is missing, in words."""
     labels: Mapping[str, str] = field(default_factory=dict)
+    has_policy_gains: bool = True
+    """Whether it ran at the gains of the policy file that was given; otherwise only its torques are of use."""
 
     @property
     def duration_s(self) -> float:

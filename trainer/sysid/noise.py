@@ -3,9 +3,9 @@
 White noise of standard deviation σ has the same power at every frequency; motion has less and less. The paper multiplies
 the spectrum by the frequency and averages the power over [f_s/4, f_s/2]; dividing by the same average of the factor
 makes the estimate exact for white noise. Two changes keep a gait out of it: the spectrum is that of the whole state
-stream (f_s = 333 Hz) where the paper has the 50 Hz ticks, and of many short stretches the quietest decide: a low quantile
-of their power, over the same quantile for white noise, so that foot impacts in the others do not count. A log that
-stands still for one second in twenty is enough.
+stream (f_s = 333 Hz) where the paper has the 50 Hz ticks, and of many short stretches the quietest decide, so that foot
+impacts in the others do not count: the lowest quantiles of their power are matched with those of white noise that only
+a share of the stretches shows. That share is found beside σ; a tenth of the log is enough.
 
 Source: the paper, section on observation noise.
 """
@@ -34,8 +34,12 @@ Array = NDArray[np.float64]
 STATE_RATE_HZ: Final = 1e9 / facts.STATE_PERIOD_NS
 SEGMENT: Final = 64
 """Samples of a stretch, 0.19 s of the state stream."""
-QUANTILE: Final = 0.05
-"""Quantile over stretches."""
+QUANTILES: Final = (0.01, 0.02, 0.03, 0.045, 0.06)
+"""Quantiles over stretches that are matched."""
+QUIET_SHARES: Final = tuple(np.linspace(0.1, 1.0, 19).tolist())
+"""Shares of quiet stretches that are tried."""
+MIN_STRETCHES: Final = 100
+"""With fewer, the plain mean power is taken."""
 N_CALIBRATION: Final = 20_000
 """Stretches of white noise from which the quantile's size for white noise is known, to about 1 %."""
 NOISY_BLOCKS: Final = tuple(name for name, _ in OBSERVATION_LAYOUT if name not in ("velocity_command", "last_action"))
@@ -96,14 +100,13 @@ class ObservationNoise:
         }
 
 
-def noise_sigma(signal: Array, rate_hz: float, *, segment: int = SEGMENT, quantile: float = QUANTILE) -> Array:
+def noise_sigma(signal: Array, rate_hz: float, *, segment: int = SEGMENT) -> Array:
     """Standard deviation of the white noise in a signal.
 
     Args:
         signal: Shape (n, ...), evenly sampled, any unit.
         rate_hz: Sampling rate.
         segment: Samples of a stretch; stretches overlap by half.
-        quantile: Quantile over stretches.
 
     Returns:
         Shape (...), the signal's unit.
@@ -111,7 +114,7 @@ def noise_sigma(signal: Array, rate_hz: float, *, segment: int = SEGMENT, quanti
     Raises:
         ValueError: The signal is shorter than one stretch.
     """
-    return _sigma_of_power(_stretch_power(signal, segment), rate_hz, segment, quantile)
+    return _sigma_of_power(_stretch_power(signal, segment), rate_hz, segment)
 
 
 def observation_noise(runs: Sequence[LoggedRun]) -> ObservationNoise:
@@ -129,7 +132,7 @@ def observation_noise(runs: Sequence[LoggedRun]) -> ObservationNoise:
             f"noise: no log has {SEGMENT} states in a row, {facts.STATE_PERIOD_NS * 1e-6:g} ms apart; give a whole log"
         )
     power = np.concatenate(powers)
-    sigma = _sigma_of_power(power, STATE_RATE_HZ, SEGMENT, QUANTILE)
+    sigma = _sigma_of_power(power, STATE_RATE_HZ, SEGMENT)
     return ObservationNoise(sigma=sigma[:48], load_nm=sigma[48:], n_stretches=len(power))
 
 
@@ -180,11 +183,19 @@ def _stretch_power(signal: Array, segment: int) -> Array:
     return np.asarray(np.abs(spectrum) ** 2 / np.sum(window**2))
 
 
-def _sigma_of_power(power: Array, rate_hz: float, segment: int, quantile: float) -> Array:
-    if len(power) < 1.0 / quantile:
-        return np.sqrt(_band_power(power, rate_hz, segment).mean(axis=0))
-    typical = np.quantile(_band_power(power, rate_hz, segment), quantile, axis=0)
-    return np.asarray(np.sqrt(typical / _white_quantile(rate_hz, segment, quantile)))
+def _sigma_of_power(power: Array, rate_hz: float, segment: int) -> Array:
+    band = _band_power(power, rate_hz, segment)
+    if len(power) < MIN_STRETCHES:
+        return np.sqrt(band.mean(axis=0))
+    quantiles = np.quantile(band, QUANTILES, axis=0)
+    silent = quantiles[0] == 0.0
+    found = np.log(np.where(silent, 1.0, quantiles))
+    white = np.log(_white_quantiles(rate_hz, segment))
+    # Rows: shares. A share's own σ makes the mean difference 0; the share with the least scatter is taken.
+    difference = found[None] - white.reshape(white.shape + (1,) * (found.ndim - 1))
+    best = np.argmin(difference.var(axis=1), axis=0)
+    log_power = np.take_along_axis(difference.mean(axis=1), best[None], axis=0)[0]
+    return np.where(silent, 0.0, np.exp(0.5 * log_power))
 
 
 def _band_power(power: Array, rate_hz: float, segment: int) -> Array:
@@ -195,6 +206,8 @@ def _band_power(power: Array, rate_hz: float, segment: int) -> Array:
 
 
 @functools.cache
-def _white_quantile(rate_hz: float, segment: int, quantile: float) -> float:
+def _white_quantiles(rate_hz: float, segment: int) -> Array:
+    """Quantiles of white noise with σ = 1, shape (n_shares, n_quantiles)."""
     white = np.random.default_rng(0).standard_normal((segment, N_CALIBRATION))
-    return float(np.quantile(_band_power(_stretch_power(white, segment), rate_hz, segment), quantile))
+    band = _band_power(_stretch_power(white, segment), rate_hz, segment)
+    return np.quantile(band, np.array(QUANTILES)[None, :] / np.array(QUIET_SHARES)[:, None])

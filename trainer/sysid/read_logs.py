@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -12,6 +12,7 @@ import numpy as np
 from spot_model import facts
 from spot_model.errors import BadInputError, SpotRlError
 from spot_model.policy import Policy
+from spot_model.policy_contract import PolicyContract
 from spot_runtime.log import Run, read_run
 from trainer.sysid.logged_run import Commands, LoggedRun, States, Ticks
 
@@ -61,6 +62,10 @@ def read_logs(paths: Sequence[Path], policy: Policy) -> LogSet:
     if not runs:
         raise BadInputError("no log can be used:\n" + "\n".join(f"  {w}" for w in warnings))
     compared, more = choose_compared(runs)
+    if not compared:
+        raise BadInputError(
+            "no log was made at the policy's own gains:\n" + "\n".join(f"  {w}" for w in warnings)
+        )
     return LogSet(tuple(runs), compared, tuple(warnings + more))
 
 
@@ -73,12 +78,15 @@ def run_from_log(run: Run, policy: Policy) -> LoggedRun:
     header = run.header
     if header.joint_names != facts.JOINT_NAMES:
         raise BadInputError(f"the log's joints are {', '.join(header.joint_names)}; identification knows Spot's twelve")
-    if header.policy_sha256 != policy.sha256:
+    has_policy_gains = header.policy_sha256 == policy.sha256
+    if not has_policy_gains and not _is_same_network(header.policy_contract_json, policy):
         raise BadInputError(
             f"it was made with policy {header.policy_name or 'without a name'} (sha256 {header.policy_sha256[:12] or 'none'}"
             f"…), not with {policy.contract.name} ({policy.sha256[:12]}…); give that policy's file or leave the log out"
         )
     ticks, notes = run.ticks, list(run.damage)
+    if not has_policy_gains:
+        notes.append(f"made at other gains ({header.policy_name}); its torques are used, but it is not compared as a run")
     good = (ticks.mode == MODE) & np.isfinite(ticks.observation).all(axis=1) & np.isfinite(ticks.action).all(axis=1)
     rows = np.flatnonzero(good)
     fallen = np.flatnonzero(ticks.observation[rows, 8] > FALL_GRAVITY_Z)
@@ -119,6 +127,7 @@ def run_from_log(run: Run, policy: Policy) -> LoggedRun:
         states=states,
         notes=tuple(notes),
         labels=dict(header.labels),
+        has_policy_gains=has_policy_gains,
     )
 
 
@@ -126,8 +135,9 @@ def choose_compared(runs: Sequence[LoggedRun]) -> tuple[tuple[LoggedRun, ...], l
     """Runs that can be compared as whole runs of their sequence, cut to one length, and what to say about the others."""
     chosen: list[LoggedRun] = []
     warnings = []
-    for name in sorted({run.sequence for run in runs}):
-        group = [run for run in runs if run.sequence == name]
+    candidates = [run for run in runs if run.has_policy_gains]
+    for name in sorted({run.sequence for run in candidates}):
+        group = [run for run in candidates if run.sequence == name]
         longest = max(len(run.ticks.action) for run in group)
         whole = [run for run in group if len(run.ticks.action) >= SAME_LENGTH * longest]
         for run in group:
@@ -154,9 +164,17 @@ def choose_compared(runs: Sequence[LoggedRun]) -> tuple[tuple[LoggedRun, ...], l
 def _cut(run: LoggedRun, n_ticks: int) -> LoggedRun:
     t = run.ticks
     ticks = Ticks(t.robot_stamp_ns[:n_ticks], t.observation[:n_ticks], t.action[:n_ticks], t.velocity_command[:n_ticks])
-    return LoggedRun(
-        run.source, run.sequence, run.repeat, run.policy_sha256, ticks, run.commands, run.states, run.notes, run.labels
-    )
+    return replace(run, ticks=ticks)
+
+
+def _is_same_network(contract_json: str, policy: Policy) -> bool:
+    """Whether a log's policy differs from this one in its gains alone: the stored pair tells."""
+    try:
+        contract = PolicyContract.from_json(contract_json)
+    except ValueError:
+        return False
+    ours = policy.contract
+    return contract.stored_pair == ours.stored_pair and contract.joint_names == ours.joint_names
 
 
 def _files(paths: Sequence[Path]) -> list[Path]:
