@@ -42,8 +42,8 @@ class BosdynHal:
         self._config, self._sink = config, sink
         clock = HostClock()
         self._estimate = RobotClockEstimate()
-        self._session = Session(address, config.robot, clock, self._estimate)
         self._pace: Pace = pace or RealTime(clock, self._estimate)
+        self._session = Session(address, config.robot, clock, self._estimate, self._pace.host_now_ns)
         self._jobs = Jobs(self._job_failed)
         self._problems: deque[Stop] = deque(maxlen=100)
         self._slow: SlowState | None = None
@@ -69,7 +69,8 @@ class BosdynHal:
         if has_own_estop:
             self._jobs.add("estop", robot.estop_timeout_s / 3.0, session.check_in_estop, now_s=now_s)
         self._jobs.add("lease", LEASE_PERIOD_S, session.retain_lease, now_s=now_s)
-        self._jobs.add("time_sync", robot.time_sync_period_s, self._sync_clocks, now_s=now_s)
+        if not self._pace.knows_robot_time:
+            self._jobs.add("time_sync", robot.time_sync_period_s, self._sync_clocks, now_s=now_s)
         self._jobs.add("slow_state", 1.0 / robot.slow_state_rate_hz, self._poll, now_s=now_s)
         # Opened now: a handshake takes too long once commands must flow.
         self._command_channel = session.streaming_channel(RobotCommandStreamingClient)

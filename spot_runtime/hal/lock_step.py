@@ -56,6 +56,11 @@ class LockStep:
         self._jobs: Jobs | None = None
         self._key = 0
 
+    @property
+    def knows_robot_time(self) -> bool:
+        """The admin service tells it."""
+        return True
+
     def start(self, jobs: Jobs) -> None:
         """Run the chores as robot time passes."""
         self._jobs = jobs

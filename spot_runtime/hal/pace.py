@@ -16,6 +16,10 @@ from spot_runtime.hal.jobs import Jobs
 class Pace(Protocol):
     """What depends on how robot time passes."""
 
+    @property
+    def knows_robot_time(self) -> bool:
+        """Whether robot time is known exactly, so that clocks need no syncing."""
+
     def start(self, jobs: Jobs) -> None:
         """Begin to run the chores."""
 
@@ -56,6 +60,11 @@ class RealTime:
         self._estimate = estimate
         self._wake = threading.Event()
         self._thread: threading.Thread | None = None
+
+    @property
+    def knows_robot_time(self) -> bool:
+        """It is estimated."""
+        return False
 
     def start(self, jobs: Jobs) -> None:
         """Run the chores in a thread of their own."""

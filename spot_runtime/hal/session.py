@@ -48,8 +48,24 @@ _SIT: Final = basic_command_pb2.SitCommand.Feedback
 class Session:
     """Everything of one robot that goes by single calls. Every method raises HalError and nothing else."""
 
-    def __init__(self, address: Address, config: RobotConfig, clock: HostClock, estimate: RobotClockEstimate) -> None:
-        """Prepare; nothing is sent yet."""
+    def __init__(
+        self,
+        address: Address,
+        config: RobotConfig,
+        clock: HostClock,
+        estimate: RobotClockEstimate,
+        host_now_ns: Callable[[], int],
+    ) -> None:
+        """Prepare; nothing is sent yet.
+
+        Args:
+            address: Where the robot is.
+            config: How to reach it.
+            clock: The host's clock, for time sync.
+            estimate: Takes the round trips.
+            host_now_ns: Stamps what is received; in lock-step, host time passes with robot time.
+        """
+        self._host_now_ns = host_now_ns
         self._address, self._config, self._clock, self._estimate = address, config, clock, estimate
         self._robot: Any = None
         self._time_sync: TimeSync | None = None
@@ -149,7 +165,7 @@ class Session:
         """Battery, temperatures, power and faults, now."""
         client = self._client(RobotStateClient)
         message = self._call("polling the robot's state", lambda: client.get_robot_state(timeout=self._timeout_s))
-        return slow_state_from_message(message, self._clock.now_ns())
+        return slow_state_from_message(message, self._host_now_ns())
 
     def power_on(self, pause: Callable[[float], None]) -> None:
         """Give the motors power; returns when they have it."""

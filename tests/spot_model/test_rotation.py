@@ -10,6 +10,7 @@ from hypothesis.extra.numpy import arrays
 
 from spot_model.rotation import (
     conjugate_wxyz,
+    matrix_from_wxyz,
     multiply_wxyz,
     projected_gravity,
     rotate_inverse_wxyz,
@@ -61,3 +62,13 @@ def test_angles_worked_out_by_hand():
     # A quarter turn to the left takes x to y.
     quarter = np.array([math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)])
     np.testing.assert_allclose(rotate_wxyz(quarter, np.array([1.0, 0.0, 0.0])), [0.0, 1.0, 0.0], atol=1e-12)
+
+
+def test_the_matrix_turns_vectors_as_the_quaternion_does():
+    rng = np.random.default_rng(3)
+    quaternion = rng.normal(size=(4, 4))
+    quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
+    vector = rng.normal(size=(4, 3))
+    matrix = matrix_from_wxyz(quaternion)
+    np.testing.assert_allclose(np.einsum("nij,nj->ni", matrix, vector), rotate_wxyz(quaternion, vector), atol=1e-14)
+    np.testing.assert_allclose(-matrix[:, 2, :], projected_gravity(quaternion), atol=1e-14)
