@@ -33,7 +33,8 @@ def slow_state_from_message(message: robot_state_pb2.RobotState, host_stamp_ns: 
         battery_voltage_v=battery.voltage.value,
         battery_current_a=battery.current.value,
         battery_temperature_c=tuple(battery.temperatures),
-        motor_temperature_c={m.name: m.temperature for m in message.system_state.motor_temperatures},
+        # The vendor writes fl.hx where this project writes fl_hx.
+        motor_temperature_c={m.name.replace(".", "_"): m.temperature for m in message.system_state.motor_temperatures},
         system_faults=tuple(_system_fault(f) for f in message.system_fault_state.faults),
         behavior_faults=tuple(_behavior_fault(f) for f in message.behavior_fault_state.faults),
         service_faults=tuple(_service_fault(f) for f in message.service_fault_state.faults),

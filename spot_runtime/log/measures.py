@@ -18,7 +18,7 @@ GAP_PERIODS: Final = 1.5
 FALL_TILT_RAD: Final = np.deg2rad(60.0)
 FALL_TILT_S: Final = 0.05
 FALL_FLIGHT_S: Final = 0.3
-"""A fall is a tilt above 60° for 50 ms, or no foot on the ground for 0.3 s."""
+"""A fall is a tilt above 60° for 50 ms, or no foot on the ground for 0.3 s while commands are sent."""
 
 
 @dataclass(frozen=True)
@@ -159,13 +159,22 @@ def falls(run: Run) -> tuple[Fall, ...]:
     tilt = np.nan_to_num(tilt_rad(states.odom_from_body_wxyz))
     found = [(span, "tilt") for span in _spans(time_s, tilt > FALL_TILT_RAD, FALL_TILT_S)]
     if states.foot_contact.shape[1]:
-        in_air = np.asarray(~states.foot_contact.any(axis=1))
+        in_air = ~states.foot_contact.any(axis=1) & _in_joint_control(run)
         found += [(span, "no foot on the ground") for span in _spans(time_s, in_air, FALL_FLIGHT_S)]
     result = [
         Fall(float(time_s[a]), float(time_s[b] - time_s[a]), cause, float(tilt[a : b + 1].max()))
         for (a, b), cause in found
     ]
     return tuple(sorted(result, key=lambda fall: fall.start_s))
+
+
+def _in_joint_control(run: Run) -> NDArray[np.bool_]:
+    """States from the first to the last command: a robot that sits has no foot on the ground, and has not fallen."""
+    stamps_ns, sent_ns = run.states.robot_stamp_ns, run.commands.robot_stamp_ns
+    if not len(sent_ns):
+        return np.ones(len(stamps_ns), dtype=np.bool_)
+    inside: NDArray[np.bool_] = (stamps_ns >= sent_ns[0]) & (stamps_ns <= sent_ns[-1])
+    return inside
 
 
 def _spans(time_s: Array, mask: NDArray[np.bool_], least_s: float) -> list[tuple[int, int]]:

@@ -55,14 +55,19 @@ def joints(run: Run) -> go.Figure | None:
     figure, places = _joint_grid(run)
     time_s = measures.seconds(run, run.states.robot_stamp_ns)
     sent_s = measures.seconds(run, run.commands.robot_stamp_ns)
+    window = _window(run)
     for j, (row, col) in enumerate(places):
         if len(sent_s):
             sent = run.commands.position_rad[:, j]
             _line(figure, sent_s, sent, "set-point", ASKED, row=row, col=col, first=j == 0, step=True)
         measured = run.states.position_rad[:, j]
         _line(figure, time_s, measured, "position", MEASURED, row=row, col=col, first=j == 0)
+        shown = [_within(window, time_s, measured)]
+        if len(sent_s):
+            shown.append(_within(window, sent_s, sent))
+        figure.update_yaxes(range=_span(np.concatenate(shown)), row=row, col=col)
     figure.update_yaxes(title_text="rad", col=1)
-    figure.update_xaxes(range=_window(time_s))
+    figure.update_xaxes(range=window)
     return _styled(figure, 210 * _n_rows(places) + 60)
 
 
@@ -126,7 +131,7 @@ def contacts(run: Run) -> go.Figure | None:
         showgrid=False,
         ticklabelstandoff=8,
     )
-    figure.update_xaxes(title_text="time, s", range=_window(time_s))
+    figure.update_xaxes(title_text="time, s", range=_window(run))
     return _styled(figure, 60 * len(names) + 90, legend=False)
 
 
@@ -183,11 +188,11 @@ def _histogram(figure: go.Figure, values: NDArray[Any], col: int) -> None:
         at = float(np.percentile(values, share))
         figure.add_vline(x=at, line={"color": ASKED, "width": 1.5, "dash": "dot"}, row=1, col=col)
         figure.add_annotation(
-            x=at, y=1.0 if share == 50 else 0.86, yref="y domain", text=f"{label} {at:.3g}", showarrow=False,
+            x=at, y=1.0 if share == 50 else 0.86, yref="y domain", text=f"{label} {at:.4g}", showarrow=False,
             xanchor="left" if share == 50 else "right", font={"size": 11, "color": ASKED}, row=1, col=col,
         )  # fmt: skip
     if beyond:
-        text = f"{beyond} more, up to {values.max():.3g}"
+        text = f"{beyond} more, up to {values.max():.4g}"
         figure.add_annotation(
             x=1, y=0.7, xref="x domain", yref="y domain", text=text, showarrow=False, xanchor="right",
             font={"size": 11, "color": NEUTRAL}, row=1, col=col,
@@ -239,11 +244,27 @@ def _torque_limit_nm(run: Run, joint: int) -> NDArray[Any] | None:
     return None
 
 
-def _window(time_s: NDArray[Any]) -> tuple[float, float]:
-    """The middle of the run, at most :data:`WINDOW_S` long."""
+def _window(run: Run) -> tuple[float, float]:
+    """The middle of the policy's ticks, or of the run where there are none; at most :data:`WINDOW_S` long."""
+    stamps_ns = run.ticks.robot_stamp_ns if len(run.ticks) else run.states.robot_stamp_ns
+    time_s = measures.seconds(run, stamps_ns)
     first, last = float(time_s[0]), float(time_s[-1])
     middle, half = 0.5 * (first + last), 0.5 * min(WINDOW_S, last - first)
     return middle - half, middle + half
+
+
+def _within(window: tuple[float, float], time_s: NDArray[Any], values: NDArray[Any]) -> NDArray[Any]:
+    inside = values[(time_s >= window[0]) & (time_s <= window[1])]
+    return np.asarray(inside[np.isfinite(inside)])
+
+
+def _span(values: NDArray[Any]) -> list[float] | None:
+    """Range of an axis that shows these values with some air, at least 0.1 wide; None leaves it to the plot."""
+    if not len(values):
+        return None
+    low, high = float(values.min()), float(values.max())
+    air = max(0.05 * (high - low), 0.5 * (0.1 - (high - low)))
+    return [low - air, high + air]
 
 
 def _mark_events(figure: go.Figure, run: Run) -> None:

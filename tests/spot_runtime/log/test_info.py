@@ -106,6 +106,17 @@ def test_a_fall_by_lost_contact(run):
     assert measures.falls(replace(run, states=replace(run.states, foot_contact=contact))) == ()
 
 
+def test_a_robot_that_sits_before_its_first_command_has_not_fallen(run):
+    contact = run.states.foot_contact.copy()
+    contact[:300] = False
+    late = replace(
+        run.commands, **{name: getattr(run.commands, name)[60:] for name in run.commands.__dataclass_fields__}
+    )
+    sitting = replace(run, states=replace(run.states, foot_contact=contact), commands=late)
+    assert measures.falls(sitting) == ()
+    assert len(measures.falls(replace(sitting, commands=run.commands))) == 1
+
+
 def test_steps_by_hand():
     # Periods 3, 3, 9, 3, 0, −3 ms: median 3, one gap, two that do not go forward.
     found = measures.steps(np.cumsum(np.array([0, 3, 3, 9, 3, 0, -3])) * 1_000_000)
