@@ -14,6 +14,7 @@ from spot_model.command_registry import describe_command, explain_missing_module
 from spot_model.errors import SpotRlError
 
 INTERNAL_ERROR_EXIT_CODE = 70
+GROUP_HELP = {"bench": "Measure one thing on this machine; with --json, print it as one object."}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -23,12 +24,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     of this program, 130 interrupted.
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
-    chosen = next((word for word in words if not word.startswith("-")), None)
-    # Only flags stand before the command's name, so everything up to it belongs to the group.
-    is_debug = "--debug" in (words[: words.index(chosen)] if chosen else words)
+    # Only flags stand before a command's name, so everything up to its first word belongs to the group.
+    named = [word for word in words if not word.startswith("-")][:2]
+    is_debug = "--debug" in (words[: words.index(named[0])] if named else words)
+    chosen: str | None = named[0] if named else None
     entry: EntryPoint | None = None
     try:
         commands = find_commands()
+        chosen = next((name for name in (".".join(named), chosen) if name in commands), chosen)
         entry = commands.get(chosen) if chosen else None
         app = build_app(commands, chosen)
         typer.main.get_command(app).main(args=words, prog_name="spot-rl")
@@ -43,24 +46,30 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def build_app(commands: dict[str, EntryPoint], chosen: str | None) -> typer.Typer:
     """Build the group: the chosen command loaded, every other one a stand-in that only carries its help line."""
     app = typer.Typer(callback=_group_options, no_args_is_help=True, add_completion=False)
+    groups = {"": app}
     for name, entry in commands.items():
+        group, _, leaf = name.rpartition(".")
+        if group not in groups:
+            groups[group] = typer.Typer(callback=_stand_in, no_args_is_help=True, help=GROUP_HELP.get(group))
+            app.add_typer(groups[group], name=group)
         if name != chosen:
-            app.command(name, help=describe_command(entry))(_stand_in)
+            groups[group].command(leaf, help=describe_command(entry))(_stand_in)
             continue
         loaded = load_command(entry)
         if isinstance(loaded, typer.Typer):
-            app.add_typer(loaded, name=name)
+            groups[group].add_typer(loaded, name=leaf)
         else:
-            app.command(name)(cast("Callable[..., Any]", loaded))
+            groups[group].command(leaf)(cast("Callable[..., Any]", loaded))
     return app
 
 
 def error_line(error: Exception, command: str | None, *, is_debug: bool) -> str:
     """Word an error as one line: ours by its message, the system's by its text, any other as a defect of ours."""
-    prefix = f"spot-rl {command}" if command else "spot-rl"
+    command = command.replace(".", " ") if command else ""
+    prefix = f"spot-rl {command}".rstrip()
     if isinstance(error, (SpotRlError, OSError)):
         return f"{prefix}: error: {error}"
-    hint = "" if is_debug else f"; 'spot-rl --debug {command or ''}' shows where"
+    hint = "" if is_debug else f"; 'spot-rl --debug {command}' shows where"
     return f"{prefix}: internal error: {type(error).__name__}: {error}{hint}"
 
 

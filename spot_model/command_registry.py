@@ -6,7 +6,8 @@ A command is an entry point of group ``spot_rl.commands``::
     train = "trainer.commands:train [train]"
 
 The value names a function that Typer can turn into a command, or a ``typer.Typer`` app with sub-commands of its own.
-The extra in brackets is the one to install when a module that the command needs is missing.
+The extra in brackets is the one to install when a module that the command needs is missing. A name with a dot, such as
+``bench.train``, is a command of a group, ``spot-rl bench train``, so that several packages can fill one group.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ def find_commands() -> dict[str, EntryPoint]:
     """Return the installed commands by name, in alphabetical order.
 
     Raises:
-        CommandUnavailableError: Two packages offer different commands of one name.
+        CommandUnavailableError: Two packages offer different commands of one name, or a command and a group share one.
     """
     commands: dict[str, EntryPoint] = {}
     for entry in sorted(entry_points(group=COMMAND_GROUP), key=lambda e: (e.name, e.value)):
@@ -42,6 +43,12 @@ def find_commands() -> dict[str, EntryPoint]:
         if other.value != entry.value:
             raise CommandUnavailableError(
                 f"two packages offer the command {entry.name!r}: {other.value} and {entry.value}; uninstall one"
+            )
+    for name in commands:
+        group = name.partition(".")[0]
+        if group != name and group in commands:
+            raise CommandUnavailableError(
+                f"the name {group!r} is both a command ({commands[group].value}) and the group of {name!r}; rename one"
             )
     return commands
 
@@ -70,7 +77,7 @@ def load_command(entry: EntryPoint) -> object:
     """
     if sys.version_info < (3, 11) and not EXTRAS_FOR_PYTHON_3_10.issuperset(entry.extras):
         raise CommandUnavailableError(
-            f"'spot-rl {entry.name}' needs Python 3.11 or later, and this is {sys.version.split()[0]}; "
+            f"{_words(entry)} needs Python 3.11 or later, and this is {sys.version.split()[0]}; "
             "on an older one install only the extras runtime and gamepad"
         )
     try:
@@ -86,9 +93,13 @@ def explain_missing_module(entry: EntryPoint, error: ModuleNotFoundError) -> Exc
         return error
     extra = entry.extras[0] if entry.extras else "runtime"
     return CommandUnavailableError(
-        f"'spot-rl {entry.name}' needs the module {missing!r}, which is not installed; "
+        f"{_words(entry)} needs the module {missing!r}, which is not installed; "
         f"install the extra {extra!r}: pip install 'spot-rl[{extra}]'"
     )
+
+
+def _words(entry: EntryPoint) -> str:
+    return f"'spot-rl {entry.name.replace('.', ' ')}'"
 
 
 def _source_of(module: str) -> Path | None:

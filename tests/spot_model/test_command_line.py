@@ -64,6 +64,8 @@ def commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Entry
         "group": "some_commands:app",
         "heavy": "heavy_commands:app [train]",
         "broken": "broken_commands:app",
+        "bench.walk": "some_commands:walk",
+        "bench.heavy": "heavy_commands:app [train]",
     }
     found = {name: EntryPoint(name, value, COMMAND_GROUP) for name, value in values.items()}
     monkeypatch.setattr(command_line, "find_commands", lambda: found)
@@ -85,6 +87,16 @@ class TestMain:
     def test_runs_a_command_of_an_app(self, capsys: pytest.CaptureFixture[str]) -> None:
         assert run("group", "one") == 0
         assert capsys.readouterr().out == "one\n"
+
+    def test_a_dotted_name_is_a_command_of_a_group(self, capsys: pytest.CaptureFixture[str]) -> None:
+        assert run("bench", "walk", "--distance-m", "3.5") == 0
+        assert capsys.readouterr().out == "walked 3.5 m\n"
+        assert run("bench", "--help") == 0
+        out = capsys.readouterr().out
+        assert "Walk some way." in out
+        assert "Needs much." in out
+        assert run("bench", "heavy") == 2
+        assert capsys.readouterr().err.startswith("spot-rl bench heavy: error: 'spot-rl bench heavy' needs the module")
 
     def test_help_lists_every_command_and_imports_none(self, capsys: pytest.CaptureFixture[str]) -> None:
         sys.modules.pop("some_commands", None)
@@ -151,6 +163,13 @@ def test_two_packages_with_one_command_are_refused(monkeypatch: pytest.MonkeyPat
     rivals = [EntryPoint("walk", "ours:walk", COMMAND_GROUP), EntryPoint("walk", "theirs:walk", COMMAND_GROUP)]
     monkeypatch.setattr(command_registry, "entry_points", lambda **_group: rivals)
     with pytest.raises(CommandUnavailableError, match="'walk': ours:walk and theirs:walk; uninstall one"):
+        find_commands()
+
+
+def test_a_command_and_a_group_of_one_name_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    rivals = [EntryPoint("bench", "ours:app", COMMAND_GROUP), EntryPoint("bench.train", "ours:train", COMMAND_GROUP)]
+    monkeypatch.setattr(command_registry, "entry_points", lambda **_group: rivals)
+    with pytest.raises(CommandUnavailableError, match=r"'bench' is both a command .ours:app. and the group"):
         find_commands()
 
 
