@@ -133,7 +133,7 @@ def test_the_slow_state_takes_every_value_from_its_place() -> None:
     assert not slow.estopped
     assert (slow.battery_charge_percent, slow.battery_voltage_v, slow.battery_current_a) == (71.0, 55.5, -6.5)
     assert slow.battery_temperature_c == (30.0, 31.0)
-    assert slow.motor_temperature_c == {"fl.kn": 44.0}
+    assert slow.motor_temperature_c == {"fl_kn": 44.0}
     assert slow.system_faults == ("critical: battery (cell)", "camera")
     assert slow.behavior_faults == ("fall (3)",)
 
