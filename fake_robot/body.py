@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +23,7 @@ _TORQUE_AXIS = np.tile([0, 1, 1], N_LEGS)
 _SETTLE_S = 1.2
 _START_HEIGHT_M = 0.2
 GRAVITY_M_S2 = 9.81
+_ABSURD_SPEED_SQUARED = 1e8
 
 
 class Body:
@@ -43,21 +46,23 @@ class Body:
         self.base_position_m: Array = data.qpos[:3]
         self.base_wxyz: Array = data.qpos[3:7]
         self.joint_position_rad: Array = data.qpos[7:]
+        self._velocity: Array = data.qvel
         self.base_velocity: Array = data.qvel[:6]
         """Linear in the world, then angular in the body; shape (6,)."""
         self.joint_velocity_rad_s: Array = data.qvel[FIRST_JOINT_DOF:]
         self.motor_torque_nm: Array = data.ctrl
         n_foot = _FOOT_SENSOR_SIZE * N_LEGS
         self._feet: Array = data.sensordata[:n_foot].reshape(N_LEGS, _FOOT_SENSOR_SIZE)
-        self._link_torques: Array = data.sensordata[n_foot:].reshape(N_JOINTS, 3)
-        self._joints = np.arange(N_JOINTS)
+        self._sensors: Array = data.sensordata
+        self._torque_index = n_foot + 3 * np.arange(N_JOINTS) + _TORQUE_AXIS
         self._row_position: Array = self.joint_position_rad[np.newaxis]
         self._row_velocity: Array = self.joint_velocity_rad_s[np.newaxis]
         effects = [e for e in scenario.robot_model.effects if not e.is_null]
         self._torques = TorqueChain([e for e in effects if isinstance(e, TorqueEffect)], 1)
         sensors = [e for e in effects if isinstance(e, SensorEffect)]
         estimators = [e for e in effects if isinstance(e, EstimateEffect)]
-        self._has_sensors, self._has_estimators = bool(sensors), bool(estimators)
+        self.has_sensors, self.has_estimators = bool(sensors), bool(estimators)
+        """Whether any effect changes what the joints, or the body's estimator, report."""
         self.torque_gain: Array | None = None
         """A fault of the drives: motor torque is multiplied by this, shape (12,)."""
         self._sit_down()
@@ -77,7 +82,7 @@ class Body:
             torque = self._torques.torque_nm(servo, motion, self._reading or motion)[0]
             self.motor_torque_nm[:] = torque if self.torque_gain is None else torque * self.torque_gain
         mujoco.mj_step(self.model, self._data)
-        if self._has_sensors:
+        if self.has_sensors:
             self._reading = self._sensing.read(self._true_reading(), self._dt_s, self._rng)
 
     def push(self, linear_velocity_m_s: Array, angular_velocity_rad_s: Array) -> None:
@@ -93,7 +98,8 @@ class Body:
 
     def has_diverged(self) -> bool:
         """Whether the simulation holds a number that is not finite, or absurd."""
-        return not bool(np.abs(self._data.qvel).max() < 1e4)
+        velocity = self._velocity
+        return not float(velocity @ velocity) < _ABSURD_SPEED_SQUARED
 
     def recover(self) -> None:
         """Put the body where it lay at the start: the way on after a divergence."""
@@ -111,16 +117,11 @@ class Body:
     def estimate(self, dt_s: float) -> BodyEstimate:
         """What the estimator reports, before the scenario's noise, ``dt_s`` after the last time; first axis 1."""
         truth = self._true_estimate()
-        return self._sensing.estimate(truth, dt_s, self._rng) if self._has_estimators else truth
-
-    @property
-    def has_estimators(self) -> bool:
-        """Whether any effect changes the body's estimate."""
-        return self._has_estimators
+        return self._sensing.estimate(truth, dt_s, self._rng) if self.has_estimators else truth
 
     def link_torque_nm(self) -> Array:
         """Torque between gearbox and link, shape (12,)."""
-        torque: Array = self._link_torques[self._joints, _TORQUE_AXIS]
+        torque: Array = self._sensors.take(self._torque_index)
         return torque
 
     @property
@@ -137,6 +138,11 @@ class Body:
         above = self.base_position_m + np.array([0.0, 0.0, 5.0])
         distance = float(mujoco.mj_rayHfield(self.model, self._data, self._ground, above, down))
         return distance - 5.0 if distance >= 0.0 else float("nan")
+
+    def tilt_rad(self) -> float:
+        """Angle between the body's z axis and the vertical."""
+        _, x, y, _ = self.base_wxyz.tolist()
+        return math.acos(min(max(1.0 - 2.0 * (x * x + y * y), -1.0), 1.0))
 
     def is_lying(self) -> bool:
         """Whether the body itself touches the ground."""

@@ -14,6 +14,7 @@ from spot_model.facts import Array
 _J_PER_WH = 3600.0
 _AVERAGE_S = 0.05
 """Voltage and current are reported as running means over about this time."""
+_STEPS_PER_HEATING = 32
 
 
 class Energy:
@@ -21,29 +22,29 @@ class Energy:
 
     def __init__(self, battery: BatteryConfig, motors: MotorConfig) -> None:
         self._battery, self._motors = battery, motors
-        self._loss = facts.per_joint(
-            motors.hip_loss_w_per_nm2, motors.hip_loss_w_per_nm2, motors.knee_loss_w_per_nm2
-        )
+        self._loss = facts.per_joint(motors.hip_loss_w_per_nm2, motors.hip_loss_w_per_nm2, motors.knee_loss_w_per_nm2)
         self.energy_j = battery.charge_percent / 100.0 * battery.energy_wh * _J_PER_WH
         self.current_a = 0.0
         """Drawn from the battery, positive while it discharges."""
         self.voltage_v = self._open_voltage_v()
         self.motor_temperature_c: Array = np.full(facts.N_JOINTS, motors.start_temperature_c)
         self.power_w = 0.0
+        self._squares: Array = np.zeros(facts.N_JOINTS)
+        self._n_steps = 0
 
     def step(self, torque_nm: Array, velocity_rad_s: Array, dt_s: float, *, is_powered: bool) -> None:
         """Let ``dt_s`` pass at these motor torques and joint velocities, each of shape (12,)."""
         battery, motors = self._battery, self._motors
         power = battery.idle_power_w
-        heat = np.zeros(facts.N_JOINTS)
         if is_powered:
-            heat = self._loss * torque_nm * torque_nm
+            squares = torque_nm * torque_nm
             shaft = float(torque_nm @ velocity_rad_s)
             mechanical = shaft if shaft > 0.0 else motors.regeneration_efficiency * shaft
-            power += battery.motors_on_power_w + mechanical + float(heat.sum())
-        self.motor_temperature_c += (dt_s / motors.heat_capacity_j_per_k) * (
-            heat - (self.motor_temperature_c - motors.ambient_c) / motors.thermal_resistance_k_per_w
-        )
+            power += battery.motors_on_power_w + mechanical + float(self._loss @ squares)
+            self._squares += squares
+        self._n_steps += 1
+        if self._n_steps == _STEPS_PER_HEATING:
+            self._heat(dt_s)
         self.power_w = power
         self._discharge(power, dt_s)
 
@@ -69,6 +70,17 @@ class Energy:
         share = min(max(self.charge_percent / 100.0, 0.0), 1.0)
         battery = self._battery
         return battery.empty_voltage_v + share * (battery.full_voltage_v - battery.empty_voltage_v)
+
+    def _heat(self, dt_s: float) -> None:
+        """Warm the motors by the losses of the last steps; they change far more slowly than a step."""
+        motors, n = self._motors, self._n_steps
+        loss_w = self._loss * self._squares / n
+        cooling_w = (self.motor_temperature_c - motors.ambient_c) / motors.thermal_resistance_k_per_w
+        self.motor_temperature_c = self.motor_temperature_c + (
+            n * dt_s / motors.heat_capacity_j_per_k * (loss_w - cooling_w)
+        )
+        self._squares[:] = 0.0
+        self._n_steps = 0
 
     def _discharge(self, power_w: float, dt_s: float) -> None:
         """Current from P = (V0 − R·I)·I; at more than the pack can give, the current of greatest power."""

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from fake_robot.faults import FAULTS, Fault
+from fake_robot.fault import Fault
+from fake_robot.faults import FAULTS
 from fake_robot.knobs import Knobs
 from fake_robot.robot_port import FaultKind
 

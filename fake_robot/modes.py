@@ -16,7 +16,6 @@ from fake_robot.vendor_motion import SIT_POSITION_RAD, Attitude, Path, hold_path
 from spot_model.errors import SpotRlError
 from spot_model.facts import TOTAL_MASS_KG
 from spot_model.plant_command import ServoCommand
-from spot_model.rotation import tilt_rad
 
 _LOW_BODY_M = 0.32
 """Below it a stand first puts the feet in place."""
@@ -24,7 +23,7 @@ _LYING_BODY_M = 0.2
 _LYING_S = 0.25
 _SETTLED_S = 0.2
 _RIGHTING_S = 3.0
-_RIGHTING_NM_PER_RAD, _RIGHTING_NM_S_PER_RAD = 160.0, 25.0
+_RIGHTING_NM_PER_RAD, _RIGHTING_NM_S_PER_RAD = 70.0, 15.0
 _UPRIGHT = (Mode.SITTING, Mode.STANDING_UP, Mode.STANDING, Mode.SITTING_DOWN, Mode.FROZEN, Mode.JOINT_CONTROL)
 
 
@@ -154,7 +153,7 @@ class Modes:
             self.power_off(reason)
             return
         self._leave_joint_control(StreamFailure(INACTIVE, reason))
-        if self.mode in (Mode.DAMPING, Mode.RIGHTING, Mode.LIMP) or self._tilt_rad() > self._motion.fall_tilt_rad:
+        if self.mode in (Mode.DAMPING, Mode.RIGHTING, Mode.LIMP) or self._body.tilt_rad() > self._motion.fall_tilt_rad:
             self._damp()
         else:
             self.sit()
@@ -244,9 +243,11 @@ class Modes:
             self.power_off()
 
     def _turn_over(self) -> None:
-        # Towards the world's upward direction, z × up; a body on its back needs a start to either side.
+        # About z × up, in proportion to the tilt; a body on its back is turned about its x axis.
         x, y = _up_in_body(self._body)
-        torque_in_body = _RIGHTING_NM_PER_RAD * np.array([-y if abs(y) > 1e-3 else 0.5, x, 0.0])
+        sine = math.hypot(x, y)
+        axis = np.array([-y / sine, x / sine, 0.0]) if sine > 0.05 else np.array([1.0, 0.0, 0.0])
+        torque_in_body = _RIGHTING_NM_PER_RAD * self._body.tilt_rad() * axis
         torque_in_body -= _RIGHTING_NM_S_PER_RAD * self._body.base_velocity[3:]
         is_over = self.now_ns >= self._until_ns
         self._body.set_external_torque_in_body(np.zeros(3) if is_over else torque_in_body)
@@ -275,7 +276,7 @@ class Modes:
         if self.mode not in (Mode.STANDING_UP, Mode.STANDING, Mode.FROZEN, Mode.JOINT_CONTROL):
             self._lying_since_ns = None
             return
-        tilt = self._tilt_rad()
+        tilt = self._body.tilt_rad()
         if tilt > self._motion.fall_tilt_rad:
             self._fall(f"the body is tilted by {math.degrees(tilt):.0f} degrees")
         elif self.mode in (Mode.STANDING, Mode.JOINT_CONTROL) and self._has_lain():
@@ -338,9 +339,6 @@ class Modes:
 
     def _path_time_s(self) -> float:
         return (self.now_ns - self._path_start_ns) * 1e-9
-
-    def _tilt_rad(self) -> float:
-        return float(tilt_rad(self._body.base_wxyz))
 
 
 def _up_in_body(body: Body) -> tuple[float, float]:

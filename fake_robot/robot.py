@@ -61,9 +61,7 @@ class Robot:
         """Let robot time pass; in lock-step, nothing."""
         if self.is_lock_step or self._loop is not None:
             return
-        self._loop = RealTimeLoop(
-            self._simulation, self.clock, self._changed, self.scenario.real_time.max_catch_up_s
-        )
+        self._loop = RealTimeLoop(self._simulation, self.clock, self._changed, self.scenario.real_time.max_catch_up_s)
         self._loop.start()
 
     def stop(self) -> None:

@@ -127,7 +127,8 @@ class Scenario(BaseModel):
 
     def to_data(self) -> dict[str, Any]:
         """Plain data for YAML or JSON, complete with defaults."""
-        return self.model_dump(mode="json", by_alias=True)
+        data: dict[str, Any] = self.model_dump(mode="json", by_alias=True)
+        return data
 
     def digest(self) -> str:
         """SHA-256 of the scenario's data, hexadecimal."""
@@ -190,12 +191,17 @@ def _with_histograms(data: dict[str, Any], source: str, folder: Path) -> dict[st
     out = dict(data)
     for name in ("state_channel", "command_channel"):
         channel = out.get(name)
-        delay = channel.get("delay") if isinstance(channel, dict) else None
+        if not isinstance(channel, dict):
+            continue
+        delay = channel.get("delay")
         if not (isinstance(delay, dict) and delay.get("kind") == "csv"):
             continue
         if set(delay) != {"kind", "path"} or not isinstance(delay["path"], str):
             raise BadInputError(f"{source}: {name}.delay = {delay!r}; allowed: {{kind: csv, path: FILE}}")
-        out[name] = {**channel, "delay": read_delay_csv(folder / delay["path"])}
+        try:
+            out[name] = {**channel, "delay": read_delay_csv(folder / delay["path"])}
+        except BadInputError as error:
+            raise BadInputError(f"{source}: {name}.delay: {error}") from error
     return out
 
 

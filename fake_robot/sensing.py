@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from fake_robot.body import GRAVITY_M_S2, Body
 from fake_robot.knobs import Knobs
 from fake_robot.scenario import Scenario
-from spot_model.facts import N_JOINTS, N_LEGS, STATE_PERIOD_NS, Array
+from spot_model.facts import N_JOINTS, STATE_PERIOD_NS, Array
 
 IMU_PACKETS = 3
 IMU_PERIOD_NS = 1_000_000
@@ -19,6 +19,7 @@ _NOISE_BLOCK = 256
 _JOINTS, _BODY = slice(0, 3 * N_JOINTS), slice(3 * N_JOINTS, 3 * N_JOINTS + 9)
 _IMU = slice(3 * N_JOINTS + 9, 3 * N_JOINTS + 9 + 6 * IMU_PACKETS)
 _WIDTH = _IMU.stop
+_CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,8 @@ class Sensing:
         n = scenario.physics.substeps_per_state
         # Rows: velocity of the base (6) and attitude (4), at the end of the last message and after each physics step.
         self._samples = np.tile(self._sample(), (n + 1, 1))
-        self._interpolate = _interpolation(n)
+        self._imu_weights = _imu_weights(n, self._dt_s)
+        self._joints = np.empty(3 * N_JOINTS)
         self._frozen: Report | None = None
 
     def sample(self, substep: int) -> None:
@@ -82,17 +84,15 @@ class Sensing:
     def report(self, elapsed_ns: int, knobs: Knobs) -> Report:
         """The state now; faults of the sensors included."""
         body, noise = self._body, self._next_noise()
-        reading = body.reading()
-        joints = noise[_JOINTS]
-        base = noise[_BODY]
+        joints, base = self._read_joints() + noise[_JOINTS], noise[_BODY]
         attitude, linear, angular, contact = self._estimate()
         quaternion = _perturbed(attitude, base[6:])
         acceleration, turn, imu_wxyz = self._imu(noise[_IMU])
         report = Report(
             elapsed_ns,
-            reading.position_rad[0] + joints[:N_JOINTS],
-            reading.velocity_rad_s[0] + joints[N_JOINTS : 2 * N_JOINTS],
-            reading.load_nm[0] + joints[2 * N_JOINTS :],
+            joints[:N_JOINTS],
+            joints[N_JOINTS : 2 * N_JOINTS],
+            joints[2 * N_JOINTS :],
             quaternion,
             body.base_position_m.copy(),
             linear + base[:3],
@@ -121,6 +121,18 @@ class Sensing:
         self._row += 1
         return row
 
+    def _read_joints(self) -> Array:
+        """Positions, velocities, loads; shape (36,), overwritten by the next call."""
+        joints, body = self._joints, self._body
+        if body.has_sensors:
+            reading = body.reading()
+            joints[:] = np.concatenate([reading.position_rad[0], reading.velocity_rad_s[0], reading.load_nm[0]])
+        else:
+            joints[:N_JOINTS] = body.joint_position_rad
+            joints[N_JOINTS : 2 * N_JOINTS] = body.joint_velocity_rad_s
+            joints[2 * N_JOINTS :] = body.link_torque_nm()
+        return joints
+
     def _estimate(self) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
         """Attitude, linear and angular velocity in the world, contacts; with the effects on the estimator."""
         body = self._body
@@ -138,17 +150,14 @@ class Sensing:
         )
 
     def _imu(self, noise: Array) -> tuple[Array, Array, Array]:
-        samples = self._samples
-        rows = self._interpolate @ samples
-        # Mean acceleration over each physics step, weighted as the samples that end them.
-        steps = (samples[1:, :6] - samples[:-1, :6]) * (1.0 / self._dt_s)
-        steps[:, 2] += GRAVITY_M_S2
-        rates = self._interpolate[:, 1:] @ steps / self._interpolate[:, 1:].sum(axis=1, keepdims=True)
-        quaternions = rows[:, 6:] / np.sqrt((rows[:, 6:] ** 2).sum(axis=1, keepdims=True))
+        both = self._imu_weights @ self._samples
+        motion, rates = both[:IMU_PACKETS], both[IMU_PACKETS:, :6]
+        rates[:, 2] += GRAVITY_M_S2
+        quaternions, turn = motion[:, 6:], motion[:, 3:6]
         force = np.empty((IMU_PACKETS, 3))
-        turn = rows[:, 3:6]
+        inverse = quaternions * _CONJUGATE
         for i in range(IMU_PACKETS):
-            force[i] = _rotated_back(quaternions[i], rates[i, :3])
+            mujoco.mju_rotVecQuat(force[i], rates[i, :3], inverse[i])
         if self._has_imu_arm:
             arm = self._imu_arm_m
             force += np.cross(rates[:, 3:], arm) + np.cross(turn, np.cross(turn, arm))
@@ -170,11 +179,18 @@ class Sensing:
         return Report(**values)
 
 
-def _interpolation(n_steps: int) -> Array:
-    """Weights of the samples at 0, 1/n .. 1 of a period for packets 2, 1 and 0 ms before its end, shape (3, n + 1)."""
+def _imu_weights(n_steps: int, dt_s: float) -> Array:
+    """What makes packets of the samples at 0, 1/n .. 1 of a period, shape (6, n + 1).
+
+    The first three rows interpolate for the packets 2, 1 and 0 ms before the period's end. The others give the mean
+    acceleration over the physics steps there: differences of samples, weighted as the samples that end them.
+    """
     at = np.linspace(0.0, STATE_PERIOD_NS, n_steps + 1)
     wanted = STATE_PERIOD_NS - IMU_PERIOD_NS * np.arange(IMU_PACKETS - 1, -1, -1)
-    return np.stack([np.interp(wanted, at, unit) for unit in np.eye(n_steps + 1)], axis=1)
+    interpolate = np.stack([np.interp(wanted, at, unit) for unit in np.eye(n_steps + 1)], axis=1)
+    differences = np.diff(np.eye(n_steps + 1), axis=0) / dt_s
+    share = interpolate[:, 1:] / interpolate[:, 1:].sum(axis=1, keepdims=True)
+    return np.concatenate([interpolate, share @ differences])
 
 
 def _rotated(quaternion_wxyz: Array, vector: Array) -> Array:
@@ -183,15 +199,15 @@ def _rotated(quaternion_wxyz: Array, vector: Array) -> Array:
     return out
 
 
-def _rotated_back(quaternion_wxyz: Array, vector: Array) -> Array:
-    w, x, y, z = quaternion_wxyz.tolist()
-    return _rotated(np.array([w, -x, -y, -z]), vector)
-
-
 def _perturbed(quaternion_wxyz: Array, angles_rad: Array) -> Array:
     """The rotation with a further small turn about the body's axes."""
     w, x, y, z = quaternion_wxyz.tolist()
     a, b, c = (0.5 * angles_rad).tolist()
-    turned = (w - x * a - y * b - z * c, x + w * a + y * c - z * b, y + w * b + z * a - x * c, z + w * c + x * b - y * a)
+    turned = (
+        w - x * a - y * b - z * c,
+        x + w * a + y * c - z * b,
+        y + w * b + z * a - x * c,
+        z + w * c + x * b - y * a,
+    )
     q = np.array(turned)
     return np.asarray(q / np.sqrt(q @ q))

@@ -10,8 +10,8 @@ from fake_robot.body import Body
 from fake_robot.channel import Channel
 from fake_robot.clock import NS_PER_S, RobotClock
 from fake_robot.energy import Energy
+from fake_robot.fault import Fault
 from fake_robot.fault_book import FaultBook
-from fake_robot.faults import Fault
 from fake_robot.frames import Frame
 from fake_robot.joint_control import JointControl, Stream
 from fake_robot.modes import Modes
@@ -144,8 +144,9 @@ class Simulation:
     def step(self) -> None:
         """One physics step; after the last one of a period, one state message."""
         now_ns = self.now_ns
-        for arrival_ns, _, (stream, command) in self._commands.receive(now_ns):
-            self.joint_control.receive(stream, command, arrival_ns, self.body.joint_position_rad)
+        if self._commands.next_arrival_ns is not None:
+            for arrival_ns, _, (stream, command) in self._commands.receive(now_ns):
+                self.joint_control.receive(stream, command, arrival_ns, self.body.joint_position_rad)
         self.body.step(self.modes.servo(now_ns))
         self.sensing.sample(self._substep)
         self._substep += 1
@@ -154,7 +155,8 @@ class Simulation:
             self._substep = 0
             self._end_period()
         self._clock.set_simulated_ns(now_ns)
-        self.deliver_states(now_ns)
+        if self._states.next_arrival_ns is not None:
+            self.deliver_states(now_ns)
 
     # Private ----------------------------------------------------------------------------------------------------------
 

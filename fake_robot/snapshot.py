@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from fake_robot.clock import RobotClock
 from fake_robot.robot_port import Snapshot
 from fake_robot.simulation import Simulation
 from fake_robot.truth import Lateness, Truth
 from spot_model.leg_kinematics import foot_position_in_body_m
-from spot_model.rotation import tilt_rad
 
 _FALLEN_TILT_RAD = 1.05
 _BATTERY_SPREAD_C = (0.0, 0.4, -0.3, 0.1)
@@ -17,10 +18,13 @@ def snapshot_of(simulation: Simulation, clock: RobotClock) -> Snapshot:
     """The newest report in the shape that the services want."""
     report, modes, energy = simulation.report, simulation.modes, simulation.energy
     knobs, odom, vision = simulation.faults.knobs, simulation.odom, simulation.vision
-    position = report.position_of_body_in_world_m
-    linear, angular = report.linear_vel_of_body_in_world_m_s, report.angular_vel_of_body_in_world_rad_s
-    ground = position.copy()
-    ground[2] -= simulation.body.height_m()
+    position = report.position_of_body_in_world_m.tolist()
+    attitude = report.world_from_body_wxyz.tolist()
+    linear, angular = (
+        report.linear_vel_of_body_in_world_m_s.tolist(),
+        report.angular_vel_of_body_in_world_rad_s.tolist(),
+    )
+    ground = (*position[:2], position[2] - simulation.body.height_m())
     return Snapshot(
         robot_stamp_ns=clock.stamp_ns(report.elapsed_ns),
         mode=modes.mode,
@@ -29,17 +33,17 @@ def snapshot_of(simulation: Simulation, clock: RobotClock) -> Snapshot:
         position_rad=report.position_rad,
         velocity_rad_s=report.velocity_rad_s,
         load_nm=report.load_nm,
-        position_of_body_in_odom_m=odom.point(position),
-        odom_from_body_wxyz=odom.rotation(report.world_from_body_wxyz),
-        position_of_body_in_vision_m=vision.point(position),
-        vision_from_body_wxyz=vision.rotation(report.world_from_body_wxyz),
-        linear_vel_of_body_in_odom_m_s=odom.vector(linear),
-        angular_vel_of_body_in_odom_rad_s=odom.vector(angular),
-        linear_vel_of_body_in_vision_m_s=vision.vector(linear),
-        angular_vel_of_body_in_vision_rad_s=vision.vector(angular),
+        position_of_body_in_odom_m=np.array(odom.point(position)),
+        odom_from_body_wxyz=np.array(odom.rotation(attitude)),
+        position_of_body_in_vision_m=np.array(vision.point(position)),
+        vision_from_body_wxyz=np.array(vision.rotation(attitude)),
+        linear_vel_of_body_in_odom_m_s=np.array(odom.vector(linear)),
+        angular_vel_of_body_in_odom_rad_s=np.array(odom.vector(angular)),
+        linear_vel_of_body_in_vision_m_s=np.array(vision.vector(linear)),
+        angular_vel_of_body_in_vision_rad_s=np.array(vision.vector(angular)),
         foot_contact=report.foot_contact,
         foot_position_in_body_m=foot_position_in_body_m(report.position_rad),
-        ground_height_in_odom_m=float(odom.point(ground)[2]),
+        ground_height_in_odom_m=odom.point(ground)[2],
         battery_charge_percent=energy.shown_percent(knobs),
         battery_voltage_v=energy.voltage_v,
         battery_current_a=-energy.current_a,
@@ -75,7 +79,7 @@ def truth_of(simulation: Simulation, clock: RobotClock, lateness: Lateness) -> T
         joint_torque_nm=body.motor_torque_nm.copy(),
         foot_contact=body.foot_force_n > 0.0,
         foot_force_n=body.foot_force_n,
-        has_fallen=bool(tilt_rad(body.base_wxyz) > _FALLEN_TILT_RAD)
+        has_fallen=body.tilt_rad() > _FALLEN_TILT_RAD
         or any(fault.cause == "fall" for fault in simulation.modes.behavior_faults),
         body_height_min_m=min(extremes.height_min_m, height_m),
         peak_torque_nm=extremes.peak_torque_nm,

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 from bosdyn.api import header_pb2, robot_state_pb2
 
-from fake_robot.frames import Frame
+from fake_robot.frames import Frame, Quaternion, Vector
 from fake_robot.scenario import Scenario
 from fake_robot.sensing import IMU_PACKETS, IMU_PERIOD_NS, Report
 from spot_model.facts import Array
@@ -28,12 +27,11 @@ class StateMessageBuilder:
         message = self._message = robot_state_pb2.RobotStateStreamResponse()
         # A real robot leaves the code unspecified; who demands OK waits for ever.
         message.header.error.code = header_pb2.CommonError.CODE_UNSPECIFIED
-        message.header.request_header.client_name = "state-stream"
         inertial = message.inertial_state
         inertial.packet_rate = PACKET_RATE
         inertial.identifier = "body_imu"
         inertial.mounting_link_name = "body"
-        _set_vector(inertial.position_imu_rt_link, np.array(scenario.sensors.imu_from_body_m))
+        _set_vector(inertial.position_imu_rt_link, scenario.sensors.imu_from_body_m)
         for _ in range(IMU_PACKETS):
             inertial.packets.add()
         self._joints = message.joint_states
@@ -58,14 +56,17 @@ class StateMessageBuilder:
         _set_values(joints.load, report.load_nm)
         self._fill_packets(report, stamp_ns)
         _set_stamp(kinematics.acquisition_timestamp, stamp_ns)
+        position, attitude = report.position_of_body_in_world_m.tolist(), report.world_from_body_wxyz.tolist()
+        linear = report.linear_vel_of_body_in_world_m_s.tolist()
+        angular = report.angular_vel_of_body_in_world_rad_s.tolist()
         for frame, pose, velocity in (
             (self._odom, kinematics.odom_tform_body, kinematics.velocity_of_body_in_odom),
             (self._vision, kinematics.vision_tform_body, kinematics.velocity_of_body_in_vision),
         ):
-            _set_vector(pose.position, frame.point(report.position_of_body_in_world_m))
-            _set_quaternion(pose.rotation, frame.rotation(report.world_from_body_wxyz))
-            _set_vector(velocity.linear, frame.vector(report.linear_vel_of_body_in_world_m_s))
-            _set_vector(velocity.angular, frame.vector(report.angular_vel_of_body_in_world_rad_s))
+            _set_vector(pose.position, frame.point(position))
+            _set_quaternion(pose.rotation, frame.rotation(attitude))
+            _set_vector(velocity.linear, frame.vector(linear))
+            _set_vector(velocity.angular, frame.vector(angular))
         del message.contact_states[:]
         # CONTACT_MADE is 1, CONTACT_LOST 2.
         message.contact_states.extend([1 if made else 2 for made in report.foot_contact.tolist()])
@@ -77,11 +78,12 @@ class StateMessageBuilder:
 
     def _fill_packets(self, report: Report, stamp_ns: int) -> None:
         forces, turns = report.imu_acceleration_m_s2.tolist(), report.imu_angular_velocity_rad_s.tolist()
+        attitudes = (self._imu_sign * report.imu_wxyz).tolist()
         for i, packet in enumerate(self._packets):
             force, turn = packet.acceleration_rt_odom_in_link_frame, packet.angular_velocity_rt_odom_in_link_frame
             force.x, force.y, force.z = forces[i]
             turn.x, turn.y, turn.z = turns[i]
-            _set_quaternion(packet.odom_rot_link, self._imu_sign * self._odom.rotation(report.imu_wxyz[i]))
+            _set_quaternion(packet.odom_rot_link, self._odom.rotation(attitudes[i]))
             _set_stamp(packet.timestamp, stamp_ns - (IMU_PACKETS - 1 - i) * IMU_PERIOD_NS)
 
 
@@ -94,9 +96,9 @@ def _set_values(field: Any, values: Array) -> None:
     field.extend(values.tolist())
 
 
-def _set_vector(vector: Any, values: Array) -> None:
-    vector.x, vector.y, vector.z = values.tolist()
+def _set_vector(vector: Any, values: Vector) -> None:
+    vector.x, vector.y, vector.z = values
 
 
-def _set_quaternion(quaternion: Any, wxyz: Array) -> None:
-    quaternion.w, quaternion.x, quaternion.y, quaternion.z = wxyz.tolist()
+def _set_quaternion(quaternion: Any, wxyz: Quaternion) -> None:
+    quaternion.w, quaternion.x, quaternion.y, quaternion.z = wxyz

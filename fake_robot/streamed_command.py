@@ -49,9 +49,7 @@ class StreamedCommand:
         ahead_ns = min(max(stamp_ns - self.reference_stamp_ns, 0), self.extrapolation_ns)
         servo = self.servo
         position = saturated_rad(servo.position_rad + servo.velocity_rad_s * (ahead_ns * 1e-9))
-        return ServoCommand(
-            position, servo.velocity_rad_s, servo.load_nm, servo.kp_nm_per_rad, servo.kd_nm_s_per_rad
-        )
+        return ServoCommand(position, servo.velocity_rad_s, servo.load_nm, servo.kp_nm_per_rad, servo.kd_nm_s_per_rad)
 
 
 class StreamGrammar:
@@ -74,9 +72,7 @@ class StreamGrammar:
             raise _invalid("user_command_key is 0; allowed: 1 and above, as 0 means that no command was received")
         if not command.HasField("end_time"):
             raise _invalid("end_time is missing; give the robot time after which the command is void")
-        position, velocity, load = (
-            _values(name, getattr(command, name)) for name in ("position", "velocity", "load")
-        )
+        position, velocity, load = (_values(name, getattr(command, name)) for name in ("position", "velocity", "load"))
         kp, kd = self._read_gains(command)
         extrapolation_ns = _duration_ns(command.extrapolation_duration)
         if extrapolation_ns < 0:
@@ -88,9 +84,7 @@ class StreamGrammar:
             raise _invalid(f"contact_advice has {n_advice} values; allowed: none, or {facts.N_LEGS} (fl fr hl hr)")
         return StreamedCommand(
             key=command.user_command_key,
-            servo=ServoCommand(
-                saturated_rad(position), velocity, np.clip(load, -LOAD_LIMIT_NM, LOAD_LIMIT_NM), kp, kd
-            ),
+            servo=ServoCommand(saturated_rad(position), velocity, np.clip(load, -LOAD_LIMIT_NM, LOAD_LIMIT_NM), kp, kd),
             end_stamp_ns=_stamp_ns(command.end_time),
             reference_stamp_ns=_stamp_ns(command.reference_time),
             extrapolation_ns=extrapolation_ns,

@@ -83,7 +83,7 @@ def leg_angles_rad(foot_in_body_m: Array) -> Array:
     return np.asarray(np.clip(angles, facts.POSITION_LOW_RAD, facts.POSITION_HIGH_RAD))
 
 
-def stand_feet_m(body_height_m: float, attitude: Attitude = Attitude()) -> Array:  # noqa: B008
+def stand_feet_m(body_height_m: float, attitude: Attitude = Attitude()) -> Array:
     """Foot centres of a stand in the body frame, shape (4, 3)."""
     feet = np.array(
         [
@@ -160,7 +160,8 @@ def _weight_load_nm(position_rad: Array, mass_kg: float) -> Array:
     """Joint torques that bear a quarter of the weight on each foot of a level body, shape (n, 12)."""
     _, jacobian = foot_position_and_jacobian(position_rad)
     # The ground pushes the foot up with f; the joints balance it with −Jᵀf.
-    return np.asarray(-jacobian[..., 2, :] * (mass_kg * _GRAVITY_M_S2 / facts.N_LEGS)).reshape(position_rad.shape)
+    load: Array = -jacobian[..., 2, :] * (mass_kg * _GRAVITY_M_S2 / facts.N_LEGS)
+    return load.reshape(position_rad.shape)
 
 
 def _body_from_level(attitude: Attitude) -> Array:

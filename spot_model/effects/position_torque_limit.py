@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from array_api_compat import array_namespace, device
+from array_api_compat import device
 
+from spot_model.arrays import namespace_of
 from spot_model.effects.base import Memory, Motion, TorqueEffect, parameter
 from spot_model.knee_table import KNEE_MOTOR_TORQUE_NM, KNEE_TABLE_POSITION_RAD, KNEE_TABLE_RATIO
 from spot_model.rotation import AnyArray
@@ -37,7 +38,7 @@ class PositionTorqueLimit(TorqueEffect):
 
     def start(self, torque_nm: AnyArray) -> Memory:
         """The table as arrays like ``torque_nm``, so that no step copies it."""
-        xp = array_namespace(torque_nm)
+        xp = namespace_of(torque_nm)
         number = {"dtype": torque_nm.dtype, "device": device(torque_nm)}
         ratio = np.abs(KNEE_TABLE_RATIO)
         return _Table(
@@ -50,7 +51,7 @@ class PositionTorqueLimit(TorqueEffect):
 
     def torque(self, torque_nm: AnyArray, motion: Motion, memory: Memory) -> tuple[AnyArray, Memory]:
         """Clip to ± the limit at this position."""
-        xp = array_namespace(torque_nm)
+        xp = namespace_of(torque_nm)
         limit = self.motor_torque_nm * _interpolate(xp, motion.position_rad, memory)
         return xp.minimum(xp.maximum(torque_nm, -limit), limit), memory
 

@@ -6,8 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from array_api_compat import array_namespace
-
+from spot_model.arrays import namespace_of
 from spot_model.effects.base import Memory, Motion, TorqueEffect, parameter
 from spot_model.rotation import AnyArray
 
@@ -25,5 +24,5 @@ class TorqueLimit(TorqueEffect):
 
     def torque(self, torque_nm: AnyArray, motion: Motion, memory: Memory) -> tuple[AnyArray, Memory]:
         """Clip to ± the limit."""
-        xp = array_namespace(torque_nm)
+        xp = namespace_of(torque_nm)
         return xp.minimum(xp.maximum(torque_nm, -self.limit_nm), self.limit_nm), memory

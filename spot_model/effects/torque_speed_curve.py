@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from array_api_compat import array_namespace, device
+from array_api_compat import device
 
+from spot_model.arrays import namespace_of
 from spot_model.effects.base import Memory, Motion, TorqueEffect, parameter
 from spot_model.errors import BadInputError
 from spot_model.rotation import AnyArray
@@ -62,16 +63,16 @@ class TorqueSpeedCurve(TorqueEffect):
 
     def torque(self, torque_nm: AnyArray, motion: Motion, memory: Memory) -> tuple[AnyArray, Memory]:
         """Clip to the bounds at this speed."""
-        xp = array_namespace(torque_nm)
+        xp = namespace_of(torque_nm)
         high, low = self._bounds_nm(xp, motion.velocity_rad_s, memory)
         return xp.minimum(xp.maximum(torque_nm, low), high), memory
 
     def bounds_nm(self, velocity_rad_s: AnyArray) -> tuple[AnyArray, AnyArray]:
         """Upper and lower torque bound at a speed, shape of ``velocity_rad_s`` (broadcast), N·m."""
-        return self._bounds_nm(array_namespace(velocity_rad_s), velocity_rad_s, self._lines(velocity_rad_s))
+        return self._bounds_nm(namespace_of(velocity_rad_s), velocity_rad_s, self._lines(velocity_rad_s))
 
     def _lines(self, like: AnyArray) -> _Lines:
-        xp = array_namespace(like)
+        xp = namespace_of(like)
         number = {"dtype": like.dtype, "device": device(like)}
         return _Lines(
             *_line(xp, self.speed_max_rad_s, self.intersect_max_rad_s),
