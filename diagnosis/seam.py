@@ -71,6 +71,8 @@ class ChannelView:
     """Joint that a row belongs to, -1 for none. Shape (R,)."""
     row_leg: Ints
     """Leg that a row belongs to, -1 for none. Shape (R,)."""
+    leg_of_joint: Ints
+    """Leg of each joint of the robot, -1 for none. Shape (J,)."""
     signals: Any
     """What effects compute their columns from; a class of the channel's own file."""
     measured: Mapping[str, float] = field(default_factory=dict)

@@ -71,6 +71,13 @@ class LibraryEffect(ABC):
         """Neighbours of the best coarse shape, for a second, finer round. Default: none."""
         return ()
 
+    def rows(self, view: ChannelView, joints: Flags) -> Flags:
+        """Rows of a channel that the effect at these joints can touch, whatever its shape. Shape (R,)."""
+        if view.name in self.separable:
+            return np.asarray((view.row_joint >= 0) & joints[np.maximum(view.row_joint, 0)])
+        legs = legs_of(joints, view)
+        return np.asarray((view.row_leg < 0) | legs[np.maximum(view.row_leg, 0)])
+
     @abstractmethod
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
         """What one unit of each coefficient adds to the response. Shape (n, R, len(coefficients))."""
@@ -90,6 +97,14 @@ class LibraryEffect(ABC):
     def show(self, views: Views) -> tuple[str, ...]:
         """Channels in which the effect can be seen in these logs."""
         return tuple(c for c in self.channels if c in views)
+
+
+def legs_of(joints: Flags, view: ChannelView) -> Flags:
+    """Legs with any of the joints, shape (number of legs,); at least one entry."""
+    legs = np.zeros(max(1, int(view.leg_of_joint.max(initial=-1)) + 1), dtype=np.bool_)
+    named = view.leg_of_joint[joints]
+    legs[named[named >= 0]] = True
+    return legs
 
 
 def on_joints(values: Array, joints: Flags) -> Array:

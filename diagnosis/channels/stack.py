@@ -1,0 +1,123 @@
+"""All recordings end to end, so that a channel computes on one set of arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.recording import Recording
+from diagnosis.seam import Array, Flags, Ints
+from diagnosis.segments import Segmentation, cut
+from diagnosis.smoothing import NOISE_GAIN, REACH, eroded, rate, smooth
+from spot_model.errors import BadInputError
+
+MIN_NOISE: Final = 1e-6
+"""No channel's noise counts as less than this, in its own unit: simulated logs may have none."""
+
+
+@dataclass(frozen=True)
+class Stack:
+    """Recordings with their segmentations, n rows in all.
+
+    Filters run over the seams between recordings; ``inner`` keeps away from them.
+    """
+
+    recordings: tuple[Recording, ...]
+    segmentations: tuple[Segmentation, ...]
+    run: Ints
+    """Number of the recording, shape (n,)."""
+    state: Ints
+    """Row within the recording, shape (n,)."""
+    used: Flags
+    """What the segmentation leaves, shape (n,)."""
+    period_s: float
+
+    @property
+    def n(self) -> int:
+        """Number of rows."""
+        return len(self.run)
+
+    def cat(self, part: Callable[[Recording], Any]) -> NDArray[Any]:
+        """The same array of all recordings, end to end."""
+        return np.concatenate([np.asarray(part(r)) for r in self.recordings])
+
+    def filled(self, part: Callable[[Recording], Any]) -> Array:
+        """Like :meth:`cat`, with 0 for what is missing; :attr:`used` has it marked."""
+        return np.nan_to_num(self.cat(part).astype(np.float64))
+
+    def smooth(self, values: Array) -> Array:
+        """Smoothed along time."""
+        return smooth(values)
+
+    def rate(self, values: Array) -> Array:
+        """Derivative of the smoothed values along time, per second."""
+        return rate(values, self.period_s)
+
+    def inner(self, flags: Flags, before: int = REACH, after: int = REACH) -> Flags:
+        """Flags of shape (n, ...) that hold throughout the filter's reach, within one recording."""
+        out = np.zeros_like(flags)
+        for number in range(len(self.recordings)):
+            rows = self.run == number
+            out[rows] = eroded(flags[rows], before, after)
+        return out
+
+    def starts(self) -> Ints:
+        """First row of each recording, shape (n_runs,)."""
+        return np.flatnonzero(np.diff(self.run, prepend=-1)).astype(np.intp)
+
+
+def stack(recordings: Sequence[Recording]) -> Stack:
+    """Segment the recordings and put them end to end.
+
+    Raises:
+        BadInputError: There are none, or they are of different robots or state rates.
+    """
+    if not recordings:
+        raise BadInputError("no recording to diagnose; give at least one log")
+    first = recordings[0]
+    for other in recordings[1:]:
+        if other.joint_names != first.joint_names:
+            raise BadInputError(
+                f"log {other.run_id} has joints {', '.join(other.joint_names)}; log {first.run_id} has "
+                f"{', '.join(first.joint_names)}; diagnose logs of one robot at a time"
+            )
+        if abs(other.period_s - first.period_s) > 0.01 * first.period_s:
+            raise BadInputError(
+                f"log {other.run_id} has a state every {1e3 * other.period_s:.3f} ms, log {first.run_id} every "
+                f"{1e3 * first.period_s:.3f} ms; diagnose logs of one state rate at a time"
+            )
+    segmentations = tuple(cut(r) for r in recordings)
+    sizes = [len(r) for r in recordings]
+    return Stack(
+        recordings=tuple(recordings),
+        segmentations=segmentations,
+        run=np.repeat(np.arange(len(sizes), dtype=np.intp), sizes),
+        state=np.concatenate([np.arange(s, dtype=np.intp) for s in sizes]),
+        used=np.concatenate([s.used for s in segmentations]),
+        period_s=first.period_s,
+    )
+
+
+def white_noise(residual: Array, usable: Flags) -> Array:
+    """Standard deviation that white noise in an unsmoothed residual leaves after smoothing.
+
+    From the median size of second differences, which hardly see what is smooth or rare.
+
+    Args:
+        residual: Shape (n, R), before smoothing, row by row in time.
+        usable: Shape (n, R).
+
+    Returns:
+        Shape (R,).
+    """
+    second = residual[2:] - 2.0 * residual[1:-1] + residual[:-2]
+    good = usable[2:] & usable[1:-1] & usable[:-2]
+    sigma = np.empty(residual.shape[1])
+    for row in range(residual.shape[1]):
+        values = np.abs(second[good[:, row], row])
+        sigma[row] = 1.4826 * float(np.median(values)) / np.sqrt(6.0) if len(values) else np.inf
+    return np.asarray(np.maximum(NOISE_GAIN * sigma, MIN_NOISE))

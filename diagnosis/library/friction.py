@@ -1,0 +1,114 @@
+"""Losses that oppose motion: dry, viscous, Stribeck, load-dependent friction."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from diagnosis.channels.actuator import ActuatorSignals
+from diagnosis.channels.nominal_torque import direction
+from diagnosis.library.base import Coefficient, LibraryEffect, on_joints
+from diagnosis.library.experiments import LOADED_WALK, OTHER_KD, SLOW_WALK, Experiment
+from diagnosis.seam import Array, ChannelView, Flags, Shape, Views
+from spot_model.effects.base import Effect
+from spot_model.effects.coulomb_friction import CoulombFriction
+from spot_model.effects.load_friction import LoadFriction
+from spot_model.effects.stribeck_friction import StribeckFriction
+from spot_model.effects.viscous_friction import ViscousFriction
+
+
+class CoulombEntry(LibraryEffect):
+    """−F·sign(q̇): the same at any torque and speed."""
+
+    name: ClassVar[str] = "coulomb_friction"
+    title: ClassVar[str] = "dry friction"
+    effect: ClassVar[type[Effect]] = CoulombFriction
+    channels: ClassVar[tuple[str, ...]] = ("A",)
+    coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("level_nm", "N·m", 0.0, 5.0),)
+    confused_with: ClassVar[tuple[str, ...]] = ("stribeck_friction", "load_friction", "viscous_friction")
+    split_by: ClassVar[Experiment] = LOADED_WALK
+
+    def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
+        """The direction of motion, negative."""
+        s: ActuatorSignals = view.signals
+        return on_joints(s.finish(-direction(s.still_velocity_rad_s)), joints)
+
+    def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
+        """Friction level."""
+        return {"level_nm": float(coefficients[0])}
+
+
+class ViscousEntry(LibraryEffect):
+    """−D·q̇; at one set of gains the same as a larger kd."""
+
+    name: ClassVar[str] = "viscous_friction"
+    title: ClassVar[str] = "viscous friction"
+    effect: ClassVar[type[Effect]] = ViscousFriction
+    channels: ClassVar[tuple[str, ...]] = ("A",)
+    coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("damping_nm_s_per_rad", "N·m·s/rad", 0.0, 5.0),)
+    confused_with: ClassVar[tuple[str, ...]] = ("coulomb_friction", "torque_bandwidth", "torque_speed_curve")
+    split_by: ClassVar[Experiment] = OTHER_KD
+
+    def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
+        """The velocity, negative."""
+        s: ActuatorSignals = view.signals
+        return on_joints(s.finish(-s.velocity_rad_s), joints)
+
+    def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
+        """Damping."""
+        return {"damping_nm_s_per_rad": float(coefficients[0])}
+
+
+class StribeckEntry(LibraryEffect):
+    """−F·exp(−(q̇/v)²)·sign(q̇): only near standstill."""
+
+    name: ClassVar[str] = "stribeck_friction"
+    title: ClassVar[str] = "friction near standstill (Stribeck)"
+    effect: ClassVar[type[Effect]] = StribeckFriction
+    channels: ClassVar[tuple[str, ...]] = ("A",)
+    coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("level_nm", "N·m", 0.0, 10.0),)
+    confused_with: ClassVar[tuple[str, ...]] = ("coulomb_friction", "backlash")
+    split_by: ClassVar[Experiment] = SLOW_WALK
+
+    def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:
+        """Speeds over which it fades."""
+        return tuple({"speed_rad_s": v} for v in (0.2, 0.4, 0.8, 1.6))
+
+    def refined(self, shape: Shape) -> tuple[Shape, ...]:
+        """Speeds nearby."""
+        return tuple({"speed_rad_s": shape["speed_rad_s"] * f} for f in (0.72, 0.85, 1.19, 1.4))
+
+    def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
+        """The fading direction of motion, negative."""
+        s: ActuatorSignals = view.signals
+        speed = s.still_velocity_rad_s
+        # The simulator's formula smooths the sign over 0.1 rad/s.
+        raw = -np.exp(-((speed / shape["speed_rad_s"]) ** 2)) * np.tanh(speed / 0.1)
+        return on_joints(s.finish(raw), joints)
+
+    def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
+        """Level and speed."""
+        return {"level_nm": float(coefficients[0]), "speed_rad_s": float(shape["speed_rad_s"])}
+
+
+class LoadFrictionEntry(LibraryEffect):
+    """−k·|τ|·sign(q̇): a gear's efficiency."""
+
+    name: ClassVar[str] = "load_friction"
+    title: ClassVar[str] = "friction that grows with load"
+    effect: ClassVar[type[Effect]] = LoadFriction
+    channels: ClassVar[tuple[str, ...]] = ("A",)
+    coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("share", "1", 0.0, 0.9),)
+    confused_with: ClassVar[tuple[str, ...]] = ("coulomb_friction", "torque_gain")
+    split_by: ClassVar[Experiment] = LOADED_WALK
+
+    def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
+        """The size of the torque against the direction of motion."""
+        s: ActuatorSignals = view.signals
+        return on_joints(s.finish(-np.abs(s.torque_nm) * np.tanh(s.still_velocity_rad_s / 0.1)), joints)
+
+    def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
+        """Share of the torque that is lost."""
+        return {"share": float(coefficients[0])}

@@ -1,0 +1,255 @@
+"""One log as arrays on the even grid of its state stream, robot time, with the command in effect at each state."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot_model.errors import SpotRlError
+from spot_runtime.log.run import CommandTable, Run, SlowTable, TickTable
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+MIN_STATES: Final = 50
+"""A shorter log says nothing."""
+GRID_TOLERANCE: Final = 0.1
+"""Share of the period by which a stamp may miss the grid before signals are interpolated onto it."""
+MAX_GAP_PERIODS: Final = 1.5
+"""Signals are never interpolated across a wider gap."""
+MAX_GRID: Final = 10_000_000
+
+
+class RecordingError(SpotRlError):
+    """A log that cannot be laid out on a grid; the message says which and why."""
+
+
+@dataclass(frozen=True)
+class Imu:
+    """The inertial unit's packets, averaged by state message; NaN where there are none."""
+
+    acceleration_m_s2: Array
+    """Expressed in the mounting link's frame. Shape (n, 3)."""
+    angular_vel_rad_s: Array
+    """Shape (n, 3)."""
+    odom_from_link_wxyz: Array
+    """Of the newest packet. Shape (n, 4)."""
+    age_s: float
+    """How much older the packets are than the state, on average."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A log on its grid. n rows, J joints, F feet; rows that the log lacks are NaN, and not ``present``."""
+
+    run_id: str
+    sequence: str
+    """Name of the velocity-command sequence."""
+    repeat: int
+    policy: str
+    joint_names: tuple[str, ...]
+    foot_names: tuple[str, ...]
+    start_ns: int
+    """Robot stamp of row 0."""
+    period_s: float
+    present: Flags
+    """Shape (n,)."""
+    position_rad: Array
+    velocity_rad_s: Array
+    load_nm: Array
+    """Shape (n, J) each."""
+    position_of_body_in_odom_m: Array
+    odom_from_body_wxyz: Array
+    """Signs are continuous in time."""
+    linear_vel_of_body_in_odom_m_s: Array
+    angular_vel_of_body_in_odom_rad_s: Array
+    foot_contact: Flags
+    """Shape (n, F), or (n, 0)."""
+    imu: Imu
+    commands: CommandTable
+    command_ns: Ints
+    """When each row of ``commands`` took effect by the robot's own stamp; a large number where it never did."""
+    has_receipts: bool
+    """Whether the robot said when it received commands; otherwise they count as received when sent."""
+    ticks: TickTable
+    slow_states: SlowTable
+    velocity_command: Array
+    """The operator's command in effect. Shape (n, 3); NaN before the first tick."""
+
+    def __len__(self) -> int:
+        return len(self.present)
+
+    @property
+    def n_joints(self) -> int:
+        """Number of joints."""
+        return len(self.joint_names)
+
+    @property
+    def time_s(self) -> Array:
+        """Time since row 0, shape (n,)."""
+        return np.asarray(np.arange(len(self)) * self.period_s, dtype=np.float64)
+
+    @property
+    def stamp_ns(self) -> Ints:
+        """Robot stamp of each row, shape (n,)."""
+        return np.asarray(self.start_ns + np.round(self.time_s * 1e9).astype(np.int64))
+
+    def command_row(self, offset_s: float = 0.0) -> NDArray[np.intp]:
+        """Row of ``commands`` in effect at each state's stamp plus ``offset_s``; -1 before the first. Shape (n,)."""
+        order = np.argsort(self.command_ns, kind="stable")
+        at = np.searchsorted(self.command_ns[order], self.stamp_ns + round(offset_s * 1e9), side="right") - 1
+        return np.where(at >= 0, order[np.maximum(at, 0)], -1)
+
+    def rows_at(self, robot_stamp_ns: Ints) -> NDArray[np.intp]:
+        """The grid's row nearest to each stamp, within the grid."""
+        row = np.round((robot_stamp_ns - self.start_ns) * 1e-9 / self.period_s).astype(np.intp)
+        return np.asarray(np.clip(row, 0, len(self) - 1))
+
+    def has(self, signal: str) -> bool:
+        """Whether the log has the signal, an attribute's name, in at least half of its rows."""
+        values: Any = self
+        for part in signal.split("."):
+            values = getattr(values, part)
+        if values.shape[-1] == 0:
+            return False
+        if values.dtype == np.bool_:
+            return True
+        return bool(np.isfinite(values).all(axis=-1).mean() > 0.5)
+
+
+NEVER_NS: Final = np.iinfo(np.int64).max // 2
+
+
+def record(run: Run) -> Recording:
+    """Lay a log out on its grid.
+
+    Raises:
+        RecordingError: The log has too few states, or its stamps do not rise.
+    """
+    states = run.states
+    if len(states) < MIN_STATES:
+        raise RecordingError(f"log {run.path} has {len(states)} states; at least {MIN_STATES} are needed")
+    stamps = states.robot_stamp_ns
+    steps = np.diff(stamps)
+    if np.any(steps <= 0):
+        row = int(np.flatnonzero(steps <= 0)[0])
+        raise RecordingError(f"log {run.path}: the robot's stamp does not rise after state {row}; repair the log first")
+    period_s = float(np.median(steps)) * 1e-9
+    at = (stamps - stamps[0]) * 1e-9 / period_s
+    n = round(float(at[-1])) + 1
+    if n > MAX_GRID:
+        raise RecordingError(f"log {run.path} spans {n} periods of {period_s} s; cut it into runs first")
+    grid = _Grid(at, n)
+    contact = np.zeros((n, states.foot_contact.shape[1]), dtype=np.bool_)
+    contact[grid.row] = states.foot_contact
+    command_ns, has_receipts = _receipts(run)
+    return Recording(
+        run_id=run.header.run_id,
+        sequence=run.header.command_sequence,
+        repeat=run.header.repeat,
+        policy=run.header.policy_name,
+        joint_names=run.header.joint_names,
+        foot_names=run.header.foot_names,
+        start_ns=int(stamps[0]),
+        period_s=period_s,
+        present=grid.present,
+        position_rad=grid.lay(states.position_rad),
+        velocity_rad_s=grid.lay(states.velocity_rad_s),
+        load_nm=grid.lay(states.load_nm),
+        position_of_body_in_odom_m=grid.lay(states.position_of_body_in_odom_m),
+        odom_from_body_wxyz=grid.lay(_continuous(states.odom_from_body_wxyz)),
+        linear_vel_of_body_in_odom_m_s=grid.lay(states.linear_vel_of_body_in_odom_m_s),
+        angular_vel_of_body_in_odom_rad_s=grid.lay(states.angular_vel_of_body_in_odom_rad_s),
+        foot_contact=contact,
+        imu=_imu(run, grid),
+        commands=run.commands,
+        command_ns=command_ns,
+        has_receipts=has_receipts,
+        ticks=run.ticks,
+        slow_states=run.slow_states,
+        velocity_command=_held(run.ticks, int(stamps[0]), period_s, n),
+    )
+
+
+class _Grid:
+    """Where the stamps fall on an even grid of n rows."""
+
+    def __init__(self, at: Array, n: int) -> None:
+        self.at, self.n = at, n
+        self.row = np.round(at).astype(np.intp)
+        self.even = bool(np.max(np.abs(at - self.row)) <= GRID_TOLERANCE) and len(np.unique(self.row)) == len(at)
+        self.present = np.zeros(n, dtype=np.bool_)
+        if self.even:
+            self.present[self.row] = True
+        else:
+            rows = np.arange(n)
+            after = np.minimum(np.searchsorted(at, rows), len(at) - 1)
+            before = np.maximum(np.searchsorted(at, rows, side="right") - 1, 0)
+            self.present = (at[after] - at[before]) <= MAX_GAP_PERIODS
+
+    def lay(self, values: Array) -> Array:
+        """Values of shape (m, k) onto the grid, shape (n, k)."""
+        out = np.full((self.n, values.shape[1]), np.nan)
+        if self.even:
+            out[self.row] = values
+            return out
+        for column in range(values.shape[1]):
+            out[:, column] = np.interp(np.arange(self.n), self.at, values[:, column])
+        out[~self.present] = np.nan
+        return out
+
+
+def _receipts(run: Run) -> tuple[Ints, bool]:
+    """When each command took effect; from the state stream where it says so, else when it was sent."""
+    commands, states = run.commands, run.states
+    seen = states.last_command_key > 0
+    if not seen.any():
+        return commands.robot_stamp_ns.astype(np.int64), False
+    keys, first = np.unique(states.last_command_key[seen], return_index=True)
+    stamps = states.last_command_robot_stamp_ns[seen][first]
+    place = np.clip(np.searchsorted(keys, commands.key), 0, len(keys) - 1)
+    return np.where(keys[place] == commands.key, stamps[place], NEVER_NS).astype(np.int64), True
+
+
+def _imu(run: Run, grid: _Grid) -> Imu:
+    table, n_states = run.states.imu, len(run.states)
+    count = np.bincount(table.state_index, minlength=n_states).astype(np.float64)
+
+    def mean(values: Array) -> Array:
+        sums = np.stack([np.bincount(table.state_index, values[:, k], minlength=n_states) for k in range(3)], axis=1)
+        return np.where(count[:, None] > 0, sums / np.maximum(count, 1.0)[:, None], np.nan)
+
+    attitude = np.full((n_states, 4), np.nan)
+    attitude[table.state_index] = table.odom_from_link_wxyz
+    ages = run.states.robot_stamp_ns[table.state_index] - table.robot_stamp_ns
+    return Imu(
+        acceleration_m_s2=grid.lay(mean(table.acceleration_of_imu_in_link_m_s2)),
+        angular_vel_rad_s=grid.lay(mean(table.angular_vel_of_link_in_link_rad_s)),
+        odom_from_link_wxyz=grid.lay(_continuous(attitude)),
+        age_s=float(np.mean(ages)) * 1e-9 if len(ages) else 0.0,
+    )
+
+
+def _continuous(wxyz: Array) -> Array:
+    """The same rotations, each quaternion with the sign nearer to the one before."""
+    if len(wxyz) < 2:
+        return wxyz
+    flips = np.sign(np.sum(wxyz[1:] * wxyz[:-1], axis=1))
+    flips[~np.isfinite(flips) | (flips == 0.0)] = 1.0
+    first = -1.0 if wxyz[0, 0] < 0.0 else 1.0
+    return np.asarray(wxyz * np.concatenate([[first], first * np.cumprod(flips)])[:, None])
+
+
+def _held(ticks: TickTable, start_ns: int, period_s: float, n: int) -> Array:
+    """The operator's command at each row: that of the newest tick."""
+    out = np.full((n, 3), np.nan)
+    if len(ticks) == 0:
+        return out
+    stamps = start_ns + np.round(np.arange(n) * period_s * 1e9).astype(np.int64)
+    at = np.searchsorted(ticks.robot_stamp_ns, stamps, side="right") - 1
+    out[at >= 0] = ticks.velocity_command[at[at >= 0]]
+    return out
