@@ -21,12 +21,13 @@ class StateMessageError(BadInputError):
     """A state message is not one of Spot's; the text says what is wrong with it."""
 
 
-def robot_state_from_wire(wire: bytes, host_stamp_ns: int) -> RobotState:
+def robot_state_from_wire(wire: bytes, host_stamp_ns: int, *, with_imu: bool = True) -> RobotState:
     """Decode the wire bytes of a RobotStateStreamResponse.
 
     Args:
         wire: The message as it came from the network.
         host_stamp_ns: When it was received, host clock.
+        with_imu: Also decode the IMU packets, which takes as long as all the rest.
 
     Raises:
         StateMessageError: The bytes are no such message, or arrays have other lengths than Spot's.
@@ -36,10 +37,12 @@ def robot_state_from_wire(wire: bytes, host_stamp_ns: int) -> RobotState:
         message.ParseFromString(wire)
     except DecodeError as error:
         raise StateMessageError(f"state message of {len(wire)} bytes cannot be parsed: {error}") from error
-    return robot_state_from_message(message, host_stamp_ns)
+    return robot_state_from_message(message, host_stamp_ns, with_imu=with_imu)
 
 
-def robot_state_from_message(message: robot_state_pb2.RobotStateStreamResponse, host_stamp_ns: int) -> RobotState:
+def robot_state_from_message(
+    message: robot_state_pb2.RobotStateStreamResponse, host_stamp_ns: int, *, with_imu: bool = True
+) -> RobotState:
     """Convert a RobotStateStreamResponse; the seven arm joints, where there are any, are left out.
 
     The state's stamp is the joints' acquisition stamp. No value is checked here, so NaN passes through.
@@ -65,7 +68,7 @@ def robot_state_from_message(message: robot_state_pb2.RobotStateStreamResponse, 
         foot_contact=np.array([contact == _CONTACT_MADE for contact in contacts]),
         last_command_key=last.user_command_key,
         last_command_robot_stamp_ns=_stamp_ns(last.received_timestamp),
-        imu=tuple(_imu_packet(packet) for packet in message.inertial_state.packets),
+        imu=tuple(_imu_packet(packet) for packet in message.inertial_state.packets) if with_imu else (),
     )
 
 

@@ -104,7 +104,9 @@ class BosdynHal:
         """See the protocol. The stream is opened first, then joint control is asked for, as in the vendor's example."""
         self._joint_control = JointControl.PENDING
         wire = (first.key, self._encoder.encode(first, self._pace.host_now_ns()))
-        self._commands = CommandStream(self._command_channel, wire, now_ns=self._pace.host_now_ns, on_end=self._commands_ended)
+        self._commands = CommandStream(
+            self._command_channel, wire, now_ns=self._pace.host_now_ns, on_end=self._commands_ended
+        )
         self._pace.sent(first.key)
         self._pace.begin(self._activate)
 
@@ -184,6 +186,7 @@ class BosdynHal:
             self._session.streaming_channel(RobotStateStreamingClient),
             request,
             now_ns=self._pace.host_now_ns,
+            receipt_ns=self._pace.receipt_ns if self._pace.knows_robot_time else None,
             on_wire=self._sink.state,
             on_end=lambda reason: self._problems.append(Stop(StopReason.STATE_LOST, reason)),
         )

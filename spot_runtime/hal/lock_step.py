@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import queue
 import time
+from collections import deque
 from typing import Any, Final
 
 import grpc
@@ -53,6 +54,7 @@ class LockStep:
         self._robot_ns = int(status.robot_stamp_ns)
         self._host_minus_robot_ns = host_now_ns - self._robot_ns
         self._newest_ns = 0
+        self._lags_ns: deque[int] = deque([0], maxlen=4)
         self._jobs: Jobs | None = None
         self._key = 0
 
@@ -77,6 +79,10 @@ class LockStep:
         """The robot's clock, exactly."""
         return self._robot_ns
 
+    def receipt_ns(self, robot_stamp_ns: int) -> int:
+        """States count as received when they were sampled: while a step is under way, no clock runs here."""
+        return robot_stamp_ns + self._host_minus_robot_ns
+
     def begin(self, activate: Any) -> None:
         """Let the first command arrive, then activate; in this thread, so that every run goes alike."""
         self._advance(0)
@@ -93,7 +99,8 @@ class LockStep:
     def receive(self, states: queue.SimpleQueue[RobotState], until_robot_ns: int, timeout_s: float) -> list[RobotState]:
         """Advance towards the instant at which a state stamped ``until_robot_ns`` arrives; take what has come."""
         lag_ns = self._robot_ns - self._newest_ns if self._newest_ns else 0
-        wanted_ns = until_robot_ns + min(lag_ns, STEP_MAX_NS) - self._robot_ns
+        self._lags_ns.append(min(lag_ns, STEP_MAX_NS))
+        wanted_ns = until_robot_ns + max(self._lags_ns) - self._robot_ns
         is_stale = lag_ns > 2 * STEP_MAX_NS
         longest_ns = min(STEP_MAX_NS, round(timeout_s * NS_PER_S)) if is_stale else STEP_MAX_NS
         sent_ns = self._advance(min(longest_ns, max(STATE_PERIOD_NS, wanted_ns)))

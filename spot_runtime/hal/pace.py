@@ -32,6 +32,9 @@ class Pace(Protocol):
     def robot_now_ns(self) -> int:
         """The robot's clock."""
 
+    def receipt_ns(self, robot_stamp_ns: int) -> int:
+        """The host's clock when a state with this stamp counts as received, where robot time is known."""
+
     def pause(self, duration_s: float) -> None:
         """Let robot time pass while nothing is controlled."""
 
@@ -82,6 +85,11 @@ class RealTime:
     def robot_now_ns(self) -> int:
         """The robot's clock, as estimated."""
         return self._estimate.robot_ns(self._clock.now_ns())
+
+    def receipt_ns(self, robot_stamp_ns: int) -> int:
+        """The host's clock at a robot instant, as estimated."""
+        host_ns = self._clock.now_ns()
+        return robot_stamp_ns - self._estimate.skew_ns(host_ns)
 
     def pause(self, duration_s: float) -> None:
         """Sleep."""

@@ -6,6 +6,7 @@ import queue
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any, Final
 
 import grpc
@@ -36,6 +37,7 @@ class StateReceiver:
         request: robot_state_pb2.RobotStateStreamRequest,
         *,
         now_ns: Callable[[], int],
+        receipt_ns: Callable[[int], int] | None,
         on_wire: Callable[[bytes, int], None],
         on_end: Callable[[str], None],
     ) -> None:
@@ -45,11 +47,13 @@ class StateReceiver:
             channel: Secure channel to the state streaming service.
             request: The request, header filled.
             now_ns: The host's clock.
+            receipt_ns: Gives the instant of receipt from a state's own stamp, where the host's clock cannot tell it
+                because robot time stands still meanwhile; None: the clock can.
             on_wire: Takes each message's bytes and the instant of its receipt.
             on_end: Takes the reason when the stream ends other than by :meth:`stop`.
         """
         self.states: queue.SimpleQueue[RobotState] = queue.SimpleQueue()
-        self._now_ns, self._on_wire, self._on_end = now_ns, on_wire, on_end
+        self._now_ns, self._receipt_ns, self._on_wire, self._on_end = now_ns, receipt_ns, on_wire, on_end
         self._is_stopped = False
         stream = channel.unary_stream(
             STATE_METHOD,
@@ -67,12 +71,16 @@ class StateReceiver:
         self._thread.join(timeout=2.0)
 
     def _run(self) -> None:
-        put, now_ns, on_wire = self.states.put, self._now_ns, self._on_wire
+        put, now_ns, receipt_ns, on_wire = self.states.put, self._now_ns, self._receipt_ns, self._on_wire
         try:
             for wire in self._call:
                 stamp_ns = now_ns()
+                state = robot_state_from_wire(wire, stamp_ns, with_imu=False)
+                if receipt_ns is not None:
+                    stamp_ns = receipt_ns(state.robot_stamp_ns)
+                    state = replace(state, host_stamp_ns=stamp_ns)
+                put(state)
                 on_wire(wire, stamp_ns)
-                put(robot_state_from_wire(wire, stamp_ns))
             reason = "the robot closed the state stream"
         except grpc.RpcError as error:
             reason = describe(error)
