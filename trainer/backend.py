@@ -74,6 +74,9 @@ class Backend(Protocol):
     def read(self) -> PlantState:
         """The state now."""
 
+    def read_reported(self, truth: PlantState) -> PlantState:
+        """What the robots report where effects falsify it; ``truth`` itself where they do not."""
+
     def reset(self, mask: Tensor, initial: InitialState) -> None:
         """Put the robots of ``mask`` (bool, shape (n,)) into their initial state; their set-points in flight are lost."""
 

@@ -52,7 +52,7 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
         content = torch.load(path, map_location="cpu", weights_only=True)
     except OSError as error:
         raise BadInputError(f"checkpoint {path} cannot be read: {error.strerror}") from error
-    except Exception as error:  # noqa: BLE001 - torch raises bare errors of many types for a broken file
+    except Exception as error:
         raise BadInputError(f"checkpoint {path} is no readable checkpoint: {type(error).__name__}") from error
     if not isinstance(content, dict) or content.get("schema") != SCHEMA:
         found = content.get("schema") if isinstance(content, dict) else type(content).__name__

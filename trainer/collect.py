@@ -59,5 +59,7 @@ def collect(
     left = collection.record(shared, start, attempts=attempts, say=lambda text: typer.echo(text, err=True))
     if left:
         names = ", ".join(f"{r.sequence.name} repeat {r.repeat}" for r in left)
-        raise CollectionError(f"{len(left)} of {collection.n_planned} runs are missing: {names}; give the command again")
+        raise CollectionError(
+            f"{len(left)} of {collection.n_planned} runs are missing: {names}; give the command again"
+        )
     typer.echo(f"{collection.n_planned} whole runs in {out}")

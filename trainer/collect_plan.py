@@ -50,7 +50,9 @@ def sequence_sources(names: str) -> tuple[str, ...]:
     """What ``--sequences`` stands for: ``all``, or names and files with commas between."""
     wanted = PAPER_SEQUENCES if names == "all" else tuple(word.strip() for word in names.split(",") if word.strip())
     if not wanted:
-        raise BadInputError(f"--sequences {names!r} names none; allowed: all, or names and YAML files with commas between")
+        raise BadInputError(
+            f"--sequences {names!r} names none; allowed: all, or names and YAML files with commas between"
+        )
     return tuple(str(USER_SEQUENCE) if name == "user" else name for name in wanted)
 
 

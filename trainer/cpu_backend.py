@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any
 
@@ -9,10 +10,11 @@ import numpy as np
 import torch
 
 from spot_model import facts
-from spot_model.effects.base import Effect
+from spot_model.effects.base import Effect, EstimateEffect, SensorEffect
 from spot_model.mjcf import MjcfOptions
 from spot_model.plant import Plant, PlantOptions
 from spot_model.plant_memory import map_leaves
+from spot_model.rotation import rotate_wxyz
 from trainer.backend import InitialState, PlantState, SimulationDraws
 from trainer.ground import terrain_of
 from trainer.task_config import TaskConfig
@@ -30,15 +32,22 @@ class CpuBackend:
         effects: What acts in the robots.
         draws: Friction and mass of each simulation.
         n_threads: Threads, 0 for all cores; results do not depend on it.
+        seed: Of effects that draw as they act.
     """
 
     def __init__(
-        self, config: TaskConfig, effects: tuple[Effect, ...], draws: SimulationDraws, n_threads: int = 0
+        self,
+        config: TaskConfig,
+        effects: tuple[Effect, ...],
+        draws: SimulationDraws,
+        n_threads: int = 0,
+        seed: int = 0,
     ) -> None:
         self.n_envs = len(draws.foot_friction)
         self.device = torch.device("cpu")
         self._substeps = round(config.physics_rate_hz / facts.POLICY_RATE_HZ)
-        options = PlantOptions(mjcf=mjcf_options(config), n_threads=n_threads)
+        options = PlantOptions(mjcf=mjcf_options(config), n_threads=n_threads, seed=seed)
+        self._is_falsified = any(isinstance(e, (SensorEffect, EstimateEffect)) and not e.is_null for e in effects)
         self.plant = Plant(effects, self.n_envs, options)
         randomise(self.plant, draws)
         self.plant.reset()
@@ -60,6 +69,21 @@ class CpuBackend:
             angular_vel_of_body_in_world_rad_s=_float(p.angular_vel_of_body_in_world_rad_s),
             foot_contact=torch.from_numpy(p.foot_contact),
             body_contact=torch.from_numpy(p.body_contact),
+        )
+
+    def read_reported(self, truth: PlantState) -> PlantState:
+        """The joints' sensors and the estimator; the truth where no effect acts on them."""
+        if not self._is_falsified:
+            return truth
+        joints, body = self.plant.reading, self.plant.estimate
+        attitude = body.world_from_body_wxyz
+        return dataclasses.replace(
+            truth,
+            position_rad=_float(joints.position_rad),
+            velocity_rad_s=_float(joints.velocity_rad_s),
+            world_from_body_wxyz=_float(attitude),
+            linear_vel_of_body_in_world_m_s=_float(rotate_wxyz(attitude, body.linear_vel_of_body_in_body_m_s)),
+            angular_vel_of_body_in_world_rad_s=_float(rotate_wxyz(attitude, body.angular_vel_of_body_in_body_rad_s)),
         )
 
     def reset(self, mask: Tensor, initial: InitialState) -> None:

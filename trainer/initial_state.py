@@ -7,13 +7,13 @@ import functools
 import torch
 
 from spot_model import facts
-from spot_model.mjcf import default_height_m
+from spot_model.leg_kinematics import foot_position_in_body_m
 from trainer.backend import InitialState, SimulationDraws
 from trainer.random_draws import Draws
 from trainer.task_config import RandomisationConfig, TerrainConfig
 
-FREE_HEIGHT_M = 0.02
-"""Room under the lowest foot at the start, so that drawn joint angles do not put a foot deep into the ground."""
+FREE_HEIGHT_M = 0.01
+"""Room under the lowest foot at the start."""
 
 
 def draw_initial_state(config: RandomisationConfig, terrain: TerrainConfig, n: int, draws: Draws) -> InitialState:
@@ -22,15 +22,18 @@ def draw_initial_state(config: RandomisationConfig, terrain: TerrainConfig, n: i
     c = config
     half_yaw = 0.5 * draws.uniform(c.initial_yaw_rad, n)
     zero = torch.zeros(n, device=device)
-    height = default_height_m() + FREE_HEIGHT_M + (terrain.amplitude_m if terrain.kind == "noise" else 0.0)
     default, low, high = _joint_constants(device)
+    position = torch.clamp(default + draws.uniform(c.initial_position_rad, n, facts.N_JOINTS), low, high)
+    # The body starts level, so the lowest foot says how high it must be for none to start inside the ground.
+    lowest = foot_position_in_body_m(position)[..., 2].amin(dim=-1)
+    height = facts.FOOT_RADIUS_M + FREE_HEIGHT_M - lowest + (terrain.amplitude_m if terrain.kind == "noise" else 0.0)
     xy = draws.uniform(c.initial_xy_m, n, 2)
     if terrain.kind == "noise":
         # Spread over the ground, so that robots do not all learn the same few square metres.
         reach = max(0.0, terrain.half_size_m - 12.0)
         xy = xy + draws.uniform((-reach, reach), n, 2)
     return InitialState(
-        body_position_m=torch.cat([xy, zero[:, None] + height], dim=-1),
+        body_position_m=torch.cat([xy, height[:, None]], dim=-1),
         world_from_body_wxyz=torch.stack([half_yaw.cos(), zero, zero, half_yaw.sin()], dim=-1),
         linear_vel_of_body_in_world_m_s=torch.stack(
             [draws.uniform(r, n) for r in (c.initial_v_x_m_s, c.initial_v_y_m_s, c.initial_v_z_m_s)], dim=-1
@@ -42,7 +45,7 @@ def draw_initial_state(config: RandomisationConfig, terrain: TerrainConfig, n: i
             ],
             dim=-1,
         ),
-        position_rad=(default + draws.uniform(c.initial_position_rad, n, facts.N_JOINTS)).clamp(low, high),
+        position_rad=position,
         velocity_rad_s=draws.uniform(c.initial_velocity_rad_s, n, facts.N_JOINTS),
     )
 

@@ -35,7 +35,7 @@ def make_task(config: TrainConfig, device: str, *, rank: int = 0, n_threads: int
     simulations = draw_simulations(randomisation, config.n_envs, draws)
     backend: Backend
     if device == "cpu":
-        backend = CpuBackend(config.task, effects, simulations, n_threads)
+        backend = CpuBackend(config.task, effects, simulations, n_threads, seed=config.seed * 1000 + rank)
     else:
         from trainer.warp_backend import WarpBackend
 

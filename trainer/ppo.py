@@ -56,7 +56,7 @@ class PpoRunner(OnPolicyRunner):  # type: ignore[misc]  # rsl_rl has no types
         with contextlib.redirect_stdout(io.StringIO()) if self.is_distributed else contextlib.nullcontext():
             self.learn(iterations, init_at_random_ep_len=is_fresh)
 
-    def save(self, path: str, infos: dict[str, Any] | None = None) -> None:  # noqa: ARG002 - rsl-rl's signature
+    def save(self, path: str, infos: dict[str, Any] | None = None) -> None:
         """Write a checkpoint through the log, which knows the run's folder; rsl-rl's own path is not used."""
         self.logger.checkpoint(self, self.current_learning_iteration)
 

@@ -174,7 +174,10 @@ class Task:
 
     def _observed(self, state: PlantState, reward: Tensor, done: Tensor, timed_out: Tensor) -> StepResult:
         clean = self._observation(state)
-        noisy = clean + self._sigmas * self._draws.normal(self.n_envs, N_OBSERVATION)
+        reported = self.backend.read_reported(state)
+        noisy = (clean if reported is state else self._observation(reported)) + self._sigmas * self._draws.normal(
+            self.n_envs, N_OBSERVATION
+        )
         return StepResult(noisy, clean, reward, done, timed_out)
 
     def snapshot(self) -> dict[str, Any]:

@@ -11,7 +11,7 @@ import torch
 
 from spot_model import facts
 from spot_model.control import pd_torque
-from spot_model.effects.base import CommandEffect, Effect, Motion, TorqueEffect
+from spot_model.effects.base import CommandEffect, Effect, ModelEffect, Motion, TorqueEffect
 from spot_model.errors import BadInputError
 
 Tensor = torch.Tensor
@@ -90,6 +90,20 @@ class TorchTorqueChain:
         for i, effect in enumerate(self._effects):
             if _has_rows(self.memory[i], len(mask)):
                 self.memory[i] = _restarted(mask, effect.start(self._still), self.memory[i])
+
+
+def refuse_other_effects(effects: tuple[Effect, ...]) -> None:
+    """Check that every effect acts on the model, on torque or on commands.
+
+    Raises:
+        BadInputError: One acts elsewhere.
+    """
+    for effect in effects:
+        if not isinstance(effect, (ModelEffect, TorqueEffect, CommandEffect)) and not effect.is_null:
+            raise BadInputError(
+                f"effect {effect.name} acts at {effect.hook.value}; a GPU has places for model, torque and command: "
+                "train on the CPU, or leave it out"
+            )
 
 
 def constant_delay_s(effect: CommandEffect, n: int) -> np.ndarray[Any, np.dtype[np.float64]]:

@@ -59,9 +59,7 @@ class TrainingLog:
     def process_env_step(self, *_: Any) -> None:
         """Nothing: the task keeps its own statistics on its device."""
 
-    def log(
-        self, it: int, collect_time: float, learn_time: float, loss_dict: dict[str, float], **rest: Any
-    ) -> None:
+    def log(self, it: int, collect_time: float, learn_time: float, loss_dict: dict[str, float], **rest: Any) -> None:
         """Write one iteration's metrics; the arguments are rsl-rl's."""
         metrics: dict[str, float] = {
             "iteration": it,

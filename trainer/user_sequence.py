@@ -36,14 +36,14 @@ def sequence_of_run(run: Run, name: str) -> VelocitySequence:
     """
     rows = run.ticks.mode == "active"
     if rows.sum() < 2:
-        raise BadInputError(f"{run.path} has no ticks under the policy's control; record a run with --keyboard or --gamepad")
+        raise BadInputError(
+            f"{run.path} has no ticks under the policy's control; record a run with --keyboard or --gamepad"
+        )
     stamps = run.ticks.robot_stamp_ns[rows]
     return sequence_of_commands((stamps - stamps[0]) * 1e-9, run.ticks.velocity_command[rows], name)
 
 
-def sequence_of_commands(
-    time_s: NDArray[np.float64], command: NDArray[np.float64], name: str
-) -> VelocitySequence:
+def sequence_of_commands(time_s: NDArray[np.float64], command: NDArray[np.float64], name: str) -> VelocitySequence:
     """Few straight pieces through sampled commands, each within :data:`TOLERANCE` of all samples.
 
     Args:

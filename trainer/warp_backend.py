@@ -20,7 +20,7 @@ from spot_model.rotation import rotate_wxyz
 from trainer.backend import InitialState, PlantState, SimulationDraws
 from trainer.cpu_backend import mjcf_options, randomise
 from trainer.task_config import TaskConfig
-from trainer.torch_servo import DelayedSetpoints, TorchTorqueChain
+from trainer.torch_servo import DelayedSetpoints, TorchTorqueChain, refuse_other_effects
 from trainer.warp_contacts import GroundContacts
 from trainer.warp_model import put_plant
 
@@ -38,9 +38,13 @@ class WarpBackend:
         effects: What acts in the robots.
         draws: Friction and mass of each simulation.
         device: "cuda:N", or "cpu" for checks.
+
+    Raises:
+        BadInputError: An effect acts where this back end has no place for it.
     """
 
     def __init__(self, config: TaskConfig, effects: tuple[Effect, ...], draws: SimulationDraws, device: str) -> None:
+        refuse_other_effects(effects)
         self.n_envs = n = len(draws.foot_friction)
         self.device = torch.device(device)
         self._substeps = round(config.physics_rate_hz / facts.POLICY_RATE_HZ)
@@ -98,6 +102,10 @@ class WarpBackend:
             foot_contact=foot_contact,
             body_contact=body_contact,
         )
+
+    def read_reported(self, truth: PlantState) -> PlantState:
+        """The truth: effects on sensors and estimator are refused."""
+        return truth
 
     def reset(self, mask: Tensor, initial: InitialState) -> None:
         """Put the robots of ``mask`` into their initial state."""

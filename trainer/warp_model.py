@@ -14,7 +14,6 @@ from mujoco import batch as mujoco_batch
 from spot_model.errors import BadInputError
 from spot_model.plant import Plant
 
-
 UNUSED = ("dof_M0",)
 """Derived fields that ``mujoco_warp`` has not and does not use."""
 

@@ -47,7 +47,6 @@ def row(*values: float) -> torch.Tensor:
     return torch.tensor([list(values)])
 
 
-
 def test_every_weight_has_a_term_and_every_term_a_weight() -> None:
     assert set(TERMS) == set(RewardWeights.model_fields)
 
@@ -99,7 +98,9 @@ def test_foot_clearance() -> None:
 
 
 def test_air_time_variance_uses_the_unbiased_variance_and_the_cap() -> None:
-    got = value("air_time_variance", last_air_time_s=row(0.9, 0.1, 0.1, 0.1), last_contact_time_s=row(0.2, 0.2, 0.2, 0.2))
+    got = value(
+        "air_time_variance", last_air_time_s=row(0.9, 0.1, 0.1, 0.1), last_contact_time_s=row(0.2, 0.2, 0.2, 0.2)
+    )
     # 0.9 is capped at 0.5: mean 0.2, squares 0.09 + 3·0.01, over three.
     assert got == pytest.approx(0.12 / 3.0)
 

@@ -19,7 +19,9 @@ def evaluate(
     seed: Annotated[int, typer.Option("--seed", help="Of everything drawn.", min=0)] = 0,
     timestep: Annotated[float, typer.Option("--timestep", help="Physics step, s; must divide 0.02.")] = 0.005,
     integrator: Annotated[str, typer.Option("--integrator", help="Euler or implicitfast.")] = "Euler",
-    video: Annotated[bool, typer.Option("--video", help="Also write video.mp4 (needs ffmpeg and EGL or OSMesa).")] = False,
+    video: Annotated[
+        bool, typer.Option("--video", help="Also write video.mp4 (needs ffmpeg and EGL or OSMesa).")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
 ) -> None:
     """Measure a policy in simulation: tracking, top speed, gait, falls, pushes, a slippery patch, power."""

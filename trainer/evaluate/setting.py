@@ -7,12 +7,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from spot_model import facts
+from spot_model.leg_kinematics import foot_position_in_body_m
 from spot_model.mjcf import MjcfOptions
 from spot_model.model_file import RobotModel, load_model
 from spot_model.observation import OBSERVATION_LAYOUT
 from spot_model.plant import Plant, PlantOptions
 from spot_model.policy import Policy
 from trainer.evaluate.rollout import Array
+from trainer.initial_state import FREE_HEIGHT_M
 from trainer.observation_noise import noise_sigmas
 from trainer.task_config import NoiseConfig, RandomisationConfig
 
@@ -58,15 +60,14 @@ class Setting:
         half_yaw = 0.5 * rng.uniform(*r.initial_yaw_rad, n)
         zero = np.zeros(n)
         joints = facts.DEFAULT_POSITION_RAD + rng.uniform(*r.initial_position_rad, (n, facts.N_JOINTS))
-        position = plant.position_of_body_in_world_m
-        position[:, 2] += 0.02
+        joints = np.clip(joints, facts.POSITION_LOW_RAD, facts.POSITION_HIGH_RAD)
+        lowest = foot_position_in_body_m(joints)[..., 2].min(axis=-1)
+        position = np.stack([zero, zero, facts.FOOT_RADIUS_M + FREE_HEIGHT_M - lowest], axis=-1)
         plant.reset(
             position_of_body_in_world_m=position,
             world_from_body_wxyz=np.stack([np.cos(half_yaw), zero, zero, np.sin(half_yaw)], axis=-1),
-            joint_position_rad=np.clip(joints, facts.POSITION_LOW_RAD, facts.POSITION_HIGH_RAD),
-            linear_vel_of_body_in_world_m_s=_columns(
-                rng, n, r.initial_v_x_m_s, r.initial_v_y_m_s, r.initial_v_z_m_s
-            ),
+            joint_position_rad=joints,
+            linear_vel_of_body_in_world_m_s=_columns(rng, n, r.initial_v_x_m_s, r.initial_v_y_m_s, r.initial_v_z_m_s),
             angular_vel_of_body_in_body_rad_s=_columns(
                 rng, n, r.initial_roll_rate_rad_s, r.initial_pitch_rate_rad_s, r.initial_yaw_rate_rad_s
             ),

@@ -89,7 +89,7 @@ def top_speed(setting: Setting, step: float = 0.25) -> dict[str, Any]:
 
 
 def episodes(setting: Setting, n: int = 100, top_m_s: float | None = None, bottom_m_s: float = 0.0) -> dict[str, Any]:
-    """n episodes of 20 s under randomisation, noise and pushes; commands drawn anew after 10 s.
+    """N episodes of 20 s under randomisation, noise and pushes; commands drawn anew after 10 s.
 
     ``bottom_m_s`` and ``top_m_s`` bound |V_x|.
     """
@@ -125,7 +125,7 @@ def episodes(setting: Setting, n: int = 100, top_m_s: float | None = None, botto
 
 
 def pushes(setting: Setting, n: int = 100, speed_m_s: float = 1.0, v_x_m_s: float = 1.0) -> dict[str, Any]:
-    """n robots that walk are pushed by 1 m/s in a direction drawn evenly; who still walks after 5 s."""
+    """N robots that walk are pushed by 1 m/s in a direction drawn evenly; who still walks after 5 s."""
     rng = np.random.default_rng(setting.seed + 1)
     rate, angle = setting.policy.contract.rate_hz, rng.uniform(-np.pi, np.pi, n)
     delta = speed_m_s * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
@@ -141,7 +141,7 @@ def pushes(setting: Setting, n: int = 100, speed_m_s: float = 1.0, v_x_m_s: floa
 
 
 def slippery_patch(setting: Setting, n: int = 100, friction: float = 0.3, v_x_m_s: float = 2.0) -> dict[str, Any]:
-    """n robots at 2 m/s meet μ 0.3 for one second; who still walks after 5 s."""
+    """N robots at 2 m/s meet μ 0.3 for one second; who still walks after 5 s."""
     rng = np.random.default_rng(setting.seed + 2)
     rate = setting.policy.contract.rate_hz
     when = round(6.0 * rate) + rng.integers(0, round(rate), n)
@@ -177,9 +177,7 @@ def _command_bounds(setting: Setting) -> tuple[tuple[float, float, float], tuple
     return contract.velocity_command_low, contract.velocity_command_high
 
 
-def _drawn(
-    rng: np.random.Generator, n: int, low: Array, high: Array, top: float | None, bottom: float
-) -> Array:
+def _drawn(rng: np.random.Generator, n: int, low: Array, high: Array, top: float | None, bottom: float) -> Array:
     command = rng.uniform(low, high, (n, 3))
     reach = high[0] if top is None else min(high[0], top)
     size = rng.uniform(bottom, reach, n)

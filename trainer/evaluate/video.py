@@ -55,7 +55,7 @@ def _render(setting: Setting, poses: list[Array], out: Path) -> None:
     camera.distance, camera.azimuth, camera.elevation = 2.6, 120.0, -14.0
     try:
         renderer = mujoco.Renderer(model, HEIGHT, WIDTH)
-    except Exception as error:  # noqa: BLE001 - the OpenGL loaders raise bare errors of many types
+    except Exception as error:
         raise BadInputError(
             f"--video: MuJoCo cannot draw with MUJOCO_GL={os.environ['MUJOCO_GL']} ({type(error).__name__}: {error}); "
             "install the packages libegl1 or libosmesa6, and set MUJOCO_GL to egl or osmesa"

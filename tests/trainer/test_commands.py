@@ -1,0 +1,57 @@
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from spot_model.errors import BadInputError
+from trainer.__main__ import app
+
+CONFIG = str(Path(__file__).parents[2] / "policies" / "walk.yaml")
+
+
+def fails(*words: str) -> str:
+    result = CliRunner().invoke(app, list(words))
+    assert isinstance(result.exception, BadInputError), result.output
+    return str(result.exception)
+
+
+def test_train_says_what_is_wrong() -> None:
+    assert "give either --config FILE or --resume RUN" in fails("train")
+    assert "'gate' is unknown" in fails("train", "--config", CONFIG, "--set", "rewards.gate=1")
+    assert "cannot be read" in fails("train", "--config", "nowhere.yaml")
+    assert "a resumed run keeps its config" in fails("train", "--resume", "runs/x", "--set", "seed=3")
+    assert "'tpu' is unknown" in fails("train", "--config", CONFIG, "--device", "tpu")
+
+
+def test_export_and_evaluate_say_what_is_wrong(tmp_path: Path) -> None:
+    assert "has no checkpoint_" in fails("export", str(tmp_path))
+    policy = str(Path(CONFIG).with_name("walk.onnx"))
+    assert "must divide the policy's period" in fails("evaluate", policy, "--timestep", "0.003")
+    assert "must be one of Euler" in fails("evaluate", policy, "--integrator", "magic")
+
+
+def test_train_export_end_to_end(tmp_path: Path) -> None:
+    run, out = tmp_path / "run", tmp_path / "p.onnx"
+    small = ["n_envs=4", "iterations=1", "ppo.hidden=[8]", "ppo.mini_batches=1", "ppo.steps_per_iteration=4"]
+    options = [word for override in small for word in ("--set", override)]
+    result = CliRunner().invoke(app, ["train", "--config", CONFIG, "--out", str(run), *options])
+    assert result.exit_code == 0, result.output
+    assert "checkpoint_000001.pt" in result.output
+    result = CliRunner().invoke(app, ["export", str(run), "--out", str(out), "--networks", str(tmp_path / "n.pt")])
+    assert result.exit_code == 0, result.output
+    assert out.is_file()
+    assert (tmp_path / "n.pt").is_file()
+
+
+def test_bench_prints_one_json_object() -> None:
+    small = ["n_envs=4", "ppo.hidden=[8]", "ppo.mini_batches=1", "ppo.steps_per_iteration=2"]
+    options = [word for override in small for word in ("--set", override)]
+    result = CliRunner().invoke(app, ["bench-train", "--json", "--iterations", "1", *options])
+    assert result.exit_code == 0, result.output
+    assert json.loads(result.stdout)["device"] == "cpu"
+
+
+@pytest.mark.parametrize("name", ["train", "export", "evaluate", "bench-train"])
+def test_every_command_has_help(name: str) -> None:
+    assert CliRunner().invoke(app, [name, "--help"]).exit_code == 0

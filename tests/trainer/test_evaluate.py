@@ -1,0 +1,80 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spot_model.policy import load_policy
+from trainer.evaluate.figures import gait, mean_velocity, tracking_error
+from trainer.evaluate.page import evaluation_page
+from trainer.evaluate.report import evaluate
+from trainer.evaluate.rollout import Recording, roll_out
+from trainer.evaluate.setting import Setting
+from trainer.evaluate.trials import _grid
+
+POLICY = Path(__file__).parents[2] / "policies" / "walk.onnx"
+
+
+def recording(ticks: int = 200) -> Recording:
+    command = np.tile([1.0, 0.0, 0.5], (ticks, 2, 1))
+    velocity = command + np.array([0.1, -0.2, 0.0])
+    # Legs fl and hr on the ground for 3 of 10 ticks, fr and hl for 4; one tick in ten has none.
+    phase = np.arange(ticks) % 10
+    contact = np.stack([phase < 3, (phase >= 4) & (phase < 8), (phase >= 4) & (phase < 8), phase < 3], axis=-1)
+    alive = np.ones((ticks, 2), dtype=np.bool_)
+    alive[150:, 1] = False
+    return Recording(
+        command, velocity, np.repeat(contact[:, None], 2, axis=1), np.zeros((ticks, 2)), np.zeros(2), alive, 50.0
+    )
+
+
+def test_figures_by_hand() -> None:
+    r = recording()
+    span = r.ticks(0.0, 4.0)
+    error = tracking_error(r, span)
+    np.testing.assert_allclose(error[0], [0.1, 0.2, 0.0], atol=1e-12)
+    assert np.isnan(error[1]).all()
+    np.testing.assert_allclose(mean_velocity(r, span)[0], [1.1, -0.2, 0.5])
+    figures = gait(r, span, 0)
+    assert figures["duty_factors"] == [0.3, 0.4, 0.4, 0.3]
+    assert figures["duty_spread"] == 0.1
+    assert figures["flight_share"] == 0.3
+    assert figures["stride_hz"] == pytest.approx(5.0, abs=0.2)
+    assert r.survived.tolist() == [True, False]
+
+
+def test_the_sway_within_a_stride_is_no_error() -> None:
+    r = recording()
+    sway = 0.3 * np.sin(2 * np.pi * np.arange(200) / 25.0)  # half a second
+    r.velocity[:, 0, 0] = 1.0 + sway
+    assert tracking_error(r, r.ticks(0.0, 4.0))[0, 0] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_grid_leaves_out_zero() -> None:
+    assert _grid(-1.0, 1.0, 0.5) == [-1.0, -0.5, 0.5, 1.0]
+
+
+def test_the_committed_walk_walks_and_stands() -> None:
+    setting = Setting(load_policy(POLICY), n_threads=1)
+    target = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    result = roll_out(setting.policy, setting.plant(2), lambda tick: target, 300)
+    assert result.survived.all()
+    velocity = mean_velocity(result, result.ticks(3.0, 6.0))
+    np.testing.assert_allclose(velocity[:, 0], [0.0, 1.0], atol=0.15)
+
+
+def test_a_whole_evaluation_and_its_page() -> None:
+    setting = Setting(load_policy(POLICY), n_threads=1)
+    contract = setting.policy.contract.model_copy(
+        update={"velocity_command_low": (-0.5, -0.5, -0.5), "velocity_command_high": (0.5, 0.5, 0.5)}
+    )
+    slow = type(setting.policy)(**{**vars(setting.policy), "contract": contract})
+    told: list[str] = []
+    result = evaluate(Setting(slow, n_threads=1), n=3, tell=told.append)
+    assert told == ["tracking", "top_speed", "episodes_slow", "pushes", "slippery_patch"]
+    assert json.loads(json.dumps(result)) == result
+    assert result["top_speed"]["sustained_m_s"] == pytest.approx(0.5, abs=0.15)
+    assert result["pushes"]["trials"] == 3
+    page = evaluation_page(result)
+    assert "Highest sustained speed" in page
+    assert "src=" not in page.split("</script>")[-1]

@@ -1,0 +1,80 @@
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+import torch
+
+from spot_model.errors import BadInputError
+from spot_model.observation import N_OBSERVATION
+from spot_model.policy import load_policy
+from tests.trainer.conftest import TINY
+from trainer.config import TrainConfig
+from trainer.export import actor_layers, check_agreement, export_policy, run_torch
+from trainer.train import train
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("run") / "r"
+    ppo = {**TINY["ppo"], "normalise_observations": True}
+    train(
+        TrainConfig.model_validate({**TINY, "iterations": 2, "ppo": ppo}), folder, device="cpu", command="the command"
+    )
+    return folder
+
+
+def rsl_actor(run: Path, observation: torch.Tensor) -> torch.Tensor:
+    """The actor as rsl-rl itself runs it."""
+    from tensordict import TensorDict
+
+    from trainer.checkpoint import config_of, find_checkpoint, read_checkpoint
+    from trainer.train import make_runner
+
+    content = read_checkpoint(find_checkpoint(run))
+    runner = make_runner(config_of(content, "test"), run, "cpu")
+    runner.alg.load(content["algorithm"], None, strict=True)
+    runner.alg.eval_mode()
+    groups = {"policy": observation, "critic": observation}
+    with torch.no_grad():
+        return runner.alg.actor(TensorDict(groups, batch_size=[len(observation)]))
+
+
+def test_the_file_agrees_with_rsl_rl_and_describes_itself(run: Path, tmp_path: Path) -> None:
+    out = export_policy(run, tmp_path / "p.onnx", "trotter")
+    policy = load_policy(out)
+    contract = policy.contract
+    assert contract.name == "trotter"
+    assert contract.velocity_command_high == (5.5, 1.5, 2.0)
+    assert (contract.training.command, contract.training.seed) == ("the command", 0)
+    observation = torch.randn(20, N_OBSERVATION, generator=torch.Generator().manual_seed(0))
+    difference = np.abs(policy.act(observation.numpy()) - rsl_actor(run, observation).numpy())
+    assert difference.max() <= 1e-5
+    assert policy.act(observation[0].numpy()).shape == (12,)
+
+
+def test_the_file_is_one_file_and_is_not_overwritten(run: Path, tmp_path: Path) -> None:
+    out = export_policy(run, tmp_path / "p.onnx")
+    assert [p.name for p in tmp_path.iterdir()] == ["p.onnx"]
+    model = onnx.load(out)
+    assert model.graph.input[0].type.tensor_type.shape.dim[0].dim_param == "batch"
+    with pytest.raises(BadInputError, match=r"p\.onnx exists"):
+        export_policy(run, out)
+
+
+def test_networks_that_disagree_are_refused(run: Path, tmp_path: Path) -> None:
+    data = export_policy(run, tmp_path / "p.onnx").read_bytes()
+    from trainer.checkpoint import find_checkpoint, read_checkpoint
+
+    layers = actor_layers(read_checkpoint(find_checkpoint(run))["algorithm"]["actor_state_dict"])
+    assert check_agreement(layers, data) <= 1e-5
+    layers[-1] = (layers[-1][0], layers[-1][1] + 0.001)
+    with pytest.raises(BadInputError, match="torch and onnxruntime differ by 0.001"):
+        check_agreement(layers, data)
+
+
+def test_layers_by_hand() -> None:
+    layers = [(torch.tensor([[1.0, -2.0]]), torch.tensor([0.5])), (torch.tensor([[3.0]]), torch.tensor([1.0]))]
+    # 1 − 4 + 0.5 = −2.5; ELU: e^−2.5 − 1; times 3, plus 1.
+    got = run_torch(layers, torch.tensor([[1.0, 2.0]]))
+    assert float(got) == pytest.approx(3.0 * (np.exp(-2.5) - 1.0) + 1.0)

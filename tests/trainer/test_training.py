@@ -1,0 +1,156 @@
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import torch
+
+from spot_model.errors import BadInputError
+from tests.trainer.conftest import TINY
+from trainer.bench_train import bench_train
+from trainer.checkpoint import find_checkpoint, read_checkpoint, save_networks
+from trainer.config import TrainConfig, load_config
+from trainer.make_task import check_device
+from trainer.randomised_effects import training_effects
+from trainer.train import resume, train
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run of four tiny iterations with checkpoints after two and four."""
+    folder = tmp_path_factory.mktemp("run") / "whole"
+    train(TrainConfig.model_validate(TINY), folder, device="cpu", command="spot-rl train --config tiny.yaml")
+    return folder
+
+
+def parameters(path: Path) -> dict[str, torch.Tensor]:
+    content = read_checkpoint(path)["algorithm"]
+    return {**content["actor_state_dict"], **{f"critic.{k}": v for k, v in content["critic_state_dict"].items()}}
+
+
+def test_a_resumed_run_is_bit_for_bit_the_uninterrupted_one(run: Path, tmp_path: Path) -> None:
+    half = tmp_path / "half"
+    half.mkdir()
+    (half / "checkpoint_000002.pt").write_bytes((run / "checkpoint_000002.pt").read_bytes())
+    last = resume(half, device="cpu")
+    assert last.name == "checkpoint_000004.pt"
+    expected, got = parameters(run / "checkpoint_000004.pt"), parameters(last)
+    assert expected.keys() == got.keys()
+    for name, value in expected.items():
+        assert torch.equal(value, got[name]), name
+    at_two = parameters(run / "checkpoint_000002.pt")
+    assert not torch.equal(at_two["mlp.0.weight"], expected["mlp.0.weight"])
+
+
+def test_the_run_folder_holds_config_revision_and_metrics(run: Path) -> None:
+    assert load_config(run / "config.yaml") == TrainConfig.model_validate(TINY)
+    record = json.loads((run / "run.json").read_text())
+    assert record["command"] == "spot-rl train --config tiny.yaml"
+    assert record["revision"]
+    rows = [json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()]
+    assert [row["iteration"] for row in rows] == [0, 1, 2, 3]
+    assert rows[-1]["steps"] == 4 * 6 * 8
+    assert list((run / "tensorboard").iterdir())
+
+
+def test_a_used_folder_and_a_finished_run_are_refused(run: Path, tiny: TrainConfig) -> None:
+    with pytest.raises(BadInputError, match="is not empty"):
+        train(tiny, run, device="cpu")
+    with pytest.raises(BadInputError, match="has done 4 of 4 iterations"):
+        resume(run, device="cpu")
+
+
+def test_a_run_can_start_from_anothers_networks(run: Path, tiny: TrainConfig, tmp_path: Path) -> None:
+    small = tmp_path / "networks.pt"
+    save_networks(find_checkpoint(run), small)
+    config = tiny.model_copy(update={"start_from": str(small), "iterations": 1, "save_every": 1})
+    assert train(config, tmp_path / "next", device="cpu").is_file()
+    with pytest.raises(BadInputError, match="networks alone; start a new run"):
+        resume(small, device="cpu", iterations=9)
+    wide = config.model_copy(update={"ppo": tiny.ppo.model_copy(update={"hidden": (32, 8)})})
+    with pytest.raises(BadInputError, match="do not fit the config's ppo.hidden"):
+        train(wide, tmp_path / "wide", device="cpu")
+
+
+def test_a_checkpoint_of_another_contract_is_refused(run: Path, tmp_path: Path) -> None:
+    content = read_checkpoint(find_checkpoint(run))
+    other = tmp_path / "other.pt"
+    torch.save({**content, "contract": {**content["contract"], "action_scale_rad": 0.5}}, other)
+    with pytest.raises(BadInputError, match=r"another contract: action_scale_rad = 0\.5; expected 0\.2"):
+        read_checkpoint(other)
+    other.write_bytes(b"not a checkpoint")
+    with pytest.raises(BadInputError, match="no readable checkpoint"):
+        read_checkpoint(other)
+    with pytest.raises(BadInputError, match="has no checkpoint_"):
+        find_checkpoint(tmp_path / "nowhere")
+
+
+def test_a_gpu_that_is_not_there_is_named_at_once() -> None:
+    if torch.cuda.is_available():
+        pytest.skip("this machine has a GPU")
+    with pytest.raises(BadInputError, match="no usable NVIDIA GPU here"):
+        check_device("cuda:0")
+    with pytest.raises(BadInputError, match="'tpu' is unknown; allowed: cpu, cuda"):
+        check_device("tpu")
+
+
+def test_effects_can_be_fixed_or_drawn_once_a_simulation() -> None:
+    from trainer.random_draws import Draws
+
+    draws = Draws(torch.Generator().manual_seed(0))
+    extra = ({"effect": "armature", "joints": ["knees"], "inertia_kg_m2": [0.01, 0.08]},)
+    effects = training_effects("paper_identified", extra, 50, draws)
+    drawn = effects[-1].values["inertia_kg_m2"]
+    assert drawn.shape == (50, 1)
+    assert 0.01 <= drawn.min() < 0.02
+    assert 0.07 < drawn.max() <= 0.08
+    with pytest.raises(BadInputError, match=r"randomisation\.effects\.0: inertia_kg_m2 = \[2, 1\]"):
+        training_effects("ideal", ({"effect": "armature", "inertia_kg_m2": [2, 1]},), 5, draws)
+    with pytest.raises(BadInputError, match=r"randomisation\.effects\.0.*mass"):
+        training_effects("ideal", ({"effect": "armature", "mass": [1, 2]},), 5, draws)
+
+
+def test_training_with_drawn_and_sensing_effects_runs(tiny: TrainConfig, tmp_path: Path) -> None:
+    effects = (
+        {"effect": "command_delay", "delay_s": [0.0, 0.01]},
+        {"effect": "encoder_offset", "offset_rad": [-0.02, 0.02]},
+    )
+    randomisation = tiny.task.randomisation.model_copy(update={"effects": effects})
+    task = tiny.task.model_copy(update={"randomisation": randomisation})
+    config = tiny.model_copy(
+        update={"task": task, "iterations": 1, "ppo": tiny.ppo.model_copy(update={"mirror_loss": 0.1})}
+    )
+    assert train(config, tmp_path / "r", device="cpu").is_file()
+
+
+def test_the_benchmark_reports_every_share(tiny: TrainConfig) -> None:
+    result = bench_train(tiny, "cpu", iterations=1)
+    assert result["n_envs"] == 8
+    assert result["policy_steps_per_s"] > 0
+    total = result["physics_share"] + result["task_share"] + result["learning_share"]
+    assert total == pytest.approx(1.0, abs=0.01)
+
+
+def test_two_processes_learn_one_network(tmp_path: Path) -> None:
+    script = tmp_path / "two.py"
+    script.write_text(
+        "import hashlib, sys\n"
+        "from pathlib import Path\n"
+        "from trainer.config import TrainConfig\n"
+        "from trainer.train import make_runner\n"
+        f"config = TrainConfig.model_validate({TINY!r})\n"
+        "runner = make_runner(config, Path(sys.argv[1]), 'cpu')\n"
+        "runner.run(2, is_fresh=True)\n"
+        "data = b''.join(p.detach().numpy().tobytes() for p in runner.alg.actor.parameters())\n"
+        "Path(sys.argv[1], f'{runner.gpu_global_rank}.txt').write_text(hashlib.sha256(data).hexdigest())\n"
+    )
+    command = [sys.executable, "-W", "ignore", "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2"]
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2]), "OMP_NUM_THREADS": "1"}
+    done = subprocess.run(
+        [*command, str(script), str(tmp_path)], env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr[-3000:]
+    sums = [(tmp_path / f"{rank}.txt").read_text() for rank in range(2)]
+    assert sums[0] == sums[1]
