@@ -9,20 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fake_robot.body_model import FIRST_JOINT_DOF, build_model
+from fake_robot.drive import Drive
 from fake_robot.scenario import Scenario
 from fake_robot.vendor_motion import SIT_POSITION_RAD
 from spot_model.effects.base import BodyEstimate, EstimateEffect, JointReading, Motion, SensorEffect, TorqueEffect
 from spot_model.facts import N_JOINTS, N_LEGS, Array
 from spot_model.plant_command import ServoCommand
 from spot_model.plant_sensing import Sensing
-from spot_model.plant_torque import TorqueChain
 from spot_model.rotation import rotate_inverse_wxyz
 
 _FOOT_SENSOR_SIZE = 4
 _TORQUE_AXIS = np.tile([0, 1, 1], N_LEGS)
 _SETTLE_S = 1.2
 _START_HEIGHT_M = 0.2
-GRAVITY_M_S2 = 9.81
 _ABSURD_SPEED_SQUARED = 1e8
 
 
@@ -54,11 +53,13 @@ class Body:
         n_foot = _FOOT_SENSOR_SIZE * N_LEGS
         self._feet: Array = data.sensordata[:n_foot].reshape(N_LEGS, _FOOT_SENSOR_SIZE)
         self._sensors: Array = data.sensordata
+        self.specific_force_m_s2: Array = data.sensordata[-3:]
+        """What an accelerometer felt in the last physics step, body axes, shape (3,)."""
         self._torque_index = n_foot + 3 * np.arange(N_JOINTS) + _TORQUE_AXIS
         self._row_position: Array = self.joint_position_rad[np.newaxis]
         self._row_velocity: Array = self.joint_velocity_rad_s[np.newaxis]
         effects = [e for e in scenario.robot_model.effects if not e.is_null]
-        self._torques = TorqueChain([e for e in effects if isinstance(e, TorqueEffect)], 1)
+        self._drive = Drive([e for e in effects if isinstance(e, TorqueEffect)])
         sensors = [e for e in effects if isinstance(e, SensorEffect)]
         estimators = [e for e in effects if isinstance(e, EstimateEffect)]
         self.has_sensors, self.has_estimators = bool(sensors), bool(estimators)
@@ -79,7 +80,7 @@ class Body:
         else:
             # Fresh arrays: an effect may keep what it is shown until the next step.
             motion = Motion(self._row_position.copy(), self._row_velocity.copy(), self._dt_s)
-            torque = self._torques.torque_nm(servo, motion, self._reading or motion)[0]
+            torque = self._drive.torque_nm(servo, motion, self._reading or motion)[0]
             self.motor_torque_nm[:] = torque if self.torque_gain is None else torque * self.torque_gain
         mujoco.mj_step(self.model, self._data)
         if self.has_sensors:
@@ -105,7 +106,7 @@ class Body:
         """Put the body where it lay at the start: the way on after a divergence."""
         mujoco.mj_setState(self.model, self._data, self._still, mujoco.mjtState.mjSTATE_INTEGRATION)
         mujoco.mj_forward(self.model, self._data)
-        self._torques.reset(np.array([True]))
+        self._drive.reset()
         self._reading = None
 
     # Seen from outside ------------------------------------------------------------------------------------------------
@@ -156,7 +157,7 @@ class Body:
         """Start on the ground, legs folded, without power, at rest."""
         self.base_position_m[:] = (0.0, 0.0, _START_HEIGHT_M)
         self.joint_position_rad[:] = SIT_POSITION_RAD
-        self._torques.reset(np.array([True]))
+        self._drive.reset()
         for _ in range(round(_SETTLE_S / self._dt_s)):
             self.motor_torque_nm[:] = -self._drag * self.joint_velocity_rad_s
             mujoco.mj_step(self.model, self._data)

@@ -17,11 +17,15 @@ from spot_model.mjcf import spot_mjcf
 from spot_model.mjcf_options import FlatTerrain, MjcfOptions, NoiseTerrain
 
 FIRST_JOINT_DOF = 6
+_ACCELEROMETER = '<accelerometer name="imu" site="imu"/>'
+"""The last of the sensors: specific force where the inertial unit sits, in the body's axes."""
 
 
 def build_model(scenario: Scenario) -> mujoco.MjModel:
     """The model that this scenario describes, its payload and model effects included."""
-    model = mujoco.MjModel.from_xml_string(spot_mjcf(_options(scenario)))
+    xml = spot_mjcf(_options(scenario)).replace("</sensor>", f"{_ACCELEROMETER}</sensor>")
+    model = mujoco.MjModel.from_xml_string(xml)
+    model.site_pos[model.site("imu").id] = scenario.sensors.imu_from_body_m
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
     _add_payload(model, scenario.payload)
     _edit(model, scenario.robot_model.effects)

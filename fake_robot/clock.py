@@ -25,8 +25,10 @@ class RobotClock:
         host_monotonic_ns: Callable[[], int] = time.monotonic_ns,
         host_unix_ns: Callable[[], int] = time.time_ns,
     ) -> None:
-        start_ns = host_unix_ns() if config.start_unix_s is None else config.start_unix_s * NS_PER_S
-        self._epoch_ns = start_ns + round(config.skew_s * NS_PER_S)
+        self._skew_ns = round(config.skew_s * NS_PER_S)
+        self._start_ns = None if config.start_unix_s is None else config.start_unix_s * NS_PER_S
+        self._unix_ns = host_unix_ns
+        self._epoch_ns = (host_unix_ns() if self._start_ns is None else self._start_ns) + self._skew_ns
         self._rate = 1.0 + config.drift_ppm * 1e-6
         self._monotonic_ns = host_monotonic_ns
         self._is_lock_step = is_lock_step
@@ -62,8 +64,12 @@ class RobotClock:
 
     def run(self) -> None:
         """From now on robot time follows the host's clock."""
-        if not self._is_lock_step:
-            self._anchor = (self._monotonic_ns(), self._simulated_ns)
+        if self._is_lock_step:
+            return
+        if self._start_ns is None:
+            # Set-up has taken time; the skew is meant from now on.
+            self._epoch_ns = self._unix_ns() + self._skew_ns - self._simulated_ns
+        self._anchor = (self._monotonic_ns(), self._simulated_ns)
 
     def halt(self) -> None:
         """Robot time stands still where the simulation is."""

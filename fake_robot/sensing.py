@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from fake_robot.body import GRAVITY_M_S2, Body
+from fake_robot.body import Body
 from fake_robot.knobs import Knobs
 from fake_robot.scenario import Scenario
 from spot_model.facts import N_JOINTS, STATE_PERIOD_NS, Array
@@ -19,11 +19,10 @@ _NOISE_BLOCK = 256
 _JOINTS, _BODY = slice(0, 3 * N_JOINTS), slice(3 * N_JOINTS, 3 * N_JOINTS + 9)
 _IMU = slice(3 * N_JOINTS + 9, 3 * N_JOINTS + 9 + 6 * IMU_PACKETS)
 _WIDTH = _IMU.stop
-_CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
+_QUATERNIONS = ("world_from_body_wxyz", "imu_wxyz")
 
 
-@dataclass(frozen=True)
-class Report:
+class Report(NamedTuple):
     """One state as the robot reports it. Canonical joint order, legs fl fr hl hr, SI units; joints of shape (12,)."""
 
     elapsed_ns: int
@@ -59,27 +58,27 @@ class Sensing:
         config = scenario.sensors
         joints = [config.position_rad] * N_JOINTS + [config.velocity_rad_s] * N_JOINTS + [config.load_nm] * N_JOINTS
         base = [config.body_velocity_m_s] * 3 + [config.body_angular_velocity_rad_s] * 3 + [config.attitude_rad] * 3
-        imu = [config.imu_acceleration_m_s2] * 3 * IMU_PACKETS + [config.imu_angular_velocity_rad_s] * 3 * IMU_PACKETS
+        imu = ([config.imu_acceleration_m_s2] * 3 + [config.imu_angular_velocity_rad_s] * 3) * IMU_PACKETS
         self._sigma = np.array(joints + base + imu)
         self._noise = np.zeros((0, _WIDTH))
         self._row = 0
         self._threshold_n = config.contact_threshold_n
-        self._imu_arm_m = np.array(config.imu_from_body_m)
-        self._has_imu_arm = bool(np.any(self._imu_arm_m))
-        self._dt_s = scenario.physics.timestep_s
         self._period_s = STATE_PERIOD_NS * 1e-9
         n = scenario.physics.substeps_per_state
-        # Rows: velocity of the base (6) and attitude (4), at the end of the last message and after each physics step.
-        self._samples = np.tile(self._sample(), (n + 1, 1))
-        self._imu_weights = _imu_weights(n, self._dt_s)
+        # Specific force (3), turn rate (3), attitude (4): at the end of the last period, then after each physics step.
+        self._samples = np.zeros((n + 1, 10))
+        for row in range(n + 1):
+            self.sample(row - 1)
+        self._imu_weights = imu_weights(n)
         self._joints = np.empty(3 * N_JOINTS)
         self._frozen: Report | None = None
 
     def sample(self, substep: int) -> None:
         """Note the body's motion after the physics step with this number, from 0, since the last report."""
-        samples = self._samples
-        samples[substep + 1, :6] = self._body.base_velocity
-        samples[substep + 1, 6:] = self._body.base_wxyz
+        row = self._samples[substep + 1]
+        row[:3] = self._body.specific_force_m_s2
+        row[3:6] = self._body.base_velocity[3:]
+        row[6:] = self._body.base_wxyz
 
     def report(self, elapsed_ns: int, knobs: Knobs) -> Report:
         """The state now; faults of the sensors included."""
@@ -87,7 +86,8 @@ class Sensing:
         joints, base = self._read_joints() + noise[_JOINTS], noise[_BODY]
         attitude, linear, angular, contact = self._estimate()
         quaternion = _perturbed(attitude, base[6:])
-        acceleration, turn, imu_wxyz = self._imu(noise[_IMU])
+        packets = self._imu_weights @ self._samples
+        packets[:, :6] += noise[_IMU].reshape(IMU_PACKETS, 6)
         report = Report(
             elapsed_ns,
             joints[:N_JOINTS],
@@ -98,9 +98,9 @@ class Sensing:
             linear + base[:3],
             angular + base[3:6],
             contact,
-            acceleration,
-            turn,
-            imu_wxyz,
+            packets[:, :3],
+            packets[:, 3:6],
+            packets[:, 6:],
         )
         self._samples[0] = self._samples[-1]
         if knobs.has_sensor_fault:
@@ -109,9 +109,6 @@ class Sensing:
         return report
 
     # Private ----------------------------------------------------------------------------------------------------------
-
-    def _sample(self) -> Array:
-        return np.concatenate([self._body.base_velocity, self._body.base_wxyz])
 
     def _next_noise(self) -> Array:
         if self._row == len(self._noise):
@@ -149,48 +146,28 @@ class Sensing:
             np.asarray(estimate.foot_contact[0] > 0.5),
         )
 
-    def _imu(self, noise: Array) -> tuple[Array, Array, Array]:
-        both = self._imu_weights @ self._samples
-        motion, rates = both[:IMU_PACKETS], both[IMU_PACKETS:, :6]
-        rates[:, 2] += GRAVITY_M_S2
-        quaternions, turn = motion[:, 6:], motion[:, 3:6]
-        force = np.empty((IMU_PACKETS, 3))
-        inverse = quaternions * _CONJUGATE
-        for i in range(IMU_PACKETS):
-            mujoco.mju_rotVecQuat(force[i], rates[i, :3], inverse[i])
-        if self._has_imu_arm:
-            arm = self._imu_arm_m
-            force += np.cross(rates[:, 3:], arm) + np.cross(turn, np.cross(turn, arm))
-        half = 3 * IMU_PACKETS
-        return force + noise[:half].reshape(-1, 3), turn + noise[half:].reshape(-1, 3), quaternions
-
     def _faulty(self, report: Report, knobs: Knobs) -> Report:
-        values = dict(vars(report))
         if knobs.is_frozen:
             self._frozen = self._frozen or report
-            values = {**vars(self._frozen), "elapsed_ns": report.elapsed_ns}
+            report = self._frozen._replace(elapsed_ns=report.elapsed_ns)
         else:
             self._frozen = None
-        for name in knobs.nan_signals:
-            values[name] = np.full_like(values[name], np.nan)
+        changes: dict[str, Any] = {}
         if knobs.quaternion_scale != 1.0:
-            values["world_from_body_wxyz"] = values["world_from_body_wxyz"] * knobs.quaternion_scale
-            values["imu_wxyz"] = values["imu_wxyz"] * knobs.quaternion_scale
-        return Report(**values)
+            changes = {name: getattr(report, name) * knobs.quaternion_scale for name in _QUATERNIONS}
+        for name in knobs.nan_signals:
+            changes[name] = np.full_like(getattr(report, name), np.nan)
+        return report._replace(**changes)
 
 
-def _imu_weights(n_steps: int, dt_s: float) -> Array:
-    """What makes packets of the samples at 0, 1/n .. 1 of a period, shape (6, n + 1).
+def imu_weights(n_steps: int) -> Array:
+    """What interpolates samples at 0, 1/n .. 1 of a period at 2, 1 and 0 ms before its end, shape (3, n + 1).
 
-    The first three rows interpolate for the packets 2, 1 and 0 ms before the period's end. The others give the mean
-    acceleration over the physics steps there: differences of samples, weighted as the samples that end them.
+    The specific force is that of a whole physics step, so the packets hold its running mean.
     """
     at = np.linspace(0.0, STATE_PERIOD_NS, n_steps + 1)
     wanted = STATE_PERIOD_NS - IMU_PERIOD_NS * np.arange(IMU_PACKETS - 1, -1, -1)
-    interpolate = np.stack([np.interp(wanted, at, unit) for unit in np.eye(n_steps + 1)], axis=1)
-    differences = np.diff(np.eye(n_steps + 1), axis=0) / dt_s
-    share = interpolate[:, 1:] / interpolate[:, 1:].sum(axis=1, keepdims=True)
-    return np.concatenate([interpolate, share @ differences])
+    return np.stack([np.interp(wanted, at, unit) for unit in np.eye(n_steps + 1)], axis=1)
 
 
 def _rotated(quaternion_wxyz: Array, vector: Array) -> Array:

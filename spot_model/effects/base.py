@@ -99,6 +99,15 @@ class Motion:
     """Length of the physics step."""
 
 
+@dataclass(frozen=True)
+class IdleBox:
+    """Where a torque effect surely does nothing: bounds of its joints, each low and high."""
+
+    torque_nm: tuple[float, float] = (-math.inf, math.inf)
+    velocity_rad_s: tuple[float, float] = (-math.inf, math.inf)
+    position_rad: tuple[float, float] = (-math.inf, math.inf)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Effect(ABC):
     """Base of all effects; ``joints`` says where it acts.
@@ -171,6 +180,14 @@ class TorqueEffect(Effect):
 
     def start(self, torque_nm: AnyArray) -> Memory:
         """Memory before the first step, for arrays like ``torque_nm``, shape (n, 12)."""
+        return None
+
+    def idle_box(self) -> IdleBox | None:
+        """Where :meth:`torque` returns what goes in bit for bit, and its memory as it was; None if nowhere.
+
+        A hint for whoever steps a single simulation: while all its joints stay inside, the call can be left out. Only
+        for effects with plain numbers as parameters.
+        """
         return None
 
     @abstractmethod

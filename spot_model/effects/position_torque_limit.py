@@ -10,13 +10,14 @@ import numpy as np
 from array_api_compat import device
 
 from spot_model.arrays import namespace_of
-from spot_model.effects.base import Memory, Motion, TorqueEffect, parameter
+from spot_model.effects.base import IdleBox, Memory, Motion, TorqueEffect, parameter
 from spot_model.knee_table import KNEE_MOTOR_TORQUE_NM, KNEE_TABLE_POSITION_RAD, KNEE_TABLE_RATIO
 from spot_model.rotation import AnyArray
 
 _FIRST_RAD = float(KNEE_TABLE_POSITION_RAD[0])
 _LAST_RAD = float(KNEE_TABLE_POSITION_RAD[-1])
 _INTERVALS = len(KNEE_TABLE_POSITION_RAD) - 1
+_IDLE_SHARE = 0.5
 _STEP_RAD = (_LAST_RAD - _FIRST_RAD) / _INTERVALS
 
 
@@ -54,6 +55,14 @@ class PositionTorqueLimit(TorqueEffect):
         xp = namespace_of(torque_nm)
         limit = self.motor_torque_nm * _interpolate(xp, motion.position_rad, memory)
         return xp.minimum(xp.maximum(torque_nm, -limit), limit), memory
+
+    def idle_box(self) -> IdleBox:
+        """Below half of the greatest limit, at the angles where it is at least that."""
+        ratio = np.abs(KNEE_TABLE_RATIO)
+        enough = np.flatnonzero(ratio >= _IDLE_SHARE * ratio.max())
+        angles = KNEE_TABLE_POSITION_RAD[enough[[0, -1]]]
+        torque = 0.999 * _IDLE_SHARE * self.motor_torque_nm * float(ratio.max())
+        return IdleBox(torque_nm=(-torque, torque), position_rad=(float(angles.min()), float(angles.max())))
 
 
 class _Table(NamedTuple):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from spot_model.arrays import namespace_of
-from spot_model.effects.base import Memory, Motion, TorqueEffect, parameter
+from spot_model.effects.base import IdleBox, Memory, Motion, TorqueEffect, parameter
 from spot_model.rotation import AnyArray
 
 
@@ -26,3 +26,7 @@ class TorqueLimit(TorqueEffect):
         """Clip to ± the limit."""
         xp = namespace_of(torque_nm)
         return xp.minimum(xp.maximum(torque_nm, -self.limit_nm), self.limit_nm), memory
+
+    def idle_box(self) -> IdleBox:
+        """Up to the limit."""
+        return IdleBox(torque_nm=(-self.limit_nm, self.limit_nm))

@@ -10,7 +10,7 @@ import numpy as np
 from array_api_compat import device
 
 from spot_model.arrays import namespace_of
-from spot_model.effects.base import Memory, Motion, TorqueEffect, parameter
+from spot_model.effects.base import IdleBox, Memory, Motion, TorqueEffect, parameter
 from spot_model.errors import BadInputError
 from spot_model.rotation import AnyArray
 
@@ -66,6 +66,17 @@ class TorqueSpeedCurve(TorqueEffect):
         xp = namespace_of(torque_nm)
         high, low = self._bounds_nm(xp, motion.velocity_rad_s, memory)
         return xp.minimum(xp.maximum(torque_nm, low), high), memory
+
+    def idle_box(self) -> IdleBox:
+        """Up to the bounds at rest, below the speeds at which they begin to fall."""
+        # A little less than the speeds, as the falling line may round to just below 1 there.
+        return IdleBox(
+            torque_nm=(self.torque_min_nm, self.torque_max_nm),
+            velocity_rad_s=(
+                0.999 * self.intersect_min_rad_s if math.isfinite(self.speed_min_rad_s) else -math.inf,
+                0.999 * self.intersect_max_rad_s if math.isfinite(self.speed_max_rad_s) else math.inf,
+            ),
+        )
 
     def bounds_nm(self, velocity_rad_s: AnyArray) -> tuple[AnyArray, AnyArray]:
         """Upper and lower torque bound at a speed, shape of ``velocity_rad_s`` (broadcast), N·m."""

@@ -15,12 +15,13 @@ NS = 1_000_000_000
 @dataclass
 class Host:
     now_ns: int = 5 * NS
+    unix_s: int = 1_000
 
     def monotonic_ns(self) -> int:
         return self.now_ns
 
     def unix_ns(self) -> int:
-        return 1_000 * NS
+        return self.unix_s * NS
 
 
 def clock_of(host: Host, *, is_lock_step: bool = False, **config: float) -> RobotClock:
@@ -84,3 +85,11 @@ def test_lost_time_stays_lost():
 def test_a_fixed_start_makes_stamps_repeat():
     stamps = {clock_of(Host(), start_unix_s=1_700_000_000).now_ns() for _ in range(3)}
     assert stamps == {1_700_000_000 * NS - 199_190_000_000}
+
+
+def test_the_skew_holds_from_the_moment_at_which_time_begins_to_run():
+    host = Host()
+    clock = clock_of(host, skew_s=1.0)
+    host.unix_s += 3
+    clock.run()
+    assert clock.now_ns() == 1_004 * NS
