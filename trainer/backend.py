@@ -78,7 +78,7 @@ class Backend(Protocol):
         """What the robots report where effects falsify it; ``truth`` itself where they do not."""
 
     def reset(self, mask: Tensor, initial: InitialState) -> None:
-        """Put the robots of ``mask`` (bool, shape (n,)) into their initial state; their set-points in flight are lost."""
+        """Put the robots of ``mask`` (bool, shape (n,)) into their initial state; what is under way is lost."""
 
     def add_velocity(self, delta_m_s: Tensor) -> None:
         """Push: change the body's linear velocity in the world, shape (n, 3)."""

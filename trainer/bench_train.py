@@ -29,8 +29,9 @@ def bench_train(config: TrainConfig, device: str, *, iterations: int = 5) -> dic
         iterations: How many to time, after two for warming up.
 
     Returns:
-        ``processes`` (that torchrun started; the speeds are theirs together), ``device``, ``n_envs`` of each, ``policy_steps_per_s`` (with learning), ``collect_steps_per_s``,
-        ``physics_steps_per_s``, the shares of physics, task and learning in an iteration, ``peak_memory_mb``.
+        ``processes`` (that torchrun started; the speeds are theirs together), ``device``, ``n_envs`` of each,
+        ``network``, ``policy_steps_per_s`` (with learning), ``collect_steps_per_s``, ``physics_steps_per_s``, the
+        shares of physics, task and learning in an iteration, ``peak_memory_mb``.
     """
     config = config.model_copy(update={"iterations": iterations + WARM_UP_ITERATIONS, "save_every": 10**9})
     with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stderr(io.StringIO()):

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 import yaml
-from pydantic import Field, ValidationError
+from pydantic import ConfigDict, Field, ValidationError
 
 from spot_model.errors import BadInputError
 from spot_model.validation import explain
@@ -59,7 +59,7 @@ class TrainConfig(Config):
     task: TaskConfig = TaskConfig()
     ppo: PpoConfig = PpoConfig()
 
-    model_config = {**Config.model_config, "populate_by_name": True}
+    model_config = ConfigDict(populate_by_name=True)
 
 
 def config_from_data(data: Any, *, source: str, overrides: tuple[str, ...] = ()) -> TrainConfig:

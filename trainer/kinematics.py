@@ -26,7 +26,7 @@ class FootMotion:
 def foot_motion(state: PlantState) -> FootMotion:
     """Where the feet are and how they move, from joints and body alone."""
     position, jacobian = foot_position_and_jacobian(state.position_rad)
-    rates = state.velocity_rad_s.unflatten(-1, (4, 1, 3))
+    rates = state.velocity_rad_s.reshape(-1, 4, 1, 3)
     attitude = state.world_from_body_wxyz[:, None, :].expand(-1, 4, -1)
     arm = rotate_wxyz(attitude, position)
     relative = rotate_wxyz(attitude, (jacobian * rates).sum(dim=-1))

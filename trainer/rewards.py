@@ -68,8 +68,8 @@ Term = Callable[[Moment, RewardShape], Tensor]
 
 def linear_velocity(m: Moment, c: RewardShape) -> Tensor:
     """exp(−error / scale), worth more at higher commanded speed."""
-    speed = m.command[:, :2].norm(dim=-1)
-    error = (m.command[:, :2] - m.linear_vel_m_s[:, :2]).norm(dim=-1)
+    speed = _norm(m.command[:, :2])
+    error = _norm(m.command[:, :2] - m.linear_vel_m_s[:, :2])
     factor = 1.0 + c.linear_velocity_ramp_s_per_m * (speed - c.linear_velocity_ramp_from_m_s)
     return torch.exp(-error / c.linear_velocity_scale_m_s) * factor.clamp(min=1.0)
 
@@ -98,14 +98,14 @@ def gait(m: Moment, c: RewardShape) -> Tensor:
 
 def foot_clearance(m: Moment, c: RewardShape) -> Tensor:
     """Feet that move are at the wanted height."""
-    speed = m.foot_velocity_m_s[..., :2].norm(dim=-1)
+    speed = _norm(m.foot_velocity_m_s[..., :2])
     error = (m.foot_height_m - c.clearance_height_m).square() * torch.tanh(c.clearance_speed_factor_s_per_m * speed)
     return torch.exp(-error.sum(dim=-1) / c.clearance_scale_m2)
 
 
 def action_smoothness(m: Moment, _c: RewardShape) -> Tensor:
     """Change of the action."""
-    return (m.action - m.last_action).norm(dim=-1)
+    return _norm(m.action - m.last_action)
 
 
 def air_time_variance(m: Moment, c: RewardShape) -> Tensor:
@@ -121,12 +121,12 @@ def base_motion(m: Moment, _c: RewardShape) -> Tensor:
 
 def orientation(m: Moment, _c: RewardShape) -> Tensor:
     """Tilt, as the horizontal part of gravity in the body frame."""
-    return m.gravity[:, :2].norm(dim=-1)
+    return _norm(m.gravity[:, :2])
 
 
 def foot_slip(m: Moment, _c: RewardShape) -> Tensor:
     """Horizontal speed of feet on the ground."""
-    return (m.foot_velocity_m_s[..., :2].norm(dim=-1) * m.contact).sum(dim=-1)
+    return (_norm(m.foot_velocity_m_s[..., :2]) * m.contact).sum(dim=-1)
 
 
 def foot_impact(m: Moment, _c: RewardShape) -> Tensor:
@@ -137,29 +137,34 @@ def foot_impact(m: Moment, _c: RewardShape) -> Tensor:
 def foot_distance(m: Moment, c: RewardShape) -> Tensor:
     """How much closer than allowed the feet are, summed over the six pairs."""
     first, second = _foot_pairs(m.foot_xy_m.device)
-    distance = (m.foot_xy_m[:, first] - m.foot_xy_m[:, second]).norm(dim=-1)
+    distance = _norm(m.foot_xy_m[:, first] - m.foot_xy_m[:, second])
     return (c.foot_distance_m - distance).clamp(min=0.0).sum(dim=-1)
 
 
 def joint_acceleration(m: Moment, _c: RewardShape) -> Tensor:
     """Norm of the joint accelerations."""
-    return m.acceleration_rad_s2.norm(dim=-1)
+    return _norm(m.acceleration_rad_s2)
 
 
 def joint_velocity(m: Moment, _c: RewardShape) -> Tensor:
     """Norm of the joint velocities."""
-    return m.velocity_rad_s.norm(dim=-1)
+    return _norm(m.velocity_rad_s)
 
 
 def joint_position(m: Moment, c: RewardShape) -> Tensor:
     """Distance from the default pose, weighing more when standing."""
-    distance = m.position_offset_rad.norm(dim=-1)
+    distance = _norm(m.position_offset_rad)
     return torch.where(m.is_moving, distance, c.standing_position_factor * distance)
 
 
 def joint_torque(m: Moment, _c: RewardShape) -> Tensor:
     """Norm of the motor torques."""
-    return m.torque_nm.norm(dim=-1)
+    return _norm(m.torque_nm)
+
+
+def _norm(vectors: Tensor) -> Tensor:
+    norms: Tensor = torch.linalg.vector_norm(vectors, dim=-1)
+    return norms
 
 
 @functools.lru_cache(maxsize=8)

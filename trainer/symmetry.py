@@ -37,12 +37,15 @@ def mirror_observation(observation: Tensor) -> Tensor:
 
 
 def with_mirror_images(
-    env: Any, obs: TensorDict | None, actions: Tensor | None
+    env: Any,  # noqa: ARG001 - rsl-rl's signature
+    obs: TensorDict | None,
+    actions: Tensor | None,
 ) -> tuple[TensorDict | None, Tensor | None]:
     """Originals followed by their mirror images, as rsl-rl's symmetry extension wants them."""
     both_obs = None
     if obs is not None:
-        groups = {key: torch.cat([value, mirror_observation(value)]) for key, value in obs.items()}
+        tensors: dict[str, Any] = dict(obs.items())
+        groups = {key: torch.cat([value, mirror_observation(value)]) for key, value in tensors.items()}
         both_obs = TensorDict(groups, batch_size=[2 * obs.batch_size[0]], device=obs.device)
     both_actions = None if actions is None else torch.cat([actions, mirror_action(actions)])
     return both_obs, both_actions

@@ -169,7 +169,7 @@ class Task:
 
     def _observe(self, state: PlantState) -> dict[str, Tensor]:
         """The blocks of the observation by name."""
-        blocks = self._observation(state).split([size for _, size in OBSERVATION_LAYOUT], dim=-1)
+        blocks = torch.split(self._observation(state), [size for _, size in OBSERVATION_LAYOUT], dim=-1)
         return {name: block for (name, _), block in zip(OBSERVATION_LAYOUT, blocks, strict=True)}
 
     def _observed(self, state: PlantState, reward: Tensor, done: Tensor, timed_out: Tensor) -> StepResult:

@@ -23,7 +23,7 @@ class CommandConfig(Config):
     lateral_acceleration_limit_m_s2: float = Field(default=1.0e3, gt=0.0)
     """V_y and ω_z are scaled down where |V_x·ω_z| exceeds this."""
     curriculum_iterations: int = Field(default=0, ge=0)
-    """Over so many iterations the ranges grow from ``curriculum_start`` of their width to all of it; 0: no curriculum."""
+    """Iterations over which the ranges grow from ``curriculum_start`` of their width to all of it; 0: at once."""
     curriculum_start: float = Field(default=0.3, gt=0.0, le=1.0)
 
 

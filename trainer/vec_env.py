@@ -18,7 +18,7 @@ Tensor = torch.Tensor
 FEATURES = tuple(name for name, size in OBSERVATION_LAYOUT for _ in range(size))
 
 
-class TrainingDiverged(SpotRlError):
+class TrainingDivergedError(SpotRlError):
     """A number that is not finite came up in training."""
 
 
@@ -67,7 +67,7 @@ class TaskVecEnv(VecEnv):  # type: ignore[misc]  # rsl_rl has no types
         """Stop if a number that is not finite came up since the last call.
 
         Raises:
-            TrainingDiverged: One did; the message names environment, step and quantity.
+            TrainingDivergedError: One did; the message names environment, step and quantity.
         """
         bad = self._bad_step >= 0
         if not bool(bad.any()):
@@ -75,7 +75,7 @@ class TaskVecEnv(VecEnv):  # type: ignore[misc]  # rsl_rl has no types
         first = int(torch.where(bad, self._bad_step, self._bad_step.max() + 1).argmin())
         column = int(self._bad_column[first])
         what = FEATURES[column] if column < len(FEATURES) else "the reward"
-        raise TrainingDiverged(
+        raise TrainingDivergedError(
             f"environment {first} of {self.num_envs} gave a number that is not finite in {what} at policy step "
             f"{int(self._bad_step[first])} ({int(bad.sum())} environments did); resume from the last checkpoint with "
             "a lower learning rate, or look at the model's effects"

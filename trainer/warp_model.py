@@ -52,5 +52,5 @@ def _expanded(plant: Plant) -> dict[str, np.ndarray[Any, np.dtype[Any]]]:
 
 def _is_batched(name: str) -> bool:
     """Whether ``mujoco_warp`` lets a field differ between simulations."""
-    shapes = {f.name: getattr(f.type, "shape", ()) for f in dataclasses.fields(mjw.Model)}
+    shapes: dict[str, Any] = {f.name: getattr(f.type, "shape", ()) for f in dataclasses.fields(mjw.Model)}
     return bool(shapes.get(name)) and shapes[name][0] == "*"

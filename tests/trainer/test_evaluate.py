@@ -57,7 +57,7 @@ def test_grid_leaves_out_zero() -> None:
 def test_the_committed_walk_walks_and_stands() -> None:
     setting = Setting(load_policy(POLICY), n_threads=1)
     target = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
-    result = roll_out(setting.policy, setting.plant(2), lambda tick: target, 300)
+    result = roll_out(setting.policy, setting.plant(2), lambda _: target, 300)
     assert result.survived.all()
     velocity = mean_velocity(result, result.ticks(3.0, 6.0))
     np.testing.assert_allclose(velocity[:, 0], [0.0, 1.0], atol=0.15)

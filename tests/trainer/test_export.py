@@ -69,7 +69,7 @@ def test_networks_that_disagree_are_refused(run: Path, tmp_path: Path) -> None:
     layers = actor_layers(read_checkpoint(find_checkpoint(run))["algorithm"]["actor_state_dict"])
     assert check_agreement(layers, data) <= 1e-5
     layers[-1] = (layers[-1][0], layers[-1][1] + 0.001)
-    with pytest.raises(BadInputError, match="torch and onnxruntime differ by 0.001"):
+    with pytest.raises(BadInputError, match=r"torch and onnxruntime differ by 0.001"):
         check_agreement(layers, data)
 
 

@@ -10,7 +10,7 @@ from trainer.backend import InitialState, PlantState
 from trainer.config import TrainConfig, config_from_data
 from trainer.make_task import make_task
 from trainer.task import PERIOD_S, Task
-from trainer.vec_env import TaskVecEnv, TrainingDiverged
+from trainer.vec_env import TaskVecEnv, TrainingDivergedError
 
 N = 4
 
@@ -193,7 +193,7 @@ def test_a_number_that_is_not_finite_is_named_with_environment_and_step() -> Non
     backend.velocity_rad_s[2, 5] = torch.nan
     env.step(torch.zeros(N, 12))
     env.step(torch.zeros(N, 12))
-    with pytest.raises(TrainingDiverged, match="environment 2 of 4 .* in joint_velocity_rad_s at policy step 4"):
+    with pytest.raises(TrainingDivergedError, match=r"environment 2 of 4 .* in joint_velocity_rad_s at policy step 4"):
         env.check_finite()
 
 

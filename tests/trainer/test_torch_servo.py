@@ -48,7 +48,7 @@ def test_reset_drops_what_is_under_way() -> None:
 
 
 def test_a_delay_that_changes_is_refused() -> None:
-    with pytest.raises(BadInputError, match="command_jitter.*only constant delays"):
+    with pytest.raises(BadInputError, match=r"command_jitter.*only constant delays"):
         DelayedSetpoints((CommandJitter(mean_s=0.002),), torch.zeros(2, 12), 0.005, 4)
 
 
@@ -69,5 +69,5 @@ def test_torque_is_that_of_the_plant() -> None:
 
 def test_effects_without_a_place_on_a_gpu_are_refused() -> None:
     refuse_other_effects(load_model("paper_identified").effects)
-    with pytest.raises(BadInputError, match="encoder_offset acts at sensor.*train on the CPU"):
+    with pytest.raises(BadInputError, match=r"encoder_offset acts at sensor.*train on the CPU"):
         refuse_other_effects((EncoderOffset(offset_rad=0.01),))

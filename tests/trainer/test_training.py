@@ -70,7 +70,7 @@ def test_a_run_can_start_from_anothers_networks(run: Path, tiny: TrainConfig, tm
     with pytest.raises(BadInputError, match="networks alone; start a new run"):
         resume(small, device="cpu", iterations=9)
     wide = config.model_copy(update={"ppo": tiny.ppo.model_copy(update={"hidden": (32, 8)})})
-    with pytest.raises(BadInputError, match="do not fit the config's ppo.hidden"):
+    with pytest.raises(BadInputError, match=r"do not fit the config's ppo.hidden"):
         train(wide, tmp_path / "wide", device="cpu")
 
 

@@ -25,8 +25,7 @@ def tracking(setting: Setting, step: float = 0.5) -> dict[str, Any]:
     low, high = (np.array(v) for v in _command_bounds(setting))
     commands = [np.zeros(3)]
     for axis in range(3):
-        for value in _grid(low[axis], high[axis], step):
-            commands.append(np.eye(3)[axis] * value)
+        commands += [np.eye(3)[axis] * value for value in _grid(low[axis], high[axis], step)]
     for v_x in (v for v in (1.0, 2.0, 3.0) if v <= high[0]):
         commands += [np.array([v_x, min(0.5, high[1]), 0.0]), np.array([v_x, 0.0, min(1.0, high[2])])]
     target = np.array(commands)
@@ -89,7 +88,7 @@ def top_speed(setting: Setting, step: float = 0.25) -> dict[str, Any]:
 
 
 def episodes(setting: Setting, n: int = 100, top_m_s: float | None = None, bottom_m_s: float = 0.0) -> dict[str, Any]:
-    """N episodes of 20 s under randomisation, noise and pushes; commands drawn anew after 10 s.
+    """Episodes of 20 s under randomisation, noise and pushes; commands drawn anew after 10 s.
 
     ``bottom_m_s`` and ``top_m_s`` bound |V_x|.
     """
@@ -125,7 +124,7 @@ def episodes(setting: Setting, n: int = 100, top_m_s: float | None = None, botto
 
 
 def pushes(setting: Setting, n: int = 100, speed_m_s: float = 1.0, v_x_m_s: float = 1.0) -> dict[str, Any]:
-    """N robots that walk are pushed by 1 m/s in a direction drawn evenly; who still walks after 5 s."""
+    """Robots that walk are pushed by 1 m/s in a direction drawn evenly; how many still walk 5 s later."""
     rng = np.random.default_rng(setting.seed + 1)
     rate, angle = setting.policy.contract.rate_hz, rng.uniform(-np.pi, np.pi, n)
     delta = speed_m_s * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
@@ -141,15 +140,16 @@ def pushes(setting: Setting, n: int = 100, speed_m_s: float = 1.0, v_x_m_s: floa
 
 
 def slippery_patch(setting: Setting, n: int = 100, friction: float = 0.3, v_x_m_s: float = 2.0) -> dict[str, Any]:
-    """N robots at 2 m/s meet μ 0.3 for one second; who still walks after 5 s."""
+    """Robots at 2 m/s meet μ 0.3 for one second; how many still walk 5 s later."""
     rng = np.random.default_rng(setting.seed + 2)
     rate = setting.policy.contract.rate_hz
     when = round(6.0 * rate) + rng.integers(0, round(rate), n)
     usual = setting.mjcf.foot_friction
 
     def change(robots: Plant, tick: int) -> None:
-        inside = (tick >= when) & (tick < when + round(rate))
-        if (tick == when).any() or (tick == when + round(rate)).any():
+        since = tick - when
+        inside = (since >= 0) & (since < round(rate))
+        if np.isin(since, (0, round(rate))).any():
             set_friction(robots, np.where(inside, friction, usual))
 
     return _survival(setting, n, v_x_m_s, 12.0, change, rng)
