@@ -91,6 +91,11 @@ class JointControl:
             stream.fail(failure)
         self.streams.clear()
 
+    def forget(self, stream: Stream) -> None:
+        """A stream is over. What it has sent may still arrive, and then counts."""
+        if stream in self.streams:
+            self.streams.remove(stream)
+
     # Commands ---------------------------------------------------------------------------------------------------------
 
     def receive(self, stream: Stream, command: StreamedCommand, now_ns: int, position_rad: Array) -> None:
@@ -110,7 +115,7 @@ class JointControl:
             self._check(command, now_ns, position_rad)
         except CommandRefusedError as error:
             stream.fail(error.failure)
-            self.streams.remove(stream)
+            self.forget(stream)
             return
         if self.is_active:
             self._newest = command
@@ -149,7 +154,7 @@ class JointControl:
                     INACTIVE, f"the robot is {doing}, not in joint control, for {wait_s:g} s; send a joint request"
                 )
             )
-            self.streams.remove(stream)
+            self.forget(stream)
 
     # Private ----------------------------------------------------------------------------------------------------------
 

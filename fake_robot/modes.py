@@ -90,6 +90,16 @@ class Modes:
         else:
             self.power_off()
 
+    def give_up(self, reason: str) -> None:
+        """Sit down and cut power by itself, unless it is doing so or has no power."""
+        if self.motor_power is not MotorPower.ON or self._is_cut_when_down:
+            return
+        self._leave_joint_control(StreamFailure(INACTIVE, reason))
+        if self.mode in (Mode.DAMPING, Mode.RIGHTING):
+            self._is_cut_when_down = True
+        else:
+            self.safe_power_off()
+
     def stand(self, attitude: Attitude) -> None:
         """Start to stand, or to change the height or attitude of a stand."""
         self._check_can_move("stand")

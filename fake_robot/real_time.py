@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable
 
 from fake_robot.clock import RobotClock
 from fake_robot.simulation import Simulation
@@ -25,16 +26,25 @@ class RealTimeLoop:
         clock: Robot time.
         lock: Guards the simulation; released between any two states.
         max_catch_up_s: See above.
+        on_crash: Called in the thread when an exception ends it.
     """
 
     def __init__(
-        self, simulation: Simulation, clock: RobotClock, lock: threading.Condition, max_catch_up_s: float
+        self,
+        simulation: Simulation,
+        clock: RobotClock,
+        lock: threading.Condition,
+        *,
+        max_catch_up_s: float,
+        on_crash: Callable[[], None],
     ) -> None:
         self._simulation, self._clock, self._lock = simulation, clock, lock
         self._max_catch_up_ns = round(max_catch_up_s * 1e9)
         self._is_stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name="fake-robot-time", daemon=True)
-        self.error: BaseException | None = None
+        self.crash: BaseException | None = None
+        """What ended the thread against its will."""
+        self._on_crash = on_crash
         self._wakes = self._late_wakes = 0
         self._max_late_ns = self._lost_ns = 0
 
@@ -58,12 +68,14 @@ class RealTimeLoop:
     def _run(self) -> None:
         try:
             while not self._is_stopping.is_set():
-                self._wake()
+                self.wake()
         except BaseException as error:
-            self.error = error
+            self.crash = error
+            self._on_crash()
             raise
 
-    def _wake(self) -> None:
+    def wake(self) -> None:
+        """Wait for what is due next, though not for long, and do it."""
         simulation, clock = self._simulation, self._clock
         due_ns = simulation.next_state_ns
         arrival_ns = simulation.next_arrival_ns
@@ -76,6 +88,7 @@ class RealTimeLoop:
         if now_ns < due_ns:
             return
         self._note(now_ns - due_ns)
+        now_ns = clock.elapsed_ns()
         with self._lock:
             simulation.advance_to(min(now_ns, due_ns))
             simulation.deliver_states(now_ns)

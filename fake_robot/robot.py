@@ -58,21 +58,28 @@ class Robot:
         return self.scenario.is_lock_step
 
     def start(self) -> None:
-        """Let robot time pass; in lock-step, nothing."""
+        """Let robot time pass; in lock-step, nothing. Once only: a stopped robot stays so."""
         if self.is_lock_step or self._loop is not None:
             return
-        self._loop = RealTimeLoop(self._simulation, self.clock, self._changed, self.scenario.real_time.max_catch_up_s)
+        self._loop = RealTimeLoop(
+            self._simulation,
+            self.clock,
+            self._changed,
+            max_catch_up_s=self.scenario.real_time.max_catch_up_s,
+            on_crash=self._close_states,
+        )
         self._loop.start()
 
     def stop(self) -> None:
         """End; robot time stands still, open streams are closed."""
         if self._loop is not None:
             self._loop.stop()
-            self._loop = None
-        with self._changed:
-            subscriptions = list(self._subscriptions)
-        for subscription in subscriptions:
-            subscription.close()
+        self._close_states()
+
+    @property
+    def crash(self) -> BaseException | None:
+        """What ended the real-time thread against its will; None while all is well."""
+        return None if self._loop is None else self._loop.crash
 
     # Lock-step --------------------------------------------------------------------------------------------------------
 
@@ -278,15 +285,19 @@ class Robot:
     def close_stream(self, stream: Stream) -> None:
         """Forget a stream."""
         with self._changed:
-            streams = self._simulation.joint_control.streams
-            if stream in streams:
-                streams.remove(stream)
+            self._simulation.joint_control.forget(stream)
 
     def _deliver(self, stamp_ns: int, message: bytes) -> None:
         self._states_sent += 1
         self._last_state_stamp_ns = stamp_ns
         for subscription in tuple(self._subscriptions):
             subscription.put(message)
+
+    def _close_states(self) -> None:
+        with self._changed:
+            subscriptions = list(self._subscriptions)
+        for subscription in subscriptions:
+            subscription.close()
 
     def _forget(self, subscription: StateSubscription) -> None:
         with self._changed:

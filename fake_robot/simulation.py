@@ -167,6 +167,8 @@ class Simulation:
         if body.has_diverged():
             self._recover()
         self.modes.tick(now_ns)
+        if self.energy.shown_percent(self.faults.knobs) <= self.scenario.battery.critical_percent:
+            self.modes.give_up("the battery is critically low")
         is_powered = self.modes.motor_power is MotorPower.ON
         period_s = STATE_PERIOD_NS * 1e-9
         self.energy.step(body.motor_torque_nm, body.joint_velocity_rad_s, period_s, is_powered=is_powered)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import queue
 from collections.abc import Callable
 
-MAX_WAITING = 100_000
-"""A reader that is five minutes behind is gone: its stream is closed."""
+MAX_WAITING = 20_000
+"""A reader that is a minute behind is gone: its stream is closed."""
 
 
 class StateSubscription:

@@ -161,7 +161,8 @@ def _weight_load_nm(position_rad: Array, mass_kg: float) -> Array:
     _, jacobian = foot_position_and_jacobian(position_rad)
     # The ground pushes the foot up with f; the joints balance it with −Jᵀf.
     load: Array = -jacobian[..., 2, :] * (mass_kg * _GRAVITY_M_S2 / facts.N_LEGS)
-    return load.reshape(position_rad.shape)
+    rows: Array = load.reshape(position_rad.shape)
+    return rows
 
 
 def _body_from_level(attitude: Attitude) -> Array:
@@ -172,4 +173,4 @@ def _body_from_level(attitude: Attitude) -> Array:
     about_z = np.array([[cy, -sy, 0.0], [sy, cy, 0.0], [0.0, 0.0, 1.0]])
     about_y = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
     about_x = np.array([[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]])
-    return (about_z @ about_y @ about_x).T
+    return np.asarray((about_z @ about_y @ about_x).T)

@@ -265,6 +265,15 @@ def test_a_closed_stream_leaves_its_last_command_until_it_ends(controlled):
     assert driver.stream.failure() is None
 
 
+def test_a_command_that_arrives_late_on_a_closed_stream_hurts_nobody(standing):
+    driver = standing(command_channel={"delay": {"kind": "constant", "delay_s": 0.05}})
+    driver.open()
+    driver.send(ahead_s=0.02)
+    driver.stream.close()
+    driver.run(0.1)
+    assert driver.robot.snapshot().joint_commands_received == 1
+
+
 def test_a_joint_above_the_velocity_limit_is_a_behaviour_fault(standing):
     driver = standing()
     pose = driver.robot.truth().joint_position_rad
