@@ -49,6 +49,20 @@ OWN_SERVICES = {
     "time-sync": ("bosdyn.api.TimeSyncService", "api.spot.robot", True),
     "world-objects": ("bosdyn.api.WorldObjectService", "world-objects.spot.robot", True),
 }
+LISTED_ONLY = {
+    # Every real robot lists these, so programs make clients of them at start. The fake answers calls to them with
+    # UNIMPLEMENTED. name: (type, authority)
+    "auto-return": ("bosdyn.api.auto_return.AutoReturnService", "auto-return.spot.robot"),
+    "autowalk-service": ("bosdyn.api.autowalk.AutowalkService", "autowalk.spot.robot"),
+    "data-acquisition": ("bosdyn.api.DataAcquisitionService", "data-acquisition.spot.robot"),
+    "data-acquisition-store": ("bosdyn.api.DataAcquisitionStoreService", "data-acquisition-store.spot.robot"),
+    "graph-nav-service": ("bosdyn.api.graph_nav.GraphNavService", "graph-nav.spot.robot"),
+    "map-processing-service": ("bosdyn.api.graph_nav.MapProcessingService", "map-processing.spot.robot"),
+    "network-compute-bridge": ("bosdyn.api.NetworkComputeBridge", "network-compute-bridge.spot.robot"),
+    "ray-cast": ("bosdyn.api.RayCastService", "ray-cast.spot.robot"),
+    "recording-service": ("bosdyn.api.graph_nav.GraphNavRecordingService", "recording.spot.robot"),
+    "spot-check": ("bosdyn.api.spot.SpotCheckService", "check.spot.robot"),
+}
 TOKENLESS_TYPES = frozenset(kind for kind, _, needs_token in OWN_SERVICES.values() if not needs_token)
 
 
@@ -63,18 +77,19 @@ class DirectoryBook:
     def entries(self) -> list[directory_pb2.ServiceEntry]:
         """Every entry, by name."""
         with self._lock:
-            everything = [self._own(name) for name in OWN_SERVICES] + list(self._registered.values())
+            everything = [self._own(name) for name in (*OWN_SERVICES, *LISTED_ONLY)] + list(self._registered.values())
         return sorted(everything, key=lambda entry: str(entry.name))
 
     def entry(self, name: str) -> directory_pb2.ServiceEntry | None:
         """The entry of that name, or None."""
         with self._lock:
-            return self._own(name) if name in OWN_SERVICES else self._registered.get(name)
+            is_own = name in OWN_SERVICES or name in LISTED_ONLY
+            return self._own(name) if is_own else self._registered.get(name)
 
     def register(self, entry: directory_pb2.ServiceEntry) -> bool:
         """Add a client's service; False if the name is taken."""
         with self._lock:
-            if entry.name in OWN_SERVICES or entry.name in self._registered:
+            if entry.name in OWN_SERVICES or entry.name in LISTED_ONLY or entry.name in self._registered:
                 return False
             self._store(entry)
             return True
@@ -98,7 +113,7 @@ class DirectoryBook:
         self._registered[kept.name] = kept
 
     def _own(self, name: str) -> directory_pb2.ServiceEntry:
-        kind, authority, needs_token = OWN_SERVICES[name]
+        kind, authority, needs_token = OWN_SERVICES.get(name) or (*LISTED_ONLY[name], True)
         entry = directory_pb2.ServiceEntry(name=name, type=kind, authority=authority, user_token_required=needs_token)
         entry.last_update.CopyFrom(timestamp_from_ns(self.started_robot_stamp_ns))
         return entry

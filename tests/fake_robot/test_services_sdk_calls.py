@@ -225,12 +225,11 @@ def test_keepalive_policy_acts_once_when_its_client_is_silent(robot: Any, stub: 
 
 
 def test_a_service_that_a_base_spot_has_and_the_fake_has_not(robot: Any) -> None:
-    with pytest.raises(UnregisteredServiceNameError, match="graph-nav"):
-        robot.ensure_client("graph-nav-service")
-    from bosdyn.client.graph_nav import GraphNavClient
-
-    client = GraphNavClient()
-    client.channel = robot.ensure_channel("lease")
+    for name in ("spot-check", "data-acquisition", "recording-service", "map-processing-service", "auto-return"):
+        robot.ensure_client(name)
+    client = robot.ensure_client("graph-nav-service")
     with pytest.raises(UnimplementedError) as refused:
         client.get_localization_state()
+    with pytest.raises(UnregisteredServiceNameError, match="manipulation"):
+        robot.ensure_client("manipulation")
     assert "no service 'bosdyn.api.graph_nav.GraphNavService'" in refused.value.error.details()
