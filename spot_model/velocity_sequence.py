@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Callable
 from itertools import pairwise
+from operator import attrgetter
 from pathlib import Path
 from typing import Final, Literal
 
@@ -57,12 +59,12 @@ class VelocitySequence(BaseModel):
 
     def at(self, time_s: float) -> Array:
         """The command at a time, shape (3,): V_x, V_y (m/s), ω_z (rad/s); the last one holds after the end."""
-        times = [w.time_s for w in self.waypoints]
-        index = max(0, int(np.searchsorted(times, time_s, side="right")) - 1)
-        now = np.array(self.waypoints[index].command)
+        index = max(0, bisect_right(self.waypoints, time_s, key=attrgetter("time_s")) - 1)
+        latest = self.waypoints[index]
+        now = np.array(latest.command)
         if index + 1 < len(self.waypoints) and self.waypoints[index + 1].ramp:
             following = self.waypoints[index + 1]
-            share = (time_s - times[index]) / (following.time_s - times[index])
+            share = (time_s - latest.time_s) / (following.time_s - latest.time_s)
             now = now + share * (np.array(following.command) - now)
         return now
 

@@ -20,7 +20,7 @@ from spot_runtime.modes import Mode
 
 def within_stops(position_rad: Array) -> Array:
     """A measured pose as a set-point: sensors may read a little beyond a joint's stop. Shape (12,)."""
-    return np.clip(position_rad, facts.POSITION_LOW_RAD, facts.POSITION_HIGH_RAD)
+    return np.minimum(np.maximum(position_rad, facts.POSITION_LOW_RAD), facts.POSITION_HIGH_RAD)
 
 
 def asked_setpoint(

@@ -53,6 +53,9 @@ class ControlConfig(_Part):
     resend_on_state: bool = Field(
         default=True, description="Send the current set-points again, with a new end time, on each state message."
     )
+    rehearse: bool = Field(
+        default=True, description="Also run the policy on the state before a tick, for nothing, to keep caches warm."
+    )
 
 
 class HandoverConfig(_Part):

@@ -80,6 +80,8 @@ class ControlLoop:
         self._record = Recorder(hal, sink, on_event)
         self._watchdogs = Watchdogs(hal, config, self._record)
         self._policy_gains = policy.gains()
+        contract = policy.contract
+        self._command_range = np.array([contract.velocity_command_low, contract.velocity_command_high])
         self._loads = LoadAverage(config.handover.settle_s)
         self._setpoints = safety.SetpointMemory()
         self._tick_memory = TickMemory()
@@ -160,10 +162,13 @@ class ControlLoop:
             result, inference_s = self._run_policy(newest, host_ns, lost)
         if is_tick or self._mode is Mode.DAMPING:
             self._compute(result, robot_ns)
+        command = None
         if self._mode.sends and (newest is not None or self._is_damping_overdue(robot_ns)):
-            self._send(newest, is_tick=is_tick)
+            command = self._send(newest, is_tick=is_tick)
+        compute_s = self._wall_s() - begin_s
+        if command is not None:
+            self._record.command(command, self._requested_rad, self._sent_ns, newest)
         if is_tick and newest is not None and self._mode is not Mode.READY:
-            compute_s = self._wall_s() - begin_s
             age_s = self._record.tick(
                 index=self._schedule.ticks,
                 state=newest,
@@ -179,6 +184,13 @@ class ControlLoop:
             acquisition_age_s = (robot_ns - newest.robot_stamp_ns) / NS_PER_S
             self.stats.ticked(newest.robot_stamp_ns, compute_s, age_s, acquisition_age_s, lost)
         self.stats.departures(self._hal.departures())
+        if self._config.control.rehearse and newest is not None and self._is_due_next(newest):
+            tick(self._tick_memory, newest, self._velocity_command, self._policy)
+
+    def _is_due_next(self, state: RobotState) -> bool:
+        """Whether the policy will tick on the state after this one."""
+        due_ns = self._schedule.next_due_robot_ns
+        return self._mode.runs_policy and due_ns is not None and due_ns - state.robot_stamp_ns <= facts.STATE_PERIOD_NS
 
     def _judge(self, states: list[RobotState], robot_ns: int) -> RobotState | None:
         """Screen what has arrived and look at all else. Returns the newest usable state of this cycle."""
@@ -259,11 +271,11 @@ class ControlLoop:
         wanted = self._source.sample(max(0.0, (state.robot_stamp_ns - self._active_since_ns) / NS_PER_S), host_ns)
         if wanted.is_finished:
             self.ask_stop(Stop(StopReason.COMPLETED))
-        contract = self._policy.contract
-        within = np.clip(wanted.command, contract.velocity_command_low, contract.velocity_command_high)
-        if not np.array_equal(within, wanted.command):
+        low, high = self._command_range
+        within: Array = np.minimum(np.maximum(wanted.command, low), high)
+        if (within != wanted.command).any():
             self._record.once(EventName.COMMAND_CLIPPED, "the velocity command was cut to the policy's range")
-        return np.asarray(within, dtype=np.float64)
+        return within
 
     def _compute(self, result: TickResult | None, robot_ns: int) -> None:
         """Bring ``_current`` up to date, within all limits; a limit that ends the run turns it into damping."""
@@ -303,7 +315,7 @@ class ControlLoop:
 
     def _within_torque(self, load_nm: Array) -> Array:
         bound_nm = self._config.safety.feedforward_nm
-        return np.clip(load_nm, -bound_nm, bound_nm)
+        return np.minimum(np.maximum(load_nm, -bound_nm), bound_nm)
 
     # Sending ---------------------------------------------------------------------------------------------------------
 
@@ -330,11 +342,11 @@ class ControlLoop:
         self._key, self._sent_ns = command.key, robot_ns
         return command
 
-    def _send(self, state: RobotState | None, *, is_tick: bool) -> None:
+    def _send(self, state: RobotState | None, *, is_tick: bool) -> JointCommand | None:
         if not (is_tick or self._config.control.resend_on_state or self._mode is Mode.DAMPING):
-            return
+            return None
         command = self._next_command()
         self._hal.send(command)
         if is_tick and state is not None:
             self.stats.sent(command.key, state.host_stamp_ns)
-        self._record.command(command, self._requested_rad, self._sent_ns, state)
+        return command

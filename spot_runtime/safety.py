@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from operator import ge, le
 from typing import Final
 
 import numpy as np
@@ -21,6 +22,8 @@ END_TIME_MAX_S: Final = 0.1
 """No command is ever valid for longer than this."""
 
 NS_PER_S: Final = 1_000_000_000
+_LOWS_RAD: Final = facts.POSITION_LOW_RAD.tolist()
+_HIGHS_RAD: Final = facts.POSITION_HIGH_RAD.tolist()
 CRITICAL: Final = "critical: "
 """Prefix of a system fault that must end a run."""
 
@@ -85,10 +88,9 @@ def screen_state(
         return memory, False, stop
     has_changed = newest is None or not _same_joints(newest, state)
     echo_rose = state.last_command_key != (0 if newest is None else newest.last_command_key)
-    memory = replace(
-        memory,
+    memory = StateMemory(
         newest=state,
-        rejected_in_row=0,
+        rejected=memory.rejected,
         changed_robot_stamp_ns=state.robot_stamp_ns if has_changed else memory.changed_robot_stamp_ns,
         echo_robot_stamp_ns=state.robot_stamp_ns if echo_rose else memory.echo_robot_stamp_ns,
     )
@@ -135,6 +137,19 @@ def limit_setpoint(
         The new memory, the set-point that may be sent (with a stop: the one sent before, or the default pose), and a
         stop where the request is no number, or was cut too often in a row.
     """
+    low, high = facts.POSITION_LOW_RAD, facts.POSITION_HIGH_RAD
+    if memory.sent_rad is not None:
+        low = np.maximum(low, memory.sent_rad - limits.setpoint_step_rad)
+        high = np.minimum(high, memory.sent_rad + limits.setpoint_step_rad)
+    if bool(((requested_rad >= low) & (requested_rad <= high)).all()):
+        return SetpointMemory(requested_rad, cut_ticks=memory.cut_ticks), LimitedSetpoint(requested_rad), None
+    return _limit_closely(memory, requested_rad, limits)
+
+
+def _limit_closely(
+    memory: SetpointMemory, requested_rad: Array, limits: SafetyLimits
+) -> tuple[SetpointMemory, LimitedSetpoint, Stop | None]:
+    """The rest of :func:`limit_setpoint`, for a request that is not within all limits."""
     if not bool(np.isfinite(requested_rad).all()):
         names = _names(~np.isfinite(requested_rad))
         kept = facts.DEFAULT_POSITION_RAD if memory.sent_rad is None else memory.sent_rad
@@ -192,12 +207,10 @@ def check_command(command: JointCommand, last_key: int, robot_now_ns: int) -> st
     if not 0.0 < ahead_s <= END_TIME_MAX_S:
         return f"its end time lies {ahead_s:g} s ahead; allowed: above 0, at most {END_TIME_MAX_S:g}"
     gains = command.gains
-    with np.errstate(invalid="ignore"):
-        total = command.position_rad.sum() + command.velocity_rad_s.sum() + command.load_nm.sum()
-        total += gains.kp_nm_per_rad.sum() + gains.kd_nm_s_per_rad.sum()
-    if not math.isfinite(total):
+    total = _sum(command.position_rad, command.velocity_rad_s, command.load_nm)
+    if not math.isfinite(total + _sum(gains.kp_nm_per_rad, gains.kd_nm_s_per_rad)):
         return "it holds a value that is no number"
-    if bool(((command.position_rad < facts.POSITION_LOW_RAD) | (command.position_rad > facts.POSITION_HIGH_RAD)).any()):
+    if not _is_between(command.position_rad, command.position_rad):
         return "a set-point lies beyond a joint's stop"
     return None
 
@@ -214,12 +227,10 @@ def _broken_values(state: RobotState, limits: SafetyLimits) -> Stop | None:
     shape = (facts.N_JOINTS,)
     if not (state.position_rad.shape == state.velocity_rad_s.shape == state.load_nm.shape == shape):
         return Stop(StopReason.STATE_NOT_FINITE, f"a state holds {state.position_rad.shape} joint values; needed: 12")
-    with np.errstate(invalid="ignore"):  # infinities of both signs add up to NaN, which is what is looked for
-        total = state.position_rad.sum() + state.velocity_rad_s.sum() + state.load_nm.sum()
-        total += state.linear_vel_of_body_in_odom_m_s.sum() + state.angular_vel_of_body_in_odom_rad_s.sum()
     w, x, y, z = state.odom_from_body_wxyz.tolist()
     norm = w * w + x * x + y * y + z * z
-    if not math.isfinite(total + norm):
+    motion = sum(state.linear_vel_of_body_in_odom_m_s.tolist()) + sum(state.angular_vel_of_body_in_odom_rad_s.tolist())
+    if not math.isfinite(_sum(state.position_rad, state.velocity_rad_s, state.load_nm) + motion + norm):
         return Stop(StopReason.STATE_NOT_FINITE)
     error = abs(math.sqrt(norm) - 1.0)
     if error > limits.quaternion_norm_error:
@@ -233,13 +244,16 @@ def _body_out_of_bounds(state: RobotState, limits: SafetyLimits) -> Stop | None:
     tilt_rad = math.acos(max(-1.0, min(1.0, 1.0 - 2.0 * (x * x + y * y))))
     if tilt_rad > limits.tilt_rad:
         return Stop(StopReason.TILT, "", {"tilt_rad": tilt_rad, "bound_rad": limits.tilt_rad})
-    speed = np.abs(state.velocity_rad_s)
-    if speed.max() > limits.joint_velocity_rad_s:
-        values = {"velocity_rad_s": float(speed.max()), "bound_rad_s": limits.joint_velocity_rad_s}
+    bound_rad_s = limits.joint_velocity_rad_s
+    # When all squares together are within the bound, each is: true of nearly every state, and cheap to see.
+    speed = None if state.velocity_rad_s.dot(state.velocity_rad_s) <= bound_rad_s**2 else np.abs(state.velocity_rad_s)
+    if speed is not None and speed.max() > bound_rad_s:
+        values = {"velocity_rad_s": float(speed.max()), "bound_rad_s": bound_rad_s}
         return Stop(StopReason.JOINT_VELOCITY, facts.JOINT_NAMES[int(speed.argmax())], values)
-    beyond = np.maximum(facts.POSITION_LOW_RAD - state.position_rad, state.position_rad - facts.POSITION_HIGH_RAD)
-    if beyond.max() > limits.joint_position_margin_rad:
-        values = {"beyond_rad": float(beyond.max()), "bound_rad": limits.joint_position_margin_rad}
+    margin_rad = limits.joint_position_margin_rad
+    if not _is_between(state.position_rad - margin_rad, state.position_rad + margin_rad):
+        beyond = np.maximum(facts.POSITION_LOW_RAD - state.position_rad, state.position_rad - facts.POSITION_HIGH_RAD)
+        values = {"beyond_rad": float(beyond.max()), "bound_rad": margin_rad}
         return Stop(StopReason.JOINT_POSITION, facts.JOINT_NAMES[int(beyond.argmax())], values)
     return None
 
@@ -251,6 +265,17 @@ def _cut_too_often(memory: SetpointMemory, beyond: Array, cut: NDArray[np.bool_]
     if memory.step_ticks >= limits.setpoint_step_ticks:
         return Stop(StopReason.SETPOINT_STEP, _names(cut), {"bound_rad": limits.setpoint_step_rad})
     return None
+
+
+def _sum(*arrays: Array) -> float:
+    """The sum of all values, each array of shape (12,): not finite as soon as one value is not."""
+    return sum(sum(array.tolist()) for array in arrays)
+
+
+def _is_between(least_rad: Array, largest_rad: Array) -> bool:
+    """Whether, joint by joint, one value is at most the upper stop and the other at least the lower. Shapes (12,)."""
+    # On lists, which are faster than arrays of this size.
+    return all(map(le, least_rad.tolist(), _HIGHS_RAD)) and all(map(ge, largest_rad.tolist(), _LOWS_RAD))
 
 
 def _same_joints(a: RobotState, b: RobotState) -> bool:
