@@ -19,7 +19,7 @@ from spot_model.policy import Policy, load_policy
 from spot_model.rotation import rotate_wxyz
 from spot_model.velocity_sequence import VelocitySequence, load_sequence
 from trainer.collect_plan import USER_SEQUENCE
-from trainer.sysid.config import SearchConfig, SimulationConfig, SysidConfig
+from trainer.sysid.config import CONTACT_CHOICES_S, SearchConfig, SimulationConfig, SysidConfig
 from trainer.sysid.engine import LocalEngine
 from trainer.sysid.logged_run import Array, Commands, LoggedRun, States, Ticks
 from trainer.sysid.problem import Problem, build_problem
@@ -74,7 +74,7 @@ def bench_sysid(policy_path: Path, *, workers: int, generations: int) -> dict[st
 def plain_loop_simulated_s_per_s(policy: Policy, velocity_command: Array) -> float:
     """One robot, one core: policy at its rate, servo law and ``mj_step`` at each physics step."""
     timestep_s = SimulationConfig().timestep_s
-    model = mujoco.MjModel.from_xml_string(spot_mjcf(MjcfOptions(timestep_s=timestep_s, collision="feet")))
+    model = mujoco.MjModel.from_xml_string(spot_mjcf(MjcfOptions(timestep_s=timestep_s, cone="elliptic", collision="feet")))
     data = mujoco.MjData(model)
     data.qpos[2] = default_height_m()
     data.qpos[7:] = facts.DEFAULT_POSITION_RAD
@@ -118,7 +118,7 @@ def _problem(policy: Policy, policy_bytes: bytes, simulation: SimulationConfig) 
         load_sequence(name).clipped(np.array(contract.velocity_command_low), np.array(contract.velocity_command_high))
         for name in ("forward", "six_directions", "random", str(USER_SEQUENCE))
     ]
-    options = RolloutOptions(simulation.timestep_s, simulation.foot_friction)
+    options = RolloutOptions(simulation.timestep_s, simulation.foot_friction, CONTACT_CHOICES_S[2])
     runs = [run for s in sequences for run in _made_runs(policy, space.model.effects, s, options)]
     return build_problem(
         space, policy_bytes, runs, options, robots_per_sequence=simulation.robots_per_sequence, weights={}

@@ -16,6 +16,9 @@ from trainer.sysid.space import SearchParameter, SearchSpace, find_parameter
 
 SCHEMA: Final = "spot-rl/sysid/1"
 
+CONTACT_CHOICES_S: Final = (0.0075, 0.01, 0.0125, 0.016, 0.02, 0.025)
+"""Contact time constants that are tried, stiff to soft; MuJoCo's default is 0.02 s."""
+
 
 class _Part(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, populate_by_name=True)
@@ -78,10 +81,15 @@ class SearchConfig(_Part):
 class SimulationConfig(_Part):
     """How a candidate is simulated."""
 
-    robots_per_sequence: int = Field(default=2, ge=1, le=64)
+    robots_per_sequence: int = Field(default=1, ge=1, le=64)
     """Simulated robots a command sequence, started as that many of its real runs were."""
-    timestep_s: float = Field(default=0.005, gt=0.0, le=0.005)
+    timestep_s: float = Field(default=0.0025, gt=0.0, le=0.005)
+    """Physics step: short enough that contacts as stiff as a floor's, and delays of a few steps, come out right."""
     foot_friction: float = Field(default=0.8, gt=0.0, le=2.0)
+    contact_time_constant_s: float | None = Field(default=None, gt=0.0, le=0.1)
+    """MuJoCo's contact time constant; none: the one of :data:`CONTACT_CHOICES_S` with the best score is taken before
+    the search.
+    """
     sensor_noise: bool = False
     """Whether the simulated policy sees noise of the logs' own size; the paper's simulated data has none."""
     measured_delay: bool = True

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from spot_model.model_file import RobotModel
 from spot_model.policy import Policy
-from trainer.sysid.config import SysidConfig
+from trainer.sysid.config import CONTACT_CHOICES_S, SysidConfig
 from trainer.sysid.delays import MeasuredDelays, measure_delays
 from trainer.sysid.engine import Engine
 from trainer.sysid.measured import DirectChange, with_measured
@@ -66,7 +66,7 @@ class Identification:
 
 def prepare(logs: LogSet, policy: Policy, policy_bytes: bytes, config: SysidConfig) -> Preparation:
     """Read off what needs no search, and set up the search."""
-    space = config.space()
+    space, simulation = config.space(), config.simulation
     noise = observation_noise(logs.runs)
     delays = measure_delays(logs.runs)
     with_load = [run for run in logs.runs if np.isfinite(run.states.load_nm).any()]
@@ -74,22 +74,39 @@ def prepare(logs: LogSet, policy: Policy, policy_bytes: bytes, config: SysidConf
     if samples is not None and not len(samples):
         samples = None
     first = None
-    if samples is not None and config.simulation.measured_inertia:
+    if samples is not None and simulation.measured_inertia:
         first = fit_torque(TorqueModel(space), samples, [space.initial], np.random.default_rng(config.search.seed))
     space, changes = with_measured(
-        space, delays, first, use_delay=config.simulation.measured_delay, use_inertia=config.simulation.measured_inertia
+        space, delays, first, use_delay=simulation.measured_delay, use_inertia=simulation.measured_inertia
     )
     problem = build_problem(
         space,
         policy_bytes,
         logs.compared,
-        RolloutOptions(config.simulation.timestep_s, config.simulation.foot_friction),
-        robots_per_sequence=config.simulation.robots_per_sequence,
+        RolloutOptions(
+            simulation.timestep_s, simulation.foot_friction, simulation.contact_time_constant_s or CONTACT_CHOICES_S[-1]
+        ),
+        robots_per_sequence=simulation.robots_per_sequence,
         weights=config.sequence_weights,
-        noise_sigma=_policy_order(noise, policy) if config.simulation.sensor_noise else None,
+        noise_sigma=_policy_order(noise, policy) if simulation.sensor_noise else None,
         seed=config.search.seed,
     )
+    if simulation.contact_time_constant_s is None:
+        start = space.initial if first is None else space.within_bounds(first.values)
+        problem, change = with_best_contact(problem, start)
+        changes = (*changes, change)
     return Preparation(logs, noise, delays, changes, samples, problem)
+
+
+def with_best_contact(problem: Problem, values: Array) -> tuple[Problem, DirectChange]:
+    """The same problem with the contact time constant whose score at ``values``, shape (n,), is best."""
+    choices = []
+    for choice_s in CONTACT_CHOICES_S:
+        candidate = replace(problem, options=replace(problem.options, contact_time_constant_s=choice_s))
+        choices.append((candidate.score(candidate.evaluate(values[None, :])[0]), choice_s, candidate))
+    score, best_s, chosen = min(choices, key=lambda c: c[:2])
+    scores = ", ".join(f"{1e3 * s:g} ms {value:.2f}" for value, s, _ in choices)
+    return chosen, DirectChange("contact time constant", best_s, "s", f"best score of {len(choices)} choices: {scores}")
 
 
 def identify(

@@ -38,8 +38,8 @@ QUANTILES: Final = (0.01, 0.02, 0.03, 0.045, 0.06)
 """Quantiles over stretches that are matched."""
 QUIET_SHARES: Final = tuple(np.linspace(0.1, 1.0, 19).tolist())
 """Shares of quiet stretches that are tried."""
-MIN_STRETCHES: Final = 100
-"""With fewer, the plain mean power is taken."""
+MIN_STRETCHES: Final = 1000
+"""With fewer, the lowest quantiles are too uncertain, and the second of ten is matched, as if all were quiet."""
 N_CALIBRATION: Final = 20_000
 """Stretches of white noise from which the quantile's size for white noise is known, to about 1 %."""
 NOISY_BLOCKS: Final = tuple(name for name, _ in OBSERVATION_LAYOUT if name not in ("velocity_command", "last_action"))
@@ -186,11 +186,11 @@ def _stretch_power(signal: Array, segment: int) -> Array:
 def _sigma_of_power(power: Array, rate_hz: float, segment: int) -> Array:
     band = _band_power(power, rate_hz, segment)
     if len(power) < MIN_STRETCHES:
-        return np.sqrt(band.mean(axis=0))
+        return np.sqrt(np.quantile(band, 0.2, axis=0) / _white_quantiles(rate_hz, segment)[-1, -1])
     quantiles = np.quantile(band, QUANTILES, axis=0)
     silent = quantiles[0] == 0.0
     found = np.log(np.where(silent, 1.0, quantiles))
-    white = np.log(_white_quantiles(rate_hz, segment))
+    white = np.log(_white_quantiles(rate_hz, segment)[:, :-1])
     # Rows: shares. A share's own σ makes the mean difference 0; the share with the least scatter is taken.
     difference = found[None] - white.reshape(white.shape + (1,) * (found.ndim - 1))
     best = np.argmin(difference.var(axis=1), axis=0)
@@ -207,7 +207,8 @@ def _band_power(power: Array, rate_hz: float, segment: int) -> Array:
 
 @functools.cache
 def _white_quantiles(rate_hz: float, segment: int) -> Array:
-    """Quantiles of white noise with σ = 1, shape (n_shares, n_quantiles)."""
+    """Quantiles of white noise with σ = 1, shape (n_shares, n_quantiles + 1); the last column is the second of ten."""
     white = np.random.default_rng(0).standard_normal((segment, N_CALIBRATION))
     band = _band_power(_stretch_power(white, segment), rate_hz, segment)
-    return np.quantile(band, np.array(QUANTILES)[None, :] / np.array(QUIET_SHARES)[:, None])
+    levels = np.array(QUANTILES)[None, :] / np.array(QUIET_SHARES)[:, None]
+    return np.quantile(band, np.concatenate([levels, np.full((len(levels), 1), 0.2)], axis=1))

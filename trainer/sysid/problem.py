@@ -67,7 +67,8 @@ class Problem:
         """SHA-256 of all that decides a result, hexadecimal."""
         h = hashlib.sha256(self.policy_bytes)
         h.update(repr((self.space.model.to_data(), self.space.parameters, self.sequence_weights)).encode())
-        h.update(repr((self.options.timestep_s, self.options.foot_friction)).encode())
+        o = self.options
+        h.update(repr((o.timestep_s, o.foot_friction, o.contact_time_constant_s)).encode())
         for cases, reference in zip(self.cases, self.references, strict=True):
             for case in cases:
                 start = case.start

@@ -54,8 +54,10 @@ class RolloutCase:
 class RolloutOptions:
     """How to simulate."""
 
-    timestep_s: float = 0.005
+    timestep_s: float = 0.0025
     foot_friction: float = 0.8
+    contact_time_constant_s: float = 0.02
+    """MuJoCo takes at least two time steps."""
     n_threads: int = 1
 
 
@@ -165,7 +167,13 @@ def facts_default(policy: Policy) -> Array:
 def _started_plant(
     effects: Sequence[Effect], n_candidates: int, cases: Sequence[RolloutCase], options: RolloutOptions
 ) -> Plant:
-    mjcf = MjcfOptions(timestep_s=options.timestep_s, foot_friction=options.foot_friction, collision="feet")
+    mjcf = MjcfOptions(
+        timestep_s=options.timestep_s,
+        foot_friction=options.foot_friction,
+        contact_solref=(options.contact_time_constant_s, 1.0),
+        cone="elliptic",
+        collision="feet",
+    )
     plant = Plant(
         effects,
         n_candidates * len(cases),

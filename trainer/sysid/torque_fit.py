@@ -21,9 +21,9 @@ Array = NDArray[np.float64]
 LARGE_REQUEST_NM: Final = 20.0
 """Requests from here on are kept at any speed: friction is small beside them."""
 N_ROUGH: Final = 2_500
-N_FINE: Final = 20_000
+N_FINE: Final = 30_000
 """Rows of the rough fit from several starts, and of the final one."""
-LIMIT_SHARE: Final = 0.5
+LIMIT_SHARE: Final = 0.35
 """Share of the rows that are the largest driving requests, the rest evenly drawn."""
 STOP_MARGIN_RAD: Final = 0.05
 """Nearer than this to a joint stop, the stop's own torque is in the load."""
@@ -64,9 +64,8 @@ def fit_torque(
 ) -> TorqueFit:
     """Fit by soft-L1 least squares; the best of several starts.
 
-    Standard errors come from sums over runs and legs (sandwich estimate), widened by how much the answer changes
-    when one leg or one run is left out: samples within a run are not independent, and a leg that disagrees is a
-    sign of what the model lacks.
+    Standard errors come from how far whole runs pull the answer apart, and legs beside them (sandwich estimates):
+    samples within a run are not independent, and legs that disagree are a sign of what the model lacks.
 
     Args:
         model: Predicts load.
@@ -186,11 +185,10 @@ def _with_errors(
     prior = np.diag((scale / np.concatenate([width[indices], 100.0 * NUISANCE_SCALE])) ** 2)
     total = hessian.sum(axis=(0, 1)) + prior
     inverse = np.linalg.inv(total)
-    cells = inverse @ np.einsum("rlp,rlq->pq", gradient, gradient) @ inverse * n_runs / max(n_runs - 1, 1)
-    by_leg = _jackknife(hessian.sum(axis=0), gradient.sum(axis=0), total)
-    by_run = _jackknife(hessian.sum(axis=1), gradient.sum(axis=1), total)
+    by_leg = _spread(inverse, gradient.sum(axis=0))
+    by_run = _spread(inverse, gradient.sum(axis=1))
     covariance = scale**2 * inverse
-    statistical = np.maximum.reduce([np.diag(cells), np.diag(covariance), by_run])
+    statistical = np.maximum(np.diag(covariance), by_run)
     variance = statistical + by_leg
 
     n = space.n
@@ -255,10 +253,13 @@ def _shifted(
     return values, nuisance
 
 
-def _jackknife(hessians: Array, gradients: Array, total: Array) -> Array:
-    """Variance of the estimate by leaving out one group at a time, one Newton step each; shape (n_columns,)."""
-    n = len(hessians)
-    if n < 2:
-        return np.zeros(total.shape[0])
-    moves = np.array([np.linalg.solve(total - h, -g) for h, g in zip(hessians, gradients, strict=True)])
-    return np.asarray((n - 1) / n * np.sum((moves - moves.mean(axis=0)) ** 2, axis=0))
+def _spread(inverse: Array, gradients: Array) -> Array:
+    """Variance of the estimate from how far groups pull it apart (sandwich estimate), shape (n_columns,).
+
+    Args:
+        inverse: Inverse of the summed curvature. Shape (n_columns, n_columns).
+        gradients: Of each group at the estimate. Shape (n_groups, n_columns).
+    """
+    n = len(gradients)
+    moves = gradients @ inverse
+    return np.asarray(n / max(n - 1, 1) * np.sum(moves**2, axis=0))

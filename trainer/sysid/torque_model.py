@@ -37,6 +37,8 @@ MIN_SPEED_RAD_S: Final = 0.3
 """A slower joint may stick: its friction has no known size, and none is predicted."""
 TURNING_TIME_S: Final = 0.03
 """A joint that at its present acceleration would come to rest sooner is turning: the same holds for it."""
+STEADY_RAD_S2: Final = 60.0
+"""So does it for a joint that accelerates more than this, whose inertia outweighs its friction by far."""
 
 
 @dataclass(frozen=True)
@@ -106,7 +108,8 @@ def friction_direction(velocity_rad_s: Array, acceleration_rad_s2: Array) -> Arr
     friction has a size of its own, a nuisance.
     """
     speed = np.abs(velocity_rad_s)
-    steady = (speed > MIN_SPEED_RAD_S) & (np.abs(acceleration_rad_s2) * TURNING_TIME_S < speed)
+    slow_change = np.abs(acceleration_rad_s2) < np.minimum(speed / TURNING_TIME_S, STEADY_RAD_S2)
+    steady = (speed > MIN_SPEED_RAD_S) & slow_change
     return np.asarray(np.sign(velocity_rad_s) * steady)
 
 

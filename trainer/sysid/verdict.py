@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 CONFIDENCE: Final = 0.9
 RELATIVE_LIMIT: Final = 0.10
 """Half the interval may be at most this share of the value, else the parameter does not count as identified."""
-FRICTION_LIMIT_NM: Final = 0.03
+FRICTION_LIMIT_NM: Final = 0.05
 """For friction levels, which may be next to nothing: this much in any case."""
 SYSTEMATIC_SHARE: Final = 0.015
 SYSTEMATIC_FRICTION_NM: Final = 0.015

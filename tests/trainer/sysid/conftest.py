@@ -1,0 +1,130 @@
+"""A policy without training: an oscillator in ONNX that stamps on the spot, and logs of simulated robots under it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import onnx
+import onnxruntime
+import pytest
+from onnx import TensorProto, helper, numpy_helper
+
+from spot_model import facts
+from spot_model.facts import PaperActuator
+from spot_model.mjcf import MjcfOptions
+from spot_model.model_file import paper_model
+from spot_model.policy import Policy, load_policy
+from spot_model.policy_contract import METADATA_KEY, PolicyContract, StoredPair
+from trainer.sysid.logged_run import LoggedRun
+from trainer.sysid.simulated_log import SensorNoise, SimulatedRobot, simulate_logs
+
+OTHER_PHYSICS = MjcfOptions(
+    timestep_s=0.0015,
+    integrator="implicitfast",
+    cone="elliptic",
+    contact_solref=(0.012, 1.1),
+    collision="feet",
+    link_torque_sensors=True,
+)
+"""Step, integrator, cone and contact that the search's plant does not have."""
+
+MakeLogs = Callable[..., list[LoggedRun]]
+
+
+def oscillator_bytes(swing: float = 1.0, lift: float = 3.0, rate_hz: float = 3.5, name: str = "stamp") -> bytes:
+    """A two-state oscillator whose state is the last action; legs in trot order."""
+    pattern = np.zeros((12, 2))
+    for leg, phase in enumerate((0.0, np.pi, np.pi, 0.0)):
+        pattern[3 * leg + 1] = swing * np.array([np.cos(phase), np.sin(phase)])
+        pattern[3 * leg + 2] = lift * np.array([np.cos(phase + np.pi / 2), np.sin(phase + np.pi / 2)])
+    turn = 2.0 * np.pi * rate_hz / 50.0
+    rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    first, bias = np.zeros((4, 48)), np.array([0.05, 0.0, 0.0, 0.0])
+    first[:2, 36:] = 1.3 * rotation @ np.linalg.pinv(pattern)
+    first[2, 9], first[3, 10] = 0.3, 0.3
+    second = np.zeros((12, 4))
+    second[:, :2] = pattern
+    second[1::3, 2], second[0::3, 3] = -0.5, 0.5
+    arrays = {"first": first, "bias": bias, "second": second, "none": np.zeros(12)}
+    graph = helper.make_graph(
+        [
+            helper.make_node("Gemm", ["observation", "first", "bias"], ["hidden"], transB=1),
+            helper.make_node("Tanh", ["hidden"], ["bounded"]),
+            helper.make_node("Gemm", ["bounded", "second", "none"], ["action"], transB=1),
+        ],
+        "oscillator",
+        [helper.make_tensor_value_info("observation", TensorProto.FLOAT, ["batch", 48])],
+        [helper.make_tensor_value_info("action", TensorProto.FLOAT, ["batch", 12])],
+        [numpy_helper.from_array(a.astype(np.float32), key) for key, a in arrays.items()],
+    )
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
+    seen = np.linspace(-1.0, 1.0, 48).astype(np.float32)
+    done = onnxruntime.InferenceSession(model.SerializeToString()).run(None, {"observation": seen[None]})[0][0]
+    contract = PolicyContract(
+        name=name,
+        velocity_command_low=(-2.0, -1.0, -1.0),
+        velocity_command_high=(4.0, 1.0, 1.0),
+        stored_pair=StoredPair(observation=tuple(map(float, seen)), action=tuple(map(float, done))),
+    )
+    entry = model.metadata_props.add()
+    entry.key, entry.value = METADATA_KEY, contract.to_json()
+    onnx.checker.check_model(model)
+    return bytes(model.SerializeToString())
+
+
+@pytest.fixture(scope="session")
+def policy_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("policy") / "stamp.onnx"
+    path.write_bytes(oscillator_bytes())
+    return path
+
+
+@pytest.fixture(scope="session")
+def policy(policy_path: Path) -> Policy:
+    return load_policy(policy_path)
+
+
+@pytest.fixture(scope="session")
+def make_logs(policy: Policy) -> MakeLogs:
+    """Logs of a robot with a given truth: ``make_logs(actuator, sequences={"a": 0.0}, n_ticks, n_repeats, ...)``."""
+
+    def make(
+        truth: PaperActuator,
+        *,
+        sequences: dict[str, float],
+        n_ticks: int,
+        n_repeats: int,
+        noise: SensorNoise = SensorNoise(3e-4, 0.03, 0.4),
+        seed: int = 0,
+        with_policy: Policy | None = None,
+        **robot: object,
+    ) -> list[LoggedRun]:
+        made = SimulatedRobot(paper_model(truth), noise, **{"mjcf": OTHER_PHYSICS, **robot})  # type: ignore[arg-type]
+        rng = np.random.default_rng(seed)
+        runs = []
+        for name, v_x_m_s in sequences.items():
+            command = np.zeros((n_ticks, 3))
+            command[:, 0] = v_x_m_s
+            runs += simulate_logs(made, with_policy or policy, name, command, n_repeats, rng)
+        return runs
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def strong_truth() -> PaperActuator:
+    """Limits that the stamping robot reaches."""
+    return PaperActuator(0.1, 0.4, 45.0, -40.0, 12.0, -12.0, 4.0, -4.0)
+
+
+@pytest.fixture(scope="session")
+def logs(make_logs: MakeLogs, strong_truth: PaperActuator) -> list[LoggedRun]:
+    """Two sequences of 3 s, three repeats each; nothing in a test may change them."""
+    return make_logs(strong_truth, sequences={"a": 0.0, "b": 1.0}, n_ticks=150, n_repeats=3)
+
+
+@pytest.fixture(scope="session")
+def still_pose() -> np.ndarray:
+    return facts.DEFAULT_POSITION_RAD.copy()

@@ -1,0 +1,61 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from spot_model.policy import Policy
+from trainer.sysid.config import SysidConfig
+from trainer.sysid.logged_run import LoggedRun
+from trainer.sysid.rollout import RolloutCase, RolloutOptions, control_substeps, roll_out, standing_height_m
+
+SPACE = SysidConfig().space()
+
+
+@pytest.fixture(scope="module")
+def cases(logs: list[LoggedRun]) -> list[RolloutCase]:
+    return [RolloutCase(r.sequence, r.start(), r.ticks.velocity_command[:40]) for r in (logs[0], logs[3])]
+
+
+def features(policy: Policy, cases: list[RolloutCase], values: np.ndarray, threads: int = 1) -> np.ndarray:
+    effects = SPACE.effects(values, len(cases))
+    return roll_out(effects, len(values), cases, policy, RolloutOptions(n_threads=threads)).features
+
+
+def test_a_candidate_does_not_feel_its_neighbours_nor_the_threads(policy: Policy, cases: list[RolloutCase]) -> None:
+    other = SPACE.initial + np.array([0.5, 0.5, 10, -10, 1, -1, 3, -3])
+    alone = features(policy, cases, SPACE.initial[None])
+    together = features(policy, cases, np.stack([other, SPACE.initial, other]), threads=2)
+    assert np.array_equal(alone[0], together[1])
+    assert not np.array_equal(together[0], together[1])
+
+
+def test_a_shorter_case_ends_in_nothing(policy: Policy, cases: list[RolloutCase]) -> None:
+    short = RolloutCase(cases[1].sequence, cases[1].start, cases[1].velocity_command[:25])
+    found = features(policy, [cases[0], short], SPACE.initial[None])
+    assert np.isfinite(found[0, 0]).all()
+    assert np.isfinite(found[0, 1, :25]).all()
+    assert np.isnan(found[0, 1, 25:]).all()
+
+
+def test_noise_reaches_the_policy_and_the_features(policy: Policy, cases: list[RolloutCase]) -> None:
+    noise = np.zeros((40, 48), dtype=np.float32)
+    noise[0, 12] = 0.01
+    noisy = RolloutCase(cases[0].sequence, cases[0].start, cases[0].velocity_command, noise)
+    plain, seen = (features(policy, [c], SPACE.initial[None])[0, 0] for c in (cases[0], noisy))
+    assert seen[0, 0] - plain[0, 0] == pytest.approx(0.6, rel=1e-4)
+
+
+def test_the_first_tick_shows_the_start(policy: Policy, cases: list[RolloutCase]) -> None:
+    found = features(policy, cases, SPACE.initial[None])[0, 0, 0]
+    assert found[:12] == pytest.approx(60.0 * cases[0].start.position_rad, rel=1e-5)
+    assert found[12:24] == pytest.approx(1.5 * cases[0].start.velocity_rad_s, abs=1e-5)
+
+
+def test_the_control_period_follows_an_absolute_schedule() -> None:
+    assert control_substeps(4, 50.0, 0.005).tolist() == [4, 4, 4, 4]
+    assert control_substeps(6, 50.0, 0.003).tolist() == [6, 7, 7, 6, 7, 7]
+    assert control_substeps(300, 50.0, 0.003).sum() == 2000
+
+
+def test_the_lowest_foot_touches_the_ground(cases: list[RolloutCase]) -> None:
+    assert 0.3 < standing_height_m(cases[0].start) < 0.6

@@ -1,0 +1,115 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spot_model.errors import BadInputError
+from trainer.sysid.config import SearchConfig, SysidConfig
+from trainer.sysid.engine import EngineError, LocalEngine, RayEngine
+from trainer.sysid.logged_run import LoggedRun
+from trainer.sysid.problem import Problem, build_problem
+from trainer.sysid.rollout import RolloutOptions
+from trainer.sysid.search import SearchState, run_search
+
+SEARCH = SearchConfig(generations=4, population=4, seed=3)
+
+
+@pytest.fixture(scope="module")
+def problem(logs: list[LoggedRun], policy_path: Path) -> Problem:
+    from dataclasses import replace
+
+    from trainer.sysid.logged_run import Ticks
+
+    def first_second(run: LoggedRun) -> LoggedRun:
+        t = run.ticks
+        return replace(run, ticks=Ticks(t.robot_stamp_ns[:50], t.observation[:50], t.action[:50], t.velocity_command[:50]))
+
+    return build_problem(
+        SysidConfig().space(),
+        policy_path.read_bytes(),
+        [first_second(run) for run in logs],
+        RolloutOptions(),
+        robots_per_sequence=1,
+        weights={"b": 2.0},
+    )
+
+
+def searched(problem: Problem, checkpoint: Path, config: SearchConfig = SEARCH, workers: int = 1) -> SearchState:
+    with LocalEngine(problem, workers) as engine:
+        return run_search(problem, engine, config, checkpoint)
+
+
+@pytest.fixture(scope="module")
+def whole(problem: Problem, tmp_path_factory: pytest.TempPathFactory) -> SearchState:
+    return searched(problem, tmp_path_factory.mktemp("search") / "search.jsonl")
+
+
+def same(first: SearchState, second: SearchState) -> bool:
+    return (
+        np.array_equal(first.units(), second.units())
+        and np.array_equal(first.mean_unit, second.mean_unit)
+        and all(
+            np.array_equal(a, b)
+            for x, y in zip(first.results(), second.results(), strict=True)
+            for a, b in zip(x.distances, y.distances, strict=True)
+        )
+    )
+
+
+def test_weights_of_sequences_sum_to_one(problem: Problem) -> None:
+    assert problem.sequence_weights == pytest.approx((1.0 / 3.0, 2.0 / 3.0))
+
+
+def test_an_interrupted_search_goes_on_exactly(problem: Problem, whole: SearchState, tmp_path: Path) -> None:
+    path = tmp_path / "search.jsonl"
+    searched(problem, path, SEARCH.model_copy(update={"generations": 2}))
+    with path.open("a") as file:
+        file.write('{"generation": 2, "unit": [[0.1')
+    assert same(searched(problem, path), whole)
+
+
+def test_the_number_of_workers_changes_no_bit(problem: Problem, whole: SearchState, tmp_path: Path) -> None:
+    assert same(searched(problem, tmp_path / "search.jsonl", workers=2), whole)
+
+
+def test_another_seed_searches_elsewhere(problem: Problem, whole: SearchState, tmp_path: Path) -> None:
+    config = SEARCH.model_copy(update={"seed": 4, "generations": 1})
+    assert not np.array_equal(searched(problem, tmp_path / "s.jsonl", config).units(), whole.units()[:4])
+
+
+def test_a_checkpoint_of_another_search_is_refused(problem: Problem, tmp_path: Path) -> None:
+    path = tmp_path / "search.jsonl"
+    one = SEARCH.model_copy(update={"generations": 1})
+    searched(problem, path, one)
+    before = path.read_bytes()
+    with pytest.raises(BadInputError, match=r"belongs to another search \(search differ\)"):
+        searched(problem, path, one.model_copy(update={"seed": 9}))
+    assert path.read_bytes() == before
+
+
+def test_a_damaged_checkpoint_is_refused(problem: Problem, tmp_path: Path) -> None:
+    path = tmp_path / "search.jsonl"
+    path.write_text("not json\n")
+    with pytest.raises(BadInputError, match="is damaged"):
+        searched(problem, path)
+
+
+def test_each_line_of_a_checkpoint_is_one_generation(problem: Problem, tmp_path: Path) -> None:
+    path = tmp_path / "search.jsonl"
+    searched(problem, path, SEARCH.model_copy(update={"generations": 2}))
+    lines = [json.loads(line) for line in path.read_text().splitlines()]
+    assert lines[0]["schema"] == "spot-rl/sysid-search/1"
+    assert [line["generation"] for line in lines[1:]] == [0, 1]
+
+
+def test_ray_gives_the_same_bits_or_says_what_to_install(problem: Problem, whole: SearchState, tmp_path: Path) -> None:
+    try:
+        engine = RayEngine(problem)
+    except EngineError as error:
+        assert "spot-rl[ray]" in str(error)  # noqa: PT017 - Ray is optional
+        return
+    with engine:
+        assert same(run_search(problem, engine, SEARCH, tmp_path / "search.jsonl"), whole)
