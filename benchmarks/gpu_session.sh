@@ -3,7 +3,7 @@
 #   setup            lay the packed wheels (.gpu, .whl) into $SITE
 #   check            parity of the two back ends, then training speed at three sizes, as JSON
 #   train NAME [S]   train policies/NAME.yaml for at most S seconds, then export to $OUT
-#   sweep FILE S     CPU trainings of policies/walk.yaml with FILE's options (a name and options a line), two cores
+#   sweep FILE S C   CPU trainings of policies/walk.yaml with FILE's options (a name and options a line), C cores
 #                    each from core 4 upwards, for at most S seconds; metrics and policies into $OUT/sweep.tar.gz
 #   scale N          training speed on N GPUs by torchrun, as JSON
 set -euo pipefail
@@ -42,14 +42,14 @@ train() {
 }
 
 sweep() {
-    local file=$1 seconds=$2 core=4 name options
+    local file=$1 seconds=$2 cores=${3:-2} core=4 name options
     mkdir -p runs/sweep
     while read -r name options; do
         # shellcheck disable=SC2086
-        taskset -c "$core-$((core + 1))" timeout --signal=INT "$seconds" \
+        taskset -c "$core-$((core + cores - 1))" timeout --signal=INT "$seconds" \
             python3 -m trainer train --config policies/walk.yaml --device cpu --out "runs/sweep/$name" $options \
             </dev/null >"runs/sweep/$name.log" 2>&1 &
-        core=$((core + 2))
+        core=$((core + cores))
     done <"$file"
     wait
     for name in runs/sweep/*/; do

@@ -40,6 +40,8 @@ class PpoConfig(Config):
     """Running mean and deviation; folded into the first layer at export."""
     mirror_loss: float = Field(default=0.0, ge=0.0)
     """Weight of the left–right symmetry loss; 0 switches it off."""
+    mirror_from_iteration: int = Field(default=0, ge=0)
+    """Iteration from which the symmetry loss acts: before there is a gait, it would favour hopping with both sides."""
     mixed_precision: bool = False
 
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import onnx
-
 from spot_model import facts
 from spot_model.policy import load_policy
 from spot_model.policy_contract import METADATA_KEY, PolicyContract
@@ -23,6 +21,9 @@ def write_gain_variant(policy: Path, path: Path, kp_nm_per_rad: float, kd_nm_s_p
     Raises:
         PolicyError: ``policy`` is not valid.
     """
+    # Only this needs the extra 'train'; a collection without other gains does not.
+    import onnx
+
     contract = load_policy(policy).contract
     changed = contract.model_copy(
         update={

@@ -23,6 +23,7 @@ class CheckedPpo(PPO):  # type: ignore[misc]  # rsl_rl has no types
 
     env: TaskVecEnv
     learning_threads: int = 1
+    mirror_from_iteration: int = 0
 
     def compute_returns(self, obs: Any) -> None:
         """Check the rollout, then compute returns and advantages."""
@@ -31,12 +32,15 @@ class CheckedPpo(PPO):  # type: ignore[misc]  # rsl_rl has no types
 
     def update(self) -> dict[str, float]:
         """Learn, with :attr:`learning_threads` torch threads; collecting keeps one, the physics has the others."""
-        before = torch.get_num_threads()
+        before, symmetry = torch.get_num_threads(), self.symmetry
         torch.set_num_threads(self.learning_threads)
+        if self.env.iteration < self.mirror_from_iteration:
+            self.symmetry = None
         try:
             losses: dict[str, float] = super().update()
         finally:
             torch.set_num_threads(before)
+            self.symmetry = symmetry
         return losses
 
 
@@ -49,6 +53,7 @@ class PpoRunner(OnPolicyRunner):  # type: ignore[misc]  # rsl_rl has no types
         self.config = config
         self.logger = log
         self.alg.env = env
+        self.alg.mirror_from_iteration = config.ppo.mirror_from_iteration
         self.alg.learning_threads = len(os.sched_getaffinity(0)) if device == "cpu" else 1
 
     def run(self, iterations: int, *, is_fresh: bool) -> None:

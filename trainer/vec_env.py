@@ -41,6 +41,11 @@ class TaskVecEnv(VecEnv):  # type: ignore[misc]  # rsl_rl has no types
         self._observations = self._groups(task.start())
 
     @property
+    def iteration(self) -> int:
+        """Number of the iteration that the last step belongs to, from 0."""
+        return max(0, self.steps - 1) // self._steps_per_iteration
+
+    @property
     def episode_length_buf(self) -> Tensor:
         """Steps of each episode so far; rsl-rl writes it to spread the first episodes' ends."""
         return self.task.episode_steps
