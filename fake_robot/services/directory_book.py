@@ -50,8 +50,7 @@ OWN_SERVICES = {
     "world-objects": ("bosdyn.api.WorldObjectService", "world-objects.spot.robot", True),
 }
 LISTED_ONLY = {
-    # Every real robot lists these, so programs make clients of them at start. The fake answers calls to them with
-    # UNIMPLEMENTED. name: (type, authority)
+    # Every real robot lists these, so programs make clients of them at start; calls to them are UNIMPLEMENTED here.
     "auto-return": ("bosdyn.api.auto_return.AutoReturnService", "auto-return.spot.robot"),
     "autowalk-service": ("bosdyn.api.autowalk.AutowalkService", "autowalk.spot.robot"),
     "data-acquisition": ("bosdyn.api.DataAcquisitionService", "data-acquisition.spot.robot"),
