@@ -100,15 +100,20 @@ class Robot:
                 if self._simulation.now_ns == before_ns:
                     return
 
-    def advance_states(self, count: int) -> None:
-        """Let robot time pass until ``count`` more states were handed over, or for a second more than that takes.
+    def advance_states(self, count: int, max_duration_ns: int | None = None) -> None:
+        """Let robot time pass until ``count`` more states were handed over, though not for longer than a maximum.
+
+        Args:
+            count: How many states.
+            max_duration_ns: Robot time after which to stop waiting for them; by default what they take and a second.
 
         Raises:
             TimeModeError: The robot runs in real time.
         """
         self._check_lock_step()
         goal = self._states_sent + count
-        end_ns = self._simulation.now_ns + count * STATE_PERIOD_NS + _MAX_WAIT_FOR_STATES_NS
+        longest_ns = count * STATE_PERIOD_NS + _MAX_WAIT_FOR_STATES_NS if max_duration_ns is None else max_duration_ns
+        end_ns = self._simulation.now_ns + longest_ns
         while self._states_sent < goal and self._simulation.now_ns < end_ns:
             with self._changed:
                 self._simulation.step()

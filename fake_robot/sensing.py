@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import mujoco
@@ -180,11 +181,12 @@ def _perturbed(quaternion_wxyz: Array, angles_rad: Array) -> Array:
     """The rotation with a further small turn about the body's axes."""
     w, x, y, z = quaternion_wxyz.tolist()
     a, b, c = (0.5 * angles_rad).tolist()
+    # The product with (1, a, b, c), whose length is the product's; in plain floats, as these are few.
+    scale = 1.0 / math.sqrt((1.0 + a * a + b * b + c * c) * (w * w + x * x + y * y + z * z))
     turned = (
         w - x * a - y * b - z * c,
         x + w * a + y * c - z * b,
         y + w * b + z * a - x * c,
         z + w * c + x * b - y * a,
     )
-    q = np.array(turned)
-    return np.asarray(q / np.sqrt(q @ q))
+    return scale * np.array(turned)

@@ -237,6 +237,9 @@ def test_waiting_for_states_that_never_come_ends(make):
     start = driver.robot.clock.now_ns()
     driver.robot.advance_states(2)
     assert driver.robot.clock.now_ns() - start == pytest.approx(1_006_000_000, abs=3_000_000)
+    start = driver.robot.clock.now_ns()
+    driver.robot.advance_states(2, max_duration_ns=9_000_000)
+    assert driver.robot.clock.now_ns() - start == 9_000_000
 
 
 def test_a_real_time_robot_is_not_stepped():
