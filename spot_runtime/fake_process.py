@@ -55,10 +55,25 @@ class FakeAddress:
 class FakeProcess:
     """Runs ``spot-rl fake-robot`` while it is entered; the process ends with ours, whatever happens."""
 
-    def __init__(self, *, scenario: str = "default", is_lock_step: bool = False, fifo_priority: int = 0) -> None:
-        """Choose a scenario (file or name), the passing of time, and a real-time priority (0: none)."""
+    def __init__(
+        self,
+        *,
+        scenario: str = "default",
+        is_lock_step: bool = False,
+        fifo_priority: int = 0,
+        state_dir: Path | None = None,
+    ) -> None:
+        """Choose what runs.
+
+        Args:
+            scenario: A file, or the name of a shipped one.
+            is_lock_step: Whether robot time passes only when asked.
+            fifo_priority: Real-time priority; 0 for none.
+            state_dir: Folder of its certificates and password; one a user if None.
+        """
         words = ["fake-robot", "--scenario", scenario, "--port", "0", "--json", "--until-stdin-closes"]
         words += ["--lock-step"] if is_lock_step else []
+        words += [] if state_dir is None else ["--state-dir", str(state_dir)]
         self._command = [sys.executable, "-c", _LAUNCH, str(fifo_priority), *words]
         self._process: subprocess.Popen[bytes] | None = None
 

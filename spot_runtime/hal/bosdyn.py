@@ -18,7 +18,7 @@ from spot_runtime.hal.base import JointControl, RobotInfo
 from spot_runtime.hal.command_wire import CommandEncoder
 from spot_runtime.hal.errors import EstopError, HalError, LeaseHeldError
 from spot_runtime.hal.jobs import Jobs
-from spot_runtime.hal.pace import Pace, RealTime
+from spot_runtime.hal.pace import Pace, RealTime, take_all
 from spot_runtime.hal.session import Session
 from spot_runtime.hal.streams import CommandStream, StateReceiver
 from spot_runtime.log.sink import LogSink
@@ -83,8 +83,8 @@ class BosdynHal:
         self._session.power_on(self._pause)
         self._session.stand(self._pause)
         # States have piled up meanwhile; the loop wants to begin with now.
-        while self._states is not None and not self._states.states.empty():
-            self._states.states.get_nowait()
+        if self._states is not None:
+            take_all(self._states.states)
 
     def receive(self, until_robot_ns: int, timeout_s: float) -> list[RobotState]:
         """See the protocol."""
@@ -215,6 +215,7 @@ class BosdynHal:
         if self._joint_control in (JointControl.OFF, JointControl.LEAVING):
             return
         self._joint_control = JointControl.FAILED
+        self._pace.released()
         skew_s = self._estimate_skew_s()
         values = {} if skew_s is None else {"clock_skew_s": skew_s}
         self._problems.append(Stop(StopReason.COMMAND_REFUSED, verdict, values))

@@ -15,11 +15,18 @@ from spot_protos import fake_admin_pb2
 from spot_runtime.clock import NS_PER_S
 from spot_runtime.hal.errors import LockStepError
 from spot_runtime.hal.jobs import Jobs
+from spot_runtime.hal.pace import StateQueue
 from spot_runtime.hal.vendor_errors import describe
 
 STEP_METHOD: Final = "/spot_rl.fake.v1.FakeAdmin/Step"
 STATUS_METHOD: Final = "/spot_rl.fake.v1.FakeAdmin/GetStatus"
 STEP_MAX_NS: Final = 30_000_000
+LAG_MAX_NS: Final = 8_000_000
+"""Longest delay of a state that a step allows for; a longer one costs more steps."""
+
+COMMAND_TIMEOUT_S: Final = 2.0
+"""Host time within which a command that was handed over must have arrived."""
+
 ANSWER_TIMEOUT_S: Final = 10.0
 """Host time within which a step must be done and its states must have arrived."""
 
@@ -96,10 +103,10 @@ class LockStep:
             self._advance(step_ns)
             left_ns -= step_ns
 
-    def receive(self, states: queue.SimpleQueue[RobotState], until_robot_ns: int, timeout_s: float) -> list[RobotState]:
+    def receive(self, states: StateQueue, until_robot_ns: int, timeout_s: float) -> list[RobotState]:
         """Advance towards the instant at which a state stamped ``until_robot_ns`` arrives; take what has come."""
         lag_ns = self._robot_ns - self._newest_ns if self._newest_ns else 0
-        self._lags_ns.append(min(lag_ns, STEP_MAX_NS))
+        self._lags_ns.append(min(lag_ns, LAG_MAX_NS))
         wanted_ns = until_robot_ns + max(self._lags_ns) - self._robot_ns
         is_stale = lag_ns > 2 * STEP_MAX_NS
         longest_ns = min(STEP_MAX_NS, round(timeout_s * NS_PER_S)) if is_stale else STEP_MAX_NS
@@ -112,6 +119,8 @@ class LockStep:
                 raise LockStepError(
                     f"a state stamped {sent_ns} was sent but did not arrive; is the stream open?"
                 ) from None
+            if state is None:
+                break
             received.append(state)
             self._newest_ns = max(self._newest_ns, state.robot_stamp_ns)
         return received
@@ -131,11 +140,16 @@ class LockStep:
 
     def _advance(self, duration_ns: int) -> int:
         """Step, then run the chores that are due. Returns the stamp of the newest state that was sent."""
-        request = fake_admin_pb2.StepRequest(duration_ns=duration_ns, wait_for_command_key=self._key)
+        request = fake_admin_pb2.StepRequest(
+            duration_ns=duration_ns, wait_for_command_key=self._key, wait_timeout_s=COMMAND_TIMEOUT_S
+        )
         try:
             response = self._step(request, timeout=ANSWER_TIMEOUT_S)
         except grpc.RpcError as error:
-            raise self._error("stepping", error) from error
+            if error.code() is not grpc.StatusCode.DEADLINE_EXCEEDED or not self._key:
+                raise self._error("stepping", error) from error
+            self._key = 0  # the stream has ended; the adapter says why
+            return self._advance(duration_ns)
         self._robot_ns = int(response.robot_stamp_ns)
         if self._jobs is not None:
             self._jobs.run_due(self.chore_now_s())

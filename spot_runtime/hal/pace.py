@@ -12,6 +12,9 @@ from spot_model.state import RobotState
 from spot_runtime.clock import HostClock, RobotClockEstimate
 from spot_runtime.hal.jobs import Jobs
 
+StateQueue = queue.SimpleQueue[RobotState | None]
+"""States as they come; None after the last one."""
+
 
 class Pace(Protocol):
     """What depends on how robot time passes."""
@@ -38,7 +41,7 @@ class Pace(Protocol):
     def pause(self, duration_s: float) -> None:
         """Let robot time pass while nothing is controlled."""
 
-    def receive(self, states: queue.SimpleQueue[RobotState], until_robot_ns: int, timeout_s: float) -> list[RobotState]:
+    def receive(self, states: StateQueue, until_robot_ns: int, timeout_s: float) -> list[RobotState]:
         """States that have arrived, oldest first; see :meth:`spot_runtime.hal.base.Hal.receive`."""
 
     def begin(self, activate: Callable[[], None]) -> None:
@@ -95,15 +98,14 @@ class RealTime:
         """Sleep."""
         time.sleep(duration_s)
 
-    def receive(self, states: queue.SimpleQueue[RobotState], until_robot_ns: int, timeout_s: float) -> list[RobotState]:
+    def receive(self, states: StateQueue, until_robot_ns: int, timeout_s: float) -> list[RobotState]:
         """Wait for a state, then take all that are there."""
         del until_robot_ns  # every state wakes the loop, so that it can be judged and answered
         try:
-            received = [states.get(timeout=timeout_s)]
+            first = states.get(timeout=timeout_s)
         except queue.Empty:
             return []
-        take_all(states, received)
-        return received
+        return [] if first is None else [first, *take_all(states)]
 
     def begin(self, activate: Callable[[], None]) -> None:
         """In a thread of its own: the loop goes on sending meanwhile."""
@@ -127,7 +129,11 @@ class RealTime:
             self._wake.wait(min(wait_s, 0.2))
 
 
-def take_all(states: queue.SimpleQueue[RobotState], into: list[RobotState]) -> None:
-    """Move what is there, without waiting; there is one reader, so what is there stays there."""
+def take_all(states: StateQueue) -> list[RobotState]:
+    """Take what is there, without waiting; there is one reader, so what is there stays there."""
+    taken = []
     while not states.empty():
-        into.append(states.get_nowait())
+        state = states.get_nowait()
+        if state is not None:
+            taken.append(state)
+    return taken

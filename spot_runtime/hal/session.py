@@ -5,22 +5,27 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Callable
+from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final
 
-import bosdyn.client
 import grpc
 from bosdyn.api import basic_command_pb2, power_pb2
+from bosdyn.client.auth import AuthClient
+from bosdyn.client.directory import DirectoryClient
 from bosdyn.client.estop import EstopClient
 from bosdyn.client.exceptions import Error as SdkError
 from bosdyn.client.lease import LeaseClient, ResourceAlreadyClaimedError
 from bosdyn.client.power import PowerClient
+from bosdyn.client.processors import AddRequestHeader
 from bosdyn.client.robot_command import (
     RobotCommandBuilder,
     RobotCommandClient,
     RobotCommandStreamingClient,
 )
+from bosdyn.client.robot_id import RobotIdClient
 from bosdyn.client.robot_state import RobotStateClient, RobotStateStreamingClient
+from bosdyn.client.sdk import Sdk, generate_client_name
 from bosdyn.client.time_sync import TimeSyncClient
 
 from spot_model.errors import BadInputError
@@ -40,6 +45,21 @@ SYNC_ROUND_TRIPS: Final = 12
 SYNC_ATTEMPTS: Final = 40
 POLL_S: Final = 0.05
 """Robot time between two looks at the progress of a motion."""
+
+SERVICES: Final = (
+    AuthClient,
+    DirectoryClient,
+    EstopClient,
+    LeaseClient,
+    PowerClient,
+    RobotCommandClient,
+    RobotCommandStreamingClient,
+    RobotIdClient,
+    RobotStateClient,
+    RobotStateStreamingClient,
+    TimeSyncClient,
+)
+"""The vendor's services that a run uses."""
 
 _STAND: Final = basic_command_pb2.StandCommand.Feedback
 _SIT: Final = basic_command_pb2.SitCommand.Feedback
@@ -265,10 +285,14 @@ class Session:
         for name in ("bosdyn", self._config.client_name):
             logging.getLogger(name).addHandler(logging.NullHandler())
             logging.getLogger(name).propagate = False
-        sdk = bosdyn.client.create_standard_sdk(self._config.client_name)
+        # Built by hand: the SDK's own function registers forty services and warns of deprecated calls.
+        sdk = Sdk(self._config.client_name)
+        name = generate_client_name(self._config.client_name)
+        sdk.request_processors.append(AddRequestHeader(lambda: name))
+        sdk.cert = files("bosdyn.client.resources").joinpath("robot.pem").read_bytes()
         if self._config.ca_file is not None:
             sdk.cert += b"\n" + _read_pem(self._config.ca_file)
-        for service in (RobotStateStreamingClient, RobotCommandStreamingClient):
+        for service in SERVICES:
             sdk.register_service_client(service)
         self._robot = sdk.create_robot(self._address.sdk_host)
         self._robot.update_secure_channel_port(self._address.port)

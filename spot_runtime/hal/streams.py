@@ -52,7 +52,8 @@ class StateReceiver:
             on_wire: Takes each message's bytes and the instant of its receipt.
             on_end: Takes the reason when the stream ends other than by :meth:`stop`.
         """
-        self.states: queue.SimpleQueue[RobotState] = queue.SimpleQueue()
+        self.states: queue.SimpleQueue[RobotState | None] = queue.SimpleQueue()
+        """States as they come; None after the last one."""
         self._now_ns, self._receipt_ns, self._on_wire, self._on_end = now_ns, receipt_ns, on_wire, on_end
         self._is_stopped = False
         stream = channel.unary_stream(
@@ -89,6 +90,7 @@ class StateReceiver:
             reason = str(error)
         if not self._is_stopped:
             self._on_end(reason)
+        put(None)
 
 
 class CommandStream:
