@@ -2,7 +2,26 @@
 
 from __future__ import annotations
 
+from array_api_compat import array_namespace
+
 from spot_model.rotation import AnyArray
+
+
+def saturate_setpoint(position_rad: AnyArray, low_rad: AnyArray, high_rad: AnyArray) -> AnyArray:
+    """Position set-points as the servo takes them: held within the joint's stops.
+
+    Args:
+        position_rad: Set-points. Shape (..., 12), canonical order, rad.
+        low_rad: Lower stops, broadcastable, of the same array library.
+        high_rad: Upper stops.
+
+    Returns:
+        Same shape, rad; a set-point within the stops comes back bit for bit.
+
+    Source: Boston Dynamics SDK: set-points beyond a joint's limits saturate.
+    """
+    xp = array_namespace(position_rad)
+    return xp.minimum(xp.maximum(position_rad, low_rad), high_rad)
 
 
 def pd_torque(

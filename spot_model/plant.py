@@ -13,6 +13,7 @@ from mujoco.batch import Batch
 from numpy.typing import ArrayLike, NDArray
 
 from spot_model import facts
+from spot_model.control import saturate_setpoint
 from spot_model.effects.base import (
     BodyEstimate,
     CommandEffect,
@@ -146,12 +147,16 @@ class Plant(PlantState):
     def command(self, command: ServoCommand) -> None:
         """Issue a command now; the servos follow it when it arrives (at once without command effects).
 
+        Position set-points saturate at the joints' stops, as the robot's servos take them.
+
         Raises:
             ValueError: An array does not broadcast to (n_sims, 12).
         """
         command = command.copied_for(self.n_sims)
         for effect in self._software:
             command = replace(command, position_rad=effect.setpoint_rad(command.position_rad))
+        within_stops = saturate_setpoint(command.position_rad, facts.POSITION_LOW_RAD, facts.POSITION_HIGH_RAD)
+        command = replace(command, position_rad=within_stops)
         self._channel.issue(command, self._now_s)
 
     def advance(self, n_substeps: int = 1) -> None:

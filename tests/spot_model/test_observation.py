@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spot_model.control import pd_torque
+from spot_model.control import pd_torque, saturate_setpoint
 from spot_model.observation import N_OBSERVATION, build_observation
 
 
@@ -67,3 +67,10 @@ def test_servo_law_by_hand():
     )
     # 60 · 0.1 + 1.5 · (0.5 − 2) + 3
     np.testing.assert_allclose(torque, [6.75])
+
+
+def test_setpoints_saturate_at_the_stops():
+    low, high = np.array([-0.5, -1.0]), np.array([0.5, 2.0])
+    np.testing.assert_array_equal(
+        saturate_setpoint(np.array([[0.2, -3.0], [0.9, 2.0]]), low, high), [[0.2, -1.0], [0.5, 2.0]]
+    )

@@ -87,11 +87,18 @@ def test_a_simulation_does_not_depend_on_its_neighbours() -> None:
 def test_applied_torque_by_hand() -> None:
     plant = Plant((TorqueLimit(joints=("hips",), limit_nm=45.0),), 1)
     plant.reset(joint_velocity_rad_s=2.0)
-    position = facts.DEFAULT_POSITION_RAD + 1.0
-    plant.command(ServoCommand(position, velocity_rad_s=1.0, load_nm=4.0, kp_nm_per_rad=50.0, kd_nm_s_per_rad=2.0))
+    position = facts.DEFAULT_POSITION_RAD + 0.5
+    plant.command(ServoCommand(position, velocity_rad_s=1.0, load_nm=4.0, kp_nm_per_rad=100.0, kd_nm_s_per_rad=2.0))
     plant.advance()
-    # 50·1 + 2·(1 − 2) + 4 = 52 N·m; the hips stop at 45.
+    # 100·0.5 + 2·(1 − 2) + 4 = 52 N·m; the hips' limit is 45.
     np.testing.assert_allclose(plant.applied_torque_nm[0], np.tile([45.0, 45.0, 52.0], 4), rtol=1e-12)
+
+
+def test_a_setpoint_beyond_a_stop_pulls_no_harder_than_the_stop() -> None:
+    beyond, at_stop = Plant((), 1), Plant((), 1)
+    beyond.step(facts.POSITION_HIGH_RAD + 1.0, 1)
+    at_stop.step(facts.POSITION_HIGH_RAD, 1)
+    np.testing.assert_array_equal(beyond.applied_torque_nm, at_stop.applied_torque_nm)
 
 
 def test_a_parameter_may_differ_between_simulations() -> None:
