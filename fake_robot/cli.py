@@ -5,147 +5,27 @@ from __future__ import annotations
 import json
 import logging
 import os
-import shlex
 import signal
 import subprocess
 import sys
-import tempfile
 import threading
-from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
-from typing import Annotated, Any, Self
+from typing import Annotated
 
 import typer
 
-from fake_robot.certificates import ensure_certificates, write_private
-from fake_robot.robot import Robot
-from fake_robot.scenario import Scenario, load_scenario
-from fake_robot.sdk_environment import SdkEnvironment, write_sdk_folder
-from fake_robot.server import BindError, Endpoints, FakeServer
-from fake_robot.services.tokens import Credentials
-from fake_robot.state_folder import DEFAULT_USERNAME, default_state_folder, ensure_credentials, read_password
+from fake_robot.certificates import write_private
+from fake_robot.running import FakeOptions, RunningFake
+from fake_robot.server import FakeServer
+from fake_robot.state_folder import DEFAULT_USERNAME
 from spot_model.errors import BadInputError
 
 HOST_PLACEHOLDER = "HOST"
 HOST_VARIABLE = "SPOT_RL_FAKE_HOST"
-LOOPBACK = ("127.0.0.1:", "localhost:", "[::1]:")
-ADMIN_SOCKET = "admin.sock"
+POLL_PERIOD_S = 0.1
 
 app = typer.Typer(invoke_without_command=True, no_args_is_help=False, add_completion=False)
-
-
-@dataclass(frozen=True)
-class FakeOptions:
-    """What the command line asked for."""
-
-    scenario: str = ""
-    lock_step: bool = False
-    address: str = "127.0.0.1"
-    port: int = 8443
-    socket: Path | None = None
-    admin: str = ""
-    state_dir: Path | None = None
-    username: str = DEFAULT_USERNAME
-    password_file: Path | None = None
-
-
-class RunningFake:
-    """A fake that serves, and what a program must know to reach it. A context manager.
-
-    Args:
-        options: What to serve, and where.
-
-    Raises:
-        SpotRlError: The scenario, folder, password or address cannot be used.
-    """
-
-    def __init__(self, options: FakeOptions) -> None:
-        self._options = options
-        scenario = scenario_of(options)
-        folder = options.state_dir or default_state_folder()
-        credentials = _credentials(options, folder)
-        host = "" if options.socket is not None else options.address
-        extra_names = () if host in {"", "127.0.0.1", "localhost", "0.0.0.0"} else (host,)  # noqa: S104
-        certificates = ensure_certificates(folder, addresses=extra_names)
-        self.environment = SdkEnvironment(
-            certificates.ca_path.absolute(),
-            write_sdk_folder(folder, certificates.ca_path).absolute(),
-            credentials.username,
-            credentials.password,
-        )
-        self._temporary = tempfile.TemporaryDirectory(prefix="spot-rl-fake-")
-        self.server = FakeServer(
-            Robot(scenario),
-            scenario.services,
-            credentials,
-            certificates,
-            address=host or f"unix:{options.socket}",
-            port=options.port,
-            admin=_admin_target(options.admin, Path(self._temporary.name)),
-        )
-        self.endpoints: Endpoints
-
-    def __enter__(self) -> Self:
-        try:
-            self.endpoints = self.server.start()
-        except BaseException:
-            self._temporary.cleanup()
-            raise
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.server.stop()
-        if self._options.socket is not None:
-            Path(f"{self._options.socket}:443").unlink(missing_ok=True)
-        self._temporary.cleanup()
-
-    def description(self) -> dict[str, Any]:
-        """What ``--json`` prints. A password that the user brought in a file stays in that file."""
-        environment = self.environment.variables(dict(os.environ))
-        description: dict[str, Any] = {
-            "host": self.endpoints.host,
-            "port": self.endpoints.port,
-            "sdk_host": self.endpoints.sdk_host,
-            "ca_file": str(self.environment.ca_path),
-            "sdk_folder": str(self.environment.sdk_folder),
-            "username": self.environment.username,
-            "admin": self.endpoints.admin,
-            "pid": os.getpid(),
-            "lock_step": self._options.lock_step,
-        }
-        if self._options.password_file is None:
-            description["password"] = self.environment.password
-        else:
-            description["password_file"] = str(self._options.password_file.absolute())
-            del environment["BOSDYN_CLIENT_PASSWORD"]
-        return description | {"environment": environment}
-
-    def text(self) -> str:
-        """What is printed for a person."""
-        settings = self.environment.variables({})
-        password = shlex.quote(settings.pop("BOSDYN_CLIENT_PASSWORD"))
-        if self._options.password_file is not None:
-            password = f'"$(cat {shlex.quote(str(self._options.password_file.absolute()))})"'
-        lines = [f"  export {name}={shlex.quote(value)}" for name, value in settings.items()]
-        return "\n".join(
-            [
-                "A fake Spot serves Boston Dynamics' API; Ctrl-C ends it.",
-                f"  host argument  {self.endpoints.sdk_host}",
-                f"  admin service  {self.endpoints.admin}",
-                f"  certificate    {self.environment.ca_path}",
-                "An unmodified SDK program reaches it with this environment:",
-                *lines,
-                f"  export BOSDYN_CLIENT_PASSWORD={password}",
-                f"  python your_program.py {shlex.quote(self.endpoints.sdk_host)}",
-            ]
-        )
-
-
-def scenario_of(options: FakeOptions) -> Scenario:
-    """The scenario, with lock-step if it was asked for."""
-    scenario = load_scenario(options.scenario) if options.scenario else Scenario()
-    return scenario.with_changes(time_mode="lock_step") if options.lock_step else scenario
 
 
 @app.callback()
@@ -194,7 +74,7 @@ def fake_robot(
         sys.stdout.flush()
         if until_stdin_closes:
             threading.Thread(target=_wait_for_stdin, args=(fake.server,), daemon=True).start()
-        while not fake.server.wait(0.2) and not stop.is_set():
+        while not fake.server.wait(POLL_PERIOD_S) and not stop.is_set():
             pass
 
 
@@ -209,12 +89,12 @@ def exec_program(context: typer.Context) -> None:
     options: FakeOptions = context.obj
     if options.port == FakeOptions.port:
         options = FakeOptions(**{**vars(options), "port": 0})
-    with _signals_end_it(), RunningFake(options) as fake:
+    with _signals_end_it() as stop, RunningFake(options) as fake:
         host = fake.endpoints.sdk_host
         words = [host if word == HOST_PLACEHOLDER else word for word in context.args]
         environment = {**os.environ, **fake.environment.variables(), HOST_VARIABLE: host}
         try:
-            code = _run_program(words, environment)
+            code = _run_program(words, environment, stop)
         except OSError as error:
             raise BadInputError(f"the program {words[0]!r} cannot be run: {error.strerror}") from error
     raise typer.Exit(code)
@@ -236,27 +116,15 @@ class _signals_end_it:  # noqa: N801 - reads as a phrase where it is used
         self._event.set()
 
 
-def _run_program(words: list[str], environment: dict[str, str]) -> int:
-    """Run to the end; a terminal's SIGINT reaches the program by itself. 128 + n for a program that signal n ended."""
+def _run_program(words: list[str], environment: dict[str, str], stop: threading.Event) -> int:
+    """Run to the end, or until ``stop``: then the program gets a SIGTERM. 128 + n for a program that signal n ended."""
     process = subprocess.Popen(words, env=environment)  # noqa: S603 - it is the user's own program
+    while process.poll() is None:
+        if stop.wait(POLL_PERIOD_S):
+            process.terminate()
+            break
     code = process.wait()
     return code if code >= 0 else 128 - code
-
-
-def _credentials(options: FakeOptions, folder: Path) -> Credentials:
-    if options.password_file is not None:
-        return Credentials(options.username, read_password(options.password_file))
-    return ensure_credentials(folder, username=options.username)
-
-
-def _admin_target(asked: str, temporary: Path) -> str:
-    if not asked:
-        return f"unix:{temporary / ADMIN_SOCKET}"
-    if not asked.startswith(("unix:/", *LOOPBACK)):
-        raise BindError(
-            f"--admin {asked} is not allowed: the admin service needs no password; give unix:/PATH or 127.0.0.1:PORT"
-        )
-    return asked
 
 
 def _write_ready_file(path: Path, description: str) -> None:

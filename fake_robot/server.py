@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable
 from concurrent import futures
 from dataclasses import dataclass
-from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 import grpc
 
 from fake_robot.certificates import ServerCertificates
+from fake_robot.listen import UNIX_PREFIX, bind, listen_target, sdk_host
 from fake_robot.robot_port import RobotPort
 from fake_robot.services.access import GatekeeperInterceptor
 from fake_robot.services.admin import AdminService
@@ -22,7 +21,6 @@ from fake_robot.services.tokens import Credentials
 from fake_robot.services.wiring import add_services
 from fake_robot.services.world import World
 from fake_robot.services_config import ServicesConfig
-from spot_model.errors import SpotRlError
 from spot_protos import fake_admin_pb2_grpc
 
 _LOGGER = logging.getLogger(__name__)
@@ -30,13 +28,6 @@ _LOGGER = logging.getLogger(__name__)
 TICK_PERIOD_S = 0.05
 STOP_GRACE_S = 0.5
 ADMIN_THREADS = 4
-UNIX_PREFIX = "unix:"
-SDK_PORT = 443
-"""The port that the SDK appends to every host argument; a Unix socket's path ends in it too."""
-
-
-class BindError(SpotRlError):
-    """The server cannot listen where it was told to."""
 
 
 @dataclass(frozen=True)
@@ -168,7 +159,7 @@ class FakeServer:
         key_and_certificate = (self._certificates.key_pem, self._certificates.certificate_pem)
         tls = grpc.ssl_server_credentials([key_and_certificate])
         target = listen_target(self._address, self._port)
-        port = _bind(target, lambda: server.add_secure_port(target, tls))
+        port = bind(target, lambda: server.add_secure_port(target, tls))
         server.start()
         self._servers.append(server)
         return server, listen_target(self._address, port), port
@@ -181,7 +172,7 @@ class FakeServer:
         service = AdminService(self._world, self._faults, self.request_stop)
         fake_admin_pb2_grpc.add_FakeAdminServicer_to_server(service, server)  # type: ignore[no-untyped-call]
         target = self._admin_target
-        port = _bind(target, lambda: server.add_insecure_port(target))
+        port = bind(target, lambda: server.add_insecure_port(target))
         server.start()
         self._servers.append(server)
         if target.startswith(UNIX_PREFIX):
@@ -192,59 +183,3 @@ class FakeServer:
         while not self._stop_requested.wait(TICK_PERIOD_S):
             self._world.tick()
             self._faults.tick()
-
-
-def listen_target(address: str, port: int) -> str:
-    """The gRPC target of the robot's server for an IP address, or for ``unix:/path``."""
-    if address.startswith(UNIX_PREFIX):
-        return f"{address}:{SDK_PORT}"
-    return f"[{address}]:{port}" if ":" in address else f"{address}:{port}"
-
-
-def sdk_host(address: str, port: int) -> str:
-    """What an SDK program must be given as host name. The SDK appends ``:443`` to it, whatever it is.
-
-    For TCP this makes a list of two addresses, of which the first is ours. [sdk]
-    """
-    if address.startswith(UNIX_PREFIX):
-        return address
-    family = "ipv6" if ":" in address else "ipv4"
-    reachable = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(address, address)  # noqa: S104 - compared, not bound
-    bracketed = f"[{reachable}]" if family == "ipv6" else reachable
-    return f"{family}:{bracketed}:{port},{bracketed}"
-
-
-def _bind(target: str, add_port: Callable[[], int]) -> int:
-    if target.startswith(UNIX_PREFIX):
-        _prepare_socket(Path(target.removeprefix(UNIX_PREFIX)))
-    try:
-        port = add_port()
-    except RuntimeError:
-        port = 0
-    if not port:
-        raise BindError(
-            f"cannot listen on {target}: it is in use, or not an address of this machine; "
-            "choose another (port 0 picks a free one)"
-        )
-    return port
-
-
-def _prepare_socket(path: Path) -> None:
-    """Refuse a socket that somebody listens on or whose path is too long; remove one that a dead server left."""
-    import socket
-
-    if len(str(path).encode()) > 100:
-        raise BindError(f"the path of the Unix socket {path} is longer than 100 bytes; choose a shorter one")
-    if not path.parent.is_dir():
-        raise BindError(f"there is no folder {path.parent} for the Unix socket {path.name}; make it first")
-    if not path.is_socket():
-        if path.exists():
-            raise BindError(f"{path} exists and is no socket; choose another path")
-        return
-    with socket.socket(socket.AF_UNIX) as probe:
-        try:
-            probe.connect(str(path))
-        except OSError:
-            path.unlink()
-            return
-    raise BindError(f"another server listens on {path}; stop it, or choose another path")

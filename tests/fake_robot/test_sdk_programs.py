@@ -17,8 +17,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import typer
 
+from fake_robot.cli import app
 from fake_robot.pytest_plugin import FakeSpot, FakeSpotError, running_fake_spot
+from spot_model.errors import SpotRlError
 
 PROGRAMS = Path(__file__).parent / "sdk_programs"
 QUICK_START = {"power": {"power_on_s": 0.4}}
@@ -164,6 +167,17 @@ def test_exec_runs_a_program_and_passes_its_code_on(fake_spot_state_folder: Path
     assert ran.stdout.startswith("True ipv4:127.0.0.1:")
 
 
+def test_a_signal_to_exec_ends_the_program_too(fake_spot_state_folder: Path) -> None:
+    program = "import time; print('up', flush=True); time.sleep(600)"
+    words = command("--state-dir", str(fake_spot_state_folder), "exec", "--", sys.executable, "-c", program)
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "up\n"
+        process.send_signal(signal.SIGTERM)
+        process.communicate(timeout=30)
+    assert process.returncode == 128 + signal.SIGTERM
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -176,13 +190,10 @@ def test_exec_runs_a_program_and_passes_its_code_on(fake_spot_state_folder: Path
     ],
     ids=["admin", "scenario", "socket", "both", "nothing", "no-program"],
 )
-def test_bad_words_end_in_one_line(fake_spot_state_folder: Path, words: list[str], message: str) -> None:
-    ran = subprocess.run(
-        command("--state-dir", str(fake_spot_state_folder), *words), capture_output=True, text=True, timeout=60
-    )
-    assert ran.returncode in {1, 2}
-    assert message in ran.stderr
-    assert "Traceback" not in ran.stderr
+def test_bad_words_are_an_error_of_ours(fake_spot_state_folder: Path, words: list[str], message: str) -> None:
+    command_line = typer.main.get_command(app)
+    with pytest.raises(SpotRlError, match=message):
+        command_line.main(["--state-dir", str(fake_spot_state_folder), *words], standalone_mode=False)
 
 
 def test_a_port_in_use_ends_in_one_line(fake_spot_state_folder: Path) -> None:
@@ -194,6 +205,7 @@ def test_a_port_in_use_ends_in_one_line(fake_spot_state_folder: Path) -> None:
         ran = subprocess.run(words, capture_output=True, text=True, timeout=60)
     assert ran.returncode == 1
     assert f"cannot listen on 127.0.0.1:{port}: it is in use" in ran.stderr
+    assert "Traceback" not in ran.stderr
 
 
 def test_a_signal_ends_it_cleanly_and_a_password_of_ones_own_is_never_printed(short_folder: Path) -> None:

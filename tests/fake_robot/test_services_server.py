@@ -22,8 +22,8 @@ from bosdyn.client.lease import ResourceAlreadyClaimedError
 from cryptography import x509
 
 from fake_robot.certificates import CertificateError, ServerCertificates, ensure_certificates
+from fake_robot.listen import BindError, sdk_host
 from fake_robot.sdk_environment import SdkEnvironment, write_sdk_folder
-from fake_robot.server import BindError, sdk_host
 from fake_robot.state_folder import ensure_credentials, read_password
 from spot_model.errors import BadInputError
 from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
@@ -88,6 +88,7 @@ def test_the_host_argument_makes_the_sdk_append_its_port_to_a_second_address() -
     assert sdk_host("127.0.0.1", 8443) == "ipv4:127.0.0.1:8443,127.0.0.1"
     assert sdk_host("0.0.0.0", 8443) == "ipv4:127.0.0.1:8443,127.0.0.1"  # noqa: S104 - compared, not bound
     assert sdk_host("::1", 8443) == "ipv6:[::1]:8443,[::1]"
+    assert sdk_host("127.0.0.1", 443) == "127.0.0.1"
     assert sdk_host("unix:/run/spot.sock", 0) == "unix:/run/spot.sock"
 
 
