@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from spot_model import facts
-from spot_model.control import pd_torque, saturate_setpoint
+from spot_model.control import pd_torque
 from spot_model.effects.base import CommandEffect, Effect, ModelEffect, Motion, TorqueEffect
 from spot_model.errors import BadInputError
 
@@ -65,8 +65,6 @@ class TorchTorqueChain:
     def __init__(self, effects: tuple[Effect, ...], like: Tensor) -> None:
         chosen = [e for e in effects if isinstance(e, TorqueEffect) and not e.is_null]
         self._still = torch.zeros_like(like)
-        self._low = torch.as_tensor(facts.POSITION_LOW_RAD, dtype=like.dtype, device=like.device)
-        self._high = torch.as_tensor(facts.POSITION_HIGH_RAD, dtype=like.dtype, device=like.device)
         self._effects = [e.arrays_like(like) for e in chosen]
         self._masks = [None if e.mask.all() else torch.as_tensor(e.mask, device=like.device) for e in chosen]
         self.memory: list[Any] = [e.start(self._still) for e in self._effects]
@@ -76,7 +74,7 @@ class TorchTorqueChain:
         torque: Tensor = pd_torque(
             position_rad=position_rad,
             velocity_rad_s=velocity_rad_s,
-            setpoint_position_rad=saturate_setpoint(setpoint_rad, self._low, self._high),
+            setpoint_position_rad=setpoint_rad,
             setpoint_velocity_rad_s=0.0,
             feedforward_nm=0.0,
             kp_nm_per_rad=facts.POLICY_KP_NM_PER_RAD,

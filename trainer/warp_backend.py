@@ -13,6 +13,7 @@ import torch
 import warp as wp
 
 from spot_model import facts
+from spot_model.control import saturate_setpoint
 from spot_model.effects.base import Effect
 from spot_model.plant import Plant, PlantOptions
 from spot_model.plant_fields import FIRST_JOINT_COORDINATE, FIRST_JOINT_DOF
@@ -71,6 +72,10 @@ class WarpBackend:
         self._ctrl: Tensor = wp.to_torch(self._data.ctrl)
         self._warmstart: Tensor = wp.to_torch(self._data.qacc_warmstart)
         rest = torch.tensor(facts.DEFAULT_POSITION_RAD, device=device, dtype=torch.float32).repeat(n, 1)
+        self._stops_rad = tuple(
+            torch.tensor(stop, device=device, dtype=torch.float32)
+            for stop in (facts.POSITION_LOW_RAD, facts.POSITION_HIGH_RAD)
+        )
         self._setpoints = DelayedSetpoints(effects, rest, self._timestep_s, self._substeps)
         self._torques = TorchTorqueChain(effects, rest)
         self._contacts = GroundContacts(plant.model, self._data, n, self.device)
@@ -79,7 +84,7 @@ class WarpBackend:
 
     def step(self, setpoint_position_rad: Tensor) -> None:
         """Advance one policy period."""
-        self._setpoints.issue(setpoint_position_rad)
+        self._setpoints.issue(saturate_setpoint(setpoint_position_rad, *self._stops_rad))
         position = self._qpos[:, FIRST_JOINT_COORDINATE:]
         velocity = self._qvel[:, FIRST_JOINT_DOF:]
         for substep in range(self._substeps):
