@@ -1,4 +1,4 @@
-"""The same network with other gains in its contract: one short log at other gains tells damping from viscous friction."""
+"""The same network with other gains in its contract: one short log at them tells damping from viscous friction."""
 
 from __future__ import annotations
 

@@ -74,7 +74,9 @@ def bench_sysid(policy_path: Path, *, workers: int, generations: int) -> dict[st
 def plain_loop_simulated_s_per_s(policy: Policy, velocity_command: Array) -> float:
     """One robot, one core: policy at its rate, servo law and ``mj_step`` at each physics step."""
     timestep_s = SimulationConfig().timestep_s
-    model = mujoco.MjModel.from_xml_string(spot_mjcf(MjcfOptions(timestep_s=timestep_s, cone="elliptic", collision="feet")))
+    model = mujoco.MjModel.from_xml_string(
+        spot_mjcf(MjcfOptions(timestep_s=timestep_s, cone="elliptic", collision="feet"))
+    )
     data = mujoco.MjData(model)
     data.qpos[2] = default_height_m()
     data.qpos[7:] = facts.DEFAULT_POSITION_RAD

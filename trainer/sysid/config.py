@@ -167,7 +167,8 @@ def _check_bounds(
         raise BadInputError(f"{where}: low = {entry.low:g} and high = {entry.high:g}; low must be below high")
     if entry.low < low or entry.high > high:
         raise BadInputError(
-            f"{where}: bounds {entry.low:g} to {entry.high:g}; {entry.effect}.{entry.parameter} allows {low:g} to {high:g}"
+            f"{where}: bounds {entry.low:g} to {entry.high:g}; "
+            f"{entry.effect}.{entry.parameter} allows {low:g} to {high:g}"
         )
     if not entry.low <= entry.initial <= entry.high:
         raise BadInputError(f"{where}: initial = {entry.initial:g}; allowed: {entry.low:g} to {entry.high:g}")

@@ -43,7 +43,8 @@ class MeasuredDelays:
 
 def measure_delays(runs: Sequence[LoggedRun]) -> MeasuredDelays:
     """Collect the delays of runs; each command counts once, at the first state that shows its receipt."""
-    path, transit = [], []
+    path: list[Array] = []
+    transit: list[Array] = []
     for run in runs:
         keys, first = np.unique(run.states.last_command_key, return_index=True)
         received = run.states.last_command_robot_stamp_ns[first]
@@ -71,9 +72,9 @@ def delay_histogram(delays_s: Array) -> EmpiricalDelay:
         raise BadInputError("delays: no command's receipt is in the logs; give logs with commands and their keys")
     if float(np.min(delays_s)) < 0.0:
         raise BadInputError(
-            f"delays: {int(np.sum(delays_s < 0))} of {len(delays_s)} commands were received before they were sent, by up "
-            f"to {-1e3 * float(np.min(delays_s)):.2f} ms; the estimate of the robot's clock in these logs is off by more "
-            "than the delay"
+            f"delays: {int(np.sum(delays_s < 0))} of {len(delays_s)} commands were received before they were sent, by "
+            f"up to {-1e3 * float(np.min(delays_s)):.2f} ms; the estimate of the robot's clock in these logs is off by "
+            "more than the delay"
         )
     low, high = int(np.min(delays_s) / BIN_S), int(np.max(delays_s) / BIN_S) + 1
     edges = np.arange(low, high + 1) * BIN_S

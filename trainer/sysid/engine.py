@@ -72,7 +72,9 @@ class RayEngine:
         try:
             import ray
         except ModuleNotFoundError as error:
-            raise EngineError("engine ray: Ray is not installed; install the extra: pip install 'spot-rl[ray]'") from error
+            raise EngineError(
+                "engine ray: Ray is not installed; install the extra: pip install 'spot-rl[ray]'"
+            ) from error
         self._ray: Any = ray
         self._address = address
         self._problem = problem

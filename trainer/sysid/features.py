@@ -11,7 +11,9 @@ from spot_model import facts
 from spot_model.policy import Policy
 from spot_model.policy_contract import PolicyContract
 
-FEATURE_NAMES: Final = tuple(f"{name} {kind}" for kind in ("position", "velocity", "action") for name in facts.JOINT_NAMES)
+FEATURE_NAMES: Final = tuple(
+    f"{name} {kind}" for kind in ("position", "velocity", "action") for name in facts.JOINT_NAMES
+)
 """The 36 features, in order."""
 
 N_FEATURES: Final = len(FEATURE_NAMES)

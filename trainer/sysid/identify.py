@@ -1,11 +1,10 @@
-"""The whole identification: what logs show directly, the paper's search, the fit of measured torques, and the verdict."""
+"""The whole identification: what logs show directly, the paper's search, the fit of torques, and the verdict."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +20,6 @@ from trainer.sysid.problem import Problem, build_problem
 from trainer.sysid.read_logs import LogSet
 from trainer.sysid.rollout import RolloutOptions
 from trainer.sysid.search import Generation, SearchState, run_search
-from trainer.sysid.space import SearchSpace
 from trainer.sysid.surrogate import ScoreIntervals, score_intervals
 from trainer.sysid.torque_fit import TorqueFit, fit_torque
 from trainer.sysid.torque_model import TorqueModel
@@ -29,12 +27,6 @@ from trainer.sysid.torque_samples import TorqueSamples, torque_samples
 from trainer.sysid.verdict import CONFIDENCE, ParameterVerdict, judge
 
 Array = NDArray[np.float64]
-
-
-class EngineMaker(Protocol):
-    """Makes the engine for a problem."""
-
-    def __call__(self, problem: Problem) -> Engine: ...
 
 
 @dataclass(frozen=True)
@@ -104,7 +96,7 @@ def with_best_contact(problem: Problem, values: Array) -> tuple[Problem, DirectC
     for choice_s in CONTACT_CHOICES_S:
         candidate = replace(problem, options=replace(problem.options, contact_time_constant_s=choice_s))
         choices.append((candidate.score(candidate.evaluate(values[None, :])[0]), choice_s, candidate))
-    score, best_s, chosen = min(choices, key=lambda c: c[:2])
+    _, best_s, chosen = min(choices, key=lambda c: c[:2])
     scores = ", ".join(f"{1e3 * s:g} ms {value:.2f}" for value, s, _ in choices)
     return chosen, DirectChange("contact time constant", best_s, "s", f"best score of {len(choices)} choices: {scores}")
 
@@ -139,9 +131,7 @@ def identify(
     names = ("initial", "search", "identified")
     results = engine.evaluate(np.stack([space.initial, mean, chosen]))
     scores = {name: problem.score(result) for name, result in zip(names, results, strict=True)}
-    return Identification(
-        preparation, state, intervals, fit, verdicts, space.model_with(chosen), scores
-    )
+    return Identification(preparation, state, intervals, fit, verdicts, space.model_with(chosen), scores)
 
 
 def _policy_order(noise: ObservationNoise, policy: Policy) -> Array:

@@ -37,7 +37,9 @@ def with_measured(
     if use_delay and np.isfinite(delays.path_median_s) and ("command_delay", "delay_s") not in searched:
         model = _with_delay(model, delays.path_median_s)
         changes.append(
-            DirectChange("command delay", delays.path_median_s, "s", f"median of {len(delays.path_s)} commands' receipts")
+            DirectChange(
+                "command delay", delays.path_median_s, "s", f"median of {len(delays.path_s)} commands' receipts"
+            )
         )
     has_armature = any(isinstance(e, Armature) for e in model.effects)
     if use_inertia and fit is not None and not has_armature:
@@ -51,9 +53,7 @@ def with_measured(
 
 
 def _with_delay(model: RobotModel, delay_s: float) -> RobotModel:
-    present = [i for i, e in enumerate(model.effects) if isinstance(e, CommandDelay)]
-    if not present:
+    if not any(isinstance(e, CommandDelay) for e in model.effects):
         return model.with_effects(CommandDelay(delay_s=delay_s))
-    effects = list(model.effects)
-    effects[present[0]] = replace(effects[present[0]], delay_s=delay_s)
-    return replace(model, effects=tuple(effects))
+    effects = tuple(CommandDelay(delay_s=delay_s) if isinstance(e, CommandDelay) else e for e in model.effects)
+    return replace(model, effects=effects)

@@ -71,7 +71,7 @@ class SequenceReference:
         return self.scale if len(self.real) > 1 else None
 
     def distances(self, features: NDArray[Any]) -> Array:
-        """From one simulated run, shape (n, 36), to each real run, shape (n_real, 2); NaN where the run is not finite."""
+        """From one simulated run, shape (n, 36), to each real run, shape (n_real, 2); NaN if the run is not finite."""
         if not np.all(np.isfinite(features)):
             return np.full((len(self.real), len(MEASURES)), np.nan)
         simulated = digest(features, self.fourier)

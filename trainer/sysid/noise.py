@@ -1,21 +1,20 @@
 """Sensor noise of each observation feature, by the paper's estimate from the upper half of the spectrum.
 
-White noise of standard deviation σ has the same power at every frequency; motion has less and less. The paper multiplies
-the spectrum by the frequency and averages the power over [f_s/4, f_s/2]; dividing by the same average of the factor
-makes the estimate exact for white noise. Two changes keep a gait out of it: the spectrum is that of the whole state
-stream (f_s = 333 Hz) where the paper has the 50 Hz ticks, and of many short stretches the quietest decide, so that foot
-impacts in the others do not count: the lowest quantiles of their power are matched with those of white noise that only
-a share of the stretches shows. That share is found beside σ; a tenth of the log is enough.
+White noise of standard deviation σ has the same power at every frequency; motion has less and less. The paper
+multiplies the spectrum by the frequency and averages the power over [f_s/4, f_s/2]; dividing by the same average of the
+factor makes the estimate exact for white noise. Three choices keep a gait out of it: the spectrum is that of the whole
+state stream (f_s = 333 Hz) where the paper has the 50 Hz ticks; of all short stretches only the tenth counts in which
+the set-points moved least; and over those, the median power is taken, so that single impacts do not count.
 
 Source: the paper, section on observation noise.
 """
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
@@ -34,14 +33,10 @@ Array = NDArray[np.float64]
 STATE_RATE_HZ: Final = 1e9 / facts.STATE_PERIOD_NS
 SEGMENT: Final = 64
 """Samples of a stretch, 0.19 s of the state stream."""
-QUANTILES: Final = (0.01, 0.02, 0.03, 0.045, 0.06)
-"""Quantiles over stretches that are matched."""
-QUIET_SHARES: Final = tuple(np.linspace(0.1, 1.0, 19).tolist())
-"""Shares of quiet stretches that are tried."""
-MIN_STRETCHES: Final = 1000
-"""With fewer, the lowest quantiles are too uncertain, and the second of ten is matched, as if all were quiet."""
-N_CALIBRATION: Final = 20_000
-"""Stretches of white noise from which the quantile's size for white noise is known, to about 1 %."""
+QUIET_SHARE: Final = 0.1
+"""Share of the stretches that count, those with the least movement of set-points."""
+MIN_QUIET: Final = 50
+"""At least so many stretches count, where there are as many."""
 NOISY_BLOCKS: Final = tuple(name for name, _ in OBSERVATION_LAYOUT if name not in ("velocity_command", "last_action"))
 
 
@@ -123,17 +118,21 @@ def observation_noise(runs: Sequence[LoggedRun]) -> ObservationNoise:
     Raises:
         BadInputError: No run has an unbroken stretch that is long enough.
     """
-    powers = []
+    powers, movements = [], []
     for run in runs:
+        setpoint = _setpoint(run)
         for piece in _unbroken(run):
             powers.append(_stretch_power(_signals(run, piece), SEGMENT))
+            movements.append(_stretch_power(setpoint[piece], SEGMENT).sum(axis=(1, 2)))
     if not powers:
         raise BadInputError(
             f"noise: no log has {SEGMENT} states in a row, {facts.STATE_PERIOD_NS * 1e-6:g} ms apart; give a whole log"
         )
-    power = np.concatenate(powers)
-    sigma = _sigma_of_power(power, STATE_RATE_HZ, SEGMENT)
-    return ObservationNoise(sigma=sigma[:48], load_nm=sigma[48:], n_stretches=len(power))
+    power, movement = np.concatenate(powers), np.concatenate(movements)
+    n_quiet = min(len(power), max(MIN_QUIET, round(QUIET_SHARE * len(power))))
+    quiet = np.argsort(movement, kind="stable")[:n_quiet]
+    sigma = _sigma_of_power(power[quiet], STATE_RATE_HZ, SEGMENT)
+    return ObservationNoise(sigma=sigma[:48], load_nm=sigma[48:], n_stretches=n_quiet)
 
 
 def write_noise(noise: ObservationNoise, path: Path) -> None:
@@ -168,7 +167,7 @@ def _unbroken(run: LoggedRun) -> list[slice]:
     stamps = run.states.robot_stamp_ns
     breaks = np.flatnonzero(np.diff(stamps) != facts.STATE_PERIOD_NS) + 1
     edges = [0, *breaks.tolist(), len(stamps)]
-    return [slice(a, b) for a, b in zip(edges, edges[1:], strict=False) if b - a >= SEGMENT]
+    return [slice(a, b) for a, b in pairwise(edges) if b - a >= SEGMENT]
 
 
 def _stretch_power(signal: Array, segment: int) -> Array:
@@ -184,31 +183,20 @@ def _stretch_power(signal: Array, segment: int) -> Array:
 
 
 def _sigma_of_power(power: Array, rate_hz: float, segment: int) -> Array:
-    band = _band_power(power, rate_hz, segment)
-    if len(power) < MIN_STRETCHES:
-        return np.sqrt(np.quantile(band, 0.2, axis=0) / _white_quantiles(rate_hz, segment)[-1, -1])
-    quantiles = np.quantile(band, QUANTILES, axis=0)
-    silent = quantiles[0] == 0.0
-    found = np.log(np.where(silent, 1.0, quantiles))
-    white = np.log(_white_quantiles(rate_hz, segment)[:, :-1])
-    # Rows: shares. A share's own σ makes the mean difference 0; the share with the least scatter is taken.
-    difference = found[None] - white.reshape(white.shape + (1,) * (found.ndim - 1))
-    best = np.argmin(difference.var(axis=1), axis=0)
-    log_power = np.take_along_axis(difference.mean(axis=1), best[None], axis=0)[0]
-    return np.where(silent, 0.0, np.exp(0.5 * log_power))
-
-
-def _band_power(power: Array, rate_hz: float, segment: int) -> Array:
-    """Mean of f²·power over [f_s/4, f_s/2], over the mean of f²; shape (n_stretches, ...)."""
     frequency = np.fft.rfftfreq(segment, 1.0 / rate_hz)
-    weight = np.where(frequency >= rate_hz / 4.0, frequency**2, 0.0)
-    return np.asarray(np.tensordot(power, weight, axes=(1, 0)) / weight.sum())
+    # The last bin is real where the others are complex: its power is distributed otherwise.
+    upper = (frequency >= rate_hz / 4.0) & (np.arange(len(frequency)) < segment // 2)
+    # Over stretches, white noise's power is distributed exponentially, with its median ln 2 times its mean.
+    typical = np.median(power[:, upper], axis=0) / math.log(2.0)
+    weight = frequency[upper] ** 2
+    return np.asarray(np.sqrt(np.tensordot(weight, typical, axes=(0, 0)) / weight.sum()))
 
 
-@functools.cache
-def _white_quantiles(rate_hz: float, segment: int) -> Array:
-    """Quantiles of white noise with σ = 1, shape (n_shares, n_quantiles + 1); the last column is the second of ten."""
-    white = np.random.default_rng(0).standard_normal((segment, N_CALIBRATION))
-    band = _band_power(_stretch_power(white, segment), rate_hz, segment)
-    levels = np.array(QUANTILES)[None, :] / np.array(QUIET_SHARES)[:, None]
-    return np.quantile(band, np.concatenate([levels, np.full((len(levels), 1), 0.2)], axis=1))
+def _setpoint(run: LoggedRun) -> Array:
+    """Set-points at each state, shape (m, 12); where the log lacks the command, the measured position."""
+    keys = run.commands.key
+    if not len(keys):
+        return run.states.position_rad
+    index = np.minimum(np.searchsorted(keys, run.states.last_command_key), len(keys) - 1)
+    known = keys[index] == run.states.last_command_key
+    return np.where(known[:, None], run.commands.position_rad[index], run.states.position_rad)

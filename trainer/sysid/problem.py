@@ -32,7 +32,7 @@ class CandidateResult:
 
     def to_data(self) -> dict[str, Any]:
         """Plain data for JSON; NaN becomes null."""
-        lists = [np.where(np.isfinite(d), d, None).tolist() for d in self.distances]
+        lists = [[[[_or_null(x) for x in pair] for pair in row] for row in d.tolist()] for d in self.distances]
         return {"distances": lists, "fallen_share": self.fallen_share}
 
     @staticmethod
@@ -117,6 +117,10 @@ class Problem:
         n_ticks = rollouts.features.shape[2]
         fallen = float(np.mean(rollouts.fallen_tick[candidate] < n_ticks))
         return CandidateResult(tuple(distances), fallen)
+
+
+def _or_null(value: float) -> float | None:
+    return value if np.isfinite(value) else None
 
 
 def build_problem(

@@ -63,9 +63,7 @@ def read_logs(paths: Sequence[Path], policy: Policy) -> LogSet:
         raise BadInputError("no log can be used:\n" + "\n".join(f"  {w}" for w in warnings))
     compared, more = choose_compared(runs)
     if not compared:
-        raise BadInputError(
-            "no log was made at the policy's own gains:\n" + "\n".join(f"  {w}" for w in warnings)
-        )
+        raise BadInputError("no log was made at the policy's own gains:\n" + "\n".join(f"  {w}" for w in warnings))
     return LogSet(tuple(runs), compared, tuple(warnings + more))
 
 
@@ -80,13 +78,16 @@ def run_from_log(run: Run, policy: Policy) -> LoggedRun:
         raise BadInputError(f"the log's joints are {', '.join(header.joint_names)}; identification knows Spot's twelve")
     has_policy_gains = header.policy_sha256 == policy.sha256
     if not has_policy_gains and not _is_same_network(header.policy_contract_json, policy):
+        theirs = f"{header.policy_name or 'without a name'} (sha256 {header.policy_sha256[:12] or 'none'}…)"
         raise BadInputError(
-            f"it was made with policy {header.policy_name or 'without a name'} (sha256 {header.policy_sha256[:12] or 'none'}"
-            f"…), not with {policy.contract.name} ({policy.sha256[:12]}…); give that policy's file or leave the log out"
+            f"it was made with policy {theirs}, not with {policy.contract.name} ({policy.sha256[:12]}…); give that "
+            "policy's file or leave the log out"
         )
     ticks, notes = run.ticks, list(run.damage)
     if not has_policy_gains:
-        notes.append(f"made at other gains ({header.policy_name}); its torques are used, but it is not compared as a run")
+        notes.append(
+            f"made at other gains ({header.policy_name}); its torques are used, but it is not compared as a run"
+        )
     good = (ticks.mode == MODE) & np.isfinite(ticks.observation).all(axis=1) & np.isfinite(ticks.action).all(axis=1)
     rows = np.flatnonzero(good)
     fallen = np.flatnonzero(ticks.observation[rows, 8] > FALL_GRAVITY_Z)
@@ -132,7 +133,7 @@ def run_from_log(run: Run, policy: Policy) -> LoggedRun:
 
 
 def choose_compared(runs: Sequence[LoggedRun]) -> tuple[tuple[LoggedRun, ...], list[str]]:
-    """Runs that can be compared as whole runs of their sequence, cut to one length, and what to say about the others."""
+    """Runs that can be compared as whole runs of their sequence, cut to one length, and a word on the others."""
     chosen: list[LoggedRun] = []
     warnings = []
     candidates = [run for run in runs if run.has_policy_gains]
@@ -140,12 +141,12 @@ def choose_compared(runs: Sequence[LoggedRun]) -> tuple[tuple[LoggedRun, ...], l
         group = [run for run in candidates if run.sequence == name]
         longest = max(len(run.ticks.action) for run in group)
         whole = [run for run in group if len(run.ticks.action) >= SAME_LENGTH * longest]
-        for run in group:
-            if run not in whole:
-                warnings.append(
-                    f"{run.source}: {len(run.ticks.action)} of {longest} ticks of sequence {name}; its torques are used, "
-                    "but it is not compared as a run"
-                )
+        warnings.extend(
+            f"{run.source}: {len(run.ticks.action)} of {longest} ticks of sequence {name}; its torques are used, "
+            "but it is not compared as a run"
+            for run in group
+            if run not in whole
+        )
         length = min(len(run.ticks.action) for run in whole)
         first = whole[0].ticks.velocity_command[:length]
         same = [r for r in whole if np.abs(r.ticks.velocity_command[:length] - first).mean() <= SAME_COMMAND]
@@ -154,8 +155,8 @@ def choose_compared(runs: Sequence[LoggedRun]) -> tuple[tuple[LoggedRun, ...], l
             warnings.append(f"sequence {name}: {others} had other velocity commands than the first run; not compared")
         if len(same) == 1:
             warnings.append(
-                f"sequence {name} has one run: there is no real-versus-real floor and no interval from its distributions; "
-                "record at least two, better five repeats"
+                f"sequence {name} has one run: there is no real-versus-real floor and no interval from its "
+                "distributions; record at least two, better five repeats"
             )
         chosen.extend(_cut(run, length) for run in same)
     return tuple(chosen), warnings

@@ -42,8 +42,10 @@ def write_report(found: Identification, data: ResultData, path: Path) -> None:
         *[_figure_html(figure, first=i == 0) for i, figure in enumerate(figures)],
         _warnings(data),
     ]
-    page = f"<!doctype html><html lang='en'><head><meta charset='utf-8'><title>System identification</title><style>{_STYLE}</style></head><body>"
-    path.write_text(page + "\n".join(parts) + "</body></html>\n", encoding="utf-8")
+    head = f"<meta charset='utf-8'><title>System identification</title><style>{_STYLE}</style>"
+    body = "\n".join(parts)
+    page = f"<!doctype html><html lang='en'><head>{head}</head><body>{body}</body></html>\n"
+    path.write_text(page, encoding="utf-8")
 
 
 def summary(data: ResultData) -> str:
@@ -182,7 +184,9 @@ def _sequence_table(data: ResultData) -> str:
 def _warnings(data: ResultData) -> str:
     if not data.warnings:
         return ""
-    return "<h2>What was cut or left out</h2><ul>" + "".join(f"<li>{html.escape(w)}</li>" for w in data.warnings) + "</ul>"
+    return (
+        "<h2>What was cut or left out</h2><ul>" + "".join(f"<li>{html.escape(w)}</li>" for w in data.warnings) + "</ul>"
+    )
 
 
 def _figure_html(figure: go.Figure, *, first: bool) -> str:

@@ -78,7 +78,7 @@ class Rollouts:
 def roll_out(
     effects: Sequence[Effect], n_candidates: int, cases: Sequence[RolloutCase], policy: Policy, options: RolloutOptions
 ) -> Rollouts:
-    """Simulate every case for every candidate.
+    """Simulate every case for every candidate; set-points are kept within the joint stops, as on the robot.
 
     A candidate's results do not depend, not in one bit, on the other candidates, their number or the threads: the
     network runs on one candidate at a time, in batches of equal size.
@@ -118,7 +118,7 @@ def roll_out(
         observation += np.tile(noise[:, tick], (n_candidates, 1))
         action = np.concatenate([_act(policy, block) for block in np.split(observation, n_candidates)])
         features[:, tick] = control_law_features(
-            position_rad=observation[:, 12:24][:, policy.canonical_from_policy] + facts_default(policy),
+            position_rad=observation[:, 12:24][:, policy.canonical_from_policy] + default_pose_rad(policy),
             velocity_rad_s=observation[:, 24:36][:, policy.canonical_from_policy],
             action=action,
             contract=policy.contract,
@@ -128,7 +128,7 @@ def roll_out(
         last_action = action
         plant.command(
             ServoCommand(
-                position_rad=policy.setpoint_rad(action),
+                position_rad=np.clip(policy.setpoint_rad(action), facts.POSITION_LOW_RAD, facts.POSITION_HIGH_RAD),
                 kp_nm_per_rad=gains.kp_nm_per_rad,
                 kd_nm_s_per_rad=gains.kd_nm_s_per_rad,
             )
@@ -148,7 +148,7 @@ def roll_out(
 
 
 def control_substeps(n_ticks: int, rate_hz: float, timestep_s: float) -> NDArray[np.intp]:
-    """Physics steps in each control period, on an absolute schedule: 50 Hz of 3 ms steps gives 6, 7, 7, 6, …"""
+    """Physics steps in each control period, on an absolute schedule: at 50 Hz, 3 ms steps come as 6, 7, 7 and so on."""
     ends = np.floor(np.arange(n_ticks + 1) / (rate_hz * timestep_s) + 1e-9)
     return np.diff(ends).astype(np.intp)
 
@@ -159,7 +159,7 @@ def standing_height_m(start: StartState) -> float:
     return float(facts.FOOT_RADIUS_M - np.min(np.asarray(feet)[..., 2]))
 
 
-def facts_default(policy: Policy) -> Array:
+def default_pose_rad(policy: Policy) -> Array:
     """The policy's default joint pose in canonical order, shape (12,)."""
     return np.asarray(policy.default_position_rad[policy.canonical_from_policy])
 
@@ -193,9 +193,7 @@ def _started_plant(
         world_from_body_wxyz=attitude,
         joint_position_rad=each("position_rad"),
         linear_vel_of_body_in_world_m_s=each("linear_vel_of_body_in_world_m_s"),
-        angular_vel_of_body_in_body_rad_s=np.asarray(
-            rotate_wxyz(inverse, each("angular_vel_of_body_in_world_rad_s"))
-        ),
+        angular_vel_of_body_in_body_rad_s=np.asarray(rotate_wxyz(inverse, each("angular_vel_of_body_in_world_rad_s"))),
         joint_velocity_rad_s=each("velocity_rad_s"),
     )
     return plant

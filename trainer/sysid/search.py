@@ -88,7 +88,7 @@ def run_search(
         optimiser.tell(list(zip(unit, scores, strict=True)))
         generations.append(generation)
         on_generation(generation)
-    return SearchState(tuple(generations), np.clip(optimiser.mean, 0.0, 1.0), float(optimiser._sigma))  # noqa: SLF001
+    return SearchState(tuple(generations), np.clip(optimiser.mean, 0.0, 1.0), float(optimiser._sigma))
 
 
 def _optimiser(problem: Problem, config: SearchConfig) -> Any:

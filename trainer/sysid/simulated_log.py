@@ -1,8 +1,9 @@
-"""Logs of a simulated robot, for tests and benchmarks: other time step, integrator, cone and contact than the search's."""
+"""Logs of a simulated robot, for tests: other time step, integrator, cone and contact than the search's."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,7 +89,7 @@ class _Recorder:
         self.start_ns = 1_000_000_000_000
         self.states: list[dict[str, NDArray[np.float64]]] = []
         self.state_ns: list[int] = []
-        self.ticks: list[dict[str, NDArray[np.float64]]] = []
+        self.ticks: list[dict[str, NDArray[Any]]] = []
         self.tick_ns: list[int] = []
         self.delays: list[NDArray[np.float64]] = []
 
@@ -113,7 +114,7 @@ class _Recorder:
                     self.tick_ns.append(now_ns)
                     delay = self.robot.delay.sample(self.rng, self.n)
                     self.delays.append(delay)
-                    waiting.append((tick + 1, now_ns + 1e9 * delay, self.policy.setpoint_rad(last_action)))
+                    waiting.append((tick + 1, now_ns + 1e9 * delay, self._setpoint(last_action)))
                 for _ in range(self.steps_per_state):
                     for number, arrival_ns, setpoint in waiting:
                         due = (arrival_ns <= now_ns) & (key < number)
@@ -123,7 +124,9 @@ class _Recorder:
                     waiting = [w for w in waiting if np.any(key < w[0])]
                     plant.command(
                         ServoCommand(
-                            position_rad=active, kp_nm_per_rad=gains.kp_nm_per_rad, kd_nm_s_per_rad=gains.kd_nm_s_per_rad
+                            position_rad=active,
+                            kp_nm_per_rad=gains.kp_nm_per_rad,
+                            kd_nm_s_per_rad=gains.kd_nm_s_per_rad,
                         )
                     )
                     plant.advance()
@@ -145,6 +148,9 @@ class _Recorder:
             "key": key.copy(),
             "received": received_ns.copy(),
         }
+
+    def _setpoint(self, action: NDArray[np.float32]) -> Array:
+        return np.clip(self.policy.setpoint_rad(action), facts.POSITION_LOW_RAD, facts.POSITION_HIGH_RAD)
 
     def _observe(self, state: dict[str, Array], command: Array, last_action: NDArray[np.float32]) -> Array:
         order = self.policy.policy_from_canonical
@@ -184,7 +190,7 @@ class _Recorder:
                 key=np.arange(1, n_ticks + 1),
                 robot_stamp_ns=tick_ns,
                 state_robot_stamp_ns=tick_ns,
-                position_rad=self.policy.setpoint_rad(action),
+                position_rad=self._setpoint(action),
                 kp_nm_per_rad=np.tile(gains.kp_nm_per_rad, (n_ticks, 1)),
                 kd_nm_s_per_rad=np.tile(gains.kd_nm_s_per_rad, (n_ticks, 1)),
             ),

@@ -126,10 +126,8 @@ def usable(samples: TorqueSamples) -> NDArray[np.bool_]:
     return (fast | (np.abs(samples.request_nm) > LARGE_REQUEST_NM)) & above & below
 
 
-def _selection(
-    samples: TorqueSamples, keep: NDArray[np.bool_], n: int, rng: np.random.Generator
-) -> NDArray[np.intp]:
-    """Rows for a fit: those with the largest driving power or torque, and others evenly drawn. Chosen by request only."""
+def _selection(samples: TorqueSamples, keep: NDArray[np.bool_], n: int, rng: np.random.Generator) -> NDArray[np.intp]:
+    """Rows for a fit: those with the largest requests in torque or power, and others evenly drawn."""
     total = len(samples)
     if total <= n:
         return np.arange(total)

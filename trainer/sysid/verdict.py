@@ -49,7 +49,7 @@ class ParameterVerdict:
     unit: str
     initial: float
     value: float
-    """What goes into the model file; for a parameter that is not identified, a value that the logs do not contradict."""
+    """For the model file; where the parameter is not identified, a value that the logs do not contradict."""
     low: float
     high: float
     identified: bool
@@ -142,7 +142,8 @@ def why_not(space: SearchSpace, fit: TorqueFit, samples: TorqueSamples, i: int, 
     if n == 0:
         return f"never reached: no sample depends on it; {_reached(p, samples)}"
     if not enough:
-        return f"hardly reached: {n} samples of {runs} runs depend on it, {MIN_ACTIVE} of 2 are needed; {_reached(p, samples)}"
+        needed = f"{MIN_ACTIVE} of 2 are needed"
+        return f"hardly reached: {n} samples of {runs} runs depend on it, {needed}; {_reached(p, samples)}"
     others = np.abs(fit.correlation[i]).copy()
     others[i] = 0.0
     partner = int(np.argmax(others))

@@ -30,6 +30,7 @@ OTHER_PHYSICS = MjcfOptions(
 )
 """Step, integrator, cone and contact that the search's plant does not have."""
 
+USUAL_NOISE = SensorNoise(3e-4, 0.03, 0.4)
 MakeLogs = Callable[..., list[LoggedRun]]
 
 
@@ -96,7 +97,7 @@ def make_logs(policy: Policy) -> MakeLogs:
         sequences: dict[str, float],
         n_ticks: int,
         n_repeats: int,
-        noise: SensorNoise = SensorNoise(3e-4, 0.03, 0.4),
+        noise: SensorNoise = USUAL_NOISE,
         seed: int = 0,
         with_policy: Policy | None = None,
         **robot: object,

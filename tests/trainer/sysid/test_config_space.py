@@ -62,7 +62,14 @@ def test_any_parameter_of_any_effect_can_be_searched(tmp_path: Path) -> None:
     assert load_config(tmp_path / "sysid.yaml").space().names == ("payload_mass[all].mass_kg",)
 
 
-ENTRY = {"effect": "coulomb_friction", "joints": ["knees"], "parameter": "level_nm", "initial": 0.1, "low": 0, "high": 1}
+ENTRY = {
+    "effect": "coulomb_friction",
+    "joints": ["knees"],
+    "parameter": "level_nm",
+    "initial": 0.1,
+    "low": 0,
+    "high": 1,
+}
 
 
 @pytest.mark.parametrize(

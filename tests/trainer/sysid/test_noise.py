@@ -21,7 +21,7 @@ PLANTED = SensorNoise(position_rad=0.001, velocity_rad_s=0.1, load_nm=0.5, linea
 def test_white_noise_is_measured_as_it_is(n: int) -> None:
     noise = np.random.default_rng(0).standard_normal((n, 4)) * np.array([0.01, 0.1, 1.0, 10.0])
     found = noise_sigma(noise, 333.0) / np.array([0.01, 0.1, 1.0, 10.0])
-    assert np.all(np.abs(found - 1.0) < (0.3 if n == 200 else 0.15))
+    assert np.all(np.abs(found - 1.0) < (0.4 if n == 200 else 0.1))
 
 
 def test_a_large_slow_motion_does_not_count() -> None:
@@ -31,18 +31,24 @@ def test_a_large_slow_motion_does_not_count() -> None:
     assert noise_sigma(motion + 0.1 * rng.standard_normal(4000), 333.0) == pytest.approx(0.1, rel=0.12)
 
 
-def test_impacts_in_most_stretches_do_not_count() -> None:
-    rng = np.random.default_rng(2)
-    signal = 0.1 * rng.standard_normal((40_000, 4))
-    signal[6000::40] += 5.0
+def test_impacts_in_some_stretches_do_not_count() -> None:
+    signal = 0.1 * np.random.default_rng(2).standard_normal((40_000, 4))
+    signal[::400] += 5.0
     assert noise_sigma(signal, 333.0) == pytest.approx(np.full(4, 0.1), rel=0.15)
+
+
+def test_stretches_in_which_the_set_points_move_do_not_count(make_logs: MakeLogs) -> None:
+    calm = policy_from_bytes(oscillator_bytes(swing=0.1, lift=0.2, rate_hz=1.0), source="calm")
+    moving = make_logs(PAPER_IDENTIFIED, sequences={"a": 0.0}, n_ticks=250, n_repeats=2, noise=PLANTED)
+    still = make_logs(PAPER_IDENTIFIED, sequences={"a": 0.0}, n_ticks=100, n_repeats=2, noise=PLANTED, with_policy=calm)
+    found = observation_noise([*moving, *still]).block("joint_velocity_rad_s")
+    assert found == pytest.approx(np.full(12, 0.1), rel=0.25)
+    assert observation_noise(moving).block("joint_velocity_rad_s").max() > 0.15
 
 
 def test_planted_noise_of_every_feature_is_found_while_the_robot_moves(make_logs: MakeLogs) -> None:
     calm = policy_from_bytes(oscillator_bytes(swing=0.1, lift=0.2, rate_hz=1.0), source="calm")
-    runs = make_logs(
-        PAPER_IDENTIFIED, sequences={"a": 0.0}, n_ticks=250, n_repeats=2, noise=PLANTED, with_policy=calm
-    )
+    runs = make_logs(PAPER_IDENTIFIED, sequences={"a": 0.0}, n_ticks=250, n_repeats=2, noise=PLANTED, with_policy=calm)
     found = observation_noise(runs)
     planted = (0.02, 0.05, None, 0.001, 0.1)
     for block, sigma in zip(NOISY_BLOCKS, planted, strict=True):

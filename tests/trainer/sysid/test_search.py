@@ -25,7 +25,9 @@ def problem(logs: list[LoggedRun], policy_path: Path) -> Problem:
 
     def first_second(run: LoggedRun) -> LoggedRun:
         t = run.ticks
-        return replace(run, ticks=Ticks(t.robot_stamp_ns[:50], t.observation[:50], t.action[:50], t.velocity_command[:50]))
+        return replace(
+            run, ticks=Ticks(t.robot_stamp_ns[:50], t.observation[:50], t.action[:50], t.velocity_command[:50])
+        )
 
     return build_problem(
         SysidConfig().space(),
