@@ -29,7 +29,7 @@ from spot_runtime.loop_stats import LoopStats
 from spot_runtime.modes import Mode, ModeInputs, next_mode
 from spot_runtime.recorder import Recorder
 from spot_runtime.sources.base import CommandSource
-from spot_runtime.stops import Stop, StopReason, stronger
+from spot_runtime.stops import Ending, Stop, StopReason, ending_after
 from spot_runtime.tick import TickMemory, TickResult, schedule_for, tick
 from spot_runtime.watchdogs import Watchdogs
 
@@ -97,7 +97,7 @@ class ControlLoop:
         self._fade_from: Array = _NO_COMMAND
         self._key = 0
         self._sent_ns = 0
-        self._stop: Stop | None = None
+        self._ending: Ending | None = None
         self.stats = LoopStats()
 
     # Outside view ----------------------------------------------------------------------------------------------------
@@ -110,7 +110,7 @@ class ControlLoop:
     @property
     def stop(self) -> Stop | None:
         """Why the run ends; None while it goes on."""
-        return self._stop
+        return None if self._ending is None else self._ending.cause
 
     @property
     def is_done(self) -> bool:
@@ -127,11 +127,11 @@ class ControlLoop:
         return LoopStatus(self._mode, self._velocity_command, max(0.0, active_s))
 
     def ask_stop(self, stop: Stop) -> None:
-        """End the run for this reason, unless one that is as strong already does."""
-        chosen = stronger(self._stop, stop)
-        if chosen is self._stop:
+        """End the run for this reason, unless a reaction as strong is already under way."""
+        ending = ending_after(self._ending, stop)
+        if ending is self._ending:
             return
-        self._stop = chosen
+        self._ending = ending
         name = EventName.COMPLETED if stop.reason.exit_code == 0 else EventName.STOP
         self._record.event(name, f"{stop.reason.label}: {stop.sentence()}", stop.values)
 
@@ -211,7 +211,7 @@ class ControlLoop:
         for _ in range(len(Mode)):
             inputs = ModeInputs(
                 in_mode_s=(robot_ns - self._mode_since_ns) / NS_PER_S,
-                stop=self._stop,
+                reaction=None if self._ending is None else self._ending.reaction,
                 is_activation_asked=self._mode is Mode.READY and self._loads.is_full,
                 is_active=self._hal.joint_control is JointControl.ACTIVE,
             )

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from spot_runtime.config import HandoverConfig
-from spot_runtime.stops import Reaction, Stop
+from spot_runtime.stops import Reaction
 
 
 class Mode(Enum):
@@ -55,7 +55,8 @@ class ModeInputs:
 
     in_mode_s: float
     """Robot time since the mode began."""
-    stop: Stop | None = None
+    reaction: Reaction | None = None
+    """How the run is to end; None while it goes on."""
     is_activation_asked: bool = False
     is_active: bool = False
     """The robot has confirmed joint control."""
@@ -63,8 +64,8 @@ class ModeInputs:
 
 def next_mode(mode: Mode, inputs: ModeInputs, config: HandoverConfig) -> Mode:
     """The mode that follows; the same one where nothing changes."""
-    if inputs.stop is not None:
-        forced = _forced(mode, inputs.stop.reason.reaction)
+    if inputs.reaction is not None:
+        forced = _forced(mode, inputs.reaction)
         if forced is not mode:
             return forced
     if mode is Mode.READY and inputs.is_activation_asked:

@@ -34,6 +34,8 @@ class StateMemory:
 
     newest: RobotState | None = None
     """The newest state that was accepted."""
+    arrived_robot_stamp_ns: int = 0
+    """Newest stamp of all that have arrived, usable or not; 0 before any."""
     rejected_in_row: int = 0
     rejected: int = 0
     """Duplicated and back-dated states since the start."""
@@ -79,6 +81,7 @@ def screen_state(
         in_row = memory.rejected_in_row + 1
         memory = replace(memory, rejected_in_row=in_row, rejected=memory.rejected + 1)
         return memory, False, _rejected(in_row, state, newest, limits)
+    memory = replace(memory, arrived_robot_stamp_ns=max(memory.arrived_robot_stamp_ns, state.robot_stamp_ns))
     ahead_s = (state.robot_stamp_ns - robot_now_ns) / NS_PER_S
     if ahead_s > limits.state_from_future_s:
         values = {"ahead_s": ahead_s, "bound_s": limits.state_from_future_s}
@@ -90,6 +93,7 @@ def screen_state(
     echo_rose = state.last_command_key != (0 if newest is None else newest.last_command_key)
     memory = StateMemory(
         newest=state,
+        arrived_robot_stamp_ns=state.robot_stamp_ns,
         rejected=memory.rejected,
         changed_robot_stamp_ns=state.robot_stamp_ns if has_changed else memory.changed_robot_stamp_ns,
         echo_robot_stamp_ns=state.robot_stamp_ns if echo_rose else memory.echo_robot_stamp_ns,
@@ -101,12 +105,16 @@ def screen_state(
 
 
 def check_age(memory: StateMemory, robot_now_ns: int, limits: SafetyLimits) -> Stop | None:
-    """Judge how old the newest state is; without any state there is nothing to judge."""
+    """Judge how old the newest state is; without any state there is nothing to judge.
+
+    Damping answers a usable state that is too old; silence, a link over which nothing comes at all.
+    """
     if memory.newest is None:
         return None
+    silent_s = (robot_now_ns - memory.arrived_robot_stamp_ns) / NS_PER_S
+    if silent_s >= limits.state_age_stop_s:
+        return Stop(StopReason.STATE_LOST, "", {"age_s": silent_s, "bound_s": limits.state_age_stop_s})
     age_s = (robot_now_ns - memory.newest.robot_stamp_ns) / NS_PER_S
-    if age_s >= limits.state_age_stop_s:
-        return Stop(StopReason.STATE_LOST, "", {"age_s": age_s, "bound_s": limits.state_age_stop_s})
     if age_s >= limits.state_age_damp_s:
         return Stop(StopReason.STATE_STALE, "", {"age_s": age_s, "bound_s": limits.state_age_damp_s})
     return None

@@ -16,7 +16,7 @@ class Reaction(Enum):
 
     @property
     def level(self) -> int:
-        """0 for the mildest; a running stop is only ever replaced by a stronger one."""
+        """0 for the mildest; a reaction only ever gives way to a stronger one."""
         return list(Reaction).index(self)
 
 
@@ -113,11 +113,24 @@ class Stop:
         return f"{text}; {rule.next_step}" if rule.next_step else text
 
 
-def stronger(running: Stop | None, new: Stop | None) -> Stop | None:
-    """The stop that counts: the first one, unless a later one asks for a stronger reaction."""
-    if running is None or new is None:
-        return running or new
-    return new if new.reason.reaction.level > running.reason.reaction.level else running
+@dataclass(frozen=True)
+class Ending:
+    """How a run ends: why, and how strongly by now."""
+
+    cause: Stop
+    """What began it. A mild cause (the sequence is done, the operator asks) gives way to whatever goes wrong later."""
+    reaction: Reaction
+    """The strongest reaction that any stop has asked for since."""
+
+
+def ending_after(ending: Ending | None, stop: Stop) -> Ending:
+    """How a run ends once one more stop is due; the same object where that changes nothing."""
+    reaction = stop.reason.reaction
+    if ending is None:
+        return Ending(stop, reaction)
+    if reaction.level <= ending.reaction.level:
+        return ending
+    return Ending(stop if ending.reaction is Reaction.HAND_BACK else ending.cause, reaction)
 
 
 def stops_table() -> str:

@@ -63,8 +63,9 @@ class BosdynHal:
         session.sync_clocks()
         self._slow = session.check_faults()
         has_own_estop = session.set_up_estop()
-        session.acquire_lease()
         self._pace.start(self._jobs)
+        session.check_estop(self._pause)
+        session.acquire_lease()
         now_s = self._pace.chore_now_s()
         if has_own_estop:
             self._jobs.add("estop", robot.estop_timeout_s / 3.0, session.check_in_estop, now_s=now_s)
@@ -216,9 +217,22 @@ class BosdynHal:
             return
         self._joint_control = JointControl.FAILED
         self._pace.released()
+        self._problems.append(self._why_refused(verdict))
+
+    def _why_refused(self, verdict: str) -> Stop:
+        """The cause behind the end of the command stream, which the robot's state tells best."""
+        try:
+            slow = self._session.poll()
+        except HalError:
+            slow = None
+        if slow is not None and slow.estopped:
+            return Stop(StopReason.ESTOPPED, verdict)
+        if slow is not None and slow.behavior_faults:
+            return Stop(StopReason.BEHAVIOR_FAULT, f"{', '.join(slow.behavior_faults)}: {verdict}")
+        if slow is not None and not slow.motors_powered:
+            return Stop(StopReason.MOTORS_OFF, verdict)
         skew_s = self._estimate_skew_s()
-        values = {} if skew_s is None else {"clock_skew_s": skew_s}
-        self._problems.append(Stop(StopReason.COMMAND_REFUSED, verdict, values))
+        return Stop(StopReason.COMMAND_REFUSED, verdict, {} if skew_s is None else {"clock_skew_s": skew_s})
 
     def _estimate_skew_s(self) -> float | None:
         if not self._estimate.is_known:

@@ -34,9 +34,9 @@ from spot_runtime.clock import HostClock, RobotClockEstimate
 from spot_runtime.config import RobotConfig
 from spot_runtime.hal.address import Address, explain_no_connection
 from spot_runtime.hal.credentials import find_credentials
-from spot_runtime.hal.errors import ClockError, FaultError, HalError, MotionError
+from spot_runtime.hal.errors import ClockError, EstopError, FaultError, HalError, MotionError
 from spot_runtime.hal.estop import OwnEstop, needs_own_endpoint
-from spot_runtime.hal.slow_state import slow_state_from_message
+from spot_runtime.hal.slow_state import pressed_estops, slow_state_from_message
 from spot_runtime.hal.time_sync import TimeSync
 from spot_runtime.hal.vendor_errors import lease_held, translate
 from spot_runtime.safety import CRITICAL
@@ -60,6 +60,8 @@ SERVICES: Final = (
     TimeSyncClient,
 )
 """The vendor's services that a run uses."""
+
+ESTOP_RELEASE_S: Final = 1.0
 
 _STAND: Final = basic_command_pb2.StandCommand.Feedback
 _SIT: Final = basic_command_pb2.SitCommand.Feedback
@@ -156,6 +158,20 @@ class Session:
         except (SdkError, grpc.RpcError) as error:
             raise translate(error, "setting up the e-stop") from error
         return True
+
+    def check_estop(self, pause: Callable[[float], None]) -> None:
+        """Refuse a robot that stays stopped, by whatever button; one that was just released gets a second."""
+        client = self._client(RobotStateClient)
+        waited_s = 0.0
+        while True:
+            message = self._call("polling the robot's state", lambda: client.get_robot_state(timeout=self._timeout_s))
+            pressed = pressed_estops(message)
+            if not pressed:
+                return
+            if waited_s >= ESTOP_RELEASE_S:
+                raise EstopError(f"an e-stop is pressed: {', '.join(pressed)}; release it, then start again")
+            pause(POLL_S)
+            waited_s += POLL_S
 
     def check_in_estop(self) -> None:
         """Keep our own endpoint alive."""

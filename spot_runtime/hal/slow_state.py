@@ -28,7 +28,7 @@ def slow_state_from_message(message: robot_state_pb2.RobotState, host_stamp_ns: 
         robot_stamp_ns=stamp.seconds * NS_PER_S + stamp.nanos,
         host_stamp_ns=host_stamp_ns,
         motors_powered=power.motor_power_state == robot_state_pb2.PowerState.MOTOR_POWER_STATE_ON,
-        estopped=any(e.state == robot_state_pb2.EStopState.STATE_ESTOPPED for e in message.estop_states),
+        estopped=bool(pressed_estops(message)),
         battery_charge_percent=battery.charge_percentage.value,
         battery_voltage_v=battery.voltage.value,
         battery_current_a=battery.current.value,
@@ -39,6 +39,12 @@ def slow_state_from_message(message: robot_state_pb2.RobotState, host_stamp_ns: 
         behavior_faults=tuple(_behavior_fault(f) for f in message.behavior_fault_state.faults),
         service_faults=tuple(_service_fault(f) for f in message.service_fault_state.faults),
     )
+
+
+def pressed_estops(message: robot_state_pb2.RobotState) -> list[str]:
+    """Names of the e-stops that hold the robot stopped."""
+    stopped = robot_state_pb2.EStopState.STATE_ESTOPPED
+    return [estop.name or "unnamed" for estop in message.estop_states if estop.state == stopped]
 
 
 def _battery(message: robot_state_pb2.RobotState) -> robot_state_pb2.BatteryState:

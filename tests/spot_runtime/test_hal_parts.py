@@ -198,9 +198,7 @@ def test_no_connection_is_explained_where_that_is_asked() -> None:
     error = sdk.UnableToConnectToRobotError(_FailedCall(), "doc")
     told = translate(error, "logging in", lambda reason: NoRobotError(f"because {reason}"))
     assert isinstance(told, NoRobotError)
-    assert str(told) == (
-        "because UnableToConnectToRobotError: UNAVAILABLE: failed to connect to all addresses"
-    )
+    assert str(told) == ("because UnableToConnectToRobotError: UNAVAILABLE: failed to connect to all addresses")
     told = translate(error, "polling")
     assert type(told) is HalError
     assert "polling: the robot did not answer" in str(told)

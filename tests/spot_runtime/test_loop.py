@@ -219,7 +219,7 @@ def test_bad_states_end_in_damping_then_in_silence(
 def test_damping_goes_on_by_the_clock_when_no_state_comes_then_falls_silent(robot: Any, zero_policy: Policy) -> None:
     loop, sink = stopped_by(robot, zero_policy, lambda _: [])
     assert loop.stop is not None
-    assert loop.stop.reason is StopReason.STATE_LOST
+    assert loop.stop.reason is StopReason.STATE_STALE
     silence = next(t for e, t in ((e, e.robot_stamp_ns) for e in sink.events) if e.text.endswith("released"))
     damped_ns = [t for c, t in zip(robot.sent, robot.sent_at_ns, strict=True) if not c.gains.kp_nm_per_rad.any()]
     assert np.diff(damped_ns).max() == 3 * MS

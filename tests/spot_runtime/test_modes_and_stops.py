@@ -8,11 +8,11 @@ from hypothesis import strategies as st
 
 from spot_runtime.config import HandoverConfig
 from spot_runtime.modes import Mode, ModeInputs, next_mode
-from spot_runtime.stops import Reaction, Stop, StopReason, stops_table, stronger
+from spot_runtime.stops import Reaction, Stop, StopReason, ending_after, stops_table
 
 CONFIG = HandoverConfig()
-HAND_BACK, DAMP, EXPIRE = Stop(StopReason.COMPLETED), Stop(StopReason.TILT), Stop(StopReason.LEASE_LOST)
-REASONS = st.sampled_from(StopReason)
+HAND_BACK, DAMP, EXPIRE = Reaction
+REACTIONS = st.sampled_from(Reaction)
 
 
 def walk(mode: Mode, *inputs: ModeInputs) -> list[Mode]:
@@ -34,11 +34,11 @@ def test_the_way_of_a_good_run() -> None:
         ModeInputs(CONFIG.ramp_in_s - 0.001),
         ModeInputs(CONFIG.ramp_in_s),
         ModeInputs(late),
-        ModeInputs(late, stop=HAND_BACK),
-        ModeInputs(CONFIG.soft_stop_s, stop=HAND_BACK),
-        ModeInputs(CONFIG.soft_stop_s + CONFIG.soft_stop_settle_s, stop=HAND_BACK),
-        ModeInputs(CONFIG.ramp_out_s, stop=HAND_BACK),
-        ModeInputs(late, stop=HAND_BACK),
+        ModeInputs(late, reaction=HAND_BACK),
+        ModeInputs(CONFIG.soft_stop_s, reaction=HAND_BACK),
+        ModeInputs(CONFIG.soft_stop_s + CONFIG.soft_stop_settle_s, reaction=HAND_BACK),
+        ModeInputs(CONFIG.ramp_out_s, reaction=HAND_BACK),
+        ModeInputs(late, reaction=HAND_BACK),
     ) == [
         Mode.READY,
         Mode.ACTIVATING,
@@ -57,50 +57,55 @@ def test_the_way_of_a_good_run() -> None:
 
 @pytest.mark.parametrize("mode", [m for m in Mode if m.sends and m is not Mode.DAMPING])
 def test_from_every_mode_that_sends_damping_and_silence_are_one_step_away(mode: Mode) -> None:
-    assert next_mode(mode, ModeInputs(0.0, stop=DAMP), CONFIG) is Mode.DAMPING
-    assert next_mode(mode, ModeInputs(0.0, stop=EXPIRE), CONFIG) is Mode.RELEASED
+    assert next_mode(mode, ModeInputs(0.0, reaction=DAMP), CONFIG) is Mode.DAMPING
+    assert next_mode(mode, ModeInputs(0.0, reaction=EXPIRE), CONFIG) is Mode.RELEASED
 
 
-@given(REASONS)
-def test_before_joint_control_every_stop_means_that_nothing_is_ever_sent(reason: StopReason) -> None:
-    assert next_mode(Mode.READY, ModeInputs(0.0, stop=Stop(reason)), CONFIG) is Mode.RELEASED
+@given(REACTIONS)
+def test_before_joint_control_every_stop_means_that_nothing_is_ever_sent(reaction: Reaction) -> None:
+    assert next_mode(Mode.READY, ModeInputs(0.0, reaction), CONFIG) is Mode.RELEASED
 
 
-@given(st.floats(0.0, 1e6), st.one_of(st.none(), REASONS), st.booleans(), st.booleans())
+@given(st.floats(0.0, 1e6), st.one_of(st.none(), REACTIONS), st.booleans(), st.booleans())
 def test_nothing_leads_back_from_release(
-    in_mode_s: float, reason: StopReason | None, is_asked: bool, is_active: bool
+    in_mode_s: float, reaction: Reaction | None, is_asked: bool, is_active: bool
 ) -> None:
-    stop = None if reason is None else Stop(reason)
-    assert next_mode(Mode.RELEASED, ModeInputs(in_mode_s, stop, is_asked, is_active), CONFIG) is Mode.RELEASED
+    assert next_mode(Mode.RELEASED, ModeInputs(in_mode_s, reaction, is_asked, is_active), CONFIG) is Mode.RELEASED
 
 
-@given(st.floats(0.0, 1e6), REASONS, st.booleans())
-def test_damping_ends_in_release_alone(in_mode_s: float, reason: StopReason, is_active: bool) -> None:
-    following = next_mode(Mode.DAMPING, ModeInputs(in_mode_s, Stop(reason), False, is_active), CONFIG)
-    is_over = in_mode_s >= CONFIG.damping_s or reason.reaction is Reaction.EXPIRE
-    if reason.reaction is Reaction.HAND_BACK and in_mode_s < CONFIG.damping_s:
-        assert following is Mode.DAMPING
-    else:
-        assert following is (Mode.RELEASED if is_over else Mode.DAMPING)
+@given(st.floats(0.0, 1e6), REACTIONS, st.booleans())
+def test_damping_ends_in_release_alone(in_mode_s: float, reaction: Reaction, is_active: bool) -> None:
+    following = next_mode(Mode.DAMPING, ModeInputs(in_mode_s, reaction, False, is_active), CONFIG)
+    is_over = in_mode_s >= CONFIG.damping_s or reaction is EXPIRE
+    assert following is (Mode.RELEASED if is_over else Mode.DAMPING)
 
 
-@given(st.sampled_from([m for m in Mode if m.sends]), REASONS)
-def test_a_stopped_run_never_becomes_active_again(mode: Mode, reason: StopReason) -> None:
+@given(st.sampled_from([m for m in Mode if m.sends]), REACTIONS)
+def test_a_stopped_run_never_becomes_active_again(mode: Mode, reaction: Reaction) -> None:
     for in_mode_s in (0.0, 1.0, 10.0, 100.0) * 5:
-        mode_after = next_mode(mode, ModeInputs(in_mode_s, Stop(reason), True, True), CONFIG)
+        mode_after = next_mode(mode, ModeInputs(in_mode_s, reaction, True, True), CONFIG)
         assert mode_after is not Mode.ACTIVE or mode is Mode.ACTIVE
         assert mode_after is not Mode.RAMPING_IN
         mode = mode_after
     assert mode in (Mode.STANDING, Mode.RELEASED)
 
 
-def test_a_stronger_stop_replaces_a_weaker_one_and_no_other() -> None:
-    assert stronger(None, HAND_BACK) is HAND_BACK
-    assert stronger(HAND_BACK, DAMP) is DAMP
-    assert stronger(DAMP, HAND_BACK) is DAMP
-    assert stronger(DAMP, Stop(StopReason.STATE_STALE)) is DAMP
-    assert stronger(EXPIRE, DAMP) is EXPIRE
-    assert stronger(DAMP, None) is DAMP
+def test_the_first_thing_that_goes_wrong_stays_the_cause_and_the_reaction_only_grows() -> None:
+    done, tilt, stale, lost = (
+        Stop(StopReason.COMPLETED),
+        Stop(StopReason.TILT),
+        Stop(StopReason.STATE_STALE),
+        Stop(StopReason.STATE_LOST),
+    )
+    ending = ending_after(None, done)
+    assert (ending.cause, ending.reaction) == (done, HAND_BACK)
+    ending = ending_after(ending, tilt)
+    assert (ending.cause, ending.reaction) == (tilt, DAMP)
+    assert ending_after(ending, stale) is ending
+    assert ending_after(ending, done) is ending
+    ending = ending_after(ending, lost)
+    assert (ending.cause, ending.reaction) == (tilt, EXPIRE)
+    assert ending_after(ending, stale) is ending
 
 
 def test_every_stop_but_a_completed_run_has_an_exit_code_of_its_own() -> None:

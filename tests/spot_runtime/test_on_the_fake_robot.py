@@ -6,7 +6,7 @@ import io
 import socket
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,16 +16,18 @@ import pytest
 
 from spot_model import facts
 from spot_model.policy import Policy
+from spot_model.state import JointCommand
 from spot_model.velocity_sequence import standing_sequence
 from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
 from spot_runtime.clock import HostClock
 from spot_runtime.config import RunConfig
 from spot_runtime.console import Console
 from spot_runtime.fake_process import FakeAddress, FakeProcess
-from spot_runtime.hal.address import parse_address
+from spot_runtime.hal.address import Address, parse_address
 from spot_runtime.hal.base import Hal
 from spot_runtime.hal.bosdyn import BosdynHal
 from spot_runtime.hal.lock_step import LockStep
+from spot_runtime.hal.pace import Pace
 from spot_runtime.log import Run, read_run
 from spot_runtime.log.logger_process import LoggerProcess
 from spot_runtime.log.sink import LogSink
@@ -53,9 +55,15 @@ class Fake:
     policy: Policy
 
     def drive(
-        self, *, during: Callable[[], None] | None = None, seconds: float = 1.0, robot: str = "", **robot_config: Any
+        self,
+        *,
+        on_begin: Callable[[], None] = lambda: None,
+        during: Callable[[], None] | None = None,
+        seconds: float = 1.0,
+        robot: str = "",
+        **robot_config: Any,
     ) -> tuple[RunSummary, Run]:
-        """One run; ``during`` happens once, half a second into the policy's control."""
+        """One run; ``on_begin`` happens when joint control begins, ``during`` half a second after the hand-over."""
         for name, value in self.address.environment.items():
             self.monkeypatch.setenv(name, value)
         fields = {"ca_file": self.address.ca_file, **robot_config}
@@ -67,7 +75,7 @@ class Fake:
 
         def make_hal(sink: LogSink) -> Hal:
             pace = LockStep(self.address.admin, HostClock().now_ns())
-            return BosdynHal(parse_address(where), config, sink, pace)
+            return NotingHal(parse_address(where), config, sink, pace, on_begin)
 
         console = Console(io.StringIO())
         try:
@@ -84,8 +92,8 @@ class Fake:
             fake_admin_pb2.InjectFaultRequest(name=name, numbers=numbers, texts=texts, duration_s=duration_s)
         )
 
-    def truth(self) -> Any:
-        return self.admin.GetTruth(fake_admin_pb2.GetTruthRequest())
+    def truth(self, *, reset_extremes: bool = False) -> Any:
+        return self.admin.GetTruth(fake_admin_pb2.GetTruthRequest(reset_extremes=reset_extremes))
 
     def status(self) -> Any:
         return self.admin.GetStatus(fake_admin_pb2.GetStatusRequest())
@@ -93,6 +101,18 @@ class Fake:
     def step(self, seconds: float) -> None:
         for _ in range(round(seconds / 0.05)):
             self.admin.Step(fake_admin_pb2.StepRequest(duration_ns=50_000_000))
+
+
+class NotingHal(BosdynHal):
+    """The vendor adapter, with a look at the robot when joint control begins."""
+
+    def __init__(self, address: Address, config: RunConfig, sink: LogSink, pace: Pace, on_begin: Any) -> None:
+        super().__init__(address, config, sink, pace)
+        self._on_begin = on_begin
+
+    def begin_joint_control(self, first: JointCommand) -> None:
+        self._on_begin()
+        super().begin_joint_control(first)
 
 
 class Meddling:
@@ -161,3 +181,123 @@ def test_two_runs_on_one_robot_and_the_second_finds_it_as_it_was(fake: Fake) -> 
     for _ in range(2):
         summary, _ = fake.drive(seconds=0.5)
         assert summary.exit_code == 0
+
+
+def test_the_hand_over_drops_the_body_by_less_than_2_cm(fake: Fake) -> None:
+    standing_m: list[float] = []
+    lowest_m: list[float] = []
+
+    def begin() -> None:
+        standing_m.append(fake.truth(reset_extremes=True).body_height_m)
+
+    summary, _ = fake.drive(on_begin=begin, during=lambda: lowest_m.append(fake.truth().body_height_min_m), seconds=0.6)
+    assert summary.exit_code == 0, summary.sentence
+    assert 0.4 < standing_m[0] < 0.6
+    assert standing_m[0] - lowest_m[0] < 0.02
+
+
+# Bad beginnings ------------------------------------------------------------------------------------------------------
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+def refused(fake: Fake, outcome: str, exit_code: int, *words: str, **drive: Any) -> None:
+    """The run ends before joint control, says why, leaves the robot without power and the log readable."""
+    summary, log = fake.drive(**drive)
+    assert (summary.outcome, summary.exit_code) == (outcome, exit_code), summary.sentence
+    for word in words:
+        assert word in summary.sentence
+    assert log.outcome == outcome
+    assert "connection_failed" in [event.name for event in log.events]
+    assert len(log.commands.key) == 0
+    assert fake.status().motor_power.lower().endswith("off")
+
+
+def test_nobody_at_the_address(fake: Fake) -> None:
+    refused(fake, "no_robot", 81, "Connection refused", robot=f"127.0.0.1:{free_port()}")
+
+
+def test_a_certificate_that_is_not_trusted(fake: Fake) -> None:
+    refused(fake, "certificate_not_trusted", 82, "--ca-file", ca_file=None)
+
+
+def test_a_wrong_password(fake: Fake) -> None:
+    fake.address.environment["BOSDYN_CLIENT_PASSWORD"] = "wrong-canary"  # noqa: S105
+    refused(fake, "credentials_refused", 83, "check user name and password")
+    assert b"canary" not in (fake.folder / "run.mcap").read_bytes()
+
+
+def test_a_lease_that_somebody_else_holds(fake: Fake) -> None:
+    fake.inject("lease_stolen", owner="tablet-7")
+    refused(fake, "lease_held", 84, "tablet-7", "never taken by force")
+
+
+def test_a_pressed_estop(fake: Fake) -> None:
+    fake.inject("estop_pressed")
+    refused(fake, "estop_pressed", 85, "pressed", "release it")
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [("battery_fault", "battery"), ("behavior_fault", "behaviour fault")],
+)
+def test_a_fault_of_the_robot(fake: Fake, fault: str, words: str) -> None:
+    fake.inject(fault)
+    refused(fake, "robot_fault", 86, words)
+
+
+def test_a_time_sync_that_is_never_ready(fake: Fake) -> None:
+    fake.inject("time_sync_not_ready")
+    refused(fake, "clock_not_synced", 88, "NOT_READY")
+
+
+# Bad ends ------------------------------------------------------------------------------------------------------------
+
+DAMPED, SILENT = "damping", "released"
+
+
+@pytest.mark.parametrize(
+    ("fault", "parameters", "outcome", "exit_code", "way", "within_ms"),
+    [
+        ("nan_sensor", {"signal": "position"}, "state_not_finite", 22, DAMPED, 40),
+        ("bad_quaternion", {"scale": 0.5}, "state_attitude", 25, DAMPED, 40),
+        ("frozen_sensors", {}, "state_frozen", 23, DAMPED, 90),
+        ("state_gap", {}, "state_stale", 20, DAMPED, 80),
+        ("state_delay", {"delay_s": 0.1}, "state_stale", 20, DAMPED, 80),
+        ("duplicated_states", {"probability": 1.0}, "completed", 0, "", 0),
+        ("lease_stolen", {"owner": "tablet-7"}, "lease_lost", 44, SILENT, 2100),
+        ("estop_pressed", {}, "estopped", 45, SILENT, 300),
+        ("behavior_fault", {"cause": "fall"}, "behavior_fault", 47, DAMPED, 100),
+        ("low_battery", {"percent": 4.0}, "battery_low", 50, "standing", 4000),
+        ("motor_over_temperature", {"joint": "hl_kn", "temperature_c": 90.0}, "motor_hot", 51, "standing", 4000),
+        ("power_loss", {}, "motors_off", 46, SILENT, 300),
+        ("state_stream_closed", {}, "state_lost", 21, SILENT, 100),
+        ("push", {"roll_rad_s": 7.0}, "tilt", 26, DAMPED, 1000),
+    ],
+)
+def test_what_happens_during_a_run_ends_it_safely(
+    fake: Fake, fault: str, parameters: dict[str, Any], outcome: str, exit_code: int, way: str, within_ms: float
+) -> None:
+    injected_ns = 0
+
+    def inject() -> None:
+        nonlocal injected_ns
+        injected_ns = fake.status().robot_stamp_ns
+        fake.inject(fault, **parameters)
+
+    summary, log = fake.drive(during=inject, seconds=5.0 if exit_code else 1.0)
+    assert (summary.outcome, summary.exit_code) == (outcome, exit_code), summary.sentence
+    assert log.outcome == outcome
+    assert kept_every_limit(log)
+    if exit_code:
+        reaction = next(e for e in log.events if e.text.endswith(f"→ {way}"))
+        assert reaction.robot_stamp_ns - injected_ns <= within_ms * 1e6
+    fake.admin.ClearFaults(fake_admin_pb2.ClearFaultsRequest())
+    fake.step(3.0)
+    assert not fake.status().mode.lower().endswith("joint_control")
+    assert np.abs(fake.truth().joint_velocity_rad_s).max() < 0.5
