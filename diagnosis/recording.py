@@ -51,6 +51,7 @@ class Recording:
     """Name of the velocity-command sequence."""
     repeat: int
     policy: str
+    policy_contract_json: str
     joint_names: tuple[str, ...]
     foot_names: tuple[str, ...]
     start_ns: int
@@ -152,6 +153,7 @@ def record(run: Run) -> Recording:
         sequence=run.header.command_sequence,
         repeat=run.header.repeat,
         policy=run.header.policy_name,
+        policy_contract_json=run.header.policy_contract_json,
         joint_names=run.header.joint_names,
         foot_names=run.header.foot_names,
         start_ns=int(stamps[0]),

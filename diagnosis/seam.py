@@ -21,10 +21,12 @@ Flags = NDArray[np.bool_]
 CHANNEL_TITLES: Final[Mapping[str, str]] = {
     "L": "policy replay",
     "T": "time stamps",
-    "Q": "joint sensors against each other",
+    "N": "noise of the joint sensors",
+    "Q": "joint velocities against positions",
     "A": "set-point to load",
     "D": "load to motion of swinging legs",
     "B": "base motion against the loads of all legs",
+    "C": "contact flags and slips against the legs' forces",
     "K": "kinematics of standing feet",
     "I": "inertial unit against the estimator",
     "P": "battery power and voltage",

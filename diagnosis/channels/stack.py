@@ -102,7 +102,7 @@ def stack(recordings: Sequence[Recording]) -> Stack:
     )
 
 
-def white_noise(residual: Array, usable: Flags) -> Array:
+def white_noise(residual: Array, usable: Flags, *, is_smoothed: bool = False) -> Array:
     """Standard deviation that white noise in an unsmoothed residual leaves after smoothing.
 
     From the median size of second differences, which hardly see what is smooth or rare.
@@ -110,6 +110,7 @@ def white_noise(residual: Array, usable: Flags) -> Array:
     Args:
         residual: Shape (n, R), before smoothing, row by row in time.
         usable: Shape (n, R).
+        is_smoothed: The residual is already smoothed, and its rows are thinned out.
 
     Returns:
         Shape (R,).
@@ -120,4 +121,4 @@ def white_noise(residual: Array, usable: Flags) -> Array:
     for row in range(residual.shape[1]):
         values = np.abs(second[good[:, row], row])
         sigma[row] = 1.4826 * float(np.median(values)) / np.sqrt(6.0) if len(values) else np.inf
-    return np.asarray(np.maximum(NOISE_GAIN * sigma, MIN_NOISE))
+    return np.asarray(np.maximum(sigma if is_smoothed else NOISE_GAIN * sigma, MIN_NOISE))

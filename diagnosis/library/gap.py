@@ -15,7 +15,7 @@ from diagnosis.seam import Array, ChannelView, Flags, Ints, Shape, Views
 from spot_model.effects.backlash import Backlash
 from spot_model.effects.base import Effect, Motion
 
-SUBSTEPS: Final = 3
+SUBSTEPS: Final = 2
 """Steps of the motor's motion in the gap between two states."""
 
 
@@ -74,11 +74,9 @@ def passed_on_nm(torque_nm: Array, gap_rad: float, run: Ints, period_s: float) -
     motion = Motion(padded[0], padded[0], period_s / SUBSTEPS)
     out = np.empty_like(padded)
     for k in range(longest):
-        passed = np.zeros_like(padded[k])
+        # The load at a state is that of the last step before it.
         for _ in range(SUBSTEPS):
-            part, memory = effect.torque(padded[k], motion, memory)
-            passed += part
-        out[k] = passed / SUBSTEPS
+            out[k], memory = effect.torque(padded[k], motion, memory)
     result = np.empty_like(torque_nm)
     for i, (start, size) in enumerate(zip(starts, sizes, strict=True)):
         result[start : start + size] = out[:size, i]

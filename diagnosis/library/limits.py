@@ -95,11 +95,18 @@ class SpeedCurveEntry(_LimitEntry):
         )
 
     def refined(self, shape: Shape) -> tuple[Shape, ...]:
-        """One number changed at a time."""
+        """One number changed at a time, and the flat top moved along the falling line."""
         stall, no_load, corner = shape["torque_max_nm"], shape["speed_max_rad_s"], shape["intersect_max_rad_s"]
         found = [_curve(stall * f, no_load, corner) for f in (0.85, 0.93, 1.07, 1.15)]
         found += [_curve(stall, no_load * f, min(corner, no_load * f)) for f in (0.9, 0.96, 1.04, 1.1)]
-        found += [_curve(stall, no_load, min(max(corner + d * no_load, 0.0), 0.99 * no_load)) for d in (-0.15, 0.15)]
+        found += [
+            _curve(stall, no_load, min(max(corner + d * no_load, 0.0), 0.99 * no_load))
+            for d in (-0.15, -0.05, 0.05, 0.15)
+        ]
+        for f in (0.8, 0.9, 0.95, 1.05, 1.1, 1.2):
+            moved = no_load - f * (no_load - corner)
+            if moved >= 0.0:
+                found.append(_curve(stall * f, no_load, moved))
         return tuple(found)
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:

@@ -16,6 +16,7 @@ from spot_model.effects.base import CommandEffect, Effect, SoftwareEffect
 from spot_model.mjcf import MjcfOptions, default_height_m
 from spot_model.observation import build_observation
 from spot_model.plant import Plant, PlantOptions, ServoCommand
+from spot_model.policy_contract import PolicyContract, StoredPair
 from spot_model.rotation import rotate_inverse_wxyz, rotate_wxyz
 from spot_model.state import Gains
 from spot_model.velocity_sequence import VelocitySequence, Waypoint
@@ -121,6 +122,16 @@ def planted_runs(
         seed: Of all that is drawn.
     """
     return _Recorder(truth, n_runs, sequence or walk_sequence(), actor(), seed).runs()
+
+
+def contract_json() -> str:
+    """The contract of the scripted gait, as a log's header has it; its stored pair is empty."""
+    return PolicyContract(
+        name="scripted",
+        velocity_command_low=(-1.0, -1.0, -1.0),
+        velocity_command_high=(3.0, 1.0, 1.0),
+        stored_pair=StoredPair(observation=(0.0,) * 48, action=(0.0,) * 12),
+    ).to_json()
 
 
 class _Recorder:
@@ -324,7 +335,11 @@ class _Recorder:
         return Run(
             path=Path(f"planted_{i}.mcap"),
             header=RunHeader(
-                run_id=f"planted-{i}", started_host_stamp_ns=START_NS, command_sequence=self.sequence.name, repeat=i
+                run_id=f"planted-{i}",
+                started_host_stamp_ns=START_NS,
+                command_sequence=self.sequence.name,
+                repeat=i,
+                policy_contract_json=contract_json(),
             ),
             states=StateTable(host_stamp_ns=s["robot_stamp_ns"] + 1_000_000, sequence=np.arange(n), imu=table, **s),
             commands=CommandTable(host_stamp_ns=c["robot_stamp_ns"], **c),

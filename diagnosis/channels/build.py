@@ -1,0 +1,69 @@
+"""All channels that a set of logs can feed."""
+
+from __future__ import annotations
+
+from diagnosis.channels.actuator import actuator_view
+from diagnosis.channels.base_wrench import base_view
+from diagnosis.channels.contact_events import contact_view
+from diagnosis.channels.dynamics import dynamics_signals, missing_for_dynamics
+from diagnosis.channels.inertial import inertial_view
+from diagnosis.channels.joint_rates import rate_view
+from diagnosis.channels.power import power_view
+from diagnosis.channels.replay import Actor, replay_view
+from diagnosis.channels.sensor_noise import noise_view
+from diagnosis.channels.stack import Stack
+from diagnosis.channels.stance import StanceSignals, stance_view
+from diagnosis.channels.swing import swing_view
+from diagnosis.channels.timing import timing_view
+from diagnosis.seam import CHANNEL_TITLES, Array, ChannelOff, ChannelView
+from spot_model import facts
+from spot_model.model_file import RobotModel
+
+
+def build_views(
+    stack: Stack,
+    model: RobotModel,
+    *,
+    policy: Actor | None = None,
+    limits_rad: tuple[Array, Array] | None = None,
+) -> tuple[dict[str, ChannelView], tuple[ChannelOff, ...]]:
+    """Build every channel.
+
+    Args:
+        stack: The recordings.
+        model: The nominal model.
+        policy: The policy that ran, to recompute its actions; optional.
+        limits_rad: Joint stops of a robot other than Spot, low and high; Spot's are known.
+
+    Returns:
+        The channels that are on, by name in the order of :data:`~diagnosis.seam.CHANNEL_TITLES`, and those that are
+        off with their reasons.
+    """
+    effects = model.effects
+    if limits_rad is None and stack.recordings[0].joint_names == facts.JOINT_NAMES:
+        limits_rad = (facts.POSITION_LOW_RAD, facts.POSITION_HIGH_RAD)
+    found: list[ChannelView | ChannelOff] = [
+        replay_view(stack, policy),
+        timing_view(stack, effects),
+        noise_view(stack),
+        rate_view(stack),
+        actuator_view(stack, effects, limits_rad),
+        inertial_view(stack),
+        power_view(stack),
+    ]
+    missing = missing_for_dynamics(stack)
+    dynamics = None if missing else dynamics_signals(stack, effects)
+    stance = stance_view(stack, effects, dynamics)
+    found.append(stance)
+    if dynamics is None:
+        found += [ChannelOff(name, missing) for name in ("D", "B", "C")]
+    else:
+        found += [swing_view(dynamics), base_view(dynamics)]
+        if isinstance(stance, ChannelView) and isinstance(stance.signals, StanceSignals):
+            found.append(contact_view(dynamics, stance.signals, effects))
+        else:
+            found.append(ChannelOff("C", "channel K is off"))
+    by_name = {view.name: view for view in found}
+    on = {name: view for name in CHANNEL_TITLES if isinstance(view := by_name[name], ChannelView)}
+    off = tuple(view for name in CHANNEL_TITLES if isinstance(view := by_name[name], ChannelOff))
+    return on, off

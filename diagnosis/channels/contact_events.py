@@ -1,0 +1,136 @@
+"""Channel C: contact flags and slips against the forces that the legs' loads say the feet carry.
+
+Rows, leg by leg: how late a flag changes after the force does, s, one sample a touch-down or lift-off; and the friction
+coefficient at which a foot slips less the nominal model's, one sample a slipping state.
+Time convention: a force counts as changed when it crosses a threshold; smoothing is symmetrical in time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.channels.body_model import BodyModel
+from diagnosis.channels.dynamics import DynamicsSignals
+from diagnosis.channels.stance import StanceSignals
+from diagnosis.seam import Array, ChannelOff, ChannelView, Flags
+from spot_model import facts
+from spot_model.effects.base import Effect
+from spot_model.rotation import rotate_wxyz
+
+ROWS: Final = (*(f"{leg}_flag" for leg in facts.LEG_NAMES), *(f"{leg}_slip" for leg in facts.LEG_NAMES))
+SEARCH: Final = 30
+"""States on either side of a flag's change in which the force's crossing is looked for."""
+THRESHOLD_SHARE: Final = 0.25
+"""A force counts as contact above this share of its level in the stance beside it."""
+MIN_LEVEL_N: Final = 30.0
+SLIP_M_S: Final = 0.12
+SLIP_NORMAL_N: Final = 25.0
+FLAG_FLOOR_S: Final = 6e-3
+SLIP_FLOOR: Final = 0.05
+
+
+@dataclass(frozen=True)
+class ContactSignals:
+    """Signals of channel C."""
+
+    friction: Array
+    """Nominal coefficient of each foot, shape (4,)."""
+    is_touch_down: Flags
+    """Of each sample of the flag rows. Shape (n,)."""
+
+
+def contact_view(
+    dynamics: DynamicsSignals, stance: StanceSignals, effects: Sequence[Effect]
+) -> ChannelView | ChannelOff:
+    """Build channel C."""
+    if dynamics.contact.shape[1] == 0:
+        return ChannelOff("C", "no contact flags")
+    stack = dynamics.stack
+    normal = vertical_force_n(dynamics)
+    rows, legs, late, down = _flag_delays(dynamics, normal)
+    friction = BodyModel(effects).foot_friction
+    slip_rows, slip_legs, ratios = _slips(dynamics, stance)
+    n_flags, n_slips = len(rows), len(slip_rows)
+    if n_flags + n_slips == 0:
+        return ChannelOff("C", "no foot ever lifts off or touches down")
+    response = np.zeros((n_flags + n_slips, len(ROWS)))
+    usable = np.zeros(response.shape, dtype=np.bool_)
+    response[np.arange(n_flags), legs] = late
+    usable[np.arange(n_flags), legs] = True
+    at = n_flags + np.arange(n_slips)
+    response[at, facts.N_LEGS + slip_legs] = ratios - friction[slip_legs]
+    usable[at, facts.N_LEGS + slip_legs] = True
+    every = np.concatenate([rows, slip_rows])
+    numbers = np.arange(facts.N_LEGS, dtype=np.intp)
+    return ChannelView(
+        name="C",
+        rows=ROWS,
+        unit="s, 1",
+        response=response,
+        usable=usable,
+        run=stack.run[every],
+        state=stack.state[every],
+        noise=np.repeat([FLAG_FLOOR_S, SLIP_FLOOR], facts.N_LEGS),
+        nuisance=np.zeros((*response.shape, 0)),
+        row_joint=np.full(len(ROWS), -1, dtype=np.intp),
+        row_leg=np.concatenate([numbers, numbers]),
+        leg_of_joint=np.repeat(numbers, 3),
+        signals=ContactSignals(friction, np.concatenate([down, np.zeros(n_slips, dtype=np.bool_)])),
+        measured={"slipping_samples": float(n_slips)},
+    )
+
+
+def vertical_force_n(dynamics: DynamicsSignals) -> Array:
+    """Vertical force on each foot at the full rate, interpolated between the kept rows; shape (N, 4)."""
+    force = rotate_wxyz(dynamics.inputs.world_from_body_wxyz[:, None, :], dynamics.nominal.foot_force_n)[..., 2]
+    every = np.arange(dynamics.stack.n)
+    return np.stack([np.interp(every, dynamics.rows, force[:, leg]) for leg in range(facts.N_LEGS)], axis=1)
+
+
+def _flag_delays(dynamics: DynamicsSignals, normal_n: Array) -> tuple[NDArray[np.intp], NDArray[np.intp], Array, Flags]:
+    """Row, leg, lateness (s) and kind of each change of a flag that has a clear crossing of the force beside it."""
+    stack = dynamics.stack
+    contact = stack.cat(lambda r: r.foot_contact).astype(np.bool_)
+    usable = stack.inner(stack.used, SEARCH, SEARCH)
+    rows, legs, late, down = [], [], [], []
+    for leg in range(facts.N_LEGS):
+        changes = np.flatnonzero(np.diff(contact[:, leg].astype(np.int8))) + 1
+        for row in changes[usable[changes]]:
+            touches = bool(contact[row, leg])
+            window = normal_n[row - SEARCH : row + SEARCH, leg]
+            level = float(np.max(window[SEARCH:] if touches else window[:SEARCH]))
+            if level < MIN_LEVEL_N:
+                continue
+            above = window > THRESHOLD_SHARE * level
+            crossings = np.flatnonzero(np.diff(above.astype(np.int8)) == (1 if touches else -1))
+            if len(crossings) != 1:
+                continue
+            k = int(crossings[0])
+            share = (THRESHOLD_SHARE * level - window[k]) / (window[k + 1] - window[k])
+            rows.append(int(row))
+            legs.append(leg)
+            late.append((SEARCH - (k + share)) * stack.period_s)
+            down.append(touches)
+    return (
+        np.array(rows, dtype=np.intp),
+        np.array(legs, dtype=np.intp),
+        np.array(late, dtype=np.float64),
+        np.array(down, dtype=np.bool_),
+    )
+
+
+def _slips(dynamics: DynamicsSignals, stance: StanceSignals) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
+    """Row, leg and ratio of shear to normal force of each state in which a loaded foot slips."""
+    force = rotate_wxyz(dynamics.inputs.world_from_body_wxyz[:, None, :], dynamics.nominal.foot_force_n)
+    normal, shear = force[..., 2], np.hypot(force[..., 0], force[..., 1])
+    velocity = stance.nominal[:, : 3 * facts.N_LEGS].reshape(-1, facts.N_LEGS, 3)
+    sliding = np.hypot(velocity[..., 0], velocity[..., 1]) > SLIP_M_S
+    steady = stance.stack.inner(stance.stack.cat(lambda r: r.foot_contact).astype(np.bool_), 5, 5)[dynamics.rows]
+    slipping = steady & sliding & (normal > SLIP_NORMAL_N)
+    index, legs = np.nonzero(slipping)
+    return dynamics.rows[index], legs.astype(np.intp), shear[index, legs] / normal[index, legs]

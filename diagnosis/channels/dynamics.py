@@ -1,0 +1,202 @@
+"""What channels D and B share: inverse dynamics of the logged motion against the measured loads.
+
+With a leg's loads τ and the model's joint rows h_leg, the ground's force on its foot is f = J⁻ᵀ(h_leg − τ). Channel D
+looks at τ − h_leg where a leg swings, so f is none; channel B puts the f of all legs into the body's rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.channels.base_motion import base_motion, imu_gravity_m_s2
+from diagnosis.channels.body_model import FIRST_JOINT_DOF, BodyModel
+from diagnosis.channels.stack import Stack
+from diagnosis.seam import Array, Flags
+from spot_model import facts
+from spot_model.effects.base import Effect
+from spot_model.leg_kinematics import foot_position_and_jacobian
+from spot_model.rotation import rotate_inverse_wxyz
+
+STRIDE: Final = 4
+"""Every fourth row: inverse dynamics are dear, and smoothed signals change slowly."""
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """What inverse dynamics start from, n rows; a correction of a sensor replaces one of these."""
+
+    world_from_body_wxyz: Array
+    angular_vel_in_body_rad_s: Array
+    linear_acc_in_world_m_s2: Array
+    angular_acc_in_body_rad_s2: Array
+    position_rad: Array
+    velocity_rad_s: Array
+    acceleration_rad_s2: Array
+    load_nm: Array
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """What the model and the loads disagree on."""
+
+    joint_nm: Array
+    """Load less what the model needs if no foot touches. Shape (n, 12)."""
+    base: Array
+    """Force (N) and moment (N·m) by which the feet's forces exceed what the body needs, body frame. Shape (n, 6)."""
+    foot_force_n: Array
+    """Ground's force on each foot by the loads, body frame. Shape (n, 4, 3)."""
+
+
+@dataclass(frozen=True)
+class DynamicsSignals:
+    """Signals of channels D and B."""
+
+    stack: Stack
+    effects: tuple[Effect, ...]
+    """Of the nominal model."""
+    rows: NDArray[np.intp]
+    """Rows of the stack that are kept, shape (n,)."""
+    inputs: Inputs
+    load_rate_nm_s: Array
+    """Shape (n, 12)."""
+    contact: Flags
+    """Flags at the kept rows. Shape (n, 4)."""
+    nominal: Residuals
+    uses_imu: bool
+    imu_gravity_m_s2: float
+    """In the unit's readings; 0 without a unit."""
+    cache: dict[object, Any] = field(default_factory=dict, compare=False)
+
+    def with_inputs(self, key: object, **changes: Array) -> Residuals:
+        """Residuals of the nominal model for other inputs; kept under ``key``."""
+        if key not in self.cache:
+            self.cache[key] = residuals(BodyModel(self.effects), replace(self.inputs, **changes))
+        found: Residuals = self.cache[key]
+        return found
+
+    def with_effect(self, key: object, effect: Effect) -> Residuals:
+        """Residuals of the nominal model with one more model effect; kept under ``key``."""
+        if key not in self.cache:
+            self.cache[key] = residuals(BodyModel((*self.effects, effect)), self.inputs)
+        found: Residuals = self.cache[key]
+        return found
+
+
+def missing_for_dynamics(stack: Stack) -> str:
+    """What logs lack for channels D and B; empty if nothing."""
+    if stack.recordings[0].joint_names != facts.JOINT_NAMES:
+        return "no body model of this robot"
+    for signal, name in (
+        ("load_nm", "joint torques"),
+        ("position_rad", "joint positions"),
+        ("velocity_rad_s", "joint velocities"),
+        ("odom_from_body_wxyz", "attitude"),
+        ("angular_vel_of_body_in_odom_rad_s", "turn rate"),
+    ):
+        if not all(r.has(signal) for r in stack.recordings):
+            return f"no {name}"
+    has_velocity = all(r.has("linear_vel_of_body_in_odom_m_s") for r in stack.recordings)
+    if not has_velocity and not all(r.has("imu.acceleration_m_s2") for r in stack.recordings):
+        return "neither the body's velocity nor an inertial unit"
+    return ""
+
+
+def dynamics_signals(stack: Stack, effects: Sequence[Effect]) -> DynamicsSignals:
+    """Smooth, differentiate and compute the nominal residuals."""
+    usable = stack.inner(stack.used)
+    rows = np.flatnonzero(usable)
+    rows = rows[rows % STRIDE == 0]
+    base = base_motion(stack)
+    velocity = stack.filled(lambda r: r.velocity_rad_s)
+    load = stack.filled(lambda r: r.load_nm)
+    inputs = Inputs(
+        world_from_body_wxyz=base.odom_from_body_wxyz[rows],
+        angular_vel_in_body_rad_s=base.angular_vel_in_body_rad_s[rows],
+        linear_acc_in_world_m_s2=base.linear_acc_in_odom_m_s2[rows],
+        angular_acc_in_body_rad_s2=base.angular_acc_in_body_rad_s2[rows],
+        position_rad=stack.smooth(stack.filled(lambda r: r.position_rad))[rows],
+        velocity_rad_s=stack.smooth(velocity)[rows],
+        acceleration_rad_s2=stack.rate(velocity)[rows],
+        load_nm=stack.smooth(load)[rows],
+    )
+    has_contact = all(r.has("foot_contact") for r in stack.recordings)
+    contact = stack.cat(lambda r: r.foot_contact)[rows] if has_contact else np.zeros((len(rows), 0), dtype=np.bool_)
+    return DynamicsSignals(
+        stack=stack,
+        effects=tuple(effects),
+        rows=rows,
+        inputs=inputs,
+        load_rate_nm_s=stack.rate(load)[rows],
+        contact=contact.astype(np.bool_),
+        nominal=residuals(BodyModel(effects), inputs),
+        uses_imu=base.uses_imu,
+        imu_gravity_m_s2=imu_gravity_m_s2(stack) or 0.0,
+    )
+
+
+def residuals(model: BodyModel, inputs: Inputs) -> Residuals:
+    """Inverse dynamics of the motion against the loads."""
+    force = model.inverse_dynamics(
+        world_from_body_wxyz=inputs.world_from_body_wxyz,
+        angular_vel_in_body_rad_s=inputs.angular_vel_in_body_rad_s,
+        linear_acc_in_world_m_s2=inputs.linear_acc_in_world_m_s2,
+        angular_acc_in_body_rad_s2=inputs.angular_acc_in_body_rad_s2,
+        position_rad=inputs.position_rad,
+        velocity_rad_s=inputs.velocity_rad_s,
+        acceleration_rad_s2=inputs.acceleration_rad_s2,
+    )
+    joint = inputs.load_nm - force[:, FIRST_JOINT_DOF:]
+    wrench = feet_wrench(inputs, joint, model.foot_radius_m)
+    needed = np.concatenate([rotate_inverse_wxyz(inputs.world_from_body_wxyz, force[:, :3]), force[:, 3:6]], axis=1)
+    return Residuals(joint_nm=joint, base=wrench.sum(axis=1)[:, :6] - needed, foot_force_n=wrench[:, :, :3])
+
+
+def feet_wrench(inputs: Inputs, joint_nm: Array, foot_radius_m: Array) -> Array:
+    """Force and moment on the body of the feet's forces that a joint residual stands for, leg by leg.
+
+    Args:
+        inputs: Where the legs are.
+        joint_nm: Load less what the model needs. Shape (n, 12).
+        foot_radius_m: Shape (4,).
+
+    Returns:
+        Shape (n, 4, 6), body frame, about the body's origin.
+    """
+    n = len(joint_nm)
+    point, jacobian = contact_point_and_jacobian(inputs.position_rad, inputs.world_from_body_wxyz, foot_radius_m)
+    torque = -joint_nm.reshape(n, facts.N_LEGS, 3)
+    # Near a stretched leg the Jacobian is singular, and the force along the leg large but right.
+    transposed = np.swapaxes(jacobian, -1, -2)
+    force = np.linalg.solve(transposed + 1e-6 * np.eye(3), torque[..., None])[..., 0]
+    return np.concatenate([force, np.cross(point, force)], axis=2)
+
+
+def contact_point_and_jacobian(
+    position_rad: Array, world_from_body_wxyz: Array, foot_radius_m: Array
+) -> tuple[Array, Array]:
+    """Lowest points of the foot spheres in the body frame, and their Jacobians as points of the lower legs.
+
+    Returns:
+        Positions (n, 4, 3), m; Jacobians (n, 4, 3, 3), m/rad.
+    """
+    centre, jacobian = foot_position_and_jacobian(position_rad)
+    n = len(position_rad)
+    down = rotate_inverse_wxyz(world_from_body_wxyz, np.broadcast_to([0.0, 0.0, -1.0], (n, 3)))
+    arm = foot_radius_m[None, :, None] * down[:, None, :]
+    axes = leg_axes(position_rad)
+    turned = np.swapaxes(np.cross(axes, arm[:, :, None, :]), -1, -2)
+    return centre + arm, jacobian + turned
+
+
+def leg_axes(position_rad: Array) -> Array:
+    """Axes of each leg's three joints in the body frame, shape (n, 4, 3 joints, 3)."""
+    hx = position_rad[:, 0::3]
+    zero, one = np.zeros_like(hx), np.ones_like(hx)
+    along = np.stack([one, zero, zero], axis=-1)
+    across = np.stack([zero, np.cos(hx), np.sin(hx)], axis=-1)
+    return np.stack([along, across, across], axis=2)

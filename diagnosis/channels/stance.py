@@ -1,0 +1,164 @@
+"""Channel K: feet that stand do not move, and stand on one level.
+
+Rows: velocity of each standing foot's contact point along the heading, to its left and up, m/s; then each standing
+foot's height less the mean of all that stand, m. Both from joints, attitude and the estimator's velocity; the body's
+odometry height is not used. Time convention: all of one state.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.channels.body_model import BodyModel
+from diagnosis.channels.dynamics import DynamicsSignals, contact_point_and_jacobian
+from diagnosis.channels.stack import Stack
+from diagnosis.seam import Array, ChannelOff, ChannelView, Flags
+from spot_model import facts
+from spot_model.effects.base import Effect
+from spot_model.rotation import rotate_inverse_wxyz, rotate_wxyz, yaw_rad
+
+STRIDE: Final = 4
+AFTER_TOUCH_DOWN: Final = 9
+BEFORE_LIFT_OFF: Final = 7
+"""States by which a stance is shortened at its ends: flags come late, and soft ground gives way first."""
+VELOCITY_FLOOR_M_S: Final = 0.02
+HEIGHT_FLOOR_M: Final = 0.002
+"""What ground that is neither hard nor even leaves at least."""
+ROWS: Final = (
+    *(f"{leg}_velocity_{axis}" for leg in facts.LEG_NAMES for axis in ("x", "y", "z")),
+    *(f"{leg}_height" for leg in facts.LEG_NAMES),
+)
+
+
+@dataclass(frozen=True)
+class Kinematics:
+    """What foot positions and velocities follow from, N rows at the full rate."""
+
+    odom_from_body_wxyz: Array
+    linear_vel_in_body_m_s: Array
+    angular_vel_in_body_rad_s: Array
+    position_rad: Array
+    velocity_rad_s: Array
+
+
+@dataclass(frozen=True)
+class StanceSignals:
+    """Signals of channel K."""
+
+    stack: Stack
+    rows: NDArray[np.intp]
+    """Rows of the stack that are kept."""
+    kinematics: Kinematics
+    foot_radius_m: Array
+    standing: Flags
+    """Well within a stance, at the full rate. Shape (N, 4)."""
+    nominal: Array
+    """Smoothed response, shape (n, 16)."""
+    dynamics: DynamicsSignals | None
+    """For forces, where there are loads; its rows are these rows."""
+    cache: dict[object, Any] = field(default_factory=dict, compare=False)
+
+    def corrected(self, key: object, *, foot_radius_m: Array | None = None, **changes: Array) -> Array:
+        """The response if signals were others, smoothed, shape (n, 16); kept under ``key``."""
+        if key not in self.cache:
+            radius = self.foot_radius_m if foot_radius_m is None else foot_radius_m
+            raw = feet(replace(self.kinematics, **changes), radius, self.standing)
+            self.cache[key] = self.stack.smooth(raw)[self.rows]
+        found: Array = self.cache[key]
+        return found
+
+    def finish_velocity(self, in_body: Array) -> Array:
+        """A change of the body's velocity (N, 3), body frame, as all feet see it: smoothed, shape (n, 16)."""
+        heading = _in_heading(self.kinematics.odom_from_body_wxyz, in_body)
+        per_foot = np.tile(heading, (1, facts.N_LEGS))
+        return np.concatenate(
+            [self.stack.smooth(per_foot)[self.rows], np.zeros((len(self.rows), facts.N_LEGS))], axis=1
+        )
+
+
+def stance_view(
+    stack: Stack, effects: Sequence[Effect], dynamics: DynamicsSignals | None = None
+) -> ChannelView | ChannelOff:
+    """Build channel K; ``dynamics`` gives the feet's forces to what depends on them."""
+    if stack.recordings[0].joint_names != facts.JOINT_NAMES:
+        return ChannelOff("K", "no body model of this robot")
+    for signal, name in (
+        ("position_rad", "joint positions"),
+        ("velocity_rad_s", "joint velocities"),
+        ("foot_contact", "contact flags"),
+        ("odom_from_body_wxyz", "attitude"),
+        ("linear_vel_of_body_in_odom_m_s", "body velocity"),
+        ("angular_vel_of_body_in_odom_rad_s", "turn rate"),
+    ):
+        if not all(r.has(signal) for r in stack.recordings):
+            return ChannelOff("K", f"no {name}")
+    attitude = stack.filled(lambda r: r.odom_from_body_wxyz)
+    attitude = np.where(np.abs(attitude).sum(axis=1, keepdims=True) > 0.5, attitude, np.array([1.0, 0.0, 0.0, 0.0]))
+    kinematics = Kinematics(
+        odom_from_body_wxyz=attitude,
+        linear_vel_in_body_m_s=rotate_inverse_wxyz(attitude, stack.filled(lambda r: r.linear_vel_of_body_in_odom_m_s)),
+        angular_vel_in_body_rad_s=rotate_inverse_wxyz(
+            attitude, stack.filled(lambda r: r.angular_vel_of_body_in_odom_rad_s)
+        ),
+        position_rad=stack.filled(lambda r: r.position_rad),
+        velocity_rad_s=stack.filled(lambda r: r.velocity_rad_s),
+    )
+    contact = stack.cat(lambda r: r.foot_contact).astype(np.bool_)
+    standing = stack.inner(contact & stack.used[:, None], AFTER_TOUCH_DOWN, BEFORE_LIFT_OFF)
+    if dynamics is None:
+        rows = np.flatnonzero(stack.inner(stack.used))
+        rows = rows[rows % STRIDE == 0]
+    else:
+        rows = dynamics.rows
+    radius = BodyModel(effects).foot_radius_m
+    response = stack.smooth(feet(kinematics, radius, standing))[rows]
+    steady = stack.inner(standing)[rows]
+    # A height means something against another foot's, and the same feet must stand throughout the filter's reach.
+    unchanged = np.all((stack.inner(contact) | stack.inner(~contact))[rows], axis=1)
+    several = steady & (standing[rows].sum(axis=1, keepdims=True) >= 2) & unchanged[:, None]
+    usable = np.concatenate([np.repeat(steady, 3, axis=1), several], axis=1)
+    legs = np.arange(facts.N_LEGS, dtype=np.intp)
+    signals = StanceSignals(stack, rows, kinematics, radius, standing, response, dynamics)
+    floor = np.concatenate([np.full(12, VELOCITY_FLOOR_M_S), np.full(4, HEIGHT_FLOOR_M)])
+    return ChannelView(
+        name="K",
+        rows=ROWS,
+        unit="m/s, m",
+        response=response,
+        usable=usable,
+        run=stack.run[rows],
+        state=stack.state[rows],
+        noise=floor,
+        nuisance=np.zeros((*response.shape, 0)),
+        row_joint=np.full(len(ROWS), -1, dtype=np.intp),
+        row_leg=np.concatenate([np.repeat(legs, 3), legs]),
+        leg_of_joint=np.repeat(legs, 3),
+        signals=signals,
+    )
+
+
+def feet(k: Kinematics, foot_radius_m: Array, standing: Flags) -> Array:
+    """Velocities of the contact points in the heading frame, then heights less the standing feet's mean; (N, 16)."""
+    point, jacobian = contact_point_and_jacobian(k.position_rad, k.odom_from_body_wxyz, foot_radius_m)
+    n = len(point)
+    rates = k.velocity_rad_s.reshape(n, facts.N_LEGS, 1, 3)
+    turn = k.angular_vel_in_body_rad_s[:, None, :]
+    velocity = k.linear_vel_in_body_m_s[:, None, :] + np.cross(turn, point) + (jacobian * rates).sum(axis=-1)
+    heading = _in_heading(k.odom_from_body_wxyz[:, None, :], velocity).reshape(n, -1)
+    height = rotate_wxyz(k.odom_from_body_wxyz[:, None, :], point)[..., 2]
+    count = np.maximum(standing.sum(axis=1, keepdims=True), 1)
+    mean = np.sum(np.where(standing, height, 0.0), axis=1, keepdims=True) / count
+    return np.concatenate([heading, height - mean], axis=1)
+
+
+def _in_heading(odom_from_body_wxyz: Array, in_body: Array) -> Array:
+    """A vector of the body frame in the frame that turns with the heading only; same shape."""
+    odom = rotate_wxyz(odom_from_body_wxyz, in_body)
+    half = 0.5 * yaw_rad(odom_from_body_wxyz)
+    zero = np.zeros_like(half)
+    return np.asarray(rotate_inverse_wxyz(np.stack([np.cos(half), zero, zero, np.sin(half)], axis=-1), odom))

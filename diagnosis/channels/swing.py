@@ -1,0 +1,57 @@
+"""Channel D: the loads of swinging legs against what their motion needs, joint by joint.
+
+Time convention: motion and load of one state belong together; a small offset between them shows as the load's rate of
+change, which is always fitted beside any effect.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from diagnosis.channels.dynamics import DynamicsSignals
+from diagnosis.channels.stack import white_noise
+from diagnosis.seam import ChannelOff, ChannelView, Flags
+from spot_model import facts
+
+AFTER_LIFT_OFF: Final = 8
+BEFORE_TOUCH_DOWN: Final = 12
+"""States by which a swing is shortened at its ends: contact flags come late, and impacts are smoothed over."""
+FLOOR_NM: Final = 0.15
+"""What differentiated velocities and a rigid model leave at least."""
+
+
+def swing_view(signals: DynamicsSignals) -> ChannelView | ChannelOff:
+    """Build channel D."""
+    swinging = swinging_legs(signals)
+    if swinging.shape[1] == 0:
+        return ChannelOff("D", "no contact flags")
+    usable = np.repeat(swinging, 3, axis=1)
+    legs = np.repeat(np.arange(facts.N_LEGS, dtype=np.intp), 3)
+    response = signals.nominal.joint_nm
+    # The rows are already smoothed, so the noise found in them is what smoothing leaves.
+    noise = white_noise(response, usable, is_smoothed=True)
+    return ChannelView(
+        name="D",
+        rows=facts.JOINT_NAMES,
+        unit="N·m",
+        response=response,
+        usable=usable,
+        run=signals.stack.run[signals.rows],
+        state=signals.stack.state[signals.rows],
+        noise=np.maximum(noise, FLOOR_NM),
+        nuisance=signals.load_rate_nm_s[:, :, None],
+        row_joint=np.arange(facts.N_JOINTS, dtype=np.intp),
+        row_leg=legs,
+        leg_of_joint=legs,
+        signals=signals,
+    )
+
+
+def swinging_legs(signals: DynamicsSignals) -> Flags:
+    """Legs well off the ground at the kept rows, by the flags. Shape (n, 4), or (n, 0) without flags."""
+    if signals.contact.shape[1] == 0:
+        return signals.contact
+    contact = signals.stack.cat(lambda r: r.foot_contact).astype(np.bool_)
+    return signals.stack.inner(~contact, AFTER_LIFT_OFF, BEFORE_TOUCH_DOWN)[signals.rows]

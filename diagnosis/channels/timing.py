@@ -1,0 +1,88 @@
+"""Channel T: how long commands take, how evenly they come, and which are lost; by the robot's own stamps and keys.
+
+Time convention: a command's delay runs from the stamp of the state that it answers to the robot's stamp of its receipt,
+both on the robot's clock. The nominal model's constant delay is taken off.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from diagnosis.channels.stack import Stack
+from diagnosis.recording import NEVER_NS
+from diagnosis.seam import Array, ChannelOff, ChannelView
+from spot_model.effects.base import Effect
+from spot_model.effects.command_delay import CommandDelay
+
+ROWS: Final = ("delay", "spread", "lost")
+FLOOR: Final = np.array([5e-4, 5e-4, 0.05])
+"""Delays are read from a stream of 3 ms, and any real link varies by half a millisecond."""
+FAST_QUANTILE: Final = 0.05
+"""Spread counts from the delay that this share of commands stays under."""
+LONGEST_S: Final = 1.0
+"""A command that takes longer belongs to a pause, not to the link."""
+
+
+@dataclass(frozen=True)
+class TimingSignals:
+    """Signals of channel T, one row a command."""
+
+    delay_s: Array
+    """Not a number for lost commands. Shape (n,)."""
+
+
+def timing_view(stack: Stack, effects: Sequence[Effect]) -> ChannelView | ChannelOff:
+    """Build channel T."""
+    if not all(r.has_receipts for r in stack.recordings):
+        return ChannelOff("T", "the robot's receipts of commands were not recorded")
+    if not all(np.any(r.commands.state_robot_stamp_ns > 0) for r in stack.recordings):
+        return ChannelOff("T", "commands do not say which state they answer")
+    nominal_s = sum(float(np.mean(e.delay_s)) for e in effects if isinstance(e, CommandDelay))
+    delays, lost, runs, states = [], [], [], []
+    for number, recording in enumerate(stack.recordings):
+        commands = recording.commands
+        answered = commands.state_robot_stamp_ns
+        last = recording.command_ns[recording.command_ns < NEVER_NS].max(initial=0)
+        # The newest commands may still be under way when the log ends.
+        known = (answered > 0) & (answered < last)
+        arrived = recording.command_ns < NEVER_NS
+        delay = np.where(arrived, (recording.command_ns - answered) * 1e-9, np.nan)[known]
+        delays.append(np.where(delay < LONGEST_S, delay, np.nan))
+        lost.append((~arrived)[known].astype(np.float64))
+        runs.append(np.full(int(known.sum()), number, dtype=np.intp))
+        states.append(recording.rows_at(answered[known]))
+    delay = np.concatenate(delays)
+    run = np.concatenate(runs)
+    fastest = np.zeros_like(delay)
+    for number in range(len(stack.recordings)):
+        mine = run == number
+        good = mine & np.isfinite(delay)
+        fastest[mine] = float(np.quantile(delay[good], FAST_QUANTILE)) if good.any() else np.nan
+    response = np.stack([delay - nominal_s, delay - fastest, np.concatenate(lost)], axis=1)
+    finite = np.isfinite(response)
+    none = np.full(len(ROWS), -1, dtype=np.intp)
+    return ChannelView(
+        name="T",
+        rows=ROWS,
+        unit="s, s, 1",
+        response=np.nan_to_num(response),
+        usable=finite,
+        run=run,
+        state=np.concatenate(states),
+        noise=FLOOR,
+        nuisance=np.zeros((*response.shape, 0)),
+        row_joint=none,
+        row_leg=none,
+        leg_of_joint=np.full(stack.recordings[0].n_joints, -1, dtype=np.intp),
+        signals=TimingSignals(delay),
+        measured={
+            "delay_s": float(np.nanmedian(delay)) if np.isfinite(delay).any() else float("nan"),
+            "delay_p95_s": float(np.nanquantile(delay, 0.95)) if np.isfinite(delay).any() else float("nan"),
+            "nominal_delay_s": nominal_s,
+            "lost_share": float(np.mean(np.concatenate(lost))) if len(delay) else 0.0,
+        },
+    )
