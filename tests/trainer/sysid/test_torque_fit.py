@@ -1,0 +1,128 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from spot_model.facts import PAPER_IDENTIFIED, PaperActuator
+from trainer.sysid.config import SysidConfig
+from trainer.sysid.logged_run import LoggedRun
+from trainer.sysid.torque_fit import TorqueFit, fit_torque
+from trainer.sysid.torque_model import NUISANCE_NAMES, TorqueModel, friction_direction, is_memoryless
+from trainer.sysid.torque_samples import TorqueSamples, torque_samples
+from trainer.sysid.verdict import Estimate, ParameterVerdict, is_narrow, judge
+
+from .conftest import OTHER_PHYSICS, MakeLogs
+
+MODEL = TorqueModel(SysidConfig().space())
+NAMES = [p.parameter for p in MODEL.space.parameters]
+
+
+def fitted(runs: list[LoggedRun]) -> tuple[TorqueSamples, TorqueFit]:
+    samples = torque_samples(runs)
+    return samples, fit_torque(MODEL, samples, [MODEL.space.initial], np.random.default_rng(0))
+
+
+def verdicts(runs: list[LoggedRun]) -> dict[str, ParameterVerdict]:
+    samples, fit = fitted(runs)
+    found = judge(MODEL, samples, fit, MODEL.space.initial, None)
+    return {v.name: v for v in found}
+
+
+@pytest.fixture(scope="module")
+def strong(logs: list[LoggedRun]) -> dict[str, ParameterVerdict]:
+    return verdicts(logs)
+
+
+CURVE = "torque_speed_curve[knees]."
+
+
+def test_planted_limits_are_found_in_logs_of_another_simulator(
+    strong: dict[str, ParameterVerdict], strong_truth: PaperActuator
+) -> None:
+    for name in ("torque_max_nm", "torque_min_nm", "speed_min_rad_s", "intersect_min_rad_s"):
+        found = strong[CURVE + name]
+        assert found.identified, found.reason
+        assert found.source == "measured torque"
+        assert found.value == pytest.approx(getattr(strong_truth, name), rel=0.1)
+        assert found.low <= getattr(strong_truth, name) <= found.high
+
+
+def test_planted_friction_is_found(strong: dict[str, ParameterVerdict], strong_truth: PaperActuator) -> None:
+    assert strong["coulomb_friction[hips].level_nm"].value == pytest.approx(strong_truth.hip_friction_nm, abs=0.04)
+    assert strong["coulomb_friction[knees].level_nm"].value == pytest.approx(strong_truth.knee_friction_nm, abs=0.04)
+
+
+def test_limits_that_are_never_reached_are_named_and_not_reported(make_logs: MakeLogs) -> None:
+    far = PaperActuator(0.1, 0.2, 400.0, -400.0, 150.0, -150.0, 100.0, -100.0)
+    found = verdicts(make_logs(far, sequences={"a": 0.0}, n_ticks=150, n_repeats=3))
+    for name in NAMES[2:]:
+        verdict = found[CURVE + name]
+        assert not verdict.identified
+        assert verdict.source == "not identified"
+        assert "reached" in verdict.reason or "only together with" in verdict.reason
+    assert found["coulomb_friction[knees].level_nm"].identified
+
+
+def test_inertia_between_motor_and_sensor_is_found_beside_the_parameters(make_logs: MakeLogs) -> None:
+    from dataclasses import replace
+
+    armature = replace(OTHER_PHYSICS, armature_kg_m2=(0.04, 0.04, 0.07) * 4)
+    _, fit = fitted(make_logs(PAPER_IDENTIFIED, sequences={"a": 0.0}, n_ticks=150, n_repeats=2, mjcf=armature))
+    found = dict(zip(NUISANCE_NAMES, fit.nuisance, strict=True))
+    assert found["hip inertia"] == pytest.approx(0.04, rel=0.1)
+    assert found["knee inertia"] == pytest.approx(0.07, rel=0.1)
+
+
+def test_the_load_belongs_to_the_physics_step_before_the_state(logs: list[LoggedRun]) -> None:
+    _, fit = fitted(logs)
+    assert fit.nuisance[0] == pytest.approx(OTHER_PHYSICS.timestep_s, abs=0.0006)
+
+
+def test_the_predicted_load_worked_out_by_hand() -> None:
+    one = np.ones((1, 12))
+    samples = TorqueSamples(
+        run=np.zeros(1, dtype=np.intp),
+        setpoint_rad=-1.4 * one,
+        position_rad=-1.5 * one,
+        velocity_rad_s=2.0 * one,
+        acceleration_rad_s2=10.0 * one,
+        velocity_doubt_rad_s=0.0 * one,
+        kp_nm_per_rad=60.0 * one,
+        kd_nm_s_per_rad=1.5 * one,
+        load_nm=0.0 * one,
+    )
+    values = np.array([0.1, 0.4, 100.0, -100.0, 30.0, -30.0, 10.0, -10.0])
+    nuisance = np.array([0.0, 0.01, 0.02, 0.03, 0.04, 0.0, 0.0])
+    load = MODEL.load_nm(samples, values, nuisance)[0]
+    # Request 60 · 0.1 − 1.5 · 2 = 3; hips lose 0.1 + 0.01 · 2 + 0.03 · 10, knees 0.4 + 0.02 · 2 + 0.04 · 10.
+    assert load[0] == pytest.approx(3.0 - 0.42)
+    assert load[2] == pytest.approx(3.0 - 0.84)
+
+
+def test_states_at_which_a_new_setpoint_has_just_arrived_are_left_out(logs: list[LoggedRun]) -> None:
+    samples = torque_samples(logs[:1])
+    n_states, n_ticks = len(logs[0].states.robot_stamp_ns), len(logs[0].ticks.action)
+    assert len(samples) == pytest.approx(n_states - n_ticks, abs=12)
+    assert np.all(samples.acceleration_rad_s2[10:-10].std(axis=0) > 0.0)
+
+
+def test_friction_has_a_direction_only_in_steady_motion() -> None:
+    velocity = np.array([0.1, 1.0, -1.0, 1.0, 10.0])
+    acceleration = np.array([0.0, 0.0, 0.0, 100.0, 1000.0])
+    assert friction_direction(velocity, acceleration).tolist() == [0.0, 1.0, -1.0, 0.0, 0.0]
+
+
+def test_an_effect_with_a_memory_is_not_fitted_sample_by_sample() -> None:
+    from spot_model.effects.torque_bandwidth import TorqueBandwidth
+    from spot_model.effects.torque_limit import TorqueLimit
+
+    assert is_memoryless(TorqueLimit(limit_nm=40.0))
+    assert not is_memoryless(TorqueBandwidth(time_constant_s=0.01))
+
+
+def test_narrow_means_a_tenth_of_the_value_or_a_small_friction() -> None:
+    friction, torque = MODEL.space.parameters[0], MODEL.space.parameters[2]
+    assert is_narrow(torque, Estimate(100.0, 91.0, 109.0))
+    assert not is_narrow(torque, Estimate(100.0, 89.0, 111.0))
+    assert is_narrow(friction, Estimate(0.0, 0.0, 0.08))
+    assert not is_narrow(friction, Estimate(0.1, 0.0, 0.2))
