@@ -51,7 +51,9 @@ def spot_mjcf(options: MjcfOptions = MjcfOptions()) -> str:  # noqa: B008
     return f"""<mujoco model="spot">
   <compiler angle="radian" autolimits="true" balanceinertia="false"/>
   <option timestep="{options.timestep_s!r}" integrator="{options.integrator}" cone="{options.cone}"
-          iterations="{options.solver_iterations}"/>
+          iterations="{options.solver_iterations}">
+    <flag island="disable"/>
+  </option>
   <visual><global offwidth="1280" offheight="720"/><headlight ambient="0.4 0.4 0.4"/></visual>
   <default>
     <geom group="2" contype="0" conaffinity="0"/>
