@@ -157,6 +157,9 @@ class RobotClock(Protocol):
     def now_ns(self) -> int:
         """Robot time, nanoseconds since the UNIX epoch plus the robot's skew and drift."""
 
+    def elapsed_ns(self) -> int:
+        """Robot time since the start: it goes on evenly when the clock is set."""
+
 
 @dataclass(frozen=True)
 class FaultKind:

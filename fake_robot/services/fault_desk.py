@@ -33,7 +33,7 @@ DEFAULT_CUT_S = 5.0
 
 @dataclass(frozen=True)
 class LastingFault:
-    """A fault that goes on until its end, robot time (None: until cleared)."""
+    """A fault that goes on until its end, robot time elapsed (None: until cleared)."""
 
     name: str
     end_ns: int | None
@@ -45,6 +45,7 @@ class FaultDesk:
 
     def __init__(self, world: World) -> None:
         self._world = world
+        self._elapsed_ns = world.robot.clock.elapsed_ns
         self._lasting: dict[int, LastingFault] = {}
         self._last_id = FIRST_WIRE_FAULT_ID
         self._lock = threading.Lock()
@@ -74,7 +75,7 @@ class FaultDesk:
         with self._lock:
             self._last_id += 1
             if undo is not None:
-                end_ns = None if duration_s is None else self._world.now_ns() + round(duration_s * 1e9)
+                end_ns = None if duration_s is None else self._elapsed_ns() + round(duration_s * 1e9)
                 self._lasting[self._last_id] = LastingFault(name, end_ns, undo)
             return self._last_id
 
@@ -102,7 +103,7 @@ class FaultDesk:
 
     def tick(self) -> None:
         """End the faults whose time is over."""
-        now_ns = self._world.now_ns()
+        now_ns = self._elapsed_ns()
         with self._lock:
             over = [i for i, fault in self._lasting.items() if fault.end_ns is not None and now_ns >= fault.end_ns]
         for fault_id in over:

@@ -33,7 +33,11 @@ class World:
         self.robot = robot
         self.config = config
         self.now_ns = robot.clock.now_ns
-        liveness = LivenessClock(self.now_ns, needs_both=robot.is_lock_step and config.liveness_clock == "both")
+        liveness = LivenessClock(
+            self.now_ns,
+            robot.clock.elapsed_ns,
+            needs_both=robot.is_lock_step and config.liveness_clock == "both",
+        )
         self.link = Link()
         self.tokens = TokenMint(
             credentials,

@@ -37,9 +37,18 @@ class StubClock:
 
     def __init__(self) -> None:
         self.stamp_ns = START_NS
+        self.jumped_ns = 0
 
     def now_ns(self) -> int:
         return self.stamp_ns
+
+    def elapsed_ns(self) -> int:
+        return self.stamp_ns - START_NS - self.jumped_ns
+
+    def jump_s(self, seconds: float) -> None:
+        """Set the clock; no time passes."""
+        self.stamp_ns += round(seconds * 1e9)
+        self.jumped_ns += round(seconds * 1e9)
 
     def pass_s(self, seconds: float) -> None:
         self.stamp_ns += round(seconds * 1e9)

@@ -27,7 +27,7 @@ class TwoClocks:
 
     def __init__(self, *, needs_both: bool = False) -> None:
         self.robot_ns = self.host_ns = 0
-        self.clock = LivenessClock(lambda: self.robot_ns, needs_both, lambda: self.host_ns)
+        self.clock = LivenessClock(lambda: self.robot_ns, lambda: self.robot_ns, needs_both, lambda: self.host_ns)
 
     def pass_s(self, robot_s: float, host_s: float | None = None) -> None:
         self.robot_ns += round(robot_s * 1e9)

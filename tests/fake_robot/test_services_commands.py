@@ -92,6 +92,18 @@ def test_what_happens_when_a_lease_expires(serve_stub: Callable[..., Any], polic
     assert [c for c in stub.robot.calls if c in {"safe_power_off", "stop_motion"}] == call
 
 
+def test_setting_the_robots_clock_neither_ends_nor_prolongs_a_lease(stub: Any) -> None:
+    client = stub.sdk_robot().ensure_client("lease")
+    lease = client.acquire()
+    stub.robot.clock.jump_s(1000.0)
+    stub.server.world.tick()
+    client.retain_lease(lease)
+    stub.robot.clock.jump_s(-1000.0)
+    stub.robot.clock.pass_s(6.5)
+    with pytest.raises(LeaseUseError):
+        client.retain_lease(lease)
+
+
 # ---------------------------------------------------------------------------------------------------------- e-stop
 
 
