@@ -16,10 +16,16 @@ from trainer.cpu_backend import CpuBackend
 from trainer.initial_state import draw_initial_state, draw_simulations
 from trainer.random_draws import Draws
 from trainer.randomised_effects import training_effects
-from trainer.task_config import TaskConfig
+from trainer.task_config import RandomisationConfig, TaskConfig
 from trainer.warp_backend import WarpBackend
 
-EFFECTS = ({"effect": "command_delay", "delay_s": [0.0, 0.03]},)
+RANDOMISATION = RandomisationConfig(
+    replaced_effects=("command_delay",),
+    effects=(
+        {"effect": "command_delay", "delay_s": [0.0, 0.03]},
+        {"effect": "armature", "joints": ["knees"], "inertia_kg_m2": [0.0, 0.09]},
+    ),
+)
 
 
 def main(device: str = "cuda:0", n: int = 256, periods: int = 50) -> None:
@@ -28,7 +34,7 @@ def main(device: str = "cuda:0", n: int = 256, periods: int = 50) -> None:
     generator.manual_seed(0)
     draws = Draws(generator)
     config = TaskConfig()
-    effects = training_effects("paper_identified", EFFECTS, n, draws)
+    effects = training_effects("paper_identified", RANDOMISATION, n, draws)
     simulations = draw_simulations(config.randomisation, n, draws)
     initial = draw_initial_state(config.randomisation, config.terrain, n, draws)
     everyone = torch.ones(n, dtype=torch.bool)

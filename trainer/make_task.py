@@ -31,7 +31,7 @@ def make_task(config: TrainConfig, device: str, *, rank: int = 0, n_threads: int
     generator.manual_seed(config.seed * 1000 + rank)
     draws = Draws(generator)
     randomisation = config.task.randomisation
-    effects = training_effects(config.model, randomisation.effects, config.n_envs, draws)
+    effects = training_effects(config.model, randomisation, config.n_envs, draws)
     simulations = draw_simulations(randomisation, config.n_envs, draws)
     backend: Backend
     if device == "cpu":

@@ -12,21 +12,30 @@ from spot_model.effects.registry import effect_class, make_effect
 from spot_model.errors import BadInputError
 from spot_model.model_file import load_model
 from trainer.random_draws import Draws
+from trainer.task_config import RandomisationConfig
 
 
-def training_effects(model: str, extra: tuple[dict[str, Any], ...], n: int, draws: Draws) -> tuple[Effect, ...]:
+def training_effects(model: str, randomisation: RandomisationConfig, n: int, draws: Draws) -> tuple[Effect, ...]:
     """All effects that act in training.
 
     Args:
         model: Built-in model name or model file.
-        extra: More effects, as in a model file; a parameter may be ``[low, high]``.
+        randomisation: Its ``effects`` are added (a parameter may be ``[low, high]``), ``replaced_effects`` left out.
         n: Number of simulations; a drawn parameter has shape (n, 1).
         draws: Where the draws come from.
 
     Raises:
         BadInputError: An effect, key or value is not allowed.
     """
-    return load_model(model).effects + tuple(_randomised(i, dict(entry), n, draws) for i, entry in enumerate(extra))
+    own = load_model(model).effects
+    for name in randomisation.replaced_effects:
+        if name not in {effect.name for effect in own}:
+            raise BadInputError(
+                f"randomisation.replaced_effects: the model {model!r} has no effect {name!r}; "
+                f"allowed: {', '.join(sorted({effect.name for effect in own})) or 'none'}"
+            )
+    kept = tuple(effect for effect in own if effect.name not in randomisation.replaced_effects)
+    return kept + tuple(_randomised(i, dict(entry), n, draws) for i, entry in enumerate(randomisation.effects))
 
 
 def _randomised(index: int, entry: dict[str, Any], n: int, draws: Draws) -> Effect:

@@ -45,6 +45,8 @@ class RandomisationConfig(Config):
     initial_velocity_rad_s: Range = (-2.5, 2.5)
     push_m_s: Range = (-0.5, 0.5)
     push_interval_s: Range = (10.0, 15.0)
+    replaced_effects: tuple[str, ...] = ()
+    """Effects of the model, by name, that are left out because an entry below takes their place."""
     effects: tuple[dict[str, Any], ...] = ()
     """Effects added to the model's, as in a model file; a parameter may be [low, high], drawn once a simulation."""
 

@@ -3,17 +3,21 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
 
+from spot_model.effects.base import Effect
 from spot_model.errors import BadInputError
 from tests.trainer.conftest import TINY
 from trainer.bench_train import bench_train
 from trainer.checkpoint import find_checkpoint, read_checkpoint, save_networks
 from trainer.config import TrainConfig, load_config
 from trainer.make_task import check_device
+from trainer.random_draws import Draws
 from trainer.randomised_effects import training_effects
+from trainer.task_config import RandomisationConfig
 from trainer.train import resume, train
 
 
@@ -96,20 +100,31 @@ def test_a_gpu_that_is_not_there_is_named_at_once() -> None:
         check_device("tpu")
 
 
-def test_effects_can_be_fixed_or_drawn_once_a_simulation() -> None:
-    from trainer.random_draws import Draws
+def drawn_effects(model: str, n: int, *effects: dict[str, Any], replaced: tuple[str, ...] = ()) -> tuple[Effect, ...]:
+    randomisation = RandomisationConfig(effects=effects, replaced_effects=replaced)
+    return training_effects(model, randomisation, n, Draws(torch.Generator().manual_seed(0)))
 
-    draws = Draws(torch.Generator().manual_seed(0))
-    extra = ({"effect": "armature", "joints": ["knees"], "inertia_kg_m2": [0.01, 0.08]},)
-    effects = training_effects("paper_identified", extra, 50, draws)
-    drawn = effects[-1].values["inertia_kg_m2"]
+
+def test_effects_can_be_fixed_or_drawn_once_a_simulation() -> None:
+    armature = {"effect": "armature", "joints": ["knees"], "inertia_kg_m2": [0.01, 0.08]}
+    drawn = drawn_effects("paper_identified", 50, armature)[-1].values["inertia_kg_m2"]
     assert drawn.shape == (50, 1)
     assert 0.01 <= drawn.min() < 0.02
     assert 0.07 < drawn.max() <= 0.08
     with pytest.raises(BadInputError, match=r"randomisation\.effects\.0: inertia_kg_m2 = \[2, 1\]"):
-        training_effects("ideal", ({"effect": "armature", "inertia_kg_m2": [2, 1]},), 5, draws)
+        drawn_effects("ideal", 5, {"effect": "armature", "inertia_kg_m2": [2, 1]})
     with pytest.raises(BadInputError, match=r"randomisation\.effects\.0.*mass"):
-        training_effects("ideal", ({"effect": "armature", "mass": [1, 2]},), 5, draws)
+        drawn_effects("ideal", 5, {"effect": "armature", "mass": [1, 2]})
+
+
+def test_an_effect_of_the_model_can_be_replaced() -> None:
+    delay = {"effect": "command_delay", "delay_s": [0.002, 0.008]}
+    effects = drawn_effects("paper_identified", 5, delay, replaced=("command_delay",))
+    delays = [e for e in effects if e.name == "command_delay"]
+    assert len(delays) == 1
+    assert delays[0].values["delay_s"].shape == (5, 1)
+    with pytest.raises(BadInputError, match=r"has no effect 'armature'; allowed: command_delay, coulomb_friction"):
+        drawn_effects("paper_identified", 5, replaced=("armature",))
 
 
 def test_training_with_drawn_and_sensing_effects_runs(tiny: TrainConfig, tmp_path: Path) -> None:
