@@ -77,6 +77,8 @@ class ChannelView:
     """Leg of each joint of the robot, -1 for none. Shape (J,)."""
     signals: Any
     """What effects compute their columns from; a class of the channel's own file."""
+    is_robust: bool = True
+    """Whether a fit holds outliers down; where rare samples are the effect itself (losses, noise), it must not."""
     measured: Mapping[str, float] = field(default_factory=dict)
     """Numbers found on the way, such as the load's time offset; by name with unit."""
     notes: tuple[str, ...] = ()

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from diagnosis.channels.load_lag import load_lag_s
+from diagnosis.channels.low_pass import low_pass
 from diagnosis.channels.nominal_torque import nominal_armature_kg_m2, nominal_load_nm, nominal_torque_nm
 from diagnosis.channels.stack import Stack, white_noise
 from diagnosis.seam import Array, ChannelOff, ChannelView, Flags, Ints
@@ -66,13 +67,7 @@ class ActuatorSignals:
 
     def low_pass(self, raw: Array, time_constant_s: float) -> Array:
         """First-order low pass of (N, J), each recording by itself, starting at rest at its first value."""
-        keep = float(np.exp(-self.period_s / time_constant_s))
-        out = np.empty_like(raw)
-        for number in range(len(self.stack.recordings)):
-            rows = self.stack.run == number
-            part = raw[rows]
-            out[rows] = lfilter([1.0 - keep], [1.0, -keep], part, axis=0, zi=keep * part[:1])[0]
-        return out
+        return low_pass(self.stack, raw, time_constant_s)
 
     def integrated(self, raw: Array, decay_s: float) -> Array:
         """Solution of dy/dt = raw − y/decay from zero at each recording's start, shape of ``raw``."""

@@ -63,6 +63,12 @@ def base_motion(stack: Stack) -> BaseMotion:
     attitude = stack.filled(lambda r: r.odom_from_body_wxyz)
     turn = rotate_inverse_wxyz(attitude, stack.filled(lambda r: r.angular_vel_of_body_in_odom_rad_s))
     gravity = imu_gravity_m_s2(stack)
+    smooth_turn, turn_rate = stack.smooth(turn), stack.rate(turn)
+    if all(r.has("imu.angular_vel_rad_s") for r in stack.recordings):
+        gyro, age_s = stack.filled(lambda r: r.imu.angular_vel_rad_s), stack.recordings[0].imu.age_s
+        smooth_turn = stack.smooth(gyro) + age_s * stack.rate(gyro)
+        # Not brought forward by its age: that would take a second derivative, and its noise is worse than 1 ms.
+        turn_rate = stack.rate(gyro)
     if gravity is None:
         acceleration = stack.rate(stack.filled(lambda r: r.linear_vel_of_body_in_odom_m_s))
     else:
@@ -72,8 +78,8 @@ def base_motion(stack: Stack) -> BaseMotion:
     unit = np.where(length > 1e-6, smoothed / length, np.array([1.0, 0.0, 0.0, 0.0]))
     return BaseMotion(
         odom_from_body_wxyz=unit,
-        angular_vel_in_body_rad_s=stack.smooth(turn),
-        angular_acc_in_body_rad_s2=stack.rate(turn),
+        angular_vel_in_body_rad_s=smooth_turn,
+        angular_acc_in_body_rad_s2=turn_rate,
         linear_acc_in_odom_m_s2=acceleration,
         uses_imu=gravity is not None,
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from diagnosis.channels.actuator import actuator_view
+from diagnosis.channels.actuator import ActuatorSignals, actuator_view
 from diagnosis.channels.base_wrench import base_view
 from diagnosis.channels.contact_events import contact_view
 from diagnosis.channels.dynamics import dynamics_signals, missing_for_dynamics
@@ -42,12 +42,14 @@ def build_views(
     effects = model.effects
     if limits_rad is None and stack.recordings[0].joint_names == facts.JOINT_NAMES:
         limits_rad = (facts.POSITION_LOW_RAD, facts.POSITION_HIGH_RAD)
+    actuator = actuator_view(stack, effects, limits_rad)
+    drive: ActuatorSignals | None = actuator.signals if isinstance(actuator, ChannelView) else None
     found: list[ChannelView | ChannelOff] = [
         replay_view(stack, policy),
         timing_view(stack, effects),
-        noise_view(stack),
-        rate_view(stack),
-        actuator_view(stack, effects, limits_rad),
+        noise_view(stack, drive),
+        rate_view(stack, 0.5 * drive.lag_s if drive else 0.0),
+        actuator,
         inertial_view(stack),
         power_view(stack),
     ]

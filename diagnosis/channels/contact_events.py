@@ -1,7 +1,8 @@
 """Channel C: contact flags and slips against the forces that the legs' loads say the feet carry.
 
-Rows, leg by leg: how late a flag changes after the force does, s, one sample a touch-down or lift-off; and the friction
-coefficient at which a foot slips less the nominal model's, one sample a slipping state.
+Rows, leg by leg: how late a flag changes after the force does, s, one sample a touch-down or lift-off; the friction
+coefficient at which a foot slips less the nominal model's, one sample a slipping state; and how a foot springs back
+after touch-down, m/s², one sample a state: its vertical acceleration plus its velocity over the nominal time constant.
 Time convention: a force counts as changed when it crosses a threshold; smoothing is symmetrical in time.
 """
 
@@ -16,20 +17,34 @@ from numpy.typing import NDArray
 
 from diagnosis.channels.body_model import BodyModel
 from diagnosis.channels.dynamics import DynamicsSignals
-from diagnosis.channels.stance import StanceSignals
-from diagnosis.seam import Array, ChannelOff, ChannelView, Flags
+from diagnosis.channels.stance import StanceSignals, feet
+from diagnosis.seam import Array, ChannelOff, ChannelView
 from spot_model import facts
 from spot_model.effects.base import Effect
 from spot_model.rotation import rotate_wxyz
 
-ROWS: Final = (*(f"{leg}_flag" for leg in facts.LEG_NAMES), *(f"{leg}_slip" for leg in facts.LEG_NAMES))
+ROWS: Final = (
+    *(f"{leg}_flag" for leg in facts.LEG_NAMES),
+    *(f"{leg}_slip" for leg in facts.LEG_NAMES),
+    *(f"{leg}_recoil" for leg in facts.LEG_NAMES),
+)
 SEARCH: Final = 30
 """States on either side of a flag's change in which the force's crossing is looked for."""
 THRESHOLD_SHARE: Final = 0.25
 """A force counts as contact above this share of its level in the stance beside it."""
 MIN_LEVEL_N: Final = 30.0
 SLIP_M_S: Final = 0.12
+NEAR_LIMIT: Final = 0.75
+"""A foot slips for want of grip only where its ratio of forces is near the largest that ever occurs."""
+LARGEST_QUANTILE: Final = 0.97
 SLIP_NORMAL_N: Final = 25.0
+RECOIL_FIRST: Final = 8
+RECOIL_LAST: Final = 30
+"""States after touch-down between which a foot may spring back."""
+RECOIL_M_S: Final = 0.04
+NOMINAL_RECOIL_S: Final = 0.04
+"""Time in which the nominal ground springs back: twice its contact's time constant."""
+RECOIL_FLOOR_M_S2: Final = 2.0
 FLAG_FLOOR_S: Final = 6e-3
 SLIP_FLOOR: Final = 0.05
 
@@ -40,8 +55,8 @@ class ContactSignals:
 
     friction: Array
     """Nominal coefficient of each foot, shape (4,)."""
-    is_touch_down: Flags
-    """Of each sample of the flag rows. Shape (n,)."""
+    recoil_m_s: Array
+    """Vertical velocity of each foot at the samples of its recoil row, else 0. Shape (n, 4)."""
 
 
 def contact_view(
@@ -52,35 +67,42 @@ def contact_view(
         return ChannelOff("C", "no contact flags")
     stack = dynamics.stack
     normal = vertical_force_n(dynamics)
-    rows, legs, late, down = _flag_delays(dynamics, normal)
+    rows, legs, late = _flag_delays(dynamics, normal)
     friction = BodyModel(effects).foot_friction
     slip_rows, slip_legs, ratios = _slips(dynamics, stance)
-    n_flags, n_slips = len(rows), len(slip_rows)
-    if n_flags + n_slips == 0:
+    back_rows, back_legs, velocity, acceleration = _recoils(stance)
+    n_flags, n_slips, n_back = len(rows), len(slip_rows), len(back_rows)
+    n = n_flags + n_slips + n_back
+    if n == 0:
         return ChannelOff("C", "no foot ever lifts off or touches down")
-    response = np.zeros((n_flags + n_slips, len(ROWS)))
+    response = np.zeros((n, len(ROWS)))
     usable = np.zeros(response.shape, dtype=np.bool_)
     response[np.arange(n_flags), legs] = late
     usable[np.arange(n_flags), legs] = True
     at = n_flags + np.arange(n_slips)
     response[at, facts.N_LEGS + slip_legs] = ratios - friction[slip_legs]
     usable[at, facts.N_LEGS + slip_legs] = True
-    every = np.concatenate([rows, slip_rows])
+    at = n_flags + n_slips + np.arange(n_back)
+    response[at, 2 * facts.N_LEGS + back_legs] = acceleration + velocity / NOMINAL_RECOIL_S
+    usable[at, 2 * facts.N_LEGS + back_legs] = True
+    recoil = np.zeros((n, facts.N_LEGS))
+    recoil[at, back_legs] = velocity
+    every = np.concatenate([rows, slip_rows, back_rows])
     numbers = np.arange(facts.N_LEGS, dtype=np.intp)
     return ChannelView(
         name="C",
         rows=ROWS,
-        unit="s, 1",
+        unit="s, 1, m/s²",
         response=response,
         usable=usable,
         run=stack.run[every],
         state=stack.state[every],
-        noise=np.repeat([FLAG_FLOOR_S, SLIP_FLOOR], facts.N_LEGS),
+        noise=np.repeat([FLAG_FLOOR_S, SLIP_FLOOR, RECOIL_FLOOR_M_S2], facts.N_LEGS),
         nuisance=np.zeros((*response.shape, 0)),
         row_joint=np.full(len(ROWS), -1, dtype=np.intp),
-        row_leg=np.concatenate([numbers, numbers]),
+        row_leg=np.tile(numbers, 3),
         leg_of_joint=np.repeat(numbers, 3),
-        signals=ContactSignals(friction, np.concatenate([down, np.zeros(n_slips, dtype=np.bool_)])),
+        signals=ContactSignals(friction, recoil),
         measured={"slipping_samples": float(n_slips)},
     )
 
@@ -92,12 +114,12 @@ def vertical_force_n(dynamics: DynamicsSignals) -> Array:
     return np.stack([np.interp(every, dynamics.rows, force[:, leg]) for leg in range(facts.N_LEGS)], axis=1)
 
 
-def _flag_delays(dynamics: DynamicsSignals, normal_n: Array) -> tuple[NDArray[np.intp], NDArray[np.intp], Array, Flags]:
-    """Row, leg, lateness (s) and kind of each change of a flag that has a clear crossing of the force beside it."""
+def _flag_delays(dynamics: DynamicsSignals, normal_n: Array) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
+    """Row, leg and lateness (s) of each change of a flag that has a clear crossing of the force beside it."""
     stack = dynamics.stack
     contact = stack.cat(lambda r: r.foot_contact).astype(np.bool_)
     usable = stack.inner(stack.used, SEARCH, SEARCH)
-    rows, legs, late, down = [], [], [], []
+    rows, legs, late = [], [], []
     for leg in range(facts.N_LEGS):
         changes = np.flatnonzero(np.diff(contact[:, leg].astype(np.int8))) + 1
         for row in changes[usable[changes]]:
@@ -115,12 +137,10 @@ def _flag_delays(dynamics: DynamicsSignals, normal_n: Array) -> tuple[NDArray[np
             rows.append(int(row))
             legs.append(leg)
             late.append((SEARCH - (k + share)) * stack.period_s)
-            down.append(touches)
     return (
         np.array(rows, dtype=np.intp),
         np.array(legs, dtype=np.intp),
         np.array(late, dtype=np.float64),
-        np.array(down, dtype=np.bool_),
     )
 
 
@@ -131,6 +151,21 @@ def _slips(dynamics: DynamicsSignals, stance: StanceSignals) -> tuple[NDArray[np
     velocity = stance.nominal[:, : 3 * facts.N_LEGS].reshape(-1, facts.N_LEGS, 3)
     sliding = np.hypot(velocity[..., 0], velocity[..., 1]) > SLIP_M_S
     steady = stance.stack.inner(stance.stack.cat(lambda r: r.foot_contact).astype(np.bool_), 5, 5)[dynamics.rows]
-    slipping = steady & sliding & (normal > SLIP_NORMAL_N)
+    loaded = steady & (normal > SLIP_NORMAL_N)
+    ratio = np.where(loaded, shear / np.maximum(normal, 1.0), 0.0)
+    largest = float(np.quantile(ratio[loaded], LARGEST_QUANTILE)) if loaded.any() else np.inf
+    slipping = loaded & sliding & (ratio > NEAR_LIMIT * largest)
     index, legs = np.nonzero(slipping)
-    return dynamics.rows[index], legs.astype(np.intp), shear[index, legs] / normal[index, legs]
+    return dynamics.rows[index], legs.astype(np.intp), ratio[index, legs]
+
+
+def _recoils(stance: StanceSignals) -> tuple[NDArray[np.intp], NDArray[np.intp], Array, Array]:
+    """Row, leg, vertical velocity and acceleration of each foot that still moves soon after touch-down."""
+    stack = stance.stack
+    raw = feet(stance.kinematics, stance.foot_radius_m, stance.standing)[:, 2 : 3 * facts.N_LEGS : 3]
+    velocity, acceleration = stack.smooth(raw), stack.rate(raw)
+    contact = stack.cat(lambda r: r.foot_contact).astype(np.bool_) & stack.used[:, None]
+    early = stack.inner(contact, RECOIL_FIRST, RECOIL_FIRST) & ~stack.inner(contact, RECOIL_LAST, RECOIL_FIRST)
+    index, legs = np.nonzero(early & (np.abs(velocity) > RECOIL_M_S) & (velocity > 0.0))
+    index, legs = index[::2], legs[::2]
+    return index.astype(np.intp), legs.astype(np.intp), velocity[index, legs], acceleration[index, legs]

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.channels.base_motion import imu_gravity_m_s2
-from diagnosis.channels.stack import Stack
+from diagnosis.channels.stack import Stack, white_noise
 from diagnosis.seam import Array, ChannelOff, ChannelView
 from diagnosis.smoothing import REACH
 from spot_model.rotation import conjugate_wxyz, multiply_wxyz, rotate_wxyz
@@ -34,6 +34,8 @@ class InertialSignals:
     reading_m_s2: Array
     """In the link's frame, gravity in it or not as the unit reports."""
     linear_vel_in_odom_m_s: Array
+    felt_in_odom_m_s2: Array
+    """The unit's acceleration, gravity not in, at its own stamps."""
     gravity_m_s2: float
 
     def finish(self, in_odom: Array) -> Array:
@@ -70,15 +72,16 @@ def inertial_view(stack: Stack) -> ChannelView | ChannelOff:
     rows = rows[rows % STRIDE == 0]
     reading = stack.filled(lambda r: r.imu.acceleration_m_s2)
     age_s = stack.recordings[0].imu.age_s
+    felt = np.asarray(rotate_wxyz(attitude, reading))
     signals = InertialSignals(
         stack=stack,
         rows=rows,
         odom_from_body_wxyz=attitude,
         reading_m_s2=reading,
+        felt_in_odom_m_s2=felt - np.array([0.0, 0.0, gravity]),
         linear_vel_in_odom_m_s=stack.filled(lambda r: r.linear_vel_of_body_in_odom_m_s),
         gravity_m_s2=gravity,
     )
-    felt = rotate_wxyz(attitude, reading)
     felt_now = signals.finish(felt) + age_s * signals.finish_rate(felt)
     upright = np.array([0.0, 0.0, gravity, 0.0, 0.0, 0.0])
     acceleration = felt_now - upright - signals.finish_rate(signals.linear_vel_in_odom_m_s)
@@ -92,7 +95,7 @@ def inertial_view(stack: Stack) -> ChannelView | ChannelOff:
         usable=np.ones(response.shape, dtype=np.bool_),
         run=stack.run[rows],
         state=stack.state[rows],
-        noise=FLOOR,
+        noise=np.maximum(FLOOR, white_noise(response, np.ones(response.shape, dtype=np.bool_), is_smoothed=True)),
         nuisance=np.zeros((*response.shape, 0)),
         row_joint=none,
         row_leg=none,

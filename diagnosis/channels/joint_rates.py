@@ -1,6 +1,7 @@
 """Channel Q: reported joint velocities against the derivative of reported positions, joint by joint.
 
-Time convention: position and velocity of one state belong to one instant.
+Time convention: position and velocity of one state belong to one instant, but for a given offset of the velocity, half
+of the load's lag: over the step that ends at a state, a discrete servo and its motion have one mean velocity.
 """
 
 from __future__ import annotations
@@ -31,14 +32,19 @@ class RateSignals:
         return self.stack.rate(raw)[::STRIDE]
 
 
-def rate_view(stack: Stack) -> ChannelView | ChannelOff:
-    """Build channel Q."""
+def rate_view(stack: Stack, velocity_age_s: float = 0.0) -> ChannelView | ChannelOff:
+    """Build channel Q.
+
+    Args:
+        stack: The recordings.
+        velocity_age_s: How much older than its stamp a reported velocity is by convention.
+    """
     for signal, name in (("position_rad", "positions"), ("velocity_rad_s", "velocities")):
         if not all(r.has(signal) for r in stack.recordings):
             return ChannelOff("Q", f"no measured joint {name}")
     velocity = stack.filled(lambda r: r.velocity_rad_s)
     position = stack.filled(lambda r: r.position_rad)
-    response = (stack.smooth(velocity) - stack.rate(position))[::STRIDE]
+    response = (stack.smooth(velocity) + velocity_age_s * stack.rate(velocity) - stack.rate(position))[::STRIDE]
     n_joints = velocity.shape[1]
     legs = leg_of_joint(stack.recordings[0].joint_names, stack.recordings[0].foot_names)
     return ChannelView(

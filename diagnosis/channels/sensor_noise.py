@@ -1,6 +1,7 @@
 """Channel N: white noise of the joint sensors, over short blocks, beyond what is usual for a Spot.
 
-Sixth differences leave nothing of a leg's motion; their median square is blind to impacts.
+Sixth differences leave nothing of a leg's motion; the lower quartile of their squares is blind to impacts and to the
+steps of new set-points. The load's noise is that of the load less the servo law, where channel A has it.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from diagnosis.channels.actuator import leg_of_joint
+from diagnosis.channels.actuator import ActuatorSignals, leg_of_joint
 from diagnosis.channels.stack import Stack
 from diagnosis.recording import Recording
 from diagnosis.seam import Array, ChannelOff, ChannelView
@@ -23,8 +24,8 @@ BLOCK: Final = 128
 ORDER: Final = 6
 _BINOMIALS: Final = np.array([1.0, -6.0, 15.0, -20.0, 15.0, -6.0, 1.0])
 GAIN: Final = float(np.sum(_BINOMIALS**2))
-MEDIAN_OF_SQUARE: Final = 0.4549
-"""Median of the square of a standard normal number."""
+QUARTILE_OF_SQUARE: Final = 0.1015
+"""Lower quartile of the square of a standard normal number."""
 
 
 @dataclass(frozen=True)
@@ -35,8 +36,13 @@ class NoiseSignals:
     """Standard deviation by block, position, velocity and load in turn, joints within. Shape (n, 3 J)."""
 
 
-def noise_view(stack: Stack) -> ChannelView | ChannelOff:
-    """Build channel N; response and columns are variances in units of the usual ones."""
+def noise_view(stack: Stack, actuator: ActuatorSignals | None = None) -> ChannelView | ChannelOff:
+    """Build channel N; response and columns are variances in units of the usual ones.
+
+    Args:
+        stack: The recordings.
+        actuator: Channel A's signals, where it is on.
+    """
     parts: tuple[Callable[[Recording], Array], ...] = (
         lambda r: r.position_rad,
         lambda r: r.velocity_rad_s,
@@ -50,13 +56,15 @@ def noise_view(stack: Stack) -> ChannelView | ChannelOff:
     usable = stack.inner(stack.used, ORDER, ORDER)
     starts = np.arange(0, stack.n - BLOCK, BLOCK)
     values = np.concatenate([stack.filled(part) for part in parts], axis=1)
+    if actuator is not None:
+        values[:, 2 * n_joints :] = actuator.load_nm - actuator.torque_nm
     high = np.apply_along_axis(lambda x: np.convolve(x, _BINOMIALS, mode="same"), 0, values)
     for start in starts:
         block = slice(start, start + BLOCK)
         good = usable[block]
         if good.sum() < BLOCK // 2:
             continue
-        square = np.median(high[block][good] ** 2, axis=0) / (MEDIAN_OF_SQUARE * GAIN)
+        square = np.quantile(high[block][good] ** 2, 0.25, axis=0) / (QUARTILE_OF_SQUARE * GAIN)
         blocks.append(square)
         middle = start + BLOCK // 2
         runs.append(stack.run[middle])
@@ -84,4 +92,5 @@ def noise_view(stack: Stack) -> ChannelView | ChannelOff:
         row_leg=np.tile(legs, len(SIGNALS)),
         leg_of_joint=legs,
         signals=NoiseSignals(np.sqrt(variance)),
+        is_robust=False,
     )

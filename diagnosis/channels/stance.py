@@ -14,9 +14,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis.channels.base_motion import imu_gravity_m_s2
 from diagnosis.channels.body_model import BodyModel
 from diagnosis.channels.dynamics import DynamicsSignals, contact_point_and_jacobian
-from diagnosis.channels.stack import Stack
+from diagnosis.channels.stack import Stack, white_noise
 from diagnosis.seam import Array, ChannelOff, ChannelView, Flags
 from spot_model import facts
 from spot_model.effects.base import Effect
@@ -26,9 +27,9 @@ STRIDE: Final = 4
 AFTER_TOUCH_DOWN: Final = 9
 BEFORE_LIFT_OFF: Final = 7
 """States by which a stance is shortened at its ends: flags come late, and soft ground gives way first."""
-VELOCITY_FLOOR_M_S: Final = 0.02
+VELOCITY_FLOOR_M_S: Final = (0.02, 0.02, 0.1)
 HEIGHT_FLOOR_M: Final = 0.002
-"""What ground that is neither hard nor even leaves at least."""
+"""What ground that is neither hard nor even leaves at least, along, across and up: soft ground springs back."""
 ROWS: Final = (
     *(f"{leg}_velocity_{axis}" for leg in facts.LEG_NAMES for axis in ("x", "y", "z")),
     *(f"{leg}_height" for leg in facts.LEG_NAMES),
@@ -59,6 +60,8 @@ class StanceSignals:
     """Well within a stance, at the full rate. Shape (N, 4)."""
     nominal: Array
     """Smoothed response, shape (n, 16)."""
+    acceleration_in_body_m_s2: Array
+    """Rate of the body's velocity as seen in the body, by the inertial unit where there is one. Shape (N, 3)."""
     dynamics: DynamicsSignals | None
     """For forces, where there are loads; its rows are these rows."""
     cache: dict[object, Any] = field(default_factory=dict, compare=False)
@@ -123,8 +126,10 @@ def stance_view(
     several = steady & (standing[rows].sum(axis=1, keepdims=True) >= 2) & unchanged[:, None]
     usable = np.concatenate([np.repeat(steady, 3, axis=1), several], axis=1)
     legs = np.arange(facts.N_LEGS, dtype=np.intp)
-    signals = StanceSignals(stack, rows, kinematics, radius, standing, response, dynamics)
-    floor = np.concatenate([np.full(12, VELOCITY_FLOOR_M_S), np.full(4, HEIGHT_FLOOR_M)])
+    signals = StanceSignals(
+        stack, rows, kinematics, radius, standing, response, _acceleration_in_body(stack, kinematics), dynamics
+    )
+    floor = np.concatenate([np.tile(VELOCITY_FLOOR_M_S, facts.N_LEGS), np.full(4, HEIGHT_FLOOR_M)])
     return ChannelView(
         name="K",
         rows=ROWS,
@@ -133,7 +138,7 @@ def stance_view(
         usable=usable,
         run=stack.run[rows],
         state=stack.state[rows],
-        noise=floor,
+        noise=np.maximum(floor, white_noise(response, usable, is_smoothed=True)),
         nuisance=np.zeros((*response.shape, 0)),
         row_joint=np.full(len(ROWS), -1, dtype=np.intp),
         row_leg=np.concatenate([np.repeat(legs, 3), legs]),
@@ -154,6 +159,16 @@ def feet(k: Kinematics, foot_radius_m: Array, standing: Flags) -> Array:
     count = np.maximum(standing.sum(axis=1, keepdims=True), 1)
     mean = np.sum(np.where(standing, height, 0.0), axis=1, keepdims=True) / count
     return np.concatenate([heading, height - mean], axis=1)
+
+
+def _acceleration_in_body(stack: Stack, k: Kinematics) -> Array:
+    """Derivative of the velocity's components in the body frame, shape (N, 3), m/s²."""
+    gravity = imu_gravity_m_s2(stack)
+    if gravity is None:
+        return np.asarray(np.gradient(k.linear_vel_in_body_m_s, stack.period_s, axis=0))
+    upright = np.broadcast_to([0.0, 0.0, gravity], (stack.n, 3))
+    felt = stack.filled(lambda r: r.imu.acceleration_m_s2) - rotate_inverse_wxyz(k.odom_from_body_wxyz, upright)
+    return np.asarray(felt - np.cross(k.angular_vel_in_body_rad_s, k.linear_vel_in_body_m_s))
 
 
 def _in_heading(odom_from_body_wxyz: Array, in_body: Array) -> Array:

@@ -79,6 +79,7 @@ def timing_view(stack: Stack, effects: Sequence[Effect]) -> ChannelView | Channe
         row_leg=none,
         leg_of_joint=np.full(stack.recordings[0].n_joints, -1, dtype=np.intp),
         signals=TimingSignals(delay),
+        is_robust=False,
         measured={
             "delay_s": float(np.nanmedian(delay)) if np.isfinite(delay).any() else float("nan"),
             "delay_p95_s": float(np.nanquantile(delay, 0.95)) if np.isfinite(delay).any() else float("nan"),

@@ -60,6 +60,9 @@ class LibraryEffect(ABC):
     split_by: ClassVar[Experiment]
     """What to record to tell it from those."""
 
+    n_free: ClassVar[int] = 0
+    """How many numbers of the shape a last search by simplex moves; 0 where rounds of :meth:`refined` will do."""
+
     def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:
         """Values of the non-linear parameters that are worth a try, coarse, from the data of the joints.
 
@@ -77,6 +80,10 @@ class LibraryEffect(ABC):
             return np.asarray((view.row_joint >= 0) & joints[np.maximum(view.row_joint, 0)])
         legs = legs_of(joints, view)
         return np.asarray((view.row_leg < 0) | legs[np.maximum(view.row_leg, 0)])
+
+    def polished(self, shape: Shape, factors: Array) -> Shape | None:
+        """The shape with each of its free numbers times a factor, shape (:attr:`n_free`,); None where not allowed."""
+        return None
 
     @abstractmethod
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:

@@ -10,6 +10,7 @@ import numpy as np
 from diagnosis.channels.contact_events import ContactSignals
 from diagnosis.channels.dynamics import DynamicsSignals
 from diagnosis.channels.inertial import InertialSignals
+from diagnosis.channels.low_pass import low_pass
 from diagnosis.channels.stance import StanceSignals
 from diagnosis.library.base import Coefficient, LibraryEffect, Location, legs_of
 from diagnosis.library.experiments import OTHER_GROUND, TAPED_DISTANCE, TURN, Experiment
@@ -37,36 +38,51 @@ class VelocityEstimateEntry(LibraryEffect):
         Coefficient("scale", "1", -0.7, 1.0),
         Coefficient("bias_x_m_s", "m/s", -1.0, 1.0),
         Coefficient("bias_y_m_s", "m/s", -1.0, 1.0),
-        Coefficient("lag_s", "s", 0.0, 0.5),
+        Coefficient("late", "1", 1.0, 1.0),
     )
     confused_with: ClassVar[tuple[str, ...]] = ("foot_radius", "ground_friction", "imu_tilt")
     split_by: ClassVar[Experiment] = TAPED_DISTANCE
+
+    def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:
+        """Lags of filters."""
+        return tuple({"lag_s": t} for t in (0.0, 0.005, 0.01, 0.02, 0.04, 0.08))
+
+    def refined(self, shape: Shape) -> tuple[Shape, ...]:
+        """Lags nearby."""
+        return tuple(
+            {"lag_s": shape["lag_s"] * f} for f in (0.72, 0.85, 0.93, 1.08, 1.18, 1.38) if shape["lag_s"] > 0.0
+        )
 
     def rows(self, view: ChannelView, joints: Flags) -> Flags:
         """Velocities of the feet; accelerations of the unit."""
         return np.array(["velocity" in name or "acceleration" in name for name in view.rows])
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
-        """The reported velocity, one along x and y of the body, and the reported velocity's rate, negative."""
+        """The reported velocity, one along x and y of the body, and what a low pass of the velocity leaves behind.
+
+        The true velocity's rate is the inertial unit's acceleration where there is one, which is far less noisy.
+        """
         if view.name == "I":
             s: InertialSignals = view.signals
-            velocity = s.linear_vel_in_odom_m_s
-            # The unit's acceleration exceeds the reported velocity's rate by what the lag holds back.
-            scale, lag = -s.finish_rate(velocity), s.finish_second_rate(velocity)
-            return np.stack([scale, np.zeros_like(scale), np.zeros_like(scale), lag], axis=2)
+            scale = -s.finish_rate(s.linear_vel_in_odom_m_s)
+            true = s.felt_in_odom_m_s2
+            late = s.finish(true - low_pass(s.stack, true, shape["lag_s"]))
+            return np.stack([scale, np.zeros_like(scale), np.zeros_like(scale), late], axis=2)
         k: StanceSignals = view.signals
         velocity = k.kinematics.linear_vel_in_body_m_s
         one = np.ones(len(velocity))
         zero = np.zeros(len(velocity))
         along, across = np.stack([one, zero, zero], axis=1), np.stack([zero, one, zero], axis=1)
-        rate = np.gradient(velocity, k.stack.period_s, axis=0)
-        return np.stack([k.finish_velocity(v) for v in (velocity, along, across, -rate)], axis=2)
+        # A low pass lags by its time constant times the rate of what comes out of it.
+        rate = low_pass(k.stack, k.acceleration_in_body_m_s2, shape["lag_s"])
+        late = -shape["lag_s"] * rate
+        return np.stack([k.finish_velocity(v) for v in (velocity, along, across, late)], axis=2)
 
     def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
         """Scale, bias and lag; columns are of the reported velocity, which is itself scaled."""
-        share, x, y, lag = (float(c) for c in coefficients)
+        share, x, y, _ = (float(c) for c in coefficients)
         scale = 1.0 / (1.0 - min(share, 0.5))
-        return {"scale": scale, "bias_x_m_s": x * scale, "bias_y_m_s": y * scale, "lag_s": max(lag, 0.0)}
+        return {"scale": scale, "bias_x_m_s": x * scale, "bias_y_m_s": y * scale, "lag_s": float(shape["lag_s"])}
 
 
 class ImuTiltEntry(LibraryEffect):

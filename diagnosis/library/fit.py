@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.optimize import lsq_linear
+from scipy.optimize import lsq_linear, minimize
 
 from diagnosis.library.base import Coefficient, LibraryEffect
 from diagnosis.seam import Array, ChannelView, Flags, Ints, Shape, Views
@@ -17,6 +17,7 @@ HUBER: Final = 2.5
 BLOCK_S: Final = 1.0
 """With few runs, errors come from blocks of about this length; with many, from whole runs."""
 MANY_RUNS: Final = 5
+POLISH_EVALUATIONS: Final = 60
 MIN_SAMPLES: Final = 30
 REFINEMENTS: Final = 8
 """Rounds around the best shape, at most; they end when none is better."""
@@ -81,6 +82,8 @@ class _Rows:
     channel: Ints
     row: Ints
     """Number of the row over all channels."""
+    is_robust: Flags
+    """Whether outliers of the sample's channel are held down."""
 
 
 def fit(effect: LibraryEffect, views: Views, joints: Flags) -> Fit:
@@ -110,7 +113,25 @@ def fit(effect: LibraryEffect, views: Views, joints: Flags) -> Fit:
             break
         found, previous = [best], best
         shapes = effect.refined(found[0].terms[0].shape)
-    return found[0]
+    return _polished(found[0], views) if effect.n_free else found[0]
+
+
+def _polished(start: Fit, views: Views) -> Fit:
+    """A simplex search over the free numbers of the shape, from the best one of the rounds."""
+    effect, joints, shape = start.terms[0].effect, start.terms[0].joints, start.terms[0].shape
+    found = [start]
+
+    def cost(logs: Array) -> float:
+        moved = effect.polished(shape, np.exp(logs))
+        if moved is None:
+            return 2.0 * start.cost_null
+        found.append(fit_terms([Term(effect, joints, moved)], views))
+        return found[-1].cost
+
+    steps = np.concatenate([np.zeros((1, effect.n_free)), 0.08 * np.eye(effect.n_free)])
+    options = {"maxfev": POLISH_EVALUATIONS, "xatol": 2e-3, "fatol": 1e-3 * start.cost, "initial_simplex": steps}
+    minimize(cost, np.zeros(effect.n_free), method="Nelder-Mead", options=options)
+    return min(found, key=lambda f: f.cost)
 
 
 def fit_terms(terms: Sequence[Term], views: Views) -> Fit:
@@ -136,7 +157,8 @@ def fit_terms(terms: Sequence[Term], views: Views) -> Fit:
             estimate[free] = _bounded(x, target, weight / scale**2, [c for c in coefficients if c.low < c.high])
             residual = target - x @ estimate[free]
             scale = _scales(residual, rows)
-            weight = np.minimum(1.0, HUBER / np.maximum(np.abs(residual / scale), 1e-9))
+            held = np.minimum(1.0, HUBER / np.maximum(np.abs(residual / scale), 1e-9))
+            weight = np.where(rows.is_robust, held, 1.0)
     residual = target - x @ estimate[free]
     errors = np.full(len(coefficients), np.inf)
     errors[~free] = 0.0
@@ -170,7 +192,7 @@ def fit_terms(terms: Sequence[Term], views: Views) -> Fit:
 
 def _gather(terms: Sequence[Term], views: Views) -> _Rows | None:
     free = np.array([c.low < c.high for term in terms for c in term.effect.coefficients])
-    parts: list[tuple[Array, Array, Array, Ints, Ints, Ints]] = []
+    parts: list[tuple[Array, Array, Array, Ints, Ints, Ints, Flags]] = []
     n_rows = 0
     for number, (name, view) in enumerate(views.items()):
         blocks = [
@@ -200,12 +222,12 @@ def _gather(terms: Sequence[Term], views: Views) -> _Rows | None:
                 x, y = _without(nuisance, x), _without(nuisance, y[:, None])[:, 0]
             fixed = x[:, ~free] @ values[~free]
             m = len(y)
-            parts.append((x, y, fixed, group[good], np.full(m, number), np.full(m, n_rows)))
+            parts.append((x, y, fixed, group[good], np.full(m, number), np.full(m, n_rows), np.full(m, view.is_robust)))
             n_rows += 1
     if not parts:
         return None
-    x, y, fixed, group, channel, row_number = (np.concatenate(p) for p in zip(*parts, strict=True))
-    return _Rows(x, y, fixed, group, channel, row_number)
+    x, y, fixed, group, channel, row_number, is_robust = (np.concatenate(p) for p in zip(*parts, strict=True))
+    return _Rows(x, y, fixed, group, channel, row_number, is_robust)
 
 
 def _without(nuisance: Array, values: Array) -> Array:
@@ -227,7 +249,7 @@ def _groups(view: ChannelView) -> Ints:
 def _scales(residual: Array, rows: _Rows) -> Array:
     """Robust scale of the residual of each row of each channel, at least 1 (its noise); per sample."""
     out = np.ones_like(residual)
-    for row in np.unique(rows.row):
+    for row in np.unique(rows.row[rows.is_robust]):
         mine = rows.row == row
         out[mine] = max(1.0, 1.4826 * float(np.median(np.abs(residual[mine]))))
     return out

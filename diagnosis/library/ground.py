@@ -7,7 +7,7 @@ from typing import ClassVar, Final
 
 import numpy as np
 
-from diagnosis.channels.contact_events import ContactSignals
+from diagnosis.channels.contact_events import NOMINAL_RECOIL_S, ContactSignals
 from diagnosis.channels.stance import StanceSignals
 from diagnosis.library.base import Coefficient, LibraryEffect, Location, legs_of
 from diagnosis.library.experiments import OTHER_GROUND, STAND, Experiment
@@ -17,12 +17,8 @@ from spot_model.effects.base import Effect
 from spot_model.effects.foot_radius import FootRadius
 from spot_model.effects.ground_compliance import GroundCompliance
 from spot_model.effects.ground_friction import GroundFriction
-from spot_model.rotation import rotate_wxyz
 
 RADIUS_STEP_M: Final = 0.005
-NOMINAL_TIME_CONSTANT_S: Final = 0.02
-NOMINAL_COMPLIANCE_M_PER_N: Final = 5e-6
-"""How far the simulator's ground gives way at its own time constant; grows with the square of it."""
 
 
 class FootRadiusEntry(LibraryEffect):
@@ -71,7 +67,7 @@ class GroundFrictionEntry(LibraryEffect):
         """The nominal coefficient."""
         s: ContactSignals = view.signals
         out = np.zeros((view.n, len(view.rows), 1))
-        out[:, facts.N_LEGS :, 0] = s.friction * legs_of(joints, view)
+        out[:, facts.N_LEGS : 2 * facts.N_LEGS, 0] = s.friction * legs_of(joints, view)
         return out
 
     def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
@@ -80,37 +76,29 @@ class GroundFrictionEntry(LibraryEffect):
 
 
 class GroundComplianceEntry(LibraryEffect):
-    """Standing feet sink in proportion to their load: lower where more is carried, and moving while it changes."""
+    """Feet that spring back slowly after touch-down: v̇ = −v/T with another T than the nominal ground's."""
 
     name: ClassVar[str] = "ground_compliance"
     title: ClassVar[str] = "soft ground"
     effect: ClassVar[type[Effect]] = GroundCompliance
-    channels: ClassVar[tuple[str, ...]] = ("K",)
+    channels: ClassVar[tuple[str, ...]] = ("C",)
     location: ClassVar[Location] = Location.LEG
-    coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("compliance_m_per_n", "m/N", 0.0, 5e-4),)
+    coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("slower_by", "1/s", 0.0, 0.99 / NOMINAL_RECOIL_S),)
     confused_with: ClassVar[tuple[str, ...]] = ("joint_compliance", "contact_delay", "foot_radius")
     split_by: ClassVar[Experiment] = OTHER_GROUND
 
+    def rows(self, view: ChannelView, joints: Flags) -> Flags:
+        """Rows of the recoils."""
+        return np.array([name.endswith("_recoil") for name in view.rows]) & legs_of(joints, view)[view.row_leg]
+
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
-        """The load's rate, negative, in vertical velocities; its excess over the mean, negative, in heights."""
-        k: StanceSignals = view.signals
+        """The vertical velocity."""
+        s: ContactSignals = view.signals
         out = np.zeros((view.n, len(view.rows), 1))
-        if k.dynamics is None:
-            return out
-        legs = legs_of(joints, view)
-        d = k.dynamics
-        force = rotate_wxyz(d.inputs.world_from_body_wxyz[:, None, :], d.nominal.foot_force_n)[..., 2]
-        time_s = k.stack.period_s * (k.rows + 1e6 * k.stack.run[k.rows])
-        rate = np.gradient(force, time_s, axis=0)
-        sinks = force * legs
-        standing = k.standing[k.rows]
-        count = np.maximum(standing.sum(axis=1, keepdims=True), 1)
-        mean = np.sum(np.where(standing, sinks, 0.0), axis=1, keepdims=True) / count
-        out[:, 2 : 3 * facts.N_LEGS : 3, 0] = -rate * legs
-        out[:, 3 * facts.N_LEGS :, 0] = -(sinks - mean)
+        out[:, 2 * facts.N_LEGS :, 0] = s.recoil_m_s * legs_of(joints, view)
         return out
 
     def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
-        """What is added to the contact's time constant: compliance grows with its square."""
-        ratio = max(float(coefficients[0]), NOMINAL_COMPLIANCE_M_PER_N) / NOMINAL_COMPLIANCE_M_PER_N
-        return {"time_constant_s": NOMINAL_TIME_CONSTANT_S * (float(np.sqrt(ratio)) - 1.0)}
+        """What is added to the contact's time constant, half of what is added to the recoil's."""
+        recoil_s = 1.0 / (1.0 / NOMINAL_RECOIL_S - float(coefficients[0]))
+        return {"time_constant_s": min(0.2, max(0.0, 0.5 * (recoil_s - NOMINAL_RECOIL_S)))}

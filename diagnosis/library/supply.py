@@ -54,6 +54,13 @@ class PowerLimitEntry(LibraryEffect):
         found += [{"power_w": power, "copper_w_per_nm2": copper + d} for d in (-0.01, 0.01) if 0.0 <= copper + d <= 1.0]
         return tuple(found)
 
+    n_free: ClassVar[int] = 2
+
+    def polished(self, shape: Shape, factors: Array) -> Shape | None:
+        """Bound and copper loss."""
+        power, copper = shape["power_w"] * float(factors[0]), shape["copper_w_per_nm2"] * float(factors[1])
+        return {"power_w": power, "copper_w_per_nm2": copper} if power >= 50.0 and copper <= 1.0 else None
+
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
         """What is taken from the driving joints when the sum is too large."""
         s: ActuatorSignals = view.signals
@@ -111,6 +118,16 @@ class BusSagEntry(LibraryEffect):
         found += [_plain(ohm, open_v, emf * f, stall) for f in (0.85, 0.93, 1.08, 1.17)]
         found += [_plain(ohm, open_v, emf, stall * f) for f in (0.7, 0.85, 1.17, 1.4)]
         return tuple(found)
+
+    n_free: ClassVar[int] = 3
+
+    def polished(self, shape: Shape, factors: Array) -> Shape | None:
+        """Resistance, back-EMF and stall torque."""
+        ohm, emf, stall = (
+            shape[name] * float(f)
+            for name, f in zip(("resistance_ohm", "back_emf_v_s_per_rad", "stall_nm_per_v"), factors, strict=True)
+        )
+        return _plain(ohm, shape["open_voltage_v"], emf, stall) if ohm <= 2.0 and emf <= 10.0 and stall >= 0.1 else None
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
         """What the voltage that is left cuts off, with the current from the measured loads."""

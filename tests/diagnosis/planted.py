@@ -61,9 +61,10 @@ class Noise:
     body_velocity_m_s: float = 0.015
     body_angular_velocity_rad_s: float = 0.01
     imu_acceleration_m_s2: float = 0.15
+    imu_turn_rad_s: float = 0.008
 
 
-QUIET = Noise(1e-9, 1e-9, 1e-9, 1e-9, 1e-9, 1e-9)
+QUIET = Noise(1e-9, 1e-9, 1e-9, 1e-9, 1e-9, 1e-9, 1e-9)
 
 
 @dataclass(frozen=True)
@@ -82,8 +83,16 @@ class Truth:
 
     effects: tuple[Effect, ...] = ()
     mjcf: MjcfOptions = field(
-        default_factory=lambda: MjcfOptions(timestep_s=0.0015, collision="feet", link_torque_sensors=True)
+        default_factory=lambda: MjcfOptions(
+            timestep_s=0.0015,
+            integrator="implicitfast",
+            cone="elliptic",
+            contact_solref=(0.012, 1.1),
+            collision="feet",
+            link_torque_sensors=True,
+        )
     )
+    """Time step, integrator, cone and contact other than the nominal plant's."""
     noise: Noise = Noise()
     battery: Battery = Battery()
     transport: Delay = LogNormalDelay(floor_s=0.0036, median_s=0.0014, sigma=0.2)
@@ -176,7 +185,7 @@ class _Recorder:
     def _state(self) -> dict[str, Array]:
         noise, rng, plant = self.truth.noise, self.rng, self.plant
 
-        def noisy(value: Array, sigma: float) -> Array:
+        def noisy(value: Array, sigma: float | Array) -> Array:
             return np.asarray(value + sigma * rng.standard_normal(value.shape))
 
         reading, estimate = plant.reading, plant.estimate
@@ -203,7 +212,7 @@ class _Recorder:
             "foot_contact": estimate.foot_contact > 0.5,
             "last_command_key": self.key.copy(),
             "last_command_robot_stamp_ns": self.received_ns.copy(),
-            "imu": np.moveaxis(noisy(imu, noise.imu_acceleration_m_s2), 0, 1),
+            "imu": np.moveaxis(noisy(imu, np.repeat([noise.imu_acceleration_m_s2, noise.imu_turn_rad_s], 3)), 0, 1),
         }
         _append(self.states, state)
         if len(self.states["robot_stamp_ns"]) % POLL_STATES == 1:
