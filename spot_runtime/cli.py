@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 from typing import Annotated, Optional
 
@@ -19,10 +20,12 @@ from spot_runtime.hal.address import parse_address
 from spot_runtime.hal.base import Hal
 from spot_runtime.hal.bosdyn import BosdynHal
 from spot_runtime.hal.lock_step import LockStep
+from spot_runtime.journal import Journal, goes_to_journal
 from spot_runtime.log.logger_process import LoggerProcess
 from spot_runtime.log.sink import LogSink
 from spot_runtime.run import RunRequest, log_file_name
 from spot_runtime.run import run as run_once
+from spot_runtime.service_manager import ServiceManager
 from spot_runtime.sources.base import CommandSource
 from spot_runtime.sources.gamepad import GamepadSource, PygamePad
 from spot_runtime.sources.keyboard import HELP, TerminalKeyboardSource
@@ -77,8 +80,11 @@ def run(
         pace = None if lock_step is None else LockStep(lock_step, HostClock().now_ns())
         return BosdynHal(address, settings, sink, pace)
 
+    manager = ServiceManager.from_environment(os.environ)
+    journal = Journal() if goes_to_journal(sys.stderr, os.environ) else None
+    tell = (lambda _: False) if journal is None else journal.event
     try:
-        summary = run_once(request, make_hal, LoggerProcess.start, console)
+        summary = run_once(request, make_hal, LoggerProcess.start, console, manager=manager, tell=tell)
     finally:
         source.close()
         console.close()

@@ -21,6 +21,7 @@ from spot_runtime.log.sink import LogSink
 from spot_runtime.loop import ControlLoop
 from spot_runtime.loop_stats import LoopStats
 from spot_runtime.realtime import apply_real_time, freeze_garbage_collection
+from spot_runtime.service_manager import ServiceManager
 from spot_runtime.signals import OperatorInterrupt, StopSignals
 from spot_runtime.sources.base import CommandSource
 from spot_runtime.stops import Reaction, Stop, StopReason
@@ -74,7 +75,15 @@ def log_file_name(policy_name: str, sequence: str, repeat: int, now: datetime | 
     return "-".join(safe) + ".mcap"
 
 
-def run(request: RunRequest, make_hal: HalFactory, make_sink: SinkFactory, console: Console) -> RunSummary:
+def run(
+    request: RunRequest,
+    make_hal: HalFactory,
+    make_sink: SinkFactory,
+    console: Console,
+    *,
+    manager: ServiceManager | None = None,
+    tell: Callable[[EventRecord], bool] = lambda _: False,
+) -> RunSummary:
     """Drive the robot through one run; it ends at rest and without power, or the summary says why not.
 
     Args:
@@ -82,12 +91,14 @@ def run(request: RunRequest, make_hal: HalFactory, make_sink: SinkFactory, conso
         make_hal: Makes the adapter, given the log.
         make_sink: Opens the log.
         console: Where progress goes.
+        manager: Told of readiness, progress and the end; nobody if None.
+        tell: Takes events in the console's place and says whether it did; must not block.
 
     Raises:
         SpotRlError: The log cannot be opened. Whatever happens later is in the summary, and in the log.
     """
     sink = make_sink(request.log_path, header_of(request, HostClock().now_ns()))
-    attempt = _Attempt(request, sink, console)
+    attempt = _Attempt(request, sink, console, manager or ServiceManager(), tell)
     try:
         with StopSignals() as signals:
             attempt.drive(make_hal, signals)
@@ -101,8 +112,16 @@ def run(request: RunRequest, make_hal: HalFactory, make_sink: SinkFactory, conso
 class _Attempt:
     """The steps of one run, and what is known of its end."""
 
-    def __init__(self, request: RunRequest, sink: LogSink, console: Console) -> None:
-        self._request, self._sink, self._console = request, sink, console
+    def __init__(
+        self,
+        request: RunRequest,
+        sink: LogSink,
+        console: Console,
+        manager: ServiceManager,
+        tell: Callable[[EventRecord], bool],
+    ) -> None:
+        self._request, self._sink, self._console, self._manager = request, sink, console, manager
+        self._tell_elsewhere = tell
         self._clock = HostClock()
         self._hal: Hal | None = None
         self._stats = LoopStats()
@@ -138,6 +157,7 @@ class _Attempt:
             self._try_power_off(hal, signals)
         finally:
             signals.interrupts = False
+            self._manager.stopping()
             if hal is not None:
                 hal.close()
 
@@ -157,12 +177,12 @@ class _Attempt:
         )
 
     def _connect(self, hal: Hal) -> None:
-        self._console.say(f"connecting to {self._request.robot} …")
+        self._say(f"connecting to {self._request.robot} …")
         info = hal.connect()
         round_trip_ms = info.round_trip_s * 1e3
         text = f"{info.robot_id}; clock {info.clock_skew_s:+.3f} s from ours, round trip {round_trip_ms:.1f} ms"
         self._event(EventName.CONNECTED, text)
-        self._console.say("powering on and standing …")
+        self._say("powering on and standing …")
         hal.stand()
 
     def _control(self, hal: Hal, signals: StopSignals) -> Stop:
@@ -170,15 +190,18 @@ class _Attempt:
             hal, self._request.policy, self._request.source, self._request.config, self._sink, on_event=self._tell
         )
         self._stats = loop.stats
-        self._console.show(lambda: _progress(loop))
+        self._console.show(lambda: self._show(_progress(loop)))
         warm_up(self._request.policy)
         freeze_garbage_collection(self._request.config.real_time)
         self._rss_start_mb = resident_mb()
+        self._manager.ready()
         while not loop.is_done:
             asked = signals.take()
             if asked is not None:
                 loop.ask_stop(asked)
             loop.cycle()
+            self._manager.progressed()
+        self._manager.stopping()
         self._console.show(None)
         return loop.stop or Stop(StopReason.COMPLETED)
 
@@ -186,7 +209,7 @@ class _Attempt:
         self.outcome, self._exit_code, self._sentence = stop.reason.label, stop.reason.exit_code, stop.sentence()
 
     def _rest(self, hal: Hal, stop: Stop) -> None:
-        self._console.say("sitting and powering off …")
+        self._say("sitting and powering off …")
         try:
             if stop.reason.reaction is Reaction.HAND_BACK:
                 hal.stand()
@@ -214,7 +237,20 @@ class _Attempt:
         self._sink.event(record)
         self._tell(record)
 
+    def _say(self, text: str) -> None:
+        self._manager.status(text)
+        self._console.say(text)
+
+    def _show(self, progress: str) -> str:
+        """The progress line where a person reads along; a service manager shows it itself, so that no log fills."""
+        if not self._manager.is_listening:
+            return progress
+        self._manager.status(progress)
+        return ""
+
     def _tell(self, record: EventRecord) -> None:
+        if self._tell_elsewhere(record):
+            return
         mark = {Severity.INFO: "", Severity.WARNING: "warning: ", Severity.ERROR: "error: "}[record.severity]
         self._console.say(f"{mark}{record.name}: {record.text}")
 

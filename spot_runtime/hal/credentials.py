@@ -39,9 +39,12 @@ def find_credentials(file: Path | None, environment: Mapping[str, str]) -> Crede
     """
     if file is None and "CREDENTIALS_DIRECTORY" in environment:
         candidate = Path(environment["CREDENTIALS_DIRECTORY"]) / SYSTEMD_NAME
-        file = candidate if candidate.is_file() else None
+        if candidate.is_file():
+            # systemd may grant the service's user its reading by an access list, whose mask shows as the group's bits;
+            # the folder lets nobody else in.
+            return _read(candidate, forbidden_mode=0o007)
     if file is not None:
-        return _read(file)
+        return _read(file, forbidden_mode=0o077)
     username, password = environment.get(USERNAME_VARIABLE, ""), environment.get(PASSWORD_VARIABLE, "")
     if username and password:
         return Credentials(username, password)
@@ -51,14 +54,14 @@ def find_credentials(file: Path | None, environment: Mapping[str, str]) -> Crede
     )
 
 
-def _read(file: Path) -> Credentials:
+def _read(file: Path, *, forbidden_mode: int) -> Credentials:
     try:
         with file.open("rb") as stream:
             status = os.fstat(stream.fileno())
             data = stream.read(MAX_BYTES + 1)
     except OSError as error:
         raise CredentialsError(f"credentials file {file} cannot be read: {error.strerror}") from error
-    if not stat.S_ISREG(status.st_mode) or status.st_mode & 0o077:
+    if not stat.S_ISREG(status.st_mode) or status.st_mode & forbidden_mode:
         raise CredentialsError(f"credentials file {file} can be read by others; run: chmod 600 {file}")
     try:
         content = yaml.safe_load(data) if len(data) <= MAX_BYTES else None

@@ -16,6 +16,7 @@ from bosdyn.client.directory import DirectoryClient
 from bosdyn.client.estop import EstopClient
 from bosdyn.client.exceptions import Error as SdkError
 from bosdyn.client.lease import LeaseClient, ResourceAlreadyClaimedError
+from bosdyn.client.license import LicenseClient
 from bosdyn.client.power import PowerClient
 from bosdyn.client.processors import AddRequestHeader
 from bosdyn.client.robot_command import (
@@ -51,6 +52,7 @@ SERVICES: Final = (
     DirectoryClient,
     EstopClient,
     LeaseClient,
+    LicenseClient,
     PowerClient,
     RobotCommandClient,
     RobotCommandStreamingClient,

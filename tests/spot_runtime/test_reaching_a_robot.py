@@ -81,6 +81,16 @@ def test_credentials_from_a_file_a_systemd_credential_and_the_environment(tmp_pa
     assert find_credentials(None, environment) == wanted
 
 
+def test_a_systemd_credential_may_show_the_mask_of_an_access_list_as_its_groups_bits(tmp_path: Path) -> None:
+    file = secret(tmp_path, GOOD, mode=0o440).rename(tmp_path / "spot-credentials")
+    assert find_credentials(None, {"CREDENTIALS_DIRECTORY": str(tmp_path)}).username == "admin"
+    with pytest.raises(CredentialsError, match="can be read by others"):
+        find_credentials(file, {})
+    file.chmod(0o444)
+    with pytest.raises(CredentialsError, match="can be read by others"):
+        find_credentials(None, {"CREDENTIALS_DIRECTORY": str(tmp_path)})
+
+
 def test_the_password_does_not_show_in_the_text_form() -> None:
     assert "s3cret" not in repr(Credentials("admin", "s3cret-canary"))
 
