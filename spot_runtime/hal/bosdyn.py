@@ -123,7 +123,7 @@ class BosdynHal:
 
     def send(self, command: JointCommand) -> None:
         """See the protocol."""
-        if self._commands is not None:
+        if self._commands is not None and self._joint_control is not JointControl.FAILED:
             self._commands.put(command.key, self._encoder.encode(command, self._pace.host_now_ns()))
             self._pace.sent(command.key)
 

@@ -1,0 +1,178 @@
+"""What every adapter must do, whatever robot is behind it."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from spot_model import facts
+from spot_model.errors import BadInputError
+from spot_model.state import Gains, JointCommand, RobotState
+from spot_runtime.clock import HostClock
+from spot_runtime.config import RunConfig
+from spot_runtime.fake_process import FakeProcess
+from spot_runtime.hal.address import parse_address
+from spot_runtime.hal.base import Hal, JointControl
+from spot_runtime.hal.bosdyn import BosdynHal
+from spot_runtime.hal.lock_step import LockStep
+from spot_runtime.hal.replay import ReplayHal
+from spot_runtime.log.sink import MemorySink
+
+MS = 1_000_000
+
+
+@pytest.fixture(params=["hand-made", "replay", "bosdyn"])
+def hal(
+    request: pytest.FixtureRequest,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    make_state: Callable[..., RobotState],
+) -> Iterator[Hal]:
+    """Each adapter, not yet connected."""
+    if request.param == "hand-made":
+        yield request.getfixturevalue("robot")
+    elif request.param == "replay":
+        states = [make_state(1_700_000_000_000_000_000 + i * 3 * MS) for i in range(2000)]
+        yield ReplayHal(states, [], MemorySink(), robot_id="recorded")
+    else:
+        with FakeProcess(is_lock_step=True, state_dir=tmp_path / "state") as fake:
+            for name, value in fake.address.environment.items():
+                monkeypatch.setenv(name, value)
+            robot = RunConfig().robot.model_copy(update={"ca_file": fake.address.ca_file})
+            config = RunConfig().model_copy(update={"robot": robot})
+            pace = LockStep(fake.address.admin, HostClock().now_ns())
+            yield BosdynHal(parse_address(fake.address.robot), config, MemorySink(), pace)
+
+
+def receive(hal: Hal, count: int) -> list[RobotState]:
+    states: list[RobotState] = []
+    for _ in range(10 * count):
+        if len(states) >= count:
+            return states
+        states += hal.receive(hal.robot_now_ns() + 3 * MS, 0.1)
+    raise AssertionError(f"only {len(states)} of {count} states came")
+
+
+def commands(hal: Hal, state: RobotState) -> Iterator[JointCommand]:
+    zeros = np.zeros(facts.N_JOINTS)
+    for key in itertools.count(1):
+        end_ns = hal.robot_now_ns() + 50 * MS
+        yield JointCommand(key, state.position_rad, zeros, state.load_nm, Gains.stand(), end_ns)
+
+
+def test_the_life_of_an_adapter(hal: Hal) -> None:
+    info = hal.connect()
+    assert info.adapter
+    assert info.robot_id
+    hal.stand()
+    assert hal.joint_control is JointControl.OFF
+
+    states = receive(hal, 100)
+    stamps = [state.robot_stamp_ns for state in states]
+    assert set(np.diff(stamps)) == {facts.STATE_PERIOD_NS}
+    assert all(
+        state.position_rad.shape == state.velocity_rad_s.shape == state.load_nm.shape == (12,) for state in states
+    )
+    assert all(abs(np.linalg.norm(state.odom_from_body_wxyz) - 1.0) < 1e-6 for state in states)
+    assert hal.robot_now_ns() >= stamps[-1]
+    hosts = [hal.host_now_ns() for _ in range(3)]
+    assert hosts == sorted(hosts)
+
+    following = commands(hal, states[-1])
+    hal.begin_joint_control(next(following))
+    for _ in range(50):
+        receive(hal, 1)
+        hal.send(next(following))
+    assert hal.joint_control is JointControl.ACTIVE
+    assert list(hal.problems()) == []
+
+    hal.end_joint_control()
+    for _ in range(50):
+        if hal.joint_control is JointControl.OFF:
+            break
+        receive(hal, 1)
+        hal.send(next(following))
+    assert hal.joint_control is JointControl.OFF
+    hal.send(next(following))  # nobody listens any more, and that is no error
+    hal.release()
+    hal.release()
+    hal.power_off()
+    hal.close()
+    hal.close()
+
+
+def test_an_adapter_that_was_never_connected_can_be_closed(hal: Hal) -> None:
+    hal.close()
+
+
+def test_the_robot_confirms_the_keys_it_has_received(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with FakeProcess(is_lock_step=True, state_dir=tmp_path / "state") as fake:
+        for name, value in fake.address.environment.items():
+            monkeypatch.setenv(name, value)
+        robot = RunConfig().robot.model_copy(update={"ca_file": fake.address.ca_file})
+        pace = LockStep(fake.address.admin, HostClock().now_ns())
+        sink = MemorySink()
+        hal = BosdynHal(parse_address(fake.address.robot), RunConfig().model_copy(update={"robot": robot}), sink, pace)
+        hal.connect()
+        hal.stand()
+        following = commands(hal, receive(hal, 1)[-1])
+        hal.begin_joint_control(next(following))
+        for _ in range(40):
+            states = receive(hal, 1)
+            hal.send(next(following))
+        assert 30 < states[-1].last_command_key < 41
+        assert states[-1].last_command_robot_stamp_ns < states[-1].robot_stamp_ns
+        assert hal.slow_state is not None
+        assert hal.slow_state.motors_powered
+        # What goes to the log is what came over the wire, message by message.
+        assert len(sink.states) > 1000
+        hal.power_off()
+        hal.close()
+
+
+# Replay --------------------------------------------------------------------------------------------------------------
+
+
+def test_a_replay_gives_back_every_recorded_state_and_keeps_what_was_sent(
+    make_state: Callable[..., RobotState],
+) -> None:
+    recorded = [make_state(1_700_000_000_000_000_000 + i * 3 * MS) for i in range(50)]
+    sink = MemorySink()
+    hal = ReplayHal(recorded, [], sink, robot_id="recorded")
+    hal.connect()
+    played: list[RobotState] = []
+    while chunk := hal.receive(hal.robot_now_ns() + 20 * MS, 0.01):
+        assert chunk[-1].robot_stamp_ns <= chunk[0].robot_stamp_ns + 20 * MS
+        played += chunk
+    assert played == recorded
+    assert sink.decoded_states == recorded
+    assert [stop.reason.label for stop in hal.problems()] == ["recording_over"]
+    assert list(hal.problems()) == []
+
+
+def test_after_a_replay_time_goes_on_so_that_watchdogs_see_the_silence(make_state: Callable[..., RobotState]) -> None:
+    hal = ReplayHal([make_state()], [], MemorySink())
+    hal.receive(0, 0.01)
+    before = hal.robot_now_ns()
+    assert list(hal.receive(0, 0.01)) == []
+    assert hal.robot_now_ns() == before + 10 * MS
+
+
+def test_a_recording_without_states_is_refused() -> None:
+    with pytest.raises(BadInputError, match="holds no state"):
+        ReplayHal([], [], MemorySink())
+
+
+def test_the_recorded_slow_state_of_the_moment(make_state: Callable[..., RobotState], make_slow: Any) -> None:
+    start = 1_700_000_000_000_000_000
+    states = [make_state(start + i * 3 * MS) for i in range(100)]
+    slow = [make_slow(start + i * 100 * MS, battery_charge_percent=90.0 - i) for i in range(3)]
+    hal = ReplayHal(states, slow, MemorySink())
+    hal.receive(start + 150 * MS, 0.01)
+    assert hal.slow_state is not None
+    assert hal.slow_state.battery_charge_percent == 89.0
