@@ -11,7 +11,7 @@ class GetStatusRequest(_message.Message):
     def __init__(self) -> None: ...
 
 class GetStatusResponse(_message.Message):
-    __slots__ = ("robot_stamp_ns", "lock_step", "mode", "motor_power", "estop_level", "lease_owner", "active_faults", "last_command_key", "last_state_robot_stamp_ns", "states_sent", "commands_received")
+    __slots__ = ("robot_stamp_ns", "lock_step", "mode", "motor_power", "estop_level", "lease_owner", "active_faults", "last_command_key", "last_state_robot_stamp_ns", "states_sent", "commands_received", "state_streams", "command_streams")
     ROBOT_STAMP_NS_FIELD_NUMBER: _ClassVar[int]
     LOCK_STEP_FIELD_NUMBER: _ClassVar[int]
     MODE_FIELD_NUMBER: _ClassVar[int]
@@ -23,6 +23,8 @@ class GetStatusResponse(_message.Message):
     LAST_STATE_ROBOT_STAMP_NS_FIELD_NUMBER: _ClassVar[int]
     STATES_SENT_FIELD_NUMBER: _ClassVar[int]
     COMMANDS_RECEIVED_FIELD_NUMBER: _ClassVar[int]
+    STATE_STREAMS_FIELD_NUMBER: _ClassVar[int]
+    COMMAND_STREAMS_FIELD_NUMBER: _ClassVar[int]
     robot_stamp_ns: int
     lock_step: bool
     mode: str
@@ -34,7 +36,9 @@ class GetStatusResponse(_message.Message):
     last_state_robot_stamp_ns: int
     states_sent: int
     commands_received: int
-    def __init__(self, robot_stamp_ns: _Optional[int] = ..., lock_step: _Optional[bool] = ..., mode: _Optional[str] = ..., motor_power: _Optional[str] = ..., estop_level: _Optional[str] = ..., lease_owner: _Optional[str] = ..., active_faults: _Optional[_Iterable[_Union[ActiveFault, _Mapping]]] = ..., last_command_key: _Optional[int] = ..., last_state_robot_stamp_ns: _Optional[int] = ..., states_sent: _Optional[int] = ..., commands_received: _Optional[int] = ...) -> None: ...
+    state_streams: int
+    command_streams: int
+    def __init__(self, robot_stamp_ns: _Optional[int] = ..., lock_step: _Optional[bool] = ..., mode: _Optional[str] = ..., motor_power: _Optional[str] = ..., estop_level: _Optional[str] = ..., lease_owner: _Optional[str] = ..., active_faults: _Optional[_Iterable[_Union[ActiveFault, _Mapping]]] = ..., last_command_key: _Optional[int] = ..., last_state_robot_stamp_ns: _Optional[int] = ..., states_sent: _Optional[int] = ..., commands_received: _Optional[int] = ..., state_streams: _Optional[int] = ..., command_streams: _Optional[int] = ...) -> None: ...
 
 class StepRequest(_message.Message):
     __slots__ = ("duration_ns", "state_messages", "wait_for_command_key", "wait_timeout_s")

@@ -54,6 +54,8 @@ class AdminService(fake_admin_pb2_grpc.FakeAdminServicer):
             last_state_robot_stamp_ns=robot.last_state_stamp_ns,
             states_sent=robot.states_sent,
             commands_received=snapshot.joint_commands_received,
+            state_streams=self._world.link.open_streams("state"),
+            command_streams=self._world.link.open_streams("command"),
         )
 
     def Step(  # noqa: N802

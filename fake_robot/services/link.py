@@ -46,6 +46,11 @@ class Link:
             end_stream()
         return len(chosen)
 
+    def open_streams(self, kind: str) -> int:
+        """How many streams of one kind are open."""
+        with self._lock:
+            return sum(name == kind for name, _ in self._streams)
+
     def listen(self, kind: str, end_stream: Callable[[], None]) -> Callable[[], None]:
         """Have ``end_stream`` called when the stream has to end; returns what takes it off the list again."""
         entry = (kind, end_stream)

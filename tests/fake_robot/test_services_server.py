@@ -389,8 +389,10 @@ def test_stopping_ends_open_streams(stub: Any) -> None:
     from bosdyn.client.robot_state import RobotStateStreamingClient
 
     stream = stub.sdk_robot(RobotStateStreamingClient).ensure_client("robot-state-streaming").get_robot_state_stream()
-    while not stub.robot.subscriptions:
-        threading.Event().wait(0.01)
+    channel, admin = admin_of(stub)
+    with channel:
+        while not admin.GetStatus(fake_admin_pb2.GetStatusRequest()).state_streams:
+            threading.Event().wait(0.01)
     stub.server.stop()
     with pytest.raises(grpc.RpcError):
         next(stream)
