@@ -1,0 +1,53 @@
+"""The stretch of a log under the policy: its ticks, how it starts, and the same run for a simulator."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.simulated import Script
+from spot_model.policy import Policy
+from spot_runtime.log.run import Run
+from trainer.sysid.features import features_of_observations
+from trainer.sysid.rollout import StartState
+
+MODE = "active"
+MIN_TICKS = 50
+FALL_GRAVITY_Z = -0.5
+
+
+def policy_ticks(run: Run) -> NDArray[np.intp]:
+    """Ticks in which the policy followed the command, before any fall; of a log without modes all that ran a policy."""
+    t = run.ticks
+    if len(t) == 0:
+        return np.zeros(0, dtype=np.intp)
+    sound = np.isfinite(t.observation).all(axis=1) & np.isfinite(t.action).all(axis=1)
+    rows = np.flatnonzero(sound & (t.mode == MODE)) if (t.mode == MODE).any() else np.flatnonzero(sound)
+    if len(rows):
+        fallen = np.flatnonzero(t.observation[rows, 8] > FALL_GRAVITY_Z)
+        rows = rows[: fallen[0]] if len(fallen) else rows
+    return rows
+
+
+def script_of(run: Run) -> Script | None:
+    """The run as a simulator would start it; None where it is too short."""
+    rows = policy_ticks(run)
+    if len(rows) < MIN_TICKS:
+        return None
+    t, s = run.ticks, run.states
+    at = min(int(np.searchsorted(s.robot_stamp_ns, t.robot_stamp_ns[rows[0]])), len(s) - 1)
+    start = StartState(
+        position_rad=s.position_rad[at],
+        velocity_rad_s=s.velocity_rad_s[at],
+        world_from_body_wxyz=s.odom_from_body_wxyz[at],
+        linear_vel_of_body_in_world_m_s=s.linear_vel_of_body_in_odom_m_s[at],
+        angular_vel_of_body_in_world_rad_s=s.angular_vel_of_body_in_odom_rad_s[at],
+        last_action=t.observation[rows[0], 36:48],
+    )
+    return Script(run.header.command_sequence or "unnamed", run.header.repeat, start, t.velocity_command[rows])
+
+
+def features(run: Run, policy: Policy) -> NDArray[np.float32]:
+    """The measures' 36 features of the policy's ticks, shape (n, 36)."""
+    rows = policy_ticks(run)
+    return features_of_observations(run.ticks.observation[rows], run.ticks.action[rows], policy)

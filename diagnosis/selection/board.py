@@ -1,0 +1,192 @@
+"""The channels laid out for selection: one block a scalar row, thinned, whitened, with its independent samples counted."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from diagnosis.library.base import LibraryEffect
+from diagnosis.seam import Array, ChannelView, Flags, Ints, Shape, Views
+from diagnosis.selection.places import Robot
+
+MAX_SAMPLES: Final = 6_000
+"""Of each channel's samples about so many are used, evenly thinned."""
+MIN_SAMPLES: Final = 30
+MAX_LAG: Final = 60
+CACHE_BYTES: Final = 600_000_000
+FOLD_BLOCK_S: Final = 2.0
+
+
+@dataclass(frozen=True)
+class Block:
+    """One row of one channel."""
+
+    channel: str
+    row: int
+    samples: Ints
+    """Samples of the view, shape (m,)."""
+    y: Array
+    """Response in units of the noise, without what the nuisance columns explain. Shape (m,)."""
+    nuisance: Array
+    """Orthonormal, shape (m, q)."""
+    fold: Ints
+    """Shape (m,)."""
+    noise: float
+    n_independent: float
+    """Number of independent samples, from the response's correlation in time."""
+    tolerance: float
+    """Standard deviation, in units of the noise, that a nominal model of ordinary quality leaves."""
+
+
+@dataclass(frozen=True)
+class Columns:
+    """What an effect of one shape adds to each block it touches."""
+
+    units: tuple[Ints, ...]
+    """By block: units that touch it, shape (u,); empty where none does."""
+    x: tuple[Array, ...]
+    """By block, shape (m, u, P), in units of the noise, nuisance removed."""
+
+
+@dataclass
+class Board:
+    """All blocks of a set of logs."""
+
+    views: Views
+    robot: Robot
+    blocks: tuple[Block, ...]
+    n_folds: int
+    fold_names: tuple[str, ...]
+    _cache: OrderedDict[tuple[object, ...], Columns] = field(default_factory=OrderedDict)
+    _bytes: int = 0
+
+    @property
+    def by_channel(self) -> dict[str, list[int]]:
+        """Numbers of the blocks of each channel."""
+        found: dict[str, list[int]] = {}
+        for number, block in enumerate(self.blocks):
+            found.setdefault(block.channel, []).append(number)
+        return found
+
+    def columns(self, effect: LibraryEffect, shape: Shape) -> Columns:
+        """Columns of every unit of the effect; cached."""
+        key = (effect.name, *sorted(shape.items()))
+        if key in self._cache:
+            self._cache.move_to_end(key)
+            return self._cache[key]
+        made = self._made(effect, shape)
+        self._cache[key] = made
+        self._bytes += sum(x.nbytes for x in made.x)
+        while self._bytes > CACHE_BYTES and len(self._cache) > 1:
+            _, old = self._cache.popitem(last=False)
+            self._bytes -= sum(x.nbytes for x in old.x)
+        return made
+
+    def _made(self, effect: LibraryEffect, shape: Shape) -> Columns:
+        units = self.robot.units(effect.location)
+        size = len(effect.coefficients)
+        found_units: list[Ints] = [np.zeros(0, dtype=np.intp)] * len(self.blocks)
+        found_x: list[Array] = [np.zeros((len(b.y), 0, size)) for b in self.blocks]
+        for channel, numbers in self.by_channel.items():
+            if channel not in effect.channels:
+                continue
+            view = self.views[channel]
+            if channel in effect.separable or len(units) == 1:
+                whole = effect.columns(view, shape, np.ones(self.robot.n_joints, dtype=np.bool_))
+                for number in numbers:
+                    block = self.blocks[number]
+                    joint = int(view.row_joint[block.row])
+                    unit = 0 if len(units) == 1 else int(np.argmax(units[:, joint])) if joint >= 0 else -1
+                    if unit >= 0:
+                        self._put(found_units, found_x, number, [unit], whole[block.samples, block.row][:, None, :])
+            else:
+                parts = [effect.columns(view, shape, unit > 0.5) for unit in units]
+                for number in numbers:
+                    block = self.blocks[number]
+                    self._put(
+                        found_units, found_x, number, list(range(len(units))),
+                        np.stack([p[block.samples, block.row] for p in parts], axis=1),
+                    )  # fmt: skip
+        return Columns(tuple(found_units), tuple(found_x))
+
+    def _put(self, found_units: list[Ints], found_x: list[Array], number: int, units: list[int], raw: Array) -> None:
+        block = self.blocks[number]
+        x = np.nan_to_num(raw) / block.noise
+        if block.nuisance.shape[1]:
+            flat = x.reshape(len(x), -1)
+            x = (flat - block.nuisance @ (block.nuisance.T @ flat)).reshape(x.shape)
+        there = np.flatnonzero(np.abs(x).max(axis=(0, 2), initial=0.0) > 0.0)
+        found_units[number] = np.asarray(units, dtype=np.intp)[there]
+        found_x[number] = x[:, there].astype(np.float32)
+
+
+def lay_out(
+    views: Views,
+    robot: Robot,
+    fold_of_run: Sequence[int],
+    fold_names: Sequence[str],
+    tolerance: Mapping[str, float],
+) -> Board:
+    """Cut the channels into blocks.
+
+    Args:
+        views: The channels that are on.
+        robot: Its joints.
+        fold_of_run: For each recording the fold that it belongs to; with one fold only, time is cut into two.
+        fold_names: Names of the folds.
+        tolerance: By channel, in units of the noise: what a nominal model of ordinary quality leaves; 0 where absent.
+    """
+    blocks: list[Block] = []
+    n_folds = len(fold_names)
+    for name, view in views.items():
+        step = max(1, round(view.n / MAX_SAMPLES))
+        for row in range(len(view.rows)):
+            block = _block(name, view, row, step, np.asarray(fold_of_run), n_folds, tolerance.get(name, 0.0))
+            if block is not None:
+                blocks.append(block)
+    return Board(views, robot, tuple(blocks), max(n_folds, 2), tuple(fold_names))
+
+
+def _block(
+    name: str, view: ChannelView, row: int, step: int, fold_of_run: Ints, n_folds: int, tolerance: float
+) -> Block | None:
+    good: Flags = view.usable[:, row] & np.isfinite(view.response[:, row])
+    good &= np.isfinite(view.nuisance[:, row]).all(axis=1)
+    samples = np.flatnonzero(good)
+    samples = samples[::step] if len(samples) > MIN_SAMPLES * step else samples
+    noise = float(view.noise[row])
+    if len(samples) < MIN_SAMPLES // 3 or not np.isfinite(noise) or noise <= 0.0:
+        return None
+    y = view.response[samples, row] / noise
+    q = np.zeros((len(samples), 0))
+    if view.nuisance.shape[2]:
+        raw = view.nuisance[samples, row]
+        q, _ = np.linalg.qr(raw / (np.sqrt(np.mean(raw**2, axis=0)) + 1e-12))
+        y = y - q @ (q.T @ y)
+    run = view.run[samples]
+    if n_folds > 1:
+        fold = fold_of_run[run]
+    else:
+        fold = (view.state[samples] // round(FOLD_BLOCK_S / 0.003)) % 2
+    return Block(name, row, samples, y, q, fold, noise, _independent(y, run), tolerance)
+
+
+def _independent(y: Array, run: Ints) -> float:
+    """Number of independent samples by the integrated correlation within runs."""
+    spread = float(np.mean(y**2))
+    if spread <= 0.0:
+        return float(len(y))
+    total = 1.0
+    for lag in range(1, min(MAX_LAG, len(y) // 4)):
+        same = run[lag:] == run[:-lag]
+        if not same.any():
+            break
+        share = float(np.mean((y[lag:] * y[:-lag])[same])) / spread
+        if share < 0.05:
+            break
+        total += 2.0 * share
+    return len(y) / total

@@ -1,0 +1,202 @@
+"""Forward selection with refit, then drop and swap; and the rivals of each effect that was chosen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from diagnosis.library.base import LibraryEffect
+from diagnosis.seam import Array, Shape
+from diagnosis.selection.board import Board
+from diagnosis.selection.scoring import Placed, Scored, Scorer
+
+MAX_TERMS: Final = 4
+ROUNDS: Final = 5
+PER_PARAMETER: Final = 2.0
+"""Nats that each further free number must bring."""
+PER_UNIT: Final = 0.5
+"""Nats that a set of joints costs for each unit by which it differs from the nearest natural set."""
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Rival:
+    """An effect in place of a chosen one, at its own best place and shape."""
+
+    scored: Scored
+    value: float
+    """Score less the price of its parameters, nats."""
+
+
+@dataclass(frozen=True)
+class Selection:
+    """What was chosen."""
+
+    best: Scored | None
+    """None where nothing passed."""
+    gains: tuple[float, ...]
+    """What each chosen effect adds to the score of the others, nats."""
+    rivals: tuple[tuple[Rival, ...], ...]
+    """By chosen effect: all effects in its place, best first, itself among them."""
+    first: tuple[Rival, ...]
+    """All effects alone, best first, whether or not they pass."""
+
+
+def search(board: Board, library: Mapping[str, LibraryEffect], threshold: float, say: Say) -> Selection:
+    """Choose effects.
+
+    Args:
+        board: The channels.
+        library: What is tried.
+        threshold: Nats that an effect must add to what is there.
+        say: Where progress goes.
+    """
+    usable = {n: e for n, e in library.items() if e.show(board.views)}
+    first = ranked(board, (), usable, say)
+    terms: tuple[Placed, ...] = ()
+    best: Scored | None = None
+    value = 0.0
+    candidates = first
+    while len(terms) < MAX_TERMS and candidates and candidates[0].value - value > threshold:
+        best, value = candidates[0].scored, candidates[0].value
+        terms = best.terms
+        say(f"+ {terms[-1].effect.name}: {value:.0f} nats")
+        if len(terms) > 1:
+            best, value = _swapped(board, best, value, usable)
+            terms = best.terms
+        names = {t.effect.name for t in terms}
+        candidates = ranked(board, terms, {n: e for n, e in usable.items() if n not in names}, say)
+    if best is None:
+        return Selection(None, (), (), first)
+    best = _pruned(board, best, threshold)
+    rivals, gains = [], []
+    for i in range(len(best.terms)):
+        others = best.terms[:i] + best.terms[i + 1 :]
+        names = {t.effect.name for t in others}
+        ranking = ranked(board, others, {n: e for n, e in usable.items() if n not in names}, say)
+        gains.append(best.score - _price(best.terms, board) - _value(board, others))
+        rivals.append(ranking)
+    return Selection(best, tuple(gains), tuple(rivals), first)
+
+
+def ranked(board: Board, terms: Sequence[Placed], library: Mapping[str, LibraryEffect], say: Say) -> tuple[Rival, ...]:
+    """Every effect beside the terms at its best place and shape, best first."""
+    scorer = Scorer(board, terms)
+    found = []
+    for effect in library.values():
+        rival = best_of(scorer, effect)
+        if rival is not None:
+            found.append(rival)
+    return tuple(sorted(found, key=lambda r: -r.value))
+
+
+def best_of(scorer: Scorer, effect: LibraryEffect) -> Rival | None:
+    """The effect at its best place and shape, or None where it shows nowhere."""
+    board = scorer.board
+    everywhere = np.ones(board.robot.n_joints, dtype=np.bool_)
+    places = board.robot.places(effect)
+    try:
+        shapes = list(effect.shapes(board.views, everywhere))
+    except (KeyError, ValueError):
+        return None
+    best: tuple[float, Array, Shape] | None = None
+    tried: set[tuple[tuple[str, float], ...]] = set()
+
+    def attempt(shape: Shape, where: Array) -> bool:
+        nonlocal best
+        key = tuple(sorted(shape.items()))
+        if key in tried and len(where) == 1:
+            return False
+        tried.add(key)
+        scores = scorer.scores(effect, shape, where)[0]
+        at = int(np.argmax(scores))
+        if best is None or scores[at] > best[0] + 1e-6:
+            best = (float(scores[at]), where[at], shape)
+            return True
+        return False
+
+    for shape in shapes:
+        attempt(shape, places)
+    if best is None:
+        return None
+    for _ in range(ROUNDS if effect.refined(best[2]) else 0):
+        moved = False
+        for shape in effect.refined(best[2]):
+            moved |= attempt(shape, best[1][None])
+        if not moved:
+            break
+    attempt(best[2], places)
+    score, place, shape = best
+    place = _grown(scorer, effect, shape, place, score)
+    scored = scorer.scored(effect, shape, place)
+    return Rival(scored, scored.score - _price(scored.terms, board))
+
+
+def _grown(scorer: Scorer, effect: LibraryEffect, shape: Shape, place: Array, score: float) -> Array:
+    """Add or drop one unit at a time while that pays for itself."""
+    robot = scorer.board.robot
+    natural = robot.places(effect)
+    value = score - PER_UNIT * _distance(place, natural)
+    for _ in range(len(place)):
+        options = np.abs(place[None] - np.eye(len(place)))
+        options = options[options.any(axis=1)]
+        if not len(options) or len(place) == 1:
+            break
+        values = scorer.scores(effect, shape, options)[0]
+        values = values - PER_UNIT * np.array([_distance(o, natural) for o in options])
+        at = int(np.argmax(values))
+        if values[at] <= value + 1.0:
+            break
+        place, value = options[at], float(values[at])
+    return place
+
+
+def _distance(place: Array, natural: Array) -> float:
+    return float(np.abs(natural - place[None]).sum(axis=1).min())
+
+
+def _price(terms: Sequence[Placed], board: Board) -> float:
+    return sum(
+        PER_PARAMETER * t.n_parameters + PER_UNIT * _distance(t.place, board.robot.places(t.effect)) for t in terms
+    )
+
+
+def _value(board: Board, terms: Sequence[Placed]) -> float:
+    if not terms:
+        return 0.0
+    last = terms[-1]
+    return Scorer(board, terms[:-1]).scored(last.effect, last.shape, last.place).score - _price(terms, board)
+
+
+def _swapped(board: Board, best: Scored, value: float, library: Mapping[str, LibraryEffect]) -> tuple[Scored, float]:
+    """Each earlier effect chosen anew beside the later ones, shape and place included."""
+    for _ in range(len(best.terms)):
+        others = best.terms[1:]
+        names = {t.effect.name for t in others}
+        ranking = ranked(board, others, {n: e for n, e in library.items() if n not in names}, _silent)
+        if ranking and ranking[0].value > value:
+            best, value = ranking[0].scored, ranking[0].value
+        else:
+            best = Scorer(board, others).scored(best.terms[0].effect, best.terms[0].shape, best.terms[0].place)
+    return best, value
+
+
+def _pruned(board: Board, best: Scored, threshold: float) -> Scored:
+    """Without effects that no longer add enough."""
+    while len(best.terms) > 1:
+        value = best.score - _price(best.terms, board)
+        losses = [value - _value(board, best.terms[:i] + best.terms[i + 1 :]) for i in range(len(best.terms))]
+        weakest = int(np.argmin(losses))
+        if losses[weakest] > threshold:
+            break
+        left = best.terms[:weakest] + best.terms[weakest + 1 :]
+        best = Scorer(board, left[:-1]).scored(left[-1].effect, left[-1].shape, left[-1].place)
+    return best
+
+
+def _silent(_: str) -> None:
+    return
