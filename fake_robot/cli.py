@@ -76,6 +76,7 @@ def fake_robot(
             threading.Thread(target=_wait_for_stdin, args=(fake.server,), daemon=True).start()
         while not fake.server.wait(POLL_PERIOD_S) and not stop.is_set():
             pass
+        fake.server.raise_crash()
 
 
 @app.command("exec", context_settings={"allow_extra_args": True, "ignore_unknown_options": True})

@@ -187,6 +187,10 @@ class RobotPort(Protocol):
     def stop(self) -> None:
         """End; joins its threads."""
 
+    @property
+    def crash(self) -> BaseException | None:
+        """What ended the real-time thread; None while all is well."""
+
     def snapshot(self) -> Snapshot:
         """How it reports itself now."""
 
@@ -237,8 +241,8 @@ class RobotPort(Protocol):
     def advance(self, duration_ns: int) -> None:
         """Lock-step: let so much robot time pass."""
 
-    def advance_states(self, count: int) -> None:
-        """Lock-step: let time pass until ``count`` more states were handed to the state streams."""
+    def advance_states(self, count: int, max_duration_ns: int | None = None) -> None:
+        """Lock-step: let time pass until ``count`` more states were handed over, or for a maximum of robot time."""
 
     def wait_for_command_key(self, key: int, timeout_s: float) -> bool:
         """Wait, in host time, until a command with this key or a newer one was submitted."""

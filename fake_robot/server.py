@@ -21,6 +21,7 @@ from fake_robot.services.tokens import Credentials
 from fake_robot.services.wiring import add_services
 from fake_robot.services.world import World
 from fake_robot.services_config import ServicesConfig
+from spot_model.errors import SpotRlError
 from spot_protos import fake_admin_pb2_grpc
 
 _LOGGER = logging.getLogger(__name__)
@@ -28,6 +29,12 @@ _LOGGER = logging.getLogger(__name__)
 TICK_PERIOD_S = 0.05
 STOP_GRACE_S = 0.5
 ADMIN_THREADS = 4
+
+
+class SimulationCrashError(SpotRlError):
+    """The robot's simulation ended by itself; a defect of the fake, or a scenario beyond what it can compute."""
+
+    exit_code = 70
 
 
 @dataclass(frozen=True)
@@ -126,6 +133,15 @@ class FakeServer:
         self._servers.clear()
         self._robot.stop()
 
+    def raise_crash(self) -> None:
+        """Raise what ended the simulation, if anything did.
+
+        Raises:
+            SimulationCrashError: The simulation ended by itself.
+        """
+        if self._robot.crash is not None:
+            raise SimulationCrashError(f"the simulation ended by itself: {self._robot.crash!r}") from self._robot.crash
+
     def request_stop(self) -> None:
         """Have ``wait`` return."""
         self._stop_requested.set()
@@ -181,5 +197,9 @@ class FakeServer:
 
     def _tick_until_stopped(self) -> None:
         while not self._stop_requested.wait(TICK_PERIOD_S):
+            if self._robot.crash is not None:
+                _LOGGER.error("the simulation ended: %r", self._robot.crash, exc_info=self._robot.crash)
+                self.request_stop()
+                return
             self._world.tick()
             self._faults.tick()

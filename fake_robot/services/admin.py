@@ -65,7 +65,8 @@ class AdminService(fake_admin_pb2_grpc.FakeAdminServicer):
         robot = self._world.robot
         if not robot.is_lock_step:
             _refuse(context, "the fake runs in real time; start it with --lock-step to use Step")
-        if not 0 <= request.duration_ns <= MAX_STEP_NS or request.state_messages > MAX_STEP_STATES:
+        durations_ns = (request.duration_ns, request.max_duration_ns)
+        if not all(0 <= ns <= MAX_STEP_NS for ns in durations_ns) or request.state_messages > MAX_STEP_STATES:
             _refuse(
                 context, f"a step is at most {MAX_STEP_NS} ns or {MAX_STEP_STATES} state messages, and not negative"
             )
@@ -73,9 +74,9 @@ class AdminService(fake_admin_pb2_grpc.FakeAdminServicer):
             self._wait_for_command(request, context)
             states_before = robot.states_sent
             if request.WhichOneof("until") == "state_messages":
-                self._in_parts(robot.advance_states, request.state_messages, TICK_EVERY_STATES)
+                self._advance_states(request.state_messages, request.max_duration_ns or None)
             else:
-                self._in_parts(robot.advance, request.duration_ns, TICK_EVERY_NS)
+                self._advance(request.duration_ns)
             return fake_admin_pb2.StepResponse(
                 robot_stamp_ns=self._world.now_ns(),
                 last_state_robot_stamp_ns=robot.last_state_stamp_ns,
@@ -134,15 +135,33 @@ class AdminService(fake_admin_pb2_grpc.FakeAdminServicer):
                 f"the newest has key {self._world.robot.last_command_key}",
             )
 
-    def _in_parts(self, advance: Callable[[int], None], total: int, part: int) -> None:
-        """Advance in parts, so that time-outs of leases and e-stops act when they fall due."""
-        done = 0
-        while done < total:
-            size = min(part, total - done)
-            advance(size)
-            done += size
-            self._world.tick()
-            self._faults.tick()
+    # Time passes in parts, so that time-outs of leases and e-stops act when they fall due.
+
+    def _advance(self, duration_ns: int) -> None:
+        while duration_ns > 0:
+            part_ns = min(TICK_EVERY_NS, duration_ns)
+            self._world.robot.advance(part_ns)
+            duration_ns -= part_ns
+            self._tick()
+
+    def _advance_states(self, count: int, max_duration_ns: int | None) -> None:
+        robot = self._world.robot
+        if max_duration_ns is not None:
+            end_ns, goal = robot.clock.elapsed_ns() + max_duration_ns, robot.states_sent + count
+            while robot.states_sent < goal and robot.clock.elapsed_ns() < end_ns:
+                left_ns = end_ns - robot.clock.elapsed_ns()
+                robot.advance_states(goal - robot.states_sent, min(TICK_EVERY_NS, left_ns))
+                self._tick()
+            return
+        while count > 0:
+            part = min(TICK_EVERY_STATES, count)
+            robot.advance_states(part)
+            count -= part
+            self._tick()
+
+    def _tick(self) -> None:
+        self._world.tick()
+        self._faults.tick()
 
 
 def truth_message(truth: Any) -> fake_admin_pb2.GetTruthResponse:

@@ -115,6 +115,7 @@ class StubRobot:
         self.subscriptions: list[StubSubscription] = []
         self.streams: list[StubCommandStream] = []
         self.injected: dict[int, str] = {}
+        self.crash: BaseException | None = None
         zeros = np.zeros
         self.state = Snapshot(
             robot_stamp_ns=START_NS,
@@ -223,8 +224,9 @@ class StubRobot:
     def advance(self, duration_ns: int) -> None:
         self.clock.stamp_ns += duration_ns
 
-    def advance_states(self, count: int) -> None:
-        self.clock.stamp_ns += 3_000_000 * count
+    def advance_states(self, count: int, max_duration_ns: int | None = None) -> None:
+        count = count if max_duration_ns is None else min(count, max_duration_ns // 3_000_000)
+        self.clock.stamp_ns += 3_000_000 * count if max_duration_ns is None else max_duration_ns
         self.states_sent += count
         self.last_state_stamp_ns = self.clock.stamp_ns
 

@@ -25,7 +25,7 @@ from fake_robot.certificates import CertificateError, ServerCertificates, ensure
 from fake_robot.listen import BindError, sdk_host
 from fake_robot.sdk_environment import SdkEnvironment, write_sdk_folder
 from fake_robot.state_folder import ensure_credentials, read_password
-from spot_model.errors import BadInputError
+from spot_model.errors import BadInputError, SpotRlError
 from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
 
 # ---------------------------------------------------------------------------------------------------- certificates
@@ -325,6 +325,8 @@ def test_step_lets_time_pass(lock_step: Any) -> None:
         assert step.robot_stamp_ns == before.robot_stamp_ns + 210_000_000
         step = admin.Step(fake_admin_pb2.StepRequest(state_messages=40))
         assert (step.states_sent, step.last_state_robot_stamp_ns) == (40, step.robot_stamp_ns)
+        step = admin.Step(fake_admin_pb2.StepRequest(state_messages=40, max_duration_ns=48_000_000))
+        assert step.states_sent == 16
         lock_step.robot.last_command_key = 9
         admin.Step(fake_admin_pb2.StepRequest(duration_ns=1, wait_for_command_key=9))
         with pytest.raises(grpc.RpcError) as refused:
@@ -383,6 +385,14 @@ def test_stopping_twice_is_harmless_and_frees_the_port(serve_stub: Callable[...,
     first.server.stop()
     with socket.socket() as probe:
         assert probe.connect_ex(("127.0.0.1", first.endpoints.port)) != 0
+
+
+def test_a_simulation_that_crashes_ends_the_server_in_words(stub: Any) -> None:
+    stub.server.raise_crash()
+    stub.robot.crash = ZeroDivisionError("no ground")
+    assert stub.server.wait(10)
+    with pytest.raises(SpotRlError, match="no ground"):
+        stub.server.raise_crash()
 
 
 def test_stopping_ends_open_streams(stub: Any) -> None:
