@@ -14,12 +14,13 @@ from spot_model.errors import BadInputError
 from spot_model.policy import Policy, load_policy
 from spot_model.velocity_sequence import load_sequence
 from spot_runtime.clock import HostClock
-from spot_runtime.config import RunConfig, load_config
+from spot_runtime.config import RunConfig, for_lock_step, load_config
 from spot_runtime.console import Console
 from spot_runtime.hal.address import parse_address
 from spot_runtime.hal.base import Hal
 from spot_runtime.hal.bosdyn import BosdynHal
 from spot_runtime.hal.lock_step import LockStep
+from spot_runtime.instance_lock import InstanceLock
 from spot_runtime.journal import Journal, goes_to_journal
 from spot_runtime.log.logger_process import LoggerProcess
 from spot_runtime.log.sink import LogSink
@@ -64,6 +65,7 @@ def run(
 ) -> None:
     """Run a policy on a robot: connect, stand, hand over, follow velocity commands, hand back, sit, power off."""
     settings = resolve_config(config, ca_file=ca_file, credentials_file=credentials_file, log_dir=log_dir)
+    settings = settings if lock_step is None else for_lock_step(settings)
     address = parse_address(robot)
     loaded = load_policy(policy)
     labels = parse_labels(label or [])
@@ -84,7 +86,8 @@ def run(
     journal = Journal() if goes_to_journal(sys.stderr, os.environ) else None
     tell = (lambda _: False) if journal is None else journal.event
     try:
-        summary = run_once(request, make_hal, LoggerProcess.start, console, manager=manager, tell=tell)
+        with InstanceLock(str(address)):
+            summary = run_once(request, make_hal, LoggerProcess.start, console, manager=manager, tell=tell)
     finally:
         source.close()
         console.close()

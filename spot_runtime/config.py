@@ -130,6 +130,13 @@ class RunConfig(_Part):
         return self.model_dump_json(by_alias=True)
 
 
+def for_lock_step(config: RunConfig) -> RunConfig:
+    """The same run where robot time waits for us: nothing is gained by real-time rights or warm caches."""
+    off = RealTimeConfig(fifo_priority=0, lock_memory=False, freeze_garbage_collection=False)
+    control = config.control.model_copy(update={"rehearse": False})
+    return config.model_copy(update={"real_time": off, "control": control})
+
+
 def load_config(path: Path) -> RunConfig:
     """Read a configuration from YAML.
 

@@ -10,7 +10,7 @@ class SafetyLimits(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
-    state_age_warn_s: float = Field(default=0.015, gt=0.0, le=1.0)
+    state_age_warn_s: float = Field(default=0.015, gt=0.0, le=1.0, description="An older state is told of once.")
     state_age_damp_s: float = Field(default=0.040, gt=0.0, le=1.0, description="A staler state ends in damping.")
     state_age_stop_s: float = Field(default=0.200, gt=0.0, le=5.0, description="Then nothing is sent any more.")
     state_from_future_s: float = Field(
@@ -18,9 +18,11 @@ class SafetyLimits(BaseModel):
     )
     rejected_states: int = Field(default=10, ge=1, le=1000, description="Duplicated or back-dated states in a row.")
     frozen_s: float = Field(default=0.060, gt=0.0, le=5.0, description="Joint values identical for this long.")
-    quaternion_norm_error: float = Field(default=0.05, gt=0.0, le=1.0)
-    tilt_rad: float = Field(default=0.785398, gt=0.0, le=3.2)
-    joint_velocity_rad_s: float = Field(default=40.0, gt=0.0, le=100.0)
+    quaternion_norm_error: float = Field(
+        default=0.05, gt=0.0, le=1.0, description="How far the length of the attitude's quaternion may be from 1."
+    )
+    tilt_rad: float = Field(default=0.785398, gt=0.0, le=3.2, description="Between the body's z axis and the vertical.")
+    joint_velocity_rad_s: float = Field(default=40.0, gt=0.0, le=100.0, description="Measured, any joint.")
     joint_position_margin_rad: float = Field(
         default=0.15, ge=0.0, le=1.0, description="A joint measured this far beyond its stop is not believed."
     )
@@ -31,7 +33,9 @@ class SafetyLimits(BaseModel):
     setpoint_overshoot_rad: float = Field(
         default=1.0, gt=0.0, le=20.0, description="A request this far beyond a joint's stop comes from a wrong policy."
     )
-    setpoint_overshoot_ticks: int = Field(default=5, ge=1, le=1000)
+    setpoint_overshoot_ticks: int = Field(
+        default=5, ge=1, le=1000, description="Such requests in a row before the stop."
+    )
     feedforward_nm: float = Field(default=120.0, gt=0.0, le=200.0, description="Largest feed-forward torque sent.")
     command_echo_s: float = Field(
         default=0.150, gt=0.0, le=5.0, description="The robot must confirm a command at least this often."
@@ -41,7 +45,7 @@ class SafetyLimits(BaseModel):
         default=0.050, gt=0.0, le=5.0, description="A round trip this far from the estimate means a clock that was set."
     )
     battery_percent: float = Field(default=8.0, ge=0.0, le=100.0, description="Below this the run ends.")
-    motor_temperature_c: float = Field(default=75.0, gt=0.0, le=150.0)
+    motor_temperature_c: float = Field(default=75.0, gt=0.0, le=150.0, description="Above this the run ends.")
     slow_state_age_s: float = Field(default=3.0, gt=0.0, le=60.0, description="Without a poll for this long: stop.")
 
     @model_validator(mode="after")

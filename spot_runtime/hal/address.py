@@ -38,7 +38,9 @@ class Address:
 
 
 def parse_address(text: str) -> Address:
-    """Take apart ``HOST``, ``HOST:PORT``, ``[IPv6]:PORT`` or ``unix:/path/socket``.
+    """Take apart ``HOST``, ``HOST:PORT``, ``[IPv6]:PORT``, ``unix:/path/socket`` or ``ipv4:IP:PORT,IP``.
+
+    The last is what an unmodified SDK program takes to reach another port than its own; its first part counts.
 
     Raises:
         BadInputError: It is none of these.
@@ -47,6 +49,8 @@ def parse_address(text: str) -> Address:
         if len(text) > len("unix:"):
             return Address(text, DEFAULT_PORT)
         raise BadInputError("robot address 'unix:' names no socket; allowed: unix:/path/to/socket")
+    if text.startswith("ipv4:") and "," in text:
+        return parse_address(text[len("ipv4:") :].partition(",")[0])
     host, port_text = text, str(DEFAULT_PORT)
     if text.startswith("["):
         host, bracket, rest = text[1:].partition("]")

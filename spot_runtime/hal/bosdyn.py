@@ -61,7 +61,7 @@ class BosdynHal:
         session, robot = self._session, self._config.robot
         robot_id = session.log_in()
         session.sync_clocks()
-        self._slow = session.check_faults()
+        self._slow = session.check_faults(self._config.safety.battery_percent)
         has_own_estop = session.set_up_estop()
         self._pace.start(self._jobs)
         session.check_estop(self._pause)

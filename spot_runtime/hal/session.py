@@ -134,8 +134,8 @@ class Session:
         except (SdkError, grpc.RpcError) as error:
             raise translate(error, "syncing clocks") from error
 
-    def check_faults(self) -> SlowState:
-        """Refuse a robot that must not move. Returns its slow state."""
+    def check_faults(self, battery_percent: float) -> SlowState:
+        """Refuse a robot that must not move, or has less charge than this. Returns its slow state."""
         slow = self.poll()
         critical = [fault.removeprefix(CRITICAL) for fault in slow.system_faults if fault.startswith(CRITICAL)]
         if critical:
@@ -144,6 +144,10 @@ class Session:
             raise FaultError(
                 f"the robot reports a behaviour fault: {', '.join(slow.behavior_faults)}; clear it on the tablet, "
                 f"it is never cleared by this program"
+            )
+        if slow.battery_charge_percent < battery_percent:
+            raise FaultError(
+                f"the battery holds {slow.battery_charge_percent:.0f} %; needed: {battery_percent:g} %; charge it"
             )
         return slow
 

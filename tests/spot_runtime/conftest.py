@@ -192,3 +192,9 @@ def make_policy_fixture() -> Callable[..., Policy]:
 def robot() -> HandMadeRobot:
     """A hand-made robot that behaves."""
     return HandMadeRobot()
+
+
+@pytest.fixture(name="make_policy_bytes")
+def make_policy_bytes_fixture() -> Callable[..., bytes]:
+    """Makes small policy files."""
+    return policy_bytes

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import io
+import os
+import signal
 import socket
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -15,7 +19,7 @@ import numpy as np
 import pytest
 
 from spot_model import facts
-from spot_model.policy import Policy
+from spot_model.policy import policy_from_bytes
 from spot_model.state import JointCommand
 from spot_model.velocity_sequence import standing_sequence
 from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
@@ -52,7 +56,7 @@ class Fake:
     admin: Any
     folder: Path
     monkeypatch: pytest.MonkeyPatch
-    policy: Policy
+    policy_bytes: bytes
 
     def drive(
         self,
@@ -79,7 +83,9 @@ class Fake:
 
         console = Console(io.StringIO())
         try:
-            request = RunRequest(where, self.policy, source, config, path)
+            request = RunRequest(
+                where, policy_from_bytes(self.policy_bytes, source="test policy"), source, config, path
+            )
             summary = run(request, make_hal, LoggerProcess.start, console)
         finally:
             console.close()
@@ -132,7 +138,7 @@ class Meddling:
 
 
 @contextmanager
-def running(folder: Path, monkeypatch: pytest.MonkeyPatch, policy: Policy, scenario: str = "default") -> Iterator[Fake]:
+def running(folder: Path, monkeypatch: pytest.MonkeyPatch, policy: bytes, scenario: str = "default") -> Iterator[Fake]:
     with (
         FakeProcess(scenario=scenario, is_lock_step=True, state_dir=folder / "state") as process,
         grpc.insecure_channel(process.address.admin) as channel,
@@ -142,7 +148,7 @@ def running(folder: Path, monkeypatch: pytest.MonkeyPatch, policy: Policy, scena
 
 
 @pytest.fixture
-def standing_policy(make_policy: Callable[..., Policy]) -> Policy:
+def standing_policy(make_policy_bytes: Callable[..., bytes]) -> bytes:
     """Carries the body in the pose of the fake's own stand; feedback of the pose makes the joints twice as stiff."""
     sides = np.where(np.arange(12) % 3 == 0, np.repeat([1.0, -1.0, 1.0, -1.0], 3), 1.0)
     offset_rad = np.tile([0.017, 0.842, -1.563], 4) * sides - facts.DEFAULT_POSITION_RAD
@@ -151,11 +157,11 @@ def standing_policy(make_policy: Callable[..., Policy]) -> Policy:
     weight = np.zeros((48, 12))
     weight[12:24] = -feedback * np.eye(12)
     action = (offset_rad + load_nm / facts.POLICY_KP_NM_PER_RAD) / facts.ACTION_SCALE_RAD
-    return make_policy(bias=action + feedback * offset_rad, weight=weight)
+    return make_policy_bytes(bias=action + feedback * offset_rad, weight=weight)
 
 
 @pytest.fixture
-def fake(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, standing_policy: Policy) -> Iterator[Fake]:
+def fake(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, standing_policy: bytes) -> Iterator[Fake]:
     with running(tmp_path, monkeypatch, standing_policy) as started:
         yield started
 
@@ -246,11 +252,15 @@ def test_a_pressed_estop(fake: Fake) -> None:
 
 
 @pytest.mark.parametrize(
-    ("fault", "words"),
-    [("battery_fault", "battery"), ("behavior_fault", "behaviour fault")],
+    ("fault", "parameters", "words"),
+    [
+        ("battery_fault", {}, "battery"),
+        ("behavior_fault", {}, "behaviour fault"),
+        ("low_battery", {"percent": 5.0}, "the battery holds 5 %; needed: 8 %"),
+    ],
 )
-def test_a_fault_of_the_robot(fake: Fake, fault: str, words: str) -> None:
-    fake.inject(fault)
+def test_a_fault_of_the_robot(fake: Fake, fault: str, parameters: dict[str, Any], words: str) -> None:
+    fake.inject(fault, **parameters)
     refused(fake, "robot_fault", 86, words)
 
 
@@ -304,3 +314,94 @@ def test_what_happens_during_a_run_ends_it_safely(
     fake.step(3.0)
     assert not fake.status().mode.lower().endswith("joint_control")
     assert np.abs(fake.truth().joint_velocity_rad_s).max() < 0.5
+
+
+@pytest.mark.parametrize("state", ["missing", "expired"])
+def test_a_licence_that_does_not_hold(fake: Fake, state: str) -> None:
+    fake.inject("license_invalid", state=state)
+    summary, log = fake.drive()
+    assert (summary.outcome, summary.exit_code) == ("activation_failed", 42), summary.sentence
+    assert "licence" in summary.sentence
+    assert log.outcome == "activation_failed"
+    assert fake.status().motor_power.lower().endswith("off")
+
+
+# Signals and sudden death, through the command line ------------------------------------------------------------------
+
+
+def start_run(fake: Fake, *words: str) -> subprocess.Popen[str]:
+    """``spot-rl run`` in a process of its own, until the policy is in control."""
+    policy = fake.folder / "policy.onnx"
+    policy.write_bytes(fake.policy_bytes)
+    command = [sys.executable, "-c", "from spot_model.command_line import main; main()", "run"]
+    command += ["--robot", fake.address.robot, "--policy", str(policy), "--duration", "600", *words]
+    command += ["--lock-step", fake.address.admin, "--log-dir", str(fake.folder / "logs")]
+    process = subprocess.Popen(
+        command, env={**os.environ, **fake.address.environment}, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stderr is not None
+    for line in process.stderr:
+        if "→ active" in line:
+            return process
+    raise AssertionError(f"the run ended with exit code {process.wait()} before the policy was in control")
+
+
+def finish(process: subprocess.Popen[str]) -> tuple[int, str]:
+    _, said = process.communicate(timeout=120.0)
+    return process.returncode, said
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_one_signal_ends_a_run_on_its_feet(fake: Fake, number: signal.Signals) -> None:
+    process = start_run(fake)
+    process.send_signal(number)
+    code, said = finish(process)
+    assert code == 10, said
+    for word in ("soft_stop", "ramping_out", "standing", "power_off"):
+        assert word in said
+    (log,) = (fake.folder / "logs").glob("*.mcap")
+    assert read_run(log).outcome == "operator_stop"
+    assert not fake.truth().has_fallen
+    assert fake.status().motor_power.lower().endswith("off")
+
+
+def test_two_signals_damp(fake: Fake) -> None:
+    process = start_run(fake)
+    process.send_signal(signal.SIGTERM)
+    assert process.stderr is not None
+    next(line for line in process.stderr if "soft_stop" in line)
+    process.send_signal(signal.SIGTERM)
+    code, said = finish(process)
+    assert code == 11, said
+    assert "damping" in said
+    assert fake.status().motor_power.lower().endswith("off")
+
+
+def test_a_killed_runtime_leaves_no_command_behind(fake: Fake) -> None:
+    process = start_run(fake)
+    process.kill()
+    process.communicate(timeout=60.0)
+    at_death = fake.status()
+    fake.step(0.2)
+    assert not fake.status().mode.lower().endswith("joint_control")
+    fake.step(5.0)
+    after = fake.status()
+    assert after.commands_received == at_death.commands_received
+    assert np.abs(fake.truth().joint_velocity_rad_s).max() < 0.5
+
+
+def test_a_second_runtime_is_refused(fake: Fake) -> None:
+    process = start_run(fake)
+    try:
+        second = subprocess.run(
+            [*process.args[:4], *process.args[4:8]],  # type: ignore[index]
+            env={**os.environ, **fake.address.environment},
+            capture_output=True,
+            text=True,
+            timeout=60.0,
+        )
+        assert second.returncode == 94, second.stderr
+        assert f"process {process.pid} already drives" in second.stderr
+    finally:
+        process.terminate()
+        finish(process)

@@ -21,6 +21,7 @@ from spot_runtime.hal.errors import CertificateError, CredentialsError, NoRobotE
         ("[fe80::1]:8443", "fe80::1", 8443, "[fe80::1]"),
         ("[::1]", "::1", 443, "[::1]"),
         ("fe80::1", "fe80::1", 443, "[fe80::1]"),
+        ("ipv4:127.0.0.1:8443,127.0.0.1", "127.0.0.1", 8443, "127.0.0.1"),
         ("unix:/run/spot.sock", "unix:/run/spot.sock", 443, "unix:/run/spot.sock"),
     ],
 )

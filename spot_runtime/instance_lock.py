@@ -1,0 +1,63 @@
+"""One runtime a robot: a second one on this computer is refused before it touches anything.
+
+The lease refuses it robot-wide; this lock says so sooner, and also while the first one is between leases.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import os
+import tempfile
+from pathlib import Path
+from types import TracebackType
+
+from typing_extensions import Self
+
+from spot_model.errors import SpotRlError
+
+
+class AlreadyRunningError(SpotRlError):
+    """Another runtime drives this robot."""
+
+    exit_code = 94
+
+
+class InstanceLock:
+    """Held while it is entered; the system frees it when the process ends, however that happens."""
+
+    def __init__(self, robot: str, directory: Path | None = None) -> None:
+        """Lock by the robot's address, in the user's run-time directory unless told otherwise."""
+        folder = directory or Path(os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir())
+        digest = hashlib.sha256(robot.encode()).hexdigest()[:16]
+        self._robot = robot
+        self._path = folder / f"spot-rl-{os.getuid()}-{digest}.lock"
+        self._descriptor: int | None = None
+
+    def __enter__(self) -> Self:
+        """Take the lock.
+
+        Raises:
+            AlreadyRunningError: Another process holds it; the message names its number.
+        """
+        descriptor = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            holder = os.read(descriptor, 20).decode("ascii", errors="replace").strip() or "unknown"
+            os.close(descriptor)
+            raise AlreadyRunningError(
+                f"process {holder} already drives {self._robot} from this computer; end it, then start again"
+            ) from None
+        os.ftruncate(descriptor, 0)
+        os.pwrite(descriptor, f"{os.getpid()}\n".encode(), 0)
+        self._descriptor = descriptor
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Give it back. The file stays: removing it would race with the next holder."""
+        if self._descriptor is not None:
+            os.close(self._descriptor)
+            self._descriptor = None

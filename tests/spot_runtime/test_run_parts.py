@@ -1,0 +1,303 @@
+"""The parts around the loop: signals, real-time rights, console, summary, lock, tables, command line."""
+
+from __future__ import annotations
+
+import gc
+import io
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from spot_model.errors import BadInputError
+from spot_model.policy import Policy
+from spot_runtime import realtime
+from spot_runtime.cli import make_source
+from spot_runtime.config import RealTimeConfig, RunConfig, for_lock_step
+from spot_runtime.console import Console
+from spot_runtime.instance_lock import AlreadyRunningError, InstanceLock
+from spot_runtime.loop_stats import PENDING_MAX, LoopStats
+from spot_runtime.run import log_file_name
+from spot_runtime.samples import Samples
+from spot_runtime.signals import OperatorInterrupt, StopSignals
+from spot_runtime.sources.gamepad import PygamePad
+from spot_runtime.stops import StopReason
+from spot_runtime.summary import RunSummary, figures, resident_mb
+from spot_runtime.tables import with_tables
+
+ROOT = Path(__file__).parents[2]
+MS = 1_000_000
+
+
+# Signals -------------------------------------------------------------------------------------------------------------
+
+
+def test_the_first_signal_asks_for_a_stop_and_the_second_for_damping() -> None:
+    with StopSignals() as signals:
+        assert signals.take() is None
+        os.kill(os.getpid(), signal.SIGTERM)
+        first = signals.take()
+        os.kill(os.getpid(), signal.SIGINT)
+        second = signals.take()
+        assert signals.take() is None
+    assert first is not None
+    assert (first.reason, first.detail) == (StopReason.OPERATOR_STOP, "SIGTERM")
+    assert second is not None
+    assert (second.reason, second.detail) == (StopReason.OPERATOR_DAMP, "SIGINT")
+
+
+def test_a_signal_interrupts_a_call_that_waits_and_the_old_handlers_come_back() -> None:
+    before = signal.getsignal(signal.SIGTERM)
+    with StopSignals() as signals:
+        signals.interrupts = True
+        with pytest.raises(OperatorInterrupt) as caught:
+            os.kill(os.getpid(), signal.SIGTERM)
+    assert caught.value.stop.reason is StopReason.OPERATOR_STOP
+    assert signal.getsignal(signal.SIGTERM) is before
+
+
+# Real time -----------------------------------------------------------------------------------------------------------
+
+
+def test_what_is_refused_is_said_once_with_what_to_grant(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise PermissionError(1, "Operation not permitted")
+
+    before = sys.getswitchinterval()
+    monkeypatch.setattr(os, "sched_setscheduler", refuse)
+    monkeypatch.setattr(os, "sched_setaffinity", refuse)
+    try:
+        refusals = realtime.apply_real_time(RealTimeConfig(fifo_priority=40, cpu_affinity=(1,), lock_memory=False))
+    finally:
+        sys.setswitchinterval(before)
+    assert len(refusals) == 2
+    assert "SCHED_FIFO 40 was refused" in refusals[0]
+    assert "LimitRTPRIO=40" in refusals[0]
+    assert "CPUs [1] were refused" in refusals[1]
+
+
+def test_nothing_is_asked_for_where_nothing_is_wanted(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[object] = []
+    monkeypatch.setattr(os, "sched_setscheduler", lambda *words: asked.append(words))
+    before = sys.getswitchinterval()
+    try:
+        assert realtime.apply_real_time(RealTimeConfig(fifo_priority=0, lock_memory=False)) == []
+    finally:
+        sys.setswitchinterval(before)
+    assert asked == []
+
+
+def test_garbage_collection_is_frozen_only_where_asked() -> None:
+    realtime.freeze_garbage_collection(RealTimeConfig(freeze_garbage_collection=False))
+    assert gc.isenabled()
+    try:
+        realtime.freeze_garbage_collection(RealTimeConfig())
+        assert not gc.isenabled()
+        assert gc.get_freeze_count() > 0
+    finally:
+        gc.enable()
+        gc.unfreeze()
+
+
+def test_lock_step_asks_for_no_real_time_and_changes_nothing_else() -> None:
+    config = for_lock_step(RunConfig())
+    assert config.real_time.fifo_priority == 0
+    assert not config.real_time.lock_memory
+    assert not config.control.rehearse
+    untouched = {"control": RunConfig().control, "real_time": RunConfig().real_time}
+    assert config.model_copy(update=untouched) == RunConfig()
+
+
+# Console and summary -------------------------------------------------------------------------------------------------
+
+
+def test_the_console_prints_lines_and_progress() -> None:
+    stream = io.StringIO()
+    console = Console(stream, period_s=0.001)
+    shown = threading.Event()
+
+    def progress() -> str:
+        shown.set()
+        return "going on"
+
+    console.say("a line")
+    console.show(progress)
+    assert shown.wait(30.0)
+    console.close()
+    lines = stream.getvalue().splitlines()
+    assert lines[0] == "a line"
+    assert "going on" in lines
+
+
+def test_a_terminal_that_is_gone_ends_nothing() -> None:
+    stream = io.StringIO()
+    stream.close()
+    console = Console(stream)
+    console.say("nobody reads this")
+    console.close()
+
+
+def summary(**changes: Any) -> RunSummary:
+    stats = LoopStats()
+    fields: dict[str, Any] = {
+        "outcome": "completed",
+        "exit_code": 0,
+        "sentence": "done",
+        "log_path": "run.mcap",
+        "log_dropped": 0,
+        "rss_mb": 100.0,
+        "rss_growth_mb": 0.0,
+        **figures(stats),
+        **changes,
+    }
+    return RunSummary(**fields)
+
+
+def test_figures_that_were_not_measured_are_null_and_take_no_line() -> None:
+    assert json.loads(summary().to_json())["tick_compute_p50_us"] is None
+    assert summary().to_text().splitlines() == [
+        "outcome            completed: done",
+        "log                run.mcap (0 messages dropped)",
+    ]
+
+
+def test_the_summary_shows_what_was_measured() -> None:
+    stats = LoopStats()
+    for i in range(101):
+        stats.ticked(i * 20 * MS, 200e-6, 1e-4, 2e-3, 0)
+        stats.sent(i, i * 20 * MS)
+        stats.departures([(i, i * 20 * MS + 400_000)])
+    text = summary(**figures(stats)).to_text()
+    assert "policy ticks       101 at 50.000 Hz of robot time, 0 skipped" in text
+    assert "tick compute       p50 200 µs, p99 200 µs" in text
+    assert "state to command   p50 0.40 ms, p99 0.40 ms" in text
+    assert "state age, robot   p50 2.00 ms" in text
+
+
+def test_commands_that_never_leave_do_not_pile_up() -> None:
+    stats = LoopStats()
+    for key in range(1000):
+        stats.sent(key, 0)
+    assert len(stats._pending) <= PENDING_MAX
+    assert np.isnan(stats.state_to_command_s.percentile(50))
+
+
+def test_a_ring_of_samples_keeps_the_newest() -> None:
+    samples = Samples(10)
+    for i in range(25):
+        samples.add(i)
+    assert samples.count == 25
+    assert (samples.percentile(0), samples.percentile(100)) == (15.0, 24.0)
+
+
+def test_resident_memory_is_a_plausible_figure() -> None:
+    assert 10.0 < resident_mb() < 10_000.0
+
+
+def test_the_logs_name_sorts_by_time_and_holds_no_strange_character() -> None:
+    name = log_file_name("walk v2/x", "forward", 3, datetime(2026, 1, 2, 3, 4, 5, tzinfo=timezone.utc))
+    assert name == "20260102-030405-walk_v2_x-forward-r3.mcap"
+
+
+# One instance --------------------------------------------------------------------------------------------------------
+
+
+def test_a_second_holder_is_refused_and_a_later_one_is_not(tmp_path: Path) -> None:
+    with InstanceLock("robot-a", tmp_path):
+        with pytest.raises(AlreadyRunningError, match=f"process {os.getpid()} already drives robot-a"):
+            InstanceLock("robot-a", tmp_path).__enter__()
+        with InstanceLock("robot-b", tmp_path):
+            pass
+    with InstanceLock("robot-a", tmp_path):
+        pass
+
+
+def test_the_lock_of_a_dead_process_is_free(tmp_path: Path) -> None:
+    code = (
+        "import os, sys; from pathlib import Path; from spot_runtime.instance_lock import InstanceLock\n"
+        f"InstanceLock('robot', Path({str(tmp_path)!r})).__enter__(); os.kill(os.getpid(), 9)"
+    )
+    assert subprocess.run([sys.executable, "-c", code]).returncode == -signal.SIGKILL
+    with InstanceLock("robot", tmp_path):
+        pass
+
+
+# The command line and the documentation ------------------------------------------------------------------------------
+
+
+def source(policy: Policy, **changes: Any) -> Any:
+    words: dict[str, Any] = {"sequence": None, "is_keyboard": False, "is_gamepad": False, "duration_s": None, **changes}
+    console = Console(io.StringIO())
+    try:
+        return make_source(RunConfig(), policy, console, **words)
+    finally:
+        console.close()
+
+
+def test_one_source_of_commands_at_a_time(zero_policy: Policy) -> None:
+    assert source(zero_policy).name == "standing"
+    assert source(zero_policy, sequence="six_directions").name == "six_directions"
+    with pytest.raises(BadInputError, match="exclude each other"):
+        source(zero_policy, sequence="forward", is_keyboard=True)
+    with pytest.raises(BadInputError, match="--duration is -1"):
+        source(zero_policy, duration_s=-1.0)
+
+
+def test_a_sequence_is_cut_to_the_policys_range(zero_policy: Policy) -> None:
+    forward = source(zero_policy, sequence="forward")
+    assert forward.sample(12.0, 0).command.tolist() == [1.5, 0.0, 0.0]
+
+
+def test_a_keyboard_needs_a_terminal(zero_policy: Policy, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stdin", io.StringIO())
+    with pytest.raises(BadInputError, match="needs a terminal"):
+        source(zero_policy, is_keyboard=True)
+
+
+def test_a_gamepad_needs_pygame(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pygame", None)
+    with pytest.raises(BadInputError, match=re.escape("pip install 'spot-rl[gamepad]'")):
+        PygamePad(0)
+
+
+def test_the_tables_of_the_documentation_are_up_to_date() -> None:
+    text = (ROOT / "docs" / "runtime.md").read_text(encoding="utf-8")
+    assert text == with_tables(text), "run: python scripts/write_runtime_tables.py"
+    assert "| `tilt` | 26 |" in text
+    assert "| `lease_held` | 84 |" in text
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "said"),
+    [
+        (["--robot", "h:x", "--policy", "p.onnx"], 2, "robot address 'h:x' is not valid"),
+        (["--robot", "h", "--policy", "none.onnx"], 3, "policy none.onnx cannot be read"),
+        (["--robot", "h", "--policy", "{cut}"], 3, "no readable ONNX model"),
+        (["--robot", "h", "--policy", "p.onnx", "--config", "none.yaml"], 2, "configuration none.yaml cannot be read"),
+    ],
+)
+def test_bad_words_on_the_command_line(
+    tmp_path: Path, make_policy_bytes: Any, words: list[str], code: int, said: str
+) -> None:
+    cut = tmp_path / "cut.onnx"
+    cut.write_bytes(make_policy_bytes()[:400])
+    command = [sys.executable, "-c", "from spot_model.command_line import main; main()", "run"]
+    done = subprocess.run(
+        [*command, *(word.format(cut=cut) for word in words)],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=60.0,
+    )
+    assert done.returncode == code, done.stderr
+    assert said in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
