@@ -116,7 +116,9 @@ class RunningFake:
         password = shlex.quote(settings.pop("BOSDYN_CLIENT_PASSWORD"))
         if self._options.password_file is not None:
             password = f'"$(cat {shlex.quote(str(self._options.password_file.absolute()))})"'
-        lines = [f"  export {name}={shlex.quote(value)}" for name, value in settings.items()]
+        folder = shlex.quote(settings.pop("PYTHONPATH"))
+        lines = [f"  export PYTHONPATH={folder}${{PYTHONPATH:+:$PYTHONPATH}}"]
+        lines += [f"  export {name}={shlex.quote(value)}" for name, value in settings.items()]
         return "\n".join(
             [
                 "A fake Spot serves Boston Dynamics' API; Ctrl-C ends it.",

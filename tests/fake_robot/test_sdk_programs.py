@@ -167,6 +167,22 @@ def test_exec_runs_a_program_and_passes_its_code_on(fake_spot_state_folder: Path
     assert ran.stdout.startswith("True ipv4:127.0.0.1:")
 
 
+def test_what_it_prints_for_a_person_works_in_a_shell(fake_spot_state_folder: Path) -> None:
+    words = command("--state-dir", str(fake_spot_state_folder), "--port", "0")
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        lines = []
+        while not lines or "your_program.py" not in lines[-1]:
+            lines.append(process.stdout.readline().strip())
+        exports = [line for line in lines if line.startswith("export ")]
+        program = "import bosdyn.client as c, bosdyn.client.util as u, sys; r = c.create_standard_sdk('x')"
+        program += ".create_robot(sys.argv[1]); u.authenticate(r); print(len(r.list_services()) > 5)"
+        run_program = lines[-1].replace("python your_program.py", f'{sys.executable} -c "{program}"')
+        ran = subprocess.run(["/bin/sh", "-euc", "\n".join([*exports, run_program])], capture_output=True, text=True)
+        process.terminate()
+    assert ran.stdout == "True\n", ran.stderr
+
+
 def test_a_signal_to_exec_ends_the_program_too(fake_spot_state_folder: Path) -> None:
     program = "import time; print('up', flush=True); time.sleep(600)"
     words = command("--state-dir", str(fake_spot_state_folder), "exec", "--", sys.executable, "-c", program)
