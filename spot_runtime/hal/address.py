@@ -75,7 +75,7 @@ def explain_no_connection(address: Address, trusted_pem: bytes, reason: str, tim
         timeout_s: Bound of each step.
     """
     try:
-        connection = _connect(address, timeout_s)
+        connection = connect(address, timeout_s)
     except TimeoutError:
         return NoRobotError(
             f"no robot at {address}: no answer within {timeout_s:g} s; check address, network and power"
@@ -99,7 +99,8 @@ def explain_no_connection(address: Address, trusted_pem: bytes, reason: str, tim
     return HalError(f"{address} answers, but the call failed: {reason}; try again")
 
 
-def _connect(address: Address, timeout_s: float) -> socket.socket:
+def connect(address: Address, timeout_s: float) -> socket.socket:
+    """A TCP or Unix connection to the robot, before any TLS. Raises OSError."""
     if not address.is_unix:
         return socket.create_connection((address.host, address.port), timeout=timeout_s)
     connection = socket.socket(socket.AF_UNIX)

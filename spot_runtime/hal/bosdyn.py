@@ -18,6 +18,7 @@ from spot_runtime.hal.base import JointControl, RobotInfo
 from spot_runtime.hal.command_wire import CommandEncoder
 from spot_runtime.hal.errors import EstopError, HalError, LeaseHeldError
 from spot_runtime.hal.jobs import Jobs
+from spot_runtime.hal.motions import Motions
 from spot_runtime.hal.pace import Pace, RealTime, take_all
 from spot_runtime.hal.session import Session
 from spot_runtime.hal.streams import CommandStream, StateReceiver
@@ -81,8 +82,8 @@ class BosdynHal:
 
     def stand(self) -> None:
         """See the protocol."""
-        self._session.power_on(self._pause)
-        self._session.stand(self._pause)
+        self._motions().power_on()
+        self._motions().stand()
         # States have piled up meanwhile; the loop wants to begin with now.
         if self._states is not None:
             take_all(self._states.states)
@@ -154,7 +155,7 @@ class BosdynHal:
     def power_off(self) -> None:
         """See the protocol."""
         if self._session.has_lease:
-            self._session.power_off(self._pause)
+            self._motions().power_off()
         self.release()
 
     def close(self) -> None:
@@ -169,6 +170,10 @@ class BosdynHal:
         self._session.close()
 
     # Details ---------------------------------------------------------------------------------------------------------
+
+    def _motions(self) -> Motions:
+        session = self._session
+        return Motions(session.calls, self._config.robot, lambda: session.poll().motors_powered, self._pause)
 
     def _pause(self, duration_s: float) -> None:
         self._pace.pause(duration_s)
@@ -194,7 +199,7 @@ class BosdynHal:
 
     def _activate(self) -> None:
         try:
-            self._session.ask_for_joint_control()
+            self._motions().ask_for_joint_control()
         except HalError as error:
             self._joint_control = JointControl.FAILED
             self._problems.append(Stop(StopReason.ACTIVATION_FAILED, str(error)))
@@ -204,7 +209,7 @@ class BosdynHal:
 
     def _leave(self) -> None:
         try:
-            self._session.ask_for_stand()
+            self._motions().ask_for_stand()
         except HalError as error:
             self._problems.append(Stop(StopReason.HAND_BACK_FAILED, str(error)))
             self._joint_control = JointControl.FAILED

@@ -1,4 +1,4 @@
-"""A session with a robot over the vendor's SDK: trust, login, clocks, e-stop, lease, power, the vendor's motions."""
+"""A session with a robot over the vendor's SDK: trust, login, clocks, faults, e-stop, lease, polls."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any, Final
 
 import grpc
-from bosdyn.api import basic_command_pb2, power_pb2
 from bosdyn.client.auth import AuthClient
 from bosdyn.client.directory import DirectoryClient
 from bosdyn.client.estop import EstopClient
@@ -20,7 +19,6 @@ from bosdyn.client.license import LicenseClient
 from bosdyn.client.power import PowerClient
 from bosdyn.client.processors import AddRequestHeader
 from bosdyn.client.robot_command import (
-    RobotCommandBuilder,
     RobotCommandClient,
     RobotCommandStreamingClient,
 )
@@ -34,9 +32,11 @@ from spot_model.state import SlowState
 from spot_runtime.clock import HostClock, RobotClockEstimate
 from spot_runtime.config import RobotConfig
 from spot_runtime.hal.address import Address, explain_no_connection
+from spot_runtime.hal.calls import Calls
 from spot_runtime.hal.credentials import find_credentials
-from spot_runtime.hal.errors import ClockError, EstopError, FaultError, HalError, MotionError
+from spot_runtime.hal.errors import ClockError, EstopError, FaultError, HalError
 from spot_runtime.hal.estop import OwnEstop, needs_own_endpoint
+from spot_runtime.hal.motions import POLL_S
 from spot_runtime.hal.slow_state import pressed_estops, slow_state_from_message
 from spot_runtime.hal.time_sync import TimeSync
 from spot_runtime.hal.vendor_errors import lease_held, translate
@@ -44,8 +44,6 @@ from spot_runtime.safety import CRITICAL
 
 SYNC_ROUND_TRIPS: Final = 12
 SYNC_ATTEMPTS: Final = 40
-POLL_S: Final = 0.05
-"""Robot time between two looks at the progress of a motion."""
 
 SERVICES: Final = (
     AuthClient,
@@ -64,9 +62,6 @@ SERVICES: Final = (
 """The vendor's services that a run uses."""
 
 ESTOP_RELEASE_S: Final = 1.0
-
-_STAND: Final = basic_command_pb2.StandCommand.Feedback
-_SIT: Final = basic_command_pb2.SitCommand.Feedback
 
 
 class Session:
@@ -92,6 +87,7 @@ class Session:
         self._host_now_ns = host_now_ns
         self._address, self._config, self._clock, self._estimate = address, config, clock, estimate
         self._robot: Any = None
+        self.calls = Calls()
         self._time_sync: TimeSync | None = None
         self._own_estop: OwnEstop | None = None
         self._lease: Any = None
@@ -118,7 +114,7 @@ class Session:
 
     def sync_clocks(self) -> None:
         """Bring the estimate of the robot's clock about."""
-        self._time_sync = TimeSync(self._client(TimeSyncClient), self._clock, self._config.rpc_timeout_s)
+        self._time_sync = TimeSync(self.calls.client(TimeSyncClient), self._clock, self._config.rpc_timeout_s)
         for attempt in range(SYNC_ATTEMPTS):
             self.sync_once()
             if attempt + 1 >= SYNC_ROUND_TRIPS and self._time_sync.is_established:
@@ -153,7 +149,7 @@ class Session:
 
     def set_up_estop(self) -> bool:
         """Make sure that an e-stop endpoint answers. Returns whether it is our own, which then wants check-ins."""
-        client = self._client(EstopClient)
+        client = self.calls.client(EstopClient)
         try:
             status = client.get_status(timeout=self._config.rpc_timeout_s)
             if not needs_own_endpoint(status, self._config.estop):
@@ -167,10 +163,12 @@ class Session:
 
     def check_estop(self, pause: Callable[[float], None]) -> None:
         """Refuse a robot that stays stopped, by whatever button; one that was just released gets a second."""
-        client = self._client(RobotStateClient)
+        client = self.calls.client(RobotStateClient)
         waited_s = 0.0
         while True:
-            message = self._call("polling the robot's state", lambda: client.get_robot_state(timeout=self._timeout_s))
+            message = self.calls.make(
+                "polling the robot's state", lambda: client.get_robot_state(timeout=self._timeout_s)
+            )
             pressed = pressed_estops(message)
             if not pressed:
                 return
@@ -182,11 +180,11 @@ class Session:
     def check_in_estop(self) -> None:
         """Keep our own endpoint alive."""
         if self._own_estop is not None:
-            self._call("checking in to the e-stop", self._own_estop.check_in)
+            self.calls.make("checking in to the e-stop", self._own_estop.check_in)
 
     def acquire_lease(self) -> None:
         """Take the lease if it is free."""
-        client = self._client(LeaseClient)
+        client = self.calls.client(LeaseClient)
         try:
             self._lease = client.acquire(timeout=self._config.rpc_timeout_s)
         except ResourceAlreadyClaimedError as error:
@@ -197,79 +195,22 @@ class Session:
 
     def retain_lease(self) -> None:
         """Keep the lease alive."""
-        client = self._client(LeaseClient)
+        client = self.calls.client(LeaseClient)
         wallet = self._robot.lease_wallet
-        self._call("keeping the lease", lambda: client.retain_lease(wallet.get_lease(), timeout=self._timeout_s))
-
-    # Power and the vendor's motions ----------------------------------------------------------------------------------
+        self.calls.make("keeping the lease", lambda: client.retain_lease(wallet.get_lease(), timeout=self._timeout_s))
 
     def poll(self) -> SlowState:
         """Battery, temperatures, power and faults, now."""
-        client = self._client(RobotStateClient)
-        message = self._call("polling the robot's state", lambda: client.get_robot_state(timeout=self._timeout_s))
+        client = self.calls.client(RobotStateClient)
+        message = self.calls.make("polling the robot's state", lambda: client.get_robot_state(timeout=self._timeout_s))
         return slow_state_from_message(message, self._host_now_ns())
-
-    def power_on(self, pause: Callable[[float], None]) -> None:
-        """Give the motors power; returns when they have it."""
-        if self.poll().motors_powered:
-            return
-        client = self._client(PowerClient)
-        request = power_pb2.PowerCommandRequest.REQUEST_ON_MOTORS
-        answer = self._call("powering on", lambda: client.power_command(request, timeout=self._timeout_s))
-        if answer.status == power_pb2.STATUS_SUCCESS:
-            return
-
-        def is_done() -> bool:
-            status = self._call(
-                "powering on", lambda: client.power_command_feedback(answer.power_command_id, timeout=self._timeout_s)
-            )
-            if status in (power_pb2.STATUS_SUCCESS, power_pb2.STATUS_IN_PROGRESS):
-                return bool(status == power_pb2.STATUS_SUCCESS)
-            raise MotionError(f"powering on failed: {power_pb2.PowerCommandStatus.Name(status)}; see the robot's page")
-
-        self._wait(is_done, "power on", self._config.power_timeout_s, pause)
-
-    def stand(self, pause: Callable[[float], None]) -> None:
-        """Let the vendor's controller stand; returns when it does."""
-        command_id = self._command(RobotCommandBuilder.synchro_stand_command(), "standing")
-        self._wait(
-            lambda: self._mobility(command_id, "standing").stand_feedback.status == _STAND.STATUS_IS_STANDING,
-            "stand",
-            self._config.stand_timeout_s,
-            pause,
-        )
-
-    def ask_for_stand(self) -> None:
-        """Ask the vendor's controller to stand, and do not wait for it."""
-        self._command(RobotCommandBuilder.synchro_stand_command(), "standing")
-
-    def ask_for_joint_control(self) -> None:
-        """Ask the robot to follow the command stream."""
-        self._command(RobotCommandBuilder.joint_command(), "entering joint control")
-
-    def sit(self, pause: Callable[[float], None]) -> None:
-        """Let the vendor's controller sit; returns when it does."""
-        command_id = self._command(RobotCommandBuilder.synchro_sit_command(), "sitting")
-        self._wait(
-            lambda: self._mobility(command_id, "sitting").sit_feedback.status == _SIT.STATUS_IS_SITTING,
-            "sit",
-            self._config.stand_timeout_s,
-            pause,
-        )
-
-    def power_off(self, pause: Callable[[float], None]) -> None:
-        """Sit where needed and cut power; returns when it is cut."""
-        if not self.poll().motors_powered:
-            return
-        self._command(RobotCommandBuilder.safe_power_off_command(), "powering off")
-        self._wait(lambda: not self.poll().motors_powered, "power off", self._config.power_timeout_s, pause)
 
     # Channels and the end --------------------------------------------------------------------------------------------
 
     def streaming_channel(self, service: type[RobotStateStreamingClient | RobotCommandStreamingClient]) -> Any:
         """The secure channel of a streaming service, connected."""
         name = service.default_service_name
-        channel = self._call(f"finding {name}", lambda: self._robot.ensure_channel(name))
+        channel = self.calls.make(f"finding {name}", lambda: self._robot.ensure_channel(name))
         try:
             grpc.channel_ready_future(channel).result(timeout=self._timeout_s)
         except grpc.FutureTimeoutError as error:
@@ -286,7 +227,7 @@ class Session:
         if self._robot is None:
             return
         if self.has_lease:
-            client = self._client(LeaseClient)
+            client = self.calls.client(LeaseClient)
             try:
                 client.return_lease(self._lease, timeout=self._timeout_s)
             except (SdkError, grpc.RpcError):
@@ -294,7 +235,7 @@ class Session:
             self.has_lease = False
         self._robot._shutdown()
         self._robot.shutdown()
-        self._robot = None
+        self._robot, self.calls = None, Calls()
 
     # Details ---------------------------------------------------------------------------------------------------------
 
@@ -318,41 +259,8 @@ class Session:
             sdk.register_service_client(service)
         self._robot = sdk.create_robot(self._address.sdk_host)
         self._robot.update_secure_channel_port(self._address.port)
+        self.calls = Calls(self._robot)
         return bytes(sdk.cert)
-
-    def _client(self, kind: Any) -> Any:
-        if self._robot is None:
-            raise HalError("there is no connection to the robot; connect first")
-        return self._call(
-            f"finding {kind.default_service_name}", lambda: self._robot.ensure_client(kind.default_service_name)
-        )
-
-    def _call(self, doing: str, function: Callable[[], Any]) -> Any:
-        try:
-            return function()
-        except (SdkError, grpc.RpcError) as error:
-            raise translate(error, doing) from error
-
-    def _command(self, command: Any, doing: str) -> Any:
-        client = self._client(RobotCommandClient)
-        return self._call(doing, lambda: client.robot_command(command, timeout=self._timeout_s))
-
-    def _mobility(self, command_id: Any, doing: str) -> Any:
-        client = self._client(RobotCommandClient)
-        answer = self._call(doing, lambda: client.robot_command_feedback(command_id, timeout=self._timeout_s))
-        feedback = answer.feedback.synchronized_feedback.mobility_command_feedback
-        if feedback.status != basic_command_pb2.RobotCommandFeedbackStatus.STATUS_PROCESSING:
-            name = basic_command_pb2.RobotCommandFeedbackStatus.Status.Name(feedback.status)
-            raise MotionError(f"{doing} was not carried out: {name}; see the robot's own page")
-        return feedback
-
-    def _wait(self, is_done: Callable[[], bool], what: str, timeout_s: float, pause: Callable[[float], None]) -> None:
-        waited_s = 0.0
-        while not is_done():
-            if waited_s >= timeout_s:
-                raise MotionError(f"the robot did not {what} within {timeout_s:g} s; see the robot's own page")
-            pause(POLL_S)
-            waited_s += POLL_S
 
 
 def _read_pem(path: Path) -> bytes:
