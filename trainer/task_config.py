@@ -20,6 +20,8 @@ class CommandConfig(Config):
     standing_share: float = Field(default=0.1, ge=0.0, le=1.0)
     straight_share: float = Field(default=0.0, ge=0.0, le=1.0)
     """Share of commands with V_y and ω_z zero."""
+    turning_share: float = Field(default=0.0, ge=0.0, le=1.0)
+    """Share of commands with V_x and V_y zero."""
     lateral_acceleration_limit_m_s2: float = Field(default=1.0e3, gt=0.0)
     """V_y and ω_z are scaled down where |V_x·ω_z| exceeds this."""
     curriculum_iterations: int = Field(default=0, ge=0)

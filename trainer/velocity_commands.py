@@ -36,8 +36,12 @@ class VelocityCommands:
         acceleration = (command[:, 0] * command[:, 2]).abs()
         scale = (c.lateral_acceleration_limit_m_s2 / acceleration.clamp(min=1e-6)).clamp(max=1.0)
         chance = self._draws.uniform((0.0, 1.0), n)
-        straight = (chance >= c.standing_share) & (chance < c.standing_share + c.straight_share)
+        straight_from = c.standing_share
+        turning_from = straight_from + c.straight_share
+        straight = (chance >= straight_from) & (chance < turning_from)
+        turning = (chance >= turning_from) & (chance < turning_from + c.turning_share)
         command[:, 1:] *= (scale * ~straight)[:, None]
+        command[:, :2] *= ~turning[:, None]
         return command * (chance >= c.standing_share)[:, None]
 
     def update(self, fresh: Tensor, dt_s: float) -> None:

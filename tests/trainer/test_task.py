@@ -109,7 +109,7 @@ def test_reward_is_the_weighted_sum_times_the_period() -> None:
 
 def test_commands_stay_in_their_ranges_and_some_stand() -> None:
     backend = StillBackend(2000)
-    t = task(backend, "commands.v_x_m_s=[-2, 5]", "commands.straight_share=0.25")
+    t = task(backend, "commands.v_x_m_s=[-2, 5]", "commands.straight_share=0.25", "commands.turning_share=0.2")
     t.start()
     command = t.commands.command
     low, high = torch.tensor([-2.0, -1.5, -2.0]), torch.tensor([5.0, 1.5, 2.0])
@@ -118,6 +118,8 @@ def test_commands_stay_in_their_ranges_and_some_stand() -> None:
     assert 0.07 < float(standing) < 0.13
     straight = ((command[:, 1:] == 0).all(dim=-1) & (command[:, 0] != 0)).float().mean()
     assert 0.2 < float(straight) < 0.3
+    turning = ((command[:, :2] == 0).all(dim=-1) & (command[:, 2] != 0)).float().mean()
+    assert 0.15 < float(turning) < 0.25
 
 
 def test_commands_are_held_and_drawn_anew_when_their_time_is_up() -> None:
