@@ -13,7 +13,8 @@ from diagnosis.seam import Array, Shape
 from diagnosis.selection.board import Board
 from diagnosis.selection.scoring import Placed, Scored, Scorer
 
-MAX_TERMS: Final = 4
+MAX_TERMS: Final = 3
+NEAR_SHARE: Final = 0.1
 ROUNDS: Final = 5
 PER_PARAMETER: Final = 2.0
 """Nats that each further free number must bring."""
@@ -77,7 +78,8 @@ def search(board: Board, library: Mapping[str, LibraryEffect], threshold: float,
     for i in range(len(best.terms)):
         others = best.terms[:i] + best.terms[i + 1 :]
         names = {t.effect.name for t in others}
-        ranking = ranked(board, others, {n: e for n, e in usable.items() if n not in names}, say)
+        near = _near(first, board) | {t.effect.name for t in best.terms}
+        ranking = ranked(board, others, {n: e for n, e in usable.items() if n in near - names}, say)
         gains.append(best.score - _price(best.terms, board) - _value(board, others))
         rivals.append(ranking)
     return Selection(best, tuple(gains), tuple(rivals), first)
@@ -153,6 +155,16 @@ def _grown(scorer: Scorer, effect: LibraryEffect, shape: Shape, place: Array, sc
             break
         place, value = options[at], float(values[at])
     return place
+
+
+def _near(first: Sequence[Rival], board: Board) -> set[str]:
+    """Effects that alone explain at least a tenth of what the best explains, or the best in some channel."""
+    top = max(first[0].value, 1.0)
+    names = {r.scored.terms[-1].effect.name for r in first if r.value > NEAR_SHARE * top}
+    for numbers in board.by_channel.values():
+        if first:
+            names.add(max(first, key=lambda r: float(r.scored.by_block[numbers].sum())).scored.terms[-1].effect.name)
+    return names
 
 
 def _distance(place: Array, natural: Array) -> float:

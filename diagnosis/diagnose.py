@@ -1,0 +1,256 @@
+"""From logs and the nominal model to a verdict: where the gap lies, which effect causes it, how far it shrinks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from diagnosis.advice import advice, split
+from diagnosis.channels.build import build_views
+from diagnosis.channels.stack import Stack, stack
+from diagnosis.fitted import corrected_model, numbers
+from diagnosis.library.base import LibraryEffect
+from diagnosis.library.registry import LIBRARY
+from diagnosis.logs import script_of
+from diagnosis.measure import Measured, measure
+from diagnosis.posterior import Calibration, Posterior, posterior
+from diagnosis.recording import record
+from diagnosis.seam import ChannelOff, ChannelView
+from diagnosis.selection.board import Board, lay_out
+from diagnosis.selection.places import Robot
+from diagnosis.selection.scoring import Scorer
+from diagnosis.selection.search import Selection, search
+from diagnosis.simulated import SensorNoise, simulate
+from diagnosis.unknown import Remainder, describe, remainder
+from diagnosis.verdict import FoundEffect, Status, Stretch, Verdict
+from diagnosis.where import GapMap, Side, gap_map
+from spot_model import facts
+from spot_model.model_file import RobotModel
+from spot_model.policy import Policy
+from spot_runtime.log.run import Run
+
+Say = Callable[[str], None]
+N_WHERE = 60
+"""Cells that the verdict lists; the report has them all."""
+UNKNOWN_IS_LIKELY = 0.5
+NONE_IS_LIKELY = 0.5
+PARTLY = 0.3
+"""With this probability of an unknown effect beside those found, they are called a part of the explanation."""
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """A verdict and what the report needs beside it."""
+
+    verdict: Verdict
+    corrected: RobotModel
+    map: GapMap | None
+    measured: Measured | None
+    runs: tuple[Run, ...]
+    board: Board
+
+
+@dataclass(frozen=True)
+class Explained:
+    """What the residual channels say, without any simulation."""
+
+    stack: Stack
+    views: Mapping[str, ChannelView]
+    off: tuple[ChannelOff, ...]
+    board: Board
+    selection: Selection
+    left: Remainder | None
+    posterior: Posterior
+
+
+def explain(
+    runs: Sequence[Run], nominal: RobotModel, policy: Policy | None, library: Mapping[str, LibraryEffect],
+    calibration: Calibration, say: Say,
+) -> Explained:  # fmt: skip
+    """Channels, selection, remainder and probabilities."""
+    logs = stack([record(run) for run in runs])
+    views, off = build_views(logs, nominal, policy=policy)
+    some = next(iter(views.values()))
+    robot = Robot(logs.recordings[0].joint_names, some.leg_of_joint)
+    names = sorted({r.sequence for r in logs.recordings})
+    by_run = len(names) < 2
+    folds = list(range(len(runs))) if by_run else [names.index(r.sequence) for r in logs.recordings]
+    fold_names = [r.run_id for r in logs.recordings] if by_run else names
+    board = lay_out(views, robot, folds, fold_names, calibration.tolerance)
+    say(f"{len(views)} channels, {len(board.blocks)} signals; trying {len(library)} effects")
+    selection = search(board, library, calibration.threshold_nats, say)
+    residuals = _left_over(board, selection)
+    left = remainder(board, residuals)
+    return Explained(logs, views, off, board, selection, left, posterior(selection, left, calibration))
+
+
+def _left_over(board: Board, selection: Selection) -> list[np.ndarray]:
+    if selection.best is None:
+        return [b.y for b in board.blocks]
+    return Scorer(board, selection.best.terms).residuals()
+
+
+def diagnose(
+    runs: Sequence[Run], nominal: RobotModel, policy: Policy | None, rng: np.random.Generator, say: Say,
+    *, library: Mapping[str, LibraryEffect] = LIBRARY, calibration: Calibration | None = None, with_synthesis: bool = False,
+    nominal_name: str = "",
+) -> Diagnosis:  # fmt: skip
+    """Diagnose logs.
+
+    Args:
+        runs: Logs of one robot.
+        nominal: The simulator's model.
+        policy: The policy that ran; without it nothing is simulated: no gap map, no shrink.
+        rng: Draws noise of simulated sensors, permutations, resamples.
+        say: Where progress goes.
+        library: Effects that are tried.
+        calibration: Numbers behind the probabilities; the package's own by default.
+        with_synthesis: Also diagnose the nominal simulator with the effects put in.
+        nominal_name: For the verdict.
+    """
+    chosen = calibration or Calibration.load()
+    found = explain(runs, nominal, policy, library, chosen, say)
+    best = found.selection.best
+    corrected = corrected_model(nominal, found.board.robot, best) if best is not None else nominal
+    notes = [n for view in found.views.values() for n in view.notes]
+    map_, measured = None, None
+    is_spot = found.board.robot.joint_names == facts.JOINT_NAMES
+    if policy is None or not is_spot:
+        notes.append("without the policy that ran on Spot nothing can be simulated: no gap map and no shrink")
+    else:
+        say("simulating the nominal model through the same commands")
+        scripts = [s for run in runs if (s := script_of(run)) is not None]
+        simulated = simulate(nominal, policy, scripts, rng, SensorNoise())
+        logs = stack([record(run) for run in simulated])
+        views, _ = build_views(logs, nominal)
+        legs = next(iter(found.views.values())).leg_of_joint
+        map_ = gap_map(Side(found.stack, found.views.get("A")), Side(logs, views.get("A")), legs, rng)
+        say("simulating the corrected model")
+        measured = measure(runs, scripts, simulated, nominal, found.board, found.selection, policy, rng)
+        notes += [*measured.notes, *([map_.note] if map_.note else [])]
+    verdict = _verdict(found, map_, measured, notes, runs, nominal_name)
+    if with_synthesis and best is not None and policy is not None and is_spot:
+        from diagnosis.synthesis import synthesis_check
+
+        say("synthesis check")
+        verdict = verdict.model_copy(update={
+            "synthesis": synthesis_check(runs, nominal, corrected, policy, verdict, rng, library, chosen)
+        })  # fmt: skip
+    return Diagnosis(verdict, corrected, map_, measured, tuple(runs), found.board)
+
+
+def status_of(found: Explained) -> Status:
+    """The verdict in a word."""
+    p = found.posterior
+    if not found.views.keys() & {"A", "B", "D"}:
+        return "cannot_tell"
+    if p.unknown > UNKNOWN_IS_LIKELY:
+        return "unknown_effect"
+    if found.selection.best is None or p.none > NONE_IS_LIKELY:
+        return "no_gap"
+    return "partly_explained" if p.unknown > PARTLY else "explained"
+
+
+def _verdict(
+    found: Explained, map_: GapMap | None, measured: Measured | None, notes: Sequence[str], runs: Sequence[Run], nominal_name: str
+) -> Verdict:
+    status = status_of(found)
+    effects = tuple(_effects(found)) if status not in ("no_gap", "cannot_tell") else ()
+    unknown = None
+    if found.left is not None and status in ("unknown_effect", "partly_explained"):
+        unknown = describe(found.board, _left_over(found.board, found.selection), found.left)
+    off = {c.name: f"off: {c.reason}" for c in found.off}
+    cells = map_.cells if map_ is not None else ()
+    return Verdict(
+        status=status,
+        where=tuple(c for c in cells if c.p_value is None or c.p_value <= 0.05)[:N_WHERE],
+        effects=effects,
+        probability_none=found.posterior.none,
+        probability_unknown=found.posterior.unknown,
+        unknown=unknown,
+        channels={**dict.fromkeys(found.views, "used"), **off},
+        invisible=tuple(sorted(n for n, e in LIBRARY.items() if not e.show(found.views))),
+        shrink=measured.shrink if measured is not None and effects else None,
+        log_advice=advice(found.stack, found.views, found.off, effects, unknown),
+        timeline=tuple(_timeline(found)),
+        logs=tuple(str(run.path) for run in runs),
+        nominal=nominal_name,
+        notes=tuple(dict.fromkeys(notes)),
+    )
+
+
+def _effects(found: Explained) -> list[FoundEffect]:
+    out = []
+    best, p = found.selection.best, found.posterior
+    if best is None:
+        return out
+    board = found.board
+    for i, (term, gain, rivals, group) in enumerate(
+        zip(best.terms, found.selection.gains, found.selection.rivals, p.groups, strict=True)
+    ):
+        others = best.terms[:i] + best.terms[i + 1 :]
+        scorer = Scorer(board, others)
+        own = next((r.scored for r in rivals if r.scored.terms[-1].effect.name == term.effect.name), None)
+        scored = own or scorer.scored(term.effect, term.shape, term.place)
+        top = rivals[0].scored if rivals else scored
+        last = top.terms[-1]
+        some = (1.0 - p.none) * (1.0 - p.unknown)
+        share = group.probabilities.get(last.effect.name, 0.0)
+        baseline = np.array([0.0] * len(board.blocks)) if not others else (
+            Scorer(board, others[:-1]).scored(others[-1].effect, others[-1].shape, others[-1].place).by_block
+        )  # fmt: skip
+        by_channel = {
+            c: round(float((top.by_block - baseline)[n].sum()), 1) for c, n in board.by_channel.items()
+        }
+        grouped = len(group.names) > 1
+        out.append(FoundEffect(
+            name=last.effect.name,
+            title=last.effect.title,
+            probability=min(1.0, some * share),
+            group=group.names or (last.effect.name,),
+            margin_nats=group.margin_nats,
+            joints=board.robot.named(board.robot.joints_of(last.effect, last.place)),
+            split_by=last.effect.split_by.text if grouped else "",
+            split=split(last.effect.split_by) if grouped else None,
+            parameters=numbers(scorer, top),
+            rivals={n: some * v for n, v in group.probabilities.items()},
+            gain_nats=float(gain),
+            channels={c: v for c, v in by_channel.items() if abs(v) >= 1.0},
+        ))  # fmt: skip
+    return sorted(out, key=lambda e: -e.gain_nats)
+
+
+def _timeline(found: Explained) -> list[Stretch]:
+    """What was cut, and the seconds of each log that carry the most of channel A's residual."""
+    out = []
+    period = found.stack.period_s
+    for run, (recording, cut) in enumerate(zip(found.stack.recordings, found.stack.segmentations, strict=True)):
+        for s in cut.segments:
+            if s.is_cut:
+                out.append(Stretch(
+                    log=recording.run_id, kind=s.kind, start_s=s.first * period, end_s=(s.last + 1) * period, reason=s.reason
+                ))  # fmt: skip
+        view = found.views.get("A")
+        if view is None:
+            continue
+        mine = view.of_run(run)
+        size = np.where(view.usable, (view.response / view.noise) ** 2, 0.0).mean(axis=1)[mine]
+        second = (view.state[mine] * period).astype(np.intp)
+        energy = np.bincount(second, size)
+        typical = float(np.median(energy[energy > 0])) if (energy > 0).any() else 0.0
+        for at in np.flatnonzero(energy > 3.0 * typical) if typical > 0.0 else ():
+            out.append(Stretch(
+                log=recording.run_id, kind="gap", start_s=float(at), end_s=float(at + 1),
+                reason=f"the load's error is {np.sqrt(energy[at] / typical):.1f} times its usual size",
+            ))  # fmt: skip
+    return out
+
+
+def with_effect(library: Mapping[str, LibraryEffect], extra: LibraryEffect) -> dict[str, LibraryEffect]:
+    """The library and one more effect."""
+    return {**library, extra.name: extra}
+
+
+__all__ = ["Diagnosis", "Explained", "diagnose", "explain", "replace", "status_of", "with_effect"]

@@ -1,0 +1,42 @@
+"""``--add-effect module:Class``: an effect of the user's own in the library."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib.metadata import EntryPoint
+
+from diagnosis.library.base import LibraryEffect
+from diagnosis.library.registry import LIBRARY
+from spot_model.errors import BadInputError
+
+
+def chosen_library(added: Sequence[str], left_out: Sequence[str]) -> dict[str, LibraryEffect]:
+    """The library with effects added and left out.
+
+    Raises:
+        BadInputError: A name is unknown, or a class cannot be loaded.
+    """
+    library = dict(LIBRARY)
+    for name in left_out:
+        if name not in library:
+            raise BadInputError(f"--without-effect {name!r} is not in the library; allowed: {', '.join(LIBRARY)}")
+        del library[name]
+    for value in added:
+        effect = _load(value)
+        library[effect.name] = effect
+    if not library:
+        raise BadInputError("the library is empty; leave at least one effect in it")
+    return library
+
+
+def _load(value: str) -> LibraryEffect:
+    if value.count(":") != 1:
+        raise BadInputError(f"--add-effect {value!r}; allowed: module:Class, a subclass of LibraryEffect")
+    try:
+        made = EntryPoint(name="effect", value=value, group="spot_rl.library").load()
+    except (ImportError, AttributeError) as error:
+        raise BadInputError(f"--add-effect {value!r} cannot be loaded: {error}; is it on the Python path?") from error
+    if not (isinstance(made, type) and issubclass(made, LibraryEffect)):
+        raise BadInputError(f"--add-effect {value!r} is no subclass of diagnosis.library.base.LibraryEffect")
+    effect: LibraryEffect = made()
+    return effect

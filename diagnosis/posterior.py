@@ -1,0 +1,110 @@
+"""Probabilities: of each effect or group, of none and of unknown, by a calibration that lies beside this file."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from diagnosis.seam import Array
+from diagnosis.selection.search import Rival, Selection
+from diagnosis.unknown import Remainder
+
+FILE: Final = Path(__file__).with_name("calibration.json")
+MAX_GROUP: Final = 3
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Numbers that turn scores into decisions and probabilities."""
+
+    threshold_nats: float
+    """What an effect must add."""
+    none_power: float
+    """P(none) is 1/(1 + (gain/threshold)^power)."""
+    temperature_min_nats: float
+    temperature_share: float
+    """Rivals' probabilities go with exp(−difference/temperature); the temperature grows with the gain, since models err."""
+    group_odds: float
+    """A rival with at least these odds against the best is in its group."""
+    unknown_centre: float
+    unknown_width: float
+    """P(unknown) as a logistic function of the predictable share of what is left."""
+    unknown_min_nm: float
+    """With less predictable torque left than this at every joint, nothing is missing."""
+    tolerance: Mapping[str, float]
+    """By channel, units of its noise."""
+
+    @staticmethod
+    def load(path: Path = FILE) -> Calibration:
+        """Read it."""
+        data = json.loads(path.read_text(encoding="utf-8"))
+        data.pop("made_by", None)
+        return Calibration(**data)
+
+
+@dataclass(frozen=True)
+class Group:
+    """A chosen effect with its rivals."""
+
+    names: tuple[str, ...]
+    """Members, best first."""
+    probabilities: Mapping[str, float]
+    """Of every rival in this place, given that one of the library is there; adds up to 1."""
+    margin_nats: float
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Probabilities."""
+
+    none: float
+    unknown: float
+    groups: tuple[Group, ...]
+
+
+def posterior(selection: Selection, left: Remainder | None, calibration: Calibration) -> Posterior:
+    """Turn scores into probabilities.
+
+    Args:
+        selection: What was chosen.
+        left: What no effect explains; None without channel A.
+        calibration: Numbers.
+    """
+    unknown = _unknown(left, calibration)
+    top = selection.first[0].value if selection.first else 0.0
+    gain = sum(selection.gains) if selection.gains else max(top, 0.0)
+    ratio = max(gain, 1e-9) / calibration.threshold_nats
+    none = 1.0 / (1.0 + ratio**calibration.none_power)
+    none *= 1.0 - unknown
+    return Posterior(
+        none=none,
+        unknown=unknown * (1.0 - none),
+        groups=tuple(group(r, g, calibration) for r, g in zip(selection.rivals, selection.gains, strict=True)),
+    )
+
+
+def group(rivals: Sequence[Rival], gain: float, calibration: Calibration) -> Group:
+    """Rivals' probabilities, and who is too near to the best to be ruled out."""
+    temperature = max(calibration.temperature_min_nats, calibration.temperature_share * max(gain, 0.0))
+    values: Array = np.array([r.value for r in rivals])
+    weights = np.exp((values - values.max()) / temperature)
+    weights = weights / weights.sum()
+    names = [r.scored.terms[-1].effect.name for r in rivals]
+    near = [n for n, w in zip(names, weights, strict=True) if w >= calibration.group_odds * weights.max()]
+    return Group(
+        names=tuple(near[:MAX_GROUP]),
+        probabilities={n: float(w) for n, w in zip(names, weights, strict=True) if w > 1e-3},
+        margin_nats=float(-temperature * np.log(calibration.group_odds)),
+    )
+
+
+def _unknown(left: Remainder | None, calibration: Calibration) -> float:
+    if left is None or float(left.predictable_nm.max(initial=0.0)) < calibration.unknown_min_nm:
+        return 0.02
+    odds = (left.share - calibration.unknown_centre) / calibration.unknown_width
+    return float(np.clip(1.0 / (1.0 + np.exp(-odds)), 0.02, 0.98))

@@ -1,0 +1,43 @@
+"""The synthesis check: the nominal simulator with the effects put in must be diagnosed with the same effects."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from diagnosis.library.base import LibraryEffect
+from diagnosis.logs import script_of
+from diagnosis.posterior import Calibration
+from diagnosis.simulated import SensorNoise, simulate
+from diagnosis.verdict import Verdict
+from spot_model.model_file import RobotModel
+from spot_model.policy import Policy
+from spot_runtime.log.run import Run
+
+
+def synthesis_check(
+    runs: Sequence[Run], nominal: RobotModel, corrected: RobotModel, policy: Policy, verdict: Verdict,
+    rng: np.random.Generator, library: Mapping[str, LibraryEffect], calibration: Calibration,
+) -> dict[str, Any]:  # fmt: skip
+    """Diagnose the corrected model's own logs.
+
+    Returns:
+        ``passed``: every effect found comes back, itself or by a member of its group, with at least half of its
+        joints; ``found``: what came back.
+    """
+    from diagnosis.diagnose import explain
+
+    scripts = [s for run in runs if (s := script_of(run)) is not None]
+    logs = simulate(corrected, policy, scripts, rng, SensorNoise())
+    back = explain(logs, nominal, policy, library, calibration, lambda _: None)
+    terms = back.selection.best.terms if back.selection.best is not None else ()
+    robot = back.board.robot
+    found = {t.effect.name: robot.named(robot.joints_of(t.effect, t.place)) for t in terms}
+    groups = {m: t.effect.name for t, g in zip(terms, back.posterior.groups, strict=True) for m in g.names}
+    passed = all(
+        any(m in groups and 2 * len(set(found[groups[m]]) & set(e.joints)) >= len(e.joints) for m in e.group)
+        for e in verdict.effects
+    )
+    return {"passed": bool(passed and verdict.effects), "found": {k: list(v) for k, v in found.items()}}

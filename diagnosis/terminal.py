@@ -1,0 +1,73 @@
+"""The verdict in twelve lines."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from diagnosis.verdict import FoundEffect, Verdict
+
+WORDS = {
+    "explained": "explained: the effects below account for the gap",
+    "partly_explained": "partly explained: the effects below, and something else",
+    "unknown_effect": "unknown effect: nothing in the library explains the gap",
+    "no_gap": "no gap: the logs show no effect that the nominal model lacks",
+    "cannot_tell": "cannot tell: these logs feed no channel that could",
+}
+
+
+def twelve_lines(verdict: Verdict, paths: Mapping[str, Path]) -> list[str]:
+    """Twelve lines for a terminal."""
+    v = verdict
+    lines = [
+        f"verdict    {WORDS[v.status]}",
+        f"logs       {len(v.logs)}; channels {' '.join(n for n, s in v.channels.items() if s == 'used') or 'none'}",
+        f"where      {_where(v)}",
+    ]
+    effects = [f"effect     {_effect(e)}" for e in v.effects[:3]] or ["effect     none found"]
+    lines += effects + [""] * (3 - len(effects))
+    lines.append(f"none       {v.probability_none:.2f}    unknown {v.probability_unknown:.2f}{_unknown(v)}")
+    lines.append(f"shrink     {_shrink(v)}")
+    split = next((e.split for e in v.effects if e.split is not None), None)
+    lines.append(f"to split   {split.command if split else 'nothing to split'}")
+    lines.append(f"advice     {v.log_advice[0] if v.log_advice else 'none'}")
+    lines.append(f"model      {paths.get('model', '-')}")
+    lines.append(f"report     {paths.get('report', '-')}")
+    return lines
+
+
+def joints_in_short(joints: tuple[str, ...]) -> str:
+    """Joints in few words."""
+    if len(joints) == 12:
+        return "all joints"
+    return ", ".join(joints)
+
+
+def _effect(e: FoundEffect) -> str:
+    values = ", ".join(f"{n} {p.value:.4g} ({p.low:.4g} to {p.high:.4g}) {p.unit}".rstrip() for n, p in e.parameters.items())
+    group = f" [or {', '.join(e.group[1:])}]" if len(e.group) > 1 else ""
+    return f"{e.name} {e.probability:.2f}{group} at {joints_in_short(e.joints)}: {values}"
+
+
+def _where(v: Verdict) -> str:
+    if not v.where:
+        return "no cell exceeds its floor"
+    c = v.where[0]
+    ratio = f", {c.ratio:.1f} times its floor" if c.ratio is not None else ""
+    return f"{c.signal} of {c.joint}, {c.regime}: {c.gap:.3g} {c.unit}{ratio}"
+
+
+def _unknown(v: Verdict) -> str:
+    if v.unknown is None:
+        return ""
+    return f": {', '.join(v.unknown.joints)}, {v.unknown.regime}, depends on {' and '.join(v.unknown.depends_on)}"
+
+
+def _shrink(v: Verdict) -> str:
+    s = v.shrink
+    if s is None:
+        return "not measured"
+    if s.s is None or s.s_low is None or s.s_high is None:
+        return f"D0 {s.d0:.2f} does not exceed its floor {s.floor:.2f}"
+    placebo = f"; placebo {s.placebo.name} {s.placebo.s:.2f}" if s.placebo else ""
+    return f"D {s.d0:.2f} to {s.d1:.2f}, floor {s.floor:.2f}: S {s.s:.2f} ({s.s_low:.2f} to {s.s_high:.2f}){placebo}"
