@@ -191,7 +191,8 @@ class _Grid:
             rows = np.arange(n)
             after = np.minimum(np.searchsorted(at, rows), len(at) - 1)
             before = np.maximum(np.searchsorted(at, rows, side="right") - 1, 0)
-            self.present = (at[after] - at[before]) <= MAX_GAP_PERIODS
+            within = (rows >= at[0]) & (rows <= at[-1])
+            self.present = within & ((at[after] - at[before]) <= MAX_GAP_PERIODS)
 
     def lay(self, values: Array) -> Array:
         """Values of shape (m, k) onto the grid, shape (n, k)."""

@@ -21,7 +21,7 @@ GRAVITY_TOLERANCE_M_S2: Final = 2.0
 
 @dataclass(frozen=True)
 class BaseMotion:
-    """N rows, smoothed."""
+    """N rows, not smoothed, at the states' stamps."""
 
     odom_from_body_wxyz: Array
     angular_vel_in_body_rad_s: Array
@@ -49,37 +49,38 @@ def imu_gravity_m_s2(stack: Stack) -> float | None:
     return None
 
 
-def imu_acceleration_in_odom_m_s2(stack: Stack, gravity_m_s2: float) -> Array:
-    """Smoothed acceleration by the inertial unit at the states' stamps, gravity not in, shape (N, 3)."""
-    attitude = stack.filled(lambda r: r.odom_from_body_wxyz)
-    reading = rotate_wxyz(attitude, stack.filled(lambda r: r.imu.acceleration_m_s2))
-    age_s = stack.recordings[0].imu.age_s
-    upright = np.array([0.0, 0.0, gravity_m_s2])
-    return np.asarray(stack.smooth(reading) + age_s * stack.rate(reading) - upright)
-
-
 def base_motion(stack: Stack) -> BaseMotion:
     """The body's motion; its acceleration by the inertial unit, else by differentiating the estimator's velocity."""
     attitude = stack.filled(lambda r: r.odom_from_body_wxyz)
+    length = np.linalg.norm(attitude, axis=1, keepdims=True)
+    attitude = np.where(length > 0.5, attitude / np.maximum(length, 0.5), np.array([1.0, 0.0, 0.0, 0.0]))
     turn = rotate_inverse_wxyz(attitude, stack.filled(lambda r: r.angular_vel_of_body_in_odom_rad_s))
-    gravity = imu_gravity_m_s2(stack)
-    smooth_turn, turn_rate = stack.smooth(turn), stack.rate(turn)
     if all(r.has("imu.angular_vel_rad_s") for r in stack.recordings):
-        gyro, age_s = stack.filled(lambda r: r.imu.angular_vel_rad_s), stack.recordings[0].imu.age_s
-        smooth_turn = stack.smooth(gyro) + age_s * stack.rate(gyro)
-        # Not brought forward by its age: that would take a second derivative, and its noise is worse than 1 ms.
-        turn_rate = stack.rate(gyro)
+        turn = forward(stack.filled(lambda r: r.imu.angular_vel_rad_s), stack)
+    gravity = imu_gravity_m_s2(stack)
     if gravity is None:
-        acceleration = stack.rate(stack.filled(lambda r: r.linear_vel_of_body_in_odom_m_s))
+        acceleration = slope(stack.filled(lambda r: r.linear_vel_of_body_in_odom_m_s), stack.period_s)
     else:
-        acceleration = imu_acceleration_in_odom_m_s2(stack, gravity)
-    smoothed = stack.smooth(attitude)
-    length = np.maximum(np.linalg.norm(smoothed, axis=1, keepdims=True), 1e-9)
-    unit = np.where(length > 1e-6, smoothed / length, np.array([1.0, 0.0, 0.0, 0.0]))
+        reading = rotate_wxyz(attitude, stack.filled(lambda r: r.imu.acceleration_m_s2))
+        acceleration = forward(np.asarray(reading), stack) - np.array([0.0, 0.0, gravity])
     return BaseMotion(
-        odom_from_body_wxyz=unit,
-        angular_vel_in_body_rad_s=smooth_turn,
-        angular_acc_in_body_rad_s2=turn_rate,
+        odom_from_body_wxyz=attitude,
+        angular_vel_in_body_rad_s=turn,
+        angular_acc_in_body_rad_s2=slope(turn, stack.period_s),
         linear_acc_in_odom_m_s2=acceleration,
         uses_imu=gravity is not None,
     )
+
+
+def forward(values: Array, stack: Stack) -> Array:
+    """Readings of the inertial unit brought forward by their age, by the straight line to the next; same shape."""
+    share = stack.recordings[0].imu.age_s / stack.period_s
+    following = np.concatenate([values[1:], values[-1:]])
+    return np.asarray(values + share * (following - values))
+
+
+def slope(values: Array, period_s: float) -> Array:
+    """Derivative along the first axis by the fourth-order central difference: 0.3 % short at 30 Hz on a 3 ms stream."""
+    near = np.roll(values, -1, axis=0) - np.roll(values, 1, axis=0)
+    far = np.roll(values, -2, axis=0) - np.roll(values, 2, axis=0)
+    return np.asarray((8.0 * near - far) / (12.0 * period_s))

@@ -1,7 +1,7 @@
 """Channel B: the body's rows of the equations of motion, the feet's forces taken from the legs' loads.
 
 All four legs count, whatever their contact flags say. Force and moment are in the body's frame, about its origin.
-Time convention as in channel D: an offset between load and motion is fitted beside any effect.
+Time convention as in channel D.
 """
 
 from __future__ import annotations
@@ -10,10 +10,10 @@ from typing import Final
 
 import numpy as np
 
-from diagnosis.channels.body_model import BodyModel
-from diagnosis.channels.dynamics import DynamicsSignals, feet_wrench
+from diagnosis.channels.dynamics import DynamicsSignals
+from diagnosis.channels.load_alignment import Alignment
 from diagnosis.channels.stack import white_noise
-from diagnosis.seam import ChannelOff, ChannelView, Flags
+from diagnosis.seam import ChannelView, Flags
 from spot_model import facts
 
 ROWS: Final = ("force_x", "force_y", "force_z", "moment_x", "moment_y", "moment_z")
@@ -23,12 +23,11 @@ EDGE: Final = 4
 """States around a change of any contact flag that are left out."""
 
 
-def base_view(signals: DynamicsSignals) -> ChannelView | ChannelOff:
+def base_view(signals: DynamicsSignals, alignment: Alignment) -> ChannelView:
     """Build channel B."""
-    response = signals.nominal.base
-    calm = _calm(signals)
+    response = alignment.residuals.base
+    calm = calm_rows(signals)
     usable = np.repeat(calm[:, None], len(ROWS), axis=1)
-    drift = feet_wrench(signals.inputs, signals.load_rate_nm_s, BodyModel(signals.effects).foot_radius_m).sum(axis=1)
     none = np.full(len(ROWS), -1, dtype=np.intp)
     return ChannelView(
         name="B",
@@ -39,15 +38,16 @@ def base_view(signals: DynamicsSignals) -> ChannelView | ChannelOff:
         run=signals.stack.run[signals.rows],
         state=signals.stack.state[signals.rows],
         noise=np.maximum(white_noise(response, usable, is_smoothed=True), FLOOR),
-        nuisance=drift[:, :, None],
+        nuisance=np.zeros((*response.shape, 0)),
         row_joint=none,
         row_leg=none,
         leg_of_joint=np.repeat(np.arange(facts.N_LEGS, dtype=np.intp), 3),
         signals=signals,
+        measured={"load_age_s": alignment.load_age_s, "position_age_s": alignment.position_age_s},
     )
 
 
-def _calm(signals: DynamicsSignals) -> Flags:
+def calm_rows(signals: DynamicsSignals) -> Flags:
     """Rows with no change of contact nearby; all rows where there are no flags. Shape (n,)."""
     if signals.contact.shape[1] == 0:
         return np.ones(len(signals.rows), dtype=np.bool_)

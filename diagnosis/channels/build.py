@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from diagnosis.channels.actuator import ActuatorSignals, actuator_view
-from diagnosis.channels.base_wrench import base_view
+from diagnosis.channels.base_wrench import base_view, calm_rows
 from diagnosis.channels.contact_events import contact_view
 from diagnosis.channels.dynamics import dynamics_signals, missing_for_dynamics
 from diagnosis.channels.inertial import inertial_view
 from diagnosis.channels.joint_rates import rate_view
+from diagnosis.channels.load_alignment import aligned
 from diagnosis.channels.power import power_view
 from diagnosis.channels.replay import Actor, replay_view
 from diagnosis.channels.sensor_noise import noise_view
 from diagnosis.channels.stack import Stack
 from diagnosis.channels.stance import StanceSignals, stance_view
-from diagnosis.channels.swing import swing_view
+from diagnosis.channels.swing import swing_view, swinging_legs
 from diagnosis.channels.timing import timing_view
 from diagnosis.seam import CHANNEL_TITLES, Array, ChannelOff, ChannelView
 from spot_model import facts
@@ -44,11 +45,12 @@ def build_views(
         limits_rad = (facts.POSITION_LOW_RAD, facts.POSITION_HIGH_RAD)
     actuator = actuator_view(stack, effects, limits_rad)
     drive: ActuatorSignals | None = actuator.signals if isinstance(actuator, ChannelView) else None
+    lag_s = drive.lag_s if drive else 0.0
     found: list[ChannelView | ChannelOff] = [
         replay_view(stack, policy),
         timing_view(stack, effects),
         noise_view(stack, drive),
-        rate_view(stack, 0.5 * drive.lag_s if drive else 0.0),
+        rate_view(stack, 0.5 * lag_s),
         actuator,
         inertial_view(stack),
         power_view(stack),
@@ -60,7 +62,8 @@ def build_views(
     if dynamics is None:
         found += [ChannelOff(name, missing) for name in ("D", "B", "C")]
     else:
-        found += [swing_view(dynamics), base_view(dynamics)]
+        alignment = aligned(dynamics, swinging_legs(dynamics), calm_rows(dynamics), lag_s)
+        found += [swing_view(dynamics, alignment), base_view(dynamics, alignment)]
         if isinstance(stance, ChannelView) and isinstance(stance.signals, StanceSignals):
             found.append(contact_view(dynamics, stance.signals, effects))
         else:

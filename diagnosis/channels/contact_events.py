@@ -1,8 +1,8 @@
 """Channel C: contact flags and slips against the forces that the legs' loads say the feet carry.
 
 Rows, leg by leg: how late a flag changes after the force does, s, one sample a touch-down or lift-off; the friction
-coefficient at which a foot slips less the nominal model's, one sample a slipping state; and how a foot springs back
-after touch-down, m/s², one sample a state: its vertical acceleration plus its velocity over the nominal time constant.
+coefficient at which a foot slips less the nominal model's, one sample a slipping state; and how long a foot sinks into
+the ground after touch-down, s, less the nominal model's time, one sample a touch-down.
 Time convention: a force counts as changed when it crosses a threshold; smoothing is symmetrical in time.
 """
 
@@ -21,12 +21,13 @@ from diagnosis.channels.stance import StanceSignals, feet
 from diagnosis.seam import Array, ChannelOff, ChannelView
 from spot_model import facts
 from spot_model.effects.base import Effect
+from spot_model.mjcf_options import MjcfOptions
 from spot_model.rotation import rotate_wxyz
 
 ROWS: Final = (
     *(f"{leg}_flag" for leg in facts.LEG_NAMES),
     *(f"{leg}_slip" for leg in facts.LEG_NAMES),
-    *(f"{leg}_recoil" for leg in facts.LEG_NAMES),
+    *(f"{leg}_sink" for leg in facts.LEG_NAMES),
 )
 SEARCH: Final = 30
 """States on either side of a flag's change in which the force's crossing is looked for."""
@@ -38,13 +39,16 @@ NEAR_LIMIT: Final = 0.75
 """A foot slips for want of grip only where its ratio of forces is near the largest that ever occurs."""
 LARGEST_QUANTILE: Final = 0.97
 SLIP_NORMAL_N: Final = 25.0
-RECOIL_FIRST: Final = 8
-RECOIL_LAST: Final = 30
-"""States after touch-down between which a foot may spring back."""
-RECOIL_M_S: Final = 0.04
-NOMINAL_RECOIL_S: Final = 0.04
-"""Time in which the nominal ground springs back: twice its contact's time constant."""
-RECOIL_FLOOR_M_S2: Final = 2.0
+SINK_BEFORE: Final = 5
+SINK_LAST: Final = 35
+"""States before and after touch-down between which a foot is watched."""
+SINK_M_S: Final = 0.15
+"""A foot must come down at least this fast to sink measurably."""
+NOMINAL_SINK_S: Final = 0.93 * MjcfOptions().contact_solref[0]
+"""How long a foot sinks in the nominal simulator; in trials 0.88 to 1.0 contact time constants."""
+SINK_FLOOR_S: Final = 3e-3
+FLAG_BIAS_S: Final = 6e-3
+"""A smoothed force rises this much before the flag of a contact does; in trials 5 to 7 ms."""
 FLAG_FLOOR_S: Final = 6e-3
 SLIP_FLOOR: Final = 0.05
 
@@ -55,8 +59,6 @@ class ContactSignals:
 
     friction: Array
     """Nominal coefficient of each foot, shape (4,)."""
-    recoil_m_s: Array
-    """Vertical velocity of each foot at the samples of its recoil row, else 0. Shape (n, 4)."""
 
 
 def contact_view(
@@ -70,9 +72,9 @@ def contact_view(
     rows, legs, late = _flag_delays(dynamics, normal)
     friction = BodyModel(effects).foot_friction
     slip_rows, slip_legs, ratios = _slips(dynamics, stance)
-    back_rows, back_legs, velocity, acceleration = _recoils(stance)
-    n_flags, n_slips, n_back = len(rows), len(slip_rows), len(back_rows)
-    n = n_flags + n_slips + n_back
+    sink_rows, sink_legs, sink_s = _sink_times(stance)
+    n_flags, n_slips, n_sinks = len(rows), len(slip_rows), len(sink_rows)
+    n = n_flags + n_slips + n_sinks
     if n == 0:
         return ChannelOff("C", "no foot ever lifts off or touches down")
     response = np.zeros((n, len(ROWS)))
@@ -82,27 +84,25 @@ def contact_view(
     at = n_flags + np.arange(n_slips)
     response[at, facts.N_LEGS + slip_legs] = ratios - friction[slip_legs]
     usable[at, facts.N_LEGS + slip_legs] = True
-    at = n_flags + n_slips + np.arange(n_back)
-    response[at, 2 * facts.N_LEGS + back_legs] = acceleration + velocity / NOMINAL_RECOIL_S
-    usable[at, 2 * facts.N_LEGS + back_legs] = True
-    recoil = np.zeros((n, facts.N_LEGS))
-    recoil[at, back_legs] = velocity
-    every = np.concatenate([rows, slip_rows, back_rows])
+    at = n_flags + n_slips + np.arange(n_sinks)
+    response[at, 2 * facts.N_LEGS + sink_legs] = sink_s - NOMINAL_SINK_S
+    usable[at, 2 * facts.N_LEGS + sink_legs] = True
+    every = np.concatenate([rows, slip_rows, sink_rows])
     numbers = np.arange(facts.N_LEGS, dtype=np.intp)
     return ChannelView(
         name="C",
         rows=ROWS,
-        unit="s, 1, m/s²",
+        unit="s, 1, s",
         response=response,
         usable=usable,
         run=stack.run[every],
         state=stack.state[every],
-        noise=np.repeat([FLAG_FLOOR_S, SLIP_FLOOR, RECOIL_FLOOR_M_S2], facts.N_LEGS),
+        noise=np.repeat([FLAG_FLOOR_S, SLIP_FLOOR, SINK_FLOOR_S], facts.N_LEGS),
         nuisance=np.zeros((*response.shape, 0)),
         row_joint=np.full(len(ROWS), -1, dtype=np.intp),
         row_leg=np.tile(numbers, 3),
         leg_of_joint=np.repeat(numbers, 3),
-        signals=ContactSignals(friction, recoil),
+        signals=ContactSignals(friction),
         measured={"slipping_samples": float(n_slips)},
     )
 
@@ -136,7 +136,7 @@ def _flag_delays(dynamics: DynamicsSignals, normal_n: Array) -> tuple[NDArray[np
             share = (THRESHOLD_SHARE * level - window[k]) / (window[k + 1] - window[k])
             rows.append(int(row))
             legs.append(leg)
-            late.append((SEARCH - (k + share)) * stack.period_s)
+            late.append((SEARCH - (k + share)) * stack.period_s - FLAG_BIAS_S)
     return (
         np.array(rows, dtype=np.intp),
         np.array(legs, dtype=np.intp),
@@ -159,13 +159,27 @@ def _slips(dynamics: DynamicsSignals, stance: StanceSignals) -> tuple[NDArray[np
     return dynamics.rows[index], legs.astype(np.intp), ratio[index, legs]
 
 
-def _recoils(stance: StanceSignals) -> tuple[NDArray[np.intp], NDArray[np.intp], Array, Array]:
-    """Row, leg, vertical velocity and acceleration of each foot that still moves soon after touch-down."""
+def _sink_times(stance: StanceSignals) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
+    """Row, leg and time (s) from each touch-down's flag until the foot stops sinking in and starts to rise."""
     stack = stance.stack
     raw = feet(stance.kinematics, stance.foot_radius_m, stance.standing)[:, 2 : 3 * facts.N_LEGS : 3]
-    velocity, acceleration = stack.smooth(raw), stack.rate(raw)
-    contact = stack.cat(lambda r: r.foot_contact).astype(np.bool_) & stack.used[:, None]
-    early = stack.inner(contact, RECOIL_FIRST, RECOIL_FIRST) & ~stack.inner(contact, RECOIL_LAST, RECOIL_FIRST)
-    index, legs = np.nonzero(early & (np.abs(velocity) > RECOIL_M_S) & (velocity > 0.0))
-    index, legs = index[::2], legs[::2]
-    return index.astype(np.intp), legs.astype(np.intp), velocity[index, legs], acceleration[index, legs]
+    velocity = stack.smooth(raw)
+    contact = stack.cat(lambda r: r.foot_contact).astype(np.bool_)
+    usable = stack.inner(stack.used, SEARCH, SINK_LAST)
+    rows, legs, times = [], [], []
+    for leg in range(facts.N_LEGS):
+        changes = np.flatnonzero(np.diff(contact[:, leg].astype(np.int8)) == 1) + 1
+        for row in changes[usable[changes]]:
+            path = velocity[row - SINK_BEFORE : row + SINK_LAST, leg]
+            stays = contact[row : row + SINK_LAST, leg]
+            falling = float(np.min(path[: SINK_BEFORE + 3]))
+            rises = np.flatnonzero((path[1:] >= 0.0) & (path[:-1] < 0.0))
+            rises = rises[rises >= SINK_BEFORE - 1]
+            if falling > -SINK_M_S or len(rises) == 0 or not stays.all():
+                continue
+            k = int(rises[0])
+            share = path[k] / (path[k] - path[k + 1])
+            rows.append(int(row))
+            legs.append(leg)
+            times.append((k + share - SINK_BEFORE) * stack.period_s)
+    return np.array(rows, dtype=np.intp), np.array(legs, dtype=np.intp), np.array(times, dtype=np.float64)

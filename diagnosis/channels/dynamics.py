@@ -1,5 +1,8 @@
 """What channels D and B share: inverse dynamics of the logged motion against the measured loads.
 
+The nominal residual is computed at the full rate and then smoothed, since inverse dynamics are not linear; what a
+change of a parameter or a sensor adds to it is small, and computed from smoothed signals at the kept rows.
+
 With a leg's loads τ and the model's joint rows h_leg, the ground's force on its foot is f = J⁻ᵀ(h_leg − τ). Channel D
 looks at τ − h_leg where a leg swings, so f is none; channel B puts the f of all legs into the body's rows.
 """
@@ -7,20 +10,20 @@ looks at τ − h_leg where a leg swings, so f is none; channel B puts the f of 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.channels.base_motion import base_motion, imu_gravity_m_s2
+from diagnosis.channels.base_motion import base_motion, imu_gravity_m_s2, slope
 from diagnosis.channels.body_model import FIRST_JOINT_DOF, BodyModel
 from diagnosis.channels.stack import Stack
 from diagnosis.seam import Array, Flags
 from spot_model import facts
 from spot_model.effects.base import Effect
 from spot_model.leg_kinematics import foot_position_and_jacobian
-from spot_model.rotation import rotate_inverse_wxyz
+from spot_model.rotation import multiply_wxyz, rotate_inverse_wxyz
 
 STRIDE: Final = 4
 """Every fourth row: inverse dynamics are dear, and smoothed signals change slowly."""
@@ -59,6 +62,7 @@ class DynamicsSignals:
     stack: Stack
     effects: tuple[Effect, ...]
     """Of the nominal model."""
+    model: BodyModel
     rows: NDArray[np.intp]
     """Rows of the stack that are kept, shape (n,)."""
     inputs: Inputs
@@ -67,6 +71,9 @@ class DynamicsSignals:
     contact: Flags
     """Flags at the kept rows. Shape (n, 4)."""
     nominal: Residuals
+    """Smoothed, at the kept rows."""
+    reference: Residuals
+    """Of the smoothed signals: what changed residuals are compared with."""
     uses_imu: bool
     imu_gravity_m_s2: float
     """In the unit's readings; 0 without a unit."""
@@ -75,9 +82,24 @@ class DynamicsSignals:
     def with_inputs(self, key: object, **changes: Array) -> Residuals:
         """Residuals of the nominal model for other inputs; kept under ``key``."""
         if key not in self.cache:
-            self.cache[key] = residuals(BodyModel(self.effects), replace(self.inputs, **changes))
+            self.cache[key] = residuals(self.model, replace(self.inputs, **changes))
         found: Residuals = self.cache[key]
         return found
+
+    def shifted_s(self) -> Residuals:
+        """Change of the residuals for each second that positions and attitude were older when the loads acted."""
+        age_s = 1e-3
+        turned = self.inputs.angular_vel_in_body_rad_s * (0.5 * age_s)
+        step = np.concatenate([np.ones((len(turned), 1)), -turned], axis=1)
+        earlier = multiply_wxyz(self.inputs.world_from_body_wxyz, step / np.linalg.norm(step, axis=1, keepdims=True))
+        moved = self.with_inputs(
+            "shifted",
+            position_rad=self.inputs.position_rad - age_s * self.inputs.velocity_rad_s,
+            world_from_body_wxyz=np.asarray(earlier),
+        )
+        return Residuals(
+            *((getattr(moved, f.name) - getattr(self.reference, f.name)) / age_s for f in fields(Residuals))
+        )
 
     def with_effect(self, key: object, effect: Effect) -> Residuals:
         """Residuals of the nominal model with one more model effect; kept under ``key``."""
@@ -114,26 +136,34 @@ def dynamics_signals(stack: Stack, effects: Sequence[Effect]) -> DynamicsSignals
     base = base_motion(stack)
     velocity = stack.filled(lambda r: r.velocity_rad_s)
     load = stack.filled(lambda r: r.load_nm)
-    inputs = Inputs(
-        world_from_body_wxyz=base.odom_from_body_wxyz[rows],
-        angular_vel_in_body_rad_s=base.angular_vel_in_body_rad_s[rows],
-        linear_acc_in_world_m_s2=base.linear_acc_in_odom_m_s2[rows],
-        angular_acc_in_body_rad_s2=base.angular_acc_in_body_rad_s2[rows],
-        position_rad=stack.smooth(stack.filled(lambda r: r.position_rad))[rows],
-        velocity_rad_s=stack.smooth(velocity)[rows],
-        acceleration_rad_s2=stack.rate(velocity)[rows],
-        load_nm=stack.smooth(load)[rows],
+    raw = Inputs(
+        world_from_body_wxyz=base.odom_from_body_wxyz,
+        angular_vel_in_body_rad_s=base.angular_vel_in_body_rad_s,
+        linear_acc_in_world_m_s2=base.linear_acc_in_odom_m_s2,
+        angular_acc_in_body_rad_s2=base.angular_acc_in_body_rad_s2,
+        position_rad=stack.filled(lambda r: r.position_rad),
+        velocity_rad_s=velocity,
+        acceleration_rad_s2=slope(velocity, stack.period_s),
+        load_nm=load,
     )
+    inputs = Inputs(**{f.name: stack.smooth(getattr(raw, f.name))[rows] for f in fields(Inputs)})
+    length = np.linalg.norm(inputs.world_from_body_wxyz, axis=1, keepdims=True)
+    inputs = replace(inputs, world_from_body_wxyz=inputs.world_from_body_wxyz / np.maximum(length, 1e-9))
+    model = BodyModel(effects)
+    full = residuals(model, raw)
+    nominal = Residuals(*(stack.smooth(getattr(full, f.name))[rows] for f in fields(Residuals)))
     has_contact = all(r.has("foot_contact") for r in stack.recordings)
     contact = stack.cat(lambda r: r.foot_contact)[rows] if has_contact else np.zeros((len(rows), 0), dtype=np.bool_)
     return DynamicsSignals(
         stack=stack,
         effects=tuple(effects),
+        model=model,
         rows=rows,
         inputs=inputs,
         load_rate_nm_s=stack.rate(load)[rows],
         contact=contact.astype(np.bool_),
-        nominal=residuals(BodyModel(effects), inputs),
+        nominal=nominal,
+        reference=residuals(model, inputs),
         uses_imu=base.uses_imu,
         imu_gravity_m_s2=imu_gravity_m_s2(stack) or 0.0,
     )

@@ -16,7 +16,7 @@ from diagnosis.channels.base_motion import imu_gravity_m_s2
 from diagnosis.channels.stack import Stack, white_noise
 from diagnosis.seam import Array, ChannelOff, ChannelView
 from diagnosis.smoothing import REACH
-from spot_model.rotation import conjugate_wxyz, multiply_wxyz, rotate_wxyz
+from spot_model.rotation import conjugate_wxyz, multiply_wxyz, rotate_inverse_wxyz, rotate_wxyz
 
 STRIDE: Final = 4
 ROWS: Final = ("acceleration_x", "acceleration_y", "acceleration_z", "turn_x", "turn_y", "turn_z")
@@ -34,8 +34,9 @@ class InertialSignals:
     reading_m_s2: Array
     """In the link's frame, gravity in it or not as the unit reports."""
     linear_vel_in_odom_m_s: Array
-    felt_in_odom_m_s2: Array
-    """The unit's acceleration, gravity not in, at its own stamps."""
+    angular_vel_in_body_rad_s: Array
+    velocity_rate_in_body_m_s2: Array
+    """Rate of the velocity's components in the body frame, by the unit, at its own stamps."""
     gravity_m_s2: float
 
     def finish(self, in_odom: Array) -> Array:
@@ -73,13 +74,19 @@ def inertial_view(stack: Stack) -> ChannelView | ChannelOff:
     reading = stack.filled(lambda r: r.imu.acceleration_m_s2)
     age_s = stack.recordings[0].imu.age_s
     felt = np.asarray(rotate_wxyz(attitude, reading))
+    velocity = stack.filled(lambda r: r.linear_vel_of_body_in_odom_m_s)
+    turn = rotate_inverse_wxyz(attitude, stack.filled(lambda r: r.angular_vel_of_body_in_odom_rad_s))
     signals = InertialSignals(
         stack=stack,
         rows=rows,
         odom_from_body_wxyz=attitude,
         reading_m_s2=reading,
-        felt_in_odom_m_s2=felt - np.array([0.0, 0.0, gravity]),
-        linear_vel_in_odom_m_s=stack.filled(lambda r: r.linear_vel_of_body_in_odom_m_s),
+        angular_vel_in_body_rad_s=turn,
+        velocity_rate_in_body_m_s2=np.asarray(
+            rotate_inverse_wxyz(attitude, felt - np.array([0.0, 0.0, gravity]))
+            - np.cross(turn, rotate_inverse_wxyz(attitude, velocity))
+        ),
+        linear_vel_in_odom_m_s=velocity,
         gravity_m_s2=gravity,
     )
     felt_now = signals.finish(felt) + age_s * signals.finish_rate(felt)

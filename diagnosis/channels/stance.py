@@ -26,7 +26,9 @@ from spot_model.rotation import rotate_inverse_wxyz, rotate_wxyz, yaw_rad
 STRIDE: Final = 4
 AFTER_TOUCH_DOWN: Final = 9
 BEFORE_LIFT_OFF: Final = 7
-"""States by which a stance is shortened at its ends: flags come late, and soft ground gives way first."""
+"""States by which a stance is shortened at its ends: flags come late, and impacts are smoothed over."""
+SPRINGS_BACK: Final = 25
+"""States after touch-down in which ground that gave way lifts the foot again: vertical velocities do not count."""
 VELOCITY_FLOOR_M_S: Final = (0.02, 0.02, 0.1)
 HEIGHT_FLOOR_M: Final = 0.002
 """What ground that is neither hard nor even leaves at least, along, across and up: soft ground springs back."""
@@ -124,7 +126,9 @@ def stance_view(
     # A height means something against another foot's, and the same feet must stand throughout the filter's reach.
     unchanged = np.all((stack.inner(contact) | stack.inner(~contact))[rows], axis=1)
     several = steady & (standing[rows].sum(axis=1, keepdims=True) >= 2) & unchanged[:, None]
-    usable = np.concatenate([np.repeat(steady, 3, axis=1), several], axis=1)
+    settled = steady & stack.inner(contact, SPRINGS_BACK, 0)[rows]
+    velocities = np.stack([steady, steady, settled], axis=2).reshape(len(rows), -1)
+    usable = np.concatenate([velocities, several], axis=1)
     legs = np.arange(facts.N_LEGS, dtype=np.intp)
     signals = StanceSignals(
         stack, rows, kinematics, radius, standing, response, _acceleration_in_body(stack, kinematics), dynamics

@@ -1,7 +1,7 @@
 """Channel D: the loads of swinging legs against what their motion needs, joint by joint.
 
-Time convention: motion and load of one state belong together; a small offset between them shows as the load's rate of
-change, which is always fitted beside any effect.
+Time convention: motion, positions and loads of one state belong together up to two small offsets, which
+:mod:`diagnosis.channels.load_alignment` chooses for all joints at once and takes off.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 
 from diagnosis.channels.dynamics import DynamicsSignals
+from diagnosis.channels.load_alignment import Alignment
 from diagnosis.channels.stack import white_noise
 from diagnosis.seam import ChannelOff, ChannelView, Flags
 from spot_model import facts
@@ -22,14 +23,14 @@ FLOOR_NM: Final = 0.15
 """What differentiated velocities and a rigid model leave at least."""
 
 
-def swing_view(signals: DynamicsSignals) -> ChannelView | ChannelOff:
+def swing_view(signals: DynamicsSignals, alignment: Alignment) -> ChannelView | ChannelOff:
     """Build channel D."""
     swinging = swinging_legs(signals)
     if swinging.shape[1] == 0:
         return ChannelOff("D", "no contact flags")
     usable = np.repeat(swinging, 3, axis=1)
     legs = np.repeat(np.arange(facts.N_LEGS, dtype=np.intp), 3)
-    response = signals.nominal.joint_nm
+    response = alignment.residuals.joint_nm
     # The rows are already smoothed, so the noise found in them is what smoothing leaves.
     noise = white_noise(response, usable, is_smoothed=True)
     return ChannelView(
@@ -41,11 +42,12 @@ def swing_view(signals: DynamicsSignals) -> ChannelView | ChannelOff:
         run=signals.stack.run[signals.rows],
         state=signals.stack.state[signals.rows],
         noise=np.maximum(noise, FLOOR_NM),
-        nuisance=signals.load_rate_nm_s[:, :, None],
+        nuisance=np.zeros((*response.shape, 0)),
         row_joint=np.arange(facts.N_JOINTS, dtype=np.intp),
         row_leg=legs,
         leg_of_joint=legs,
         signals=signals,
+        measured={"load_age_s": alignment.load_age_s, "position_age_s": alignment.position_age_s},
     )
 
 

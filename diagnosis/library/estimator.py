@@ -65,8 +65,11 @@ class VelocityEstimateEntry(LibraryEffect):
         if view.name == "I":
             s: InertialSignals = view.signals
             scale = -s.finish_rate(s.linear_vel_in_odom_m_s)
-            true = s.felt_in_odom_m_s2
-            late = s.finish(true - low_pass(s.stack, true, shape["lag_s"]))
+            # The estimator's filter works on the components in the body frame.
+            rate = s.velocity_rate_in_body_m_s2
+            passed = low_pass(s.stack, rate, shape["lag_s"])
+            turning = np.cross(s.angular_vel_in_body_rad_s, shape["lag_s"] * passed)
+            late = s.finish(rotate_wxyz(s.odom_from_body_wxyz, rate - passed + turning))
             return np.stack([scale, np.zeros_like(scale), np.zeros_like(scale), late], axis=2)
         k: StanceSignals = view.signals
         velocity = k.kinematics.linear_vel_in_body_m_s
@@ -155,7 +158,7 @@ class ImuTiltEntry(LibraryEffect):
             angular_vel_in_body_rad_s=rotate_wxyz(into, inputs.angular_vel_in_body_rad_s),
             angular_acc_in_body_rad_s2=rotate_wxyz(into, inputs.angular_acc_in_body_rad_s2),
         )
-        return (channel_part(s.nominal, view) - channel_part(residuals, view)) / TILT_STEP_RAD
+        return (channel_part(s.reference, view) - channel_part(residuals, view)) / TILT_STEP_RAD
 
     def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
         """Roll and pitch."""

@@ -18,7 +18,7 @@ BLOCK_S: Final = 1.0
 """With few runs, errors come from blocks of about this length; with many, from whole runs."""
 MANY_RUNS: Final = 5
 POLISH_EVALUATIONS: Final = 60
-MIN_SAMPLES: Final = 30
+MIN_SAMPLES: Final = 10
 REFINEMENTS: Final = 8
 """Rounds around the best shape, at most; they end when none is better."""
 

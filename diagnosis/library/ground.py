@@ -7,7 +7,7 @@ from typing import ClassVar, Final
 
 import numpy as np
 
-from diagnosis.channels.contact_events import NOMINAL_RECOIL_S, ContactSignals
+from diagnosis.channels.contact_events import ContactSignals
 from diagnosis.channels.stance import StanceSignals
 from diagnosis.library.base import Coefficient, LibraryEffect, Location, legs_of
 from diagnosis.library.experiments import OTHER_GROUND, STAND, Experiment
@@ -76,29 +76,27 @@ class GroundFrictionEntry(LibraryEffect):
 
 
 class GroundComplianceEntry(LibraryEffect):
-    """Feet that spring back slowly after touch-down: v̇ = −v/T with another T than the nominal ground's."""
+    """Feet that sink in for longer after touch-down: about one time constant of the contact."""
 
     name: ClassVar[str] = "ground_compliance"
     title: ClassVar[str] = "soft ground"
     effect: ClassVar[type[Effect]] = GroundCompliance
     channels: ClassVar[tuple[str, ...]] = ("C",)
     location: ClassVar[Location] = Location.LEG
-    coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("slower_by", "1/s", 0.0, 0.99 / NOMINAL_RECOIL_S),)
+    coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("sinks_longer_s", "s", 0.0, 0.19),)
     confused_with: ClassVar[tuple[str, ...]] = ("joint_compliance", "contact_delay", "foot_radius")
     split_by: ClassVar[Experiment] = OTHER_GROUND
 
     def rows(self, view: ChannelView, joints: Flags) -> Flags:
-        """Rows of the recoils."""
-        return np.array([name.endswith("_recoil") for name in view.rows]) & legs_of(joints, view)[view.row_leg]
+        """Rows of the sink times."""
+        return np.array([name.endswith("_sink") for name in view.rows]) & legs_of(joints, view)[view.row_leg]
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
-        """The vertical velocity."""
-        s: ContactSignals = view.signals
+        """One."""
         out = np.zeros((view.n, len(view.rows), 1))
-        out[:, 2 * facts.N_LEGS :, 0] = s.recoil_m_s * legs_of(joints, view)
+        out[:, 2 * facts.N_LEGS :, 0] = legs_of(joints, view)
         return out
 
     def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
-        """What is added to the contact's time constant, half of what is added to the recoil's."""
-        recoil_s = 1.0 / (1.0 / NOMINAL_RECOIL_S - float(coefficients[0]))
-        return {"time_constant_s": min(0.2, max(0.0, 0.5 * (recoil_s - NOMINAL_RECOIL_S)))}
+        """What is added to the contact's time constant."""
+        return {"time_constant_s": float(coefficients[0])}

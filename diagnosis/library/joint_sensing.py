@@ -52,7 +52,7 @@ class EncoderOffsetEntry(LibraryEffect):
             return (k.nominal - changed)[:, :, None] / OFFSET_STEP_RAD
         s: DynamicsSignals = view.signals
         residuals = s.with_inputs(key, position_rad=s.inputs.position_rad - step)
-        return (channel_part(s.nominal, view) - channel_part(residuals, view))[:, :, None] / OFFSET_STEP_RAD
+        return (channel_part(s.reference, view) - channel_part(residuals, view))[:, :, None] / OFFSET_STEP_RAD
 
     def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
         """Offset."""
@@ -85,7 +85,7 @@ class JointComplianceEntry(LibraryEffect):
         s: DynamicsSignals = view.signals
         right = s.inputs.position_rad - COMPLIANCE_STEP * joints * s.inputs.load_nm
         residuals = s.with_inputs(key, position_rad=right)
-        return (channel_part(s.nominal, view) - channel_part(residuals, view))[:, :, None] / COMPLIANCE_STEP
+        return (channel_part(s.reference, view) - channel_part(residuals, view))[:, :, None] / COMPLIANCE_STEP
 
     def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
         """Compliance."""
@@ -118,7 +118,7 @@ class LoadSensorEntry(LibraryEffect):
         step = 0.01
         gain = s.with_inputs(("load_gain", chosen), load_nm=s.inputs.load_nm * (1.0 - step * joints))
         bias = s.with_inputs(("load_bias", chosen), load_nm=s.inputs.load_nm - step * joints)
-        parts = [(channel_part(s.nominal, view) - channel_part(part, view)) / step for part in (gain, bias)]
+        parts = [(channel_part(s.reference, view) - channel_part(part, view)) / step for part in (gain, bias)]
         return np.stack(parts, axis=2)
 
     def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:

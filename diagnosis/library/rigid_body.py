@@ -36,7 +36,7 @@ def derivative(view: ChannelView, effect: Effect, step: float) -> Array:
     """
     s: DynamicsSignals = view.signals
     changed = s.with_effect((effect.name, effect.joints, tuple(effect.values.items())), effect)
-    return (channel_part(s.nominal, view) - channel_part(changed, view)) / step
+    return (channel_part(s.reference, view) - channel_part(changed, view)) / step
 
 
 class _BodyEntry(LibraryEffect):

@@ -183,6 +183,7 @@ class _Recorder:
         return [self._run(i) for i in range(self.n)]
 
     def _state(self) -> dict[str, Array]:
+        self._receive()
         noise, rng, plant = self.truth.noise, self.rng, self.plant
 
         def noisy(value: Array, sigma: float | Array) -> Array:
@@ -272,7 +273,8 @@ class _Recorder:
         )
         return action
 
-    def _step(self, step: int) -> None:
+    def _receive(self) -> None:
+        """Commands that have arrived by now; servos follow them from the next physics step on."""
         now_s = 1e-9 * (self.now_ns - START_NS)
         for number, arrival_s, setpoint in self.waiting:
             due = (arrival_s <= now_s + 1e-9) & (self.key < number)
@@ -281,6 +283,9 @@ class _Recorder:
             self.received_ns = np.where(due, arrival_ns, self.received_ns)
             self.key = np.where(due, number, self.key)
         self.waiting = [w for w in self.waiting if np.any(np.isfinite(w[1]) & (self.key < w[0]))]
+
+    def _step(self, step: int) -> None:
+        self._receive()
         gains = self.actor.gains()
         self.plant.command(
             ServoCommand(

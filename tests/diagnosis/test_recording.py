@@ -1,0 +1,119 @@
+import dataclasses
+
+import numpy as np
+import pytest
+
+from diagnosis.recording import NEVER_NS, RecordingError, record
+from spot_runtime.log.run import StateTable
+
+from .planted import QUIET, START_NS, Truth, planted_runs, walk_sequence
+
+
+@pytest.fixture(scope="module")
+def run():
+    return planted_runs(Truth(noise=QUIET), 1, sequence=walk_sequence(1.0))[0]
+
+
+def rows_of(states, keep):
+    """The same table with some rows only; packets of the inertial unit go with their states."""
+    number = np.cumsum(keep) - 1
+    mine = keep[states.imu.state_index]
+    imu = dataclasses.replace(
+        states.imu,
+        **{
+            f.name: getattr(states.imu, f.name)[mine] for f in dataclasses.fields(states.imu) if f.name != "state_index"
+        },
+        state_index=number[states.imu.state_index[mine]],
+    )
+    parts = {f.name: getattr(states, f.name)[keep] for f in dataclasses.fields(StateTable) if f.name != "imu"}
+    return StateTable(imu=imu, **parts)
+
+
+def test_every_state_has_its_row(run):
+    recording = record(run)
+    assert len(recording) == len(run.states)
+    assert recording.present.all()
+    assert recording.period_s == pytest.approx(0.003)
+    assert np.array_equal(recording.position_rad, run.states.position_rad)
+    assert recording.imu.age_s == pytest.approx(0.001)
+
+
+def test_lost_states_leave_holes_and_nothing_moves(run):
+    keep = np.ones(len(run.states), dtype=bool)
+    keep[[40, 41, 90]] = False
+    recording = record(dataclasses.replace(run, states=rows_of(run.states, keep)))
+    assert len(recording) == len(run.states)
+    assert np.array_equal(recording.present, keep)
+    assert np.isnan(recording.load_nm[40]).all()
+    assert np.array_equal(recording.load_nm[keep], run.states.load_nm[keep])
+
+
+def test_the_command_in_effect_changes_at_the_robots_receipt(run):
+    recording = record(run)
+    row = recording.command_row()
+    seen = run.states.last_command_key
+    # The stream reports a receipt at the next state; the command is in effect from the receipt on.
+    assert np.array_equal(recording.commands.key[np.maximum(row, 0)][row >= 0], seen[seen > 0])
+    change = int(np.flatnonzero(np.diff(row) > 0)[3]) + 1
+    received = recording.command_ns[row[change]]
+    gap_s = (recording.stamp_ns[change] - received) * 1e-9
+    assert 0.0 <= gap_s < 0.003
+    assert recording.command_row(-gap_s - 1e-5)[change] == row[change - 1]
+    assert recording.command_row(-gap_s + 1e-5)[change] == row[change]
+
+
+def test_commands_that_never_arrive_never_take_effect(run):
+    lost = int(run.commands.key[10])
+    states = run.states
+    shown = np.where(states.last_command_key == lost, lost - 1, states.last_command_key)
+    recording = record(dataclasses.replace(run, states=dataclasses.replace(states, last_command_key=shown)))
+    assert recording.command_ns[10] == NEVER_NS
+    assert 10 not in recording.command_row()
+
+
+def test_without_receipts_commands_count_from_when_they_were_sent(run):
+    none = np.zeros(len(run.states), dtype=np.int64)
+    silent = dataclasses.replace(run.states, last_command_key=none, last_command_robot_stamp_ns=none)
+    recording = record(dataclasses.replace(run, states=silent))
+    assert not recording.has_receipts
+    assert np.array_equal(recording.command_ns, run.commands.robot_stamp_ns)
+
+
+def test_uneven_stamps_are_interpolated_and_wide_gaps_are_not():
+    run = planted_runs(Truth(noise=QUIET), 1, sequence=walk_sequence(1.0))[0]
+    jitter = np.random.default_rng(3).integers(-900_000, 900_000, len(run.states))
+    jitter[0] = 0
+    time_s = (run.states.robot_stamp_ns + jitter - START_NS) * 1e-9
+    states = dataclasses.replace(
+        run.states,
+        robot_stamp_ns=run.states.robot_stamp_ns + jitter,
+        position_rad=np.repeat(np.sin(2.0 * time_s)[:, None], 12, axis=1),
+    )
+    recording = record(dataclasses.replace(run, states=states))
+    error = recording.position_rad[recording.present, 0] - np.sin(2.0 * recording.time_s[recording.present])
+    assert np.max(np.abs(error)) < 1e-4
+
+
+def test_quaternions_keep_their_sign_from_row_to_row(run):
+    flipped = run.states.odom_from_body_wxyz * np.where(np.arange(len(run.states)) % 2, -1.0, 1.0)[:, None]
+    recording = record(dataclasses.replace(run, states=dataclasses.replace(run.states, odom_from_body_wxyz=flipped)))
+    assert np.min(np.sum(recording.odom_from_body_wxyz[1:] * recording.odom_from_body_wxyz[:-1], axis=1)) > 0.9
+
+
+def test_a_missing_signal_is_known_to_be_missing(run):
+    bare = dataclasses.replace(
+        run.states, load_nm=np.full_like(run.states.load_nm, np.nan), foot_contact=np.zeros((len(run.states), 0), bool)
+    )
+    recording = record(dataclasses.replace(run, states=bare))
+    assert not recording.has("load_nm")
+    assert not recording.has("foot_contact")
+    assert recording.has("velocity_rad_s")
+
+
+def test_errors_say_what_is_wrong(run):
+    with pytest.raises(RecordingError, match="has 10 states; at least 50"):
+        record(dataclasses.replace(run, states=rows_of(run.states, np.arange(len(run.states)) < 10)))
+    stamps = run.states.robot_stamp_ns.copy()
+    stamps[60] = stamps[59]
+    with pytest.raises(RecordingError, match="does not rise after state 59"):
+        record(dataclasses.replace(run, states=dataclasses.replace(run.states, robot_stamp_ns=stamps)))
