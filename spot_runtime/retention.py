@@ -32,7 +32,7 @@ def prune_logs(
     min_free_gb: Annotated[float, typer.Option(min=0.0, help="The disk shall have this much room, GB.")] = 0.0,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what would go.")] = False,
 ) -> None:
-    """Delete the oldest logs of a folder until they fit a quota; one being written, or with a .keep beside it, stays."""
+    """Delete the oldest logs of a folder until they fit a quota; those being written, or marked .keep, stay."""
     if not folder.is_dir():
         raise BadInputError(f"log folder {folder} is no folder; name the one that logs are written to")
     logs = closed_logs(folder)

@@ -1,0 +1,198 @@
+"""Checks of a robot: the link first, then what it says of itself. A step that cannot be made skips those after it."""
+
+from __future__ import annotations
+
+from bosdyn.api import estop_pb2, license_pb2, robot_state_pb2
+
+from spot_model.errors import SpotRlError
+from spot_runtime.config import RunConfig
+from spot_runtime.doctor.check import Check, Finding, Verdict, fail, ok, skipped, warn
+from spot_runtime.doctor.link import Link
+from spot_runtime.doctor.reader import Reader
+from spot_runtime.hal.address import parse_address
+from spot_runtime.hal.estop import is_alive
+from spot_runtime.hal.slow_state import pressed_estops, slow_state_from_message
+from spot_runtime.safety import CRITICAL
+
+SKEW_WARN_S = 1.0
+ROUND_TRIP_WARN_S = 0.010
+JOINT_CONTROL_FEATURE = "joint_control"
+"""The feature's code in the licence as the fake robot knows it; the vendor publishes no list."""
+BATTERY_WARN_PERCENT = 30.0
+MOTOR_MARGIN_C = 10.0
+
+
+class RobotDoctor:
+    """Looks at one robot."""
+
+    def __init__(self, text: str, config: RunConfig) -> None:
+        """Take an address as the user wrote it."""
+        self._config = config
+        self._text = text
+        self._link: Link | None = None
+        self._reader: Reader | None = None
+
+    def checks(self) -> list[Check]:
+        """All of them, in the order of a run."""
+        steps = (
+            ("route", self.route),
+            ("certificate", self.certificate),
+            ("account", self.account),
+            ("clock", self.clock),
+            ("faults", self.faults),
+            ("battery", self.battery),
+            ("motors", self.motors),
+            ("e-stop", self.estop),
+            ("lease", self.lease),
+            ("licence", self.license),
+        )
+        return [Check(f"{self._text} {name}", look) for name, look in steps]
+
+    def close(self) -> None:
+        """Hang up."""
+        if self._reader is not None:
+            self._reader.close()
+
+    # The link --------------------------------------------------------------------------------------------------------
+
+    def route(self) -> Finding:
+        """The address is one, and somebody answers there."""
+        link = Link(parse_address(self._text), self._config.robot)
+        finding = link.route()
+        if finding.verdict is not Verdict.FAIL:
+            self._link = link
+        return finding
+
+    def certificate(self) -> Finding:
+        """Who answers is a robot that we trust."""
+        if self._link is None:
+            return skipped("no route")
+        try:
+            return self._link.certificate()
+        except SpotRlError:
+            self._link = None
+            raise
+
+    def account(self) -> Finding:
+        """User name and password are right."""
+        if self._link is None:
+            return skipped("no trusted connection")
+        reader = Reader(self._link.address, self._config.robot)
+        try:
+            robot_id = reader.log_in()
+        except SpotRlError:
+            reader.close()
+            raise
+        self._reader = reader
+        return ok(f"logged in to {robot_id}")
+
+    # What the robot says ---------------------------------------------------------------------------------------------
+
+    def clock(self) -> Finding:
+        """The clocks can be brought together; how far they are apart matters to people alone."""
+        if self._reader is None:
+            return skipped("not logged in")
+        skew_s, round_trip_s = self._reader.clock()
+        found = f"robot {skew_s:+.3f} s from this computer, round trip {round_trip_s * 1e3:.1f} ms"
+        if round_trip_s > ROUND_TRIP_WARN_S:
+            return warn(found, "the link is slow or busy; use a cable")
+        if abs(skew_s) > SKEW_WARN_S:
+            return warn(found, "a run allows for it, but stamps of two logs will not agree: set both clocks by NTP")
+        return ok(found)
+
+    def faults(self) -> Finding:
+        """No fault that keeps the motors off."""
+        if self._reader is None:
+            return skipped("not logged in")
+        slow = slow_state_from_message(self._reader.state(), 0)
+        critical = [fault.removeprefix(CRITICAL) for fault in slow.system_faults if fault.startswith(CRITICAL)]
+        if critical:
+            return fail(f"system fault: {', '.join(critical)}", "see the robot's own page")
+        if slow.behavior_faults:
+            return fail(f"behaviour fault: {', '.join(slow.behavior_faults)}", "clear it on the tablet")
+        others = [*slow.system_faults, *slow.service_faults]
+        if others:
+            return warn(f"not critical: {', '.join(others)}", "see the robot's own page")
+        return ok(f"none; motors {'have power already' if slow.motors_powered else 'are off'}")
+
+    def battery(self) -> Finding:
+        """Enough charge for a run."""
+        if self._reader is None:
+            return skipped("not logged in")
+        message = self._reader.state()
+        if not message.battery_states:
+            return fail("the robot reports no battery", "put one in")
+        battery, bound = message.battery_states[0], self._config.safety.battery_percent
+        name = robot_state_pb2.BatteryState.Status.Name(battery.status).removeprefix("STATUS_").lower()
+        percent = battery.charge_percentage.value
+        found = f"{percent:.0f} %, {battery.voltage.value:.1f} V, {name}"
+        if percent < bound:
+            return fail(found, f"below {bound:g} % a run ends at once: charge or change it")
+        if percent < BATTERY_WARN_PERCENT:
+            return warn(found, "enough for a short run; charge or change it soon")
+        return ok(found)
+
+    def motors(self) -> Finding:
+        """No motor so hot that a run would end."""
+        if self._reader is None:
+            return skipped("not logged in")
+        temperatures = slow_state_from_message(self._reader.state(), 0).motor_temperature_c
+        if not temperatures:
+            return skipped("the robot reports no motor temperatures")
+        name, hottest_c = max(temperatures.items(), key=lambda item: item[1])
+        bound_c = self._config.safety.motor_temperature_c
+        found = f"hottest {name}, {hottest_c:.0f} °C; a run ends at {bound_c:g} °C"
+        if hottest_c >= bound_c:
+            return fail(found, "let the robot cool down")
+        if hottest_c >= bound_c - MOTOR_MARGIN_C:
+            return warn(found, "let the robot cool down, or keep the run short")
+        return ok(found)
+
+    def estop(self) -> Finding:
+        """Nothing holds the robot stopped, and somebody other than us can stop it."""
+        if self._reader is None:
+            return skipped("not logged in")
+        status = self._reader.estop_status()
+        alive = [endpoint for endpoint in status.endpoints if is_alive(endpoint)]
+        pressed = [e.endpoint.name or "unnamed" for e in alive if e.stop_level != estop_pb2.ESTOP_LEVEL_NONE]
+        if pressed:
+            return fail(f"pressed: {', '.join(pressed)}", "release it")
+        if not alive:
+            if self._config.robot.estop == "external":
+                return fail(
+                    "no endpoint answers, so the motors stay off", "start the tablet, or another e-stop program"
+                )
+            return warn(
+                "no endpoint answers; a run would make its own", "have somebody hold a tablet or e-stop program"
+            )
+        others = pressed_estops(self._reader.state())
+        if others:
+            return fail(f"pressed: {', '.join(others)}", "release it")
+        return ok(f"released; held by {', '.join(e.endpoint.name or 'unnamed' for e in alive)}")
+
+    def lease(self) -> Finding:
+        """The lease is free. It is looked at, never taken."""
+        if self._reader is None:
+            return skipped("not logged in")
+        holders = {
+            owner
+            for resource in self._reader.leases()
+            if (owner := resource.lease_owner.client_name or resource.lease_owner.user_name) and not resource.is_stale
+        }
+        if holders:
+            return fail(f"held by {', '.join(sorted(holders))}", "release it there; a run never takes it by force")
+        return ok("free")
+
+    def license(self) -> Finding:
+        """Joint control is licensed."""
+        if self._reader is None:
+            return skipped("not logged in")
+        info = self._reader.license_info()
+        name = license_pb2.LicenseInfo.Status.Name(info.status).removeprefix("STATUS_").lower()
+        if info.status != license_pb2.LicenseInfo.STATUS_VALID:
+            return fail(f"licence {info.id or '–'}: {name}", "ask the vendor for a licence with joint control")
+        features = ", ".join(info.licensed_features) or "none named"
+        if not self._reader.has_feature(JOINT_CONTROL_FEATURE):
+            advice = "if a run is refused joint control, ask the vendor for a licence with it"
+            return warn(f"licence {info.id} is valid, features: {features}", advice)
+        return ok(f"licence {info.id} is valid and names joint control")

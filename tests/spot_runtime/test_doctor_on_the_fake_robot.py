@@ -1,0 +1,205 @@
+"""The doctor looks at a fake robot, which is made ill in every way that it knows."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import grpc
+import pytest
+import typer
+from bosdyn.client.lease import LeaseClient
+from bosdyn.client.sdk import create_standard_sdk
+from typer.testing import CliRunner
+
+from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
+from spot_runtime.config import RunConfig
+from spot_runtime.doctor.check import Result, Verdict, is_fit, make
+from spot_runtime.doctor.command import doctor
+from spot_runtime.doctor.robot import RobotDoctor
+from spot_runtime.fake_process import FakeAddress, FakeProcess
+
+CheckUp = Callable[..., dict[str, Result]]
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FakeAddress]:
+    with FakeProcess(is_lock_step=True, state_dir=tmp_path_factory.mktemp("fake")) as fake:
+        yield fake.address
+
+
+@pytest.fixture
+def admin(address: FakeAddress) -> Iterator[Any]:
+    with grpc.insecure_channel(address.admin) as channel:
+        stub = fake_admin_pb2_grpc.FakeAdminStub(channel)
+        yield stub
+        stub.ClearFaults(fake_admin_pb2.ClearFaultsRequest())
+
+
+@pytest.fixture
+def inject(admin: Any) -> Callable[..., None]:
+    def inject(name: str, **parameters: Any) -> None:
+        numbers = {k: v for k, v in parameters.items() if isinstance(v, float)}
+        texts = {k: v for k, v in parameters.items() if isinstance(v, str)}
+        admin.InjectFault(fake_admin_pb2.InjectFaultRequest(name=name, numbers=numbers, texts=texts))
+        admin.Step(fake_admin_pb2.StepRequest(duration_ns=500_000_000))
+
+    return inject
+
+
+@pytest.fixture
+def check_up(address: FakeAddress, monkeypatch: pytest.MonkeyPatch) -> CheckUp:
+    def check_up(robot: str = "", environment: dict[str, str] | None = None, **config: Any) -> dict[str, Result]:
+        for name, value in (address.environment | (environment or {})).items():
+            monkeypatch.setenv(name, value)
+        fields = {"ca_file": address.ca_file, "rpc_timeout_s": 2.0, **config}
+        settings = RunConfig.model_validate({"robot": fields})
+        patient = RobotDoctor(robot or address.robot, settings)
+        try:
+            return {check.name.rsplit(" ", 1)[1]: make(check) for check in patient.checks()}
+        finally:
+            patient.close()
+
+    return check_up
+
+
+def failed(results: dict[str, Result]) -> set[str]:
+    return {name for name, result in results.items() if result.verdict is Verdict.FAIL}
+
+
+def after(results: dict[str, Result], name: str) -> set[Verdict]:
+    names = list(results)
+    return {results[later].verdict for later in names[names.index(name) + 1 :]}
+
+
+def test_a_healthy_robot_is_looked_at_and_left_as_it_was(check_up: CheckUp, admin: Any) -> None:
+    before = admin.GetStatus(fake_admin_pb2.GetStatusRequest())
+    results = check_up()
+    assert failed(results) == set()
+    assert [r.verdict for r in results.values()].count(Verdict.OK) >= 9
+    assert results["lease"].found == "free"
+    assert "operator's tablet" in results["e-stop"].found
+    assert results["clock"].verdict is Verdict.WARN  # the fake's clock is minutes off, as a robot's may be
+    status = admin.GetStatus(fake_admin_pb2.GetStatusRequest())
+    for name in ("mode", "motor_power", "estop_level", "lease_owner", "commands_received", "robot_stamp_ns"):
+        assert getattr(status, name) == getattr(before, name)
+
+
+@pytest.mark.parametrize(
+    ("fault", "parameters", "check", "words", "advice"),
+    [
+        ("estop_pressed", {}, "e-stop", "pressed", "release"),
+        ("battery_fault", {}, "faults", "battery_fault", "robot's own page"),
+        ("low_battery", {"percent": 5.0}, "battery", "5 %", "charge"),
+        ("motor_over_temperature", {"joint": "hl_kn", "temperature_c": 90.0}, "motors", "hl_kn, 90 °C", "cool down"),
+        ("license_invalid", {"state": "missing"}, "licence", "no_license", "joint control"),
+        ("license_invalid", {"state": "expired"}, "licence", "expired", "joint control"),
+        ("time_sync_not_ready", {}, "clock", "time sync", ""),
+    ],
+)
+def test_an_ill_robot(
+    check_up: CheckUp,
+    inject: Callable[..., None],
+    admin: Any,
+    fault: str,
+    parameters: dict[str, Any],
+    check: str,
+    words: str,
+    advice: str,
+) -> None:
+    inject(fault, **parameters)
+    results = check_up()
+    assert failed(results) == {check}, results
+    assert words in results[check].found
+    assert advice in results[check].advice
+
+
+def test_a_lease_that_a_client_holds(check_up: CheckUp, address: FakeAddress) -> None:
+    sdk = create_standard_sdk("somebody-else", cert_resource_glob=str(address.ca_file))
+    host, _, port = address.robot.rpartition(":")
+    robot = sdk.create_robot(host)
+    robot.update_secure_channel_port(int(port))
+    robot.authenticate(address.environment["BOSDYN_CLIENT_USERNAME"], address.environment["BOSDYN_CLIENT_PASSWORD"])
+    client = robot.ensure_client(LeaseClient.default_service_name)
+    lease = client.acquire()
+    assert failed(check_up()) == {"lease"}
+    client.return_lease(lease)
+    assert check_up()["lease"].found == "free"
+
+
+def test_a_wrong_password_ends_there(check_up: CheckUp) -> None:
+    results = check_up(environment={"BOSDYN_CLIENT_PASSWORD": "s3cret-canary"})
+    assert failed(results) == {"account"}
+    assert after(results, "account") == {Verdict.SKIPPED}
+    assert "s3cret" not in str(results)
+
+
+def test_a_certificate_that_is_not_trusted_ends_there(check_up: CheckUp) -> None:
+    results = check_up(ca_file=None)
+    assert failed(results) == {"certificate"}
+    assert "not trusted" in results["certificate"].found
+    assert "--ca-file" in results["certificate"].advice
+    assert after(results, "certificate") == {Verdict.SKIPPED}
+
+
+def test_a_certificate_file_that_is_not_there(check_up: CheckUp, tmp_path: Path) -> None:
+    results = check_up(ca_file=tmp_path / "none.pem")
+    assert "none.pem cannot be read: No such file" in results["certificate"].found
+
+
+def test_nobody_at_the_address(check_up: CheckUp) -> None:
+    results = check_up(robot="127.0.0.1:1")
+    assert failed(results) == {"route"}
+    assert "Connection refused" in results["route"].found
+    assert after(results, "route") == {Verdict.SKIPPED}
+    assert "allowed" in check_up(robot="not an address")["route"].advice
+
+
+def test_a_robot_that_nobody_can_stop_and_what_stays_until_a_person_clears_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scenario = tmp_path / "alone.yaml"
+    scenario.write_text("services: {operator_estop: false}\nbattery: {charge_percent: 6.0}\n")
+    with FakeProcess(scenario=str(scenario), is_lock_step=True, state_dir=tmp_path / "state") as fake:
+        for name, value in fake.address.environment.items():
+            monkeypatch.setenv(name, value)
+
+        def look(estop: str) -> dict[str, Result]:
+            settings = RunConfig.model_validate({"robot": {"ca_file": fake.address.ca_file, "estop": estop}})
+            patient = RobotDoctor(fake.address.robot, settings)
+            results = [make(check) for check in patient.checks()]
+            patient.close()
+            assert not is_fit(results)
+            return {result.name.rsplit(" ", 1)[1]: result for result in results}
+
+        assert failed(look("external")) == {"e-stop", "battery"}
+        assert look("auto")["e-stop"].verdict is Verdict.WARN
+        with grpc.insecure_channel(fake.address.admin) as channel:
+            admin = fake_admin_pb2_grpc.FakeAdminStub(channel)
+            for name, texts in (("behavior_fault", {"cause": "fall"}), ("lease_stolen", {"owner": "tablet-7"})):
+                admin.InjectFault(fake_admin_pb2.InjectFaultRequest(name=name, texts=texts))
+            admin.Step(fake_admin_pb2.StepRequest(duration_ns=500_000_000))
+        results = look("auto")
+        assert failed(results) == {"battery", "faults", "lease"}
+        assert results["faults"].found.startswith("behaviour fault: fall")
+        assert results["faults"].advice == "clear it on the tablet"
+        assert results["lease"].found == "held by tablet-7"
+        assert "never takes it by force" in results["lease"].advice
+
+
+def test_the_command(address: FakeAddress, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    app = typer.Typer()
+    app.command()(doctor)
+    for name, value in address.environment.items():
+        monkeypatch.setenv(name, value)
+    words = ["--robot", address.robot, "--log-dir", str(tmp_path)]
+    told = CliRunner().invoke(app, [*words, "--json"])
+    data = json.loads(told.output)
+    assert (told.exit_code, data["fit"]) == (0, True), told.output
+    assert {check["verdict"] for check in data["checks"]} <= {"ok", "warn", "skipped"}
+    assert set(data["checks"][0]) == {"name", "verdict", "found", "advice"}
+    told = CliRunner().invoke(app, [*words, "--robot", "127.0.0.1:1"])
+    assert told.exit_code == 1
+    assert "fail     127.0.0.1:1 route: no robot at 127.0.0.1:1: Connection refused; check address" in told.output
