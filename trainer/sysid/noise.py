@@ -49,7 +49,7 @@ class ObservationNoise:
     the last action, which have no sensor.
     """
     load_nm: Array
-    """Shape (12,)."""
+    """Shape (12,); NaN where a log has no measured load."""
     n_stretches: int
 
     def block(self, name: str) -> Array:
@@ -85,10 +85,11 @@ class ObservationNoise:
         def mean(values: Sequence[float]) -> float:
             return float(f"{math.sqrt(sum(v * v for v in values) / len(values)):.4g}")
 
+        load = {"load_nm": mean(self.load_nm.tolist())} if np.isfinite(self.load_nm).all() else {}
         return {
             "position_rad": trainer["joint_position_rad"],
             "velocity_rad_s": trainer["joint_velocity_rad_s"],
-            "load_nm": mean(self.load_nm.tolist()),
+            **load,
             "body_velocity_m_s": mean(trainer["linear_vel_m_s"]),
             "body_angular_velocity_rad_s": mean(trainer["angular_vel_rad_s"]),
             "attitude_rad": mean(trainer["gravity"][:2]),
@@ -132,6 +133,7 @@ def observation_noise(runs: Sequence[LoggedRun]) -> ObservationNoise:
     n_quiet = min(len(power), max(MIN_QUIET, round(QUIET_SHARE * len(power))))
     quiet = np.argsort(movement, kind="stable")[:n_quiet]
     sigma = _sigma_of_power(power[quiet], STATE_RATE_HZ, SEGMENT)
+    sigma[~np.logical_and.reduce([_is_measured(run) for run in runs])] = np.nan
     return ObservationNoise(sigma=sigma[:48], load_nm=sigma[48:], n_stretches=n_quiet)
 
 
@@ -160,7 +162,12 @@ def _signals(run: LoggedRun, piece: slice) -> Array:
         last_action=np.zeros((n, facts.N_JOINTS)),
         default_position_rad=facts.DEFAULT_POSITION_RAD,
     )
-    return np.concatenate([np.asarray(observation), s.load_nm[piece]], axis=1)
+    return np.concatenate([np.asarray(observation), np.nan_to_num(s.load_nm[piece])], axis=1)
+
+
+def _is_measured(run: LoggedRun) -> NDArray[np.bool_]:
+    """Whether a run has values of each signal, shape (60,); only the load may be missing."""
+    return np.concatenate([np.ones(48, dtype=np.bool_), np.isfinite(run.states.load_nm).all(axis=0)])
 
 
 def _unbroken(run: LoggedRun) -> list[slice]:

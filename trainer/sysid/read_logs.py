@@ -135,7 +135,7 @@ def run_from_log(run: Run, policy: Policy) -> LoggedRun:
 def choose_compared(runs: Sequence[LoggedRun]) -> tuple[tuple[LoggedRun, ...], list[str]]:
     """Runs that can be compared as whole runs of their sequence, cut to one length, and a word on the others."""
     chosen: list[LoggedRun] = []
-    warnings = []
+    warnings: list[str] = []
     candidates = [run for run in runs if run.has_policy_gains]
     for name in sorted({run.sequence for run in candidates}):
         group = [run for run in candidates if run.sequence == name]

@@ -90,7 +90,7 @@ class ResultData(_Data):
     path_delay_median_s: float | None
     """From the acquisition of a state to the receipt of the command that answers it."""
     observation_noise_sigma: list[float]
-    load_noise_nm: list[float]
+    load_noise_nm: list[float | None]
     torque_residual_nm: float | None
     time_offset_s: float | None
     """How much earlier than the sampled motion the sampled load was made."""
@@ -128,7 +128,7 @@ def result_data(found: Identification, config: SysidConfig) -> ResultData:
         command_delay_median_s=_finite(delays.transit_median_s),
         path_delay_median_s=_finite(delays.path_median_s),
         observation_noise_sigma=preparation.noise.sigma.tolist(),
-        load_noise_nm=preparation.noise.load_nm.tolist(),
+        load_noise_nm=[_finite(v) for v in preparation.noise.load_nm],
         torque_residual_nm=None if found.fit is None else found.fit.residual_nm,
         time_offset_s=None if found.fit is None else float(found.fit.nuisance[0]),
         warnings=list(preparation.logs.warnings),

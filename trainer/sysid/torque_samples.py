@@ -16,6 +16,8 @@ Array = NDArray[np.float64]
 
 SLOPE_WEIGHTS: Final = np.array([-2.0, -1.0, 0.0, 1.0, 2.0]) / 10.0
 """Least-squares slope through five neighbouring samples, per sample period."""
+BEND_WEIGHTS: Final = np.array([2.0, -1.0, -2.0, -1.0, 2.0]) / 7.0
+"""Second derivative of the least-squares parabola through them, per squared sample period."""
 
 
 @dataclass(frozen=True)
@@ -29,6 +31,8 @@ class TorqueSamples:
     velocity_rad_s: Array
     acceleration_rad_s2: Array
     """Slope of the measured velocity over 12 ms."""
+    jerk_rad_s3: Array
+    """Its change, from the same five samples."""
     velocity_doubt_rad_s: Array
     """How far the velocity may have been from the measured one when the torque was made: half the largest second
     difference around the sample. Large in impacts.
@@ -72,12 +76,14 @@ def _of_run(number: int, run: LoggedRun) -> TorqueSamples:
         setpoints = commands.position_rad[index]
         settled[1:] = known[:-1] & np.all(setpoints[1:] == setpoints[:-1], axis=1)
     regular = np.zeros(n, dtype=np.bool_)
-    acceleration, doubt = np.zeros((n, facts.N_JOINTS)), np.zeros((n, facts.N_JOINTS))
+    acceleration, jerk, doubt = (np.zeros((n, facts.N_JOINTS)) for _ in range(3))
     if n >= len(SLOPE_WEIGHTS):
         span = states.robot_stamp_ns[4:] - states.robot_stamp_ns[:-4]
         regular[2:-2] = span == 4 * facts.STATE_PERIOD_NS
         windows = np.lib.stride_tricks.sliding_window_view(states.velocity_rad_s, len(SLOPE_WEIGHTS), axis=0)
-        acceleration[2:-2] = windows @ SLOPE_WEIGHTS / (facts.STATE_PERIOD_NS * 1e-9)
+        period_s = facts.STATE_PERIOD_NS * 1e-9
+        acceleration[2:-2] = windows @ SLOPE_WEIGHTS / period_s
+        jerk[2:-2] = windows @ BEND_WEIGHTS / period_s**2
         bend = np.abs(np.diff(states.velocity_rad_s, n=2, axis=0)) / 2.0
         doubt[2:-2] = np.maximum.reduce([bend[:-2], bend[1:-1], bend[2:]])
     finite = np.isfinite(states.load_nm).all(axis=1)
@@ -89,6 +95,7 @@ def _of_run(number: int, run: LoggedRun) -> TorqueSamples:
         position_rad=states.position_rad[keep],
         velocity_rad_s=states.velocity_rad_s[keep],
         acceleration_rad_s2=acceleration[keep],
+        jerk_rad_s3=jerk[keep],
         velocity_doubt_rad_s=doubt[keep],
         kp_nm_per_rad=commands.kp_nm_per_rad[chosen],
         kd_nm_s_per_rad=commands.kd_nm_s_per_rad[chosen],

@@ -112,9 +112,9 @@ def _verdict(
         )
 
     if by_torque is not None and fit is not None and samples is not None:
-        enough = fit.active_samples[i] >= MIN_ACTIVE and fit.active_runs[i] >= 2
+        enough = fit.errors.active_samples[i] >= MIN_ACTIVE and fit.errors.active_runs[i] >= 2
         if enough and is_narrow(p, by_torque):
-            reason = f"{fit.active_samples[i]} samples of {fit.active_runs[i]} runs bear on it"
+            reason = f"{fit.errors.active_samples[i]} samples of {fit.errors.active_runs[i]} runs bear on it"
             return made(by_torque, by_torque.value, "measured torque", reason)
         reason = why_not(model.space, fit, samples, i, enough=bool(enough))
         return made(by_torque, kept_value(model, samples, fit, i), "not identified", reason)
@@ -138,19 +138,19 @@ def is_narrow(p: SearchParameter, estimate: Estimate) -> bool:
 def why_not(space: SearchSpace, fit: TorqueFit, samples: TorqueSamples, i: int, *, enough: bool) -> str:
     """In words, why the torques do not tell parameter ``i``."""
     p = space.parameters[i]
-    n, runs = int(fit.active_samples[i]), int(fit.active_runs[i])
+    n, runs = int(fit.errors.active_samples[i]), int(fit.errors.active_runs[i])
     if n == 0:
         return f"never reached: no sample depends on it; {_reached(p, samples)}"
     if not enough:
         needed = f"{MIN_ACTIVE} of 2 are needed"
         return f"hardly reached: {n} samples of {runs} runs depend on it, {needed}; {_reached(p, samples)}"
-    others = np.abs(fit.correlation[i]).copy()
+    others = np.abs(fit.errors.correlation[i]).copy()
     others[i] = 0.0
     partner = int(np.argmax(others))
     if others[partner] > 0.8:
         return (
             f"only together with {space.parameters[partner].parameter}: the {n} samples that depend on both allow many "
-            f"pairs (correlation {fit.correlation[i, partner]:+.2f})"
+            f"pairs (correlation {fit.errors.correlation[i, partner]:+.2f})"
         )
     return f"{n} samples of {runs} runs bear on it, but they do not agree closely enough"
 

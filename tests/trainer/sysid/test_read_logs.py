@@ -133,7 +133,9 @@ def test_an_early_fall_leaves_too_little(long_run: LoggedRun, policy: Policy) ->
     observation = long_run.ticks.observation.copy()
     observation[100:, 8] = 0.2
     fallen = replace(long_run, ticks=replace(long_run.ticks, observation=observation))
-    with pytest.raises(BadInputError, match=r"has 75 ticks of the policy \(1\.5 s\); at least 250 are needed \(the robot fell"):
+    with pytest.raises(
+        BadInputError, match=r"has 75 ticks of the policy \(1\.5 s\); at least 250 are needed \(the robot fell"
+    ):
         run_from_log(as_log(fallen, policy), policy)
 
 

@@ -86,6 +86,7 @@ def test_the_predicted_load_worked_out_by_hand() -> None:
         position_rad=-1.5 * one,
         velocity_rad_s=2.0 * one,
         acceleration_rad_s2=10.0 * one,
+        jerk_rad_s3=0.0 * one,
         velocity_doubt_rad_s=0.0 * one,
         kp_nm_per_rad=60.0 * one,
         kd_nm_s_per_rad=1.5 * one,
