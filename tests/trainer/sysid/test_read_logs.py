@@ -167,15 +167,15 @@ def test_short_runs_and_other_commands_are_not_compared(long_run: LoggedRun) -> 
 
 def test_one_run_of_a_sequence_has_no_floor_and_that_is_said(long_run: LoggedRun) -> None:
     _, warnings = choose_compared([long_run])
-    assert warnings == [
-        "sequence a has one run: there is no real-versus-real floor and no interval from its distributions; "
-        "record at least two, better five repeats"
-    ]
+    assert len(warnings) == 1
+    assert warnings[0].startswith("sequence a has one run: there is no real-versus-real floor")
+    assert warnings[0].endswith("record at least two, better five repeats")
 
 
 def test_nothing_usable_is_an_error_with_all_reasons(tmp_path: Path, policy: Policy) -> None:
     (tmp_path / "a.mcap").write_bytes(b"not a log")
     with pytest.raises(BadInputError, match=r"(?s)no log can be used:.*a\.mcap: left out"):
         read_logs([tmp_path], policy)
-    with pytest.raises(BadInputError, match="has no .mcap file"):
-        read_logs([tmp_path / "none"] if (tmp_path / "none").mkdir() else [tmp_path / "none"], policy)
+    (tmp_path / "none").mkdir()
+    with pytest.raises(BadInputError, match=r"has no \.mcap file"):
+        read_logs([tmp_path / "none"], policy)
