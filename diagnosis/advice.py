@@ -32,18 +32,26 @@ def advice(
     unknown: UnknownEffect | None,
 ) -> tuple[str, ...]:  # fmt: skip
     """Sentences, the most useful first."""
-    out = []
-    for effect in effects:
-        if effect.split is not None:
-            out.append(f"To tell {', '.join(effect.group)} apart: {effect.split.text} {effect.split.by_hand}".strip())
+    out = [
+        f"To tell {', '.join(effect.group)} apart: {effect.split.text} {effect.split.by_hand}".strip()
+        for effect in effects
+        if effect.split is not None
+    ]
     counts = [sum(r.sequence == s.sequence for r in logs.recordings) for s in logs.recordings]
     if min(counts) < MIN_REPEATS:
-        out.append(f"Some command sequences were run {min(counts)} times; five repeats give a floor and narrow intervals.")
+        out.append(
+            f"Some command sequences were run {min(counts)} times; five repeats give a floor and narrow intervals."
+        )
     if len({r.sequence for r in logs.recordings}) < 2:
-        out.append("All logs are of one command sequence; record at least two more, so that a fit can be tested on others.")
+        out.append(
+            "All logs are of one command sequence; record at least two more, so that a fit can be tested on others."
+        )
     out += [f"Channel {c.name} is off ({c.reason})." for c in off]
     gains = {
-        (float(np.round(np.median(r.commands.kp_nm_per_rad), 3)), float(np.round(np.median(r.commands.kd_nm_s_per_rad), 3)))
+        (
+            float(np.round(np.median(r.commands.kp_nm_per_rad), 3)),
+            float(np.round(np.median(r.commands.kd_nm_s_per_rad), 3)),
+        )
         for r in logs.recordings
         if len(r.commands)
     }
@@ -60,7 +68,7 @@ def advice(
         )
     if unknown is not None and unknown.depends_on:
         out.append(
-            f"Something that the library lacks acts on {', '.join(unknown.joints)} and depends on "
+            f"Something unknown acts on {', '.join(unknown.joints)} and depends on "
             f"{' and '.join(unknown.depends_on)}; write it as an effect and give --add-effect module:Class."
         )
     return tuple(out)

@@ -36,6 +36,8 @@ N_WHERE = 60
 """Cells that the verdict lists; the report has them all."""
 UNKNOWN_IS_LIKELY = 0.5
 NONE_IS_LIKELY = 0.5
+CARRIES = 1.75
+"""A second whose residual is this many times the usual carries much of the gap."""
 PARTLY = 0.3
 """With this probability of an unknown effect beside those found, they are called a part of the explanation."""
 
@@ -94,8 +96,8 @@ def _left_over(board: Board, selection: Selection) -> list[np.ndarray]:
 
 def diagnose(
     runs: Sequence[Run], nominal: RobotModel, policy: Policy | None, rng: np.random.Generator, say: Say,
-    *, library: Mapping[str, LibraryEffect] = LIBRARY, calibration: Calibration | None = None, with_synthesis: bool = False,
-    nominal_name: str = "",
+    *, library: Mapping[str, LibraryEffect] = LIBRARY, calibration: Calibration | None = None,
+    with_synthesis: bool = False, nominal_name: str = "",
 ) -> Diagnosis:  # fmt: skip
     """Diagnose logs.
 
@@ -154,7 +156,12 @@ def status_of(found: Explained) -> Status:
 
 
 def _verdict(
-    found: Explained, map_: GapMap | None, measured: Measured | None, notes: Sequence[str], runs: Sequence[Run], nominal_name: str
+    found: Explained,
+    map_: GapMap | None,
+    measured: Measured | None,
+    notes: Sequence[str],
+    runs: Sequence[Run],
+    nominal_name: str,
 ) -> Verdict:
     status = status_of(found)
     effects = tuple(_effects(found)) if status not in ("no_gap", "cannot_tell") else ()
@@ -182,7 +189,7 @@ def _verdict(
 
 
 def _effects(found: Explained) -> list[FoundEffect]:
-    out = []
+    out: list[FoundEffect] = []
     best, p = found.selection.best, found.posterior
     if best is None:
         return out
@@ -201,9 +208,7 @@ def _effects(found: Explained) -> list[FoundEffect]:
         baseline = np.array([0.0] * len(board.blocks)) if not others else (
             Scorer(board, others[:-1]).scored(others[-1].effect, others[-1].shape, others[-1].place).by_block
         )  # fmt: skip
-        by_channel = {
-            c: round(float((top.by_block - baseline)[n].sum()), 1) for c, n in board.by_channel.items()
-        }
+        by_channel = {c: round(float((top.by_block - baseline)[n].sum()), 1) for c, n in board.by_channel.items()}
         grouped = len(group.names) > 1
         out.append(FoundEffect(
             name=last.effect.name,
@@ -224,14 +229,15 @@ def _effects(found: Explained) -> list[FoundEffect]:
 
 def _timeline(found: Explained) -> list[Stretch]:
     """What was cut, and the seconds of each log that carry the most of channel A's residual."""
-    out = []
+    out: list[Stretch] = []
     period = found.stack.period_s
     for run, (recording, cut) in enumerate(zip(found.stack.recordings, found.stack.segmentations, strict=True)):
-        for s in cut.segments:
-            if s.is_cut:
-                out.append(Stretch(
-                    log=recording.run_id, kind=s.kind, start_s=s.first * period, end_s=(s.last + 1) * period, reason=s.reason
-                ))  # fmt: skip
+        name = recording.run_id
+        out += [
+            Stretch(log=name, kind=s.kind, start_s=s.first * period, end_s=(s.last + 1) * period, reason=s.reason)
+            for s in cut.segments
+            if s.is_cut
+        ]
         view = found.views.get("A")
         if view is None:
             continue
@@ -240,11 +246,14 @@ def _timeline(found: Explained) -> list[Stretch]:
         second = (view.state[mine] * period).astype(np.intp)
         energy = np.bincount(second, size)
         typical = float(np.median(energy[energy > 0])) if (energy > 0).any() else 0.0
-        for at in np.flatnonzero(energy > 3.0 * typical) if typical > 0.0 else ():
-            out.append(Stretch(
-                log=recording.run_id, kind="gap", start_s=float(at), end_s=float(at + 1),
-                reason=f"the load's error is {np.sqrt(energy[at] / typical):.1f} times its usual size",
-            ))  # fmt: skip
+        times = np.sqrt(energy / typical) if typical > 0.0 else np.zeros(0)
+        out += [
+            Stretch(
+                log=name, kind="gap", start_s=float(at), end_s=float(at + 1),
+                reason=f"the load's error is {times[at]:.1f} times its usual size",
+            )
+            for at in np.flatnonzero(times > CARRIES)
+        ]  # fmt: skip
     return out
 
 

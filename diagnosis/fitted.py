@@ -26,7 +26,9 @@ def joint_words(robot: Robot, term: Placed) -> tuple[str, ...]:
     return describe_joints(mask) if robot.joint_names == JOINT_NAMES else robot.named(mask)
 
 
-def corrected_model(nominal: RobotModel, robot: Robot, scored: Scored, coefficients: Sequence[Array] | None = None) -> RobotModel:
+def corrected_model(
+    nominal: RobotModel, robot: Robot, scored: Scored, coefficients: Sequence[Array] | None = None
+) -> RobotModel:
     """The nominal model with all terms.
 
     Raises:

@@ -112,7 +112,8 @@ def _placebo(selection: Selection) -> Rival | None:
     names = {t.effect.name for t in selection.best.terms}
     last = [r for r in selection.rivals[-1] if r.scored.terms[-1].effect.name not in names]
     enough = [r for r in last if r.scored.terms[-1].n_parameters >= chosen.n_parameters]
-    return (enough or last or [None])[0]
+    best = enough or last
+    return best[0] if best else None
 
 
 def _beside(runs: Sequence[Run], before: Sequence[Run], after: Sequence[Run]) -> list[OtherGap]:
@@ -128,7 +129,11 @@ def _beside(runs: Sequence[Run], before: Sequence[Run], after: Sequence[Run]) ->
         ]  # fmt: skip
         if gaps and np.isfinite(gaps).all():
             b, a = np.mean(gaps, axis=0)
-            out.append(OtherGap(name=name, unit=unit, before=float(b), after=float(a), floor=float(np.mean(same)) if same else 0.0))
+            out.append(
+                OtherGap(
+                    name=name, unit=unit, before=float(b), after=float(a), floor=float(np.mean(same)) if same else 0.0
+                )
+            )
     return out
 
 
@@ -141,7 +146,7 @@ def _matched(runs: Sequence[Run], before: Sequence[Run], after: Sequence[Run]) -
 
 
 def _load(run: Run) -> np.ndarray:
-    return run.states.load_nm[_active(run)]
+    return np.asarray(run.states.load_nm[_active(run)])
 
 
 def _velocity(run: Run) -> np.ndarray:
@@ -151,7 +156,7 @@ def _velocity(run: Run) -> np.ndarray:
 def _active(run: Run) -> np.ndarray:
     rows = policy_ticks(run)
     stamps = run.ticks.robot_stamp_ns[rows]
-    return (run.states.robot_stamp_ns >= stamps[0]) & (run.states.robot_stamp_ns <= stamps[-1])
+    return np.asarray((run.states.robot_stamp_ns >= stamps[0]) & (run.states.robot_stamp_ns <= stamps[-1]))
 
 
 def _w1(a: np.ndarray, b: np.ndarray) -> float:

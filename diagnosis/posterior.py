@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from diagnosis.seam import Array
-from diagnosis.selection.search import Rival, Selection
+from diagnosis.selection.search import MIN_SHARE, Rival, Selection
 from diagnosis.unknown import Remainder
 
 FILE: Final = Path(__file__).with_name("calibration.json")
@@ -28,7 +28,7 @@ class Calibration:
     """P(none) is 1/(1 + (gain/threshold)^power)."""
     temperature_min_nats: float
     temperature_share: float
-    """Rivals' probabilities go with exp(−difference/temperature); the temperature grows with the gain, since models err."""
+    """Rivals' odds are exp(−difference/temperature); the temperature grows with the gain, since models err."""
     group_odds: float
     """A rival with at least these odds against the best is in its group."""
     unknown_centre: float
@@ -76,7 +76,8 @@ def posterior(selection: Selection, left: Remainder | None, calibration: Calibra
         calibration: Numbers.
     """
     unknown = _unknown(left, calibration)
-    top = selection.first[0].value if selection.first else 0.0
+    first = selection.first[0] if selection.first else None
+    top = first.value if first is not None and first.share >= MIN_SHARE else 0.0
     gain = sum(selection.gains) if selection.gains else max(top, 0.0)
     ratio = max(gain, 1e-9) / calibration.threshold_nats
     none = 1.0 / (1.0 + ratio**calibration.none_power)

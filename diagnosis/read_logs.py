@@ -25,7 +25,7 @@ def read_all(paths: Sequence[Path]) -> tuple[tuple[Run, ...], tuple[str, ...]]:
         for file in files:
             try:
                 runs.append(read_run(file))
-            except (SpotRlError, OSError) as error:
+            except (SpotRlError, OSError) as error:  # noqa: PERF203
                 warnings.append(f"{file}: left out: {error}")
     if not runs:
         raise BadInputError("no log can be read:\n" + "\n".join(f"  {w}" for w in warnings))

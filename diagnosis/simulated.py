@@ -68,7 +68,12 @@ def simulate(
 
 class _Simulation:
     def __init__(
-        self, effects: Sequence[Effect], policy: Policy, scripts: Sequence[Script], rng: np.random.Generator, noise: SensorNoise
+        self,
+        effects: Sequence[Effect],
+        policy: Policy,
+        scripts: Sequence[Script],
+        rng: np.random.Generator,
+        noise: SensorNoise,
     ) -> None:
         self.policy, self.scripts, self.rng, self.noise, self.n = policy, scripts, rng, noise, len(scripts)
         self.channel = [e for e in effects if isinstance(e, CommandEffect)]
@@ -102,7 +107,9 @@ class _Simulation:
             world_from_body_wxyz=attitude,
             joint_position_rad=pose,
             linear_vel_of_body_in_world_m_s=each("linear_vel_of_body_in_world_m_s"),
-            angular_vel_of_body_in_body_rad_s=np.asarray(rotate_wxyz(inverse, each("angular_vel_of_body_in_world_rad_s"))),
+            angular_vel_of_body_in_body_rad_s=np.asarray(
+                rotate_wxyz(inverse, each("angular_vel_of_body_in_world_rad_s"))
+            ),
             joint_velocity_rad_s=each("velocity_rad_s"),
         )
         self.last = np.stack([s.last_action for s in starts]).astype(np.float32)
@@ -111,7 +118,7 @@ class _Simulation:
     def runs(self) -> list[Run]:
         n_ticks = max(len(s.velocity_command) for s in self.scripts)
         commands = np.stack([
-            np.concatenate([s.velocity_command, np.repeat(s.velocity_command[-1:], n_ticks - len(s.velocity_command), 0)])
+            np.pad(s.velocity_command, ((0, n_ticks - len(s.velocity_command)), (0, 0)), mode="edge")
             for s in self.scripts
         ])  # fmt: skip
         gains = self.policy.gains()
@@ -232,7 +239,8 @@ class _Simulation:
                 key=t["command_key"], host_stamp_ns=stamp, robot_stamp_ns=stamp, state_robot_stamp_ns=stamp,
                 end_robot_stamp_ns=stamp + 100_000_000, requested_position_rad=asked, position_rad=sent,
                 velocity_rad_s=np.zeros(shape), load_nm=np.zeros(shape),
-                kp_nm_per_rad=np.broadcast_to(gains.kp_nm_per_rad, shape), kd_nm_s_per_rad=np.broadcast_to(gains.kd_nm_s_per_rad, shape),
+                kp_nm_per_rad=np.broadcast_to(gains.kp_nm_per_rad, shape),
+                kd_nm_s_per_rad=np.broadcast_to(gains.kd_nm_s_per_rad, shape),
             ),
             ticks=TickTable(
                 host_stamp_ns=stamp, mode=np.full(m, "active"), state_age_s=np.zeros(m), inference_s=np.zeros(m),

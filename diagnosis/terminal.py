@@ -44,7 +44,9 @@ def joints_in_short(joints: tuple[str, ...]) -> str:
 
 
 def _effect(e: FoundEffect) -> str:
-    values = ", ".join(f"{n} {p.value:.4g} ({p.low:.4g} to {p.high:.4g}) {p.unit}".rstrip() for n, p in e.parameters.items())
+    values = ", ".join(
+        f"{n} {p.value:.4g} ({p.low:.4g} to {p.high:.4g}) {p.unit}".rstrip() for n, p in e.parameters.items()
+    )
     group = f" [or {', '.join(e.group[1:])}]" if len(e.group) > 1 else ""
     return f"{e.name} {e.probability:.2f}{group} at {joints_in_short(e.joints)}: {values}"
 

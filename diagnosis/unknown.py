@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
 from sklearn.ensemble import HistGradientBoostingRegressor
 
 from diagnosis.channels.actuator import STRIDE
-from diagnosis.seam import Array, ChannelView
+from diagnosis.seam import Array, ChannelView, Flags, Ints
 from diagnosis.selection.board import Board
 from diagnosis.verdict import Dependence, UnknownEffect
 
@@ -93,7 +94,7 @@ def remainder(board: Board, residuals: list[Array]) -> Remainder | None:
     return Remainder(shares, sizes, parts, total / max(float(total.sum()), 1e-12), names)
 
 
-def _predictable(x: Array, y: Array, fold: Array) -> tuple[float, Array]:
+def _predictable(x: Array, y: Array, fold: Ints) -> tuple[float, Array]:
     """Held-out share of variance that trees predict, and the permutation importance of each quantity."""
     rng = np.random.default_rng(0)
     left, total, drops = 0.0, 0.0, np.zeros(x.shape[1])
@@ -101,7 +102,9 @@ def _predictable(x: Array, y: Array, fold: Array) -> tuple[float, Array]:
         test = fold == f
         if test.all() or test.sum() < 20:
             continue
-        trees = HistGradientBoostingRegressor(max_iter=MAX_TREES, max_leaf_nodes=12, min_samples_leaf=30, random_state=0)
+        trees = HistGradientBoostingRegressor(
+            max_iter=MAX_TREES, max_leaf_nodes=12, min_samples_leaf=30, random_state=0
+        )
         trees.fit(x[~test], y[~test])
         error = float(np.sum((y[test] - trees.predict(x[test])) ** 2))
         left, total = left + error, total + float(np.sum(y[test] ** 2))
@@ -145,7 +148,7 @@ def describe(board: Board, residuals: list[Array], found: Remainder) -> UnknownE
     )
 
 
-def _regime(left: Array, drive: Array, speed: Array, torque: Array) -> str:
+def _regime(left: Array, drive: Flags, speed: Array, torque: Array) -> str:
     """The part of motion in which the residual is largest."""
     options = {
         "motoring": drive, "braking": ~drive, "low speed": speed < np.quantile(speed, 1 / 3),
@@ -159,7 +162,7 @@ def _regime(left: Array, drive: Array, speed: Array, torque: Array) -> str:
 def _curve(name: str, importance: float, x: Array, y: Array) -> Dependence:
     edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, N_CURVE + 1)))
     at, mean = [], []
-    for low, high in zip(edges[:-1], edges[1:], strict=True):
+    for low, high in pairwise(edges):
         rows = (x >= low) & (x <= high)
         if rows.any():
             at.append(float(np.mean(x[rows])))

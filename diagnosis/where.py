@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.channels.stack import Stack
-from diagnosis.regimes import Regimes
+from diagnosis.regimes import Regimes, under_policy
 from diagnosis.seam import Array, ChannelView, Ints
 from diagnosis.verdict import GapCell
 
@@ -65,16 +65,14 @@ def gap_map(real: Side, simulated: Side, leg_of_joint: Ints, rng: np.random.Gene
     pairs = [(i, j) for i in range(len(digest)) for j in range(i) if sequences[i] == sequences[j]]
     distance = np.array([np.abs(digest[i] - digest[j]).mean(axis=-1) for i, j in pairs])
     first, second = (np.array(p) for p in zip(*pairs, strict=True))
-    repeated = any(
-        sum(s == name and r for s, r in zip(sequences, is_real, strict=True)) > 1 for name in set(sequences)
-    )
+    repeated = any(sum(s == name and r for s, r in zip(sequences, is_real, strict=True)) > 1 for name in set(sequences))
     gap = _mean(distance, is_real[first] != is_real[second])
     floor = _mean(distance, is_real[first] & is_real[second]) if repeated else np.full(gap.shape, np.nan)
     p_values = _p_values(distance, first, second, is_real, sequences, rng) if repeated else np.full(gap.shape, np.nan)
     total = counts[0].sum(axis=0)
     low, high = (np.full(gap.shape, np.nan),) * 2
     if not repeated:
-        low, high = _block_interval(real, simulated, signals, sides[0], digests[1], rng, names)
+        low, high = _block_interval(real, signals, sides[0][1], digests[1], rng, names)
     cells = []
     for index in np.ndindex(gap.shape):
         s, j, r = index
@@ -108,14 +106,16 @@ def _signals(side: Side) -> dict[str, Array]:
 
 
 def _digests(
-    stack: Stack, values: dict[str, Array], flags: dict[str, NDArray[np.bool_]], signals: Sequence[str], names: Sequence[str]
-) -> tuple[Array, Ints]:
+    stack: Stack, values: dict[str, Array], flags: dict[str, NDArray[np.bool_]], signals: Sequence[str],
+    names: Sequence[str],
+) -> tuple[Array, Ints]:  # fmt: skip
     n_joints = next(iter(values.values())).shape[1]
     out = np.full((len(stack.recordings), len(signals), n_joints, len(names), len(QUANTILES)), np.nan)
     counts = np.zeros((len(stack.recordings), n_joints, len(names)), dtype=np.intp)
     block = np.stack([values[s] for s in signals], axis=2)
+    active, _ = under_policy(stack)
     for run in range(len(stack.recordings)):
-        mine = np.flatnonzero((stack.run == run) & stack.used)[::2]
+        mine = np.flatnonzero((stack.run == run) & stack.used & active)[::2]
         part = block[mine]
         for r, name in enumerate(names):
             chosen = flags[name][mine]
@@ -174,14 +174,15 @@ def benjamini_hochberg(p_values: Array) -> Array:
 
 
 def _block_interval(
-    real: Side, simulated: Side, signals: Sequence[str], side: tuple[Side, dict[str, Array], dict[str, NDArray[np.bool_]]],
-    model: Array, rng: np.random.Generator, names: Sequence[str],
+    real: Side, signals: Sequence[str], values_by_signal: dict[str, Array], model: Array, rng: np.random.Generator,
+    names: Sequence[str],
 ) -> tuple[Array, Array]:  # fmt: skip
     """90 % interval of the gap over all joints and regimes, resampling blocks of one second of the real logs."""
     stack = real.stack
-    values = np.stack([side[1][s] for s in signals], axis=2)
+    values = np.stack([values_by_signal[s] for s in signals], axis=2)
     block = stack.run * 100_000 + stack.state // max(1, round(BLOCK_S / stack.period_s))
-    kinds, number = np.unique(np.where(stack.used, block, -1), return_inverse=True)
+    active, _ = under_policy(stack)
+    kinds, number = np.unique(np.where(stack.used & active, block, -1), return_inverse=True)
     rows_of = [np.flatnonzero(number == k)[::4] for k in range(len(kinds)) if kinds[k] >= 0]
     reference = np.nanmean(model, axis=0)
     shape = reference.shape[:-1]

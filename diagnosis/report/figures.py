@@ -35,7 +35,9 @@ def heat_map(cells: Sequence[GapCell], joints: Sequence[str]) -> str:
     signals = [s for s in SIGNALS if any(c.signal == s for c in cells)]
     regimes = list(dict.fromkeys(c.regime for c in sorted(cells, key=lambda c: c.regime)))
     by_key = {(c.signal, c.regime, c.joint): c for c in cells}
-    figure = make_subplots(rows=1, cols=len(signals), subplot_titles=signals, shared_yaxes=True, horizontal_spacing=0.015)
+    figure = make_subplots(
+        rows=1, cols=len(signals), subplot_titles=signals, shared_yaxes=True, horizontal_spacing=0.015
+    )
     has_floor = any(c.ratio is not None for c in cells)
     for k, signal in enumerate(signals):
         z, text = [], []
@@ -97,12 +99,14 @@ def shrink_bars(verdict: Verdict) -> str:
     s = verdict.shrink
     if s is None:
         return ""
-    rows = [("W1 + MMD (floor = 1)", s.d0, s.d1, s.floor)] + [(f"{o.name}, {o.unit}", o.before, o.after, o.floor) for o in s.beside]
+    rows: list[tuple[str, tuple[float, float, float]]] = [("W1 + MMD (floor = 1)", (s.d0, s.d1, s.floor))] + [
+        (f"{o.name}, {o.unit}", (o.before, o.after, o.floor)) for o in s.beside
+    ]
     figure = go.Figure()
     for i, (title, colour) in enumerate((("nominal", GREY), ("corrected", GREEN), ("real against real", BLUE))):
         figure.add_bar(
-            name=title, x=[r[0] for r in rows], y=[r[1 + i] / max(r[1], 1e-12) for r in rows], marker_color=colour,
-            text=[f"{r[1 + i]:.3g}" for r in rows], textposition="outside", cliponaxis=False,
+            name=title, x=[r[0] for r in rows], y=[r[1][i] / max(r[1][0], 1e-12) for r in rows], marker_color=colour,
+            text=[f"{r[1][i]:.3g}" for r in rows], textposition="outside", cliponaxis=False,
         )  # fmt: skip
     figure.update_yaxes(title="share of the gap before", rangemode="tozero")
     return div(figure, 330)
@@ -143,7 +147,9 @@ def unknown_curves(unknown: UnknownEffect) -> str:
 
     figure = make_subplots(rows=1, cols=max(1, len(unknown.curves)))
     for k, curve in enumerate(unknown.curves):
-        figure.add_trace(go.Scatter(x=curve.at, y=curve.residual, mode="lines+markers", line={"color": "#7d3c98"}), row=1, col=k + 1)
+        figure.add_trace(
+            go.Scatter(x=curve.at, y=curve.residual, mode="lines+markers", line={"color": "#7d3c98"}), row=1, col=k + 1
+        )
         figure.update_xaxes(title=f"{curve.quantity} (importance {curve.importance:.2f})", row=1, col=k + 1)
     figure.update_yaxes(title=f"unexplained, {unknown.unit}", row=1, col=1)
     figure.update_layout(showlegend=False)

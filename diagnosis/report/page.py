@@ -62,7 +62,11 @@ def page(result: Diagnosis) -> str:
         body.append(_section("What is left", f"At {', '.join(v.unknown.joints)}, largest when {v.unknown.regime}; "
                              f"{100 * v.unknown.predictable_share:.0f} % of it is predictable from signals.",
                              figures.unknown_curves(v.unknown)))  # fmt: skip
-    body.append(_section("Limits of these logs, and what to record next", "", _list(v.log_advice) + _channels(v) + _invisible(v)))
+    body.append(
+        _section(
+            "Limits of these logs, and what to record next", "", _list(v.log_advice) + _channels(v) + _invisible(v)
+        )
+    )
     body.append(_section("Stretches", "Cut out, or carrying much of the gap.", _stretches(v)))
     if v.notes:
         body.append(_section("Notes", "", _list(v.notes)))
@@ -89,7 +93,11 @@ def _by_joint(result: Diagnosis) -> dict[str, float]:
     """The gap that colours a joint: over all regimes, of the load's error, else the load, else the velocity."""
     cells = result.map.cells if result.map is not None else ()
     for signal in ("load error", "load", "velocity"):
-        found = {c.joint: (c.ratio if c.ratio is not None else c.gap) for c in cells if c.signal == signal and c.regime == "all"}
+        found = {
+            c.joint: (c.ratio if c.ratio is not None else c.gap)
+            for c in cells
+            if c.signal == signal and c.regime == "all"
+        }
         if found:
             return found
     return {}
@@ -113,7 +121,9 @@ def _effect(e: FoundEffect) -> str:
             f"<p>These logs cannot rule out {_e(', '.join(e.group[1:]))} (within {e.margin_nats:.0f} nats). "
             f"{_e(e.split_by)}{hand}<br><code>{_e(e.split.command)}</code></p>"
         )
-    channels = ", ".join(f"{CHANNEL_TITLES.get(c, c)} {g:.0f}" for c, g in sorted(e.channels.items(), key=lambda x: -x[1]))
+    channels = ", ".join(
+        f"{CHANNEL_TITLES.get(c, c)} {g:.0f}" for c, g in sorted(e.channels.items(), key=lambda x: -x[1])
+    )
     return (
         f"<h3>{_e(e.title or e.name)} ({_e(e.name)}), probability {e.probability:.2f}, at {_e(joints_in_short(e.joints))}</h3>"
         f"<table>{rows}</table>{group}<p class='note'>Evidence in nats by channel: {_e(channels)}</p>"
@@ -147,7 +157,10 @@ def _traces(result: Diagnosis, gaps: dict[str, float], named: frozenset[str]) ->
 
 
 def _channels(v: Verdict) -> str:
-    rows = "".join(f"<tr><th>{_e(c)}</th><td>{_e(CHANNEL_TITLES.get(c, c))}</td><td>{_e(s)}</td></tr>" for c, s in v.channels.items())
+    rows = "".join(
+        f"<tr><th>{_e(c)}</th><td>{_e(CHANNEL_TITLES.get(c, c))}</td><td>{_e(s)}</td></tr>"
+        for c, s in v.channels.items()
+    )
     return f"<h3>Channels</h3><table>{rows}</table>"
 
 

@@ -29,7 +29,9 @@ def picture(gaps: Mapping[str, float], named: frozenset[str]) -> str:
         points = {"hx": (x, y + 38 * -out), "hy": (x + 52, y + 4 * out), "kn": (x - 12, y + 62 * out)}
         foot = (x + 34, y + 88 * out)
         line = " ".join(f"{a},{b}" for a, b in [*points.values(), foot])
-        parts.append(f'<polyline points="{line}" fill="none" stroke="#56636e" stroke-width="9" stroke-linecap="round"/>')
+        parts.append(
+            f'<polyline points="{line}" fill="none" stroke="#56636e" stroke-width="9" stroke-linecap="round"/>'
+        )
         parts.append(f'<circle cx="{foot[0]}" cy="{foot[1]}" r="7" fill="#26313b"/>')
         for kind, (a, b) in points.items():
             joint = f"{leg}_{kind}"
@@ -49,4 +51,6 @@ def picture(gaps: Mapping[str, float], named: frozenset[str]) -> str:
 def colour(share: float) -> str:
     """From pale to dark red, share 0 to 1."""
     low, high = (253, 237, 228), (165, 15, 21)
-    return "#" + "".join(f"{round(a + (b - a) * min(max(share, 0.0), 1.0)):02x}" for a, b in zip(low, high, strict=True))
+    return "#" + "".join(
+        f"{round(a + (b - a) * min(max(share, 0.0), 1.0)):02x}" for a, b in zip(low, high, strict=True)
+    )

@@ -1,1 +1,1 @@
-"""Which effects the logs show: forward selection over effects and places, scored on sequences that the fit never saw."""
+"""Which effects the logs show: forward selection over effects and places, scored on unseen sequences."""

@@ -1,4 +1,4 @@
-"""The channels laid out for selection: one block a scalar row, thinned, whitened, with its independent samples counted."""
+"""The channels laid out for selection: a block a scalar row, thinned, whitened, independent samples counted."""
 
 from __future__ import annotations
 
@@ -168,15 +168,13 @@ def _block(
         q, _ = np.linalg.qr(raw / (np.sqrt(np.mean(raw**2, axis=0)) + 1e-12))
         y = y - q @ (q.T @ y)
     run = view.run[samples]
-    if n_folds > 1:
-        fold = fold_of_run[run]
-    else:
-        fold = (view.state[samples] // round(FOLD_BLOCK_S / 0.003)) % 2
+    fold = fold_of_run[run] if n_folds > 1 else (view.state[samples] // round(FOLD_BLOCK_S / 0.003)) % 2
     return Block(name, row, samples, y, q, fold, noise, _independent(y, run), tolerance)
 
 
 def _independent(y: Array, run: Ints) -> float:
-    """Number of independent samples by the integrated correlation within runs."""
+    """Number of independent samples by the integrated correlation within runs, about the mean."""
+    y = y - np.mean(y)
     spread = float(np.mean(y**2))
     if spread <= 0.0:
         return float(len(y))

@@ -148,11 +148,11 @@ class Scorer:
         for _ in range(2):
             summed = np.einsum("bl,blij->lij", 1.0 / variance, total)
             beta = solve_bounded(summed[:, :k, :k], summed[:, :k, k], low, high)
-            square = _square(total, beta[None], k) / counts.sum(axis=1)[:, None]
+            square = _square(total, beta[None]) / counts.sum(axis=1)[:, None]
             variance = np.maximum(square, 1e-6) + tolerance + 1e-9
         summed = np.einsum("bl,blfij->lfij", 1.0 / variance, total[:, :, None] - full)
         without = solve_bounded(summed[..., :k, :k], summed[..., :k, k], low, high)
-        held_out = _square(full, without[None], k).sum(axis=2) / counts.sum(axis=1)[:, None]
+        held_out = _square(full, without[None]).sum(axis=2) / counts.sum(axis=1)[:, None]
         independent = np.array([b.n_independent for b in self.board.blocks])[:, None]
         null = total[..., -1, -1] / counts.sum(axis=1)[:, None]
         by_block = 0.5 * independent * np.log((null + tolerance + 1.0) / (held_out + tolerance + 1.0))
@@ -189,7 +189,7 @@ def _placed(products: Array, units: Ints, places: Array, own: int, size: int) ->
     return np.asarray(np.swapaxes(spread, 1, 2)[:, None] @ products[None] @ spread[:, None])
 
 
-def _square(products: Array, beta: Array, k: int) -> Array:
+def _square(products: Array, beta: Array) -> Array:
     """Sum of squared residuals y − Xb from products (..., k+1, k+1) and coefficients (..., k)."""
     b = np.concatenate([-beta, np.ones((*beta.shape[:-1], 1))], axis=-1)
     return np.asarray(np.maximum(np.einsum("...i,...ij,...j->...", b, products, b), 0.0))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -15,6 +15,10 @@ from diagnosis.selection.scoring import Placed, Scored, Scorer
 
 MAX_TERMS: Final = 3
 NEAR_SHARE: Final = 0.1
+MIN_SHARE: Final = 0.05
+"""An effect that takes less than this off every signal is too small to matter, however significant."""
+WORTH_SHARE: Final = 0.25
+"""An effect whose first try scores less than this share of the best so far is not refined."""
 ROUNDS: Final = 5
 PER_PARAMETER: Final = 2.0
 """Nats that each further free number must bring."""
@@ -31,6 +35,8 @@ class Rival:
     scored: Scored
     value: float
     """Score less the price of its parameters, nats."""
+    share: float = 1.0
+    """What it takes, beside the other terms, off the logarithm of the unexplained variance of its strongest signal."""
 
 
 @dataclass(frozen=True)
@@ -57,12 +63,12 @@ def search(board: Board, library: Mapping[str, LibraryEffect], threshold: float,
         say: Where progress goes.
     """
     usable = {n: e for n, e in library.items() if e.show(board.views)}
-    first = ranked(board, (), usable, say)
+    first = ranked(board, (), usable)
     terms: tuple[Placed, ...] = ()
     best: Scored | None = None
     value = 0.0
     candidates = first
-    while len(terms) < MAX_TERMS and candidates and candidates[0].value - value > threshold:
+    while len(terms) < MAX_TERMS and candidates and _passes(candidates[0], value, threshold):
         best, value = candidates[0].scored, candidates[0].value
         terms = best.terms
         say(f"+ {terms[-1].effect.name}: {value:.0f} nats")
@@ -70,7 +76,7 @@ def search(board: Board, library: Mapping[str, LibraryEffect], threshold: float,
             best, value = _swapped(board, best, value, usable)
             terms = best.terms
         names = {t.effect.name for t in terms}
-        candidates = ranked(board, terms, {n: e for n, e in usable.items() if n not in names}, say)
+        candidates = ranked(board, terms, {n: e for n, e in usable.items() if n not in names})
     if best is None:
         return Selection(None, (), (), first)
     best = _pruned(board, best, threshold)
@@ -79,25 +85,37 @@ def search(board: Board, library: Mapping[str, LibraryEffect], threshold: float,
         others = best.terms[:i] + best.terms[i + 1 :]
         names = {t.effect.name for t in others}
         near = _near(first, board) | {t.effect.name for t in best.terms}
-        ranking = ranked(board, others, {n: e for n, e in usable.items() if n in near - names}, say)
+        ranking = ranked(board, others, {n: e for n, e in usable.items() if n in near - names})
         gains.append(best.score - _price(best.terms, board) - _value(board, others))
         rivals.append(ranking)
     return Selection(best, tuple(gains), tuple(rivals), first)
 
 
-def ranked(board: Board, terms: Sequence[Placed], library: Mapping[str, LibraryEffect], say: Say) -> tuple[Rival, ...]:
+def ranked(board: Board, terms: Sequence[Placed], library: Mapping[str, LibraryEffect]) -> tuple[Rival, ...]:
     """Every effect beside the terms at its best place and shape, best first."""
     scorer = Scorer(board, terms)
-    found = []
+    base = _by_block(board, terms)
+    half = 0.5 * np.array([b.n_independent for b in board.blocks])
+    found: list[Rival] = []
+    top = 0.0
     for effect in library.values():
-        rival = best_of(scorer, effect)
+        rival = best_of(scorer, effect, WORTH_SHARE * top)
         if rival is not None:
-            found.append(rival)
-    return tuple(sorted(found, key=lambda r: -r.value))
+            share = float(np.max((rival.scored.by_block - base) / half))
+            found.append(replace(rival, share=share))
+            top = max(top, rival.value)
+    # What is too small to matter stands behind all that matters.
+    return tuple(sorted(found, key=lambda r: (r.share < MIN_SHARE, -r.value)))
 
 
-def best_of(scorer: Scorer, effect: LibraryEffect) -> Rival | None:
-    """The effect at its best place and shape, or None where it shows nowhere."""
+def best_of(scorer: Scorer, effect: LibraryEffect, worth: float = -np.inf) -> Rival | None:
+    """The effect at its best place and shape, or None where it shows nowhere.
+
+    Args:
+        scorer: Has the other terms.
+        effect: What to place.
+        worth: Score under which the best coarse shape and natural place are good enough.
+    """
     board = scorer.board
     everywhere = np.ones(board.robot.n_joints, dtype=np.bool_)
     places = board.robot.places(effect)
@@ -125,15 +143,16 @@ def best_of(scorer: Scorer, effect: LibraryEffect) -> Rival | None:
         attempt(shape, places)
     if best is None:
         return None
-    for _ in range(ROUNDS if effect.refined(best[2]) else 0):
+    is_worth = best[0] > worth
+    for _ in range(ROUNDS if is_worth and effect.refined(best[2]) else 0):
         moved = False
         for shape in effect.refined(best[2]):
             moved |= attempt(shape, best[1][None])
         if not moved:
             break
-    attempt(best[2], places)
     score, place, shape = best
-    place = _grown(scorer, effect, shape, place, score)
+    if is_worth:
+        place = _grown(scorer, effect, shape, place, score)
     scored = scorer.scored(effect, shape, place)
     return Rival(scored, scored.score - _price(scored.terms, board))
 
@@ -177,6 +196,17 @@ def _price(terms: Sequence[Placed], board: Board) -> float:
     )
 
 
+def _passes(rival: Rival, value: float, threshold: float) -> bool:
+    return rival.share >= MIN_SHARE and rival.value - value > threshold
+
+
+def _by_block(board: Board, terms: Sequence[Placed]) -> Array:
+    if not terms:
+        return np.zeros(len(board.blocks))
+    last = terms[-1]
+    return Scorer(board, terms[:-1]).scored(last.effect, last.shape, last.place).by_block
+
+
 def _value(board: Board, terms: Sequence[Placed]) -> float:
     if not terms:
         return 0.0
@@ -189,7 +219,7 @@ def _swapped(board: Board, best: Scored, value: float, library: Mapping[str, Lib
     for _ in range(len(best.terms)):
         others = best.terms[1:]
         names = {t.effect.name for t in others}
-        ranking = ranked(board, others, {n: e for n, e in library.items() if n not in names}, _silent)
+        ranking = ranked(board, others, {n: e for n, e in library.items() if n not in names})
         if ranking and ranking[0].value > value:
             best, value = ranking[0].scored, ranking[0].value
         else:
@@ -208,7 +238,3 @@ def _pruned(board: Board, best: Scored, threshold: float) -> Scored:
         left = best.terms[:weakest] + best.terms[weakest + 1 :]
         best = Scorer(board, left[:-1]).scored(left[-1].effect, left[-1].shape, left[-1].place)
     return best
-
-
-def _silent(_: str) -> None:
-    return

@@ -1,0 +1,78 @@
+"""Selection on logs with a planted truth, channel A alone: the effect, its joints and its size come back."""
+
+import numpy as np
+import pytest
+
+from diagnosis.channels.actuator import actuator_view
+from diagnosis.channels.stack import stack
+from diagnosis.library.registry import LIBRARY
+from diagnosis.posterior import Calibration, posterior
+from diagnosis.recording import record
+from diagnosis.selection.board import Board, lay_out
+from diagnosis.selection.places import Robot
+from diagnosis.selection.search import search
+from spot_model.effects.coulomb_friction import CoulombFriction
+from spot_model.effects.torque_gain import TorqueGain
+
+from .planted import Truth, planted_runs
+
+NAMES = (
+    "coulomb_friction",
+    "viscous_friction",
+    "torque_gain",
+    "armature",
+    "load_friction",
+    "torque_limit",
+    "stribeck_friction",
+)
+SMALL = {name: LIBRARY[name] for name in NAMES}
+CALIBRATION = Calibration.load()
+
+
+def _board(truth: Truth) -> Board:
+    logs = stack([record(run) for run in planted_runs(truth, 2)])
+    view = actuator_view(logs, ())
+    robot = Robot(logs.recordings[0].joint_names, view.leg_of_joint)
+    return lay_out({"A": view}, robot, [0, 1], ["0", "1"], CALIBRATION.tolerance)
+
+
+@pytest.fixture(scope="module")
+def two_effects() -> Board:
+    return _board(
+        Truth(effects=(CoulombFriction(joints=("fl_kn",), level_nm=3.0), TorqueGain(joints=("hy",), gain=0.8)))
+    )
+
+
+def test_two_effects_are_found_with_their_joints(two_effects: Board) -> None:
+    found = search(two_effects, SMALL, CALIBRATION.threshold_nats, lambda _: None)
+    assert found.best is not None
+    robot = two_effects.robot
+    joints = {t.effect.name: robot.named(robot.joints_of(t.effect, t.place)) for t in found.best.terms}
+    assert joints == {"coulomb_friction": ("fl_kn",), "torque_gain": ("fl_hy", "fr_hy", "hl_hy", "hr_hy")}
+    values = {
+        t.effect.name: t.effect.values(c, t.shape)
+        for t, c in zip(found.best.terms, found.best.coefficients, strict=True)
+    }
+    assert values["coulomb_friction"]["level_nm"] == pytest.approx(3.0, rel=0.2)
+    assert values["torque_gain"]["gain"] == pytest.approx(0.8, abs=0.04)
+    p = posterior(found, None, CALIBRATION)
+    assert p.none < 0.05
+    assert {g.names[0] for g in p.groups} == set(joints)
+
+
+def test_without_an_effect_nothing_is_found() -> None:
+    found = search(_board(Truth()), SMALL, CALIBRATION.threshold_nats, lambda _: None)
+    assert found.best is None
+    assert posterior(found, None, CALIBRATION).none > 0.5
+
+
+def test_scores_come_from_folds_that_the_fit_never_saw(two_effects: Board) -> None:
+    # Exchanging the response of one fold for another's breaks the agreement between folds, and with it the score.
+    found = search(two_effects, {"torque_gain": LIBRARY["torque_gain"]}, 0.0, lambda _: None)
+    assert found.first[0].value > 100.0
+    rng = np.random.default_rng(0)
+    for block in two_effects.blocks:
+        rows = np.flatnonzero(block.fold == 0)
+        block.y[rows] = block.y[rng.permutation(rows)]
+    broken = search(two_effects, {"torque_gain": LIBRARY["torque_gain"]}, 0.0, lambda _: None)
+    assert broken.first[0].value < 0.6 * found.first[0].value

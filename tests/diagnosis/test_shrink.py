@@ -1,0 +1,48 @@
+import numpy as np
+import pytest
+
+from diagnosis.shrink import Compared, compare, shrinkage
+
+
+def _pairs(n: int, value: float) -> np.ndarray:
+    return value * (1.0 - np.eye(n))
+
+
+def test_share_by_hand() -> None:
+    one = Compared("a", _pairs(3, 1.0), {"before": np.full((3, 3), 5.0), "after": np.full((3, 3), 2.0)})
+    found = shrinkage([one], "before", "after", np.random.default_rng(0))
+    assert (found.d0, found.d1, found.floor) == (5.0, 2.0, 1.0)
+    assert found.s == pytest.approx(0.75)
+    assert found.low == pytest.approx(0.75)
+    assert found.high == pytest.approx(0.75)
+
+
+def test_a_gap_at_its_floor_has_no_share() -> None:
+    one = Compared("a", _pairs(3, 1.0), {"before": np.full((3, 3), 1.0), "after": np.full((3, 3), 1.0)})
+    assert shrinkage([one], "before", "after", np.random.default_rng(0)).s is None
+
+
+def test_the_interval_holds_the_share_and_grows_with_scatter() -> None:
+    rng = np.random.default_rng(2)
+    widths = []
+    for scatter in (0.1, 1.0):
+        before = 5.0 + scatter * rng.standard_normal((4, 1)) + np.zeros((4, 4))
+        after = 2.0 + scatter * rng.standard_normal((4, 1)) + np.zeros((4, 4))
+        found = shrinkage([Compared("a", _pairs(4, 1.0), {"b": before, "a": after})], "b", "a", rng)
+        assert found.low is not None
+        assert found.high is not None
+        assert found.low <= found.s <= found.high
+        widths.append(found.high - found.low)
+    assert widths[1] > 3.0 * widths[0]
+
+
+def test_runs_of_the_same_law_lie_at_the_floor() -> None:
+    rng = np.random.default_rng(3)
+
+    def run(shift: float) -> np.ndarray:
+        return (rng.standard_normal((400, 36)) + shift).astype(np.float32)
+
+    real = [run(0.0) for _ in range(4)]
+    found = compare("a", real, {"same": [run(0.0) for _ in range(4)], "other": [run(0.5) for _ in range(4)]})
+    assert found.models["same"].mean() == pytest.approx(1.0, abs=0.15)
+    assert found.models["other"].mean() > 3.0
