@@ -42,7 +42,7 @@ SLIP_NORMAL_N: Final = 25.0
 SINK_BEFORE: Final = 5
 SINK_LAST: Final = 35
 """States before and after touch-down between which a foot is watched."""
-SINK_M_S: Final = 0.15
+SINK_M_S: Final = 0.3
 """A foot must come down at least this fast to sink measurably."""
 NOMINAL_SINK_S: Final = 0.93 * MjcfOptions().contact_solref[0]
 """How long a foot sinks in the nominal simulator; in trials 0.88 to 1.0 contact time constants."""

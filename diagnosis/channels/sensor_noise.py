@@ -18,8 +18,8 @@ from diagnosis.recording import Recording
 from diagnosis.seam import Array, ChannelOff, ChannelView
 
 SIGNALS: Final = ("position", "velocity", "load")
-USUAL: Final = np.array([4e-4, 0.035, 0.5])
-"""Usual standard deviations, rad, rad/s, N·m: an encoder's resolution, its derivative, a strain gauge."""
+USUAL: Final = np.array([4e-4, 0.06, 0.5])
+"""Usual standard deviations, rad, rad/s, N·m: an encoder, its derivative with what motion leaks in, a strain gauge."""
 BLOCK: Final = 128
 ORDER: Final = 6
 _BINOMIALS: Final = np.array([1.0, -6.0, 15.0, -20.0, 15.0, -6.0, 1.0])
@@ -86,7 +86,7 @@ def noise_view(stack: Stack, actuator: ActuatorSignals | None = None) -> Channel
         usable=np.broadcast_to(has, response.shape).copy(),
         run=np.array(runs, dtype=np.intp),
         state=np.array(states, dtype=np.intp),
-        noise=np.full(len(rows), 0.5),
+        noise=np.ones(len(rows)),
         nuisance=np.zeros((*response.shape, 0)),
         row_joint=np.tile(np.arange(n_joints, dtype=np.intp), len(SIGNALS)),
         row_leg=np.tile(legs, len(SIGNALS)),

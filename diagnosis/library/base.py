@@ -70,9 +70,18 @@ class LibraryEffect(ABC):
         """
         return ({},)
 
-    def refined(self, shape: Shape) -> tuple[Shape, ...]:
-        """Neighbours of the best coarse shape, for a second, finer round. Default: none."""
+    def neighbours(self, shape: Shape) -> tuple[Shape, ...]:
+        """Shapes near one, for a finer round; bounds of the parameters need not be kept here. Default: none."""
         return ()
+
+    def refined(self, shape: Shape) -> tuple[Shape, ...]:
+        """Neighbours of the best shape that keep the bounds of the simulator's parameters."""
+        bounds = {p.name: (p.low, p.high) for p in self.effect.parameters()}
+
+        def allowed(shape: Shape) -> bool:
+            return all(low <= shape[name] <= high for name, (low, high) in bounds.items() if name in shape)
+
+        return tuple(s for s in self.neighbours(shape) if allowed(s))
 
     def rows(self, view: ChannelView, joints: Flags) -> Flags:
         """Rows of a channel that the effect at these joints can touch, whatever its shape. Shape (R,)."""

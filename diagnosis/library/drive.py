@@ -80,7 +80,7 @@ class BandwidthEntry(LibraryEffect):
         """Time constants of torque loops."""
         return tuple({"time_constant_s": t} for t in (0.001, 0.002, 0.004, 0.008, 0.016, 0.032))
 
-    def refined(self, shape: Shape) -> tuple[Shape, ...]:
+    def neighbours(self, shape: Shape) -> tuple[Shape, ...]:
         """Time constants nearby."""
         return tuple({"time_constant_s": shape["time_constant_s"] * f} for f in (0.72, 0.85, 0.93, 1.08, 1.18, 1.38))
 
@@ -138,7 +138,7 @@ class RippleEntry(LibraryEffect):
         position = s.position_rad[::STRIDE]
         return tuple({"cycles_per_rad": n} for n in strongest_orders(position, view.response, view.usable & joints))
 
-    def refined(self, shape: Shape) -> tuple[Shape, ...]:
+    def neighbours(self, shape: Shape) -> tuple[Shape, ...]:
         """Orders nearby."""
         n = shape["cycles_per_rad"]
         return tuple({"cycles_per_rad": n + d} for d in (-0.5, -0.25, -0.12, 0.12, 0.25, 0.5) if n + d >= 1.0)

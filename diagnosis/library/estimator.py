@@ -47,7 +47,7 @@ class VelocityEstimateEntry(LibraryEffect):
         """Lags of filters."""
         return tuple({"lag_s": t} for t in (0.0, 0.005, 0.01, 0.02, 0.04, 0.08))
 
-    def refined(self, shape: Shape) -> tuple[Shape, ...]:
+    def neighbours(self, shape: Shape) -> tuple[Shape, ...]:
         """Lags nearby."""
         return tuple(
             {"lag_s": shape["lag_s"] * f} for f in (0.72, 0.85, 0.93, 1.08, 1.18, 1.38) if shape["lag_s"] > 0.0

@@ -76,7 +76,7 @@ class StribeckEntry(LibraryEffect):
         """Speeds over which it fades."""
         return tuple({"speed_rad_s": v} for v in (0.2, 0.4, 0.8, 1.6))
 
-    def refined(self, shape: Shape) -> tuple[Shape, ...]:
+    def neighbours(self, shape: Shape) -> tuple[Shape, ...]:
         """Speeds nearby."""
         return tuple({"speed_rad_s": shape["speed_rad_s"] * f} for f in (0.72, 0.85, 1.19, 1.4))
 

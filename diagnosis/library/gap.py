@@ -34,7 +34,7 @@ class BacklashEntry(LibraryEffect):
         """Widths of the gap."""
         return tuple({"gap_rad": g} for g in (0.001, 0.002, 0.004, 0.008, 0.016, 0.032))
 
-    def refined(self, shape: Shape) -> tuple[Shape, ...]:
+    def neighbours(self, shape: Shape) -> tuple[Shape, ...]:
         """Widths nearby."""
         return tuple({"gap_rad": shape["gap_rad"] * f} for f in (0.6, 0.75, 0.87, 1.15, 1.33, 1.6))
 

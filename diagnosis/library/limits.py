@@ -60,7 +60,7 @@ class TorqueLimitEntry(_LimitEntry):
         quantiles, _ = largest_nm(views, joints)
         return tuple({"limit_nm": float(q)} for q in np.unique(np.maximum(np.round(quantiles, 3), 1.0)))
 
-    def refined(self, shape: Shape) -> tuple[Shape, ...]:
+    def neighbours(self, shape: Shape) -> tuple[Shape, ...]:
         """Limits nearby."""
         return tuple({"limit_nm": max(1.0, shape["limit_nm"] * f)} for f in (0.9, 0.94, 0.97, 1.03, 1.06, 1.1))
 
@@ -94,7 +94,7 @@ class SpeedCurveEntry(_LimitEntry):
             for corner in (0.0, 0.4, 0.7)
         )
 
-    def refined(self, shape: Shape) -> tuple[Shape, ...]:
+    def neighbours(self, shape: Shape) -> tuple[Shape, ...]:
         """One number changed at a time, and the flat top moved along the falling line."""
         stall, no_load, corner = shape["torque_max_nm"], shape["speed_max_rad_s"], shape["intersect_max_rad_s"]
         found = [_curve(stall * f, no_load, corner) for f in (0.85, 0.93, 1.07, 1.15)]
@@ -161,7 +161,7 @@ class PositionLimitEntry(_LimitEntry):
         quantiles = np.quantile(motor, (0.6, 0.75, 0.85, 0.92, 0.96, 0.98, 0.99, 0.995, 0.998))
         return tuple({"motor_torque_nm": max(0.05, float(q))} for q in np.unique(np.round(quantiles, 4)))
 
-    def refined(self, shape: Shape) -> tuple[Shape, ...]:
+    def neighbours(self, shape: Shape) -> tuple[Shape, ...]:
         """Motor torques nearby."""
         motor = shape["motor_torque_nm"]
         return tuple({"motor_torque_nm": max(0.05, motor * f)} for f in (0.9, 0.94, 0.97, 1.03, 1.06, 1.1))

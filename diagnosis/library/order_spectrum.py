@@ -13,6 +13,8 @@ LOWEST_PER_RAD: Final = 5.0
 HIGHEST_PER_RAD: Final = 700.0
 """Slower variation is a limit or a friction by place; faster than this the bins cannot follow."""
 STEP_PER_RAD: Final = 0.5
+WINDOW_BINS: Final = 81
+"""What varies more slowly than over this many bins is taken off first."""
 
 
 def strongest_orders(position_rad: Array, residual: Array, usable: Flags, n: int = 4) -> tuple[float, ...]:
@@ -39,7 +41,8 @@ def strongest_orders(position_rad: Array, residual: Array, usable: Flags, n: int
         first = float(angle.min())
         number = np.round((angle - first) / BIN_RAD).astype(np.intp)
         sums, counts = np.bincount(number, values), np.bincount(number)
-        smooth = np.convolve(sums, np.ones(81), mode="same") / np.maximum(np.convolve(counts, np.ones(81), "same"), 1.0)
+        window = np.ones(min(WINDOW_BINS, 2 * ((len(sums) - 1) // 2) + 1))
+        smooth = np.convolve(sums, window, mode="same") / np.maximum(np.convolve(counts, window, mode="same"), 1.0)
         sums = sums - smooth * counts
         centres = first + BIN_RAD * np.arange(len(sums))
         waves = np.exp(-1j * np.outer(orders, centres))

@@ -47,7 +47,7 @@ class PowerLimitEntry(LibraryEffect):
             ]
         return tuple(found)
 
-    def refined(self, shape: Shape) -> tuple[Shape, ...]:
+    def neighbours(self, shape: Shape) -> tuple[Shape, ...]:
         """Bounds nearby, and another copper loss at the same place."""
         power, copper = shape["power_w"], shape["copper_w_per_nm2"]
         found = [{"power_w": max(50.0, power * f), "copper_w_per_nm2": copper} for f in (0.88, 0.94, 1.06, 1.13)]
@@ -110,7 +110,7 @@ class BusSagEntry(LibraryEffect):
             for stall in (0.7, 1.2, 2.5, 8.0)
         )
 
-    def refined(self, shape: Shape) -> tuple[Shape, ...]:
+    def neighbours(self, shape: Shape) -> tuple[Shape, ...]:
         """One number changed at a time."""
         ohm, open_v = shape["resistance_ohm"], shape["open_voltage_v"]
         emf, stall = shape["back_emf_v_s_per_rad"], shape["stall_nm_per_v"]

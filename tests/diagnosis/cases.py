@@ -27,6 +27,7 @@ class Case:
     expected: Mapping[str, float] = field(default_factory=dict)
     """Where the found number is not the planted one: a delta against the nominal model."""
     unchecked: tuple[str, ...] = ()
+    duration_s: float = 3.0
 
     @property
     def label(self) -> str:
@@ -75,6 +76,7 @@ CASES = (
         ALL,
         {"resistance_ohm": 1.5, "open_voltage_v": 55.0, "back_emf_v_s_per_rad": 2.2, "stall_nm_per_v": 1.09},
         {"resistance_ohm": 0.25},
+        duration_s=4.0,
     ),
     Case("command_delay", ALL, {"delay_s": 0.006}),
     Case("command_jitter", ALL, {"mean_s": 0.004}),
@@ -115,6 +117,7 @@ CASES = (
         {"time_constant_s": SOFT_GROUND_S},
         {"time_constant_s": 0.3},
         expected={"time_constant_s": SOFT_GROUND_S + PLANTED_CONTACT_S - NOMINAL_SINK_S / 0.93},
+        duration_s=4.0,
     ),
     Case("contact_delay", ALL, {"delay_s": 0.03}),
     Case("imu_tilt", ALL, {"roll_rad": 0.02, "pitch_rad": -0.03}),

@@ -1,0 +1,246 @@
+import dataclasses
+
+import numpy as np
+import pytest
+
+from diagnosis.channels.build import build_views
+from diagnosis.channels.stack import stack
+from diagnosis.recording import record
+from diagnosis.seam import CHANNEL_TITLES
+from spot_model.delay import ConstantDelay
+from spot_model.effects.armature import Armature
+from spot_model.effects.torque_bandwidth import TorqueBandwidth
+from spot_model.effects.viscous_friction import ViscousFriction
+from spot_model.errors import BadInputError
+from spot_model.model_file import RobotModel
+from spot_runtime.log.run import CommandTable, StateTable
+
+from .cases import NOMINAL
+from .planted import Noise, ScriptedGait, Truth, planted_runs, walk_sequence
+
+
+def views_of(runs, model=NOMINAL, **options):
+    return build_views(stack([record(r) for r in runs]), model, **options)
+
+
+def median(view, row):
+    index = view.rows.index(row)
+    return float(np.median(view.response[view.usable[:, index], index]))
+
+
+def robust_scale(view):
+    """Median size of usable samples over the noise, as a standard deviation; shape (R,)."""
+    return np.array(
+        [
+            1.4826 * np.median(np.abs(view.response[view.usable[:, i], i])) / view.noise[i]
+            for i in range(len(view.rows))
+            if view.usable[:, i].any()
+        ]
+    )
+
+
+@pytest.fixture(scope="module")
+def null_runs():
+    return planted_runs(Truth(), 2, sequence=walk_sequence(3.0))
+
+
+@pytest.fixture(scope="module")
+def null(null_runs):
+    views, off = views_of(null_runs)
+    assert off == ()
+    return views
+
+
+def test_every_channel_is_on_and_in_order(null):
+    assert tuple(null) == tuple(CHANNEL_TITLES)
+
+
+@pytest.mark.parametrize("name", ["L", "T", "N", "A", "D", "B", "I"])
+def test_a_nominal_reality_leaves_noise_alone(null, name):
+    assert np.max(robust_scale(null[name])) < 2.0
+
+
+@pytest.mark.parametrize(
+    ("step_s", "effects"),
+    [
+        (0.0005, ()),
+        (0.0015, (Armature(inertia_kg_m2=0.04),)),
+        (0.0015, (ViscousFriction(damping_nm_s_per_rad=0.3),)),
+        (0.0015, (TorqueBandwidth(time_constant_s=0.006),)),
+    ],
+    ids=["short step", "armature", "viscous", "bandwidth"],
+)
+def test_channel_a_finds_the_loads_lag_whatever_else_acts(step_s, effects):
+    mjcf = dataclasses.replace(Truth().mjcf, timestep_s=step_s)
+    runs = planted_runs(Truth(effects=effects, mjcf=mjcf), 2, sequence=walk_sequence(1.5))
+    views, _ = views_of(runs)
+    assert views["A"].measured["load_lag_s"] == pytest.approx(step_s, abs=0.25e-3)
+
+
+def test_channel_a_says_when_the_lag_cannot_be_found():
+    truth = Truth(transport=ConstantDelay(delay_s=0.005))
+    views, _ = views_of(planted_runs(truth, 1, sequence=walk_sequence(2.0)))
+    assert "always come at one phase" in views["A"].notes[0]
+
+
+def test_channel_t_reads_delays_from_the_robots_stamps():
+    runs = planted_runs(Truth(transport=ConstantDelay(delay_s=0.0093)), 1, sequence=walk_sequence(1.0))
+    view = views_of(runs)[0]["T"]
+    assert view.measured["delay_s"] == pytest.approx(0.0093, abs=1e-6)
+    assert median(view, "delay") == pytest.approx(0.0043, abs=1e-6)
+    assert view.measured["lost_share"] == 0.0
+
+
+def test_channel_l_replays_set_points_actions_and_observations(null_runs):
+    views, _ = views_of(null_runs)
+    assert np.max(np.abs(views["L"].response)) < 1e-6
+    assert views["L"].measured["observation_error"] < 1e-5
+
+    class Constant(ScriptedGait):
+        def act(self, observation):
+            return np.zeros((len(observation), 12), dtype=np.float32)
+
+    other, _ = views_of(null_runs, policy=Constant())
+    assert other["L"].measured["action_error"] > 0.1
+
+
+def test_channel_q_sees_a_velocity_that_is_one_state_late(null_runs):
+    states = [r.states for r in null_runs]
+    late = [
+        dataclasses.replace(r, states=dataclasses.replace(s, velocity_rad_s=np.roll(s.velocity_rad_s, 1, axis=0)))
+        for r, s in zip(null_runs, states, strict=True)
+    ]
+    now, then = views_of(null_runs)[0]["Q"], views_of(late)[0]["Q"]
+    signals = now.signals
+    column = signals.finish_rate(signals.velocity_rad_s)
+
+    def age_s(view):
+        good = view.usable[:, 2]
+        return -float(np.sum(column[good, 2] * view.response[good, 2]) / np.sum(column[good, 2] ** 2))
+
+    assert age_s(now) == pytest.approx(0.0, abs=0.3e-3)
+    assert age_s(then) - age_s(now) == pytest.approx(0.003, rel=0.1)
+
+
+def test_channels_d_and_b_find_when_the_loads_acted(null):
+    # The simulator's torque acts from the start of a step of 1.5 ms, and accelerates over it.
+    assert null["D"].measured["load_age_s"] == pytest.approx(0.75e-3, abs=0.1e-3)
+    assert null["B"].measured["position_age_s"] == pytest.approx(1.5e-3, abs=0.1e-3)
+
+
+def test_channel_b_weighs_the_robot(null):
+    weight_n = 31.6 * 9.81
+    assert abs(median(null["B"], "force_z")) < 0.005 * weight_n
+    for row in ("force_x", "force_y", "moment_x", "moment_y", "moment_z"):
+        assert abs(median(null["B"], row)) < 0.8
+
+
+def test_channel_k_standing_feet_stand(null):
+    for leg in ("fl", "fr", "hl", "hr"):
+        assert abs(median(null["K"], f"{leg}_velocity_x")) < 0.02
+        assert abs(median(null["K"], f"{leg}_velocity_y")) < 0.015
+        assert abs(median(null["K"], f"{leg}_height")) < 0.001
+
+
+def test_channel_i_knows_gravity_and_the_age_of_packets(null, null_runs):
+    assert null["I"].measured["gravity_in_reading_m_s2"] == 9.81
+    wrong = [
+        dataclasses.replace(
+            r,
+            states=dataclasses.replace(
+                r.states,
+                imu=dataclasses.replace(r.states.imu, robot_stamp_ns=r.states.imu.robot_stamp_ns - 14_000_000),
+            ),
+        )
+        for r in null_runs
+    ]
+    aged = views_of(wrong)[0]["I"]
+    vertical = aged.rows.index("acceleration_z")
+    assert np.std(aged.response[:, vertical]) > 2.0 * np.std(null["I"].response[:, vertical])
+
+
+def test_channel_i_takes_a_unit_without_gravity_for_what_it_is(null_runs):
+    def without(run):
+        imu = run.states.imu
+        up = 2.0 * imu.odom_from_link_wxyz[:, :1] * 0.0 + np.array([0.0, 0.0, 9.81])
+        w, xyz = imu.odom_from_link_wxyz[:, :1], -imu.odom_from_link_wxyz[:, 1:]
+        in_link = up + 2.0 * np.cross(xyz, np.cross(xyz, up) + w * up)
+        changed = dataclasses.replace(
+            imu, acceleration_of_imu_in_link_m_s2=imu.acceleration_of_imu_in_link_m_s2 - in_link
+        )
+        return dataclasses.replace(run, states=dataclasses.replace(run.states, imu=changed))
+
+    views, _ = views_of([without(r) for r in null_runs])
+    assert views["I"].measured["gravity_in_reading_m_s2"] == 0.0
+    assert np.max(robust_scale(views["I"])) < 1.6
+    assert abs(median(views["B"], "force_z")) < 2.0
+
+
+def test_channel_p_recovers_the_supply():
+    runs = planted_runs(Truth(noise=Noise()), 3, sequence=walk_sequence(4.0))
+    measured = views_of(runs)[0]["P"].measured
+    assert measured["open_voltage_v"] == pytest.approx(55.0, abs=0.1)
+    assert measured["resistance_ohm"] == pytest.approx(0.045, rel=0.05)
+    assert measured["idle_power_w"] == pytest.approx(150.0, abs=12.0)
+    assert measured["copper_w_per_nm2"] == pytest.approx(0.02, rel=0.2)
+
+
+def test_channel_c_flags_change_with_the_force(null):
+    for leg in ("fl", "fr", "hl", "hr"):
+        assert abs(median(null["C"], f"{leg}_flag")) < 4e-3
+
+
+def cropped(run, joints, names):
+    """The log of a robot with other joints and without a body: some columns of a Spot's."""
+    keep = list(joints)
+    states, commands = run.states, run.commands
+    cut_states = {n: getattr(states, n)[:, keep] for n in ("position_rad", "velocity_rad_s", "load_nm")}
+    size = len(states)
+    nothing = {
+        "position_of_body_in_odom_m": np.full((size, 3), np.nan),
+        "odom_from_body_wxyz": np.full((size, 4), np.nan),
+        "linear_vel_of_body_in_odom_m_s": np.full((size, 3), np.nan),
+        "angular_vel_of_body_in_odom_rad_s": np.full((size, 3), np.nan),
+        "foot_contact": np.zeros((size, 0), dtype=bool),
+    }
+    columns = {
+        f.name: getattr(commands, f.name)[:, keep]
+        for f in dataclasses.fields(CommandTable)
+        if getattr(commands, f.name).ndim == 2
+    }
+    assert isinstance(states, StateTable)
+    return dataclasses.replace(
+        run,
+        header=dataclasses.replace(run.header, joint_names=names, foot_names=(), policy_contract_json=""),
+        states=dataclasses.replace(states, **cut_states, **nothing),
+        commands=dataclasses.replace(commands, **columns),
+    )
+
+
+def test_another_robot_keeps_what_needs_no_body(null_runs):
+    runs = [cropped(r, (1, 2, 5), ("shoulder", "elbow", "wrist")) for r in null_runs]
+    views, off = views_of(runs, RobotModel())
+    assert {"A", "T", "N", "Q"} <= set(views)
+    assert views["A"].rows == ("shoulder", "elbow", "wrist")
+    assert np.max(robust_scale(views["A"])) < 1.6
+    reasons = {o.name: o.reason for o in off}
+    assert reasons["D"] == reasons["B"] == "no body model of this robot"
+    assert "no policy contract" in reasons["L"]
+
+
+def test_missing_signals_switch_off_the_channels_that_need_them(null_runs):
+    def without_load(run):
+        return dataclasses.replace(
+            run, states=dataclasses.replace(run.states, load_nm=np.full_like(run.states.load_nm, np.nan))
+        )
+
+    _, off = views_of([without_load(r) for r in null_runs])
+    reasons = {o.name: o.reason for o in off}
+    assert set(reasons) == {"A", "D", "B", "C", "P"}
+    assert reasons["A"] == "no measured joint torque"
+
+
+def test_logs_of_two_robots_are_refused(null_runs):
+    other = cropped(null_runs[1], (1, 2, 5), ("shoulder", "elbow", "wrist"))
+    with pytest.raises(BadInputError, match="diagnose logs of one robot at a time"):
+        stack([record(null_runs[0]), record(other)])
