@@ -1,0 +1,126 @@
+"""The units: what systemd's own tools say of them, and what they must never do."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+DEPLOY = Path(__file__).resolve().parents[2] / "deploy"
+UNITS = ("spot-rl.service", "spot-rl-logs.service", "spot-rl-logs.timer")
+SERVICES = UNITS[:2]
+
+needs_systemd = pytest.mark.skipif(
+    shutil.which("systemd-analyze") is None, reason="systemd-analyze is not installed, so units cannot be verified"
+)
+
+
+@pytest.fixture
+def units(tmp_path: Path) -> Path:
+    """The units with a program that is there in the place of the installed one."""
+    for name in UNITS:
+        text = (DEPLOY / name).read_text(encoding="utf-8")
+        (tmp_path / name).write_text(
+            text.replace("/opt/spot-rl/current/venv/bin/spot-rl", "/bin/true"), encoding="utf-8"
+        )
+    return tmp_path
+
+
+def verify(*paths: Path) -> str:
+    command = ["systemd-analyze", "verify", "--man=no", *map(str, paths)]
+    told = subprocess.run(command, capture_output=True, text=True, check=False)
+    return told.stdout + told.stderr + ("" if told.returncode == 0 else f"exit code {told.returncode}")
+
+
+@needs_systemd
+def test_systemd_has_nothing_to_say_against_the_units(units: Path) -> None:
+    assert verify(*(units / name for name in UNITS)) == ""
+
+
+@needs_systemd
+def test_it_would_speak_up(units: Path) -> None:
+    path = units / "spot-rl.service"
+    path.write_text(path.read_text().replace("WatchdogSec=2", "WatchdogSecs=2"))
+    assert "WatchdogSecs" in verify(path)
+
+
+@needs_systemd
+@pytest.mark.parametrize("name", SERVICES)
+def test_hardening(units: Path, name: str) -> None:
+    command = ["systemd-analyze", "security", "--offline=true", "--threshold=20", str(units / name)]
+    told = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert told.returncode == 0, told.stdout[-2000:]
+    told = subprocess.run([*command[:3], "--threshold=1", command[-1]], capture_output=True, text=True, check=False)
+    assert told.returncode != 0  # the tool does compare
+
+
+def settings(name: str) -> dict[str, list[str]]:
+    found: dict[str, list[str]] = {}
+    for line in (DEPLOY / name).read_text(encoding="utf-8").splitlines():
+        key, equals, value = line.partition("=")
+        if equals and not line.startswith("#"):
+            found.setdefault(key, []).append(value)
+    return found
+
+
+def test_nothing_but_a_person_sets_the_robot_in_motion() -> None:
+    text, unit = (DEPLOY / "spot-rl.service").read_text(encoding="utf-8"), settings("spot-rl.service")
+    assert unit["Restart"] == ["no"]
+    assert "[Install]" not in text.replace("there is no [Install] section", "")
+    for other in DEPLOY.iterdir():
+        if other.suffix in (".service", ".timer", ".socket", ".path", ".target") and other.name != "spot-rl.service":
+            assert not re.search(r"\bspot-rl\.service\b", other.read_text(encoding="utf-8")), other.name
+
+
+def test_the_watchdog_ends_a_hung_loop_and_the_stop_has_time_to_sit() -> None:
+    unit = settings("spot-rl.service")
+    assert unit["Type"] == ["notify"]
+    assert unit["NotifyAccess"] == ["main"]
+    assert float(unit["WatchdogSec"][0]) <= 5.0
+    assert unit["KillMode"] == ["mixed"]  # the logger writes until the run is over
+    # Soft stop and hand-back take up to 10 s, sitting and cutting power up to 20 s more by their own time-outs.
+    assert float(unit["TimeoutStopSec"][0]) > 30.0
+
+
+def test_the_rights_are_those_that_the_configuration_asks_for() -> None:
+    from spot_runtime.config import RunConfig, load_config
+
+    unit = settings("spot-rl.service")
+    config = load_config(DEPLOY / "run.yaml.example")
+    assert unit["LimitRTPRIO"] == unit["CPUSchedulingPriority"] == [str(config.real_time.fifo_priority)]
+    assert config.real_time.fifo_priority == RunConfig().real_time.fifo_priority
+    assert unit["CPUSchedulingPolicy"] == ["fifo"]
+    assert unit["LimitMEMLOCK"] == ["infinity"]
+    assert "RestrictRealtime" not in unit
+    assert config.robot.credentials_file is None  # so that systemd's credential counts
+
+
+def test_the_credential_has_the_name_that_the_runtime_looks_for() -> None:
+    from spot_runtime.hal.credentials import SYSTEMD_NAME
+
+    (credential,) = settings("spot-rl.service")["LoadCredential"]
+    assert credential == f"{SYSTEMD_NAME}:/etc/spot-rl/credentials.yaml"
+
+
+def test_every_option_and_variable_of_the_units_is_there() -> None:
+    import inspect
+
+    from spot_runtime.cli import run
+    from spot_runtime.doctor.command import doctor
+    from spot_runtime.retention import prune_logs
+
+    commands = {"run": run, "doctor": doctor, "prune-logs": prune_logs}
+    variables = set(re.findall(r"^#?(SPOT_RL_\w+)=", (DEPLOY / "spot-rl.env.example").read_text(), re.MULTILINE))
+    seen = set()
+    for name in SERVICES:
+        unit = settings(name)
+        for line in unit.get("ExecStartPre", []) + unit["ExecStart"]:
+            words = line.split()
+            seen.add(words[1])
+            parameters = {parameter.replace("_", "-") for parameter in inspect.signature(commands[words[1]]).parameters}
+            assert {word[2:] for word in words if word.startswith("--")} <= parameters, line
+            assert set(re.findall(r"\$\{(\w+)\}", line)) <= variables, line
+    assert seen == {"run", "doctor", "prune-logs"}
