@@ -41,28 +41,34 @@ class GetStatusResponse(_message.Message):
     def __init__(self, robot_stamp_ns: _Optional[int] = ..., lock_step: _Optional[bool] = ..., mode: _Optional[str] = ..., motor_power: _Optional[str] = ..., estop_level: _Optional[str] = ..., lease_owner: _Optional[str] = ..., active_faults: _Optional[_Iterable[_Union[ActiveFault, _Mapping]]] = ..., last_command_key: _Optional[int] = ..., last_state_robot_stamp_ns: _Optional[int] = ..., states_sent: _Optional[int] = ..., commands_received: _Optional[int] = ..., state_streams: _Optional[int] = ..., command_streams: _Optional[int] = ...) -> None: ...
 
 class StepRequest(_message.Message):
-    __slots__ = ("duration_ns", "state_messages", "wait_for_command_key", "wait_timeout_s", "max_duration_ns")
+    __slots__ = ("duration_ns", "state_messages", "wait_for_command_key", "wait_timeout_s", "max_duration_ns", "with_states")
     DURATION_NS_FIELD_NUMBER: _ClassVar[int]
     STATE_MESSAGES_FIELD_NUMBER: _ClassVar[int]
     WAIT_FOR_COMMAND_KEY_FIELD_NUMBER: _ClassVar[int]
     WAIT_TIMEOUT_S_FIELD_NUMBER: _ClassVar[int]
     MAX_DURATION_NS_FIELD_NUMBER: _ClassVar[int]
+    WITH_STATES_FIELD_NUMBER: _ClassVar[int]
     duration_ns: int
     state_messages: int
     wait_for_command_key: int
     wait_timeout_s: float
     max_duration_ns: int
-    def __init__(self, duration_ns: _Optional[int] = ..., state_messages: _Optional[int] = ..., wait_for_command_key: _Optional[int] = ..., wait_timeout_s: _Optional[float] = ..., max_duration_ns: _Optional[int] = ...) -> None: ...
+    with_states: bool
+    def __init__(self, duration_ns: _Optional[int] = ..., state_messages: _Optional[int] = ..., wait_for_command_key: _Optional[int] = ..., wait_timeout_s: _Optional[float] = ..., max_duration_ns: _Optional[int] = ..., with_states: _Optional[bool] = ...) -> None: ...
 
 class StepResponse(_message.Message):
-    __slots__ = ("robot_stamp_ns", "last_state_robot_stamp_ns", "states_sent")
+    __slots__ = ("robot_stamp_ns", "last_state_robot_stamp_ns", "states_sent", "states", "states_ended")
     ROBOT_STAMP_NS_FIELD_NUMBER: _ClassVar[int]
     LAST_STATE_ROBOT_STAMP_NS_FIELD_NUMBER: _ClassVar[int]
     STATES_SENT_FIELD_NUMBER: _ClassVar[int]
+    STATES_FIELD_NUMBER: _ClassVar[int]
+    STATES_ENDED_FIELD_NUMBER: _ClassVar[int]
     robot_stamp_ns: int
     last_state_robot_stamp_ns: int
     states_sent: int
-    def __init__(self, robot_stamp_ns: _Optional[int] = ..., last_state_robot_stamp_ns: _Optional[int] = ..., states_sent: _Optional[int] = ...) -> None: ...
+    states: _containers.RepeatedScalarFieldContainer[bytes]
+    states_ended: str
+    def __init__(self, robot_stamp_ns: _Optional[int] = ..., last_state_robot_stamp_ns: _Optional[int] = ..., states_sent: _Optional[int] = ..., states: _Optional[_Iterable[bytes]] = ..., states_ended: _Optional[str] = ...) -> None: ...
 
 class ListFaultsRequest(_message.Message):
     __slots__ = ()

@@ -22,6 +22,7 @@ from spot_runtime.composer import asked_setpoint, within_stops
 from spot_runtime.config import RunConfig
 from spot_runtime.events import EventName
 from spot_runtime.hal.base import Hal, JointControl
+from spot_runtime.hal.errors import HalError
 from spot_runtime.handover import LoadAverage, Setpoint, hold_setpoint
 from spot_runtime.log.records import EventRecord
 from spot_runtime.log.sink import LogSink
@@ -141,7 +142,10 @@ class ControlLoop:
             self._cycle()
         except Exception as error:  # noqa: BLE001 - whatever it is, the robot must not be left to it
             is_last_resort = self._mode in (Mode.READY, Mode.DAMPING, Mode.RELEASED)
-            self.ask_stop(Stop(StopReason.INTERNAL_ERROR, f"{type(error).__name__}: {error}"))
+            if isinstance(error, HalError):
+                self.ask_stop(Stop(StopReason.LINK_LOST, str(error)))
+            else:
+                self.ask_stop(Stop(StopReason.INTERNAL_ERROR, f"{type(error).__name__}: {error}"))
             self._set_mode(Mode.RELEASED if is_last_resort else Mode.DAMPING)
 
     # One cycle -------------------------------------------------------------------------------------------------------

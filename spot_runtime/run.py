@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 import uuid
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -126,6 +127,7 @@ class _Attempt:
         self._hal: Hal | None = None
         self._stats = LoopStats()
         self._refusals: tuple[str, ...] = ()
+        self._control_s = (0.0, 0.0)
         self._rss_start_mb = resident_mb()
         self.outcome, self._exit_code, self._sentence = "internal_error", StopReason.INTERNAL_ERROR.exit_code, ""
 
@@ -172,6 +174,8 @@ class _Attempt:
             log_dropped=sum(self._sink.dropped.values()),
             rss_mb=rss_mb,
             rss_growth_mb=rss_mb - self._rss_start_mb,
+            control_robot_s=self._control_s[0],
+            control_wall_s=self._control_s[1],
             real_time_refusals=self._refusals,
             **figures(self._stats),  # type: ignore[arg-type]
         )
@@ -195,12 +199,14 @@ class _Attempt:
         freeze_garbage_collection(self._request.config.real_time)
         self._rss_start_mb = resident_mb()
         self._manager.ready()
+        began_robot_ns, began_s = hal.robot_now_ns(), time.monotonic()
         while not loop.is_done:
             asked = signals.take()
             if asked is not None:
                 loop.ask_stop(asked)
             loop.cycle()
             self._manager.progressed()
+        self._control_s = (hal.robot_now_ns() - began_robot_ns) / 1e9, time.monotonic() - began_s
         self._manager.stopping()
         self._console.show(None)
         return loop.stop or Stop(StopReason.COMPLETED)

@@ -36,6 +36,10 @@ class RunSummary:
     rss_mb: float
     rss_growth_mb: float
     """Resident memory at the end less that at the start of control."""
+    control_robot_s: float = 0.0
+    """Robot time from the begin of control to its end."""
+    control_wall_s: float = 0.0
+    """The same in host time; shorter in lock-step."""
     real_time_refusals: tuple[str, ...] = ()
 
     def to_json(self) -> str:
@@ -48,6 +52,7 @@ class RunSummary:
         lines = [f"outcome            {self.outcome}: {self.sentence}"]
         if self.ticks:
             lines += [
+                f"control            {self.control_robot_s:.1f} s of robot time in {self.control_wall_s:.1f} s",
                 f"policy ticks       {self.ticks} at {self.rate_hz:.3f} Hz of robot time, {self.skipped_ticks} skipped",
                 _pair("tick compute", self.tick_compute_p50_us, self.tick_compute_p99_us, "µs"),
                 _pair("state to command", self.state_to_command_p50_ms, self.state_to_command_p99_ms, "ms"),

@@ -9,6 +9,7 @@ from typing import Any, NoReturn
 import grpc
 
 from fake_robot.services.fault_desk import FaultDesk
+from fake_robot.services.state_tap import StateTap
 from fake_robot.services.world import World
 from spot_model.errors import BadInputError
 from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
@@ -34,6 +35,7 @@ class AdminService(fake_admin_pb2_grpc.FakeAdminServicer):
         self._faults = faults
         self._request_stop = request_stop
         self._step_lock = threading.Lock()
+        self._tap: StateTap | None = None
 
     def GetStatus(  # noqa: N802
         self, request: fake_admin_pb2.GetStatusRequest, context: grpc.ServicerContext
@@ -71,17 +73,24 @@ class AdminService(fake_admin_pb2_grpc.FakeAdminServicer):
                 context, f"a step is at most {MAX_STEP_NS} ns or {MAX_STEP_STATES} state messages, and not negative"
             )
         with self._step_lock:
+            self._tap_states(request.with_states)
             self._wait_for_command(request, context)
             states_before = robot.states_sent
             if request.WhichOneof("until") == "state_messages":
                 self._advance_states(request.state_messages, request.max_duration_ns or None)
             else:
                 self._advance(request.duration_ns)
-            return fake_admin_pb2.StepResponse(
+            response = fake_admin_pb2.StepResponse(
                 robot_stamp_ns=self._world.now_ns(),
                 last_state_robot_stamp_ns=robot.last_state_stamp_ns,
                 states_sent=robot.states_sent - states_before,
             )
+            if self._tap is not None:
+                response.states.extend(self._tap.take())
+                if self._tap.is_closed:
+                    response.states_ended = self._world.link.why_down() or "the robot ended the state stream"
+                    self._tap = None
+            return response
 
     def ListFaults(  # noqa: N802
         self, request: fake_admin_pb2.ListFaultsRequest, context: grpc.ServicerContext
@@ -125,6 +134,13 @@ class AdminService(fake_admin_pb2_grpc.FakeAdminServicer):
         """End the fake."""
         self._request_stop()
         return fake_admin_pb2.ShutdownResponse()
+
+    def _tap_states(self, is_wanted: bool) -> None:
+        if is_wanted and self._tap is None:
+            self._tap = StateTap(self._world)
+        elif not is_wanted and self._tap is not None:
+            self._tap.close()
+            self._tap = None
 
     def _wait_for_command(self, request: fake_admin_pb2.StepRequest, context: grpc.ServicerContext) -> None:
         key, wait_s = request.wait_for_command_key, request.wait_timeout_s or DEFAULT_WAIT_S

@@ -19,9 +19,9 @@ from spot_runtime.hal.command_wire import CommandEncoder
 from spot_runtime.hal.errors import EstopError, HalError, LeaseHeldError
 from spot_runtime.hal.jobs import Jobs
 from spot_runtime.hal.motions import Motions
-from spot_runtime.hal.pace import Pace, RealTime, take_all
+from spot_runtime.hal.pace import Pace, RealTime, States, take_all
 from spot_runtime.hal.session import Session
-from spot_runtime.hal.streams import CommandStream, StateReceiver
+from spot_runtime.hal.streams import CommandStream, OnEnd, StateReceiver
 from spot_runtime.log.sink import LogSink
 from spot_runtime.stops import Stop, StopReason
 
@@ -48,7 +48,7 @@ class BosdynHal:
         self._jobs = Jobs(self._job_failed)
         self._problems: deque[Stop] = deque(maxlen=100)
         self._slow: SlowState | None = None
-        self._states: StateReceiver | None = None
+        self._states: States | None = None
         self._commands: CommandStream | None = None
         self._command_channel: Any = None
         self._encoder = CommandEncoder(config.robot.client_name, config.control.velocity_safety_limit_rad_s)
@@ -184,17 +184,25 @@ class BosdynHal:
                 raise EstopError(problem.sentence())
 
     def _open_states(self) -> None:
+        def lost(reason: str) -> None:
+            self._problems.append(Stop(StopReason.STATE_LOST, reason))
+
+        def open_stream() -> StateReceiver:
+            return self._state_stream(lost)
+
+        self._states = self._pace.open_states(open_stream, self._sink.state, lost)
+
+    def _state_stream(self, on_end: OnEnd) -> StateReceiver:
         request = robot_state_pb2.RobotStateStreamRequest()
         request.header.client_name = self._config.robot.client_name
         stamp = request.header.request_timestamp
         stamp.seconds, stamp.nanos = divmod(self._pace.host_now_ns(), NS_PER_S)
-        self._states = StateReceiver(
+        return StateReceiver(
             self._session.streaming_channel(RobotStateStreamingClient),
             request,
             now_ns=self._pace.host_now_ns,
-            receipt_ns=self._pace.receipt_ns if self._pace.knows_robot_time else None,
             on_wire=self._sink.state,
-            on_end=lambda reason: self._problems.append(Stop(StopReason.STATE_LOST, reason)),
+            on_end=on_end,
         )
 
     def _activate(self) -> None:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import queue
 import time
-from collections import deque
+from collections.abc import Callable
 from typing import Any, Final
 
 import grpc
@@ -15,15 +14,13 @@ from spot_protos import fake_admin_pb2
 from spot_runtime.clock import NS_PER_S
 from spot_runtime.hal.errors import LockStepError
 from spot_runtime.hal.jobs import Jobs
-from spot_runtime.hal.pace import StateQueue
+from spot_runtime.hal.pace import StateQueue, States, take_all
+from spot_runtime.hal.streams import FedStates, OnEnd, OnWire
 from spot_runtime.hal.vendor_errors import describe
 
 STEP_METHOD: Final = "/spot_rl.fake.v1.FakeAdmin/Step"
 STATUS_METHOD: Final = "/spot_rl.fake.v1.FakeAdmin/GetStatus"
 STEP_MAX_NS: Final = 30_000_000
-LAG_MAX_NS: Final = 8_000_000
-"""Longest delay of a state that a step allows for; a longer one costs more steps."""
-
 COMMAND_TIMEOUT_S: Final = 2.0
 """Host time within which a command that was handed over must have arrived."""
 
@@ -61,7 +58,7 @@ class LockStep:
         self._robot_ns = int(status.robot_stamp_ns)
         self._host_minus_robot_ns = host_now_ns - self._robot_ns
         self._newest_ns = 0
-        self._lags_ns: deque[int] = deque([0], maxlen=4)
+        self._states: FedStates | None = None
         self._jobs: Jobs | None = None
         self._key = 0
 
@@ -86,11 +83,16 @@ class LockStep:
         """The robot's clock, exactly."""
         return self._robot_ns
 
-    def receipt_ns(self, robot_stamp_ns: int) -> int:
-        """States count as received when they were sampled: while a step is under way, no clock runs here."""
-        return robot_stamp_ns + self._host_minus_robot_ns
+    def open_states(self, open_stream: Callable[[], States], on_wire: OnWire, on_end: OnEnd) -> States:
+        """Take the states with the answers to each step: one message in place of seven, at the same robot time.
 
-    def begin(self, activate: Any) -> None:
+        A state counts as received when it was sampled: while a step is under way, no clock runs here.
+        """
+        del open_stream
+        self._states = FedStates(lambda stamp_ns: stamp_ns + self._host_minus_robot_ns, on_wire, on_end)
+        return self._states
+
+    def begin(self, activate: Callable[[], None]) -> None:
         """Let the first command arrive, then activate; in this thread, so that every run goes alike."""
         self._advance(0)
         activate()
@@ -105,24 +107,15 @@ class LockStep:
 
     def receive(self, states: StateQueue, until_robot_ns: int, timeout_s: float) -> list[RobotState]:
         """Advance towards the instant at which a state stamped ``until_robot_ns`` arrives; take what has come."""
-        lag_ns = self._robot_ns - self._newest_ns if self._newest_ns else 0
-        self._lags_ns.append(min(lag_ns, LAG_MAX_NS))
-        wanted_ns = until_robot_ns + max(self._lags_ns) - self._robot_ns
-        is_stale = lag_ns > 2 * STEP_MAX_NS
-        longest_ns = min(STEP_MAX_NS, round(timeout_s * NS_PER_S)) if is_stale else STEP_MAX_NS
-        sent_ns = self._advance(min(longest_ns, max(STATE_PERIOD_NS, wanted_ns)))
-        received: list[RobotState] = []
-        while self._newest_ns < sent_ns:
-            try:
-                state = states.get(timeout=ANSWER_TIMEOUT_S)
-            except queue.Empty:
-                raise LockStepError(
-                    f"a state stamped {sent_ns} was sent but did not arrive; is the stream open?"
-                ) from None
-            if state is None:
-                break
-            received.append(state)
-            self._newest_ns = max(self._newest_ns, state.robot_stamp_ns)
+        wanted = -(-(until_robot_ns - self._newest_ns) // STATE_PERIOD_NS) if self._newest_ns else 1
+        wanted = max(1, min(wanted, STEP_MAX_NS // STATE_PERIOD_NS))
+        # A state that comes this much later than its place in the stream is not waited for: time must pass for the
+        # watchdogs as it does in real time.
+        longest_ns = wanted * STATE_PERIOD_NS + round(timeout_s * NS_PER_S)
+        self._step_on(fake_admin_pb2.StepRequest(state_messages=wanted, max_duration_ns=longest_ns))
+        received = take_all(states)
+        if received:
+            self._newest_ns = max(self._newest_ns, received[-1].robot_stamp_ns)
         return received
 
     def sent(self, key: int) -> None:
@@ -138,22 +131,26 @@ class LockStep:
         self._jobs = None
         self._channel.close()
 
-    def _advance(self, duration_ns: int) -> int:
-        """Step, then run the chores that are due. Returns the stamp of the newest state that was sent."""
-        request = fake_admin_pb2.StepRequest(
-            duration_ns=duration_ns, wait_for_command_key=self._key, wait_timeout_s=COMMAND_TIMEOUT_S
-        )
+    def _advance(self, duration_ns: int) -> None:
+        self._step_on(fake_admin_pb2.StepRequest(duration_ns=duration_ns))
+
+    def _step_on(self, request: fake_admin_pb2.StepRequest) -> None:
+        """Step, take the states, then run the chores that are due."""
+        request.with_states = self._states is not None
+        request.wait_for_command_key, request.wait_timeout_s = self._key, COMMAND_TIMEOUT_S
         try:
             response = self._step(request, timeout=ANSWER_TIMEOUT_S)
         except grpc.RpcError as error:
-            if error.code() is not grpc.StatusCode.DEADLINE_EXCEEDED or not self._key:
+            if error.code() is not grpc.StatusCode.DEADLINE_EXCEEDED or not request.wait_for_command_key:
                 raise self._error("stepping", error) from error
             self._key = 0  # the stream has ended; the adapter says why
-            return self._advance(duration_ns)
+            self._step_on(request)
+            return
         self._robot_ns = int(response.robot_stamp_ns)
+        if self._states is not None:
+            self._states.feed(response.states, response.states_ended)
         if self._jobs is not None:
             self._jobs.run_due(self.chore_now_s())
-        return int(response.last_state_robot_stamp_ns)
 
     def _status(self) -> Any:
         call = self._channel.unary_unary(

@@ -11,9 +11,19 @@ from typing import Protocol
 from spot_model.state import RobotState
 from spot_runtime.clock import HostClock, RobotClockEstimate
 from spot_runtime.hal.jobs import Jobs
+from spot_runtime.hal.streams import OnEnd, OnWire
 
 StateQueue = queue.SimpleQueue[RobotState | None]
 """States as they come; None after the last one."""
+
+
+class States(Protocol):
+    """Something that brings states."""
+
+    states: StateQueue
+
+    def stop(self) -> None:
+        """Bring no more."""
 
 
 class Pace(Protocol):
@@ -35,8 +45,8 @@ class Pace(Protocol):
     def robot_now_ns(self) -> int:
         """The robot's clock."""
 
-    def receipt_ns(self, robot_stamp_ns: int) -> int:
-        """The host's clock when a state with this stamp counts as received, where robot time is known."""
+    def open_states(self, open_stream: Callable[[], States], on_wire: OnWire, on_end: OnEnd) -> States:
+        """Begin to receive states: by ``open_stream``, or by a way of its own that tells the same two."""
 
     def pause(self, duration_s: float) -> None:
         """Let robot time pass while nothing is controlled."""
@@ -89,10 +99,10 @@ class RealTime:
         """The robot's clock, as estimated."""
         return self._estimate.robot_ns(self._clock.now_ns())
 
-    def receipt_ns(self, robot_stamp_ns: int) -> int:
-        """The host's clock at a robot instant, as estimated."""
-        host_ns = self._clock.now_ns()
-        return robot_stamp_ns - self._estimate.skew_ns(host_ns)
+    def open_states(self, open_stream: Callable[[], States], on_wire: OnWire, on_end: OnEnd) -> States:
+        """Open the stream, which tells them itself."""
+        del on_wire, on_end
+        return open_stream()
 
     def pause(self, duration_s: float) -> None:
         """Sleep."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import queue
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from typing import Any, Final
 
@@ -19,6 +19,13 @@ from spot_runtime.vendor_state import StateMessageError, robot_state_from_wire
 
 STATE_METHOD: Final = "/bosdyn.api.RobotStateStreamingService/GetRobotStateStream"
 COMMAND_METHOD: Final = "/bosdyn.api.RobotCommandStreamingService/JointControlStream"
+
+
+OnWire = Callable[[bytes, int], None]
+"""Takes a message's bytes and the instant of its receipt, host clock."""
+
+OnEnd = Callable[[str], None]
+"""Takes why a stream has ended."""
 
 
 def _as_it_is(wire: bytes) -> bytes:
@@ -37,9 +44,8 @@ class StateReceiver:
         request: robot_state_pb2.RobotStateStreamRequest,
         *,
         now_ns: Callable[[], int],
-        receipt_ns: Callable[[int], int] | None,
-        on_wire: Callable[[bytes, int], None],
-        on_end: Callable[[str], None],
+        on_wire: OnWire,
+        on_end: OnEnd,
     ) -> None:
         """Open the stream.
 
@@ -47,14 +53,12 @@ class StateReceiver:
             channel: Secure channel to the state streaming service.
             request: The request, header filled.
             now_ns: The host's clock.
-            receipt_ns: Gives the instant of receipt from a state's own stamp, where the host's clock cannot tell it
-                because robot time stands still meanwhile; None: the clock can.
             on_wire: Takes each message's bytes and the instant of its receipt.
             on_end: Takes the reason when the stream ends other than by :meth:`stop`.
         """
         self.states: queue.SimpleQueue[RobotState | None] = queue.SimpleQueue()
         """States as they come; None after the last one."""
-        self._now_ns, self._receipt_ns, self._on_wire, self._on_end = now_ns, receipt_ns, on_wire, on_end
+        self._now_ns, self._on_wire, self._on_end = now_ns, on_wire, on_end
         self._is_stopped = False
         stream = channel.unary_stream(
             STATE_METHOD,
@@ -72,15 +76,11 @@ class StateReceiver:
         self._thread.join(timeout=2.0)
 
     def _run(self) -> None:
-        put, now_ns, receipt_ns, on_wire = self.states.put, self._now_ns, self._receipt_ns, self._on_wire
+        put, now_ns, on_wire = self.states.put, self._now_ns, self._on_wire
         try:
             for wire in self._call:
                 stamp_ns = now_ns()
-                state = robot_state_from_wire(wire, stamp_ns, with_imu=False)
-                if receipt_ns is not None:
-                    stamp_ns = receipt_ns(state.robot_stamp_ns)
-                    state = replace(state, host_stamp_ns=stamp_ns)
-                put(state)
+                put(robot_state_from_wire(wire, stamp_ns, with_imu=False))
                 on_wire(wire, stamp_ns)
             reason = "the robot closed the state stream"
         except grpc.RpcError as error:
@@ -91,6 +91,28 @@ class StateReceiver:
         if not self._is_stopped:
             self._on_end(reason)
         put(None)
+
+
+class FedStates:
+    """States that are handed in, where no stream of our own brings them; otherwise like :class:`StateReceiver`."""
+
+    def __init__(self, receipt_ns: Callable[[int], int], on_wire: OnWire, on_end: OnEnd) -> None:
+        """Take the same as :class:`StateReceiver`."""
+        self.states: queue.SimpleQueue[RobotState | None] = queue.SimpleQueue()
+        self._receipt_ns, self._on_wire, self._on_end = receipt_ns, on_wire, on_end
+
+    def feed(self, wires: Iterable[bytes], ended: str) -> None:
+        """Take messages, and why no more will come; empty when they go on."""
+        for wire in wires:
+            state = robot_state_from_wire(wire, 0, with_imu=False)
+            stamp_ns = self._receipt_ns(state.robot_stamp_ns)
+            self.states.put(replace(state, host_stamp_ns=stamp_ns))
+            self._on_wire(wire, stamp_ns)
+        if ended:
+            self._on_end(ended)
+
+    def stop(self) -> None:
+        """Nothing is open."""
 
 
 class CommandStream:
