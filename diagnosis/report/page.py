@@ -18,7 +18,8 @@ MAX_STRETCHES: Final = 60
 STYLE: Final = """
 body { font: 15px/1.45 system-ui, sans-serif; color: #26313b; background: #f4f6f8; margin: 0; }
 main { max-width: 1320px; margin: 0 auto; padding: 20px; }
-h1 { font-size: 24px; margin: 4px 0 2px; } h2 { font-size: 18px; margin: 0 0 6px; } h3 { font-size: 15px; margin: 10px 0 2px; }
+h1 { font-size: 24px; margin: 4px 0 2px; } h2 { font-size: 18px; margin: 0 0 6px; }
+h3 { font-size: 15px; margin: 10px 0 2px; }
 section { background: #fff; border: 1px solid #dde3e8; border-radius: 8px; padding: 14px 18px; margin: 14px 0; }
 .two { display: grid; grid-template-columns: 1fr 1fr; gap: 14px; } .two section { margin: 0; }
 p.note { color: #61707d; margin: 0 0 6px; font-size: 13px; } p.verdict { font-size: 19px; margin: 4px 0; }
@@ -46,7 +47,7 @@ def page(result: Diagnosis) -> str:
         f"<h1>Diagnosis of {len(v.logs)} logs</h1><p class='note'>nominal model: {_e(v.nominal or 'given')}</p>",
         f"<section><p class='verdict'>{_e(WORDS[v.status])}</p>{_effects(v)}</section>",
         "<div class='two'>",
-        _section("Where", "Colour: the joint's gap over its floor in the load's error, or the load. Ring: the verdict names it.",
+        _section("Where", "Colour: the gap of the load's error over its floor. Ring: the verdict names the joint.",
                  picture(gaps, named) if tuple(joints) == JOINT_NAMES else ""),
         _section("Which", "Red: found. Orange: not to be told apart from it with these logs.", figures.ranking(v)),
         "</div>",
@@ -73,7 +74,8 @@ def page(result: Diagnosis) -> str:
     return (
         "<!doctype html><html lang='en'><head><meta charset='utf-8'><title>Diagnosis</title>"
         "<link rel='icon' href='data:,'>"
-        f"<style>{STYLE}</style><script>{get_plotlyjs()}</script></head><body><main>{''.join(body)}</main></body></html>"
+        f"<style>{STYLE}</style><script>{get_plotlyjs()}</script></head>"
+        f"<body><main>{''.join(body)}</main></body></html>"
     )
 
 
@@ -125,7 +127,8 @@ def _effect(e: FoundEffect) -> str:
         f"{CHANNEL_TITLES.get(c, c)} {g:.0f}" for c, g in sorted(e.channels.items(), key=lambda x: -x[1])
     )
     return (
-        f"<h3>{_e(e.title or e.name)} ({_e(e.name)}), probability {e.probability:.2f}, at {_e(joints_in_short(e.joints))}</h3>"
+        f"<h3>{_e(e.title or e.name)} ({_e(e.name)}), probability {e.probability:.2f}, "
+        f"at {_e(joints_in_short(e.joints))}</h3>"
         f"<table>{rows}</table>{group}<p class='note'>Evidence in nats by channel: {_e(channels)}</p>"
     )
 
@@ -152,7 +155,8 @@ def _traces(result: Diagnosis, gaps: dict[str, float], named: frozenset[str]) ->
     key = (real.header.command_sequence or "unnamed", real.header.repeat)
     same = [next((r for r in group if (r.header.command_sequence, r.header.repeat) == key), None)
             for group in (m.nominal, m.corrected)]  # fmt: skip
-    note = f"{joint} in {real.header.command_sequence}, repeat {real.header.repeat}; each in closed loop, so steps drift apart."
+    where = f"{joint} in {real.header.command_sequence}, repeat {real.header.repeat}"
+    note = f"{where}; each in closed loop, so steps drift apart."
     return _section("Traces", note, figures.traces(real, same[0], same[1], joints.index(joint)))
 
 
@@ -170,7 +174,8 @@ def _invisible(v: Verdict) -> str:
 
 def _stretches(v: Verdict) -> str:
     rows = "".join(
-        f"<tr><td>{_e(s.log)}</td><td>{s.start_s:.1f} to {s.end_s:.1f} s</td><td>{_e(s.kind)}</td><td>{_e(s.reason)}</td></tr>"
+        f"<tr><td>{_e(s.log)}</td><td>{s.start_s:.1f} to {s.end_s:.1f} s</td><td>{_e(s.kind)}</td>"
+        f"<td>{_e(s.reason)}</td></tr>"
         for s in v.timeline[:MAX_STRETCHES]
     )
     more = len(v.timeline) - MAX_STRETCHES

@@ -15,7 +15,7 @@ from diagnosis.selection.scoring import Placed, Scored, Scorer
 
 MAX_TERMS: Final = 3
 NEAR_SHARE: Final = 0.1
-MIN_SHARE: Final = 0.05
+MIN_SHARE: Final = 0.1
 """An effect that takes less than this off every signal is too small to matter, however significant."""
 WORTH_SHARE: Final = 0.25
 """An effect whose first try scores less than this share of the best so far is not refined."""

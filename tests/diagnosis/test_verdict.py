@@ -16,11 +16,14 @@ from diagnosis.verdict import (
     load_verdict,
 )
 
+CELL = GapCell(signal="load", joint="fl_kn", regime="motoring", gap=2.0, floor=0.5, ratio=4.0, p_value=0.01)
+PLACEBO = Placebo(name="armature", s=0.2)
+
 
 def _verdict() -> Verdict:
     return Verdict(
         status="explained",
-        where=(GapCell(signal="load", joint="fl_kn", regime="motoring, high speed", gap=2.0, floor=0.5, ratio=4.0, p_value=0.01),),
+        where=(CELL,),
         effects=(
             FoundEffect(
                 name="coulomb_friction",
@@ -36,7 +39,7 @@ def _verdict() -> Verdict:
         unknown=None,
         channels={"A": "used", "P": "off: no battery record"},
         shrink=Shrink(
-            d0=5.0, d1=1.5, floor=1.0, s=0.875, s_low=0.8, s_high=0.95, held_out=("a",), placebo=Placebo(name="armature", s=0.2)
+            d0=5.0, d1=1.5, floor=1.0, s=0.875, s_low=0.8, s_high=0.95, held_out=("a",), placebo=PLACEBO
         ),
         log_advice=("Record more.",),
     )  # fmt: skip
@@ -51,8 +54,8 @@ def test_a_round_trip_changes_nothing(tmp_path) -> None:
 def test_the_keys_of_the_contract_are_there() -> None:
     data = json.loads(_verdict().to_json())
     assert data["schema"] == "spot-rl/verdict/1"
-    wanted = {"schema", "status", "where", "effects", "probability_none", "probability_unknown", "unknown", "channels", "shrink",
-              "log_advice"}  # fmt: skip
+    words = "schema status where effects probability_none probability_unknown unknown channels shrink log_advice"
+    wanted = set(words.split())
     assert wanted <= set(data)
     assert {"name", "probability", "group", "joints", "split_by", "parameters"} <= set(data["effects"][0])
     assert {"metric", "d0", "d1", "floor", "s", "s_low", "s_high", "held_out", "placebo"} <= set(data["shrink"])
