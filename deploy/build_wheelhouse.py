@@ -15,6 +15,7 @@ import json
 import shutil
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 from wheel_targets import HASHES, MACHINES, PYTHONS, REPOSITORY, hash_file, interpreter, platform_options
@@ -42,9 +43,14 @@ def download(python: str, machine: str, folder: Path) -> None:
 
 
 def build_own_wheel(folder: Path) -> Path:
-    """This project as a wheel."""
-    words = ["wheel", "--quiet", "--no-deps", "--no-build-isolation", "--wheel-dir", str(folder), str(REPOSITORY)]
-    subprocess.run([sys.executable, "-m", "pip", *words], check=True)
+    """The newest commit of this project as a wheel, built away from the working tree, whose leftovers would get in."""
+    with tempfile.TemporaryDirectory() as scratch:
+        archive = Path(scratch) / "source.tar"
+        subprocess.run(["git", "archive", "--output", str(archive), "HEAD"], cwd=REPOSITORY, check=True)
+        source = Path(scratch) / "source"
+        shutil.unpack_archive(archive, source)
+        words = ["wheel", "--quiet", "--no-deps", "--no-build-isolation", "--wheel-dir", str(folder), str(source)]
+        subprocess.run([sys.executable, "-m", "pip", *words], check=True)
     return next(folder.glob("spot_rl-*.whl"))
 
 
