@@ -13,6 +13,7 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation
 from scipy.signal import lfilter
 
 from diagnosis.channels.load_lag import load_lag_s
@@ -26,6 +27,10 @@ from spot_model.effects.base import Effect
 STRIDE: Final = 2
 """Every second row is kept: smoothed signals have nothing above half the rate."""
 STOP_MARGIN_RAD: Final = 0.02
+IMPACT_RAD_S: Final = 2.5
+"""Second difference of a velocity between states that only an impact makes."""
+AROUND_CONTACT: Final = 2
+"""States around a change of the contact flag that are left out."""
 
 
 @dataclass(frozen=True)
@@ -104,6 +109,7 @@ def actuator_view(
     if limits_rad is not None:
         low, high = limits_rad
         usable &= (signals.position_rad > low + STOP_MARGIN_RAD) & (signals.position_rad < high - STOP_MARGIN_RAD)
+    usable &= ~_impacts(stack)
     kept = stack.inner(usable)[::STRIDE]
     n_joints = raw.shape[1]
     legs = leg_of_joint(stack.recordings[0].joint_names, stack.recordings[0].foot_names)
@@ -116,7 +122,7 @@ def actuator_view(
         run=stack.run[::STRIDE],
         state=stack.state[::STRIDE],
         noise=white_noise(raw, usable),
-        nuisance=np.zeros((*response.shape, 0)),
+        nuisance=signals.finish(_between_states(stack, lag_s))[:, :, None],
         row_joint=np.arange(n_joints, dtype=np.intp),
         row_leg=legs,
         leg_of_joint=legs,
@@ -124,6 +130,47 @@ def actuator_view(
         measured={"load_lag_s": lag_s},
         notes=(note,) if note else (),
     )
+
+
+def _impacts(stack: Stack) -> Flags:
+    """States at which a joint's velocity jumps, or its foot touches down or lifts off, shape (N, J).
+
+    The load of one instant says little there of the mean acceleration between states.
+    """
+    velocity = stack.filled(lambda r: r.velocity_rad_s)
+    jump = np.zeros_like(velocity)
+    jump[1:-1] = np.abs(velocity[2:] - 2.0 * velocity[1:-1] + velocity[:-2])
+    hit = jump > IMPACT_RAD_S
+    legs = leg_of_joint(stack.recordings[0].joint_names, stack.recordings[0].foot_names)
+    if all(r.has("foot_contact") for r in stack.recordings):
+        contact = stack.cat(lambda r: r.foot_contact).astype(np.bool_)
+        change = np.zeros_like(contact)
+        change[1:] = contact[1:] != contact[:-1]
+        around = np.asarray(binary_dilation(change, np.ones((2 * AROUND_CONTACT + 1, 1))))
+        hit[:, legs >= 0] |= around[:, legs[legs >= 0]]
+    return np.asarray(hit)
+
+
+def _between_states(stack: Stack, lag_s: float) -> Array:
+    """What a rotor takes of a set-point's step within the period in which it comes, as far as states cannot tell.
+
+    A load is measured at the end of a period, when the step is in it or not yet; the mean acceleration over the period
+    has the part of it since it came. What a rotor's inertia makes of the difference is a nuisance. Shape (N, J), N·m.
+    """
+    parts: list[Array] = []
+    for recording in stack.recordings:
+        out = np.zeros((len(recording), recording.n_joints))
+        order = np.argsort(recording.command_ns, kind="stable")
+        received = (recording.command_ns[order] - recording.start_ns) * 1e-9 / recording.period_s
+        commands = recording.commands
+        step = np.diff((commands.kp_nm_per_rad * commands.position_rad)[order], axis=0)
+        state = np.ceil(received[1:] - 1e-9)
+        inside = (state >= 0) & (state < len(recording))
+        share = (state - received[1:])[inside]
+        seen = (share * recording.period_s >= lag_s).astype(np.float64)
+        np.add.at(out, state[inside].astype(np.intp), (seen - share)[:, None] * np.nan_to_num(step[inside]))
+        parts.append(out)
+    return np.concatenate(parts)
 
 
 def leg_of_joint(joint_names: Sequence[str], foot_names: Sequence[str]) -> Ints:

@@ -68,7 +68,13 @@ CASES = (
     ),
     Case("backlash", ("kn",), {"gap_rad": 0.006}, {"gap_rad": 0.25}),
     Case("torque_limit", ("kn",), {"limit_nm": 50.0}, {"limit_nm": 0.05}),
-    Case("torque_speed_curve", ("kn",), _curve(50.0, 14.0, 5.0), unchecked=CORNERS),
+    Case(
+        "torque_speed_curve",
+        ("kn",),
+        _curve(50.0, 14.0, 5.0),
+        {"speed_max_rad_s": 0.25, "speed_min_rad_s": 0.25},
+        unchecked=CORNERS,
+    ),
     Case("position_torque_limit", ("kn",), {"motor_torque_nm": 0.65}, {"motor_torque_nm": 0.05}),
     Case("power_limit", ALL, {"power_w": 280.0, "copper_w_per_nm2": 0.02}, {"power_w": 0.05, "copper_w_per_nm2": 0.5}),
     Case(
