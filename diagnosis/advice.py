@@ -57,8 +57,8 @@ def advice(
     }
     if len(gains) == 1 and "A" in views:
         out.append(
-            "All logs have the same servo gains: a wrong gain cannot be told from friction or a torque gain. Record one "
-            "short log at others (spot-rl collect --other-gains 50,1)."
+            "All logs have the same servo gains: a wrong gain cannot be told from friction or a torque gain. "
+            "Record one short log at others (spot-rl collect --other-gains 50,1)."
         )
     speeds = [np.nanmax(np.abs(r.velocity_command[:, 0]), initial=0.0) for r in logs.recordings]
     if max(speeds) < FAST_M_S:

@@ -24,6 +24,7 @@ class CheckedPpo(PPO):  # type: ignore[misc]  # rsl_rl has no types
     env: TaskVecEnv
     learning_threads: int = 1
     mirror_from_iteration: int = 0
+    symmetry: Any
 
     def compute_returns(self, obs: Any) -> None:
         """Check the rollout, then compute returns and advantages."""

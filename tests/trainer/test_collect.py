@@ -8,8 +8,7 @@ import pytest
 from spot_model.errors import BadInputError
 from spot_model.policy import load_policy
 from spot_model.velocity_sequence import load_sequence
-from trainer.collect_plan import PAPER_SEQUENCES, USER_SEQUENCE, missing_runs, plan_runs, sequence_sources
-from trainer.collect_plan import FoundRun
+from trainer.collect_plan import PAPER_SEQUENCES, USER_SEQUENCE, FoundRun, missing_runs, plan_runs, sequence_sources
 from trainer.collect_run import Collection, parse_gains, run_arguments
 from trainer.gain_variant import write_gain_variant
 from trainer.user_sequence import TOLERANCE, sequence_of_commands
@@ -79,7 +78,9 @@ def test_a_run_that_leaves_no_log_is_tried_again_and_then_named(policy_path: Pat
 
 def test_a_log_that_cannot_be_read_does_not_count(policy_path: Path, tmp_path: Path) -> None:
     folder = tmp_path / "logs"
-    collection = Collection.prepare(policy=policy_path, folder=folder, sequences="standing", repeats=1, other_gains=None)
+    collection = Collection.prepare(
+        policy=policy_path, folder=folder, sequences="standing", repeats=1, other_gains=None
+    )
 
     def start(_: list[str]) -> int:
         (folder / "x.mcap").write_bytes(b"torn")
