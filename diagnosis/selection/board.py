@@ -16,6 +16,9 @@ from diagnosis.selection.places import Robot
 MAX_SAMPLES: Final = 6_000
 """Of each channel's samples about so many are used, evenly thinned."""
 MIN_SAMPLES: Final = 30
+COUNTED: Final = ("T",)
+FAR: Final = 20.0
+"""In channels of stamps, what is farther off than this many usual sizes is a hand-over, not a delay."""
 MAX_LAG: Final = 60
 CACHE_BYTES: Final = 600_000_000
 FOLD_BLOCK_S: Final = 2.0
@@ -156,6 +159,10 @@ def _block(
 ) -> Block | None:
     good: Flags = view.usable[:, row] & np.isfinite(view.response[:, row])
     good &= np.isfinite(view.nuisance[:, row]).all(axis=1)
+    if name in COUNTED:
+        size = np.abs(view.response[:, row])
+        typical = float(np.median(size[good])) if good.any() else 0.0
+        good &= size <= FAR * (typical + float(view.noise[row]))
     samples = np.flatnonzero(good)
     samples = samples[::step] if len(samples) > MIN_SAMPLES * step else samples
     noise = float(view.noise[row])

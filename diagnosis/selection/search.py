@@ -17,6 +17,8 @@ MAX_TERMS: Final = 3
 NEAR_SHARE: Final = 0.1
 MIN_SHARE: Final = 0.1
 """An effect that takes less than this off every signal is too small to matter, however significant."""
+SAME_SIGNAL_SHARE: Final = 0.35
+"""In signals that another effect explains, a further one must add this share of that: formulas are never exact."""
 WORTH_SHARE: Final = 0.25
 """An effect whose first try scores less than this share of the best so far is not refined."""
 ROUNDS: Final = 5
@@ -35,6 +37,8 @@ class Rival:
     scored: Scored
     value: float
     """Score less the price of its parameters, nats."""
+    beside: float = 0.0
+    """What the other terms explain already in the signals where it adds something, nats."""
     share: float = 1.0
     """What it takes, beside the other terms, off the logarithm of the unexplained variance of its strongest signal."""
 
@@ -102,7 +106,9 @@ def ranked(board: Board, terms: Sequence[Placed], library: Mapping[str, LibraryE
         rival = best_of(scorer, effect, WORTH_SHARE * top)
         if rival is not None:
             share = float(np.max((rival.scored.by_block - base) / half))
-            found.append(replace(rival, share=share))
+            more = rival.scored.by_block - base
+            same = float(base[more > 0.1 * more.max(initial=0.0)].sum())
+            found.append(replace(rival, share=share, beside=same))
             top = max(top, rival.value)
     # What is too small to matter stands behind all that matters.
     return tuple(sorted(found, key=lambda r: (r.share < MIN_SHARE, -r.value)))
@@ -197,7 +203,7 @@ def _price(terms: Sequence[Placed], board: Board) -> float:
 
 
 def _passes(rival: Rival, value: float, threshold: float) -> bool:
-    return rival.share >= MIN_SHARE and rival.value - value > threshold
+    return rival.share >= MIN_SHARE and rival.value - value > max(threshold, SAME_SIGNAL_SHARE * rival.beside)
 
 
 def _by_block(board: Board, terms: Sequence[Placed]) -> Array:
