@@ -50,7 +50,7 @@ BASE: Final[list[dict[str, Any]]] = [
 NOMINAL_ONLY: Final[list[dict[str, Any]]] = [
     {"effect": "armature", "joints": ["hips"], "inertia_kg_m2": 0.0403},
     {"effect": "armature", "joints": ["knees"], "inertia_kg_m2": 0.0731},
-    {"effect": "command_delay", "joints": ["all"], "delay_s": 0.0045},
+    {"effect": "command_delay", "joints": ["all"], "delay_s": 0.006},
 ]
 """What the fake robot has outside of its effects: rotor inertias and the channels' delays."""
 
