@@ -34,7 +34,7 @@ SEARCH: Final = 30
 THRESHOLD_SHARE: Final = 0.25
 """A force counts as contact above this share of its level in the stance beside it."""
 MIN_LEVEL_N: Final = 30.0
-SLIP_M_S: Final = 0.12
+SLIP_M_S: Final = 0.3
 NEAR_LIMIT: Final = 0.75
 """A foot slips for want of grip only where its ratio of forces is near the largest that ever occurs."""
 LARGEST_QUANTILE: Final = 0.97

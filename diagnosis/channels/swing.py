@@ -16,9 +16,11 @@ from diagnosis.channels.stack import white_noise
 from diagnosis.seam import ChannelOff, ChannelView, Flags
 from spot_model import facts
 
-AFTER_LIFT_OFF: Final = 8
-BEFORE_TOUCH_DOWN: Final = 12
-"""States by which a swing is shortened at its ends: contact flags come late, and impacts are smoothed over."""
+AFTER_LIFT_OFF: Final = 6
+BEFORE_TOUCH_DOWN: Final = 7
+"""States by which a swing is shortened at its ends: impacts are smoothed over."""
+LIGHT_N: Final = 25.0
+"""A foot that by the legs' loads carries more than this stands, whatever its flag says: flags come late."""
 FLOOR_NM: Final = 0.15
 """What differentiated velocities and a rigid model leave at least."""
 
@@ -52,8 +54,9 @@ def swing_view(signals: DynamicsSignals, alignment: Alignment) -> ChannelView | 
 
 
 def swinging_legs(signals: DynamicsSignals) -> Flags:
-    """Legs well off the ground at the kept rows, by the flags. Shape (n, 4), or (n, 0) without flags."""
+    """Legs off the ground at the kept rows, by flags and loads. Shape (n, 4), or (n, 0) without flags."""
     if signals.contact.shape[1] == 0:
         return signals.contact
     contact = signals.stack.cat(lambda r: r.foot_contact).astype(np.bool_)
-    return signals.stack.inner(~contact, AFTER_LIFT_OFF, BEFORE_TOUCH_DOWN)[signals.rows]
+    in_air = signals.stack.inner(~contact, AFTER_LIFT_OFF, BEFORE_TOUCH_DOWN)[signals.rows]
+    return np.asarray(in_air & (np.linalg.norm(signals.nominal.foot_force_n, axis=2) < LIGHT_N))

@@ -16,6 +16,7 @@ from spot_model.effects.base import CommandEffect, Effect, SoftwareEffect
 from spot_model.mjcf import MjcfOptions, default_height_m
 from spot_model.observation import build_observation
 from spot_model.plant import Plant, PlantOptions, ServoCommand
+from spot_model.policy import Policy
 from spot_model.policy_contract import PolicyContract, StoredPair
 from spot_model.rotation import rotate_inverse_wxyz, rotate_wxyz
 from spot_model.state import Gains
@@ -147,6 +148,10 @@ class _Recorder:
     def __init__(self, truth: Truth, n: int, sequence: VelocitySequence, actor: Actor, seed: int) -> None:
         self.truth, self.n, self.sequence, self.actor = truth, n, sequence, actor
         self.rng = np.random.default_rng(seed)
+        contract = actor.contract if isinstance(actor, Policy) else None
+        self.order = actor.policy_from_canonical if isinstance(actor, Policy) else np.arange(facts.N_JOINTS)
+        self.default_rad = actor.default_position_rad if isinstance(actor, Policy) else facts.DEFAULT_POSITION_RAD
+        self.contract_json = contract.to_json() if contract else contract_json()
         own = [e for e in truth.effects if not isinstance(e, (CommandEffect, SoftwareEffect))]
         self.channel = [e for e in truth.effects if isinstance(e, CommandEffect)]
         self.software = [e for e in truth.effects if isinstance(e, SoftwareEffect)]
@@ -226,10 +231,10 @@ class _Recorder:
             linear_vel_of_body_in_world_m_s=state["linear_vel_of_body_in_odom_m_s"],
             angular_vel_of_body_in_world_rad_s=state["angular_vel_of_body_in_odom_rad_s"],
             velocity_command=np.tile(command, (self.n, 1)),
-            position_rad=state["position_rad"],
-            velocity_rad_s=state["velocity_rad_s"],
+            position_rad=state["position_rad"][:, self.order],
+            velocity_rad_s=state["velocity_rad_s"][:, self.order],
             last_action=last,
-            default_position_rad=facts.DEFAULT_POSITION_RAD,
+            default_position_rad=self.default_rad,
         ).astype(np.float32)
         action = self.actor.act(observation)
         sent = self.actor.setpoint_rad(action)
@@ -353,7 +358,7 @@ class _Recorder:
                 started_host_stamp_ns=START_NS,
                 command_sequence=self.sequence.name,
                 repeat=i,
-                policy_contract_json=contract_json(),
+                policy_contract_json=self.contract_json,
             ),
             states=StateTable(host_stamp_ns=s["robot_stamp_ns"] + 1_000_000, sequence=np.arange(n), imu=table, **s),
             commands=CommandTable(host_stamp_ns=c["robot_stamp_ns"], **c),

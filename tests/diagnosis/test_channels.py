@@ -1,4 +1,5 @@
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,10 +14,14 @@ from spot_model.effects.torque_bandwidth import TorqueBandwidth
 from spot_model.effects.viscous_friction import ViscousFriction
 from spot_model.errors import BadInputError
 from spot_model.model_file import RobotModel
+from spot_model.policy import load_policy
 from spot_runtime.log.run import CommandTable, StateTable
 
 from .cases import NOMINAL
 from .planted import Noise, ScriptedGait, Truth, planted_runs, walk_sequence
+
+
+WALK_POLICY = Path(__file__).parents[2] / "policies" / "walk.onnx"
 
 
 def views_of(runs, model=NOMINAL, **options):
@@ -102,6 +107,18 @@ def test_channel_l_replays_set_points_actions_and_observations(null_runs):
 
     other, _ = views_of(null_runs, policy=Constant())
     assert other["L"].measured["action_error"] > 0.1
+
+
+@pytest.mark.skipif(not WALK_POLICY.is_file(), reason="policies/walk.onnx is not there")
+def test_a_committed_policy_replays_and_leaves_noise_alone():
+    policy = load_policy(WALK_POLICY)
+    runs = planted_runs(Truth(), 1, sequence=walk_sequence(3.0).clipped([-0.8, -0.5, -1.0], [1.5, 0.5, 1.0]),
+                        actor=lambda: policy)  # fmt: skip
+    views, _ = views_of(runs, policy=policy)
+    assert views["L"].measured["action_error"] < 1e-5
+    assert views["L"].measured["observation_error"] < 1e-5
+    assert np.max(robust_scale(views["A"])) < 1.3
+    assert np.max(robust_scale(views["B"])) < 2.0
 
 
 def test_channel_q_sees_a_velocity_that_is_one_state_late(null_runs):
