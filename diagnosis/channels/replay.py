@@ -58,7 +58,8 @@ def replay_view(stack: Stack, policy: Actor | None = None) -> ChannelView | Chan
     intended, sent, runs, states = [], [], [], []
     measured: dict[str, float] = {}
     for number, recording in enumerate(stack.recordings):
-        scale = policy if policy is not None else contract_of(recording)
+        contract = contract_of(recording)
+        scale = policy if policy is not None else contract
         if scale is None:
             return ChannelOff("L", f"log {recording.run_id} has no policy contract; give the policy")
         ticks = recording.ticks
@@ -75,9 +76,9 @@ def replay_view(stack: Stack, policy: Actor | None = None) -> ChannelView | Chan
         if policy is not None:
             error = np.abs(policy.act(ticks.observation[chosen]) - ticks.action[chosen])
             measured["action_error"] = max(measured.get("action_error", 0.0), float(np.max(error)))
-        if recording.n_joints == facts.N_JOINTS and isinstance(scale, _Contract):
-            error_by_block = observation_error(recording, scale.contract)
-            measured["observation_error"] = max(measured.get("observation_error", 0.0), error_by_block)
+        if recording.n_joints == facts.N_JOINTS and contract is not None:
+            largest = observation_error(recording, contract.contract)
+            measured["observation_error"] = max(measured.get("observation_error", 0.0), largest)
     response = np.concatenate(sent) - np.concatenate(intended)
     n_joints = response.shape[1]
     legs = np.full(n_joints, -1, dtype=np.intp)

@@ -20,7 +20,6 @@ from spot_runtime.log.run import CommandTable, StateTable
 from .cases import NOMINAL
 from .planted import Noise, ScriptedGait, Truth, planted_runs, walk_sequence
 
-
 WALK_POLICY = Path(__file__).parents[2] / "policies" / "walk.onnx"
 
 
@@ -117,7 +116,7 @@ def test_a_committed_policy_replays_and_leaves_noise_alone():
     views, _ = views_of(runs, policy=policy)
     assert views["L"].measured["action_error"] < 1e-5
     assert views["L"].measured["observation_error"] < 1e-5
-    assert np.max(robust_scale(views["A"])) < 1.3
+    assert np.max(robust_scale(views["A"])) < 1.5
     assert np.max(robust_scale(views["B"])) < 2.0
 
 
