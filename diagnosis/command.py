@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -19,8 +20,8 @@ def diagnose(
     add_effect: Annotated[
         list[str] | None, typer.Option("--add-effect", help="One more effect of the library, module:Class; may repeat.")
     ] = None,
-    without_effect: Annotated[
-        list[str] | None, typer.Option("--without-effect", help="Leave an effect out of the library; may repeat.")
+    without: Annotated[
+        list[str] | None, typer.Option("--without", help="Leave an effect out of the library; may repeat.")
     ] = None,
     synthesis: Annotated[
         bool, typer.Option("--synthesis", help="Also diagnose the nominal simulator with the effects put in.")
@@ -42,7 +43,7 @@ def diagnose(
     def say(text: str) -> None:
         typer.echo(f"[{time.monotonic() - began_s:5.1f} s] {text}", err=True)
 
-    library = chosen_library(add_effect or [], without_effect or [])
+    library = chosen_library(add_effect or [], without or [])
     model = load_model(nominal)
     say("reading logs")
     runs, warnings = read_all(logs)
@@ -52,6 +53,8 @@ def diagnose(
         runs, model, find_policy(policy, runs), np.random.default_rng(seed), say,
         library=library, with_synthesis=synthesis, nominal_name=nominal,
     )  # fmt: skip
+    left_out = tuple(dict.fromkeys(without or []))
+    result = replace(result, verdict=result.verdict.model_copy(update={"without": left_out}))
     say("writing the report")
     paths = write_all(result, out)
     for line in twelve_lines(result.verdict, paths):

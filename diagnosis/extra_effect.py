@@ -1,4 +1,4 @@
-"""``--add-effect module:Class``: an effect of the user's own in the library."""
+"""Which effects are tried: the library, ``--without`` some, with ``--add-effect module:Class`` of the user's own."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ def chosen_library(added: Sequence[str], left_out: Sequence[str]) -> dict[str, L
     """
     library = dict(LIBRARY)
     for name in left_out:
-        if name not in library:
-            raise BadInputError(f"--without-effect {name!r} is not in the library; allowed: {', '.join(LIBRARY)}")
-        del library[name]
+        if name not in LIBRARY:
+            raise BadInputError(f"--without {name!r} is not in the library; allowed: {', '.join(LIBRARY)}")
+        library.pop(name, None)
     for value in added:
         effect = _load(value)
         library[effect.name] = effect

@@ -165,6 +165,8 @@ class Verdict(_Part):
     """What the diagnosis says of the nominal simulator with the effects put in; null if it was not asked for."""
     log_advice: tuple[str, ...]
     timeline: tuple[Stretch, ...] = ()
+    without: tuple[str, ...] = ()
+    """Effects that were left out of the library (``--without``), and so could not be found."""
     logs: tuple[str, ...] = ()
     nominal: str = ""
     notes: tuple[str, ...] = ()
