@@ -1,0 +1,87 @@
+"""What the generator and the judge agree on: faults, truth, what is recorded, and what a reality can do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final, Literal, Protocol, runtime_checkable
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from spot_model.model_file import RobotModel
+from spot_model.velocity_sequence import VelocitySequence
+
+Family = Literal[
+    "friction", "drive", "limits", "supply", "thermal", "transport", "sensing", "estimator", "body", "ground",
+    "software", "learned",
+]  # fmt: skip
+Place = Literal["joint", "type", "leg", "all", "body"]
+"""At which kind of place a fault acts; ``body`` is not a matter of joints."""
+Signal = Literal["battery", "contact", "load", "imu", "temperature"]
+SIGNALS: Final[tuple[Signal, ...]] = ("battery", "contact", "load", "imu", "temperature")
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Fault(_Part):
+    """One thing that is different in a reality."""
+
+    names: tuple[str, ...]
+    """Library effects that are a right answer; empty: the library has no such effect."""
+    joints: tuple[str, ...]
+    """Canonical names of the joints at which it acts; empty: no matter of joints."""
+    parameters: dict[str, float] = Field(default_factory=dict)
+    """``effect.parameter`` and the value that a perfect diagnosis would state, where the library's has a meaning."""
+    family: Family
+    size: float = Field(ge=0.0, le=1.0)
+    """Place on the ladder: 0 is nothing, 1 the end of the realistic range."""
+    kind: str = ""
+    """The catalogue's own name of it."""
+
+
+class Truth(_Part):
+    """What a perfect diagnosis would find."""
+
+    faults: tuple[Fault, ...]
+    """Empty: nothing is different beyond the small errors that every reality has."""
+
+
+class FaultRequest(_Part):
+    """One fault that a case asks for."""
+
+    kind: str
+    """Key of :data:`withheld.realities.catalogue.CATALOGUE`."""
+    place: Place
+    size: float = Field(ge=0.0, le=1.0)
+
+
+@dataclass(frozen=True)
+class RecordingPlan:
+    """What a reality records."""
+
+    policy: Path
+    """The policy's ONNX file."""
+    sequences: tuple[VelocitySequence, ...]
+    repeats: int
+    seed: int
+    """Of all that differs from run to run: starts, noise, delays, opaque names."""
+    missing: frozenset[Signal] = field(default_factory=frozenset)
+    """Signals that the logs lack, as an imported log lacks them."""
+
+
+@runtime_checkable
+class Reality(Protocol):
+    """A robot that nobody but the judge knows; ``module:Class`` with a constructor ``(seed: int)`` plugs one in."""
+
+    def record(self, plan: RecordingPlan, folder: Path) -> None:
+        """Write ``repeats`` logs of each sequence into a folder, as ``<opaque>.mcap``."""
+
+    @property
+    def truth(self) -> Truth:
+        """What is different."""
+
+    @property
+    def nominal(self) -> RobotModel:
+        """The model that the diagnosis is given: the reality without its faults and its small errors."""
