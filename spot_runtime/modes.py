@@ -93,7 +93,7 @@ def _forced(mode: Mode, reaction: Reaction) -> Mode:
         return Mode.RELEASED
     if reaction is Reaction.EXPIRE:
         return Mode.RELEASED
-    if reaction is Reaction.DAMP:
+    if reaction in (Reaction.DAMP, Reaction.ESTOP):
         return Mode.DAMPING
     return {
         Mode.ACTIVATING: Mode.STANDING,

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from spot_model import facts
 from spot_model.state import Array, JointCommand, RobotState, SlowState
+from spot_runtime.body_height import body_height_m, is_body_above
 from spot_runtime.safety_limits import SafetyLimits
 from spot_runtime.stops import Stop, StopReason
 
@@ -39,6 +40,8 @@ class StateMemory:
     rejected_in_row: int = 0
     rejected: int = 0
     """Duplicated and back-dated states since the start."""
+    missed: int = 0
+    """States since the first that never came, counted by the gaps between stamps."""
     changed_robot_stamp_ns: int = 0
     """Stamp of the last state whose joint values differed from the one before."""
     echo_robot_stamp_ns: int = 0
@@ -81,20 +84,17 @@ def screen_state(
         in_row = memory.rejected_in_row + 1
         memory = replace(memory, rejected_in_row=in_row, rejected=memory.rejected + 1)
         return memory, False, _rejected(in_row, state, newest, limits)
-    memory = replace(memory, arrived_robot_stamp_ns=max(memory.arrived_robot_stamp_ns, state.robot_stamp_ns))
-    ahead_s = (state.robot_stamp_ns - robot_now_ns) / NS_PER_S
-    if ahead_s > limits.state_from_future_s:
-        values = {"ahead_s": ahead_s, "bound_s": limits.state_from_future_s}
-        return memory, False, Stop(StopReason.CLOCK_JUMPED, "a state is stamped in the future", values)
-    stop = _broken_values(state, limits)
+    stop = _from_future(state, robot_now_ns, limits) or _broken_values(state, limits)
     if stop is not None:
-        return memory, False, stop
+        arrived_ns = max(memory.arrived_robot_stamp_ns, state.robot_stamp_ns)
+        return replace(memory, arrived_robot_stamp_ns=arrived_ns), False, stop
     has_changed = newest is None or not _same_joints(newest, state)
     echo_rose = state.last_command_key != (0 if newest is None else newest.last_command_key)
     memory = StateMemory(
         newest=state,
         arrived_robot_stamp_ns=state.robot_stamp_ns,
         rejected=memory.rejected,
+        missed=memory.missed + (0 if newest is None else _missed_between(newest, state)),
         changed_robot_stamp_ns=state.robot_stamp_ns if has_changed else memory.changed_robot_stamp_ns,
         echo_robot_stamp_ns=state.robot_stamp_ns if echo_rose else memory.echo_robot_stamp_ns,
     )
@@ -145,11 +145,7 @@ def limit_setpoint(
         The new memory, the set-point that may be sent (with a stop: the one sent before, or the default pose), and a
         stop where the request is no number, or was cut too often in a row.
     """
-    low, high = facts.POSITION_LOW_RAD, facts.POSITION_HIGH_RAD
-    if memory.sent_rad is not None:
-        low = np.maximum(low, memory.sent_rad - limits.setpoint_step_rad)
-        high = np.minimum(high, memory.sent_rad + limits.setpoint_step_rad)
-    if bool(((requested_rad >= low) & (requested_rad <= high)).all()):
+    if _is_between(requested_rad, requested_rad) and _is_small_step(memory.sent_rad, requested_rad, limits):
         return SetpointMemory(requested_rad, cut_ticks=memory.cut_ticks), LimitedSetpoint(requested_rad), None
     return _limit_closely(memory, requested_rad, limits)
 
@@ -223,6 +219,14 @@ def check_command(command: JointCommand, last_key: int, robot_now_ns: int) -> st
     return None
 
 
+def _from_future(state: RobotState, robot_now_ns: int, limits: SafetyLimits) -> Stop | None:
+    ahead_s = (state.robot_stamp_ns - robot_now_ns) / NS_PER_S
+    if ahead_s <= limits.state_from_future_s:
+        return None
+    values = {"ahead_s": ahead_s, "bound_s": limits.state_from_future_s}
+    return Stop(StopReason.CLOCK_JUMPED, "a state is stamped in the future", values)
+
+
 def _rejected(in_row: int, state: RobotState, newest: RobotState, limits: SafetyLimits) -> Stop | None:
     if in_row < limits.rejected_states:
         return None
@@ -252,6 +256,9 @@ def _body_out_of_bounds(state: RobotState, limits: SafetyLimits) -> Stop | None:
     tilt_rad = math.acos(max(-1.0, min(1.0, 1.0 - 2.0 * (x * x + y * y))))
     if tilt_rad > limits.tilt_rad:
         return Stop(StopReason.TILT, "", {"tilt_rad": tilt_rad, "bound_rad": limits.tilt_rad})
+    if not is_body_above(limits.body_height_m, state.position_rad, state.odom_from_body_wxyz):
+        height_m = body_height_m(state.position_rad, state.odom_from_body_wxyz)
+        return Stop(StopReason.BODY_LOW, "", {"height_m": height_m, "bound_m": limits.body_height_m})
     bound_rad_s = limits.joint_velocity_rad_s
     # When all squares together are within the bound, each is: true of nearly every state, and cheap to see.
     speed = None if state.velocity_rad_s.dot(state.velocity_rad_s) <= bound_rad_s**2 else np.abs(state.velocity_rad_s)
@@ -259,11 +266,17 @@ def _body_out_of_bounds(state: RobotState, limits: SafetyLimits) -> Stop | None:
         values = {"velocity_rad_s": float(speed.max()), "bound_rad_s": bound_rad_s}
         return Stop(StopReason.JOINT_VELOCITY, facts.JOINT_NAMES[int(speed.argmax())], values)
     margin_rad = limits.joint_position_margin_rad
-    if not _is_between(state.position_rad - margin_rad, state.position_rad + margin_rad):
+    is_within = _is_between(state.position_rad, state.position_rad)
+    if not is_within and not _is_between(state.position_rad - margin_rad, state.position_rad + margin_rad):
         beyond = np.maximum(facts.POSITION_LOW_RAD - state.position_rad, state.position_rad - facts.POSITION_HIGH_RAD)
         values = {"beyond_rad": float(beyond.max()), "bound_rad": margin_rad}
         return Stop(StopReason.JOINT_POSITION, facts.JOINT_NAMES[int(beyond.argmax())], values)
     return None
+
+
+def _missed_between(before: RobotState, after: RobotState) -> int:
+    """States that should have come between two."""
+    return round((after.robot_stamp_ns - before.robot_stamp_ns) / facts.STATE_PERIOD_NS) - 1
 
 
 def _cut_too_often(memory: SetpointMemory, beyond: Array, cut: NDArray[np.bool_], limits: SafetyLimits) -> Stop | None:
@@ -284,6 +297,14 @@ def _is_between(least_rad: Array, largest_rad: Array) -> bool:
     """Whether, joint by joint, one value is at most the upper stop and the other at least the lower. Shapes (12,)."""
     # On lists, which are faster than arrays of this size.
     return all(map(le, least_rad.tolist(), _HIGHS_RAD)) and all(map(ge, largest_rad.tolist(), _LOWS_RAD))
+
+
+def _is_small_step(sent_rad: Array | None, requested_rad: Array, limits: SafetyLimits) -> bool:
+    if sent_rad is None:
+        return True
+    step_rad = limits.setpoint_step_rad
+    pairs = zip(sent_rad.tolist(), requested_rad.tolist(), strict=True)
+    return all(sent - step_rad <= asked <= sent + step_rad for sent, asked in pairs)
 
 
 def _same_joints(a: RobotState, b: RobotState) -> bool:

@@ -22,6 +22,9 @@ class SafetyLimits(BaseModel):
         default=0.05, gt=0.0, le=1.0, description="How far the length of the attitude's quaternion may be from 1."
     )
     tilt_rad: float = Field(default=0.785398, gt=0.0, le=3.2, description="Between the body's z axis and the vertical.")
+    body_height_m: float = Field(
+        default=0.25, ge=0.0, le=0.6, description="Body over its lowest foot's sole; a lower body has collapsed."
+    )
     joint_velocity_rad_s: float = Field(default=40.0, gt=0.0, le=100.0, description="Measured, any joint.")
     joint_position_margin_rad: float = Field(
         default=0.15, ge=0.0, le=1.0, description="A joint measured this far beyond its stop is not believed."
@@ -39,6 +42,9 @@ class SafetyLimits(BaseModel):
     feedforward_nm: float = Field(default=120.0, gt=0.0, le=200.0, description="Largest feed-forward torque sent.")
     command_echo_s: float = Field(
         default=0.150, gt=0.0, le=5.0, description="The robot must confirm a command at least this often."
+    )
+    command_loss_share: float = Field(
+        default=0.1, gt=0.0, le=1.0, description="Share of commands lost on the link above which a warning is given."
     )
     skipped_ticks: int = Field(default=10, ge=1, le=1000, description="Policy ticks lost within a second.")
     clock_jump_s: float = Field(

@@ -13,6 +13,7 @@ class Reaction(Enum):
     HAND_BACK = "stop in place, hand back to the vendor's stand, sit, power off"
     DAMP = "joints damped until the body rests, then power off"
     EXPIRE = "nothing more is sent, the last command lapses, then power off"
+    ESTOP = "joints damped at once, and the motors' power cut by the software e-stop"
 
     @property
     def level(self) -> int:
@@ -36,6 +37,15 @@ class StopReason(Enum):
     RECORDING_OVER = StopRule(Reaction.EXPIRE, 0, "the recording is over", "")
     OPERATOR_STOP = StopRule(Reaction.HAND_BACK, 10, "the operator asked to stop", "start again when ready")
     OPERATOR_DAMP = StopRule(Reaction.DAMP, 11, "the operator asked twice to stop", "check the robot, then start again")
+    OPERATOR_ESTOP = StopRule(
+        Reaction.ESTOP, 12, "the operator pressed the e-stop", "check the robot, then start again"
+    )
+    OPERATOR_GONE = StopRule(
+        Reaction.HAND_BACK, 13, "nobody attends the robot any more", "attend it ('spot-rl ctl watch') and start again"
+    )
+    SERVICE_LOST = StopRule(
+        Reaction.HAND_BACK, 14, "the operator's service is gone", "see its journal; it starts again, and idle"
+    )
     STATE_STALE = StopRule(Reaction.DAMP, 20, "the newest state is too old", "check link and load of this computer")
     STATE_LOST = StopRule(Reaction.EXPIRE, 21, "no state arrives any more", "check the link to the robot")
     STATE_NOT_FINITE = StopRule(
@@ -47,6 +57,7 @@ class StopReason(Enum):
     )
     STATE_ATTITUDE = StopRule(Reaction.DAMP, 25, "the attitude is no rotation", "check the robot's sensors")
     TILT = StopRule(Reaction.DAMP, 26, "the body tilts too far", "set the robot upright; check policy and ground")
+    BODY_LOW = StopRule(Reaction.DAMP, 29, "the body is too low", "check policy, ground and payload")
     JOINT_VELOCITY = StopRule(Reaction.DAMP, 27, "a joint moves too fast", "check policy and ground")
     JOINT_POSITION = StopRule(Reaction.DAMP, 28, "a joint is measured beyond its stop", "check the robot's calibration")
     POLICY_NOT_FINITE = StopRule(

@@ -7,6 +7,7 @@ from typing import Final
 
 from spot_model.state import RobotState
 from spot_runtime import safety
+from spot_runtime.command_loss import LossMemory, confirm
 from spot_runtime.config import RunConfig
 from spot_runtime.events import EventName
 from spot_runtime.hal.base import Hal
@@ -33,6 +34,7 @@ class Watchdogs:
         self._hal, self._config, self._recorder = hal, config, recorder
         self._limits = config.safety
         self._states = safety.StateMemory()
+        self._losses = LossMemory()
         self._lost_at_ns: list[int] = []
         self._next_log_check_ns = 0
 
@@ -41,6 +43,11 @@ class Watchdogs:
         """The newest state that may be used."""
         return self._states.newest
 
+    @property
+    def missed_states(self) -> int:
+        """States that never came, since the first."""
+        return self._states.missed
+
     def screen(self, states: Sequence[RobotState], robot_ns: int) -> tuple[list[RobotState], list[Stop]]:
         """Judge the states that have arrived. Returns those that may be used, and the stops they cause."""
         usable, stops = [], []
@@ -48,10 +55,16 @@ class Watchdogs:
             self._states, is_usable, stop = safety.screen_state(self._states, state, robot_ns, self._limits)
             if is_usable:
                 usable.append(state)
+                self._losses = confirm(self._losses, state.last_command_key)
             if stop is not None:
                 stops.append(stop)
         if self._states.rejected:
             self._recorder.once(EventName.STATE_REJECTED, "a duplicated or back-dated state arrived and was not used")
+        if self._states.missed:
+            self._recorder.once(EventName.STATES_MISSED, "a state did not arrive; from now on they are counted")
+        if self._losses.share > self._limits.command_loss_share:
+            values = {"share": self._losses.share, "bound": self._limits.command_loss_share}
+            self._recorder.once(EventName.COMMANDS_LOST, f"about {self._losses.share:.0%} of commands are lost", values)
         return usable, stops
 
     def look(self, mode: Mode, robot_ns: int, *, mode_since_ns: int, control_since_ns: int) -> list[Stop]:

@@ -11,7 +11,7 @@ from spot_runtime.modes import Mode, ModeInputs, next_mode
 from spot_runtime.stops import Reaction, Stop, StopReason, ending_after, stops_table
 
 CONFIG = HandoverConfig()
-HAND_BACK, DAMP, EXPIRE = Reaction
+HAND_BACK, DAMP, EXPIRE, ESTOP = Reaction
 REACTIONS = st.sampled_from(Reaction)
 
 
@@ -58,6 +58,7 @@ def test_the_way_of_a_good_run() -> None:
 @pytest.mark.parametrize("mode", [m for m in Mode if m.sends and m is not Mode.DAMPING])
 def test_from_every_mode_that_sends_damping_and_silence_are_one_step_away(mode: Mode) -> None:
     assert next_mode(mode, ModeInputs(0.0, reaction=DAMP), CONFIG) is Mode.DAMPING
+    assert next_mode(mode, ModeInputs(0.0, reaction=ESTOP), CONFIG) is Mode.DAMPING
     assert next_mode(mode, ModeInputs(0.0, reaction=EXPIRE), CONFIG) is Mode.RELEASED
 
 
