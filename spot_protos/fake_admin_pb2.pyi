@@ -11,7 +11,7 @@ class GetStatusRequest(_message.Message):
     def __init__(self) -> None: ...
 
 class GetStatusResponse(_message.Message):
-    __slots__ = ("robot_stamp_ns", "lock_step", "mode", "motor_power", "estop_level", "lease_owner", "active_faults", "last_command_key", "last_state_robot_stamp_ns", "states_sent", "commands_received", "state_streams", "command_streams")
+    __slots__ = ("robot_stamp_ns", "lock_step", "mode", "motor_power", "estop_level", "lease_owner", "active_faults", "last_command_key", "last_state_robot_stamp_ns", "states_sent", "commands_received", "state_streams", "command_streams", "elapsed_ns")
     ROBOT_STAMP_NS_FIELD_NUMBER: _ClassVar[int]
     LOCK_STEP_FIELD_NUMBER: _ClassVar[int]
     MODE_FIELD_NUMBER: _ClassVar[int]
@@ -25,6 +25,7 @@ class GetStatusResponse(_message.Message):
     COMMANDS_RECEIVED_FIELD_NUMBER: _ClassVar[int]
     STATE_STREAMS_FIELD_NUMBER: _ClassVar[int]
     COMMAND_STREAMS_FIELD_NUMBER: _ClassVar[int]
+    ELAPSED_NS_FIELD_NUMBER: _ClassVar[int]
     robot_stamp_ns: int
     lock_step: bool
     mode: str
@@ -38,7 +39,8 @@ class GetStatusResponse(_message.Message):
     commands_received: int
     state_streams: int
     command_streams: int
-    def __init__(self, robot_stamp_ns: _Optional[int] = ..., lock_step: _Optional[bool] = ..., mode: _Optional[str] = ..., motor_power: _Optional[str] = ..., estop_level: _Optional[str] = ..., lease_owner: _Optional[str] = ..., active_faults: _Optional[_Iterable[_Union[ActiveFault, _Mapping]]] = ..., last_command_key: _Optional[int] = ..., last_state_robot_stamp_ns: _Optional[int] = ..., states_sent: _Optional[int] = ..., commands_received: _Optional[int] = ..., state_streams: _Optional[int] = ..., command_streams: _Optional[int] = ...) -> None: ...
+    elapsed_ns: int
+    def __init__(self, robot_stamp_ns: _Optional[int] = ..., lock_step: _Optional[bool] = ..., mode: _Optional[str] = ..., motor_power: _Optional[str] = ..., estop_level: _Optional[str] = ..., lease_owner: _Optional[str] = ..., active_faults: _Optional[_Iterable[_Union[ActiveFault, _Mapping]]] = ..., last_command_key: _Optional[int] = ..., last_state_robot_stamp_ns: _Optional[int] = ..., states_sent: _Optional[int] = ..., commands_received: _Optional[int] = ..., state_streams: _Optional[int] = ..., command_streams: _Optional[int] = ..., elapsed_ns: _Optional[int] = ...) -> None: ...
 
 class StepRequest(_message.Message):
     __slots__ = ("duration_ns", "state_messages", "wait_for_command_key", "wait_timeout_s", "max_duration_ns", "with_states")
@@ -57,18 +59,20 @@ class StepRequest(_message.Message):
     def __init__(self, duration_ns: _Optional[int] = ..., state_messages: _Optional[int] = ..., wait_for_command_key: _Optional[int] = ..., wait_timeout_s: _Optional[float] = ..., max_duration_ns: _Optional[int] = ..., with_states: _Optional[bool] = ...) -> None: ...
 
 class StepResponse(_message.Message):
-    __slots__ = ("robot_stamp_ns", "last_state_robot_stamp_ns", "states_sent", "states", "states_ended")
+    __slots__ = ("robot_stamp_ns", "last_state_robot_stamp_ns", "states_sent", "states", "states_ended", "elapsed_ns")
     ROBOT_STAMP_NS_FIELD_NUMBER: _ClassVar[int]
     LAST_STATE_ROBOT_STAMP_NS_FIELD_NUMBER: _ClassVar[int]
     STATES_SENT_FIELD_NUMBER: _ClassVar[int]
     STATES_FIELD_NUMBER: _ClassVar[int]
     STATES_ENDED_FIELD_NUMBER: _ClassVar[int]
+    ELAPSED_NS_FIELD_NUMBER: _ClassVar[int]
     robot_stamp_ns: int
     last_state_robot_stamp_ns: int
     states_sent: int
     states: _containers.RepeatedScalarFieldContainer[bytes]
     states_ended: str
-    def __init__(self, robot_stamp_ns: _Optional[int] = ..., last_state_robot_stamp_ns: _Optional[int] = ..., states_sent: _Optional[int] = ..., states: _Optional[_Iterable[bytes]] = ..., states_ended: _Optional[str] = ...) -> None: ...
+    elapsed_ns: int
+    def __init__(self, robot_stamp_ns: _Optional[int] = ..., last_state_robot_stamp_ns: _Optional[int] = ..., states_sent: _Optional[int] = ..., states: _Optional[_Iterable[bytes]] = ..., states_ended: _Optional[str] = ..., elapsed_ns: _Optional[int] = ...) -> None: ...
 
 class ListFaultsRequest(_message.Message):
     __slots__ = ()

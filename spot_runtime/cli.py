@@ -22,6 +22,7 @@ from spot_runtime.hal.bosdyn import BosdynHal
 from spot_runtime.hal.lock_step import LockStep
 from spot_runtime.instance_lock import InstanceLock
 from spot_runtime.journal import Journal, goes_to_journal
+from spot_runtime.log import recover_leftovers
 from spot_runtime.log.logger_process import LoggerProcess
 from spot_runtime.log.sink import LogSink
 from spot_runtime.run import RunRequest, log_file_name
@@ -82,6 +83,7 @@ def run(
         pace = None if lock_step is None else LockStep(lock_step, HostClock().now_ns())
         return BosdynHal(address, settings, sink, pace)
 
+    _recover(directory, console)
     manager = ServiceManager.from_environment(os.environ)
     journal = Journal() if goes_to_journal(sys.stderr, os.environ) else None
     tell = (lambda _: False) if journal is None else journal.event
@@ -95,6 +97,15 @@ def run(
     if summary_json is not None:
         summary_json.write_text(summary.to_json() + "\n", encoding="utf-8")
     raise typer.Exit(summary.exit_code)
+
+
+def _recover(directory: Path, console: Console) -> None:
+    """Repair what a crash has left behind; what cannot be repaired is no reason not to run."""
+    try:
+        for recovery in recover_leftovers(directory):
+            console.say(f"{recovery.result}: recovered from a run that did not end cleanly")
+    except OSError as error:
+        console.say(f"warning: leftovers in {directory} could not be recovered: {error.strerror or error}")
 
 
 def resolve_config(

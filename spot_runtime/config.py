@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from spot_model.errors import BadInputError
 from spot_model.validation import explain
 from spot_runtime.safety_limits import SafetyLimits
+from spot_runtime.service_config import ServiceConfig
 
 SCHEMA: Final = "spot-rl/run/1"
 MAX_CONFIG_BYTES: Final = 1024 * 1024
@@ -38,6 +39,9 @@ class RobotConfig(_Part):
     power_timeout_s: float = Field(default=20.0, gt=0.0, le=120.0)
     stand_timeout_s: float = Field(default=10.0, gt=0.0, le=60.0)
     slow_state_rate_hz: float = Field(default=5.0, gt=0.0, le=20.0)
+    lease_period_s: float = Field(
+        default=0.06, ge=0.02, le=4.0, description="How often the lease is kept, and so how soon a theft is seen."
+    )
     time_sync_period_s: float = Field(default=2.0, ge=0.1, le=60.0)
 
 
@@ -124,6 +128,7 @@ class RunConfig(_Part):
     operator: OperatorConfig = OperatorConfig()
     real_time: RealTimeConfig = RealTimeConfig()
     log: LogConfig = LogConfig()
+    service: ServiceConfig = ServiceConfig()
 
     def to_json(self) -> str:
         """The whole configuration as JSON, for the log's header; it holds no secret."""

@@ -10,6 +10,7 @@ from datetime import datetime, timezone
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+from spot_model.errors import SpotRlError
 from spot_model.policy import Policy
 from spot_runtime.clock import HostClock
 from spot_runtime.config import RunConfig
@@ -17,6 +18,7 @@ from spot_runtime.console import Console
 from spot_runtime.events import EventName
 from spot_runtime.hal.base import Hal
 from spot_runtime.hal.errors import HalError
+from spot_runtime.incident import FlightRecorder
 from spot_runtime.log.records import EventRecord, RunHeader, Severity
 from spot_runtime.log.sink import LogSink
 from spot_runtime.loop import ControlLoop
@@ -98,8 +100,9 @@ def run(
     Raises:
         SpotRlError: The log cannot be opened. Whatever happens later is in the summary, and in the log.
     """
-    sink = make_sink(request.log_path, header_of(request, HostClock().now_ns()))
-    attempt = _Attempt(request, sink, console, manager or ServiceManager(), tell)
+    header = header_of(request, HostClock().now_ns())
+    sink = FlightRecorder(make_sink(request.log_path, header))
+    attempt = _Attempt(request, header, sink, console, manager or ServiceManager(), tell)
     try:
         with StopSignals() as signals:
             attempt.drive(make_hal, signals)
@@ -116,12 +119,14 @@ class _Attempt:
     def __init__(
         self,
         request: RunRequest,
-        sink: LogSink,
+        header: RunHeader,
+        sink: FlightRecorder,
         console: Console,
         manager: ServiceManager,
         tell: Callable[[EventRecord], bool],
     ) -> None:
         self._request, self._sink, self._console, self._manager = request, sink, console, manager
+        self._header, self._is_incident_written = header, False
         self._tell_elsewhere = tell
         self._clock = HostClock()
         self._hal: Hal | None = None
@@ -146,8 +151,9 @@ class _Attempt:
             self._connect(hal)
             signals.interrupts = False
             stop = self._control(hal, signals)
-            signals.interrupts = True
             self._end(stop)
+            self._write_incident()
+            signals.interrupts = True
             self._rest(hal, stop)
         except HalError as error:
             self.outcome, self._exit_code, self._sentence = error.label, error.exit_code, str(error)
@@ -162,6 +168,7 @@ class _Attempt:
             self._manager.stopping()
             if hal is not None:
                 hal.close()
+            self._write_incident()
 
     def summary(self) -> RunSummary:
         """What a person and a program want to know."""
@@ -213,6 +220,18 @@ class _Attempt:
 
     def _end(self, stop: Stop) -> None:
         self.outcome, self._exit_code, self._sentence = stop.reason.label, stop.reason.exit_code, stop.sentence()
+
+    def _write_incident(self) -> None:
+        """What led to the stop, on disk; once."""
+        if self._is_incident_written or not self._sink.cause:
+            return
+        self._is_incident_written = True
+        try:
+            path = self._sink.write(self._request.log_path, self._header, self.outcome)
+        except SpotRlError as error:
+            self._event(EventName.INCIDENT_FAILED, str(error))
+        else:
+            self._event(EventName.INCIDENT, f"the seconds around the stop are in {path}")
 
     def _rest(self, hal: Hal, stop: Stop) -> None:
         self._say("sitting and powering off …")

@@ -58,6 +58,7 @@ class AdminService(fake_admin_pb2_grpc.FakeAdminServicer):
             commands_received=snapshot.joint_commands_received,
             state_streams=self._world.link.open_streams("state"),
             command_streams=self._world.link.open_streams("command"),
+            elapsed_ns=robot.clock.elapsed_ns(),
         )
 
     def Step(  # noqa: N802
@@ -84,6 +85,7 @@ class AdminService(fake_admin_pb2_grpc.FakeAdminServicer):
                 robot_stamp_ns=self._world.now_ns(),
                 last_state_robot_stamp_ns=robot.last_state_stamp_ns,
                 states_sent=robot.states_sent - states_before,
+                elapsed_ns=robot.clock.elapsed_ns(),
             )
             if self._tap is not None:
                 response.states.extend(self._tap.take())

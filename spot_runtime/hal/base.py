@@ -86,6 +86,12 @@ class Hal(Protocol):
     def release(self) -> None:
         """Send nothing more; the last command lapses."""
 
+    def estop(self) -> None:
+        """Have the robot cut its motors' power, by the software e-stop; it is not taken back. Never blocks.
+
+        Commands still go out meanwhile, so that the joints are damped until the power is gone.
+        """
+
     @property
     def slow_state(self) -> SlowState | None:
         """The newest poll of battery, temperatures and faults."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Any
 
 from bosdyn.api import robot_state_pb2
 from bosdyn.client.robot_command import RobotCommandStreamingClient
@@ -24,8 +24,6 @@ from spot_runtime.hal.session import Session
 from spot_runtime.hal.streams import CommandStream, OnEnd, StateReceiver
 from spot_runtime.log.sink import LogSink
 from spot_runtime.stops import Stop, StopReason
-
-LEASE_PERIOD_S: Final = 2.0
 
 
 class BosdynHal:
@@ -70,9 +68,8 @@ class BosdynHal:
         now_s = self._pace.chore_now_s()
         if has_own_estop:
             self._jobs.add("estop", robot.estop_timeout_s / 3.0, session.check_in_estop, now_s=now_s)
-        self._jobs.add("lease", LEASE_PERIOD_S, session.retain_lease, now_s=now_s)
-        if not self._pace.knows_robot_time:
-            self._jobs.add("time_sync", robot.time_sync_period_s, self._sync_clocks, now_s=now_s)
+        self._jobs.add("lease", robot.lease_period_s, session.retain_lease, now_s=now_s)
+        self._jobs.add("time_sync", robot.time_sync_period_s, self._sync_clocks, now_s=now_s)
         self._jobs.add("slow_state", 1.0 / robot.slow_state_rate_hz, self._poll, now_s=now_s)
         # Opened now: a handshake takes too long once commands must flow.
         self._command_channel = session.streaming_channel(RobotCommandStreamingClient)
@@ -139,6 +136,11 @@ class BosdynHal:
             self._commands.stop()
             self._commands = None
             self._pace.released()
+
+    def estop(self) -> None:
+        """See the protocol."""
+        self._jobs.remove("estop")
+        self._pace.begin(self._cut_power)
 
     @property
     def slow_state(self) -> SlowState | None:
@@ -215,6 +217,12 @@ class BosdynHal:
             if self._joint_control is JointControl.PENDING:
                 self._joint_control = JointControl.ACTIVE
 
+    def _cut_power(self) -> None:
+        try:
+            self._session.cut_power()
+        except HalError as error:
+            self._problems.append(Stop(StopReason.LINK_LOST, f"the e-stop could not be pressed: {error}"))
+
     def _leave(self) -> None:
         try:
             self._motions().ask_for_stand()
@@ -253,7 +261,7 @@ class BosdynHal:
         return (self.robot_now_ns() - self.host_now_ns()) / NS_PER_S
 
     def _sync_clocks(self) -> None:
-        off_s = self._session.sync_once() / NS_PER_S
+        off_s = self._pace.sync(self._session.sync_once) / NS_PER_S
         bound_s = self._config.safety.clock_jump_s
         if abs(off_s) > bound_s:
             self._problems.append(Stop(StopReason.CLOCK_JUMPED, "", {"off_s": off_s, "bound_s": bound_s}))

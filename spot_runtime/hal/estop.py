@@ -53,9 +53,9 @@ class OwnEstop:
         """Say that the motors may have power. Raises the SDK's errors."""
         self._endpoint.allow(timeout=self._rpc_timeout_s)
 
-    def cut(self) -> None:
-        """Cut the motors' power now. Raises the SDK's errors."""
-        self._endpoint.stop(timeout=self._rpc_timeout_s)
+    def press(self) -> None:
+        """Have the robot settle on the ground and cut its motors' power. Raises the SDK's errors."""
+        self._endpoint.settle_then_cut(timeout=self._rpc_timeout_s)
 
 
 def _names(endpoints: Sequence[Any]) -> str:

@@ -11,7 +11,7 @@ import grpc
 from spot_model.facts import STATE_PERIOD_NS
 from spot_model.state import RobotState
 from spot_protos import fake_admin_pb2
-from spot_runtime.clock import NS_PER_S
+from spot_runtime.clock import NS_PER_S, ClockSample, RobotClockEstimate
 from spot_runtime.hal.errors import LockStepError
 from spot_runtime.hal.jobs import Jobs
 from spot_runtime.hal.pace import StateQueue, States, take_all
@@ -32,7 +32,8 @@ class LockStep:
     """Advances the fake robot through its admin service; keeps :class:`spot_runtime.hal.pace.Pace`.
 
     Every step first waits until the newest command has arrived, so that a run does not depend on the host's speed.
-    Host stamps are the robot's, less a constant.
+    The host's clock runs on with robot time. The robot's clock is estimated as in real time, from stamps that each step
+    brings, so that a robot whose clock is set does here what it does there.
     """
 
     def __init__(self, admin_address: str, host_now_ns: int) -> None:
@@ -55,33 +56,35 @@ class LockStep:
         status = self._status()
         if not status.lock_step:
             raise LockStepError(f"the fake robot at {admin_address} runs in real time; start it with --lock-step")
-        self._robot_ns = int(status.robot_stamp_ns)
-        self._host_minus_robot_ns = host_now_ns - self._robot_ns
+        self._elapsed_ns, self._robot_ns = int(status.elapsed_ns), int(status.robot_stamp_ns)
+        self._host_minus_elapsed_ns = host_now_ns - self._elapsed_ns
+        self._estimate = RobotClockEstimate()
+        self._sample()
         self._newest_ns = 0
         self._states: FedStates | None = None
         self._jobs: Jobs | None = None
         self._key = 0
 
-    @property
-    def knows_robot_time(self) -> bool:
-        """The admin service tells it."""
-        return True
+    def sync(self, round_trip: Callable[[], int]) -> int:
+        """From what the last step told; no message is under way for any time here."""
+        del round_trip
+        return self._sample()
 
     def start(self, jobs: Jobs) -> None:
         """Run the chores as robot time passes."""
         self._jobs = jobs
 
     def chore_now_s(self) -> float:
-        """The robot's clock."""
-        return self._robot_ns / NS_PER_S
+        """Robot time that has passed."""
+        return self._elapsed_ns / NS_PER_S
 
     def host_now_ns(self) -> int:
-        """The robot's clock, less a constant."""
-        return self._robot_ns + self._host_minus_robot_ns
+        """Robot time that has passed, and a constant."""
+        return self._elapsed_ns + self._host_minus_elapsed_ns
 
     def robot_now_ns(self) -> int:
-        """The robot's clock, exactly."""
-        return self._robot_ns
+        """The robot's clock, as estimated: exactly, unless it was set."""
+        return self._estimate.robot_ns(self.host_now_ns())
 
     def open_states(self, open_stream: Callable[[], States], on_wire: OnWire, on_end: OnEnd) -> States:
         """Take the states with the answers to each step: one message in place of seven, at the same robot time.
@@ -89,7 +92,7 @@ class LockStep:
         A state counts as received when it was sampled: while a step is under way, no clock runs here.
         """
         del open_stream
-        self._states = FedStates(lambda stamp_ns: stamp_ns + self._host_minus_robot_ns, on_wire, on_end)
+        self._states = FedStates(self._receipt_ns, on_wire, on_end)
         return self._states
 
     def begin(self, activate: Callable[[], None]) -> None:
@@ -131,6 +134,14 @@ class LockStep:
         self._jobs = None
         self._channel.close()
 
+    def _sample(self) -> int:
+        host_ns = self.host_now_ns()
+        return self._estimate.add(ClockSample(host_ns, self._robot_ns, self._robot_ns, host_ns))
+
+    def _receipt_ns(self, stamp_ns: int) -> int:
+        host_ns = self.host_now_ns()
+        return min(host_ns, stamp_ns - self._estimate.skew_ns(host_ns))
+
     def _advance(self, duration_ns: int) -> None:
         self._step_on(fake_admin_pb2.StepRequest(duration_ns=duration_ns))
 
@@ -146,7 +157,7 @@ class LockStep:
             self._key = 0  # the stream has ended; the adapter says why
             self._step_on(request)
             return
-        self._robot_ns = int(response.robot_stamp_ns)
+        self._elapsed_ns, self._robot_ns = int(response.elapsed_ns), int(response.robot_stamp_ns)
         if self._states is not None:
             self._states.feed(response.states, response.states_ended)
         if self._jobs is not None:

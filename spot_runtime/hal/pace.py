@@ -29,9 +29,8 @@ class States(Protocol):
 class Pace(Protocol):
     """What depends on how robot time passes."""
 
-    @property
-    def knows_robot_time(self) -> bool:
-        """Whether robot time is known exactly, so that clocks need no syncing."""
+    def sync(self, round_trip: Callable[[], int]) -> int:
+        """Compare the clocks, by ``round_trip`` or by a way of its own. Returns how far they are off, ns."""
 
     def start(self, jobs: Jobs) -> None:
         """Begin to run the chores."""
@@ -77,10 +76,9 @@ class RealTime:
         self._wake = threading.Event()
         self._thread: threading.Thread | None = None
 
-    @property
-    def knows_robot_time(self) -> bool:
-        """It is estimated."""
-        return False
+    def sync(self, round_trip: Callable[[], int]) -> int:
+        """Ask the robot."""
+        return round_trip()
 
     def start(self, jobs: Jobs) -> None:
         """Run the chores in a thread of their own."""

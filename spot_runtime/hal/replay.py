@@ -104,6 +104,9 @@ class ReplayHal:
         """Nothing departs."""
         return ()
 
+    def estop(self) -> None:
+        """There are no motors."""
+
     def release(self) -> None:
         """See the protocol."""
         self._joint_control = JointControl.OFF

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import grpc
+from bosdyn.api import power_pb2
 from bosdyn.client.auth import AuthClient
 from bosdyn.client.directory import DirectoryClient
 from bosdyn.client.estop import EstopClient
@@ -125,10 +126,7 @@ class Session:
         """One round trip. Returns how far it lies from the estimate, ns."""
         if self._time_sync is None:
             raise ClockError("time sync has not begun; connect first")
-        try:
-            return self._estimate.add(self._time_sync.round_trip())
-        except (SdkError, grpc.RpcError) as error:
-            raise translate(error, "syncing clocks") from error
+        return self._estimate.add(self.calls.make("syncing clocks", self._time_sync.round_trip))
 
     def check_faults(self, battery_percent: float) -> SlowState:
         """Refuse a robot that must not move, or has less charge than this. Returns its slow state."""
@@ -181,6 +179,16 @@ class Session:
         """Keep our own endpoint alive."""
         if self._own_estop is not None:
             self.calls.make("checking in to the e-stop", self._own_estop.check_in)
+
+    def cut_power(self) -> None:
+        """Press our own e-stop, or where another endpoint holds it, have the motors' power cut."""
+        if self._own_estop is not None:
+            own = self._own_estop
+            self._own_estop = None  # a check-in would release it again
+            self.calls.make("pressing the e-stop", own.press)
+            return
+        client, request = self.calls.client(PowerClient), power_pb2.PowerCommandRequest.REQUEST_OFF_MOTORS
+        self.calls.make("cutting power", lambda: client.power_command(request, timeout=self._timeout_s))
 
     def acquire_lease(self) -> None:
         """Take the lease if it is free."""
@@ -259,8 +267,13 @@ class Session:
             sdk.register_service_client(service)
         self._robot = sdk.create_robot(self._address.sdk_host)
         self._robot.update_secure_channel_port(self._address.port)
-        self.calls = Calls(self._robot)
+        self.calls = Calls(self._robot, self._log_in_again)
         return bytes(sdk.cert)
+
+    def _log_in_again(self) -> None:
+        """A token that the robot no longer takes is replaced. Raises the SDK's errors, and CredentialsError."""
+        credentials = find_credentials(self._config.credentials_file, os.environ)
+        self._robot.authenticate(credentials.username, credentials.password, timeout=self._timeout_s)
 
 
 def _read_pem(path: Path) -> bytes:

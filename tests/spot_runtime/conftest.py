@@ -103,6 +103,9 @@ class HandMadeRobot:
     def departures(self) -> Sequence[tuple[int, int]]:
         return [(self.sent[-1].key, self.now_ns)] if self.sent else []
 
+    def estop(self) -> None:
+        self.calls.append("estop")
+
     def release(self) -> None:
         self.calls.append("release")
         self.control = JointControl.OFF
