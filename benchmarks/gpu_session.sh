@@ -2,9 +2,11 @@
 # One stage of a session on a lent GPU machine without a network; run from the repository's root.
 #   setup            lay the packed wheels (.gpu, .whl) into $SITE
 #   check            parity of the two back ends, then training speed at three sizes, as JSON
-#   train NAME [S]   train policies/NAME.yaml for at most S seconds, then export to $OUT
-#   sweep FILE S C   CPU trainings of policies/walk.yaml with FILE's options (a name and options a line), C cores
-#                    each from core 4 upwards, for at most S seconds; metrics and policies into $OUT/sweep.tar.gz
+#   train NAME [S]   train policies/NAME.yaml for at most S seconds, then export to $OUT; CUDA_VISIBLE_DEVICES picks a GPU
+#   trainings FILE S   several side by side, FILE's lines being: GPU LABEL NAME OPTIONS...; each on two cores of its
+#                    GPU's own, from core 0 upwards; $OUT/LABEL.tar.gz each
+#   sweep FILE S     CPU trainings side by side, FILE's lines being: CORES LABEL NAME OPTIONS...; each on cores of its
+#                    own from core $FIRST_CORE (8) upwards, for at most S seconds; all into $OUT/sweep.tar.gz
 #   scale N          training speed on N GPUs by torchrun, as JSON
 set -euo pipefail
 SITE=${SITE:-/tmp/site}
@@ -41,21 +43,43 @@ train() {
     python3 -m trainer export "$run" --out "$OUT/$name.onnx" --networks "$OUT/$name-networks.pt"
 }
 
-sweep() {
-    local file=$1 seconds=$2 cores=${3:-2} core=4 name options
-    mkdir -p runs/sweep
-    while read -r name options; do
+trainings() {
+    local file=$1 seconds=$2 gpu label name options
+    while read -r gpu label name options; do
+        # Each with its own kernel cache: two that compile into one at once are in each other's way.
         # shellcheck disable=SC2086
-        taskset -c "$core-$((core + cores - 1))" timeout --signal=INT "$seconds" \
-            python3 -m trainer train --config policies/walk.yaml --device cpu --out "runs/sweep/$name" $options \
-            </dev/null >"runs/sweep/$name.log" 2>&1 &
-        core=$((core + cores))
-    done <"$file"
+        (
+            export CUDA_VISIBLE_DEVICES=$gpu WARP_CACHE_PATH=/tmp/warp-$label
+            taskset -c "$((2 * gpu)),$((2 * gpu + 1))" \
+                bash "$0" one_training "$label" "$seconds" --config "policies/$name.yaml" --device "$DEVICE" $options
+            tar -czf "$OUT/$label.tar.gz" --exclude tensorboard --exclude 'checkpoint_*' "runs/$label"
+        ) </dev/null >/dev/null 2>&1 &
+    done < <(grep -v '^#' "$file")
     wait
-    for name in runs/sweep/*/; do
-        python3 -m trainer export "$name" --out "$name/policy.onnx" || true
-    done
-    tar -czf "$OUT/sweep.tar.gz" --exclude tensorboard --exclude '*.pt' runs/sweep
+}
+
+sweep() {
+    local file=$1 seconds=$2 core=${FIRST_CORE:-8} cores label name options
+    while read -r cores label name options; do
+        # shellcheck disable=SC2086
+        taskset -c "$core-$((core + cores - 1))" \
+            bash "$0" one_training "$label" "$seconds" --config "policies/$name.yaml" --device cpu $options \
+            </dev/null >/dev/null 2>&1 &
+        core=$((core + cores))
+    done < <(grep -v '^#' "$file")
+    wait
+    # shellcheck disable=SC2046
+    tar -czf "$OUT/sweep.tar.gz" --exclude tensorboard --exclude 'checkpoint_*' \
+        $(grep -v '^#' "$file" | while read -r _ label _; do echo "runs/$label"; done)
+}
+
+one_training() {
+    local label=$1 seconds=$2 run=runs/$1
+    shift 2
+    rm -rf "$run"
+    timeout --signal=INT "$seconds" python3 -m trainer train "$@" --out "$run" >"/tmp/$label.log" 2>&1 || true
+    python3 -m trainer export "$run" --out "$run/policy.onnx" --networks "$run/networks.pt" >>"/tmp/$label.log" 2>&1 || true
+    mv "/tmp/$label.log" "$run/training.log"
 }
 
 scale() {

@@ -42,6 +42,9 @@ class PpoConfig(Config):
     """Weight of the left–right symmetry loss; 0 switches it off."""
     mirror_from_iteration: int = Field(default=0, ge=0)
     """Iteration from which the symmetry loss acts: before there is a gait, it would favour hopping with both sides."""
+    settle_iterations: int = Field(default=0, ge=0)
+    """Last iterations, over which the entropy weight falls to 0 and ``desired_kl`` to a fifth: what is exported is the
+    mean of the policy, and it is judged without the noise that exploring needs."""
     mixed_precision: bool = False
 
 

@@ -8,15 +8,24 @@ Tensor = torch.Tensor
 
 
 class FootTimers:
-    """Contact timers of n robots' four feet; every tensor has shape (n, 4), s."""
+    """Contact timers of n robots' four feet; every tensor has shape (n, 4), s.
 
-    NAMES = ("air_time_s", "contact_time_s", "last_air_time_s", "last_contact_time_s")
+    Args:
+        n: Robots.
+        device: Where the tensors are.
+        duty_window_s: Time constant of the mean that :attr:`duty` is.
+    """
 
-    def __init__(self, n: int, device: torch.device | str) -> None:
+    NAMES = ("air_time_s", "contact_time_s", "last_air_time_s", "last_contact_time_s", "duty")
+
+    def __init__(self, n: int, device: torch.device | str, duty_window_s: float = 1.0) -> None:
         self.air_time_s = torch.zeros(n, 4, device=device)
         self.contact_time_s = torch.zeros(n, 4, device=device)
         self.last_air_time_s = torch.zeros(n, 4, device=device)
         self.last_contact_time_s = torch.zeros(n, 4, device=device)
+        self.duty = torch.zeros(n, 4, device=device)
+        """Share of time on the ground, a mean that forgets; starts from 0 for all feet alike."""
+        self._duty_window_s = duty_window_s
 
     def update(self, contact: Tensor, dt_s: float) -> Tensor:
         """Count one more period with ``contact`` (bool, (n, 4)); returns which feet touched down in it.
@@ -29,6 +38,7 @@ class FootTimers:
         self.last_contact_time_s.copy_(torch.where(lifted_off, self.contact_time_s + dt_s, self.last_contact_time_s))
         self.air_time_s.add_(dt_s).mul_(~contact)
         self.contact_time_s.add_(dt_s).mul_(contact)
+        self.duty.lerp_(contact.to(self.duty.dtype), min(1.0, dt_s / self._duty_window_s))
         return touched_down
 
     def reset(self, mask: Tensor) -> None:

@@ -17,6 +17,9 @@ from trainer.symmetry import with_mirror_images
 from trainer.training_log import TrainingLog
 from trainer.vec_env import TaskVecEnv
 
+SETTLED_KL_SHARE = 0.2
+"""Of the KL target, at the end of the settling iterations."""
+
 
 class CheckedPpo(PPO):  # type: ignore[misc]  # rsl_rl has no types
     """PPO that looks for numbers that are not finite before it learns, and uses all cores only to learn."""
@@ -24,6 +27,10 @@ class CheckedPpo(PPO):  # type: ignore[misc]  # rsl_rl has no types
     env: TaskVecEnv
     learning_threads: int = 1
     mirror_from_iteration: int = 0
+    settle_iterations: int = 0
+    total_iterations: int = 0
+    entropy_coef: float
+    desired_kl: float
     symmetry: Any
 
     def compute_returns(self, obs: Any) -> None:
@@ -33,7 +40,8 @@ class CheckedPpo(PPO):  # type: ignore[misc]  # rsl_rl has no types
 
     def update(self) -> dict[str, float]:
         """Learn, with :attr:`learning_threads` torch threads; collecting keeps one, the physics has the others."""
-        before, symmetry = torch.get_num_threads(), self.symmetry
+        before, symmetry, released = torch.get_num_threads(), self.symmetry, (self.entropy_coef, self.desired_kl)
+        self.entropy_coef, self.desired_kl = self._settled(*released)
         torch.set_num_threads(self.learning_threads)
         if self.env.iteration < self.mirror_from_iteration:
             self.symmetry = None
@@ -42,7 +50,16 @@ class CheckedPpo(PPO):  # type: ignore[misc]  # rsl_rl has no types
         finally:
             torch.set_num_threads(before)
             self.symmetry = symmetry
+            self.entropy_coef, self.desired_kl = released
         return losses
+
+    def _settled(self, entropy: float, desired_kl: float) -> tuple[float, float]:
+        """Entropy weight and KL target of this iteration."""
+        left = self.total_iterations - self.env.iteration
+        if self.settle_iterations == 0 or left >= self.settle_iterations:
+            return entropy, desired_kl
+        share = max(0.0, left / self.settle_iterations)
+        return entropy * share, desired_kl * (SETTLED_KL_SHARE + (1.0 - SETTLED_KL_SHARE) * share)
 
 
 class PpoRunner(OnPolicyRunner):  # type: ignore[misc]  # rsl_rl has no types
@@ -55,6 +72,8 @@ class PpoRunner(OnPolicyRunner):  # type: ignore[misc]  # rsl_rl has no types
         self.logger = log
         self.alg.env = env
         self.alg.mirror_from_iteration = config.ppo.mirror_from_iteration
+        self.alg.settle_iterations = config.ppo.settle_iterations
+        self.alg.total_iterations = config.iterations
         self.alg.learning_threads = len(os.sched_getaffinity(0)) if device == "cpu" else 1
 
     def run(self, iterations: int, *, is_fresh: bool) -> None:

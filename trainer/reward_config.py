@@ -21,6 +21,10 @@ class RewardWeights(Config):
     foot_clearance: float = 0.5
     action_smoothness: float = -1.0
     air_time_variance: float = -1.0
+    uneven_duty: float = 0.0
+    """Not of the paper: phases that differ by less than a policy period are invisible to air_time_variance."""
+    fall: float = 0.0
+    """Not of the paper. As all weights it is multiplied by the period: -1000 costs 20 a fall."""
     base_motion: float = -2.0
     orientation: float = -3.0
     foot_slip: float = -0.5
@@ -50,6 +54,8 @@ class RewardShape(Config):
     clearance_scale_m2: float = Field(default=0.05, gt=0.0)
     clearance_speed_factor_s_per_m: float = Field(default=2.0, gt=0.0)
     variance_cap_s: float = Field(default=0.5, gt=0.0)
+    duty_window_s: float = Field(default=1.0, ge=0.02)
+    """Time constant of the mean behind uneven_duty."""
     foot_distance_m: float = Field(default=0.18, gt=0.0)
     """Horizontal distance below which two feet count as too close."""
     standing_position_factor: float = Field(default=5.0, ge=0.0)

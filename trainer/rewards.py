@@ -1,7 +1,7 @@
 """The reward terms: pure functions of one moment, each of shape (n,), before its weight.
 
 Source: the paper names the terms; the formulas follow Isaac Lab's released Spot task (BSD-3-Clause). Foot impact and
-foot distance, which the paper names without a formula, are this project's.
+foot distance, which the paper names without a formula, are this project's, and so are uneven duty and fall.
 """
 
 from __future__ import annotations
@@ -59,6 +59,10 @@ class Moment:
     last_contact_time_s: Tensor
     touchdown_speed_m_s: Tensor
     """Downward speed of a foot just before it touched down in this period, else 0. Shape (n, 4)."""
+    duty: Tensor
+    """Share of time on the ground of late, shape (n, 4)."""
+    fell: Tensor
+    """Bool, shape (n,): the episode ends in this period by a fall."""
     is_moving: Tensor
     """Bool, shape (n,): a velocity is commanded, or the body moves all the same."""
 
@@ -112,6 +116,16 @@ def air_time_variance(m: Moment, c: RewardShape) -> Tensor:
     """Unequal last phases between the feet."""
     air, contact = m.last_air_time_s.clamp(max=c.variance_cap_s), m.last_contact_time_s.clamp(max=c.variance_cap_s)
     return air.var(dim=-1) + contact.var(dim=-1)
+
+
+def uneven_duty(m: Moment, _c: RewardShape) -> Tensor:
+    """Moving: how far the feet's duty factors are from their mean, as a norm."""
+    return _norm(m.duty - m.duty.mean(dim=-1, keepdim=True)) * m.is_moving
+
+
+def fall(m: Moment, _c: RewardShape) -> Tensor:
+    """1 in the period in which the robot fell."""
+    return m.fell.float()
 
 
 def base_motion(m: Moment, _c: RewardShape) -> Tensor:
@@ -195,6 +209,8 @@ TERMS: Final[dict[str, Term]] = {
         foot_clearance,
         action_smoothness,
         air_time_variance,
+        uneven_duty,
+        fall,
         base_motion,
         orientation,
         foot_slip,

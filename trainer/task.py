@@ -53,7 +53,7 @@ class Task:
         self._draws = Draws(generator)
         self.commands = VelocityCommands(config.commands, n, self._draws)
         self.stats = EpisodeStats(n, device)
-        self.feet = FootTimers(n, device)
+        self.feet = FootTimers(n, device, config.reward_shape.duty_window_s)
         self._ground = Ground(config.terrain, device)
         self._default = torch.tensor(facts.DEFAULT_POSITION_RAD, device=device, dtype=torch.float32)
         self._sigmas = noise_sigmas(config.noise, device)
@@ -126,6 +126,8 @@ class Task:
             last_air_time_s=self.feet.last_air_time_s,
             last_contact_time_s=self.feet.last_contact_time_s,
             touchdown_speed_m_s=self._foot_descent_m_s.clamp(min=0.0) * touched_down,
+            duty=self.feet.duty,
+            fell=state.body_contact,
             is_moving=commanded | (linear_vel[:, :2].norm(dim=-1) > shape.moving_above_m_s),
         )
 

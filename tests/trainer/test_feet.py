@@ -26,6 +26,17 @@ def test_times_count_up_and_phases_are_kept_when_they_end() -> None:
     torch.testing.assert_close(feet.last_contact_time_s[0, 0], torch.tensor(0.04))
 
 
+def test_duty_is_a_mean_that_forgets() -> None:
+    feet = FootTimers(1, "cpu", duty_window_s=0.1)
+    feet.update(contacts(True, False), DT)
+    # One period of 0.02 s out of 0.1 s.
+    torch.testing.assert_close(feet.duty, torch.tensor([[0.2, 0.0, 0.2, 0.2]]))
+    feet.update(contacts(False, False), DT)
+    torch.testing.assert_close(feet.duty, torch.tensor([[0.16, 0.0, 0.36, 0.36]]))
+    feet.reset(torch.tensor([True]))
+    assert not feet.duty.any()
+
+
 def test_reset_touches_only_the_chosen_robots() -> None:
     feet = FootTimers(2, "cpu")
     feet.update(torch.zeros(2, 4, dtype=torch.bool), DT)

@@ -34,6 +34,8 @@ def moment(**changes: torch.Tensor) -> Moment:
         last_air_time_s=zero4,
         last_contact_time_s=zero4,
         touchdown_speed_m_s=zero4,
+        duty=torch.ones(1, 4),
+        fell=torch.tensor([False]),
         is_moving=torch.tensor([False]),
     )
     return dataclasses.replace(still, **changes)
@@ -71,6 +73,19 @@ def test_air_time_rewards_short_phases_when_moving_and_contact_when_standing() -
     assert value("air_time", **times, is_moving=torch.tensor([True])) == pytest.approx(0.3)
     # Standing: −0.2 + 0.1 − 0.3 (clipped) + 0.3.
     assert value("air_time", **times) == pytest.approx(-0.1)
+
+
+def test_uneven_duty_is_the_norm_of_what_differs_from_the_mean() -> None:
+    moving = torch.tensor([True])
+    # Front 0.5, hind 0.4: each 0.05 from the mean of 0.45.
+    assert value("uneven_duty", duty=row(0.5, 0.5, 0.4, 0.4), is_moving=moving) == pytest.approx(0.1)
+    assert value("uneven_duty", duty=row(0.4, 0.4, 0.4, 0.4), is_moving=moving) == 0.0
+    assert value("uneven_duty", duty=row(0.5, 0.5, 0.4, 0.4)) == 0.0
+
+
+def test_a_fall_counts_once() -> None:
+    assert value("fall", fell=torch.tensor([True])) == 1.0
+    assert value("fall") == 0.0
 
 
 def test_gait_is_one_in_a_perfect_trot_and_zero_when_standing() -> None:

@@ -18,7 +18,7 @@ from trainer.make_task import check_device
 from trainer.random_draws import Draws
 from trainer.randomised_effects import training_effects
 from trainer.task_config import RandomisationConfig
-from trainer.train import resume, train
+from trainer.train import make_runner, resume, train
 
 
 @pytest.fixture(scope="module")
@@ -169,3 +169,14 @@ def test_two_processes_learn_one_network(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr[-3000:]
     sums = [(tmp_path / f"{rank}.txt").read_text() for rank in range(2)]
     assert sums[0] == sums[1]
+
+
+def test_the_last_iterations_settle(tiny: TrainConfig, tmp_path: Path) -> None:
+    ppo = tiny.ppo.model_copy(update={"settle_iterations": 2})
+    runner = make_runner(tiny.model_copy(update={"ppo": ppo}), tmp_path, "cpu")
+    seen = []
+    for iteration in range(4):
+        runner.env.steps = iteration * 6 + 1
+        seen.append(runner.alg._settled(1.0, 0.01))
+    # Full until two of the four iterations are left, then half way to an entropy of 0 and a fifth of the KL target.
+    assert seen == [(1.0, 0.01), (1.0, 0.01), (1.0, 0.01), (0.5, pytest.approx(0.006))]
