@@ -84,17 +84,45 @@ def fit_errors(
     touched = np.abs(raw[..., : space.n]) > ACTIVE_NM
     active = touched.sum(axis=(0, 1))
     active_runs = np.array([len(np.unique(samples.run[touched[..., i].any(axis=1)])) for i in range(space.n)])
-    # Welch and Satterthwaite: runs less one, and legs less one, each for its own share.
-    shares = np.stack([statistical, by_leg]) / (statistical + by_leg)
-    freedom = np.array([max(len(gradient) - 1, 1), facts.N_LEGS - 1])
     deviations = np.sqrt(np.diag(covariance))
     return FitErrors(
         standard_error=np.where(active > 0, np.sqrt(statistical + by_leg), np.inf),
-        degrees_of_freedom=1.0 / np.sum(shares**2 / freedom[:, None], axis=0),
+        degrees_of_freedom=effective_freedom(statistical, by_leg, len(gradient)),
         correlation=covariance / np.outer(deviations, deviations),
         active_samples=active,
         active_runs=active_runs,
     )
+
+
+def effective_freedom(statistical: Array, by_leg: Array, n_runs: int) -> Array:
+    """Degrees of freedom of a sum of two variances, by Welch and Satterthwaite: runs less one, and legs less one."""
+    total = statistical + by_leg
+    known = np.isfinite(total) & (total > 0.0)
+    shares = np.stack([statistical, by_leg])[:, known] / total[known]
+    freedom = np.ones(len(total))
+    freedom[known] = 1.0 / np.sum(shares**2 / np.array([[max(n_runs - 1, 1)], [facts.N_LEGS - 1]]), axis=0)
+    return freedom
+
+
+def cluster_covariances(
+    scores: Array, inverse: Array, scale: float, run: NDArray[np.intp], leg: NDArray[np.intp]
+) -> tuple[Array, Array, Array]:
+    """Covariances of a linear fit: as if samples were independent, by runs, and by legs; (c, c) each.
+
+    Args:
+        scores: Weighted residual times slopes of each sample. Shape (n, c).
+        inverse: Inverse of the weighted curvature. Shape (c, c).
+        scale: Standard deviation of the residual.
+        run: Shape (n,).
+        leg: Shape (n,).
+    """
+    spreads = []
+    for group in (run, leg):
+        number = np.unique(group, return_inverse=True)[1]
+        gradients = np.zeros((int(number.max()) + 1, scores.shape[1]))
+        np.add.at(gradients, number, scores)
+        spreads.append(_spread(inverse, gradients))
+    return scale**2 * inverse, spreads[0], spreads[1]
 
 
 def _legs(values: Array) -> Array:

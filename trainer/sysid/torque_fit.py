@@ -1,4 +1,7 @@
-"""Parameters from measured torque: robust least squares on predicted against measured load."""
+"""Parameters from measured torque: robust least squares on predicted against measured load.
+
+Limits come from single samples; friction, viscosity and inertia from stretches of them (torque_losses).
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,8 @@ import scipy.stats
 from numpy.typing import NDArray
 
 from spot_model import facts
-from trainer.sysid.torque_errors import FitErrors, fit_errors
+from trainer.sysid.torque_errors import FitErrors, effective_freedom, fit_errors
+from trainer.sysid.torque_losses import LossFit, fit_losses
 from trainer.sysid.torque_model import MIN_SPEED_RAD_S, NUISANCE_NAMES, NUISANCE_SCALE, TorqueModel
 from trainer.sysid.torque_samples import TorqueSamples
 
@@ -20,8 +24,6 @@ Array = NDArray[np.float64]
 
 LARGE_REQUEST_NM: Final = 20.0
 """Requests from here on are kept at any speed: friction is small beside them."""
-STOP_MARGIN_RAD: Final = 0.05
-"""Nearer than this to a joint stop, the stop's own torque is in the load."""
 N_ROUGH: Final = 2_500
 N_FINE: Final = 40_000
 """Rows of the rough fit from several starts, and of the final one."""
@@ -73,13 +75,36 @@ def fit_torque(
         _, unit, nuisance = _solve(model, part, used, unit, nuisance, scale)
     scale = _scale(model, part, used, unit, nuisance)
     doubt = relative_doubt(model, part, unit, nuisance, scale)
-    return TorqueFit(
+    fit = TorqueFit(
         values=model.space.values_of_unit(unit),
         covered=model.covered,
         errors=fit_errors(model, part, used, unit, nuisance, doubt, scale),
         nuisance=nuisance,
         residual_nm=scale,
     )
+    losses = fit_losses(model, samples, fit.values, float(nuisance[0]))
+    return fit if losses is None else _with_losses(model, fit, losses)
+
+
+def _with_losses(model: TorqueModel, fit: TorqueFit, losses: LossFit) -> TorqueFit:
+    """The same fit with friction and inertia from whole stretches, which are free of what slopes of noise cost."""
+    i, errors = list(losses.columns), fit.errors
+    values, nuisance = fit.values.copy(), fit.nuisance.copy()
+    values[i], nuisance[1:3], nuisance[3:5] = losses.values, losses.viscosity_nm_s_per_rad, losses.inertia_kg_m2
+    statistical, by_leg = np.diag(losses.by_run), np.diag(losses.by_leg)
+    standard_error, freedom = errors.standard_error.copy(), errors.degrees_of_freedom.copy()
+    standard_error[i] = np.sqrt(statistical + by_leg)
+    freedom[i] = effective_freedom(statistical, by_leg, int(losses.n_runs.max(initial=2)))
+    samples, runs = errors.active_samples.copy(), errors.active_runs.copy()
+    samples[i], runs[i] = losses.n_windows, losses.n_runs
+    errors = replace(
+        errors,
+        standard_error=standard_error,
+        degrees_of_freedom=freedom,
+        active_samples=samples,
+        active_runs=runs,
+    )
+    return replace(fit, values=model.space.within_bounds(values), nuisance=nuisance, errors=errors)
 
 
 def usable(samples: TorqueSamples) -> NDArray[np.bool_]:
@@ -88,9 +113,7 @@ def usable(samples: TorqueSamples) -> NDArray[np.bool_]:
     Shape (n, 12).
     """
     fast = np.abs(samples.velocity_rad_s) > MIN_SPEED_RAD_S
-    above = samples.position_rad > facts.POSITION_LOW_RAD + STOP_MARGIN_RAD
-    below = samples.position_rad < facts.POSITION_HIGH_RAD - STOP_MARGIN_RAD
-    return (fast | (np.abs(samples.request_nm) > LARGE_REQUEST_NM)) & above & below
+    return (fast | (np.abs(samples.request_nm) > LARGE_REQUEST_NM)) & samples.is_off_the_stops
 
 
 def relative_doubt(model: TorqueModel, samples: TorqueSamples, unit: Array, nuisance: Array, scale: float) -> Array:

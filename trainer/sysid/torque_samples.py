@@ -18,6 +18,8 @@ SLOPE_WEIGHTS: Final = np.array([-2.0, -1.0, 0.0, 1.0, 2.0]) / 10.0
 """Least-squares slope through five neighbouring samples, per sample period."""
 BEND_WEIGHTS: Final = np.array([2.0, -1.0, -2.0, -1.0, 2.0]) / 7.0
 """Second derivative of the least-squares parabola through them, per squared sample period."""
+STOP_MARGIN_RAD: Final = 0.05
+"""Nearer than this to a joint stop, the stop's own torque is in the load."""
 
 
 @dataclass(frozen=True)
@@ -26,6 +28,8 @@ class TorqueSamples:
 
     run: NDArray[np.intp]
     """Which run a row comes from, shape (n,)."""
+    state: NDArray[np.intp]
+    """Number of the state within its run's stretch, shape (n,); rising within a run."""
     setpoint_rad: Array
     position_rad: Array
     velocity_rad_s: Array
@@ -48,6 +52,13 @@ class TorqueSamples:
     def request_nm(self) -> Array:
         """Torque that the servo's law asks for, before any limit."""
         return self.kp_nm_per_rad * (self.setpoint_rad - self.position_rad) - self.kd_nm_s_per_rad * self.velocity_rad_s
+
+    @property
+    def is_off_the_stops(self) -> NDArray[np.bool_]:
+        """Joints whose stops have no part in the load, shape (n, 12)."""
+        above = self.position_rad > facts.POSITION_LOW_RAD + STOP_MARGIN_RAD
+        below = self.position_rad < facts.POSITION_HIGH_RAD - STOP_MARGIN_RAD
+        return np.asarray(above & below)
 
     def rows(self, index: NDArray[np.intp] | NDArray[np.bool_]) -> TorqueSamples:
         """A selection of rows."""
@@ -91,6 +102,7 @@ def _of_run(number: int, run: LoggedRun) -> TorqueSamples:
     chosen = index[keep]
     return TorqueSamples(
         run=np.full(int(keep.sum()), number, dtype=np.intp),
+        state=np.flatnonzero(keep),
         setpoint_rad=commands.position_rad[chosen],
         position_rad=states.position_rad[keep],
         velocity_rad_s=states.velocity_rad_s[keep],

@@ -54,7 +54,7 @@ def test_planted_friction_is_found(strong: dict[str, ParameterVerdict], strong_t
 
 def test_limits_that_are_never_reached_are_named_and_not_reported(make_logs: MakeLogs) -> None:
     far = PaperActuator(0.1, 0.2, 400.0, -400.0, 150.0, -150.0, 100.0, -100.0)
-    found = verdicts(make_logs(far, sequences={"a": 0.0}, n_ticks=150, n_repeats=3))
+    found = verdicts(make_logs(far, sequences={"a": 0.0}, n_ticks=200, n_repeats=6))
     for name in NAMES[2:]:
         verdict = found[CURVE + name]
         assert not verdict.identified
@@ -82,6 +82,7 @@ def test_the_predicted_load_worked_out_by_hand() -> None:
     one = np.ones((1, 12))
     samples = TorqueSamples(
         run=np.zeros(1, dtype=np.intp),
+        state=np.zeros(1, dtype=np.intp),
         setpoint_rad=-1.4 * one,
         position_rad=-1.5 * one,
         velocity_rad_s=2.0 * one,

@@ -1,0 +1,32 @@
+#!/usr/bin/env bash
+# The accuracy of identification on a machine of many cores without a network; run from the repository's root.
+#   identify_session.sh setup            lay the packed wheels (.whl/sysid) into $SITE
+#   identify_session.sh run NAME ...     benchmarks/identify_fake.py with these options; $OUT/NAME.tar.gz at the end
+# What is there after $LIMIT_S seconds is packed, finished or not.
+set -euo pipefail
+SITE=${SITE:-/tmp/site}
+OUT=${OUT:-out}
+LIMIT_S=${LIMIT_S:-480}
+export PYTHONPATH="$SITE:$PWD" PYTHONUNBUFFERED=1 OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
+mkdir -p "$OUT"
+
+setup() {
+    for wheel in .whl/sysid/*.whl; do
+        python3 -m zipfile -e "$wheel" "$SITE"
+    done
+    python3 -c 'import importlib.metadata as m; m.version("spot-rl"); import mujoco, numpy, scipy, grpc, mcap, cmaes, bosdyn.client
+print("ready:", mujoco.__version__, numpy.__version__, scipy.__version__, grpc.__version__)'
+}
+
+run() {
+    local name=$1 folder=/tmp/identify-$1
+    shift
+    mkdir -p "$folder"
+    timeout --signal=INT --kill-after=10 "$LIMIT_S" \
+        python3 benchmarks/identify_fake.py --out "$folder" "$@" >"$folder/console.txt" 2>&1 || true
+    python3 benchmarks/identify_fake.py --out "$folder" --table --pack "$OUT/$name.tar.gz"
+}
+
+stage=$1
+shift
+"$stage" "$@"
