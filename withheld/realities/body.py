@@ -1,0 +1,49 @@
+"""The MuJoCo model of one robot: Spot's MJCF with other feet, contacts and integrator, then its own small errors."""
+
+from __future__ import annotations
+
+import mujoco
+
+from spot_model.facts import LEG_NAMES
+from spot_model.mjcf import spot_mjcf
+from spot_model.mjcf_options import MjcfOptions
+from withheld.realities.robot import Robot
+from withheld.realities.settings import Settings
+
+FOOT_SHAPE = (1.0, 1.12, 1.0)
+"""Half axes of the foot over its radius: a little wider than long."""
+_INTEGRATORS = {
+    "implicit": mujoco.mjtIntegrator.mjINT_IMPLICIT,
+    "implicitfast": mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
+    "RK4": mujoco.mjtIntegrator.mjINT_RK4,
+    "Euler": mujoco.mjtIntegrator.mjINT_EULER,
+}
+
+
+def build_model(robot: Robot, settings: Settings) -> mujoco.MjModel:
+    """The compiled body. Its twelve joints follow the free joint, whatever a fault adds comes after them."""
+    spec = mujoco.MjSpec.from_string(spot_mjcf(MjcfOptions(collision="all")))
+    spec.option.timestep = settings.step_s
+    spec.option.integrator = _INTEGRATORS[settings.integrator]
+    spec.option.cone = (
+        mujoco.mjtCone.mjCONE_ELLIPTIC if settings.cone == "elliptic" else mujoco.mjtCone.mjCONE_PYRAMIDAL
+    )
+    spec.option.impratio = settings.impratio
+    for i, leg in enumerate(LEG_NAMES):
+        foot = spec.geom(f"{leg}_foot")
+        foot.type = mujoco.mjtGeom.mjGEOM_ELLIPSOID
+        foot.size = [robot.foot_radius_m[i] * share for share in FOOT_SHAPE]
+        foot.friction[0] = robot.foot_friction[i]
+        scale, damping = robot.foot_softness[i], robot.foot_damping[i]
+        foot.solref = [
+            -settings.contact_stiffness_per_s2 / scale**2,
+            -settings.contact_damping_per_s * damping / scale,
+        ]
+    for edit_spec in robot.spec_edits:
+        edit_spec(spec)
+    model = spec.compile()
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+    for edit_model in robot.model_edits:
+        edit_model(model)
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+    return model

@@ -1,0 +1,137 @@
+"""Twelve drives as two-mass systems: servo, current, voltage, rotor, gear; many runs side by side.
+
+The rotor is a body of its own behind the gear's spring, whose torque is what a load cell at the joint measures.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from spot_model.facts import N_JOINTS, Array
+from spot_model.knee_table import KNEE_TABLE_POSITION_RAD, KNEE_TABLE_TORQUE_NM
+from withheld.realities.hooks import Motion
+from withheld.realities.lugre import LuGre
+from withheld.realities.robot import Robot
+from withheld.realities.thermal import Motors
+
+_LEVER = np.polynomial.Polynomial.fit(KNEE_TABLE_POSITION_RAD, KNEE_TABLE_TORQUE_NM, 4)
+"""The knee's lever arm over its angle: a smooth linkage through the published table."""
+_KNEES = slice(2, N_JOINTS, 3)
+_SAFE_SHARE = 0.6
+_SAFE_NM = 15.0
+"""Below these no limit of current, voltage or lever can bind at an ordinary speed and bus voltage."""
+_SAFE_SPEED_SHARE = 0.35
+
+
+class Drives:
+    """The drives of n runs of one robot.
+
+    Args:
+        robot: Its parameters and parts.
+        n_runs: How many runs step together.
+        position_rad: Where the joints start, shape (n, 12).
+        dt_s: Physics step.
+    """
+
+    def __init__(self, robot: Robot, n_runs: int, position_rad: Array, dt_s: float) -> None:
+        self._robot, self._dt_s = robot, dt_s
+        d = robot.drive
+        shape = (n_runs, N_JOINTS)
+        self.motion = Motion(
+            dt_s, position_rad.copy(), np.zeros(shape), position_rad.copy(), np.zeros(shape), np.zeros(shape),
+            np.full((n_runs, 1), robot.supply.nominal_v),
+        )  # fmt: skip
+        self.motor_nm: Array = np.zeros(shape)
+        self._current_nm: Array = np.zeros(shape)
+        self._friction = LuGre(d, n_runs)
+        self.motors = Motors(robot.thermal, d, n_runs)
+        self._per_inertia = dt_s / d.rotor_inertia_kg_m2
+        self._blend = -np.expm1(-dt_s / d.current_time_constant_s)
+        self._half_play = 0.5 * d.play_rad
+        self._has_play = bool(np.any(d.play_rad > 0.0))
+        self._is_soft = bool(np.any(d.limit_softness > 0.0))
+        self._safe_nm = np.minimum(_SAFE_SHARE * np.minimum(d.current_high_nm, -d.current_low_nm), 1e9)
+        self._safe_nm[_KNEES] = np.minimum(self._safe_nm[_KNEES], _SAFE_NM)
+        self._safe_rad_s = _SAFE_SPEED_SHARE * np.minimum(d.no_load_high_rad_s, -d.no_load_low_rad_s)
+        self._parts = [*robot.requests, *robot.motors, *robot.rotors, *robot.links]
+        for part in self._parts:
+            part.start(n_runs)
+        self._zeros: Array = np.zeros(shape)
+
+    def encoder_rad(self) -> Array:
+        """What the motor-side encoders say, shape (n, 12)."""
+        s = self._robot.sensing
+        angle = self.motion.rotor_rad + s.offset_rad
+        if s.eccentricity_rad.any():
+            angle = angle + s.eccentricity_rad * np.sin(self.motion.rotor_rad + s.eccentricity_phase_rad)
+        return np.asarray(angle)
+
+    def step(self, setpoint_rad: Array, kp: Array, kd: Array) -> Array:
+        """Torque on the links over the coming physics step, shape (n, 12); moves rotors on.
+
+        Args:
+            setpoint_rad: Position set-points in effect, (n, 12).
+            kp: Gains in effect, N·m/rad.
+            kd: N·m·s/rad.
+        """
+        robot, d, m = self._robot, self._robot.drive, self.motion
+        asked = kp * d.kp_scale * (setpoint_rad - self.encoder_rad()) - kd * d.kd_scale * m.rotor_rad_s
+        for part in robot.requests:
+            asked = part.act(asked, m)
+        allowed = self._limited(asked)
+        self._current_nm = self._current_nm + self._blend * (allowed - self._current_nm)
+        motor = self._current_nm * (d.torque_constant * self.motors.share)
+        for part in robot.motors:
+            motor = part.act(motor, m)
+        self.motor_nm = motor
+        gear = self._gear_nm()
+        total = motor - gear - self._friction.torque_nm(m.rotor_rad_s, self._dt_s)
+        for part in robot.rotors:
+            total = total + part.act(self._zeros, m)
+        m.gear_nm = gear
+        m.rotor_rad_s = m.rotor_rad_s + self._per_inertia * total
+        m.rotor_rad = m.rotor_rad + self._dt_s * m.rotor_rad_s
+        out = gear
+        for part in robot.links:
+            out = out + part.act(self._zeros, m)
+        return out
+
+    def _gear_nm(self) -> Array:
+        """The gear's spring and damper, with play between their sides."""
+        d, m = self._robot.drive, self.motion
+        twist = m.rotor_rad - m.link_rad
+        rate = m.rotor_rad_s - m.link_rad_s
+        if not self._has_play:
+            return np.asarray(d.gear_stiffness_nm_per_rad * twist + d.gear_damping_nm_s_per_rad * rate)
+        beyond = twist - np.clip(twist, -self._half_play, self._half_play)
+        free = (beyond == 0.0) & (d.play_rad > 0.0)
+        pushed = d.gear_stiffness_nm_per_rad * beyond + d.gear_damping_nm_s_per_rad * rate
+        # A damper between teeth can push, but never pull.
+        pulls = (d.play_rad > 0.0) & (pushed * beyond < 0.0)
+        return np.where(free | pulls, 0.0, pushed)
+
+    def _limited(self, asked: Array) -> Array:
+        """What current limit, voltage and lever leave of the torque that is asked for."""
+        d, m = self._robot.drive, self.motion
+        size = np.abs(asked)
+        if not self._is_soft and not (size > self._safe_nm).any() and not (
+            np.abs(m.rotor_rad_s) > self._safe_rad_s
+        ).any():  # fmt: skip
+            return asked
+        relative = m.bus_v / self._robot.supply.nominal_v
+        high = d.slope_high_nm_s_per_rad * (d.no_load_high_rad_s * relative - m.rotor_rad_s)
+        low = d.slope_low_nm_s_per_rad * (d.no_load_low_rad_s * relative - m.rotor_rad_s)
+        lever = _LEVER(m.link_rad[:, _KNEES])
+        high = np.minimum(np.maximum(high, 0.0), d.current_high_nm)
+        low = np.maximum(np.minimum(low, 0.0), d.current_low_nm)
+        high[:, _KNEES] = np.minimum(high[:, _KNEES], lever)
+        low[:, _KNEES] = np.maximum(low[:, _KNEES], -lever)
+        hard = np.minimum(np.maximum(asked, low), high)
+        if not self._is_soft:
+            return hard
+        # A regulator that backs off before the limit: straight up to (1 − s), then bent so as never to reach it.
+        bound = np.where(asked > 0.0, high, -low) + 1e-9
+        knee = bound * (1.0 - d.limit_softness)
+        rest = np.maximum(bound - knee, 1e-9)
+        bent = knee + rest * np.tanh(np.maximum(size - knee, 0.0) / rest)
+        return np.where((d.limit_softness > 0.0) & (size > knee), np.sign(asked) * bent, hard)

@@ -1,0 +1,102 @@
+"""The robot's state estimator: a filter over gyroscope, accelerometer and legs that stand."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot_model import facts
+from spot_model.facts import Array
+from spot_model.leg_kinematics import foot_position_and_jacobian
+from spot_model.rotation import matrix_from_wxyz, multiply_wxyz
+from withheld.realities.robot import EstimatorParameters
+from withheld.realities.settings import GRAVITY_M_S2
+
+SETTLED_STATES = 4
+"""A foot counts as standing so long after its flag."""
+LARGEST_SLIP_M_S = 0.8
+"""A foot that moves faster than this against the prediction does not stand, whatever its flag says."""
+
+
+class Estimator:
+    """Attitude, velocity and position in odom, of n runs.
+
+    The gyroscope turns the attitude; gravity, felt on average, sets it upright. The accelerometer moves the velocity;
+    standing feet, which roll on their radius, pull it back.
+    """
+
+    def __init__(self, parameters: EstimatorParameters, attitude_wxyz: Array, position_m: Array, dt_s: float) -> None:
+        self._p, self._dt_s = parameters, dt_s
+        n = len(attitude_wxyz)
+        self.attitude_wxyz: Array = attitude_wxyz.copy()
+        self.position_m: Array = position_m.copy()
+        self.velocity_m_s: Array = np.zeros((n, 3))
+        self._filtered: Array = np.zeros((n, 3))
+        lag = parameters.output_lag_s
+        self._keep = float(np.exp(-dt_s / lag)) if lag > 0.0 else 0.0
+        self.turn_rad_s: Array = np.zeros((n, 3))
+
+    @property
+    def reported_velocity_m_s(self) -> Array:
+        """In odom, shape (n, 3)."""
+        return self._filtered
+
+    def step(
+        self,
+        turn_rad_s: Array,
+        acceleration_m_s2: Array,
+        position_rad: Array,
+        velocity_rad_s: Array,
+        contact_age: Array,
+    ) -> None:
+        """Take in one state's readings.
+
+        Args:
+            turn_rad_s: Gyroscope, unit's frame, (n, 3).
+            acceleration_m_s2: Specific force, mean since the last state, (n, 3).
+            position_rad: Joints as read, (n, 12).
+            velocity_rad_s: Likewise.
+            contact_age: States since each foot was said to stand, (n, 4).
+        """
+        p, dt = self._p, self._dt_s
+        rotation = matrix_from_wxyz(self.attitude_wxyz)
+        up = rotation[:, 2, :]
+        lean = np.cross(acceleration_m_s2, up) / GRAVITY_M_S2
+        turn = (turn_rad_s + p.tilt_rate_per_s * lean) * (0.5 * dt)
+        attitude = multiply_wxyz(self.attitude_wxyz, np.concatenate([np.ones((len(turn), 1)), turn], axis=1))
+        self.attitude_wxyz = attitude / np.sqrt(np.sum(attitude * attitude, axis=1, keepdims=True))
+        rotation = matrix_from_wxyz(self.attitude_wxyz)
+        felt = _turned(rotation, acceleration_m_s2)
+        felt[:, 2] -= GRAVITY_M_S2
+        predicted = self.velocity_m_s + dt * felt
+        by_leg = self._by_legs(rotation, turn_rad_s, position_rad, velocity_rad_s)
+        off = by_leg - predicted[:, None, :]
+        stands = (contact_age > SETTLED_STATES) & (np.sum(off * off, axis=2) < LARGEST_SLIP_M_S**2)
+        count = np.sum(stands, axis=1, keepdims=True)
+        mean_off = np.sum(off * stands[:, :, None], axis=1) / np.maximum(count, 1)
+        self.velocity_m_s = predicted + (dt / p.odometry_time_s) * mean_off
+        self.position_m = self.position_m + dt * self.velocity_m_s
+        self._filtered = self.velocity_m_s + self._keep * (self._filtered - self.velocity_m_s)
+        self.turn_rad_s = _turned(rotation, turn_rad_s)
+
+    def _by_legs(self, rotation: Array, turn: Array, position: Array, velocity: Array) -> Array:
+        """The body's velocity in odom by each leg, if its foot rolls on the ground; shape (n, 4, 3)."""
+        n = len(position)
+        foot, jacobian = foot_position_and_jacobian(position)
+        rates = velocity.reshape(n, facts.N_LEGS, 1, 3)
+        moved = np.cross(turn[:, None, :], foot) + np.sum(jacobian * rates, axis=3)
+        hx = position[:, 0::3]
+        shank = (velocity[:, 1::3] + velocity[:, 2::3])[:, :, None] * np.stack(
+            [np.zeros_like(hx), np.cos(hx), np.sin(hx)], axis=2
+        )
+        shank[:, :, 0] += velocity[:, 0::3]
+        up = facts.FOOT_RADIUS_M * rotation[:, 2, :][:, None, :]
+        rolled = np.cross(turn[:, None, :] + shank, up)
+        in_body = self._p.odometry_scale * (rolled - moved)
+        in_body[:, :, :2] += self._p.odometry_bias_m_s
+        return np.asarray(np.matmul(in_body, rotation.transpose(0, 2, 1)))
+
+
+def _turned(rotation: Array, vector: Array) -> NDArray[np.float64]:
+    """Vectors (n, 3) from the body's frame into odom's."""
+    return np.asarray(np.matmul(rotation, vector[:, :, None])[:, :, 0])

@@ -1,0 +1,55 @@
+"""A supply that cannot feed all motors: a limiter on the bus, a tired battery."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from spot_model.facts import Array
+from withheld.realities.fault_kind import Ask, Built
+from withheld.realities.hooks import Motion
+from withheld.realities.robot import Robot
+
+LARGEST_W = 1900.0
+SMALLEST_W = 420.0
+
+
+def bus_limit(ask: Ask) -> Built:
+    """A limiter of the bus current that turns all motors down together, as quick as its regulator."""
+    power = LARGEST_W * (SMALLEST_W / LARGEST_W) ** ask.size
+    copper = 0.03
+
+    def install(robot: Robot) -> None:
+        if ask.size > 0.0:
+            robot.motors.append(_BusLimiter(power, copper))
+
+    return Built(install, {"power_limit.power_w": power, "power_limit.copper_w_per_nm2": copper})
+
+
+class _BusLimiter:
+    """A PI regulator on the bus current's excess: every driving motor gets the same share of its torque."""
+
+    FILTER_S = 1.0e-3
+    INTEGRAL_PER_S = 700.0
+    RELEASE_PER_S = 120.0
+    LEAST = 0.1
+
+    def __init__(self, power_w: float, copper_w_per_nm2: float) -> None:
+        self._power_w, self._copper = power_w, copper_w_per_nm2
+        self._share: Array = np.ones((1, 1))
+        self._drawn_w: Array = np.zeros((1, 1))
+
+    def start(self, n_runs: int) -> None:
+        """Nothing is held back yet."""
+        self._share, self._drawn_w = np.ones((n_runs, 1)), np.zeros((n_runs, 1))
+
+    def act(self, torque_nm: Array, motion: Motion) -> Array:
+        """The torque that the bus lets the motors have."""
+        driving = torque_nm * motion.rotor_rad_s > 0.0
+        out = np.where(driving, self._share * torque_nm, torque_nm)
+        shaft = np.where(driving, out * motion.rotor_rad_s, 0.0)
+        drawn = np.sum(shaft + self._copper * np.square(out), axis=1, keepdims=True)
+        self._drawn_w = self._drawn_w + min(1.0, motion.dt_s / self.FILTER_S) * (drawn - self._drawn_w)
+        excess = (self._drawn_w - self._power_w) / self._power_w
+        rate = np.where(excess > 0.0, self.INTEGRAL_PER_S, self.RELEASE_PER_S)
+        self._share = np.clip(self._share - motion.dt_s * rate * excess, self.LEAST, 1.0)
+        return np.asarray(out)

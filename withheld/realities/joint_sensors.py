@@ -1,0 +1,67 @@
+"""Encoders and load cells: offsets, eccentric rings, filters, noise and steps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from spot_model.facts import N_JOINTS, Array
+from withheld.realities.drive import Drives
+from withheld.realities.robot import Robot
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What the joints report, each of shape (n, 12)."""
+
+    position_rad: Array
+    velocity_rad_s: Array
+    load_nm: Array
+
+
+class JointSensors:
+    """Readings of n runs; all noise is drawn at the start, run by run."""
+
+    def __init__(self, robot: Robot, n_states: int, rngs: Sequence[np.random.Generator]) -> None:
+        s = self._s = robot.sensing
+        sigma = np.concatenate([s.position_noise_rad, s.velocity_noise_rad_s, s.load_noise_nm])
+        self._noise = np.stack([rng.standard_normal((n_states, 3 * N_JOINTS)) for rng in rngs], axis=1) * sigma
+        self._filter_rad_s = 2.0 * np.pi * s.velocity_filter_hz
+        self._is_filtered = np.isfinite(self._filter_rad_s)
+        self._slow: Array | None = None
+        self._rate: Array = np.zeros((len(rngs), N_JOINTS))
+
+    def read(self, state: int, drives: Drives, dt_s: float) -> Reading:
+        """What is reported at this state."""
+        s, m, noise = self._s, drives.motion, self._noise[state]
+        position = drives.encoder_rad() - s.velocity_lag_s_per_rad_s * m.rotor_rad_s * np.abs(m.rotor_rad_s)
+        velocity = self._filtered(m.rotor_rad_s, dt_s)
+        load = s.load_gain * m.gear_nm + s.load_bias_nm
+        return Reading(
+            _stepped(position + noise[:, :N_JOINTS], s.position_quantum_rad),
+            _stepped(velocity + noise[:, N_JOINTS : 2 * N_JOINTS], s.velocity_quantum_rad_s),
+            _stepped(load + noise[:, 2 * N_JOINTS :], s.load_quantum_nm),
+        )
+
+    def _filtered(self, velocity: Array, dt_s: float) -> Array:
+        """A second-order (Butterworth) low pass, each sample split so that it stays stable at any corner."""
+        if not self._is_filtered.any():
+            return velocity
+        if self._slow is None:
+            self._slow = velocity.copy()
+        corner = np.where(self._is_filtered, self._filter_rad_s, 0.0)
+        pieces = 6
+        h = dt_s / pieces
+        for _ in range(pieces):
+            # Implicit in the rate, so that a corner above the sample rate damps and does not blow up.
+            pull = corner**2 * (velocity - self._slow)
+            self._rate = (self._rate + h * pull) / (1.0 + 1.414 * corner * h + (corner * h) ** 2)
+            self._slow = self._slow + h * self._rate
+        self._slow = np.where(self._is_filtered, self._slow, velocity)
+        return self._slow
+
+
+def _stepped(values: Array, quantum: float) -> Array:
+    return np.asarray(np.round(values / quantum) * quantum)

@@ -1,0 +1,233 @@
+"""Runs of one robot, side by side: physics, drives, sensors, estimator and the policy in the loop."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from spot_model import facts
+from spot_model.facts import N_JOINTS, N_LEGS, STATE_PERIOD_NS, Array
+from spot_model.mjcf import default_height_m
+from spot_model.observation import build_observation
+from spot_model.policy import Policy
+from spot_model.rotation import multiply_wxyz
+from spot_model.velocity_sequence import VelocitySequence
+from withheld.realities.body import build_model
+from withheld.realities.contacts import ContactDetector
+from withheld.realities.drive import Drives
+from withheld.realities.estimator import Estimator
+from withheld.realities.inertial_unit import InertialUnit
+from withheld.realities.joint_sensors import JointSensors
+from withheld.realities.records import RunArrays
+from withheld.realities.robot import Robot
+from withheld.realities.settings import Settings
+from withheld.realities.supply import Battery
+from withheld.realities.tape import Tape
+from withheld.realities.transport import Deliveries, deliveries
+
+TICK_STATES: Final = (7, 7, 6)
+"""States between two ticks: 50 Hz counted in stamps of a 3 ms stream."""
+JOINTS_Q, JOINTS_V = slice(7, 7 + N_JOINTS), slice(6, 6 + N_JOINTS)
+STATE_S: Final = STATE_PERIOD_NS * 1e-9
+FOOT_SENSOR: Final = 4
+DROP_M: Final = 0.012
+
+
+@dataclass(frozen=True)
+class RunRequest:
+    """One run to make."""
+
+    sequence: VelocitySequence
+    rng: np.random.Generator
+    """Of all that differs from run to run."""
+
+
+def simulate(robot: Robot, policy: Policy, requests: Sequence[RunRequest], settings: Settings) -> list[RunArrays]:
+    """Make runs of one length side by side; each is the same whatever runs beside it.
+
+    Raises:
+        ValueError: The sequences have different lengths.
+    """
+    lengths = {r.sequence.duration_s for r in requests}
+    if len(lengths) != 1:
+        raise ValueError(f"runs side by side need one length; these last {sorted(lengths)} s")
+    return _Simulation(robot, policy, requests, settings).run()
+
+
+def tick_states(n_states: int) -> NDArray[np.intp]:
+    """States at which the policy runs."""
+    steps = np.resize(TICK_STATES, n_states // min(TICK_STATES) + 1)
+    at = np.concatenate([[0], np.cumsum(steps)])
+    return np.asarray(at[at < n_states], dtype=np.intp)
+
+
+class _Simulation:
+    def __init__(self, robot: Robot, policy: Policy, requests: Sequence[RunRequest], settings: Settings) -> None:
+        self.robot, self.policy, self.requests, self.settings = robot, policy, requests, settings
+        self.rngs = [r.rng for r in requests]
+        n = self.n = len(requests)
+        self.model = build_model(robot, settings)
+        self.datas: list[Any] = [mujoco.MjData(self.model) for _ in requests]
+        self.n_states = int(np.ceil((settings.ramp_s + requests[0].sequence.duration_s + settings.tail_s) / STATE_S))
+        self._start_poses()
+        self.position = np.empty((n, 7))
+        self.velocity = np.empty((n, 6))
+        self.drives = Drives(robot, n, np.stack([d.qpos[JOINTS_Q] for d in self.datas]), settings.step_s)
+        self.battery = Battery(robot.supply, n)
+        self._torque: Array = self.drives.motion.gear_nm
+        self._read_bodies()
+
+    # Beginning --------------------------------------------------------------------------------------------------------
+
+    def _start_poses(self) -> None:
+        for data, rng in zip(self.datas, self.rngs, strict=True):
+            yaw = rng.uniform(-0.6, 0.6)
+            data.qpos[:3] = [*rng.uniform(-0.5, 0.5, 2), default_height_m() + DROP_M]
+            data.qpos[3:7] = [np.cos(0.5 * yaw), 0.0, 0.0, np.sin(0.5 * yaw)]
+            data.qpos[JOINTS_Q] = facts.DEFAULT_POSITION_RAD + rng.normal(0.0, 0.015, N_JOINTS)
+            mujoco.mj_forward(self.model, data)
+
+    def _settle(self) -> Array:
+        """Stand, from half of the vendor's gains to the policy's; returns the pose that is held, shape (n, 12)."""
+        held = np.tile(facts.DEFAULT_POSITION_RAD, (self.n, 1))
+        n_steps = round(self.settings.settle_s / self.settings.step_s)
+        to = self.policy.gains()
+        for step in range(n_steps):
+            share = min(1.0, 1.5 * step / n_steps)
+            kp = (1.0 - share) * 0.5 * facts.STAND_KP_NM_PER_RAD + share * to.kp_nm_per_rad
+            kd = (1.0 - share) * facts.STAND_KD_NM_S_PER_RAD + share * to.kd_nm_s_per_rad
+            self._physics(held, kp, kd)
+            if step % self.settings.steps_per_state == 0:
+                self._energy()
+        return held
+
+    def _estimator(self, unit: InertialUnit) -> Estimator:
+        """The estimator after a while of standing still: upright by its own unit, somewhere in its own odom."""
+        attitude = multiply_wxyz(self.position[:, 3:], unit.body_from_unit_wxyz)
+        yaw = np.array([rng.uniform(-1.5, 1.5) for rng in self.rngs])
+        zero = np.zeros_like(yaw)
+        odom_from_world = np.stack([np.cos(0.5 * yaw), zero, zero, np.sin(0.5 * yaw)], axis=1)
+        place = np.stack([rng.uniform([-2.0, -2.0, 0.1], [2.0, 2.0, 0.3]) for rng in self.rngs])
+        return Estimator(self.robot.estimator, np.asarray(multiply_wxyz(odom_from_world, attitude)), place, STATE_S)
+
+    # Stepping ---------------------------------------------------------------------------------------------------------
+
+    def _physics(self, setpoint: Array, kp: Array, kd: Array) -> None:
+        torque = self.drives.step(setpoint, kp, kd)
+        model = self.model
+        for i, data in enumerate(self.datas):
+            data.qfrc_applied[JOINTS_V] = torque[i]
+            mujoco.mj_step(model, data)
+        self._read_bodies()
+
+    def _read_bodies(self) -> None:
+        joints, rates = np.empty((self.n, N_JOINTS)), np.empty((self.n, N_JOINTS))
+        for i, data in enumerate(self.datas):
+            q, v = data.qpos, data.qvel
+            joints[i], rates[i] = q[JOINTS_Q], v[JOINTS_V]
+            self.position[i], self.velocity[i] = q[:7], v[:6]
+        self.drives.motion.link_rad, self.drives.motion.link_rad_s = joints, rates
+
+    def _energy(self) -> None:
+        drives = self.drives
+        copper = drives.motors.copper_w(drives.motor_nm)
+        drives.motors.heat(copper, STATE_S)
+        bus_v = self.battery.step(drives.motor_nm * drives.motion.rotor_rad_s, copper, STATE_S)
+        drives.motion.bus_v = bus_v[:, None]
+
+    def _push_body(self, time_s: float) -> None:
+        body = self.model.body("body").id
+        for part in self.robot.body_forces:
+            force = part.force_n(self.velocity[:, :3], time_s)
+            for i, data in enumerate(self.datas):
+                data.xfrc_applied[body, :3] = force[i]
+
+    def _foot_force_n(self) -> Array:
+        """True normal forces, shape (n, 4)."""
+        return np.asarray(
+            np.abs(np.stack([d.sensordata[: FOOT_SENSOR * N_LEGS] for d in self.datas])[:, 3::FOOT_SENSOR])
+        )
+
+    # The run ----------------------------------------------------------------------------------------------------------
+
+    def run(self) -> list[RunArrays]:
+        """Settle, then simulate."""
+        held = self._settle()
+        robot, settings, n, m = self.robot, self.settings, self.n, self.n_states
+        sub = settings.steps_per_state
+        ways = [deliveries(m, robot.delays, rng) for rng in self.rngs]
+        sensors = JointSensors(robot, m, self.rngs)
+        unit = InertialUnit(robot.sensing, m, sub, self.rngs)
+        contacts = ContactDetector(robot.sensing, n, STATE_S)
+        estimator = self._estimator(unit)
+        ticks = tick_states(m)
+        tape = Tape(m, len(ticks), robot.estimator, self.rngs)
+        active = self._in_effect(ways)
+        number_of = np.full(m, -1)
+        number_of[ticks] = np.arange(len(ticks))
+        action = np.zeros((n, N_JOINTS), dtype=np.float32)
+        setpoint, effective = held, held
+        to = self.policy.gains()
+        runs = np.arange(n)
+        unit.note(0, self.position[:, 3:], self.velocity)
+        for state in range(m):
+            reading = sensors.read(state, self.drives, STATE_S)
+            turn, felt = unit.sense(state)
+            estimator.step(turn, felt, reading.position_rad, reading.velocity_rad_s, contacts.age)
+            tape.put(state, reading, estimator, contacts.see(self._foot_force_n()), self.drives)
+            tape.put_body(state, self.position, self.velocity, self.battery, self.drives)
+            if number_of[state] >= 0:
+                setpoint, action = self._tick(tape, int(number_of[state]), state, held, action)
+            tape.sent[state] = setpoint
+            if robot.body_forces:
+                self._push_body(state * STATE_S)
+            for step in range(state * sub, (state + 1) * sub):
+                chosen = active[step]
+                if step == 0 or not np.array_equal(chosen, active[step - 1]):
+                    effective = np.where((chosen >= 0)[:, None], tape.sent[np.maximum(chosen, 0), runs], held)
+                self._physics(effective, to.kp_nm_per_rad, to.kd_nm_s_per_rad)
+                unit.note(step + 1, self.position[:, 3:], self.velocity)
+            self._energy()
+        n_ramp = int(np.sum(ticks * STATE_S < settings.ramp_s))
+        return tape.runs(ways, ticks, n_ramp, unit)
+
+    def _in_effect(self, ways: Sequence[Deliveries]) -> NDArray[np.intp]:
+        """The command in effect at the beginning of each physics step, shape (steps, n)."""
+        sub = self.settings.steps_per_state
+        instants = np.arange(self.n_states * sub, dtype=np.int64) * STATE_PERIOD_NS // sub
+        return np.stack([w.newest(instants) for w in ways], axis=1)
+
+    def _tick(
+        self, tape: Tape, number: int, state: int, held: Array, last_action: NDArray[np.float32]
+    ) -> tuple[Array, NDArray[np.float32]]:
+        """The policy's set-points, and its action."""
+        ramp_s, time_s = self.settings.ramp_s, state * STATE_S - self.settings.ramp_s
+        command = np.stack([r.sequence.at(max(0.0, time_s)) for r in self.requests]) * (time_s >= 0.0)
+        order = self.policy.policy_from_canonical
+        joints = tape.joints[state]
+        observed: Array = build_observation(
+            world_from_body_wxyz=tape.attitude[state],
+            linear_vel_of_body_in_world_m_s=tape.linear[state],
+            angular_vel_of_body_in_world_rad_s=tape.angular[state],
+            velocity_command=command,
+            position_rad=joints[:, :N_JOINTS][:, order],
+            velocity_rad_s=joints[:, N_JOINTS : 2 * N_JOINTS][:, order],
+            last_action=last_action,
+            default_position_rad=self.policy.default_position_rad,
+        )
+        observation = np.nan_to_num(observed).astype(np.float32)
+        action = np.concatenate([self.policy.act(row[None]) for row in observation])
+        asked = self.policy.setpoint_rad(action)
+        for part in self.robot.setpoints:
+            asked = part.act(asked)
+        tape.observation[number], tape.action[number] = observation, action
+        share = min(1.0, max(0.0, 1.0 + time_s / ramp_s))
+        blend = share * share * (3.0 - 2.0 * share)
+        blended = held + blend * (asked - held) if blend < 1.0 else asked
+        tape.command[number], tape.requested[number] = command, blended
+        return np.clip(blended, facts.POSITION_LOW_RAD, facts.POSITION_HIGH_RAD), action

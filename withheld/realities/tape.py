@@ -1,0 +1,100 @@
+"""What is kept of runs while they are simulated, and how it becomes one table a run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot_model.facts import N_JOINTS, N_LEGS, STATE_PERIOD_NS, Array
+from spot_model.observation import N_OBSERVATION
+from withheld.realities.drive import Drives
+from withheld.realities.estimator import Estimator
+from withheld.realities.inertial_unit import InertialUnit
+from withheld.realities.joint_sensors import Reading
+from withheld.realities.records import RunArrays
+from withheld.realities.robot import EstimatorParameters
+from withheld.realities.supply import Battery
+from withheld.realities.transport import Deliveries
+
+
+class Tape:
+    """Arrays of n runs: m states, k ticks."""
+
+    def __init__(
+        self, n_states: int, n_ticks: int, noise: EstimatorParameters, rngs: Sequence[np.random.Generator]
+    ) -> None:
+        m, k, n = n_states, n_ticks, len(rngs)
+        self.joints = np.zeros((m, n, 3 * N_JOINTS))
+        """Positions, velocities, loads."""
+        self.place = np.zeros((m, n, 3))
+        self.attitude = np.zeros((m, n, 4))
+        self.linear = np.zeros((m, n, 3))
+        self.angular = np.zeros((m, n, 3))
+        self.flags = np.zeros((m, n, N_LEGS), dtype=np.bool_)
+        self.truth = np.zeros((m, n, 2 * N_JOINTS + 6))
+        """Link positions, motor torques, height, quaternion's part of the up axis, velocity."""
+        self.power = np.zeros((m, n, 3))
+        self.winding = np.zeros((m, n, N_JOINTS))
+        self.observation = np.zeros((k, n, N_OBSERVATION), dtype=np.float32)
+        self.action = np.zeros((k, n, N_JOINTS), dtype=np.float32)
+        self.command = np.zeros((k, n, 3))
+        self.requested = np.zeros((k, n, N_JOINTS))
+        self.sent = np.zeros((m, n, N_JOINTS))
+        sigma = np.array([noise.velocity_noise_m_s] * 3 + [noise.position_noise_m] * 3)
+        self._noise = np.stack([rng.standard_normal((m, 6)) for rng in rngs], axis=1) * sigma
+
+    def put(self, state: int, reading: Reading, estimator: Estimator, flags: NDArray[np.bool_], drives: Drives) -> None:
+        """What the robot reports at a state."""
+        joints, truth = self.joints[state], self.truth[state]
+        joints[:, :N_JOINTS] = reading.position_rad
+        joints[:, N_JOINTS : 2 * N_JOINTS] = reading.velocity_rad_s
+        joints[:, 2 * N_JOINTS :] = reading.load_nm
+        self.linear[state] = estimator.reported_velocity_m_s + self._noise[state, :, :3]
+        self.place[state] = estimator.position_m + self._noise[state, :, 3:]
+        self.attitude[state] = estimator.attitude_wxyz
+        self.angular[state] = estimator.turn_rad_s
+        self.flags[state] = flags
+        truth[:, :N_JOINTS] = drives.motion.link_rad
+        truth[:, N_JOINTS : 2 * N_JOINTS] = drives.motor_nm
+
+    def put_body(self, state: int, position: Array, velocity: Array, battery: Battery, drives: Drives) -> None:
+        """The body's true place, quaternion and velocity, (n, 7) and (n, 6), and what the slow polls will find."""
+        truth = self.truth[state, :, 2 * N_JOINTS :]
+        w, x, y, z = position[:, 3:].T
+        truth[:, 0] = position[:, 2]
+        truth[:, 1] = 1.0 - 2.0 * (x * x + y * y)
+        heading = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        cos, sin = np.cos(heading), np.sin(heading)
+        truth[:, 2] = cos * velocity[:, 0] + sin * velocity[:, 1]
+        truth[:, 3] = cos * velocity[:, 1] - sin * velocity[:, 0]
+        self.power[state] = np.stack([battery.shown_v, battery.shown_a, battery.charge_percent], axis=1)
+        self.winding[state] = drives.motors.winding_c
+
+    def runs(
+        self, ways: Sequence[Deliveries], ticks: NDArray[np.intp], n_ramp_ticks: int, unit: InertialUnit
+    ) -> list[RunArrays]:
+        """One table a run."""
+        force, turn = unit.packets()
+        stamp_ns = STATE_PERIOD_NS * np.arange(len(self.joints), dtype=np.int64)
+        found = []
+        for i, way in enumerate(ways):
+            position, velocity, load = np.split(self.joints[:, i], 3, axis=1)
+            truth = self.truth[:, i]
+            found.append(RunArrays(
+                position_rad=position, velocity_rad_s=velocity, load_nm=load,
+                position_of_body_in_odom_m=self.place[:, i], odom_from_body_wxyz=self.attitude[:, i],
+                linear_vel_of_body_in_odom_m_s=self.linear[:, i],
+                angular_vel_of_body_in_odom_rad_s=self.angular[:, i], foot_contact=self.flags[:, i],
+                imu_acceleration_m_s2=force[:, i], imu_turn_rad_s=turn[:, i],
+                up_ns=way.up_ns, sent_ns=way.sent_ns, arrival_ns=way.arrival_ns, echoed=way.newest(stamp_ns),
+                setpoint_rad=self.sent[:, i], tick_state=ticks, observation=self.observation[:, i],
+                action=self.action[:, i], velocity_command=self.command[:, i], requested_rad=self.requested[:, i],
+                is_active=np.arange(len(ticks)) >= n_ramp_ticks,
+                battery_v=self.power[:, i, 0], battery_a=self.power[:, i, 1], battery_percent=self.power[:, i, 2],
+                winding_c=self.winding[:, i], true_position_rad=truth[:, :N_JOINTS],
+                motor_nm=truth[:, N_JOINTS : 2 * N_JOINTS], true_height_m=truth[:, 2 * N_JOINTS],
+                true_up=truth[:, 2 * N_JOINTS + 1], true_velocity_m_s=truth[:, 2 * N_JOINTS + 2 : 2 * N_JOINTS + 4],
+            ))  # fmt: skip
+        return found
