@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from typing import Final
 
+import numpy as np
+from numpy.typing import NDArray
+
 from spot_model.arrays import namespace_of
-from spot_model.rotation import AnyArray, matrix_from_wxyz
+from spot_model.rotation import AnyArray, matrix_entries, matrix_from_wxyz
 
 OBSERVATION_LAYOUT: Final = (
     ("linear_vel_of_body_in_body_m_s", 3),
@@ -62,3 +65,29 @@ def build_observation(
         ],
         axis=-1,
     )
+
+
+def observation_of_one(
+    *,
+    world_from_body_wxyz: NDArray[np.float64],
+    linear_vel_of_body_in_world_m_s: NDArray[np.float64],
+    angular_vel_of_body_in_world_rad_s: NDArray[np.float64],
+    velocity_command: NDArray[np.float64],
+    position_rad: NDArray[np.float64],
+    velocity_rad_s: NDArray[np.float64],
+    last_action: NDArray[np.float32],
+    default_position_rad: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """:func:`build_observation` for one robot, bit for bit, for the control loop: shape (48,).
+
+    On plain numbers, because each call into NumPy costs several microseconds when the caches are cold, as they are
+    at the pace of a run.
+    """
+    a, b, c, d, e, f, g, h, i = matrix_entries(*world_from_body_wxyz.tolist())
+    u, v, w = linear_vel_of_body_in_world_m_s.tolist()
+    p, q, r = angular_vel_of_body_in_world_rad_s.tolist()
+    body = (a * u + d * v + g * w, b * u + e * v + h * w, c * u + f * v + i * w)
+    turn = (a * p + d * q + g * r, b * p + e * q + h * r, c * p + f * q + i * r)
+    offset = (position_rad - default_position_rad).tolist()
+    command, speed, action = velocity_command.tolist(), velocity_rad_s.tolist(), last_action.tolist()
+    return np.array((*body, *turn, -g, -h, -i, *command, *offset, *speed, *action))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from spot_model import facts
-from spot_model.observation import N_OBSERVATION, build_observation
+from spot_model.observation import N_OBSERVATION, observation_of_one
 from spot_model.policy_contract import (
     INPUT_NAME,
     MAX_POLICY_BYTES,
@@ -56,7 +56,7 @@ class Policy:
             Shape (48,), float64; a state that is not finite gives an observation that is not finite.
         """
         order = self.policy_from_canonical
-        observation: Array = build_observation(
+        return observation_of_one(
             world_from_body_wxyz=state.odom_from_body_wxyz,
             linear_vel_of_body_in_world_m_s=state.linear_vel_of_body_in_odom_m_s,
             angular_vel_of_body_in_world_rad_s=state.angular_vel_of_body_in_odom_rad_s,
@@ -66,7 +66,6 @@ class Policy:
             last_action=last_action,
             default_position_rad=self.default_position_rad,
         )
-        return observation
 
     def act(self, observation: NDArray[Any]) -> NDArray[np.float32]:
         """Run the network. Shape (48,) gives (12,); a batch (n, 48) gives (n, 12)."""

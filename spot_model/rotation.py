@@ -52,13 +52,17 @@ def matrix_from_wxyz(a_from_b_wxyz: AnyArray) -> AnyArray:
     """Rotation matrix of a unit quaternion: column j is b's axis j in frame a. Shape (..., 4) gives (..., 3, 3)."""
     xp = namespace_of(a_from_b_wxyz)
     w, x, y, z = (a_from_b_wxyz[..., i] for i in range(4))
+    return xp.reshape(xp.stack(matrix_entries(w, x, y, z), axis=-1), (*a_from_b_wxyz.shape[:-1], 3, 3))
+
+
+def matrix_entries(w: AnyArray, x: AnyArray, y: AnyArray, z: AnyArray) -> tuple[AnyArray, ...]:
+    """The nine entries of :func:`matrix_from_wxyz`, row by row; numbers serve as well as arrays."""
     xx, yy, zz, xy, xz, yz, wx, wy, wz = x * x, y * y, z * z, x * y, x * z, y * z, w * x, w * y, w * z
-    rows = [
+    return (
         *(1.0 - 2.0 * (yy + zz), 2.0 * (xy - wz), 2.0 * (xz + wy)),
         *(2.0 * (xy + wz), 1.0 - 2.0 * (xx + zz), 2.0 * (yz - wx)),
         *(2.0 * (xz - wy), 2.0 * (yz + wx), 1.0 - 2.0 * (xx + yy)),
-    ]
-    return xp.reshape(xp.stack(rows, axis=-1), (*a_from_b_wxyz.shape[:-1], 3, 3))
+    )
 
 
 def projected_gravity(world_from_body_wxyz: AnyArray) -> AnyArray:

@@ -38,6 +38,7 @@ KEYS: Final = (
     "log_dropped",
     "outcome",
     "real_time_refusals",
+    "loop_cpus",
 )
 
 
@@ -80,19 +81,33 @@ def measure(*, seconds: float, policy: Path, scenario: str, sequence: str, busy:
     Raises:
         BenchError: The run did not complete; the message holds its last words.
     """
+    fake_cpus, loop_cpus = share_cpus(sorted(os.sched_getaffinity(0)))
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="spot-rl-bench-")))
-        fake = stack.enter_context(FakeProcess(scenario=scenario, fifo_priority=FAKE_PRIORITY))
+        config = folder / "run.yaml"
+        config.write_text(f"real_time: {{cpu_affinity: {loop_cpus}}}\n", encoding="utf-8")
+        fake = stack.enter_context(FakeProcess(scenario=scenario, fifo_priority=FAKE_PRIORITY, cpus=fake_cpus))
         for _ in range(busy):
             stack.enter_context(_Burner())
-        summary = _run(fake.address, folder, seconds, policy, sequence)
+        summary = _run(fake.address, config, seconds, policy, sequence)
     summary["slipped_ticks"] = summary["skipped_ticks"]
+    summary["loop_cpus"] = loop_cpus
     return {key: summary[key] for key in KEYS}
 
 
-def _run(address: FakeAddress, folder: Path, seconds: float, policy: Path, sequence: str) -> dict[str, Any]:
+def share_cpus(allowed: list[int]) -> tuple[list[int], list[int]]:
+    """CPUs of the fake robot and of the runtime: its own is the last, as on a robot with cores set apart.
+
+    Empty lists, which mean all, where there is one CPU.
+    """
+    return (allowed[:-1], allowed[-1:]) if len(allowed) > 1 else ([], [])
+
+
+def _run(address: FakeAddress, config: Path, seconds: float, policy: Path, sequence: str) -> dict[str, Any]:
+    folder = config.parent
     summary = folder / "summary.json"
     words = ["run", "--robot", address.robot, "--policy", str(policy), "--sequence", sequence]
+    words += ["--config", str(config)]
     words += ["--duration", str(seconds), "--log-dir", str(folder), "--summary-json", str(summary)]
     command = [sys.executable, "-c", "from spot_model.command_line import main; main()", *words]
     environment = {**os.environ, **address.environment}

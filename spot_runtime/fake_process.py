@@ -8,6 +8,7 @@ import select
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -23,6 +24,9 @@ STOP_TIMEOUT_S: Final = 10.0
 # A process of its own with the rights that a robot's computer has: it must not compete with what it is driven by.
 _LAUNCH: Final = """
 import os, sys
+cpus = [int(word) for word in sys.argv.pop(2).split(",") if word]
+if cpus:
+    os.sched_setaffinity(0, cpus)
 priority = int(sys.argv.pop(1))
 if priority:
     try:
@@ -61,6 +65,7 @@ class FakeProcess:
         scenario: str = "default",
         is_lock_step: bool = False,
         fifo_priority: int = 0,
+        cpus: Sequence[int] = (),
         state_dir: Path | None = None,
     ) -> None:
         """Choose what runs.
@@ -69,12 +74,14 @@ class FakeProcess:
             scenario: A file, or the name of a shipped one.
             is_lock_step: Whether robot time passes only when asked.
             fifo_priority: Real-time priority; 0 for none.
+            cpus: Where it stays; empty for all.
             state_dir: Folder of its certificates and password; one a user if None.
         """
         words = ["fake-robot", "--scenario", scenario, "--port", "0", "--json", "--until-stdin-closes"]
         words += ["--lock-step"] if is_lock_step else []
         words += [] if state_dir is None else ["--state-dir", str(state_dir)]
-        self._command = [sys.executable, "-c", _LAUNCH, str(fifo_priority), *words]
+        stay = ",".join(str(cpu) for cpu in cpus)
+        self._command = [sys.executable, "-c", _LAUNCH, str(fifo_priority), stay, *words]
         self._process: subprocess.Popen[bytes] | None = None
 
     def __enter__(self) -> Self:

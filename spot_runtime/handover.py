@@ -12,10 +12,15 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
+from spot_model import facts
 from spot_model.state import Array, Gains, RobotState
+
+_NO_LOAD: Final = np.zeros(facts.N_JOINTS)
+_NO_LOAD.flags.writeable = False
 
 
 @dataclass(frozen=True)
@@ -31,7 +36,7 @@ class Setpoint:
 
 def policy_setpoint(position_rad: Array, gains: Gains) -> Setpoint:
     """What the policy asks for: positions alone, no feed-forward."""
-    return Setpoint(position_rad, np.zeros_like(position_rad), gains)
+    return Setpoint(position_rad, _NO_LOAD, gains)
 
 
 def hold_setpoint(position_rad: Array, load_nm: Array) -> Setpoint:

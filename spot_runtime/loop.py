@@ -30,7 +30,7 @@ from spot_runtime.loop_stats import LoopStats
 from spot_runtime.modes import Mode, ModeInputs, next_mode
 from spot_runtime.recorder import Recorder
 from spot_runtime.sources.base import CommandSource
-from spot_runtime.stops import Ending, Stop, StopReason, ending_after
+from spot_runtime.stops import Ending, Reaction, Stop, StopReason, ending_after
 from spot_runtime.tick import TickMemory, TickResult, schedule_for, tick
 from spot_runtime.watchdogs import Watchdogs
 
@@ -82,7 +82,8 @@ class ControlLoop:
         self._watchdogs = Watchdogs(hal, config, self._record)
         self._policy_gains = policy.gains()
         contract = policy.contract
-        self._command_range = np.array([contract.velocity_command_low, contract.velocity_command_high])
+        self._command_range = (contract.velocity_command_low, contract.velocity_command_high)
+        self._handover = config.handover
         self._loads = LoadAverage(config.handover.settle_s)
         self._setpoints = safety.SetpointMemory()
         self._tick_memory = TickMemory()
@@ -114,6 +115,11 @@ class ControlLoop:
         return None if self._ending is None else self._ending.cause
 
     @property
+    def newest(self) -> RobotState | None:
+        """The newest state that may be used."""
+        return self._watchdogs.newest
+
+    @property
     def is_done(self) -> bool:
         """Whether the loop has nothing more to do: the vendor's stand has the joints, or nothing is sent."""
         if self._mode is Mode.STANDING:
@@ -133,6 +139,10 @@ class ControlLoop:
         if ending is self._ending:
             return
         self._ending = ending
+        if stop.reason.is_urgent:
+            self._handover = self._config.handover.hastened()
+        if ending.reaction is Reaction.ESTOP:
+            self._hal.estop()
         name = EventName.COMPLETED if stop.reason.exit_code == 0 else EventName.STOP
         self._record.event(name, f"{stop.reason.label}: {stop.sentence()}", stop.values)
 
@@ -219,7 +229,7 @@ class ControlLoop:
                 is_activation_asked=self._mode is Mode.READY and self._loads.is_full,
                 is_active=self._hal.joint_control is JointControl.ACTIVE,
             )
-            following = next_mode(self._mode, inputs, self._config.handover)
+            following = next_mode(self._mode, inputs, self._handover)
             if following is self._mode:
                 return
             self._set_mode(following)
@@ -268,18 +278,19 @@ class ControlLoop:
     def _wanted_velocity(self, state: RobotState, host_ns: int) -> Array:
         if self._mode is Mode.SOFT_STOP:
             in_mode_s = max(0.0, (state.robot_stamp_ns - self._mode_since_ns) / NS_PER_S)
-            fade_s = self._config.handover.soft_stop_s
+            fade_s = self._handover.soft_stop_s
             return self._fade_from * max(0.0, 1.0 - in_mode_s / fade_s) if fade_s > 0.0 else _NO_COMMAND
         if self._mode is not Mode.ACTIVE:
             return _NO_COMMAND
         wanted = self._source.sample(max(0.0, (state.robot_stamp_ns - self._active_since_ns) / NS_PER_S), host_ns)
         if wanted.is_finished:
             self.ask_stop(Stop(StopReason.COMPLETED))
-        low, high = self._command_range
-        within: Array = np.minimum(np.maximum(wanted.command, low), high)
-        if (within != wanted.command).any():
-            self._record.once(EventName.COMMAND_CLIPPED, "the velocity command was cut to the policy's range")
-        return within
+        command = wanted.command.tolist()
+        within = [min(max(v, low), high) for v, low, high in zip(command, *self._command_range, strict=True)]
+        if within == command:
+            return wanted.command
+        self._record.once(EventName.COMMAND_CLIPPED, "the velocity command was cut to the policy's range")
+        return np.array(within)
 
     def _compute(self, result: TickResult | None, robot_ns: int) -> None:
         """Bring ``_current`` up to date, within all limits; a limit that ends the run turns it into damping."""
@@ -302,7 +313,7 @@ class ControlLoop:
             policy_rad=None if result is None else result.setpoint_rad,
             policy_gains=self._policy_gains,
             measured_rad=hold.position_rad if newest is None else newest.position_rad,
-            config=self._config.handover,
+            config=self._handover,
         )
 
     def _limit(self, asked: Setpoint) -> Stop | None:
@@ -319,6 +330,9 @@ class ControlLoop:
 
     def _within_torque(self, load_nm: Array) -> Array:
         bound_nm = self._config.safety.feedforward_nm
+        loads_nm = load_nm.tolist()
+        if -bound_nm <= min(loads_nm) and max(loads_nm) <= bound_nm:
+            return load_nm
         return np.minimum(np.maximum(load_nm, -bound_nm), bound_nm)
 
     # Sending ---------------------------------------------------------------------------------------------------------

@@ -6,7 +6,7 @@ from typing import Final
 
 from bosdyn.api import robot_command_pb2
 
-from spot_model.state import JointCommand
+from spot_model.state import Gains, JointCommand
 
 NS_PER_S: Final = 1_000_000_000
 
@@ -23,6 +23,7 @@ class CommandEncoder:
         self._message = robot_command_pb2.JointControlStreamRequest()
         self._message.header.client_name = client_name
         self._message.joint_command.velocity_safety_limit.value = velocity_safety_limit_rad_s
+        self._gains: Gains | None = None
 
     def encode(self, command: JointCommand, host_stamp_ns: int) -> bytes:
         """The wire bytes of one command.
@@ -38,8 +39,10 @@ class CommandEncoder:
         joint.position[:] = command.position_rad.tolist()
         joint.velocity[:] = command.velocity_rad_s.tolist()
         joint.load[:] = command.load_nm.tolist()
-        joint.gains.k_q_p[:] = command.gains.kp_nm_per_rad.tolist()
-        joint.gains.k_qd_p[:] = command.gains.kd_nm_s_per_rad.tolist()
+        if command.gains is not self._gains:
+            self._gains = command.gains
+            joint.gains.k_q_p[:] = command.gains.kp_nm_per_rad.tolist()
+            joint.gains.k_qd_p[:] = command.gains.kd_nm_s_per_rad.tolist()
         joint.user_command_key = command.key
         wire: bytes = self._message.SerializeToString()
         return wire

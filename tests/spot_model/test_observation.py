@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from spot_model.control import pd_torque, saturate_setpoint
-from spot_model.observation import N_OBSERVATION, build_observation
+from spot_model.observation import N_OBSERVATION, build_observation, observation_of_one
 
 
 def test_blocks_stand_in_the_papers_order():
@@ -53,6 +53,25 @@ def test_batched_numpy_and_torch_agree():
         expected[2],
         rtol=1e-12,
     )
+
+
+def test_one_robot_in_the_loop_gets_the_same_bits():
+    rng = np.random.default_rng(1)
+    for _ in range(50):
+        quaternion = rng.normal(size=4)
+        parts = {
+            "world_from_body_wxyz": quaternion / np.linalg.norm(quaternion),
+            "linear_vel_of_body_in_world_m_s": rng.normal(size=3),
+            "angular_vel_of_body_in_world_rad_s": rng.normal(size=3),
+            "velocity_command": rng.normal(size=3),
+            "position_rad": rng.normal(size=12),
+            "velocity_rad_s": rng.normal(size=12),
+            "last_action": rng.normal(size=12).astype(np.float32),
+            "default_position_rad": rng.normal(size=12),
+        }
+        one = observation_of_one(**parts)
+        assert one.dtype == np.float64
+        np.testing.assert_array_equal(one, build_observation(**parts))
 
 
 def test_servo_law_by_hand():
