@@ -83,7 +83,9 @@ class SimulationConfig(_Part):
 
     robots_per_sequence: int = Field(default=1, ge=1, le=64)
     """Simulated robots a command sequence, started as that many of its real runs were."""
-    timestep_s: float = Field(default=0.0025, gt=0.0, le=0.005)
+    final_robots_per_sequence: int = Field(default=5, ge=1, le=64)
+    """The same for the scores that the result states: a single run of a running robot is one draw of many."""
+    timestep_s: float = Field(default=0.002, gt=0.0, le=0.005)
     """Physics step: short enough that contacts as stiff as a floor's, and delays of a few steps, come out right."""
     foot_friction: float = Field(default=0.8, gt=0.0, le=2.0)
     contact_time_constant_s: float | None = Field(default=None, gt=0.0, le=0.1)

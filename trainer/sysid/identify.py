@@ -39,6 +39,8 @@ class Preparation:
     changes: tuple[DirectChange, ...]
     samples: TorqueSamples | None
     problem: Problem
+    final: Problem
+    """The same with more simulated robots, for the scores that are stated."""
 
 
 @dataclass(frozen=True)
@@ -71,23 +73,29 @@ def prepare(logs: LogSet, policy: Policy, policy_bytes: bytes, config: SysidConf
     space, changes = with_measured(
         space, delays, first, use_delay=simulation.measured_delay, use_inertia=simulation.measured_inertia
     )
-    problem = build_problem(
-        space,
-        policy_bytes,
-        logs.compared,
-        RolloutOptions(
-            simulation.timestep_s, simulation.foot_friction, simulation.contact_time_constant_s or CONTACT_CHOICES_S[-1]
-        ),
-        robots_per_sequence=simulation.robots_per_sequence,
-        weights=config.sequence_weights,
-        noise_sigma=_policy_order(noise, policy) if simulation.sensor_noise else None,
-        seed=config.search.seed,
+    options = RolloutOptions(
+        simulation.timestep_s, simulation.foot_friction, simulation.contact_time_constant_s or CONTACT_CHOICES_S[-1]
     )
+
+    def posed(robots_per_sequence: int) -> Problem:
+        return build_problem(
+            space,
+            policy_bytes,
+            logs.compared,
+            options,
+            robots_per_sequence=robots_per_sequence,
+            weights=config.sequence_weights,
+            noise_sigma=_policy_order(noise, policy) if simulation.sensor_noise else None,
+            seed=config.search.seed,
+        )
+
+    final = posed(simulation.final_robots_per_sequence)
     if simulation.contact_time_constant_s is None:
         start = space.initial if first is None else space.within_bounds(first.values)
-        problem, change = with_best_contact(problem, start)
+        final, change = with_best_contact(final, start)
         changes = (*changes, change)
-    return Preparation(logs, noise, delays, changes, samples, problem)
+    problem = replace(posed(simulation.robots_per_sequence), options=final.options)
+    return Preparation(logs, noise, delays, changes, samples, problem, final)
 
 
 def with_best_contact(problem: Problem, values: Array) -> tuple[Problem, DirectChange]:
@@ -129,8 +137,9 @@ def identify(
     verdicts = judge(TorqueModel(space), preparation.samples, fit, mean, intervals)
     chosen = space.within_bounds(np.array([v.value for v in verdicts]))
     names = ("initial", "search", "identified")
-    results = engine.evaluate(np.stack([space.initial, mean, chosen]))
-    scores = {name: problem.score(result) for name, result in zip(names, results, strict=True)}
+    final = preparation.final
+    results = final.evaluate(np.stack([space.initial, mean, chosen]))
+    scores = {name: final.score(result) for name, result in zip(names, results, strict=True)}
     return Identification(preparation, state, intervals, fit, verdicts, space.model_with(chosen), scores)
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spot_model import facts
 from spot_model.effects.base import Effect
+from spot_model.effects.command_delay import CommandDelay
 from spot_model.leg_kinematics import foot_position_in_body_m
 from spot_model.mjcf import MjcfOptions
 from spot_model.observation import build_observation
@@ -54,7 +55,7 @@ class RolloutCase:
 class RolloutOptions:
     """How to simulate."""
 
-    timestep_s: float = 0.0025
+    timestep_s: float = 0.002
     foot_friction: float = 0.8
     contact_time_constant_s: float = 0.02
     """MuJoCo takes at least two time steps."""
@@ -153,6 +154,15 @@ def control_substeps(n_ticks: int, rate_hz: float, timestep_s: float) -> NDArray
     return np.diff(ends).astype(np.intp)
 
 
+def in_whole_steps(effect: Effect, timestep_s: float) -> Effect:
+    """A command delay brought to the nearest number of steps: the plant itself would always take the next one."""
+    if not isinstance(effect, CommandDelay):
+        return effect
+    steps = np.round(np.asarray(effect.delay_s, dtype=np.float64) / timestep_s)
+    delay_s = steps * timestep_s
+    return replace(effect, delay_s=float(delay_s) if delay_s.ndim == 0 else delay_s)
+
+
 def standing_height_m(start: StartState) -> float:
     """Height of the body's origin at which the lowest foot just touches level ground."""
     feet = rotate_wxyz(start.world_from_body_wxyz[None, :], foot_position_in_body_m(start.position_rad))
@@ -175,7 +185,7 @@ def _started_plant(
         collision="feet",
     )
     plant = Plant(
-        effects,
+        [in_whole_steps(e, options.timestep_s) for e in effects],
         n_candidates * len(cases),
         PlantOptions(mjcf=mjcf, n_threads=options.n_threads, on_divergence="flag"),
     )

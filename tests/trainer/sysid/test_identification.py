@@ -29,7 +29,7 @@ from trainer.sysid.surrogate import score_intervals
 
 QUICK = SysidConfig(
     search=SearchConfig(generations=2, population=4),
-    simulation=SimulationConfig(timestep_s=0.005, contact_time_constant_s=0.0125),
+    simulation=SimulationConfig(timestep_s=0.005, contact_time_constant_s=0.0125, final_robots_per_sequence=2),
 )
 
 
@@ -104,7 +104,7 @@ def test_without_measured_load_only_distributions_speak(logs: list[LoggedRun], p
 
 
 def test_the_contact_with_the_best_score_is_taken(logs: list[LoggedRun], policy_path: Path) -> None:
-    config = QUICK.model_copy(update={"simulation": SimulationConfig(timestep_s=0.005)})
+    config = QUICK.model_copy(update={"simulation": SimulationConfig(timestep_s=0.005, final_robots_per_sequence=1)})
     preparation = prepare(log_set(logs[:2]), load_policy(policy_path), policy_path.read_bytes(), config)
     change = preparation.changes[-1]
     assert change.what == "contact time constant"

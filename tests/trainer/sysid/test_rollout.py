@@ -3,10 +3,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from spot_model.effects.command_delay import CommandDelay
+from spot_model.effects.coulomb_friction import CoulombFriction
 from spot_model.policy import Policy
 from trainer.sysid.config import SysidConfig
 from trainer.sysid.logged_run import LoggedRun
-from trainer.sysid.rollout import RolloutCase, RolloutOptions, control_substeps, roll_out, standing_height_m
+from trainer.sysid.rollout import (
+    RolloutCase,
+    RolloutOptions,
+    control_substeps,
+    in_whole_steps,
+    roll_out,
+    standing_height_m,
+)
 
 SPACE = SysidConfig().space()
 
@@ -59,3 +68,14 @@ def test_the_control_period_follows_an_absolute_schedule() -> None:
 
 def test_the_lowest_foot_touches_the_ground(cases: list[RolloutCase]) -> None:
     assert 0.3 < standing_height_m(cases[0].start) < 0.6
+
+
+def test_a_delay_is_brought_to_the_nearest_number_of_steps() -> None:
+    def steps(delay_s: float) -> float:
+        rounded = in_whole_steps(CommandDelay(delay_s=delay_s), 0.002)
+        assert isinstance(rounded, CommandDelay)
+        return round(rounded.delay_s / 0.002, 6)
+
+    assert [steps(d) for d in (0.0, 0.0041, 0.0054, 0.006)] == [0, 2, 3, 3]
+    friction = CoulombFriction(level_nm=0.1)
+    assert in_whole_steps(friction, 0.002) is friction
