@@ -25,6 +25,7 @@ FAULTS: Final[dict[str, type[Fault]]] = {
         faults_of_link.StateDrops,
         faults_of_link.DuplicatedStates,
         faults_of_link.BackDatedStates,
+        faults_of_link.MalformedStates,
         faults_of_link.CommandDelay,
         faults_of_link.CommandJitter,
         faults_of_link.CommandDrops,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 from pydantic import Field
 from typing_extensions import override
@@ -108,6 +108,19 @@ class BackDatedStates(Fault):
     @override
     def turn(self, knobs: Knobs, onset_robot_stamp_ns: int) -> None:
         knobs.back_date_probability, knobs.back_date_s = self.probability, self.shift_s
+
+
+class MalformedStates(Fault):
+    """State messages arrive that are no states of a Spot: without a joint, cut, noise, or empty."""
+
+    name: ClassVar[str] = "malformed_states"
+    kind: Literal["eleven_joints", "cut", "noise", "empty"] = Field(
+        default="eleven_joints", description="eleven_joints, cut, noise or empty"
+    )
+
+    @override
+    def turn(self, knobs: Knobs, onset_robot_stamp_ns: int) -> None:
+        knobs.malformed_states = self.kind
 
 
 class ClockJump(Fault):

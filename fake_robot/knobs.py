@@ -27,6 +27,8 @@ class Knobs:
     back_date_probability: float = 0.0
     """Share of state messages that bear the stamps of an earlier time."""
     back_date_s: float = 0.0
+    malformed_states: str = ""
+    """How state messages are spoilt; empty: not at all."""
 
     # Sensors
     is_frozen: bool = False

@@ -10,6 +10,7 @@ from fake_robot.clock import NS_PER_S, RobotClock
 from fake_robot.fault_book import fault_kinds
 from fake_robot.faults import make_fault
 from fake_robot.joint_control import Stream
+from fake_robot.malformed import spoil
 from fake_robot.real_time import RealTimeLoop
 from fake_robot.robot_port import EstopLevel, FaultKind, Mode, Snapshot, StreamFailure
 from fake_robot.scenario import Scenario
@@ -295,8 +296,10 @@ class Robot:
     def _deliver(self, stamp_ns: int, message: bytes) -> None:
         self._states_sent += 1
         self._last_state_stamp_ns = stamp_ns
+        kind = self._simulation.faults.knobs.malformed_states
+        spoilt = spoil(message, kind) if kind else message
         for subscription in tuple(self._subscriptions):
-            subscription.put(message)
+            subscription.put(spoilt)
 
     def _close_states(self) -> None:
         with self._changed:

@@ -73,6 +73,14 @@ class HandoverConfig(_Part):
     soft_stop_settle_s: float = Field(default=0.6, ge=0.0, le=10.0, description="Standing time after it.")
     damping_s: float = Field(default=1.5, ge=0.1, le=10.0)
     damping_kd_nm_s_per_rad: float = Field(default=8.0, gt=0.0, le=50.0)
+    urgent_share: float = Field(
+        default=0.5, ge=0.1, le=1.0, description="Share of the times of the way back when battery or motors urge."
+    )
+
+    def hastened(self) -> HandoverConfig:
+        """The same with a way back that takes only :attr:`urgent_share` of the time."""
+        names = ("ramp_out_s", "soft_stop_s", "soft_stop_settle_s")
+        return self.model_copy(update={name: getattr(self, name) * self.urgent_share for name in names})
 
 
 class OperatorConfig(_Part):

@@ -163,6 +163,10 @@ class _Attempt:
             self._end(interrupt.stop)
             self._event(EventName.STOP, interrupt.stop.sentence())
             self._try_power_off(hal, signals)
+        except Exception as error:  # noqa: BLE001 - a defect here must not leave the robot standing with power
+            self._end(Stop(StopReason.INTERNAL_ERROR, f"{type(error).__name__}: {error}"))
+            self._event(EventName.STOP, f"{StopReason.INTERNAL_ERROR.label}: {self._sentence}")
+            self._try_power_off(hal, signals)
         finally:
             signals.interrupts = False
             self._manager.stopping()
@@ -236,7 +240,7 @@ class _Attempt:
     def _rest(self, hal: Hal, stop: Stop) -> None:
         self._say("sitting and powering off …")
         try:
-            if stop.reason.reaction is Reaction.HAND_BACK:
+            if stop.reason.reaction is Reaction.HAND_BACK and not stop.reason.is_urgent:
                 hal.stand()
             hal.power_off()
         except HalError as error:

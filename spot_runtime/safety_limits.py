@@ -17,7 +17,7 @@ class SafetyLimits(BaseModel):
         default=0.050, gt=0.0, le=5.0, description="A state stamped later than this from now means a jumped clock."
     )
     rejected_states: int = Field(default=10, ge=1, le=1000, description="Duplicated or back-dated states in a row.")
-    frozen_s: float = Field(default=0.060, gt=0.0, le=5.0, description="Joint values identical for this long.")
+    frozen_s: float = Field(default=0.040, gt=0.0, le=5.0, description="Joint values identical for this long.")
     quaternion_norm_error: float = Field(
         default=0.05, gt=0.0, le=1.0, description="How far the length of the attitude's quaternion may be from 1."
     )

@@ -1,4 +1,4 @@
-"""SIGINT and SIGTERM: the first asks for a stop in place, the second for damping at once."""
+"""SIGINT, SIGTERM, SIGHUP: the first asks for a stop in place, the second for damping at once. SIGQUIT: the e-stop."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing_extensions import Self
 
 from spot_runtime.stops import Stop, StopReason
 
-HANDLED: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+HANDLED: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 
 
 class OperatorInterrupt(BaseException):
@@ -58,6 +58,7 @@ class StopSignals:
     def _handle(self, number: int, frame: FrameType | None) -> None:
         self._count += 1
         reason = StopReason.OPERATOR_STOP if self._count == 1 else StopReason.OPERATOR_DAMP
+        reason = StopReason.OPERATOR_ESTOP if number == signal.SIGQUIT else reason
         stop = Stop(reason, signal.Signals(number).name)
         if self.interrupts:
             raise OperatorInterrupt(stop)

@@ -101,6 +101,11 @@ class StopReason(Enum):
         return self.value.reaction
 
     @property
+    def is_urgent(self) -> bool:
+        """Whether a mild end must be a quick one: the robot sits within two seconds."""
+        return self in (StopReason.BATTERY_LOW, StopReason.MOTOR_HOT, StopReason.SYSTEM_FAULT)
+
+    @property
     def exit_code(self) -> int:
         """The process's exit code."""
         return self.value.exit_code

@@ -36,12 +36,13 @@ class LockStep:
     brings, so that a robot whose clock is set does here what it does there.
     """
 
-    def __init__(self, admin_address: str, host_now_ns: int) -> None:
+    def __init__(self, admin_address: str, host_now_ns: int, *, every_state: bool = False) -> None:
         """Connect to the admin service.
 
         Args:
             admin_address: ``HOST:PORT`` or ``unix:/path``.
             host_now_ns: What the host's clock says now; host stamps run on from here.
+            every_state: Whether the loop wakes at each state, as in real time, and not only where a tick is due.
 
         Raises:
             LockStepError: Nothing answers there, or the fake robot is not in lock-step mode.
@@ -61,6 +62,7 @@ class LockStep:
         self._estimate = RobotClockEstimate()
         self._sample()
         self._newest_ns = 0
+        self._is_silent, self._every_state = False, every_state
         self._states: FedStates | None = None
         self._jobs: Jobs | None = None
         self._key = 0
@@ -111,12 +113,14 @@ class LockStep:
     def receive(self, states: StateQueue, until_robot_ns: int, timeout_s: float) -> list[RobotState]:
         """Advance towards the instant at which a state stamped ``until_robot_ns`` arrives; take what has come."""
         wanted = -(-(until_robot_ns - self._newest_ns) // STATE_PERIOD_NS) if self._newest_ns else 1
-        wanted = max(1, min(wanted, STEP_MAX_NS // STATE_PERIOD_NS))
+        # While states are missing, small steps: the loop looks around as often as it does in real time.
+        wanted = 1 if self._is_silent or self._every_state else max(1, min(wanted, STEP_MAX_NS // STATE_PERIOD_NS))
         # A state that comes this much later than its place in the stream is not waited for: time must pass for the
         # watchdogs as it does in real time.
         longest_ns = wanted * STATE_PERIOD_NS + round(timeout_s * NS_PER_S)
         self._step_on(fake_admin_pb2.StepRequest(state_messages=wanted, max_duration_ns=longest_ns))
         received = take_all(states)
+        self._is_silent = not received
         if received:
             self._newest_ns = max(self._newest_ns, received[-1].robot_stamp_ns)
         return received

@@ -100,15 +100,22 @@ class FedStates:
         """Take the same as :class:`StateReceiver`."""
         self.states: queue.SimpleQueue[RobotState | None] = queue.SimpleQueue()
         self._receipt_ns, self._on_wire, self._on_end = receipt_ns, on_wire, on_end
+        self._is_ended = False
 
     def feed(self, wires: Iterable[bytes], ended: str) -> None:
         """Take messages, and why no more will come; empty when they go on."""
-        for wire in wires:
-            state = robot_state_from_wire(wire, 0, with_imu=False)
-            stamp_ns = self._receipt_ns(state.robot_stamp_ns)
-            self.states.put(replace(state, host_stamp_ns=stamp_ns))
-            self._on_wire(wire, stamp_ns)
+        if self._is_ended:
+            return
+        try:
+            for wire in wires:
+                state = robot_state_from_wire(wire, 0, with_imu=False)
+                stamp_ns = self._receipt_ns(state.robot_stamp_ns)
+                self.states.put(replace(state, host_stamp_ns=stamp_ns))
+                self._on_wire(wire, stamp_ns)
+        except StateMessageError as error:
+            ended = str(error)
         if ended:
+            self._is_ended = True
             self._on_end(ended)
 
     def stop(self) -> None:

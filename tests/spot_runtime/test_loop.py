@@ -183,7 +183,7 @@ def unanswered(state: RobotState) -> list[RobotState]:
     [
         (nan_state, StopReason.STATE_NOT_FINITE, 3),
         (tilted, StopReason.TILT, 3),
-        (frozen, StopReason.STATE_FROZEN, 66),
+        (frozen, StopReason.STATE_FROZEN, 48),
         (back_dated, StopReason.STATE_REJECTED, 42),
         (from_the_future, StopReason.CLOCK_JUMPED, 3),
         (unanswered, StopReason.COMMAND_UNCONFIRMED, 156),

@@ -97,11 +97,11 @@ def test_an_attitude_that_is_no_rotation_is_a_stop(make_state: MakeState) -> Non
     assert screen([make_state(odom_from_body_wxyz=np.array([-1.0, 0.0, 0.0, 0.0]))])[2] == []
 
 
-def test_frozen_joint_values_are_a_stop_after_60_ms(make_state: MakeState) -> None:
+def test_frozen_joint_values_are_a_stop_after_40_ms(make_state: MakeState) -> None:
     same = make_state(START_NS).position_rad
-    states = [make_state(START_NS + i * 3 * MS, position_rad=same) for i in range(21)]
+    states = [make_state(START_NS + i * 3 * MS, position_rad=same) for i in range(15)]
     _, usable, reasons = screen(states)
-    assert usable == [True] * 20 + [False]
+    assert usable == [True] * 14 + [False]
     assert reasons == [StopReason.STATE_FROZEN]
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from bosdyn.api import robot_state_pb2
+from google.protobuf.message import DecodeError
 
 from fake_robot.robot_port import Mode, MotorPower
 from spot_model.errors import BadInputError
@@ -42,6 +44,23 @@ def test_state_delay_makes_states_older(make):
     inject(driver, "state_delay", None, delay_s=0.015)
     driver.run(0.03)
     assert driver.robot.clock.now_ns() - stamps(driver.messages())[-1] == 15_000_000
+
+
+@pytest.mark.parametrize("kind", ["eleven_joints", "cut", "noise", "empty"])
+def test_malformed_states_are_no_states_of_a_spot(make, kind):
+    driver = make()
+    subscription = driver.robot.subscribe_state()
+    fault = inject(driver, "malformed_states", None, kind=kind)
+    driver.run(0.03)
+    wire = subscription.get(0.0)
+    driver.robot.clear_faults((fault,))
+    try:
+        state = robot_state_pb2.RobotStateStreamResponse.FromString(wire)
+    except DecodeError:
+        assert kind in {"cut", "noise"}
+    else:
+        assert len(state.joint_states.position) == {"eleven_joints": 11, "empty": 0}[kind]
+        assert len(state.contact_states) == (4 if kind == "eleven_joints" else 0)
 
 
 def test_state_jitter_and_drops(make):

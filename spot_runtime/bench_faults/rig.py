@@ -1,0 +1,298 @@
+"""A fake robot, and runs against it that something happens to at a chosen instant of robot time."""
+
+from __future__ import annotations
+
+import io
+import os
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
+
+import grpc
+from bosdyn.client.robot_command import RobotCommandClient
+
+from spot_model.policy import Policy
+from spot_model.state import JointCommand, RobotState
+from spot_model.velocity_sequence import VelocitySequence, Waypoint
+from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
+from spot_runtime.clock import HostClock, RobotClockEstimate
+from spot_runtime.config import RobotConfig, RunConfig, for_lock_step
+from spot_runtime.console import Console
+from spot_runtime.fake_process import FakeAddress, FakeProcess
+from spot_runtime.hal.address import Address, parse_address
+from spot_runtime.hal.base import Hal
+from spot_runtime.hal.bosdyn import BosdynHal
+from spot_runtime.hal.lock_step import LockStep
+from spot_runtime.hal.pace import Pace
+from spot_runtime.hal.session import Session
+from spot_runtime.incident import incident_path
+from spot_runtime.log import LogReadError, Run, read_run
+from spot_runtime.log.logger_process import LoggerProcess
+from spot_runtime.log.records import RunHeader
+from spot_runtime.log.run_writer import active_path
+from spot_runtime.log.sink import LogSink
+from spot_runtime.run import RunRequest, run
+from spot_runtime.sources.base import CommandSource
+from spot_runtime.sources.scripted import ScriptedSource
+from spot_runtime.summary import RunSummary
+
+CALM: Final[Mapping[str, Mapping[str, Any]]] = {
+    "real_time": {"fifo_priority": 0, "lock_memory": False, "freeze_garbage_collection": False},
+    "handover": {
+        "ramp_in_s": 0.3,
+        "settle_s": 0.15,
+        "ramp_out_s": 0.4,
+        "soft_stop_s": 0.4,
+        "soft_stop_settle_s": 0.3,
+        "damping_s": 1.0,
+    },
+}
+"""A configuration whose way into motion is short, and which leaves the process that measures as it was."""
+
+WALKING: Final = VelocitySequence(name="fault", duration_s=600.0, waypoints=(Waypoint(time_s=0.0, v_x_m_s=0.4),))
+AT_S: Final = 0.8
+"""When it happens, robot time since joint control began: the policy is in full control and the robot walks."""
+
+
+@dataclass
+class Drive:
+    """What one run was, and what is known of it."""
+
+    summary: RunSummary
+    log: Run | None
+    log_path: Path
+    happened_ns: int
+    """Robot clock when it happened; 0 if it never did."""
+    released_power_ns: int
+    """Robot clock when sitting down and powering off was asked for; 0 if it never was."""
+    log_error: str = ""
+    truth: Any = None
+    """The body's extremes from the begin of joint control to its end."""
+
+    @property
+    def incident(self) -> Run | None:
+        """The incident file; None where there is none."""
+        path = incident_path(self.log_path)
+        return read_run(path) if path.exists() else None
+
+    def event_ns(self, text: str) -> int | None:
+        """Robot stamp of the first event after it happened whose name or text ends like this."""
+        for event in () if self.log is None else self.log.events:
+            is_it = event.name == text or event.text.endswith(f"→ {text}")
+            if is_it and event.robot_stamp_ns >= self.happened_ns:
+                return event.robot_stamp_ns
+        return None
+
+
+@dataclass
+class Rig:
+    """A fake robot in lock-step or real time, with the means to drive and break it."""
+
+    address: FakeAddress
+    admin: Any
+    folder: Path
+    policy: Policy
+    is_lock_step: bool = True
+    _count: int = field(default=0)
+
+    # The robot -------------------------------------------------------------------------------------------------------
+
+    def inject(self, name: str, lasts_s: float = 0.0, /, **parameters: float | str) -> None:
+        """Make a fault of the fake robot happen now; 0 s: until it is cleared."""
+        numbers = {k: v for k, v in parameters.items() if isinstance(v, float)}
+        texts = {k: v for k, v in parameters.items() if isinstance(v, str)}
+        request = fake_admin_pb2.InjectFaultRequest(name=name, numbers=numbers, texts=texts, duration_s=lasts_s)
+        self.admin.InjectFault(request)
+
+    def clear(self) -> None:
+        """End all faults."""
+        self.admin.ClearFaults(fake_admin_pb2.ClearFaultsRequest())
+
+    def status(self) -> Any:
+        """The robot's mode, power, owner and counters."""
+        return self.admin.GetStatus(fake_admin_pb2.GetStatusRequest())
+
+    def truth(self, *, reset_extremes: bool = False) -> Any:
+        """The simulated body as it is."""
+        return self.admin.GetTruth(fake_admin_pb2.GetTruthRequest(reset_extremes=reset_extremes))
+
+    def step(self, seconds: float, part_s: float = 0.05) -> None:
+        """Let robot time pass."""
+        for _ in range(round(seconds / part_s)):
+            self.admin.Step(fake_admin_pb2.StepRequest(duration_ns=round(part_s * 1e9)))
+
+    def clear_behavior_faults(self) -> None:
+        """As a person with a tablet does. Raises HalError where the robot cannot be reached."""
+        clear_behavior_faults(self.address.robot, self.config().robot)
+
+    def restore(self) -> None:
+        """After a run: no faults, no behaviour faults and nobody's lease, as a person with a tablet would leave it."""
+        self.clear()
+        if self.status().lease_owner:
+            self.inject("lease_expired")
+        self.step(0.3)
+        with self.environment():
+            self.clear_behavior_faults()
+
+    # Runs ------------------------------------------------------------------------------------------------------------
+
+    def config(self, **changes: Mapping[str, Any]) -> RunConfig:
+        """The configuration of a run: :data:`CALM`, with these parts changed."""
+        parts: dict[str, Any] = {name: dict(part) for name, part in CALM.items()}
+        parts["robot"] = {"ca_file": str(self.address.ca_file)}
+        for name, part in changes.items():
+            parts[name] = {**parts.get(name, {}), **part}
+        config = RunConfig.model_validate(parts)
+        return for_lock_step(config) if self.is_lock_step else config
+
+    def new_log_path(self) -> Path:
+        """A name that no log has."""
+        self._count += 1
+        return self.folder / f"run{self._count}.mcap"
+
+    def drive(
+        self,
+        happens: Callable[[Meddler], None] = lambda _: None,
+        *,
+        at_s: float = AT_S,
+        seconds: float = 3.0,
+        source: CommandSource | None = None,
+        policy: Policy | None = None,
+        make_sink: Callable[[Path, RunHeader], LogSink] = LoggerProcess.start,
+        **changes: Mapping[str, Any],
+    ) -> Drive:
+        """One run; ``happens`` is called once, ``at_s`` of robot time after joint control began."""
+        config, path = self.config(**changes), self.new_log_path()
+        wanted = source or ScriptedSource(WALKING, duration_s=seconds)
+        request = RunRequest(self.address.robot, policy or self.policy, wanted, config, path)
+        meddlers: list[Meddler] = []
+
+        def make_hal(sink: LogSink) -> Hal:
+            pace = self._pace()
+            hal = Meddler(parse_address(self.address.robot), config, sink, pace)
+            hal.prepare(self, happens, at_s)
+            meddlers.append(hal)
+            return hal
+
+        console = Console(io.StringIO())
+        with self.environment():
+            try:
+                summary = run(request, make_hal, make_sink, console)
+            finally:
+                console.close()
+        log, problem = read_log(path)
+        happened = meddlers[0] if meddlers else None
+        return Drive(
+            summary,
+            log,
+            path,
+            0 if happened is None else happened.happened_ns,
+            0 if happened is None else happened.power_off_ns,
+            problem,
+            None if happened is None else happened.truth,
+        )
+
+    def _pace(self) -> LockStep | None:
+        return LockStep(self.address.admin, HostClock().now_ns(), every_state=True) if self.is_lock_step else None
+
+    @contextmanager
+    def environment(self) -> Iterator[None]:
+        """With user name and password in the environment."""
+        before = dict(os.environ)
+        os.environ.update(self.address.environment)
+        try:
+            yield
+        finally:
+            os.environ.clear()
+            os.environ.update(before)
+
+
+class Meddler(BosdynHal):
+    """The vendor adapter, with something that happens at an instant of robot time."""
+
+    def __init__(self, address: Address, config: RunConfig, sink: LogSink, pace: Pace | None) -> None:
+        super().__init__(address, config, sink, pace)
+        self.sink = sink
+        self.pace = self._pace
+        self.happened_ns, self.power_off_ns = 0, 0
+        self.truth: Any = None
+        self._due_ns = 0
+        self._later: tuple[int, Callable[[], None]] | None = None
+        self._at_ns = 0
+        self._rig: Rig | None = None
+        self._happens: Callable[[Meddler], None] = lambda _: None
+
+    def prepare(self, rig: Rig, happens: Callable[[Meddler], None], at_s: float) -> None:
+        """Say what happens, and when."""
+        self._rig, self._happens, self._at_ns = rig, happens, round(at_s * 1e9)
+
+    def later(self, seconds: float, happens: Callable[[], None]) -> None:
+        """Have something else happen, so much robot time from now."""
+        self._later = (self.robot_now_ns() + round(seconds * 1e9), happens)
+
+    def begin_joint_control(self, first: JointCommand) -> None:
+        """Begin, and count from here."""
+        if self._rig is not None:
+            self._rig.truth(reset_extremes=True)
+        self._due_ns = self.robot_now_ns() + self._at_ns
+        super().begin_joint_control(first)
+
+    def receive(self, until_robot_ns: int, timeout_s: float) -> list[RobotState]:
+        """Let it happen when it is due."""
+        if self._due_ns and not self.happened_ns and self.robot_now_ns() >= self._due_ns:
+            self.happened_ns = self.robot_now_ns()
+            self._happens(self)
+        if self._later is not None and self.robot_now_ns() >= self._later[0]:
+            happens, self._later = self._later[1], None
+            happens()
+        return super().receive(until_robot_ns, timeout_s)
+
+    def power_off(self) -> None:
+        """Note when."""
+        self.power_off_ns = self.robot_now_ns()
+        if self._rig is not None:
+            self.truth = self._rig.truth()
+        super().power_off()
+
+
+def clear_behavior_faults(robot: str, config: RobotConfig) -> None:
+    """Do by hand what the runtime never does by itself. Raises HalError."""
+    clock = HostClock()
+    session = Session(parse_address(robot), config, clock, RobotClockEstimate(), clock.now_ns)
+    try:
+        session.log_in()
+        numbers = [int(text.rpartition("(")[2].rstrip(")")) for text in session.poll().behavior_faults]
+        if numbers:
+            session.sync_clocks()
+            session.acquire_lease()
+        client = session.calls.client(RobotCommandClient)
+        for number in numbers:
+            session.calls.make("clearing a fault", partial(client.clear_behavior_fault, number))
+    finally:
+        session.close()
+
+
+def read_log(path: Path) -> tuple[Run | None, str]:
+    """The log, whole or as a crash left it, and why it does not open."""
+    for candidate in (path, active_path(path)):
+        if candidate.exists():
+            try:
+                return read_run(candidate), ""
+            except (LogReadError, OSError) as error:
+                return None, str(error)
+    return None, f"there is no {path}"
+
+
+@contextmanager
+def rig(folder: Path, policy: Policy, *, is_lock_step: bool = True, scenario: str = "default") -> Iterator[Rig]:
+    """A fake robot in a process of its own, for a while."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with (
+        FakeProcess(scenario=scenario, is_lock_step=is_lock_step, state_dir=folder / "state") as process,
+        grpc.insecure_channel(process.address.admin) as channel,
+    ):
+        admin = fake_admin_pb2_grpc.FakeAdminStub(channel)  # type: ignore[no-untyped-call]
+        yield Rig(process.address, admin, folder, policy, is_lock_step)
