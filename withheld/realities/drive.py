@@ -16,11 +16,12 @@ from withheld.realities.thermal import Motors
 
 _LEVER = np.polynomial.Polynomial.fit(KNEE_TABLE_POSITION_RAD, KNEE_TABLE_TORQUE_NM, 4)
 """The knee's lever arm over its angle: a smooth linkage through the published table."""
+_LEVER_OFFSET, _LEVER_SCALE = (float(v) for v in _LEVER.mapparms())
+_LEVER_TERMS = _LEVER.coef.tolist()
 _KNEES = slice(2, N_JOINTS, 3)
-_SAFE_SHARE = 0.6
-_SAFE_NM = 15.0
-"""Below these no limit of current, voltage or lever can bind at an ordinary speed and bus voltage."""
-_SAFE_SPEED_SHARE = 0.35
+_SAFE_SHARE = 0.8
+"""Of the bounds at a state: a torque under it surely meets none of them until the next state."""
+_SAFE_SPEED_SHARE = 0.3
 
 
 class Drives:
@@ -50,19 +51,23 @@ class Drives:
         self._half_play = 0.5 * d.play_rad
         self._has_play = bool(np.any(d.play_rad > 0.0))
         self._is_soft = bool(np.any(d.limit_softness > 0.0))
-        self._safe_nm = np.minimum(_SAFE_SHARE * np.minimum(d.current_high_nm, -d.current_low_nm), 1e9)
-        self._safe_nm[_KNEES] = np.minimum(self._safe_nm[_KNEES], _SAFE_NM)
         self._safe_rad_s = _SAFE_SPEED_SHARE * np.minimum(d.no_load_high_rad_s, -d.no_load_low_rad_s)
+        self._safe_nm: Array = np.zeros(shape)
+        self._kp_scale, self._kd_scale = d.kp_scale, d.kd_scale
+        self._gain: Array = np.ones(shape)
+        s = robot.sensing
+        self._offset_rad, self._eccentric = s.offset_rad, bool(s.eccentricity_rad.any())
         self._parts = [*robot.requests, *robot.motors, *robot.rotors, *robot.links]
         for part in self._parts:
             part.start(n_runs)
         self._zeros: Array = np.zeros(shape)
+        self.refresh()
 
     def encoder_rad(self) -> Array:
         """What the motor-side encoders say, shape (n, 12)."""
         s = self._robot.sensing
-        angle = self.motion.rotor_rad + s.offset_rad
-        if s.eccentricity_rad.any():
+        angle = self.motion.rotor_rad + self._offset_rad
+        if self._eccentric:
             angle = angle + s.eccentricity_rad * np.sin(self.motion.rotor_rad + s.eccentricity_phase_rad)
         return np.asarray(angle)
 
@@ -71,16 +76,16 @@ class Drives:
 
         Args:
             setpoint_rad: Position set-points in effect, (n, 12).
-            kp: Gains in effect, N·m/rad.
+            kp: Gains in effect as the robot has them, N·m/rad, from :meth:`true_gains`.
             kd: N·m·s/rad.
         """
-        robot, d, m = self._robot, self._robot.drive, self.motion
-        asked = kp * d.kp_scale * (setpoint_rad - self.encoder_rad()) - kd * d.kd_scale * m.rotor_rad_s
+        robot, m = self._robot, self.motion
+        asked = kp * (setpoint_rad - self.encoder_rad()) - kd * m.rotor_rad_s
         for part in robot.requests:
             asked = part.act(asked, m)
         allowed = self._limited(asked)
         self._current_nm = self._current_nm + self._blend * (allowed - self._current_nm)
-        motor = self._current_nm * (d.torque_constant * self.motors.share)
+        motor = self._current_nm * self._gain
         for part in robot.motors:
             motor = part.act(motor, m)
         self.motor_nm = motor
@@ -96,6 +101,17 @@ class Drives:
             out = out + part.act(self._zeros, m)
         return out
 
+    def true_gains(self, kp: Array, kd: Array) -> tuple[Array, Array]:
+        """What the robot's servo makes of the gains that it is told."""
+        return self._kp_scale * kp, self._kd_scale * kd
+
+    def refresh(self) -> None:
+        """Once a state: what changes more slowly than a physics step."""
+        self._gain = self._robot.drive.torque_constant * self.motors.share
+        high, low = self._bounds()
+        slow = np.abs(self.motion.rotor_rad_s) < self._safe_rad_s
+        self._safe_nm = np.where(slow, _SAFE_SHARE * np.minimum(high, -low), -1.0)
+
     def _gear_nm(self) -> Array:
         """The gear's spring and damper, with play between their sides."""
         d, m = self._robot.drive, self.motion
@@ -110,28 +126,41 @@ class Drives:
         pulls = (d.play_rad > 0.0) & (pushed * beyond < 0.0)
         return np.where(free | pulls, 0.0, pushed)
 
-    def _limited(self, asked: Array) -> Array:
-        """What current limit, voltage and lever leave of the torque that is asked for."""
+    def _bounds(self) -> tuple[Array, Array]:
+        """The largest and the least torque that current limit, voltage and lever leave, each (n, 12)."""
         d, m = self._robot.drive, self.motion
-        size = np.abs(asked)
-        if not self._is_soft and not (size > self._safe_nm).any() and not (
-            np.abs(m.rotor_rad_s) > self._safe_rad_s
-        ).any():  # fmt: skip
-            return asked
         relative = m.bus_v / self._robot.supply.nominal_v
         high = d.slope_high_nm_s_per_rad * (d.no_load_high_rad_s * relative - m.rotor_rad_s)
         low = d.slope_low_nm_s_per_rad * (d.no_load_low_rad_s * relative - m.rotor_rad_s)
-        lever = _LEVER(m.link_rad[:, _KNEES])
+        lever = _lever_nm(m.link_rad[:, _KNEES])
         high = np.minimum(np.maximum(high, 0.0), d.current_high_nm)
         low = np.maximum(np.minimum(low, 0.0), d.current_low_nm)
         high[:, _KNEES] = np.minimum(high[:, _KNEES], lever)
         low[:, _KNEES] = np.maximum(low[:, _KNEES], -lever)
+        return high, low
+
+    def _limited(self, asked: Array) -> Array:
+        """The torque that is asked for within its bounds."""
+        size = np.abs(asked)
+        if not self._is_soft and not (size > self._safe_nm).any():
+            return asked
+        high, low = self._bounds()
         hard = np.minimum(np.maximum(asked, low), high)
         if not self._is_soft:
             return hard
         # A regulator that backs off before the limit: straight up to (1 − s), then bent so as never to reach it.
+        softness = self._robot.drive.limit_softness
         bound = np.where(asked > 0.0, high, -low) + 1e-9
-        knee = bound * (1.0 - d.limit_softness)
+        knee = bound * (1.0 - softness)
         rest = np.maximum(bound - knee, 1e-9)
         bent = knee + rest * np.tanh(np.maximum(size - knee, 0.0) / rest)
-        return np.where((d.limit_softness > 0.0) & (size > knee), np.sign(asked) * bent, hard)
+        return np.where((softness > 0.0) & (size > knee), np.sign(asked) * bent, hard)
+
+
+def _lever_nm(knee_rad: Array) -> Array:
+    """Horner's scheme on the angle scaled to -1..1."""
+    x = _LEVER_OFFSET + _LEVER_SCALE * knee_rad
+    out = np.full_like(x, _LEVER_TERMS[-1])
+    for term in _LEVER_TERMS[-2::-1]:
+        out = out * x + term
+    return out

@@ -29,6 +29,7 @@ class Estimator:
         self._p, self._dt_s = parameters, dt_s
         n = len(attitude_wxyz)
         self.attitude_wxyz: Array = attitude_wxyz.copy()
+        self._rotation: Array = matrix_from_wxyz(attitude_wxyz)
         self.position_m: Array = position_m.copy()
         self.velocity_m_s: Array = np.zeros((n, 3))
         self._filtered: Array = np.zeros((n, 3))
@@ -59,13 +60,12 @@ class Estimator:
             contact_age: States since each foot was said to stand, (n, 4).
         """
         p, dt = self._p, self._dt_s
-        rotation = matrix_from_wxyz(self.attitude_wxyz)
-        up = rotation[:, 2, :]
-        lean = np.cross(acceleration_m_s2, up) / GRAVITY_M_S2
+        up = self._rotation[:, 2, :]
+        lean = _cross(acceleration_m_s2, up) / GRAVITY_M_S2
         turn = (turn_rad_s + p.tilt_rate_per_s * lean) * (0.5 * dt)
         attitude = multiply_wxyz(self.attitude_wxyz, np.concatenate([np.ones((len(turn), 1)), turn], axis=1))
         self.attitude_wxyz = attitude / np.sqrt(np.sum(attitude * attitude, axis=1, keepdims=True))
-        rotation = matrix_from_wxyz(self.attitude_wxyz)
+        rotation = self._rotation = matrix_from_wxyz(self.attitude_wxyz)
         felt = _turned(rotation, acceleration_m_s2)
         felt[:, 2] -= GRAVITY_M_S2
         predicted = self.velocity_m_s + dt * felt
@@ -84,14 +84,14 @@ class Estimator:
         n = len(position)
         foot, jacobian = foot_position_and_jacobian(position)
         rates = velocity.reshape(n, facts.N_LEGS, 1, 3)
-        moved = np.cross(turn[:, None, :], foot) + np.sum(jacobian * rates, axis=3)
+        moved = _cross(turn[:, None, :], foot) + np.sum(jacobian * rates, axis=3)
         hx = position[:, 0::3]
         shank = (velocity[:, 1::3] + velocity[:, 2::3])[:, :, None] * np.stack(
             [np.zeros_like(hx), np.cos(hx), np.sin(hx)], axis=2
         )
         shank[:, :, 0] += velocity[:, 0::3]
         up = facts.FOOT_RADIUS_M * rotation[:, 2, :][:, None, :]
-        rolled = np.cross(turn[:, None, :] + shank, up)
+        rolled = _cross(turn[:, None, :] + shank, up)
         in_body = self._p.odometry_scale * (rolled - moved)
         in_body[:, :, :2] += self._p.odometry_bias_m_s
         return np.asarray(np.matmul(in_body, rotation.transpose(0, 2, 1)))
@@ -100,3 +100,14 @@ class Estimator:
 def _turned(rotation: Array, vector: Array) -> NDArray[np.float64]:
     """Vectors (n, 3) from the body's frame into odom's."""
     return np.asarray(np.matmul(rotation, vector[:, :, None])[:, :, 0])
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Cross product along the last axis; NumPy's own takes four times as long for arrays this small."""
+    ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
+    bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
+    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    out[..., 0] = ay * bz - az * by
+    out[..., 1] = az * bx - ax * bz
+    out[..., 2] = ax * by - ay * bx
+    return out

@@ -21,20 +21,20 @@ class LuGre:
     """
 
     def __init__(self, drive: DriveParameters, n_runs: int) -> None:
-        self._coulomb = drive.coulomb_nm
         self._stiction = drive.stiction_nm
         self._has_stiction = bool(np.any(drive.stiction_nm != 0.0))
         self._per_speed = 1.0 / drive.stribeck_rad_s
         self._viscous = drive.viscous_nm_s_per_rad
         self._stiffness = np.maximum(drive.coulomb_nm + drive.stiction_nm, 1e-6) / PRESLIDING_RAD
+        self._steady = np.maximum(drive.coulomb_nm, 1e-6)
         self._bend: Array = np.zeros((n_runs, len(drive.coulomb_nm)))
 
     def torque_nm(self, velocity_rad_s: Array, dt_s: float) -> Array:
         """What opposes the motion over this step, shape (n, 12)."""
-        level = self._coulomb
+        level = self._steady
         if self._has_stiction:
             level = level + self._stiction * np.exp(-np.square(velocity_rad_s * self._per_speed))
-        slip = (dt_s * self._stiffness) * np.abs(velocity_rad_s) / np.maximum(level, 1e-6) + 1e-12
+        slip = np.abs(velocity_rad_s) * (dt_s * self._stiffness / level) + 1e-12
         share = -np.expm1(-slip)
         change = share * (velocity_rad_s * (dt_s / slip) - self._bend)
         self._bend = self._bend + change

@@ -35,6 +35,7 @@ TICK_STATES: Final = (7, 7, 6)
 JOINTS_Q, JOINTS_V = slice(7, 7 + N_JOINTS), slice(6, 6 + N_JOINTS)
 STATE_S: Final = STATE_PERIOD_NS * 1e-9
 FOOT_SENSOR: Final = 4
+_NORMAL_FORCES: Final = slice(3, FOOT_SENSOR * N_LEGS, FOOT_SENSOR)
 DROP_M: Final = 0.012
 
 
@@ -79,7 +80,7 @@ class _Simulation:
         self.velocity = np.empty((n, 6))
         self.drives = Drives(robot, n, np.stack([d.qpos[JOINTS_Q] for d in self.datas]), settings.step_s)
         self.battery = Battery(robot.supply, n)
-        self._torque: Array = self.drives.motion.gear_nm
+        self._feet = np.empty((n, N_LEGS))
         self._read_bodies()
 
     # Beginning --------------------------------------------------------------------------------------------------------
@@ -101,7 +102,7 @@ class _Simulation:
             share = min(1.0, 1.5 * step / n_steps)
             kp = (1.0 - share) * 0.5 * facts.STAND_KP_NM_PER_RAD + share * to.kp_nm_per_rad
             kd = (1.0 - share) * facts.STAND_KD_NM_S_PER_RAD + share * to.kd_nm_s_per_rad
-            self._physics(held, kp, kd)
+            self._physics(held, *self.drives.true_gains(kp, kd))
             if step % self.settings.steps_per_state == 0:
                 self._energy()
         return held
@@ -139,6 +140,7 @@ class _Simulation:
         drives.motors.heat(copper, STATE_S)
         bus_v = self.battery.step(drives.motor_nm * drives.motion.rotor_rad_s, copper, STATE_S)
         drives.motion.bus_v = bus_v[:, None]
+        drives.refresh()
 
     def _push_body(self, time_s: float) -> None:
         body = self.model.body("body").id
@@ -149,9 +151,9 @@ class _Simulation:
 
     def _foot_force_n(self) -> Array:
         """True normal forces, shape (n, 4)."""
-        return np.asarray(
-            np.abs(np.stack([d.sensordata[: FOOT_SENSOR * N_LEGS] for d in self.datas])[:, 3::FOOT_SENSOR])
-        )
+        for i, data in enumerate(self.datas):
+            self._feet[i] = data.sensordata[_NORMAL_FORCES]
+        return np.abs(self._feet)
 
     # The run ----------------------------------------------------------------------------------------------------------
 
@@ -172,7 +174,7 @@ class _Simulation:
         number_of[ticks] = np.arange(len(ticks))
         action = np.zeros((n, N_JOINTS), dtype=np.float32)
         setpoint, effective = held, held
-        to = self.policy.gains()
+        kp, kd = self.drives.true_gains(self.policy.gains().kp_nm_per_rad, self.policy.gains().kd_nm_s_per_rad)
         runs = np.arange(n)
         unit.note(0, self.position[:, 3:], self.velocity)
         for state in range(m):
@@ -190,7 +192,7 @@ class _Simulation:
                 chosen = active[step]
                 if step == 0 or not np.array_equal(chosen, active[step - 1]):
                     effective = np.where((chosen >= 0)[:, None], tape.sent[np.maximum(chosen, 0), runs], held)
-                self._physics(effective, to.kp_nm_per_rad, to.kd_nm_s_per_rad)
+                self._physics(effective, kp, kd)
                 unit.note(step + 1, self.position[:, 3:], self.velocity)
             self._energy()
         n_ramp = int(np.sum(ticks * STATE_S < settings.ramp_s))

@@ -24,8 +24,6 @@ def add_small_errors(robot: Robot, rng: np.random.Generator) -> None:
         setattr(d, name, getattr(d, name) * _about_one(rng, share, N_JOINTS))
     d.coulomb_nm = d.coulomb_nm + rng.uniform(0.0, 0.06, N_JOINTS)
     d.viscous_nm_s_per_rad = rng.uniform(0.0, 0.008, N_JOINTS)
-    d.stiction_nm = rng.uniform(0.0, 0.02, N_JOINTS)
-    d.play_rad = rng.uniform(0.0, 1.5e-4, N_JOINTS)
     s = robot.sensing
     s.offset_rad = rng.normal(0.0, 1e-3, N_JOINTS)
     s.eccentricity_rad = rng.uniform(0.0, 4e-4, N_JOINTS)
