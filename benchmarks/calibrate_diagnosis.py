@@ -70,8 +70,7 @@ def main() -> None:
                 "truth": case["effect"] if case else "none", "left_out": left_out,
                 "found": [t.effect.name for t in best.terms] if best else [],
                 "top_nats": found.selection.first[0].value if found.selection.first else 0.0,
-                "share": found.left.share if found.left else 0.0,
-                "predictable_nm": float(found.left.predictable_nm.max()) if found.left else 0.0,
+                "left_nats": found.left.total_nats, "explained_nats": found.left.explained_nats,
             })  # fmt: skip
             print(table[-1], flush=True)
             given.out.write_text(json.dumps(table, indent=1))
@@ -80,14 +79,13 @@ def main() -> None:
 
 
 def _write(table: list[dict[str, Any]]) -> None:
-    """Threshold above all nones; centre between known and unknown."""
+    """Threshold above all nones; the usual remainder between known and unknown."""
     data = json.loads(FILE.read_text())
     none = [r["top_nats"] for r in table if r["truth"] == "none"]
-    known = np.array([r["share"] for r in table if not r["left_out"]])
-    missing = np.array([r["share"] for r in table if r["left_out"]])
-    data["threshold_nats"] = max(30.0, 1.3 * max(none, default=0.0))
-    data["unknown_centre"] = float(0.5 * (np.quantile(known, 0.9) + np.median(missing)))
-    data["unknown_width"] = float(max(0.02, 0.25 * (np.median(missing) - np.median(known))))
+    known = np.array([r["left_nats"] / (1.0 + r["explained_nats"]) for r in table if not r["left_out"]])
+    missing = np.array([r["left_nats"] / (1.0 + r["explained_nats"]) for r in table if r["left_out"]])
+    data["threshold_nats"] = max(10.0, 1.3 * max(none, default=0.0))
+    data["unknown_share"] = float(0.5 * (np.quantile(known, 0.9) + np.median(missing)))
     data["made_by"] = "python benchmarks/calibrate_diagnosis.py --out calibration_runs.json --write"
     FILE.write_text(json.dumps(data, indent=2) + "\n")
 

@@ -32,6 +32,8 @@ from spot_model.policy import Policy
 from spot_runtime.log.run import Run
 
 Say = Callable[[str], None]
+ORDINARY_AT_MOST = 2.5
+"""What is left may be put down to ordinary errors of so many usual sizes, and no more."""
 N_WHERE = 60
 """Cells that the verdict lists; the report has them all."""
 UNKNOWN_IS_LIKELY = 0.5
@@ -63,7 +65,7 @@ class Explained:
     off: tuple[ChannelOff, ...]
     board: Board
     selection: Selection
-    left: Remainder | None
+    left: Remainder
     posterior: Posterior
 
 
@@ -80,18 +82,22 @@ def explain(
     by_run = len(names) < 2
     folds = list(range(len(runs))) if by_run else [names.index(r.sequence) for r in logs.recordings]
     fold_names = [r.run_id for r in logs.recordings] if by_run else names
-    board = lay_out(views, robot, folds, fold_names, calibration.tolerance)
+    board = lay_out(
+        views, robot, folds, fold_names, calibration.tolerance,
+        library=library, sizes=calibration.ordinary, dof=calibration.dof, relative=calibration.relative,
+    )  # fmt: skip
     say(f"{len(views)} channels, {len(board.blocks)} signals; trying {len(library)} effects")
     selection = search(board, library, calibration.threshold_nats, say)
     residuals = _left_over(board, selection)
-    left = remainder(board, residuals)
+    explained = selection.best.explained if selection.best is not None else np.zeros(len(board.blocks))
+    gained = selection.best.score if selection.best is not None else 0.0
+    left = remainder(board, logs, residuals, explained, gained)
     return Explained(logs, views, off, board, selection, left, posterior(selection, left, calibration))
 
 
 def _left_over(board: Board, selection: Selection) -> list[np.ndarray]:
-    if selection.best is None:
-        return [b.y for b in board.blocks]
-    return Scorer(board, selection.best.terms).residuals()
+    terms = selection.best.terms if selection.best is not None else ()
+    return Scorer(board, terms).residuals(ORDINARY_AT_MOST)
 
 
 def diagnose(
@@ -166,8 +172,8 @@ def _verdict(
     status = status_of(found)
     effects = tuple(_effects(found)) if status not in ("no_gap", "cannot_tell") else ()
     unknown = None
-    if found.left is not None and status in ("unknown_effect", "partly_explained"):
-        unknown = describe(found.board, _left_over(found.board, found.selection), found.left)
+    if status in ("unknown_effect", "partly_explained"):
+        unknown = describe(found.board, found.stack, _left_over(found.board, found.selection), found.left)
     off = {c.name: f"off: {c.reason}" for c in found.off}
     cells = map_.cells if map_ is not None else ()
     return Verdict(
@@ -206,7 +212,7 @@ def _effects(found: Explained) -> list[FoundEffect]:
         some = (1.0 - p.none) * (1.0 - p.unknown)
         share = group.probabilities.get(last.effect.name, 0.0)
         baseline = np.array([0.0] * len(board.blocks)) if not others else (
-            Scorer(board, others[:-1]).scored(others[-1].effect, others[-1].shape, others[-1].place).by_block
+            scorer.now.by_block
         )  # fmt: skip
         by_channel = {c: round(float((top.by_block - baseline)[n].sum()), 1) for c, n in board.by_channel.items()}
         grouped = len(group.names) > 1

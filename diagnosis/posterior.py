@@ -6,12 +6,12 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from diagnosis.seam import Array
-from diagnosis.selection.search import MIN_SHARE, Rival, Selection
+from diagnosis.selection.search import Rival, Selection
 from diagnosis.unknown import Remainder
 
 FILE: Final = Path(__file__).with_name("calibration.json")
@@ -31,13 +31,19 @@ class Calibration:
     """Rivals' odds are exp(−difference/temperature); the temperature grows with the gain, since models err."""
     group_odds: float
     """A rival with at least these odds against the best is in its group."""
-    unknown_centre: float
+    unknown_nats: float
+    unknown_share: float
+    """What is usually left and predictable: so many nats, and a share of what the found effects bring."""
     unknown_width: float
-    """P(unknown) as a logistic function of the predictable share of what is left."""
-    unknown_min_nm: float
-    """With less predictable torque left than this at every joint, nothing is missing."""
+    """P(unknown) is a logistic function of the logarithm of what is left over that."""
     tolerance: Mapping[str, float]
     """By channel, units of its noise."""
+    dof: float
+    """Independent ways in which a formula can be off, in each signal."""
+    relative: float
+    """Share of what a formula explains by which it is usually off."""
+    ordinary: Mapping[str, Mapping[str, Any]]
+    """Usual sizes of the errors of a nominal model; :mod:`diagnosis.selection.ordinary`."""
 
     @staticmethod
     def load(path: Path = FILE) -> Calibration:
@@ -77,7 +83,7 @@ def posterior(selection: Selection, left: Remainder | None, calibration: Calibra
     """
     unknown = _unknown(left, calibration)
     first = selection.first[0] if selection.first else None
-    top = first.value if first is not None and first.share >= MIN_SHARE else 0.0
+    top = first.value if first is not None else 0.0
     gain = sum(selection.gains) if selection.gains else max(top, 0.0)
     ratio = max(gain, 1e-9) / calibration.threshold_nats
     none = 1.0 / (1.0 + ratio**calibration.none_power)
@@ -105,7 +111,9 @@ def group(rivals: Sequence[Rival], gain: float, calibration: Calibration) -> Gro
 
 
 def _unknown(left: Remainder | None, calibration: Calibration) -> float:
-    if left is None or float(left.predictable_nm.max(initial=0.0)) < calibration.unknown_min_nm:
+    """A logistic function of the logarithm of what is left over a sum of what is usual and a share of what is found."""
+    if left is None:
         return 0.02
-    odds = (left.share - calibration.unknown_centre) / calibration.unknown_width
+    usual = calibration.unknown_nats + calibration.unknown_share * max(left.explained_nats, 0.0)
+    odds = np.log(max(left.total_nats, 1e-3) / usual) / calibration.unknown_width
     return float(np.clip(1.0 / (1.0 + np.exp(-odds)), 0.02, 0.98))

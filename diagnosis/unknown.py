@@ -1,114 +1,110 @@
-"""What no effect explains: how much of it is predictable, at which joints, in which regime, on which quantities."""
+"""What no effect explains: how much of it is predictable, where, in which regime, on which quantities."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from sklearn.ensemble import HistGradientBoostingRegressor
 
-from diagnosis.channels.actuator import STRIDE
-from diagnosis.seam import Array, ChannelView, Flags, Ints
+from diagnosis.channels.stack import Stack
+from diagnosis.quantities import Quantities
+from diagnosis.seam import Array, Flags, Ints
 from diagnosis.selection.board import Board
 from diagnosis.verdict import Dependence, UnknownEffect
 
 MAX_TREES: Final = 40
 MAX_ROWS: Final = 3000
 N_CURVE: Final = 12
-MIN_SHARE: Final = 0.05
-HEAT_S: Final = 30.0
+MIN_NATS: Final = 1.0
+"""A signal of which less than this could be gained is not looked at."""
+CARRIES: Final = 0.35
+"""A joint with this share of the most at one joint carries the unknown effect, too."""
 
 
 @dataclass(frozen=True)
 class Remainder:
-    """What is left of channel A, and how much of it signals predict."""
+    """What is left in each block, and how much of it signals predict."""
 
+    nats: Array
+    """By block: what explaining the predictable part would bring. Shape (B,)."""
+    explained_nats: float
+    """What the chosen effects bring."""
     shares: Array
-    """By joint: share of the residual's variance that is predictable in folds that the fit never saw. Shape (J,)."""
-    sizes: Array
-    """By joint: root mean square of the residual, N·m. Shape (J,)."""
-    predictable_nm: Array
-    """By joint: root mean square of the predictable part, N·m. Shape (J,)."""
-    importance: Array
-    """By quantity, over the joints with the largest predictable part; sum 1. Shape (Q,)."""
-    names: tuple[str, ...]
+    """By block: share of the residual's square that is predictable in folds that the fit never saw. Shape (B,)."""
+    left: Array
+    """By block: mean square of the residual, units of the noise. Shape (B,)."""
+    names: tuple[tuple[str, ...], ...]
+    """By block: quantities that were looked at."""
+    importance: tuple[Array, ...]
+    """By block: of each quantity; sum 1, or all 0."""
 
     @property
-    def share(self) -> float:
-        """Share over the three joints with the largest predictable part."""
-        top = np.argsort(-self.predictable_nm)[:3]
-        total = float(np.sum(self.sizes[top] ** 2))
-        return float(np.sum(self.predictable_nm[top] ** 2)) / total if total > 0.0 else 0.0
+    def total_nats(self) -> float:
+        """Over all blocks."""
+        return float(self.nats.sum())
 
 
-def quantities(view: ChannelView) -> tuple[tuple[str, ...], Array]:
-    """What a residual may depend on, shape (n, J, Q)."""
-    s: Any = view.signals
+def remainder(
+    board: Board, stack: Stack, residuals: Sequence[Array], explained: Array, explained_nats: float
+) -> Remainder:
+    """Predict what is left from signals, block by block.
 
-    def thin(values: Array) -> Array:
-        return values[::STRIDE]
-
-    n_joints = s.torque_nm.shape[1]
-
-    def shared(values: Array) -> Array:
-        return np.repeat(thin(values)[:, None], n_joints, axis=1)
-
-    power = np.maximum(s.torque_nm * s.velocity_rad_s, 0.0).sum(axis=1)
-    table = {
-        "position": thin(s.position_rad),
-        "velocity": s.finish(s.velocity_rad_s),
-        "torque": s.finish(s.torque_nm),
-        "acceleration": s.finish_rate(s.velocity_rad_s),
-        "torque rate": s.finish_rate(s.torque_nm),
-        "total power": shared(power),
-        "time since start": shared(s.stack.state * s.stack.period_s),
-        "torque history": thin(s.integrated(s.load_nm**2, HEAT_S)),
-        "time since set-point": shared(np.minimum(s.command_age_s, 0.1)),
-    }
-    return tuple(table), np.stack(list(table.values()), axis=2)
-
-
-def remainder(board: Board, residuals: list[Array]) -> Remainder | None:
-    """Predict what is left of channel A from signals, joint by joint; None where the channel is off."""
-    numbers = board.by_channel.get("A", [])
-    if not numbers:
-        return None
-    names, table = quantities(board.views["A"])
-    n_joints = board.robot.n_joints
-    shares, sizes, parts = np.zeros(n_joints), np.zeros(n_joints), np.zeros(n_joints)
-    importance = np.zeros((n_joints, len(names)))
-    for number in numbers:
-        block = board.blocks[number]
-        step = max(1, len(block.y) // MAX_ROWS)
-        y = (residuals[number] * block.noise)[::step]
-        y = np.clip(y, *np.percentile(y, [0.5, 99.5]))
-        x = table[block.samples, block.row][::step]
-        share, weight = _predictable(x, y, block.fold[::step])
-        sizes[block.row] = float(np.sqrt(np.mean(y**2)))
-        shares[block.row] = share
-        parts[block.row] = sizes[block.row] * np.sqrt(share)
-        importance[block.row] = weight * parts[block.row] ** 2
-    total = importance.sum(axis=0)
-    return Remainder(shares, sizes, parts, total / max(float(total.sum()), 1e-12), names)
+    Args:
+        board: The blocks.
+        stack: The logs.
+        residuals: By block, units of the noise.
+        explained: By block the mean square of what the chosen effects explain: a formula leaves a share of it.
+        explained_nats: What the chosen effects bring.
+    """
+    quantities = Quantities(stack)
+    n = len(board.blocks)
+    nats, shares, left = np.zeros(n), np.zeros(n), np.zeros(n)
+    names: list[tuple[str, ...]] = []
+    importance: list[Array] = []
+    tolerance = board.tolerance_square + board.relative_square * explained
+    for number, block in enumerate(board.blocks):
+        y = residuals[number] * block.weight
+        left[number] = float(np.mean(y**2))
+        # Noise alone is 1; what could be gained if all the rest were explained.
+        could = 0.5 * board.dof[number] * np.log((left[number] + tolerance[number]) / (1.0 + tolerance[number]))
+        if left[number] <= 1.0 or could < MIN_NATS:
+            names.append(())
+            importance.append(np.zeros(0))
+            continue
+        step = max(1, len(y) // MAX_ROWS)
+        found, x = quantities.of(board.views[block.channel], block.row, block.samples[::step])
+        share, weight = _predictable(x, y[::step], block.fold[::step])
+        shares[number] = share
+        rest = max(left[number] * (1.0 - share), min(1.0, left[number]))
+        nats[number] = 0.5 * board.dof[number] * np.log((left[number] + tolerance[number]) / (rest + tolerance[number]))
+        names.append(found)
+        importance.append(weight)
+    return Remainder(nats, explained_nats, shares, left, tuple(names), tuple(importance))
 
 
 def _predictable(x: Array, y: Array, fold: Ints) -> tuple[float, Array]:
-    """Held-out share of variance that trees predict, and the permutation importance of each quantity."""
+    """Held-out share of the square that trees, or the mean alone, predict; and each quantity's importance."""
     rng = np.random.default_rng(0)
     left, total, drops = 0.0, 0.0, np.zeros(x.shape[1])
     for f in np.unique(fold):
         test = fold == f
-        if test.all() or test.sum() < 20:
+        if test.all() or test.sum() < 5:
+            continue
+        here = float(np.sum(y[test] ** 2))
+        if x.shape[1] == 0 or (~test).sum() < 100:
+            left, total = left + float(np.sum((y[test] - np.mean(y[~test])) ** 2)), total + here
             continue
         trees = HistGradientBoostingRegressor(
             max_iter=MAX_TREES, max_leaf_nodes=12, min_samples_leaf=30, random_state=0
         )
         trees.fit(x[~test], y[~test])
         error = float(np.sum((y[test] - trees.predict(x[test])) ** 2))
-        left, total = left + error, total + float(np.sum(y[test] ** 2))
-        if error < 0.98 * float(np.sum(y[test] ** 2)):
+        left, total = left + error, total + here
+        if error < 0.95 * here:
             for q in range(x.shape[1]):
                 mixed = x[test].copy()
                 mixed[:, q] = rng.permutation(mixed[:, q])
@@ -117,44 +113,71 @@ def _predictable(x: Array, y: Array, fold: Ints) -> tuple[float, Array]:
     return share, drops / max(float(drops.sum()), 1e-12)
 
 
-def describe(board: Board, residuals: list[Array], found: Remainder) -> UnknownEffect:
-    """Joints, regime, the two quantities it depends on most, and the fitted curves."""
-    top = float(found.predictable_nm.max(initial=0.0))
-    joints = np.flatnonzero(found.predictable_nm > 0.5 * top) if top > 0.0 else np.zeros(0, dtype=np.intp)
-    order = np.argsort(-found.importance)[:2]
-    names, table = quantities(board.views["A"])
-    x, y, motoring = [], [], []
-    for number in board.by_channel["A"]:
-        block = board.blocks[number]
-        if block.row in joints:
-            part = table[block.samples, block.row]
-            x.append(part)
-            y.append(residuals[number] * block.noise)
-            motoring.append(part[:, names.index("torque")] * part[:, names.index("velocity")] > 0.0)
-    if not x:
-        return UnknownEffect(joints=(), regime="", depends_on=())
-    values, left, drive = np.concatenate(x), np.concatenate(y), np.concatenate(motoring)
-    curves = tuple(_curve(names[q], float(found.importance[q]), values[:, q], left) for q in order)
-    fast = np.abs(values[:, names.index("velocity")])
-    heavy = np.abs(values[:, names.index("torque")])
+def nats_by_joint(board: Board, found: Remainder) -> Array:
+    """Of what is left and predictable, what belongs to each joint; a leg's rows count for its joints. Shape (J,)."""
+    out = np.zeros(board.robot.n_joints)
+    for number, block in enumerate(board.blocks):
+        view = board.views[block.channel]
+        joint, leg = int(view.row_joint[block.row]), int(view.row_leg[block.row])
+        if joint >= 0:
+            out[joint] += found.nats[number]
+        elif leg >= 0:
+            mine = view.leg_of_joint == leg
+            out[mine] += found.nats[number] / max(1, int(mine.sum()))
+    return out
+
+
+def describe(board: Board, stack: Stack, residuals: Sequence[Array], found: Remainder) -> UnknownEffect:
+    """Joints, regime, the two quantities it depends on most, and the fitted curves, in the channel that has most."""
+    by_joint = nats_by_joint(board, found)
+    joints = by_joint > CARRIES * max(float(by_joint.max(initial=0.0)), 1e-9)
+    by_channel = {c: float(found.nats[numbers].sum()) for c, numbers in board.by_channel.items()}
+    channel = max(by_channel, key=lambda c: by_channel[c])
+    numbers = [
+        n for n in board.by_channel[channel] if found.nats[n] > CARRIES * found.nats[board.by_channel[channel]].max()
+    ]
+    if not numbers or by_channel[channel] <= 0.0:
+        return UnknownEffect(joints=board.robot.named(joints), regime="", depends_on=())
+    view = board.views[channel]
+    quantities = Quantities(stack)
+    weight: dict[str, float] = {}
+    x: dict[str, list[Array]] = {}
+    left: list[Array] = []
+    for n in numbers:
+        block = board.blocks[n]
+        names, table = quantities.of(view, block.row, block.samples)
+        left.append(residuals[n] * block.noise)
+        for i, name in enumerate(names):
+            importance = found.importance[n]
+            weight[name] = weight.get(name, 0.0) + float(found.nats[n] * (importance[i] if len(importance) else 0.0))
+            x.setdefault(name, []).append(table[:, i])
+    common = [name for name in sorted(weight, key=lambda k: -weight[k]) if len(x[name]) == len(numbers)]
+    total = max(sum(weight.values()), 1e-12)
+    y = np.concatenate(left)
+    curves = tuple(_curve(name, weight[name] / total, np.concatenate(x[name]), y) for name in common[:2])
+    share = float(np.average(found.shares[numbers], weights=found.left[numbers]))
     return UnknownEffect(
-        joints=board.robot.named(np.isin(np.arange(board.robot.n_joints), joints)),
-        regime=_regime(left, drive, fast, heavy),
-        depends_on=tuple(names[q] for q in order),
-        channel="A",
-        unit="N·m",
-        predictable_share=found.share,
+        joints=board.robot.named(joints),
+        regime=_regime({name: np.concatenate(x[name]) for name in common}, y),
+        depends_on=tuple(common[:2]),
+        channel=channel,
+        unit=view.unit,
+        predictable_share=share,
         curves=curves,
     )
 
 
-def _regime(left: Array, drive: Flags, speed: Array, torque: Array) -> str:
+def _regime(x: dict[str, Array], left: Array) -> str:
     """The part of motion in which the residual is largest."""
-    options = {
-        "motoring": drive, "braking": ~drive, "low speed": speed < np.quantile(speed, 1 / 3),
-        "high speed": speed > np.quantile(speed, 2 / 3), "low torque": torque < np.quantile(torque, 1 / 3),
-        "high torque": torque > np.quantile(torque, 2 / 3),
-    }  # fmt: skip
+    options: dict[str, Flags] = {}
+    if "torque" in x and "velocity" in x:
+        drive = x["torque"] * x["velocity"] > 0.0
+        options |= {"motoring": drive, "braking": ~drive}
+    for name, word in (("velocity", "speed"), ("torque", "torque"), ("body speed", "body speed")):
+        if name in x:
+            size = np.abs(x[name])
+            options[f"low {word}"] = size < np.quantile(size, 1 / 3)
+            options[f"high {word}"] = size > np.quantile(size, 2 / 3)
     sizes = {name: float(np.mean(left[rows] ** 2)) for name, rows in options.items() if rows.any()}
     return max(sizes, key=lambda name: sizes[name]) if sizes else ""
 

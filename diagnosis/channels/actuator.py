@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 from scipy.signal import lfilter
 
+from diagnosis.channels.chatter import rattling
 from diagnosis.channels.load_lag import load_lag_s
 from diagnosis.channels.low_pass import low_pass
 from diagnosis.channels.nominal_torque import nominal_armature_kg_m2, nominal_load_nm, nominal_torque_nm
@@ -27,10 +28,9 @@ from spot_model.effects.base import Effect
 STRIDE: Final = 2
 """Every second row is kept: smoothed signals have nothing above half the rate."""
 STOP_MARGIN_RAD: Final = 0.02
-IMPACT_RAD_S: Final = 2.5
-"""Second difference of a velocity between states that only an impact makes."""
-AROUND_CONTACT: Final = 2
-"""States around a change of the contact flag that are left out."""
+BEFORE_FLAG: Final = 5
+AFTER_FLAG: Final = 2
+"""States around a change of the contact flag that are left out: flags come late."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +54,8 @@ class ActuatorSignals:
     old_request_nm: Array
     """The servo law under the command before the one in effect."""
     lag_s: float
+    effects: tuple[Effect, ...] = ()
+    """Of the nominal model."""
     cache: dict[object, Any] = field(default_factory=dict, compare=False)
     """For columns that are dear to compute; keyed by who computed them."""
 
@@ -133,20 +135,16 @@ def actuator_view(
 
 
 def _impacts(stack: Stack) -> Flags:
-    """States at which a joint's velocity jumps, or its foot touches down or lifts off, shape (N, J).
-
-    The load of one instant says little there of the mean acceleration between states.
-    """
-    velocity = stack.filled(lambda r: r.velocity_rad_s)
-    jump = np.zeros_like(velocity)
-    jump[1:-1] = np.abs(velocity[2:] - 2.0 * velocity[1:-1] + velocity[:-2])
-    hit = jump > IMPACT_RAD_S
+    """States at which a joint rattles, or its foot touches down or lifts off, shape (N, J)."""
+    hit = rattling(stack)
     legs = leg_of_joint(stack.recordings[0].joint_names, stack.recordings[0].foot_names)
     if all(r.has("foot_contact") for r in stack.recordings):
         contact = stack.cat(lambda r: r.foot_contact).astype(np.bool_)
         change = np.zeros_like(contact)
         change[1:] = contact[1:] != contact[:-1]
-        around = np.asarray(binary_dilation(change, np.ones((2 * AROUND_CONTACT + 1, 1))))
+        reach = np.zeros((2 * BEFORE_FLAG + 1, 1), dtype=np.bool_)
+        reach[: BEFORE_FLAG + AFTER_FLAG + 1] = True
+        around = np.asarray(binary_dilation(change, reach))
         hit[:, legs >= 0] |= around[:, legs[legs >= 0]]
     return np.asarray(hit)
 
@@ -230,6 +228,7 @@ def _signals(stack: Stack, effects: Sequence[Effect], lag_s: float) -> ActuatorS
         command_age_s=ages,
         old_request_nm=_request(stack, position, velocity, before),
         lag_s=lag_s,
+        effects=tuple(effects),
     )
 
 

@@ -10,6 +10,7 @@ from typing import Final
 
 import numpy as np
 
+from diagnosis.channels.chatter import rattling
 from diagnosis.channels.dynamics import DynamicsSignals
 from diagnosis.channels.load_alignment import Alignment
 from diagnosis.channels.stack import white_noise
@@ -28,9 +29,12 @@ FLOOR_NM: Final = 0.15
 def swing_view(signals: DynamicsSignals, alignment: Alignment) -> ChannelView | ChannelOff:
     """Build channel D."""
     swinging = swinging_legs(signals)
+    rattles = rattling(signals.stack)[signals.rows]
     if swinging.shape[1] == 0:
         return ChannelOff("D", "no contact flags")
-    usable = np.repeat(swinging, 3, axis=1)
+    # A foot that skips over the ground is carried by no flag, and shakes its whole leg.
+    calm = ~rattles.reshape(len(rattles), facts.N_LEGS, 3).any(axis=2)
+    usable = np.repeat(swinging & calm, 3, axis=1)
     legs = np.repeat(np.arange(facts.N_LEGS, dtype=np.intp), 3)
     response = alignment.residuals.joint_nm
     # The rows are already smoothed, so the noise found in them is what smoothing leaves.

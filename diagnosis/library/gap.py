@@ -15,6 +15,8 @@ from diagnosis.seam import Array, ChannelView, Flags, Ints, Shape, Views
 from spot_model.effects.backlash import Backlash
 from spot_model.effects.base import Effect, Motion
 
+COARSE_RAD: Final = (0.001, 0.002, 0.004, 0.008, 0.016, 0.032)
+FACTORS: Final = (0.6, 0.75, 0.87, 1.15, 1.33, 1.6)
 SUBSTEPS: Final = 2
 """Steps of the motor's motion in the gap between two states."""
 
@@ -32,20 +34,20 @@ class BacklashEntry(LibraryEffect):
 
     def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:
         """Widths of the gap."""
-        return tuple({"gap_rad": g} for g in (0.001, 0.002, 0.004, 0.008, 0.016, 0.032))
+        _remember(views["A"].signals, COARSE_RAD)
+        return tuple({"gap_rad": g} for g in COARSE_RAD)
 
     def neighbours(self, shape: Shape) -> tuple[Shape, ...]:
         """Widths nearby."""
-        return tuple({"gap_rad": shape["gap_rad"] * f} for f in (0.6, 0.75, 0.87, 1.15, 1.33, 1.6))
+        return tuple({"gap_rad": shape["gap_rad"] * f} for f in FACTORS)
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
         """The torque that does not come through, by the simulator's own formula on the requested torque."""
         s: ActuatorSignals = view.signals
         gap_rad = float(shape["gap_rad"])
-        key = ("backlash", gap_rad)
-        if key not in s.cache:
-            s.cache[key] = passed_on_nm(s.torque_nm, gap_rad, s.stack.run, s.period_s)
-        through: Array = s.cache[key]
+        if ("backlash", gap_rad) not in s.cache:
+            _remember(s, (gap_rad, *(gap_rad * f for f in FACTORS)))
+        through: Array = s.cache["backlash", gap_rad]
         return on_joints(s.finish(through - s.torque_nm), joints)
 
     def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
@@ -53,31 +55,44 @@ class BacklashEntry(LibraryEffect):
         return {"gap_rad": float(shape["gap_rad"])}
 
 
-def passed_on_nm(torque_nm: Array, gap_rad: float, run: Ints, period_s: float) -> Array:
-    """The torque that a gap lets through, by the simulator's formula, all recordings at once.
+def _remember(s: ActuatorSignals, gaps_rad: tuple[float, ...]) -> None:
+    """Put what several gaps let through into the cache: together they cost little more than one."""
+    new = [g for g in dict.fromkeys(gaps_rad) if ("backlash", g) not in s.cache]
+    if new:
+        found = passed_on_nm(s.torque_nm, np.array(new), s.stack.run, s.period_s)
+        for gap_rad, through in zip(new, found, strict=True):
+            s.cache["backlash", gap_rad] = through
+
+
+def passed_on_nm(torque_nm: Array, gap_rad: Array, run: Ints, period_s: float) -> Array:
+    """The torque that gaps let through, by the simulator's formula, all recordings at once.
 
     Args:
         torque_nm: Torque of the motor. Shape (N, J).
-        gap_rad: Width of the gap.
+        gap_rad: Widths. Shape (G,).
         run: Recording of each row, rising. Shape (N,).
         period_s: Time between rows.
+
+    Returns:
+        Shape (G, N, J).
     """
     numbers, starts, sizes = np.unique(run, return_index=True, return_counts=True)
-    longest = int(sizes.max())
-    n_joints = torque_nm.shape[1]
+    longest, n_joints, n_gaps = int(sizes.max()), torque_nm.shape[1], len(gap_rad)
     # One simulation a recording, joints side by side; short ones end with zeros.
     padded = np.zeros((longest, len(numbers), n_joints))
     for i, (start, size) in enumerate(zip(starts, sizes, strict=True)):
         padded[:size, i] = torque_nm[start : start + size]
-    effect = Backlash(gap_rad=gap_rad).arrays_like(padded[0])
-    memory = effect.start(padded[0])
-    motion = Motion(padded[0], padded[0], period_s / SUBSTEPS)
-    out = np.empty_like(padded)
+    whole = np.empty((n_gaps, len(numbers), n_joints))
+    effect = Backlash(gap_rad=gap_rad[:, None, None]).arrays_like(whole)
+    memory = effect.start(whole)
+    out = np.empty((longest, *whole.shape))
     for k in range(longest):
+        whole[:] = padded[k]
+        motion = Motion(whole, whole, period_s / SUBSTEPS)
         # The load at a state is that of the last step before it.
         for _ in range(SUBSTEPS):
-            out[k], memory = effect.torque(padded[k], motion, memory)
-    result = np.empty_like(torque_nm)
+            out[k], memory = effect.torque(whole, motion, memory)
+    result = np.empty((n_gaps, *torque_nm.shape))
     for i, (start, size) in enumerate(zip(starts, sizes, strict=True)):
-        result[start : start + size] = out[:size, i]
+        result[:, start : start + size] = np.swapaxes(out[:size, :, i], 0, 1)
     return result

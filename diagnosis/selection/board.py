@@ -1,16 +1,17 @@
-"""The channels laid out for selection: a block a scalar row, thinned, whitened, independent samples counted."""
+"""The channels laid out for selection: a block a scalar row, thinned, in units of its noise; ordinary errors beside."""
 
 from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from diagnosis.library.base import LibraryEffect
 from diagnosis.seam import Array, ChannelView, Flags, Ints, Shape, Views
+from diagnosis.selection.ordinary import Ordinary, ordinary
 from diagnosis.selection.places import Robot
 
 MAX_SAMPLES: Final = 6_000
@@ -20,8 +21,15 @@ COUNTED: Final = ("T",)
 FAR: Final = 20.0
 """In channels of stamps, what is farther off than this many usual sizes is a hand-over, not a delay."""
 MAX_LAG: Final = 60
+OUTLIER: Final = 3.0
+"""A response counts as no more than so many of its row's scales, by its median size: late flags, impacts, slips."""
+PEAKS: Final = ("A", "L", "P")
+PEAK: Final = 6.0
+"""Where peaks are what an effect cuts off, they count up to so many scales."""
 CACHE_BYTES: Final = 600_000_000
 FOLD_BLOCK_S: Final = 2.0
+LEAST: Final = 0.05
+"""Least square of a tolerance: noise is not known better."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +50,9 @@ class Block:
     n_independent: float
     """Number of independent samples, from the response's correlation in time."""
     tolerance: float
-    """Standard deviation, in units of the noise, that a nominal model of ordinary quality leaves."""
+    """Standard deviation, in units of the noise, that a nominal model of ordinary quality leaves unexplained."""
+    weight: Array
+    """Square root of what a sample counts, less than 1 for outliers. Shape (m,)."""
 
 
 @dataclass(frozen=True)
@@ -64,8 +74,50 @@ class Board:
     blocks: tuple[Block, ...]
     n_folds: int
     fold_names: tuple[str, ...]
+    dof: Array
+    """Independent ways in which a formula can be off, by block; at most the number of independent samples."""
+    tolerance_square: Array
+    """By block."""
+    relative_square: float
+    """Mean square that a formula leaves of what it explains."""
+    ordinary: Ordinary = field(init=False)
+    base: list[Array] = field(default_factory=list)
+    """By block and fold the products of [ordinary errors, y], over the block's number of samples."""
+    kept: dict[object, Any] = field(default_factory=dict)
+    """What scoring keeps between calls."""
     _cache: OrderedDict[tuple[object, ...], Columns] = field(default_factory=OrderedDict)
     _bytes: int = 0
+
+    def prepare(self, library: Mapping[str, LibraryEffect], sizes: Mapping[str, Mapping[str, Any]]) -> None:
+        """Lay the ordinary errors out; once, before anything is scored."""
+        self.ordinary = ordinary(self, library, sizes)
+        self.base = []
+        for number, (block, z) in enumerate(zip(self.blocks, self.ordinary.x, strict=True)):
+            self.base.append(self.products_of(number, *[np.concatenate([z, block.y[:, None]], axis=1)] * 2))
+
+    def products_of(self, number: int, left: Array, right: Array) -> Array:
+        """Products of two sets of a block's columns by fold, over its number of samples; shape (F, a, b)."""
+        block = self.blocks[number]
+        out = np.zeros((self.n_folds, left.shape[1], right.shape[1]))
+        if out.size == 0:
+            return out
+        weighted = left * (block.weight**2)[:, None]
+        for fold in range(self.n_folds):
+            mine = block.fold == fold
+            out[fold] = weighted[mine].T @ right[mine]
+        return out / len(block.y)
+
+    def products(self, number: int, x: Array) -> Array:
+        """Products of a block's columns with [ordinary errors, y], shape (F, a, q + 1)."""
+        return self.products_of(
+            number, x, np.concatenate([self.ordinary.x[number], self.blocks[number].y[:, None]], axis=1)
+        )
+
+    def prepared(self, number: int, raw: Array) -> Array:
+        """A column of the view's row as the block has it: its samples, units of the noise, nuisance taken off."""
+        block = self.blocks[number]
+        x = np.nan_to_num(raw[block.samples]) / block.noise
+        return np.asarray(x - block.nuisance @ (block.nuisance.T @ x))
 
     @property
     def by_channel(self) -> dict[str, list[int]]:
@@ -133,6 +185,11 @@ def lay_out(
     fold_of_run: Sequence[int],
     fold_names: Sequence[str],
     tolerance: Mapping[str, float],
+    *,
+    library: Mapping[str, LibraryEffect] | None = None,
+    sizes: Mapping[str, Mapping[str, Any]] | None = None,
+    dof: float = 30.0,
+    relative: float = 0.15,
 ) -> Board:
     """Cut the channels into blocks.
 
@@ -142,6 +199,10 @@ def lay_out(
         fold_of_run: For each recording the fold that it belongs to; with one fold only, time is cut into two.
         fold_names: Names of the folds.
         tolerance: By channel, in units of the noise: what a nominal model of ordinary quality leaves; 0 where absent.
+        library: Effects that ordinary errors are units of.
+        sizes: Usual sizes of ordinary errors, see :func:`~diagnosis.selection.ordinary.ordinary`.
+        dof: Independent ways in which a formula can be off.
+        relative: Share of what a formula explains by which it is usually off.
     """
     blocks: list[Block] = []
     n_folds = len(fold_names)
@@ -151,7 +212,14 @@ def lay_out(
             block = _block(name, view, row, step, np.asarray(fold_of_run), n_folds, tolerance.get(name, 0.0))
             if block is not None:
                 blocks.append(block)
-    return Board(views, robot, tuple(blocks), max(n_folds, 2), tuple(fold_names))
+    board = Board(
+        views, robot, tuple(blocks), max(n_folds, 2), tuple(fold_names),
+        dof=np.minimum(dof, [b.n_independent for b in blocks]),
+        tolerance_square=np.array([b.tolerance**2 for b in blocks]) + LEAST,
+        relative_square=relative**2,
+    )  # fmt: skip
+    board.prepare(library or {}, sizes or {})
+    return board
 
 
 def _block(
@@ -176,7 +244,17 @@ def _block(
         y = y - q @ (q.T @ y)
     run = view.run[samples]
     fold = fold_of_run[run] if n_folds > 1 else (view.state[samples] // round(FOLD_BLOCK_S / 0.003)) % 2
-    return Block(name, row, samples, y, q, fold, noise, _independent(y, run), tolerance)
+    return Block(name, row, samples, y, q, fold, noise, _independent(y, run), tolerance, _weight(name, view, y))
+
+
+def _weight(name: str, view: ChannelView, y: Array) -> Array:
+    """Square root of what a sample counts, shape (m,)."""
+    if not view.is_robust:
+        return np.ones(len(y))
+    scale = max(1.0, 1.4826 * float(np.median(np.abs(y))))
+    bound = (PEAK if name in PEAKS else OUTLIER) * scale
+    # The square of what is farther off counts as the bound's.
+    return np.asarray(np.minimum(1.0, bound / np.maximum(np.abs(y), 1e-12)))
 
 
 def _independent(y: Array, run: Ints) -> float:

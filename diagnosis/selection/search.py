@@ -15,16 +15,15 @@ from diagnosis.selection.scoring import Placed, Scored, Scorer
 
 MAX_TERMS: Final = 3
 NEAR_SHARE: Final = 0.1
-MIN_SHARE: Final = 0.1
-"""An effect that takes less than this off every signal is too small to matter, however significant."""
 SAME_SIGNAL_SHARE: Final = 0.35
 """In signals that another effect explains, a further one must add this share of that: formulas are never exact."""
 WORTH_SHARE: Final = 0.25
 """An effect whose first try scores less than this share of the best so far is not refined."""
 ROUNDS: Final = 5
+WEIGHT_ROUNDS: Final = 2
 PER_PARAMETER: Final = 2.0
 """Nats that each further free number must bring."""
-PER_UNIT: Final = 0.5
+PER_UNIT: Final = 1.0
 """Nats that a set of joints costs for each unit by which it differs from the nearest natural set."""
 
 Say = Callable[[str], None]
@@ -39,8 +38,6 @@ class Rival:
     """Score less the price of its parameters, nats."""
     beside: float = 0.0
     """What the other terms explain already in the signals where it adds something, nats."""
-    share: float = 1.0
-    """What it takes, beside the other terms, off the logarithm of the unexplained variance of its strongest signal."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +86,7 @@ def search(board: Board, library: Mapping[str, LibraryEffect], threshold: float,
         others = best.terms[:i] + best.terms[i + 1 :]
         names = {t.effect.name for t in others}
         near = _near(first, board) | {t.effect.name for t in best.terms}
-        ranking = ranked(board, others, {n: e for n, e in usable.items() if n in near - names})
+        ranking = ranked(board, others, {n: e for n, e in usable.items() if n in near - names}) if others else first
         gains.append(best.score - _price(best.terms, board) - _value(board, others))
         rivals.append(ranking)
     return Selection(best, tuple(gains), tuple(rivals), first)
@@ -98,20 +95,17 @@ def search(board: Board, library: Mapping[str, LibraryEffect], threshold: float,
 def ranked(board: Board, terms: Sequence[Placed], library: Mapping[str, LibraryEffect]) -> tuple[Rival, ...]:
     """Every effect beside the terms at its best place and shape, best first."""
     scorer = Scorer(board, terms)
-    base = _by_block(board, terms)
-    half = 0.5 * np.array([b.n_independent for b in board.blocks])
+    base = scorer.now.by_block if terms else np.zeros(len(board.blocks))
     found: list[Rival] = []
     top = 0.0
     for effect in library.values():
         rival = best_of(scorer, effect, WORTH_SHARE * top)
         if rival is not None:
-            share = float(np.max((rival.scored.by_block - base) / half))
             more = rival.scored.by_block - base
             same = float(base[more > 0.1 * more.max(initial=0.0)].sum())
-            found.append(replace(rival, share=share, beside=same))
+            found.append(replace(rival, beside=same))
             top = max(top, rival.value)
-    # What is too small to matter stands behind all that matters.
-    return tuple(sorted(found, key=lambda r: (r.share < MIN_SHARE, -r.value)))
+    return tuple(sorted(found, key=lambda r: -r.value))
 
 
 def best_of(scorer: Scorer, effect: LibraryEffect, worth: float = -np.inf) -> Rival | None:
@@ -120,7 +114,7 @@ def best_of(scorer: Scorer, effect: LibraryEffect, worth: float = -np.inf) -> Ri
     Args:
         scorer: Has the other terms.
         effect: What to place.
-        worth: Score under which the best coarse shape and natural place are good enough.
+        worth: Value under which the best coarse shape and natural place are good enough.
     """
     board = scorer.board
     everywhere = np.ones(board.robot.n_joints, dtype=np.bool_)
@@ -129,54 +123,70 @@ def best_of(scorer: Scorer, effect: LibraryEffect, worth: float = -np.inf) -> Ri
         shapes = list(effect.shapes(board.views, everywhere))
     except (KeyError, ValueError):
         return None
-    best: tuple[float, Array, Shape] | None = None
+    if not shapes:
+        return None
+    best: Rival | None = None
+    weights = scorer.weights
+    for _ in range(WEIGHT_ROUNDS):
+        # Weights follow what is left, so what explains much is judged sharply only in a second round.
+        shape, place = _best_by_weights(scorer, effect, shapes, places, weights)
+        if best is not None:
+            place = _grown(scorer, effect, shape, place, weights)
+        scored, weights = scorer.with_weights(effect, shape, place)
+        rival = Rival(scored, scored.score - _price(scored.terms, board))
+        if best is not None and rival.value <= best.value:
+            break
+        best = rival
+        if rival.value < worth:
+            break
+    return best
+
+
+def _best_by_weights(
+    scorer: Scorer, effect: LibraryEffect, shapes: Sequence[Shape], places: Array, weights: Array
+) -> tuple[Shape, Array]:
+    """The shape and natural place that explain most under given weights, refined around the best shape."""
+    best: tuple[float, Array, Shape] = (-np.inf, places[0], shapes[0])
     tried: set[tuple[tuple[str, float], ...]] = set()
 
     def attempt(shape: Shape, where: Array) -> bool:
         nonlocal best
         key = tuple(sorted(shape.items()))
-        if key in tried and len(where) == 1:
+        if key in tried:
             return False
         tried.add(key)
-        scores = scorer.scores(effect, shape, where)[0]
-        at = int(np.argmax(scores))
-        if best is None or scores[at] > best[0] + 1e-6:
-            best = (float(scores[at]), where[at], shape)
+        gains = scorer.gains(effect, shape, where, weights)
+        at = int(np.argmax(gains))
+        if gains[at] > best[0] + 1e-6:
+            best = (float(gains[at]), where[at], shape)
             return True
         return False
 
     for shape in shapes:
         attempt(shape, places)
-    if best is None:
-        return None
-    is_worth = best[0] > worth
-    for _ in range(ROUNDS if is_worth and effect.refined(best[2]) else 0):
+    for _ in range(ROUNDS):
         moved = False
         for shape in effect.refined(best[2]):
             moved |= attempt(shape, best[1][None])
         if not moved:
             break
-    score, place, shape = best
-    if is_worth:
-        place = _grown(scorer, effect, shape, place, score)
-    scored = scorer.scored(effect, shape, place)
-    return Rival(scored, scored.score - _price(scored.terms, board))
+    return best[2], best[1]
 
 
-def _grown(scorer: Scorer, effect: LibraryEffect, shape: Shape, place: Array, score: float) -> Array:
+def _grown(scorer: Scorer, effect: LibraryEffect, shape: Shape, place: Array, weights: Array) -> Array:
     """Add or drop one unit at a time while that pays for itself."""
     robot = scorer.board.robot
     natural = robot.places(effect)
-    value = score - PER_UNIT * _distance(place, natural)
+    if len(place) == 1:
+        return place
+    value = float(scorer.gains(effect, shape, place[None], weights)[0]) - PER_UNIT * _distance(place, natural)
     for _ in range(len(place)):
         options = np.abs(place[None] - np.eye(len(place)))
         options = options[options.any(axis=1)]
-        if not len(options) or len(place) == 1:
-            break
-        values = scorer.scores(effect, shape, options)[0]
+        values = scorer.gains(effect, shape, options, weights)
         values = values - PER_UNIT * np.array([_distance(o, natural) for o in options])
         at = int(np.argmax(values))
-        if values[at] <= value + 1.0:
+        if values[at] <= value + 1e-6:
             break
         place, value = options[at], float(values[at])
     return place
@@ -203,21 +213,13 @@ def _price(terms: Sequence[Placed], board: Board) -> float:
 
 
 def _passes(rival: Rival, value: float, threshold: float) -> bool:
-    return rival.share >= MIN_SHARE and rival.value - value > max(threshold, SAME_SIGNAL_SHARE * rival.beside)
-
-
-def _by_block(board: Board, terms: Sequence[Placed]) -> Array:
-    if not terms:
-        return np.zeros(len(board.blocks))
-    last = terms[-1]
-    return Scorer(board, terms[:-1]).scored(last.effect, last.shape, last.place).by_block
+    return rival.value - value > max(threshold, SAME_SIGNAL_SHARE * rival.beside)
 
 
 def _value(board: Board, terms: Sequence[Placed]) -> float:
     if not terms:
         return 0.0
-    last = terms[-1]
-    return Scorer(board, terms[:-1]).scored(last.effect, last.shape, last.place).score - _price(terms, board)
+    return Scorer(board, terms).now.score - _price(terms, board)
 
 
 def _swapped(board: Board, best: Scored, value: float, library: Mapping[str, LibraryEffect]) -> tuple[Scored, float]:
@@ -229,7 +231,7 @@ def _swapped(board: Board, best: Scored, value: float, library: Mapping[str, Lib
         if ranking and ranking[0].value > value:
             best, value = ranking[0].scored, ranking[0].value
         else:
-            best = Scorer(board, others).scored(best.terms[0].effect, best.terms[0].shape, best.terms[0].place)
+            best = Scorer(board, (*others, best.terms[0])).now
     return best, value
 
 
@@ -242,5 +244,5 @@ def _pruned(board: Board, best: Scored, threshold: float) -> Scored:
         if losses[weakest] > threshold:
             break
         left = best.terms[:weakest] + best.terms[weakest + 1 :]
-        best = Scorer(board, left[:-1]).scored(left[-1].effect, left[-1].shape, left[-1].place)
+        best = Scorer(board, left).now
     return best

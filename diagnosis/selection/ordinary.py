@@ -1,0 +1,119 @@
+"""What a nominal model of ordinary quality is off by, a few per cent everywhere: columns that are always fitted beside.
+
+Each is a unit of an effect of the library, with a normal prior of a usual size in place of free play: an armature that
+is 4 g·m² off or a body that is half a kilogram off is no finding. An effect must explain what these cannot without
+leaving their usual sizes. The sizes are in the calibration, by effect and coefficient.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final, Protocol
+
+import numpy as np
+
+from diagnosis.channels.actuator import ActuatorSignals
+from diagnosis.channels.nominal_torque import nominal_torque_nm
+from diagnosis.library.base import LibraryEffect
+from diagnosis.seam import Array, Ints, Shape
+from spot_model.effects.base import Effect, TorqueEffect
+
+SHARE: Final = "share"
+"""Name of the prior on an effect whose size is in its shape: times what it does at that shape, of either sign."""
+OWN_NUMBERS: Final = 0.05
+"""Standard deviation of a nominal torque effect's own numbers, relative."""
+
+
+@dataclass(frozen=True)
+class Ordinary:
+    """The columns, Q in all, scaled so that a unit of each is its usual size."""
+
+    x: tuple[Array, ...]
+    """By block, shape (m, q)."""
+    numbers: tuple[Ints, ...]
+    """By block: which of the Q its columns are, shape (q,)."""
+    names: tuple[str, ...]
+    """Effect of each of the Q."""
+
+    @property
+    def size(self) -> int:
+        """Q."""
+        return len(self.names)
+
+
+class Source(Protocol):
+    """What gives columns by block; a board."""
+
+    def columns(self, effect: LibraryEffect, shape: Shape) -> Any:
+        """Columns of every unit of an effect."""
+        ...
+
+
+def ordinary(board: Any, library: Mapping[str, LibraryEffect], sizes: Mapping[str, Mapping[str, Any]]) -> Ordinary:
+    """Columns of the ordinary errors.
+
+    Args:
+        board: Blocks, views and robot.
+        library: Effects that are known; one that was left out is no ordinary error either.
+        sizes: By effect: ``at`` (a shape, where it has one), and by coefficient the usual size.
+    """
+    parts: list[list[Array]] = [[] for _ in board.blocks]
+    numbers: list[list[int]] = [[] for _ in board.blocks]
+    names: list[str] = []
+    for name, given in sizes.items():
+        effect = library.get(name)
+        if effect is None or not effect.show(board.views):
+            continue
+        scale = np.array([float(given.get(c.name, 0.0)) for c in effect.coefficients])
+        columns = board.columns(effect, given.get("at", {}))
+        n_units = len(board.robot.units(effect.location))
+        first = len(names)
+        chosen = np.flatnonzero(scale > 0.0)
+        names += [name] * (n_units * len(chosen))
+        for number, (units, x) in enumerate(zip(columns.units, columns.x, strict=True)):
+            for i, unit in enumerate(units):
+                parts[number] += [x[:, i, p] * scale[p] for p in chosen]
+                numbers[number] += [first + int(unit) * len(chosen) + k for k in range(len(chosen))]
+    for own in _own_numbers(board):
+        first = len(names)
+        names += ["nominal"] * board.robot.n_joints
+        for number, block in enumerate(board.blocks):
+            if block.channel == "A":
+                x = board.prepared(number, own[:, block.row])
+                if np.any(x):
+                    parts[number].append(x)
+                    numbers[number].append(first + block.row)
+    return Ordinary(
+        tuple(
+            np.stack(p, axis=1).astype(np.float64) if p else np.zeros((len(b.y), 0))
+            for p, b in zip(parts, board.blocks, strict=True)
+        ),
+        tuple(np.array(n, dtype=np.intp) for n in numbers),
+        tuple(names),
+    )
+
+
+def _own_numbers(board: Any) -> list[Array]:
+    """What the usual error of each number of the nominal torque effects changes in channel A; each shape (n, J)."""
+    view = board.views.get("A")
+    if view is None:
+        return []
+    s: ActuatorSignals = view.signals
+    found = []
+    for i, effect in enumerate(s.effects):
+        if not isinstance(effect, TorqueEffect) or effect.is_null:
+            continue
+        for p in effect.parameters():
+            value = getattr(effect, p.name)
+            if not np.all(np.isfinite(value)) or np.all(np.asarray(value) == p.null):
+                continue
+            moved = replace(effect, **{p.name: value * (1.0 - OWN_NUMBERS)})
+            changed = _torque(s, (*s.effects[:i], moved, *s.effects[i + 1 :])) - s.torque_nm
+            if np.any(changed):
+                found.append(s.finish(changed))
+    return found
+
+
+def _torque(s: ActuatorSignals, effects: Sequence[Effect]) -> Array:
+    return nominal_torque_nm(effects, s.request_nm, s.position_rad, s.velocity_rad_s, s.stack.starts(), s.period_s)
