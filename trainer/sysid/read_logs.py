@@ -18,6 +18,8 @@ from trainer.sysid.logged_run import Commands, LoggedRun, States, Ticks
 
 MODE: Final = "active"
 """Mode of the ticks in which the policy follows the velocity command."""
+INCIDENTS: Final = "incidents"
+"""Folder of recordings that runs leave beside their logs when something goes wrong."""
 MIN_TICKS: Final = 250
 """A run shorter than 5 s says too little."""
 FALL_GRAVITY_Z: Final = -0.5
@@ -181,7 +183,9 @@ def _is_same_network(contract_json: str, policy: Policy) -> bool:
 def _files(paths: Sequence[Path]) -> list[Path]:
     files: list[Path] = []
     for path in paths:
-        found = sorted(path.rglob("*.mcap")) if path.is_dir() else [path]
+        # An incident's recording repeats the end of the log beside it.
+        inside = [p for p in sorted(path.rglob("*.mcap")) if INCIDENTS not in p.relative_to(path).parts[:-1]]
+        found = inside if path.is_dir() else [path]
         if not found:
             raise BadInputError(f"folder {path} has no .mcap file; give logs of 'spot-rl collect' or 'spot-rl run'")
         files.extend(f for f in found if f not in files)

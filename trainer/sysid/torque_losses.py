@@ -20,8 +20,8 @@ from spot_model.effects.viscous_friction import ViscousFriction
 from spot_model.joints import select_joints
 from trainer.sysid.space import SearchSpace
 from trainer.sysid.torque_errors import cluster_covariances
-from trainer.sysid.torque_model import MIN_SPEED_RAD_S, TorqueModel, shifted_motion
-from trainer.sysid.torque_samples import TorqueSamples
+from trainer.sysid.torque_model import MIN_SPEED_RAD_S, TURNING_TIME_S, TorqueModel, shifted_motion
+from trainer.sysid.torque_samples import BEND_WEIGHTS, TorqueSamples
 
 Array = NDArray[np.float64]
 
@@ -32,6 +32,8 @@ PERIOD_S: Final = facts.STATE_PERIOD_NS * 1e-9
 CALM_REQUEST_NM: Final = 40.0
 CALM_SPEED_RAD_S: Final = 12.0
 """Joints that are asked for less and move slower are far from most limits; those that meet one are left out."""
+STEADY_RAD_S2: Final = 100.0
+"""A joint that accelerates more is left out too: its inertia outweighs its friction by far."""
 UNTOUCHED_NM: Final = 1e-6
 TYPICAL_INERTIA_KG_M2: Final = 0.06
 LOAD_DOUBT_NM: Final = 0.5
@@ -141,12 +143,12 @@ def window_starts(samples: TorqueSamples) -> NDArray[np.intp]:
 
 def _windows(model: TorqueModel, samples: TorqueSamples, values: Array, offset_s: float) -> _Windows:
     starts = window_starts(samples)
-    motion = shifted_motion(samples, offset_s)
+    at_samples = shifted_motion(samples, offset_s)
     request = (
-        samples.kp_nm_per_rad * (samples.setpoint_rad - motion.position_rad)
-        - samples.kd_nm_s_per_rad * motion.velocity_rad_s
+        samples.kp_nm_per_rad * (samples.setpoint_rad - at_samples.position_rad)
+        - samples.kd_nm_s_per_rad * at_samples.velocity_rad_s
     )
-    touched = np.abs(model.motor_torque_nm(samples, values, motion) - request) > UNTOUCHED_NM
+    touched = np.abs(model.motor_torque_nm(samples, values, at_samples) - request) > UNTOUCHED_NM
 
     def gathered(x: NDArray[np.float64]) -> Array:
         return np.stack([x[starts + k] for k in range(WIDTH)])
@@ -154,20 +156,29 @@ def _windows(model: TorqueModel, samples: TorqueSamples, values: Array, offset_s
     def mean(x: Array) -> Array:
         return np.asarray(np.tensordot(SIMPSON, gathered(x), axes=1))
 
-    velocity, torque = gathered(samples.velocity_rad_s), mean(request)
+    velocity = gathered(samples.velocity_rad_s)
+    # The motion within the window alone, as the set-points before and after it accelerate otherwise.
+    acceleration = (velocity[-1] - velocity[0]) / ((WIDTH - 1) * PERIOD_S)
+    jerk = np.tensordot(BEND_WEIGHTS, velocity, axes=1) / PERIOD_S**2
+    mean_velocity = np.tensordot(SIMPSON, velocity, axes=1) - offset_s * acceleration + 0.5 * offset_s**2 * jerk
+    mean_position = mean(samples.position_rad - offset_s * samples.velocity_rad_s) + 0.5 * offset_s**2 * acceleration
+    torque = (
+        samples.kp_nm_per_rad[starts] * (samples.setpoint_rad[starts] - mean_position)
+        - samples.kd_nm_s_per_rad[starts] * mean_velocity
+    )
     bad = gathered((touched | ~samples.is_off_the_stops).astype(np.float64)).any(axis=0)
     way = np.abs(np.sign(velocity).sum(axis=0)) == WIDTH
     fast = np.abs(velocity).min(axis=0) > MIN_SPEED_RAD_S
+    steady = np.abs(acceleration) < np.minimum(np.abs(mean_velocity) / TURNING_TIME_S, STEADY_RAD_S2)
     calm = (np.abs(torque) < CALM_REQUEST_NM) & (np.abs(velocity).max(axis=0) < CALM_SPEED_RAD_S)
     bend = np.abs(np.diff(velocity, n=2, axis=0)).max(axis=0) if len(starts) else np.zeros_like(torque)
     weight = 1.0 / (1.0 + (bend * TYPICAL_INERTIA_KG_M2 / PERIOD_S / LOAD_DOUBT_NM) ** 2)
-    acceleration = (velocity[-1] - velocity[0]) / ((WIDTH - 1) * PERIOD_S)
     return _Windows(
         run=samples.run[starts],
         excess_nm=torque - mean(samples.load_nm),
-        velocity_rad_s=mean(motion.velocity_rad_s),
-        acceleration_rad_s2=acceleration - 0.5 * offset_s * mean(samples.jerk_rad_s3),
-        weight=np.where(~bad & way & fast & calm, weight, 0.0),
+        velocity_rad_s=mean_velocity,
+        acceleration_rad_s2=acceleration - 0.5 * offset_s * jerk,
+        weight=np.where(~bad & way & fast & calm & steady, weight, 0.0),
     )
 
 
