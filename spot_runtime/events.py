@@ -29,6 +29,9 @@ class EventName(Enum):
     INCIDENT = (Severity.INFO, "what led to the stop was written to a file of its own")
     INCIDENT_FAILED = (Severity.WARNING, "the incident file could not be written")
     LEFTOVER = (Severity.INFO, "a log that a crash had left behind was recovered")
+    ARMED = (Severity.INFO, "the robot stands under the vendor's control and waits for the operator")
+    LABEL = (Severity.INFO, "the operator labelled the log: key=value")
+    POLICY_SWITCHED = (Severity.INFO, "another policy was loaded while standing")
     POWER_OFF = (Severity.INFO, "the robot sits and its motors are off")
     POWER_OFF_FAILED = (Severity.ERROR, "the robot could not be powered off")
 

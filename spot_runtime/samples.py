@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 DEFAULT_CAPACITY: Final = 32_768
 """Ten minutes at 50 Hz."""
@@ -23,6 +24,12 @@ class Samples:
         """Take a number."""
         self._ring[self.count % self._ring.size] = value
         self.count += 1
+
+    def newest(self, count: int) -> NDArray[np.float64]:
+        """The newest numbers, at most ``count`` of them; the order within them is not kept."""
+        size = min(count, self.count, self._ring.size)
+        places = np.arange(self.count - size, self.count) % self._ring.size
+        return self._ring[places]
 
     def percentile(self, percent: float) -> float:
         """A percentile of what is kept; NaN when nothing is."""

@@ -24,6 +24,7 @@ from google.protobuf.message import DecodeError
 
 from spot_model.errors import SpotRlError
 from spot_protos import log_pb2
+from spot_runtime.live.tap import LiveTap
 from spot_runtime.log.hand_off import MAX_DATAGRAM_BYTES, TOPIC_OF_KIND, Kind, unpack, unpack_head
 from spot_runtime.log.run_writer import RunWriter
 from spot_runtime.log.sink import TOPICS
@@ -40,7 +41,8 @@ class LoggerChild:
 
     def __init__(self, connection: socket.socket, path: Path, header: log_pb2.Header) -> None:
         self._connection = connection
-        self._writer = RunWriter(path, header)
+        self._tap = LiveTap.from_environment()
+        self._writer = RunWriter(path, header, copy_to=self._tap.put)
         self._queue: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
         self._unwritten: Counter[str] = Counter()
         self._overflowed: Counter[str] = Counter()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Final
 
@@ -26,6 +26,7 @@ from spot_runtime.log.topics import (
     JOINT_STATES,
     ODOMETRY,
     OWN_TOPICS,
+    SCENE,
     SLOW_STATE,
     STATE,
     TICK,
@@ -73,6 +74,7 @@ class RunWriter:
 
     Log time is the receipt or the instant of the act by the host's clock; publish time is the robot's stamp, mapped to
     the host's clock by the newest command or event that carries both (before one, by the first state).
+    ``copy_to`` gets a copy of every message, with the number of its topic and its log time; it must not wait.
 
     Raises:
         LogExistsError: The log exists.
@@ -81,9 +83,15 @@ class RunWriter:
     """
 
     def __init__(
-        self, path: Path, header: RunHeader | log_pb2.Header, *, min_free_bytes: int = MIN_FREE_BYTES_TO_START
+        self,
+        path: Path,
+        header: RunHeader | log_pb2.Header,
+        *,
+        min_free_bytes: int = MIN_FREE_BYTES_TO_START,
+        copy_to: Callable[[int, bytes, int], None] | None = None,
     ) -> None:
         check_can_start(path, min_free_bytes)
+        self._copy_to = copy_to
         self.path = path
         self.message = codec.header_to_proto(header) if isinstance(header, RunHeader) else header
         self._joint_names = tuple(self.message.joint_names) or JOINT_NAMES
@@ -95,7 +103,10 @@ class RunWriter:
         self._last_host_stamp_ns = self.message.started_host_stamp_ns
         started_ns = self.message.started_host_stamp_ns
         data = self.message.SerializeToString()
-        self._file.add(HEADER.channel_id, data, log_ns=started_ns, publish_ns=started_ns, sequence=0)
+        self._put(HEADER, self.message, 0, started_ns)
+        self._is_spot = self._joint_names == JOINT_NAMES
+        if self._is_spot:
+            self._put(SCENE, viewer.scene(started_ns), 0, started_ns)
         self._file.flush()
         self._file.attach(HEADER_ATTACHMENT, "application/x-protobuf", data, started_ns)
 
@@ -175,7 +186,8 @@ class RunWriter:
             (JOINT_STATES, viewer.joint_states(state, self._joint_names, acquired_ns))
         ]
         if viewer.has_pose(state):
-            copies.append((TRANSFORMS, viewer.transforms(state, acquired_ns)))
+            is_spot = self._is_spot and len(state.position_rad) == len(JOINT_NAMES)
+            copies.append((TRANSFORMS, viewer.transforms(state, acquired_ns, is_spot=is_spot)))
             copies.append((ODOMETRY, viewer.odometry(state, acquired_ns)))
         for topic, message in copies:
             self._put(topic, message, self._sequences[topic.channel_id], log_ns, acquired_ns)
@@ -187,9 +199,12 @@ class RunWriter:
         return max(0, record.robot_stamp_ns - self._robot_minus_host_ns)
 
     def _put(self, topic: Topic, message: Message, sequence: int, log_ns: int, publish_ns: int | None = None) -> None:
+        data = message.SerializeToString()
+        if self._copy_to is not None:
+            self._copy_to(topic.channel_id, data, log_ns)
         self._file.add(
             topic.channel_id,
-            message.SerializeToString(),
+            data,
             log_ns=log_ns,
             publish_ns=log_ns if publish_ns is None else publish_ns,
             sequence=sequence,

@@ -10,6 +10,7 @@ from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
 from foxglove_schemas_protobuf.Log_pb2 import Log
 from foxglove_schemas_protobuf.Odometry_pb2 import Odometry
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from google.protobuf.descriptor import FileDescriptor
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.message import Message
@@ -48,7 +49,8 @@ JOINT_STATES: Final = Topic(11, "/joint_states", JointStates)
 TRANSFORMS: Final = Topic(12, "/tf", FrameTransforms)
 ODOMETRY: Final = Topic(13, "/odometry", Odometry)
 EVENT_TEXT: Final = Topic(14, "/log", Log)
-VIEWER_TOPICS: Final = (JOINT_STATES, TRANSFORMS, ODOMETRY, EVENT_TEXT)
+SCENE: Final = Topic(15, "/scene", SceneUpdate)
+VIEWER_TOPICS: Final = (JOINT_STATES, TRANSFORMS, ODOMETRY, EVENT_TEXT, SCENE)
 """What Foxglove shows without set-up; nothing of ours reads them back."""
 
 ALL_TOPICS: Final = OWN_TOPICS + VIEWER_TOPICS

@@ -13,15 +13,16 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from foxglove_schemas_protobuf.Odometry_pb2 import Odometry
 from foxglove_schemas_protobuf.Pose_pb2 import Pose
 from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.timestamp_pb2 import Timestamp
 
 from spot_protos import log_pb2
+from spot_runtime.log.scene import BODY_FRAME, joint_transforms, spot_scene
 
 NS_PER_S: Final = 1_000_000_000
 VIEWER_PERIOD_NS: Final = 20_000_000
 ODOM_FRAME: Final = "odom"
-BODY_FRAME: Final = "body"
 
 _LEVELS: Final = {
     log_pb2.Event.INFO: Log.Level.INFO,
@@ -39,8 +40,8 @@ def joint_states(state: log_pb2.State, names: Sequence[str], host_ns: int) -> Jo
     return JointStates(timestamp=_timestamp(host_ns), joints=[JointState(**row) for row in rows])
 
 
-def transforms(state: log_pb2.State, host_ns: int) -> FrameTransforms:
-    """The body's pose in odom."""
+def transforms(state: log_pb2.State, host_ns: int, *, is_spot: bool = True) -> FrameTransforms:
+    """The body's pose in odom, and the place of each joint's link, where the joints are Spot's."""
     transform = FrameTransform(
         timestamp=_timestamp(host_ns),
         parent_frame_id=ODOM_FRAME,
@@ -48,7 +49,13 @@ def transforms(state: log_pb2.State, host_ns: int) -> FrameTransforms:
         translation=_vector(state.position_of_body_in_odom_m),
         rotation=_quaternion(state.odom_from_body_wxyz),
     )
-    return FrameTransforms(transforms=[transform])
+    links = joint_transforms(state.position_rad, _timestamp(host_ns)) if is_spot else ()
+    return FrameTransforms(transforms=[transform, *links])
+
+
+def scene(host_ns: int) -> SceneUpdate:
+    """Spot's shapes, fixed to those frames."""
+    return spot_scene(_timestamp(host_ns))
 
 
 def odometry(state: log_pb2.State, host_ns: int) -> Odometry:

@@ -1,0 +1,132 @@
+"""The live view's process: takes copies of log messages from a socket and serves them to Foxglove.
+
+Arguments are the listening socket's descriptor and the TCP port. It ends when its standard input closes. Clients are
+served by the SDK's own threads; one that reads slowly or not at all loses messages and delays nobody.
+"""
+
+from __future__ import annotations
+
+import selectors
+import socket
+import sys
+import time
+from typing import Final
+
+import foxglove
+
+from spot_runtime.live.tap import HEAD, MAX_DATAGRAM_BYTES
+from spot_runtime.log.logger_child import shed_inherited_settings
+from spot_runtime.log.topics import ALL_TOPICS, HEADER, SCENE
+
+BACKLOG_MESSAGES: Final = 256
+"""Kept for each client; the oldest goes first."""
+
+REPEAT_S: Final = 2.0
+REPEATED: Final = (SCENE.channel_id, HEADER.channel_id)
+"""Said once in a log, and repeated here: whoever connects later must have them, too."""
+
+
+class LiveView:
+    """Channels like the log's, served."""
+
+    def __init__(self, port: int) -> None:
+        """Serve on loopback. Raises RuntimeError where the port is taken."""
+        self._channels = {
+            topic.channel_id: foxglove.Channel(
+                topic.name,
+                message_encoding="protobuf",
+                schema=foxglove.Schema(name=topic.schema_name, encoding="protobuf", data=topic.schema_data()),
+            )
+            for topic in ALL_TOPICS
+        }
+        self._server = foxglove.start_server(
+            name="spot-rl", host="127.0.0.1", port=port, message_backlog_size=BACKLOG_MESSAGES
+        )
+        self.port: int = self._server.port
+        self._repeated: dict[int, bytes] = {}
+        self._newest_ns = 0
+        self._repeat_due_s = 0.0
+
+    def take(self, datagram: bytes) -> None:
+        """Show one message; one that is none is left out."""
+        if len(datagram) < HEAD.size:
+            return
+        channel_id, log_ns = HEAD.unpack_from(datagram)
+        channel = self._channels.get(channel_id)
+        if channel is None:
+            return
+        data = datagram[HEAD.size :]
+        self._newest_ns = max(self._newest_ns, log_ns)
+        if channel_id in REPEATED:
+            self._repeated[channel_id] = data
+        channel.log(data, log_time=log_ns)
+
+    def repeat(self) -> None:
+        """Say again what only the begin of a log says."""
+        now_s = time.monotonic()
+        if now_s < self._repeat_due_s:
+            return
+        self._repeat_due_s = now_s + REPEAT_S
+        for channel_id, data in self._repeated.items():
+            self._channels[channel_id].log(data, log_time=self._newest_ns)
+
+    def close(self) -> None:
+        """Serve no more."""
+        self._server.stop()
+
+
+def run(view: LiveView, listener: socket.socket) -> None:
+    """Take messages of one log after another until standard input closes."""
+    listener.setblocking(False)
+    with selectors.DefaultSelector() as selector:
+        selector.register(sys.stdin.buffer, selectors.EVENT_READ)
+        selector.register(listener, selectors.EVENT_READ)
+        while True:
+            for key, _ in selector.select(REPEAT_S):
+                if key.fileobj is sys.stdin.buffer:
+                    return
+                if key.fileobj is listener:
+                    connection, _address = listener.accept()
+                    connection.setblocking(False)
+                    selector.register(connection, selectors.EVENT_READ)
+                elif isinstance(key.fileobj, socket.socket):
+                    _drain(view, key.fileobj, selector)
+            view.repeat()
+
+
+def _drain(view: LiveView, connection: socket.socket, selector: selectors.BaseSelector) -> None:
+    while True:
+        try:
+            datagram = connection.recv(MAX_DATAGRAM_BYTES)
+        except BlockingIOError:
+            return
+        except OSError:
+            datagram = b""
+        if not datagram:
+            selector.unregister(connection)
+            connection.close()
+            return
+        view.take(datagram)
+
+
+def main() -> None:
+    """Run the process; its first line of output is the port, or why there is none."""
+    shed_inherited_settings()
+    foxglove.set_log_level("ERROR")
+    listener = socket.socket(fileno=int(sys.argv[1]))
+    try:
+        view = LiveView(int(sys.argv[2]))
+    except (RuntimeError, OSError) as error:
+        sys.stdout.write(f"{error}\n")
+        sys.stdout.flush()
+        raise SystemExit(1) from None
+    sys.stdout.write(f"{view.port}\n")
+    sys.stdout.flush()
+    try:
+        run(view, listener)
+    finally:
+        view.close()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,118 @@
+"""Starts the live view's process and ends it."""
+
+from __future__ import annotations
+
+import os
+import select
+import shutil
+import socket
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from types import TracebackType
+from typing import Final
+
+from typing_extensions import Self
+
+from spot_model.errors import BadInputError, SpotRlError
+from spot_runtime.live.tap import SOCKET_VARIABLE
+
+START_TIMEOUT_S: Final = 20.0
+STOP_TIMEOUT_S: Final = 5.0
+
+
+class LiveViewError(SpotRlError):
+    """The live view cannot be served."""
+
+    exit_code = 98
+
+
+class LiveProcess:
+    """Serves Foxglove on loopback while it is entered; logs that begin meanwhile show up there."""
+
+    def __init__(self, port: int, *, is_wanted: bool = True) -> None:
+        """Serve on ``port``; 0 takes a free one."""
+        self.port = port
+        self._is_wanted = is_wanted
+        self._process: subprocess.Popen[bytes] | None = None
+        self._folder: Path | None = None
+
+    @staticmethod
+    def if_wanted(port: int) -> LiveProcess:
+        """One that serves on ``port``, or nothing at all for port 0."""
+        return LiveProcess(port, is_wanted=port != 0)
+
+    def __enter__(self) -> Self:
+        """Start it.
+
+        Raises:
+            BadInputError: foxglove-sdk is not installed.
+            LiveViewError: The port is taken, or the process does not start.
+        """
+        if not self._is_wanted:
+            return self
+        try:
+            import foxglove  # noqa: F401
+        except ModuleNotFoundError as error:
+            raise BadInputError(
+                "the live view needs foxglove-sdk; install the extra: pip install 'spot-rl[live]'"
+            ) from error
+        self._folder = Path(tempfile.mkdtemp(prefix="spot-rl-live-"))
+        path = self._folder / "live.sock"
+        try:
+            with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as listener:
+                listener.bind(str(path))
+                listener.listen(4)
+                command = [sys.executable, "-m", "spot_runtime.live.live_child", str(listener.fileno()), str(self.port)]
+                self._process = subprocess.Popen(  # noqa: S603 - our own command line
+                    command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, pass_fds=(listener.fileno(),)
+                )
+            self.port = self._wait_ready(self._process)
+        except BaseException:
+            self.stop()
+            raise
+        os.environ[SOCKET_VARIABLE] = str(path)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """End it."""
+        self.stop()
+
+    @property
+    def url(self) -> str:
+        """What to open in Foxglove; empty: nothing is served."""
+        return f"ws://127.0.0.1:{self.port}" if self._process is not None else ""
+
+    @property
+    def pid(self) -> int:
+        """The process's number; 0: none runs."""
+        return 0 if self._process is None else self._process.pid
+
+    def stop(self) -> None:
+        """End it; a second call does nothing."""
+        process, self._process = self._process, None
+        folder, self._folder = self._folder, None
+        if folder is not None:
+            os.environ.pop(SOCKET_VARIABLE, None)
+            shutil.rmtree(folder, ignore_errors=True)
+        if process is None:
+            return
+        for pipe in (process.stdin, process.stdout):
+            if pipe is not None:
+                pipe.close()
+        try:
+            process.wait(STOP_TIMEOUT_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+    def _wait_ready(self, process: subprocess.Popen[bytes]) -> int:
+        assert process.stdout is not None  # noqa: S101
+        readable = select.select([process.stdout], [], [], START_TIMEOUT_S)[0]
+        words = process.stdout.readline().decode(errors="replace").strip() if readable else "no answer"
+        if not words.isdecimal():
+            raise LiveViewError(f"the live view cannot be served on port {self.port}: {words}; name another port")
+        return int(words)

@@ -1,0 +1,144 @@
+"""Where the service listens: a Unix socket or loopback, and anything else only with mutual TLS."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import ipaddress
+import os
+import stat
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+
+import grpc
+
+from spot_model.errors import BadInputError, SpotRlError
+from spot_runtime.service_config import ServiceConfig
+
+SOCKET_NAME: Final = "operator.sock"
+SYSTEM_SOCKET: Final = Path("/run/spot-rl") / SOCKET_NAME
+MAX_PATH: Final = 100
+MAX_PEM_BYTES: Final = 1 << 20
+
+
+class ListenError(SpotRlError):
+    """The service cannot listen where it should."""
+
+    exit_code = 97
+
+
+def default_address(environment: Mapping[str, str]) -> str:
+    """Where the service listens if nobody says: in the folder that systemd made for it, or one of the user's own."""
+    folder = environment.get("RUNTIME_DIRECTORY", "").partition(":")[0]
+    return f"unix:{Path(folder) / SOCKET_NAME}" if folder else f"unix:{user_socket(environment)}"
+
+
+def user_socket(environment: Mapping[str, str]) -> Path:
+    """The socket of a service that a user started by hand."""
+    runtime = environment.get("XDG_RUNTIME_DIR", "")
+    folder = Path(runtime) / "spot-rl" if runtime else Path(tempfile.gettempdir()) / f"spot-rl-{os.getuid()}"
+    return folder / SOCKET_NAME
+
+
+def is_unix(address: str) -> bool:
+    """Whether an address is that of a Unix socket."""
+    return address.startswith("unix:")
+
+
+def is_loopback(address: str) -> bool:
+    """Whether an address reaches this computer alone.
+
+    Raises:
+        BadInputError: It is no address.
+    """
+    if is_unix(address):
+        return True
+    host, colon, port = address.rpartition(":")
+    if not colon or not port.isdecimal() or not host:
+        raise BadInputError(f"address {address!r} is not valid; allowed: 'unix:/path' or HOST:PORT")
+    with contextlib.suppress(ValueError):
+        return ipaddress.ip_address(host.strip("[]")).is_loopback
+    return host == "localhost"
+
+
+def server_credentials(config: ServiceConfig, address: str) -> grpc.ServerCredentials | None:
+    """The credentials of mutual TLS, if the three files are named; None on a socket of this computer.
+
+    Raises:
+        BadInputError: Only some are named, or none where the network is served; or one cannot be read safely.
+    """
+    files = (config.tls_certificate, config.tls_key, config.tls_client_ca)
+    certificate, key, client_ca = files
+    if certificate is None or key is None or client_ca is None:
+        if any(files):
+            raise BadInputError("service: tls_certificate, tls_key and tls_client_ca go together; name all three")
+        if not is_loopback(address):
+            raise BadInputError(
+                f"service.listen = {address!r} can be reached from the network, which needs mutual TLS: name "
+                "tls_certificate, tls_key and tls_client_ca, or listen on loopback"
+            )
+        return None
+    if is_unix(address):
+        raise BadInputError("service: TLS is for HOST:PORT, and a Unix socket is listened on; name one of the two")
+    pair = (_read(key, is_secret=True), _read(certificate, is_secret=False))
+    return grpc.ssl_server_credentials([pair], _read(client_ca, is_secret=False), require_client_auth=True)
+
+
+class SocketFile:
+    """The file of a Unix socket: in a folder of ours, for this user and group alone, and one service each."""
+
+    def __init__(self, path: Path) -> None:
+        """Take the lock beside the socket.
+
+        Raises:
+            BadInputError: The path is too long for a socket.
+            ListenError: Another service listens there, or the folder cannot be used.
+        """
+        if len(str(path)) > MAX_PATH:
+            raise BadInputError(f"socket {path} has a name of {len(str(path))} characters; allowed: {MAX_PATH}")
+        self.path = path
+        try:
+            path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+            owner = path.parent.stat()
+            if owner.st_uid != os.getuid() or owner.st_mode & 0o002:
+                raise ListenError(f"folder {path.parent} belongs to somebody else or is writable by all; use another")
+            self._descriptor = os.open(f"{path}.lock", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
+        except OSError as error:
+            raise ListenError(f"socket {path} cannot be made: {error.strerror}; name another") from error
+        try:
+            fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(self._descriptor)
+            raise ListenError(f"another service listens on {path}; end it, or name another socket") from None
+
+    def bind(self, server: grpc.Server) -> None:
+        """Let the server listen, so that only this user and group may connect."""
+        before = os.umask(0o117)
+        try:
+            server.add_insecure_port(f"unix:{self.path}")
+        finally:
+            os.umask(before)
+
+    def close(self) -> None:
+        """Remove the socket and free the lock."""
+        self.path.unlink(missing_ok=True)
+        os.close(self._descriptor)
+
+
+def _read(path: Path, *, is_secret: bool) -> bytes:
+    try:
+        with path.open("rb") as stream:
+            status = os.fstat(stream.fileno())
+            data = stream.read(MAX_PEM_BYTES + 1)
+    except OSError as error:
+        raise BadInputError(f"file {path} cannot be read: {error.strerror}") from error
+    # A credential of systemd's may show its access list's mask as the group's bits; its folder lets nobody else in.
+    credentials = os.environ.get("CREDENTIALS_DIRECTORY", "")
+    forbidden = 0o007 if credentials and path.parent == Path(credentials) else 0o077
+    if is_secret and (not stat.S_ISREG(status.st_mode) or status.st_mode & forbidden):
+        raise BadInputError(f"key {path} can be read by others; run: chmod 600 {path}")
+    if len(data) > MAX_PEM_BYTES or b"-----BEGIN" not in data:
+        raise BadInputError(f"file {path} holds no PEM; give a PEM file")
+    return data

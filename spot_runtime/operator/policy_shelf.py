@@ -1,0 +1,80 @@
+"""The policies that an operator may name: files of one folder, within the allowed digests."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import grpc
+
+from spot_model.policy_contract import MAX_POLICY_BYTES, sha256_hex
+from spot_runtime.operator.refusal import Refusal, bad_request, not_now
+
+NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
+SUFFIX: Final = ".onnx"
+MAX_LISTED: Final = 200
+
+
+@dataclass(frozen=True)
+class ShelvedPolicy:
+    """One file that is there."""
+
+    name: str
+    path: Path
+    sha256: str
+    size_bytes: int
+    is_allowed: bool
+
+
+class PolicyShelf:
+    """Looks policies up by name; a name is no path, so nothing outside the folder can be reached."""
+
+    def __init__(self, folder: Path, allowed_sha256: tuple[str, ...]) -> None:
+        """Look in ``folder``; with ``allowed_sha256`` given, only those digests may be armed."""
+        self._folder, self._allowed = folder, allowed_sha256
+
+    def list(self) -> list[ShelvedPolicy]:
+        """All that can be named, at most :data:`MAX_LISTED`."""
+        paths = sorted(self._folder.glob(f"*{SUFFIX}")) if self._folder.is_dir() else []
+        found = [self._read(path) for path in paths[:MAX_LISTED] if NAME.fullmatch(path.stem)]
+        return [policy for policy in found if policy is not None]
+
+    def find(self, name: str, sha256: str) -> ShelvedPolicy:
+        """The policy that may be armed under this name.
+
+        Args:
+            name: File name without its ending.
+            sha256: The digest that the operator expects; empty: any.
+
+        Raises:
+            Refusal: There is none, or it is not the expected one, or not an allowed one.
+        """
+        if not NAME.fullmatch(name):
+            raise bad_request(
+                f"policy name {name[:80]!r} is not valid; allowed: letters, digits, '.', '_' and '-', at most 64, and "
+                "no path; see 'spot-rl ctl policies'"
+            )
+        policy = self._read(self._folder / f"{name}{SUFFIX}")
+        if policy is None:
+            there = ", ".join(p.name for p in self.list()) or "none"
+            raise not_now(f"there is no policy {name!r} in {self._folder}; there are: {there}")
+        if sha256 and sha256.lower() != policy.sha256:
+            raise not_now(f"policy {name!r} has SHA-256 {policy.sha256}, not {sha256[:64]}; copy the right file there")
+        if not policy.is_allowed:
+            raise Refusal(
+                grpc.StatusCode.PERMISSION_DENIED,
+                f"policy {name!r} (SHA-256 {policy.sha256}) is not in service.policy_sha256; add it there",
+            )
+        return policy
+
+    def _read(self, path: Path) -> ShelvedPolicy | None:
+        try:
+            if path.is_symlink() or not path.is_file() or path.stat().st_size > MAX_POLICY_BYTES:
+                return None
+            data = path.read_bytes()
+        except OSError:
+            return None
+        digest = sha256_hex(data)
+        return ShelvedPolicy(path.stem, path, digest, len(data), not self._allowed or digest in self._allowed)

@@ -1,0 +1,104 @@
+"""The operator's service's hold on the process that controls the robot."""
+
+from __future__ import annotations
+
+import os
+import select
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Sequence
+from typing import Final
+
+from google.protobuf.message import DecodeError
+
+from spot_protos import run_link_pb2
+from spot_runtime.operator.link import MAX_DATAGRAM_BYTES
+from spot_runtime.operator.run_spec import RunSpec
+from spot_runtime.service_manager import PROCESS_VARIABLE
+
+MAX_READ: Final = 256
+
+
+class RunProcess:
+    """One arming's process. Nothing here waits for it."""
+
+    def __init__(self, process: subprocess.Popen[bytes], connection: socket.socket) -> None:
+        """Use a started process and our end of the link."""
+        self._process, self._socket = process, connection
+        self._socket.setblocking(False)
+        self.pid = process.pid
+
+    @staticmethod
+    def start(spec: RunSpec) -> RunProcess:
+        """Start it; it begins to connect at once.
+
+        Raises:
+            OSError: The system cannot start a process.
+        """
+        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        # The watchdog that the service manager meant for us is fed by the control loop while there is one.
+        environment = {name: value for name, value in os.environ.items() if name != PROCESS_VARIABLE}
+        command = [sys.executable, "-m", "spot_runtime.operator.run_child", str(theirs.fileno())]
+        with theirs:
+            # A session of its own: Ctrl-C at the service's terminal is for the service, which then asks this process.
+            process = subprocess.Popen(  # noqa: S603 - our own command line
+                command, stdin=subprocess.PIPE, pass_fds=(theirs.fileno(),), env=environment, start_new_session=True
+            )
+        if process.stdin is not None:
+            with process.stdin as stdin:
+                stdin.write(spec.model_dump_json(by_alias=True).encode())
+        return RunProcess(process, ours)
+
+    def tell(self, message: run_link_pb2.ToRun) -> bool:
+        """Hand over a request. Returns whether the socket took it."""
+        try:
+            self._socket.send(message.SerializeToString(), socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
+        except OSError:
+            return False
+        return True
+
+    def read(self, timeout_s: float) -> Sequence[run_link_pb2.FromRun]:
+        """What it has told; waits for the first message at most ``timeout_s``."""
+        if not select.select([self._socket], [], [], timeout_s)[0]:
+            return ()
+        told: list[run_link_pb2.FromRun] = []
+        while len(told) < MAX_READ:
+            try:
+                data = self._socket.recv(MAX_DATAGRAM_BYTES)
+            except OSError:
+                break
+            if not data:
+                break
+            try:
+                told.append(run_link_pb2.FromRun.FromString(data))
+            except DecodeError:
+                continue
+        return told
+
+    def exit_code(self) -> int | None:
+        """Its exit code, negative for a signal; None while it lives."""
+        return self._process.poll()
+
+    def ask_to_stop(self) -> None:
+        """Without the socket: the first signal asks it to stop in place, sit and power off; one more to damp."""
+        self._process.send_signal(signal.SIGTERM)
+
+    def ask_to_damp(self) -> None:
+        """Without the socket, and whatever was asked before."""
+        self._process.send_signal(signal.SIGTERM)
+        self._process.send_signal(signal.SIGINT)
+
+    def abort(self) -> None:
+        """End the process so that it writes every thread's stack, if it is told to (PYTHONFAULTHANDLER)."""
+        self._process.send_signal(signal.SIGABRT)
+
+    def kill(self) -> None:
+        """End the process at once; the robot's own time-outs end the motion."""
+        self._process.kill()
+
+    def close(self) -> None:
+        """Give the socket back and reap the process."""
+        self._socket.close()
+        self._process.wait()

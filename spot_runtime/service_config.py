@@ -1,0 +1,53 @@
+"""The part of the configuration that the operator's service and the live view read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pydantic import BaseModel, ConfigDict, Field, field_validator
+
+
+class ServiceConfig(BaseModel):
+    """Operator's service (``spot-rl serve``): who may ask, how often, and what happens when nobody is there."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    listen: str = Field(
+        default="",
+        description="'unix:/path', or HOST:PORT; empty: operator.sock in the service's or the user's run-time folder. "
+        "A host that is not loopback needs the three tls_ files.",
+    )
+    tls_certificate: Path | None = Field(default=None, description="PEM file: the service's certificate.")
+    tls_key: Path | None = Field(default=None, description="PEM file: its key, readable by its owner alone.")
+    tls_client_ca: Path | None = Field(default=None, description="PEM file: who signs the operators' certificates.")
+    policies: Path = Field(default=Path("policies"), description="Folder whose .onnx files may be armed, by name.")
+    policy_sha256: tuple[str, ...] = Field(
+        default=(), max_length=1000, description="If given, only policies with one of these digests may be armed."
+    )
+    deadman_s: float = Field(
+        default=0.25, gt=0.0, le=2.0, description="Silence of whoever steers after which the velocity fades to zero."
+    )
+    attendance_s: float = Field(
+        default=10.0,
+        ge=1.0,
+        le=600.0,
+        description="Silence of all operators after which the robot stops, sits and powers off.",
+    )
+    arm_timeout_s: float = Field(
+        default=90.0, ge=5.0, le=600.0, description="Longest time from arming to standing, and from the end to rest."
+    )
+    requests_per_s: float = Field(
+        default=50.0, ge=1.0, le=1000.0, description="Calls that each client may make, steering apart."
+    )
+    steering_per_s: float = Field(default=100.0, ge=10.0, le=1000.0, description="SetVelocity calls of each client.")
+    live_port: int = Field(
+        default=0, ge=0, le=65535, description="TCP port of the live view for Foxglove, on loopback; 0: none."
+    )
+
+    @field_validator("policy_sha256")
+    @classmethod
+    def _are_digests(cls, digests: tuple[str, ...]) -> tuple[str, ...]:
+        for digest in digests:
+            if len(digest) != 64 or set(digest) - set("0123456789abcdef"):
+                raise ValueError(f"{digest!r} is no SHA-256 in 64 small hexadecimal digits")
+        return digests
