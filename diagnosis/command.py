@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
-import time
-from dataclasses import replace
+import enum
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+
+class EngineName(enum.StrEnum):
+    """Where closed-loop runs are computed."""
+
+    LOCAL = "local"
+    RAY = "ray"
 
 
 def diagnose(
@@ -16,6 +22,9 @@ def diagnose(
     out: Annotated[Path, typer.Option("--out", help="Folder for verdict, report and corrected model.")],
     policy: Annotated[
         Path | None, typer.Option("--policy", help="The policy that ran; without it one in policies/ with its digest.")
+    ] = None,
+    robot: Annotated[
+        Path | None, typer.Option("--robot", help="Another robot than Spot: a file (YAML) that describes it.")
     ] = None,
     add_effect: Annotated[
         list[str] | None, typer.Option("--add-effect", help="One more effect of the library, module:Class; may repeat.")
@@ -26,36 +35,35 @@ def diagnose(
     synthesis: Annotated[
         bool, typer.Option("--synthesis", help="Also diagnose the nominal simulator with the effects put in.")
     ] = False,
+    engine: Annotated[
+        EngineName, typer.Option("--engine", help="Where closed-loop runs are computed.")
+    ] = EngineName.LOCAL,
+    ray_address: Annotated[str | None, typer.Option("--ray-address", help="A running Ray cluster.")] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of simulated sensors, permutations, resamples.")] = 0,
 ) -> None:
     """Explain a sim-to-real gap: where it lies, which effect causes it, how far it shrinks."""
-    import numpy as np
+    import sys
 
-    from diagnosis.diagnose import diagnose as run_diagnosis
     from diagnosis.extra_effect import chosen_library
-    from diagnosis.output import write_all
-    from diagnosis.read_logs import find_policy, read_all
+    from diagnosis.output import check_free
+    from diagnosis.progress import Progress
+    from diagnosis.session import Request, run_session
     from diagnosis.terminal import twelve_lines
     from spot_model.model_file import load_model
 
-    began_s = time.monotonic()
-
-    def say(text: str) -> None:
-        typer.echo(f"[{time.monotonic() - began_s:5.1f} s] {text}", err=True)
-
-    library = chosen_library(add_effect or [], without or [])
-    model = load_model(nominal)
-    say("reading logs")
-    runs, warnings = read_all(logs)
-    for warning in warnings:
-        say(f"note: {warning}")
-    result = run_diagnosis(
-        runs, model, find_policy(policy, runs), np.random.default_rng(seed), say,
-        library=library, with_synthesis=synthesis, nominal_name=nominal,
+    check_free(out)
+    request = Request(
+        logs=tuple(logs), nominal=load_model(nominal), nominal_name=nominal, out=out, policy=policy, robot=robot,
+        library=chosen_library(add_effect or [], without or []), with_synthesis=synthesis,
+        has_ray=engine is EngineName.RAY, ray_address=ray_address, seed=seed,
     )  # fmt: skip
-    left_out = tuple(dict.fromkeys(without or []))
-    result = replace(result, verdict=result.verdict.model_copy(update={"without": left_out}))
-    say("writing the report")
-    paths = write_all(result, out)
+    progress = Progress(sys.stderr)
+    try:
+        result, paths = run_session(request, progress)
+    except KeyboardInterrupt:
+        progress.close()
+        typer.echo(f"interrupted; nothing was written into {out}", err=True)
+        raise typer.Exit(130) from None
+    progress.close()
     for line in twelve_lines(result.verdict, paths):
         typer.echo(line)

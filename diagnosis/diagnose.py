@@ -10,23 +10,26 @@ import numpy as np
 from diagnosis.advice import advice, split
 from diagnosis.channels.build import build_views
 from diagnosis.channels.stack import Stack, stack
+from diagnosis.engine import Engine, LocalEngine
 from diagnosis.fitted import corrected_model, numbers
+from diagnosis.ground import GROUND_EFFECTS
 from diagnosis.library.base import LibraryEffect
 from diagnosis.library.registry import LIBRARY
 from diagnosis.logs import script_of
-from diagnosis.measure import Measured, measure
+from diagnosis.measure import Bench, Measured, measure, roll_out
 from diagnosis.posterior import Calibration, Posterior, posterior
+from diagnosis.progress import Progress
 from diagnosis.recording import record
-from diagnosis.seam import ChannelOff, ChannelView
+from diagnosis.seam import Array, ChannelOff, ChannelView
 from diagnosis.selection.board import Board, lay_out
 from diagnosis.selection.places import Robot
 from diagnosis.selection.scoring import Scorer
 from diagnosis.selection.search import Selection, search
-from diagnosis.simulated import SensorNoise, simulate
 from diagnosis.unknown import Remainder, describe, remainder
 from diagnosis.verdict import FoundEffect, Status, Stretch, Verdict
 from diagnosis.where import GapMap, Side, gap_map
 from spot_model import facts
+from spot_model.errors import BadInputError
 from spot_model.model_file import RobotModel
 from spot_model.policy import Policy
 from spot_runtime.log.run import Run
@@ -36,6 +39,7 @@ ORDINARY_AT_MOST = 2.5
 """What is left may be put down to ordinary errors of so many usual sizes, and no more."""
 N_WHERE = 60
 """Cells that the verdict lists; the report has them all."""
+WITHOUT_RUNS = "without the policy that ran on Spot nothing can be simulated: no gap map and no shrink"
 UNKNOWN_IS_LIKELY = 0.5
 NONE_IS_LIKELY = 0.5
 CARRIES = 1.75
@@ -71,11 +75,18 @@ class Explained:
 
 def explain(
     runs: Sequence[Run], nominal: RobotModel, policy: Policy | None, library: Mapping[str, LibraryEffect],
-    calibration: Calibration, say: Say,
+    calibration: Calibration, say: Say, limits_rad: tuple[Array, Array] | None = None,
 ) -> Explained:  # fmt: skip
-    """Channels, selection, remainder and probabilities."""
+    """Channels, selection, remainder and probabilities.
+
+    Raises:
+        BadInputError: The logs feed no channel at all.
+    """
     logs = stack([record(run) for run in runs])
-    views, off = build_views(logs, nominal, policy=policy)
+    views, off = build_views(logs, nominal, policy=policy, limits_rad=limits_rad)
+    if not views:
+        told = "; ".join(f"{c.name}: {c.reason}" for c in off)
+        raise BadInputError(f"these logs feed no channel ({told}); map joint velocities, loads or set-points as well")
     some = next(iter(views.values()))
     robot = Robot(logs.recordings[0].joint_names, some.leg_of_joint)
     names = sorted({r.sequence for r in logs.recordings})
@@ -103,7 +114,8 @@ def _left_over(board: Board, selection: Selection) -> list[np.ndarray]:
 def diagnose(
     runs: Sequence[Run], nominal: RobotModel, policy: Policy | None, rng: np.random.Generator, say: Say,
     *, library: Mapping[str, LibraryEffect] = LIBRARY, calibration: Calibration | None = None,
-    with_synthesis: bool = False, nominal_name: str = "",
+    with_synthesis: bool = False, nominal_name: str = "", limits_rad: tuple[Array, Array] | None = None,
+    engine: Engine | None = None,
 ) -> Diagnosis:  # fmt: skip
     """Diagnose logs.
 
@@ -117,28 +129,36 @@ def diagnose(
         calibration: Numbers behind the probabilities; the package's own by default.
         with_synthesis: Also diagnose the nominal simulator with the effects put in.
         nominal_name: For the verdict.
+        limits_rad: Joint stops of a robot other than Spot, low and high.
+        engine: Computes closed-loop runs; in this process by default.
     """
     chosen = calibration or Calibration.load()
-    found = explain(runs, nominal, policy, library, chosen, say)
+    tell = say.at if isinstance(say, Progress) else _ignore
+    say(f"building channels of {len(runs)} logs")
+    found = explain(runs, nominal, policy, library, chosen, say, limits_rad)
     best = found.selection.best
-    corrected = corrected_model(nominal, found.board.robot, best) if best is not None else nominal
+    is_spot = found.board.robot.joint_names == facts.JOINT_NAMES
+    corrected = corrected_model(nominal, found.board.robot, best) if best is not None and is_spot else nominal
     notes = [n for view in found.views.values() for n in view.notes]
     map_, measured = None, None
-    is_spot = found.board.robot.joint_names == facts.JOINT_NAMES
-    if policy is None or not is_spot:
-        notes.append("without the policy that ran on Spot nothing can be simulated: no gap map and no shrink")
+    scripts = tuple(s for run in runs if (s := script_of(run)) is not None) if policy is not None and is_spot else ()
+    if policy is None or not scripts:
+        notes.append(WITHOUT_RUNS)
     else:
         say("simulating the nominal model through the same commands")
-        scripts = [s for run in runs if (s := script_of(run)) is not None]
-        simulated = simulate(nominal, policy, scripts, rng, SensorNoise())
+        ground_found = best is not None and any(t.effect.name in GROUND_EFFECTS for t in best.terms)
+        bench = Bench(tuple(runs), scripts, policy, engine or LocalEngine(policy), ground_found)
+        simulated = roll_out(bench, [(s, nominal) for s in bench.sequences], nominal, rng, tell)
         logs = stack([record(run) for run in simulated])
         views, _ = build_views(logs, nominal)
         legs = next(iter(found.views.values())).leg_of_joint
         map_ = gap_map(Side(found.stack, found.views.get("A")), Side(logs, views.get("A")), legs, rng)
         say("simulating the corrected model")
-        measured = measure(runs, scripts, simulated, nominal, found.board, found.selection, policy, rng)
+        not_wrong = frozenset(n for g in found.posterior.groups for n in g.names)
+        measured = measure(bench, simulated, nominal, found.board, found.selection, not_wrong, rng, tell)
         notes += [*measured.notes, *([map_.note] if map_.note else [])]
     verdict = _verdict(found, map_, measured, notes, runs, nominal_name)
+    verdict = verdict.model_copy(update={"without": tuple(n for n in LIBRARY if n not in library)})
     if with_synthesis and best is not None and policy is not None and is_spot:
         from diagnosis.synthesis import synthesis_check
 
@@ -147,6 +167,10 @@ def diagnose(
             "synthesis": synthesis_check(runs, nominal, corrected, policy, verdict, rng, library, chosen)
         })  # fmt: skip
     return Diagnosis(verdict, corrected, map_, measured, tuple(runs), found.board)
+
+
+def _ignore(share: float) -> None:
+    """Progress that nobody watches."""
 
 
 def status_of(found: Explained) -> Status:

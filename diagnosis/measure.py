@@ -7,20 +7,43 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from diagnosis.engine import Engine, Rollout, Tell
 from diagnosis.fitted import corrected_model, without_fold
-from diagnosis.logs import features, policy_ticks
+from diagnosis.ground import best_ground
+from diagnosis.logs import policy_ticks
 from diagnosis.selection.board import Board
 from diagnosis.selection.scoring import Scored
 from diagnosis.selection.search import Rival, Selection
-from diagnosis.shrink import Compared, compare, shrinkage
-from diagnosis.simulated import Script, SensorNoise, simulate
+from diagnosis.shrink import Compared, Features, compare, features_by_sequence, shrinkage
+from diagnosis.simulated import Script
 from diagnosis.verdict import OtherGap, Placebo, Shrink
 from spot_model.errors import BadInputError
 from spot_model.model_file import RobotModel
 from spot_model.policy import Policy
 from spot_runtime.log.run import Run
 
-MIN_FEATURE_TICKS = 50
+
+@dataclass(frozen=True)
+class Bench:
+    """What every model is put through."""
+
+    runs: tuple[Run, ...]
+    """Real logs."""
+    scripts: tuple[Script, ...]
+    """Of those that are long enough."""
+    policy: Policy
+    engine: Engine
+    has_own_ground: bool
+    """Whether the simulator's ground stays as it is: the ground is what was found."""
+
+    @property
+    def sequences(self) -> list[str]:
+        """Names of the command sequences."""
+        return sorted({s.sequence for s in self.scripts})
+
+    def real(self) -> dict[str, Features]:
+        """Real runs' features by sequence."""
+        return dict(features_by_sequence(self.runs, self.policy))
 
 
 @dataclass(frozen=True)
@@ -33,99 +56,137 @@ class Measured:
     notes: tuple[str, ...]
 
 
+def roll_out(
+    bench: Bench, models: Sequence[tuple[str, RobotModel]], reference: RobotModel, rng: np.random.Generator, tell: Tell
+) -> list[Run]:
+    """Runs of all scripts, in the ground that suits the model.
+
+    Args:
+        bench: What to run.
+        models: For each sequence, the model that runs it.
+        reference: The model for which a ground is chosen.
+        rng: Draws seeds.
+        tell: Called with the share that is done.
+
+    Raises:
+        BadInputError: A model cannot be simulated.
+    """
+    ground: dict[str, float] = {}
+    if not bench.has_own_ground:
+        real = bench.real()
+        ground = best_ground(
+            reference, bench.scripts, real, bench.policy, bench.engine, rng, lambda share: tell(0.5 * share)
+        )
+    rollouts = []
+    for sequence, model in models:
+        mine = tuple(s for s in bench.scripts if s.sequence == sequence)
+        own = (ground[sequence],) * len(mine) if sequence in ground else None
+        rollouts.append(Rollout(model, mine, int(rng.integers(2**31)), own))
+    made = bench.engine.simulate(rollouts, lambda share: tell(0.5 + 0.5 * share))
+    return [run for part in made for run in part]
+
+
 def measure(
-    runs: Sequence[Run], scripts: Sequence[Script], simulated: Sequence[Run], nominal: RobotModel, board: Board,
-    selection: Selection, policy: Policy, rng: np.random.Generator,
+    bench: Bench, simulated: Sequence[Run], nominal: RobotModel, board: Board, selection: Selection,
+    not_wrong: frozenset[str], rng: np.random.Generator, tell: Tell = lambda _: None,
 ) -> Measured:  # fmt: skip
     """Roll out and compare.
 
     Args:
-        runs: Real logs.
-        scripts: Of those that are long enough.
+        bench: Real logs and how to simulate them.
         simulated: The nominal model's runs of the scripts.
         nominal: The model.
         board: With the folds.
         selection: What was chosen.
-        policy: The policy that ran.
-        rng: Draws sensor noise and resamples.
+        not_wrong: Effects that may be right: found, or in a group with one that is found; no placebo.
+        rng: Draws seeds and resamples.
+        tell: Called with the share that is done.
     """
     best = selection.best
     if best is None:
         return Measured(None, tuple(simulated), (), ())
     notes: list[str] = []
-    names = sorted({s.sequence for s in scripts})
+    names = bench.sequences
     crossed = list(board.fold_names) == names and len(names) > 1
     if not crossed:
         notes.append("all logs are of one command sequence: the shrink is measured on sequences that the fit saw")
-    placebo = _placebo(selection)
-    models = {"corrected": best} | ({"placebo": placebo.scored} if placebo is not None else {})
-    made: dict[str, list[Run]] = {name: [] for name in models}
-    for name, scored in models.items():
-        for sequence in names if crossed else [None]:
-            mine = [s for s in scripts if sequence is None or s.sequence == sequence]
-            own = without_fold(scored, names.index(sequence)) if sequence is not None else None
-            try:
-                model = corrected_model(nominal, board.robot, scored, own)
-                made[name] += simulate(model, policy, mine, rng, SensorNoise())
-            except BadInputError as error:
-                notes.append(f"{name} model cannot be simulated: {error}")
-                made[name] = []
-                break
-    if not made["corrected"]:
+    placebo = _placebo(selection, not_wrong)
+    candidates = {"corrected": best} | ({"placebo": placebo.scored} if placebo is not None else {})
+    made: dict[str, list[Run]] = {}
+    for i, (name, scored) in enumerate(candidates.items()):
+
+        def part(share: float, i: int = i) -> None:
+            tell((i + share) / len(candidates))
+
+        try:
+            models = [
+                (s, corrected_model(nominal, board.robot, scored, without_fold(scored, k) if crossed else None))
+                for k, s in enumerate(names)
+            ]
+            made[name] = roll_out(bench, models, corrected_model(nominal, board.robot, scored), rng, part)
+        except BadInputError as error:
+            notes.append(f"{name} model cannot be simulated: {error}")
+    if "corrected" not in made:
         return Measured(None, tuple(simulated), (), tuple(notes))
-    models_runs: dict[str, Sequence[Run]] = {"nominal": simulated, **{k: v for k, v in made.items() if v}}
-    compared = []
-    for sequence in names:
-        real = _of(runs, sequence, policy)
-        parts = {name: _of(group, sequence, policy) for name, group in models_runs.items()}
-        fallen = [n for n, p in parts.items() if not p]
-        if fallen:
-            notes.append(f"sequence {sequence}: {', '.join(fallen)} fell at once and is not compared")
-            continue
-        compared.append(compare(sequence, real, parts))
+    compared, told = _compared(bench, {"nominal": simulated, **made})
+    notes += told
     if not compared:
         return Measured(None, tuple(simulated), tuple(made["corrected"]), tuple(notes))
     after = shrinkage(compared, "nominal", "corrected", rng)
-    wrong = shrinkage(compared, "nominal", "placebo", rng) if "placebo" in models_runs else None
+    wrong = shrinkage(compared, "nominal", "placebo", rng) if "placebo" in made else None
     shrink = Shrink(
         d0=after.d0, d1=after.d1, floor=after.floor, s=after.s, s_low=after.low, s_high=after.high,
         held_out=tuple(c.sequence for c in compared) if crossed else (),
         placebo=Placebo(name=placebo.scored.terms[-1].effect.name, s=wrong.s)
         if wrong is not None and wrong.s is not None and placebo is not None else None,
-        beside=tuple(_beside(runs, simulated, made["corrected"])),
+        beside=tuple(_beside(bench.runs, simulated, made["corrected"])),
     )  # fmt: skip
     if any(c.real.shape[0] < 2 for c in compared):
         notes.append("a sequence was run once: its floor counts as 0, and S is a lower bound")
     return Measured(shrink, tuple(simulated), tuple(made["corrected"]), tuple(notes))
 
 
-def _of(runs: Sequence[Run], sequence: str, policy: Policy) -> list[np.ndarray]:
-    chosen = [r for r in runs if (r.header.command_sequence or "unnamed") == sequence]
-    return [f for r in chosen if len(f := features(r, policy)) >= MIN_FEATURE_TICKS]
+def _compared(bench: Bench, models: dict[str, Sequence[Run]]) -> tuple[list[Compared], list[str]]:
+    """Distances by sequence, and what could not be compared."""
+    real = bench.real()
+    parts = {name: features_by_sequence(group, bench.policy) for name, group in models.items()}
+    compared, notes = [], []
+    for sequence in bench.sequences:
+        fallen = [name for name, part in parts.items() if not part.get(sequence)]
+        if fallen:
+            notes.append(f"sequence {sequence}: {', '.join(fallen)} fell at once and is not compared")
+            continue
+        short = sum(s.sequence == sequence for s in bench.scripts) - len(real[sequence])
+        if short:
+            notes.append(f"sequence {sequence}: {short} real runs that fell or were cut short are not compared")
+        compared.append(compare(sequence, real[sequence], {name: part[sequence] for name, part in parts.items()}))
+    return compared, notes
 
 
-def _placebo(selection: Selection) -> Rival | None:
-    """The best effect outside of the chosen one's place with at least as many parameters, alone in that place."""
+def _placebo(selection: Selection, not_wrong: frozenset[str]) -> Rival | None:
+    """The best wrong effect with at least as many parameters, in the place of the effect that explains most."""
     if selection.best is None or not selection.rivals:
         return None
-    chosen = selection.best.terms[-1]
-    names = {t.effect.name for t in selection.best.terms}
-    last = [r for r in selection.rivals[-1] if r.scored.terms[-1].effect.name not in names]
-    enough = [r for r in last if r.scored.terms[-1].n_parameters >= chosen.n_parameters]
-    best = enough or last
+    place = int(np.argmax(selection.gains)) if selection.gains else len(selection.rivals) - 1
+    chosen = selection.rivals[place][0].scored.terms[-1] if selection.rivals[place] else selection.best.terms[-1]
+    wrong = [r for r in selection.rivals[place] if r.scored.terms[-1].effect.name not in not_wrong]
+    enough = [r for r in wrong if r.scored.terms[-1].n_parameters >= chosen.n_parameters]
+    best = enough or wrong
     return best[0] if best else None
 
 
 def _beside(runs: Sequence[Run], before: Sequence[Run], after: Sequence[Run]) -> list[OtherGap]:
-    """Gaps of measured torque and body speed: mean Wasserstein distance by channel of the signal."""
+    """Gaps of measured torque, joint and body speed: mean Wasserstein distance over the signal's components."""
     out = []
-    for name, unit, pick in (("load", "N·m", _load), ("body velocity", "m/s", _velocity)):
-        pairs = [(a, b, c) for a, b, c in _matched(runs, before, after)]
+    for name, unit, pick in (
+        ("load", "N·m", _load), ("joint velocity", "rad/s", _joint_velocity), ("body velocity", "m/s", _velocity),
+    ):  # fmt: skip
+        pairs = list(_matched(runs, before, after))
         gaps = [(_w1(pick(a), pick(b)), _w1(pick(a), pick(c))) for a, b, c in pairs]
         same = [
             _w1(pick(a), pick(b))
             for i, a in enumerate(runs) for b in runs[:i]
-            if a.header.command_sequence == b.header.command_sequence
+            if a.header.command_sequence == b.header.command_sequence and len(policy_ticks(a)) and len(policy_ticks(b))
         ]  # fmt: skip
         if gaps and np.isfinite(gaps).all():
             b, a = np.mean(gaps, axis=0)
@@ -149,6 +210,10 @@ def _load(run: Run) -> np.ndarray:
     return np.asarray(run.states.load_nm[_active(run)])
 
 
+def _joint_velocity(run: Run) -> np.ndarray:
+    return np.asarray(run.states.velocity_rad_s[_active(run)])
+
+
 def _velocity(run: Run) -> np.ndarray:
     return np.asarray(run.ticks.observation[policy_ticks(run), :3], dtype=np.float64)
 
@@ -164,4 +229,4 @@ def _w1(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.mean(np.abs(np.quantile(a, grid, axis=0) - np.quantile(b, grid, axis=0))))
 
 
-__all__ = ["Compared", "Measured", "Scored", "measure"]
+__all__ = ["Bench", "Compared", "Measured", "Scored", "measure", "roll_out"]

@@ -9,13 +9,21 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis.logs import features
 from diagnosis.seam import Array
+from spot_model.policy import Policy
+from spot_runtime.log.run import Run
 from trainer.sysid.measures import SequenceReference
 
 N_RESAMPLES: Final = 1000
 LEVEL: Final = 0.90
 MIN_GAP: Final = 0.05
 """A gap that exceeds its floor by less than this share of the floor has nothing to shrink."""
+
+MIN_TICKS: Final = 50
+"""A run of less than a second is no sample of a gait."""
+WHOLE: Final = 0.9
+"""A run of less than this share of the longest one fell, or was cut, and is not compared with whole ones."""
 
 Features = Sequence[NDArray[np.float32]]
 """Of the runs of one sequence, each of shape (n, 36)."""
@@ -42,6 +50,18 @@ class Shrinkage:
     s: float | None
     low: float | None
     high: float | None
+
+
+def features_by_sequence(runs: Sequence[Run], policy: Policy) -> dict[str, list[NDArray[np.float32]]]:
+    """Features of the runs that are whole, by sequence; of a sequence without a whole one, of those there are."""
+    found: dict[str, list[NDArray[np.float32]]] = {}
+    for run in runs:
+        own = features(run, policy)
+        if len(own) >= MIN_TICKS:
+            found.setdefault(run.header.command_sequence or "unnamed", []).append(own)
+    return {
+        name: [f for f in own if len(f) >= WHOLE * max(len(g) for g in own)] for name, own in found.items()
+    }  # fmt: skip
 
 
 def compare(sequence: str, real: Features, models: Mapping[str, Features], seed: int = 0) -> Compared:
@@ -92,14 +112,21 @@ def shrinkage(compared: Sequence[Compared], before: str, after: str, rng: np.ran
             real = rng.integers(n_real, size=n_real)
             n_sim = c.models[before].shape[0]
             simulated = rng.integers(n_sim, size=n_sim)
-            pick = np.ix_(simulated, real)
-            sums += c.models[before][pick].mean(), c.models[after][pick].mean(), _floor(c.real, real)
+            n_after = c.models[after].shape[0]
+            other = simulated if n_after == n_sim else rng.integers(n_after, size=n_after)
+            d_before, d_after = c.models[before][np.ix_(simulated, real)], c.models[after][np.ix_(other, real)]
+            sums += d_before.mean(), d_after.mean(), _floor(c.real, real)
         if sums[0] - sums[2] > 1e-9:
             draws.append((sums[0] - sums[1]) / (sums[0] - sums[2]))
-    tail = 50.0 * (1.0 - LEVEL)
-    low, high = np.percentile(draws, [tail, 100.0 - tail]) if draws else (np.nan, np.nan)
     s = (d0 - d1) / (d0 - floor)
-    return Shrinkage(d0, d1, floor, s, min(float(low), s), max(float(high), s))
+    if not draws:
+        return Shrinkage(d0, d1, floor, s, None, None)
+    tail = 50.0 * (1.0 - LEVEL)
+    low, high = np.percentile(draws, [tail, 100.0 - tail])
+    # Few runs resampled with replacement scatter less than few runs do: by n/(n − 1) in variance.
+    n = min(min(c.real.shape[0], c.models[before].shape[0]) for c in compared)
+    wider = np.sqrt(n / (n - 1)) if n > 1 else 1.0
+    return Shrinkage(d0, d1, floor, s, s + wider * min(float(low) - s, 0.0), s + wider * max(float(high) - s, 0.0))
 
 
 def _floor(pairs: Array, chosen: NDArray[np.intp] | None = None) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -54,16 +54,29 @@ class SensorNoise:
 
 
 def simulate(
-    model: RobotModel, policy: Policy, scripts: Sequence[Script], rng: np.random.Generator, noise: SensorNoise
-) -> list[Run]:
+    model: RobotModel, policy: Policy, scripts: Sequence[Script], rng: np.random.Generator, noise: SensorNoise,
+    *, contact_time_constant_s: Sequence[float] | None = None, tell: Callable[[float], None] | None = None,
+) -> list[Run]:  # fmt: skip
     """Run all scripts in one batch.
+
+    Args:
+        model: With which effects.
+        policy: What controls.
+        scripts: How each run starts and what it is told.
+        rng: Draws the sensors' noise and the delays.
+        noise: Of the sensors.
+        contact_time_constant_s: Of the ground under each run; the simulator's own by default. Effects come on top.
+        tell: Called with the share that is done.
 
     Raises:
         ValueError: There are no scripts.
     """
     if not scripts:
         raise ValueError("no script to simulate")
-    return _Simulation(model.effects, policy, scripts, rng, noise).runs()
+    simulation = _Simulation(model.effects, policy, scripts, rng, noise)
+    if contact_time_constant_s is not None:
+        simulation.set_ground(np.asarray(contact_time_constant_s, dtype=np.float64))
+    return simulation.runs(tell or (lambda _: None))
 
 
 class _Simulation:
@@ -115,7 +128,16 @@ class _Simulation:
         self.last = np.stack([s.last_action for s in starts]).astype(np.float32)
         self.active = np.asarray(self.policy.setpoint_rad(self.last))
 
-    def runs(self) -> list[Run]:
+    def set_ground(self, time_constant_s: Array) -> None:
+        """Another contact time constant for each run, shape (n,); what effects added to it stays."""
+        own_s = MjcfOptions().contact_solref[0]
+        solref = self.plant.fields["geom_solref"]
+        for leg in facts.LEG_NAMES:
+            solref[:, self.plant.fields.geom_id(f"{leg}_foot"), 0] += time_constant_s - own_s
+        self.plant.fields.commit()
+
+    def runs(self, tell: Callable[[float], None]) -> list[Run]:
+        """All runs."""
         n_ticks = max(len(s.velocity_command) for s in self.scripts)
         commands = np.stack([
             np.pad(s.velocity_command, ((0, n_ticks - len(s.velocity_command)), (0, 0)), mode="edge")
@@ -123,6 +145,7 @@ class _Simulation:
         ])  # fmt: skip
         gains = self.policy.gains()
         for tick in range(n_ticks):
+            tell(tick / n_ticks)
             for message in range(TICK_STATES[tick % 3]):
                 state = self._sense()
                 if message == 0:

@@ -1,0 +1,153 @@
+"""Where closed-loop runs are computed: in this process, or on a Ray cluster. The numbers are the same bits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any, Final, Protocol
+
+import numpy as np
+from typing_extensions import Self
+
+from diagnosis.simulated import Script, SensorNoise, simulate
+from spot_model.errors import BadInputError, SpotRlError
+from spot_model.model_file import RobotModel
+from spot_model.policy import Policy, policy_from_bytes
+from spot_runtime.log.run import Run
+
+USUAL_NOISE: Final = SensorNoise()
+Tell = Callable[[float], None]
+"""Called now and then with the share that is done."""
+
+
+class EngineError(SpotRlError):
+    """An engine cannot be started."""
+
+
+@dataclass(frozen=True)
+class Rollout:
+    """One batch of closed-loop runs of one model; its numbers depend on nothing else."""
+
+    model: RobotModel
+    scripts: tuple[Script, ...]
+    seed: int
+    contact_time_constant_s: tuple[float, ...] | None = None
+    """Of the ground, one a script; None for the simulator's own."""
+
+
+class Engine(Protocol):
+    """Computes rollouts; used as a context manager."""
+
+    def simulate(self, rollouts: Sequence[Rollout], tell: Tell) -> list[list[Run]]:
+        """Runs of each rollout, in their order.
+
+        Raises:
+            BadInputError: A model cannot be simulated.
+        """
+        ...
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...
+
+
+class LocalEngine:
+    """Computes one rollout after the other in this process."""
+
+    def __init__(self, policy: Policy, noise: SensorNoise = USUAL_NOISE) -> None:
+        self._policy, self._noise = policy, noise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        pass
+
+    def simulate(self, rollouts: Sequence[Rollout], tell: Tell) -> list[list[Run]]:
+        """Runs of each rollout."""
+        out = []
+        for i, rollout in enumerate(rollouts):
+
+            def part(share: float, i: int = i) -> None:
+                tell((i + share) / len(rollouts))
+
+            out.append(run_rollout(rollout, self._policy, self._noise, part))
+        return out
+
+
+class RayEngine:
+    """Computes each rollout as a task of a Ray cluster (the extra ``ray``): the running one, or one on this machine.
+
+    Args:
+        policy: The policy file's content.
+        address: Of a running cluster.
+        noise: Of the sensors.
+    """
+
+    def __init__(self, policy: bytes, address: str | None = None, noise: SensorNoise = USUAL_NOISE) -> None:
+        try:
+            import ray
+        except ModuleNotFoundError as error:
+            raise EngineError(
+                "engine ray: Ray is not installed; install the extra: pip install 'spot-rl[ray]'"
+            ) from error
+        self._ray: Any = ray
+        self._policy, self._address, self._noise = policy, address, noise
+        self._owns_cluster = False
+        self._shared: Any = None
+        self._task: Any = None
+
+    def __enter__(self) -> Self:
+        if not self._ray.is_initialized():
+            try:
+                self._ray.init(address=self._address, include_dashboard=False, log_to_driver=False)
+            except (ConnectionError, RuntimeError, ValueError) as error:
+                raise EngineError(
+                    f"engine ray: no cluster at {self._address or 'this machine'}: {error}; start one with 'ray start "
+                    "--head', or leave --ray-address out"
+                ) from error
+            self._owns_cluster = True
+        self._shared = self._ray.put(self._policy)
+        self._task = self._ray.remote(num_cpus=1)(_remote)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._owns_cluster:
+            self._ray.shutdown()
+
+    def simulate(self, rollouts: Sequence[Rollout], tell: Tell) -> list[list[Run]]:
+        """Runs of each rollout."""
+        waiting = [self._task.remote(self._shared, r, self._noise) for r in rollouts]
+        left, n = list(waiting), len(waiting)
+        while left:
+            _, left = self._ray.wait(left, num_returns=1)
+            tell(1.0 - len(left) / n)
+        found: list[list[Run] | BadInputError] = self._ray.get(waiting)
+        runs: list[list[Run]] = []
+        for each in found:
+            if isinstance(each, BadInputError):
+                raise each
+            runs.append(each)
+        return runs
+
+
+def run_rollout(rollout: Rollout, policy: Policy, noise: SensorNoise, tell: Tell) -> list[Run]:
+    """One rollout, here."""
+    return simulate(
+        rollout.model, policy, rollout.scripts, np.random.default_rng(rollout.seed), noise, tell=tell,
+        contact_time_constant_s=rollout.contact_time_constant_s,
+    )  # fmt: skip
+
+
+def _remote(policy: bytes, rollout: Rollout, noise: SensorNoise) -> list[Run] | BadInputError:
+    try:
+        return run_rollout(rollout, policy_from_bytes(policy, source="of the cluster"), noise, lambda _: None)
+    except BadInputError as error:
+        return error

@@ -1,0 +1,75 @@
+"""One ``spot-rl diagnose``: read, prepare, diagnose, write."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from diagnosis.diagnose import Diagnosis, diagnose
+from diagnosis.engine import Engine, LocalEngine, RayEngine
+from diagnosis.library.base import LibraryEffect
+from diagnosis.output import write_all
+from diagnosis.plausible import check_plausible
+from diagnosis.prepare import prepared
+from diagnosis.progress import Progress
+from diagnosis.read_logs import find_policy, find_policy_file, read_all
+from diagnosis.robot_file import SPOT, load_robot
+from spot_model.model_file import RobotModel
+
+
+@dataclass(frozen=True)
+class Request:
+    """What was asked for on the command line."""
+
+    logs: tuple[Path, ...]
+    nominal: RobotModel
+    nominal_name: str
+    out: Path
+    library: Mapping[str, LibraryEffect]
+    policy: Path | None = None
+    robot: Path | None = None
+    with_synthesis: bool = False
+    has_ray: bool = False
+    ray_address: str | None = None
+    seed: int = 0
+
+
+def run_session(request: Request, progress: Progress) -> tuple[Diagnosis, dict[str, Path]]:
+    """Diagnose and write.
+
+    Returns:
+        The diagnosis, and the files by key.
+
+    Raises:
+        SpotRlError: Something that was given is wrong; nothing is written then.
+    """
+    robot = load_robot(request.robot) if request.robot is not None else SPOT
+    progress("reading logs")
+    runs, warnings = read_all(request.logs, progress.at)
+    check_plausible(runs, robot)
+    runs, notes = prepared(runs, robot)
+    for text in (*warnings, *notes):
+        progress(f"note: {text}")
+    policy = find_policy(request.policy, runs)
+    engine: Engine | None = None
+    if policy is not None:
+        file = find_policy_file(request.policy, policy)
+        engine = RayEngine(file.read_bytes(), request.ray_address) if request.has_ray else LocalEngine(policy)
+        with engine:
+            result = diagnose(
+                runs, request.nominal, policy, np.random.default_rng(request.seed), progress,
+                library=request.library, with_synthesis=request.with_synthesis, nominal_name=request.nominal_name,
+                limits_rad=robot.limits_rad, engine=engine,
+            )  # fmt: skip
+    else:
+        result = diagnose(
+            runs, request.nominal, None, np.random.default_rng(request.seed), progress, library=request.library,
+            nominal_name=request.nominal_name, limits_rad=robot.limits_rad,
+        )  # fmt: skip
+    told = tuple(dict.fromkeys((*warnings, *notes, *result.verdict.notes)))
+    result = replace(result, verdict=result.verdict.model_copy(update={"notes": told}))
+    progress("writing the report")
+    return result, write_all(result, request.out, request.library)
