@@ -1,0 +1,136 @@
+"""Judge the diagnosis on realities whose truth is sealed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from enum import Enum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+app = typer.Typer(no_args_is_help=True, help=__doc__)
+case_app = typer.Typer(no_args_is_help=True, help="One case of a run.")
+app.add_typer(case_app, name="case")
+
+
+class EngineName(str, Enum):
+    """Where cases run."""
+
+    LOCAL = "local"
+    RAY = "ray"
+
+
+@app.command()
+def run(
+    out: Annotated[Path, typer.Option("--out", help="Folder of the run.")],
+    cases: Annotated[int, typer.Option("--cases", min=1, max=100_000, help="How many.")] = 300,
+    seed: Annotated[int | None, typer.Option("--seed", min=0, help="Draws the cases; published with the run.")] = None,
+    seed_from_os: Annotated[
+        bool, typer.Option("--seed-from-os", help="A seed that nobody chose; published by `score`.")
+    ] = False,
+    only: Annotated[str, typer.Option("--only", help="A part, FIRST:END, such as 0:75; `score` merges folders.")] = "",
+    workers: Annotated[int, typer.Option("--workers", min=1, max=1024, help="Processes.")] = 2,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on where an interrupted run ended.")] = False,
+    reality: Annotated[str, typer.Option("--reality", help="Your own, module:Class.")] = "",
+    policies: Annotated[Path, typer.Option("--policies", help="Folder of policies (ONNX).")] = Path("policies"),
+    engine: Annotated[EngineName, typer.Option("--engine", help="Where cases run.")] = EngineName.LOCAL,
+    ray_address: Annotated[str | None, typer.Option("--ray-address", help="A running Ray cluster.")] = None,
+    until: Annotated[float, typer.Option("--until", min=1.0, help="Begin no case after so many seconds.")] = 1e9,
+    timeout: Annotated[float, typer.Option("--timeout", min=10.0, help="Seconds for one diagnosis.")] = 900.0,
+    search_every: Annotated[
+        int, typer.Option("--search-every", min=0, help="The paper's search in every so many cases; 0: never.")
+    ] = 10,
+    keep_logs: Annotated[bool, typer.Option("--keep-logs", help="Keep what the diagnosis was given.")] = False,
+) -> None:
+    """Draw cases, seal their truth, diagnose them behind a wall, open, and score."""
+    from spot_model.errors import BadInputError
+    from withheld.execute import Job, case_folder
+    from withheld.frozen import generator_digest, protocol_digest
+    from withheld.jail import MEANING, hide_this_process, strongest_level
+    from withheld.progress import CaseProgress
+    from withheld.run import Ray, processes, run_cases
+    from withheld.run_folder import RUN, RunHead, load_head, load_secret, new_secret, policy_digests, start
+    from withheld.source import source_of
+
+    hide_this_process()
+    source_of(reality)
+    if resume:
+        head = load_head(out)
+        secret = load_secret(out, head)
+        frozen = (protocol_digest(), generator_digest(), policy_digests(policies))
+        if frozen != (head.protocol, head.generator, head.policies):
+            raise BadInputError(
+                f"{out / RUN} was begun with other sources or policies; a scored run has one protocol: start anew"
+            )
+        cases, reality, search_every = head.cases, head.reality, head.search_every
+    else:
+        if (seed is None) != seed_from_os:
+            raise BadInputError("give --seed S or --seed-from-os, one of the two")
+        secret = new_secret(seed)
+        head = RunHead(
+            protocol=protocol_digest(), generator=generator_digest(), seed_digest=secret.digest,
+            policies=policy_digests(policies), reality=reality, locked_in=strongest_level(), cases=cases,
+            search_every=search_every,
+        )  # fmt: skip
+        start(out, head, secret)
+    numbers = _part(only, cases)
+    typer.echo(f"protocol {head.protocol[:16]}, locked in by {MEANING[head.locked_in]}", err=True)
+    job = Job(
+        0, secret.seed, out.resolve(), policies.resolve(), head.locked_in, reality, timeout, search_every, keep_logs
+    )
+    jobs = [replace(job, number=n) for n in numbers]
+    done = sum((case_folder(out, n) / "outcome.json").exists() for n in numbers)
+    progress = CaseProgress(len(jobs), done)
+    try:
+        if engine is EngineName.RAY:
+            cluster = Ray(ray_address)
+            left = run_cases(jobs, cluster, out, until, progress.done)
+            cluster.close()
+        else:
+            with processes(min(workers, len(jobs))) as pool:
+                left = run_cases(jobs, pool, out, until, progress.done)
+    finally:
+        progress.stop()
+    if left:
+        typer.echo(f"{left} cases are left: `spot-rl withheld run --resume --out {out}`", err=True)
+    if left < len(jobs):
+        _score([out], out)
+
+
+@app.command()
+def score(
+    folders: Annotated[list[Path], typer.Argument(help="Folders of one run, or of its parts.")],
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Where table and page go; default: the first folder.")
+    ] = None,
+) -> None:
+    """Check seals and ledgers, score, and write table and page."""
+    _score(folders, out or folders[0])
+
+
+@case_app.command("open")
+def open_case(
+    file: Annotated[Path, typer.Argument(help="DIR/NUMBER, a case's folder, or its outcome.json.")],
+) -> None:
+    """Show one case: what was hidden, what was said, what it scores."""
+    from withheld.show import show_case
+
+    for line in show_case(file):
+        typer.echo(line)
+
+
+def _score(folders: list[Path], out: Path) -> None:
+    from withheld.report import write_scores
+
+    for line in write_scores(folders, out):
+        typer.echo(line)
+
+
+def _part(only: str, cases: int) -> range:
+    from spot_model.errors import BadInputError
+
+    first, colon, end = (only or f"0:{cases}").partition(":")
+    if not colon or not first.isdigit() or not end.isdigit() or not 0 <= int(first) < int(end) <= cases:
+        raise BadInputError(f"--only {only!r}; allowed: FIRST:END with 0 <= FIRST < END <= {cases}")
+    return range(int(first), int(end))

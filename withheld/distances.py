@@ -1,0 +1,98 @@
+"""What only the judge can measure: how far the faults move the headline gap, and the true shrink of a stated model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.logs import features, script_of
+from diagnosis.simulated import SensorNoise, simulate
+from spot_model.model_file import RobotModel
+from spot_model.policy import Policy, load_policy
+from spot_model.velocity_sequence import VelocitySequence
+from spot_runtime.log import Run, read_run
+from trainer.sysid.measures import SequenceReference
+from withheld.plan import Reality, RecordingPlan
+
+Features = NDArray[np.float32]
+
+MIN_TICKS: Final = 50
+TWIN_REPEATS: Final = 2
+"""Runs of each sequence by the robot without its faults; with two there is a floor even where a case has one run."""
+TRUE_REPEATS: Final = 4
+TRUE_SECONDS: Final = 6.0
+
+
+def read_folder(folder: Path) -> list[Run]:
+    """All logs of a folder, in the order of their sequences and repeats."""
+    runs = [read_run(path) for path in sorted(folder.glob("*.mcap"))]
+    return sorted(runs, key=lambda r: (r.header.command_sequence or "", r.header.repeat))
+
+
+def moved(runs: Sequence[Run], twins: Sequence[Run], policy: Policy) -> float | None:
+    """(D − floor)/floor, D the mean W1 + MMD between runs with and without the faults, floor that of repeats.
+
+    None where the robot fell too soon, or nothing is different.
+    """
+    first, second = _by_sequence(runs, policy), _by_sequence(twins, policy)
+    ratios = []
+    for name in sorted(first.keys() & second.keys()):
+        repeated = first[name] if len(first[name]) > 1 else second[name]
+        if len(repeated) < 2:
+            continue
+        reference = SequenceReference.build(name, repeated)
+        others = second[name] if repeated is first[name] else first[name]
+        ratios.append(float(np.mean([reference.distances(f) / reference.scale for f in others])))
+    return float(np.mean(ratios)) - 1.0 if ratios else None
+
+
+def true_shrink(
+    reality: Reality, corrected: RobotModel, policy_path: Path, sequences: Sequence[VelocitySequence], seed: int,
+    folder: Path,
+) -> float | None:  # fmt: skip
+    """S of a stated model on sequences that neither fit nor verdict saw, with more runs than a verdict has.
+
+    Args:
+        reality: With its faults.
+        corrected: What the diagnosis made.
+        policy_path: The policy's file.
+        sequences: New ones.
+        seed: Of the recordings and the simulated sensors.
+        folder: For the logs; empty.
+    """
+    plan = RecordingPlan(policy=policy_path, sequences=tuple(sequences), repeats=TRUE_REPEATS, seed=seed)
+    reality.record(plan, folder)
+    runs = read_folder(folder)
+    policy = load_policy(policy_path)
+    scripts = [s for run in runs if (s := script_of(run)) is not None]
+    if not scripts:
+        return None
+    rng = np.random.default_rng(seed)
+    real = _by_sequence(runs, policy)
+    before, after = (
+        _by_sequence(simulate(model, policy, scripts, rng, SensorNoise()), policy)
+        for model in (reality.nominal, corrected)
+    )
+    sums = np.zeros(2)
+    for name in sorted(real.keys() & before.keys() & after.keys()):
+        if len(real[name]) < 2:
+            continue
+        reference = SequenceReference.build(name, real[name])
+        d0, d1 = (
+            float(np.mean([reference.distances(f) / reference.scale for f in group[name]])) for group in (before, after)
+        )
+        sums += d0 - d1, d0 - 1.0
+    return float(sums[0] / sums[1]) if sums[1] > 0.05 else None
+
+
+def _by_sequence(runs: Sequence[Run], policy: Policy) -> dict[str, list[Features]]:
+    found: dict[str, list[Features]] = {}
+    for run in runs:
+        f = features(run, policy)
+        if len(f) >= MIN_TICKS:
+            found.setdefault(run.header.command_sequence or "unnamed", []).append(f)
+    return found

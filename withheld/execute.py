@@ -1,0 +1,188 @@
+"""One case from draw to outcome: reality, seal, diagnosis behind the wall, digest of the verdict, opening."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from pydantic import ValidationError
+
+from diagnosis.verdict import load_verdict
+from spot_model.model_file import load_model, save_model
+from spot_model.policy import load_policy
+from withheld import metadata, seal
+from withheld.baselines import answers
+from withheld.cases import SECONDS, Case, draw
+from withheld.distances import TRUE_SECONDS, TWIN_REPEATS, moved, read_folder, true_shrink
+from withheld.jail import Ended, Level, hide_this_process, run_locked_in, seen
+from withheld.ledger import Ledger
+from withheld.outcome import Outcome, load_outcome
+from withheld.plan import Reality, RecordingPlan
+from withheld.seal import Seal, file_digest
+from withheld.sequences import fast_sequences, ordinary_sequences
+from withheld.source import source_of
+
+NO_VERDICT: Final = "none"
+TRUE_SHRINK_EVERY: Final = 5
+"""The true shrink takes many more runs of the reality; it is measured in every fifth case."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """What a worker needs of one case."""
+
+    number: int
+    seed: int
+    out: Path
+    """The run's folder."""
+    policies: Path
+    level: Level
+    reality: str = ""
+    timeout_s: float = 900.0
+    search_every: int = 10
+    """The paper's search runs in every so many cases; 0 for none."""
+    keep_logs: bool = False
+    note: dict[str, Any] = field(default_factory=dict)
+
+
+def case_folder(out: Path, number: int) -> Path:
+    """Where a finished case lies."""
+    return out / "cases" / f"{number:04d}"
+
+
+def execute(job: Job) -> Outcome:
+    """Run one case, and leave its folder behind.
+
+    Raises:
+        SpotRlError: A reality, a policy or the wall cannot be made.
+        OSError: The disk.
+    """
+    done = case_folder(job.out, job.number)
+    if (done / "outcome.json").exists():
+        return load_outcome(done / "outcome.json")
+    hide_this_process()
+    work = job.out / "work" / f"{job.number:04d}"
+    shutil.rmtree(work, ignore_errors=True)
+    work.mkdir(parents=True)
+    try:
+        return _Execution(job, work).run(done)
+    finally:
+        shutil.rmtree(work, ignore_errors=True)
+
+
+class _Execution:
+    def __init__(self, job: Job, work: Path) -> None:
+        self.job, self.work = job, work
+        self.source = source_of(job.reality)
+        self.case = draw(job.seed, job.number, self.source, job.policies)
+        self.policy = job.policies / f"{self.case.policy}.onnx"
+        self.seconds: dict[str, float] = {}
+        self.result = work / "result"
+        self.result.mkdir()
+
+    @contextmanager
+    def _timed(self, stage: str) -> Iterator[None]:
+        before = time.process_time()
+        yield
+        self.seconds[stage] = round(time.process_time() - before, 2)
+
+    def run(self, done: Path) -> Outcome:
+        case, job = self.case, self.job
+        inside, out = self.work / "case", self.work / "out"
+        (inside / "logs").mkdir(parents=True)
+        out.mkdir()
+        with self._timed("recording"):
+            reality = self.source.make(case.requests, case.reality_seed)
+            plan = RecordingPlan(
+                self.policy, case.sequences, case.repeats, case.recording_seed, frozenset(case.missing)
+            )
+            reality.record(plan, inside / "logs")
+        sealed = Seal.of(reality.truth)
+        ledger = Ledger(self.result / "ledger.jsonl")
+        ledger.add("sealed", case=case.number, truth=sealed.digest)
+        save_model(reality.nominal, inside / "model.yaml")
+        shutil.copyfile(self.policy, inside / "policy.onnx")
+        metadata.make_alike(inside / "logs")
+        ended = self._diagnose(inside, out)
+        verdict = out / "verdict.json"
+        digest = file_digest(verdict) if verdict.exists() else NO_VERDICT
+        ledger.add("verdict", case=case.number, verdict=digest)
+        for name in ("verdict.json", "report.html", "corrected_model.yaml"):
+            if (out / name).exists():
+                shutil.move(out / name, self.result / name)
+        runs = read_folder(inside / "logs")
+        policy, rng = load_policy(self.policy), np.random.default_rng([case.diagnosis_seed, 1])
+        with self._timed("baselines"):
+            search = job.search_every > 0 and job.number % job.search_every == 0
+            said = answers(runs, reality.nominal, self.policy, inside / "logs", rng, search=search)
+        # Only now: what was sealed leaves this process.
+        ledger.add("opened", case=case.number, truth=sealed.digest, nonce=sealed.nonce, text=sealed.text)
+        outcome = Outcome(
+            case=case, truth=seal.opened(sealed.digest, sealed.nonce, sealed.text), status="failed", baselines=said,
+            metadata=metadata.features(inside, runs, case.without), seal=sealed.digest, verdict_sha256=digest,
+            locked_in=job.level, seconds={}, problem="" if ended.code == 0 else _last_line(ended),
+        )  # fmt: skip
+        outcome = self._with_verdict(outcome)
+        with self._timed("distances"):
+            outcome = self._measured(outcome, reality, runs, policy)
+        outcome = outcome.model_copy(update={"seconds": self.seconds})
+        (self.result / "outcome.json").write_text(outcome.model_dump_json(by_alias=True, indent=1), encoding="utf-8")
+        if job.keep_logs:
+            shutil.move(inside, self.result / "given")
+        done.parent.mkdir(exist_ok=True)
+        shutil.rmtree(done, ignore_errors=True)
+        os.rename(self.result, done)  # noqa: PTH104 - one step: a case is there whole or not at all
+        return outcome
+
+    def _diagnose(self, inside: Path, out: Path) -> Ended:
+        at, to = seen(inside, out, self.job.level)
+        words = [f"{at}/logs", "--nominal", f"{at}/model.yaml", "--policy", f"{at}/policy.onnx", "--out", to]
+        words += ["--seed", str(self.case.diagnosis_seed)]
+        words += [w for name in self.case.without for w in ("--without", name)]
+        ended = run_locked_in(inside, out, words, self.job.level, self.job.timeout_s)
+        self.seconds["diagnosis"] = round(ended.cpu_s, 2)
+        return ended
+
+    def _with_verdict(self, outcome: Outcome) -> Outcome:
+        path = self.result / "verdict.json"
+        if not path.exists():
+            return outcome
+        try:
+            return outcome.with_verdict(load_verdict(path))
+        except ValidationError as error:
+            return outcome.model_copy(update={"problem": f"the verdict does not follow its schema: {error}"[:300]})
+
+    def _measured(self, outcome: Outcome, reality: Reality, runs: Any, policy: Any) -> Outcome:
+        case = self.case
+        if not outcome.truth.faults or not self.source.kinds:
+            return outcome
+        folder = self.work / "twin"
+        folder.mkdir()
+        twin = self.source.make((), case.reality_seed)
+        plan = RecordingPlan(self.policy, case.sequences, TWIN_REPEATS, case.recording_seed + 1)
+        twin.record(plan, folder)
+        outcome = outcome.model_copy(update={"moved": moved(runs, read_folder(folder), policy)})
+        if outcome.shrink is None or outcome.shrink.s is None or self.job.number % TRUE_SHRINK_EVERY:
+            return outcome
+        motion = fast_sequences if case.kind == "power" else ordinary_sequences
+        new = motion(policy.contract, np.random.default_rng([case.recording_seed, 2]), TRUE_SECONDS)
+        fresh = self.work / "fresh"
+        fresh.mkdir()
+        corrected = load_model(str(self.result / "corrected_model.yaml"))
+        s = true_shrink(reality, corrected, self.policy, new, case.recording_seed + 2, fresh)
+        return outcome.model_copy(update={"shrink": outcome.shrink.model_copy(update={"true_s": s})})
+
+
+def _last_line(ended: Ended) -> str:
+    lines = ended.said.strip().splitlines()
+    return f"ended with {ended.code}: {lines[-1] if lines else ''}"
+
+
+__all__ = ["SECONDS", "Case", "Job", "case_folder", "execute"]
