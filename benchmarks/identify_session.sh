@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # The accuracy of identification on a machine of many cores without a network; run from the repository's root.
-#   identify_session.sh setup            lay the packed wheels (.whl/sysid) into $SITE
+#   identify_session.sh setup            lay the packed wheels (.cache/sysid_wheels) into $SITE
 #   identify_session.sh run NAME ...     benchmarks/identify_fake.py with these options; $OUT/NAME.tar.gz at the end
 # What is there after $LIMIT_S seconds is packed, finished or not.
 set -euo pipefail
@@ -11,7 +11,7 @@ export PYTHONPATH="$SITE:$PWD" PYTHONUNBUFFERED=1 OMP_NUM_THREADS=1 OPENBLAS_NUM
 mkdir -p "$OUT"
 
 setup() {
-    for wheel in .whl/sysid/*.whl; do
+    for wheel in .cache/sysid_wheels/*.whl; do
         python3 -m zipfile -e "$wheel" "$SITE"
     done
     python3 -c 'import importlib.metadata as m; m.version("spot-rl"); import mujoco, numpy, scipy, grpc, mcap, cmaes, bosdyn.client
