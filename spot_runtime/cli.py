@@ -93,10 +93,20 @@ def run(
     finally:
         source.close()
         console.close()
-    typer.echo(summary.to_text())
+    _say_last(summary.to_text())
     if summary_json is not None:
         summary_json.write_text(summary.to_json() + "\n", encoding="utf-8")
     raise typer.Exit(summary.exit_code)
+
+
+def _say_last(text: str) -> None:
+    """Print to standard output; that nobody reads any more must not change the exit code."""
+    try:
+        typer.echo(text)
+    except OSError:
+        nothing = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nothing, sys.stdout.fileno())
+        os.close(nothing)
 
 
 def _recover(directory: Path, console: Console) -> None:

@@ -120,6 +120,11 @@ class ControlLoop:
         return self._watchdogs.newest
 
     @property
+    def missed_states(self) -> int:
+        """States that never came, since the first."""
+        return self._watchdogs.missed_states
+
+    @property
     def is_done(self) -> bool:
         """Whether the loop has nothing more to do: the vendor's stand has the joints, or nothing is sent."""
         if self._mode is Mode.STANDING:

@@ -130,6 +130,7 @@ class _Attempt:
         self._tell_elsewhere = tell
         self._clock = HostClock()
         self._hal: Hal | None = None
+        self._loop: ControlLoop | None = None
         self._stats = LoopStats()
         self._refusals: tuple[str, ...] = ()
         self._control_s = (0.0, 0.0)
@@ -177,12 +178,16 @@ class _Attempt:
     def summary(self) -> RunSummary:
         """What a person and a program want to know."""
         rss_mb = resident_mb()
+        health = self._sink.health()
         return RunSummary(
             outcome=self.outcome,
             exit_code=self._exit_code,
             sentence=self._sentence,
             log_path=str(self._request.log_path),
-            log_dropped=sum(self._sink.dropped.values()),
+            log_dropped=sum(health.dropped.values()),
+            log_unwritten=sum(health.unwritten.values()),
+            log_problem=health.problem,
+            states_missed=self._missed_states(),
             rss_mb=rss_mb,
             rss_growth_mb=rss_mb - self._rss_start_mb,
             control_robot_s=self._control_s[0],
@@ -190,6 +195,9 @@ class _Attempt:
             real_time_refusals=self._refusals,
             **figures(self._stats),  # type: ignore[arg-type]
         )
+
+    def _missed_states(self) -> int:
+        return 0 if self._loop is None else self._loop.missed_states
 
     def _connect(self, hal: Hal) -> None:
         self._say(f"connecting to {self._request.robot} …")
@@ -204,7 +212,7 @@ class _Attempt:
         loop = ControlLoop(
             hal, self._request.policy, self._request.source, self._request.config, self._sink, on_event=self._tell
         )
-        self._stats = loop.stats
+        self._loop, self._stats = loop, loop.stats
         self._console.show(lambda: self._show(_progress(loop)))
         warm_up(self._request.policy)
         freeze_garbage_collection(self._request.config.real_time)

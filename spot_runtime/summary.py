@@ -40,6 +40,12 @@ class RunSummary:
     """Robot time from the begin of control to its end."""
     control_wall_s: float = 0.0
     """The same in host time; shorter in lock-step."""
+    log_unwritten: int = 0
+    """Records that reached the log's process but not the disk."""
+    log_problem: str = ""
+    """What went wrong with the log; empty where nothing did."""
+    states_missed: int = 0
+    """States that never came."""
     real_time_refusals: tuple[str, ...] = ()
 
     def to_json(self) -> str:
@@ -59,7 +65,10 @@ class RunSummary:
                 _pair("state age, receipt", self.state_age_p50_ms, self.state_age_p99_ms, "ms"),
                 _pair("state age, robot", self.acquisition_age_p50_ms, self.acquisition_age_p99_ms, "ms"),
             ]
-        lines.append(f"log                {self.log_path} ({self.log_dropped} messages dropped)")
+        lost = self.log_dropped + self.log_unwritten
+        lines.append(f"log                {self.log_path} ({lost} messages lost)")
+        if self.log_problem:
+            lines.append(f"log's problem      {self.log_problem}")
         return "\n".join(lines)
 
 

@@ -86,7 +86,8 @@ class Watchdogs:
         if robot_ns >= self._next_log_check_ns:
             self._next_log_check_ns = robot_ns + LOG_CHECK_PERIOD_NS
             health = self._recorder.health()
-            if not health.is_alive and self._config.log.stop_on_failure:
+            is_recording = health.is_alive and not any(health.unwritten.values())
+            if not is_recording and self._config.log.stop_on_failure:
                 stops.append(Stop(StopReason.LOG_FAILED, health.problem))
         return stops
 

@@ -14,7 +14,7 @@ from typing import Any, Final
 import grpc
 from bosdyn.client.robot_command import RobotCommandClient
 
-from spot_model.policy import Policy
+from spot_model.policy import Policy, load_policy
 from spot_model.state import JointCommand, RobotState
 from spot_model.velocity_sequence import VelocitySequence, Waypoint
 from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
@@ -95,6 +95,7 @@ class Rig:
     admin: Any
     folder: Path
     policy: Policy
+    policy_file: Path
     is_lock_step: bool = True
     _count: int = field(default=0)
 
@@ -287,7 +288,7 @@ def read_log(path: Path) -> tuple[Run | None, str]:
 
 
 @contextmanager
-def rig(folder: Path, policy: Policy, *, is_lock_step: bool = True, scenario: str = "default") -> Iterator[Rig]:
+def rig(folder: Path, policy_file: Path, *, is_lock_step: bool = True, scenario: str = "default") -> Iterator[Rig]:
     """A fake robot in a process of its own, for a while."""
     folder.mkdir(parents=True, exist_ok=True)
     with (
@@ -295,4 +296,4 @@ def rig(folder: Path, policy: Policy, *, is_lock_step: bool = True, scenario: st
         grpc.insecure_channel(process.address.admin) as channel,
     ):
         admin = fake_admin_pb2_grpc.FakeAdminStub(channel)  # type: ignore[no-untyped-call]
-        yield Rig(process.address, admin, folder, policy, is_lock_step)
+        yield Rig(process.address, admin, folder, load_policy(policy_file), policy_file, is_lock_step)

@@ -49,7 +49,7 @@ def is_low(log: Run) -> np.ndarray:
 
 def tilt(rig: Rig) -> Finding:
     """Somebody pushes the robot over."""
-    drive = rig.drive(happens(lambda: rig.inject("push", roll_rad_s=20.0)), seconds=6.0)
+    drive = rig.drive(happens(lambda: rig.inject("push", roll_rad_s=12.0, up_m_s=2.5)), seconds=6.0)
     return reacted(drive, judge(drive, "tilt"), "damping", since(is_tilted, drive))
 
 

@@ -79,6 +79,11 @@ class LoggerProcess:
             raise error if isinstance(error, LogError) else LogError(f"the log's process: {error}") from error
         return sink
 
+    @property
+    def process_id(self) -> int:
+        """The number of the log's process."""
+        return self._process.pid
+
     def state(self, wire: bytes, host_stamp_ns: int) -> None:
         """Log one state as wire bytes and receive stamp."""
         self._hand_over(_STATE, hand_off.pack_state_wire, wire, host_stamp_ns)

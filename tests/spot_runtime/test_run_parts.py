@@ -166,7 +166,7 @@ def test_figures_that_were_not_measured_are_null_and_take_no_line() -> None:
     assert json.loads(summary().to_json())["tick_compute_p50_us"] is None
     assert summary().to_text().splitlines() == [
         "outcome            completed: done",
-        "log                run.mcap (0 messages dropped)",
+        "log                run.mcap (0 messages lost)",
     ]
 
 
