@@ -31,7 +31,7 @@ class Leak:
     cases: int
 
 
-def leaks(outcomes: Sequence[Outcome]) -> list[Leak]:
+def leaks(outcomes: Sequence[Outcome], n_permutations: int = N_PERMUTATIONS) -> list[Leak]:
     """Is there an effect, and of which family; cases of the power table, whose motion is given by design, left out."""
     chosen = [o for o in outcomes if o.case.kind != "power" and o.metadata]
     questions = {
@@ -40,10 +40,11 @@ def leaks(outcomes: Sequence[Outcome]) -> list[Leak]:
     }
     names = sorted({n for o in chosen for n in o.metadata})
     x = np.array([[o.metadata.get(n, 0.0) for n in names] for o in chosen])
-    return [found for q, labels in questions.items() if (found := _leak(q, x, np.array(labels))) is not None]
+    made = [_leak(question, x, np.array(labels), n_permutations) for question, labels in questions.items()]
+    return [leak for leak in made if leak is not None]
 
 
-def _leak(question: str, x: np.ndarray, labels: np.ndarray) -> Leak | None:
+def _leak(question: str, x: np.ndarray, labels: np.ndarray, n_permutations: int) -> Leak | None:
     values, counts = np.unique(labels, return_counts=True)
     keep = np.isin(labels, values[counts >= FOLDS])
     x, labels = x[keep], labels[keep]
@@ -51,12 +52,12 @@ def _leak(question: str, x: np.ndarray, labels: np.ndarray) -> Leak | None:
         return None
     rng = np.random.default_rng(0)
     found = _accuracy(x, labels)
-    permuted = np.array([_accuracy(x, rng.permutation(labels)) for _ in range(N_PERMUTATIONS)])
-    p_value = (1 + int(np.sum(permuted >= found))) / (1 + N_PERMUTATIONS)
+    permuted = np.array([_accuracy(x, rng.permutation(labels)) for _ in range(n_permutations)])
+    p_value = (1 + int(np.sum(permuted >= found))) / (1 + n_permutations)
     return Leak(question, found, float(permuted.mean()), p_value, len(labels))
 
 
 def _accuracy(x: np.ndarray, labels: np.ndarray) -> float:
-    trees = ExtraTreesClassifier(n_estimators=30, class_weight="balanced", random_state=0)
+    trees = ExtraTreesClassifier(n_estimators=16, class_weight="balanced", random_state=0)
     folds = StratifiedKFold(FOLDS, shuffle=True, random_state=0)
     return float(balanced_accuracy_score(labels, cross_val_predict(trees, x, labels, cv=folds)))
