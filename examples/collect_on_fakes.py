@@ -42,7 +42,11 @@ def collect_on_fakes(
     Returns:
         Runs that did not complete, a fall for instance; their logs are there.
     """
-    single = [(number, replace(part, plan=(run,))) for part in collection.parts for number, run in enumerate(part.plan)]
+    single = [
+        (number, replace(part, plan=(run,), folder=part.folder / f"{run.sequence.name}-{run.repeat}"))
+        for part in collection.parts
+        for number, run in enumerate(part.plan)
+    ]
 
     def make(job: tuple[int, Part]) -> tuple[PlannedRun, ...]:
         number, part = job
