@@ -7,6 +7,7 @@
 #                    GPU's own, from core 0 upwards; $OUT/LABEL.tar.gz each
 #   sweep FILE S     CPU trainings side by side, FILE's lines being: CORES LABEL NAME OPTIONS...; each on cores of its
 #                    own from core $FIRST_CORE (8) upwards, for at most S seconds; all into $OUT/sweep.tar.gz
+#   cpubench CORES   training speed on these CPU cores ("6,7"), as JSON
 #   scale N          training speed on N GPUs by torchrun, as JSON
 set -euo pipefail
 SITE=${SITE:-/tmp/site}
@@ -80,6 +81,13 @@ one_training() {
     timeout --signal=INT "$seconds" python3 -m trainer train "$@" --out "$run" >"/tmp/$label.log" 2>&1 || true
     python3 -m trainer export "$run" --out "$run/policy.onnx" --networks "$run/networks.pt" >>"/tmp/$label.log" 2>&1 || true
     mv "/tmp/$label.log" "$run/training.log"
+}
+
+cpubench() {
+    for options in n_envs=1024 n_envs=2048 n_envs=4096 "n_envs=2048 --set ppo.hidden=[256,128,64]"; do
+        # shellcheck disable=SC2086
+        taskset -c "$1" python3 -m trainer bench-train --device cpu --json --set $options | tee -a "$OUT/cpubench.jsonl"
+    done
 }
 
 scale() {

@@ -49,7 +49,8 @@ def spot_mjcf(options: MjcfOptions = MjcfOptions()) -> str:  # noqa: B008
     pose = [0.0, 0.0, default_height_m(), 1.0, 0.0, 0.0, 0.0, *facts.DEFAULT_POSITION_RAD.tolist()]
     half = _numbers(BODY_HALF_SIZE_M)
     return f"""<mujoco model="spot">
-  <compiler angle="radian" autolimits="true" balanceinertia="false"/>
+  <compiler angle="radian" autolimits="true" balanceinertia="false"
+            discardvisual="{str(not options.visuals).lower()}"/>
   <option timestep="{options.timestep_s!r}" integrator="{options.integrator}" cone="{options.cone}"
           iterations="{options.solver_iterations}">
     <flag island="disable"/>

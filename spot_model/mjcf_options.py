@@ -64,6 +64,7 @@ class MjcfOptions:
         armature_kg_m2: Reflected rotor inertia a joint, one number or twelve in canonical order. Default 0: the
             nominal model of the paper has none, and the public estimate in ``facts`` is no measurement.
         link_torque_sensors: Adds a torque sensor on the link side of each joint, at about a tenth of the speed.
+        visuals: Keeps the shapes that are only seen; they carry no mass and touch nothing, but cost time.
     """
 
     timestep_s: float = 0.005
@@ -77,6 +78,7 @@ class MjcfOptions:
     collision: Literal["feet", "all"] = "all"
     armature_kg_m2: float | tuple[float, ...] = 0.0
     link_torque_sensors: bool = False
+    visuals: bool = True
 
     def __post_init__(self) -> None:
         _check(self.timestep_s > 0.0, "timestep_s", self.timestep_s, "above 0 s")

@@ -78,13 +78,13 @@ def _iterate(runner: PpoRunner, device: str) -> tuple[float, float]:
 
 def _physics_s(runner: PpoRunner, device: str, n: int = 20) -> float:
     """Seconds of one policy period of physics alone, from where training stands."""
-    backend = runner.env.task.backend
+    parts = runner.env.task
     pose = torch.tensor(facts.DEFAULT_POSITION_RAD, device=device, dtype=torch.float32)
-    setpoint = pose.repeat(runner.env.num_envs, 1)
+    setpoints = [pose.repeat(size, 1) for size in parts.sizes]
     with torch.inference_mode():
         start = _now(device)
         for _ in range(n):
-            backend.step(setpoint)
+            parts.side_by_side(lambda i: parts.parts[i].backend.step(setpoints[i]))
         return (_now(device) - start) / n
 
 

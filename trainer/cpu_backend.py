@@ -127,7 +127,7 @@ class CpuBackend:
 
 def mjcf_options(config: TaskConfig) -> MjcfOptions:
     """The physics model that a task trains on."""
-    return MjcfOptions(timestep_s=1.0 / config.physics_rate_hz, terrain=terrain_of(config.terrain))
+    return MjcfOptions(timestep_s=1.0 / config.physics_rate_hz, terrain=terrain_of(config.terrain), visuals=False)
 
 
 def randomise(plant: Plant, draws: SimulationDraws) -> None:

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
+import math
+import os
+from typing import Final
+
 import torch
 
 from spot_model.errors import BadInputError
@@ -13,14 +18,40 @@ from trainer.random_draws import Draws
 from trainer.randomised_effects import training_effects
 from trainer.task import Task
 
+PART_SIZE: Final = 512
+"""Robots of one part on a CPU: enough that its arithmetic outweighs Python, and two parts of the usual 1,024."""
+MOST_PARTS: Final = 10_000
 
-def make_task(config: TrainConfig, device: str, *, rank: int = 0, n_threads: int = 0) -> Task:
-    """Build back end and task.
+
+def make_tasks(config: TrainConfig, device: str, *, rank: int = 0) -> list[Task]:
+    """The robots of a config: one task on a GPU, parts of at most :data:`PART_SIZE` robots on a CPU.
+
+    The parts depend on the config alone, not on the machine, so a run can be repeated on another.
+
+    Raises:
+        BadInputError: The device does not exist, or the model or an effect is not allowed.
+    """
+    n_parts = math.ceil(config.n_envs / PART_SIZE) if device == "cpu" else 1
+    threads = max(1, len(os.sched_getaffinity(0)) // n_parts)
+    ends = [round(config.n_envs * i / n_parts) for i in range(n_parts + 1)]
+    return [
+        make_task(
+            config.model_copy(update={"n_envs": end - start}),
+            device,
+            seed=(config.seed * 1000 + rank) * MOST_PARTS + part,
+            n_threads=threads,
+        )
+        for part, (start, end) in enumerate(itertools.pairwise(ends))
+    ]
+
+
+def make_task(config: TrainConfig, device: str, *, seed: int, n_threads: int = 0) -> Task:
+    """Build one back end and its task.
 
     Args:
         config: What to train.
         device: "cpu", or a CUDA device such as "cuda:0".
-        rank: Number of this process among several; each draws differently.
+        seed: Of all draws.
         n_threads: CPU threads for physics, 0 for all.
 
     Raises:
@@ -28,14 +59,14 @@ def make_task(config: TrainConfig, device: str, *, rank: int = 0, n_threads: int
     """
     check_device(device)
     generator = torch.Generator(device=device)
-    generator.manual_seed(config.seed * 1000 + rank)
+    generator.manual_seed(seed)
     draws = Draws(generator)
     randomisation = config.task.randomisation
     effects = training_effects(config.model, randomisation, config.n_envs, draws)
     simulations = draw_simulations(randomisation, config.n_envs, draws)
     backend: Backend
     if device == "cpu":
-        backend = CpuBackend(config.task, effects, simulations, n_threads, seed=config.seed * 1000 + rank)
+        backend = CpuBackend(config.task, effects, simulations, n_threads, seed=seed)
     else:
         from trainer.warp_backend import WarpBackend
 

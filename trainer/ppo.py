@@ -33,13 +33,23 @@ class CheckedPpo(PPO):  # type: ignore[misc]  # rsl_rl has no types
     desired_kl: float
     symmetry: Any
 
+    def act(self, obs: Any) -> torch.Tensor:
+        """Sample actions with as many torch threads as learning has: nothing else runs meanwhile."""
+        before = torch.get_num_threads()
+        torch.set_num_threads(self.learning_threads)
+        try:
+            actions: torch.Tensor = super().act(obs)
+        finally:
+            torch.set_num_threads(before)
+        return actions
+
     def compute_returns(self, obs: Any) -> None:
         """Check the rollout, then compute returns and advantages."""
         self.env.check_finite()
         super().compute_returns(obs)
 
     def update(self) -> dict[str, float]:
-        """Learn, with :attr:`learning_threads` torch threads; collecting keeps one, the physics has the others."""
+        """Learn, with :attr:`learning_threads` torch threads; while robots move there is one."""
         before, symmetry, released = torch.get_num_threads(), self.symmetry, (self.entropy_coef, self.desired_kl)
         self.entropy_coef, self.desired_kl = self._settled(*released)
         torch.set_num_threads(self.learning_threads)

@@ -10,7 +10,7 @@ import torch
 from spot_model.errors import BadInputError
 from trainer.checkpoint import config_of, find_checkpoint, load_networks, read_checkpoint, restore
 from trainer.config import TrainConfig
-from trainer.make_task import check_device, make_task
+from trainer.make_task import check_device, make_tasks
 from trainer.ppo import PpoRunner
 from trainer.run_folder import make_run_folder
 from trainer.training_log import TrainingLog
@@ -69,7 +69,7 @@ def make_runner(config: TrainConfig, folder: Path, device: str) -> PpoRunner:
         torch.set_num_threads(1)
     else:
         torch.set_float32_matmul_precision("high")
-    env = TaskVecEnv(make_task(config, device, rank=rank), config.ppo.steps_per_iteration)
+    env = TaskVecEnv(make_tasks(config, device, rank=rank), config.ppo.steps_per_iteration)
     log = TrainingLog(
         folder,
         env,

@@ -69,9 +69,9 @@ class TrainingLog:
             "steps_per_s": self._steps_per_iteration / (collect_time + learn_time),
             "learning_rate": float(rest["learning_rate"]),
             "action_std": float(rest["action_std"].detach().mean()),
-            "command_share": self._env.task.commands.share,
+            "command_share": self._env.task.command_share,
             **{f"loss/{key}": float(value) for key, value in loss_dict.items()},
-            **self._env.task.stats.drain(),
+            **self._env.task.drain_stats(),
         }
         if self.writer is None:
             return

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import torch
@@ -12,6 +13,7 @@ from spot_model import facts
 from spot_model.errors import SpotRlError
 from spot_model.observation import OBSERVATION_LAYOUT
 from trainer.task import StepResult, Task
+from trainer.task_parts import TaskParts
 
 Tensor = torch.Tensor
 
@@ -23,10 +25,10 @@ class TrainingDivergedError(SpotRlError):
 
 
 class TaskVecEnv(VecEnv):  # type: ignore[misc]  # rsl_rl has no types
-    """Adapts a :class:`Task`; notices numbers that are not finite without waiting for the device at every step."""
+    """Adapts tasks; notices numbers that are not finite without waiting for the device at every step."""
 
-    def __init__(self, task: Task, steps_per_iteration: int) -> None:
-        self.task = task
+    def __init__(self, parts: Sequence[Task], steps_per_iteration: int) -> None:
+        self.task = task = TaskParts(parts)
         self.num_envs = task.n_envs
         self.num_actions = facts.N_JOINTS
         self.max_episode_length = task.max_steps
@@ -37,7 +39,7 @@ class TaskVecEnv(VecEnv):  # type: ignore[misc]  # rsl_rl has no types
         self._steps_per_iteration = steps_per_iteration
         self._bad_step = torch.full((self.num_envs,), -1, dtype=torch.long, device=task.device)
         self._bad_column = torch.zeros(self.num_envs, dtype=torch.long, device=task.device)
-        task.commands.advance_curriculum(0)
+        task.advance_curriculum(0)
         self._observations = self._groups(task.start())
 
     @property
@@ -52,7 +54,7 @@ class TaskVecEnv(VecEnv):  # type: ignore[misc]  # rsl_rl has no types
 
     @episode_length_buf.setter
     def episode_length_buf(self, steps: Tensor) -> None:
-        self.task.episode_steps.copy_(steps)
+        self.task.set_episode_steps(steps)
 
     def get_observations(self) -> TensorDict:
         """The observations last returned."""
@@ -61,7 +63,7 @@ class TaskVecEnv(VecEnv):  # type: ignore[misc]  # rsl_rl has no types
     def step(self, actions: Tensor) -> tuple[TensorDict, Tensor, Tensor, dict[str, Any]]:
         """One policy period; see :class:`rsl_rl.env.VecEnv`."""
         if self.steps % self._steps_per_iteration == 0:
-            self.task.commands.advance_curriculum(self.steps // self._steps_per_iteration)
+            self.task.advance_curriculum(self.steps // self._steps_per_iteration)
         result = self.task.step(actions)
         self.steps += 1
         self._watch(result)

@@ -237,3 +237,18 @@ def test_rough_ground_lies_where_its_heights_say() -> None:
 def test_a_wrong_option_is_refused_with_what_is_allowed(wrong: dict[str, object], message: str) -> None:
     with pytest.raises(BadInputError, match=message):
         MjcfOptions(**wrong)  # type: ignore[arg-type]
+
+
+def test_without_visuals_a_fall_is_the_same_bit_for_bit() -> None:
+    falls = []
+    for visuals in (True, False):
+        model = mujoco.MjModel.from_xml_string(spot_mjcf(MjcfOptions(visuals=visuals)))
+        data = mujoco.MjData(model)
+        mujoco.mj_resetDataKeyframe(model, data, 0)
+        data.qvel[:3] = (1.0, 0.5, 0.0)
+        mujoco.mj_step(model, data, 300)
+        falls.append((model.ngeom, data.qpos.copy(), data.ncon))
+    (many, seen, touching), (few, unseen, also_touching) = falls
+    assert few < many
+    assert np.array_equal(seen, unseen)
+    assert touching == also_touching > 4

@@ -173,7 +173,7 @@ def test_noise_has_the_configured_deviations_and_spares_command_and_action() -> 
 
 
 def roll(seed: int, steps: int = 15) -> torch.Tensor:
-    t = make_task(config("n_envs=6", f"seed={seed}"), "cpu", n_threads=1)
+    t = make_task(config("n_envs=6"), "cpu", seed=seed, n_threads=1)
     t.start()
     generator = torch.Generator().manual_seed(9)
     results = [t.step(0.5 * torch.randn(6, 12, generator=generator)) for _ in range(steps)]
@@ -187,7 +187,7 @@ def test_a_seed_fixes_everything() -> None:
 
 def test_a_number_that_is_not_finite_is_named_with_environment_and_step() -> None:
     backend = StillBackend()
-    env = TaskVecEnv(task(backend), steps_per_iteration=24)
+    env = TaskVecEnv([task(backend)], steps_per_iteration=24)
     for _ in range(3):
         env.step(torch.zeros(N, 12))
     env.check_finite()
