@@ -14,6 +14,7 @@ from spot_model.errors import BadInputError, SpotRlError
 from spot_model.policy import Policy
 from spot_model.policy_contract import PolicyContract
 from spot_runtime.log import Run, read_run
+from spot_runtime.stops import Reaction, StopReason
 from trainer.sysid.logged_run import Commands, LoggedRun, States, Ticks
 
 MODE: Final = "active"
@@ -26,6 +27,8 @@ FALL_GRAVITY_Z: Final = -0.5
 """A body that leans by more than 60° has fallen."""
 FALL_MARGIN_S: Final = 0.5
 """What comes so shortly before a fall is cut as well."""
+SUDDEN_ENDS: Final = frozenset(r.label for r in StopReason if r.reaction in {Reaction.DAMP, Reaction.EXPIRE})
+"""Outcomes of runs that ended in trouble: a robot that tilts too far is falling already."""
 SAME_LENGTH: Final = 0.9
 """A run shorter than this share of the longest of its sequence is not compared with it."""
 SAME_COMMAND: Final = 0.05
@@ -101,12 +104,15 @@ def run_from_log(run: Run, policy: Policy) -> LoggedRun:
             f"{FALL_MARGIN_S:g} s before"
         )
         rows = rows[:end]
+    elif run.outcome in SUDDEN_ENDS:
+        notes.append(f"the run ended with {run.outcome}; used up to {FALL_MARGIN_S:g} s before")
+        rows = rows[: max(0, len(rows) - round(FALL_MARGIN_S * policy.contract.rate_hz))]
     if len(rows) < MIN_TICKS:
         raise BadInputError(
             f"it has {len(rows)} ticks of the policy ({len(rows) / policy.contract.rate_hz:.1f} s); at least "
             f"{MIN_TICKS} are needed" + (f" ({'; '.join(notes)})" if notes else "")
         )
-    if run.outcome != "completed" and not len(fallen):
+    if run.outcome not in {"completed", *SUDDEN_ENDS} and not len(fallen):
         notes.append(f"the run did not end as planned ({run.outcome}); used {len(rows)} ticks")
     lost = int(ticks.skipped[rows].sum())
     if lost:

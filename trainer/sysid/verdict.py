@@ -27,7 +27,8 @@ SYSTEMATIC_FRICTION_NM: Final = 0.015
 found by planting known values in simulations of other step, integrator and contact. Standard deviations.
 """
 MIN_ACTIVE: Final = 30
-"""Samples that must bear on a parameter, in at least two runs."""
+MIN_RUNS: Final = 2
+"""So many samples must bear on a parameter, in so many runs."""
 
 Source = Literal["measured torque", "distributions", "not identified"]
 
@@ -112,7 +113,7 @@ def _verdict(
         )
 
     if by_torque is not None and fit is not None and samples is not None:
-        enough = fit.errors.active_samples[i] >= MIN_ACTIVE and fit.errors.active_runs[i] >= 2
+        enough = fit.errors.active_samples[i] >= MIN_ACTIVE and fit.errors.active_runs[i] >= MIN_RUNS
         if enough and is_narrow(p, by_torque):
             reason = f"{fit.errors.active_samples[i]} samples of {fit.errors.active_runs[i]} runs bear on it"
             return made(by_torque, by_torque.value, "measured torque", reason)
@@ -141,8 +142,10 @@ def why_not(space: SearchSpace, fit: TorqueFit, samples: TorqueSamples, i: int, 
     n, runs = int(fit.errors.active_samples[i]), int(fit.errors.active_runs[i])
     if n == 0:
         return f"never reached: no sample depends on it; {_reached(p, samples)}"
+    if runs < MIN_RUNS:
+        return f"one run alone bears on it ({n} samples); how far it can be trusted shows from {MIN_RUNS} runs on"
     if not enough:
-        needed = f"{MIN_ACTIVE} of 2 are needed"
+        needed = f"{MIN_ACTIVE} of {MIN_RUNS} runs are needed"
         return f"hardly reached: {n} samples of {runs} runs depend on it, {needed}; {_reached(p, samples)}"
     others = np.abs(fit.errors.correlation[i]).copy()
     others[i] = 0.0

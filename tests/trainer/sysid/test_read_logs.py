@@ -129,6 +129,15 @@ def test_a_fall_cuts_the_run_before_it(long_run: LoggedRun, policy: Policy) -> N
     assert found.notes == ("the robot fell after 6.0 s of the sequence; used up to 0.5 s before",)
 
 
+def test_a_run_that_was_stopped_while_it_tilted_loses_its_end(long_run: LoggedRun, policy: Policy) -> None:
+    found = run_from_log(as_log(long_run, policy, outcome="tilt"), policy)
+    assert len(found.ticks.action) == 375
+    assert found.notes == ("the run ended with tilt; used up to 0.5 s before",)
+    stopped = run_from_log(as_log(long_run, policy, outcome="operator_stop"), policy)
+    assert len(stopped.ticks.action) == 400
+    assert stopped.notes == ("the run did not end as planned (operator_stop); used 400 ticks",)
+
+
 def test_an_early_fall_leaves_too_little(long_run: LoggedRun, policy: Policy) -> None:
     observation = long_run.ticks.observation.copy()
     observation[100:, 8] = 0.2
@@ -170,6 +179,13 @@ def test_one_run_of_a_sequence_has_no_floor_and_that_is_said(long_run: LoggedRun
     assert len(warnings) == 1
     assert warnings[0].startswith("sequence a has one run: there is no real-versus-real floor")
     assert warnings[0].endswith("record at least two, better five repeats")
+
+
+def test_recordings_of_incidents_are_no_logs_of_their_own(tmp_path: Path, policy: Policy) -> None:
+    (tmp_path / "incidents").mkdir()
+    (tmp_path / "incidents" / "a.mcap").write_bytes(b"not a log")
+    with pytest.raises(BadInputError, match=r"has no \.mcap file"):
+        read_logs([tmp_path], policy)
 
 
 def test_nothing_usable_is_an_error_with_all_reasons(tmp_path: Path, policy: Policy) -> None:
