@@ -31,7 +31,7 @@ sys.path.insert(0, str(ROOT / "examples"))
 
 from collect_on_fakes import collect_on_fakes  # noqa: E402
 
-from fake_robot.scenario import Scenario  # noqa: E402
+from fake_robot.scenario import Scenario, load_scenario  # noqa: E402
 from spot_model.facts import PAPER_IDENTIFIED, PaperActuator  # noqa: E402
 from trainer.collect_run import Collection  # noqa: E402
 from trainer.sysid.result import ResultData  # noqa: E402
@@ -151,7 +151,7 @@ def table(out: Path) -> str:
             if not p.identified:
                 words = f"not identified: {p.reason[:110]}"
             lines.append(f"  {NAMES[p.name]:<20} {true:9.3f} {p.value:9.3f}  [{p.low:9.3f}, {p.high:9.3f}] {words}")
-        lines.append(f"  delay {1e3 * (data.path_delay_median_s or 0.0):.2f} ms; noise {_noise(data, number, out)}")
+        lines.append(f"  {_delay(data, number, out)}; noise over planted: {_noise(data, number, out)}")
     lines.append(
         f"{n_identified} identified of {8 * len(ratios)}: {within} within the bound, {inside} in their interval; "
         f"score over floor at most {max(ratios, default=float('nan')):.2f}"
@@ -163,11 +163,19 @@ def _scores(score: dict[str, float | None]) -> str:
     return ", ".join(f"{name} {value:.2f}" for name, value in score.items() if value is not None)
 
 
+def _planted(number: int, out: Path) -> Scenario:
+    return load_scenario(out / f"truth-{number}" / "scenario.yaml")
+
+
+def _delay(data: ResultData, number: int, out: Path) -> str:
+    """Median delay of commands beside the planted one."""
+    planted = _planted(number, out).command_channel.delay.sample(np.random.default_rng(0), 100_000)
+    return f"command delay {1e3 * (data.command_delay_median_s or 0.0):.2f} ms (planted {1e3 * np.median(planted):.2f})"
+
+
 def _noise(data: ResultData, number: int, out: Path) -> str:
     """Measured over planted noise by block of the observation."""
-    planted = Scenario.model_validate(
-        yaml.safe_load((out / f"truth-{number}" / "scenario.yaml").read_text()), strict=False
-    ).sensors
+    planted = _planted(number, out).sensors
     sigmas = {
         "v": planted.body_velocity_m_s,
         "ω": planted.body_angular_velocity_rad_s,
