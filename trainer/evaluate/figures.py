@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from spot_model import facts
 from trainer.evaluate.rollout import Array, Recording
 
 
@@ -28,10 +29,10 @@ def mean_velocity(recording: Recording, span: slice) -> Array:
 
 def gait(recording: Recording, span: slice, robot: int) -> dict[str, Any]:
     """Duty factor of each leg, their largest difference, and the share of time with no foot on the ground."""
-    contact = recording.foot_contact[span, robot]
+    contact = recording.foot_contact[span, :, robot].reshape(-1, facts.N_LEGS)
+    seconds = (span.stop - span.start) / recording.rate_hz
     duty = contact.mean(axis=0)
     touchdowns = (~contact[:-1] & contact[1:]).sum(axis=0)
-    seconds = len(contact) / recording.rate_hz
     return {
         "duty_factors": [round(float(d), 3) for d in duty],
         "duty_spread": round(float(duty.max() - duty.min()), 3),

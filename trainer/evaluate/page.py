@@ -37,14 +37,16 @@ def _summary(result: dict[str, Any]) -> list[tuple[str, Any]]:
         ("Highest sustained speed, m/s", top["sustained_m_s"]),
         ("Flight share there", top["flight_share"]),
         ("Duty factors there (fl, fr, hl, hr)", top["duty_factors"]),
+        ("Largest spread of duty factors at 0.5 m/s and more", tracking["worst_duty_spread"]),
         ("Mean forward error up to 5 m/s, m/s", tracking["mean_forward_error_m_s"]),
         ("Mean lateral error up to 3 m/s, m/s", tracking["mean_lateral_error_m_s"]),
         ("Mean yaw error up to 3 m/s, rad/s", tracking["mean_yaw_error_rad_s"]),
         ("Speed when told to stand, m/s", tracking["standing_speed_m_s"]),
         ("Peak torque, N·m", tracking["peak_torque_nm"]),
     ]
-    for key, label in (("episodes_slow", "up to 3 m/s"), ("episodes_fast", "above 3 m/s")):
+    for key in ("episodes_slow", "episodes_fast", "episodes_beyond"):
         if key in result:
+            label = "at {} to {} m/s".format(*result[key]["v_x_m_s"])
             rows.append((f"Falls in {result[key]['episodes']} randomised episodes {label}", result[key]["falls"]))
             rows.append((f"Falls per hour {label}", result[key]["falls_per_hour"]))
     for key, label in (("pushes", "a push of 1 m/s"), ("slippery_patch", "a patch of μ 0.3")):

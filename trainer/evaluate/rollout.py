@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from spot_model import facts
 from spot_model.observation import build_observation
-from spot_model.plant import Plant
+from spot_model.plant import Plant, ServoCommand
 from spot_model.policy import Policy
 
 Array = NDArray[np.float64]
@@ -30,7 +30,7 @@ class Recording:
     velocity: Array
     """Measured V_x, V_y (m/s) and ω_z (rad/s) in the body frame, shape (T, n, 3)."""
     foot_contact: NDArray[np.bool_]
-    """Shape (T, n, 4), legs fl, fr, hl, hr."""
+    """At every physics step, shape (T, steps a tick, n, 4), legs fl, fr, hl, hr: a stance lasts few ticks."""
     power_w: Array
     """Mechanical power of all motors, shape (T, n); positive work only."""
     torque_peak_nm: Array
@@ -94,13 +94,17 @@ def roll_out(
         if noise_sigma is not None and rng is not None:
             observation = observation + noise_sigma * rng.standard_normal(observation.shape)
         action = policy.act(observation)
-        plant.step(policy.setpoint_rad(action), substeps)
+        plant.command(ServoCommand(position_rad=policy.setpoint_rad(action)))
+        contact = np.empty((substeps, n, facts.N_LEGS), dtype=np.bool_)
+        for substep in range(substeps):
+            plant.advance()
+            contact[substep] = plant.foot_contact
         alive &= ~plant.body_contact
         power = np.maximum(plant.applied_torque_nm * plant.joint_velocity_rad_s, 0.0).sum(axis=-1)
         peak = np.maximum(peak, np.abs(plant.applied_torque_nm).max(axis=-1))
         velocity = np.concatenate(
             [plant.linear_vel_of_body_in_body_m_s[:, :2], plant.angular_vel_of_body_in_body_rad_s[:, 2:]], axis=-1
         )
-        rows.append((np.array(command), velocity, plant.foot_contact, power, alive.copy()))
+        rows.append((np.array(command), velocity, contact, power, alive.copy()))
     commands, velocities, contacts, powers, lives = (np.stack(column) for column in zip(*rows, strict=True))
     return Recording(commands, velocities, contacts, powers, peak, lives, policy.contract.rate_hz)

@@ -10,9 +10,15 @@ from spot_model.plant import Plant
 from trainer.evaluate.figures import gait, mean_velocity, tracking_error
 from trainer.evaluate.rollout import Array, roll_out
 from trainer.evaluate.setting import Setting, set_friction
+from trainer.task_config import CommandConfig
 
 RAMP_M_S2 = 0.5
 """Commanded acceleration in ramps, as in the paper's forward sequence at 4 m/s (10 s)."""
+
+
+STEADY_FROM_M_S = 0.5
+"""Forward speed from which the feet are compared."""
+PAPER = CommandConfig()
 
 
 def _ramped(target: Array, rate_hz: float, seconds: float) -> Any:
@@ -55,6 +61,7 @@ def tracking(setting: Setting, step: float = 0.5) -> dict[str, Any]:
         "worst_forward_error_m_s": _worst(p["error"][0] for p in forward),
         "mean_lateral_error_m_s": _mean(p["error"][1] for p in slow),
         "mean_yaw_error_rad_s": _mean(p["error"][2] for p in slow),
+        "worst_duty_spread": _worst(p["duty_spread"] for p in forward if p["command"][0] >= STEADY_FROM_M_S),
         "standing_speed_m_s": round(float(np.linalg.norm(means[0][:2])), 4),
         "standing_feet_moves_per_s": points[0]["stride_hz"],
         "peak_torque_nm": round(float(recording.torque_peak_nm.max()), 1),
@@ -87,15 +94,15 @@ def top_speed(setting: Setting, step: float = 0.25) -> dict[str, Any]:
     }
 
 
-def episodes(setting: Setting, n: int = 100, top_m_s: float | None = None, bottom_m_s: float = 0.0) -> dict[str, Any]:
+def episodes(setting: Setting, n: int = 100, *, bottom_m_s: float, top_m_s: float) -> dict[str, Any]:
     """Episodes of 20 s under randomisation, noise and pushes; commands drawn anew after 10 s.
 
-    ``bottom_m_s`` and ``top_m_s`` bound |V_x|.
+    ``bottom_m_s`` and ``top_m_s`` bound |V_x|; V_y and ω_z are within the paper's ranges and the policy's.
     """
     rng = np.random.default_rng(setting.seed)
     plant, rate = setting.random_plant(n, rng), setting.policy.contract.rate_hz
-    low, high = (np.array(v) for v in _command_bounds(setting))
-    first, second = (_drawn(rng, n, low, high, top_m_s, bottom_m_s) for _ in range(2))
+    low, high = _episode_bounds(setting, top_m_s)
+    first, second = (_drawn(rng, n, low, high, bottom_m_s) for _ in range(2))
     push_tick = rng.integers(round(5.0 * rate), round(15.0 * rate), n)
     push = np.concatenate([rng.uniform(*setting.randomisation.push_m_s, (n, 2)), np.zeros((n, 1))], axis=-1)
 
@@ -119,7 +126,7 @@ def episodes(setting: Setting, n: int = 100, top_m_s: float | None = None, botto
         "episodes": n,
         "falls": falls,
         "falls_per_hour": round(falls / hours, 2),
-        "v_x_m_s": [bottom_m_s, high[0] if top_m_s is None else top_m_s],
+        "v_x_m_s": [bottom_m_s, float(high[0])],
     }
 
 
@@ -177,10 +184,15 @@ def _command_bounds(setting: Setting) -> tuple[tuple[float, float, float], tuple
     return contract.velocity_command_low, contract.velocity_command_high
 
 
-def _drawn(rng: np.random.Generator, n: int, low: Array, high: Array, top: float | None, bottom: float) -> Array:
+def _episode_bounds(setting: Setting, top_m_s: float) -> tuple[Array, Array]:
+    paper = np.array([PAPER.v_x_m_s, PAPER.v_y_m_s, PAPER.yaw_rate_rad_s])
+    low, high = _command_bounds(setting)
+    return np.maximum(low, paper[:, 0]), np.minimum(high, [top_m_s, *paper[1:, 1]])
+
+
+def _drawn(rng: np.random.Generator, n: int, low: Array, high: Array, bottom: float) -> Array:
     command = rng.uniform(low, high, (n, 3))
-    reach = high[0] if top is None else min(high[0], top)
-    size = rng.uniform(bottom, reach, n)
+    size = rng.uniform(bottom, high[0], n)
     backwards = (rng.random(n) < -low[0] / (high[0] - low[0])) & (size <= -low[0])
     command[:, 0] = np.where(backwards, -size, size)
     return np.asarray(command)
