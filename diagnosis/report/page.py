@@ -1,33 +1,27 @@
-"""One self-contained page of a diagnosis: opens from disk, needs no network."""
+"""One self-contained page of a diagnosis: opens from disk, needs no network, light or dark."""
 
 from __future__ import annotations
 
-import html
 from collections.abc import Iterable
-from typing import Final
 
 from diagnosis.diagnose import Diagnosis
-from diagnosis.report import figures
-from diagnosis.report.spot_picture import picture
+from diagnosis.report import bars, words
+from diagnosis.report.gap_map import gap_map_figure, note
+from diagnosis.report.lines import dependence
+from diagnosis.report.robot_picture import picture
+from diagnosis.report.scale import has_floor, share_of, told
+from diagnosis.report.strips import strips
+from diagnosis.report.style import SCRIPT, STYLE
+from diagnosis.report.svg import esc, legend
+from diagnosis.report.trace_choice import trace_figure
 from diagnosis.seam import CHANNEL_TITLES
-from diagnosis.terminal import WORDS, joints_in_short
-from diagnosis.verdict import FoundEffect, Verdict
+from diagnosis.terminal import joints_in_short
+from diagnosis.verdict import FoundEffect, GapCell, Verdict
 from spot_model.facts import JOINT_NAMES
 
-MAX_STRETCHES: Final = 60
-STYLE: Final = """
-body { font: 15px/1.45 system-ui, sans-serif; color: #26313b; background: #f4f6f8; margin: 0; }
-main { max-width: 1320px; margin: 0 auto; padding: 20px; }
-h1 { font-size: 24px; margin: 4px 0 2px; } h2 { font-size: 18px; margin: 0 0 6px; }
-h3 { font-size: 15px; margin: 10px 0 2px; }
-section { background: #fff; border: 1px solid #dde3e8; border-radius: 8px; padding: 14px 18px; margin: 14px 0; }
-.two { display: grid; grid-template-columns: 1fr 1fr; gap: 14px; } .two section { margin: 0; }
-p.note { color: #61707d; margin: 0 0 6px; font-size: 13px; } p.verdict { font-size: 19px; margin: 4px 0; }
-table { border-collapse: collapse; width: 100%; font-size: 14px; }
-td, th { text-align: left; vertical-align: top; padding: 3px 12px 3px 0; border-bottom: 1px solid #edf0f3; }
-th { color: #61707d; font-weight: 500; } code { background: #eef2f5; padding: 1px 4px; border-radius: 4px; }
-@media (max-width: 900px) { .two { grid-template-columns: 1fr; } }
-"""
+COLOURS = (
+    ("var(--real)", "real"), ("var(--nominal)", "nominal model"), ("var(--corrected)", "with the effects put in"),
+)  # fmt: skip
 
 
 def page(result: Diagnosis) -> str:
@@ -36,147 +30,182 @@ def page(result: Diagnosis) -> str:
     Args:
         result: The diagnosis.
     """
-    from plotly.offline import get_plotlyjs
-
     v = result.verdict
     cells = result.map.cells if result.map is not None else ()
     named = frozenset(j for e in v.effects for j in e.joints) | frozenset(v.unknown.joints if v.unknown else ())
-    joints = result.board.robot.joint_names
-    gaps = _by_joint(result)
+    by_joint = _by_joint(cells)
     body = [
-        f"<h1>Diagnosis of {len(v.logs)} logs</h1><p class='note'>nominal model: {_e(v.nominal or 'given')}</p>",
-        f"<section><p class='verdict'>{_e(WORDS[v.status])}</p>{_effects(v)}</section>",
+        _head(result),
         "<div class='two'>",
-        _section("Where", "Colour: the gap of the load's error over its floor. Ring: the verdict names the joint.",
-                 picture(gaps, named) if tuple(joints) == JOINT_NAMES else ""),
-        _section("Which", "Red: found. Orange: not to be told apart from it with these logs.", figures.ranking(v)),
+        _where(result, by_joint, named),
+        _section("Which effect", _which_note(v), bars.ranking(v)),
         "</div>",
-    ]  # fmt: skip
+        _shrink(v),
+        _effects(v),
+        _unknown(v),
+        _traces(result, by_joint, named),
+    ]
     if cells:
-        body.append(_section("Gap map", "Real against the nominal model in closed loop. Hover for figures. " + (
-            "Colour: gap over the real-versus-real floor." if any(c.ratio is not None for c in cells) else
-            "No sequence was repeated: no floor and no p-value."), figures.heat_map(cells, joints)))  # fmt: skip
-    body.append(_traces(result, gaps, named))
-    if v.shrink is not None:
-        body.append(_section("How far the gap shrinks", _shrink_text(v), figures.shrink_bars(v)))
-    if v.unknown is not None and v.unknown.curves:
-        body.append(_section("What is left", f"At {', '.join(v.unknown.joints)}, largest when {v.unknown.regime}; "
-                             f"{100 * v.unknown.predictable_share:.0f} % of it is predictable from signals.",
-                             figures.unknown_curves(v.unknown)))  # fmt: skip
-    body.append(
-        _section(
-            "Limits of these logs, and what to record next", "", _list(v.log_advice) + _channels(v) + _invisible(v)
-        )
-    )
-    body.append(_section("Stretches", "Cut out, or carrying much of the gap.", _stretches(v)))
+        body.append(_section("Gap map", note(cells), gap_map_figure(cells, result.board.robot.joint_names)))
+    body += [_limits(v), _channels(v), _timeline(result)]
     if v.notes:
         body.append(_section("Notes", "", _list(v.notes)))
     return (
         "<!doctype html><html lang='en'><head><meta charset='utf-8'><title>Diagnosis</title>"
-        "<link rel='icon' href='data:,'>"
-        f"<style>{STYLE}</style><script>{get_plotlyjs()}</script></head>"
-        f"<body><main>{''.join(body)}</main></body></html>"
+        "<meta name='viewport' content='width=device-width'><link rel='icon' href='data:,'>"
+        f"<style>{STYLE}</style></head><body><main>{''.join(body)}</main><div id='tip'></div>"
+        f"<script>{SCRIPT}</script></body></html>\n"
     )
 
 
-def _e(text: object) -> str:
-    return html.escape(str(text))
+def _section(title: str, about: str, content: str) -> str:
+    told_about = f"<p class='note'>{esc(about)}</p>" if about else ""
+    return f"<section><h2>{esc(title)}</h2>{told_about}{content}</section>"
 
 
-def _section(title: str, note: str, content: str) -> str:
-    return f"<section><h2>{_e(title)}</h2><p class='note'>{_e(note)}</p>{content}</section>"
+def _list(items: Iterable[str], tag: str = "ul") -> str:
+    return f"<{tag}>" + "".join(f"<li>{esc(i)}</li>" for i in items) + f"</{tag}>"
 
 
-def _list(items: Iterable[str]) -> str:
-    return "<ul>" + "".join(f"<li>{_e(i)}</li>" for i in items) + "</ul>"
+def _head(result: Diagnosis) -> str:
+    v = result.verdict
+    names = sorted({run.header.command_sequence or "unnamed" for run in result.runs})
+    seconds = sum(run.duration_s for run in result.runs)
+    left_out = f" · left out of the library: {', '.join(v.without)}" if v.without else ""
+    return (
+        f"<section><span class='badge {v.status}'>{esc(words.BADGES[v.status])}</span>"
+        f"<h1>{esc(words.headline(v))}</h1><p class='lead'>{esc(words.second_line(v))}</p>"
+        f"<p class='meta' style='margin-top:12px'>{len(v.logs)} logs, {seconds:.0f} s, of {len(names)} command "
+        f"sequences ({esc(', '.join(names))}) · nominal model: {esc(v.nominal or 'given')}{esc(left_out)}</p></section>"
+    )
 
 
-def _by_joint(result: Diagnosis) -> dict[str, float]:
-    """The gap that colours a joint: over all regimes, of the load's error, else the load, else the velocity."""
-    cells = result.map.cells if result.map is not None else ()
+def _by_joint(cells: tuple[GapCell, ...]) -> dict[str, GapCell]:
+    """The cell that colours a joint: all regimes, of the load's error, else the load, else the velocity."""
     for signal in ("load error", "load", "velocity"):
-        found = {
-            c.joint: (c.ratio if c.ratio is not None else c.gap)
-            for c in cells
-            if c.signal == signal and c.regime == "all"
-        }
+        found = {c.joint: c for c in cells if c.signal == signal and c.regime == "all"}
         if found:
             return found
     return {}
 
 
-def _effects(v: Verdict) -> str:
-    if not v.effects:
-        return f"<p>Probability of none {v.probability_none:.2f}, of an unknown effect {v.probability_unknown:.2f}.</p>"
-    return "".join(_effect(e) for e in v.effects)
+def _where(result: Diagnosis, by_joint: dict[str, GapCell], named: frozenset[str]) -> str:
+    largest = max((c.gap for c in by_joint.values()), default=0.0)
+    shares = {j: share_of(c, largest) for j, c in by_joint.items()}
+    ringed = " A blue ring: the verdict names the joint." if named else ""
+    if not by_joint:
+        listed = f"<p>The verdict names {esc(joints_in_short(tuple(sorted(named))))}.</p>" if named else ""
+        return _section("Where", "No closed-loop run of the nominal model: no gap in figures.", listed)
+    signal = next(iter(by_joint.values())).signal
+    about = f"Gap of the {signal} over all of the motion.{ringed}"
+    if tuple(result.board.robot.joint_names) == JOINT_NAMES:
+        tips = {j: told(c) for j, c in by_joint.items()}
+        figure = picture(shares, tips, named, in_floors=has_floor(tuple(by_joint.values())))
+        return _section("Where", about, figure)
+    gaps = {j: c.ratio if c.ratio is not None else c.gap for j, c in by_joint.items()}
+    return _section("Where", about, bars.by_joint(gaps, shares, named))
 
 
-def _effect(e: FoundEffect) -> str:
-    rows = "".join(
-        f"<tr><th>{_e(n)}</th><td>{p.value:.4g} {_e(p.unit)}</td><td>90 %: {p.low:.4g} to {p.high:.4g}</td></tr>"
-        for n, p in e.parameters.items()
-    )
-    group = ""
-    if len(e.group) > 1 and e.split is not None:
-        hand = f" Besides: {_e(e.split.by_hand)}." if e.split.by_hand else ""
-        group = (
-            f"<p>These logs cannot rule out {_e(', '.join(e.group[1:]))} (within {e.margin_nats:.0f} nats). "
-            f"{_e(e.split_by)}{hand}<br><code>{_e(e.split.command)}</code></p>"
-        )
-    channels = ", ".join(
-        f"{CHANNEL_TITLES.get(c, c)} {g:.0f}" for c, g in sorted(e.channels.items(), key=lambda x: -x[1])
-    )
-    return (
-        f"<h3>{_e(e.title or e.name)} ({_e(e.name)}), probability {e.probability:.2f}, "
-        f"at {_e(joints_in_short(e.joints))}</h3>"
-        f"<table>{rows}</table>{group}<p class='note'>Evidence in nats by channel: {_e(channels)}</p>"
-    )
+def _which_note(v: Verdict) -> str:
+    if any(len(e.group) > 1 for e in v.effects):
+        return "Red: found. Orange: these logs cannot rule it out in the same place."
+    return "Red: found. Grey: tried in its place and worse." if v.effects else "Nothing in the library is found."
 
 
-def _shrink_text(v: Verdict) -> str:
+def _shrink(v: Verdict) -> str:
     s = v.shrink
     if s is None:
         return ""
-    held = f"Held-out sequences: {', '.join(s.held_out)}. " if s.held_out else ""
-    if s.s is None or s.s_low is None or s.s_high is None:
-        return held + "The gap does not exceed its floor."
-    text = f"{held}S = {s.s:.2f}, 90 % interval {s.s_low:.2f} to {s.s_high:.2f}."
-    return text + (f" Best wrong effect, {s.placebo.name}: S = {s.placebo.s:.2f}." if s.placebo else "")
+    held = f"measured on sequences that the fit never saw ({', '.join(s.held_out)})" if s.held_out else (
+        "measured on the sequence that the fit saw"
+    )  # fmt: skip
+    about = (
+        "The policy runs in closed loop on the nominal model and on the one with the effects put in, "
+        f"{held}. S = (before − after)/(before − floor): 1 means that nothing is left but what differs between real "
+        "runs."
+    )
+    left = bars.shrink_line(s) or "<p>The gap does not exceed its floor: there is nothing to shrink.</p>"
+    placebo = ""
+    if s.placebo is not None:
+        placebo = (
+            f"<p class='note'>Placebo: {esc(s.placebo.name.replace('_', ' '))}, the best wrong effect with as many "
+            f"parameters, S = {s.placebo.s:.2f}.</p>"
+        )
+    key = legend(
+        (("var(--nominal)", "nominal"), ("var(--corrected)", "with the effects"), ("var(--floor)", "real–real"))
+    )
+    content = f"<div class='two' style='margin:0'><div>{left}{placebo}</div><div>{key}{bars.gap_bars(s)}</div></div>"
+    return _section("How far the gap shrinks", about, content)
 
 
-def _traces(result: Diagnosis, gaps: dict[str, float], named: frozenset[str]) -> str:
-    m = result.measured
-    joints = result.board.robot.joint_names
-    if m is None or not m.nominal:
+def _effects(v: Verdict) -> str:
+    return _section("The effects found", "", "".join(_effect(e) for e in v.effects)) if v.effects else ""
+
+
+def _effect(e: FoundEffect) -> str:
+    group = ""
+    if len(e.group) > 1:
+        hand = f" Besides: {esc(e.split.by_hand)}." if e.split is not None and e.split.by_hand else ""
+        command = f"<pre>{esc(e.split.command)}</pre>" if e.split is not None and e.split.command else ""
+        group = (
+            f"<p>These logs cannot rule out <b>{esc(', '.join(words.plain(n) for n in e.group[1:]))}</b>. To tell: "
+            f"{esc(e.split_by)}{hand}</p>{command}"
+        )
+    channels = ", ".join(
+        f"{CHANNEL_TITLES.get(c, c)} ({g:.0f})" for c, g in sorted(e.channels.items(), key=lambda x: -x[1]) if g > 0
+    )
+    evidence = f"<p class='note'>Evidence, nats: {esc(channels)}</p>" if channels else ""
+    return (
+        f"<h3>{esc(e.title or words.plain(e.name))} <code>{esc(e.name)}</code> at {esc(joints_in_short(e.joints))}, "
+        f"probability {e.probability:.2f}</h3>{bars.parameters(e)}{group}{evidence}"
+    )
+
+
+def _unknown(v: Verdict) -> str:
+    u = v.unknown
+    if u is None or not u.joints:
         return ""
-    pool = named or frozenset(joints)
-    joint = max((j for j in joints if j in pool), key=lambda j: gaps.get(j, 0.0))
-    real = result.runs[0]
-    key = (real.header.command_sequence or "unnamed", real.header.repeat)
-    same = [next((r for r in group if (r.header.command_sequence, r.header.repeat) == key), None)
-            for group in (m.nominal, m.corrected)]  # fmt: skip
-    where = f"{joint} in {real.header.command_sequence}, repeat {real.header.repeat}"
-    note = f"{where}; each in closed loop, so steps drift apart."
-    return _section("Traces", note, figures.traces(real, same[0], same[1], joints.index(joint)))
+    about = (
+        f"At {joints_in_short(u.joints)}, largest in {u.regime or 'all regimes'}; {100 * u.predictable_share:.0f} % of "
+        f"what is left is predictable from {' and '.join(u.depends_on)}. Write it as an effect and give it with "
+        "--add-effect module:Class (docs/diagnosis.md has a complete example)."
+    )
+    figures = "".join(f"<div>{dependence(c, u.unit)}</div>" for c in u.curves)
+    return _section("What no effect explains", about, f"<div class='two' style='margin:0'>{figures}</div>")
+
+
+def _traces(result: Diagnosis, by_joint: dict[str, GapCell], named: frozenset[str]) -> str:
+    found = trace_figure(result, {j: c.ratio or c.gap for j, c in by_joint.items()}, named)
+    if found is None:
+        return ""
+    where, figure = found
+    has_corrected = result.measured is not None and bool(result.measured.corrected)
+    key = legend(COLOURS if has_corrected else COLOURS[:2])
+    return _section("Traces", f"{where}. Each run is in closed loop, so steps drift apart.", key + figure)
+
+
+def _limits(v: Verdict) -> str:
+    content = "<h3>Record next</h3>" + _list(v.log_advice, "ol") if v.log_advice else ""
+    if v.invisible:
+        chips = "".join(f"<span class='chip off'>{esc(words.plain(n))}</span>" for n in v.invisible)
+        content += f"<h3>Invisible in these logs</h3><p class='note'>No signal shows these effects.</p>{chips}"
+    return _section("What these logs cannot tell, and what to record next", "", content) if content else ""
 
 
 def _channels(v: Verdict) -> str:
-    rows = "".join(
-        f"<tr><th>{_e(c)}</th><td>{_e(CHANNEL_TITLES.get(c, c))}</td><td>{_e(s)}</td></tr>"
-        for c, s in v.channels.items()
-    )
-    return f"<h3>Channels</h3><table>{rows}</table>"
+    rows = []
+    for name, state in v.channels.items():
+        gains = [e.channels.get(name, 0.0) for e in v.effects]
+        evidence = f"{sum(gains):.0f} nats for what was found" if sum(gains) >= 1.0 else ""
+        mark = "<b style='color:var(--good)'>on</b>" if state == "used" else f"<span>{esc(state)}</span>"
+        title = esc(CHANNEL_TITLES.get(name, name))
+        rows.append(f"<tr><th>{esc(name)}</th><td>{title}</td><td>{mark}</td><td>{evidence}</td></tr>")
+    return _section("How each channel did", "", f"<table>{''.join(rows)}</table>")
 
 
-def _invisible(v: Verdict) -> str:
-    return f"<p>Invisible in these logs: {_e(', '.join(v.invisible))}.</p>" if v.invisible else ""
-
-
-def _stretches(v: Verdict) -> str:
-    rows = "".join(
-        f"<tr><td>{_e(s.log)}</td><td>{s.start_s:.1f} to {s.end_s:.1f} s</td><td>{_e(s.kind)}</td>"
-        f"<td>{_e(s.reason)}</td></tr>"
-        for s in v.timeline[:MAX_STRETCHES]
-    )
-    more = len(v.timeline) - MAX_STRETCHES
-    return f"<table>{rows}</table>" + (f"<p class='note'>and {more} more, in verdict.json</p>" if more > 0 else "")
+def _timeline(result: Diagnosis) -> str:
+    key = legend((
+        ("var(--corrected)", "used"), ("var(--nominal)", "carries much of the gap"),
+        ("var(--empty)", "cut out: no command, start, fall, not following"),
+    ))  # fmt: skip
+    return _section("Logs over time", "", key + strips(result.runs, result.verdict.timeline))

@@ -1,0 +1,72 @@
+"""The verdict in plain sentences."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from diagnosis.terminal import joints_in_short
+from diagnosis.verdict import FoundEffect, Verdict
+
+BADGES: Final = {
+    "explained": "Explained",
+    "partly_explained": "Partly explained",
+    "unknown_effect": "Unknown effect",
+    "no_gap": "No gap",
+    "cannot_tell": "Cannot tell",
+}
+
+
+def plain(name: str) -> str:
+    """An effect's name as words."""
+    return name.replace("_", " ")
+
+
+UNITS: Final = (
+    "_nm_s_per_rad", "_v_s_per_rad", "_k_per_nm2_s", "_rad_per_nm", "_w_per_nm2", "_nm_per_v", "_cycles_per_rad",
+    "_kg_m2", "_rad_s", "_m_s2", "_per_k", "_m_s", "_kg", "_nm", "_rad", "_ohm", "_w", "_v", "_s", "_m", "_k",
+)  # fmt: skip
+
+
+def parameter(name: str) -> str:
+    """A parameter's name as words, without the unit at its end: that stands beside the value."""
+    end = next((u for u in UNITS if name.endswith(u) and len(name) > len(u)), "")
+    return plain(name.removesuffix(end))
+
+
+def headline(v: Verdict) -> str:
+    """What was found, in one sentence."""
+    if v.status == "cannot_tell":
+        return "These logs feed no channel that could tell"
+    if v.status == "no_gap":
+        return "The logs show no effect that the nominal model lacks"
+    if v.status == "unknown_effect":
+        where = f" at {joints_in_short(v.unknown.joints)}" if v.unknown and v.unknown.joints else ""
+        return f"Something acts{where} that no effect of the library explains"
+    told = " and ".join(_found(e) for e in v.effects[:3])
+    return told[:1].upper() + told[1:] + (", and something unknown" if v.status == "partly_explained" else "")
+
+
+def _found(e: FoundEffect) -> str:
+    title = " or ".join(plain(n) for n in e.group) if len(e.group) > 1 else e.title or plain(e.name)
+    at = f" at {joints_in_short(e.joints)}" if e.joints and len(e.joints) < 12 else ""
+    return title + at
+
+
+def second_line(v: Verdict) -> str:
+    """The size of it, and how far the gap shrinks."""
+    parts = []
+    for e in v.effects[:2]:
+        if v.status in ("explained", "partly_explained") and e.parameters:
+            name, p = next(iter(e.parameters.items()))
+            unit = f" {p.unit}" if p.unit not in ("", "1") else ""
+            parts.append(f"{parameter(name).capitalize()} {p.value:.3g}{unit} (90 %: {p.low:.3g} to {p.high:.3g}).")
+    if v.unknown is not None and v.unknown.depends_on:
+        parts.append(f"What is left depends most on {' and '.join(v.unknown.depends_on)}.")
+    s = v.shrink
+    if s is not None and s.s is not None and s.s_low is not None and s.s_high is not None and v.effects:
+        parts.append(
+            f"Put into the simulator, it closes {100 * s.s:.0f} % of the gap (90 %: {100 * s.s_low:.0f} to "
+            f"{100 * s.s_high:.0f} %)."
+        )
+    parts.append(f"Probability of no effect {v.probability_none:.2f}, of an unknown one {v.probability_unknown:.2f}.")
+    return " ".join(parts)
