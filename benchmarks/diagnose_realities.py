@@ -20,6 +20,7 @@ import time
 import traceback
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -76,32 +77,68 @@ def logs_of(seed: int, faults: tuple[FaultRequest, ...], policy: Path, repeats: 
         return reality, [read_run(p) for p in sorted(Path(folder).glob("*.mcap"))]
 
 
-def case(seed: int, number: int, name: str, faults: tuple[FaultRequest, ...], repeats: int) -> list[Row]:
+def case(
+    seed: int,
+    number: int,
+    name: str,
+    faults: tuple[FaultRequest, ...],
+    repeats: int,
+    calibrations: tuple[str, ...] = ("",),
+) -> list[Row]:
     """Make a case's logs and explain them, with the whole library and with the fault's effect left out."""
     policy = Path(__file__).resolve().parent.parent / "policies" / f"{name}.onnx"
     began = time.process_time()
     reality, runs = logs_of(1000 * seed + number, faults, policy, repeats)
     made_s = time.process_time() - began
     truth = reality.truth.faults
-    rows = [explained(reality, runs, load_policy(policy), truth, left_out=frozenset())]
-    if len(truth) == 1 and truth[0].names:
-        rows.append(explained(reality, runs, load_policy(policy), truth, left_out=frozenset(truth[0].names)))
+    rows = []
+    for name_of_calibration in calibrations:
+        mine = [explained(reality, runs, load_policy(policy), truth, frozenset(), name_of_calibration)]
+        if len(truth) == 1 and truth[0].names:
+            left_out = frozenset(truth[0].names)
+            mine.append(explained(reality, runs, load_policy(policy), truth, left_out, name_of_calibration))
+        for row in mine:
+            row["calibration"] = name_of_calibration
+        rows += mine
     for row in rows:
         row.update(case=number, seed=seed, policy=name, made_s=round(made_s, 1), n_runs=len(runs))
     return rows
 
 
-def explained(reality: Any, runs: list[Run], policy: Policy, truth: tuple[Fault, ...], left_out: frozenset[str]) -> Row:
+def explained(
+    reality: Any,
+    runs: list[Run],
+    policy: Policy,
+    truth: tuple[Fault, ...],
+    left_out: frozenset[str],
+    numbers: str = "",
+) -> Row:
     """One explanation as a row of plain numbers."""
     began = time.process_time()
     library = {n: e for n, e in LIBRARY.items() if n not in left_out}
-    found = explain(runs, reality.nominal, policy, library, Calibration.load(), lambda _: None)
+    found = explain(runs, reality.nominal, policy, library, calibration_of(numbers), lambda _: None)
     return {
         "truth": [f.model_dump() for f in truth],
         "left_out": sorted(left_out),
         **row_of(found),
         "explain_s": round(time.process_time() - began, 1),
     }
+
+
+def calibration_of(words: str) -> Calibration:
+    """The package's own calibration with some numbers changed, such as ``dof=60;ordinary=1.5`` (a factor on all)."""
+    found = Calibration.load()
+    for word in filter(None, words.split(";")):
+        name, value = word.split("=")
+        if name == "ordinary":
+            sizes = {
+                effect: {k: v if k == "at" else float(value) * v for k, v in given.items()}
+                for effect, given in found.ordinary.items()
+            }
+            found = replace(found, ordinary=sizes)
+        else:
+            found = replace(found, **{name: float(value)})  # type: ignore[arg-type]
+    return found
 
 
 def row_of(found: Explained) -> Row:
@@ -142,7 +179,7 @@ def _largest(board: Any, best: Any) -> list[tuple[str, float]]:
     return [(board.ordinary.names[i], round(float(pulls[i]), 2)) for i in np.argsort(-np.abs(pulls))[:6]]
 
 
-def _worked(job: tuple[int, int, str, tuple[FaultRequest, ...], int]) -> list[Row]:
+def _worked(job: tuple[int, int, str, tuple[FaultRequest, ...], int, tuple[str, ...]]) -> list[Row]:
     try:
         return case(*job)
     except Exception as error:  # noqa: BLE001 - a batch goes on, and the row says what happened
@@ -153,10 +190,11 @@ def run(given: argparse.Namespace) -> None:
     """Work through the cases until they or the time are over."""
     began = time.monotonic()
     kinds = tuple(k for k in given.kinds.split(",") if k)
+    numbers = tuple(str(given.calibrations).split(","))
     jobs = [
-        (given.seed, i, policy, faults, given.repeats) for i, policy, faults in drawn(given.seed, given.cases, kinds)
-    ]
-    jobs = jobs[given.first :]
+        (int(given.seed), i, policy, faults, int(given.repeats), numbers)
+        for i, policy, faults in drawn(given.seed, given.cases, kinds)
+    ][given.first :]
     context = multiprocessing.get_context("fork")
     with given.out.open("a", encoding="utf-8") as out, context.Pool(given.jobs, maxtasksperchild=4) as pool:
         rows = pool.imap_unordered(_worked, jobs)
@@ -237,6 +275,7 @@ def main() -> None:
     running.add_argument("--repeats", type=int, default=3)
     running.add_argument("--until", type=float, default=1e9, help="seconds after which what is not done is left")
     running.add_argument("--kinds", default="", help="only these, separated by commas")
+    running.add_argument("--calibrations", default="", help="changes to compare, as dof=60;ordinary=1.5,dof=90")
     showing = steps.add_parser("table")
     showing.add_argument("rows", type=Path, nargs="+")
     given = parser.parse_args()

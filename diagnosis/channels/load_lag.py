@@ -16,13 +16,14 @@ from diagnosis.channels.stack import Stack
 from diagnosis.seam import Array
 from diagnosis.smoothing import eroded
 
-STEP_S: Final = 0.1e-3
+STEP_S: Final = 0.2e-3
 MIN_EVENTS: Final = 40
 MIN_PHASES: Final = 0.3
 """Set-points must arrive over at least this share of the period, or nothing is found."""
 DEFAULT_SHARE: Final = 0.5
 """Without an answer the load is taken to be half a period old: what is least wrong for a torque loop within it."""
-MAX_EVENTS: Final = 20_000
+MAX_EVENTS: Final = 2_500
+"""Evenly thinned to so many set-points."""
 
 
 def load_lag_s(stack: Stack) -> tuple[float, str]:
@@ -67,7 +68,8 @@ def _events(stack: Stack) -> tuple[Array, Array, Array, Array, Array]:
         found.append((step[good][keep], phase, change[row], change[row + 1], earlier))
     parts = [np.concatenate(p) for p in zip(*found, strict=True)]
     finite = np.isfinite(np.concatenate([p.reshape(len(p), -1) for p in parts], axis=1)).all(axis=1)
-    steps, phase, first, second, before = (p[finite][:MAX_EVENTS] for p in parts)
+    thin = max(1, -(-int(finite.sum()) // MAX_EVENTS))
+    steps, phase, first, second, before = (p[finite][::thin] for p in parts)
     return steps, phase, first, second, before
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import ClassVar
+from typing import ClassVar, Final
 
 import numpy as np
 
@@ -17,6 +17,9 @@ from spot_model.effects.coulomb_friction import CoulombFriction
 from spot_model.effects.load_friction import LoadFriction
 from spot_model.effects.stribeck_friction import StribeckFriction
 from spot_model.effects.viscous_friction import ViscousFriction
+
+FASTEST_RAD_S: Final = 1.2
+"""Friction that fades over a wider range of speeds is no Stribeck friction: real ones fade within 1 rad/s."""
 
 
 class CoulombEntry(LibraryEffect):
@@ -74,11 +77,12 @@ class StribeckEntry(LibraryEffect):
 
     def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:
         """Speeds over which it fades."""
-        return tuple({"speed_rad_s": v} for v in (0.2, 0.4, 0.8, 1.6))
+        return tuple({"speed_rad_s": v} for v in (0.2, 0.4, 0.8))
 
     def neighbours(self, shape: Shape) -> tuple[Shape, ...]:
         """Speeds nearby."""
-        return tuple({"speed_rad_s": shape["speed_rad_s"] * f} for f in (0.72, 0.85, 1.19, 1.4))
+        near = (shape["speed_rad_s"] * f for f in (0.72, 0.85, 1.19, 1.4))
+        return tuple({"speed_rad_s": v} for v in near if v <= FASTEST_RAD_S)
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
         """The fading direction of motion, negative."""

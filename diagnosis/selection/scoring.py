@@ -36,7 +36,7 @@ class Placed:
     @property
     def n_parameters(self) -> int:
         """Free numbers."""
-        return sum(c.low < c.high for c in self.effect.coefficients) + len(self.shape)
+        return sum(c.low < c.high for c in self.effect.coefficients) + (self.effect.n_free or len(self.shape))
 
 
 @dataclass(frozen=True)
