@@ -44,6 +44,8 @@ class FoundRun:
     repeat: int
     problem: str = ""
     """Empty for a whole run; otherwise why it does not count."""
+    outcome: str = ""
+    """How the run ended, by its log."""
 
 
 def sequence_sources(names: str) -> tuple[str, ...]:
@@ -91,7 +93,7 @@ def find_runs(folder: Path, policy: Policy, plan: Sequence[PlannedRun]) -> tuple
         problem = f"sequence {header.command_sequence!r} is not in this collection"
         if sequence is not None:
             problem = incomplete(run, sequence, policy)
-        found.append(FoundRun(path, header.command_sequence, header.repeat, problem))
+        found.append(FoundRun(path, header.command_sequence, header.repeat, problem, run.outcome))
     return tuple(found)
 
 

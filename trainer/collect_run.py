@@ -11,6 +11,8 @@ from spot_model.policy import Policy, load_policy
 from trainer.collect_plan import FoundRun, PlannedRun, find_runs, missing_runs, plan_runs, sequence_sources
 from trainer.gain_variant import write_gain_variant
 
+ROBOT_FAULT = "robot_fault"
+"""Outcome of a run that the robot refused for a fault, such as the fall before it."""
 Starter = Callable[[list[str]], int]
 """Runs ``spot-rl`` with arguments and gives its exit code."""
 
@@ -68,6 +70,7 @@ class Collection:
             say: Where progress goes.
         """
         left: list[PlannedRun] = []
+        has_fault = False
         for part in self.parts:
             found = find_runs(part.folder, part.policy, part.plan)
             for run in found:
@@ -76,17 +79,26 @@ class Collection:
             missing = missing_runs(part.plan, found)
             say(f"{part.label}: {len(part.plan) - len(missing)} of {len(part.plan)} runs are there")
             for number, planned in enumerate(missing, start=1):
-                say(f"{part.label}: run {number} of {len(missing)}: {planned.sequence.name}, repeat {planned.repeat}")
-                if not _make(part, planned, shared, start, attempts, say):
+                if has_fault:
                     left.append(planned)
+                    continue
+                say(f"{part.label}: run {number} of {len(missing)}: {planned.sequence.name}, repeat {planned.repeat}")
+                outcome = _make(part, planned, shared, start, attempts, say)
+                if outcome is not None:
+                    left.append(planned)
+                    has_fault = outcome == ROBOT_FAULT
+                if has_fault:
+                    say("the robot reports a fault that a person must clear; after that, give the command again")
         return tuple(left)
 
 
 def _make(
     part: Part, planned: PlannedRun, shared: Sequence[str], start: Starter, attempts: int, say: Callable[[str], None]
-) -> bool:
+) -> str | None:
+    """None once a whole run is there, else how the last attempt ended."""
     arguments = ["run", "--policy", str(part.policy_path), "--sequence", planned.source, "--log-dir", str(part.folder)]
     arguments += ["--repeat", str(planned.repeat), "--label", f"collection={part.label}", *shared]
+    outcome = ""
     for attempt in range(1, attempts + 1):
         before = set(part.folder.glob("*.mcap"))
         code = start(arguments)
@@ -94,10 +106,13 @@ def _make(
         runs: tuple[FoundRun, ...] = find_runs(part.folder, part.policy, [planned]) if fresh else ()
         mine = [r for r in runs if r.path in fresh]
         if any(not r.problem for r in mine):
-            return True
+            return None
+        outcome = mine[0].outcome if mine else ""
         why = mine[0].problem if mine else "it left no log"
         say(f"attempt {attempt} of {attempts} does not count: {why} (exit code {code})")
-    return False
+        if outcome == ROBOT_FAULT:
+            break
+    return outcome
 
 
 def parse_gains(text: str) -> tuple[float, float]:

@@ -8,6 +8,8 @@ import pytest
 from spot_model.errors import BadInputError
 from spot_model.policy import load_policy
 from spot_model.velocity_sequence import load_sequence
+from spot_runtime.log.records import RunHeader
+from spot_runtime.log.run_writer import RunWriter
 from trainer.collect_plan import PAPER_SEQUENCES, USER_SEQUENCE, FoundRun, missing_runs, plan_runs, sequence_sources
 from trainer.collect_run import Collection, parse_gains, run_arguments
 from trainer.gain_variant import write_gain_variant
@@ -74,6 +76,32 @@ def test_a_run_that_leaves_no_log_is_tried_again_and_then_named(policy_path: Pat
     assert started[0][:5] == ["run", "--policy", str(policy_path), "--sequence", "standing"]
     assert started[0][-2:] == ["--robot", "host"]
     assert "attempt 2 of 2 does not count: it left no log (exit code 3)" in said
+
+
+def test_a_robot_with_a_fault_is_not_asked_again(policy_path: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "logs"
+    collection = Collection.prepare(
+        policy=policy_path, folder=folder, sequences="standing,forward", repeats=2, other_gains=None
+    )
+    started: list[list[str]] = []
+
+    def start(arguments: list[str]) -> int:
+        started.append(arguments)
+        header = RunHeader(
+            run_id="x",
+            started_host_stamp_ns=1,
+            policy_sha256=collection.parts[0].policy.sha256,
+            command_sequence="standing",
+            repeat=1,
+        )
+        RunWriter(folder / "x.mcap", header).close({}, "robot_fault")
+        return 86
+
+    said: list[str] = []
+    left = collection.record([], start, attempts=3, say=said.append)
+    assert len(started) == 1
+    assert len(left) == collection.n_planned == 4
+    assert said[-1] == "the robot reports a fault that a person must clear; after that, give the command again"
 
 
 def test_a_log_that_cannot_be_read_does_not_count(policy_path: Path, tmp_path: Path) -> None:
