@@ -165,11 +165,19 @@ def row_of(found: Explained) -> Row:
             if found.left.nats[n].sum() > 0.5
         },
         "left_by_joint": {board.robot.joint_names[j]: round(float(x), 2) for j, x in enumerate(by_joint) if x > 0.5},
+        "squares": {
+            c: [round(float((found.left.shares * found.left.left)[n].sum()), 2), round(float(_explained(best, n)), 2)]
+            for c, n in board.by_channel.items()
+        },
         "held_out": None if best is None else {
             c: [round(float(m), 2) for m in best.held_out[n]] for c, n in board.by_channel.items() if len(n) <= 16
         },
         "pulls": _largest(board, best),
     }  # fmt: skip
+
+
+def _explained(best: Any, numbers: list[int]) -> float:
+    return 0.0 if best is None else float(best.explained[numbers].sum())
 
 
 def _largest(board: Any, best: Any) -> list[tuple[str, float]]:

@@ -4,13 +4,15 @@ import numpy as np
 import pytest
 
 from diagnosis.channels.actuator import actuator_view
-from diagnosis.channels.stack import stack
+from diagnosis.channels.stack import Stack, stack
 from diagnosis.library.registry import LIBRARY
 from diagnosis.posterior import Calibration, posterior
 from diagnosis.recording import record
 from diagnosis.selection.board import Board, lay_out
 from diagnosis.selection.places import Robot
+from diagnosis.selection.scoring import Scorer
 from diagnosis.selection.search import search
+from diagnosis.unknown import describe, nats_by_joint, remainder
 from spot_model.effects.coulomb_friction import CoulombFriction
 from spot_model.effects.torque_gain import TorqueGain
 
@@ -30,13 +32,18 @@ CALIBRATION = Calibration.load()
 
 
 def _board(truth: Truth) -> Board:
+    return _logs_and_board(truth)[1]
+
+
+def _logs_and_board(truth: Truth) -> tuple[Stack, Board]:
     logs = stack([record(run) for run in planted_runs(truth, 2)])
     view = actuator_view(logs, ())
     robot = Robot(logs.recordings[0].joint_names, view.leg_of_joint)
-    return lay_out(
+    board = lay_out(
         {"A": view}, robot, [0, 1], ["0", "1"], CALIBRATION.tolerance,
         library=LIBRARY, sizes=CALIBRATION.ordinary, dof=CALIBRATION.dof, relative=CALIBRATION.relative,
     )  # fmt: skip
+    return logs, board
 
 
 @pytest.fixture(scope="module")
@@ -75,6 +82,20 @@ def test_what_a_nominal_model_is_usually_off_by_is_no_finding() -> None:
         _board(Truth(effects=(TorqueGain(gain=1.0 - gain),))), SMALL, CALIBRATION.threshold_nats, lambda _: None
     )
     assert found.best is None
+
+
+def test_what_the_library_lacks_is_left_over_at_its_joints_and_found_to_depend_on_its_quantity() -> None:
+    truth = Truth(effects=(TorqueGain(joints=("kn",), gain=0.7),))
+    logs, board = _logs_and_board(truth)
+    residuals = Scorer(board).residuals(2.5)
+    left = remainder(board, logs, residuals, np.zeros(len(board.blocks)), 0.0)
+    by_joint = nats_by_joint(board, left)
+    knees = [name.endswith("kn") for name in board.robot.joint_names]
+    assert by_joint[knees].min() > 2.0 * by_joint[np.logical_not(knees)].max()
+    told = describe(board, logs, residuals, left)
+    assert told.joints == ("fl_kn", "fr_kn", "hl_kn", "hr_kn")
+    assert "torque" in told.depends_on
+    assert told.channel == "A"
 
 
 def test_scores_come_from_folds_that_the_fit_never_saw(two_effects: Board) -> None:
