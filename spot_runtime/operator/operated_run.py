@@ -45,6 +45,8 @@ from spot_runtime.tick import warm_up
 HalFactory = Callable[[LogSink], Hal]
 SinkFactory = Callable[[Path, RunHeader], LogSink]
 STANDBY_WAIT_S: Final = 0.02
+LOCK_STEP_PAUSE_S: Final = 0.002
+"""In lock-step robot time would otherwise race while a person thinks."""
 
 
 class OperatedRun:
@@ -215,6 +217,8 @@ class OperatedRun:
             self._errands.finish()
             self._tell_status(hal, states[-1] if states else None)
             self._manager.progressed()
+            if self._spec.lock_step:
+                time.sleep(LOCK_STEP_PAUSE_S)
         return self.stop
 
     def _waits(self) -> bool:

@@ -101,13 +101,11 @@ class AttendedHal(BosdynHal):
 
     operator: Operator
     armed_ns: int = 0
-    on_cycle: Callable[[float], None] = staticmethod(lambda now_s: None)
 
     def receive(self, until_robot_ns: int, timeout_s: float) -> list[RobotState]:
         self.armed_ns = self.armed_ns or self.robot_now_ns()
         now_s = (self.robot_now_ns() - self.armed_ns) / 1e9
         self.operator.live(now_s)
-        self.on_cycle(now_s)
         return super().receive(until_robot_ns, timeout_s)
 
 

@@ -1,0 +1,351 @@
+"""The parts of the operator's interface, each by itself."""
+
+from __future__ import annotations
+
+import math
+import select
+import socket
+from pathlib import Path
+
+import grpc
+import numpy as np
+import pytest
+
+from spot_model.errors import BadInputError
+from spot_protos import operator_pb2, run_link_pb2
+from spot_runtime.config import RunConfig
+from spot_runtime.log.records import EventRecord, Severity
+from spot_runtime.modes import Mode
+from spot_runtime.operator import rules
+from spot_runtime.operator.access import Buckets, Gate, Role
+from spot_runtime.operator.errands import Errands
+from spot_runtime.operator.event_book import KEPT, EventBook
+from spot_runtime.operator.link import MAX_TAKEN, RunLink
+from spot_runtime.operator.listening import SocketFile, default_address, is_loopback, server_credentials
+from spot_runtime.operator.mode_texts import MODE_TEXTS
+from spot_runtime.operator.policy_shelf import PolicyShelf
+from spot_runtime.operator.refusal import Refusal
+from spot_runtime.operator.states import State
+from spot_runtime.operator.steering import Attendance, OperatorSource
+from spot_runtime.stops import StopReason
+
+from .conftest import POLICIES
+
+S = 1_000_000_000
+EVENT = EventRecord(1, 2, Severity.WARNING, "mode", "x" * 200, {"age_s": 0.5})
+
+
+# The link -------------------------------------------------------------------------------------------------------------
+
+
+def pair() -> tuple[RunLink, socket.socket]:
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    return RunLink(ours), theirs
+
+
+def test_a_full_link_drops_and_counts() -> None:
+    link, peer = pair()
+    for _ in range(20_000):
+        link.event(EVENT)
+    assert link.untold > 0
+    read = 0
+    while select.select([peer], [], [], 0.0)[0]:
+        read += len(peer.recv(65536)) > 0
+    assert read + link.untold == 20_000
+    link.event(EVENT)
+    assert peer.recv(65536)
+    link.close()
+    peer.close()
+
+
+def test_a_flood_is_taken_a_few_at_a_time_and_what_is_malformed_is_counted() -> None:
+    link, peer = pair()
+    for i in range(10):
+        peer.send(run_link_pb2.ToRun(request_id=i + 1, attend=operator_pb2.AttendRequest()).SerializeToString())
+    peer.send(b"\xff\xff\xff")
+    assert [m.request_id for m in link.take()] == list(range(1, MAX_TAKEN + 1))
+    assert [m.request_id for m in link.take()] == [9, 10]
+    assert link.malformed == 1
+    assert not link.take()
+    assert not link.is_lost
+    peer.close()
+    assert not link.take()
+    assert link.is_lost
+    link.event(EVENT)  # nobody is there, and nothing happens
+    link.close()
+
+
+def test_only_what_was_asked_with_a_number_is_answered() -> None:
+    link, peer = pair()
+    link.answer(0, is_done=True, text="nobody waits")
+    link.answer(7, is_done=False, text="no")
+    told = run_link_pb2.FromRun.FromString(peer.recv(65536))
+    assert (told.answer.request_id, told.answer.is_done, told.answer.text) == (7, False, "no")
+    link.close()
+    peer.close()
+
+
+# Steering -------------------------------------------------------------------------------------------------------------
+
+
+def test_the_dead_man_by_hand() -> None:
+    """2 m/s² up to 0.5 m/s takes 0.25 s; 0.25 s after the last word it falls to zero within 0.25 s."""
+    source = OperatorSource(RunConfig())
+    speeds = {}
+    for step in range(101):
+        now_ns = step * S // 100
+        if now_ns <= 0.4 * S:
+            source.steer(np.array([0.5, 0.0, 0.0]), now_ns)
+        speeds[step] = source.sample(0.0, now_ns).command[0]
+    assert speeds[10] == pytest.approx(0.2)
+    assert speeds[25] == pytest.approx(0.5)
+    assert speeds[65] == pytest.approx(0.5)  # silent for exactly 0.25 s
+    assert speeds[66] == pytest.approx(0.5)  # the fade begins
+    assert speeds[78] == pytest.approx(0.5 * (1 - 0.12 / 0.25))
+    assert all(speeds[step] == 0.0 for step in range(91, 101))
+
+
+def test_letting_go_fades_at_once() -> None:
+    source = OperatorSource(RunConfig())
+    for step in range(30):
+        source.steer(np.array([0.5, 0.0, 0.0]), step * S // 100)
+        source.sample(0.0, step * S // 100)
+    source.let_go()
+    source.sample(0.0, 30 * S // 100)
+    assert source.sample(0.0, 56 * S // 100).command[0] == 0.0
+
+
+def test_attendance_by_hand() -> None:
+    attendance = Attendance(RunConfig(), 0)
+    assert attendance.check(10 * S) is None
+    stop = attendance.check(10 * S + 1)
+    assert stop is not None
+    assert stop.reason is StopReason.OPERATOR_GONE
+    attendance.seen(12 * S)
+    attendance.seen(3 * S)  # a clock that runs backwards takes nobody's presence away
+    assert attendance.check(22 * S) is None
+
+
+# Rules and rights -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("check", "words"),
+    [
+        (lambda: rules.labels({"a b": "c"}), "label key 'a b' is not valid"),
+        (lambda: rules.labels({"a": "x" * 257}), "label a has a value"),
+        (lambda: rules.labels({"a": "two\nlines"}), "label a has a value"),
+        (lambda: rules.labels({f"k{i}": "" for i in range(33)}), "33 labels are given; allowed: at most 32"),
+        (lambda: rules.some_labels({}), "no label is given"),
+        (lambda: rules.operator_name("x" * 65), "at most 64 characters"),
+        (lambda: rules.sha256("abc"), "64 hexadecimal digits"),
+        (lambda: rules.status_rate_hz(math.nan), "rate_hz = nan; allowed: 0.1 to 10"),
+        (lambda: rules.status_rate_hz(11.0), "rate_hz = 11.0"),
+        (lambda: velocity(math.nan), "v_x_m_s = nan is no number"),
+        (lambda: velocity(math.inf), "v_x_m_s = inf is no number"),
+        (lambda: velocity(1.6), "v_x_m_s = 1.6; this policy takes -1 to 1.5"),
+    ],
+)
+def test_requests_that_are_refused_at_the_edge(check, words: str) -> None:  # type: ignore[no-untyped-def]
+    with pytest.raises(Refusal) as refused:
+        check()
+    assert words in refused.value.text
+    assert refused.value.code is grpc.StatusCode.INVALID_ARGUMENT
+
+
+def velocity(v_x: float) -> tuple[float, float, float]:
+    request = operator_pb2.SetVelocityRequest(v_x_m_s=v_x)
+    return rules.velocity(request, (-1.0, -0.5, -1.0), (1.5, 0.5, 1.0))
+
+
+def test_requests_that_pass() -> None:
+    assert rules.labels({"surface": "wet grass"}) == {"surface": "wet grass"}
+    assert velocity(1.5) == (1.5, 0.0, 0.0)
+    assert rules.status_rate_hz(0.0) == 2.0
+    assert rules.sha256("A" * 64) == "a" * 64
+
+
+def test_a_bucket_by_hand() -> None:
+    now = [0.0]
+    buckets = Buckets(2.0, now_s=lambda: now[0])
+    assert [buckets.take("a") for _ in range(3)] == [True, True, False]
+    assert buckets.take("b")
+    now[0] = 0.5
+    assert [buckets.take("a") for _ in range(2)] == [True, False]
+    now[0] = 100.0
+    assert [buckets.take("a") for _ in range(3)] == [True, True, False]
+    for i in range(1000):
+        buckets.take(f"client {i}")
+    assert len(buckets._buckets) == 256
+
+
+class Context:
+    """A call's context by hand."""
+
+    def __init__(self, name: str, *uris: str) -> None:
+        self._about = {"x509_common_name": [name.encode()], "x509_subject_alternative_name": [u.encode() for u in uris]}
+
+    def auth_context(self) -> dict[str, list[bytes]]:
+        return self._about
+
+    def peer(self) -> str:
+        return "ipv4:10.0.0.1:1"
+
+
+def test_roles_come_from_the_certificate() -> None:
+    gate = Gate(is_tls=True, requests_per_s=50.0, steering_per_s=50.0)
+    operate, observe = Context("anna", "urn:spot-rl:role:operate"), Context("otto", "urn:spot-rl:role:observe")
+    assert gate.admit("Start", operate, Role.OPERATE) == "anna"  # type: ignore[arg-type]
+    assert gate.admit("GetStatus", observe, Role.OBSERVE) == "otto"  # type: ignore[arg-type]
+    for context, words in (
+        (observe, "needs the role operate"),
+        (Context("mallory"), "names no role"),
+        (Context("mallory", "urn:spot-rl:role:operated"), "names no role"),
+    ):
+        with pytest.raises(Refusal, match=words):
+            gate.admit("Start", context, Role.OPERATE)  # type: ignore[arg-type]
+
+
+def test_too_many_streams_are_refused() -> None:
+    gate = Gate(is_tls=False, requests_per_s=50.0, steering_per_s=50.0)
+    for _ in range(8):
+        gate.open_stream("WatchStatus")
+    with pytest.raises(Refusal, match="8 streams are open"):
+        gate.open_stream("WatchStatus")
+    gate.close_stream()
+    gate.open_stream("WatchStatus")
+
+
+# Policies, events, errands --------------------------------------------------------------------------------------------
+
+
+def test_policies_are_found_by_name_alone(tmp_path: Path) -> None:
+    (tmp_path / "outside.onnx").write_bytes(b"secret")
+    folder = tmp_path / "policies"
+    folder.mkdir()
+    (folder / "walk.onnx").write_bytes(b"one")
+    (folder / "link.onnx").symlink_to(tmp_path / "outside.onnx")
+    (folder / "odd name.onnx").write_bytes(b"two")
+    shelf = PolicyShelf(folder, ())
+    assert [p.name for p in shelf.list()] == ["walk"]
+    found = shelf.find("walk", "")
+    assert found.is_allowed
+    assert shelf.find("walk", found.sha256.upper()) == found
+    for name, sha256, words in (
+        ("../outside", "", "no path"),
+        ("", "", "is not valid"),
+        ("link", "", "there is no policy 'link'.*there are: walk"),
+        ("walk", "0" * 64, "copy the right file"),
+    ):
+        with pytest.raises(Refusal, match=words):
+            shelf.find(name, sha256)
+
+
+def test_only_allowed_digests_may_be_armed(tmp_path: Path) -> None:
+    (tmp_path / "walk.onnx").write_bytes(b"one")
+    digest = PolicyShelf(tmp_path, ()).find("walk", "").sha256
+    assert PolicyShelf(tmp_path, (digest,)).find("walk", "").is_allowed
+    other = PolicyShelf(tmp_path, ("0" * 64,))
+    assert not other.list()[0].is_allowed
+    with pytest.raises(Refusal, match=r"service\.policy_sha256") as refused:
+        other.find("walk", "")
+    assert refused.value.code is grpc.StatusCode.PERMISSION_DENIED
+    with pytest.raises(ValueError, match="is no SHA-256"):
+        RunConfig.model_validate({"service": {"policy_sha256": ["abc"]}})
+
+
+def test_the_event_book_keeps_the_newest_and_numbers_all() -> None:
+    book = EventBook()
+    for i in range(KEPT + 10):
+        book.add(operator_pb2.Event(name=str(i)))
+    kept = book.after(0, 0.0)
+    assert (len(kept), kept[0].number, kept[-1].number) == (KEPT, 11, KEPT + 10)
+    assert not book.after(KEPT + 10, 0.0)
+
+
+def test_errands() -> None:
+    got: list[object] = []
+    sync = Errands(is_sync=True)
+    sync.run(lambda: 3, lambda value, error: got.append((value, error)))
+    assert got == [(3, None)]
+    beside = Errands(is_sync=False)
+    beside.run(lambda: 1 / 0, lambda _, error: got.append(type(error)))
+    assert beside.is_busy
+    with pytest.raises(RuntimeError):
+        beside.run(lambda: 1, lambda *_: None)
+    while beside.is_busy:
+        beside.finish()
+    assert got[-1] is ZeroDivisionError
+
+
+def test_tables_are_whole() -> None:
+    assert set(MODE_TEXTS) == set(Mode)
+    for state in State:
+        assert state.meaning
+        assert state.allows
+
+
+# Listening ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("address", "expected"),
+    [
+        ("unix:/run/x.sock", True),
+        ("127.0.0.1:50", True),
+        ("127.9.9.9:50", True),
+        ("[::1]:50", True),
+        ("localhost:50", True),
+        ("0.0.0.0:50", False),
+        ("192.168.1.2:50", False),
+        ("[::]:50", False),
+        ("robot:50", False),
+    ],
+)
+def test_what_is_loopback(address: str, expected: bool) -> None:
+    assert is_loopback(address) is expected
+
+
+@pytest.mark.parametrize("address", ["", "robot", ":50", "host:port"])
+def test_what_is_no_address(address: str) -> None:
+    with pytest.raises(BadInputError, match="is not valid"):
+        is_loopback(address)
+
+
+def test_the_network_needs_all_three_files(tmp_path: Path) -> None:
+    config = RunConfig().service
+    with pytest.raises(BadInputError, match="needs mutual TLS"):
+        server_credentials(config, "0.0.0.0:50")
+    assert server_credentials(config, "127.0.0.1:50") is None
+    some = config.model_copy(update={"tls_key": tmp_path / "key"})
+    with pytest.raises(BadInputError, match="name all three"):
+        server_credentials(some, "127.0.0.1:50")
+    key = tmp_path / "key"
+    key.write_text("-----BEGIN")
+    key.chmod(0o644)
+    whole = config.model_copy(update=dict.fromkeys(("tls_key", "tls_certificate", "tls_client_ca"), key))
+    with pytest.raises(BadInputError, match=f"chmod 600 {key}"):
+        server_credentials(whole, "0.0.0.0:50")
+    key.chmod(0o600)
+    key.write_text("nothing")
+    with pytest.raises(BadInputError, match="holds no PEM"):
+        server_credentials(whole, "0.0.0.0:50")
+
+
+def test_the_socket_of_the_unit_and_of_a_user() -> None:
+    assert default_address({"RUNTIME_DIRECTORY": "/run/spot-rl"}) == "unix:/run/spot-rl/operator.sock"
+    assert default_address({"XDG_RUNTIME_DIR": "/run/user/7"}) == "unix:/run/user/7/spot-rl/operator.sock"
+
+
+def test_a_second_service_on_one_socket_is_refused(tmp_path: Path) -> None:
+    first = SocketFile(tmp_path / "s.sock")
+    with pytest.raises(Exception, match="another service listens"):
+        SocketFile(tmp_path / "s.sock")
+    first.close()
+    SocketFile(tmp_path / "s.sock").close()
+    with pytest.raises(BadInputError, match="allowed: 100"):
+        SocketFile(tmp_path / ("x" * 100))
+
+
+def test_the_committed_policies_can_be_listed() -> None:
+    assert {"walk", "fast", "baseline"} <= {p.name for p in PolicyShelf(POLICIES, ()).list()}

@@ -1,0 +1,182 @@
+"""``spot-rl serve`` and ``spot-rl ctl`` as processes, on the fake robot in lock-step, and what killing them does."""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import grpc
+import pytest
+
+from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc, operator_pb2
+from spot_runtime.fake_process import FakeAddress
+from spot_runtime.log import read_run
+from spot_runtime.operator.client import OperatorClient, RefusedError
+
+from .conftest import POLICIES
+
+SPOT_RL = [str(Path(sys.executable).with_name("spot-rl"))]
+CONFIG = """
+schema: spot-rl/run/1
+handover: {ramp_in_s: 1.0}
+service: {attendance_s: 600.0, deadman_s: 2.0}
+"""
+
+
+class Service:
+    """A running ``spot-rl serve``, and its service manager."""
+
+    def __init__(self, folder: Path, address: FakeAddress) -> None:
+        self.folder, self.logs = folder, folder / "logs"
+        self.manager = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self.manager.bind(str(folder / "notify"))
+        (folder / "run.yaml").write_text(CONFIG)
+        self.socket = f"unix:{folder}/operator.sock"
+        self.environment = {
+            **os.environ,
+            **address.environment,
+            "NOTIFY_SOCKET": str(folder / "notify"),
+            "WATCHDOG_USEC": "2000000",
+            "SPOT_RL_OPERATOR": self.socket,
+        }
+        words = ["serve", "--robot", address.robot, "--policies", str(POLICIES), "--listen", self.socket]
+        words += ["--config", str(folder / "run.yaml"), "--log-dir", str(self.logs), "--lock-step", address.admin]
+        self.process = subprocess.Popen([*SPOT_RL, *words], env=self.environment, stderr=subprocess.PIPE)
+        self.said: list[str] = []
+        while "READY=1" not in self.said:
+            self._listen()
+
+    def _listen(self) -> None:
+        if select.select([self.manager], [], [], 0.5)[0]:
+            self.said.append(self.manager.recv(4096).decode())
+        elif self.process.poll() is not None:
+            pytest.fail(f"the service ended: {self.process.communicate()[1].decode()}")
+
+    def ctl(self, *words: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [*SPOT_RL, "ctl", *words], env=self.environment, capture_output=True, text=True, check=False, timeout=120.0
+        )
+
+    def status(self) -> operator_pb2.Status:
+        with OperatorClient(self.socket) as client:
+            status: operator_pb2.Status = client.call("GetStatus", operator_pb2.GetStatusRequest())
+            return status
+
+    def wait_for(self, *, state: str = "", mode: str = "") -> operator_pb2.Status:
+        while True:
+            status = self.status()
+            if (not state or status.state == state) and (not mode or status.run.mode == mode):
+                return status
+            time.sleep(0.05)
+
+    def control_pid(self) -> int:
+        children = Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split()
+        others = [Path(f"/proc/{self.process.pid}/task").iterdir()]
+        for task in others[0]:
+            children += (task / "children").read_text().split()
+        named = [int(c) for c in set(children) if "run_child" in Path(f"/proc/{c}/cmdline").read_text()]
+        assert len(named) == 1
+        return named[0]
+
+    def end(self) -> None:
+        if self.process.poll() is None:
+            self.process.terminate()
+        self.process.communicate(timeout=60.0)
+        self.manager.close()
+
+
+@pytest.fixture
+def service(tmp_path: Path, fake_process: FakeAddress) -> Iterator[Service]:
+    started = Service(tmp_path, fake_process)
+    yield started
+    started.end()
+
+
+@pytest.fixture
+def admin(fake_process: FakeAddress) -> Iterator[Any]:
+    with grpc.insecure_channel(fake_process.admin) as channel:
+        yield fake_admin_pb2_grpc.FakeAdminStub(channel)  # type: ignore[no-untyped-call]
+
+
+def at_rest(admin: Any) -> bool:
+    status = admin.GetStatus(fake_admin_pb2.GetStatusRequest())
+    return status.motor_power.lower().endswith("off") and not status.lease_owner
+
+
+def test_a_walk_by_command_line(service: Service, admin: Any) -> None:
+    assert json.loads(service.ctl("status", "--json").stdout)["state"] == "idle"
+    assert at_rest(admin)
+    armed = service.ctl("arm", "walk", "--label", "surface=lab", "--operator", "tester")
+    assert armed.returncode == 0, armed.stderr
+    assert "stands under the vendor's control" in armed.stdout
+    assert service.ctl("start").returncode == 0
+    service.wait_for(mode="active")
+    steered = service.ctl("velocity", "0.3", "--for", "0.5")
+    assert steered.returncode == 0, steered.stderr
+    stopped = service.ctl("stop", "--wait")
+    assert "stopping in place" in stopped.stdout
+    assert "idle; the operator asked to stop" in stopped.stdout
+    assert at_rest(admin)
+    (path,) = service.logs.glob("*.mcap")
+    log = read_run(path)
+    assert (log.outcome, log.header.labels) == ("operator_stop", {"surface": "lab", "operator": "tester"})
+    assert max(log.ticks.velocity_command[:, 0]) > 0.05
+    assert "service_arming: policy walk, asked by tester" in service.ctl("events", "--past", "100").stdout
+    service.process.terminate()
+    _, errors = service.process.communicate(timeout=60.0)
+    assert service.process.returncode == 0, errors
+    while service.said[-1] != "STOPPING=1":
+        service.said.append(service.manager.recv(4096).decode())
+    assert "WATCHDOG=1" in service.said
+
+
+def test_a_service_that_is_killed_leaves_the_robot_at_rest(service: Service, admin: Any) -> None:
+    service.ctl("arm", "walk")
+    service.ctl("start")
+    service.wait_for(mode="active")
+    pid = service.control_pid()
+    service.process.kill()
+    service.process.wait()
+    while Path(f"/proc/{pid}/cmdline").exists() and Path(f"/proc/{pid}/cmdline").read_bytes():
+        time.sleep(0.05)
+    assert at_rest(admin)
+    assert not admin.GetTruth(fake_admin_pb2.GetTruthRequest()).has_fallen
+    (path,) = service.logs.glob("*.mcap")
+    assert read_run(path).outcome == "service_lost"
+
+
+def test_sigterm_while_walking_sits_down_first(service: Service, admin: Any) -> None:
+    service.ctl("arm", "walk")
+    service.ctl("start")
+    service.wait_for(mode="active")
+    service.process.terminate()
+    service.process.communicate(timeout=60.0)
+    assert service.process.returncode == 0
+    assert at_rest(admin)
+
+
+def test_a_control_process_that_dies_is_told_of_and_the_service_is_idle_again(service: Service, admin: Any) -> None:
+    service.ctl("arm", "walk")
+    os.kill(service.control_pid(), signal.SIGKILL)
+    status = service.wait_for(state="idle")
+    assert status.last.outcome == "control_process_died"
+    assert "signal SIGKILL" in status.last.sentence
+    assert "see to the robot" in status.last.sentence
+    with OperatorClient(service.socket) as client, pytest.raises(RefusedError, match="needs the state armed"):
+        client.call("Start", operator_pb2.StartRequest())
+
+
+def test_a_service_without_policies_does_not_start(tmp_path: Path) -> None:
+    words = ["serve", "--robot", "127.0.0.1:1", "--policies", str(tmp_path / "none")]
+    told = subprocess.run([*SPOT_RL, *words], capture_output=True, text=True, check=False)
+    assert told.returncode == 2
+    assert "there is no folder" in told.stderr
