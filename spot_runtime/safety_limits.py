@@ -44,7 +44,7 @@ class SafetyLimits(BaseModel):
         default=0.150, gt=0.0, le=5.0, description="The robot must confirm a command at least this often."
     )
     command_loss_share: float = Field(
-        default=0.1, gt=0.0, le=1.0, description="Share of commands lost on the link above which a warning is given."
+        default=0.15, gt=0.0, le=1.0, description="Share of commands lost on the link above which a warning is given."
     )
     skipped_ticks: int = Field(default=10, ge=1, le=1000, description="Policy ticks lost within a second.")
     clock_jump_s: float = Field(

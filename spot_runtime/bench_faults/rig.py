@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -12,7 +13,9 @@ from pathlib import Path
 from typing import Any, Final
 
 import grpc
-from bosdyn.client.robot_command import RobotCommandClient
+from bosdyn.api import power_pb2
+from bosdyn.client.power import PowerClient
+from bosdyn.client.robot_command import RobotCommandBuilder, RobotCommandClient
 
 from spot_model.policy import Policy, load_policy
 from spot_model.state import JointCommand, RobotState
@@ -53,6 +56,7 @@ CALM: Final[Mapping[str, Mapping[str, Any]]] = {
 """A configuration whose way into motion is short, and which leaves the process that measures as it was."""
 
 WALKING: Final = VelocitySequence(name="fault", duration_s=600.0, waypoints=(Waypoint(time_s=0.0, v_x_m_s=0.4),))
+OVERTURNED_RAD: Final = 0.5
 AT_S: Final = 0.8
 """When it happens, robot time since joint control began: the policy is in full control and the robot walks."""
 
@@ -137,6 +141,8 @@ class Rig:
         self.step(0.3)
         with self.environment():
             self.clear_behavior_faults()
+            if tilt_rad(self.truth()) > OVERTURNED_RAD:
+                turn_over(self)
 
     # Runs ------------------------------------------------------------------------------------------------------------
 
@@ -272,6 +278,31 @@ def clear_behavior_faults(robot: str, config: RobotConfig) -> None:
         client = session.calls.client(RobotCommandClient)
         for number in numbers:
             session.calls.make("clearing a fault", partial(client.clear_behavior_fault, number))
+    finally:
+        session.close()
+
+
+def tilt_rad(truth: Any) -> float:
+    """How far the body leans."""
+    _, x, y, _ = truth.world_from_body_wxyz
+    return math.acos(max(-1.0, 1.0 - 2.0 * (x * x + y * y)))
+
+
+def turn_over(robot: Rig) -> None:
+    """Set the robot upright by the vendor's own motion. Raises HalError."""
+    clock, config = HostClock(), robot.config().robot
+    session = Session(parse_address(robot.address.robot), config, clock, RobotClockEstimate(), clock.now_ns)
+    try:
+        session.log_in()
+        session.sync_clocks()
+        session.acquire_lease()
+        power, command = session.calls.client(PowerClient), session.calls.client(RobotCommandClient)
+        request = power_pb2.PowerCommandRequest.REQUEST_ON_MOTORS
+        session.calls.make("powering on", lambda: power.power_command(request))
+        robot.step(2.5)
+        for wanted in (RobotCommandBuilder.selfright_command(), RobotCommandBuilder.safe_power_off_command()):
+            session.calls.make("turning over", partial(command.robot_command, wanted))
+            robot.step(4.0)
     finally:
         session.close()
 

@@ -269,51 +269,7 @@ def test_a_time_sync_that_is_never_ready(fake: Fake) -> None:
     refused(fake, "clock_not_synced", 88, "NOT_READY")
 
 
-# Bad ends ------------------------------------------------------------------------------------------------------------
-
-DAMPED, SILENT = "damping", "released"
-
-
-@pytest.mark.parametrize(
-    ("fault", "parameters", "outcome", "exit_code", "way", "within_ms"),
-    [
-        ("nan_sensor", {"signal": "position"}, "state_not_finite", 22, DAMPED, 40),
-        ("bad_quaternion", {"scale": 0.5}, "state_attitude", 25, DAMPED, 40),
-        ("frozen_sensors", {}, "state_frozen", 23, DAMPED, 90),
-        ("state_gap", {}, "state_stale", 20, DAMPED, 80),
-        ("state_delay", {"delay_s": 0.1}, "state_stale", 20, DAMPED, 80),
-        ("duplicated_states", {"probability": 1.0}, "completed", 0, "", 0),
-        ("lease_stolen", {"owner": "tablet-7"}, "lease_lost", 44, SILENT, 2100),
-        ("estop_pressed", {}, "estopped", 45, SILENT, 300),
-        ("behavior_fault", {"cause": "fall"}, "behavior_fault", 47, DAMPED, 100),
-        ("low_battery", {"percent": 4.0}, "battery_low", 50, "standing", 4000),
-        ("motor_over_temperature", {"joint": "hl_kn", "temperature_c": 90.0}, "motor_hot", 51, "standing", 4000),
-        ("power_loss", {}, "motors_off", 46, SILENT, 300),
-        ("state_stream_closed", {}, "state_lost", 21, SILENT, 100),
-        ("push", {"roll_rad_s": 9.0}, "tilt", 26, DAMPED, 3500),
-    ],
-)
-def test_what_happens_during_a_run_ends_it_safely(
-    fake: Fake, fault: str, parameters: dict[str, Any], outcome: str, exit_code: int, way: str, within_ms: float
-) -> None:
-    injected_ns = 0
-
-    def inject() -> None:
-        nonlocal injected_ns
-        injected_ns = fake.status().robot_stamp_ns
-        fake.inject(fault, **parameters)
-
-    summary, log = fake.drive(during=inject, seconds=5.0 if exit_code else 1.0)
-    assert (summary.outcome, summary.exit_code) == (outcome, exit_code), summary.sentence
-    assert log.outcome == outcome
-    assert kept_every_limit(log)
-    if exit_code:
-        reaction = next(e for e in log.events if e.text.endswith(f"→ {way}"))
-        assert reaction.robot_stamp_ns - injected_ns <= within_ms * 1e6
-    fake.admin.ClearFaults(fake_admin_pb2.ClearFaultsRequest())
-    fake.step(3.0)
-    assert not fake.status().mode.lower().endswith("joint_control")
-    assert np.abs(fake.truth().joint_velocity_rad_s).max() < 0.5
+# Bad ends: most are rows of the fault matrix, tests/spot_runtime/faults ----------------------------------------------
 
 
 @pytest.mark.parametrize("state", ["missing", "expired"])
@@ -351,20 +307,6 @@ def finish(process: subprocess.Popen[str]) -> tuple[int, str]:
     return process.returncode, said
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_one_signal_ends_a_run_on_its_feet(fake: Fake, number: signal.Signals) -> None:
-    process = start_run(fake)
-    process.send_signal(number)
-    code, said = finish(process)
-    assert code == 10, said
-    for word in ("soft_stop", "ramping_out", "standing", "power_off"):
-        assert word in said
-    (log,) = (fake.folder / "logs").glob("*.mcap")
-    assert read_run(log).outcome == "operator_stop"
-    assert not fake.truth().has_fallen
-    assert fake.status().motor_power.lower().endswith("off")
-
-
 def test_two_signals_damp(fake: Fake) -> None:
     process = start_run(fake)
     process.send_signal(signal.SIGTERM)
@@ -375,33 +317,3 @@ def test_two_signals_damp(fake: Fake) -> None:
     assert code == 11, said
     assert "damping" in said
     assert fake.status().motor_power.lower().endswith("off")
-
-
-def test_a_killed_runtime_leaves_no_command_behind(fake: Fake) -> None:
-    process = start_run(fake)
-    process.kill()
-    process.communicate(timeout=60.0)
-    # What was on the wire when it died still arrives; then nothing more.
-    fake.step(0.2)
-    settled = fake.status()
-    assert not settled.mode.lower().endswith("joint_control")
-    fake.step(5.0)
-    assert fake.status().commands_received == settled.commands_received
-    assert np.abs(fake.truth().joint_velocity_rad_s).max() < 0.5
-
-
-def test_a_second_runtime_is_refused(fake: Fake) -> None:
-    process = start_run(fake)
-    try:
-        second = subprocess.run(
-            [*process.args[:4], *process.args[4:8]],  # type: ignore[index]
-            env={**os.environ, **fake.address.environment},
-            capture_output=True,
-            text=True,
-            timeout=60.0,
-        )
-        assert second.returncode == 94, second.stderr
-        assert f"process {process.pid} already drives" in second.stderr
-    finally:
-        process.terminate()
-        finish(process)

@@ -1,0 +1,257 @@
+"""Change the safety core in one place at a time, and see whether its tests notice.
+
+python scripts/mutation.py                   every mutant; exit 1 below the score that is asked for
+python scripts/mutation.py --only modes      those of one file
+python scripts/mutation.py --list            what would be tried
+
+Each mutant runs in a process forked from one that has the libraries in memory, but nothing of this project; so a
+mutant costs little more than the tests that find it. What is changed: comparisons, arithmetic, and/or/not, numbers and
+truth values, conditions, returned values, keyword arguments, min and max, any and all, and calls made for their effect.
+Words in messages are not changed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import contextlib
+import copy
+import importlib.abc
+import importlib.machinery
+import io
+import os
+import signal
+import sys
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import NamedTuple
+
+REPOSITORY = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(REPOSITORY))
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+
+from safety_core import CORE, TESTS  # noqa: E402
+
+TIMEOUT_S = 60
+SCORE = 0.90
+COMPARE: dict[type[ast.cmpop], tuple[type[ast.cmpop], ...]] = {
+    ast.Lt: (ast.LtE, ast.GtE),
+    ast.LtE: (ast.Lt, ast.Gt),
+    ast.Gt: (ast.GtE, ast.LtE),
+    ast.GtE: (ast.Gt, ast.Lt),
+    ast.Eq: (ast.NotEq,),
+    ast.NotEq: (ast.Eq,),
+    ast.Is: (ast.IsNot,),
+    ast.IsNot: (ast.Is,),
+    ast.In: (ast.NotIn,),
+    ast.NotIn: (ast.In,),
+}
+ARITHMETIC: dict[type[ast.operator], type[ast.operator]] = {
+    ast.Add: ast.Sub,
+    ast.Sub: ast.Add,
+    ast.Mult: ast.Div,
+    ast.Div: ast.Mult,
+    ast.FloorDiv: ast.Mult,
+    ast.Pow: ast.Mult,
+    ast.Mod: ast.Mult,
+    ast.BitAnd: ast.BitOr,
+    ast.BitOr: ast.BitAnd,
+}
+NAMES = {"min": "max", "max": "min", "any": "all", "all": "any", "minimum": "maximum", "maximum": "minimum"}
+
+
+class Mutant(NamedTuple):
+    """One changed place."""
+
+    file: str
+    line: int
+    what: str
+    source: str
+
+
+def mutants_of(file: str) -> Iterator[Mutant]:
+    """Every mutant of a file."""
+    text = (REPOSITORY / file).read_text(encoding="utf-8")
+    tree = ast.parse(text)
+    skipped = _unjudged(tree)
+    nodes = [node for node in ast.walk(tree) if id(node) not in skipped]
+    number = {id(node): index for index, node in enumerate(ast.walk(tree))}
+    for node in nodes:
+        for what, change in _changes(node):
+            changed = copy.deepcopy(tree)
+            twin = list(ast.walk(changed))[number[id(node)]]
+            change(twin)
+            source = ast.unparse(ast.fix_missing_locations(changed))
+            yield Mutant(file, getattr(node, "lineno", 0), what, source)
+
+
+def _unjudged(tree: ast.AST) -> set[int]:
+    """Nodes that are no code: annotations, docstrings, texts put together for people."""
+    skipped: set[int] = set()
+    for node in ast.walk(tree):
+        parts: list[ast.AST | None] = []
+        if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
+            parts += [node.returns, *(a.annotation for a in (*node.args.args, *node.args.kwonlyargs))]
+            parts += node.decorator_list
+        if isinstance(node, ast.AnnAssign):
+            parts.append(node.annotation)
+        if isinstance(node, ast.JoinedStr):
+            parts.append(node)
+        for part in parts:
+            skipped |= {id(inner) for inner in ast.walk(part)} if part is not None else set()
+    return skipped
+
+
+def _changes(node: ast.AST) -> Iterator[tuple[str, object]]:
+    if isinstance(node, ast.Compare):
+        for i, op in enumerate(node.ops):
+            for other in COMPARE[type(op)]:
+                yield f"{type(op).__name__} → {other.__name__}", _setter_at("ops", i, other())
+    elif isinstance(node, (ast.BinOp, ast.AugAssign)) and type(node.op) in ARITHMETIC:
+        other_op = ARITHMETIC[type(node.op)]
+        yield f"{type(node.op).__name__} → {other_op.__name__}", _setter("op", other_op())
+    elif isinstance(node, ast.BoolOp):
+        other_bool = ast.Or if isinstance(node.op, ast.And) else ast.And
+        yield f"{type(node.op).__name__} → {other_bool.__name__}", _setter("op", other_bool())
+    elif isinstance(node, ast.UnaryOp) and isinstance(node.op, (ast.Not, ast.USub)):
+        yield f"{type(node.op).__name__} removed", _setter("op", ast.UAdd() if isinstance(node.op, ast.USub) else None)
+    elif isinstance(node, ast.Constant) and isinstance(node.value, bool):
+        yield f"{node.value} → {not node.value}", _setter("value", not node.value)
+    elif isinstance(node, ast.Constant) and isinstance(node.value, (int, float)):
+        yield f"{node.value} → {node.value + 1}", _setter("value", node.value + 1)
+    elif isinstance(node, ast.Name) and node.id in NAMES and isinstance(node.ctx, ast.Load):
+        yield f"{node.id} → {NAMES[node.id]}", _setter("id", NAMES[node.id])
+    elif isinstance(node, ast.Attribute) and node.attr in NAMES:
+        yield f"{node.attr} → {NAMES[node.attr]}", _setter("attr", NAMES[node.attr])
+    elif isinstance(node, (ast.If, ast.IfExp, ast.While)):
+        yield "condition negated", lambda twin: setattr(twin, "test", ast.UnaryOp(ast.Not(), twin.test))
+    elif isinstance(node, ast.Return) and node.value is not None and not _is_none(node.value):
+        yield "returns None", _setter("value", ast.Constant(None))
+    elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
+        yield "call left out", _setter("value", ast.Constant(None))
+    if isinstance(node, ast.Call):
+        for i, keyword in enumerate(node.keywords):
+            if keyword.arg not in (None, "description", "default"):
+                yield f"argument {keyword.arg} left out", lambda twin, at=i: twin.keywords.pop(at)
+
+
+def _is_none(node: ast.AST) -> bool:
+    return isinstance(node, ast.Constant) and node.value is None
+
+
+def _setter(name: str, value: object) -> object:
+    def change(twin: ast.AST) -> None:
+        if value is None and isinstance(twin, ast.UnaryOp):
+            twin.op, twin.operand = ast.Not(), ast.UnaryOp(ast.Not(), twin.operand)
+        else:
+            setattr(twin, name, value)
+
+    return change
+
+
+def _setter_at(name: str, index: int, value: object) -> object:
+    return lambda twin: getattr(twin, name).__setitem__(index, value)
+
+
+class Mutated(importlib.abc.MetaPathFinder, importlib.abc.Loader):
+    """Loads one module from changed source."""
+
+    def __init__(self, mutant: Mutant) -> None:
+        self._mutant = mutant
+        self._name = mutant.file.removesuffix(".py").replace("/", ".")
+
+    def find_spec(self, fullname: str, path: object, target: object = None) -> importlib.machinery.ModuleSpec | None:
+        """The module's spec, if it is this one."""
+        if fullname != self._name:
+            return None
+        return importlib.machinery.ModuleSpec(fullname, self, origin=str(REPOSITORY / self._mutant.file))
+
+    def exec_module(self, module: object) -> None:
+        """Run the changed source."""
+        code = compile(self._mutant.source, str(REPOSITORY / self._mutant.file), "exec")
+        exec(code, module.__dict__)  # noqa: S102 - our own source, changed in one place
+
+
+def survives(mutant: Mutant) -> bool:
+    """Whether the tests pass with this mutant; one that hangs does not."""
+    child = os.fork()
+    if child == 0:
+        _run_tests(mutant)
+    deadline_s = time.monotonic() + TIMEOUT_S
+    while time.monotonic() < deadline_s:
+        done, status = os.waitpid(child, os.WNOHANG)
+        if done:
+            return os.waitstatus_to_exitcode(status) == 0
+        time.sleep(0.02)
+    os.kill(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+    return False
+
+
+def _run_tests(mutant: Mutant | None) -> None:
+    import pytest
+
+    code = 1
+    try:
+        if mutant is not None:
+            sys.meta_path.insert(0, Mutated(mutant))
+        with contextlib.redirect_stdout(io.StringIO()) as said, contextlib.redirect_stderr(io.StringIO()):
+            options = ["-x", "-q", "--no-header", "-p", "no:cacheprovider", "-p", "no:xdist", "-p", "no:fake_spot"]
+            options += ["-p", "no:cov", "--hypothesis-profile=mutants"]
+            code = int(pytest.main([*options, *TESTS]))
+        if mutant is None and code:
+            os.write(2, said.getvalue().encode())
+    finally:
+        os._exit(code)
+
+
+def _prepare() -> None:
+    """Everything that all mutants share: the libraries, and a short, repeatable way to try examples."""
+    import bosdyn.api.robot_state_pb2
+    import hypothesis
+    import hypothesis.extra.numpy
+    import numpy as np
+    import onnx
+    import onnxruntime
+    import pydantic
+    import pytest
+
+    del bosdyn, np, onnx, onnxruntime, pydantic, pytest
+    profile = {"max_examples": 30, "derandomize": True, "database": None, "deadline": None}
+    hypothesis.settings.register_profile("mutants", **profile)
+    os.chdir(REPOSITORY)
+
+
+def main() -> None:
+    """Try the mutants."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--only", default="", help="only files whose name holds this")
+    parser.add_argument("--list", action="store_true", help="list the mutants")
+    parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)))
+    options = parser.parse_args()
+    mutants = [mutant for file in CORE if options.only in file for mutant in mutants_of(file)]
+    if options.list:
+        print("\n".join(f"{m.file}:{m.line}: {m.what}" for m in mutants))
+        return
+    began_s = time.monotonic()
+    _prepare()
+    child = os.fork()
+    if child == 0:
+        _run_tests(None)
+    if os.waitpid(child, 0)[1] != 0:
+        raise SystemExit("the tests fail without any mutant")
+    with ThreadPoolExecutor(options.jobs) as pool:
+        outcomes = list(pool.map(survives, mutants))
+    alive = [mutant for mutant, is_alive in zip(mutants, outcomes, strict=True) if is_alive]
+    for mutant in alive:
+        print(f"{mutant.file}:{mutant.line}: nobody noticed: {mutant.what}")
+    score = 1.0 - len(alive) / len(mutants)
+    print(f"{len(mutants)} mutants, {len(alive)} unnoticed: score {score:.1%} in {time.monotonic() - began_s:.0f} s")
+    if score < SCORE:
+        raise SystemExit(f"the score is below {SCORE:.0%}")
+
+
+if __name__ == "__main__":
+    main()

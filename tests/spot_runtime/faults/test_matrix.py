@@ -1,0 +1,105 @@
+"""Every row of the fault matrix, on one fake robot in lock-step; a row of minutes runs in the benchmark alone."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from spot_model.errors import BadInputError
+from spot_runtime.bench_faults import command
+from spot_runtime.bench_faults.rig import Rig, rig
+from spot_runtime.bench_faults.rows import Finding, Row, left_alone, try_row
+
+WALK = Path(__file__).parents[3] / "policies" / "walk.onnx"
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
+    with rig(tmp_path_factory.mktemp("matrix"), WALK) as started:
+        yield started
+
+
+@pytest.fixture(autouse=True)
+def _restored(robot: Rig) -> Iterator[None]:
+    yield
+    robot.restore()
+
+
+@pytest.mark.parametrize("row", [row for row in command.ROWS if not row.is_long], ids=lambda row: row.fault)
+def test_row(robot: Rig, row: Row) -> None:
+    result = try_row(robot, row)
+    assert result.ok, result.to_json()
+
+
+def test_names_are_unique_and_the_rows_of_time_are_there() -> None:
+    names = [row.fault for row in command.ROWS]
+    assert len(names) == len(set(names))
+    assert sum(row.is_real_time for row in command.ROWS) >= 10
+
+
+# The bench can fail --------------------------------------------------------------------------------------------------
+
+
+def test_a_row_in_which_nothing_happens_fails(robot: Rig) -> None:
+    def nothing(rig: Rig) -> Finding:
+        from spot_runtime.bench_faults.rows import judge, reacted
+
+        drive = rig.drive(at_s=1e6, seconds=0.3)
+        return reacted(drive, judge(drive, "state_stale"), "damping")
+
+    result = try_row(robot, Row("nothing", 80.0, nothing))
+    assert not result.ok
+    assert any("ended completed" in problem for problem in result.problems)
+    assert "the fault never happened" in result.problems
+    assert "there was no damping" in result.problems
+
+
+def test_a_row_that_breaks_or_comes_too_late_fails(robot: Rig) -> None:
+    def broken(_: Rig) -> Finding:
+        raise KeyError("nowhere")
+
+    result = try_row(robot, Row("broken", 0.0, broken))
+    assert not result.ok
+    assert "KeyError" in result.problems[0]
+    late = try_row(robot, Row("late", 80.0, lambda _: Finding("damping", 81.0)))
+    assert late.problems == ("reacted after 81.0 ms",)
+    assert late.to_json()["problems"] == ["reacted after 81.0 ms"]
+
+
+def test_a_robot_that_is_left_stiff_fails(robot: Rig) -> None:
+    class Stiff:
+        def status(self) -> object:
+            real = robot.status()
+            real.mode, real.motor_power, real.lease_owner = "standing", "on", ""
+            return real
+
+        def truth(self) -> object:
+            return robot.truth()
+
+    finding = Finding()
+    left_alone(Stiff(), finding)  # type: ignore[arg-type]
+    assert finding.problems == ["left standing with motors on and nobody in charge"]
+
+
+def test_the_command_prints_the_agreed_json(monkeypatch: pytest.MonkeyPatch) -> None:
+    import typer
+
+    app = typer.Typer()
+    app.command()(command.faults)
+    rows = [Row("one", 10.0, lambda _: Finding("damping", 5.0)), Row("two", 10.0, lambda _: Finding("damping", 50.0))]
+    monkeypatch.setattr(command, "ROWS", rows)
+    done = CliRunner().invoke(app, ["--json", "--policy", str(WALK)])
+    assert done.exit_code == 1
+    printed = json.loads(done.stdout)
+    assert printed["failed"] == 1
+    keys = "fault reaction reaction_ms bound_ms ok body_height_min_m peak_torque_nm log_ok"
+    assert list(printed["rows"][0]) == keys.split()
+    table = CliRunner().invoke(app, ["--only", "one", "--policy", str(WALK)])
+    assert table.exit_code == 0
+    assert "1 rows, 0 failed" in table.stdout
+    with pytest.raises(BadInputError, match="no row's name holds 'three'; rows: one, two"):
+        command.chosen("three", is_real_time=False, is_quick=False)

@@ -1,0 +1,83 @@
+"""Which set-point each mode asks for."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from spot_model import facts
+from spot_model.state import Gains
+from spot_runtime.composer import asked_setpoint, within_stops
+from spot_runtime.config import HandoverConfig
+from spot_runtime.handover import blend, hold_setpoint, policy_setpoint
+from spot_runtime.modes import Mode
+
+CONFIG = HandoverConfig(ramp_in_s=2.0, ramp_out_s=1.0, damping_kd_nm_s_per_rad=7.0)
+POSE = facts.DEFAULT_POSITION_RAD
+HOLD = hold_setpoint(POSE, np.full(12, 3.0))
+POLICY_RAD = POSE + 0.1
+MEASURED_RAD = POSE - 0.2
+
+
+def asked(mode: Mode, in_mode_s: float = 0.5, policy_rad: np.ndarray | None = POLICY_RAD):  # type: ignore[no-untyped-def]
+    return asked_setpoint(
+        mode,
+        in_mode_s,
+        hold=HOLD,
+        policy_rad=policy_rad,
+        policy_gains=Gains.policy(),
+        measured_rad=MEASURED_RAD,
+        config=CONFIG,
+    )
+
+
+@pytest.mark.parametrize("mode", [Mode.ACTIVATING, Mode.STANDING])
+def test_without_the_policy_the_pose_is_held(mode: Mode) -> None:
+    assert asked(mode) is HOLD
+    assert asked(mode, policy_rad=None) is HOLD
+
+
+@pytest.mark.parametrize("mode", [Mode.ACTIVE, Mode.SOFT_STOP])
+def test_the_policy_alone_drives(mode: Mode) -> None:
+    setpoint = asked(mode)
+    np.testing.assert_array_equal(setpoint.position_rad, POLICY_RAD)
+    np.testing.assert_array_equal(setpoint.gains.kp_nm_per_rad, Gains.policy().kp_nm_per_rad)
+    assert not setpoint.load_nm.any()
+
+
+@pytest.mark.parametrize(
+    ("mode", "in_mode_s", "weight"),
+    [
+        (Mode.RAMPING_IN, 0.0, 1.0),
+        (Mode.RAMPING_IN, 0.5, 0.75**3),
+        (Mode.RAMPING_IN, 2.0, 0.0),
+        (Mode.RAMPING_OUT, 0.0, 0.0),
+        (Mode.RAMPING_OUT, 0.25, 0.25**3),
+        (Mode.RAMPING_OUT, 1.0, 1.0),
+    ],
+)
+def test_the_ramps_blend(mode: Mode, in_mode_s: float, weight: float) -> None:
+    expected = blend(HOLD, policy_setpoint(POLICY_RAD, Gains.policy()), weight)
+    setpoint = asked(mode, in_mode_s)
+    np.testing.assert_allclose(setpoint.position_rad, expected.position_rad)
+    np.testing.assert_allclose(setpoint.load_nm, expected.load_nm)
+    np.testing.assert_allclose(setpoint.gains.kp_nm_per_rad, expected.gains.kp_nm_per_rad)
+
+
+def test_damping_needs_neither_policy_nor_state() -> None:
+    setpoint = asked(Mode.DAMPING, policy_rad=None)
+    np.testing.assert_array_equal(setpoint.position_rad, MEASURED_RAD)
+    assert not setpoint.gains.kp_nm_per_rad.any()
+    assert (setpoint.gains.kd_nm_s_per_rad == 7.0).all()
+
+
+@pytest.mark.parametrize("mode", [m for m in Mode if m.runs_policy])
+def test_a_mode_of_the_policy_needs_its_set_point(mode: Mode) -> None:
+    with pytest.raises(ValueError, match=f"mode {mode.value} needs the policy's set-point"):
+        asked(mode, policy_rad=None)
+
+
+def test_a_measured_pose_is_brought_within_the_stops() -> None:
+    np.testing.assert_array_equal(within_stops(POSE), POSE)
+    np.testing.assert_array_equal(within_stops(facts.POSITION_HIGH_RAD + 0.1), facts.POSITION_HIGH_RAD)
+    np.testing.assert_array_equal(within_stops(facts.POSITION_LOW_RAD - 0.1), facts.POSITION_LOW_RAD)

@@ -1,0 +1,464 @@
+"""The safety core at its bounds: the last value that passes and the first that does not, and what a stop tells."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from spot_model import facts
+from spot_model.state import Gains, JointCommand, RobotState, SlowState
+from spot_runtime import safety
+from spot_runtime.safety import SetpointMemory, StateMemory
+from spot_runtime.safety_limits import SafetyLimits
+from spot_runtime.stops import Stop, StopReason
+
+MakeState = Callable[..., RobotState]
+MakeSlow = Callable[..., SlowState]
+MS = 1_000_000
+START_NS = 1_700_000_000_000_000_000
+LIMITS = SafetyLimits()
+LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
+
+# Bounds as data ------------------------------------------------------------------------------------------------------
+
+RANGES = {
+    # key: default, least, largest; a least of None is "above 0"
+    "state_age_warn_s": (0.015, None, 1.0),
+    "state_age_damp_s": (0.040, None, 1.0),
+    "state_age_stop_s": (0.200, None, 5.0),
+    "state_from_future_s": (0.050, None, 5.0),
+    "rejected_states": (10, 1, 1000),
+    "frozen_s": (0.040, None, 5.0),
+    "quaternion_norm_error": (0.05, None, 1.0),
+    "tilt_rad": (0.785398, None, 3.2),
+    "body_height_m": (0.25, 0.0, 0.6),
+    "joint_velocity_rad_s": (40.0, None, 100.0),
+    "joint_position_margin_rad": (0.15, 0.0, 1.0),
+    "setpoint_step_rad": (1.5, None, 10.0),
+    "setpoint_step_ticks": (5, 1, 1000),
+    "setpoint_overshoot_rad": (1.0, None, 20.0),
+    "setpoint_overshoot_ticks": (5, 1, 1000),
+    "feedforward_nm": (120.0, None, 200.0),
+    "command_echo_s": (0.150, None, 5.0),
+    "command_loss_share": (0.15, None, 1.0),
+    "skipped_ticks": (10, 1, 1000),
+    "clock_jump_s": (0.050, None, 5.0),
+    "battery_percent": (8.0, 0.0, 100.0),
+    "motor_temperature_c": (75.0, None, 150.0),
+    "slow_state_age_s": (3.0, None, 60.0),
+}
+
+
+def test_every_bound_has_its_default_and_its_range() -> None:
+    properties = SafetyLimits.model_json_schema()["properties"]
+    told = {key: (entry["default"], entry.get("minimum"), entry["maximum"]) for key, entry in properties.items()}
+    assert told == RANGES
+    above = {key for key, entry in properties.items() if entry.get("exclusiveMinimum") == 0.0}
+    assert above == {key for key, (_, least, _) in RANGES.items() if least is None}
+
+
+@pytest.mark.parametrize(
+    "ages", [(0.04, 0.04, 0.2), (0.05, 0.04, 0.2), (0.015, 0.2, 0.2), (0.015, 0.3, 0.2), (0.3, 0.2, 0.1)]
+)
+def test_bounds_on_ages_rise_strictly(ages: tuple[float, float, float]) -> None:
+    names = ("state_age_warn_s", "state_age_damp_s", "state_age_stop_s")
+    with pytest.raises(ValidationError, match="state_age_warn_s < state_age_damp_s < state_age_stop_s"):
+        SafetyLimits.model_validate(dict(zip(names, ages, strict=True)))
+    assert SafetyLimits(state_age_warn_s=0.001, state_age_damp_s=0.002, state_age_stop_s=0.003).frozen_s == 0.04
+
+
+def test_limits_are_frozen_and_take_no_unknown_key_and_no_infinity() -> None:
+    with pytest.raises(ValidationError, match="frozen"):
+        LIMITS.tilt_rad = 3.0
+    with pytest.raises(ValidationError, match="Extra inputs"):
+        SafetyLimits(tilt_deg=45.0)  # type: ignore[call-arg]
+    with pytest.raises(ValidationError, match="finite"):
+        SafetyLimits(setpoint_step_rad=float("nan"))
+
+
+# States --------------------------------------------------------------------------------------------------------------
+
+
+def judged(state: RobotState, memory: StateMemory | None = None, now_ns: int = START_NS) -> Stop | None:
+    return safety.screen_state(memory or StateMemory(), state, now_ns, LIMITS)[2]
+
+
+def test_the_future_begins_50_ms_ahead(make_state: MakeState) -> None:
+    assert judged(make_state(START_NS + 50 * MS)) is None
+    memory, is_usable, stop = safety.screen_state(StateMemory(), make_state(START_NS + 51 * MS), START_NS, LIMITS)
+    assert stop is not None
+    assert stop.detail == "a state is stamped in the future"
+    assert not is_usable
+    assert memory == StateMemory(arrived_robot_stamp_ns=START_NS + 51 * MS)
+
+
+def test_what_the_memory_holds_after_each_kind_of_state(make_state: MakeState) -> None:
+    first = make_state(START_NS, last_command_key=3)
+    memory, is_usable, stop = safety.screen_state(StateMemory(), first, START_NS, LIMITS)
+    assert (is_usable, stop) == (True, None)
+    assert memory == StateMemory(first, START_NS, 0, 0, 0, START_NS, START_NS)
+    again, is_usable, stop = safety.screen_state(memory, first, START_NS, LIMITS)
+    assert (is_usable, stop) == (False, None)
+    assert again == replace(memory, rejected_in_row=1, rejected=1)
+    # A state that causes a stop is not used, and what arrived last is known all the same.
+    broken = make_state(START_NS + 3 * MS, load_nm=np.full(12, np.inf))
+    after, is_usable, stop = safety.screen_state(again, broken, START_NS + 3 * MS, LIMITS)
+    assert stop == Stop(StopReason.STATE_NOT_FINITE)
+    assert not is_usable
+    assert after == replace(again, arrived_robot_stamp_ns=START_NS + 3 * MS)
+    older = replace(again, arrived_robot_stamp_ns=START_NS + 9 * MS)
+    assert safety.screen_state(older, broken, START_NS + 3 * MS, LIMITS)[0] == older
+    # The same joints again, and no newer key: what changed last stays.
+    same = make_state(START_NS + 6 * MS, position_rad=first.position_rad, last_command_key=3)
+    last, is_usable, stop = safety.screen_state(after, same, START_NS + 6 * MS, LIMITS)
+    assert (is_usable, stop) == (True, None)
+    assert last == StateMemory(same, START_NS + 6 * MS, 0, 1, 1, START_NS, START_NS)
+
+
+@pytest.mark.parametrize("field", ["position_rad", "velocity_rad_s", "load_nm"])
+def test_one_changed_value_of_any_kind_is_a_change(make_state: MakeState, field: str) -> None:
+    first = make_state(START_NS, position_rad=facts.DEFAULT_POSITION_RAD)
+    memory, _, _ = safety.screen_state(StateMemory(), first, START_NS, LIMITS)
+    changed = getattr(first, field).copy()
+    changed[7] += 1e-12
+    state = replace(first, robot_stamp_ns=START_NS + 3 * MS, **{field: changed})
+    assert safety.screen_state(memory, state, START_NS, LIMITS)[0].changed_robot_stamp_ns == START_NS + 3 * MS
+
+
+def test_frozen_counts_from_the_last_change(make_state: MakeState) -> None:
+    first = make_state(START_NS, position_rad=facts.DEFAULT_POSITION_RAD)
+    memory, _, _ = safety.screen_state(StateMemory(), first, START_NS, LIMITS)
+    for stamp_ns, is_stop in ((START_NS + 40 * MS - 1, False), (START_NS + 40 * MS, True)):
+        state = replace(first, robot_stamp_ns=stamp_ns)
+        _, is_usable, stop = safety.screen_state(memory, state, stamp_ns, LIMITS)
+        assert is_usable is not is_stop
+        assert stop == (Stop(StopReason.STATE_FROZEN, "", {"frozen_s": 0.04, "bound_s": 0.04}) if is_stop else None)
+
+
+@pytest.mark.parametrize(("gap_ms", "missed"), [(3, 0), (4, 0), (5, 1), (6, 1), (9, 2), (300, 99)])
+def test_states_that_never_came_are_counted(make_state: MakeState, gap_ms: int, missed: int) -> None:
+    memory, _, _ = safety.screen_state(StateMemory(missed=5), make_state(START_NS), START_NS, LIMITS)
+    assert memory.missed == 5
+    memory, _, _ = safety.screen_state(memory, make_state(START_NS + gap_ms * MS), START_NS + gap_ms * MS, LIMITS)
+    assert memory.missed == 5 + missed
+
+
+def test_rejection_is_a_stop_from_the_tenth_on(make_state: MakeState) -> None:
+    newest = make_state(START_NS)
+    for in_row, is_stop in ((8, False), (9, True), (10, True)):
+        memory = StateMemory(newest, START_NS, rejected_in_row=in_row, rejected=in_row)
+        late = replace(newest, robot_stamp_ns=START_NS - 30 * MS)
+        after, _, stop = safety.screen_state(memory, late, START_NS, LIMITS)
+        assert (after.rejected_in_row, after.rejected) == (in_row + 1, in_row + 1)
+        values = {"in_row": in_row + 1.0, "bound": 10.0, "behind_s": 0.03}
+        assert stop == (Stop(StopReason.STATE_REJECTED, "", values) if is_stop else None)
+
+
+@pytest.mark.parametrize("field", ["position_rad", "velocity_rad_s", "load_nm"])
+def test_each_array_has_twelve_values(make_state: MakeState, field: str) -> None:
+    stop = judged(make_state(**{field: np.zeros(11)}))
+    assert stop is not None
+    assert stop.reason is StopReason.STATE_NOT_FINITE
+
+
+def test_the_shape_that_was_found_is_told(make_state: MakeState) -> None:
+    stop = judged(make_state(position_rad=np.zeros(11)))
+    assert stop is not None
+    assert stop.detail == "a state holds (11,) joint values; needed: 12"
+
+
+@pytest.mark.parametrize("index", range(4))
+@pytest.mark.parametrize("field", ["odom_from_body_wxyz", "linear_vel_of_body_in_odom_m_s"])
+def test_every_component_is_looked_at(make_state: MakeState, field: str, index: int) -> None:
+    values = getattr(make_state(), field).copy()
+    values[index % len(values)] = np.nan
+    assert judged(make_state(**{field: values})) == Stop(StopReason.STATE_NOT_FINITE)
+
+
+def test_the_turning_rate_is_looked_at_too(make_state: MakeState) -> None:
+    rate = np.array([0.0, 0.0, np.inf])
+    assert judged(make_state(angular_vel_of_body_in_odom_rad_s=rate)) == Stop(StopReason.STATE_NOT_FINITE)
+
+
+@pytest.mark.parametrize("axis", range(4))
+@pytest.mark.parametrize(("length", "is_stop"), [(0.951, False), (1.049, False), (0.949, True), (1.051, True)])
+def test_the_length_of_the_attitude(make_state: MakeState, axis: int, length: float, is_stop: bool) -> None:
+    wxyz = np.zeros(4)
+    wxyz[axis] = length
+    # An attitude on its back is judged by other bounds, so only this one is looked at.
+    stop = judged(make_state(odom_from_body_wxyz=wxyz))
+    is_attitude = stop is not None and stop.reason is StopReason.STATE_ATTITUDE
+    assert is_attitude == is_stop
+    if stop is not None and is_stop:
+        assert stop.values == {"norm_error": pytest.approx(abs(length - 1.0)), "bound": 0.05}
+
+
+@pytest.mark.parametrize("axis", [1, 2])
+@pytest.mark.parametrize(("tilt_rad", "is_stop"), [(0.7853, False), (-0.7853, False), (0.7855, True), (-0.7855, True)])
+def test_tilt_about_either_axis(make_state: MakeState, axis: int, tilt_rad: float, is_stop: bool) -> None:
+    wxyz = np.zeros(4)
+    wxyz[0], wxyz[axis] = np.cos(tilt_rad / 2.0), np.sin(tilt_rad / 2.0)
+    stop = judged(make_state(odom_from_body_wxyz=wxyz))
+    values: dict[str, Any] = {"tilt_rad": pytest.approx(abs(tilt_rad)), "bound_rad": 0.785398}
+    assert stop == (Stop(StopReason.TILT, "", values) if is_stop else None)
+
+
+def test_tilt_of_a_long_and_of_a_turned_quaternion(make_state: MakeState) -> None:
+    upside_down = judged(make_state(odom_from_body_wxyz=np.array([0.0, 1.04, 0.0, 0.0])))
+    assert upside_down is not None
+    assert upside_down.values["tilt_rad"] == pytest.approx(np.pi)
+    half = np.sqrt(0.5)
+    assert judged(make_state(odom_from_body_wxyz=np.array([half, 0.0, 0.0, half]))) is None
+    both = judged(make_state(odom_from_body_wxyz=np.array([0.8, 0.36, 0.36, np.sqrt(1 - 0.64 - 2 * 0.1296)])))
+    assert both is not None
+    assert both.values["tilt_rad"] == pytest.approx(np.arccos(1.0 - 2.0 * 2.0 * 0.1296))
+
+
+def test_a_collapsed_body_is_told_with_its_height(make_state: MakeState) -> None:
+    stop = judged(make_state(position_rad=np.tile([0.0, 1.5, -2.7], 4)))
+    assert stop is not None
+    assert stop.reason is StopReason.BODY_LOW
+    assert stop.values["bound_m"] == 0.25
+    assert 0.0 < stop.values["height_m"] < 0.25
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(("rest", "fast", "is_stop"), [(0.0, 40.0, False), (20.0, 40.0, False), (0.0, 40.1, True)])
+def test_joint_velocity_counts_joint_by_joint(
+    make_state: MakeState, sign: float, rest: float, fast: float, is_stop: bool
+) -> None:
+    velocity = np.full(12, rest)
+    velocity[4] = sign * fast
+    stop = judged(make_state(velocity_rad_s=velocity))
+    values = {"velocity_rad_s": fast, "bound_rad_s": 40.0}
+    assert stop == (Stop(StopReason.JOINT_VELOCITY, "fr_hy", values) if is_stop else None)
+
+
+@pytest.mark.parametrize("joint", range(12))
+@pytest.mark.parametrize("side", [-1, 1])
+def test_a_joint_beyond_its_stop_by_more_than_the_margin(make_state: MakeState, joint: int, side: int) -> None:
+    stops = facts.POSITION_LOW_RAD if side < 0 else facts.POSITION_HIGH_RAD
+    for beyond_rad, is_stop in ((0.149, False), (0.151, True)):
+        position = facts.DEFAULT_POSITION_RAD.copy()
+        position[joint] = stops[joint] + side * beyond_rad
+        stop = judged(make_state(position_rad=position))
+        values: dict[str, Any] = {"beyond_rad": pytest.approx(0.151), "bound_rad": 0.15}
+        assert stop == (Stop(StopReason.JOINT_POSITION, facts.JOINT_NAMES[joint], values) if is_stop else None)
+
+
+# Ages ----------------------------------------------------------------------------------------------------------------
+
+
+def test_ages_count_from_what_arrived_and_from_what_may_be_used(make_state: MakeState) -> None:
+    usable = make_state(START_NS)
+    memory = StateMemory(newest=usable, arrived_robot_stamp_ns=START_NS + 100 * MS)
+    stop = safety.check_age(memory, START_NS + 100 * MS, LIMITS)
+    assert stop == Stop(StopReason.STATE_STALE, "", {"age_s": 0.1, "bound_s": 0.04})
+    stop = safety.check_age(memory, START_NS + 300 * MS, LIMITS)
+    assert stop == Stop(StopReason.STATE_LOST, "", {"age_s": 0.2, "bound_s": 0.2})
+    assert safety.check_age(memory, START_NS + 40 * MS - 1, LIMITS) is None
+    assert safety.check_age(memory, START_NS + 40 * MS, LIMITS) is not None
+
+
+def test_the_echo_counts_from_its_last_rise_or_from_the_start_of_control(make_state: MakeState) -> None:
+    memory = StateMemory(newest=make_state(START_NS), echo_robot_stamp_ns=START_NS - 200 * MS)
+    assert safety.check_echo(memory, START_NS - 150 * MS + 1, LIMITS) is None
+    stop = safety.check_echo(memory, START_NS - 150 * MS, LIMITS)
+    assert stop == Stop(StopReason.COMMAND_UNCONFIRMED, "", {"silent_s": 0.15, "bound_s": 0.15})
+    stop = safety.check_echo(memory, START_NS - 500 * MS, LIMITS)
+    assert stop == Stop(StopReason.COMMAND_UNCONFIRMED, "", {"silent_s": 0.2, "bound_s": 0.15})
+
+
+# Set-points ----------------------------------------------------------------------------------------------------------
+
+POSE = facts.DEFAULT_POSITION_RAD
+
+
+def moved(joint: int, by_rad: float) -> np.ndarray:
+    request = POSE.copy()
+    request[joint] += by_rad
+    return request
+
+
+@pytest.mark.parametrize("joint", range(12))
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_a_step_is_cut_to_its_bound_joint_by_joint(joint: int, sign: float) -> None:
+    limits = SafetyLimits(setpoint_step_rad=0.1)
+    memory, limited, stop = safety.limit_setpoint(SetpointMemory(POSE), moved(joint, sign * 0.1), limits)
+    assert not limited.cut.any()
+    assert memory == SetpointMemory(memory.sent_rad)
+    memory, limited, stop = safety.limit_setpoint(SetpointMemory(POSE), moved(joint, sign * 0.11), limits)
+    assert stop is None
+    np.testing.assert_allclose(limited.position_rad, moved(joint, sign * 0.1), atol=1e-15)
+    assert limited.cut.tolist() == [j == joint for j in range(12)]
+    assert (memory.step_ticks, memory.overshoot_ticks, memory.cut_ticks) == (1, 0, 1)
+    assert memory.sent_rad is limited.position_rad
+
+
+@pytest.mark.parametrize("joint", range(12))
+@pytest.mark.parametrize("side", [-1, 1])
+def test_a_request_beyond_a_stop_is_cut_to_the_stop(joint: int, side: int) -> None:
+    stop_rad = (facts.POSITION_LOW_RAD if side < 0 else facts.POSITION_HIGH_RAD)[joint]
+    for beyond_rad, overshoots in ((1e-9, 0), (0.999, 0), (1.001, 1)):
+        request = POSE.copy()
+        request[joint] = stop_rad + side * beyond_rad
+        memory, limited, stop = safety.limit_setpoint(SetpointMemory(), request, LIMITS)
+        assert stop is None
+        assert limited.position_rad[joint] == stop_rad
+        assert limited.cut.tolist() == [j == joint for j in range(12)]
+        assert (memory.step_ticks, memory.overshoot_ticks, memory.cut_ticks) == (0, overshoots, 1)
+
+
+def test_a_set_point_at_the_stops_may_be_left_by_a_step_and_no_more() -> None:
+    limits = SafetyLimits(setpoint_step_rad=0.2)
+    sent = facts.POSITION_HIGH_RAD.copy()
+    _, limited, _ = safety.limit_setpoint(SetpointMemory(sent), facts.POSITION_LOW_RAD.copy(), limits)
+    np.testing.assert_allclose(limited.position_rad, np.maximum(sent - 0.2, facts.POSITION_LOW_RAD))
+    _, limited, _ = safety.limit_setpoint(SetpointMemory(sent), sent + 5.0, limits)
+    np.testing.assert_array_equal(limited.position_rad, sent)
+
+
+def test_counts_in_a_row_and_what_the_stops_tell() -> None:
+    limits = SafetyLimits(setpoint_step_rad=0.1, setpoint_step_ticks=3, setpoint_overshoot_ticks=3)
+    far = moved(5, -9.0)
+    for ticks, is_stop in ((1, False), (2, True), (7, True)):
+        before = SetpointMemory(POSE, step_ticks=ticks, cut_ticks=4)
+        memory, _, stop = safety.limit_setpoint(before, moved(3, 0.2), limits)
+        assert (memory.step_ticks, memory.cut_ticks) == (ticks + 1, 5)
+        assert stop == (Stop(StopReason.SETPOINT_STEP, "fr_hx", {"bound_rad": 0.1}) if is_stop else None)
+        before = SetpointMemory(None, overshoot_ticks=ticks)
+        memory, _, stop = safety.limit_setpoint(before, far, limits)
+        assert memory.overshoot_ticks == ticks + 1
+        beyond_rad = facts.POSITION_LOW_RAD[5] - far[5]
+        values: dict[str, Any] = {"beyond_rad": pytest.approx(beyond_rad), "bound_rad": 1.0}
+        assert stop == (Stop(StopReason.SETPOINT_OVERSHOOT, "fr_kn", values) if is_stop else None)
+
+
+def test_a_request_that_is_no_number_names_its_joints_and_changes_no_memory() -> None:
+    request = POSE.copy()
+    request[[0, 11]] = np.nan, -np.inf
+    before = SetpointMemory(POSE + 0.01, step_ticks=2, overshoot_ticks=1, cut_ticks=7)
+    memory, limited, stop = safety.limit_setpoint(before, request, LIMITS)
+    assert memory is before
+    assert limited.position_rad is before.sent_rad
+    assert not limited.cut.any()
+    assert stop == Stop(StopReason.POLICY_NOT_FINITE, "fl_hx, hr_kn")
+
+
+# Slow state ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("changes", "stop"),
+    [
+        ({"host_stamp_ns": START_NS - 3000 * MS}, None),
+        (
+            {"host_stamp_ns": START_NS - 3001 * MS, "estopped": True},
+            Stop(StopReason.LINK_LOST, "", {"age_s": 3.001, "bound_s": 3.0}),
+        ),
+        ({"battery_charge_percent": 8.0}, None),
+        (
+            {"battery_charge_percent": 7.5},
+            Stop(StopReason.BATTERY_LOW, "", {"charge_percent": 7.5, "bound_percent": 8.0}),
+        ),
+        ({"motor_temperature_c": {"fl_kn": 75.0, "hr_hx": -10.0}}, None),
+        (
+            {"motor_temperature_c": {"fl_kn": 20.0, "hr_hx": 75.5}},
+            Stop(StopReason.MOTOR_HOT, "hr_hx", {"temperature_c": 75.5, "bound_c": 75.0}),
+        ),
+        (
+            {"system_faults": ("a", "critical: b", "critical: c")},
+            Stop(StopReason.SYSTEM_FAULT, "critical: b, critical: c"),
+        ),
+        ({"behavior_faults": ("fall (1)", "x (2)")}, Stop(StopReason.BEHAVIOR_FAULT, "fall (1), x (2)")),
+    ],
+)
+def test_the_slow_state_at_its_bounds(make_slow: MakeSlow, changes: dict[str, object], stop: Stop | None) -> None:
+    assert safety.check_slow_state(make_slow(**changes), START_NS, LIMITS) == stop
+
+
+def test_of_several_causes_the_one_that_needs_most_is_told(make_slow: MakeSlow) -> None:
+    worst: dict[str, object] = {
+        "estopped": True,
+        "behavior_faults": ("fall",),
+        "motors_powered": False,
+        "battery_charge_percent": 1.0,
+        "motor_temperature_c": {"fl_kn": 99.0},
+        "system_faults": ("critical: x",),
+    }
+    told = []
+    for name, healthy in (
+        ("estopped", False),
+        ("behavior_faults", ()),
+        ("motors_powered", True),
+        ("battery_charge_percent", 50.0),
+        ("motor_temperature_c", {}),
+        ("system_faults", ()),
+    ):
+        stop = safety.check_slow_state(make_slow(**worst), START_NS, LIMITS)
+        assert stop is not None
+        told.append(stop.reason.label)
+        worst[name] = healthy
+    assert told == ["estopped", "behavior_fault", "motors_off", "battery_low", "motor_hot", "system_fault"]
+    assert safety.check_slow_state(make_slow(**worst), START_NS, LIMITS) is None
+
+
+# The last gate -------------------------------------------------------------------------------------------------------
+
+
+def command(**changes: object) -> JointCommand:
+    zeros = np.zeros(12)
+    fields: dict[str, object] = {
+        "key": 7,
+        "position_rad": POSE,
+        "velocity_rad_s": zeros,
+        "load_nm": zeros,
+        "gains": Gains.policy(),
+        "end_robot_stamp_ns": START_NS + 50 * MS,
+    }
+    return JointCommand(**{**fields, **changes})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("ahead_ns", "is_fine"), [(-1, False), (0, False), (1, True), (100 * MS, True), (100 * MS + 1000, False)]
+)
+def test_end_times_at_the_gate(ahead_ns: int, is_fine: bool) -> None:
+    wrong = safety.check_command(command(end_robot_stamp_ns=START_NS + ahead_ns), 6, START_NS)
+    assert (wrong is None) == is_fine
+
+
+@pytest.mark.parametrize(("last_key", "is_fine"), [(6, True), (7, False), (8, False), (0, True)])
+def test_keys_at_the_gate(last_key: int, is_fine: bool) -> None:
+    assert (safety.check_command(command(), last_key, START_NS) is None) == is_fine
+
+
+@pytest.mark.parametrize("joint", range(12))
+@pytest.mark.parametrize("side", [-1, 1])
+def test_stops_at_the_gate(joint: int, side: int) -> None:
+    stops = facts.POSITION_LOW_RAD if side < 0 else facts.POSITION_HIGH_RAD
+    position = POSE.copy()
+    position[joint] = stops[joint]
+    assert safety.check_command(command(position_rad=position), 6, START_NS) is None
+    position[joint] += side * 1e-12
+    assert safety.check_command(command(position_rad=position), 6, START_NS) is not None
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_no_number_passes_the_gate(value: float) -> None:
+    bad = np.zeros(12)
+    bad[11] = value
+    good = np.full(12, 60.0)
+    changes: list[dict[str, object]] = [
+        {"position_rad": bad},
+        {"velocity_rad_s": bad},
+        {"load_nm": bad},
+        {"gains": Gains(bad, good)},
+        {"gains": Gains(good, bad)},
+    ]
+    for change in changes:
+        assert safety.check_command(command(**change), 6, START_NS) == "it holds a value that is no number"

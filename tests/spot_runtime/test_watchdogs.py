@@ -1,0 +1,194 @@
+"""The watchdogs one by one, on a robot written by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from spot_model.state import RobotState
+from spot_runtime.command_loss import WINDOW_KEYS
+from spot_runtime.config import RunConfig
+from spot_runtime.log.sink import MemorySink, SinkHealth
+from spot_runtime.modes import Mode
+from spot_runtime.recorder import Recorder
+from spot_runtime.stops import Stop, StopReason
+from spot_runtime.watchdogs import Watchdogs
+
+MS = 1_000_000
+S = 1000 * MS
+START_NS = 1_700_000_000_000_000_000
+CONFIG = RunConfig()
+MakeState = Callable[..., RobotState]
+
+
+class SickSink(MemorySink):
+    """A log whose health a test sets."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.told = SinkHealth(is_alive=True, dropped={}, unwritten={})
+        self.asked = 0
+
+    def health(self) -> SinkHealth:
+        self.asked += 1
+        return self.told
+
+
+@pytest.fixture
+def sink() -> SickSink:
+    return SickSink()
+
+
+@pytest.fixture
+def dogs(robot: Any, sink: SickSink) -> Watchdogs:
+    return Watchdogs(robot, CONFIG, Recorder(robot, sink, lambda _: None))
+
+
+def look(dogs: Watchdogs, mode: Mode = Mode.ACTIVE, now_ns: int = START_NS, **since: int) -> list[Stop]:
+    times = {"mode_since_ns": now_ns, "control_since_ns": now_ns, **since}
+    return dogs.look(mode, now_ns, **times)
+
+
+def test_states_are_screened_one_after_the_other(dogs: Watchdogs, sink: SickSink, make_state: MakeState) -> None:
+    first, second = make_state(START_NS), make_state(START_NS + 3 * MS)
+    broken = make_state(START_NS + 6 * MS, load_nm=np.full(12, np.nan))
+    usable, stops = dogs.screen([first, second], START_NS + 5 * MS)
+    assert (usable, stops, sink.events) == ([first, second], [], [])
+    usable, stops = dogs.screen([first, broken], START_NS + 8 * MS)
+    assert (usable, [s.reason for s in stops]) == ([], [StopReason.STATE_NOT_FINITE])
+    assert dogs.newest is second
+    assert [e.name for e in sink.events] == ["state_rejected"]
+    dogs.screen([first], START_NS + 8 * MS)
+    assert len(sink.events) == 1
+
+
+def test_missed_states_are_told_of_once_and_counted(dogs: Watchdogs, sink: SickSink, make_state: MakeState) -> None:
+    dogs.screen([make_state(START_NS + ms * MS) for ms in (0, 3, 12, 15, 21)], START_NS + 21 * MS)
+    assert dogs.missed_states == 3
+    assert [e.name for e in sink.events] == ["states_missed"]
+
+
+def test_lost_commands_are_told_of_once(dogs: Watchdogs, sink: SickSink, make_state: MakeState) -> None:
+    for i in range(WINDOW_KEYS // 4):
+        dogs.screen([make_state(START_NS + 3 * i * MS, last_command_key=1 + 5 * i)], START_NS + 3 * i * MS)
+    assert [e.name for e in sink.events] == ["commands_lost"]
+    assert sink.events[0].values["share"] > 0.4
+    assert sink.events[0].values["bound"] == 0.15
+    assert sink.events[0].text == f"about {sink.events[0].values['share']:.0%} of commands are lost"
+
+
+def test_no_loss_is_told_of_where_none_is(dogs: Watchdogs, sink: SickSink, make_state: MakeState) -> None:
+    for i in range(2 * WINDOW_KEYS):
+        dogs.screen([make_state(START_NS + 3 * i * MS, last_command_key=1 + i)], START_NS + 3 * i * MS)
+    assert sink.events == []
+
+
+def test_a_healthy_robot_gives_no_stop(dogs: Watchdogs, make_state: MakeState, sink: SickSink) -> None:
+    dogs.screen([make_state(START_NS)], START_NS)
+    assert [look(dogs, mode) for mode in Mode] == [[]] * len(Mode)
+    assert sink.events == []
+
+
+def test_what_the_adapter_reports_comes_first(dogs: Watchdogs, robot: Any) -> None:
+    robot.waiting.append(Stop(StopReason.LEASE_LOST, "tablet"))
+    robot.slow = replace(robot.slow, estopped=True)
+    assert look(dogs) == [Stop(StopReason.LEASE_LOST, "tablet"), Stop(StopReason.ESTOPPED)]
+
+
+def test_without_a_slow_state_nothing_is_judged_by_it(dogs: Watchdogs, robot: Any) -> None:
+    robot.slow = None
+    assert look(dogs) == []
+
+
+def test_the_warning_of_an_old_state(dogs: Watchdogs, sink: SickSink, make_state: MakeState) -> None:
+    dogs.screen([make_state(START_NS)], START_NS)
+    assert look(dogs, now_ns=START_NS + 15 * MS) == []
+    assert sink.events == []
+    for _ in range(2):
+        assert look(dogs, now_ns=START_NS + 16 * MS) == []
+    assert [(e.name, e.text, e.values) for e in sink.events] == [
+        ("state_old", "the newest state is 16.0 ms old", {"age_s": 0.016, "bound_s": 0.015})
+    ]
+
+
+def test_ages_count_in_every_mode_but_ready(dogs: Watchdogs, make_state: MakeState) -> None:
+    dogs.screen([make_state(START_NS)], START_NS)
+    for mode in Mode:
+        stops = look(dogs, mode, START_NS + 50 * MS)
+        assert [s.reason for s in stops] == ([] if mode is Mode.READY else [StopReason.STATE_STALE])
+
+
+def test_the_echo_counts_where_the_policy_runs(dogs: Watchdogs, make_state: MakeState) -> None:
+    dogs.screen([make_state(START_NS + 3 * i * MS) for i in range(101)], START_NS + 300 * MS)
+    for mode in Mode:
+        stops = look(dogs, mode, START_NS + 300 * MS, control_since_ns=START_NS)
+        expected = [StopReason.COMMAND_UNCONFIRMED] if mode.runs_policy else []
+        assert [s.reason for s in stops] == expected
+    # An age that is a stop is told alone.
+    stops = look(dogs, now_ns=START_NS + 350 * MS, control_since_ns=START_NS)
+    assert [s.reason for s in stops] == [StopReason.STATE_STALE]
+
+
+@pytest.mark.parametrize(
+    ("mode", "reason", "detail"),
+    [
+        (Mode.READY, StopReason.STATE_LOST, "before joint control"),
+        (Mode.ACTIVATING, StopReason.ACTIVATION_FAILED, "no answer"),
+        (Mode.STANDING, StopReason.HAND_BACK_FAILED, "no answer"),
+        (Mode.ACTIVE, None, ""),
+        (Mode.DAMPING, None, ""),
+    ],
+)
+def test_modes_that_must_end(dogs: Watchdogs, mode: Mode, reason: StopReason | None, detail: str) -> None:
+    assert look(dogs, mode, START_NS + 3 * S, mode_since_ns=START_NS) == []
+    stops = look(dogs, mode, START_NS + 3 * S + MS, mode_since_ns=START_NS)
+    values = {"waited_s": 3.001, "bound_s": 3.0}
+    assert stops == ([] if reason is None else [Stop(reason, detail, values)])
+
+
+def test_the_log_is_asked_twice_a_second(dogs: Watchdogs, sink: SickSink) -> None:
+    for ms in range(0, 1001, 3):
+        look(dogs, now_ns=START_NS + ms * MS)
+    assert sink.asked == 2
+    look(dogs, now_ns=START_NS + 1002 * MS)
+    assert sink.asked == 3
+
+
+@pytest.mark.parametrize("stops_run", [False, True])
+@pytest.mark.parametrize(("is_alive", "unwritten"), [(True, 0), (False, 0), (True, 3)])
+def test_a_log_that_no_longer_records(robot: Any, stops_run: bool, is_alive: bool, unwritten: int) -> None:
+    sink = SickSink()
+    config = RunConfig.model_validate({"log": {"stop_on_failure": stops_run}})
+    dogs = Watchdogs(robot, config, Recorder(robot, sink, lambda _: None))
+    is_well = is_alive and not unwritten
+    sink.told = SinkHealth(is_alive, {}, {"state": unwritten}, "" if is_well else "disk full")
+    stops = look(dogs)
+    assert stops == ([Stop(StopReason.LOG_FAILED, "disk full")] if stops_run and not is_well else [])
+    assert [e.name for e in sink.events] == ([] if is_well else ["log_problem"])
+
+
+def test_lost_ticks_within_a_second(dogs: Watchdogs, sink: SickSink) -> None:
+    assert dogs.lost_ticks(4, START_NS) is None
+    assert dogs.lost_ticks(5, START_NS + S - 1) is None
+    stop = dogs.lost_ticks(1, START_NS + S - 1)
+    assert stop == Stop(StopReason.TICKS_SKIPPED, "", {"in_last_second": 10.0, "bound": 10.0})
+    assert [(e.name, e.text, e.values) for e in sink.events] == [
+        ("ticks_skipped", "4 policy ticks were lost", {"in_last_second": 4.0, "bound": 10.0})
+    ]
+
+
+def test_lost_ticks_of_more_than_a_second_ago_are_forgiven(dogs: Watchdogs) -> None:
+    assert dogs.lost_ticks(9, START_NS) is None
+    assert dogs.lost_ticks(9, START_NS + S) is None
+    assert dogs.lost_ticks(1000, START_NS + 5 * S) is not None
+
+
+def test_the_newest_state_is_the_last_that_may_be_used(dogs: Watchdogs, make_state: MakeState) -> None:
+    assert (dogs.newest, dogs.missed_states) == (None, 0)
+    state = make_state(START_NS)
+    dogs.screen([state], START_NS)
+    assert dogs.newest is state
