@@ -25,12 +25,13 @@ def train(config: TrainConfig, folder: Path, *, device: str, command: str = "") 
     """
     device = local_device(device)
     check_device(device)
+    source = find_checkpoint(Path(config.start_from)) if config.start_from else None
+    networks = read_checkpoint(source) if source else None
     if is_first_process():
         make_run_folder(folder, config, command, device)
     runner = make_runner(config, folder, device)
-    if config.start_from:
-        source = find_checkpoint(Path(config.start_from))
-        load_networks(runner, read_checkpoint(source), str(source))
+    if networks is not None:
+        load_networks(runner, networks, str(source))
     runner.run(config.iterations, is_fresh=True)
     return find_checkpoint(folder)
 

@@ -22,18 +22,20 @@ def train(
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     from spot_model.errors import BadInputError
     from trainer.config import load_config
-    from trainer.run_folder import command_line
-    from trainer.train import resume as resume_run
-    from trainer.train import train as train_run
 
     overrides = tuple(set_ or ())
     if (config is None) == (resume is None):
         raise BadInputError("give either --config FILE or --resume RUN")
+    # A mistake in the config is told before torch is loaded, which takes seconds.
+    checked = load_config(config, overrides) if config is not None else None
+    from trainer.run_folder import command_line
+    from trainer.train import resume as resume_run
+    from trainer.train import train as train_run
+
     if resume is not None:
         last = resume_run(resume, device=device, iterations=_iterations(overrides))
     else:
-        assert config is not None  # noqa: S101 - one of the two is given
-        checked = load_config(config, overrides)
+        assert checked is not None  # noqa: S101 - one of the two is given
         stamp = datetime.now(tz=timezone.utc).strftime("%Y%m%d-%H%M%S")
         last = train_run(
             checked, out or Path("runs") / f"{checked.name}-{stamp}", device=device, command=command_line()
