@@ -1,0 +1,164 @@
+"""Other people's logs: what cannot be right is refused by name, what is missing is completed, and said."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from diagnosis.plausible import check_plausible
+from diagnosis.prepare import prepared
+from diagnosis.robot_file import SPOT, RobotDescription, load_robot
+from spot_model.errors import BadInputError
+from spot_runtime.log import read_run
+from spot_runtime.log.importing import Mapping, import_log
+from spot_runtime.log.run import Run
+
+N = 2000
+PERIOD_S = 0.005
+TIME_S = np.arange(N) * PERIOD_S
+POSITION = np.stack([0.8 * np.sin(3.0 * TIME_S), 0.5 * np.cos(7.0 * TIME_S) - 1.2], axis=1)
+VELOCITY = np.stack([2.4 * np.cos(3.0 * TIME_S), -3.5 * np.sin(7.0 * TIME_S)], axis=1)
+ASKED = np.stack([3.0 * np.sign(np.sin(11.0 * TIME_S)), 2.0 * np.sign(np.sin(5.0 * TIME_S))], axis=1)
+ARM: dict[str, object] = {"schema": "spot-rl/robot/1", "name": "arm", "joint_names": ["hip", "knee"]}
+MJCF = """<mujoco><option gravity="0 0 -9.81"/><worldbody><body>
+<joint name="hip" type="hinge" axis="0 1 0" damping="3" armature="1"/>
+<geom type="sphere" size="0.01" mass="2" pos="0 0 -0.5"/>
+</body></worldbody></mujoco>"""
+
+
+def _robot(folder: Path, **changes: object) -> RobotDescription:
+    file = folder / "arm.yaml"
+    file.write_text(yaml.safe_dump(ARM | changes))
+    return load_robot(file)
+
+
+def _log(folder: Path, **changes: np.ndarray) -> Run:
+    arrays = {"t": TIME_S, "q": POSITION, "qd": VELOCITY, "tau": ASKED, "ff": ASKED} | changes
+    np.savez(folder / "data.npz", **arrays)
+    units = {"position": ("q", "rad"), "velocity": ("qd", "rad/s"), "load": ("tau", "N·m")}
+    units["feedforward"] = ("ff", "N·m")
+    mapping = Mapping.model_validate({
+        "schema": "spot-rl/import/1", "joint_names": ["hip", "knee"], "foot_names": [], "time": {"from": "t"},
+        "signals": {n: {"from": a, "unit": u} for n, (a, u) in units.items()},
+    })  # fmt: skip
+    out = folder / "log.mcap"
+    out.unlink(missing_ok=True)
+    import_log(mapping, folder / "data.npz", out)
+    return read_run(out)
+
+
+def test_a_sound_log_passes_and_is_left_alone(tmp_path: Path) -> None:
+    run = _log(tmp_path)
+    robot = _robot(tmp_path, position_low_rad=-2, position_high_rad=[1, 0], torque_limit_nm=5)
+    check_plausible([run], robot)
+    (same,), notes = prepared([run], robot)
+    assert notes == ()
+    np.testing.assert_array_equal(same.states.load_nm, run.states.load_nm)
+    np.testing.assert_array_equal(same.commands.robot_stamp_ns, run.commands.robot_stamp_ns)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"q": np.degrees(POSITION)}, r"position of knee is -40.1 rad in row 0, beyond its stops .*-2.00 to 0.00 rad"),
+        ({"qd": np.degrees(VELOCITY)}, r"velocity of hip is 57.3 times the slope .*allowed: 0.5 to 2.0"),
+        ({"qd": -VELOCITY}, r"velocity of hip has the opposite sign"),
+        ({"qd": VELOCITY[:, ::-1]}, r"velocity of hip follows the position of knee .*one joint order"),
+        ({"tau": 1e3 * ASKED}, r"load of hip reaches 3e\+03 N·m; allowed: 15 N·m"),
+        ({"tau": np.where(TIME_S[:, None] > 9.0, np.nan, ASKED)}, r"load_nm of hip is not a number in 10 % .*row 1801"),
+    ],
+)
+def test_what_cannot_be_right_is_refused_by_name(tmp_path: Path, changes: dict[str, np.ndarray], words: str) -> None:
+    robot = _robot(tmp_path, position_low_rad=-2, position_high_rad=[1, 0], torque_limit_nm=5)
+    with pytest.raises(BadInputError, match=words):
+        check_plausible([_log(tmp_path, **changes)], robot)
+
+
+def test_logs_of_two_robots_and_of_another_one(tmp_path: Path) -> None:
+    run = _log(tmp_path)
+    robot = _robot(tmp_path)
+    one, two = (replace(run, header=replace(run.header, robot_id=name)) for name in ("left", "right"))
+    with pytest.raises(BadInputError, match=r"logs of 2 robots: .*left; .*right; diagnose logs of one robot"):
+        check_plausible([one, two], robot)
+    with pytest.raises(BadInputError, match=r"has joints hip, knee; robot spot has fl_hx.*--robot FILE"):
+        check_plausible([run], SPOT)
+
+
+def test_a_few_states_that_are_no_numbers_are_left_out(tmp_path: Path) -> None:
+    tau = ASKED.copy()
+    tau[[40, 41, 700], 0] = np.nan
+    run = _log(tmp_path, tau=tau)
+    check_plausible([run], _robot(tmp_path))
+    (mended,), notes = prepared([run], _robot(tmp_path))
+    assert len(mended.states) == N - 3
+    assert "3 states with a signal that is not a number are left out" in notes[0]
+
+
+@pytest.mark.parametrize("rows", [-4, 3])
+def test_loads_of_other_rows_are_put_in_step(tmp_path: Path, rows: int) -> None:
+    run = _log(tmp_path, tau=np.roll(ASKED, rows, axis=0))
+    (moved,), notes = prepared([run], _robot(tmp_path, kp_nm_per_rad=0, kd_nm_s_per_rad=0))
+    shift_ns = moved.commands.robot_stamp_ns - run.commands.robot_stamp_ns
+    np.testing.assert_allclose(shift_ns, rows * PERIOD_S * 1e9, atol=0.3 * PERIOD_S * 1e9)
+    assert f"by {rows * 5:.1f} ms" in notes[0]
+
+
+def test_gains_come_from_the_robot_where_the_log_has_none(tmp_path: Path) -> None:
+    run = _log(tmp_path)
+    assert np.isnan(run.commands.kp_nm_per_rad).all()
+    (filled,), _ = prepared([run], _robot(tmp_path, kp_nm_per_rad=[20, 30], kd_nm_s_per_rad=0.5))
+    np.testing.assert_array_equal(filled.commands.kp_nm_per_rad[5], [20.0, 30.0])
+    np.testing.assert_array_equal(filled.commands.kd_nm_s_per_rad[5], [0.5, 0.5])
+
+
+def test_loads_from_motion_are_those_of_a_pendulum(tmp_path: Path) -> None:
+    """A point mass of 2 kg at 0.5 m: τ = m·l²·q̈ + m·g·l·sin q by hand; no friction, no armature."""
+    (tmp_path / "arm.xml").write_text(MJCF)
+    file = tmp_path / "arm.yaml"
+    file.write_text(yaml.safe_dump(ARM | {"joint_names": ["hip"], "mjcf": "arm.xml", "load": "from_motion"}))
+    run = _log(tmp_path)
+    one = replace(
+        run,
+        header=replace(run.header, joint_names=("hip",)),
+        states=replace(
+            run.states, position_rad=POSITION[:, :1], velocity_rad_s=VELOCITY[:, :1],
+            load_nm=np.full((N, 1), np.nan),
+        ),
+        commands=replace(
+            run.commands, **{n: getattr(run.commands, n)[:, :1] for n in (
+                "requested_position_rad", "position_rad", "velocity_rad_s", "load_nm", "kp_nm_per_rad",
+                "kd_nm_s_per_rad",
+            )}
+        ),
+    )  # fmt: skip
+    (made,), notes = prepared([one], load_robot(file))
+    expected = 2.0 * 0.25 * -9.0 * POSITION[:, 0] + 2.0 * 9.81 * 0.5 * np.sin(POSITION[:, 0])
+    np.testing.assert_allclose(made.states.load_nm[10:-10, 0], expected[10:-10], atol=0.03)
+    assert "computed from the motion" in notes[0]
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"gear": 2}, r"gear = 2: unknown key; allowed: schema, name, joint_names"),
+        ({"joint_names": ["a", "a"]}, "joint_names has a name twice"),
+        ({"kp_nm_per_rad": [1, 2, 3]}, "kp_nm_per_rad has 3 values; allowed: 1, or one for each joint"),
+        ({"position_low_rad": 0}, "come together"),
+        ({"load": "from_motion"}, "needs the key mjcf"),
+        ({"mjcf": "missing.xml"}, "missing.xml is no file"),
+    ],
+)
+def test_a_wrong_robot_file_is_refused_by_name(tmp_path: Path, changes: dict[str, object], words: str) -> None:
+    with pytest.raises(BadInputError, match=words):
+        _robot(tmp_path, **changes)
+
+
+def test_an_mjcf_that_does_not_fit_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "arm.xml").write_text(MJCF)
+    robot = _robot(tmp_path, mjcf="arm.xml", load="from_motion")
+    with pytest.raises(BadInputError, match=r"has no joint 'knee'; it has: hip"):
+        prepared([_log(tmp_path)], robot)

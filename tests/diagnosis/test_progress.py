@@ -1,0 +1,60 @@
+import io
+from pathlib import Path
+
+import pytest
+
+import diagnosis
+from diagnosis.progress import STAGES, Progress
+
+
+class _Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+class _Clock:
+    now_s = 0.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+def test_every_stage_is_announced_somewhere() -> None:
+    folder = Path(diagnosis.__file__).parent
+    sources = "".join((folder / name).read_text() for name in ("session.py", "diagnose.py"))
+    for begin, share in STAGES:
+        assert begin in sources
+        assert 0.0 < share < 1.0
+    assert sum(share for _, share in STAGES) == pytest.approx(1.0)
+
+
+def test_stage_share_and_time_left_in_a_file() -> None:
+    clock, stream = _Clock(), io.StringIO()
+    progress = Progress(stream, clock)
+    progress("reading logs")
+    clock.now_s = 10.0
+    progress("building channels of 3 logs")
+    progress.at(0.5)
+    progress("a note")
+    lines = stream.getvalue().splitlines()
+    assert lines[0] == "[  0.0 s,   0 %] reading logs"
+    # A tenth in 10 s: nine tenths, 90 s, are left.
+    assert lines[1] == "[ 10.0 s,  10 %, about 1:30 min left] building channels of 3 logs"
+    assert progress.share == pytest.approx(0.1 + 0.15 * 0.5 + 0.25 * 0.075)
+
+
+def test_the_share_never_falls_and_the_line_renews_itself() -> None:
+    clock, stream = _Clock(), _Terminal()
+    progress = Progress(stream, clock)
+    shares = []
+    for text, _ in STAGES:
+        progress(text)
+        for part in (0.2, 0.9, 0.4):
+            clock.now_s += 1.0
+            progress.at(part)
+            shares.append(progress.share)
+    assert shares == sorted(shares)
+    assert "\n" not in stream.getvalue()
+    assert "█" in stream.getvalue()
+    progress.close()
+    assert stream.getvalue().endswith("\r\x1b[2K")
