@@ -36,6 +36,10 @@ MISSING_SHARE: Final = 0.12
 """Share of cases whose logs lack a signal."""
 SECONDS: Final[dict[int, float]] = {5: 6.0, 2: 8.0, 1: 12.0}
 """Length of a sequence by repeats."""
+Pace = Literal["full", "quick"]
+QUICK_REPEATS: Final = 2
+QUICK_SECONDS: Final = 3.5
+"""To try a run out; too short for a figure."""
 FAST_POLICY: Final = "fast"
 POWER_EFFECTS: Final = frozenset({"power_limit", "bus_sag"})
 RIVALS: Final = frozenset({"armature", "coulomb_friction", "viscous_friction", "load_friction", "stribeck_friction"})
@@ -62,7 +66,7 @@ class Case(BaseModel):
     diagnosis_seed: int
 
 
-def draw(seed: int, number: int, source: Source, policies: Path) -> Case:
+def draw(seed: int, number: int, source: Source, policies: Path, pace: Pace = "full") -> Case:
     """Case ``number`` of the run with that seed.
 
     Raises:
@@ -81,6 +85,9 @@ def draw(seed: int, number: int, source: Source, policies: Path) -> Case:
     missing = tuple(sorted(SIGNALS[i] for i in rng.choice(len(SIGNALS), rng.integers(1, 3), replace=False)))
     if kind == "power":
         repeats = 5
+    seconds = SECONDS[repeats]
+    if pace == "quick":
+        repeats, seconds = QUICK_REPEATS, QUICK_SECONDS
     motion = fast_sequences if kind == "power" else ordinary_sequences
     contract = load_policy(policies / f"{policy}.onnx").contract
     seeds = [int(s) for s in rng.integers(2**31, size=3)]
@@ -89,7 +96,7 @@ def draw(seed: int, number: int, source: Source, policies: Path) -> Case:
         kind=kind,
         requests=requests,
         policy=policy,
-        sequences=motion(contract, rng, SECONDS[repeats]),
+        sequences=motion(contract, rng, seconds),
         repeats=repeats,
         missing=missing if is_cut else (),
         without=_without(kind, requests, source, rng),

@@ -41,6 +41,9 @@ def run(
     search_every: Annotated[
         int, typer.Option("--search-every", min=0, help="The paper's search in every so many cases; 0: never.")
     ] = 10,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Two short runs a sequence: to try it out, no figure.")
+    ] = False,
     keep_logs: Annotated[bool, typer.Option("--keep-logs", help="Keep what the diagnosis was given.")] = False,
 ) -> None:
     """Draw cases, seal their truth, diagnose them behind a wall, open, and score."""
@@ -63,22 +66,24 @@ def run(
             raise BadInputError(
                 f"{out / RUN} was begun with other sources or policies; a scored run has one protocol: start anew"
             )
-        cases, reality, search_every = head.cases, head.reality, head.search_every
+        cases, reality, search_every, pace = head.cases, head.reality, head.search_every, head.pace
     else:
         if (seed is None) != seed_from_os:
             raise BadInputError("give --seed S or --seed-from-os, one of the two")
+        pace = "quick" if quick else "full"
         secret = new_secret(seed)
         head = RunHead(
             protocol=protocol_digest(), generator=generator_digest(), seed_digest=secret.digest,
             policies=policy_digests(policies), reality=reality, locked_in=strongest_level(), cases=cases,
-            search_every=search_every,
+            search_every=search_every, pace=pace,
         )  # fmt: skip
         start(out, head, secret)
     numbers = _part(only, cases)
     typer.echo(f"protocol {head.protocol[:16]}, locked in by {MEANING[head.locked_in]}", err=True)
     job = Job(
-        0, secret.seed, out.resolve(), policies.resolve(), head.locked_in, reality, timeout, search_every, keep_logs
-    )
+        0, secret.seed, out.resolve(), policies.resolve(), head.locked_in, reality, timeout, search_every, keep_logs,
+        pace,
+    )  # fmt: skip
     jobs = [replace(job, number=n) for n in numbers]
     done = sum((case_folder(out, n) / "outcome.json").exists() for n in numbers)
     progress = CaseProgress(len(jobs), done)
@@ -107,6 +112,27 @@ def score(
 ) -> None:
     """Check seals and ledgers, score, and write table and page."""
     _score(folders, out or folders[0])
+
+
+@app.command()
+def table(folder: Annotated[Path, typer.Argument(help="Folder of a scored run.")]) -> None:
+    """Print a scored run's table as Markdown, with the digest of its protocol."""
+    from withheld.markdown import markdown
+
+    for line in markdown(folder):
+        typer.echo(line)
+
+
+@app.command()
+def pack(
+    folder: Annotated[Path, typer.Argument(help="Folder of a run.")],
+    file: Annotated[Path, typer.Argument(help="What is written, .tar.gz.")],
+    most_mib: Annotated[float, typer.Option("--most-mib", min=0.1, help="Refuse what is larger.")] = 16.0,
+) -> None:
+    """Put a run into one file, without its reports; unpacked it can be scored."""
+    from withheld.pack import pack as write
+
+    typer.echo(f"{write(folder, file, most_mib)} cases in {file}")
 
 
 @case_app.command("open")

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import os
 import shutil
+import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -19,7 +20,7 @@ from spot_model.model_file import load_model, save_model
 from spot_model.policy import load_policy
 from withheld import metadata, seal
 from withheld.baselines import answers
-from withheld.cases import SECONDS, Case, draw
+from withheld.cases import Pace, draw
 from withheld.distances import TRUE_SECONDS, TWIN_REPEATS, moved, read_folder, true_shrink
 from withheld.jail import Ended, Level, hide_this_process, run_locked_in, seen
 from withheld.ledger import Ledger
@@ -49,7 +50,7 @@ class Job:
     search_every: int = 10
     """The paper's search runs in every so many cases; 0 for none."""
     keep_logs: bool = False
-    note: dict[str, Any] = field(default_factory=dict)
+    pace: Pace = "full"
 
 
 def case_folder(out: Path, number: int) -> Path:
@@ -68,24 +69,25 @@ def execute(job: Job) -> Outcome:
     if (done / "outcome.json").exists():
         return load_outcome(done / "outcome.json")
     hide_this_process()
-    work = job.out / "work" / f"{job.number:04d}"
-    shutil.rmtree(work, ignore_errors=True)
-    work.mkdir(parents=True)
+    result = job.out / "work" / f"{job.number:04d}"
+    shutil.rmtree(result, ignore_errors=True)
+    result.mkdir(parents=True)
     try:
-        return _Execution(job, work).run(done)
+        with tempfile.TemporaryDirectory(prefix="spot-rl-") as folder:
+            # Another user has to reach what is inside, if that is how the diagnosis is locked in.
+            Path(folder).chmod(0o711)
+            return _Execution(job, Path(folder), result).run(done)
     finally:
-        shutil.rmtree(work, ignore_errors=True)
+        shutil.rmtree(result, ignore_errors=True)
 
 
 class _Execution:
-    def __init__(self, job: Job, work: Path) -> None:
-        self.job, self.work = job, work
+    def __init__(self, job: Job, work: Path, result: Path) -> None:
+        self.job, self.work, self.result = job, work, result
         self.source = source_of(job.reality)
-        self.case = draw(job.seed, job.number, self.source, job.policies)
+        self.case = draw(job.seed, job.number, self.source, job.policies, job.pace)
         self.policy = job.policies / f"{self.case.policy}.onnx"
         self.seconds: dict[str, float] = {}
-        self.result = work / "result"
-        self.result.mkdir()
 
     @contextmanager
     def _timed(self, stage: str) -> Iterator[None]:
@@ -183,6 +185,3 @@ class _Execution:
 def _last_line(ended: Ended) -> str:
     lines = ended.said.strip().splitlines()
     return f"ended with {ended.code}: {lines[-1] if lines else ''}"
-
-
-__all__ = ["SECONDS", "Case", "Job", "case_folder", "execute"]

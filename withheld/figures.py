@@ -21,8 +21,9 @@ def confusion(counts: dict[str, dict[str, int]]) -> str:
     said = {s for row in counts.values() for s in row}
     columns = sorted(said - set(last)) + [c for c in last if c in said]
     z = [[counts[r].get(c, 0) or None for c in columns] for r in rows]
+    text = [["" if n is None else str(n) for n in row] for row in z]
     figure = go.Figure(
-        go.Heatmap(z=z, x=columns, y=rows, text=z, texttemplate="%{text}", colorscale="Blues", showscale=False,
+        go.Heatmap(z=z, x=columns, y=rows, text=text, texttemplate="%{text}", colorscale="Blues", showscale=False,
                    xgap=1, ygap=1, zmin=0)
     )  # fmt: skip
     figure.update_yaxes(autorange="reversed", title="hidden", automargin=True, dtick=1)

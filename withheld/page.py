@@ -46,7 +46,7 @@ def page(data: dict[str, Any], checked: Checked, out: Path) -> str:
     body = [
         f"<h1>Withheld check: {data['cases']} cases</h1>",
         _head(data),
-        *(_table(data["tables"][name], is_open=name in ("issue", "all")) for name in SHOWN),
+        *(_table(data["tables"][name], is_open=name in ("issue", "power", "all")) for name in SHOWN),
         _section("Beside simpler ways", "Shares with 95 % bounds. The paper's search ran in some of the cases; the "
                  "second column is the diagnosis on those.", _baselines(data["baselines"])),
         _section("Metadata alone", "A classifier on names, sizes, stamps, counts and headers has to be at chance.",

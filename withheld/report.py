@@ -20,8 +20,6 @@ from withheld.verify import Checked, check
 SCHEMA: Final = "spot-rl/withheld-scores/1"
 SCORES: Final = "scores.json"
 PAGE: Final = "scores.html"
-PLOTLY: Final = "plotly.min.js"
-"""Shared by the reports of the cases."""
 
 
 def write_scores(folders: Sequence[Path], out: Path) -> list[str]:
@@ -30,14 +28,10 @@ def write_scores(folders: Sequence[Path], out: Path) -> list[str]:
     Raises:
         SpotRlError: The folders cannot be scored together, or something was changed.
     """
-    from plotly.offline import get_plotlyjs
-
     checked = check(folders, Path("policies"))
     data = scores(checked)
     (out / SCORES).write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
     (out / PAGE).write_text(page(data, checked, out), encoding="utf-8")
-    for folder in {*folders, out}:
-        (folder / PLOTLY).write_text(get_plotlyjs(), encoding="utf-8")
     return lines(data, out)
 
 

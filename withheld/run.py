@@ -76,7 +76,7 @@ def processes(workers: int) -> Iterator[Processes]:
 class Ray:
     """Cases as tasks of a Ray cluster that shares the run's folder."""
 
-    def __init__(self, address: str | None) -> None:
+    def __init__(self, address: str | None, work: Callable[[Job], Outcome] = execute) -> None:
         """Connect, or start a cluster on this machine."""
         try:
             import ray
@@ -85,10 +85,10 @@ class Ray:
                 "engine ray: Ray is not installed; install the extra: pip install 'spot-rl[ray]'"
             ) from error
         self._ray: Any = ray
-        if not ray.is_initialized():
-            ray.init(address=address, include_dashboard=False, log_to_driver=False)
-        self.places = max(1, int(ray.cluster_resources().get("CPU", 1)))
-        self._task: Any = ray.remote(num_cpus=1)(execute)
+        if not self._ray.is_initialized():
+            self._ray.init(address=address, include_dashboard=False, log_to_driver=False)
+        self.places = max(1, int(self._ray.cluster_resources().get("CPU", 1)))
+        self._task: Any = self._ray.remote(num_cpus=1)(work)
 
     def start(self, job: Job) -> Any:
         """Begin a case."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import secrets
 from pathlib import Path
 from typing import Final, Literal
@@ -12,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from spot_model.errors import BadInputError
 from spot_model.validation import explain
+from withheld.cases import Pace
 from withheld.jail import Level
 
 SCHEMA: Final = "spot-rl/withheld-run/1"
@@ -37,7 +37,7 @@ class RunHead(BaseModel):
     locked_in: Level
     cases: int
     search_every: int
-    command: str = ""
+    pace: Pace = "full"
 
 
 class Secret(BaseModel):
@@ -110,8 +110,3 @@ def load_secret(out: Path, head: RunHead) -> Secret:
 def policy_digests(folder: Path) -> dict[str, str]:
     """SHA-256 of each policy."""
     return {p.stem: hashlib.sha256(p.read_bytes()).hexdigest() for p in sorted(folder.glob("*.onnx"))}
-
-
-def describe(head: RunHead) -> str:
-    """For a terminal."""
-    return json.dumps(head.model_dump(by_alias=True), indent=1)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 from withheld.baselines import LEAST_SQUARES, PAPER, TWO_SAMPLE
+from withheld.cases import POWER_EFFECTS, RIVALS
 from withheld.outcome import Outcome
 from withheld.scores import (
     PARAMETER_ERROR,
@@ -172,8 +173,22 @@ def tables(outcomes: Sequence[Outcome]) -> dict[str, Table]:
         "issue": table("as asked: five repeats, all signals, effects that move the gap by twice its floor", fitting),
         "large": table("effects that move the gap by twice its floor, any logs", large),
         "full": table("five repeats of three sequences, all signals, every size", full),
-        "power": table("power-distribution limit at 4 to 6 m/s", power),
+        "power": _power_table(power),
     }  # fmt: skip
+
+
+def _power_table(outcomes: Sequence[Outcome]) -> Table:
+    named = [{n for e in o.effects for n in (e.name, *e.group)} for o in outcomes]
+    groups = [
+        any(len(e.group) > 1 and e.split_by and POWER_EFFECTS & set(e.group) for e in o.effects) for o in outcomes
+    ]
+    rows = [
+        Row("rival", "a rival alone named: armature or friction", Share.of(
+            [bool(n & RIVALS) and not n & POWER_EFFECTS for n in named])),
+        Row("split", "in a group, with the recording that would tell", Share.of(groups)),
+    ]  # fmt: skip
+    title = "power-distribution limit at 4 to 6 m/s, armature and friction as rivals"
+    return Table(title, [*table(title, outcomes).rows, *rows], len(outcomes))
 
 
 def breakdown(outcomes: Sequence[Outcome]) -> dict[str, dict[str, Share]]:

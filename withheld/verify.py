@@ -67,7 +67,7 @@ def check(folders: Sequence[Path], policies: Path | None = None) -> Checked:
 
 
 def _same(first: Path, one: RunHead, second: Path, other: RunHead) -> None:
-    for name in ("protocol", "generator", "policies", "reality", "search_every"):
+    for name in ("protocol", "generator", "policies", "reality", "search_every", "pace"):
         if getattr(one, name) != getattr(other, name):
             raise BadInputError(f"{first} and {second} differ in {name}; only parts of one run are scored together")
 
@@ -102,5 +102,5 @@ def _drawn_again(outcomes: Sequence[Outcome], seed: int, head: RunHead, policies
     except BadInputError:
         return
     for outcome in outcomes:
-        if draw(seed, outcome.case.number, source, policies) != outcome.case:
+        if draw(seed, outcome.case.number, source, policies, head.pace) != outcome.case:
             raise SpotRlError(f"case {outcome.case.number} is not the one that seed {seed} draws with these sources")
