@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import mujoco
 
-from spot_model.facts import LEG_NAMES
+from spot_model.facts import FOOT_RADIUS_M, LEG_NAMES
 from spot_model.mjcf import spot_mjcf
 from spot_model.mjcf_options import MjcfOptions
 from withheld.realities.robot import Robot
 from withheld.realities.settings import Settings
 
-FOOT_SHAPE = (1.0, 1.12, 1.0)
-"""Half axes of the foot over its radius: a little wider than long."""
+FOOT_WIDTH = 1.12
+"""Half of a foot's width over the nominal radius: a little wider than long, and wear takes none of it."""
 _INTEGRATORS = {
     "implicit": mujoco.mjtIntegrator.mjINT_IMPLICIT,
     "implicitfast": mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
@@ -32,7 +32,8 @@ def build_model(robot: Robot, settings: Settings) -> mujoco.MjModel:
     for i, leg in enumerate(LEG_NAMES):
         foot = spec.geom(f"{leg}_foot")
         foot.type = mujoco.mjtGeom.mjGEOM_ELLIPSOID
-        foot.size = [robot.foot_radius_m[i] * share for share in FOOT_SHAPE]
+        radius = robot.foot_radius_m[i]
+        foot.size = [radius, FOOT_WIDTH * FOOT_RADIUS_M, radius]
         foot.friction[0] = robot.foot_friction[i]
         scale, damping = robot.foot_softness[i], robot.foot_damping[i]
         foot.solref = [

@@ -15,7 +15,8 @@ class ContactDetector:
     def __init__(self, sensing: SensingParameters, n_runs: int, dt_s: float) -> None:
         self._sensing = sensing
         self._blend = -np.expm1(-dt_s / sensing.contact_filter_s)
-        self._force: Array = np.zeros((n_runs, N_LEGS))
+        self.force_n: Array = np.zeros((n_runs, N_LEGS))
+        """Filtered."""
         self._waited: Array = np.zeros((n_runs, N_LEGS))
         self.flags: NDArray[np.bool_] = np.zeros((n_runs, N_LEGS), dtype=np.bool_)
         self.age: Array = np.zeros((n_runs, N_LEGS))
@@ -24,9 +25,9 @@ class ContactDetector:
     def see(self, force_n: Array) -> NDArray[np.bool_]:
         """Flags after another state, from true normal forces (n, 4)."""
         s = self._sensing
-        self._force = self._force + self._blend * (force_n - self._force)
+        self.force_n = self.force_n + self._blend * (force_n - self.force_n)
         threshold = np.where(self.flags, s.contact_off_n, s.contact_on_n)
-        differs = (self._force > threshold) != self.flags
+        differs = (self.force_n > threshold) != self.flags
         self._waited = np.where(differs, self._waited + 1.0, 0.0)
         self.flags = self.flags ^ (differs & (self._waited > s.contact_hold_states))
         self.age = np.where(self.flags, self.age + 1.0, 0.0)

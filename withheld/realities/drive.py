@@ -57,6 +57,7 @@ class Drives:
         self._gain: Array = np.ones(shape)
         s = robot.sensing
         self._offset_rad, self._eccentric = s.offset_rad, bool(s.eccentricity_rad.any())
+        self._lags = bool(s.velocity_lag_s_per_rad_s.any())
         self._parts = [*robot.requests, *robot.motors, *robot.rotors, *robot.links]
         for part in self._parts:
             part.start(n_runs)
@@ -69,6 +70,9 @@ class Drives:
         angle = self.motion.rotor_rad + self._offset_rad
         if self._eccentric:
             angle = angle + s.eccentricity_rad * np.sin(self.motion.rotor_rad + s.eccentricity_phase_rad)
+        if self._lags:
+            rate = self.motion.rotor_rad_s
+            angle = angle - s.velocity_lag_s_per_rad_s * rate * np.abs(rate)
         return np.asarray(angle)
 
     def step(self, setpoint_rad: Array, kp: Array, kd: Array) -> Array:
@@ -132,7 +136,7 @@ class Drives:
         relative = m.bus_v / self._robot.supply.nominal_v
         high = d.slope_high_nm_s_per_rad * (d.no_load_high_rad_s * relative - m.rotor_rad_s)
         low = d.slope_low_nm_s_per_rad * (d.no_load_low_rad_s * relative - m.rotor_rad_s)
-        lever = _lever_nm(m.link_rad[:, _KNEES])
+        lever = _lever_nm(m.link_rad[:, _KNEES]) * d.lever_share[_KNEES]
         high = np.minimum(np.maximum(high, 0.0), d.current_high_nm)
         low = np.maximum(np.minimum(low, 0.0), d.current_low_nm)
         high[:, _KNEES] = np.minimum(high[:, _KNEES], lever)

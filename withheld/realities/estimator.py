@@ -12,10 +12,12 @@ from spot_model.rotation import matrix_from_wxyz, multiply_wxyz
 from withheld.realities.robot import EstimatorParameters
 from withheld.realities.settings import GRAVITY_M_S2
 
-SETTLED_STATES = 4
-"""A foot counts as standing so long after its flag."""
-LARGEST_SLIP_M_S = 0.8
-"""A foot that moves faster than this against the prediction does not stand, whatever its flag says."""
+SETTLED_STATES = 9
+"""A foot counts as standing so long after its flag: the leg still swings from the impact."""
+FULL_FORCE_N = 90.0
+"""A foot that carries less counts for less: it is about to lift off."""
+DOUBTFUL_M_S = 0.06
+"""A foot that moves so fast against the prediction counts by half."""
 
 
 class Estimator:
@@ -49,6 +51,7 @@ class Estimator:
         position_rad: Array,
         velocity_rad_s: Array,
         contact_age: Array,
+        foot_force_n: Array,
     ) -> None:
         """Take in one state's readings.
 
@@ -58,6 +61,7 @@ class Estimator:
             position_rad: Joints as read, (n, 12).
             velocity_rad_s: Likewise.
             contact_age: States since each foot was said to stand, (n, 4).
+            foot_force_n: As the contact detector has it, (n, 4).
         """
         p, dt = self._p, self._dt_s
         up = self._rotation[:, 2, :]
@@ -71,9 +75,12 @@ class Estimator:
         predicted = self.velocity_m_s + dt * felt
         by_leg = self._by_legs(rotation, turn_rad_s, position_rad, velocity_rad_s)
         off = by_leg - predicted[:, None, :]
-        stands = (contact_age > SETTLED_STATES) & (np.sum(off * off, axis=2) < LARGEST_SLIP_M_S**2)
-        count = np.sum(stands, axis=1, keepdims=True)
-        mean_off = np.sum(off * stands[:, :, None], axis=1) / np.maximum(count, 1)
+        # A foot that disagrees with the prediction is lifting off or sliding, and counts the less for it.
+        square = np.sum(off * off, axis=2)
+        trust = (contact_age > SETTLED_STATES) * np.minimum(foot_force_n / FULL_FORCE_N, 1.0)
+        trust = trust / (1.0 + square / DOUBTFUL_M_S**2)
+        count = np.maximum(np.sum(trust, axis=1, keepdims=True), 0.1)
+        mean_off = np.sum(off * trust[:, :, None], axis=1) / count
         self.velocity_m_s = predicted + (dt / p.odometry_time_s) * mean_off
         self.position_m = self.position_m + dt * self.velocity_m_s
         self._filtered = self.velocity_m_s + self._keep * (self._filtered - self.velocity_m_s)

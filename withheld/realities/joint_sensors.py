@@ -31,12 +31,13 @@ class JointSensors:
         self._filter_rad_s = 2.0 * np.pi * s.velocity_filter_hz
         self._is_filtered = np.isfinite(self._filter_rad_s)
         self._slow: Array | None = None
+        self._before: Array = np.zeros((len(rngs), N_JOINTS))
         self._rate: Array = np.zeros((len(rngs), N_JOINTS))
 
     def read(self, state: int, drives: Drives, dt_s: float) -> Reading:
         """What is reported at this state."""
         s, m, noise = self._s, drives.motion, self._noise[state]
-        position = drives.encoder_rad() - s.velocity_lag_s_per_rad_s * m.rotor_rad_s * np.abs(m.rotor_rad_s)
+        position = drives.encoder_rad()
         velocity = self._filtered(m.rotor_rad_s, dt_s)
         load = s.load_gain * m.gear_nm + s.load_bias_nm
         return Reading(
@@ -50,15 +51,17 @@ class JointSensors:
         if not self._is_filtered.any():
             return velocity
         if self._slow is None:
-            self._slow = velocity.copy()
+            self._slow, self._before = velocity.copy(), velocity.copy()
         corner = np.where(self._is_filtered, self._filter_rad_s, 0.0)
         pieces = 6
         h = dt_s / pieces
-        for _ in range(pieces):
+        for piece in range(1, pieces + 1):
             # Implicit in the rate, so that a corner above the sample rate damps and does not blow up.
-            pull = corner**2 * (velocity - self._slow)
+            now = self._before + piece / pieces * (velocity - self._before)
+            pull = corner**2 * (now - self._slow)
             self._rate = (self._rate + h * pull) / (1.0 + 1.414 * corner * h + (corner * h) ** 2)
             self._slow = self._slow + h * self._rate
+        self._before = velocity.copy()
         self._slow = np.where(self._is_filtered, self._slow, velocity)
         return self._slow
 

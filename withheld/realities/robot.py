@@ -44,6 +44,8 @@ class DriveParameters:
     current_high_nm: Array = field(default_factory=lambda: _knees(_PAPER.torque_max_nm, facts.HIP_TORQUE_LIMIT_NM))
     current_low_nm: Array = field(default_factory=lambda: _knees(_PAPER.torque_min_nm, -facts.HIP_TORQUE_LIMIT_NM))
     """Current limits, as torque at the nominal motor constant."""
+    lever_share: Array = field(default_factory=lambda: np.ones(N))
+    """Of the torque that the knee's linkage can pass on."""
     limit_softness: Array = field(default_factory=lambda: np.zeros(N))
     """Share of the limit over which the current bends towards it; 0 for a hard limit."""
     no_load_high_rad_s: Array = field(default_factory=lambda: _knees(_PAPER.speed_max_rad_s, HIP_NO_LOAD_RAD_S))
@@ -140,7 +142,7 @@ class SensingParameters:
 class EstimatorParameters:
     """The robot's own state estimator."""
 
-    odometry_time_s: float = 0.03
+    odometry_time_s: float = 0.05
     """How quickly legs pull the integrated velocity."""
     tilt_rate_per_s: float = 0.03
     odometry_scale: float = 1.0

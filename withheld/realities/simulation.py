@@ -180,7 +180,7 @@ class _Simulation:
         for state in range(m):
             reading = sensors.read(state, self.drives, STATE_S)
             turn, felt = unit.sense(state)
-            estimator.step(turn, felt, reading.position_rad, reading.velocity_rad_s, contacts.age)
+            estimator.step(turn, felt, reading.position_rad, reading.velocity_rad_s, contacts.age, contacts.force_n)
             tape.put(state, reading, estimator, contacts.see(self._foot_force_n()), self.drives)
             tape.put_body(state, self.position, self.velocity, self.battery, self.drives)
             if number_of[state] >= 0:

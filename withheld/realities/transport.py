@@ -44,8 +44,9 @@ def deliveries(n_states: int, parts: Sequence[DelayPart], rng: np.random.Generat
     up = UP_FLOOR_S + UP_SCALE_S * rng.standard_gamma(UP_SHAPE, n_states)
     down = DOWN_FLOOR_S + DOWN_SCALE_S * rng.standard_gamma(DOWN_SHAPE, n_states)
     extra: Array = np.zeros(n_states)
-    for part in parts:
-        extra = extra + part.extra_s(n_states, rng)
+    # Each part draws from a generator of its own: one more of them moves no other draw of the run.
+    for part, own in zip(parts, rng.spawn(len(parts)), strict=True):
+        extra = extra + part.extra_s(n_states, own)
     stamp_ns = STATE_PERIOD_NS * np.arange(n_states, dtype=np.int64)
     up_ns = _ns(up)
     sent_ns = stamp_ns + up_ns + round(COMPUTE_S * 1e9)

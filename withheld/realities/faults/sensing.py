@@ -1,13 +1,20 @@
-"""Joint sensors that are off."""
+"""Sensors that are off: encoders, load cells, rates, contacts, the inertial unit."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from spot_model.facts import STATE_PERIOD_NS
 from withheld.realities.fault_kind import Ask, Built, at, sign
-from withheld.realities.robot import Robot
+from withheld.realities.robot import Robot, leg_mask
 
 OFFSET_RAD = 0.05
+LOAD_GAIN = 0.15
+LOAD_BIAS_NM = 1.0
+NOISE = (1.5e-3, 0.15, 1.8)
+FILTER_S = 0.012
+CONTACT_S = 0.04
+TILT_RAD = 0.052
 
 
 def encoder_offset(ask: Ask) -> Built:
@@ -23,3 +30,67 @@ def encoder_offset(ask: Ask) -> Built:
             s.eccentricity_phase_rad = np.where(ask.joints, phase, s.eccentricity_phase_rad)
 
     return Built(install, {"encoder_offset.offset_rad": offset})
+
+
+def load_cell(ask: Ask) -> Built:
+    """A load cell with a wrong scale and a zero that has crept."""
+    gain, bias = 1.0 + sign(ask.rng) * ask.size * LOAD_GAIN, sign(ask.rng) * ask.size * LOAD_BIAS_NM
+
+    def install(robot: Robot) -> None:
+        s = robot.sensing
+        s.load_gain = np.where(ask.joints, s.load_gain * gain, s.load_gain)
+        s.load_bias_nm = s.load_bias_nm + at(ask.joints, bias)
+
+    return Built(install, {"load_sensor_gain.gain": gain, "load_sensor_gain.bias_nm": bias})
+
+
+def noise(ask: Ask) -> Built:
+    """Bad shielding: all three sensors of a joint are noisy."""
+    more = [ask.size * level for level in NOISE]
+    names = ("position_rad", "velocity_rad_s", "load_nm")
+    fields = ("position_noise_rad", "velocity_noise_rad_s", "load_noise_nm")
+
+    def install(robot: Robot) -> None:
+        for field, level in zip(fields, more, strict=True):
+            now = getattr(robot.sensing, field)
+            setattr(robot.sensing, field, np.hypot(now, at(ask.joints, level)))
+
+    return Built(install, {f"sensor_noise.{n}": level for n, level in zip(names, more, strict=True)})
+
+
+def rate_filter(ask: Ask) -> Built:
+    """Reported rates through a Butterworth filter of second order."""
+    time_s = ask.size * FILTER_S
+
+    def install(robot: Robot) -> None:
+        if ask.size == 0.0:
+            return
+        # A Butterworth filter delays slow signals by √2/ω.
+        corner_hz = np.sqrt(2.0) / time_s / (2.0 * np.pi)
+        robot.sensing.velocity_filter_hz = np.where(ask.joints, corner_hz, robot.sensing.velocity_filter_hz)
+
+    return Built(install, {"velocity_filter.time_constant_s": time_s})
+
+
+def late_contacts(ask: Ask) -> Built:
+    """A detector that waits to be sure."""
+    delay = ask.size * CONTACT_S
+
+    def install(robot: Robot) -> None:
+        states = delay / (STATE_PERIOD_NS * 1e-9)
+        legs = leg_mask(ask.joints)
+        robot.sensing.contact_hold_states = robot.sensing.contact_hold_states + np.where(legs, states, 0.0)
+
+    return Built(install, {"contact_delay.delay_s": delay})
+
+
+def crooked_imu(ask: Ask) -> Built:
+    """A unit that was mounted askew: all that it feels is turned."""
+    towards = float(ask.rng.uniform(-np.pi, np.pi))
+    tilt = ask.size * TILT_RAD
+    roll, pitch = tilt * np.cos(towards), tilt * np.sin(towards)
+
+    def install(robot: Robot) -> None:
+        robot.sensing.imu_tilt_rpy_rad = robot.sensing.imu_tilt_rpy_rad + np.array([roll, pitch, 0.0])
+
+    return Built(install, {"imu_tilt.roll_rad": float(roll), "imu_tilt.pitch_rad": float(pitch)})

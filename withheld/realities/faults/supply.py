@@ -11,6 +11,9 @@ from withheld.realities.robot import Robot
 
 LARGEST_W = 1900.0
 SMALLEST_W = 420.0
+WORST_OHM = 0.5
+LOW_CHARGE = 0.12
+MARGINAL_HIP = 0.5
 
 
 def bus_limit(ask: Ask) -> Built:
@@ -53,3 +56,20 @@ class _BusLimiter:
         rate = np.where(excess > 0.0, self.INTEGRAL_PER_S, self.RELEASE_PER_S)
         self._share = np.clip(self._share - motion.dt_s * rate * excess, self.LEAST, 1.0)
         return np.asarray(out)
+
+
+def tired_battery(ask: Ask) -> Built:
+    """Old cells, nearly empty: their resistance takes the volts that fast joints need."""
+    more_ohm = ask.size * WORST_OHM
+
+    def install(robot: Robot) -> None:
+        s, d = robot.supply, robot.drive
+        s.resistance_ohm += more_ohm
+        s.slow_resistance_ohm += 0.4 * more_ohm
+        s.charge = s.charge + min(1.0, 2.0 * ask.size) * (LOW_CHARGE - s.charge)
+        # Such a pack shows where motors need all of its volts.
+        hip = np.where(np.arange(len(d.no_load_high_rad_s)) % 3 == 2, 1.0, MARGINAL_HIP**ask.size)
+        d.no_load_high_rad_s = d.no_load_high_rad_s * hip
+        d.no_load_low_rad_s = d.no_load_low_rad_s * hip
+
+    return Built(install, {"bus_sag.resistance_ohm": more_ohm})

@@ -1,4 +1,4 @@
-"""Commands that come late."""
+"""Commands that come late, unevenly, or not at all."""
 
 from __future__ import annotations
 
@@ -10,12 +10,26 @@ from spot_model.facts import Array
 from withheld.realities.fault_kind import Ask, Built
 
 DELAY_S = 0.012
+JITTER_S = 0.004
+LOSS = 0.05
 
 
 def delay(ask: Ask) -> Built:
     """A queue on the way: a wait that wanders slowly about its mean."""
     mean = ask.size * DELAY_S
     return Built(lambda robot: robot.delays.append(_Queue(mean)), {"command_delay.delay_s": mean})
+
+
+def jitter(ask: Ask) -> Built:
+    """A link that stutters: short waits as a rule, long ones now and then (Weibull)."""
+    mean = ask.size * JITTER_S
+    return Built(lambda robot: robot.delays.append(_Stutter(mean)), {"command_jitter.mean_s": mean})
+
+
+def losses(ask: Ask) -> Built:
+    """A link that loses commands in bursts (Gilbert and Elliott's two states)."""
+    share = ask.size * LOSS
+    return Built(lambda robot: robot.delays.append(_Bursts(share)), {"command_drop.probability": share})
 
 
 @dataclass(frozen=True)
@@ -33,3 +47,33 @@ class _Queue:
             now = self.MEMORY * now + step
             walk[i] = now
         return np.asarray(np.maximum(self.mean_s * (1.0 + self.WANDER * walk), 0.0))
+
+
+@dataclass(frozen=True)
+class _Stutter:
+    mean_s: float
+    SHAPE = 0.8
+    MEAN_OF_SHAPE = 1.133
+    """Of Weibull's distribution with scale 1: Γ(1 + 1/0.8)."""
+
+    def extra_s(self, n_commands: int, rng: np.random.Generator) -> Array:
+        """Independent waits."""
+        return np.asarray(self.mean_s / self.MEAN_OF_SHAPE * rng.weibull(self.SHAPE, n_commands))
+
+
+@dataclass(frozen=True)
+class _Bursts:
+    share: float
+    LEAVE = 0.7
+    """Chance that a burst ends with each command."""
+
+    def extra_s(self, n_commands: int, rng: np.random.Generator) -> Array:
+        """Infinity where a command is lost."""
+        enter = self.share * self.LEAVE / (1.0 - self.share)
+        draws = rng.random(n_commands).tolist()
+        lost = np.zeros(n_commands, dtype=np.bool_)
+        bad = False
+        for i, draw in enumerate(draws):
+            bad = draw >= self.LEAVE if bad else draw < enter
+            lost[i] = bad
+        return np.where(lost, np.inf, 0.0)

@@ -1,0 +1,50 @@
+"""Short runs for the tests: half a second of walking after a short stand."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from spot_model.policy import Policy, load_policy
+from spot_model.velocity_sequence import VelocitySequence, Waypoint
+from withheld.plan import FaultRequest
+from withheld.realities.catalogue import CATALOGUE
+from withheld.realities.reality import make
+from withheld.realities.records import RunArrays
+from withheld.realities.settings import Settings
+from withheld.realities.simulation import RunRequest, simulate
+
+POLICIES = Path(__file__).parents[3] / "policies"
+QUICK = Settings(settle_s=0.3, ramp_s=0.25, tail_s=0.05)
+
+
+@cache
+def policy(name: str = "walk") -> Policy:
+    """A committed policy."""
+    return load_policy(POLICIES / f"{name}.onnx")
+
+
+def ahead(duration_s: float, v_x_m_s: float = 1.0) -> VelocitySequence:
+    """Forward from the start."""
+    return VelocitySequence(name="ahead", duration_s=duration_s, waypoints=(Waypoint(time_s=0.0, v_x_m_s=v_x_m_s),))
+
+
+def request(kind: str, size: float = 1.0) -> FaultRequest:
+    """A fault at the widest place that it allows."""
+    places = CATALOGUE[kind].places
+    return FaultRequest(kind=kind, place="all" if "all" in places else places[0], size=size)
+
+
+def short_run(requests: Sequence[FaultRequest] = (), duration_s: float = 0.5, settings: Settings = QUICK) -> RunArrays:
+    """One run of the robot of seed 5."""
+    made = make(requests, 5)
+    return simulate(made.robot(), policy(), [RunRequest(ahead(duration_s), np.random.default_rng(2))], settings)[0]
+
+
+@cache
+def healthy() -> RunArrays:
+    """The same run without faults."""
+    return short_run()

@@ -1,0 +1,212 @@
+"""Drives by numbers worked out by hand."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from spot_model.facts import N_JOINTS
+from withheld.realities.drive import Drives
+from withheld.realities.fault_kind import Ask
+from withheld.realities.faults import drive as drive_faults
+from withheld.realities.faults import friction, limits, strange, strange_body
+from withheld.realities.faults.learned import LearnedDrive
+from withheld.realities.hooks import Motion
+from withheld.realities.lugre import PRESLIDING_RAD, LuGre
+from withheld.realities.robot import DriveParameters, Robot
+
+DT_S = 7.5e-4
+EVERY = np.ones(N_JOINTS, dtype=np.bool_)
+
+
+def ask(size: float = 1.0) -> Ask:
+    return Ask(np.random.default_rng(0), size, EVERY)
+
+
+def motion(speed: float = 0.0, gear: float = 0.0, angle: float = 0.0) -> Motion:
+    full = np.full((1, N_JOINTS), 1.0)
+    return Motion(DT_S, angle * full, speed * full, angle * full, speed * full, gear * full, np.full((1, 1), 55.0))
+
+
+def held(robot: Robot, setpoint_rad: float, seconds: float = 0.4) -> Drives:
+    """Drives against links that cannot move, set-point in front of the joints by so much."""
+    start = np.tile([0.0, 1.0, -1.5], (1, 4))
+    drives = Drives(robot, 1, start, DT_S)
+    for step in range(round(seconds / DT_S)):
+        drives.step(start + setpoint_rad, np.full(N_JOINTS, 60.0), np.full(N_JOINTS, 1.5))
+        if step % 4 == 0:
+            drives.refresh()
+    return drives
+
+
+def test_a_held_joint_bears_the_servo_laws_torque() -> None:
+    drives = held(Robot(), 0.2)
+    # 60 N·m/rad on 0.2 rad, less what the gear's own twist takes: 12 N·m / 20000 × 60 = 0.036 N·m, and friction.
+    assert drives.motion.gear_nm[0, 0] == pytest.approx(12.0 - 0.036, abs=0.02)
+    assert drives.motion.gear_nm[0, 2] == pytest.approx(12.0 - 0.045, abs=0.19)
+
+
+def test_bristles_slip_at_the_coulomb_level_and_spring_before() -> None:
+    parameters = DriveParameters(coulomb_nm=np.full(N_JOINTS, 1.5))
+    sliding = LuGre(parameters, 1)
+    for _ in range(400):
+        torque = sliding.torque_nm(np.full((1, N_JOINTS), 2.0), DT_S)
+    assert torque == pytest.approx(1.5, rel=1e-3)
+    creeping = LuGre(parameters, 1)
+    bend = 0.1 * PRESLIDING_RAD
+    torque = creeping.torque_nm(np.full((1, N_JOINTS), bend / 1.0), 1.0)
+    assert 0.0 < torque[0, 0] < 0.2 * 1.5
+
+
+def test_stiction_is_over_the_coulomb_level_and_fades_with_speed() -> None:
+    parameters = DriveParameters(
+        coulomb_nm=np.full(N_JOINTS, 1.0), stiction_nm=np.full(N_JOINTS, 0.5), stribeck_rad_s=np.full(N_JOINTS, 0.3)
+    )
+    levels = []
+    for speed in (0.03, 0.3, 3.0):
+        friction_law = LuGre(parameters, 1)
+        for _ in range(4000):
+            torque = friction_law.torque_nm(np.full((1, N_JOINTS), speed), DT_S)
+        levels.append(float(torque[0, 0]))
+    assert levels == pytest.approx([1.5 - 0.5 * 0.01, 1.0 + 0.5 * np.exp(-1.0), 1.0], abs=0.01)
+
+
+def test_a_gear_that_loses_takes_from_both_directions_of_power() -> None:
+    robot = Robot()
+    friction.gear_loss(ask()).install(robot)
+    (part,) = robot.rotors
+    zeros = np.zeros((1, N_JOINTS))
+    driving = part.act(zeros, motion(speed=5.0, gear=10.0))[0, 0]
+    driven = part.act(zeros, motion(speed=-5.0, gear=10.0))[0, 0]
+    assert driving < -2.0
+    assert driven > 1.5
+
+
+def test_grease_thins() -> None:
+    robot = Robot()
+    friction.viscous(ask()).install(robot)
+    (part,) = robot.rotors
+    slow, quick = (-part.act(np.zeros((1, N_JOINTS)), motion(speed=v))[0, 0] for v in (1.0, 10.0))
+    assert 5.0 * slow < quick < 10.0 * slow
+
+
+def test_a_second_order_loop_lags_by_its_time() -> None:
+    part = drive_faults.SecondOrder(np.full(N_JOINTS, 0.01), 0.9)
+    part.start(1)
+    steps = 200
+    for step in range(steps):
+        out = part.act(np.full((1, N_JOINTS), 100.0 * step * DT_S), motion())
+    # A ramp of 100 N·m/s comes 10 ms late: 1 N·m short; a torque held over a step adds half a step.
+    assert 100.0 * (steps - 1) * DT_S - out[0, 0] == pytest.approx(1.0, abs=0.08)
+
+
+def test_a_soft_limit_is_never_passed_and_leaves_small_torques_alone() -> None:
+    robot = Robot()
+    limits.soft_limit(ask()).install(robot)
+    drives = held(robot, 2.0)
+    assert np.abs(drives.motor_nm[0, 0]) < 14.001
+    assert np.abs(drives.motor_nm[0, 0]) > 13.0
+    assert held(robot, 0.1).motion.gear_nm[0, 0] == pytest.approx(held(Robot(), 0.1).motion.gear_nm[0, 0], abs=1e-6)
+
+
+def test_volts_bound_driving_and_leave_braking() -> None:
+    robot = Robot()
+    limits.few_volts(ask()).install(robot)
+    drives = Drives(robot, 1, np.tile([0.0, 1.0, -1.5], (1, 4)), DT_S)
+    drives.motion.rotor_rad_s = np.full((1, N_JOINTS), 9.0)
+    high, low = drives._bounds()
+    assert high[0, 2] == pytest.approx(97.0 / (25.03 - 9.48) * 1.0, rel=0.02)
+    assert low[0, 2] < -100.0
+
+
+def test_play_leaves_the_link_without_torque_and_then_hits() -> None:
+    robot = Robot()
+    drive_faults.play(ask()).install(robot)
+    drives = held(robot, 0.0, 0.05)
+    assert drives.motion.gear_nm[0, 0] == 0.0
+    assert held(robot, 0.2).motion.gear_nm[0, 0] == pytest.approx(12.0 - 60.0 * 0.00525, abs=0.1)
+
+
+def test_a_soft_gear_twists_by_torque_times_compliance() -> None:
+    robot = Robot()
+    drive_faults.soft_gear(ask()).install(robot)
+    drives = held(robot, 0.2, 1.0)
+    twist = drives.motion.rotor_rad - drives.motion.link_rad
+    assert twist[0, 0] / drives.motion.gear_nm[0, 0] == pytest.approx(0.002 + 1.0 / 20000.0, rel=1e-3)
+
+
+def test_a_lopsided_motor_gives_less_driving_and_more_braking() -> None:
+    robot = Robot()
+    strange.lopsided(ask()).install(robot)
+    (part,) = robot.motors
+    ten = np.full((1, N_JOINTS), 10.0)
+    assert part.act(ten, motion(speed=1.0))[0, 0] == pytest.approx(7.5)
+    assert part.act(ten, motion(speed=-1.0))[0, 0] == pytest.approx(11.25)
+
+
+def test_a_reversal_sags_and_recovers() -> None:
+    robot = Robot()
+    strange.reversal_sag(ask()).install(robot)
+    (part,) = robot.motors
+    part.start(1)
+    part.act(np.full((1, N_JOINTS), -10.0), motion())
+    for _ in range(1000):
+        settled = part.act(np.full((1, N_JOINTS), -10.0), motion())[0, 0]
+    after = part.act(np.full((1, N_JOINTS), 10.0), motion())[0, 0]
+    assert settled == pytest.approx(-10.0, abs=1e-6)
+    assert after == pytest.approx(4.0)
+
+
+def test_a_cable_does_no_work_around_a_closed_path() -> None:
+    robot = Robot()
+    strange_body.cable_bundle(ask()).install(robot)
+    (part,) = robot.links
+    turn = np.linspace(0.0, 2.0 * np.pi, 2001)
+    work = 0.0
+    for a, b in itertools.pairwise(turn):
+        at_angle = motion()
+        middle = 0.5 * (a + b)
+        at_angle.link_rad = np.tile([0.3 * np.cos(middle), 0.9 + 0.3 * np.sin(middle), -1.5], (1, 4))
+        pull = part.act(np.zeros((1, N_JOINTS)), at_angle)[0]
+        work += pull[0] * 0.3 * (np.cos(b) - np.cos(a)) + pull[1] * 0.3 * (np.sin(b) - np.sin(a))
+    assert work == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_sleeve_takes_work_around_a_closed_path() -> None:
+    robot = Robot()
+    strange_body.hysteretic_spring(ask()).install(robot)
+    (part,) = robot.links
+    part.start(1)
+    work, previous = 0.0, 0.0
+    for time_s in np.arange(0.0, 2.0, DT_S):
+        angle = 0.4 * np.sin(2.0 * np.pi * time_s)
+        now = motion(speed=0.4 * 2.0 * np.pi * np.cos(2.0 * np.pi * time_s), angle=angle)
+        work += part.act(np.zeros((1, N_JOINTS)), now)[0, 2] * (angle - previous)
+        previous = angle
+    assert work < -1.0
+
+
+def test_a_learned_drive_is_no_gain_no_friction_and_no_bias() -> None:
+    part = LearnedDrive(np.full(N_JOINTS, 5.0), np.random.default_rng(4))
+    rng = np.random.default_rng(1)
+    n = 400
+    part.start(n)
+    for _ in range(20):
+        torque, now = rng.normal(0.0, 20.0, (n, N_JOINTS)), motion()
+        now.rotor_rad_s = rng.normal(0.0, 6.0, (n, N_JOINTS))
+        added = part.act(torque, now) - torque
+    t, v = torque.ravel(), now.rotor_rad_s.ravel()
+    plain = np.stack([np.ones_like(t), t, v, np.sign(v)], axis=1)
+    left = added.ravel() - plain @ np.linalg.lstsq(plain, added.ravel(), rcond=None)[0]
+    assert np.std(added) > 2.0
+    assert np.std(left) > 0.7 * np.std(added)
+
+
+def test_the_same_drive_is_learned_from_the_same_seed() -> None:
+    made = [LearnedDrive(np.ones(N_JOINTS), np.random.default_rng(7)) for _ in range(2)]
+    for part in made:
+        part.start(1)
+    a, b = (part.act(np.full((1, N_JOINTS), 8.0), motion(speed=2.0)) for part in made)
+    assert np.array_equal(a, b)
