@@ -13,7 +13,7 @@ from diagnosis.recording import record
 from spot_model.velocity_sequence import VelocitySequence, Waypoint
 from spot_runtime.log import read_run
 from spot_runtime.log.cli import app
-from tests.withheld.realities.quick import POLICIES, QUICK, ahead, healthy, policy, request, short_run
+from tests.withheld.realities.quick import POLICIES, QUICK, ahead, policy, request, short_run
 from withheld.plan import SIGNALS, Reality, RecordingPlan, Signal
 from withheld.realities.reality import make
 from withheld.realities.settings import Settings
@@ -118,7 +118,7 @@ def test_a_missing_signal_is_missing_alone(tmp_path: Path, signal: Signal) -> No
 
 
 def test_sensors_are_as_good_as_a_robots() -> None:
-    run = healthy()
+    run = short_run(settings=Settings(ramp_s=0.3))
     still = slice(0, 60)
     assert np.std(np.diff(run.position_rad[still], n=3, axis=0)) < 2e-3
     assert np.max(np.abs(run.position_rad - run.true_position_rad)) < 0.02
