@@ -1,0 +1,88 @@
+"""Many cases: each once, failures left for later, none begun after the budget; processes and Ray alike."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from withheld.execute import Job, case_folder
+from withheld.ledger import Ledger, read_ledger
+from withheld.outcome import Outcome
+from withheld.run import Ray, run_cases
+
+from .made_up import outcome
+
+JOB = Job(0, 1, Path(), Path(), "audit hook")
+
+
+def silent(*_: object) -> None:
+    pass
+
+
+def finish(job: Job) -> Outcome:
+    """Leave what a case leaves."""
+    folder = case_folder(job.out, job.number)
+    folder.mkdir(parents=True)
+    Ledger(folder / "ledger.jsonl").add("opened", case=job.number)
+    (folder / "outcome.json").write_text(json.dumps(job.number))
+    return outcome(number=job.number)
+
+
+class OneByOne:
+    """Runs a case when it is waited for."""
+
+    def __init__(self, places: int = 2, broken: Sequence[int] = ()) -> None:
+        self.places, self.broken, self.begun = places, broken, list[int]()
+
+    def start(self, job: Job) -> Any:
+        self.begun.append(job.number)
+        return job
+
+    def finished(self, tickets: Sequence[Any], timeout_s: float) -> list[Any]:
+        return [tickets[0]]
+
+    def outcome(self, ticket: Any) -> Outcome:
+        if ticket.number in self.broken:
+            raise ValueError("the disk is full")
+        return finish(ticket)
+
+
+def jobs(out: Path, n: int) -> list[Job]:
+    return [replace(JOB, number=i, out=out) for i in range(n)]
+
+
+def test_every_case_is_run_once_and_entered(tmp_path: Path) -> None:
+    engine, told = OneByOne(), []
+    assert run_cases(jobs(tmp_path, 5), engine, tmp_path, 1e9, lambda *words: told.append(words[0])) == 0
+    assert engine.begun == told == [0, 1, 2, 3, 4]
+    assert [e.data["case"] for e in read_ledger(tmp_path / "ledger.jsonl")] == told
+
+
+def test_what_failed_is_told_and_made_up_for(tmp_path: Path) -> None:
+    told: list[str] = []
+    assert run_cases(jobs(tmp_path, 3), OneByOne(broken=[1]), tmp_path, 1e9, lambda *words: told.append(words[1])) == 1
+    assert sum("the disk is full" in t for t in told) == 1
+    again = OneByOne()
+    assert run_cases(jobs(tmp_path, 3), again, tmp_path, 1e9, silent) == 0
+    assert again.begun == [1]
+
+
+def test_after_the_budget_none_is_begun(tmp_path: Path) -> None:
+    engine = OneByOne()
+    assert run_cases(jobs(tmp_path, 3), engine, tmp_path, -1.0, silent) == 3
+    assert not engine.begun
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+def test_cases_run_on_a_ray_cluster(tmp_path: Path) -> None:
+    pytest.importorskip("ray", reason="Ray is not installed (extra ray)")
+    cluster = Ray(None, finish)
+    try:
+        assert run_cases(jobs(tmp_path, 3), cluster, tmp_path, 1e9, silent) == 0
+    finally:
+        cluster.close()
+    assert {e.data["case"] for e in read_ledger(tmp_path / "ledger.jsonl")} == {0, 1, 2}
