@@ -15,8 +15,9 @@ from diagnosis.seam import Array, ChannelView, Flags, Ints, Shape, Views
 from spot_model.effects.backlash import Backlash
 from spot_model.effects.base import Effect, Motion
 
-COARSE_RAD: Final = (0.001, 0.002, 0.004, 0.008, 0.016, 0.032)
-FACTORS: Final = (0.6, 0.75, 0.87, 1.15, 1.33, 1.6)
+GRID_RAD: Final = tuple(round(0.0008 * 1.2**i, 7) for i in range(24))
+"""Widths that are tried, up to 0.053 rad; computed together, they cost little more than one."""
+COARSE: Final = 4
 SUBSTEPS: Final = 2
 """Steps of the motor's motion in the gap between two states."""
 
@@ -34,34 +35,24 @@ class BacklashEntry(LibraryEffect):
 
     def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:
         """Widths of the gap."""
-        _remember(views["A"].signals, COARSE_RAD)
-        return tuple({"gap_rad": g} for g in COARSE_RAD)
+        return tuple({"gap_rad": g} for g in GRID_RAD[1::COARSE])
 
     def neighbours(self, shape: Shape) -> tuple[Shape, ...]:
         """Widths nearby."""
-        return tuple({"gap_rad": shape["gap_rad"] * f} for f in FACTORS)
+        at = GRID_RAD.index(shape["gap_rad"])
+        return tuple({"gap_rad": GRID_RAD[i]} for i in (at - 2, at - 1, at + 1, at + 2) if 0 <= i < len(GRID_RAD))
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
         """The torque that does not come through, by the simulator's own formula on the requested torque."""
         s: ActuatorSignals = view.signals
-        gap_rad = float(shape["gap_rad"])
-        if ("backlash", gap_rad) not in s.cache:
-            _remember(s, (gap_rad, *(gap_rad * f for f in FACTORS)))
-        through: Array = s.cache["backlash", gap_rad]
+        if "backlash" not in s.cache:
+            s.cache["backlash"] = passed_on_nm(s.torque_nm, np.array(GRID_RAD), s.stack.run, s.period_s)
+        through: Array = s.cache["backlash"][GRID_RAD.index(shape["gap_rad"])]
         return on_joints(s.finish(through - s.torque_nm), joints)
 
     def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
         """Gap."""
         return {"gap_rad": float(shape["gap_rad"])}
-
-
-def _remember(s: ActuatorSignals, gaps_rad: tuple[float, ...]) -> None:
-    """Put what several gaps let through into the cache: together they cost little more than one."""
-    new = [g for g in dict.fromkeys(gaps_rad) if ("backlash", g) not in s.cache]
-    if new:
-        found = passed_on_nm(s.torque_nm, np.array(new), s.stack.run, s.period_s)
-        for gap_rad, through in zip(new, found, strict=True):
-            s.cache["backlash", gap_rad] = through
 
 
 def passed_on_nm(torque_nm: Array, gap_rad: Array, run: Ints, period_s: float) -> Array:
@@ -74,7 +65,7 @@ def passed_on_nm(torque_nm: Array, gap_rad: Array, run: Ints, period_s: float) -
         period_s: Time between rows.
 
     Returns:
-        Shape (G, N, J).
+        Shape (G, N, J), in single precision: it is large.
     """
     numbers, starts, sizes = np.unique(run, return_index=True, return_counts=True)
     longest, n_joints, n_gaps = int(sizes.max()), torque_nm.shape[1], len(gap_rad)
@@ -85,14 +76,15 @@ def passed_on_nm(torque_nm: Array, gap_rad: Array, run: Ints, period_s: float) -
     whole = np.empty((n_gaps, len(numbers), n_joints))
     effect = Backlash(gap_rad=gap_rad[:, None, None]).arrays_like(whole)
     memory = effect.start(whole)
-    out = np.empty((longest, *whole.shape))
+    out = np.empty((longest, *whole.shape), dtype=np.float32)
     for k in range(longest):
         whole[:] = padded[k]
         motion = Motion(whole, whole, period_s / SUBSTEPS)
         # The load at a state is that of the last step before it.
         for _ in range(SUBSTEPS):
-            out[k], memory = effect.torque(whole, motion, memory)
-    result = np.empty((n_gaps, *torque_nm.shape))
+            passed, memory = effect.torque(whole, motion, memory)
+        out[k] = passed
+    result = np.empty((n_gaps, *torque_nm.shape), dtype=np.float32)
     for i, (start, size) in enumerate(zip(starts, sizes, strict=True)):
         result[:, start : start + size] = np.swapaxes(out[:size, :, i], 0, 1)
     return result
