@@ -14,7 +14,6 @@ import json
 from pathlib import Path
 from typing import Any, Final, Literal
 
-import yaml
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
 
 from fake_robot.scenario_parts import (
@@ -39,6 +38,7 @@ from spot_model.delay import read_delay_csv
 from spot_model.errors import BadInputError
 from spot_model.model_file import RobotModel, model_from_data
 from spot_model.validation import explain
+from spot_model.yaml_text import read_yaml
 
 SCHEMA: Final = "spot-rl/scenario/1"
 SHIPPED_FOLDER: Final = Path(__file__).parent / "scenarios"
@@ -165,10 +165,7 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
         raise BadInputError(
             f"scenario {str(name_or_path)!r} is no file; allowed: a YAML file, or one of {', '.join(shipped_names())}"
         )
-    try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, ValueError, RecursionError) as error:
-        raise BadInputError(f"scenario file {path} cannot be read: {error}") from error
+    data = read_yaml(path, "scenario file")
     return scenario_from_data(data, source=f"scenario file {path}", folder=path.parent)
 
 

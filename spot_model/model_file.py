@@ -30,6 +30,7 @@ from spot_model.effects.torque_speed_curve import TorqueSpeedCurve
 from spot_model.errors import BadInputError
 from spot_model.knee_table import KNEE_MOTOR_TORQUE_NM
 from spot_model.validation import explain
+from spot_model.yaml_text import read_yaml
 
 SCHEMA: Final = "spot-rl/model/1"
 
@@ -102,10 +103,7 @@ def load_model(name_or_path: str) -> RobotModel:
     path = Path(name_or_path)
     if not path.is_file():
         raise BadInputError(f"model {name_or_path!r} is no file; allowed: a YAML file, or one of {', '.join(BUILT_IN)}")
-    try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise BadInputError(f"model file {path} cannot be read: {error}") from error
+    data = read_yaml(path, "model file")
     return model_from_data(data, source=f"model file {path}")
 
 

@@ -16,6 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from spot_model.errors import BadInputError
 from spot_model.validation import explain
+from spot_model.yaml_text import read_yaml
 
 Array = NDArray[np.float64]
 
@@ -149,10 +150,9 @@ def load_sequence(name_or_path: str) -> VelocitySequence:
         raise BadInputError(
             f"velocity sequence {name_or_path!r} is no file; allowed: a YAML file, or one of {', '.join(BUILT_IN)}"
         )
+    data = read_yaml(path, "velocity sequence")
     try:
-        return VelocitySequence.model_validate(yaml.safe_load(path.read_text(encoding="utf-8")))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise BadInputError(f"velocity sequence {path} cannot be read: {error}") from error
+        return VelocitySequence.model_validate(data)
     except ValidationError as error:
         raise BadInputError(f"velocity sequence {path}:\n{explain(error)}") from error
 

@@ -5,16 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final, Literal
 
-import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from spot_model.errors import BadInputError
 from spot_model.validation import explain
+from spot_model.yaml_text import read_yaml
 from spot_runtime.safety_limits import SafetyLimits
 from spot_runtime.service_config import ServiceConfig
 
 SCHEMA: Final = "spot-rl/run/1"
-MAX_CONFIG_BYTES: Final = 1024 * 1024
 
 
 class _Part(BaseModel):
@@ -156,15 +155,7 @@ def load_config(path: Path) -> RunConfig:
     Raises:
         BadInputError: The file cannot be read or holds a key or value that is not allowed; the message names it.
     """
-    try:
-        size = path.stat().st_size
-        if size > MAX_CONFIG_BYTES:
-            raise BadInputError(f"configuration {path} has {size} bytes; allowed: at most {MAX_CONFIG_BYTES}")
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise BadInputError(f"configuration {path} cannot be read: {error.strerror}; give a YAML file") from error
-    except (UnicodeDecodeError, yaml.YAMLError) as error:
-        raise BadInputError(f"configuration {path} is no YAML: {error}") from error
+    content = read_yaml(path, "configuration")
     try:
         return RunConfig.model_validate({} if content is None else content)
     except ValidationError as error:

@@ -9,8 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-import yaml
-
+from spot_model.yaml_text import YamlError, parse_yaml
 from spot_runtime.hal.errors import CredentialsError
 
 USERNAME_VARIABLE: Final = "BOSDYN_CLIENT_USERNAME"
@@ -64,8 +63,8 @@ def _read(file: Path, *, forbidden_mode: int) -> Credentials:
     if not stat.S_ISREG(status.st_mode) or status.st_mode & forbidden_mode:
         raise CredentialsError(f"credentials file {file} can be read by others; run: chmod 600 {file}")
     try:
-        content = yaml.safe_load(data) if len(data) <= MAX_BYTES else None
-    except (yaml.YAMLError, UnicodeDecodeError, ValueError):
+        content = parse_yaml(data) if len(data) <= MAX_BYTES else None
+    except YamlError:
         content = None
     fields = content if isinstance(content, dict) else {}
     if set(fields) != {"username", "password"} or not all(isinstance(v, str) and v for v in fields.values()):

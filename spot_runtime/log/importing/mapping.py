@@ -12,14 +12,14 @@ signals:
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Final, Literal
 
-import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from spot_model.errors import BadInputError
 from spot_model.facts import JOINT_NAMES, LEG_NAMES
 from spot_model.validation import explain
+from spot_model.yaml_text import read_yaml
 
 SCHEMA: Final = "spot-rl/import/1"
 
@@ -152,12 +152,8 @@ def load_mapping(path: Path) -> Mapping:
 
     Raises:
         BadInputError: It is no YAML, or a key or value in it is wrong; the message names it.
-        OSError: It cannot be read.
     """
-    try:
-        data: Any = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise BadInputError(f"mapping {path} is not YAML: {error}") from error
+    data = read_yaml(path, "mapping")
     if not isinstance(data, dict):
         raise BadInputError(f"mapping {path} must hold keys and values; it begins with 'schema: {SCHEMA}'")
     try:

@@ -1,0 +1,96 @@
+"""YAML from outside: plain data alone, of bounded size, depth and expansion; what is wrong with it is said in words.
+
+PyYAML's safe loader makes no objects, but a few hundred bytes of nested aliases expand without end once somebody walks
+them, deep nesting ends in the interpreter's recursion limit, and a date that is none raises errors of its own.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Final
+
+import yaml
+
+from spot_model.errors import BadInputError
+
+MAX_BYTES: Final = 1024 * 1024
+MAX_VALUES: Final = 200_000
+"""Values of a document with all aliases written out."""
+
+MAX_DEPTH: Final = 50
+
+
+class YamlError(ValueError):
+    """A text is not the plain, bounded YAML that is taken here; the message says why."""
+
+
+class _Loader(yaml.SafeLoader):
+    """Refuses nesting beyond any use while it is read, before the recursion limit does."""
+
+    _depth = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        self._depth += 1
+        if self._depth > MAX_DEPTH:
+            raise YamlError(f"it is nested more than {MAX_DEPTH} deep")
+        node = super().compose_node(parent, index)
+        self._depth -= 1
+        return node
+
+
+def parse_yaml(text: str | bytes) -> Any:
+    """Plain data from one YAML document; None where it is empty.
+
+    Raises:
+        YamlError: It is no YAML, asks for objects, or is too large, too deep, or endless through its aliases.
+    """
+    if len(text) > MAX_BYTES:
+        raise YamlError(f"it has more bytes than are allowed: at most {MAX_BYTES}")
+    loader: _Loader | None = None
+    try:
+        loader = _Loader(text.decode("utf-8") if isinstance(text, bytes) else text)
+        node = loader.get_single_node()
+        if node is None:
+            return None
+        if _expanded(node, {}) > MAX_VALUES:
+            raise YamlError(f"it holds more than {MAX_VALUES} values once its aliases are written out")
+        return loader.construct_document(node)
+    except YamlError:
+        raise
+    # A date or number that is none, a key that cannot be one, a mapping that holds itself.
+    except (yaml.YAMLError, UnicodeDecodeError, ValueError, TypeError, OverflowError, RecursionError) as error:
+        raise YamlError(" ".join(str(error).split()) or type(error).__name__) from error
+    finally:
+        if loader is not None:
+            loader.dispose()
+
+
+def read_yaml(path: Path, what: str) -> Any:
+    """Plain data from a YAML file; ``what`` names it in errors.
+
+    Raises:
+        BadInputError: The file cannot be read, or is not such YAML.
+    """
+    try:
+        with path.open("rb") as file:
+            data = file.read(MAX_BYTES + 1)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise BadInputError(f"{what} {path} cannot be read: {reason}; give a YAML file") from error
+    try:
+        return parse_yaml(data)
+    except YamlError as error:
+        raise BadInputError(f"{what} {path} cannot be read, it is no YAML that is taken: {error}") from error
+
+
+def _expanded(node: yaml.Node, known: dict[int, int]) -> int:
+    """How many values a node holds with all aliases written out; one that holds itself counts as endless."""
+    if id(node) not in known:
+        known[id(node)] = MAX_VALUES + 1  # while it is being counted
+        inner: list[yaml.Node] = []
+        if isinstance(node, yaml.SequenceNode):
+            inner = node.value
+        elif isinstance(node, yaml.MappingNode):
+            inner = [part for pair in node.value for part in pair]
+        known[id(node)] = 1 + sum(_expanded(part, known) for part in inner)
+    return known[id(node)]
