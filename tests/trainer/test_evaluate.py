@@ -4,6 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from spot_model.errors import BadInputError
 from spot_model.policy import load_policy
 from trainer.evaluate.figures import gait, mean_velocity, tracking_error
 from trainer.evaluate.page import evaluation_page
@@ -11,6 +12,7 @@ from trainer.evaluate.report import evaluate
 from trainer.evaluate.rollout import Recording, roll_out
 from trainer.evaluate.setting import Setting
 from trainer.evaluate.trials import _grid
+from trainer.evaluate.video import check_video
 
 POLICY = Path(__file__).parents[2] / "policies" / "walk.onnx"
 
@@ -79,3 +81,9 @@ def test_a_whole_evaluation_and_its_page() -> None:
     page = evaluation_page(result)
     assert "Highest sustained speed" in page
     assert "src=" not in page.split("</script>")[-1]
+
+
+def test_a_video_without_ffmpeg_is_refused_before_the_trials(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", "/nowhere")
+    with pytest.raises(BadInputError, match="--video needs the program ffmpeg"):
+        check_video()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -25,6 +26,8 @@ def evaluate(
     as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
 ) -> None:
     """Measure a policy in simulation: tracking, top speed, gait, falls, pushes, a slippery patch, power."""
+    # MuJoCo reads this when it is imported; without a display only egl and osmesa work.
+    os.environ.setdefault("MUJOCO_GL", "egl")
     from spot_model.errors import BadInputError
     from spot_model.mjcf import MjcfOptions
     from spot_model.model_file import load_model
@@ -32,8 +35,10 @@ def evaluate(
     from trainer.evaluate.page import evaluation_page
     from trainer.evaluate.report import evaluate as run_trials
     from trainer.evaluate.setting import Setting
-    from trainer.evaluate.video import write_video
+    from trainer.evaluate.video import check_video, write_video
 
+    if video:
+        check_video()
     loaded = load_policy(policy)
     period = 1.0 / loaded.contract.rate_hz
     if timestep <= 0.0 or abs(period / timestep - round(period / timestep)) > 1e-6:

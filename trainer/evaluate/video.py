@@ -17,14 +17,28 @@ WIDTH, HEIGHT = 640, 360
 FRAME_RATE_HZ = 25.0
 
 
-def write_video(setting: Setting, out: Path, *, seconds: float = 12.0) -> None:
-    """Film one robot that speeds up to the policy's top forward command, as MP4 (H.264).
+def check_video() -> None:
+    """See that a video can be made here, before minutes of trials.
 
     Raises:
         BadInputError: There is no ffmpeg, or MuJoCo finds no OpenGL that works without a display.
     """
     if shutil.which("ffmpeg") is None:
         raise BadInputError("--video needs the program ffmpeg, which is not installed; install the package ffmpeg")
+    import mujoco
+
+    try:
+        mujoco.Renderer(mujoco.MjModel.from_xml_string("<mujoco/>"), 16, 16).close()
+    except Exception as error:
+        raise BadInputError(
+            f"--video: MuJoCo cannot draw with MUJOCO_GL={os.environ.get('MUJOCO_GL', '')} "
+            f"({type(error).__name__}: {error}); install the packages libegl1 or libosmesa6, "
+            "and set MUJOCO_GL to egl or osmesa"
+        ) from error
+
+
+def write_video(setting: Setting, out: Path, *, seconds: float = 12.0) -> None:
+    """Film one robot that speeds up to the policy's top forward command, as MP4 (H.264)."""
     rate = setting.policy.contract.rate_hz
     every = round(rate / FRAME_RATE_HZ)
     plant = setting.plant(1)
@@ -45,21 +59,13 @@ def write_video(setting: Setting, out: Path, *, seconds: float = 12.0) -> None:
 
 
 def _render(setting: Setting, poses: list[Array], out: Path) -> None:
-    # MuJoCo reads this when it is first asked to draw; without a display only these two work.
-    os.environ.setdefault("MUJOCO_GL", "egl")
     import mujoco
 
     model = setting.plant(1).model
     data = mujoco.MjData(model)
     camera = mujoco.MjvCamera()
     camera.distance, camera.azimuth, camera.elevation = 2.6, 120.0, -14.0
-    try:
-        renderer = mujoco.Renderer(model, HEIGHT, WIDTH)
-    except Exception as error:
-        raise BadInputError(
-            f"--video: MuJoCo cannot draw with MUJOCO_GL={os.environ['MUJOCO_GL']} ({type(error).__name__}: {error}); "
-            "install the packages libegl1 or libosmesa6, and set MUJOCO_GL to egl or osmesa"
-        ) from error
+    renderer = mujoco.Renderer(model, HEIGHT, WIDTH)
     command = ["ffmpeg", "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24"]
     command += ["-s", f"{WIDTH}x{HEIGHT}", "-r", str(FRAME_RATE_HZ), "-i", "-", "-pix_fmt", "yuv420p", str(out)]
     with renderer, subprocess.Popen(command, stdin=subprocess.PIPE) as encoder:  # noqa: S603
