@@ -5,8 +5,8 @@
     sudo python3 install.py status
     sudo python3 install.py uninstall    # keeps the logs; with --logs they go too
 
-Nothing here starts, enables or restarts the service: only a person with 'systemctl start spot-rl' sets a robot in
-motion. While the service runs, everything but 'status' is refused.
+Nothing here starts, enables or restarts the service, and starting it moves nothing: only an operator who arms the robot
+sets it in motion. While the service runs, everything but 'status' is refused.
 """
 
 from __future__ import annotations

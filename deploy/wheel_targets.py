@@ -42,14 +42,15 @@ def interpreter(python: str) -> str:
 
 
 def runtime_requirements(python: str) -> list[str]:
-    """The requirements of the runtime that hold for ``python``, as "3.10"."""
+    """The requirements of the runtime and its live view that hold for ``python``, as "3.10"."""
     listing = "import json, tomllib; print(json.dumps(tomllib.load(open('pyproject.toml', 'rb'))['project']))"
     text = subprocess.run(
         [sys.executable, "-c", listing], cwd=REPOSITORY, check=True, capture_output=True, text=True
     ).stdout
     project = json.loads(text)
-    stated = [Requirement(line) for line in project["dependencies"] + project["optional-dependencies"]["runtime"]]
-    return [f"{r.name}{r.specifier}" for r in stated if _holds(r, python)]
+    extras = project["optional-dependencies"]
+    stated = [Requirement(line) for line in [*project["dependencies"], *extras["runtime"], *extras["live"]]]
+    return [f"{r.name}{r.specifier}" for r in stated if _holds(r, python) and r.name != project["name"]]
 
 
 def locked(python: str) -> list[str]:

@@ -167,11 +167,13 @@ class Supervisor:
         with self._lock:
             self._need(name, State.ARMING, State.ARMED, State.RUNNING, State.ENDING)
             run, state = self._run, self._state
-        if run is not None and state in (State.ARMING, State.ENDING):
-            run.ask_to_damp() if is_damping else run.ask_to_stop()
-            return "arming is broken off" if state is State.ARMING else "the robot is being brought to rest already"
+        if run is not None and state is State.ARMING:
+            run.ask_to_stop()
+            return "arming is broken off: the robot sits down and powers off"
+        if state is State.ENDING:
+            return "the robot is being brought to rest already"
         try:
-            return self.ask(name, request, State.ARMED, State.RUNNING, State.ENDING)
+            return self.ask(name, request, State.ARMED, State.RUNNING)
         except Refusal as refusal:
             if refusal.code is not unavailable("").code or run is None:
                 raise
@@ -227,7 +229,10 @@ class Supervisor:
         """End whatever goes on; returns when the robot is at rest or the control process has been killed."""
         run = self._run
         if run is not None:
-            run.ask_to_stop()
+            # The service manager may have sent it the same signal, and a second one would mean damping.
+            stop = run_link_pb2.ToRun(stop=operator_pb2.StopRequest())
+            if self._state is State.ARMING or (self._state is not State.ENDING and not run.tell(stop)):
+                run.ask_to_stop()
         deadline_s = time.monotonic() + self._config.service.arm_timeout_s
         while self._run is not None:
             if time.monotonic() > deadline_s:

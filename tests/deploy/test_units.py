@@ -66,21 +66,34 @@ def settings(name: str) -> dict[str, list[str]]:
     return found
 
 
-def test_nothing_but_a_person_sets_the_robot_in_motion() -> None:
-    text, unit = (DEPLOY / "spot-rl.service").read_text(encoding="utf-8"), settings("spot-rl.service")
-    assert unit["Restart"] == ["no"]
-    assert "[Install]" not in text.replace("there is no [Install] section", "")
+def test_a_start_by_machine_moves_nothing() -> None:
+    unit = settings("spot-rl.service")
+    (command,) = unit["ExecStart"]
+    # 'serve' is idle until an operator arms the robot; 'run' would move it at once.
+    assert command.split()[1] == "serve"
+    assert {line.split()[1] for key in unit if key.startswith("Exec") for line in unit[key]} == {"serve", "doctor"}
+    assert unit["Restart"] == ["on-failure"]
+    assert int(unit["StartLimitBurst"][0]) <= 5
     for other in DEPLOY.iterdir():
-        if other.suffix in (".service", ".timer", ".socket", ".path", ".target") and other.name != "spot-rl.service":
-            assert not re.search(r"\bspot-rl\.service\b", other.read_text(encoding="utf-8")), other.name
+        if other.suffix in (".service", ".timer", ".socket", ".path", ".target"):
+            assert not re.search(r"^Exec.*spot-rl (run|ctl|collect|demo)", other.read_text(), re.MULTILINE), other.name
+
+
+def test_what_does_not_heal_is_not_tried_again() -> None:
+    from spot_model.errors import BadInputError
+    from spot_runtime.operator.listening import ListenError
+
+    (codes,) = settings("spot-rl.service")["RestartPreventExitStatus"]
+    assert codes.split() == [str(BadInputError.exit_code), str(ListenError.exit_code)]
 
 
 def test_the_watchdog_ends_a_hung_loop_and_the_stop_has_time_to_sit() -> None:
     unit = settings("spot-rl.service")
     assert unit["Type"] == ["notify"]
-    assert unit["NotifyAccess"] == ["main"]
+    assert unit["NotifyAccess"] == ["all"]  # the control process feeds it while it is answerable
     assert float(unit["WatchdogSec"][0]) <= 5.0
-    assert unit["KillMode"] == ["mixed"]  # the logger writes until the run is over
+    # A killed main process must not take the control process along: that stops in place when it gets SIGTERM.
+    assert unit["KillMode"] == ["control-group"]
     # Soft stop and hand-back take up to 10 s, sitting and cutting power up to 20 s more by their own time-outs.
     assert float(unit["TimeoutStopSec"][0]) > 30.0
 
@@ -90,9 +103,9 @@ def test_the_rights_are_those_that_the_configuration_asks_for() -> None:
 
     unit = settings("spot-rl.service")
     config = load_config(DEPLOY / "run.yaml.example")
-    assert unit["LimitRTPRIO"] == unit["CPUSchedulingPriority"] == [str(config.real_time.fifo_priority)]
+    assert unit["LimitRTPRIO"] == [str(config.real_time.fifo_priority)]
     assert config.real_time.fifo_priority == RunConfig().real_time.fifo_priority
-    assert unit["CPUSchedulingPolicy"] == ["fifo"]
+    assert "CPUSchedulingPolicy" not in unit  # the operator's service must not run before the control loop
     assert unit["LimitMEMLOCK"] == ["infinity"]
     assert "RestrictRealtime" not in unit
     assert config.robot.credentials_file is None  # so that systemd's credential counts
@@ -108,11 +121,11 @@ def test_the_credential_has_the_name_that_the_runtime_looks_for() -> None:
 def test_every_option_and_variable_of_the_units_is_there() -> None:
     import inspect
 
-    from spot_runtime.cli import run
     from spot_runtime.doctor.command import doctor
     from spot_runtime.retention import prune_logs
+    from spot_runtime.serve import serve
 
-    commands = {"run": run, "doctor": doctor, "prune-logs": prune_logs}
+    commands = {"serve": serve, "doctor": doctor, "prune-logs": prune_logs}
     variables = set(re.findall(r"^#?(SPOT_RL_\w+)=", (DEPLOY / "spot-rl.env.example").read_text(), re.MULTILINE))
     seen = set()
     for name in SERVICES:
@@ -123,4 +136,4 @@ def test_every_option_and_variable_of_the_units_is_there() -> None:
             parameters = {parameter.replace("_", "-") for parameter in inspect.signature(commands[words[1]]).parameters}
             assert {word[2:] for word in words if word.startswith("--")} <= parameters, line
             assert set(re.findall(r"\$\{(\w+)\}", line)) <= variables, line
-    assert seen == {"run", "doctor", "prune-logs"}
+    assert seen == {"serve", "doctor", "prune-logs"}
