@@ -25,6 +25,7 @@ from diagnosis.selection.board import Board, lay_out
 from diagnosis.selection.places import Robot
 from diagnosis.selection.scoring import Scorer
 from diagnosis.selection.search import Selection, search
+from diagnosis.sober import sober
 from diagnosis.unknown import Remainder, describe, remainder
 from diagnosis.verdict import FoundEffect, Status, Stretch, Verdict
 from diagnosis.where import GapMap, Side, gap_map
@@ -193,19 +194,21 @@ def _verdict(
     runs: Sequence[Run],
     nominal_name: str,
 ) -> Verdict:
-    status = status_of(found)
+    status, plain = sober(status_of(found), found.views)
     effects = tuple(_effects(found)) if status not in ("no_gap", "cannot_tell") else ()
     unknown = None
     if status in ("unknown_effect", "partly_explained"):
         unknown = describe(found.board, found.stack, _left_over(found.board, found.selection), found.left)
     off = {c.name: f"off: {c.reason}" for c in found.off}
     cells = map_.cells if map_ is not None else ()
+    # Channels that cannot tell say nothing for or against either.
+    none, unknown_too = (0.5, 0.5) if status == "cannot_tell" else (found.posterior.none, found.posterior.unknown)
     return Verdict(
         status=status,
         where=tuple(c for c in cells if c.p_value is None or c.p_value <= 0.05)[:N_WHERE],
         effects=effects,
-        probability_none=found.posterior.none,
-        probability_unknown=found.posterior.unknown,
+        probability_none=none,
+        probability_unknown=unknown_too,
         unknown=unknown,
         channels={**dict.fromkeys(found.views, "used"), **off},
         invisible=tuple(sorted(n for n, e in LIBRARY.items() if not e.show(found.views))),
@@ -214,7 +217,7 @@ def _verdict(
         timeline=tuple(_timeline(found)),
         logs=tuple(str(run.path) for run in runs),
         nominal=nominal_name,
-        notes=tuple(dict.fromkeys(notes)),
+        notes=tuple(dict.fromkeys([*([plain] if plain else []), *notes])),
     )
 
 

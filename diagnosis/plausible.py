@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import Final
 
@@ -26,6 +27,8 @@ MAX_LOAD_NM: Final = 1000.0
 TORQUE_MARGIN: Final = 3.0
 MAX_BAD_SHARE: Final = 0.02
 """Rows that are not numbers, at most; fewer are left out."""
+ADDRESS: Final = re.compile(r"|[\w.-]+:\d+|\d+(\.\d+){3}|[\w-]+(\.[\w-]+)+")
+"""No name, or a host's, or an IP number, with or without a port."""
 MENDED: Final = "check unit, scale and source_joint_names in the mapping, and import the recording again"
 
 
@@ -53,7 +56,8 @@ def _joints(run: Run, robot: RobotDescription) -> None:
 
 
 def _one_robot(runs: Sequence[Run]) -> None:
-    names = {run.header.robot_id: run.path for run in runs if run.header.robot_id}
+    # An address is no name: the same robot has one for each network.
+    names = {run.header.robot_id: run.path for run in runs if not ADDRESS.fullmatch(run.header.robot_id)}
     if len(names) > 1:
         told = "; ".join(f"{path}: {name}" for name, path in sorted(names.items())[:3])
         raise BadInputError(f"logs of {len(names)} robots: {told}; diagnose logs of one robot at a time")

@@ -17,6 +17,8 @@ from spot_runtime.log.run import CommandTable, ImuTable, Run, StateTable
 
 MAX_ROWS_APART: Final = 12
 """A recording may pair a command with a load that comes this many rows earlier or later."""
+MIN_AGREEMENT: Final = 0.6
+"""Correlation of computed loads with the servo law's torque, at least."""
 BETTER: Final = 0.9
 """Another pairing must leave less than this share of the difference's mean square."""
 STEP_ROWS: Final = 0.25
@@ -37,6 +39,7 @@ def prepared(runs: Sequence[Run], robot: RobotDescription) -> tuple[tuple[Run, .
     if robot.has_load_from_motion:
         model = _body(robot)
         out = [_with_load(run, model, robot) for run in out]
+        out = [_checked(run, notes) for run in out]
         notes.append("loads are computed from the motion by the robot's MJCF: its errors count as the drive's")
     unstamped = [run for run in out if not (run.states.last_command_key > 0).any() and len(run.commands)]
     if unstamped and all(np.isfinite(run.states.load_nm).any() for run in unstamped):
@@ -122,6 +125,26 @@ def _with_load(run: Run, model: mujoco.MjModel, robot: RobotDescription) -> Run:
         mujoco.mj_inverse(model, data)
         load[i] = data.qfrc_inverse[dof]
     return replace(run, states=replace(states, load_nm=load, velocity_rad_s=velocity))
+
+
+def _checked(run: Run, notes: list[str]) -> Run:
+    """Take computed loads out again where they have next to nothing in common with what was asked for."""
+    rows_apart = _rows_apart([run]) if len(run.commands) else 0.0
+    pulled, own = _asked(run) if len(run.commands) else (run.states.load_nm, run.states.load_nm)
+    rows = np.arange(len(run.states), dtype=np.float64)
+    asked = smooth(np.stack([np.interp(rows - rows_apart, rows, column) for column in pulled.T], axis=1) - own)
+    load = smooth(run.states.load_nm)
+    agreement = [
+        float(np.corrcoef(asked[:, j], load[:, j])[0, 1]) for j in range(load.shape[1]) if asked[:, j].std() > 0
+    ]
+    if agreement and np.median(agreement) >= MIN_AGREEMENT:
+        return run
+    notes.append(
+        f"log {run.path.name}: loads computed from the motion do not follow the set-points (correlation "
+        f"{np.median(agreement) if agreement else 0.0:.2f}; at least {MIN_AGREEMENT} is needed): velocities are too "
+        "coarse, or the MJCF is of another robot; they are not used"
+    )
+    return replace(run, states=replace(run.states, load_nm=np.full_like(run.states.load_nm, np.nan)))
 
 
 def _period_s(run: Run) -> float:

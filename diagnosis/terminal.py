@@ -12,7 +12,7 @@ WORDS = {
     "partly_explained": "partly explained: the effects below, and something else",
     "unknown_effect": "unknown effect: nothing in the library explains the gap",
     "no_gap": "no gap: the logs show no effect that the nominal model lacks",
-    "cannot_tell": "cannot tell: these logs feed no channel that could",
+    "cannot_tell": "cannot tell: these logs lack what would show it",
 }
 
 

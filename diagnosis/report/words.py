@@ -36,7 +36,7 @@ def parameter(name: str) -> str:
 def headline(v: Verdict) -> str:
     """What was found, in one sentence."""
     if v.status == "cannot_tell":
-        return "These logs feed no channel that could tell"
+        return "These logs cannot tell"
     if v.status == "no_gap":
         return "The logs show no effect that the nominal model lacks"
     if v.status == "unknown_effect":

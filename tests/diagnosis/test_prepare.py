@@ -84,6 +84,8 @@ def test_logs_of_two_robots_and_of_another_one(tmp_path: Path) -> None:
     one, two = (replace(run, header=replace(run.header, robot_id=name)) for name in ("left", "right"))
     with pytest.raises(BadInputError, match=r"logs of 2 robots: .*left; .*right; diagnose logs of one robot"):
         check_plausible([one, two], robot)
+    there, here = (replace(run, header=replace(run.header, robot_id=name)) for name in ("10.0.0.3", "spot.local:443"))
+    check_plausible([run, there, here], robot)
     with pytest.raises(BadInputError, match=r"has joints hip, knee; robot spot has fl_hx.*--robot FILE"):
         check_plausible([run], SPOT)
 
@@ -135,10 +137,14 @@ def test_loads_from_motion_are_those_of_a_pendulum(tmp_path: Path) -> None:
             )}
         ),
     )  # fmt: skip
-    (made,), notes = prepared([one], load_robot(file))
     expected = 2.0 * 0.25 * -9.0 * POSITION[:, 0] + 2.0 * 9.81 * 0.5 * np.sin(POSITION[:, 0])
+    asked = replace(one, commands=replace(one.commands, load_nm=1.1 * expected[:, None]))
+    (made,), notes = prepared([asked], load_robot(file))
     np.testing.assert_allclose(made.states.load_nm[10:-10, 0], expected[10:-10], atol=0.03)
-    assert "computed from the motion" in notes[0]
+    assert "computed from the motion" in " ".join(notes)
+    (unrelated,), notes = prepared([one], load_robot(file))
+    assert np.isnan(unrelated.states.load_nm).all()
+    assert "do not follow the set-points" in " ".join(notes)
 
 
 @pytest.mark.parametrize(
