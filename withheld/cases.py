@@ -38,7 +38,7 @@ SECONDS: Final[dict[int, float]] = {5: 6.0, 2: 8.0, 1: 12.0}
 """Length of a sequence by repeats."""
 Pace = Literal["full", "quick"]
 QUICK_REPEATS: Final = 2
-QUICK_SECONDS: Final = 3.5
+QUICK_SECONDS: Final = 3.0
 """To try a run out; too short for a figure."""
 FAST_POLICY: Final = "fast"
 POWER_EFFECTS: Final = frozenset({"power_limit", "bus_sag"})

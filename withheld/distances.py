@@ -24,7 +24,6 @@ MIN_TICKS: Final = 50
 TWIN_REPEATS: Final = 2
 """Runs of each sequence by the robot without its faults; with two there is a floor even where a case has one run."""
 TRUE_REPEATS: Final = 4
-TRUE_SECONDS: Final = 6.0
 
 
 def read_folder(folder: Path) -> list[Run]:

@@ -21,7 +21,7 @@ from spot_model.policy import load_policy
 from withheld import metadata, seal
 from withheld.baselines import answers
 from withheld.cases import Pace, draw
-from withheld.distances import TRUE_SECONDS, TWIN_REPEATS, moved, read_folder, true_shrink
+from withheld.distances import TWIN_REPEATS, moved, read_folder, true_shrink
 from withheld.jail import Ended, Level, hide_this_process, run_locked_in, seen
 from withheld.ledger import Ledger
 from withheld.outcome import Outcome, load_outcome
@@ -174,7 +174,9 @@ class _Execution:
         if outcome.shrink is None or outcome.shrink.s is None or self.job.number % TRUE_SHRINK_EVERY:
             return outcome
         motion = fast_sequences if case.kind == "power" else ordinary_sequences
-        new = motion(policy.contract, np.random.default_rng([case.recording_seed, 2]), TRUE_SECONDS)
+        new = motion(
+            policy.contract, np.random.default_rng([case.recording_seed, 2]), self.case.sequences[0].duration_s
+        )
         fresh = self.work / "fresh"
         fresh.mkdir()
         corrected = load_model(str(self.result / "corrected_model.yaml"))

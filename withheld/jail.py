@@ -37,7 +37,12 @@ SYSTEM: Final = ("/usr", "/lib", "/lib64", "/bin", "/sbin", "/etc/ld.so.cache", 
 HARDWARE: Final = ("/proc/cpuinfo", "/proc/meminfo", "/sys/devices/system/cpu")
 """Read by libraries that look up cores and instruction sets."""
 DUMPABLE: Final = 4
-PROBE: Final = "import diagnosis.command, numpy, mujoco, onnxruntime, sklearn, scipy"
+PROBE: Final = """
+import json, sys
+import diagnosis.command, mujoco, numpy, onnxruntime, scipy, sklearn
+case, out = json.load(open(sys.argv[1]))["allowed"][:2]
+open(out + "/written", "w").write(open(case + "/launch.py").read())
+"""
 
 
 class JailError(SpotRlError):
@@ -89,7 +94,7 @@ def run_locked_in(
         "program": f"{case_inside}/program.py" if program else "",
     }  # fmt: skip
     (case / "words.json").write_text(json.dumps(spec), encoding="utf-8")
-    _open_up(case, out, level)
+    _open_up(case, out)
     command = [sys.executable, "-I", f"{case_inside}/launch.py", f"{case_inside}/words.json"]
     environment = _environment(home)
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -183,11 +188,9 @@ def _home_of_ours() -> str:
     return str(Path(str(diagnosis.__file__)).resolve().parent.parent)
 
 
-def _open_up(case: Path, out: Path, level: Level) -> None:
+def _open_up(case: Path, out: Path) -> None:
     """Readable and writable for the one inside; every file of the same age."""
     for path in (case, *case.rglob("*")):
         path.chmod(0o755 if path.is_dir() else 0o644)
         os.utime(path, (0, 0))
-    out.chmod(0o755)
-    if os.getuid() == 0 and level != "audit hook":
-        os.chown(out, NOBODY, NOBODY)
+    out.chmod(0o777)

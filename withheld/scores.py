@@ -57,7 +57,7 @@ def score(o: Outcome) -> CaseScore:
         top1=top,
         group=found == len(faults) and len(groups) <= len(faults),
         found=found,
-        joint_f1=f1(said_joints(o.effects), true_joints(faults)) if true_joints(faults) else None,
+        joint_f1=f1(located(o), true_joints(faults)) if true_joints(faults) else None,
         false_alarm=None,
         missed=o.status in SILENT,
         unknown=None,
@@ -106,6 +106,11 @@ def true_joints(faults: Iterable[Fault]) -> set[str]:
 def said_joints(effects: Iterable[Said]) -> set[str]:
     """Joints of effects that are local to joints in the library; the rest names all twelve by form alone."""
     return {j for e in effects if not _is_of_robot(e) for j in e.joints}
+
+
+def located(o: Outcome) -> set[str]:
+    """Joints at which a verdict sees something: those of its effects, or of what it calls unknown."""
+    return said_joints(o.effects) | (set(o.unknown_joints) if o.status in UNKNOWN else set())
 
 
 def f1(said: set[str], true: set[str]) -> float:
