@@ -92,10 +92,11 @@ def read_delay_csv(path: Path) -> EmpiricalDelay:
         BadInputError: The file cannot be read, or is no such histogram; the message names the row.
     """
     try:
-        with path.open(newline="") as file:
+        with path.open(newline="", encoding="utf-8") as file:
             rows = list(csv.DictReader(file))
-    except OSError as error:
-        raise BadInputError(f"delay histogram {path}: {error.strerror}; give a readable CSV file") from error
+    except (OSError, ValueError, csv.Error) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise BadInputError(f"delay histogram {path}: {reason}; give a readable CSV file") from error
     edges: list[float] = []
     counts: list[float] = []
     for number, row in enumerate(rows, start=2):

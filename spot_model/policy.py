@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -103,8 +105,9 @@ def load_policy(path: Path) -> Policy:
 def policy_from_bytes(data: bytes, *, source: str) -> Policy:
     """Like :func:`load_policy`, for a file's content; ``source`` names it in errors."""
     session = _session(data, source)
-    _check_shapes(session, source)
-    contract = _contract(session, source)
+    with _words_for(source):
+        _check_shapes(session, source)
+        contract = _contract(session, source)
     index = {name: i for i, name in enumerate(facts.JOINT_NAMES)}
     policy_from_canonical = np.array([index[name] for name in contract.joint_names], dtype=np.intp)
     policy = Policy(
@@ -115,7 +118,8 @@ def policy_from_bytes(data: bytes, *, source: str) -> Policy:
         canonical_from_policy=np.argsort(policy_from_canonical),
         default_position_rad=np.array(contract.default_position_rad),
     )
-    _check_stored_pair(policy, source)
+    with _words_for(source):
+        _check_stored_pair(policy, source)
     return policy
 
 
@@ -125,9 +129,18 @@ def _session(data: bytes, source: str) -> Any:
     options.inter_op_num_threads = 1
     options.log_severity_level = 3
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
-    try:
+    with _words_for(source):
         return onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
-    except Exception as error:  # onnxruntime raises bare pybind exceptions of many types
+
+
+@contextmanager
+def _words_for(source: str) -> Iterator[None]:
+    """Our words for whatever onnxruntime raises: bare pybind exceptions of many types, and those of its texts."""
+    try:
+        yield
+    except PolicyError:
+        raise
+    except Exception as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise PolicyError(f"policy {source} is no readable ONNX model: {reason}; export it again") from error
 

@@ -24,12 +24,20 @@ def state_record_from_wire(wire: bytes, host_stamp_ns: int) -> log_pb2.State:
         StateMessageError: It has another number of joints than Spot.
     """
     message = robot_state_pb2.RobotStateStreamResponse.FromString(wire)
-    joints, kinematics, last = message.joint_states, message.kinematic_state, message.last_command
+    joints = message.joint_states
     if len(joints.position) not in (0, N_JOINTS, N_JOINTS_WITH_ARM):
         raise StateMessageError(
             f"state message has {len(joints.position)} joint positions; "
             f"Spot sends {N_JOINTS}, or {N_JOINTS_WITH_ARM} with an arm"
         )
+    try:
+        return _record(message, host_stamp_ns)
+    except ValueError as error:  # a stamp that no clock shows
+        raise StateMessageError(f"state message cannot be kept: {error}") from error
+
+
+def _record(message: robot_state_pb2.RobotStateStreamResponse, host_stamp_ns: int) -> log_pb2.State:
+    joints, kinematics, last = message.joint_states, message.kinematic_state, message.last_command
     pose, velocity = kinematics.odom_tform_body, kinematics.velocity_of_body_in_odom
     return log_pb2.State(
         robot_stamp_ns=_stamp_ns(joints.acquisition_timestamp),

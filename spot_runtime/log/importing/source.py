@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import csv
+import struct
+import tokenize
 import zipfile
+import zlib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, BinaryIO, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +17,24 @@ from numpy.typing import NDArray
 from spot_model.errors import BadInputError
 
 Arrays = dict[str, NDArray[Any]]
+
+MAX_UNPACKED_BYTES: Final = 8 << 30
+# What zipfile, zlib and NumPy's own reader of headers raise on files that are damaged, encrypted or made to harm.
+_NPZ_ERRORS: Final = (
+    ValueError,
+    TypeError,
+    KeyError,
+    AttributeError,
+    EOFError,
+    MemoryError,
+    OverflowError,
+    RuntimeError,
+    SyntaxError,
+    struct.error,
+    tokenize.TokenError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
 
 
 def read_arrays(path: Path) -> Arrays:
@@ -35,11 +56,23 @@ def read_arrays(path: Path) -> Arrays:
 
 def _read_npz(path: Path) -> Arrays:
     try:
-        # Object arrays would be unpickled, and a pickle can run code.
-        with np.load(path, allow_pickle=False) as data:
-            return {name: data[name] for name in data.files}
-    except (ValueError, zipfile.BadZipFile, EOFError) as error:
-        raise BadInputError(f"{path} cannot be read as NPZ: {error}") from error
+        # Opened here, because NumPy leaves a file open that is no archive.
+        with path.open("rb") as file:
+            _check_size(file)
+            # Object arrays would be unpickled, and a pickle can run code.
+            with np.load(file, allow_pickle=False) as data:
+                return {name: data[name] for name in data.files}
+    except _NPZ_ERRORS as error:
+        raise BadInputError(f"{path} cannot be read as NPZ: {error or type(error).__name__}") from error
+
+
+def _check_size(file: BinaryIO) -> None:
+    """Refuse an archive that says that it unpacks to more than any recording. Raises ValueError, BadZipFile."""
+    with zipfile.ZipFile(file) as archive:
+        size = sum(member.file_size for member in archive.infolist())
+    if size > MAX_UNPACKED_BYTES:
+        raise ValueError(f"it unpacks to {size} bytes; allowed: {MAX_UNPACKED_BYTES}")
+    file.seek(0)
 
 
 def _read_csv(path: Path) -> Arrays:
@@ -72,7 +105,7 @@ def _read_parquet(path: Path) -> Arrays:
         raise BadInputError(f"{path}: Parquet needs pyarrow: pip install 'spot-rl[report]'") from error
     try:
         table = parquet.read_table(path)
-    except ArrowException as error:
+    except (ArrowException, ValueError, MemoryError) as error:
         raise BadInputError(f"{path} cannot be read as Parquet: {error}") from error
     return {name: np.asarray(table.column(name).to_pylist()) for name in table.column_names}
 
@@ -91,7 +124,7 @@ def _read_hdf5(path: Path) -> Arrays:
     try:
         with h5py.File(path, "r") as file:
             file.visititems(take)
-    except OSError as error:
+    except (OSError, RuntimeError, KeyError, ValueError, TypeError, MemoryError) as error:
         raise BadInputError(f"{path} cannot be read as HDF5: {error}") from error
     return arrays
 

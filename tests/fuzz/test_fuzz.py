@@ -1,0 +1,35 @@
+"""Every parser on its seeds and on a few hundred changed ones; coverage-guided fuzzing of the same targets: run.py."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from targets import TARGETS, changed
+
+COUNTS = {"policy": 60, "log_recovery": 40, "recording": 40, "log_reader": 150, "scenario": 60, "admin": 150}
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_no_input_is_a_crash(name: str) -> None:
+    target = TARGETS[name]
+    seeds = target.seeds()
+    for data in seeds:
+        target.run(data)
+    for data in changed(seeds, COUNTS.get(name, 200), seed=1):
+        target.run(data)
+
+
+def test_the_same_seed_gives_the_same_inputs() -> None:
+    assert list(changed([b"abc"], 20, 1)) == list(changed([b"abc"], 20, 1))
+    assert list(changed([b"abc"], 20, 1)) != list(changed([b"abc"], 20, 2))
+
+
+def test_findings_found_once() -> None:
+    """Inputs that once crashed a parser; each stays here."""
+    for file in sorted((Path(__file__).parent / "findings").glob("*.*")):
+        TARGETS[file.name.partition(".")[0]].run(file.read_bytes())
