@@ -36,6 +36,8 @@ class Calibration:
     """What is usually left and predictable: so many nats, and a share of what the found effects bring."""
     unknown_width: float
     """P(unknown) is a logistic function of the logarithm of what is left over that."""
+    usual_left: Mapping[str, float]
+    """By channel, predictable nats that are left with nothing amiss, and do not count."""
     tolerance: Mapping[str, float]
     """By channel, units of its noise."""
     dof: float
@@ -115,5 +117,5 @@ def _unknown(left: Remainder | None, calibration: Calibration) -> float:
     if left is None:
         return 0.02
     usual = calibration.unknown_nats + calibration.unknown_share * max(left.explained_nats, 0.0)
-    odds = np.log(max(left.total_nats, 1e-3) / usual) / calibration.unknown_width
+    odds = np.log(max(left.beyond(calibration.usual_left), 1e-3) / usual) / calibration.unknown_width
     return float(np.clip(1.0 / (1.0 + np.exp(-odds)), 0.02, 0.98))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final
@@ -29,6 +29,8 @@ CARRIES: Final = 0.35
 class Remainder:
     """What is left in each block, and how much of it signals predict."""
 
+    channels: tuple[str, ...]
+    """By block."""
     nats: Array
     """By block: what explaining the predictable part would bring. Shape (B,)."""
     explained_nats: float
@@ -46,6 +48,13 @@ class Remainder:
     def total_nats(self) -> float:
         """Over all blocks."""
         return float(self.nats.sum())
+
+    def beyond(self, usual_nats: Mapping[str, float]) -> float:
+        """Over all channels, what is more than usual for the channel with nothing amiss."""
+        found: dict[str, float] = {}
+        for channel, nats in zip(self.channels, self.nats, strict=True):
+            found[channel] = found.get(channel, 0.0) + float(nats)
+        return sum(max(0.0, nats - usual_nats.get(channel, 0.0)) for channel, nats in found.items())
 
 
 def remainder(
@@ -83,7 +92,9 @@ def remainder(
         nats[number] = 0.5 * board.dof[number] * np.log((left[number] + tolerance[number]) / (rest + tolerance[number]))
         names.append(found)
         importance.append(weight)
-    return Remainder(nats, explained_nats, shares, left, tuple(names), tuple(importance))
+    return Remainder(
+        tuple(b.channel for b in board.blocks), nats, explained_nats, shares, left, tuple(names), tuple(importance)
+    )
 
 
 def _predictable(x: Array, y: Array, fold: Ints) -> tuple[float, Array]:
