@@ -9,6 +9,8 @@ from diagnosis.library.base import LibraryEffect
 from diagnosis.library.registry import LIBRARY
 from spot_model.errors import BadInputError
 
+NEEDED = ("name", "title", "effect", "channels", "coefficients", "confused_with", "split_by")
+
 
 def chosen_library(added: Sequence[str], left_out: Sequence[str]) -> dict[str, LibraryEffect]:
     """The library with effects added and left out.
@@ -23,6 +25,11 @@ def chosen_library(added: Sequence[str], left_out: Sequence[str]) -> dict[str, L
         library.pop(name, None)
     for value in added:
         effect = _load(value)
+        if effect.name in library:
+            raise BadInputError(
+                f"--add-effect {value!r} is named {effect.name!r}, as one of the library is; rename it, or leave the "
+                f"library's out with --without {effect.name}"
+            )
         library[effect.name] = effect
     if not library:
         raise BadInputError("the library is empty; leave at least one effect in it")
@@ -38,5 +45,11 @@ def _load(value: str) -> LibraryEffect:
         raise BadInputError(f"--add-effect {value!r} cannot be loaded: {error}; is it on the Python path?") from error
     if not (isinstance(made, type) and issubclass(made, LibraryEffect)):
         raise BadInputError(f"--add-effect {value!r} is no subclass of diagnosis.library.base.LibraryEffect")
-    effect: LibraryEffect = made()
+    try:
+        effect: LibraryEffect = made()
+    except TypeError as error:
+        raise BadInputError(f"--add-effect {value!r} cannot be made: {error}; write what is missing") from error
+    lacking = [a for a in NEEDED if not hasattr(effect, a)]
+    if lacking:
+        raise BadInputError(f"--add-effect {value!r} lacks the attribute {lacking[0]}; needed: {', '.join(NEEDED)}")
     return effect

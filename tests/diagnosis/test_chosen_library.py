@@ -1,8 +1,31 @@
+"""``--without`` and ``--add-effect``; and a person's path from an unknown effect to one of their own."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
 import pytest
 
+from diagnosis.channels.actuator import actuator_view
+from diagnosis.channels.stack import stack
 from diagnosis.extra_effect import chosen_library
+from diagnosis.library.base import LibraryEffect
 from diagnosis.library.registry import LIBRARY
+from diagnosis.posterior import Calibration
+from diagnosis.recording import record
+from diagnosis.selection.board import Board, lay_out
+from diagnosis.selection.places import Robot
+from diagnosis.selection.scoring import Scorer
+from diagnosis.selection.search import search
+from spot_model.effects.base import Motion, TorqueEffect
 from spot_model.errors import BadInputError
+
+from .planted import Truth, planted_runs
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+DOCUMENT = Path(__file__).parents[2] / "docs" / "diagnosis.md"
 
 
 def test_left_out_effects_are_not_tried_and_twice_is_once() -> None:
@@ -11,11 +34,96 @@ def test_left_out_effects_are_not_tried_and_twice_is_once() -> None:
     assert set(chosen_library([], [])) == set(LIBRARY)
 
 
-def test_an_unknown_name_names_the_allowed_ones() -> None:
-    with pytest.raises(BadInputError, match=r"--without 'friction' is not in the library; allowed: .*coulomb_friction"):
-        chosen_library([], ["friction"])
+@pytest.mark.parametrize(
+    ("added", "without", "words"),
+    [
+        ([], ["friction"], r"--without 'friction' is not in the library; allowed: .*coulomb_friction"),
+        ([], list(LIBRARY), "library is empty"),
+        (["oil_drag"], [], r"--add-effect 'oil_drag'; allowed: module:Class"),
+        (["no_such_module:Entry"], [], r"cannot be loaded: No module named 'no_such_module'; is it on the Python path"),
+        (["oil_drag:OilDrag"], [], r"is no subclass of diagnosis.library.base.LibraryEffect"),
+        (["oil_drag:OilDragEntry", "oil_drag:OilDragEntry"], [], r"is named 'oil_drag', as one of the library is"),
+        (["half_done:Entry"], [], r"cannot be made: .*columns.*; write what is missing"),
+        (["half_done:Bare"], [], r"lacks the attribute title; needed: name, title"),
+    ],
+)
+def test_what_cannot_be_done_is_said(
+    added: list[str], without: list[str], words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    monkeypatch.syspath_prepend(str(tmp_path))
+    (tmp_path / "half_done.py").write_text(
+        "from diagnosis.library.base import LibraryEffect\n"
+        "class Entry(LibraryEffect):\n    name = 'half'\n"
+        "class Bare(LibraryEffect):\n    name = 'bare'\n"
+        "    def columns(self, view, shape, joints): ...\n    def values(self, coefficients, shape): ...\n"
+    )
+    with pytest.raises(BadInputError, match=re.compile(words, re.DOTALL)):
+        chosen_library(added, without)
 
 
-def test_nothing_left_is_an_error() -> None:
-    with pytest.raises(BadInputError, match="library is empty"):
-        chosen_library([], list(LIBRARY))
+class _Drag(TorqueEffect):
+    """The hidden truth, in other words than the example's."""
+
+    name = "planted_drag"
+
+    def torque(self, torque_nm, motion: Motion, memory):
+        speed = motion.velocity_rad_s
+        return torque_nm - 0.25 * np.sign(speed) * speed**2 * self.mask, memory
+
+    @property
+    def is_null(self) -> bool:
+        return False
+
+
+@pytest.fixture(scope="module")
+def logs() -> Board:
+    runs = planted_runs(Truth(effects=(_Drag(joints=("fr_kn",)),)), 2)
+    recordings = stack([record(run) for run in runs])
+    view = actuator_view(recordings, ())
+    calibration = Calibration.load()
+    return lay_out(
+        {"A": view}, Robot(recordings.recordings[0].joint_names, view.leg_of_joint), [0, 1], ["0", "1"],
+        calibration.tolerance, library=LIBRARY, sizes=calibration.ordinary, dof=calibration.dof,
+        relative=calibration.relative,
+    )  # fmt: skip
+
+
+def _found(board: Board, library: dict[str, LibraryEffect]) -> dict[str, tuple[tuple[str, ...], dict[str, float]]]:
+    best = search(board, library, Calibration.load().threshold_nats, lambda _: None).best
+    terms = zip(best.terms, best.coefficients, strict=True) if best is not None else ()
+    return {
+        t.effect.name: (
+            board.robot.named(board.robot.joints_of(t.effect, t.place)), dict(t.effect.values(c, t.shape))
+        ) for t, c in terms
+    }  # fmt: skip
+
+
+def test_the_effect_that_a_person_writes_explains_what_the_library_cannot(
+    logs: Board, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    names = ("coulomb_friction", "viscous_friction", "torque_gain", "armature")
+    small = {name: LIBRARY[name] for name in names}
+    added = chosen_library(["oil_drag:OilDragEntry"], [])["oil_drag"]
+    found = _found(logs, {**small, "oil_drag": added})
+    joints, values = found["oil_drag"]
+    assert joints == ("fr_kn",)
+    assert values["drag"] == pytest.approx(0.25, rel=0.2)
+    assert "oil_drag" not in _found(logs, small)
+
+
+def test_what_is_left_points_at_the_joint_and_its_speed(logs: Board) -> None:
+    residual = Scorer(logs, ()).residuals()
+    by_joint = [float(np.mean(residual[n] ** 2)) for n in logs.by_channel["A"]]
+    worst = int(np.argmax(by_joint))
+    assert logs.robot.joint_names[worst] == "fr_kn"
+    block = logs.blocks[logs.by_channel["A"][worst]]
+    signals = logs.views["A"].signals
+    speed = np.abs(signals.finish(signals.velocity_rad_s))[block.samples, worst]
+    fast = speed > np.quantile(speed, 2 / 3)
+    assert np.mean(residual[logs.by_channel["A"][worst]][fast] ** 2) > 5.0 * by_joint[worst] / 3.0
+
+
+def test_the_document_shows_the_example_as_it_is() -> None:
+    assert (EXAMPLES / "oil_drag.py").read_text() in DOCUMENT.read_text()
