@@ -2,6 +2,7 @@
 # The accuracy of identification on a machine of many cores without a network; run from the repository's root.
 #   identify_session.sh setup            lay the packed wheels (.cache/sysid_wheels) into $SITE
 #   identify_session.sh run NAME ...     benchmarks/identify_fake.py with these options; $OUT/NAME.tar.gz at the end
+#   identify_session.sh loop TRUTH IDENTIFIED.onnx ORACLE.onnx      the closed loop's table; $OUT/loop-TRUTH.tar.gz
 # What is there after $LIMIT_S seconds is packed, finished or not.
 set -euo pipefail
 SITE=${SITE:-/tmp/site}
@@ -25,6 +26,14 @@ run() {
     timeout --signal=INT --kill-after=10 "$LIMIT_S" \
         python3 benchmarks/identify_fake.py --out "$folder" "$@" >"$folder/console.txt" 2>&1 || true
     python3 benchmarks/identify_fake.py --out "$folder" --table --pack "$OUT/$name.tar.gz"
+}
+
+loop() {
+    local truth=$1 folder=/tmp/loop-$1
+    mkdir -p "$folder"
+    timeout --signal=INT --kill-after=10 "$LIMIT_S" python3 examples/close_the_loop.py --out "$folder" --truth "$truth" \
+        --identified "$2" --oracle "$3" --runs-at-once 6 >"$folder/console.txt" 2>&1 || true
+    tar -czf "$OUT/loop-$truth.tar.gz" -C "$folder" --exclude '*.mcap' --exclude incidents .
 }
 
 stage=$1

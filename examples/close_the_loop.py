@@ -21,6 +21,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
 from pathlib import Path
 
@@ -63,6 +64,7 @@ def main() -> None:
         "identified": trained(options, "identified", found / "identified.yaml"),
         "oracle": trained(options, "oracle", write_truth_model(scenario, options.out / "truth_model.yaml")),
     }
+    record_all(scenario, {n: p for n, (p, _) in policies.items()}, options.out / "deploy", options.runs_at_once)
     forwards, table = {}, []
     for name, (policy, origin) in policies.items():
         row, forwards[name] = deploy(scenario, name, policy, origin, options.out / "deploy" / name)
@@ -112,24 +114,34 @@ def write_truth_model(scenario: Path, path: Path) -> Path:
     return path
 
 
-def deploy(scenario: Path, name: str, policy: Path, origin: str, folder: Path) -> tuple[Deployment, Run]:
-    """Run one policy through the forward sequence and up the stairs of speeds, each on a fresh fake robot."""
-    folder.mkdir(parents=True, exist_ok=True)
-    save_path = folder / "stairs.yaml"
-    if not save_path.exists():
-        save_sequence(stairs(), save_path)
+def record_all(scenario: Path, policies: dict[str, Path], folder: Path, at_once: int) -> None:
+    """Make all runs that :func:`deploy` looks at, several at a time; their logs do not depend on how many."""
+    jobs = [(policy, folder / name, label) for name, policy in policies.items() for label in ("stairs", "forward")]
+    with ThreadPoolExecutor(at_once) as pool:
+        list(pool.map(lambda job: record(scenario, *job), jobs))
 
-    def run(sequence: str, label: str) -> Run:
+
+def record(scenario: Path, policy: Path, folder: Path, label: str) -> Run:
+    """One run, the forward sequence or the stairs of speeds, on a fresh fake robot; read, where it is there."""
+    found = sorted(folder.glob(f"*-{label}-r*.mcap"))
+    if not found:
+        folder.mkdir(parents=True, exist_ok=True)
+        sequence = "forward"
+        if label == "stairs":
+            sequence = str(folder / "stairs.yaml")
+            Path(sequence).unlink(missing_ok=True)
+            save_sequence(stairs(), Path(sequence))
+        with FakeProcess(scenario=str(scenario), is_lock_step=True) as fake:
+            words = ["run", "--robot", fake.address.robot, "--policy", str(policy), "--sequence", sequence]
+            words += ["--log-dir", str(folder), "--lock-step", fake.address.admin]
+            _spot_rl(words, fake.address.environment, may_fail=True)
         found = sorted(folder.glob(f"*-{label}-r*.mcap"))
-        if not found:
-            with FakeProcess(scenario=str(scenario), is_lock_step=True) as fake:
-                words = ["run", "--robot", fake.address.robot, "--policy", str(policy), "--sequence", sequence]
-                words += ["--log-dir", str(folder), "--lock-step", fake.address.admin]
-                _spot_rl(words, fake.address.environment, may_fail=True)
-            found = sorted(folder.glob(f"*-{label}-r*.mcap"))
-        return read_run(found[-1])
+    return read_run(found[-1])
 
-    forward, climb = run("forward", "forward"), run(str(save_path), "stairs")
+
+def deploy(scenario: Path, name: str, policy: Path, origin: str, folder: Path) -> tuple[Deployment, Run]:
+    """How one policy does in the forward sequence and up the stairs of speeds."""
+    forward, climb = (record(scenario, policy, folder, label) for label in ("forward", "stairs"))
     speed, commanded = sustained_speed(climb)
     truth = {e.name: e for e in load_scenario(scenario).robot_model.effects}
     row = Deployment(

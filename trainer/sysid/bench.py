@@ -38,7 +38,8 @@ def bench_sysid(policy_path: Path, *, workers: int, generations: int) -> dict[st
         generations: Generations of ten candidates to time, after one that is not timed.
 
     Returns:
-        ``evaluation_s`` (wall time of one candidate through all four sequences), ``evaluations_1000_min``,
+        ``evaluation_s`` (wall time of one candidate through all four sequences), ``evaluations_1000_min``, the CPU time
+        of one evaluation in one process and what a thousand would take by it on as many free cores as workers,
         ``simulated_s_per_s``, the same of a plain loop (``baseline_simulated_s_per_s``), ``ratio``, and what was timed.
     """
     policy = load_policy(policy_path)
@@ -54,12 +55,17 @@ def bench_sysid(policy_path: Path, *, workers: int, generations: int) -> dict[st
         for population in candidates[1:]:
             engine.evaluate(population)
         wall_s = time.perf_counter() - began_s
+    began_cpu_s = time.process_time()
+    problem.evaluate(candidates[0])
+    evaluation_cpu_s = (time.process_time() - began_cpu_s) / search.population
     evaluations = generations * search.population
     sim_s = sum(len(c.velocity_command) for cases in problem.cases for c in cases) / policy.contract.rate_hz
     baseline = plain_loop_simulated_s_per_s(policy, problem.cases[0][0].velocity_command)
     return {
         "evaluation_s": wall_s / evaluations,
         "evaluations_1000_min": 1000.0 * wall_s / evaluations / 60.0,
+        "evaluation_cpu_s": evaluation_cpu_s,
+        "evaluations_1000_cpu_min": 1000.0 * evaluation_cpu_s / workers / 60.0,
         "simulated_s_per_s": evaluations * sim_s / wall_s,
         "baseline_simulated_s_per_s": baseline,
         "ratio": evaluations * sim_s / wall_s / baseline,
