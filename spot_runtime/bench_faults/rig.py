@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import math
 import os
+import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -57,6 +58,10 @@ CALM: Final[Mapping[str, Mapping[str, Any]]] = {
 
 WALKING: Final = VelocitySequence(name="fault", duration_s=600.0, waypoints=(Waypoint(time_s=0.0, v_x_m_s=0.4),))
 OVERTURNED_RAD: Final = 0.5
+RUN_PRIORITY: Final = 40
+FAKE_PRIORITY: Final = 35
+"""In real time; a real robot computes elsewhere, so the fake must not wait for whatever else runs here."""
+
 AT_S: Final = 0.8
 """When it happens, robot time since joint control began: the policy is in full control and the robot walks."""
 
@@ -126,6 +131,9 @@ class Rig:
 
     def step(self, seconds: float, part_s: float = 0.05) -> None:
         """Let robot time pass."""
+        if not self.is_lock_step:
+            time.sleep(seconds)
+            return
         for _ in range(round(seconds / part_s)):
             self.admin.Step(fake_admin_pb2.StepRequest(duration_ns=round(part_s * 1e9)))
 
@@ -152,6 +160,8 @@ class Rig:
         parts["robot"] = {"ca_file": str(self.address.ca_file)}
         for name, part in changes.items():
             parts[name] = {**parts.get(name, {}), **part}
+        if not self.is_lock_step:
+            parts["real_time"] = {**parts["real_time"], "fifo_priority": RUN_PRIORITY}
         config = RunConfig.model_validate(parts)
         return for_lock_step(config) if self.is_lock_step else config
 
@@ -323,7 +333,12 @@ def rig(folder: Path, policy_file: Path, *, is_lock_step: bool = True, scenario:
     """A fake robot in a process of its own, for a while."""
     folder.mkdir(parents=True, exist_ok=True)
     with (
-        FakeProcess(scenario=scenario, is_lock_step=is_lock_step, state_dir=folder / "state") as process,
+        FakeProcess(
+            scenario=scenario,
+            is_lock_step=is_lock_step,
+            fifo_priority=0 if is_lock_step else FAKE_PRIORITY,
+            state_dir=folder / "state",
+        ) as process,
         grpc.insecure_channel(process.address.admin) as channel,
     ):
         admin = fake_admin_pb2_grpc.FakeAdminStub(channel)  # type: ignore[no-untyped-call]

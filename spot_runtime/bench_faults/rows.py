@@ -25,7 +25,8 @@ class Finding:
     """What a row has found; problems in words, none when it passed."""
 
     reaction: str = ""
-    reaction_ms: float | None = None
+    reaction_ms: float = 0.0
+    """0 where nothing is timed."""
     problems: list[str] = field(default_factory=list)
     log_ok: bool = True
     truth: Any = None
@@ -55,7 +56,7 @@ class Result:
 
     fault: str
     reaction: str
-    reaction_ms: float | None
+    reaction_ms: float
     bound_ms: float
     ok: bool
     body_height_min_m: float | None
@@ -73,6 +74,7 @@ def try_row(rig: Rig, row: Row) -> Result:
     """Try a row; whatever goes wrong, a traceback included, is its problem."""
     began_s = time.monotonic()
     try:
+        rig.truth(reset_extremes=True)
         finding = row.attempt(rig)
     except Exception as error:  # noqa: BLE001 - a row that breaks is a row that failed
         last = traceback.extract_tb(error.__traceback__)[-1]
@@ -82,18 +84,15 @@ def try_row(rig: Rig, row: Row) -> Result:
     try:
         truth = finding.truth or rig.truth()
         height_m, torque_nm = round(truth.body_height_min_m, 3), round(truth.peak_torque_nm, 1)
-        if rig.is_lock_step:
-            rig.step(SETTLE_S)
-        else:
-            time.sleep(SETTLE_S)
+        rig.step(SETTLE_S)
         left_alone(rig, finding)
     except Exception as error:  # noqa: BLE001 - as above
         finding.problems.append(f"the robot cannot be looked at afterwards: {type(error).__name__}: {error}")
-    if finding.reaction_ms is not None and finding.reaction_ms > row.bound_ms:
+    if finding.reaction_ms > row.bound_ms:
         finding.problems.append(f"reacted after {finding.reaction_ms:.1f} ms")
     hung_s = time.monotonic() - began_s
     finding.demand(hung_s < 300.0, f"took {hung_s:.0f} s")
-    reaction_ms = None if finding.reaction_ms is None else round(finding.reaction_ms, 1)
+    reaction_ms = round(finding.reaction_ms, 1)
     is_ok = not finding.problems and finding.log_ok
     return Result(
         row.fault,

@@ -80,9 +80,12 @@ def await_line(process: subprocess.Popen[str], text: str) -> None:
         said += chunk
 
 
-def robot_stops_ms(rig: Rig) -> float:
-    """Time until joint control is over, with no help from the runtime."""
-    began_ns = rig.status().robot_stamp_ns
+def robot_stops_ms(rig: Rig, before_ns: int) -> float:
+    """Time until joint control is over, with no help from the runtime.
+
+    In lock-step, robot time stands still once the runtime does; in real time it counts from just before.
+    """
+    began_ns = rig.status().robot_stamp_ns if rig.is_lock_step else before_ns
     for _ in range(1000):
         status = rig.status()
         if "joint_control" not in status.mode.lower():
@@ -114,18 +117,18 @@ def gone(*signals: signal.Signals, with_logger: bool = False) -> Callable[[Rig],
         finding = Finding("the robot stops by itself")
         with running(rig) as run:
             children = child_ids(run.process.pid)
+            before_ns = rig.status().robot_stamp_ns
             for number in signals:
                 run.process.send_signal(number)
             for child in children if with_logger else []:
                 os.kill(child, signal.SIGKILL)
-            time.sleep(0.05)
-            finding.reaction_ms = robot_stops_ms(rig)
+            settle(rig)
+            finding.reaction_ms = robot_stops_ms(rig, before_ns)
             run.process.kill()
             run.process.wait()
             time.sleep(0.3)  # the logger sees the end, and closes its file
             log_is_whole(run.folder, finding)
-            if rig.is_lock_step:
-                rig.step(0.2)
+            rig.step(0.2)
             commands = rig.status().commands_received
             restart(rig, finding)
             finding.demand(rig.status().commands_received == commands, "commands were sent that nobody asked for")
@@ -134,10 +137,15 @@ def gone(*signals: signal.Signals, with_logger: bool = False) -> Callable[[Rig],
     return attempt
 
 
+def settle(rig: Rig) -> None:
+    """In lock-step, wait until the process stands still, so that robot time does."""
+    if rig.is_lock_step:
+        time.sleep(0.05)
+
+
 def restart(rig: Rig, finding: Finding) -> None:
     """A client reaches the robot again, and nothing moves by that."""
-    if rig.is_lock_step:
-        rig.step(6.0)
+    rig.step(6.0)
     try:
         with rig.environment():
             rig.clear_behavior_faults()
@@ -155,13 +163,11 @@ def held(rig: Rig) -> Finding:
     """The runtime stands still for a second, then goes on: it stops, and does not go on walking."""
     finding = Finding("the robot stops by itself")
     with running(rig) as run:
+        before_ns = rig.status().robot_stamp_ns
         run.process.send_signal(signal.SIGSTOP)
-        time.sleep(0.05)
-        finding.reaction_ms = robot_stops_ms(rig)
-        if rig.is_lock_step:
-            rig.step(1.0)
-        else:
-            time.sleep(1.0)
+        settle(rig)
+        finding.reaction_ms = robot_stops_ms(rig, before_ns)
+        rig.step(1.0)
         run.process.send_signal(signal.SIGCONT)
         code, said = run.finish()
         finding.reaction += f", then exit code {code}"
@@ -188,7 +194,7 @@ def limited(
             finding.demand("Traceback" not in said, f"a traceback: {said[-600:]}")
             if not 0 <= code < 100:
                 finding.reaction = "the robot stops by itself"
-                finding.reaction_ms = robot_stops_ms(rig)
+                finding.reaction_ms = robot_stops_ms(rig, rig.status().robot_stamp_ns)
             log_is_whole(run.folder, finding)
         return finding
 
