@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from diagnosis.engine import Engine, Rollout, Tell
+from diagnosis.engine import Engine, LocalEngine, Rollout, Tell
 from diagnosis.fitted import corrected_model, without_fold
-from diagnosis.ground import best_ground
-from diagnosis.logs import policy_ticks
+from diagnosis.ground import GROUND_EFFECTS, best_ground
+from diagnosis.logs import policy_ticks, script_of
 from diagnosis.selection.board import Board
 from diagnosis.selection.scoring import Scored
 from diagnosis.selection.search import Rival, Selection
-from diagnosis.shrink import Compared, Features, compare, features_by_sequence, shrinkage
+from diagnosis.shrink import Compared, Features, Shrinkage, compare, features_by_sequence, shrinkage
 from diagnosis.simulated import Script
 from diagnosis.verdict import OtherGap, Placebo, Shrink
 from spot_model.errors import BadInputError
@@ -146,6 +146,33 @@ def measure(
     return Measured(shrink, tuple(simulated), tuple(made["corrected"]), tuple(notes))
 
 
+def shrink_of(
+    runs: Sequence[Run], nominal: RobotModel, corrected: RobotModel, policy: Policy, rng: np.random.Generator
+) -> Shrinkage | None:
+    """S of a stated model on any runs, as a verdict measures it: both models, each on the ground that suits it.
+
+    None where no run can be compared. With many runs of sequences that the diagnosis never saw, this is the true S.
+
+    Args:
+        runs: Real logs.
+        nominal: Before.
+        corrected: After.
+        policy: The policy that ran.
+        rng: Draws seeds and resamples.
+    """
+    scripts = tuple(s for run in runs if (s := script_of(run)) is not None)
+    if not scripts:
+        return None
+    added = {e.name for e in corrected.effects} - {e.name for e in nominal.effects}
+    bench = Bench(tuple(runs), scripts, policy, LocalEngine(policy), bool(added & GROUND_EFFECTS))
+    made = {
+        name: roll_out(bench, [(s, model) for s in bench.sequences], model, rng, lambda _: None)
+        for name, model in (("nominal", nominal), ("corrected", corrected))
+    }
+    compared, _ = _compared(bench, dict(made))
+    return shrinkage(compared, "nominal", "corrected", rng) if compared else None
+
+
 def _compared(bench: Bench, models: dict[str, Sequence[Run]]) -> tuple[list[Compared], list[str]]:
     """Distances by sequence, and what could not be compared."""
     real = bench.real()
@@ -229,4 +256,4 @@ def _w1(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.mean(np.abs(np.quantile(a, grid, axis=0) - np.quantile(b, grid, axis=0))))
 
 
-__all__ = ["Bench", "Compared", "Measured", "Scored", "measure", "roll_out"]
+__all__ = ["Bench", "Compared", "Measured", "Scored", "measure", "roll_out", "shrink_of"]

@@ -11,8 +11,10 @@ from typing_extensions import Self
 
 from diagnosis.engine import EngineError, LocalEngine, RayEngine, Rollout
 from diagnosis.ground import OWN_S, TIME_CONSTANTS_S, best_ground
+from diagnosis.measure import shrink_of
 from diagnosis.shrink import features_by_sequence
 from spot_model.effects.coulomb_friction import CoulombFriction
+from spot_model.effects.payload_mass import PayloadMass
 from spot_model.model_file import RobotModel
 from spot_model.policy import Policy, load_policy
 from spot_runtime.log.run import Run
@@ -101,3 +103,18 @@ def test_a_sequence_gets_the_ground_that_suits_the_others(policy: Policy) -> Non
     engine = _Prepared(made, best)
     found = best_ground(RobotModel(), scripts(60), real, policy, engine, np.random.default_rng(0), lambda _: None)
     assert found == {"a": 0.045, "b": 0.008}
+
+
+def test_a_model_that_is_the_truth_shrinks_the_gap_to_its_floor(policy: Policy) -> None:
+    truth = RobotModel((PayloadMass(mass_kg=9.0),))
+    many = tuple(replace(s, repeat=k) for k in range(3) for s in scripts(100))
+    real = LocalEngine(policy).simulate([Rollout(truth, many, 1)], lambda _: None)[0]
+    right = shrink_of(real, RobotModel(), truth, policy, np.random.default_rng(0))
+    wrong = shrink_of(real, RobotModel(), RobotModel((PayloadMass(mass_kg=-2.0),)), policy, np.random.default_rng(0))
+    assert right is not None
+    assert wrong is not None
+    assert right.s is not None
+    assert right.d0 > 1.5 * right.floor
+    assert right.s > 0.8
+    assert wrong.s is not None
+    assert wrong.s < 0.3
