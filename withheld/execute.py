@@ -6,25 +6,27 @@ import os
 import shutil
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from pydantic import ValidationError
 
 from diagnosis.verdict import load_verdict
+from spot_model.errors import SpotRlError
 from spot_model.model_file import load_model, save_model
 from spot_model.policy import load_policy
+from spot_runtime.log import Run
 from withheld import metadata, seal
 from withheld.baselines import answers
 from withheld.cases import Pace, draw
 from withheld.distances import TWIN_REPEATS, moved, read_folder, true_shrink
 from withheld.jail import Ended, Level, hide_this_process, run_locked_in, seen
 from withheld.ledger import Ledger
-from withheld.outcome import Outcome, load_outcome
+from withheld.outcome import Answer, Outcome, load_outcome
 from withheld.plan import Reality, RecordingPlan
 from withheld.seal import Seal, file_digest
 from withheld.sequences import fast_sequences, ordinary_sequences
@@ -96,52 +98,64 @@ class _Execution:
         self.seconds[stage] = round(time.process_time() - before, 2)
 
     def run(self, done: Path) -> Outcome:
-        case, job = self.case, self.job
         inside, out = self.work / "case", self.work / "out"
         (inside / "logs").mkdir(parents=True)
         out.mkdir()
-        with self._timed("recording"):
-            reality = self.source.make(case.requests, case.reality_seed)
-            plan = RecordingPlan(
-                self.policy, case.sequences, case.repeats, case.recording_seed, frozenset(case.missing)
-            )
-            reality.record(plan, inside / "logs")
-        sealed = Seal.of(reality.truth)
         ledger = Ledger(self.result / "ledger.jsonl")
-        ledger.add("sealed", case=case.number, truth=sealed.digest)
-        save_model(reality.nominal, inside / "model.yaml")
-        shutil.copyfile(self.policy, inside / "policy.onnx")
-        metadata.make_alike(inside / "logs")
+        reality = self._record(inside)
+        sealed = Seal.of(reality.truth)
+        ledger.add("sealed", case=self.case.number, truth=sealed.digest)
         ended = self._diagnose(inside, out)
-        verdict = out / "verdict.json"
-        digest = file_digest(verdict) if verdict.exists() else NO_VERDICT
-        ledger.add("verdict", case=case.number, verdict=digest)
-        for name in ("verdict.json", "report.html", "corrected_model.yaml"):
-            if (out / name).exists():
-                shutil.move(out / name, self.result / name)
+        digest = self._taken(out)
+        ledger.add("verdict", case=self.case.number, verdict=digest)
         runs = read_folder(inside / "logs")
-        policy, rng = load_policy(self.policy), np.random.default_rng([case.diagnosis_seed, 1])
-        with self._timed("baselines"):
-            search = job.search_every > 0 and job.number % job.search_every == 0
-            said = answers(runs, reality.nominal, self.policy, inside / "logs", rng, search=search)
+        said = self._baselines(runs, reality, inside / "logs")
         # Only now: what was sealed leaves this process.
-        ledger.add("opened", case=case.number, truth=sealed.digest, nonce=sealed.nonce, text=sealed.text)
+        ledger.add("opened", case=self.case.number, truth=sealed.digest, nonce=sealed.nonce, text=sealed.text)
         outcome = Outcome(
-            case=case, truth=seal.opened(sealed.digest, sealed.nonce, sealed.text), status="failed", baselines=said,
-            metadata=metadata.features(inside, runs, case.without), seal=sealed.digest, verdict_sha256=digest,
-            locked_in=job.level, seconds={}, problem="" if ended.code == 0 else _last_line(ended),
+            case=self.case, truth=seal.opened(sealed.digest, sealed.nonce, sealed.text), status="failed",
+            baselines=said, metadata=metadata.features(inside, runs, self.case.without), seal=sealed.digest,
+            verdict_sha256=digest, locked_in=self.job.level, seconds={},
+            problem="" if ended.code == 0 else _last_line(ended),
         )  # fmt: skip
-        outcome = self._with_verdict(outcome)
-        with self._timed("distances"):
-            outcome = self._measured(outcome, reality, runs, policy)
+        outcome = self._measured(self._with_verdict(outcome), reality, runs)
         outcome = outcome.model_copy(update={"seconds": self.seconds})
         (self.result / "outcome.json").write_text(outcome.model_dump_json(by_alias=True, indent=1), encoding="utf-8")
-        if job.keep_logs:
+        if self.job.keep_logs:
             shutil.move(inside, self.result / "given")
         done.parent.mkdir(exist_ok=True)
         shutil.rmtree(done, ignore_errors=True)
         os.rename(self.result, done)  # noqa: PTH104 - one step: a case is there whole or not at all
         return outcome
+
+    def _record(self, inside: Path) -> Reality:
+        """All that the diagnosis is given: logs, nominal model, policy."""
+        case = self.case
+        with self._timed("recording"):
+            reality = self.source.make(case.requests, case.reality_seed)
+            missing = frozenset(case.missing)
+            plan = RecordingPlan(self.policy, case.sequences, case.repeats, case.recording_seed, missing)
+            reality.record(plan, inside / "logs")
+        save_model(reality.nominal, inside / "model.yaml")
+        shutil.copyfile(self.policy, inside / "policy.onnx")
+        metadata.make_alike(inside / "logs")
+        return reality
+
+    def _taken(self, out: Path) -> str:
+        """Digest of the verdict, which is moved with report and model to where the case is kept."""
+        verdict = out / "verdict.json"
+        digest = file_digest(verdict) if verdict.exists() else NO_VERDICT
+        for name in ("verdict.json", "report.html", "corrected_model.yaml"):
+            if (out / name).exists():
+                shutil.move(out / name, self.result / name)
+        return digest
+
+    def _baselines(self, runs: Sequence[Run], reality: Reality, logs: Path) -> dict[str, Answer]:
+        every = self.job.search_every
+        search = every > 0 and self.job.number % every == 0
+        rng = np.random.default_rng([self.case.diagnosis_seed, 1])
+        with self._timed("baselines"):
+            return answers(runs, reality.nominal, self.policy, logs, rng, search=search)
 
     def _diagnose(self, inside: Path, out: Path) -> Ended:
         at, to = seen(inside, out, self.job.level)
@@ -161,27 +175,37 @@ class _Execution:
         except ValidationError as error:
             return outcome.model_copy(update={"problem": f"the verdict does not follow its schema: {error}"[:300]})
 
-    def _measured(self, outcome: Outcome, reality: Reality, runs: Any, policy: Any) -> Outcome:
-        case = self.case
+    def _measured(self, outcome: Outcome, reality: Reality, runs: Sequence[Run]) -> Outcome:
+        """With how far the faults move the measure, and in some cases with the true shrink."""
         if not outcome.truth.faults or not self.source.kinds:
             return outcome
-        folder = self.work / "twin"
+        with self._timed("distances"):
+            try:
+                outcome = outcome.model_copy(update={"moved": self._moved(runs)})
+                shrink = outcome.shrink
+                if shrink is None or shrink.s is None or self.job.number % TRUE_SHRINK_EVERY:
+                    return outcome
+                true = shrink.model_copy(update={"true_s": self._true_shrink(reality)})
+                return outcome.model_copy(update={"shrink": true})
+            except (SpotRlError, ValueError, np.linalg.LinAlgError) as error:
+                # A robot that falls at once has no distance; what was said of it is scored all the same.
+                return outcome.model_copy(update={"problem": f"distances: {error}"})
+
+    def _moved(self, runs: Sequence[Run]) -> float | None:
+        case, folder = self.case, self.work / "twin"
         folder.mkdir()
         twin = self.source.make((), case.reality_seed)
-        plan = RecordingPlan(self.policy, case.sequences, TWIN_REPEATS, case.recording_seed + 1)
-        twin.record(plan, folder)
-        outcome = outcome.model_copy(update={"moved": moved(runs, read_folder(folder), policy)})
-        if outcome.shrink is None or outcome.shrink.s is None or self.job.number % TRUE_SHRINK_EVERY:
-            return outcome
+        twin.record(RecordingPlan(self.policy, case.sequences, TWIN_REPEATS, case.recording_seed + 1), folder)
+        return moved(runs, read_folder(folder), load_policy(self.policy))
+
+    def _true_shrink(self, reality: Reality) -> float | None:
+        case, folder = self.case, self.work / "fresh"
+        folder.mkdir()
         motion = fast_sequences if case.kind == "power" else ordinary_sequences
-        new = motion(
-            policy.contract, np.random.default_rng([case.recording_seed, 2]), self.case.sequences[0].duration_s
-        )
-        fresh = self.work / "fresh"
-        fresh.mkdir()
+        rng = np.random.default_rng([case.recording_seed, 2])
+        new = motion(load_policy(self.policy).contract, rng, case.sequences[0].duration_s)
         corrected = load_model(str(self.result / "corrected_model.yaml"))
-        s = true_shrink(reality, corrected, self.policy, new, case.recording_seed + 2, fresh)
-        return outcome.model_copy(update={"shrink": outcome.shrink.model_copy(update={"true_s": s})})
+        return true_shrink(reality, corrected, self.policy, new, case.recording_seed + 2, folder)
 
 
 def _last_line(ended: Ended) -> str:

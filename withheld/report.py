@@ -74,7 +74,7 @@ def scores(checked: Checked) -> dict[str, Any]:
 
 def lines(data: dict[str, Any], out: Path) -> list[str]:
     """The table in words."""
-    made = [f"{data['cases']} cases, protocol {data['protocol'][:16]}, seed {data['seed']}"]
+    made = [f"{data['cases']} of {data['asked_cases']} cases, protocol {data['protocol'][:16]}, seed {data['seed']}"]
     for name in ("issue", "all"):
         t = data["tables"][name]
         made.append(f"-- {t['title']} ({t['cases']} cases)")

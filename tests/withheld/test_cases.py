@@ -5,9 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from diagnosis.library.registry import LIBRARY
 from spot_model.errors import BadInputError
 from spot_model.policy import load_policy
-from withheld.cases import LADDER, RIVALS, SLOTS, Case, draw, kind_of
+from withheld.cases import LADDER, POWER_EFFECTS, RIVALS, SLOTS, Case, draw, kind_of
 from withheld.source import Source, source_of
 
 POLICIES = Path("policies")
@@ -69,6 +70,19 @@ def test_signals_are_missing_in_some(cases: list[Case]) -> None:
     cut = [c for c in cases if c.missing]
     assert 0 < len(cut) < N / 3
     assert {c.repeats for c in cases} == {1, 2, 5}
+
+
+def test_the_catalogue_gives_every_kind_of_case() -> None:
+    source = source_of("")
+    assert {n for k in source.kinds.values() for n in k.names} <= set(LIBRARY)
+    made = [draw(3, n, source, POLICIES) for n in range(N)]
+    assert Counter(c.kind for c in made) == SLOTS
+    for case in made:
+        assert set(case.without) <= set(LIBRARY)
+        if case.kind == "power":
+            assert set(source.kinds[case.requests[0].kind].names) & POWER_EFFECTS
+        if case.kind == "never":
+            assert not source.kinds[case.requests[0].kind].names
 
 
 def test_without_policies_it_says_so(tmp_path: Path) -> None:

@@ -147,7 +147,7 @@ def test_the_page_opens_by_itself(run: Path, monkeypatch: pytest.MonkeyPatch) ->
         assert outside not in page
     data = json.loads((run / "scores.json").read_text())
     assert data["protocol"] == "p"
-    assert lines(data, run)[0].startswith("2 cases")
+    assert lines(data, run)[0].startswith("2 of 9 cases")
     assert power_curve(data["power_curve"])
 
 
