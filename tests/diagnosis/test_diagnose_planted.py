@@ -84,6 +84,25 @@ def test_what_a_nominal_model_is_usually_off_by_is_no_finding() -> None:
     assert found.best is None
 
 
+def test_an_ordinary_error_is_taken_up_at_its_joints() -> None:
+    usual = CALIBRATION.ordinary["torque_gain"]["gain"]
+    board = _board(Truth(effects=(TorqueGain(joints=("kn",), gain=1.0 - 3.0 * usual),)))
+    pulls = Scorer(board).now.pulls[[name == "torque_gain" for name in board.ordinary.names]]
+    knees = [name.endswith("kn") for name in board.robot.joint_names]
+    # The torque sensors' gain takes its part: in channel A alone it is the same thing.
+    assert -3.0 < pulls[knees].mean() < -1.2
+    assert np.abs(pulls[np.logical_not(knees)]).mean() < 0.6
+
+
+def test_many_places_at_once_are_ranked_as_one_by_one(two_effects: Board) -> None:
+    scorer, effect = Scorer(two_effects), LIBRARY["coulomb_friction"]
+    joint = two_effects.robot.joint_names.index("fl_kn")
+    places = np.eye(12)
+    _, weights = scorer.with_weights(effect, {}, places[joint])
+    assert int(np.argmax(scorer.gains(effect, {}, places, weights))) == joint
+    assert max(range(12), key=lambda i: scorer.scored(effect, {}, places[i]).score) == joint
+
+
 def test_what_the_library_lacks_is_left_over_at_its_joints_and_found_to_depend_on_its_quantity() -> None:
     truth = Truth(effects=(TorqueGain(joints=("kn",), gain=0.7),))
     logs, board = _logs_and_board(truth)
