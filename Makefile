@@ -2,7 +2,7 @@
 # installed once; after that no target but `lock` needs a network.
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test check lint types layers protos-check leftovers format protos lock clean distclean
+.PHONY: help setup demo test check lint types layers protos-check docs-check leftovers docs format protos lock clean distclean
 SHELL := /bin/bash
 
 # One thread for each numerical library: processes share the cores, and a spinning pool would steal them from the loop.
@@ -29,7 +29,7 @@ test: $(INSTALLED) ## Run all tests
 	$(RUN) -m pytest -n $(PYTEST_WORKERS) --dist loadfile --basetemp "$$folder/t" $(ARGS)
 
 check: $(INSTALLED) ## Lint, format, types, layers, generated protos, leftovers
-	@$(MAKE) --no-print-directory --keep-going lint types layers protos-check leftovers
+	@$(MAKE) --no-print-directory --keep-going lint types layers protos-check docs-check leftovers
 
 lint: $(INSTALLED)
 	$(RUN) -m ruff check
@@ -44,8 +44,15 @@ layers: $(INSTALLED)
 protos-check: $(INSTALLED)
 	$(RUN) scripts/generate_protos.py --check
 
+docs-check: $(INSTALLED)
+	$(RUN) scripts/write_docs.py --check
+
 leftovers: $(INSTALLED)
 	$(RUN) scripts/check_leftovers.py
+
+docs: $(INSTALLED) ## Write the generated pages and build the site into build/site (no network)
+	$(RUN) scripts/write_docs.py
+	$(RUN) -m mkdocs build --quiet --strict
 
 format: $(INSTALLED) ## Format the code and mend what the linter can mend
 	$(RUN) -m ruff format

@@ -86,11 +86,20 @@ class Policy:
         return Gains(np.array(self.contract.kp_nm_per_rad)[order], np.array(self.contract.kd_nm_s_per_rad)[order])
 
 
-def load_policy(path: Path) -> Policy:
-    """Load a policy and check all that its contract promises.
+PROVIDERS = {
+    "cpu": "CPUExecutionProvider",
+    "cuda": "CUDAExecutionProvider",
+    "tensorrt": "TensorrtExecutionProvider",
+}
+"""Where ONNX Runtime may compute, by the configuration's names."""
+
+
+def load_policy(path: Path, *, provider: str = "cpu") -> Policy:
+    """Load a policy and check all that its contract promises, where it will be computed.
 
     Raises:
-        PolicyError: The file cannot be read, is no ONNX model, has no contract or one that does not hold.
+        PolicyError: The file cannot be read, is no ONNX model, has no contract or one that does not hold, or ONNX
+            Runtime does not have the provider.
     """
     try:
         size = path.stat().st_size
@@ -99,12 +108,12 @@ def load_policy(path: Path) -> Policy:
         data = path.read_bytes()
     except OSError as error:
         raise PolicyError(f"policy {path} cannot be read: {error.strerror}; give an ONNX file") from error
-    return policy_from_bytes(data, source=str(path))
+    return policy_from_bytes(data, source=str(path), provider=provider)
 
 
-def policy_from_bytes(data: bytes, *, source: str) -> Policy:
+def policy_from_bytes(data: bytes, *, source: str, provider: str = "cpu") -> Policy:
     """Like :func:`load_policy`, for a file's content; ``source`` names it in errors."""
-    session = _session(data, source)
+    session = _session(data, source, provider)
     with _words_for(source):
         _check_shapes(session, source)
         contract = _contract(session, source)
@@ -123,14 +132,20 @@ def policy_from_bytes(data: bytes, *, source: str) -> Policy:
     return policy
 
 
-def _session(data: bytes, source: str) -> Any:
+def _session(data: bytes, source: str, provider: str) -> Any:
+    wanted, there = PROVIDERS[provider], onnxruntime.get_available_providers()
+    if wanted not in there:
+        raise PolicyError(
+            f"control.inference = {provider!r} needs ONNX Runtime's {wanted}, and this one has {', '.join(there)}; "
+            "install a build of it that has the provider, or set 'cpu'"
+        )
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 1
     options.inter_op_num_threads = 1
     options.log_severity_level = 3
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     with _words_for(source):
-        return onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
+        return onnxruntime.InferenceSession(data, options, providers=[wanted])
 
 
 @contextmanager

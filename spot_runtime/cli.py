@@ -68,7 +68,7 @@ def run(
     settings = resolve_config(config, ca_file=ca_file, credentials_file=credentials_file, log_dir=log_dir)
     settings = settings if lock_step is None else for_lock_step(settings)
     address = parse_address(robot)
-    loaded = load_policy(policy)
+    loaded = load_policy(policy, provider=settings.control.inference)
     labels = parse_labels(label or [])
     console = Console()
     source = make_source(

@@ -56,6 +56,9 @@ class ControlConfig(_Part):
     resend_on_state: bool = Field(
         default=True, description="Send the current set-points again, with a new end time, on each state message."
     )
+    inference: Literal["cpu", "cuda", "tensorrt"] = Field(
+        default="cpu", description="Where ONNX Runtime computes the policy; refused where it is not there."
+    )
     rehearse: bool = Field(
         default=True, description="Also run the policy on the state before a tick, for nothing, to keep caches warm."
     )

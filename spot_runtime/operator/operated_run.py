@@ -121,6 +121,11 @@ class OperatedRun:
         return self._errands
 
     @property
+    def provider(self) -> str:
+        """Where policies are computed."""
+        return self._config.control.inference
+
+    @property
     def log_path(self) -> str:
         """The log that is being written; empty: none."""
         return "" if self._desk.path is None else str(self._desk.path)

@@ -28,13 +28,13 @@ class RunSpec(BaseModel):
     """Admin address of a fake robot in lock-step mode; empty: real time."""
 
 
-def load_checked(path: Path, sha256: str) -> Policy:
+def load_checked(path: Path, sha256: str, provider: str) -> Policy:
     """Load a policy whose file is still what the operator's service saw.
 
     Raises:
         PolicyError: It is not, or it does not hold what its contract promises.
     """
-    policy = load_policy(path)
+    policy = load_policy(path, provider=provider)
     if policy.sha256 != sha256:
         raise PolicyError(f"policy {path} was replaced just now: SHA-256 {policy.sha256}, not {sha256}; ask again")
     return policy

@@ -349,3 +349,17 @@ def test_a_second_service_on_one_socket_is_refused(tmp_path: Path) -> None:
 
 def test_the_committed_policies_can_be_listed() -> None:
     assert {"walk", "fast", "baseline"} <= {p.name for p in PolicyShelf(POLICIES, ()).list()}
+
+
+@pytest.mark.parametrize("provider", ["cuda", "tensorrt"])
+def test_a_provider_that_is_not_there_is_refused_not_replaced(provider: str) -> None:
+    import onnxruntime
+
+    from spot_model.policy import PROVIDERS, load_policy
+    from spot_model.policy_contract import PolicyError
+
+    if PROVIDERS[provider] in onnxruntime.get_available_providers():
+        pytest.skip(f"this ONNX Runtime has {provider}")
+    with pytest.raises(PolicyError, match=rf"control.inference = '{provider}' needs .* or set 'cpu'"):
+        load_policy(POLICIES / "walk.onnx", provider=provider)
+    assert RunConfig.model_validate({"control": {"inference": provider}}).control.inference == provider

@@ -1,0 +1,46 @@
+"""The fenced blocks of the documentation, and the commands in them."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+PAGES = [REPOSITORY / "README.md", *sorted((REPOSITORY / "docs").glob("*.md"))]
+_FENCE = re.compile(r"(?:<!-- doc-test: (?P<order>[^\n]*) -->\n)?```(?P<language>\w*)\n(?P<text>.*?)```", re.DOTALL)
+
+
+@dataclass(frozen=True)
+class Block:
+    """One fenced block."""
+
+    page: Path
+    language: str
+    text: str
+    order: str
+    """``run``, ``file NAME``, or nothing: then it is only read."""
+
+    @property
+    def commands(self) -> list[list[str]]:
+        """The block's command lines, each as words; continued lines are one."""
+        joined = self.text.replace("\\\n", " ")
+        lines = [line for line in joined.splitlines() if line.strip() and not line.lstrip().startswith("#")]
+        if self.language != "sh":
+            lines = [line for line in lines if line.startswith(("spot-rl ", "torchrun "))]
+        # Brackets say what may be left out, an ellipsis what is repeated.
+        lines = [re.sub(r"[\[\]]|\.\.\.", "", line) for line in lines]
+        return [shlex.split(line, comments=True) for line in lines]
+
+
+def blocks_of(page: Path) -> Iterator[Block]:
+    """All blocks of a page."""
+    for match in _FENCE.finditer(page.read_text(encoding="utf-8")):
+        yield Block(page, match["language"], match["text"], match["order"] or "")
+
+
+def all_blocks() -> list[Block]:
+    """All blocks of all pages."""
+    return [block for page in PAGES for block in blocks_of(page)]
