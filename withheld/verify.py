@@ -5,17 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 from pydantic import ValidationError
 
 from spot_model.errors import BadInputError, SpotRlError
 from withheld.cases import draw
 from withheld.execute import NO_VERDICT
-from withheld.ledger import check_order, read_ledger
+from withheld.ledger import LedgerError, check_order, read_ledger
 from withheld.outcome import Outcome, load_outcome
 from withheld.run_folder import SEED_FILE, RunHead, load_head, load_secret
 from withheld.seal import SealError, file_digest, opened
 from withheld.source import source_of
+
+LEDGER: Final = "ledger.jsonl"
 
 
 @dataclass(frozen=True)
@@ -48,9 +51,12 @@ def check(folders: Sequence[Path], policies: Path | None = None) -> Checked:
     outcomes: dict[int, Outcome] = {}
     where: dict[int, Path] = {}
     for folder in folders:
+        entered = _entered(folder)
         for path in sorted((folder / "cases").glob("*/outcome.json")):
             outcome = case_of(path.parent)
             number = outcome.case.number
+            if entered.get(number, end := read_ledger(path.parent / LEDGER)[-1].hash) != end:
+                raise LedgerError(f"{path.parent / LEDGER} is not the one that the run's own ledger entered")
             if number in outcomes:
                 raise BadInputError(f"case {number} lies in {where[number]} and in {path.parent}; leave one out")
             outcomes[number], where[number] = outcome, path.parent
@@ -64,6 +70,13 @@ def check(folders: Sequence[Path], policies: Path | None = None) -> Checked:
     if seed is not None and policies is not None and policies.is_dir():
         _drawn_again(ordered, seed, heads[0], policies)
     return Checked(heads[0], ordered, where, seed, tuple(sorted({o.locked_in for o in ordered})))
+
+
+def _entered(folder: Path) -> dict[int, str]:
+    """By case, the hash with which its ledger ended, from the run's own ledger."""
+    path = folder / LEDGER
+    entries = read_ledger(path) if path.exists() else []
+    return {e.data["case"]: e.data["ledger"] for e in entries if e.event == "case"}
 
 
 def _same(first: Path, one: RunHead, second: Path, other: RunHead) -> None:
@@ -83,7 +96,7 @@ def case_of(folder: Path) -> Outcome:
         outcome = load_outcome(folder / "outcome.json")
     except ValidationError as error:
         raise BadInputError(f"{folder / 'outcome.json'} does not follow its schema: {error}") from error
-    path = folder / "ledger.jsonl"
+    path = folder / LEDGER
     events = check_order(read_ledger(path), path)
     end = events["opened"].data
     truth = opened(events["sealed"].data["truth"], end["nonce"], end["text"])

@@ -109,6 +109,12 @@ def test_a_truth_that_was_changed_is_refused(run: Path) -> None:
         check([run])
 
 
+def test_a_case_that_was_exchanged_is_refused(run: Path) -> None:
+    Ledger(run / "ledger.jsonl").add("case", case=1, ledger="another", seal="", verdict="")
+    with pytest.raises(SpotRlError, match="the run's own ledger entered"):
+        check([run])
+
+
 def test_cases_that_the_seed_does_not_draw_are_refused(run: Path) -> None:
     with pytest.raises(SpotRlError, match="is not the one that seed 5 draws"):
         check([run], Path("policies"))
