@@ -26,8 +26,8 @@ TIME_CONSTANTS_S: Final = (0.008, 0.013, OWN_S, 0.03, 0.045)
 """The softest lets a foot sink by about a centimetre under Spot's weight."""
 BETTER: Final = 0.95
 """Another ground than the simulator's own must score less than this share of it."""
-RUNS_EACH: Final = 2
-"""Simulated runs of a sequence on each ground."""
+RUNS_IN_ALL: Final = 4
+"""Simulated runs on each ground, over all sequences; at least one of each."""
 GROUND_EFFECTS: Final = frozenset({"ground_compliance", "ground_friction", "foot_radius", "contact_delay"})
 """Effects that a softer ground could hide."""
 
@@ -48,7 +48,8 @@ def best_ground(
         tell: Called with the share that is done.
     """
     names = sorted(real)
-    few = [s for name in names for s in [s for s in scripts if s.sequence == name][:RUNS_EACH]]
+    each = max(1, RUNS_IN_ALL // len(names))
+    few = [s for name in names for s in [s for s in scripts if s.sequence == name][:each]]
     every = tuple(
         replace(script, sequence=f"{k}:{script.sequence}") for k in range(len(TIME_CONSTANTS_S)) for script in few
     )
