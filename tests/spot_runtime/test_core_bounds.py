@@ -13,9 +13,12 @@ from pydantic import ValidationError
 from spot_model import facts
 from spot_model.state import Gains, JointCommand, RobotState, SlowState
 from spot_runtime import safety
+from spot_runtime.command_loss import LossMemory
+from spot_runtime.handover import Setpoint
+from spot_runtime.modes import ModeInputs
 from spot_runtime.safety import SetpointMemory, StateMemory
 from spot_runtime.safety_limits import SafetyLimits
-from spot_runtime.stops import Stop, StopReason
+from spot_runtime.stops import Ending, Stop, StopReason
 
 MakeState = Callable[..., RobotState]
 MakeSlow = Callable[..., SlowState]
@@ -79,6 +82,13 @@ def test_limits_are_frozen_and_take_no_unknown_key_and_no_infinity() -> None:
         SafetyLimits(tilt_deg=45.0)  # type: ignore[call-arg]
     with pytest.raises(ValidationError, match="finite"):
         SafetyLimits(setpoint_step_rad=float("nan"))
+
+
+@pytest.mark.parametrize(
+    "kind", [StateMemory, SetpointMemory, safety.LimitedSetpoint, LossMemory, ModeInputs, Stop, Ending, Setpoint]
+)
+def test_memory_and_verdicts_cannot_be_changed(kind: Any) -> None:
+    assert kind.__dataclass_params__.frozen
 
 
 # States --------------------------------------------------------------------------------------------------------------
@@ -312,6 +322,15 @@ def test_a_request_beyond_a_stop_is_cut_to_the_stop(joint: int, side: int) -> No
         assert limited.position_rad[joint] == stop_rad
         assert limited.cut.tolist() == [j == joint for j in range(12)]
         assert (memory.step_ticks, memory.overshoot_ticks, memory.cut_ticks) == (0, overshoots, 1)
+
+
+def test_the_first_request_may_lie_anywhere_within_the_stops() -> None:
+    for request in (facts.POSITION_LOW_RAD, facts.POSITION_HIGH_RAD, POSE):
+        memory, limited, stop = safety.limit_setpoint(SetpointMemory(cut_ticks=3), request, LIMITS)
+        assert limited.position_rad is request
+        assert memory.sent_rad is request
+        assert (memory.step_ticks, memory.overshoot_ticks, memory.cut_ticks, stop) == (0, 0, 3, None)
+        assert not limited.cut.any()
 
 
 def test_a_set_point_at_the_stops_may_be_left_by_a_step_and_no_more() -> None:

@@ -116,6 +116,52 @@ def test_every_stop_but_a_completed_run_has_an_exit_code_of_its_own() -> None:
     assert all(0 < code < 126 for code in codes)
 
 
+TABLE = {
+    # reason: reaction, exit code, urgent
+    "completed": (HAND_BACK, 0, False),
+    "recording_over": (EXPIRE, 0, False),
+    "operator_stop": (HAND_BACK, 10, False),
+    "operator_damp": (DAMP, 11, False),
+    "operator_estop": (ESTOP, 12, False),
+    "state_stale": (DAMP, 20, False),
+    "state_lost": (EXPIRE, 21, False),
+    "state_not_finite": (DAMP, 22, False),
+    "state_frozen": (DAMP, 23, False),
+    "state_rejected": (DAMP, 24, False),
+    "state_attitude": (DAMP, 25, False),
+    "tilt": (DAMP, 26, False),
+    "joint_velocity": (DAMP, 27, False),
+    "joint_position": (DAMP, 28, False),
+    "body_low": (DAMP, 29, False),
+    "policy_not_finite": (DAMP, 30, False),
+    "setpoint_step": (DAMP, 31, False),
+    "setpoint_overshoot": (DAMP, 32, False),
+    "ticks_skipped": (DAMP, 33, False),
+    "command_unconfirmed": (DAMP, 40, False),
+    "command_refused": (EXPIRE, 41, False),
+    "activation_failed": (EXPIRE, 42, False),
+    "clock_jumped": (DAMP, 43, False),
+    "lease_lost": (EXPIRE, 44, False),
+    "estopped": (EXPIRE, 45, False),
+    "motors_off": (EXPIRE, 46, False),
+    "behavior_fault": (DAMP, 47, False),
+    "link_lost": (DAMP, 48, False),
+    "hand_back_failed": (DAMP, 49, False),
+    "battery_low": (HAND_BACK, 50, True),
+    "motor_hot": (HAND_BACK, 51, True),
+    "system_fault": (HAND_BACK, 52, True),
+    "log_failed": (HAND_BACK, 60, False),
+    "internal_error": (DAMP, 70, False),
+}
+"""What each reason does: changed on purpose alone."""
+
+
+def test_every_reason_does_what_the_table_says() -> None:
+    told = {r.label: (r.reaction, r.exit_code, r.is_urgent) for r in StopReason}
+    assert {label: told[label] for label in TABLE} == TABLE
+    assert [r.level for r in (HAND_BACK, DAMP, EXPIRE, ESTOP)] == [0, 1, 2, 3]
+
+
 def test_a_stop_says_what_happened_with_figures_and_what_to_do() -> None:
     stop = Stop(StopReason.JOINT_VELOCITY, "fr_kn", {"velocity_rad_s": 41.0, "bound_rad_s": 40.0})
     assert stop.sentence() == (
