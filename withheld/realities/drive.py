@@ -18,6 +18,8 @@ _LEVER = np.polynomial.Polynomial.fit(KNEE_TABLE_POSITION_RAD, KNEE_TABLE_TORQUE
 """The knee's lever arm over its angle: a smooth linkage through the published table."""
 _LEVER_OFFSET, _LEVER_SCALE = (float(v) for v in _LEVER.mapparms())
 _LEVER_TERMS = _LEVER.coef.tolist()
+NEGLIGIBLE_RAD = 6e-4
+"""An encoder ring no further off centre moves a servo's torque by less than a load cell's noise."""
 _KNEES = slice(2, N_JOINTS, 3)
 _SAFE_SHARE = 0.8
 """Of the bounds at a state: a torque under it surely meets none of them until the next state."""
@@ -44,7 +46,7 @@ class Drives:
         )  # fmt: skip
         self.motor_nm: Array = np.zeros(shape)
         self._current_nm: Array = np.zeros(shape)
-        self._friction = LuGre(d, n_runs)
+        self._friction = LuGre(d, n_runs, dt_s)
         self.motors = Motors(robot.thermal, d, n_runs)
         self._per_inertia = dt_s / d.rotor_inertia_kg_m2
         self._blend = -np.expm1(-dt_s / d.current_time_constant_s)
@@ -57,6 +59,7 @@ class Drives:
         self._gain: Array = np.ones(shape)
         s = robot.sensing
         self._offset_rad, self._eccentric = s.offset_rad, bool(s.eccentricity_rad.any())
+        self._is_plain = not (s.eccentricity_rad > NEGLIGIBLE_RAD).any() and not s.velocity_lag_s_per_rad_s.any()
         self._lags = bool(s.velocity_lag_s_per_rad_s.any())
         self._parts = [*robot.requests, *robot.motors, *robot.rotors, *robot.links]
         for part in self._parts:
@@ -84,7 +87,8 @@ class Drives:
             kd: N·m·s/rad.
         """
         robot, m = self._robot, self.motion
-        asked = kp * (setpoint_rad - self.encoder_rad()) - kd * m.rotor_rad_s
+        believed = m.rotor_rad + self._offset_rad if self._is_plain else self.encoder_rad()
+        asked = kp * (setpoint_rad - believed) - kd * m.rotor_rad_s
         for part in robot.requests:
             asked = part.act(asked, m)
         allowed = self._limited(asked)
@@ -94,7 +98,7 @@ class Drives:
             motor = part.act(motor, m)
         self.motor_nm = motor
         gear = self._gear_nm()
-        total = motor - gear - self._friction.torque_nm(m.rotor_rad_s, self._dt_s)
+        total = motor - gear - self._friction.torque_nm(m.rotor_rad_s)
         for part in robot.rotors:
             total = total + part.act(self._zeros, m)
         m.gear_nm = gear

@@ -7,11 +7,15 @@ from numpy.typing import NDArray
 
 from spot_model import facts
 from spot_model.facts import Array
-from spot_model.leg_kinematics import foot_position_and_jacobian
 from spot_model.rotation import matrix_from_wxyz, multiply_wxyz
 from withheld.realities.robot import EstimatorParameters
 from withheld.realities.settings import GRAVITY_M_S2
 
+_HIP_X_M = np.array([facts.end_sign(leg) * facts.HX_FROM_BODY_M[0] for leg in facts.LEG_NAMES])
+_HIP_Y_M = np.array([facts.side_sign(leg) * facts.HX_FROM_BODY_M[1] for leg in facts.LEG_NAMES])
+_OUT_M = np.array([facts.side_sign(leg) * facts.HY_FROM_HX_M[1] for leg in facts.LEG_NAMES])
+_THIGH_X_M, _, _THIGH_Z_M = facts.KN_FROM_HY_M
+_SHANK_M = facts.FOOT_FROM_KN_M[2]
 SETTLED_STATES = 9
 """A foot counts as standing so long after its flag: the leg still swings from the impact."""
 FULL_FORCE_N = 90.0
@@ -88,15 +92,31 @@ class Estimator:
 
     def _by_legs(self, rotation: Array, turn: Array, position: Array, velocity: Array) -> Array:
         """The body's velocity in odom by each leg, if its foot rolls on the ground; shape (n, 4, 3)."""
-        n = len(position)
-        foot, jacobian = foot_position_and_jacobian(position)
-        rates = velocity.reshape(n, facts.N_LEGS, 1, 3)
-        moved = _cross(turn[:, None, :], foot) + np.sum(jacobian * rates, axis=3)
-        hx = position[:, 0::3]
-        shank = (velocity[:, 1::3] + velocity[:, 2::3])[:, :, None] * np.stack(
-            [np.zeros_like(hx), np.cos(hx), np.sin(hx)], axis=2
+        hx, hy = position[:, 0::3], position[:, 1::3]
+        hx_rate, thigh_rate = velocity[:, 0::3], velocity[:, 1::3]
+        shank_rate = thigh_rate + velocity[:, 2::3]
+        angles = np.stack([hx, hy, hy + position[:, 2::3]])
+        (sin_hx, sin_thigh, sin_shank), (cos_hx, cos_thigh, cos_shank) = np.sin(angles), np.cos(angles)
+        # In the leg's plane, x forward and z along the leg's own up.
+        thigh_x, thigh_z = (
+            _THIGH_X_M * cos_thigh + _THIGH_Z_M * sin_thigh,
+            _THIGH_Z_M * cos_thigh - _THIGH_X_M * sin_thigh,
         )
-        shank[:, :, 0] += velocity[:, 0::3]
+        shank_x, shank_z = _SHANK_M * sin_shank, _SHANK_M * cos_shank
+        plane_z = thigh_z + shank_z
+        plane_z_rate = -thigh_x * thigh_rate - shank_x * shank_rate
+        y, z = _OUT_M * cos_hx - plane_z * sin_hx, _OUT_M * sin_hx + plane_z * cos_hx
+        foot = np.stack([_HIP_X_M + thigh_x + shank_x, _HIP_Y_M + y, z], axis=2)
+        rate = np.stack(
+            [
+                thigh_z * thigh_rate + shank_z * shank_rate,
+                -z * hx_rate - plane_z_rate * sin_hx,
+                y * hx_rate + plane_z_rate * cos_hx,
+            ],
+            axis=2,
+        )
+        moved = _cross(turn[:, None, :], foot) + rate
+        shank = np.stack([hx_rate, shank_rate * cos_hx, shank_rate * sin_hx], axis=2)
         up = facts.FOOT_RADIUS_M * rotation[:, 2, :][:, None, :]
         rolled = _cross(turn[:, None, :] + shank, up)
         in_body = self._p.odometry_scale * (rolled - moved)

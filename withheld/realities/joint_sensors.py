@@ -19,6 +19,8 @@ class Reading:
     position_rad: Array
     velocity_rad_s: Array
     load_nm: Array
+    all: Array
+    """The three side by side, shape (n, 36)."""
 
 
 class JointSensors:
@@ -30,26 +32,25 @@ class JointSensors:
         self._noise = np.stack([rng.standard_normal((n_states, 3 * N_JOINTS)) for rng in rngs], axis=1) * sigma
         self._filter_rad_s = 2.0 * np.pi * s.velocity_filter_hz
         self._is_filtered = np.isfinite(self._filter_rad_s)
+        self._has_filter = bool(self._is_filtered.any())
+        self._quantum = np.repeat([s.position_quantum_rad, s.velocity_quantum_rad_s, s.load_quantum_nm], N_JOINTS)
+        self._per_quantum = 1.0 / self._quantum
+        self._out: Array = np.empty((len(rngs), 3 * N_JOINTS))
         self._slow: Array | None = None
         self._before: Array = np.zeros((len(rngs), N_JOINTS))
         self._rate: Array = np.zeros((len(rngs), N_JOINTS))
 
     def read(self, state: int, drives: Drives, dt_s: float) -> Reading:
         """What is reported at this state."""
-        s, m, noise = self._s, drives.motion, self._noise[state]
-        position = drives.encoder_rad()
-        velocity = self._filtered(m.rotor_rad_s, dt_s)
-        load = s.load_gain * m.gear_nm + s.load_bias_nm
-        return Reading(
-            _stepped(position + noise[:, :N_JOINTS], s.position_quantum_rad),
-            _stepped(velocity + noise[:, N_JOINTS : 2 * N_JOINTS], s.velocity_quantum_rad_s),
-            _stepped(load + noise[:, 2 * N_JOINTS :], s.load_quantum_nm),
-        )
+        s, m, out = self._s, drives.motion, self._out
+        out[:, :N_JOINTS] = drives.encoder_rad()
+        out[:, N_JOINTS : 2 * N_JOINTS] = self._filtered(m.rotor_rad_s, dt_s) if self._has_filter else m.rotor_rad_s
+        out[:, 2 * N_JOINTS :] = s.load_gain * m.gear_nm + s.load_bias_nm
+        stepped = np.round((out + self._noise[state]) * self._per_quantum) * self._quantum
+        return Reading(stepped[:, :N_JOINTS], stepped[:, N_JOINTS : 2 * N_JOINTS], stepped[:, 2 * N_JOINTS :], stepped)
 
     def _filtered(self, velocity: Array, dt_s: float) -> Array:
         """A second-order (Butterworth) low pass, each sample split so that it stays stable at any corner."""
-        if not self._is_filtered.any():
-            return velocity
         if self._slow is None:
             self._slow, self._before = velocity.copy(), velocity.copy()
         corner = np.where(self._is_filtered, self._filter_rad_s, 0.0)
@@ -64,7 +65,3 @@ class JointSensors:
         self._before = velocity.copy()
         self._slow = np.where(self._is_filtered, self._slow, velocity)
         return self._slow
-
-
-def _stepped(values: Array, quantum: float) -> Array:
-    return np.asarray(np.round(values / quantum) * quantum)

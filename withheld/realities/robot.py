@@ -36,8 +36,9 @@ class DriveParameters:
         default_factory=lambda: _knees(facts.KNEE_ARMATURE_KG_M2, facts.HIP_ARMATURE_KG_M2)
     )
     """The rotor is a body of its own, behind the gear's spring."""
-    gear_stiffness_nm_per_rad: Array = field(default_factory=lambda: _knees(16000.0, 20000.0))
-    gear_damping_nm_s_per_rad: Array = field(default_factory=lambda: _knees(9.0, 14.0))
+    gear_stiffness_nm_per_rad: Array = field(default_factory=lambda: _knees(24000.0, 26000.0))
+    """Five times the stiffest gear that counts as compliant; a stiffer one asks for shorter steps."""
+    gear_damping_nm_s_per_rad: Array = field(default_factory=lambda: _knees(7.5, 9.0))
     play_rad: Array = field(default_factory=lambda: np.zeros(N))
     torque_constant: Array = field(default_factory=lambda: np.ones(N))
     """Over the nominal one."""

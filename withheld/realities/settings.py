@@ -18,7 +18,7 @@ class Settings:
     both with spherical feet and contacts given by a time constant.
     """
 
-    steps_per_state: int = 4
+    steps_per_state: int = 6
     """Physics steps in the 3 ms between two states."""
     integrator: str = "implicit"
     cone: str = "elliptic"

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot_model import facts
+from spot_model.errors import SpotRlError
 from spot_model.facts import N_JOINTS, N_LEGS, STATE_PERIOD_NS, Array
 from spot_model.mjcf import default_height_m
 from spot_model.observation import build_observation
@@ -37,6 +38,16 @@ STATE_S: Final = STATE_PERIOD_NS * 1e-9
 FOOT_SENSOR: Final = 4
 _NORMAL_FORCES: Final = slice(3, FOOT_SENSOR * N_LEGS, FOOT_SENSOR)
 DROP_M: Final = 0.012
+HEAT_STATES: Final = 5
+"""States over which heat is gathered before the windings warm: they are slow."""
+
+
+ABSURD: Final = 200.0
+"""No body moves at so many m/s, or rad/s."""
+
+
+class RealityDivergedError(SpotRlError):
+    """A simulation broke down; no log is written."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +64,7 @@ def simulate(robot: Robot, policy: Policy, requests: Sequence[RunRequest], setti
 
     Raises:
         ValueError: The sequences have different lengths.
+        RealityDivergedError: The simulation broke down.
     """
     lengths = {r.sequence.duration_s for r in requests}
     if len(lengths) != 1:
@@ -81,6 +93,8 @@ class _Simulation:
         self.drives = Drives(robot, n, np.stack([d.qpos[JOINTS_Q] for d in self.datas]), settings.step_s)
         self.battery = Battery(robot.supply, n)
         self._feet = np.empty((n, N_LEGS))
+        self._copper: Array = np.zeros((n, N_JOINTS))
+        self._n_heats = 0
         self._read_bodies()
 
     # Beginning --------------------------------------------------------------------------------------------------------
@@ -137,7 +151,11 @@ class _Simulation:
     def _energy(self) -> None:
         drives = self.drives
         copper = drives.motors.copper_w(drives.motor_nm)
-        drives.motors.heat(copper, STATE_S)
+        self._copper = self._copper + copper
+        self._n_heats += 1
+        if self._n_heats % HEAT_STATES == 0:
+            drives.motors.heat(self._copper / HEAT_STATES, HEAT_STATES * STATE_S)
+            self._copper = np.zeros_like(copper)
         bus_v = self.battery.step(drives.motor_nm * drives.motion.rotor_rad_s, copper, STATE_S)
         drives.motion.bus_v = bus_v[:, None]
         drives.refresh()
@@ -195,6 +213,11 @@ class _Simulation:
                 self._physics(effective, kp, kd)
                 unit.note(step + 1, self.position[:, 3:], self.velocity)
             self._energy()
+            if not float(np.abs(self.velocity).max()) < ABSURD:
+                raise RealityDivergedError(
+                    f"a reality broke down {state * STATE_S:.2f} s into its runs: its body moves at no possible speed; "
+                    "draw another case"
+                )
         n_ramp = int(np.sum(ticks * STATE_S < settings.ramp_s))
         return tape.runs(ways, ticks, n_ramp, unit)
 

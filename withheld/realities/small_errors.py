@@ -16,14 +16,14 @@ def add_small_errors(robot: Robot, rng: np.random.Generator) -> None:
     _body(robot, rng)
     d = robot.drive
     for name, share in (
-        ("kp_scale", 0.008), ("kd_scale", 0.01), ("rotor_inertia_kg_m2", 0.03), ("gear_stiffness_nm_per_rad", 0.08),
-        ("gear_damping_nm_s_per_rad", 0.1), ("torque_constant", 0.008), ("coulomb_nm", 0.05),
+        ("kp_scale", 0.008), ("kd_scale", 0.01), ("rotor_inertia_kg_m2", 0.03), ("gear_stiffness_nm_per_rad", 0.04),
+        ("gear_damping_nm_s_per_rad", 0.05), ("torque_constant", 0.008), ("coulomb_nm", 0.05),
         ("current_high_nm", 0.02), ("current_low_nm", 0.02), ("no_load_high_rad_s", 0.015),
         ("no_load_low_rad_s", 0.015), ("copper_w_per_nm2", 0.05),
     ):  # fmt: skip
         setattr(d, name, getattr(d, name) * _about_one(rng, share, N_JOINTS))
-    d.coulomb_nm = d.coulomb_nm + rng.uniform(0.0, 0.06, N_JOINTS)
-    d.viscous_nm_s_per_rad = rng.uniform(0.0, 0.008, N_JOINTS)
+    d.coulomb_nm = d.coulomb_nm + rng.uniform(0.0, 0.02, N_JOINTS)
+    d.viscous_nm_s_per_rad = rng.uniform(0.0, 0.003, N_JOINTS)
     s = robot.sensing
     s.offset_rad = rng.normal(0.0, 1e-3, N_JOINTS)
     s.eccentricity_rad = rng.uniform(0.0, 4e-4, N_JOINTS)

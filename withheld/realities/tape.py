@@ -33,8 +33,10 @@ class Tape:
         self.linear = np.zeros((m, n, 3))
         self.angular = np.zeros((m, n, 3))
         self.flags = np.zeros((m, n, N_LEGS), dtype=np.bool_)
-        self.truth = np.zeros((m, n, 2 * N_JOINTS + 6))
-        """Link positions, motor torques, height, quaternion's part of the up axis, velocity."""
+        self.truth = np.zeros((m, n, 2 * N_JOINTS))
+        """Link positions, motor torques."""
+        self.body = np.zeros((m, n, 13))
+        """Position, quaternion, velocities."""
         self.power = np.zeros((m, n, 3))
         self.winding = np.zeros((m, n, N_JOINTS))
         self.observation = np.zeros((k, n, N_OBSERVATION), dtype=np.float32)
@@ -47,29 +49,22 @@ class Tape:
 
     def put(self, state: int, reading: Reading, estimator: Estimator, flags: NDArray[np.bool_], drives: Drives) -> None:
         """What the robot reports at a state."""
-        joints, truth = self.joints[state], self.truth[state]
-        joints[:, :N_JOINTS] = reading.position_rad
-        joints[:, N_JOINTS : 2 * N_JOINTS] = reading.velocity_rad_s
-        joints[:, 2 * N_JOINTS :] = reading.load_nm
+        truth = self.truth[state]
+        self.joints[state] = reading.all
         self.linear[state] = estimator.reported_velocity_m_s + self._noise[state, :, :3]
         self.place[state] = estimator.position_m + self._noise[state, :, 3:]
         self.attitude[state] = estimator.attitude_wxyz
         self.angular[state] = estimator.turn_rad_s
         self.flags[state] = flags
         truth[:, :N_JOINTS] = drives.motion.link_rad
-        truth[:, N_JOINTS : 2 * N_JOINTS] = drives.motor_nm
+        truth[:, N_JOINTS:] = drives.motor_nm
 
     def put_body(self, state: int, position: Array, velocity: Array, battery: Battery, drives: Drives) -> None:
         """The body's true place, quaternion and velocity, (n, 7) and (n, 6), and what the slow polls will find."""
-        truth = self.truth[state, :, 2 * N_JOINTS :]
-        w, x, y, z = position[:, 3:].T
-        truth[:, 0] = position[:, 2]
-        truth[:, 1] = 1.0 - 2.0 * (x * x + y * y)
-        heading = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-        cos, sin = np.cos(heading), np.sin(heading)
-        truth[:, 2] = cos * velocity[:, 0] + sin * velocity[:, 1]
-        truth[:, 3] = cos * velocity[:, 1] - sin * velocity[:, 0]
-        self.power[state] = np.stack([battery.shown_v, battery.shown_a, battery.charge_percent], axis=1)
+        self.body[state, :, :7] = position
+        self.body[state, :, 7:] = velocity
+        power = self.power[state]
+        power[:, 0], power[:, 1], power[:, 2] = battery.shown_v, battery.shown_a, battery.charge_percent
         self.winding[state] = drives.motors.winding_c
 
     def runs(
@@ -82,6 +77,7 @@ class Tape:
         for i, way in enumerate(ways):
             position, velocity, load = np.split(self.joints[:, i], 3, axis=1)
             truth = self.truth[:, i]
+            height, up, speed = _body_truth(self.body[:, i])
             found.append(RunArrays(
                 position_rad=position, velocity_rad_s=velocity, load_nm=load,
                 position_of_body_in_odom_m=self.place[:, i], odom_from_body_wxyz=self.attitude[:, i],
@@ -94,7 +90,16 @@ class Tape:
                 is_active=np.arange(len(ticks)) >= n_ramp_ticks,
                 battery_v=self.power[:, i, 0], battery_a=self.power[:, i, 1], battery_percent=self.power[:, i, 2],
                 winding_c=self.winding[:, i], true_position_rad=truth[:, :N_JOINTS],
-                motor_nm=truth[:, N_JOINTS : 2 * N_JOINTS], true_height_m=truth[:, 2 * N_JOINTS],
-                true_up=truth[:, 2 * N_JOINTS + 1], true_velocity_m_s=truth[:, 2 * N_JOINTS + 2 : 2 * N_JOINTS + 4],
+                motor_nm=truth[:, N_JOINTS:], true_height_m=height, true_up=up,
+                true_velocity_m_s=speed,
             ))  # fmt: skip
         return found
+
+
+def _body_truth(body: Array) -> tuple[Array, Array, Array]:
+    """Height (m,), the body's z axis on the vertical (m,), and velocity ahead and to the left (m, 2)."""
+    w, x, y, z = body[:, 3:7].T
+    heading = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    cos, sin = np.cos(heading), np.sin(heading)
+    ahead, left = cos * body[:, 7] + sin * body[:, 8], cos * body[:, 8] - sin * body[:, 7]
+    return body[:, 2], 1.0 - 2.0 * (x * x + y * y), np.stack([ahead, left], axis=1)

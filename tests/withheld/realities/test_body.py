@@ -54,7 +54,7 @@ def test_without_faults_it_weighs_what_spot_weighs_and_its_solver_is_a_third_one
     assert model.body_mass.sum() == pytest.approx(TOTAL_MASS_KG)
     assert model.nv == 6 + N_JOINTS
     assert model.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICIT
-    assert model.opt.timestep == pytest.approx(7.5e-4)
+    assert model.opt.timestep == pytest.approx(5e-4)
     assert model.geom("fl_foot").type == mujoco.mjtGeom.mjGEOM_ELLIPSOID
     assert np.all(model.dof_armature == 0.0)
     assert np.all(model.dof_frictionloss == 0.0)
@@ -113,6 +113,27 @@ def test_soft_and_slippery_ground() -> None:
     assert stated["ground_compliance.time_constant_s"] > 0.0
     slippery, stated = model_with(ground.slippery, 0.5, KNEES)
     assert slippery.geom("hr_foot").friction[0] == pytest.approx(0.8 * stated["ground_friction.scale"])
+
+
+def test_gears_are_stable_in_every_pose_with_a_fifth_to_spare() -> None:
+    robot, settings = Robot(), Settings()
+    model = build_model(robot, settings)
+    data = mujoco.MjData(model)
+    rng = np.random.default_rng(0)
+    drive, dt_s = robot.drive, settings.step_s
+    k, c = (np.diag(1.2 * v) for v in (drive.gear_stiffness_nm_per_rad, drive.gear_damping_nm_s_per_rad))
+    for _ in range(200):
+        data.qpos[7:19] = rng.uniform(facts.POSITION_LOW_RAD, facts.POSITION_HIGH_RAD)
+        mujoco.mj_forward(model, data)
+        mass = np.zeros((model.nv, model.nv))
+        mujoco.mj_fullM(model, data, mass)
+        free = np.zeros((24, 24))
+        free[:12, :12] = np.diag(1.0 / drive.rotor_inertia_kg_m2)
+        free[12:, 12:] = np.linalg.inv(mass)[6:18, 6:18]
+        pull, drag = (dt_s * free @ np.block([[m, -m], [-m, m]]) for m in (k, c))
+        after = np.eye(24) - drag
+        step = np.block([[np.eye(24) - dt_s * pull, dt_s * after], [-pull, after]])
+        assert np.abs(np.linalg.eigvals(step)).max() < 1.0 + 1e-6
 
 
 def test_small_errors_are_small_and_everywhere() -> None:
