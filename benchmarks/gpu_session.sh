@@ -4,7 +4,7 @@
 #   check            parity of the two back ends, then training speed at three sizes, as JSON
 #   train NAME [S]   train policies/NAME.yaml for at most S seconds, then export to $OUT; CUDA_VISIBLE_DEVICES picks a GPU
 #   trainings FILE S   several side by side, FILE's lines being: GPU LABEL NAME OPTIONS...; each on two cores of its
-#                    GPU's own, from core 0 upwards; $OUT/LABEL.tar.gz each
+#                    GPU's own, from core 0 upwards; each judged at the end; $OUT/LABEL.tar.gz each
 #   sweep FILE S     CPU trainings side by side, FILE's lines being: CORES LABEL NAME OPTIONS...; each on cores of its
 #                    own from core $FIRST_CORE (8) upwards, for at most S seconds; all into $OUT/sweep.tar.gz
 #   cpubench CORES   training speed on these CPU cores ("6,7"), as JSON
@@ -53,6 +53,7 @@ trainings() {
             export CUDA_VISIBLE_DEVICES=$gpu WARP_CACHE_PATH=/tmp/warp-$label
             taskset -c "$((2 * gpu)),$((2 * gpu + 1))" \
                 bash "$0" one_training "$label" "$seconds" --config "policies/$name.yaml" --device "$DEVICE" $options
+            python3 benchmarks/judge_policy.py "runs/$label/policy.onnx" >"runs/$label/judged.jsonl" 2>&1 || true
             tar -czf "$OUT/$label.tar.gz" --exclude tensorboard --exclude 'checkpoint_*' "runs/$label"
         ) </dev/null >/dev/null 2>&1 &
     done < <(grep -v '^#' "$file")
