@@ -53,7 +53,7 @@ def run(
     from withheld.jail import MEANING, hide_this_process, strongest_level
     from withheld.progress import CaseProgress
     from withheld.run import Ray, processes, run_cases
-    from withheld.run_folder import RUN, RunHead, load_head, load_secret, new_secret, policy_digests, start
+    from withheld.run_folder import RUN, RunHead, load_head, load_secret, new_secret, policy_digests, start, versions
     from withheld.source import source_of
 
     hide_this_process()
@@ -75,7 +75,7 @@ def run(
         head = RunHead(
             protocol=protocol_digest(), generator=generator_digest(), seed_digest=secret.digest,
             policies=policy_digests(policies), reality=reality, locked_in=strongest_level(), cases=cases,
-            search_every=search_every, pace=pace,
+            search_every=search_every, pace=pace, versions=versions(),
         )  # fmt: skip
         start(out, head, secret)
     numbers = _part(only, cases)

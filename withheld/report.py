@@ -46,6 +46,7 @@ def scores(checked: Checked) -> dict[str, Any]:
         "generator": checked.head.generator,
         "policies": checked.head.policies,
         "reality": checked.head.reality or "withheld.realities",
+        "versions": checked.head.versions,
         "seed": checked.seed,
         "seed_digest": checked.head.seed_digest,
         "locked_in": list(checked.locked_in),

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+import platform
 import secrets
+from importlib.metadata import version
 from pathlib import Path
 from typing import Final, Literal
 
@@ -17,6 +19,7 @@ from withheld.jail import Level
 SCHEMA: Final = "spot-rl/withheld-run/1"
 RUN: Final = "run.json"
 SEED_FILE: Final = "seed.json"
+NUMBERS: Final = ("mujoco", "numpy", "onnxruntime", "scikit-learn", "scipy")
 
 
 class RunHead(BaseModel):
@@ -38,6 +41,8 @@ class RunHead(BaseModel):
     cases: int
     search_every: int
     pace: Pace = "full"
+    versions: dict[str, str] = Field(default_factory=dict)
+    """Of Python and the libraries that decide numbers: with others the last digits, and a close case, may differ."""
 
 
 class Secret(BaseModel):
@@ -105,6 +110,11 @@ def load_secret(out: Path, head: RunHead) -> Secret:
     if secret.digest != head.seed_digest:
         raise BadInputError(f"{out / SEED_FILE}: its seed is not the one whose digest stands in {RUN}")
     return secret
+
+
+def versions() -> dict[str, str]:
+    """Of what computes."""
+    return {"python": platform.python_version(), "machine": platform.machine(), **{n: version(n) for n in NUMBERS}}
 
 
 def policy_digests(folder: Path) -> dict[str, str]:
