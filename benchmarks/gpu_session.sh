@@ -53,8 +53,8 @@ trainings() {
             export CUDA_VISIBLE_DEVICES=$gpu WARP_CACHE_PATH=/tmp/warp-$label
             taskset -c "$((2 * gpu)),$((2 * gpu + 1))" \
                 bash "$0" one_training "$label" "$seconds" --config "policies/$name.yaml" --device "$DEVICE" $options
-            python3 benchmarks/judge_policy.py "runs/$label/policy.onnx" >"runs/$label/judged.jsonl" 2>&1 || true
             tar -czf "$OUT/$label.tar.gz" --exclude tensorboard --exclude 'checkpoint_*' "runs/$label"
+            python3 benchmarks/judge_policy.py "runs/$label/policy.onnx" --seeds 5 >"$OUT/$label-judged.jsonl" 2>&1 || true
         ) </dev/null >/dev/null 2>&1 &
     done < <(grep -v '^#' "$file")
     wait
