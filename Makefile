@@ -2,7 +2,7 @@
 # installed once; after that no target but `lock` needs a network.
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test check lint types layers protos-check docs-check leftovers docs format protos lock clean distclean
+.PHONY: help setup demo test check safety audit fuzz lint types layers protos-check docs-check leftovers docs format protos lock clean distclean
 SHELL := /bin/bash
 
 # One thread for each numerical library: processes share the cores, and a spinning pool would steal them from the loop.
@@ -27,6 +27,15 @@ demo: $(INSTALLED) ## Walk the fake robot, write a log, a summary and a page wit
 test: $(INSTALLED) ## Run all tests
 	@folder=$$(mktemp -d) && trap 'rm -rf "$$folder"' EXIT && \
 	$(RUN) -m pytest -n $(PYTEST_WORKERS) --dist loadfile --basetemp "$$folder/t" $(ARGS)
+
+safety: $(INSTALLED) ## Every line, branch and, for two minutes, mutant of the safety core; ARGS=--all tries all mutants
+	$(RUN) scripts/check_safety.py $(ARGS)
+
+audit: $(INSTALLED) ## Pins, licences and digests of all dependencies; writes build/sbom.cdx.json
+	$(RUN) scripts/audit.py --sbom build/sbom.cdx.json
+
+fuzz: $(INSTALLED) ## Fuzz every parser with atheris; ARGS='-jobs=2 -runs=1000000 -seconds=600'
+	@mkdir -p build/fuzz && cd build/fuzz && ../../$(RUN) ../../tests/fuzz/run.py all $(ARGS)
 
 check: $(INSTALLED) ## Lint, format, types, layers, generated protos, leftovers
 	@$(MAKE) --no-print-directory --keep-going lint types layers protos-check docs-check leftovers

@@ -12,6 +12,7 @@ import typer
 
 from spot_model.errors import BadInputError
 from spot_model.policy import Policy, load_policy
+from spot_model.policy_contract import PolicyError
 from spot_model.velocity_sequence import load_sequence
 from spot_runtime.clock import HostClock
 from spot_runtime.config import RunConfig, for_lock_step, load_config
@@ -22,7 +23,7 @@ from spot_runtime.hal.bosdyn import BosdynHal
 from spot_runtime.hal.lock_step import LockStep
 from spot_runtime.instance_lock import InstanceLock
 from spot_runtime.journal import Journal, goes_to_journal
-from spot_runtime.log import recover_leftovers
+from spot_runtime.log import LogError, recover_leftovers
 from spot_runtime.log.logger_process import LoggerProcess
 from spot_runtime.log.sink import LogSink
 from spot_runtime.run import RunRequest, log_file_name
@@ -69,13 +70,17 @@ def run(
     settings = settings if lock_step is None else for_lock_step(settings)
     address = parse_address(robot)
     loaded = load_policy(policy, provider=settings.control.inference)
+    check_allowed(loaded, settings.service.policy_sha256)
     labels = parse_labels(label or [])
     console = Console()
     source = make_source(
         settings, loaded, console, sequence=sequence, is_keyboard=keyboard, is_gamepad=gamepad, duration_s=duration
     )
     directory = settings.log.directory
-    directory.mkdir(parents=True, exist_ok=True)
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise LogError(f"the folder {directory} for logs cannot be made: {error.strerror}; name another") from error
     path = directory / log_file_name(loaded.contract.name, source.name, repeat)
     request = RunRequest(robot, loaded, source, settings, path, repeat, labels)
 
@@ -95,7 +100,10 @@ def run(
         console.close()
     _say_last(summary.to_text())
     if summary_json is not None:
-        summary_json.write_text(summary.to_json() + "\n", encoding="utf-8")
+        try:
+            summary_json.write_text(summary.to_json() + "\n", encoding="utf-8")
+        except OSError as error:
+            typer.echo(f"the summary {summary_json} cannot be written: {error.strerror}", err=True)
     raise typer.Exit(summary.exit_code)
 
 
@@ -130,6 +138,19 @@ def resolve_config(
     )
     log = config.log.model_copy(update={"directory": log_dir or config.log.directory})
     return config.model_copy(update={"robot": robot, "log": log})
+
+
+def check_allowed(policy: Policy, allowed_sha256: tuple[str, ...]) -> None:
+    """Refuse a policy whose digest is not on the configuration's list, where there is one.
+
+    Raises:
+        PolicyError: It is not; the message names its digest.
+    """
+    if allowed_sha256 and policy.sha256 not in allowed_sha256:
+        raise PolicyError(
+            f"policy {policy.contract.name} has the digest {policy.sha256}, which is not among the "
+            f"{len(allowed_sha256)} of service.policy_sha256; add it there, or run another"
+        )
 
 
 def parse_labels(texts: list[str]) -> dict[str, str]:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import re
 import select
 import socket
 import struct
@@ -27,6 +29,8 @@ CLOSE_TIMEOUT_S: Final = 10.0
 _STATE, _COMMAND, _TICK, _SLOW_STATE, _EVENT = range(len(TOPICS))
 _ENCODING_ERRORS: Final = (TypeError, ValueError, AttributeError, OverflowError, struct.error)
 _FLAGS: Final = socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL
+
+_SECRET: Final = re.compile(r"PASSWORD|TOKEN|SECRET|CREDENTIAL", re.IGNORECASE)
 
 Record = TypeVar("Record")
 
@@ -65,7 +69,9 @@ class LoggerProcess:
             # The kernel grants what its wmem_max allows; the child drains into memory, so little is enough.
             ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
             command = [sys.executable, "-m", "spot_runtime.log.logger_child", str(theirs.fileno()), str(path)]
-            process = subprocess.Popen(command, stdin=subprocess.PIPE, pass_fds=(theirs.fileno(),))  # noqa: S603
+            process = subprocess.Popen(  # noqa: S603 - our own command line
+                command, stdin=subprocess.PIPE, pass_fds=(theirs.fileno(),), env=without_secrets(os.environ)
+            )
         sink = LoggerProcess(process, ours, path)
         try:
             assert process.stdin is not None  # noqa: S101
@@ -185,6 +191,11 @@ class LoggerProcess:
             status = json.loads(data)
             self._child_problem = status["problem"]
             self._unwritten = {**dict.fromkeys(TOPICS, 0), **status["unwritten"]}
+
+
+def without_secrets(environment: Mapping[str, str]) -> dict[str, str]:
+    """An environment for a process that needs no password: whoever may list processes may read it."""
+    return {name: value for name, value in environment.items() if not _SECRET.search(name)}
 
 
 def _check_directory(path: Path) -> None:
