@@ -13,9 +13,11 @@ export PYTHONPATH="$SITE:$PWD" PYTHONUNBUFFERED=1 OMP_NUM_THREADS=1 OPENBLAS_NUM
 mkdir -p "$OUT"
 
 setup() {
-    for wheel in .cache/sysid_wheels/*.whl; do
-        python3 -m zipfile -e "$wheel" "$SITE"
-    done
+    if [ ! -d "$SITE/mcap" ]; then
+        for wheel in .cache/sysid_wheels/*.whl; do
+            python3 -m zipfile -e "$wheel" "$SITE"
+        done
+    fi
     python3 -c 'import importlib.metadata as m; m.version("spot-rl"); import mujoco, numpy, scipy, grpc, mcap, cmaes, bosdyn.client
 print("ready:", mujoco.__version__, numpy.__version__, scipy.__version__, grpc.__version__)'
 }
