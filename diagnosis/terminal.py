@@ -6,6 +6,10 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from diagnosis.verdict import FoundEffect, Verdict
+from spot_model.facts import JOINT_NAMES, JOINT_TYPES
+
+GROUPS = {kind: {n for n in JOINT_NAMES if n.endswith(kind)} for kind in JOINT_TYPES}
+"""Joints of one type."""
 
 WORDS = {
     "explained": "explained: the effects below account for the gap",
@@ -25,9 +29,11 @@ def twelve_lines(verdict: Verdict, paths: Mapping[str, Path]) -> list[str]:
         f"where      {_where(v)}",
     ]
     effects = [f"effect     {_effect(e)}" for e in v.effects[:3]] or ["effect     none found"]
-    lines += effects + [""] * (3 - len(effects))
+    lines += effects
     lines.append(f"none       {v.probability_none:.2f}    unknown {v.probability_unknown:.2f}{_unknown(v)}")
     lines.append(f"shrink     {_shrink(v)}")
+    # With fewer effects there is room for more.
+    lines += [f"beside     {_beside(v)}", f"invisible  {_invisible(v)}"][: 3 - len(effects)]
     split = next((e.split for e in v.effects if e.split is not None), None)
     lines.append(f"to split   {split.command if split else 'nothing to split'}")
     lines.append(f"advice     {v.log_advice[0] if v.log_advice else 'none'}")
@@ -38,9 +44,11 @@ def twelve_lines(verdict: Verdict, paths: Mapping[str, Path]) -> list[str]:
 
 def joints_in_short(joints: tuple[str, ...]) -> str:
     """Joints in few words."""
-    if len(joints) == 12:
+    if set(joints) == set(JOINT_NAMES):
         return "all joints"
-    return ", ".join(joints)
+    whole = [g for g, members in GROUPS.items() if members <= set(joints)]
+    rest = [j for j in joints if not any(j in GROUPS[g] for g in whole)]
+    return ", ".join([f"all {g}" for g in whole] + rest)
 
 
 def _effect(e: FoundEffect) -> str:
@@ -53,10 +61,21 @@ def _effect(e: FoundEffect) -> str:
 
 def _where(v: Verdict) -> str:
     if not v.where:
-        return "no cell exceeds its floor"
+        simulated = v.shrink is not None or not any("no gap map" in note for note in v.notes)
+        return "no cell exceeds its floor" if simulated else "not measured: the nominal model was not simulated"
     c = v.where[0]
     ratio = f", {c.ratio:.1f} times its floor" if c.ratio is not None else ""
     return f"{c.signal} of {c.joint}, {c.regime}: {c.gap:.3g} {c.unit}{ratio}"
+
+
+def _beside(v: Verdict) -> str:
+    if v.shrink is None or not v.shrink.beside:
+        return "no gaps of torque and velocity"
+    return "; ".join(f"{o.name} {o.before:.3g} to {o.after:.3g} {o.unit}, floor {o.floor:.3g}" for o in v.shrink.beside)
+
+
+def _invisible(v: Verdict) -> str:
+    return ", ".join(v.invisible) if v.invisible else "no effect of the library"
 
 
 def _unknown(v: Verdict) -> str:

@@ -3,7 +3,7 @@ import json
 import pytest
 from pydantic import ValidationError
 
-from diagnosis.terminal import twelve_lines
+from diagnosis.terminal import joints_in_short, twelve_lines
 from diagnosis.verdict import (
     SCHEMA_FILE,
     FoundEffect,
@@ -15,6 +15,7 @@ from diagnosis.verdict import (
     json_schema,
     load_verdict,
 )
+from spot_model.facts import JOINT_NAMES
 
 CELL = GapCell(signal="load", joint="fl_kn", regime="motoring", gap=2.0, floor=0.5, ratio=4.0, p_value=0.01)
 PLACEBO = Placebo(name="armature", s=0.2)
@@ -76,6 +77,17 @@ def test_the_schema_file_is_that_of_the_model() -> None:
 def test_the_terminal_says_it_in_twelve_lines() -> None:
     lines = twelve_lines(_verdict(), {})
     assert len(lines) == 12
+    assert all(len(line.split()) > 1 for line in lines)
+    one = _verdict().effects[0]
+    for n in (0, 2, 3, 4):
+        assert len(twelve_lines(_verdict().model_copy(update={"effects": (one,) * n}), {})) == 12
     text = "\n".join(lines)
     for word in ("explained", "fl_kn", "coulomb_friction 0.90", "S 0.88", "placebo armature 0.20", "Record more."):
         assert word in text
+
+
+def test_joints_in_few_words() -> None:
+    assert joints_in_short(JOINT_NAMES) == "all joints"
+    assert joints_in_short(("fl_hy", "fr_hy", "hl_hy", "hr_hy", "fl_kn")) == "all hy, fl_kn"
+    assert joints_in_short(("hip",)) == "hip"
+    assert joints_in_short(()) == ""

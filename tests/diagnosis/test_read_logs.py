@@ -1,0 +1,84 @@
+"""What is read and what is left out, in words: empty and cut logs, policies that are not the logs'."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from diagnosis.read_logs import find_policy, find_policy_file, read_all
+from spot_model.errors import BadInputError
+from spot_model.policy import load_policy
+from spot_runtime.log.importing import Mapping, import_log
+from spot_runtime.log.run import Run
+
+POLICIES = Path(__file__).parents[2] / "policies"
+
+
+def _log(folder: Path, name: str, n: int = 400) -> Path:
+    time_s = np.arange(n) * 0.005
+    np.savez(folder / "data.npz", t=time_s, q=np.sin(time_s)[:, None])
+    mapping = Mapping.model_validate({
+        "schema": "spot-rl/import/1", "joint_names": ["hip"], "foot_names": [], "time": {"from": "t"},
+        "signals": {"position": {"from": "q", "unit": "rad"}},
+    })  # fmt: skip
+    import_log(mapping, folder / "data.npz", folder / name)
+    return folder / name
+
+
+def test_bad_files_are_left_out_and_said(tmp_path: Path) -> None:
+    _log(tmp_path, "a.mcap")
+    _log(tmp_path, "short.mcap", 10)
+    whole = _log(tmp_path, "cut.mcap").read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(whole[: len(whole) * 2 // 3])
+    (tmp_path / "empty.mcap").write_bytes(b"")
+    (tmp_path / "notes.txt").write_text("no log")
+    told: list[float] = []
+    runs, warnings = read_all([tmp_path, tmp_path / "missing.mcap"], told.append)
+    assert {r.path.name for r in runs} <= {"a.mcap", "cut.mcap"}
+    text = "\n".join(warnings)
+    assert "short.mcap: left out: " in text
+    assert "has 10 states; at least 50 are needed" in text
+    assert "empty.mcap: left out: " in text
+    assert "missing.mcap: left out: " in text
+    assert "cut.mcap: " in text
+    assert told == sorted(told)
+
+
+def test_nothing_left_is_one_error_with_every_reason(tmp_path: Path) -> None:
+    (tmp_path / "empty.mcap").write_bytes(b"")
+    folder = tmp_path / "none"
+    folder.mkdir()
+    with pytest.raises(
+        BadInputError, match=r"no log can be diagnosed:\n.*none has no .mcap file\n.*empty.mcap"
+    ) as told:
+        read_all([folder, tmp_path / "empty.mcap"])
+    assert "Traceback" not in str(told.value)
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Run:
+    return read_all([_log(tmp_path, "a.mcap")])[0][0]
+
+
+def _by(run: Run, sha256: str, name: str) -> Run:
+    return replace(run, header=replace(run.header, policy_sha256=sha256, policy_name=name))
+
+
+def test_the_policy_must_be_the_logs(run: Run) -> None:
+    walk = load_policy(POLICIES / "walk.onnx")
+    mine = _by(run, walk.sha256, "walk")
+    found = find_policy(None, [mine], POLICIES)
+    assert found is not None
+    assert found.sha256 == walk.sha256
+    assert find_policy_file(None, found, POLICIES) == POLICIES / "walk.onnx"
+    assert find_policy(POLICIES / "walk.onnx", [mine]) is not None
+    # A log that names no policy is taken at the user's word.
+    assert find_policy(POLICIES / "baseline.onnx", [run]) is not None
+    assert find_policy(None, [run], POLICIES) is None
+    with pytest.raises(BadInputError, match=r"baseline.onnx has SHA-256 .*a.mcap was made by walk .*leave --policy"):
+        find_policy(POLICIES / "baseline.onnx", [mine])
+    with pytest.raises(BadInputError, match=r"logs of 2 policies: a.mcap: .*diagnose logs of one policy at a time"):
+        find_policy(None, [mine, _by(run, "0" * 64, "other")], POLICIES)
