@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from spot_model import facts
+from spot_model.bounded_file import FileTooLargeError, read_at_most
 from spot_model.observation import N_OBSERVATION, observation_of_one
 from spot_model.policy_contract import (
     INPUT_NAME,
@@ -102,10 +103,9 @@ def load_policy(path: Path, *, provider: str = "cpu") -> Policy:
             Runtime does not have the provider.
     """
     try:
-        size = path.stat().st_size
-        if size > MAX_POLICY_BYTES:
-            raise PolicyError(f"policy {path} has {size} bytes; allowed: at most {MAX_POLICY_BYTES}")
-        data = path.read_bytes()
+        data = read_at_most(path, MAX_POLICY_BYTES)
+    except FileTooLargeError as error:
+        raise PolicyError(f"policy {path} cannot be read: {error}") from error
     except OSError as error:
         raise PolicyError(f"policy {path} cannot be read: {error.strerror}; give an ONNX file") from error
     return policy_from_bytes(data, source=str(path), provider=provider)

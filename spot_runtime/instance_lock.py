@@ -23,6 +23,12 @@ class AlreadyRunningError(SpotRlError):
     exit_code = 94
 
 
+class LockError(SpotRlError):
+    """The lock against a second runtime cannot be had."""
+
+    exit_code = 99
+
+
 class InstanceLock:
     """Held while it is entered; the system frees it when the process ends, however that happens."""
 
@@ -39,8 +45,15 @@ class InstanceLock:
 
         Raises:
             AlreadyRunningError: Another process holds it; the message names its number.
+            LockError: It cannot be opened: no such folder, or something of somebody else's is in its place.
         """
-        descriptor = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
+        try:
+            descriptor = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
+        except OSError as error:
+            raise LockError(
+                f"the lock {self._path}, which keeps a second runtime away, cannot be opened: {error.strerror}; "
+                "set XDG_RUNTIME_DIR to a folder of your own, or remove what is in the way"
+            ) from error
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:

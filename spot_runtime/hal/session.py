@@ -28,6 +28,7 @@ from bosdyn.client.robot_state import RobotStateClient, RobotStateStreamingClien
 from bosdyn.client.sdk import Sdk, generate_client_name
 from bosdyn.client.time_sync import TimeSyncClient
 
+from spot_model.bounded_file import FileTooLargeError, read_at_most
 from spot_model.errors import BadInputError
 from spot_model.state import SlowState
 from spot_runtime.clock import HostClock, RobotClockEstimate
@@ -61,6 +62,8 @@ SERVICES: Final = (
     TimeSyncClient,
 )
 """The vendor's services that a run uses."""
+
+MAX_PEM_BYTES: Final = 1024 * 1024
 
 ESTOP_RELEASE_S: Final = 1.0
 
@@ -278,9 +281,10 @@ class Session:
 
 def _read_pem(path: Path) -> bytes:
     try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise BadInputError(f"certificate file {path} cannot be read: {error.strerror}; give a PEM file") from error
+        data = read_at_most(path, MAX_PEM_BYTES)
+    except (OSError, FileTooLargeError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise BadInputError(f"certificate file {path} cannot be read: {reason}; give a PEM file") from error
     if b"-----BEGIN CERTIFICATE-----" not in data:
         raise BadInputError(f"certificate file {path} holds no PEM certificate; give the one that signed the robot's")
     return data

@@ -37,12 +37,24 @@ def read_run(path: str | Path) -> Run:
         OSError: The file cannot be read.
     """
     path = Path(path)
-    data = path.read_bytes()
+    data = read_log_file(path)
     scan = scan_mcap(data)
     if not scan.is_mcap:
         raise NotAnMcapError(path, len(data))
     header = header_of(path, scan)
     return run_of(path, header, scan)
+
+
+def read_log_file(path: Path) -> bytes:
+    """A log's bytes.
+
+    Raises:
+        LogReadError: It is a folder, a device or a pipe.
+        OSError: It cannot be read.
+    """
+    if path.exists() and not path.is_file():
+        raise LogReadError(f"{path} is no file; give a log written by spot-rl (*.mcap, or *.mcap.active after a crash)")
+    return path.read_bytes()
 
 
 def header_of(path: Path, scan: Scan) -> RunHeader:

@@ -12,7 +12,7 @@ from spot_protos import log_pb2
 from spot_runtime.log.errors import LogError, LogReadError, MissingHeaderError, NotAnMcapError
 from spot_runtime.log.mcap_file import CHUNK_BYTES, McapFile
 from spot_runtime.log.mcap_scan import RawMessage, Scan, scan_mcap
-from spot_runtime.log.reader import RECOVERED, header_of, read_run
+from spot_runtime.log.reader import RECOVERED, header_of, read_log_file, read_run
 from spot_runtime.log.run_writer import ACTIVE_SUFFIX, HEADER_ATTACHMENT, active_path, check_can_start
 from spot_runtime.log.topics import ALL_TOPICS, FOOTER, HEADER, OWN_TOPICS
 
@@ -41,7 +41,7 @@ def recover_log(source: Path, result: Path) -> Recovery:
         OSError: A file cannot be read or written.
     """
     check_can_start(result)
-    data = source.read_bytes()
+    data = read_log_file(source)
     scan = scan_mcap(data)
     if not scan.is_mcap:
         raise NotAnMcapError(source, len(data))

@@ -63,7 +63,7 @@ def _read_npz(path: Path) -> Arrays:
             with np.load(file, allow_pickle=False) as data:
                 return {name: data[name] for name in data.files}
     except _NPZ_ERRORS as error:
-        raise BadInputError(f"{path} cannot be read as NPZ: {error or type(error).__name__}") from error
+        raise BadInputError(f"{path} cannot be read as NPZ: {str(error) or type(error).__name__}") from error
 
 
 def _check_size(file: BinaryIO) -> None:
