@@ -23,7 +23,6 @@ Features = NDArray[np.float32]
 MIN_TICKS: Final = 50
 TWIN_REPEATS: Final = 2
 """Runs of each sequence by the robot without its faults; with two there is a floor even where a case has one run."""
-TRUE_REPEATS: Final = 4
 
 
 def read_folder(folder: Path) -> list[Run]:
@@ -50,8 +49,8 @@ def moved(runs: Sequence[Run], twins: Sequence[Run], policy: Policy) -> float | 
 
 
 def true_shrink(
-    reality: Reality, corrected: RobotModel, policy_path: Path, sequences: Sequence[VelocitySequence], seed: int,
-    folder: Path,
+    reality: Reality, corrected: RobotModel, policy_path: Path, sequences: Sequence[VelocitySequence], repeats: int,
+    seed: int, folder: Path,
 ) -> float | None:  # fmt: skip
     """S of a stated model on sequences that neither fit nor verdict saw, with more runs than a verdict has.
 
@@ -60,10 +59,11 @@ def true_shrink(
         corrected: What the diagnosis made.
         policy_path: The policy's file.
         sequences: New ones.
+        repeats: Runs of each.
         seed: Of the recordings and the simulated sensors.
         folder: For the logs; empty.
     """
-    plan = RecordingPlan(policy=policy_path, sequences=tuple(sequences), repeats=TRUE_REPEATS, seed=seed)
+    plan = RecordingPlan(policy=policy_path, sequences=tuple(sequences), repeats=repeats, seed=seed)
     reality.record(plan, folder)
     runs = read_folder(folder)
     policy = load_policy(policy_path)

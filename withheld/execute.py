@@ -35,6 +35,7 @@ from withheld.source import source_of
 NO_VERDICT: Final = "none"
 TRUE_SHRINK_EVERY: Final = 5
 """The true shrink takes many more runs of the reality; it is measured in every fifth case."""
+TRUE_REPEATS: Final = 4
 
 
 @dataclass(frozen=True)
@@ -205,7 +206,8 @@ class _Execution:
         rng = np.random.default_rng([case.recording_seed, 2])
         new = motion(load_policy(self.policy).contract, rng, case.sequences[0].duration_s)
         corrected = load_model(str(self.result / "corrected_model.yaml"))
-        return true_shrink(reality, corrected, self.policy, new, case.recording_seed + 2, folder)
+        repeats = TRUE_REPEATS if self.job.pace == "full" else TWIN_REPEATS
+        return true_shrink(reality, corrected, self.policy, new, repeats, case.recording_seed + 2, folder)
 
 
 def _last_line(ended: Ended) -> str:
