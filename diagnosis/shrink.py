@@ -8,6 +8,8 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import norm as normal
+from scipy.stats import t as student
 
 from diagnosis.logs import features
 from diagnosis.seam import Array
@@ -123,10 +125,21 @@ def shrinkage(compared: Sequence[Compared], before: str, after: str, rng: np.ran
         return Shrinkage(d0, d1, floor, s, None, None)
     tail = 50.0 * (1.0 - LEVEL)
     low, high = np.percentile(draws, [tail, 100.0 - tail])
-    # Few runs resampled with replacement scatter less than few runs do: by n/(n − 1) in variance.
-    n = min(min(c.real.shape[0], c.models[before].shape[0]) for c in compared)
-    wider = np.sqrt(n / (n - 1)) if n > 1 else 1.0
+    wider = _few_runs([min(c.real.shape[0], c.models[before].shape[0]) for c in compared])
     return Shrinkage(d0, d1, floor, s, s + wider * min(float(low) - s, 0.0), s + wider * max(float(high) - s, 0.0))
+
+
+def _few_runs(counts: Sequence[int]) -> float:
+    """What an interval from resampled runs is too narrow by.
+
+    Few runs resampled with replacement scatter less than few runs do, by n/(n − 1) in variance, and a spread that few
+    runs show is itself uncertain: Student's factor, with one degree of freedom less than runs in each sequence.
+    """
+    n, freedom = min(counts), sum(count - 1 for count in counts)
+    if n < 2:
+        return 1.0
+    high = 0.5 * (1.0 + LEVEL)
+    return float(np.sqrt(n / (n - 1)) * student.ppf(high, freedom) / normal.ppf(high))
 
 
 def _floor(pairs: Array, chosen: NDArray[np.intp] | None = None) -> float:

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from diagnosis.shrink import Compared, compare, shrinkage
+from diagnosis.shrink import Compared, _few_runs, compare, shrinkage
 
 
 def _pairs(n: int, value: float) -> np.ndarray:
@@ -46,3 +46,28 @@ def test_runs_of_the_same_law_lie_at_the_floor() -> None:
     found = compare("a", real, {"same": [run(0.0) for _ in range(4)], "other": [run(0.5) for _ in range(4)]})
     assert found.models["same"].mean() == pytest.approx(1.0, abs=0.15)
     assert found.models["other"].mean() > 3.0
+
+
+def test_intervals_of_few_runs_are_wider_by_hand() -> None:
+    # Three sequences of two runs: √2, and Student's 2.353 with three degrees of freedom over the normal 1.645.
+    assert _few_runs([2, 2, 2]) == pytest.approx(np.sqrt(2.0) * 2.3534 / 1.6449, rel=1e-3)
+    assert _few_runs([1, 5]) == 1.0
+    assert _few_runs([200, 200]) == pytest.approx(1.0, abs=0.01)
+
+
+def test_intervals_cover_the_truth_nine_times_in_ten() -> None:
+    # Gaussian runs in three sequences: floor 1, before 3, after 1.4, so S = 1.6/2 = 0.8; each run has its own scatter.
+    rng = np.random.default_rng(5)
+    inside = []
+    for _ in range(24):
+        compared = []
+        for name in "abc":
+            real, sim = rng.normal(0.0, 0.15, 3), {"b": rng.normal(2.0, 0.15, 3), "a": rng.normal(0.4, 0.15, 3)}
+            pairs = (1.0 + 0.5 * (real[:, None] + real[None, :])) * (1.0 - np.eye(3))
+            models = {k: 1.0 + v[:, None] + 0.5 * real[None, :] for k, v in sim.items()}
+            compared.append(Compared(name, pairs, models))
+        found = shrinkage(compared, "b", "a", rng)
+        assert found.low is not None
+        assert found.high is not None
+        inside.append(found.low <= 0.8 <= found.high)
+    assert np.mean(inside) >= 0.8
