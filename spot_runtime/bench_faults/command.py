@@ -34,6 +34,7 @@ ROWS: Final[tuple[Row, ...]] = (
     *rows_process.ROWS,
     *rows_log.ROWS,
     *rows_twice.ROWS,
+    *rows_robot.LAST,
 )
 EXIT_FAILED: Final = 1
 

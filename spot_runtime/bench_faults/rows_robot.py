@@ -51,15 +51,22 @@ def first_damping_ns(drive: Drive) -> int:
     return int(commands.robot_stamp_ns[np.argmax(soft)]) if soft.any() else 0
 
 
-def software_estop(rig: Rig) -> Finding:
+def software_estop(endpoint: str) -> Callable[[Rig], Finding]:
     """The operator's own e-stop: damping at once, then no power."""
-    drive = rig.drive(lambda _: signal.raise_signal(signal.SIGQUIT))
-    finding = judge(drive, "operator_estop")
-    finding.reaction = "operator_estop → damping"
-    finding.reaction_ms = (first_damping_ns(drive) - drive.happened_ns) / NS_PER_MS
-    finding.demand(finding.reaction_ms >= 0.0, "nothing was damped")
-    finding.demand(rig.status().motor_power.lower().endswith("off"), "the motors still have power")
-    return finding
+
+    def attempt(rig: Rig) -> Finding:
+        drive = rig.drive(lambda _: signal.raise_signal(signal.SIGQUIT), robot={"estop": endpoint})
+        finding = judge(drive, "operator_estop")
+        finding.reaction = "operator_estop → damping"
+        finding.reaction_ms = (first_damping_ns(drive) - drive.happened_ns) / NS_PER_MS
+        finding.demand(finding.reaction_ms >= 0.0, "nothing was damped")
+        rig.step(2.0)
+        finding.demand(rig.status().motor_power.lower().endswith("off"), "the motors still have power")
+        is_pressed = rig.status().estop_level.lower() not in ("none", "estop_level_none")
+        finding.demand(is_pressed or endpoint != "own", "the e-stop is not pressed")
+        return finding
+
+    return attempt
 
 
 def hand_back(fault: str, outcome: str, **parameters: float | str) -> Callable[[Rig], Finding]:
@@ -183,7 +190,7 @@ def dead_man(rig: Rig) -> Finding:
 
 ROWS = (
     Row("behaviour fault", 100.0, behaviour_fault),
-    Row("software e-stop", 40.0, software_estop, is_real_time=True),
+    Row("software e-stop", 40.0, software_estop("auto"), is_real_time=True),
     Row("e-stopped elsewhere", 100.0, stopped("estop_pressed", "estopped"), is_real_time=True),
     Row("lease stolen", 100.0, lease_stolen, is_real_time=True),
     Row("lease revoked", 100.0, stopped("lease_expired", ("lease_lost", "motors_off", "command_refused"))),
@@ -198,3 +205,6 @@ ROWS = (
     Row("reboot", 10_000.0, away("reboot", ("state_lost", "command_refused", "motors_off", "link_lost"))),
     Row("dead-man silent", 350.0, dead_man),
 )
+
+LAST = (Row("software e-stop, our own endpoint", 40.0, software_estop("own")),)
+"""Tried last: our endpoint replaces the operator's, and whoever wants the robot next has to set up another."""

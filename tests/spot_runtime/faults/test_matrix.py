@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from spot_model.errors import BadInputError
-from spot_runtime.bench_faults import command
+from spot_runtime.bench_faults import command, rows_robot
 from spot_runtime.bench_faults.rig import Rig, rig
 from spot_runtime.bench_faults.rows import Finding, Row, left_alone, try_row
 
@@ -29,9 +29,19 @@ def _restored(robot: Rig) -> Iterator[None]:
     robot.restore()
 
 
-@pytest.mark.parametrize("row", [row for row in command.ROWS if not row.is_long], ids=lambda row: row.fault)
+SHARED = [row for row in command.ROWS if not row.is_long and row not in rows_robot.LAST]
+
+
+@pytest.mark.parametrize("row", SHARED, ids=lambda row: row.fault)
 def test_row(robot: Rig, row: Row) -> None:
     result = try_row(robot, row)
+    assert result.ok, result.to_json()
+
+
+@pytest.mark.parametrize("row", rows_robot.LAST, ids=lambda row: row.fault)
+def test_row_that_leaves_the_robot_to_nobody_else(row: Row, tmp_path: Path) -> None:
+    with rig(tmp_path, WALK) as robot:
+        result = try_row(robot, row)
     assert result.ok, result.to_json()
 
 
