@@ -69,6 +69,10 @@ def run_session(request: Request, progress: Progress) -> tuple[Diagnosis, dict[s
             runs, request.nominal, None, np.random.default_rng(request.seed), progress, library=request.library,
             nominal_name=request.nominal_name, limits_rad=robot.limits_rad,
         )  # fmt: skip
+    if robot is not SPOT:
+        # The library's recordings are walks of Spot: what to do stays, the command that would make Spot do it goes.
+        effects = tuple(e.model_copy(update={"split": None}) for e in result.verdict.effects)
+        result = replace(result, verdict=result.verdict.model_copy(update={"effects": effects}))
     told = tuple(dict.fromkeys((*warnings, *notes, *result.verdict.notes)))
     result = replace(result, verdict=result.verdict.model_copy(update={"notes": told}))
     progress("writing the report")

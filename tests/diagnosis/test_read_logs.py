@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from diagnosis.read_logs import find_policy, find_policy_file, read_all
+from diagnosis.recording import record
+from diagnosis.segments import cut
 from spot_model.errors import BadInputError
 from spot_model.policy import load_policy
 from spot_runtime.log.importing import Mapping, import_log
@@ -82,3 +84,11 @@ def test_the_policy_must_be_the_logs(run: Run) -> None:
         find_policy(POLICIES / "baseline.onnx", [mine])
     with pytest.raises(BadInputError, match=r"logs of 2 policies: a.mcap: .*diagnose logs of one policy at a time"):
         find_policy(None, [mine, _by(run, "0" * 64, "other")], POLICIES)
+
+
+def test_a_log_without_commands_is_used_from_its_first_state(run: Run) -> None:
+    recording = record(run)
+    assert set(recording.command_row()) == {-1}
+    cut_up = cut(recording)
+    assert cut_up.used.all()
+    assert all(not s.is_cut for s in cut_up.segments)
