@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import mujoco
+import numpy as np
 
-from spot_model.facts import FOOT_RADIUS_M, LEG_NAMES
+from spot_model.facts import FOOT_RADIUS_M, LEG_NAMES, N_JOINTS
 from spot_model.mjcf import spot_mjcf
 from spot_model.mjcf_options import MjcfOptions
 from withheld.realities.robot import Robot
@@ -46,5 +47,7 @@ def build_model(robot: Robot, settings: Settings) -> mujoco.MjModel:
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
     for edit_model in robot.model_edits:
         edit_model(model)
+    # The rotor of a rigid gear is part of its joint; that of an elastic one is simulated by the drive.
+    model.dof_armature[6 : 6 + N_JOINTS] = np.where(robot.drive.is_elastic, 0.0, robot.drive.rotor_inertia_kg_m2)
     mujoco.mj_setConst(model, mujoco.MjData(model))
     return model

@@ -1,6 +1,7 @@
-"""Twelve drives as two-mass systems: servo, current, voltage, rotor, gear; many runs side by side.
+"""Twelve drives: servo, current, voltage, friction, rotor, gear; many runs side by side.
 
-The rotor is a body of its own behind the gear's spring, whose torque is what a load cell at the joint measures.
+A healthy gear is rigid: rotor and link are one body to MuJoCo, and the load cell between them feels what the motor
+gives less what the rotor takes. A gear with play or a soft one has a rotor of its own behind a spring.
 """
 
 from __future__ import annotations
@@ -46,8 +47,17 @@ class Drives:
         )  # fmt: skip
         self.motor_nm: Array = np.zeros(shape)
         self._current_nm: Array = np.zeros(shape)
+        self.cell_nm: Array = np.zeros(shape)
+        """What the load cells' amplifiers hand out."""
+        self._cell_blend = float(-np.expm1(-dt_s / robot.sensing.load_filter_s))
         self._friction = LuGre(d, n_runs, dt_s)
         self.motors = Motors(robot.thermal, d, n_runs)
+        self._elastic = d.is_elastic
+        self._has_elastic = bool(d.is_elastic.any())
+        self._inertia_per_s = d.rotor_inertia_kg_m2 / dt_s
+        self._pushed: Array = np.zeros(shape)
+        self._spring: Array = np.zeros(shape)
+        self._rotor_rate: Array = np.zeros(shape)
         self._per_inertia = dt_s / d.rotor_inertia_kg_m2
         self._blend = -np.expm1(-dt_s / d.current_time_constant_s)
         self._half_play = 0.5 * d.play_rad
@@ -79,7 +89,7 @@ class Drives:
         return np.asarray(angle)
 
     def step(self, setpoint_rad: Array, kp: Array, kd: Array) -> Array:
-        """Torque on the links over the coming physics step, shape (n, 12); moves rotors on.
+        """Torque on the links over the coming physics step, shape (n, 12); :meth:`follow` comes after it.
 
         Args:
             setpoint_rad: Position set-points in effect, (n, 12).
@@ -97,17 +107,30 @@ class Drives:
         for part in robot.motors:
             motor = part.act(motor, m)
         self.motor_nm = motor
-        gear = self._gear_nm()
-        total = motor - gear - self._friction.torque_nm(m.rotor_rad_s)
+        pushed = motor - self._friction.torque_nm(m.rotor_rad_s)
         for part in robot.rotors:
-            total = total + part.act(self._zeros, m)
-        m.gear_nm = gear
-        m.rotor_rad_s = m.rotor_rad_s + self._per_inertia * total
-        m.rotor_rad = m.rotor_rad + self._dt_s * m.rotor_rad_s
-        out = gear
+            pushed = pushed + part.act(self._zeros, m)
+        self._pushed = out = pushed
+        if self._has_elastic:
+            self._spring = self._gear_nm()
+            self._rotor_rate = m.rotor_rad_s + self._per_inertia * (pushed - self._spring)
+            out = np.where(self._elastic, self._spring, pushed)
         for part in robot.links:
             out = out + part.act(self._zeros, m)
         return out
+
+    def follow(self, link_rad: Array, link_rad_s: Array) -> None:
+        """Take in where the links are after the physics step that :meth:`step` gave the torque for."""
+        m = self.motion
+        gear = self._pushed - self._inertia_per_s * (link_rad_s - m.link_rad_s)
+        if self._has_elastic:
+            gear = np.where(self._elastic, self._spring, gear)
+            m.rotor_rad = np.where(self._elastic, m.rotor_rad + self._dt_s * self._rotor_rate, link_rad)
+            m.rotor_rad_s = np.where(self._elastic, self._rotor_rate, link_rad_s)
+        else:
+            m.rotor_rad, m.rotor_rad_s = link_rad, link_rad_s
+        m.link_rad, m.link_rad_s, m.gear_nm = link_rad, link_rad_s, gear
+        self.cell_nm = self.cell_nm + self._cell_blend * (gear - self.cell_nm)
 
     def true_gains(self, kp: Array, kd: Array) -> tuple[Array, Array]:
         """What the robot's servo makes of the gains that it is told."""

@@ -45,7 +45,7 @@ class JointSensors:
         s, m, out = self._s, drives.motion, self._out
         out[:, :N_JOINTS] = drives.encoder_rad()
         out[:, N_JOINTS : 2 * N_JOINTS] = self._filtered(m.rotor_rad_s, dt_s) if self._has_filter else m.rotor_rad_s
-        out[:, 2 * N_JOINTS :] = s.load_gain * m.gear_nm + s.load_bias_nm
+        out[:, 2 * N_JOINTS :] = s.load_gain * drives.cell_nm + s.load_bias_nm
         stepped = np.round((out + self._noise[state]) * self._per_quantum) * self._quantum
         return Reading(stepped[:, :N_JOINTS], stepped[:, N_JOINTS : 2 * N_JOINTS], stepped[:, 2 * N_JOINTS :], stepped)
 

@@ -35,10 +35,11 @@ class DriveParameters:
     rotor_inertia_kg_m2: Array = field(
         default_factory=lambda: _knees(facts.KNEE_ARMATURE_KG_M2, facts.HIP_ARMATURE_KG_M2)
     )
-    """The rotor is a body of its own, behind the gear's spring."""
-    gear_stiffness_nm_per_rad: Array = field(default_factory=lambda: _knees(24000.0, 26000.0))
-    """Five times the stiffest gear that counts as compliant; a stiffer one asks for shorter steps."""
-    gear_damping_nm_s_per_rad: Array = field(default_factory=lambda: _knees(7.5, 9.0))
+    is_elastic: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(N, dtype=np.bool_))
+    """Gears behind which the rotor is a body of its own; the others are rigid."""
+    gear_stiffness_nm_per_rad: Array = field(default_factory=lambda: _knees(16000.0, 20000.0))
+    """Of elastic gears; a stiffer one asks for shorter steps than half a millisecond."""
+    gear_damping_nm_s_per_rad: Array = field(default_factory=lambda: _knees(9.0, 14.0))
     play_rad: Array = field(default_factory=lambda: np.zeros(N))
     torque_constant: Array = field(default_factory=lambda: np.ones(N))
     """Over the nominal one."""
@@ -63,7 +64,7 @@ class DriveParameters:
         )
     )
     """Torque a rad/s short of the no-load speed: the winding's resistance."""
-    current_time_constant_s: Array = field(default_factory=lambda: np.full(N, 4e-4))
+    current_time_constant_s: Array = field(default_factory=lambda: np.full(N, 1.5e-4))
     coulomb_nm: Array = field(default_factory=lambda: _knees(_PAPER.knee_friction_nm, _PAPER.hip_friction_nm))
     stiction_nm: Array = field(default_factory=lambda: np.zeros(N))
     """Static friction over the Coulomb level."""
@@ -121,6 +122,8 @@ class SensingParameters:
     position_quantum_rad: float = 1.9e-4
     velocity_quantum_rad_s: float = 5e-3
     load_quantum_nm: float = 0.06
+    load_filter_s: float = 1e-4
+    """Of the load cells' amplifiers."""
     load_gain: Array = field(default_factory=lambda: np.ones(N))
     load_bias_nm: Array = field(default_factory=lambda: np.zeros(N))
     velocity_filter_hz: Array = field(default_factory=lambda: np.full(N, np.inf))

@@ -146,7 +146,7 @@ class _Simulation:
             q, v = data.qpos, data.qvel
             joints[i], rates[i] = q[JOINTS_Q], v[JOINTS_V]
             self.position[i], self.velocity[i] = q[:7], v[:6]
-        self.drives.motion.link_rad, self.drives.motion.link_rad_s = joints, rates
+        self.drives.follow(joints, rates)
 
     def _energy(self) -> None:
         drives = self.drives

@@ -56,7 +56,7 @@ def test_without_faults_it_weighs_what_spot_weighs_and_its_solver_is_a_third_one
     assert model.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICIT
     assert model.opt.timestep == pytest.approx(5e-4)
     assert model.geom("fl_foot").type == mujoco.mjtGeom.mjGEOM_ELLIPSOID
-    assert np.all(model.dof_armature == 0.0)
+    assert model.dof_armature[6:9] == pytest.approx([0.0403, 0.0403, 0.0731], abs=1e-4)
     assert np.all(model.dof_frictionloss == 0.0)
 
 
@@ -115,8 +115,9 @@ def test_soft_and_slippery_ground() -> None:
     assert slippery.geom("hr_foot").friction[0] == pytest.approx(0.8 * stated["ground_friction.scale"])
 
 
-def test_gears_are_stable_in_every_pose_with_a_fifth_to_spare() -> None:
+def test_elastic_gears_are_stable_in_every_pose_with_a_fifth_to_spare() -> None:
     robot, settings = Robot(), Settings()
+    robot.drive.is_elastic = np.ones(N_JOINTS, dtype=np.bool_)
     model = build_model(robot, settings)
     data = mujoco.MjData(model)
     rng = np.random.default_rng(0)

@@ -158,6 +158,7 @@ def test_each_policy_walks_its_range_on_a_healthy_robot(name: str) -> None:
 
 def test_a_simulation_that_breaks_down_is_an_error_and_no_log() -> None:
     robot = make([], 0).robot()
+    robot.drive.is_elastic = ~robot.drive.is_elastic
     robot.drive.gear_damping_nm_s_per_rad = 100.0 * robot.drive.gear_damping_nm_s_per_rad
     with pytest.raises(RealityDivergedError, match="draw another case"):
         simulate(robot, policy(), [RunRequest(ahead(0.1), np.random.default_rng(0))], QUICK)

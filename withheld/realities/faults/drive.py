@@ -18,6 +18,9 @@ LAG_S = 0.016
 RIPPLE_NM = 1.5
 PLAY_RAD = 0.0105
 COMPLIANCE_RAD_PER_NM = 0.002
+STIFFEST_NM_PER_RAD = 15000.0
+FLYWHEEL_HZ = 60.0
+FLYWHEEL_DAMPING = 0.7
 SERVO_GAIN = 0.2
 SERVO_DAMPING = 0.3
 
@@ -37,13 +40,10 @@ def torque_gain(ask: Ask) -> Built:
 
 
 def rotor_inertia(ask: Ask) -> Built:
-    """A heavier rotor: a flywheel behind the gear's spring."""
+    """A heavier rotor: a flywheel on a shaft of its own."""
     more = ask.size * ROTOR_KG_M2
-
-    def install(robot: Robot) -> None:
-        robot.drive.rotor_inertia_kg_m2 = robot.drive.rotor_inertia_kg_m2 + at(ask.joints, more)
-
-    return Built(install, {"armature.inertia_kg_m2": more})
+    part = _Flywheel(at(ask.joints, more))
+    return Built(lambda robot: robot.rotors.append(part), {"armature.inertia_kg_m2": more})
 
 
 def slow_loop(ask: Ask) -> Built:
@@ -71,21 +71,27 @@ def play(ask: Ask) -> Built:
 
     def install(robot: Robot) -> None:
         robot.drive.play_rad = robot.drive.play_rad + at(ask.joints, gap)
+        robot.drive.is_elastic = robot.drive.is_elastic | (ask.joints & (ask.size > 0.0))
 
     return Built(install, {"backlash.gap_rad": gap})
 
 
 def soft_gear(ask: Ask) -> Built:
-    """A gear whose spring gives way; its damping falls with its stiffness."""
-    more = ask.size * COMPLIANCE_RAD_PER_NM
+    """A gear whose spring gives way; the softer, the less it damps."""
+    most = STIFFEST_NM_PER_RAD
+    compliance = 1.0 / most + ask.size * (COMPLIANCE_RAD_PER_NM - 1.0 / most)
 
     def install(robot: Robot) -> None:
+        if ask.size == 0.0:
+            return
         d = robot.drive
-        share = 1.0 / (1.0 + at(ask.joints, more) * d.gear_stiffness_nm_per_rad)
-        d.gear_stiffness_nm_per_rad = d.gear_stiffness_nm_per_rad * share
-        d.gear_damping_nm_s_per_rad = d.gear_damping_nm_s_per_rad * np.sqrt(share)
+        share = 1.0 / (compliance * d.gear_stiffness_nm_per_rad)
+        d.gear_stiffness_nm_per_rad = np.where(ask.joints, 1.0 / compliance, d.gear_stiffness_nm_per_rad)
+        damping = d.gear_damping_nm_s_per_rad * np.minimum(np.sqrt(share), 1.0)
+        d.gear_damping_nm_s_per_rad = np.where(ask.joints, damping, d.gear_damping_nm_s_per_rad)
+        d.is_elastic = d.is_elastic | ask.joints
 
-    return Built(install, {"joint_compliance.compliance_rad_per_nm": more})
+    return Built(install, {"joint_compliance.compliance_rad_per_nm": compliance})
 
 
 def servo_gains(ask: Ask) -> Built:
@@ -149,6 +155,31 @@ class SecondOrder:
             system = np.array([[0.0, 1.0], [-(corner**2), -2.0 * self._damping * corner]])
             out[:, :, joint] = expm(system * dt_s)
         return out
+
+
+class _Flywheel:
+    """A wheel on a shaft that is as stiff as its own inertia asks for: it follows the rotor up to 60 Hz."""
+
+    def __init__(self, inertia: Array) -> None:
+        self._inertia = inertia
+        self._corner = 2.0 * np.pi * FLYWHEEL_HZ
+        self._angle: Array | None = None
+        self._rate: Array = np.zeros((1, len(inertia)))
+
+    def start(self, n_runs: int) -> None:
+        """Where the rotor is, at rest."""
+        self._angle = None
+        self._rate = np.zeros((n_runs, len(self._inertia)))
+
+    def act(self, torque_nm: Array, motion: Motion) -> Array:
+        """What the shaft takes from the rotor."""
+        if self._angle is None:
+            self._angle = motion.rotor_rad.copy()
+        pull = self._corner**2 * (motion.rotor_rad - self._angle)
+        pull = pull + 2.0 * FLYWHEEL_DAMPING * self._corner * (motion.rotor_rad_s - self._rate)
+        self._rate = self._rate + motion.dt_s * pull
+        self._angle = self._angle + motion.dt_s * self._rate
+        return np.asarray(torque_nm - self._inertia * pull)
 
 
 class _Ripple:
