@@ -4,7 +4,7 @@ python scripts/mutation.py                   every mutant; exit 1 below the scor
 python scripts/mutation.py --only modes      those of one file
 python scripts/mutation.py --list            what would be tried
 
-Each mutant runs in a process forked from one that has the libraries in memory, but nothing of this project; so a
+Each mutant runs in a process forked from one that has the libraries in memory, but nothing of the runtime; so a
 mutant costs little more than the tests that find it. What is changed: comparisons, arithmetic, and/or/not, numbers and
 truth values, conditions, returned values, keyword arguments, min and max, any and all, and calls made for their effect.
 Words in messages are not changed.
@@ -33,7 +33,7 @@ REPOSITORY = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(REPOSITORY))
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
-from safety_core import CORE, TESTS  # noqa: E402
+from safety_core import CORE, TESTS, TESTS_OF  # noqa: E402
 
 TIMEOUT_S = 60
 SCORE = 0.90
@@ -201,7 +201,7 @@ def _run_tests(mutant: Mutant | None) -> None:
         with contextlib.redirect_stdout(io.StringIO()) as said, contextlib.redirect_stderr(io.StringIO()):
             options = ["-x", "-q", "--no-header", "-p", "no:cacheprovider", "-p", "no:xdist", "-p", "no:fake_spot"]
             options += ["-p", "no:cov", "--hypothesis-profile=mutants", "-o", "filterwarnings="]
-            code = int(pytest.main([*options, *TESTS]))
+            code = int(pytest.main([*options, *(TESTS if mutant is None else TESTS_OF[mutant.file])]))
         if mutant is None and code:
             os.write(2, said.getvalue().encode())
     finally:
@@ -219,6 +219,12 @@ def _prepare() -> None:
     import pydantic
     import pytest
 
+    import spot_model.policy
+    import spot_model.rotation
+    import spot_model.velocity_sequence
+    import spot_protos.log_pb2
+
+    del spot_model, spot_protos
     del bosdyn, np, onnx, onnxruntime, pydantic, pytest
     profile = {"max_examples": 30, "derandomize": True, "database": None, "deadline": None}
     hypothesis.settings.register_profile("mutants", **profile)
@@ -228,12 +234,14 @@ def _prepare() -> None:
 def main() -> None:
     """Try the mutants."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--only", default="", help="only files whose name holds this")
+    parser.add_argument("--only", default="", help="only files whose name holds one of these, comma-separated")
     parser.add_argument("--list", action="store_true", help="list the mutants")
     parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)))
     parser.add_argument("--budget-s", type=float, default=float("inf"), help="begin no mutant after so long")
     options = parser.parse_args()
-    mutants = [mutant for file in CORE if options.only in file for mutant in mutants_of(file)]
+    mutants = [
+        mutant for file in CORE if any(w in file for w in options.only.split(",")) for mutant in mutants_of(file)
+    ]
     if options.budget_s < float("inf"):
         # The order follows from the core itself: the same code tries the same mutants first, changed code others.
         random.Random("".join(mutant.source for mutant in mutants)).shuffle(mutants)

@@ -62,6 +62,12 @@ def test_from_every_mode_that_sends_damping_and_silence_are_one_step_away(mode: 
     assert next_mode(mode, ModeInputs(0.0, reaction=EXPIRE), CONFIG) is Mode.RELEASED
 
 
+def test_what_each_mode_does() -> None:
+    assert {mode.value for mode in Mode if not mode.sends} == {"ready", "released"}
+    assert {mode.value for mode in Mode if mode.runs_policy} == {"ramping_in", "active", "soft_stop", "ramping_out"}
+    assert all(mode.sends in (True, False) and mode.runs_policy in (True, False) for mode in Mode)
+
+
 @given(REACTIONS)
 def test_before_joint_control_every_stop_means_that_nothing_is_ever_sent(reaction: Reaction) -> None:
     assert next_mode(Mode.READY, ModeInputs(0.0, reaction), CONFIG) is Mode.RELEASED
