@@ -24,6 +24,8 @@ LIGHT_N: Final = 25.0
 """A foot that by the legs' loads carries more than this stands, whatever its flag says: flags come late."""
 FLOOR_NM: Final = 0.15
 """What differentiated velocities and a rigid model leave at least."""
+SHARE: Final = 0.03
+"""Of a joint's load in the air; links bend, and accelerations come a millisecond late."""
 
 
 def swing_view(signals: DynamicsSignals, alignment: Alignment) -> ChannelView | ChannelOff:
@@ -39,6 +41,10 @@ def swing_view(signals: DynamicsSignals, alignment: Alignment) -> ChannelView | 
     response = alignment.residuals.joint_nm
     # The rows are already smoothed, so the noise found in them is what smoothing leaves.
     noise = white_noise(response, usable, is_smoothed=True)
+    load = signals.inputs.load_nm
+    moved = np.array(
+        [float(np.sqrt(np.mean(load[rows, i] ** 2))) if rows.any() else 0.0 for i, rows in enumerate(usable.T)]
+    )
     return ChannelView(
         name="D",
         rows=facts.JOINT_NAMES,
@@ -47,7 +53,7 @@ def swing_view(signals: DynamicsSignals, alignment: Alignment) -> ChannelView | 
         usable=usable,
         run=signals.stack.run[signals.rows],
         state=signals.stack.state[signals.rows],
-        noise=np.maximum(noise, FLOOR_NM),
+        noise=np.maximum(noise, np.maximum(FLOOR_NM, SHARE * moved)),
         nuisance=np.zeros((*response.shape, 0)),
         row_joint=np.arange(facts.N_JOINTS, dtype=np.intp),
         row_leg=legs,

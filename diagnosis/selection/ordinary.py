@@ -15,8 +15,9 @@ import numpy as np
 
 from diagnosis.channels.actuator import ActuatorSignals
 from diagnosis.channels.nominal_torque import nominal_torque_nm
-from diagnosis.library.base import LibraryEffect
-from diagnosis.seam import Array, Ints, Shape
+from diagnosis.library.base import LibraryEffect, Location
+from diagnosis.seam import Array, Flags, Ints, Shape
+from diagnosis.selection.places import Robot
 from spot_model.effects.base import Effect, TorqueEffect
 
 SHARE: Final = "share"
@@ -67,14 +68,17 @@ def ordinary(board: Any, library: Mapping[str, LibraryEffect], sizes: Mapping[st
             continue
         scale = np.array([float(given.get(c.name, 0.0)) for c in effect.coefficients])
         columns = board.columns(effect, given.get("at", {}))
-        n_units = len(board.robot.units(effect.location))
+        sets = _sets(board.robot, effect)
         first = len(names)
         chosen = np.flatnonzero(scale > 0.0)
-        names += [name] * (n_units * len(chosen))
+        names += [name] * (len(sets) * len(chosen))
         for number, (units, x) in enumerate(zip(columns.units, columns.x, strict=True)):
-            for i, unit in enumerate(units):
-                parts[number] += [x[:, i, p] * scale[p] for p in chosen]
-                numbers[number] += [first + int(unit) * len(chosen) + k for k in range(len(chosen))]
+            for i, members in enumerate(sets):
+                if not members[units].any():
+                    continue
+                summed = x[:, members[units]].sum(axis=1)
+                parts[number] += [summed[:, p] * scale[p] for p in chosen]
+                numbers[number] += [first + i * len(chosen) + k for k in range(len(chosen))]
     for own in _own_numbers(board):
         first = len(names)
         names += ["nominal"] * board.robot.n_joints
@@ -92,6 +96,17 @@ def ordinary(board: Any, library: Mapping[str, LibraryEffect], sizes: Mapping[st
         tuple(np.array(n, dtype=np.intp) for n in numbers),
         tuple(names),
     )
+
+
+def _sets(robot: Robot, effect: LibraryEffect) -> list[Flags]:
+    """Units, each by itself, and alike: those of a type and all, since a maker's figure is wrong for all of a kind."""
+    n = len(robot.units(effect.location))
+    sets: list[Flags] = list(np.eye(n, dtype=np.bool_))
+    if n > 1:
+        sets.append(np.ones(n, dtype=np.bool_))
+    if effect.location is Location.JOINT:
+        sets += list(robot.types().values())
+    return sets
 
 
 def _own_numbers(board: Any) -> list[Array]:
