@@ -47,7 +47,9 @@ def best_ground(
         rng: Draws seeds.
         tell: Called with the share that is done.
     """
-    names = sorted(real)
+    names = sorted(name for name in real if any(s.sequence == name for s in scripts))
+    if not names:
+        return {}
     each = max(1, RUNS_IN_ALL // len(names))
     few = [s for name in names for s in [s for s in scripts if s.sequence == name][:each]]
     every = tuple(

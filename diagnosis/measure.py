@@ -9,7 +9,7 @@ import numpy as np
 
 from diagnosis.engine import Engine, LocalEngine, Rollout, Tell
 from diagnosis.fitted import corrected_model, without_fold
-from diagnosis.ground import GROUND_EFFECTS, best_ground
+from diagnosis.ground import GROUND_EFFECTS, OWN_S, best_ground
 from diagnosis.logs import policy_ticks, script_of
 from diagnosis.selection.board import Board
 from diagnosis.selection.scoring import Scored
@@ -80,10 +80,18 @@ def roll_out(
             reference, bench.scripts, bench.real(), bench.policy, bench.engine, rng, lambda share: tell(0.5 * share)
         )
     ground = bench.grounds.get(ground_of, {})
-    rollouts = []
+    # One batch for each model: many runs in one cost little more than few.
+    batches: list[tuple[RobotModel, set[str]]] = []
     for sequence, model in models:
-        mine = tuple(s for s in bench.scripts if s.sequence == sequence)
-        own = (ground[sequence],) * len(mine) if sequence in ground else None
+        together = next((names for other, names in batches if other is model), None)
+        if together is None:
+            batches.append((model, {sequence}))
+        else:
+            together.add(sequence)
+    rollouts = []
+    for model, sequences in batches:
+        mine = tuple(s for s in bench.scripts if s.sequence in sequences)
+        own = tuple(ground.get(s.sequence, OWN_S) for s in mine) if ground else None
         rollouts.append(Rollout(model, mine, int(rng.integers(2**31)), own))
     made = bench.engine.simulate(rollouts, lambda share: tell(0.5 + 0.5 * share))
     return [run for part in made for run in part]
