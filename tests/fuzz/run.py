@@ -22,7 +22,7 @@ WATCHED = ["spot_model", "spot_runtime", "fake_robot", "yaml", "mcap"]
 
 def fuzz(name: str, options: list[str]) -> None:
     """Fuzz until the options say that it is enough; the process ends here."""
-    import atheris
+    import atheris  # type: ignore[import-untyped, import-not-found, unused-ignore]
 
     with atheris.instrument_imports(include=WATCHED):
         from targets import TARGETS, folder

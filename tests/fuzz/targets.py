@@ -414,7 +414,7 @@ def admin(data: bytes) -> None:
 
     methods = fake_admin_pb2.DESCRIPTOR.services_by_name["FakeAdmin"].methods
     method = methods[(data[:1] or b"\0")[0] % len(methods)]
-    request = GetMessageClass(method.input_type)()
+    request: Any = GetMessageClass(method.input_type)()
     service = admin_service()
     with contextlib.suppress(DecodeError, AbortedError):
         request.ParseFromString(data[1:])
@@ -453,7 +453,7 @@ def admin_seeds() -> list[bytes]:
     from spot_protos import fake_admin_pb2 as pb
 
     names = [method.name for method in pb.DESCRIPTOR.services_by_name["FakeAdmin"].methods]
-    requests = {
+    requests: dict[str, list[Any]] = {
         "Step": [pb.StepRequest(duration_ns=3), pb.StepRequest(state_messages=1, with_states=True)],
         "InjectFault": [
             pb.InjectFaultRequest(name="state_delay", numbers={"delay_s": 0.01}, duration_s=1.0),
