@@ -52,6 +52,8 @@ class Case(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     number: int
+    attempt: int = 0
+    """Draws before this one whose robot broke its simulation; they are drawn anew, from the seed."""
     kind: CaseKind
     requests: tuple[FaultRequest, ...]
     policy: str
@@ -66,8 +68,8 @@ class Case(BaseModel):
     diagnosis_seed: int
 
 
-def draw(seed: int, number: int, source: Source, policies: Path, pace: Pace = "full") -> Case:
-    """Case ``number`` of the run with that seed.
+def draw(seed: int, number: int, source: Source, policies: Path, pace: Pace = "full", attempt: int = 0) -> Case:
+    """Case ``number`` of the run with that seed; every attempt is of the same kind.
 
     Raises:
         BadInputError: There is no policy.
@@ -75,7 +77,7 @@ def draw(seed: int, number: int, source: Source, policies: Path, pace: Pace = "f
     names = sorted(p.stem for p in policies.glob("*.onnx"))
     if not names:
         raise BadInputError(f"folder {policies} has no policy (*.onnx); give --policies")
-    rng = np.random.default_rng([seed, 1, number])
+    rng = np.random.default_rng([seed, 1, number, attempt])
     kind = kind_of(seed, number) if source.kinds else "own"
     requests = _requests(kind, source, rng)
     drawn = names[int(rng.integers(len(names)))]
@@ -93,6 +95,7 @@ def draw(seed: int, number: int, source: Source, policies: Path, pace: Pace = "f
     seeds = [int(s) for s in rng.integers(2**31, size=3)]
     return Case(
         number=number,
+        attempt=attempt,
         kind=kind,
         requests=requests,
         policy=policy,

@@ -28,6 +28,7 @@ from withheld.jail import Ended, Level, hide_this_process, run_locked_in, seen
 from withheld.ledger import Ledger
 from withheld.outcome import Answer, Outcome, load_outcome
 from withheld.plan import Reality, RecordingPlan
+from withheld.realities.simulation import RealityDivergedError
 from withheld.seal import Seal, file_digest
 from withheld.sequences import fast_sequences, ordinary_sequences
 from withheld.source import source_of
@@ -36,6 +37,7 @@ NO_VERDICT: Final = "none"
 TRUE_SHRINK_EVERY: Final = 5
 """The true shrink takes many more runs of the reality; it is measured in every fifth case."""
 TRUE_REPEATS: Final = 4
+MAX_ATTEMPTS: Final = 5
 
 
 @dataclass(frozen=True)
@@ -88,9 +90,13 @@ class _Execution:
     def __init__(self, job: Job, work: Path, result: Path) -> None:
         self.job, self.work, self.result = job, work, result
         self.source = source_of(job.reality)
-        self.case = draw(job.seed, job.number, self.source, job.policies, job.pace)
-        self.policy = job.policies / f"{self.case.policy}.onnx"
+        self._draw(0)
         self.seconds: dict[str, float] = {}
+
+    def _draw(self, attempt: int) -> None:
+        job = self.job
+        self.case = draw(job.seed, job.number, self.source, job.policies, job.pace, attempt)
+        self.policy = job.policies / f"{self.case.policy}.onnx"
 
     @contextmanager
     def _timed(self, stage: str) -> Iterator[None]:
@@ -100,7 +106,7 @@ class _Execution:
 
     def run(self, done: Path) -> Outcome:
         inside, out = self.work / "case", self.work / "out"
-        (inside / "logs").mkdir(parents=True)
+        inside.mkdir()
         out.mkdir()
         ledger = Ledger(self.result / "ledger.jsonl")
         reality = self._record(inside)
@@ -131,16 +137,29 @@ class _Execution:
 
     def _record(self, inside: Path) -> Reality:
         """All that the diagnosis is given: logs, nominal model, policy."""
-        case = self.case
         with self._timed("recording"):
-            reality = self.source.make(case.requests, case.reality_seed)
-            missing = frozenset(case.missing)
-            plan = RecordingPlan(self.policy, case.sequences, case.repeats, case.recording_seed, missing)
-            reality.record(plan, inside / "logs")
+            reality = self._reality(inside / "logs")
         save_model(reality.nominal, inside / "model.yaml")
         shutil.copyfile(self.policy, inside / "policy.onnx")
         metadata.make_alike(inside / "logs")
         return reality
+
+    def _reality(self, logs: Path) -> Reality:
+        """A robot that was recorded; one whose simulation breaks down is drawn anew."""
+        for attempt in range(MAX_ATTEMPTS):
+            self._draw(attempt)
+            case = self.case
+            reality = self.source.make(case.requests, case.reality_seed)
+            missing = frozenset(case.missing)
+            plan = RecordingPlan(self.policy, case.sequences, case.repeats, case.recording_seed, missing)
+            shutil.rmtree(logs, ignore_errors=True)
+            logs.mkdir()
+            try:
+                reality.record(plan, logs)
+            except RealityDivergedError:
+                continue
+            return reality
+        raise SpotRlError(f"case {self.case.number}: no robot in {MAX_ATTEMPTS} draws could be simulated")
 
     def _taken(self, out: Path) -> str:
         """Digest of the verdict, which is moved with report and model to where the case is kept."""

@@ -52,6 +52,7 @@ def scores(checked: Checked) -> dict[str, Any]:
         "locked_in": list(checked.locked_in),
         "cases": len(outcomes),
         "asked_cases": checked.head.cases,
+        "drawn_again": sum(o.case.attempt > 0 for o in outcomes),
         "core_seconds_a_case": {"mean": float(np.mean(seconds)), "most": float(np.max(seconds))},
         "core_seconds_by_stage": {
             stage: float(np.mean([o.seconds.get(stage, 0.0) for o in outcomes]))

@@ -115,5 +115,6 @@ def _drawn_again(outcomes: Sequence[Outcome], seed: int, head: RunHead, policies
     except BadInputError:
         return
     for outcome in outcomes:
-        if draw(seed, outcome.case.number, source, policies, head.pace) != outcome.case:
-            raise SpotRlError(f"case {outcome.case.number} is not the one that seed {seed} draws with these sources")
+        case = outcome.case
+        if draw(seed, case.number, source, policies, head.pace, case.attempt) != case:
+            raise SpotRlError(f"case {case.number} is not the one that seed {seed} draws with these sources")

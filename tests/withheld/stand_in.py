@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from spot_runtime.log.run_writer import RunWriter
 from tests.diagnosis.planted import Truth as Planted
 from tests.diagnosis.planted import planted_runs
 from withheld.plan import Family, Fault, FaultRequest, Place, RecordingPlan, Truth
+from withheld.realities.simulation import RealityDivergedError
 
 NOMINAL = RobotModel((CommandDelay(delay_s=0.005), Armature(joints=("knees",), inertia_kg_m2=0.03)))
 """Mean delay of the planted transport; an inertia that logs and model share."""
@@ -153,3 +154,15 @@ def write(run: Run, path: Path) -> None:
 
 def _row(table: Any, i: int, skip: set[str]) -> dict[str, Any]:
     return {name: getattr(table, name)[i].tolist() for name in table.__dataclass_fields__ if name not in skip}
+
+
+class Brittle(StandIn):
+    """The first robot of every case breaks its simulation."""
+
+    broken: ClassVar[set[Path]] = set()
+
+    def record(self, plan: RecordingPlan, folder: Path) -> None:
+        if folder.name == "logs" and folder not in self.broken:
+            self.broken.add(folder)
+            raise RealityDivergedError("not a number")
+        super().record(plan, folder)

@@ -16,9 +16,9 @@ from withheld.run_folder import load_head
 from withheld.source import source_of
 from withheld.verify import check
 
-REALITY = "tests.withheld.stand_in:StandIn"
-SEED = "18091"
-"""Its first two cases: a drive that is 30 % short at the knees, and a robot without any fault."""
+REALITY = "tests.withheld.stand_in:Brittle"
+SEED = "1774"
+"""Its first two cases, drawn again as the first robots break: knees 30 % short of torque, and no fault."""
 
 
 @pytest.fixture(scope="module")
@@ -98,4 +98,5 @@ def test_changed_sources_end_a_run(run: Path, monkeypatch: pytest.MonkeyPatch) -
 @pytest.mark.slow
 def test_the_case_on_disk_is_the_one_that_the_seed_draws(run: Path) -> None:
     outcome = load_outcome(run / "cases" / "0001" / "outcome.json")
-    assert outcome.case == draw(int(SEED), 1, source_of(REALITY), Path("policies"), "quick")
+    assert outcome.case.attempt == 1
+    assert outcome.case == draw(int(SEED), 1, source_of(REALITY), Path("policies"), "quick", 1)
