@@ -13,7 +13,7 @@ LARGEST_NM: Array = per_joint(42.0, 42.0, 95.0)
 SMALLEST_NM: Array = per_joint(14.0, 18.0, 32.0)
 SOFTNESS = 0.12
 LEVER_LOSS = 0.72
-SLOWEST_RAD_S: Array = per_joint(5.0, 8.0, 10.0)
+SLOWEST_RAD_S: Array = per_joint(3.0, 5.0, 7.0)
 
 
 def soft_limit(ask: Ask) -> Built:

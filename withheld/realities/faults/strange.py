@@ -16,7 +16,7 @@ SAG_S = 0.03
 LOPSIDED = 0.25
 CROSSTALK = 0.2
 ENCODER_S_PER_RAD_S = 4.5e-4
-MIDDLE_RAD: Array = np.tile([0.0, 0.95, -1.5], 4)
+MIDDLE_RAD: Array = np.tile([0.0, 1.0, -1.7], 4)
 
 
 def bent_shaft(ask: Ask) -> Built:

@@ -35,7 +35,7 @@ def rubbing_stop(ask: Ask) -> Built:
     """A stop that stands in the way before the end of the travel: it pushes back, and rubs as hard as it pushes."""
     stiffness = at(ask.joints, ask.size * STOP_NM_PER_RAD)
     side = sign(ask.rng)
-    return Built(lambda robot: robot.links.append(_Stop(stiffness, DEFAULT_RAD + 0.05 * side, side)))
+    return Built(lambda robot: robot.links.append(_Stop(stiffness, DEFAULT_RAD, side)))
 
 
 def headwind(ask: Ask) -> Built:

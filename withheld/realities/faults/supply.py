@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from spot_model.facts import Array
+from spot_model.facts import Array, per_joint
 from withheld.realities.fault_kind import Ask, Built
 from withheld.realities.hooks import Motion
 from withheld.realities.robot import Robot
 
 LARGEST_W = 1900.0
 SMALLEST_W = 420.0
-WORST_OHM = 0.5
-LOW_CHARGE = 0.12
-MARGINAL_HIP = 0.5
+WORST_OHM = 0.45
+LOW_CHARGE = 0.2
+MARGINAL_HIP, MARGINAL_KNEE = 0.2, 0.38
+"""No-load speeds over the rated ones of drives that need all volts of a full pack."""
 
 
 def bus_limit(ask: Ask) -> Built:
@@ -68,8 +69,8 @@ def tired_battery(ask: Ask) -> Built:
         s.slow_resistance_ohm += 0.4 * more_ohm
         s.charge = s.charge + min(1.0, 2.0 * ask.size) * (LOW_CHARGE - s.charge)
         # Such a pack shows where motors need all of its volts.
-        hip = np.where(np.arange(len(d.no_load_high_rad_s)) % 3 == 2, 1.0, MARGINAL_HIP**ask.size)
-        d.no_load_high_rad_s = d.no_load_high_rad_s * hip
-        d.no_load_low_rad_s = d.no_load_low_rad_s * hip
+        marginal = per_joint(MARGINAL_HIP, MARGINAL_HIP, MARGINAL_KNEE) ** ask.size
+        d.no_load_high_rad_s = d.no_load_high_rad_s * marginal
+        d.no_load_low_rad_s = d.no_load_low_rad_s * marginal
 
     return Built(install, {"bus_sag.resistance_ohm": more_ohm})
