@@ -138,7 +138,7 @@ def test_volts_bound_driving_and_leave_braking() -> None:
     robot = Robot()
     limits.few_volts(ask()).install(robot)
     drives = Drives(robot, 1, np.tile([0.0, 1.0, -1.5], (1, 4)), DT_S)
-    drives.motion.rotor_rad_s = np.full((1, N_JOINTS), 9.0)
+    drives.motion.rotor_rad_s = np.full((1, N_JOINTS), 6.0)
     high, low = drives._bounds()
     assert high[0, 2] == pytest.approx(97.0 / (25.03 - 9.48) * 1.0, rel=0.02)
     assert low[0, 2] < -100.0
