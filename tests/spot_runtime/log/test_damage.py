@@ -90,6 +90,19 @@ def test_every_bit_of_a_chunks_head(log_bytes, true_messages):
         assert len(scan.messages) >= len(true_messages) - 500, bit
 
 
+def test_an_index_whose_kind_is_damaged_is_no_message(log_bytes, true_messages):
+    """One bit makes a message of a message index; outside a chunk nothing has a check sum, so nothing is believed."""
+    at, tried = 0, 0
+    while (at := log_bytes.find(b"\x07", at + 1)) >= 0 and tried < 40:
+        if log_bytes[at + 3 : at + 9] != bytes(6):
+            continue
+        tried += 1
+        data = bytearray(log_bytes)
+        data[at] ^= 2
+        assert set(scan_mcap(bytes(data)).messages) <= true_messages, at
+    assert tried > 20
+
+
 def test_a_lost_chunk_is_counted_by_its_index(log_bytes, tmp_path):
     at = log_bytes.index(b"\x04\x00\x00\x00zstd", 40_000) + 200
     data = bytearray(log_bytes)
