@@ -64,9 +64,11 @@ def second_line(v: Verdict) -> str:
         parts.append(f"What is left depends most on {' and '.join(v.unknown.depends_on)}.")
     s = v.shrink
     if s is not None and s.s is not None and s.s_low is not None and s.s_high is not None and v.effects:
-        parts.append(
-            f"Put into the simulator, it closes {100 * s.s:.0f} % of the gap (90 %: {100 * s.s_low:.0f} to "
-            f"{100 * s.s_high:.0f} %)."
-        )
+        what = "Put into the simulator, it closes"
+        if v.status == "unknown_effect":
+            what = f"The best that the library has, {_found(v.effects[0])}, closes"
+        elif len(v.effects) > 1:
+            what = "Put into the simulator, they close"
+        parts.append(f"{what} {100 * s.s:.0f} % of the gap (90 %: {100 * s.s_low:.0f} to {100 * s.s_high:.0f} %).")
     parts.append(f"Probability of no effect {v.probability_none:.2f}, of an unknown one {v.probability_unknown:.2f}.")
     return " ".join(parts)
