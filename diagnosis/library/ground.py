@@ -29,7 +29,7 @@ class FootRadiusEntry(LibraryEffect):
     effect: ClassVar[type[Effect]] = FootRadius
     channels: ClassVar[tuple[str, ...]] = ("K",)
     location: ClassVar[Location] = Location.LEG
-    coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("change_m", "m", -0.02, 0.02),)
+    coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("change_m", "m", -0.012, 0.012),)
     confused_with: ClassVar[tuple[str, ...]] = ("encoder_offset", "velocity_estimate", "ground_compliance")
     split_by: ClassVar[Experiment] = STAND
 

@@ -57,7 +57,7 @@ class Scored:
     pulls: Array
     """Ordinary errors in units of their usual sizes. Shape (Q,)."""
     explained: Array
-    """Mean square of what the terms explain in each block, units of the noise. Shape (B,)."""
+    """Mean square of what terms and ordinary errors explain in each block, units of the noise. Shape (B,)."""
 
 
 @dataclass(frozen=True)
@@ -196,15 +196,15 @@ class Scorer:
         return solved[:, k] - solved[:, :k] @ beta, beta
 
     def _squares(self, grams: list[Array], pulls: Array, beta: Array) -> tuple[Array, Array]:
-        """By block: sum of squares that is left, and that the coefficients explain; over the samples of the block."""
+        """By block: sum of squares that is left, and that all columns explain; over the samples of the block."""
         left, explained = np.zeros(len(grams)), np.zeros(len(grams))
         for number, gram in enumerate(grams):
             at = self.board.ordinary.numbers[number]
-            q = len(at)
             vector = np.concatenate([-pulls[at], -beta, [1.0]])
             left[number] = max(0.0, float(vector @ gram @ vector))
-            if len(beta):
-                explained[number] = float(beta @ gram[q:-1, q:-1] @ beta)
+            # Ordinary errors too are formulas: what they explain is as uncertain as what an effect explains.
+            vector[-1] = 0.0
+            explained[number] = max(0.0, float(vector @ gram @ vector))
         return left, explained
 
     def _scored(self, terms: tuple[Placed, ...], fitted: _Fitted) -> Scored:
