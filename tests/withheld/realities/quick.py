@@ -48,3 +48,9 @@ def short_run(requests: Sequence[FaultRequest] = (), duration_s: float = 0.5, se
 def healthy() -> RunArrays:
     """The same run without faults."""
     return short_run()
+
+
+@cache
+def faulty(kind: str) -> RunArrays:
+    """The same run with one fault of full size."""
+    return short_run([request(kind)])

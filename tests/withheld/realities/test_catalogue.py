@@ -7,7 +7,7 @@ import pytest
 
 from diagnosis.library.registry import LIBRARY
 from spot_model.facts import JOINT_NAMES
-from tests.withheld.realities.quick import healthy, request, short_run
+from tests.withheld.realities.quick import faulty, healthy, request, short_run
 from withheld.plan import FaultRequest
 from withheld.realities.catalogue import CATALOGUE
 from withheld.realities.reality import make
@@ -33,13 +33,10 @@ def test_all_faults_of_size_zero_together_change_no_bit() -> None:
 
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_a_fault_of_full_size_changes_the_log_and_breaks_no_number(name: str) -> None:
-    run = short_run([request(name)], 0.35)
-    m = len(run.load_nm)
+    run = faulty(name)
     assert np.isfinite(run.load_nm).all()
     assert np.isfinite(run.position_rad).all()
-    short = healthy()
-    changed = {s for s in SIGNALS if not np.array_equal(getattr(run, s)[:m], getattr(short, s)[: len(getattr(run, s))])}
-    assert changed
+    assert differing(run, healthy())
 
 
 @pytest.mark.parametrize("name", IN_THE_LIBRARY)

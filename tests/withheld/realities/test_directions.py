@@ -11,7 +11,7 @@ import pytest
 
 from spot_model.facts import Array
 from spot_model.rotation import matrix_from_wxyz
-from tests.withheld.realities.quick import QUICK, healthy, policy, request, short_run
+from tests.withheld.realities.quick import QUICK, faulty, healthy, policy, request
 from withheld.plan import Fault
 from withheld.realities.catalogue import CATALOGUE
 from withheld.realities.reality import make
@@ -187,7 +187,7 @@ DIRECTIONS: Final[dict[str, Callable[[Compared], Any]]] = {
 @pytest.mark.parametrize("name", DIRECTIONS)
 def test_a_fault_moves_the_log_as_its_physics_says(name: str) -> None:
     (fault,) = make([request(name)], 5).truth.faults
-    assert DIRECTIONS[name](Compared(short_run([request(name)]), healthy(), fault))
+    assert DIRECTIONS[name](Compared(faulty(name), healthy(), fault))
 
 
 def test_every_direction_is_of_a_fault_that_there_is() -> None:
