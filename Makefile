@@ -28,7 +28,7 @@ test: $(INSTALLED) ## Run all tests
 	@folder=$$(mktemp -d) && trap 'rm -rf "$$folder"' EXIT && \
 	$(RUN) -m pytest -n $(PYTEST_WORKERS) --dist loadfile --basetemp "$$folder/t" $(ARGS)
 
-safety: $(INSTALLED) ## Every line, branch and, for two minutes, mutant of the safety core; ARGS=--all tries all mutants
+safety: $(INSTALLED) ## Every line, branch and, for 90 s, mutant of the safety core; ARGS=--all tries all mutants
 	$(RUN) scripts/check_safety.py $(ARGS)
 
 audit: $(INSTALLED) ## Pins, licences and digests of all dependencies; writes build/sbom.cdx.json

@@ -107,6 +107,17 @@ def test_the_future_begins_50_ms_ahead(make_state: MakeState) -> None:
     assert memory == StateMemory(arrived_robot_stamp_ns=START_NS + 51 * MS)
 
 
+def test_a_first_state_that_confirms_nothing_is_no_rise(make_state: MakeState) -> None:
+    memory, _, _ = safety.screen_state(StateMemory(), make_state(START_NS, last_command_key=0), START_NS, LIMITS)
+    assert memory.echo_robot_stamp_ns == 0
+    memory, _, _ = safety.screen_state(StateMemory(), make_state(START_NS, last_command_key=1), START_NS, LIMITS)
+    assert memory.echo_robot_stamp_ns == START_NS
+
+
+def test_nothing_is_cut_unless_said() -> None:
+    assert safety.LimitedSetpoint(facts.DEFAULT_POSITION_RAD).cut.dtype == np.bool_
+
+
 def test_what_the_memory_holds_after_each_kind_of_state(make_state: MakeState) -> None:
     first = make_state(START_NS, last_command_key=3)
     memory, is_usable, stop = safety.screen_state(StateMemory(), first, START_NS, LIMITS)
