@@ -95,7 +95,7 @@ def _panel(
 def _ticks(low: float, high: float) -> list[float]:
     step = 10.0 ** np.floor(np.log10((high - low) / 3.0))
     step *= next(m for m in (1.0, 2.0, 5.0, 10.0) if (high - low) / (m * step) <= 6.0)
-    return [float(v) for v in np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step]
+    return [float(v) + 0.0 for v in np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step]
 
 
 def _duration_s(run: Run) -> float:

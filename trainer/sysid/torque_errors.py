@@ -17,6 +17,8 @@ Array = NDArray[np.float64]
 
 ACTIVE_NM: Final = 0.3
 """A sample bears on a parameter if the parameter's whole width of bounds, at the local slope, moves it by this."""
+TRUSTED_DOUBT: Final = 2.5
+"""A sample whose prediction is more doubtful than so many times the load itself bears on nothing."""
 WIDE: Final = 100.0
 """Prior standard deviation of a nuisance number, in its usual size."""
 
@@ -81,7 +83,7 @@ def fit_errors(
     covariance = to_values @ likely[: space.n, : space.n] @ to_values.T
     by_run, by_leg = (np.diag(to_values @ s[: space.n, : space.n] @ to_values.T) for s in spreads)
     statistical = np.maximum(np.diag(covariance), by_run)
-    touched = np.abs(raw[..., : space.n]) > ACTIVE_NM
+    touched = (np.abs(raw[..., : space.n]) > ACTIVE_NM) & (doubt[..., None] < TRUSTED_DOUBT)
     active = touched.sum(axis=(0, 1))
     active_runs = np.array([len(np.unique(samples.run[touched[..., i].any(axis=1)])) for i in range(space.n)])
     deviations = np.sqrt(np.diag(covariance))

@@ -24,6 +24,10 @@ Array = NDArray[np.float64]
 
 LARGE_REQUEST_NM: Final = 20.0
 """Requests from here on are kept at any speed: friction is small beside them."""
+SLOPE_DOUBT: Final = 0.05
+"""Share of an acceleration that five samples may get wrong. Without it, a few reversals at 700 rad/s² looked like a
+limit that was never met.
+"""
 N_ROUGH: Final = 2_500
 N_FINE: Final = 40_000
 """Rows of the rough fit from several starts, and of the final one."""
@@ -127,8 +131,11 @@ def relative_doubt(model: TorqueModel, samples: TorqueSamples, unit: Array, nuis
     # Through a reversal the slope is that of the friction's jump, which says nothing about the doubt.
     slope = np.where(np.abs(samples.velocity_rad_s) > 2.0 * step, slope, samples.kd_nm_s_per_rad)
     # The same bend of the velocity makes the acceleration as doubtful over one period.
-    inertia = model.inertia_kg_m2(values, nuisance) / (facts.STATE_PERIOD_NS * 1e-9)
-    return np.asarray(np.sqrt(1.0 + (slope**2 + inertia**2) * (samples.velocity_doubt_rad_s / scale) ** 2))
+    inertia = model.inertia_kg_m2(values, nuisance)
+    per_period = inertia / (facts.STATE_PERIOD_NS * 1e-9)
+    bent = (slope**2 + per_period**2) * (samples.velocity_doubt_rad_s / scale) ** 2
+    reversing = (SLOPE_DOUBT * inertia * samples.acceleration_rad_s2 / scale) ** 2
+    return np.asarray(np.sqrt(1.0 + bent + reversing))
 
 
 def _solve(

@@ -142,7 +142,7 @@ def why_not(space: SearchSpace, fit: TorqueFit, samples: TorqueSamples, i: int, 
     n, runs = int(fit.errors.active_samples[i]), int(fit.errors.active_runs[i])
     if n == 0:
         return f"never reached: no sample depends on it; {_reached(p, samples)}"
-    if runs < MIN_RUNS:
+    if runs < MIN_RUNS and n >= MIN_ACTIVE:
         return f"one run alone bears on it ({n} samples); how far it can be trusted shows from {MIN_RUNS} runs on"
     if not enough:
         needed = f"{MIN_ACTIVE} of {MIN_RUNS} runs are needed"
