@@ -96,7 +96,6 @@ class OperatorConfig(_Part):
     keyboard_silence_s: float = Field(
         default=0.6, gt=0.0, le=5.0, description="Dead-man: no key for this long counts as released."
     )
-    gamepad_silence_s: float = Field(default=0.25, gt=0.0, le=5.0)
     gamepad_index: int = Field(default=0, ge=0, le=15)
     gamepad_deadman_button: int = Field(default=4, ge=0, le=31)
     gamepad_axis_v_x: int = Field(default=1, ge=0, le=15)

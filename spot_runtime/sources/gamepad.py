@@ -88,13 +88,16 @@ class PygamePad:
 
     def read(self) -> PadReading:
         """How it stands now."""
-        self._pygame.event.pump()
         stick = self._joystick
-        return PadReading(
-            tuple(float(stick.get_axis(i)) for i in range(stick.get_numaxes())),
-            tuple(bool(stick.get_button(i)) for i in range(stick.get_numbuttons())),
-            bool(stick.get_init()) and self._pygame.joystick.get_count() > 0,
-        )
+        try:
+            self._pygame.event.pump()
+            return PadReading(
+                tuple(float(stick.get_axis(i)) for i in range(stick.get_numaxes())),
+                tuple(bool(stick.get_button(i)) for i in range(stick.get_numbuttons())),
+                bool(stick.get_init()) and self._pygame.joystick.get_count() > 0,
+            )
+        except self._pygame.error:  # it was unplugged between two looks
+            return PadReading((), (), is_attached=False)
 
     def close(self) -> None:
         """End pygame."""
