@@ -137,6 +137,8 @@ class OperatedRun:
             self.loop.ask_stop(stop)
         elif self.stop is None:
             self.stop = stop
+            if stop.reason.reaction is Reaction.ESTOP and self._hal is not None:
+                self._hal.estop()
             self.event(EventName.STOP, f"{stop.reason.label}: {stop.sentence()}")
 
     def begin_log(self, labels: dict[str, str]) -> Path:
@@ -270,7 +272,7 @@ class OperatedRun:
 
     def _rest(self, hal: Hal, stop: Stop) -> None:
         try:
-            if stop.reason.reaction is Reaction.HAND_BACK and self.stop is None:
+            if stop.reason.reaction is Reaction.HAND_BACK and self.stop is None and not stop.reason.is_urgent:
                 hal.stand()
             hal.power_off()
         except HalError as error:
