@@ -49,42 +49,30 @@ def run(
     """Draw cases, seal their truth, diagnose them behind a wall, open, and score."""
     from spot_model.errors import BadInputError
     from withheld.execute import Job, case_folder
-    from withheld.frozen import generator_digest, protocol_digest
     from withheld.jail import MEANING, hide_this_process, strongest_level
     from withheld.progress import CaseProgress
     from withheld.run import Ray, processes, run_cases
-    from withheld.run_folder import RUN, RunHead, load_head, load_secret, new_secret, policy_digests, start, versions
+    from withheld.run_folder import begin, go_on
     from withheld.source import source_of
 
     hide_this_process()
     source_of(reality)
-    if resume:
-        head = load_head(out)
-        secret = load_secret(out, head)
-        frozen = (protocol_digest(), generator_digest(), policy_digests(policies))
-        if frozen != (head.protocol, head.generator, head.policies):
-            raise BadInputError(
-                f"{out / RUN} was begun with other sources or policies; a scored run has one protocol: start anew"
-            )
-        cases, reality, search_every, pace = head.cases, head.reality, head.search_every, head.pace
-    else:
-        if (seed is None) != seed_from_os:
-            raise BadInputError("give --seed S or --seed-from-os, one of the two")
-        pace = "quick" if quick else "full"
-        secret = new_secret(seed)
-        head = RunHead(
-            protocol=protocol_digest(), generator=generator_digest(), seed_digest=secret.digest,
-            policies=policy_digests(policies), reality=reality, locked_in=strongest_level(), cases=cases,
-            search_every=search_every, pace=pace, versions=versions(),
-        )  # fmt: skip
-        start(out, head, secret)
-    numbers = _part(only, cases)
-    typer.echo(f"protocol {head.protocol[:16]}, locked in by {MEANING[head.locked_in]}", err=True)
-    job = Job(
-        0, secret.seed, out.resolve(), policies.resolve(), head.locked_in, reality, timeout, search_every, keep_logs,
-        pace,
+    if not resume and (seed is None) != seed_from_os:
+        raise BadInputError("give --seed S or --seed-from-os, one of the two")
+    begun = go_on(out, policies) if resume else None
+    level = strongest_level()
+    head, secret = begun or begin(
+        out, seed, policies, reality=reality, level=level, cases=cases, search_every=search_every,
+        pace="quick" if quick else "full",
     )  # fmt: skip
-    jobs = [replace(job, number=n) for n in numbers]
+    numbers, every = _part(only, head.cases), head.search_every
+    typer.echo(f"protocol {head.protocol[:16]}, locked in by {MEANING[level]}", err=True)
+    job = Job(
+        0, secret.seed, out.resolve(), policies.resolve(), level, head.reality, timeout, every, keep_logs, head.pace
+    )
+    # The longest first: they would else be what all wait for in the end.
+    ordered = sorted(numbers, key=lambda n: every == 0 or n % every != 0)
+    jobs = [replace(job, number=n) for n in ordered]
     done = sum((case_folder(out, n) / "outcome.json").exists() for n in numbers)
     progress = CaseProgress(len(jobs), done)
     try:

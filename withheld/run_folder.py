@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from spot_model.errors import BadInputError
 from spot_model.validation import explain
+from withheld import frozen
 from withheld.cases import Pace
 from withheld.jail import Level
 
@@ -38,6 +39,7 @@ class RunHead(BaseModel):
     """Digest of each policy's file."""
     reality: str
     locked_in: Level
+    """Where the run was begun; each case says how it was itself."""
     cases: int
     search_every: int
     pace: Pace = "full"
@@ -79,6 +81,47 @@ def start(out: Path, head: RunHead, secret: Secret) -> None:
     file.touch(mode=0o600)
     file.write_text(secret.model_dump_json(), encoding="utf-8")
     (out / RUN).write_text(head.model_dump_json(by_alias=True, indent=1) + "\n", encoding="utf-8")
+
+
+def begin(
+    out: Path,
+    seed: int | None,
+    policies: Path,
+    *,
+    reality: str,
+    level: Level,
+    cases: int,
+    search_every: int,
+    pace: Pace,
+) -> tuple[RunHead, Secret]:
+    """Begin a run: everything that decides a verdict is fixed from here on.
+
+    Raises:
+        BadInputError: The folder holds a run.
+    """
+    secret = new_secret(seed)
+    head = RunHead(
+        protocol=frozen.protocol_digest(), generator=frozen.generator_digest(), seed_digest=secret.digest,
+        policies=policy_digests(policies), reality=reality, locked_in=level, cases=cases, search_every=search_every,
+        pace=pace, versions=versions(),
+    )  # fmt: skip
+    start(out, head, secret)
+    return head, secret
+
+
+def go_on(out: Path, policies: Path) -> tuple[RunHead, Secret]:
+    """Go on with a run.
+
+    Raises:
+        BadInputError: There is none, or sources or policies are no longer what they were.
+    """
+    head = load_head(out)
+    now = (frozen.protocol_digest(), frozen.generator_digest(), policy_digests(policies))
+    if now != (head.protocol, head.generator, head.policies):
+        raise BadInputError(
+            f"{out / RUN} was begun with other sources or policies; a scored run has one protocol: start anew"
+        )
+    return head, load_secret(out, head)
 
 
 def load_head(out: Path) -> RunHead:
