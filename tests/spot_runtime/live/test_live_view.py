@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import contextlib
 import json
 import os
 import select
@@ -41,7 +42,9 @@ class Viewer:
     """A client like Foxglove: subscribes to all channels that are advertised."""
 
     def __init__(self, url: str) -> None:
-        self.socket = connect(url, subprotocols=["foxglove.sdk.v1"], max_size=None)  # type: ignore[list-item]
+        connection = connect(url, subprotocols=["foxglove.sdk.v1"], max_size=None)  # type: ignore[list-item]
+        self._open = contextlib.ExitStack()
+        self.socket = self._open.enter_context(connection)
         self.channels: dict[int, dict[str, Any]] = {}
         while not self.channels:
             message = self.socket.recv()
@@ -49,6 +52,9 @@ class Viewer:
                 self.channels = {c["id"]: c for c in json.loads(message)["channels"]}
         wanted = [{"id": number, "channelId": number} for number in self.channels]
         self.socket.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
+
+    def close(self) -> None:
+        self._open.close()
 
     def messages(self) -> Iterator[tuple[str, int, bytes]]:
         """Topic, log time and bytes, as they come."""
@@ -62,7 +68,7 @@ class Viewer:
 def test_channels_are_the_log_s_with_whole_schemas(live: LiveProcess) -> None:
     viewer = Viewer(live.url)
     found = {c["topic"]: c for c in viewer.channels.values()}
-    viewer.socket.close()
+    viewer.close()
     # The SDK does not advertise what has no schema data it can read, so all of them count.
     assert set(found) == {topic.name for topic in ALL_TOPICS}
     for topic in ALL_TOPICS:
@@ -88,7 +94,7 @@ def test_what_is_logged_is_seen(live: LiveProcess, tmp_path: Path, make_state: A
         seen.setdefault(topic, []).append((stamp_ns, data))
         if "/event" in seen and len(seen.get("/tf", [])) >= 10 and "/scene" in seen:
             break
-    viewer.socket.close()
+    viewer.close()
     sink.close("completed")
     assert len(SceneUpdate.FromString(seen["/scene"][0][1]).entities) == 13
     frames = FrameTransforms.FromString(seen["/tf"][0][1])
@@ -107,7 +113,7 @@ def test_whoever_comes_late_gets_the_model_too(live: LiveProcess, tmp_path: Path
         wanted.discard(topic)
         if not wanted:
             break
-    viewer.socket.close()
+    viewer.close()
     sink.close("completed")
 
 
@@ -122,11 +128,11 @@ def test_a_client_that_never_reads_loses_messages_and_delays_nobody(
     other = Viewer(live.url)
     sink.event(EventRecord(START_NS, START_NS, Severity.INFO, "mode", "still here"))
     assert any(topic == "/event" for topic, _, _ in other.messages())
-    other.socket.close()
+    other.close()
     sink.close("completed")
     assert sink.dropped["state"] == 0
     assert sink.health().unwritten["state"] == 0
-    lazy.socket.close()
+    lazy.close()
 
 
 def test_a_view_that_is_stopped_or_gone_costs_messages_of_the_view_alone(tmp_path: Path, make_state: Any) -> None:
