@@ -16,7 +16,7 @@ from diagnosis.channels.stack import Stack
 from diagnosis.seam import Array
 from diagnosis.smoothing import eroded
 
-STEP_S: Final = 0.2e-3
+STEP_S: Final = 0.1e-3
 MIN_EVENTS: Final = 40
 MIN_PHASES: Final = 0.3
 """Set-points must arrive over at least this share of the period, or nothing is found."""
