@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# One stage of a session on a lent GPU machine without a network; run from the repository's root.
+# One stage of a session on a GPU machine without a network; run from the repository's root.
 #   setup            lay the packed wheels (.gpu, .whl) into $SITE
 #   check            parity of the two back ends, then training speed at three sizes, as JSON
 #   train NAME [S]   train policies/NAME.yaml for at most S seconds, then export to $OUT; CUDA_VISIBLE_DEVICES picks a GPU

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Trains the loop's policies on a lent machine of several GPUs; run from the repository's root after
+# Trains the loop's policies on a machine of several GPUs; run from the repository's root after
 # `benchmarks/gpu_session.sh setup`. Into $OUT: NAME.onnx, NAME-metrics.jsonl and NAME.log for each.
 #   loop_session.sh SECONDS NAME:GPU...  NAME: paper_identified, paper_oracle, harsher_identified, harsher_oracle
 # SETTINGS in the environment are further options of every training, such as "--set iterations=800".

@@ -1,4 +1,4 @@
-"""``python -m trainer``: the trainer's commands where the package is not installed, such as on a lent GPU machine."""
+"""``python -m trainer``: the trainer's commands where the package is not installed, such as on a GPU machine without a network."""
 
 from __future__ import annotations
 
