@@ -1,4 +1,4 @@
-"""``python -m trainer``: the trainer's commands where the package is not installed, such as on a GPU machine without a network."""
+"""``python -m trainer``: the trainer's commands where the package is not installed."""
 
 from __future__ import annotations
 
