@@ -10,6 +10,7 @@ from diagnosis.channels.stack import Stack
 from diagnosis.library.experiments import Experiment
 from diagnosis.seam import ChannelOff, ChannelView
 from diagnosis.verdict import FoundEffect, Split, UnknownEffect
+from spot_model.facts import JOINT_NAMES
 
 MIN_REPEATS = 3
 FAST_M_S = 2.5
@@ -39,14 +40,16 @@ def advice(
     ]
     counts = [sum(r.sequence == s.sequence for r in logs.recordings) for s in logs.recordings]
     if min(counts) < MIN_REPEATS:
-        out.append(
-            f"Some command sequences were run {min(counts)} times; five repeats give a floor and narrow intervals."
-        )
+        times = {1: "once", 2: "twice"}.get(min(counts), f"{min(counts)} times")
+        out.append(f"Some command sequences were run {times}; five repeats give a floor and narrow intervals.")
     if len({r.sequence for r in logs.recordings}) < 2:
         out.append(
             "All logs are of one command sequence; record at least two more, so that a fit can be tested on others."
         )
-    out += [f"Channel {c.name} is off ({c.reason})." for c in off]
+    for reason in dict.fromkeys(c.reason for c in off):
+        names = [c.name for c in off if c.reason == reason]
+        words = f"Channel {names[0]} is" if len(names) == 1 else f"Channels {', '.join(names)} are"
+        out.append(f"{words} off ({reason}).")
     gains = {
         (
             float(np.round(np.median(r.commands.kp_nm_per_rad), 3)),
@@ -55,13 +58,15 @@ def advice(
         for r in logs.recordings
         if len(r.commands)
     }
-    if len(gains) == 1 and "A" in views:
+    is_spot = logs.recordings[0].joint_names == JOINT_NAMES
+    if len(gains) == 1 and gains != {(0.0, 0.0)} and "A" in views:
+        how = " (spot-rl collect --other-gains 50,1)" if is_spot else ""
         out.append(
             "All logs have the same servo gains: a wrong gain cannot be told from friction or a torque gain. "
-            "Record one short log at others (spot-rl collect --other-gains 50,1)."
+            f"Record one short log at others{how}."
         )
     speeds = [np.nanmax(np.abs(r.velocity_command[:, 0]), initial=0.0) for r in logs.recordings]
-    if max(speeds) < FAST_M_S:
+    if is_spot and max(speeds) < FAST_M_S:
         out.append(
             f"The fastest command was {max(speeds):.1f} m/s: limits of torque, speed and power that act only above it "
             "cannot be seen. Record a sprint."

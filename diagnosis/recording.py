@@ -101,6 +101,8 @@ class Recording:
 
     def command_row(self, offset_s: float = 0.0) -> NDArray[np.intp]:
         """Row of ``commands`` in effect at each state's stamp plus ``offset_s``; -1 before the first. Shape (n,)."""
+        if len(self.command_ns) == 0:
+            return np.full(len(self), -1, dtype=np.intp)
         order = np.argsort(self.command_ns, kind="stable")
         at = np.searchsorted(self.command_ns[order], self.stamp_ns + round(offset_s * 1e9), side="right") - 1
         return np.where(at >= 0, order[np.maximum(at, 0)], -1)

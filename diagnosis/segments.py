@@ -67,10 +67,11 @@ def cut(recording: Recording) -> Segmentation:
     """Find what to leave out, and why."""
     n = len(recording)
     row = recording.command_row()
-    known = row >= 0
+    # A log without any commands was not made by us; what it holds of sensors can be looked at all the same.
+    known = row >= 0 if len(recording.commands) else np.ones(n, dtype=np.bool_)
     first = int(np.argmax(known)) if known.any() else n
     start = np.zeros(n, dtype=np.bool_)
-    start[first : first + round(START_S / recording.period_s)] = True
+    start[first : first + round(START_S / recording.period_s)] = len(recording.commands) > 0
     expired = _expired(recording, row)
     ignored = _not_following(recording, row)
     standing, fallen = _standing(recording), _fallen(recording)

@@ -25,6 +25,8 @@ END_TIME_MS: Final = 50.0
 STOP_BOUND_MS: Final = END_TIME_MS + 5.0
 STEP_NS: Final = 1_500_000
 PATIENCE_S: Final = 60.0
+STUCK_S: Final = 20.0
+"""Native libraries that get no memory may wait for ever; the service's watchdog kills such a process after 2 s."""
 LOST_S: Final = 0.6
 
 
@@ -39,6 +41,14 @@ class Running:
         """Wait for the end: exit code and last words. Raises TimeoutExpired when it hangs."""
         _, said = self.process.communicate(timeout=timeout_s)
         return self.process.returncode, said or ""
+
+    def finish_or_kill(self, timeout_s: float = STUCK_S) -> tuple[int, str, bool]:
+        """Like :meth:`finish`, but what hangs is killed, as the service's watchdog does; also whether it hung."""
+        try:
+            return *self.finish(timeout_s), False
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            return *self.finish(), True
 
 
 @contextmanager
@@ -189,11 +199,13 @@ def limited(
             time.sleep(1.0)
             if run.process.poll() is None:
                 run.process.send_signal(then)
-            code, said = run.finish()
+            code, said, is_stuck = run.finish_or_kill()
             finding = Finding(f"exit code {code}")
             finding.demand("Traceback" not in said, f"a traceback: {said[-600:]}")
             if not 0 <= code < 100:
-                finding.reaction = "the robot stops by itself"
+                finding.reaction = (
+                    "stuck, killed; the robot stops by itself" if is_stuck else "the robot stops by itself"
+                )
                 finding.reaction_ms = robot_stops_ms(rig, rig.status().robot_stamp_ns)
             log_is_whole(run.folder, finding)
         return finding

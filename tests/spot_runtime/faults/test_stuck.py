@@ -1,0 +1,20 @@
+from __future__ import annotations
+
+import signal
+import subprocess
+from pathlib import Path
+
+from spot_runtime.bench_faults.rows_process import Running
+
+
+def running(program: str) -> Running:
+    process = subprocess.Popen(["sh", "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    return Running(process, Path())
+
+
+def test_what_hangs_is_killed_and_said() -> None:
+    assert running("echo waiting >&2; exec sleep 600").finish_or_kill(0.5) == (-signal.SIGKILL, "waiting\n", True)
+
+
+def test_what_ends_by_itself_is_left_alone() -> None:
+    assert running("echo done >&2; exit 3").finish_or_kill() == (3, "done\n", False)
