@@ -11,18 +11,15 @@ import numpy as np
 from typing_extensions import Self
 
 from diagnosis.simulated import Script, SensorNoise, simulate
-from spot_model.errors import BadInputError, SpotRlError
+from spot_model.errors import BadInputError
 from spot_model.model_file import RobotModel
 from spot_model.policy import Policy, policy_from_bytes
 from spot_runtime.log.run import Run
+from trainer.ray_cluster import RayCluster
 
 USUAL_NOISE: Final = SensorNoise()
 Tell = Callable[[float], None]
 """Called now and then with the share that is done."""
-
-
-class EngineError(SpotRlError):
-    """An engine cannot be started."""
 
 
 @dataclass(frozen=True)
@@ -90,28 +87,14 @@ class RayEngine:
     """
 
     def __init__(self, policy: bytes, address: str | None = None, noise: SensorNoise = USUAL_NOISE) -> None:
-        try:
-            import ray
-        except ModuleNotFoundError as error:
-            raise EngineError(
-                "engine ray: Ray is not installed; install the extra: pip install 'spot-rl[ray]'"
-            ) from error
-        self._ray: Any = ray
-        self._policy, self._address, self._noise = policy, address, noise
-        self._owns_cluster = False
+        self._cluster = RayCluster(address)
+        self._ray = self._cluster.ray
+        self._policy, self._noise = policy, noise
         self._shared: Any = None
         self._task: Any = None
 
     def __enter__(self) -> Self:
-        if not self._ray.is_initialized():
-            try:
-                self._ray.init(address=self._address, include_dashboard=False, log_to_driver=False)
-            except (ConnectionError, RuntimeError, ValueError) as error:
-                raise EngineError(
-                    f"engine ray: no cluster at {self._address or 'this machine'}: {error}; start one with 'ray start "
-                    "--head', or leave --ray-address out"
-                ) from error
-            self._owns_cluster = True
+        self._cluster.join()
         self._shared = self._ray.put(self._policy)
         self._task = self._ray.remote(num_cpus=1)(_remote)
         return self
@@ -119,8 +102,7 @@ class RayEngine:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._owns_cluster:
-            self._ray.shutdown()
+        self._cluster.leave()
 
     def simulate(self, rollouts: Sequence[Rollout], tell: Tell) -> list[list[Run]]:
         """Runs of each rollout."""

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Protocol
 
-from spot_model.errors import SpotRlError
+from trainer.ray_cluster import RayCluster
 from withheld.execute import Job, case_folder, execute
 from withheld.ledger import Ledger, read_ledger
 from withheld.outcome import Outcome
@@ -78,15 +78,9 @@ class Ray:
 
     def __init__(self, address: str | None, work: Callable[[Job], Outcome] = execute) -> None:
         """Connect, or start a cluster on this machine."""
-        try:
-            import ray
-        except ModuleNotFoundError as error:
-            raise SpotRlError(
-                "engine ray: Ray is not installed; install the extra: pip install 'spot-rl[ray]'"
-            ) from error
-        self._ray: Any = ray
-        if not self._ray.is_initialized():
-            self._ray.init(address=address, include_dashboard=False, log_to_driver=False)
+        self._cluster = RayCluster(address)
+        self._cluster.join()
+        self._ray = self._cluster.ray
         self.places = max(1, int(self._ray.cluster_resources().get("CPU", 1)))
         self._task: Any = self._ray.remote(num_cpus=1)(work)
 
@@ -106,7 +100,7 @@ class Ray:
 
     def close(self) -> None:
         """Leave the cluster."""
-        self._ray.shutdown()
+        self._cluster.leave()
 
 
 def run_cases(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from typing_extensions import Self
 
-from diagnosis.engine import EngineError, LocalEngine, RayEngine, Rollout
+from diagnosis.engine import LocalEngine, RayEngine, Rollout
 from diagnosis.ground import OWN_S, TIME_CONSTANTS_S, best_ground
 from diagnosis.measure import shrink_of
 from diagnosis.shrink import features_by_sequence
@@ -18,6 +18,7 @@ from spot_model.effects.payload_mass import PayloadMass
 from spot_model.model_file import RobotModel
 from spot_model.policy import Policy, load_policy
 from spot_runtime.log.run import Run
+from trainer.ray_cluster import EngineError
 
 from .report_case import POLICY, scripts
 

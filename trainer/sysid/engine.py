@@ -12,14 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import Self
 
-from spot_model.errors import SpotRlError
+from trainer.ray_cluster import RayCluster
 from trainer.sysid.problem import CandidateResult, Problem
 
 Array = NDArray[np.float64]
-
-
-class EngineError(SpotRlError):
-    """An engine cannot be started."""
 
 
 class Engine(Protocol):
@@ -69,23 +65,14 @@ class RayEngine:
     """Evaluates one candidate a task on a Ray cluster (the extra ``ray``): the running one, or one on this machine."""
 
     def __init__(self, problem: Problem, address: str | None = None) -> None:
-        try:
-            import ray
-        except ModuleNotFoundError as error:
-            raise EngineError(
-                "engine ray: Ray is not installed; install the extra: pip install 'spot-rl[ray]'"
-            ) from error
-        self._ray: Any = ray
-        self._address = address
+        self._cluster = RayCluster(address)
+        self._ray = self._cluster.ray
         self._problem = problem
-        self._owns_cluster = False
         self._shared: Any = None
         self._task: Any = None
 
     def __enter__(self) -> Self:
-        if not self._ray.is_initialized():
-            self._ray.init(address=self._address, include_dashboard=False, log_to_driver=False)
-            self._owns_cluster = True
+        self._cluster.join()
         self._shared = self._ray.put(self._problem)
         self._task = self._ray.remote(num_cpus=1)(_evaluate_one)
         return self
@@ -93,8 +80,7 @@ class RayEngine:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._owns_cluster:
-            self._ray.shutdown()
+        self._cluster.leave()
 
     def evaluate(self, values: Array) -> list[CandidateResult]:
         """Results in order."""

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from spot_model.errors import BadInputError
+from trainer.ray_cluster import EngineError
 from trainer.sysid.config import SearchConfig, SysidConfig
-from trainer.sysid.engine import EngineError, LocalEngine, RayEngine
+from trainer.sysid.engine import LocalEngine, RayEngine
 from trainer.sysid.logged_run import LoggedRun
 from trainer.sysid.problem import Problem, build_problem
 from trainer.sysid.rollout import RolloutOptions
