@@ -32,6 +32,9 @@ class PlantState:
     """Bool, shape (n, 4), legs fl, fr, hl, hr; as of the last physics step."""
     body_contact: Tensor
     """Bool, shape (n,): the body, an upper or a lower leg touches the ground."""
+    foot_duty: Tensor
+    """Share of the last period's physics steps in which each foot stood, shape (n, 4); where uneven_duty weighs
+    nothing, of the last physics step alone."""
 
 
 @dataclass(frozen=True)

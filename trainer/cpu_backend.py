@@ -12,7 +12,7 @@ import torch
 from spot_model import facts
 from spot_model.effects.base import Effect, EstimateEffect, SensorEffect
 from spot_model.mjcf import MjcfOptions
-from spot_model.plant import Plant, PlantOptions
+from spot_model.plant import Plant, PlantOptions, ServoCommand
 from spot_model.plant_memory import map_leaves
 from spot_model.rotation import rotate_wxyz
 from trainer.backend import InitialState, PlantState, SimulationDraws
@@ -51,14 +51,23 @@ class CpuBackend:
         self.plant = Plant(effects, self.n_envs, options)
         randomise(self.plant, draws)
         self.plant.reset()
+        self._duty = torch.zeros(self.n_envs, facts.N_LEGS) if config.counts_duty else None
 
     def step(self, setpoint_position_rad: Tensor) -> None:
         """Advance one policy period."""
-        self.plant.step(setpoint_position_rad.numpy(), self._substeps)
+        if self._duty is None:
+            self.plant.step(setpoint_position_rad.numpy(), self._substeps)
+            return
+        self.plant.command(ServoCommand(position_rad=setpoint_position_rad.numpy().astype(np.float64)))
+        self._duty.zero_()
+        for _ in range(self._substeps):
+            self.plant.advance()
+            self._duty += torch.from_numpy(self.plant.foot_contact) / self._substeps
 
     def read(self) -> PlantState:
         """The state now, copied into float32 tensors."""
         p = self.plant
+        foot_contact = torch.from_numpy(p.foot_contact)
         return PlantState(
             position_rad=_float(p.joint_position_rad),
             velocity_rad_s=_float(p.joint_velocity_rad_s),
@@ -67,8 +76,9 @@ class CpuBackend:
             world_from_body_wxyz=_float(p.world_from_body_wxyz),
             linear_vel_of_body_in_world_m_s=_float(p.linear_vel_of_body_in_world_m_s),
             angular_vel_of_body_in_world_rad_s=_float(p.angular_vel_of_body_in_world_rad_s),
-            foot_contact=torch.from_numpy(p.foot_contact),
+            foot_contact=foot_contact,
             body_contact=torch.from_numpy(p.body_contact),
+            foot_duty=foot_contact.float() if self._duty is None else self._duty.clone(),
         )
 
     def read_reported(self, truth: PlantState) -> PlantState:

@@ -27,10 +27,11 @@ class FootTimers:
         """Share of time on the ground, a mean that forgets; starts from 0 for all feet alike."""
         self._duty_window_s = duty_window_s
 
-    def update(self, contact: Tensor, dt_s: float) -> Tensor:
+    def update(self, contact: Tensor, dt_s: float, duty: Tensor | None = None) -> Tensor:
         """Count one more period with ``contact`` (bool, (n, 4)); returns which feet touched down in it.
 
-        A phase's length is kept when it ends, with the period in which it ended counted in.
+        A phase's length is kept when it ends, with the period in which it ended counted in. ``duty`` is the share of
+        the period in which each foot stood, shape (n, 4), where it is known.
         """
         touched_down = contact & (self.air_time_s > 0)
         lifted_off = ~contact & (self.contact_time_s > 0)
@@ -38,7 +39,7 @@ class FootTimers:
         self.last_contact_time_s.copy_(torch.where(lifted_off, self.contact_time_s + dt_s, self.last_contact_time_s))
         self.air_time_s.add_(dt_s).mul_(~contact)
         self.contact_time_s.add_(dt_s).mul_(contact)
-        self.duty.lerp_(contact.to(self.duty.dtype), min(1.0, dt_s / self._duty_window_s))
+        self.duty.lerp_(contact.to(self.duty.dtype) if duty is None else duty, min(1.0, dt_s / self._duty_window_s))
         return touched_down
 
     def reset(self, mask: Tensor) -> None:

@@ -57,15 +57,26 @@ class Task:
         self._ground = Ground(config.terrain, device)
         self._default = torch.tensor(facts.DEFAULT_POSITION_RAD, device=device, dtype=torch.float32)
         self._sigmas = noise_sigmas(config.noise, device)
-        self._weights = PERIOD_S * torch.tensor(
-            [getattr(config.rewards, name) for name in self.stats.terms], device=device
+        first = {name: getattr(config.rewards, name) for name in self.stats.terms}
+        self._first_weights, self._late_weights = (
+            PERIOD_S * torch.tensor([weights[name] for name in self.stats.terms], device=device)
+            for weights in (first, {**first, **config.late_rewards.weights})
         )
+        self._weights = self._first_weights
         self.max_steps = round(config.episode_s / PERIOD_S)
+        # Which robots have what friction and mass is drawn, so the first ones are as good as any.
+        self._last_step = torch.full((n,), self.max_steps, device=device)
+        self._last_step[: round(config.short_episode_share * n)] = round(config.short_episode_s / PERIOD_S)
         self.episode_steps = torch.zeros(n, dtype=torch.long, device=device)
         self._action = torch.zeros(n, facts.N_JOINTS, device=device)
         self._joint_velocity = torch.zeros(n, facts.N_JOINTS, device=device)
         self._foot_descent_m_s = torch.zeros(n, 4, device=device)
         self._push_in_s = self._draws.uniform(config.randomisation.push_interval_s, n)
+
+    def advance_schedule(self, iteration: int) -> None:
+        """Set the command ranges and the reward weights that this iteration uses."""
+        self.commands.advance_curriculum(iteration)
+        self._weights = self._first_weights.lerp(self._late_weights, self.config.late_rewards.share(iteration))
 
     def start(self) -> StepResult:
         """Reset every robot and observe."""
@@ -84,11 +95,11 @@ class Task:
         state = self.backend.read()
         self.episode_steps += 1
         feet = foot_motion(state)
-        touched_down = self.feet.update(state.foot_contact, PERIOD_S)
+        touched_down = self.feet.update(state.foot_contact, PERIOD_S, state.foot_duty)
         moment = self._moment(state, feet, touched_down, action)
         by_term = self._weighted_rewards(moment)
         fell = state.body_contact
-        timed_out = ((self.episode_steps >= self.max_steps) | self._ground.is_outside(state.body_position_m)) & ~fell
+        timed_out = ((self.episode_steps >= self._last_step) | self._ground.is_outside(state.body_position_m)) & ~fell
         done = fell | timed_out
         reward = by_term.sum(dim=-1)
         self.stats.add(by_term, done, fell)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from trainer.config_base import Config, Range
 from trainer.reward_config import RewardShape, RewardWeights
@@ -79,10 +79,35 @@ class TerrainConfig(Config):
     half_size_m: float = Field(default=20.0, gt=0.0)
 
 
+class LateRewards(Config):
+    """Weights that others take on in the course of a training: first a gait, then its refinement."""
+
+    weights: dict[str, float] = Field(default_factory=dict)
+    """By the names of the rewards."""
+    from_iteration: int = Field(default=0, ge=0)
+    over_iterations: int = Field(default=1, ge=1)
+    """Iterations over which the weights change evenly."""
+
+    @field_validator("weights")
+    @classmethod
+    def _known(cls, weights: dict[str, float]) -> dict[str, float]:
+        unknown = sorted(set(weights) - set(RewardWeights.model_fields))
+        if unknown:
+            raise ValueError(f"no reward is called {unknown[0]}; allowed: {', '.join(RewardWeights.model_fields)}")
+        return weights
+
+    def share(self, iteration: int) -> float:
+        """How much of the change is done, 0 to 1."""
+        return min(1.0, max(0.0, (iteration - self.from_iteration) / self.over_iterations))
+
+
 class TaskConfig(Config):
     """Everything about the environment, apart from how many there are."""
 
     episode_s: float = Field(default=20.0, gt=0.0)
+    short_episode_s: float = Field(default=3.0, gt=0.0)
+    short_episode_share: float = Field(default=0.0, ge=0.0, le=1.0)
+    """Share of the robots whose episodes are the short ones: starts come often, without taking from long runs."""
     physics_rate_hz: float = Field(default=200.0, gt=0.0)
     commands: CommandConfig = CommandConfig()
     randomisation: RandomisationConfig = RandomisationConfig()
@@ -90,7 +115,13 @@ class TaskConfig(Config):
     terrain: TerrainConfig = TerrainConfig()
     rewards: RewardWeights = RewardWeights()
     reward_shape: RewardShape = RewardShape()
+    late_rewards: LateRewards = LateRewards()
     critic_sees_noise: bool = False
+
+    @property
+    def counts_duty(self) -> bool:
+        """Whether duty factors are measured at every physics step."""
+        return self.rewards.uneven_duty != 0.0 or self.late_rewards.weights.get("uneven_duty", 0.0) != 0.0
 
     @model_validator(mode="after")
     def _whole_substeps(self) -> TaskConfig:

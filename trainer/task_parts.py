@@ -49,10 +49,10 @@ class TaskParts:
         for part, piece in zip(self.parts, torch.split(steps, self.sizes), strict=True):
             part.episode_steps.copy_(piece)
 
-    def advance_curriculum(self, iteration: int) -> None:
-        """Set the share of the command ranges that this iteration uses."""
+    def advance_schedule(self, iteration: int) -> None:
+        """Set the command ranges and the reward weights that this iteration uses."""
         for part in self.parts:
-            part.commands.advance_curriculum(iteration)
+            part.advance_schedule(iteration)
 
     @property
     def command_share(self) -> float:

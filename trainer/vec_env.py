@@ -39,7 +39,7 @@ class TaskVecEnv(VecEnv):  # type: ignore[misc]  # rsl_rl has no types
         self._steps_per_iteration = steps_per_iteration
         self._bad_step = torch.full((self.num_envs,), -1, dtype=torch.long, device=task.device)
         self._bad_column = torch.zeros(self.num_envs, dtype=torch.long, device=task.device)
-        task.advance_curriculum(0)
+        task.advance_schedule(0)
         self._observations = self._groups(task.start())
 
     @property
@@ -63,7 +63,7 @@ class TaskVecEnv(VecEnv):  # type: ignore[misc]  # rsl_rl has no types
     def step(self, actions: Tensor) -> tuple[TensorDict, Tensor, Tensor, dict[str, Any]]:
         """One policy period; see :class:`rsl_rl.env.VecEnv`."""
         if self.steps % self._steps_per_iteration == 0:
-            self.task.advance_curriculum(self.steps // self._steps_per_iteration)
+            self.task.advance_schedule(self.steps // self._steps_per_iteration)
         result = self.task.step(actions)
         self.steps += 1
         self._watch(result)

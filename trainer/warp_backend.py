@@ -79,6 +79,7 @@ class WarpBackend:
         self._setpoints = DelayedSetpoints(effects, rest, self._timestep_s, self._substeps)
         self._torques = TorchTorqueChain(effects, rest)
         self._contacts = GroundContacts(plant.model, self._data, n, self.device)
+        self._duty = torch.zeros(n, facts.N_LEGS, device=device) if config.counts_duty else None
         self._graph = self._capture()
         self._to_rest(plant)
 
@@ -87,10 +88,14 @@ class WarpBackend:
         self._setpoints.issue(saturate_setpoint(setpoint_position_rad, *self._stops_rad))
         position = self._qpos[:, FIRST_JOINT_COORDINATE:]
         velocity = self._qvel[:, FIRST_JOINT_DOF:]
+        if self._duty is not None:
+            self._duty.zero_()
         for substep in range(self._substeps):
             torque = self._torques.torque_nm(self._setpoints.at(substep), position, velocity, self._timestep_s)
             self._ctrl.copy_(torque)
             self._advance()
+            if self._duty is not None:
+                self._duty += self._contacts.read()[0] / self._substeps
 
     def read(self) -> PlantState:
         """The state now; copies, apart from contacts."""
@@ -106,6 +111,7 @@ class WarpBackend:
             angular_vel_of_body_in_world_rad_s=rotate_wxyz(quaternion, self._qvel[:, 3:6]),
             foot_contact=foot_contact,
             body_contact=body_contact,
+            foot_duty=foot_contact.float() if self._duty is None else self._duty.clone(),
         )
 
     def read_reported(self, truth: PlantState) -> PlantState:

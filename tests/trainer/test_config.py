@@ -33,6 +33,7 @@ def test_overrides_reach_nested_keys_with_and_without_task() -> None:
     [
         ("rewards.linear_velocty=15", ["linear_velocty", "did you mean 'linear_velocity'", "yaw_rate"]),
         ("rewads.gait=1", ["rewads", "allowed:", "ppo"]),
+        ("late_rewards.weights={gate: 3}", ["no reward is called gate", "linear_velocity, yaw_rate"]),
         ("ppo.hidden.first=3", ["has no keys below it"]),
         ("ppo.entropy", ["no '='"]),
         ("ppo.entropy=-1", ["ppo.entropy = -1", "greater than or equal to 0"]),

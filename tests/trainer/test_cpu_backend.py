@@ -11,6 +11,7 @@ from trainer.backend import InitialState, SimulationDraws
 from trainer.cpu_backend import CpuBackend
 from trainer.initial_state import draw_initial_state
 from trainer.random_draws import Draws
+from trainer.reward_config import RewardWeights
 from trainer.task_config import RandomisationConfig, TaskConfig, TerrainConfig
 
 N = 3
@@ -91,6 +92,27 @@ def test_it_agrees_with_a_single_mj_step_loop_from_the_same_states() -> None:
     for robot in range(N):
         expected = by_hand(start, targets, robot)
         np.testing.assert_allclose(np.concatenate([qpos[robot], qvel[robot]]), expected, rtol=0, atol=1e-9)
+
+
+def test_duty_is_counted_at_every_physics_step_without_changing_the_motion() -> None:
+    simulations = SimulationDraws(torch.linspace(0.4, 0.9, N), torch.linspace(-2.0, 2.0, N))
+    config = TaskConfig(rewards=RewardWeights(uneven_duty=-1.0))
+    counting = CpuBackend(config, load_model("paper_identified").effects, simulations, n_threads=1)
+    plain = a_backend()
+    everyone, start = torch.ones(N, dtype=torch.bool), a_start()
+    shares = set()
+    for backend in (counting, plain):
+        backend.reset(everyone, start)
+    for target in setpoints():
+        for backend in (counting, plain):
+            backend.step(target)
+        mine, other = counting.read(), plain.read()
+        assert torch.equal(mine.position_rad, other.position_rad)
+        assert torch.equal(other.foot_duty, other.foot_contact.float())
+        shares |= set(mine.foot_duty.flatten().tolist())
+    # Feet land and lift within periods of four steps.
+    assert shares <= {0.0, 0.25, 0.5, 0.75, 1.0}
+    assert shares & {0.25, 0.5, 0.75}
 
 
 def test_reset_moves_only_the_chosen_robots() -> None:

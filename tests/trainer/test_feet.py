@@ -37,6 +37,12 @@ def test_duty_is_a_mean_that_forgets() -> None:
     assert not feet.duty.any()
 
 
+def test_a_foot_that_stood_for_half_a_period_counts_half() -> None:
+    feet = FootTimers(1, "cpu", duty_window_s=0.1)
+    feet.update(contacts(True, False), DT, torch.tensor([[0.5, 0.25, 1.0, 1.0]]))
+    torch.testing.assert_close(feet.duty, torch.tensor([[0.1, 0.05, 0.2, 0.2]]))
+
+
 def test_reset_touches_only_the_chosen_robots() -> None:
     feet = FootTimers(2, "cpu")
     feet.update(torch.zeros(2, 4, dtype=torch.bool), DT)

@@ -39,7 +39,7 @@ class StillBackend:
         zero = torch.zeros(n, 3)
         return PlantState(
             self.position_rad, self.velocity_rad_s, torch.zeros(n, 12), zero, self.level, zero, zero,
-            self.foot_contact, self.body_contact,
+            self.foot_contact, self.body_contact, self.foot_contact.float(),
         )  # fmt: skip
 
     def read_reported(self, truth: PlantState) -> PlantState:
@@ -105,6 +105,25 @@ def test_reward_is_the_weighted_sum_times_the_period() -> None:
     t.start()
     result = t.step(torch.zeros(N, 12))
     torch.testing.assert_close(result.reward, torch.full((N,), 4.0 * PERIOD_S))
+
+
+def test_late_rewards_change_the_weights_evenly() -> None:
+    none = [f"rewards.{name}=0" for name in ("linear_velocity", "gait", "air_time", "joint_acceleration")]
+    none += ["rewards.foot_clearance=0"]
+    late = ["late_rewards.weights={yaw_rate: 8}", "late_rewards.from_iteration=10", "late_rewards.over_iterations=4"]
+    t = task(StillBackend(), *none, *late, "rewards.yaw_rate=4", "commands.standing_share=1")
+    t.start()
+    for iteration, weight in ((0, 4.0), (10, 4.0), (11, 5.0), (14, 8.0), (99, 8.0)):
+        t.advance_schedule(iteration)
+        reward = t.step(torch.zeros(N, 12)).reward
+        torch.testing.assert_close(reward, torch.full((N,), weight * PERIOD_S))
+
+
+def test_a_share_of_the_robots_has_short_episodes() -> None:
+    t = task(StillBackend(), "short_episode_share=0.5", "short_episode_s=0.04")
+    t.start()
+    assert not t.step(torch.zeros(N, 12)).done.any()
+    assert t.step(torch.zeros(N, 12)).timed_out.tolist() == [True, True, False, False]
 
 
 def test_commands_stay_in_their_ranges_and_some_stand() -> None:
