@@ -3,8 +3,10 @@
 #   setup            lay the packed wheels (.gpu, .whl) into $SITE
 #   check            parity of the two back ends, then training speed at three sizes, as JSON
 #   train NAME [S]   train policies/NAME.yaml for at most S seconds, then export to $OUT; CUDA_VISIBLE_DEVICES picks a GPU
-#   trainings FILE S   several side by side, FILE's lines being: GPU LABEL NAME OPTIONS...; each on two cores of its
-#                    GPU's own, from core 0 upwards; each judged at the end; $OUT/LABEL.tar.gz each
+#   trainings FILE S   several side by side, FILE's lines being: GPU LABEL NAME OPTIONS...; each on $CORES_A_GPU (2)
+#                    cores of its GPU's own, from core 0 upwards; each judged at the end; $OUT/LABEL.tar.gz each
+#   piece LABEL NAME CORES S   S seconds of a CPU training of policies/NAME.yaml on these cores; continues exactly where
+#                    .cache/pieces/LABEL.tar.gz stands, if that is there; $OUT/LABEL.tar.gz
 #   sweep FILE S     CPU trainings side by side, FILE's lines being: CORES LABEL NAME OPTIONS...; each on cores of its
 #                    own from core $FIRST_CORE (8) upwards, for at most S seconds; all into $OUT/sweep.tar.gz
 #   cpubench CORES   training speed on these CPU cores ("6,7"), as JSON
@@ -45,16 +47,18 @@ train() {
 }
 
 trainings() {
-    local file=$1 seconds=$2 gpu label name options
+    local file=$1 seconds=$2 gpu label name options each=${CORES_A_GPU:-2} cores
     while read -r gpu label name options; do
         # Each with its own kernel cache: two that compile into one at once are in each other's way.
         # shellcheck disable=SC2086
         (
             export CUDA_VISIBLE_DEVICES=$gpu WARP_CACHE_PATH=/tmp/warp-$label
-            taskset -c "$((2 * gpu)),$((2 * gpu + 1))" \
+            cores=$((each * gpu))-$((each * gpu + each - 1))
+            taskset -c "$cores" \
                 bash "$0" one_training "$label" "$seconds" --config "policies/$name.yaml" --device "$DEVICE" $options
             tar -czf "$OUT/$label.tar.gz" --exclude tensorboard --exclude 'checkpoint_*' "runs/$label"
-            python3 benchmarks/judge_policy.py "runs/$label/policy.onnx" --seeds 5 >"$OUT/$label-judged.jsonl" 2>&1 || true
+            taskset -c "$cores" timeout "${JUDGE_S:-120}" \
+                python3 benchmarks/judge_policy.py "runs/$label/policy.onnx" --seeds 5 >"$OUT/$label-judged.jsonl" 2>&1 || true
         ) </dev/null >/dev/null 2>&1 &
     done < <(grep -v '^#' "$file")
     wait
@@ -82,6 +86,23 @@ one_training() {
     timeout --signal=INT "$seconds" python3 -m trainer train "$@" --out "$run" >"/tmp/$label.log" 2>&1 || true
     python3 -m trainer export "$run" --out "$run/policy.onnx" --networks "$run/networks.pt" >>"/tmp/$label.log" 2>&1 || true
     mv "/tmp/$label.log" "$run/training.log"
+}
+
+piece() {
+    local label=$1 name=$2 cores=$3 seconds=$4 run=runs/$1
+    if [ -e ".cache/pieces/$label.tar.gz" ] && [ ! -d "$run" ]; then tar -xzf ".cache/pieces/$label.tar.gz"; fi
+    local what=(--config "policies/$name.yaml" --set save_every=10 --out "$run")
+    if [ -d "$run" ]; then
+        what=(--resume "$run")
+        rm -f "$run/policy.onnx"
+    fi
+    taskset -c "$cores" timeout --signal=INT "$seconds" \
+        python3 -m trainer train "${what[@]}" --device cpu >>"/tmp/$label.log" 2>&1 || true
+    taskset -c "$cores" python3 -m trainer export "$run" --out "$run/policy.onnx" >>"/tmp/$label.log" 2>&1 || true
+    cp "/tmp/$label.log" "$run/training.log"
+    # shellcheck disable=SC2012
+    ls "$run"/checkpoint_* | head -n -1 | xargs -r rm
+    tar -czf "$OUT/$label.tar.gz" --exclude tensorboard "$run"
 }
 
 cpubench() {
