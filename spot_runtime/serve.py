@@ -93,6 +93,7 @@ def _serve(robot: str, config: RunConfig, console: Console, lock_step: str) -> N
         signal.signal(number, end)
     server = OperatorServer(supervisor, config)
     try:
+        supervisor.begin()
         console.say(f"idle; operators reach this service at {server.address}")
         manager.ready()
         manager.status("idle")

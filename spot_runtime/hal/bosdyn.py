@@ -175,7 +175,13 @@ class BosdynHal:
 
     def _motions(self) -> Motions:
         session = self._session
-        return Motions(session.calls, self._config.robot, lambda: session.poll().motors_powered, self._pause)
+        return Motions(
+            session.calls,
+            self._config.robot,
+            is_powered=lambda: session.poll().motors_powered,
+            is_without_power=session.is_without_power,
+            pause=self._pause,
+        )
 
     def _pause(self, duration_s: float) -> None:
         self._pace.pause(duration_s)

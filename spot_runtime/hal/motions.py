@@ -26,16 +26,26 @@ Pause = Callable[[float], None]
 class Motions:
     """The vendor's motions. Every method raises HalError and nothing else."""
 
-    def __init__(self, calls: Calls, config: RobotConfig, is_powered: Callable[[], bool], pause: Pause) -> None:
+    def __init__(
+        self,
+        calls: Calls,
+        config: RobotConfig,
+        *,
+        is_powered: Callable[[], bool],
+        is_without_power: Callable[[], bool],
+        pause: Pause,
+    ) -> None:
         """Prepare.
 
         Args:
             calls: Reaches the robot.
             config: Time-outs.
             is_powered: Asks the robot whether its motors have power.
+            is_without_power: Asks whether they have none; while they are being powered on, neither is so.
             pause: Lets robot time pass.
         """
-        self._calls, self._config, self._is_powered, self._pause = calls, config, is_powered, pause
+        self._calls, self._config, self._pause = calls, config, pause
+        self._is_powered, self._is_without_power = is_powered, is_without_power
 
     def power_on(self) -> None:
         """Give the motors power; returns when they have it."""
@@ -72,10 +82,10 @@ class Motions:
 
     def power_off(self) -> None:
         """Sit where needed and cut power; returns when it is cut."""
-        if not self._is_powered():
+        if self._is_without_power():
             return
         self._command(RobotCommandBuilder.safe_power_off_command(), "powering off")
-        self._wait(lambda: not self._is_powered(), "power off", self._config.power_timeout_s)
+        self._wait(self._is_without_power, "power off", self._config.power_timeout_s)
 
     def _command(self, command: Any, doing: str) -> Any:
         client, timeout_s = self._calls.client(RobotCommandClient), self._config.rpc_timeout_s

@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any, Final
 
 import grpc
-from bosdyn.api import power_pb2
+from bosdyn.api import power_pb2, robot_state_pb2
 from bosdyn.client.auth import AuthClient
 from bosdyn.client.directory import DirectoryClient
 from bosdyn.client.estop import EstopClient
 from bosdyn.client.exceptions import Error as SdkError
-from bosdyn.client.lease import LeaseClient, ResourceAlreadyClaimedError
+from bosdyn.client.lease import Lease, LeaseClient, ResourceAlreadyClaimedError
 from bosdyn.client.license import LicenseClient
 from bosdyn.client.power import PowerClient
 from bosdyn.client.processors import AddRequestHeader
@@ -164,13 +164,9 @@ class Session:
 
     def check_estop(self, pause: Callable[[float], None]) -> None:
         """Refuse a robot that stays stopped, by whatever button; one that was just released gets a second."""
-        client = self.calls.client(RobotStateClient)
         waited_s = 0.0
         while True:
-            message = self.calls.make(
-                "polling the robot's state", lambda: client.get_robot_state(timeout=self._timeout_s)
-            )
-            pressed = pressed_estops(message)
+            pressed = pressed_estops(self._state())
             if not pressed:
                 return
             if waited_s >= ESTOP_RELEASE_S:
@@ -210,11 +206,33 @@ class Session:
         wallet = self._robot.lease_wallet
         self.calls.make("keeping the lease", lambda: client.retain_lease(wallet.get_lease(), timeout=self._timeout_s))
 
+    @property
+    def lease(self) -> Any:
+        """The lease that is or was held, in the vendor's message; None before there was one."""
+        return None if self._lease is None else self._lease.lease_proto
+
+    def newest_lease(self, resource: str) -> Any:
+        """The newest lease of a resource that the robot knows of, whoever's; None where it knows of none."""
+        client = self.calls.client(LeaseClient)
+        listed = self.calls.make(
+            "listing leases", lambda: client.list_leases(include_full_lease_info=True, timeout=self._timeout_s)
+        )
+        return next((r.lease for r in listed if r.resource == resource and r.lease.sequence), None)
+
+    def adopt_lease(self, lease: Any) -> None:
+        """Go on with a lease that another process of ours held, given in the vendor's message."""
+        self._lease = Lease(lease)
+        self._robot.lease_wallet.add(self._lease)
+        self.has_lease = True
+
     def poll(self) -> SlowState:
         """Battery, temperatures, power and faults, now."""
-        client = self.calls.client(RobotStateClient)
-        message = self.calls.make("polling the robot's state", lambda: client.get_robot_state(timeout=self._timeout_s))
-        return slow_state_from_message(message, self._host_now_ns())
+        return slow_state_from_message(self._state(), self._host_now_ns())
+
+    def is_without_power(self) -> bool:
+        """Whether the motors are off, now; while they are being powered on or off, they are not."""
+        off = robot_state_pb2.PowerState.MOTOR_POWER_STATE_OFF
+        return bool(self._state().power_state.motor_power_state == off)
 
     # Channels and the end --------------------------------------------------------------------------------------------
 
@@ -249,6 +267,10 @@ class Session:
         self._robot, self.calls = None, Calls()
 
     # Details ---------------------------------------------------------------------------------------------------------
+
+    def _state(self) -> Any:
+        client = self.calls.client(RobotStateClient)
+        return self.calls.make("polling the robot's state", lambda: client.get_robot_state(timeout=self._timeout_s))
 
     @property
     def _timeout_s(self) -> float:

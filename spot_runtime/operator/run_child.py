@@ -18,12 +18,13 @@ from spot_protos import operator_pb2
 from spot_runtime.clock import HostClock
 from spot_runtime.hal.address import parse_address
 from spot_runtime.hal.base import Hal
-from spot_runtime.hal.bosdyn import BosdynHal
 from spot_runtime.hal.lock_step import LockStep
 from spot_runtime.instance_lock import InstanceLock
 from spot_runtime.log.logger_process import LoggerProcess
 from spot_runtime.log.sink import LogSink
+from spot_runtime.operator.lease_note import note_folder
 from spot_runtime.operator.link import RunLink
+from spot_runtime.operator.noting_hal import NotingHal
 from spot_runtime.operator.operated_run import OperatedRun
 from spot_runtime.operator.run_spec import MAX_SPEC_BYTES, RunSpec, load_checked
 from spot_runtime.service_manager import ServiceManager
@@ -46,7 +47,7 @@ def drive(spec: RunSpec, link: RunLink) -> int:
 
     def make_hal(sink: LogSink) -> Hal:
         pace = LockStep(spec.lock_step, HostClock().now_ns()) if spec.lock_step else None
-        return BosdynHal(address, spec.config, sink, pace)
+        return NotingHal(address, spec.config, sink, pace, note_folder(os.environ))
 
     manager = ServiceManager.from_environment(os.environ)
     with InstanceLock(str(address)):

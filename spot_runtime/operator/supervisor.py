@@ -2,6 +2,7 @@
 
     idle ──► arming ──► armed ◄──► running ──► ending ──► idle
 
+A control process that dies with the robot in hand leaves a note; then a process of its own makes the robot safe first.
 The service manager's watchdog is fed by the control process while that is answerable for the robot (armed, running),
 and otherwise by each turn of this object's own loop.
 """
@@ -19,6 +20,8 @@ from spot_protos import log_pb2, operator_pb2, run_link_pb2
 from spot_runtime.clock import HostClock
 from spot_runtime.config import RunConfig
 from spot_runtime.operator.event_book import EventBook
+from spot_runtime.operator.make_safe import MAY_HAVE_POWER
+from spot_runtime.operator.mending import Mending, MendingSpec
 from spot_runtime.operator.policy_shelf import PolicyShelf, ShelvedPolicy
 from spot_runtime.operator.refusal import Refusal, not_now, unavailable
 from spot_runtime.operator.run_process import RunProcess
@@ -33,6 +36,9 @@ KILL_AFTER_S: Final = 15.0
 STEERING_HELD_S: Final = 1.0
 SILENT_S: Final = 5.0
 """A control process that is silent for so long hangs; what it last sent has long lapsed, so it is ended."""
+
+_STATES: Final = frozenset(state.value for state in State)
+_SEVERITIES: Final = {number: name.lower() for name, number in log_pb2.Event.Severity.items()}
 
 
 @dataclass
@@ -73,6 +79,7 @@ class Supervisor:
         self._changed = threading.Condition(self._lock)
         self._state, self._state_since_s = State.IDLE, time.monotonic()
         self._run: RunProcess | None = None
+        self._mending: Mending | None = None
         self._run_status: operator_pb2.RunStatus | None = None
         self._run_told_s = 0.0
         self._ended: operator_pb2.Outcome | None = None
@@ -212,6 +219,7 @@ class Supervisor:
         run = self._run
         if run is None:
             time.sleep(TURN_S)
+            self._see_to_mending()
         else:
             for message in run.read(TURN_S):
                 self._take(message)
@@ -225,8 +233,13 @@ class Supervisor:
         if self._state not in (State.ARMED, State.RUNNING):
             self._manager.progressed()
 
+    def begin(self) -> None:
+        """Before the first turn: a robot that an earlier service left with power is made safe."""
+        with self._lock:
+            self._mend_or_rest()
+
     def shut_down(self) -> None:
-        """End whatever goes on; returns when the robot is at rest or the control process has been killed."""
+        """End whatever goes on; returns when the robot is at rest, or whatever should see to it has been killed."""
         run = self._run
         if run is not None:
             # The service manager may have sent it the same signal, and a second one would mean damping.
@@ -234,8 +247,8 @@ class Supervisor:
             if self._state is State.ARMING or (self._state is not State.ENDING and not run.tell(stop)):
                 run.ask_to_stop()
         deadline_s = time.monotonic() + self._config.service.arm_timeout_s
-        while self._run is not None:
-            if time.monotonic() > deadline_s:
+        while self._run is not None or self._mending is not None:
+            if self._run is not None and time.monotonic() > deadline_s:
                 self._run.kill()
             self.turn()
 
@@ -252,7 +265,7 @@ class Supervisor:
                 self._manager.status(f"{self._state.value}: {message.status.mode}, {message.status.policy}")
             elif kind == "event":
                 self._note(message.event)
-            elif kind == "state":
+            elif kind == "state" and message.state in _STATES:
                 if message.state == State.ARMED.value and self._state is State.ARMING:
                     self._seen()
                 self._set(State(message.state))
@@ -274,7 +287,36 @@ class Supervisor:
                 f"{outcome.outcome}: {outcome.sentence}",
                 severity="info" if outcome.exit_code in (0, 10) else "error",
             )
+            self._mend_or_rest()
+
+    def _mend_or_rest(self) -> None:
+        """Idle, unless somebody died with the robot in hand."""
+        if not Mending.is_due(self._robot):
             self._set(State.IDLE)
+            return
+        spec = MendingSpec(robot=self._robot, config=self._config, lock_step=self._lock_step)
+        try:
+            self._mending = Mending.start(spec)
+        except OSError as error:
+            self._mended(is_safe=False, text=f"{MAY_HAVE_POWER}: no process can be started: {error}")
+            return
+        self._say(
+            "make_safe", "a control process died with the robot in hand; the robot is made safe", severity="warning"
+        )
+        self._set(State.ENDING)
+
+    def _see_to_mending(self) -> None:
+        result = None if self._mending is None else self._mending.result()
+        if result is not None:
+            with self._lock:
+                self._mending = None
+                self._mended(is_safe=result[0], text=result[1])
+
+    def _mended(self, *, is_safe: bool, text: str) -> None:
+        self._say("made_safe" if is_safe else "not_safe", text, severity="warning" if is_safe else "error")
+        if self._last is not None:
+            self._last.sentence = f"{self._last.sentence}; then: {text}"
+        self._set(State.IDLE)
 
     def _keep_times(self, run: RunProcess) -> None:
         if self._state in (State.ARMED, State.RUNNING):
@@ -320,7 +362,7 @@ class Supervisor:
             operator_pb2.Event(
                 host_stamp_ns=event.host_stamp_ns,
                 robot_stamp_ns=event.robot_stamp_ns,
-                severity=log_pb2.Event.Severity.Name(event.severity).lower(),
+                severity=_SEVERITIES.get(event.severity, "info"),
                 name=event.name,
                 text=event.text,
                 values=dict(event.values),
@@ -335,6 +377,6 @@ class Supervisor:
 def _how_it_died(code: int) -> str:
     how = f"with signal {signal.Signals(-code).name}" if code < 0 else f"with exit code {code}"
     return (
-        f"the control process ended {how} and said nothing more; the robot's own time-outs ended the motion, "
-        "its motors may still have power: see to the robot, then arm again"
+        f"the control process ended {how} and said nothing more; the robot's own time-outs ended the motion; "
+        "see to the robot, then arm again"
     )

@@ -71,7 +71,11 @@ def test_a_start_by_machine_moves_nothing() -> None:
     (command,) = unit["ExecStart"]
     # 'serve' is idle until an operator arms the robot; 'run' would move it at once.
     assert command.split()[1] == "serve"
-    assert {line.split()[1] for key in unit if key.startswith("Exec") for line in unit[key]} == {"serve", "doctor"}
+    assert {key: [line.split()[1] for line in unit[key]] for key in unit if key.startswith("Exec")} == {
+        "ExecStartPre": ["doctor"],
+        "ExecStart": ["serve"],
+        "ExecStopPost": ["make-safe"],  # sits and cuts power; after every end, a watchdog's and a kill's, too
+    }
     assert unit["Restart"] == ["on-failure"]
     assert int(unit["StartLimitBurst"][0]) <= 5
     for other in DEPLOY.iterdir():
@@ -88,12 +92,17 @@ def test_what_does_not_heal_is_not_tried_again() -> None:
 
 
 def test_the_watchdog_ends_a_hung_loop_and_the_stop_has_time_to_sit() -> None:
+    from spot_runtime.config import RobotConfig
+    from spot_runtime.operator.make_safe import WITHIN_S
+
     unit = settings("spot-rl.service")
     assert unit["Type"] == ["notify"]
     assert unit["NotifyAccess"] == ["all"]  # the control process feeds it while it is answerable
     assert float(unit["WatchdogSec"][0]) <= 5.0
     # A killed main process must not take the control process along: that stops in place when it gets SIGTERM.
     assert unit["KillMode"] == ["control-group"]
+    # Making a robot safe whose control process died must end in time: its last try begins within WITHIN_S.
+    assert float(unit["TimeoutStopSec"][0]) >= WITHIN_S + RobotConfig().power_timeout_s + 10.0
     # Soft stop and hand-back take up to 10 s, sitting and cutting power up to 20 s more by their own time-outs.
     assert float(unit["TimeoutStopSec"][0]) > 30.0
 
@@ -122,18 +131,19 @@ def test_every_option_and_variable_of_the_units_is_there() -> None:
     import inspect
 
     from spot_runtime.doctor.command import doctor
+    from spot_runtime.operator.make_safe_command import make_safe
     from spot_runtime.retention import prune_logs
     from spot_runtime.serve import serve
 
-    commands = {"serve": serve, "doctor": doctor, "prune-logs": prune_logs}
+    commands = {"serve": serve, "doctor": doctor, "prune-logs": prune_logs, "make-safe": make_safe}
     variables = set(re.findall(r"^#?(SPOT_RL_\w+)=", (DEPLOY / "spot-rl.env.example").read_text(), re.MULTILINE))
     seen = set()
     for name in SERVICES:
         unit = settings(name)
-        for line in unit.get("ExecStartPre", []) + unit["ExecStart"]:
+        for line in (line for key in unit if key.startswith("Exec") for line in unit[key]):
             words = line.split()
             seen.add(words[1])
             parameters = {parameter.replace("_", "-") for parameter in inspect.signature(commands[words[1]]).parameters}
             assert {word[2:] for word in words if word.startswith("--")} <= parameters, line
             assert set(re.findall(r"\$\{(\w+)\}", line)) <= variables, line
-    assert seen == {"serve", "doctor", "prune-logs"}
+    assert seen == set(commands)

@@ -47,7 +47,14 @@ class Service:
             "NOTIFY_SOCKET": str(folder / "notify"),
             "WATCHDOG_USEC": "2000000",
             "SPOT_RL_OPERATOR": self.socket,
+            "XDG_STATE_HOME": str(folder),
         }
+        self._address = address
+        self.start()
+
+    def start(self) -> None:
+        """Start it, and wait until it is ready."""
+        address, folder = self._address, self.folder
         words = ["serve", "--robot", address.robot, "--policies", str(POLICIES), "--listen", self.socket]
         words += ["--config", str(folder / "run.yaml"), "--log-dir", str(self.logs), "--lock-step", address.admin]
         self.process = subprocess.Popen([*SPOT_RL, *words], env=self.environment, stderr=subprocess.PIPE)
@@ -170,9 +177,27 @@ def test_a_control_process_that_dies_is_told_of_and_the_service_is_idle_again(se
     status = service.wait_for(state="idle")
     assert status.last.outcome == "control_process_died"
     assert "signal SIGKILL" in status.last.sentence
-    assert "see to the robot" in status.last.sentence
+    assert "it sat down and its motors lost power" in status.last.sentence
+    assert at_rest(admin)
+    assert "service_made_safe" in service.ctl("events", "--past", "100").stdout
     with OperatorClient(service.socket) as client, pytest.raises(RefusedError, match="needs the state armed"):
         client.call("Start", operator_pb2.StartRequest())
+
+
+def test_when_all_processes_die_the_next_start_makes_the_robot_safe_first(service: Service, admin: Any) -> None:
+    service.ctl("arm", "walk")
+    service.ctl("start")
+    service.wait_for(mode="active")
+    control = service.control_pid()
+    os.kill(control, signal.SIGSTOP)  # or it would see the service die, and let the robot sit
+    service.process.kill()
+    os.kill(control, signal.SIGKILL)
+    service.process.communicate()
+    assert not at_rest(admin)
+    service.start()
+    service.wait_for(state="idle")
+    assert at_rest(admin)
+    assert "service_made_safe" in service.ctl("events", "--past", "100").stdout
 
 
 def test_a_service_without_policies_does_not_start(tmp_path: Path) -> None:

@@ -1,0 +1,285 @@
+"""A robot whose control process died sits down and loses power; somebody else's robot is left alone."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import grpc
+import pytest
+from bosdyn.api.power_pb2 import PowerCommandRequest
+from bosdyn.client.lease import LeaseClient
+from bosdyn.client.power import PowerClient
+from bosdyn.client.robot_command import RobotCommandBuilder, RobotCommandClient
+
+from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
+from spot_runtime.clock import HostClock, RobotClockEstimate
+from spot_runtime.config import RunConfig, for_lock_step
+from spot_runtime.fake_process import FakeAddress, FakeProcess
+from spot_runtime.hal.address import parse_address
+from spot_runtime.hal.errors import CertificateError, HalError
+from spot_runtime.hal.lock_step import LockStep
+from spot_runtime.hal.session import Session
+from spot_runtime.log.sink import NullSink
+from spot_runtime.operator.lease_note import HeldNote, LeaseNote, LeaseNoteError, NoteHeldError, note_folder, note_path
+from spot_runtime.operator.make_safe import NotSafeError
+from spot_runtime.operator.make_safe_command import mend
+from spot_runtime.operator.mending import Mending
+from spot_runtime.operator.noting_hal import NotingHal
+
+SPOT_RL = str(Path(sys.executable).with_name("spot-rl"))
+SCENARIO = "services: {on_lease_expiry: nothing}\n"
+"""Otherwise the robot would power off by itself some seconds after its lease went stale."""
+
+
+@pytest.fixture(scope="module")
+def fake(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FakeAddress]:
+    folder = tmp_path_factory.mktemp("state")
+    (folder / "scenario.yaml").write_text(SCENARIO)
+    with FakeProcess(is_lock_step=True, scenario=str(folder / "scenario.yaml"), state_dir=folder) as process:
+        yield process.address
+
+
+@dataclass
+class Robot:
+    """The fake robot, and a folder for notes."""
+
+    fake: FakeAddress
+    admin: Any
+    folder: Path
+
+    @property
+    def config(self) -> RunConfig:
+        config = for_lock_step(RunConfig())
+        return config.model_copy(
+            update={"robot": config.robot.model_copy(update={"ca_file": self.fake.ca_file, "rpc_timeout_s": 10.0})}
+        )
+
+    @property
+    def note(self) -> Path:
+        return note_path(self.fake.robot, self.folder)
+
+    def hal(self) -> NotingHal:
+        pace = LockStep(self.fake.admin, HostClock().now_ns())
+        return NotingHal(parse_address(self.fake.robot), self.config, NullSink(), pace, self.folder)
+
+    def leave_standing(self) -> LeaseNote:
+        """Stand the robot up, then let go of everything without a word, as a process does that dies."""
+        hal = self.hal()
+        hal.connect()
+        hal.stand()
+        note = LeaseNote(**json.loads(self.note.read_bytes()))
+        hal.close()  # without power off it gives nothing back
+        assert self.note.exists()
+        assert self.is_powered()
+        return note
+
+    def mend(self, **options: Any) -> str:
+        wanted = {"lock_step": self.fake.admin, "within_s": 0.0, **options}
+        return mend(self.fake.robot, self.config, self.folder, **wanted)
+
+    def session(self) -> Session:
+        session = Session(
+            parse_address(self.fake.robot), self.config.robot, HostClock(), RobotClockEstimate(), HostClock().now_ns
+        )
+        session.log_in()
+        return session
+
+    def inject(self, name: str, **texts: str) -> None:
+        self.admin.InjectFault(fake_admin_pb2.InjectFaultRequest(name=name, texts=texts))
+
+    def status(self) -> Any:
+        return self.admin.GetStatus(fake_admin_pb2.GetStatusRequest())
+
+    def step(self, seconds: float) -> None:
+        self.admin.Step(fake_admin_pb2.StepRequest(duration_ns=round(seconds * 1e9)))
+
+    def tidy_up(self) -> None:
+        """Whoever has the robot: it sits, and nobody has it."""
+        session = self.session()
+        client = session.calls.client(LeaseClient)
+        session.adopt_lease(client.take().lease_proto)
+        session.calls.client(RobotCommandClient).robot_command(RobotCommandBuilder.safe_power_off_command())
+        self.step(5.0)
+        session.close()
+        assert not self.is_powered()
+
+    def is_powered(self) -> bool:
+        return not self.status().motor_power.lower().endswith("off")
+
+
+@pytest.fixture
+def robot(fake: FakeAddress, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Robot]:
+    for name, value in fake.environment.items():
+        monkeypatch.setenv(name, value)
+    with grpc.insecure_channel(fake.admin) as channel:
+        admin = fake_admin_pb2_grpc.FakeAdminStub(channel)  # type: ignore[no-untyped-call]
+        robot = Robot(fake, admin, tmp_path)
+        yield robot
+        admin.ClearFaults(fake_admin_pb2.ClearFaultsRequest())
+        robot.tidy_up()
+
+
+def test_a_robot_that_stands_by_itself_sits_and_loses_power(robot: Robot) -> None:
+    robot.leave_standing()
+    said = robot.mend()
+    assert "is safe" in said
+    assert "sat down" in said
+    status = robot.status()
+    assert not robot.is_powered()
+    assert not status.lease_owner
+    assert not robot.note.exists()
+
+
+def test_a_lease_that_went_stale_in_dead_hands_is_taken_up_again(robot: Robot) -> None:
+    robot.leave_standing()
+    robot.inject("lease_expired")
+    assert "sat down" in robot.mend()
+    assert not robot.is_powered()
+    assert not robot.status().lease_owner
+
+
+def test_whoever_took_the_robot_meanwhile_keeps_it(robot: Robot) -> None:
+    robot.leave_standing()
+    robot.inject("lease_stolen", owner="tablet")
+    assert "was left to its holder" in robot.mend()
+    assert robot.is_powered()
+    assert robot.status().lease_owner == "tablet"
+    assert not robot.note.exists()
+
+
+def test_whoever_had_it_meanwhile_and_gave_it_back_has_left_it_so(robot: Robot) -> None:
+    robot.leave_standing()
+    robot.inject("lease_expired")
+    other = robot.session()
+    other.acquire_lease()
+    other.close()
+    assert "was left to its holder" in robot.mend()
+    assert robot.is_powered()
+    assert not robot.status().lease_owner
+
+
+def test_a_robot_without_power_is_safe_and_its_lease_free(robot: Robot) -> None:
+    robot.leave_standing()
+    robot.inject("estop_pressed")
+    robot.step(10.0)
+    assert not robot.is_powered()
+    assert "had no power already" in robot.mend()
+    assert not robot.status().lease_owner
+
+
+def test_a_note_of_another_start_of_the_robot_is_nobodys(robot: Robot) -> None:
+    note = robot.leave_standing()
+    HeldNote.write(robot.note, LeaseNote(note.robot, note.resource, "another epoch", note.root)).let_go()
+    assert "was left to its holder" in robot.mend()
+    assert robot.is_powered()
+
+
+def test_a_robot_that_cannot_be_reached_is_tried_again_and_then_told_of(
+    robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot.leave_standing()
+    tries: list[str] = []
+
+    def log_in(session: Session) -> str:
+        tries.append("try")
+        raise HalError("nothing answers")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Session, "log_in", log_in)
+        with pytest.raises(NotSafeError, match=r"THE ROBOT MAY HAVE POWER, see to it: nothing answers"):
+            robot.mend(within_s=1.5)
+    assert len(tries) == 2
+    assert robot.note.exists()  # for the next try
+    assert "sat down" in robot.mend()
+
+
+def test_what_no_second_try_mends_is_told_of_at_once(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    robot.leave_standing()
+
+    def log_in(session: Session) -> str:
+        raise CertificateError("not trusted")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Session, "log_in", log_in)
+        with pytest.raises(NotSafeError, match="not trusted"):
+            robot.mend(within_s=600.0)
+    assert "sat down" in robot.mend()
+
+
+def test_a_run_that_ends_well_leaves_no_note(robot: Robot) -> None:
+    hal = robot.hal()
+    hal.connect()
+    assert not robot.note.exists()
+    hal.stand()
+    with pytest.raises(NoteHeldError, match="stop that one instead"):
+        robot.mend()
+    hal.power_off()
+    hal.close()
+    assert not robot.note.exists()
+    assert not robot.is_powered()
+    assert robot.mend().startswith("nothing to do")
+
+
+def test_a_lease_under_which_power_off_failed_is_not_given_back(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    hal = robot.hal()
+    hal.connect()
+    hal.stand()
+
+    def refuse(_: object) -> None:
+        raise HalError("refused")
+
+    with monkeypatch.context() as patched:
+        patched.setattr("spot_runtime.hal.motions.Motions.power_off", refuse)
+        with pytest.raises(HalError, match="refused"):
+            hal.power_off()
+        hal.close()
+    assert robot.status().lease_owner
+    assert "sat down" in robot.mend()
+    assert not robot.is_powered()
+
+
+def test_motors_that_are_just_getting_power_are_powered_off_too(robot: Robot) -> None:
+    hal = robot.hal()
+    hal.connect()
+    hal._session.calls.client(PowerClient).power_command(PowerCommandRequest.REQUEST_ON_MOTORS)
+    assert not hal._session.poll().motors_powered
+    hal.power_off()
+    robot.step(5.0)
+    assert not robot.is_powered()
+    hal.close()
+
+
+def test_a_damaged_note_and_a_folder_in_the_way(robot: Robot) -> None:
+    robot.note.write_text("{")
+    with pytest.raises(LeaseNoteError, match="see to the robot, then delete it"):
+        robot.mend()
+    with pytest.raises(LeaseNoteError, match="cannot be opened"):
+        HeldNote.write(robot.note / "below", LeaseNote("a", "body", "e", 1))
+
+
+def test_the_command_by_its_own_name(robot: Robot) -> None:
+    robot.leave_standing()
+    words = ["make-safe", "--robot", robot.fake.robot, "--ca-file", str(robot.fake.ca_file)]
+    words += ["--state-dir", str(robot.folder), "--lock-step", robot.fake.admin]
+    for said in ("is safe after", "nothing to do"):
+        told = subprocess.run([SPOT_RL, *words], env=dict(os.environ), capture_output=True, text=True, check=False)
+        assert told.returncode == 0, told.stderr
+        assert said in told.stdout
+
+
+def test_where_notes_lie(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert note_folder({"STATE_DIRECTORY": "/var/lib/spot-rl:/other"}) == Path("/var/lib/spot-rl")
+    assert note_folder({"XDG_STATE_HOME": "/x"}) == Path("/x/spot-rl")
+    assert note_folder({"XDG_STATE_HOME": "relative"}) == Path.home() / ".local" / "state" / "spot-rl"
+    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path))
+    assert not Mending.is_due("192.168.50.3")
+    note = LeaseNote("192.168.50.3:443", "body", "e", 1)
+    HeldNote.write(note_path(str(parse_address("192.168.50.3")), tmp_path), note).let_go()
+    assert Mending.is_due("192.168.50.3")
