@@ -75,6 +75,7 @@ class RunWriter:
     Log time is the receipt or the instant of the act by the host's clock; publish time is the robot's stamp, mapped to
     the host's clock by the newest command or event that carries both (before one, by the first state).
     ``copy_to`` gets a copy of every message, with the number of its topic and its log time; it must not wait.
+    Without ``for_viewers`` the file lacks the copies of the states that only viewers read.
 
     Raises:
         LogExistsError: The log exists.
@@ -89,9 +90,10 @@ class RunWriter:
         *,
         min_free_bytes: int = MIN_FREE_BYTES_TO_START,
         copy_to: Callable[[int, bytes, int], None] | None = None,
+        for_viewers: bool = True,
     ) -> None:
         check_can_start(path, min_free_bytes)
-        self._copy_to = copy_to
+        self._copy_to, self._for_viewers = copy_to, for_viewers
         self.path = path
         self.message = codec.header_to_proto(header) if isinstance(header, RunHeader) else header
         self._joint_names = tuple(self.message.joint_names) or JOINT_NAMES
@@ -178,7 +180,7 @@ class RunWriter:
         acquired_ns = self._to_host(state)
         self._put(STATE, state, sequence, state.host_stamp_ns, acquired_ns)
         slot = state.robot_stamp_ns // viewer.VIEWER_PERIOD_NS
-        if slot == self._viewer_slot:
+        if slot == self._viewer_slot or not self._for_viewers:
             return
         self._viewer_slot = slot
         log_ns = state.host_stamp_ns

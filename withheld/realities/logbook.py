@@ -56,7 +56,7 @@ def write_log(
         policy_contract_json=policy.contract.to_json(), command_sequence=setting.sequence, repeat=setting.repeat,
         software_version=VERSION, foot_names=LEG_NAMES,
     )  # fmt: skip
-    writer = RunWriter(path, header)
+    writer = RunWriter(path, header, for_viewers=False)
     book = _Book(run, policy, setting, missing, rng)
     counts = dict.fromkeys(TOPICS, 0)
 

@@ -22,8 +22,8 @@ from withheld.realities.small_errors import add_small_errors
 from withheld.realities.streams import stream
 
 EPOCH_NS: Final = 1_790_000_000_000_000_000
-SIDE_BY_SIDE: Final = 8
-"""Runs that are simulated together: more gain nothing."""
+SIDE_BY_SIDE: Final = 16
+"""Runs that are simulated together: all fifteen of a case of five repeats."""
 
 
 @dataclass(frozen=True)

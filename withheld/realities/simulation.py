@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
-import mujoco
 import numpy as np
+from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from spot_model import facts
@@ -85,14 +85,17 @@ class _Simulation:
         self.rngs = [r.rng for r in requests]
         n = self.n = len(requests)
         self.model = build_model(robot, settings)
-        self.datas: list[Any] = [mujoco.MjData(self.model) for _ in requests]
+        self.batch = Batch(self.model, n, nthread=1)
+        self._qpos, self._qvel, self._applied, self._pushed, self._sensed = (
+            self.batch.bind(name) for name in ("qpos", "qvel", "qfrc_applied", "xfrc_applied", "sensordata")
+        )
         self.n_states = int(np.ceil((settings.ramp_s + requests[0].sequence.duration_s + settings.tail_s) / STATE_S))
         self._start_poses()
-        self.position = np.empty((n, 7))
-        self.velocity = np.empty((n, 6))
-        self.drives = Drives(robot, n, np.stack([d.qpos[JOINTS_Q] for d in self.datas]), settings.step_s)
+        self.position: Array = self._qpos[:, :7]
+        self.velocity: Array = self._qvel[:, :6]
+        """Of the bodies, now."""
+        self.drives = Drives(robot, n, self._qpos[:, JOINTS_Q].copy(), settings.step_s)
         self.battery = Battery(robot.supply, n)
-        self._feet = np.empty((n, N_LEGS))
         self._copper: Array = np.zeros((n, N_JOINTS))
         self._n_heats = 0
         self._read_bodies()
@@ -100,12 +103,12 @@ class _Simulation:
     # Beginning --------------------------------------------------------------------------------------------------------
 
     def _start_poses(self) -> None:
-        for data, rng in zip(self.datas, self.rngs, strict=True):
+        for qpos, rng in zip(self._qpos, self.rngs, strict=True):
             yaw = rng.uniform(-0.6, 0.6)
-            data.qpos[:3] = [*rng.uniform(-0.5, 0.5, 2), default_height_m() + DROP_M]
-            data.qpos[3:7] = [np.cos(0.5 * yaw), 0.0, 0.0, np.sin(0.5 * yaw)]
-            data.qpos[JOINTS_Q] = facts.DEFAULT_POSITION_RAD + rng.normal(0.0, 0.015, N_JOINTS)
-            mujoco.mj_forward(self.model, data)
+            qpos[:3] = [*rng.uniform(-0.5, 0.5, 2), default_height_m() + DROP_M]
+            qpos[3:7] = [np.cos(0.5 * yaw), 0.0, 0.0, np.sin(0.5 * yaw)]
+            qpos[JOINTS_Q] = facts.DEFAULT_POSITION_RAD + rng.normal(0.0, 0.015, N_JOINTS)
+        self.batch.forward()
 
     def _settle(self) -> Array:
         """Stand, from half of the vendor's gains to the policy's; returns the pose that is held, shape (n, 12)."""
@@ -133,20 +136,12 @@ class _Simulation:
     # Stepping ---------------------------------------------------------------------------------------------------------
 
     def _physics(self, setpoint: Array, kp: Array, kd: Array) -> None:
-        torque = self.drives.step(setpoint, kp, kd)
-        model = self.model
-        for i, data in enumerate(self.datas):
-            data.qfrc_applied[JOINTS_V] = torque[i]
-            mujoco.mj_step(model, data)
+        self._applied[:, JOINTS_V] = self.drives.step(setpoint, kp, kd)
+        self.batch.step()
         self._read_bodies()
 
     def _read_bodies(self) -> None:
-        joints, rates = np.empty((self.n, N_JOINTS)), np.empty((self.n, N_JOINTS))
-        for i, data in enumerate(self.datas):
-            q, v = data.qpos, data.qvel
-            joints[i], rates[i] = q[JOINTS_Q], v[JOINTS_V]
-            self.position[i], self.velocity[i] = q[:7], v[:6]
-        self.drives.follow(joints, rates)
+        self.drives.follow(self._qpos[:, JOINTS_Q].copy(), self._qvel[:, JOINTS_V].copy())
 
     def _energy(self) -> None:
         drives = self.drives
@@ -163,15 +158,11 @@ class _Simulation:
     def _push_body(self, time_s: float) -> None:
         body = self.model.body("body").id
         for part in self.robot.body_forces:
-            force = part.force_n(self.velocity[:, :3], time_s)
-            for i, data in enumerate(self.datas):
-                data.xfrc_applied[body, :3] = force[i]
+            self._pushed[:, body, :3] = part.force_n(self.velocity[:, :3], time_s)
 
     def _foot_force_n(self) -> Array:
         """True normal forces, shape (n, 4)."""
-        for i, data in enumerate(self.datas):
-            self._feet[i] = data.sensordata[_NORMAL_FORCES]
-        return np.abs(self._feet)
+        return np.asarray(np.abs(self._sensed[:, _NORMAL_FORCES]))
 
     # The run ----------------------------------------------------------------------------------------------------------
 
