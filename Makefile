@@ -34,7 +34,7 @@ safety: $(INSTALLED) ## Every line, branch and, for 90 s, mutant of the safety c
 audit: $(INSTALLED) ## Pins, licences and digests of all dependencies; writes build/sbom.cdx.json
 	$(RUN) scripts/audit.py --sbom build/sbom.cdx.json
 
-fuzz: $(INSTALLED) ## Fuzz every parser with atheris; ARGS='-jobs=2 -runs=1000000 -seconds=600'
+fuzz: $(INSTALLED) ## Fuzz every parser with atheris to 1,000,000 inputs; goes on where it was; ARGS='--jobs 4 --seconds 3600'
 	@mkdir -p build/fuzz && cd build/fuzz && ../../$(RUN) ../../tests/fuzz/run.py all $(ARGS)
 
 check: $(INSTALLED) ## Lint, format, types, layers, generated protos, leftovers

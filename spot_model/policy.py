@@ -16,6 +16,7 @@ from pydantic import ValidationError
 from spot_model import facts
 from spot_model.bounded_file import FileTooLargeError, read_at_most
 from spot_model.observation import N_OBSERVATION, observation_of_one
+from spot_model.onnx_head import OnnxHeadError, read_head
 from spot_model.policy_contract import (
     INPUT_NAME,
     MAX_POLICY_BYTES,
@@ -113,10 +114,10 @@ def load_policy(path: Path, *, provider: str = "cpu") -> Policy:
 
 def policy_from_bytes(data: bytes, *, source: str, provider: str = "cpu") -> Policy:
     """Like :func:`load_policy`, for a file's content; ``source`` names it in errors."""
+    contract = _contract(data, source)
     session = _session(data, source, provider)
     with _words_for(source):
         _check_shapes(session, source)
-        contract = _contract(session, source)
     index = {name: i for i, name in enumerate(facts.JOINT_NAMES)}
     policy_from_canonical = np.array([index[name] for name in contract.joint_names], dtype=np.intp)
     policy = Policy(
@@ -180,8 +181,12 @@ def _check_shapes(session: Any, source: str) -> None:
             )
 
 
-def _contract(session: Any, source: str) -> PolicyContract:
-    metadata: dict[str, str] = session.get_modelmeta().custom_metadata_map
+def _contract(data: bytes, source: str) -> PolicyContract:
+    """The contract, before native code sees the file."""
+    try:
+        metadata = read_head(data).metadata
+    except OnnxHeadError as error:
+        raise PolicyError(f"policy {source} is no readable ONNX model: {error}; export it again") from error
     if METADATA_KEY not in metadata:
         raise PolicyError(
             f"policy {source} has no contract (metadata key {METADATA_KEY!r}); export it with 'spot-rl export'"

@@ -7,6 +7,7 @@ import os
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 from spot_protos import log_pb2
 from spot_runtime.log.errors import LogError, LogReadError, MissingHeaderError, NotAnMcapError
@@ -16,6 +17,7 @@ from spot_runtime.log.reader import RECOVERED, header_of, read_log_file, read_ru
 from spot_runtime.log.run_writer import ACTIVE_SUFFIX, HEADER_ATTACHMENT, active_path, check_can_start
 from spot_runtime.log.topics import ALL_TOPICS, FOOTER, HEADER, OWN_TOPICS
 
+MAX_STAMP_NS: Final = (1 << 63) - 1
 _CHANNELS = {topic.name: topic.channel_id for topic in ALL_TOPICS}
 
 
@@ -47,14 +49,14 @@ def recover_log(source: Path, result: Path) -> Recovery:
         raise NotAnMcapError(source, len(data))
     header_of(source, scan)
     messages = _messages_to_keep(source, scan)
-    _write(result, messages)
+    file = McapFile(active_path(result), ALL_TOPICS)
     try:
+        _write(file, messages)
         _verify(active_path(result), messages)
-    except LogError:
+        os.link(active_path(result), result)
+    finally:
+        file.close()
         active_path(result).unlink()
-        raise
-    os.link(active_path(result), result)
-    active_path(result).unlink()
     counts = Counter(message.topic[1:] for message in messages)
     kept = {topic.name[1:]: counts[topic.name[1:]] for topic in OWN_TOPICS}
     return Recovery(source, result, kept, _damage(scan))
@@ -116,7 +118,7 @@ def _messages_to_keep(source: Path, scan: Scan) -> list[RawMessage]:
         copy = scan.attachments.get(HEADER_ATTACHMENT)
         if copy is None:
             raise MissingHeaderError(source, sorted(scan.by_topic()))
-        started_ns = log_pb2.Header.FromString(copy).started_host_stamp_ns
+        started_ns = max(0, log_pb2.Header.FromString(copy).started_host_stamp_ns)
         messages.insert(0, RawMessage(HEADER.name, HEADER.schema_name, 0, started_ns, started_ns, copy))
     if not any(message.topic == FOOTER.name for message in messages):
         messages.append(_footer(messages, scan))
@@ -126,7 +128,8 @@ def _messages_to_keep(source: Path, scan: Scan) -> list[RawMessage]:
 def _footer(messages: list[RawMessage], scan: Scan) -> RawMessage:
     counts = Counter(message.topic[1:] for message in messages)
     own = {topic.name[1:]: counts[topic.name[1:]] for topic in OWN_TOPICS if topic not in (HEADER, FOOTER)}
-    last_ns = max(message.log_ns for message in messages)
+    # Stamps of a damaged or hostile file fill all 64 bits; a footer's are signed.
+    last_ns = min(max(message.log_ns for message in messages), MAX_STAMP_NS)
     footer = log_pb2.Footer(
         host_stamp_ns=last_ns,
         messages=own,
@@ -143,29 +146,25 @@ def _gaps(messages: list[RawMessage]) -> dict[str, int]:
     for message in own:
         highest[message.topic[1:]] = max(highest.get(message.topic[1:], 0), message.sequence + 1)
     counts = Counter(message.topic[1:] for message in own)
-    return {name: highest[name] - counts[name] for name in sorted(highest) if name not in ("header", "footer")}
+    own_names = [name for name in sorted(highest) if name not in ("header", "footer")]
+    # A hostile file has one number twice.
+    return {name: max(0, highest[name] - counts[name]) for name in own_names}
 
 
-def _write(result: Path, messages: list[RawMessage]) -> None:
-    file = McapFile(active_path(result), ALL_TOPICS)
+def _write(file: McapFile, messages: list[RawMessage]) -> None:
     header = next(message for message in messages if message.topic == HEADER.name)
-    try:
-        file.attach(HEADER_ATTACHMENT, "application/x-protobuf", header.data, header.log_ns)
-        for message in messages:
-            file.add(
-                _CHANNELS[message.topic],
-                message.data,
-                log_ns=message.log_ns,
-                publish_ns=message.publish_ns,
-                sequence=message.sequence,
-            )
-            if file.buffered_bytes >= CHUNK_BYTES:
-                file.flush()
-        file.finish()
-    except OSError:
-        file.close()
-        active_path(result).unlink()
-        raise
+    file.attach(HEADER_ATTACHMENT, "application/x-protobuf", header.data, header.log_ns)
+    for message in messages:
+        file.add(
+            _CHANNELS[message.topic],
+            message.data,
+            log_ns=message.log_ns,
+            publish_ns=message.publish_ns,
+            sequence=message.sequence,
+        )
+        if file.buffered_bytes >= CHUNK_BYTES:
+            file.flush()
+    file.finish()
 
 
 def _verify(path: Path, messages: list[RawMessage]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from typing import Final, cast
 
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
@@ -56,6 +57,7 @@ VIEWER_TOPICS: Final = (JOINT_STATES, TRANSFORMS, ODOMETRY, EVENT_TEXT, SCENE)
 ALL_TOPICS: Final = OWN_TOPICS + VIEWER_TOPICS
 
 
+@cache
 def _descriptor_set(root: FileDescriptor) -> bytes:
     files = FileDescriptorSet()
     for descriptor in _with_dependencies(root, set()):

@@ -50,6 +50,7 @@ _COMPLETE = (
     "motor_temperature",
 )
 SLOW_PERIOD_NS = 100_000_000
+Record = log_pb2.State | log_pb2.Command | log_pb2.Tick | log_pb2.SlowState
 
 
 @dataclass(frozen=True)
@@ -72,8 +73,7 @@ def import_log(mapping: Mapping, source: Path, result: Path, run_id: str = "") -
         OSError: A file cannot be read or written.
     """
     recording = Recording(source, mapping)
-    records = _states(recording) + _commands(recording) + _ticks(recording) + _slow_states(recording)
-    records.sort(key=lambda record: record.host_stamp_ns)
+    records = records_of(recording)
     header = RunHeader(
         run_id=run_id or source.stem,
         started_host_stamp_ns=int(recording.stamps_ns[0]),
@@ -94,6 +94,12 @@ def import_log(mapping: Mapping, source: Path, result: Path, run_id: str = "") -
     return Imported(result, len(stamps), float(rate), _missing(mapping))
 
 
+def records_of(recording: Recording) -> list[Record]:
+    """What the log will hold, oldest first. Raises BadInputError, OSError."""
+    records = _states(recording) + _commands(recording) + _ticks(recording) + _slow_states(recording)
+    return sorted(records, key=lambda record: record.host_stamp_ns)
+
+
 def _missing(mapping: Mapping) -> tuple[str, ...]:
     found = set(mapping.signals)
     missing = [name for name in _COMPLETE if name not in found]
@@ -103,9 +109,6 @@ def _missing(mapping: Mapping) -> tuple[str, ...]:
         if not {f"{quantity}_in_odom", f"{quantity}_in_body"} & found
     ]
     return (*missing, "echoed command keys")
-
-
-Record = log_pb2.State | log_pb2.Command | log_pb2.Tick | log_pb2.SlowState
 
 
 def _write(result: Path, header: RunHeader, records: list[Record]) -> None:
