@@ -11,6 +11,7 @@ from spot_model.errors import BadInputError
 from trainer.checkpoint import config_of, find_checkpoint, load_networks, read_checkpoint, restore
 from trainer.config import TrainConfig
 from trainer.make_task import check_device, make_tasks
+from trainer.memory import keep_freed_memory
 from trainer.ppo import PpoRunner
 from trainer.run_folder import make_run_folder
 from trainer.training_log import TrainingLog
@@ -68,6 +69,7 @@ def make_runner(config: TrainConfig, folder: Path, device: str) -> PpoRunner:
     torch.manual_seed(config.seed * 1000 + rank)
     if device == "cpu":
         torch.set_num_threads(1)
+        keep_freed_memory()
     else:
         torch.set_float32_matmul_precision("high")
     env = TaskVecEnv(make_tasks(config, device, rank=rank), config.ppo.steps_per_iteration)
