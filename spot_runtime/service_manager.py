@@ -68,7 +68,7 @@ class ServiceManager:
 
     def progressed(self) -> None:
         """The loop has done a cycle. Called by the loop's thread alone; a message goes out four times a period."""
-        if not self._feed_ns or self._is_stopping:
+        if not self._feed_ns:
             return
         now_ns = self._monotonic_ns()
         if now_ns >= self._feed_due_ns:
@@ -76,7 +76,7 @@ class ServiceManager:
             self._tell("WATCHDOG=1")
 
     def stopping(self) -> None:
-        """The loop is done; the manager no longer watches its progress, but how long the rest takes."""
+        """The loop is done. The manager goes on watching for progress until the last process has ended."""
         if not self._is_stopping:
             self._is_stopping = True
             self._tell("STOPPING=1")

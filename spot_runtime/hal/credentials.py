@@ -38,7 +38,7 @@ def find_credentials(file: Path | None, environment: Mapping[str, str]) -> Crede
     """
     if file is None and "CREDENTIALS_DIRECTORY" in environment:
         candidate = Path(environment["CREDENTIALS_DIRECTORY"]) / SYSTEMD_NAME
-        if candidate.is_file():
+        if _is_file(candidate):
             # systemd may grant the service's user its reading by an access list, whose mask shows as the group's bits;
             # the folder lets nobody else in.
             return _read(candidate, forbidden_mode=0o007)
@@ -51,6 +51,13 @@ def find_credentials(file: Path | None, environment: Mapping[str, str]) -> Crede
         f"no user name and password for the robot: set {USERNAME_VARIABLE} and {PASSWORD_VARIABLE}, or name a file "
         f"with --credentials-file"
     )
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:  # systemd hides the folder from what it runs after a stop
+        return False
 
 
 def _read(file: Path, *, forbidden_mode: int) -> Credentials:

@@ -99,8 +99,19 @@ class Session:
 
     # Connecting ------------------------------------------------------------------------------------------------------
 
-    def log_in(self) -> str:
-        """Reach the robot and log in. Returns its serial number and nickname."""
+    def log_in(self, token: str = "") -> str:
+        """Reach the robot and log in. Returns its serial number and nickname.
+
+        With a token of an earlier login no password is needed, as long as the robot takes it.
+        """
+        if token:
+            self._make_robot()
+            try:
+                self._robot.authenticate_with_token(token, timeout=self._config.rpc_timeout_s)
+                return self._learn_who_it_is()
+            except (SdkError, grpc.RpcError) as error:
+                logging.getLogger(__name__).debug("the token was not taken", exc_info=error)
+                self.close()
         credentials = find_credentials(self._config.credentials_file, os.environ)
         trusted_pem = self._make_robot()
         timeout_s = self._config.rpc_timeout_s
@@ -110,11 +121,9 @@ class Session:
 
         try:
             self._robot.authenticate(credentials.username, credentials.password, timeout=timeout_s)
-            robot_id = self._robot.get_cached_robot_id(timeout=timeout_s)
-            self._robot.sync_with_directory()
+            return self._learn_who_it_is()
         except (SdkError, grpc.RpcError) as error:
             raise translate(error, f"logging in to {self._address}", explain) from error
-        return f"{robot_id.serial_number} {robot_id.nickname}".strip()
 
     def sync_clocks(self) -> None:
         """Bring the estimate of the robot's clock about."""
@@ -207,6 +216,11 @@ class Session:
         self.calls.make("keeping the lease", lambda: client.retain_lease(wallet.get_lease(), timeout=self._timeout_s))
 
     @property
+    def token(self) -> str:
+        """What the robot gave for the password; it stands for the password for some hours."""
+        return str(self._robot.user_token or "")
+
+    @property
     def lease(self) -> Any:
         """The lease that is or was held, in the vendor's message; None before there was one."""
         return None if self._lease is None else self._lease.lease_proto
@@ -275,6 +289,11 @@ class Session:
     @property
     def _timeout_s(self) -> float:
         return self._config.rpc_timeout_s
+
+    def _learn_who_it_is(self) -> str:
+        robot_id = self._robot.get_cached_robot_id(timeout=self._timeout_s)
+        self._robot.sync_with_directory()
+        return f"{robot_id.serial_number} {robot_id.nickname}".strip()
 
     def _make_robot(self) -> bytes:
         # The SDK logs to the root logger by default; what matters reaches the user as our own errors.

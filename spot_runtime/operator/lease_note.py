@@ -11,14 +11,14 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Final
 
 from spot_model.errors import SpotRlError
 
 FOLDER_NAME: Final = "spot-rl"
-MAX_BYTES: Final = 4096
+MAX_BYTES: Final = 65_536
 
 
 class LeaseNoteError(SpotRlError):
@@ -33,13 +33,15 @@ class NoteHeldError(LeaseNoteError):
 
 @dataclass(frozen=True)
 class LeaseNote:
-    """Which lease was held of which robot. It gives no right: a robot also wants a login."""
+    """Which lease was held of which robot, and by which login. Its file can be read by its owner alone."""
 
     robot: str
     resource: str
     epoch: str
     root: int
     """First number of the lease's sequence; every holder has another."""
+    token: str = field(repr=False)
+    """Of the login, in the place of user name and password, which systemd hides from what it runs after a stop."""
 
 
 def note_folder(environment: Mapping[str, str]) -> Path:
@@ -90,9 +92,8 @@ class HeldNote:
         held = HeldNote._open(path, 0)
         try:
             content = json.loads(os.pread(held._descriptor, MAX_BYTES, 0))
-            note = LeaseNote(
-                str(content["robot"]), str(content["resource"]), str(content["epoch"]), int(content["root"])
-            )
+            texts = {name: str(content[name]) for name in ("robot", "resource", "epoch", "token")}
+            note = LeaseNote(**texts, root=int(content["root"]))
         except (OSError, ValueError, KeyError, TypeError) as error:
             held.let_go()
             raise LeaseNoteError(f"the note {path} of a lease is damaged: see to the robot, then delete it") from error

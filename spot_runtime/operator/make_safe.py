@@ -93,7 +93,7 @@ def _try(note: LeaseNote, config: RunConfig, lock_step: str) -> Safety:
     session = Session(parse_address(note.robot), config.robot, clock, RobotClockEstimate(), clock.now_ns)
     pace = LockStep(lock_step, clock.now_ns()) if lock_step else None
     try:
-        session.log_in()
+        session.log_in(note.token)
         is_ours = _is_ours(session, note)
         if session.is_without_power():
             return Safety.HAD_NO_POWER

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 from spot_runtime.config import RunConfig
@@ -16,9 +17,19 @@ from spot_runtime.operator.lease_note import HeldNote, LeaseNote, LeaseNoteError
 class NotingHal(BosdynHal):
     """Keeps the protocol; whoever dies with the lease in hand leaves a note of it for ``spot-rl make-safe``."""
 
-    def __init__(self, address: Address, config: RunConfig, sink: LogSink, pace: Pace | None, folder: Path) -> None:
-        """As its parent; notes lie in ``folder``."""
+    def __init__(
+        self,
+        address: Address,
+        config: RunConfig,
+        sink: LogSink,
+        pace: Pace | None,
+        *,
+        folder: Path,
+        on_pause: Callable[[], None] = lambda: None,
+    ) -> None:
+        """As its parent; notes lie in ``folder``, and ``on_pause`` is told of each look at a motion of the vendor's."""
         super().__init__(address, config, sink, pace)
+        self._on_pause = on_pause
         self._robot, self._path = str(address), note_path(str(address), folder)
         self._note: HeldNote | None = None
         self._is_at_rest = False
@@ -27,7 +38,7 @@ class NotingHal(BosdynHal):
         """See the protocol. The note is there before the motors have power."""
         lease = self._session.lease
         if self._note is None and lease is not None:
-            note = LeaseNote(self._robot, lease.resource, lease.epoch, lease.sequence[0])
+            note = LeaseNote(self._robot, lease.resource, lease.epoch, lease.sequence[0], self._session.token)
             try:
                 self._note = HeldNote.write(self._path, note)
             except LeaseNoteError as error:
@@ -39,6 +50,10 @@ class NotingHal(BosdynHal):
         """See the protocol."""
         super().power_off()
         self._is_at_rest = True
+
+    def _pause(self, duration_s: float) -> None:
+        self._on_pause()
+        super()._pause(duration_s)
 
     def close(self) -> None:
         """See the protocol. A lease under which the robot could not be powered off is not given back.

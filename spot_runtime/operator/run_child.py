@@ -45,11 +45,13 @@ def drive(spec: RunSpec, link: RunLink) -> int:
     address = parse_address(spec.robot)
     spec.config.log.directory.mkdir(parents=True, exist_ok=True)
 
+    manager = ServiceManager.from_environment(os.environ)
+
     def make_hal(sink: LogSink) -> Hal:
         pace = LockStep(spec.lock_step, HostClock().now_ns()) if spec.lock_step else None
-        return NotingHal(address, spec.config, sink, pace, note_folder(os.environ))
+        # The watchdog is fed while it sits down, too, for the operator's service may be gone.
+        return NotingHal(address, spec.config, sink, pace, folder=note_folder(os.environ), on_pause=manager.progressed)
 
-    manager = ServiceManager.from_environment(os.environ)
     with InstanceLock(str(address)):
         run = OperatedRun(spec, policy, link, LoggerProcess.start, manager=manager)
         return int(run.drive(make_hal).exit_code)

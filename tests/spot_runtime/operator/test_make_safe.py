@@ -7,7 +7,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -67,7 +67,7 @@ class Robot:
 
     def hal(self) -> NotingHal:
         pace = LockStep(self.fake.admin, HostClock().now_ns())
-        return NotingHal(parse_address(self.fake.robot), self.config, NullSink(), pace, self.folder)
+        return NotingHal(parse_address(self.fake.robot), self.config, NullSink(), pace, folder=self.folder)
 
     def leave_standing(self) -> LeaseNote:
         """Stand the robot up, then let go of everything without a word, as a process does that dies."""
@@ -137,6 +137,24 @@ def test_a_robot_that_stands_by_itself_sits_and_loses_power(robot: Robot) -> Non
     assert not robot.note.exists()
 
 
+def test_no_password_is_needed_for_it(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    # systemd shows its credentials to no process that it runs after a stop.
+    note = robot.leave_standing()
+    assert robot.note.stat().st_mode & 0o077 == 0
+    assert note.token not in repr(note)
+    for name in ("BOSDYN_CLIENT_USERNAME", "BOSDYN_CLIENT_PASSWORD"):
+        monkeypatch.delenv(name)
+    assert "sat down" in robot.mend()
+    for name, value in robot.fake.environment.items():
+        monkeypatch.setenv(name, value)
+
+
+def test_a_token_that_is_no_longer_taken_is_replaced_by_the_password(robot: Robot) -> None:
+    note = robot.leave_standing()
+    HeldNote.write(robot.note, replace(note, token="none")).let_go()  # noqa: S106
+    assert "sat down" in robot.mend()
+
+
 def test_a_lease_that_went_stale_in_dead_hands_is_taken_up_again(robot: Robot) -> None:
     robot.leave_standing()
     robot.inject("lease_expired")
@@ -176,7 +194,7 @@ def test_a_robot_without_power_is_safe_and_its_lease_free(robot: Robot) -> None:
 
 def test_a_note_of_another_start_of_the_robot_is_nobodys(robot: Robot) -> None:
     note = robot.leave_standing()
-    HeldNote.write(robot.note, LeaseNote(note.robot, note.resource, "another epoch", note.root)).let_go()
+    HeldNote.write(robot.note, replace(note, epoch="another epoch")).let_go()
     assert "was left to its holder" in robot.mend()
     assert robot.is_powered()
 
@@ -187,7 +205,7 @@ def test_a_robot_that_cannot_be_reached_is_tried_again_and_then_told_of(
     robot.leave_standing()
     tries: list[str] = []
 
-    def log_in(session: Session) -> str:
+    def log_in(session: Session, token: str = "") -> str:
         tries.append("try")
         raise HalError("nothing answers")
 
@@ -203,7 +221,7 @@ def test_a_robot_that_cannot_be_reached_is_tried_again_and_then_told_of(
 def test_what_no_second_try_mends_is_told_of_at_once(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     robot.leave_standing()
 
-    def log_in(session: Session) -> str:
+    def log_in(session: Session, token: str = "") -> str:
         raise CertificateError("not trusted")
 
     with monkeypatch.context() as patched:
@@ -261,7 +279,7 @@ def test_a_damaged_note_and_a_folder_in_the_way(robot: Robot) -> None:
     with pytest.raises(LeaseNoteError, match="see to the robot, then delete it"):
         robot.mend()
     with pytest.raises(LeaseNoteError, match="cannot be opened"):
-        HeldNote.write(robot.note / "below", LeaseNote("a", "body", "e", 1))
+        HeldNote.write(robot.note / "below", LeaseNote("a", "body", "e", 1, ""))
 
 
 def test_the_command_by_its_own_name(robot: Robot) -> None:
@@ -280,6 +298,6 @@ def test_where_notes_lie(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     assert note_folder({"XDG_STATE_HOME": "relative"}) == Path.home() / ".local" / "state" / "spot-rl"
     monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path))
     assert not Mending.is_due("192.168.50.3")
-    note = LeaseNote("192.168.50.3:443", "body", "e", 1)
+    note = LeaseNote("192.168.50.3:443", "body", "e", 1, "")
     HeldNote.write(note_path(str(parse_address("192.168.50.3")), tmp_path), note).let_go()
     assert Mending.is_due("192.168.50.3")
