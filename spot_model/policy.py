@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -96,8 +96,13 @@ PROVIDERS = {
 """Where ONNX Runtime may compute, by the configuration's names."""
 
 
-def load_policy(path: Path, *, provider: str = "cpu") -> Policy:
+def load_policy(path: Path, *, provider: str = "cpu", admit: Callable[[str], None] | None = None) -> Policy:
     """Load a policy and check all that its contract promises, where it will be computed.
+
+    Args:
+        path: ONNX file with its contract.
+        provider: Where it will be computed.
+        admit: Told the SHA-256 before anything else looks at the content; raises where this file may not run.
 
     Raises:
         PolicyError: The file cannot be read, is no ONNX model, has no contract or one that does not hold, or ONNX
@@ -109,6 +114,8 @@ def load_policy(path: Path, *, provider: str = "cpu") -> Policy:
         raise PolicyError(f"policy {path} cannot be read: {error}") from error
     except OSError as error:
         raise PolicyError(f"policy {path} cannot be read: {error.strerror}; give an ONNX file") from error
+    if admit is not None:
+        admit(sha256_hex(data))
     return policy_from_bytes(data, source=str(path), provider=provider)
 
 

@@ -12,7 +12,6 @@ import typer
 
 from spot_model.errors import BadInputError
 from spot_model.policy import Policy, load_policy
-from spot_model.policy_contract import PolicyError
 from spot_model.velocity_sequence import load_sequence
 from spot_runtime.clock import HostClock
 from spot_runtime.config import RunConfig, for_lock_step, load_config
@@ -26,6 +25,7 @@ from spot_runtime.journal import Journal, goes_to_journal
 from spot_runtime.log import LogError, recover_leftovers
 from spot_runtime.log.logger_process import LoggerProcess
 from spot_runtime.log.sink import LogSink
+from spot_runtime.policy_admission import admission
 from spot_runtime.run import RunRequest, log_file_name
 from spot_runtime.run import run as run_once
 from spot_runtime.service_manager import ServiceManager
@@ -69,8 +69,7 @@ def run(
     settings = resolve_config(config, ca_file=ca_file, credentials_file=credentials_file, log_dir=log_dir)
     settings = settings if lock_step is None else for_lock_step(settings)
     address = parse_address(robot)
-    loaded = load_policy(policy, provider=settings.control.inference)
-    check_allowed(loaded, settings.service.policy_sha256)
+    loaded = load_policy(policy, provider=settings.control.inference, admit=admission(settings.service, policy))
     labels = parse_labels(label or [])
     console = Console()
     source = make_source(
@@ -138,19 +137,6 @@ def resolve_config(
     )
     log = config.log.model_copy(update={"directory": log_dir or config.log.directory})
     return config.model_copy(update={"robot": robot, "log": log})
-
-
-def check_allowed(policy: Policy, allowed_sha256: tuple[str, ...]) -> None:
-    """Refuse a policy whose digest is not on the configuration's list, where there is one.
-
-    Raises:
-        PolicyError: It is not; the message names its digest.
-    """
-    if allowed_sha256 and policy.sha256 not in allowed_sha256:
-        raise PolicyError(
-            f"policy {policy.contract.name} has the digest {policy.sha256}, which is not among the "
-            f"{len(allowed_sha256)} of service.policy_sha256; add it there, or run another"
-        )
 
 
 def parse_labels(texts: list[str]) -> dict[str, str]:

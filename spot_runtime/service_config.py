@@ -24,6 +24,10 @@ class ServiceConfig(BaseModel):
     policy_sha256: tuple[str, ...] = Field(
         default=(), max_length=1000, description="If given, only policies with one of these digests may be armed."
     )
+    policy_public_key: Path | None = Field(
+        default=None,
+        description="PEM file of Ed25519 public keys: if given, only policies that one of them has signed may run.",
+    )
     deadman_s: float = Field(
         default=0.25, gt=0.0, le=2.0, description="Silence of whoever steers after which the velocity fades to zero."
     )

@@ -75,7 +75,7 @@ def policies(context: typer.Context) -> None:
     with _client(context) as client:
         answer = client.call("ListPolicies", operator_pb2.ListPoliciesRequest())
     for policy in answer.policies:
-        note = "" if policy.is_allowed else "  (its digest is not in service.policy_sha256)"
+        note = "" if policy.is_allowed else "  (its digest or signature is not as the configuration wants it)"
         typer.echo(f"{policy.name:<20} {policy.sha256}{note}")
 
 

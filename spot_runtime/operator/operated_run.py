@@ -21,6 +21,7 @@ from spot_model.policy import Policy
 from spot_model.state import RobotState
 from spot_protos import operator_pb2
 from spot_runtime.clock import HostClock
+from spot_runtime.config import RunConfig
 from spot_runtime.events import EventName
 from spot_runtime.hal.base import Hal
 from spot_runtime.hal.errors import HalError
@@ -121,9 +122,9 @@ class OperatedRun:
         return self._errands
 
     @property
-    def provider(self) -> str:
-        """Where policies are computed."""
-        return self._config.control.inference
+    def config(self) -> RunConfig:
+        """Of the run: where policies are computed, and which may run."""
+        return self._config
 
     @property
     def log_path(self) -> str:

@@ -9,8 +9,11 @@ from typing import Final
 
 import grpc
 
-from spot_model.policy_contract import MAX_POLICY_BYTES, sha256_hex
+from spot_model.bounded_file import FileTooLargeError, read_at_most
+from spot_model.policy_contract import MAX_POLICY_BYTES, PolicyError, sha256_hex
 from spot_runtime.operator.refusal import Refusal, bad_request, not_now
+from spot_runtime.policy_admission import admission
+from spot_runtime.service_config import ServiceConfig
 
 NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 SUFFIX: Final = ".onnx"
@@ -25,15 +28,27 @@ class ShelvedPolicy:
     path: Path
     sha256: str
     size_bytes: int
-    is_allowed: bool
+    refusal: str = ""
+    """Why it may not run; empty: it may."""
+
+    @property
+    def is_allowed(self) -> bool:
+        """Whether digest and signature are as the configuration wants them."""
+        return not self.refusal
 
 
 class PolicyShelf:
     """Looks policies up by name; a name is no path, so nothing outside the folder can be reached."""
 
-    def __init__(self, folder: Path, allowed_sha256: tuple[str, ...]) -> None:
-        """Look in ``folder``; with ``allowed_sha256`` given, only those digests may be armed."""
-        self._folder, self._allowed = folder, allowed_sha256
+    def __init__(self, folder: Path, allowed_sha256: tuple[str, ...] = (), public_key: Path | None = None) -> None:
+        """Look in ``folder``; what may be armed is on the list, if there is one, and signed, if keys are given."""
+        self._folder = folder
+        self._config = ServiceConfig(policy_sha256=allowed_sha256, policy_public_key=public_key)
+
+    @staticmethod
+    def of(config: ServiceConfig) -> PolicyShelf:
+        """The shelf that a configuration describes."""
+        return PolicyShelf(config.policies, config.policy_sha256, config.policy_public_key)
 
     def list(self) -> list[ShelvedPolicy]:
         """All that can be named, at most :data:`MAX_LISTED`."""
@@ -63,18 +78,19 @@ class PolicyShelf:
         if sha256 and sha256.lower() != policy.sha256:
             raise not_now(f"policy {name!r} has SHA-256 {policy.sha256}, not {sha256[:64]}; copy the right file there")
         if not policy.is_allowed:
-            raise Refusal(
-                grpc.StatusCode.PERMISSION_DENIED,
-                f"policy {name!r} (SHA-256 {policy.sha256}) is not in service.policy_sha256; add it there",
-            )
+            raise Refusal(grpc.StatusCode.PERMISSION_DENIED, policy.refusal)
         return policy
 
     def _read(self, path: Path) -> ShelvedPolicy | None:
         try:
-            if path.is_symlink() or not path.is_file() or path.stat().st_size > MAX_POLICY_BYTES:
+            if path.is_symlink() or not path.is_file():
                 return None
-            data = path.read_bytes()
-        except OSError:
+            data = read_at_most(path, MAX_POLICY_BYTES)
+        except (OSError, FileTooLargeError):
             return None
-        digest = sha256_hex(data)
-        return ShelvedPolicy(path.stem, path, digest, len(data), not self._allowed or digest in self._allowed)
+        digest, refusal = sha256_hex(data), ""
+        try:
+            admission(self._config, path)(digest)
+        except PolicyError as error:
+            refusal = str(error)
+        return ShelvedPolicy(path.stem, path, digest, len(data), refusal)

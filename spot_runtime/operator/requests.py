@@ -116,7 +116,7 @@ class Requests:
         else:
 
             def load() -> Any:
-                policy = load_checked(Path(asked.path), asked.sha256, run.provider)
+                policy = load_checked(Path(asked.path), asked.sha256, run.config)
                 warm_up(policy)
                 return policy
 

@@ -41,7 +41,7 @@ def read_spec(data: bytes) -> RunSpec:
 
 def drive(spec: RunSpec, link: RunLink) -> int:
     """Carry it out. Returns the exit code. Raises SpotRlError where the robot was never touched."""
-    policy = load_checked(spec.policy, spec.policy_sha256, spec.config.control.inference)
+    policy = load_checked(spec.policy, spec.policy_sha256, spec.config)
     address = parse_address(spec.robot)
     spec.config.log.directory.mkdir(parents=True, exist_ok=True)
 

@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from spot_model.policy import Policy, load_policy
 from spot_model.policy_contract import PolicyError
 from spot_runtime.config import RunConfig
+from spot_runtime.policy_admission import admission
 
 MAX_SPEC_BYTES: Final = 1 << 20
 
@@ -28,13 +29,17 @@ class RunSpec(BaseModel):
     """Admin address of a fake robot in lock-step mode; empty: real time."""
 
 
-def load_checked(path: Path, sha256: str, provider: str) -> Policy:
-    """Load a policy whose file is still what the operator's service saw.
+def load_checked(path: Path, sha256: str, config: RunConfig) -> Policy:
+    """Load a policy whose file is still what the operator's service saw, and which may run.
 
     Raises:
-        PolicyError: It is not, or it does not hold what its contract promises.
+        PolicyError: It is not, may not, or does not hold what its contract promises.
     """
-    policy = load_policy(path, provider=provider)
-    if policy.sha256 != sha256:
-        raise PolicyError(f"policy {path} was replaced just now: SHA-256 {policy.sha256}, not {sha256}; ask again")
-    return policy
+    allowed = admission(config.service, path)
+
+    def admit(found_sha256: str) -> None:
+        if found_sha256 != sha256:
+            raise PolicyError(f"policy {path} was replaced just now: SHA-256 {found_sha256}, not {sha256}; ask again")
+        allowed(found_sha256)
+
+    return load_policy(path, provider=config.control.inference, admit=admit)

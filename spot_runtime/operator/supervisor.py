@@ -72,7 +72,7 @@ class Supervisor:
         """
         self._robot, self._config, self._lock_step = robot, config, lock_step
         self._manager, self._tell = manager, tell
-        self.shelf = PolicyShelf(config.service.policies, config.service.policy_sha256)
+        self.shelf = PolicyShelf.of(config.service)
         self.events = EventBook()
         self._clock = HostClock()
         self._lock = threading.RLock()

@@ -55,9 +55,29 @@ def contract_seeds() -> list[bytes]:
     return [whole.to_json().encode(), b"{}", b"[1, 2]"]
 
 
+def signature(data: bytes) -> None:
+    """A signature, the first 64 bytes, and the file of keys, the rest."""
+    from spot_model.policy_contract import PolicyError
+    from spot_runtime.policy_signature import is_signed, public_keys
+
+    with contextlib.suppress(PolicyError):
+        keys = public_keys(data[64:], Path("keys.pem"))
+        if is_signed("0" * 64, data[:64], keys):
+            raise AssertionError("somebody signed by chance")
+
+
+def signature_seeds() -> list[bytes]:
+    return [
+        b"\0" * 64 + b"-----BEGIN PUBLIC KEY-----\nMCowBQYDK2VwAyEA" + b"q" * 43 + b"=\n-----END PUBLIC KEY-----\n",
+        b"\0" * 64 + b"-----BEGIN PRIVATE KEY-----\n\n-----END PRIVATE KEY-----\n",
+    ]
+
+
+PEM_WORDS = (b"-----BEGIN PUBLIC KEY-----", b"-----END PUBLIC KEY-----", b"MCowBQYDK2VwAyEA", b"RSA ", b"EC ")
 NATIVE = "what passes the contract goes to ONNX Runtime: a session costs some 0.5 ms"
 POLICIES = {
     "policy": Target(policy, policy_seeds, max_len=4096, why_slow=NATIVE),
     "onnx_head": Target(onnx_head, onnx_head_seeds),
+    "signature": Target(signature, signature_seeds, ("spot_runtime.policy_signature",), 512, PEM_WORDS),
     "contract": Target(contract, contract_seeds, max_len=1500),
 }

@@ -320,13 +320,16 @@ class StubOperated:
     def __init__(self) -> None:
         from types import SimpleNamespace
 
+        from spot_runtime.config import RunConfig
+
         self.link = SimpleNamespace(answer=self._answer)
         self.source = SimpleNamespace(steer=lambda *_: None)
         self.errands = SimpleNamespace(is_busy=False, run=self._errand)
         self.loop: Any = None
         self.stop: Any = None
         self.policy: Any = None
-        self.log_path, self.provider = "", "cpu"
+        self.config = RunConfig()
+        self.log_path = ""
         self.is_start_asked = self.keeps_standing = False
         self.answers = 0
 

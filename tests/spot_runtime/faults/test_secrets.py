@@ -12,10 +12,10 @@ from typer.testing import CliRunner
 
 from spot_model.policy_contract import PolicyError
 from spot_runtime.bench_faults.rig import Meddler, Rig, rig
-from spot_runtime.cli import check_allowed
 from spot_runtime.incident import incident_path
 from spot_runtime.log.logger_process import without_secrets
 from spot_runtime.log.mcap_scan import scan_mcap
+from spot_runtime.policy_admission import check_allowed
 from spot_runtime.report.page import write_page
 from spot_runtime.report.summary import summarise
 
@@ -108,10 +108,10 @@ def test_children_that_need_no_password_get_none() -> None:
 
 def test_only_policies_on_the_list_run(fake: Rig, tmp_path: Path) -> None:
     policy = fake.policy
-    check_allowed(policy, ())
-    check_allowed(policy, ("0" * 64, policy.sha256))
+    check_allowed(Path("walk.onnx"), policy.sha256, ())
+    check_allowed(Path("walk.onnx"), policy.sha256, ("0" * 64, policy.sha256))
     with pytest.raises(PolicyError, match=f"digest {policy.sha256}.*service.policy_sha256"):
-        check_allowed(policy, ("0" * 64,))
+        check_allowed(Path("walk.onnx"), policy.sha256, ("0" * 64,))
     from spot_runtime.cli import run
 
     config = tmp_path / "run.yaml"
