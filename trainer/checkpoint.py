@@ -21,8 +21,12 @@ CONTRACT: Final = {
     "joint_names": list(facts.JOINT_NAMES),
     "observation_layout": [[name, size] for name, size in OBSERVATION_LAYOUT],
     "action_scale_rad": facts.ACTION_SCALE_RAD,
+    "rate_hz": facts.POLICY_RATE_HZ,
+    "kp_nm_per_rad": facts.POLICY_KP_NM_PER_RAD,
+    "kd_nm_s_per_rad": facts.POLICY_KD_NM_S_PER_RAD,
+    "default_position_rad": facts.DEFAULT_POSITION_RAD.tolist(),
 }
-"""What a checkpoint's networks were trained to see and to say."""
+"""What a checkpoint's networks were trained to see and to say, and what their word means to the servos."""
 
 
 def save_checkpoint(path: Path, runner: PpoRunner, iterations_done: int) -> None:
@@ -58,10 +62,11 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
         found = content.get("schema") if isinstance(content, dict) else type(content).__name__
         raise BadInputError(f"checkpoint {path} has the schema {found!r}; allowed: {SCHEMA!r}")
     for key, wanted in CONTRACT.items():
-        if content["contract"].get(key) != wanted:
+        # Where it says nothing, it is older than the key, and the value never changed.
+        found = content["contract"].get(key, wanted)
+        if found != wanted:
             raise BadInputError(
-                f"checkpoint {path} was made for another contract: {key} = {content['contract'].get(key)!r}; "
-                f"expected {wanted!r}"
+                f"checkpoint {path} was made for another contract: {key} = {found!r}; expected {wanted!r}"
             )
     return content
 

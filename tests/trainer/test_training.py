@@ -81,9 +81,14 @@ def test_a_run_can_start_from_anothers_networks(run: Path, tiny: TrainConfig, tm
 def test_a_checkpoint_of_another_contract_is_refused(run: Path, tmp_path: Path) -> None:
     content = read_checkpoint(find_checkpoint(run))
     other = tmp_path / "other.pt"
-    torch.save({**content, "contract": {**content["contract"], "action_scale_rad": 0.5}}, other)
-    with pytest.raises(BadInputError, match=r"another contract: action_scale_rad = 0\.5; expected 0\.2"):
-        read_checkpoint(other)
+    for key, value, words in (
+        ("action_scale_rad", 0.5, r"action_scale_rad = 0\.5; expected 0\.2"),
+        ("rate_hz", 100.0, r"rate_hz = 100\.0; expected 50"),
+        ("kp_nm_per_rad", 50.0, r"kp_nm_per_rad = 50\.0; expected 60"),
+    ):
+        torch.save({**content, "contract": {**content["contract"], key: value}}, other)
+        with pytest.raises(BadInputError, match="another contract: " + words):
+            read_checkpoint(other)
     other.write_bytes(b"not a checkpoint")
     with pytest.raises(BadInputError, match="no readable checkpoint"):
         read_checkpoint(other)

@@ -135,7 +135,7 @@ def run_from_log(run: Run, policy: Policy) -> LoggedRun:
         commands=_commands(run),
         states=states,
         notes=tuple(notes),
-        labels=dict(header.labels),
+        labels=run.labels,
         has_policy_gains=has_policy_gains,
     )
 
