@@ -38,6 +38,7 @@ SETTINGS = {
     "run.yaml.example": ("run.yaml", 0o644),
     "credentials.yaml.example": ("credentials.yaml", 0o600),
 }
+TIMER_STAMP = "var/lib/systemd/timers/stamp-spot-rl-logs.timer"
 RUNNING = ("active", "activating", "deactivating", "reloading")
 
 
@@ -53,6 +54,7 @@ class Place:
         self.root = root
         self.opt = root / OPT
         self.current, self.previous = self.opt / "current", self.opt / "previous"
+        self.made = self.opt / "folders-made"
 
     @property
     def is_this_computer(self) -> bool:
@@ -76,6 +78,18 @@ class Place:
             print(f"not done, for {words[0]} is not here: {' '.join(words)}")
         elif subprocess.run(words, check=False).returncode != 0:
             print(f"failed, do it by hand: {' '.join(words)}")
+
+    def make_folder(self, folder: Path) -> None:
+        """Make a folder of the system's where there is none, and remember that it was made."""
+        missing = [p for p in (folder, *folder.parents) if not p.exists()]
+        folder.mkdir(parents=True, exist_ok=True)
+        with self.made.open("a", encoding="utf-8") as stream:
+            stream.writelines(f"{p.relative_to(self.root)}\n" for p in missing)
+
+    def made_folders(self) -> list[Path]:
+        """The folders that were made, deepest first."""
+        lines = self.made.read_text(encoding="utf-8").splitlines() if self.made.is_file() else []
+        return sorted({self.root / line for line in lines}, key=lambda p: len(p.parts), reverse=True)
 
     def version_of(self, link: Path) -> str:
         """The version that a link names; empty where there is none."""
@@ -158,7 +172,7 @@ def copy_system_files(place: Place, bundle: Path) -> None:
     """Units, user and folders; settings only where there are none yet."""
     for source, destination in SYSTEM_FILES.items():
         path = place.root / destination
-        path.parent.mkdir(parents=True, exist_ok=True)
+        place.make_folder(path.parent)
         path.write_bytes((bundle / source).read_bytes())
         path.chmod(0o644)
     settings = place.root / CONFIGURATION
@@ -196,9 +210,12 @@ def rollback(place: Place) -> None:
 def uninstall(place: Place, *, with_logs: bool) -> None:
     """Remove everything; the logs only if asked."""
     place.refuse_if_running()
-    place.system("systemctl", "disable", "--now", "spot-rl-logs.timer")
-    for destination in SYSTEM_FILES.values():
+    place.system("systemctl", "disable", "--now", "spot-rl-logs.timer", "spot-rl.service")
+    for destination in (*SYSTEM_FILES.values(), TIMER_STAMP):
         (place.root / destination).unlink(missing_ok=True)
+    for folder in place.made_folders():
+        with contextlib.suppress(OSError):  # something of somebody else's lies in it by now
+            folder.rmdir()
     for folder in (OPT, CONFIGURATION, STATE, *((LOGS,) if with_logs else ())):
         shutil.rmtree(place.root / folder, ignore_errors=True)
     place.system("systemctl", "daemon-reload")

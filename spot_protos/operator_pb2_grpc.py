@@ -160,6 +160,7 @@ class OperatorServicer:
 
     def Stop(self, request, context):
         """Stop in place, hand back, then sit, power off and give the lease back. Answers when it is under way.
+        [observe], but with keep_standing
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
@@ -167,6 +168,7 @@ class OperatorServicer:
 
     def Damp(self, request, context):
         """Damp the joints at once: the robot sinks to the ground.
+        [observe]
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')

@@ -109,6 +109,8 @@ class LogInfo:
     file: str
     size_bytes: int
     header: dict[str, Any]
+    labels: dict[str, str]
+    """The header's, and those that were given while it was written."""
     outcome: str
     duration_s: float
     damage: list[str]
@@ -138,6 +140,7 @@ def log_info(run: Run) -> LogInfo:
         file=str(run.path),
         size_bytes=run.path.stat().st_size,
         header=header,
+        labels=run.labels,
         outcome=run.outcome,
         duration_s=run.duration_s,
         damage=list(run.damage),

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot_model.state import Array
+from spot_runtime.events import EventName
 from spot_runtime.log.records import EventRecord, RunHeader
 
 Ints = NDArray[np.int64]
@@ -170,6 +171,12 @@ class Run:
     def truncated(self) -> bool:
         """Whether something is missing: the end of the log, or a damaged stretch."""
         return bool(self.damage)
+
+    @property
+    def labels(self) -> dict[str, str]:
+        """The header's labels, and those that were given while the log was written; a later one counts."""
+        given = (event.text.partition("=") for event in self.events if event.name == EventName.LABEL.label)
+        return {**self.header.labels, **{key: value for key, _, value in given}}
 
     @property
     def outcome(self) -> str:

@@ -24,7 +24,7 @@ MAX_STREAMS: Final = 8
 
 
 class Role(Enum):
-    """What a client may do."""
+    """What a client may do. Whoever has a role may also stop and damp the robot: a stop must not want a permission."""
 
     OBSERVE = "observe"
     OPERATE = "operate"
@@ -62,8 +62,18 @@ class Gate:
         self._rates = {False: requests_per_s, True: steering_per_s}
         self._streams = threading.BoundedSemaphore(MAX_STREAMS)
 
-    def admit(self, name: str, context: grpc.ServicerContext, needed: Role, *, is_steering: bool = False) -> str:
-        """Check role and rate of a call. Returns the client's name, empty where no certificate names it.
+    def admit(
+        self,
+        name: str,
+        context: grpc.ServicerContext,
+        needed: Role,
+        *,
+        is_steering: bool = False,
+        is_stopping: bool = False,
+    ) -> str:
+        """Check role and rate of a call; one that stops the robot is never too often.
+
+        Returns the client's name, empty where no certificate names it.
 
         Raises:
             Refusal: The role does not allow it, or it comes too often.
@@ -81,7 +91,7 @@ class Gate:
                 f"{name} needs the role operate, and the certificate of {client!r} has observe; use an operator's",
             )
         buckets = self._steering if is_steering else self._requests
-        if not buckets.take(client or context.peer()):
+        if not is_stopping and not buckets.take(client or context.peer()):
             raise Refusal(
                 grpc.StatusCode.RESOURCE_EXHAUSTED,
                 f"{name}: more than {self._rates[is_steering]:g} calls a second; call less often",

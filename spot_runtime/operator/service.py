@@ -118,12 +118,22 @@ class OperatorService(operator_pb2_grpc.OperatorServicer):  # type: ignore[misc,
     def Stop(self, request: operator_pb2.StopRequest, context: grpc.ServicerContext) -> operator_pb2.Done:  # noqa: N802
         """See the proto."""
         message = run_link_pb2.ToRun(stop=request)
-        return self._do("Stop", context, lambda _: self._supervisor.end("Stop", message, is_damping=False))
+        # To leave it standing with the lease in hand is no mere stop.
+        role = Role.OPERATE if request.keep_standing else Role.OBSERVE
+
+        def work(client: str) -> str:
+            return self._supervisor.end("Stop", message, client, is_damping=False)
+
+        return self._do("Stop", context, work, role=role, is_stopping=True)
 
     def Damp(self, request: operator_pb2.DampRequest, context: grpc.ServicerContext) -> operator_pb2.Done:  # noqa: N802
         """See the proto."""
         message = run_link_pb2.ToRun(damp=request)
-        return self._do("Damp", context, lambda _: self._supervisor.end("Damp", message, is_damping=True))
+
+        def work(client: str) -> str:
+            return self._supervisor.end("Damp", message, client, is_damping=True)
+
+        return self._do("Damp", context, work, role=Role.OBSERVE, is_stopping=True)
 
     def SetVelocity(  # noqa: N802
         self, request: operator_pb2.SetVelocityRequest, context: grpc.ServicerContext
@@ -198,9 +208,16 @@ class OperatorService(operator_pb2_grpc.OperatorServicer):  # type: ignore[misc,
         return status
 
     def _do(
-        self, name: str, context: grpc.ServicerContext, work: Callable[[str], str], *, is_steering: bool = False
+        self,
+        name: str,
+        context: grpc.ServicerContext,
+        work: Callable[[str], str],
+        *,
+        role: Role = Role.OPERATE,
+        is_steering: bool = False,
+        is_stopping: bool = False,
     ) -> operator_pb2.Done:
-        text = self._carry_out(name, context, Role.OPERATE, work, is_steering=is_steering)
+        text = self._carry_out(name, context, role, work, is_steering=is_steering, is_stopping=is_stopping)
         return operator_pb2.Done(state=self._supervisor.state.value, text=text)
 
     def _carry_out(
@@ -211,9 +228,10 @@ class OperatorService(operator_pb2_grpc.OperatorServicer):  # type: ignore[misc,
         work: Callable[[str], Answer],
         *,
         is_steering: bool = False,
+        is_stopping: bool = False,
     ) -> Answer:
         try:
-            return work(self._gate.admit(name, context, role, is_steering=is_steering))
+            return work(self._gate.admit(name, context, role, is_steering=is_steering, is_stopping=is_stopping))
         except Refusal as refusal:
             context.abort(refusal.code, refusal.text)
             raise  # not reached: abort raises

@@ -32,6 +32,12 @@ from spot_runtime.service_manager import ServiceManager
 TURN_S: Final = 0.05
 ANSWER_TIMEOUT_S: Final = 25.0
 """Opening a log may take 20 s on a bad disk."""
+STOP_TIMEOUT_S: Final = 2.0
+"""After this a stop goes by signals, too; the loop answers within a cycle."""
+
+MAX_WAITING: Final = 8
+"""Each holds a thread of the service, and one must be left for a stop."""
+
 KILL_AFTER_S: Final = 15.0
 STEERING_HELD_S: Final = 1.0
 SILENT_S: Final = 5.0
@@ -148,10 +154,12 @@ class Supervisor:
             why = self._last.sentence if self._last is not None else "the control process ended"
             raise not_now(f"arming did not succeed: {why}")
 
-    def ask(self, name: str, request: run_link_pb2.ToRun, *states: State) -> str:
+    def ask(self, name: str, request: run_link_pb2.ToRun, *states: State, is_stopping: bool = False) -> str:
         """Pass a request on to the control process and wait for its answer. Returns its words. Raises Refusal."""
         with self._lock:
             self._need(name, *states)
+            if len(self._waiting) >= MAX_WAITING and not is_stopping:
+                raise unavailable(f"{name}: {MAX_WAITING} requests wait for their answers already; wait for one")
             run = self._run
             self._requests += 1
             request.request_id = self._requests
@@ -160,7 +168,8 @@ class Supervisor:
         try:
             if run is None or not run.tell(request):
                 raise unavailable(f"{name}: the control process takes no requests now; stop it, or see its journal")
-            if not waiting.done.wait(ANSWER_TIMEOUT_S) or waiting.answer is None:
+            timeout_s = STOP_TIMEOUT_S if is_stopping else ANSWER_TIMEOUT_S
+            if not waiting.done.wait(timeout_s) or waiting.answer is None:
                 raise unavailable(f"{name}: the control process gave no answer; see status and journal")
         finally:
             with self._lock:
@@ -169,18 +178,20 @@ class Supervisor:
             raise not_now(f"{name}: {waiting.answer.text}")
         return waiting.answer.text
 
-    def end(self, name: str, request: run_link_pb2.ToRun, *, is_damping: bool) -> str:
+    def end(self, name: str, request: run_link_pb2.ToRun, client: str, *, is_damping: bool) -> str:
         """Stop or damp, also when the control process does not read its socket: then by signals."""
         with self._lock:
             self._need(name, State.ARMING, State.ARMED, State.RUNNING, State.ENDING)
             run, state = self._run, self._state
+            if client:
+                self._say("asked", f"{name}, by {client}")
         if run is not None and state is State.ARMING:
             run.ask_to_stop()
             return "arming is broken off: the robot sits down and powers off"
         if state is State.ENDING:
             return "the robot is being brought to rest already"
         try:
-            return self.ask(name, request, State.ARMED, State.RUNNING)
+            return self.ask(name, request, State.ARMED, State.RUNNING, is_stopping=True)
         except Refusal as refusal:
             if refusal.code is not unavailable("").code or run is None:
                 raise

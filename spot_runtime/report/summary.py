@@ -40,7 +40,7 @@ def _row(label: str, text: str) -> str:
 
 def _run_text(info: LogInfo) -> str:
     header = info.header
-    labels = "".join(f", {key} {value}" for key, value in header["labels"].items())
+    labels = "".join(f", {key} {value}" for key, value in info.labels.items())
     parts = [
         f"{info.duration_s:.1f} s on {header['robot_id'] or 'an unnamed robot'}",
         f"policy {header['policy_name'] or 'none'}",

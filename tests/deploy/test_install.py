@@ -159,6 +159,24 @@ def test_install_upgrade_roll_back_uninstall(act: Install, bundle: Callable[...,
     assert files_under(root) == set()
 
 
+def test_folders_of_the_system_that_were_made_go_and_others_stay(
+    act: Install, bundle: Callable[..., Path], root: Path
+) -> None:
+    for name in ("opt", "etc/systemd/system", "var/lib/systemd/timers", "var/log"):
+        (root / name).mkdir(parents=True)
+    before, first, second = {*root.rglob("*")}, bundle("0.1.0"), bundle("0.2.0")
+    for _ in range(2):  # an upgrade must not forget what the first installation made
+        assert act("install", first).returncode == 0
+        assert act("install", second).returncode == 0
+        assert (root / "etc/sysusers.d/spot-rl.conf").is_file()
+        (root / "var/lib/systemd/timers/stamp-spot-rl-logs.timer").touch()  # as systemd does once the timer is enabled
+        (root / "etc/tmpfiles.d/of-somebody-else.conf").touch()
+        assert act("uninstall", None, "--logs").returncode == 0
+        assert {*root.rglob("*")} - before == {root / "etc/tmpfiles.d", root / "etc/tmpfiles.d/of-somebody-else.conf"}
+        (root / "etc/tmpfiles.d/of-somebody-else.conf").unlink()
+        (root / "etc/tmpfiles.d").rmdir()
+
+
 @pytest.mark.parametrize("state", ["active", "activating", "deactivating"])
 def test_nothing_changes_under_a_running_service(
     act: Install, bundle: Callable[..., Path], root: Path, programs: Path, state: str

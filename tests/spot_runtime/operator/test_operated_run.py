@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +11,10 @@ import pytest
 
 from spot_model.policy_contract import sha256_hex
 from spot_protos import operator_pb2, run_link_pb2
+from spot_runtime.hal.bosdyn import BosdynHal
 from spot_runtime.log import Run, read_run
+from spot_runtime.log.info import log_info
+from spot_runtime.report.details import detail_lines
 
 from .conftest import POLICIES, Arming
 
@@ -59,6 +64,9 @@ def test_walk_stop_switch_the_policy_walk_again_and_sit(arming: Arming) -> None:
     assert (first.header.policy_name, second.header.policy_name) == ("walk", "baseline")
     assert first.header.labels["operator"] == "tester"
     assert [e.text for e in first.events if e.name == "label"] == ["surface=grass"]
+    assert first.labels == {"operator": "tester", "surface": "grass"}
+    assert ", operator tester, surface grass" in "\n".join(detail_lines(log_info(first)))
+    assert second.labels == {"operator": "tester"}
     assert first.outcome == second.outcome == "operator_stop"
     for log in (first, second):
         assert (np.diff(log.commands.key) > 0).all()
@@ -183,8 +191,50 @@ def test_what_does_not_fit_is_refused_in_words(arming: Arming) -> None:
     assert arming.is_at_rest()
 
 
+def test_the_e_stop_signal_counts_while_the_robot_only_stands_too(
+    arming: Arming, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pressed = count_calls(monkeypatch, "estop")
+    attend(arming)
+    arming.operator.at(1.0, lambda: os.kill(os.getpid(), signal.SIGQUIT))
+    outcome = arming.drive()
+    assert (outcome.outcome, outcome.exit_code) == ("operator_estop", 12)
+    assert len(pressed) == 1
+    assert not arming.status().lease_owner
+    assert arming.status().motor_power.lower().endswith("off")
+
+
+@pytest.mark.parametrize(("fault", "outcome", "stands"), [("low_battery", "battery_low", 1), ("", "operator_stop", 2)])
+def test_an_urgent_end_sits_at_once_and_a_mild_one_stands_first(
+    arming: Arming, monkeypatch: pytest.MonkeyPatch, fault: str, outcome: str, stands: int
+) -> None:
+    stood = count_calls(monkeypatch, "stand")
+    attend(arming)
+    start(arming)
+    if fault:
+        arming.operator.at(CONTROL_S + 0.2, lambda: arming.inject(fault))
+    else:
+        stop(arming, CONTROL_S + 0.2)
+    assert arming.drive().outcome == outcome
+    assert len(stood) == stands
+    assert arming.is_at_rest()
+
+
 def test_a_lease_that_is_lost_while_standing_by_ends_the_arming(arming: Arming) -> None:
     attend(arming)
     arming.operator.at(1.0, lambda: arming.inject("lease_stolen"))
     outcome = arming.drive()
     assert outcome.outcome == "lease_lost", outcome.sentence
+
+
+def count_calls(monkeypatch: pytest.MonkeyPatch, name: str) -> list[str]:
+    """Grows by one whenever the adapter's method is called, which does what it always does."""
+    calls: list[str] = []
+    original = getattr(BosdynHal, name)
+
+    def counted(hal: BosdynHal) -> None:
+        calls.append(name)
+        original(hal)
+
+    monkeypatch.setattr(BosdynHal, name, counted)
+    return calls

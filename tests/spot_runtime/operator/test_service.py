@@ -159,6 +159,10 @@ def test_calls_that_come_too_often_are_refused(tmp_path: Path) -> None:
 
         with pytest.raises(RefusedError, match="more than 3 calls a second; call less often"):
             hammer()
+        for name, request in (("Stop", operator_pb2.StopRequest()), ("Damp", operator_pb2.DampRequest())):
+            for _ in range(5):  # never too often
+                with pytest.raises(RefusedError, match="needs the state"):
+                    client.call(name, request)
 
 
 def test_arming_a_robot_that_is_not_there_is_refused_and_ends_idle(tmp_path: Path) -> None:
@@ -240,8 +244,16 @@ def test_roles_over_mutual_tls(tmp_path: Path) -> None:
             assert otto.call("GetStatus", look).state == "idle"
             with pytest.raises(RefusedError, match="'otto' has observe"):
                 otto.call("Start", start)
-        with client(authority.sign("mallory")) as mallory, pytest.raises(RefusedError, match="names no role"):
-            mallory.call("GetStatus", look)
+            # Who may look may also stop; what is refused has nothing to stop here, or is no mere stop.
+            for name, request in (("Stop", operator_pb2.StopRequest()), ("Damp", operator_pb2.DampRequest())):
+                with pytest.raises(RefusedError, match=f"{name} needs the state arming or armed or running"):
+                    otto.call(name, request)
+            with pytest.raises(RefusedError, match="'otto' has observe"):
+                otto.call("Stop", operator_pb2.StopRequest(keep_standing=True))
+        with client(authority.sign("mallory")) as mallory:
+            for name, request in (("GetStatus", look), ("Damp", operator_pb2.DampRequest())):
+                with pytest.raises(RefusedError, match="names no role"):
+                    mallory.call(name, request)
         with client(stranger.sign("eve", role("operate"))) as eve, pytest.raises(UnreachableError):
             eve.call("GetStatus", look, 5.0)
         with OperatorClient(server.address) as plain, pytest.raises(UnreachableError):
