@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from diagnosis.channels.base_motion import base_motion, imu_gravity_m_s2, slope
 from diagnosis.channels.body_model import FIRST_JOINT_DOF, BodyModel
 from diagnosis.channels.stack import Stack
+from diagnosis.channels.vectors import cross
 from diagnosis.seam import Array, Flags
 from spot_model import facts
 from spot_model.effects.base import Effect
@@ -56,6 +57,16 @@ class Residuals:
 
 
 @dataclass(frozen=True)
+class Known:
+    """What of the smoothed signals a change of some of them leaves as it is: dear, so it is computed once."""
+
+    force: Array
+    """What the motion needs, as :meth:`BodyModel.inverse_dynamics` has it. Shape (n, 18)."""
+    place: tuple[Array, Array]
+    """Contact points and their Jacobians."""
+
+
+@dataclass(frozen=True)
 class DynamicsSignals:
     """Signals of channels D and B."""
 
@@ -74,6 +85,7 @@ class DynamicsSignals:
     """Smoothed, at the kept rows."""
     reference: Residuals
     """Of the smoothed signals: what changed residuals are compared with."""
+    known: Known
     uses_imu: bool
     imu_gravity_m_s2: float
     """In the unit's readings; 0 without a unit."""
@@ -82,7 +94,12 @@ class DynamicsSignals:
     def with_inputs(self, key: object, **changes: Array) -> Residuals:
         """Residuals of the nominal model for other inputs; kept under ``key``."""
         if key not in self.cache:
-            self.cache[key] = residuals(self.model, replace(self.inputs, **changes))
+            self.cache[key] = residuals(
+                self.model,
+                replace(self.inputs, **changes),
+                force=self.known.force if set(changes) <= {"load_nm"} else None,
+                place=None if {"position_rad", "world_from_body_wxyz"} & set(changes) else self.known.place,
+            )
         found: Residuals = self.cache[key]
         return found
 
@@ -104,7 +121,9 @@ class DynamicsSignals:
     def with_effect(self, key: object, effect: Effect) -> Residuals:
         """Residuals of the nominal model with one more model effect; kept under ``key``."""
         if key not in self.cache:
-            self.cache[key] = residuals(BodyModel((*self.effects, effect)), self.inputs)
+            model = BodyModel((*self.effects, effect))
+            same = np.array_equal(model.foot_radius_m, self.model.foot_radius_m)
+            self.cache[key] = residuals(model, self.inputs, place=self.known.place if same else None)
         found: Residuals = self.cache[key]
         return found
 
@@ -152,6 +171,8 @@ def dynamics_signals(stack: Stack, effects: Sequence[Effect]) -> DynamicsSignals
     model = BodyModel(effects)
     full = residuals(model, raw)
     nominal = Residuals(*(stack.smooth(getattr(full, f.name))[rows] for f in fields(Residuals)))
+    force = needed_forces(model, inputs)
+    place = contact_point_and_jacobian(inputs.position_rad, inputs.world_from_body_wxyz, model.foot_radius_m)
     has_contact = all(r.has("foot_contact") for r in stack.recordings)
     contact = stack.cat(lambda r: r.foot_contact)[rows] if has_contact else np.zeros((len(rows), 0), dtype=np.bool_)
     return DynamicsSignals(
@@ -163,15 +184,16 @@ def dynamics_signals(stack: Stack, effects: Sequence[Effect]) -> DynamicsSignals
         load_rate_nm_s=stack.rate(load)[rows],
         contact=contact.astype(np.bool_),
         nominal=nominal,
-        reference=residuals(model, inputs),
+        reference=residuals(model, inputs, force=force, place=place),
+        known=Known(force, place),
         uses_imu=base.uses_imu,
         imu_gravity_m_s2=imu_gravity_m_s2(stack) or 0.0,
     )
 
 
-def residuals(model: BodyModel, inputs: Inputs) -> Residuals:
-    """Inverse dynamics of the motion against the loads."""
-    force = model.inverse_dynamics(
+def needed_forces(model: BodyModel, inputs: Inputs) -> Array:
+    """Generalised forces of the motion, shape (n, 18)."""
+    return model.inverse_dynamics(
         world_from_body_wxyz=inputs.world_from_body_wxyz,
         angular_vel_in_body_rad_s=inputs.angular_vel_in_body_rad_s,
         linear_acc_in_world_m_s2=inputs.linear_acc_in_world_m_s2,
@@ -180,52 +202,65 @@ def residuals(model: BodyModel, inputs: Inputs) -> Residuals:
         velocity_rad_s=inputs.velocity_rad_s,
         acceleration_rad_s2=inputs.acceleration_rad_s2,
     )
+
+
+def residuals(
+    model: BodyModel, inputs: Inputs, *, force: Array | None = None, place: tuple[Array, Array] | None = None
+) -> Residuals:
+    """Inverse dynamics of the motion against the loads; ``force`` and ``place`` where they are known already."""
+    if force is None:
+        force = needed_forces(model, inputs)
     joint = inputs.load_nm - force[:, FIRST_JOINT_DOF:]
-    wrench = feet_wrench(inputs, joint, model.foot_radius_m)
+    wrench = feet_wrench(inputs, joint, model.foot_radius_m, place)
     needed = np.concatenate([rotate_inverse_wxyz(inputs.world_from_body_wxyz, force[:, :3]), force[:, 3:6]], axis=1)
     return Residuals(joint_nm=joint, base=wrench.sum(axis=1)[:, :6] - needed, foot_force_n=wrench[:, :, :3])
 
 
-def feet_wrench(inputs: Inputs, joint_nm: Array, foot_radius_m: Array) -> Array:
+def feet_wrench(
+    inputs: Inputs, joint_nm: Array, foot_radius_m: Array, place: tuple[Array, Array] | None = None
+) -> Array:
     """Force and moment on the body of the feet's forces that a joint residual stands for, leg by leg.
 
     Args:
         inputs: Where the legs are.
         joint_nm: Load less what the model needs. Shape (n, 12).
         foot_radius_m: Shape (4,).
+        place: Contact points and Jacobians, where they are known already.
 
     Returns:
         Shape (n, 4, 6), body frame, about the body's origin.
     """
     n = len(joint_nm)
-    point, jacobian = contact_point_and_jacobian(inputs.position_rad, inputs.world_from_body_wxyz, foot_radius_m)
+    point, jacobian = place or contact_point_and_jacobian(
+        inputs.position_rad, inputs.world_from_body_wxyz, foot_radius_m
+    )
     torque = -joint_nm.reshape(n, facts.N_LEGS, 3)
     # Near a stretched leg the Jacobian is singular, and the force along the leg large but right.
     transposed = np.swapaxes(jacobian, -1, -2)
     force = np.linalg.solve(transposed + 1e-6 * np.eye(3), torque[..., None])[..., 0]
-    return np.concatenate([force, np.cross(point, force)], axis=2)
+    return np.concatenate([force, cross(point, force)], axis=2)
 
 
 def contact_point_and_jacobian(
-    position_rad: Array, world_from_body_wxyz: Array, foot_radius_m: Array
+    position_rad: Array, world_from_body_wxyz: Array, foot_radius_m: Array, legs: slice = slice(None)
 ) -> tuple[Array, Array]:
     """Lowest points of the foot spheres in the body frame, and their Jacobians as points of the lower legs.
 
     Returns:
-        Positions (n, 4, 3), m; Jacobians (n, 4, 3, 3), m/rad.
+        Positions (n, 4, 3), m; Jacobians (n, 4, 3, 3), m/rad; of ``legs`` alone.
     """
-    centre, jacobian = foot_position_and_jacobian(position_rad)
+    centre, jacobian = foot_position_and_jacobian(position_rad, legs)
     n = len(position_rad)
     down = rotate_inverse_wxyz(world_from_body_wxyz, np.broadcast_to([0.0, 0.0, -1.0], (n, 3)))
-    arm = foot_radius_m[None, :, None] * down[:, None, :]
-    axes = leg_axes(position_rad)
-    turned = np.swapaxes(np.cross(axes, arm[:, :, None, :]), -1, -2)
+    arm = foot_radius_m[None, legs, None] * down[:, None, :]
+    axes = leg_axes(position_rad, legs)
+    turned = np.swapaxes(cross(axes, arm[:, :, None, :]), -1, -2)
     return centre + arm, jacobian + turned
 
 
-def leg_axes(position_rad: Array) -> Array:
+def leg_axes(position_rad: Array, legs: slice = slice(None)) -> Array:
     """Axes of each leg's three joints in the body frame, shape (n, 4, 3 joints, 3)."""
-    hx = position_rad[:, 0::3]
+    hx = position_rad[:, 0::3][:, legs]
     zero, one = np.zeros_like(hx), np.ones_like(hx)
     along = np.stack([one, zero, zero], axis=-1)
     across = np.stack([zero, np.cos(hx), np.sin(hx)], axis=-1)

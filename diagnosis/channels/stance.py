@@ -7,7 +7,7 @@ odometry height is not used. Time convention: all of one state.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
@@ -18,6 +18,7 @@ from diagnosis.channels.base_motion import imu_gravity_m_s2
 from diagnosis.channels.body_model import BodyModel
 from diagnosis.channels.dynamics import DynamicsSignals, contact_point_and_jacobian
 from diagnosis.channels.stack import Stack, white_noise
+from diagnosis.channels.vectors import cross
 from diagnosis.seam import Array, ChannelOff, ChannelView, Flags
 from spot_model import facts
 from spot_model.effects.base import Effect
@@ -62,6 +63,8 @@ class StanceSignals:
     """Well within a stance, at the full rate. Shape (N, 4)."""
     nominal: Array
     """Smoothed response, shape (n, 16)."""
+    raw: tuple[Array, Array]
+    """Of the signals as they are, at the full rate: :func:`motion_of_feet`."""
     acceleration_in_body_m_s2: Array
     """Rate of the body's velocity as seen in the body, by the inertial unit where there is one. Shape (N, 3)."""
     dynamics: DynamicsSignals | None
@@ -72,10 +75,35 @@ class StanceSignals:
         """The response if signals were others, smoothed, shape (n, 16); kept under ``key``."""
         if key not in self.cache:
             radius = self.foot_radius_m if foot_radius_m is None else foot_radius_m
-            raw = feet(replace(self.kinematics, **changes), radius, self.standing)
-            self.cache[key] = self.stack.smooth(raw)[self.rows]
+            self.cache[key] = self._corrected(radius, changes)
         found: Array = self.cache[key]
         return found
+
+    def _corrected(self, radius: Array, changes: Mapping[str, Array]) -> Array:
+        """Computed for the one leg that differs, where it is one; the others' bits stay as they are."""
+        legs = self._changed_legs(radius, changes)
+        if legs is None:
+            return self.stack.smooth(feet(replace(self.kinematics, **changes), radius, self.standing))[self.rows]
+        heading, height = motion_of_feet(replace(self.kinematics, **changes), radius, legs)
+        heights = self.raw[1].copy()
+        heights[:, legs] = height
+        raw = np.concatenate([heading.reshape(len(heading), -1), above_mean(heights, self.standing)], axis=1)
+        new = self.stack.smooth(raw)[self.rows]
+        out = self.nominal.copy()
+        out[:, 3 * legs.start : 3 * legs.stop] = new[:, : -facts.N_LEGS]
+        out[:, 3 * facts.N_LEGS :] = new[:, -facts.N_LEGS :]
+        return out
+
+    def _changed_legs(self, radius: Array, changes: Mapping[str, Array]) -> slice | None:
+        """The one leg that differs; None for several, or none."""
+        differs = radius != self.foot_radius_m
+        for name, value in changes.items():
+            if name not in ("position_rad", "velocity_rad_s"):
+                return None
+            joints = np.any(value != getattr(self.kinematics, name), axis=0)
+            differs = differs | joints.reshape(facts.N_LEGS, 3).any(axis=1)
+        found = np.flatnonzero(differs)
+        return slice(int(found[0]), int(found[0]) + 1) if len(found) == 1 else None
 
     def finish_velocity(self, in_body: Array) -> Array:
         """A change of the body's velocity (N, 3), body frame, as all feet see it: smoothed, shape (n, 16)."""
@@ -121,7 +149,8 @@ def stance_view(
     else:
         rows = dynamics.rows
     radius = BodyModel(effects).foot_radius_m
-    response = stack.smooth(feet(kinematics, radius, standing))[rows]
+    raw = motion_of_feet(kinematics, radius)
+    response = stack.smooth(_rows_of(*raw, standing))[rows]
     steady = stack.inner(standing)[rows]
     # A height means something against another foot's, and the same feet must stand throughout the filter's reach.
     unchanged = np.all((stack.inner(contact) | stack.inner(~contact))[rows], axis=1)
@@ -131,7 +160,7 @@ def stance_view(
     usable = np.concatenate([velocities, several], axis=1)
     legs = np.arange(facts.N_LEGS, dtype=np.intp)
     signals = StanceSignals(
-        stack, rows, kinematics, radius, standing, response, _acceleration_in_body(stack, kinematics), dynamics
+        stack, rows, kinematics, radius, standing, response, raw, _acceleration_in_body(stack, kinematics), dynamics
     )
     floor = np.concatenate([np.tile(VELOCITY_FLOOR_M_S, facts.N_LEGS), np.full(4, HEIGHT_FLOOR_M)])
     return ChannelView(
@@ -153,16 +182,27 @@ def stance_view(
 
 def feet(k: Kinematics, foot_radius_m: Array, standing: Flags) -> Array:
     """Velocities of the contact points in the heading frame, then heights less the standing feet's mean; (N, 16)."""
-    point, jacobian = contact_point_and_jacobian(k.position_rad, k.odom_from_body_wxyz, foot_radius_m)
-    n = len(point)
-    rates = k.velocity_rad_s.reshape(n, facts.N_LEGS, 1, 3)
+    return _rows_of(*motion_of_feet(k, foot_radius_m), standing)
+
+
+def motion_of_feet(k: Kinematics, foot_radius_m: Array, legs: slice = slice(None)) -> tuple[Array, Array]:
+    """Velocities of the contact points in the heading frame (N, 4, 3), and their heights (N, 4); of ``legs`` alone."""
+    point, jacobian = contact_point_and_jacobian(k.position_rad, k.odom_from_body_wxyz, foot_radius_m, legs)
+    rates = k.velocity_rad_s.reshape(len(point), facts.N_LEGS, 1, 3)[:, legs]
     turn = k.angular_vel_in_body_rad_s[:, None, :]
-    velocity = k.linear_vel_in_body_m_s[:, None, :] + np.cross(turn, point) + (jacobian * rates).sum(axis=-1)
-    heading = _in_heading(k.odom_from_body_wxyz[:, None, :], velocity).reshape(n, -1)
-    height = rotate_wxyz(k.odom_from_body_wxyz[:, None, :], point)[..., 2]
+    velocity = k.linear_vel_in_body_m_s[:, None, :] + cross(turn, point) + (jacobian * rates).sum(axis=-1)
+    heading = _in_heading(k.odom_from_body_wxyz[:, None, :], velocity)
+    return heading, np.asarray(rotate_wxyz(k.odom_from_body_wxyz[:, None, :], point)[..., 2])
+
+
+def above_mean(height: Array, standing: Flags) -> Array:
+    """Heights (N, 4) less their mean over the feet that stand."""
     count = np.maximum(standing.sum(axis=1, keepdims=True), 1)
-    mean = np.sum(np.where(standing, height, 0.0), axis=1, keepdims=True) / count
-    return np.concatenate([heading, height - mean], axis=1)
+    return np.asarray(height - np.sum(np.where(standing, height, 0.0), axis=1, keepdims=True) / count)
+
+
+def _rows_of(heading: Array, height: Array, standing: Flags) -> Array:
+    return np.concatenate([heading.reshape(len(heading), -1), above_mean(height, standing)], axis=1)
 
 
 def _acceleration_in_body(stack: Stack, k: Kinematics) -> Array:
@@ -172,7 +212,7 @@ def _acceleration_in_body(stack: Stack, k: Kinematics) -> Array:
         return np.asarray(np.gradient(k.linear_vel_in_body_m_s, stack.period_s, axis=0))
     upright = np.broadcast_to([0.0, 0.0, gravity], (stack.n, 3))
     felt = stack.filled(lambda r: r.imu.acceleration_m_s2) - rotate_inverse_wxyz(k.odom_from_body_wxyz, upright)
-    return np.asarray(felt - np.cross(k.angular_vel_in_body_rad_s, k.linear_vel_in_body_m_s))
+    return np.asarray(felt - cross(k.angular_vel_in_body_rad_s, k.linear_vel_in_body_m_s))
 
 
 def _in_heading(odom_from_body_wxyz: Array, in_body: Array) -> Array:
