@@ -6,6 +6,7 @@ them, deep nesting ends in the interpreter's recursion limit, and a date that is
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any, Final
 
@@ -25,7 +26,11 @@ class YamlError(ValueError):
 
 
 class _Loader(yaml.SafeLoader):
-    """Refuses nesting beyond any use while it is read, before the recursion limit does."""
+    """Plain YAML, but for what is never meant.
+
+    Refused: nesting beyond any use, before the recursion limit does it; a key that comes twice, of which YAML would
+    silently take the last; a NUL character, which no name and no path may hold. And 1e-3 is a number, as in YAML 1.2.
+    """
 
     _depth = 0
 
@@ -35,7 +40,25 @@ class _Loader(yaml.SafeLoader):
             raise YamlError(f"it is nested more than {MAX_DEPTH} deep")
         node = super().compose_node(parent, index)
         self._depth -= 1
+        if isinstance(node, yaml.MappingNode):
+            _refuse_repeated_keys(node)
+        if isinstance(node, yaml.ScalarNode) and "\0" in node.value:
+            raise YamlError(f"line {node.start_mark.line + 1} holds a NUL character")
         return node
+
+
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float", re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+\Z"), list("-+0123456789.")
+)
+
+
+def _refuse_repeated_keys(node: yaml.MappingNode) -> None:
+    seen: set[tuple[str, str]] = set()
+    for key, _ in node.value:
+        if isinstance(key, yaml.ScalarNode) and key.tag != "tag:yaml.org,2002:merge":
+            if (key.tag, key.value) in seen:
+                raise YamlError(f"line {key.start_mark.line + 1}: the key {key.value[:80]!r} comes twice; keep one")
+            seen.add((key.tag, key.value))
 
 
 def parse_yaml(text: str | bytes) -> Any:

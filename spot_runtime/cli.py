@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 from pathlib import Path
 from typing import Annotated, Optional
@@ -24,6 +25,7 @@ from spot_runtime.instance_lock import InstanceLock
 from spot_runtime.journal import Journal, goes_to_journal
 from spot_runtime.log import LogError, recover_leftovers
 from spot_runtime.log.logger_process import LoggerProcess
+from spot_runtime.log.run_writer import active_path
 from spot_runtime.log.sink import LogSink
 from spot_runtime.policy_admission import admission
 from spot_runtime.run import RunRequest, log_file_name
@@ -35,6 +37,8 @@ from spot_runtime.sources.keyboard import HELP, TerminalKeyboardSource
 from spot_runtime.sources.scripted import ScriptedSource
 
 CA_VARIABLE = "SPOT_RL_CA_FILE"
+LABEL_KEY = re.compile(r"[A-Za-z0-9_.-]{1,64}")
+MAX_LABEL_VALUE = 256
 
 
 def run(
@@ -80,7 +84,7 @@ def run(
         directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise LogError(f"the folder {directory} for logs cannot be made: {error.strerror}; name another") from error
-    path = directory / log_file_name(loaded.contract.name, source.name, repeat)
+    path = _free_path(directory / log_file_name(loaded.contract.name, source.name, repeat))
     request = RunRequest(robot, loaded, source, settings, path, repeat, labels)
 
     def make_hal(sink: LogSink) -> Hal:
@@ -104,6 +108,15 @@ def run(
         except OSError as error:
             typer.echo(f"the summary {summary_json} cannot be written: {error.strerror}", err=True)
     raise typer.Exit(summary.exit_code)
+
+
+def _free_path(path: Path) -> Path:
+    """The name, or the next one like it: two runs may begin within one second, as the first may fail at once."""
+    number, free = 1, path
+    while free.exists() or active_path(free).exists():
+        number += 1
+        free = path.with_name(f"{path.stem}-{number}{path.suffix}")
+    return free
 
 
 def _say_last(text: str) -> None:
@@ -148,8 +161,12 @@ def parse_labels(texts: list[str]) -> dict[str, str]:
     labels: dict[str, str] = {}
     for text in texts:
         key, equals, value = text.partition("=")
-        if not key or not equals or key in labels:
-            raise BadInputError(f"label {text!r} is not valid; allowed: KEY=VALUE, each key once")
+        is_sound = LABEL_KEY.fullmatch(key) and len(value) <= MAX_LABEL_VALUE and value.isprintable()
+        if not equals or key in labels or not is_sound:
+            raise BadInputError(
+                f"label {text[:80]!r} is not valid; allowed: KEY=VALUE, each key once, of letters, digits, '_', '.', "
+                f"'-', at most 64; values printable, at most {MAX_LABEL_VALUE}"
+            )
         labels[key] = value
     return labels
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
-from typing import Final, Literal
+from typing import Annotated, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -111,7 +112,9 @@ class RealTimeConfig(_Part):
         default=40, ge=0, le=98, description="SCHED_FIFO for the whole process; 0 asks for none."
     )
     lock_memory: bool = True
-    cpu_affinity: tuple[int, ...] = Field(default=(), description="CPUs to stay on; empty: all.")
+    cpu_affinity: tuple[Annotated[int, Field(ge=0, le=4095)], ...] = Field(
+        default=(), description="CPUs to stay on; empty: all."
+    )
     freeze_garbage_collection: bool = True
     switch_interval_s: float = Field(default=0.0005, ge=0.0001, le=0.01)
 
@@ -159,6 +162,7 @@ def load_config(path: Path) -> RunConfig:
     """
     content = read_yaml(path, "configuration")
     try:
-        return RunConfig.model_validate({} if content is None else content)
+        # By way of JSON, pydantic's strict mode takes a list for a tuple, but neither "3" nor true for 3.
+        return RunConfig.model_validate_json(json.dumps({} if content is None else content, default=str), strict=True)
     except ValidationError as error:
         raise BadInputError(f"configuration {path}:\n{explain(error)}") from error

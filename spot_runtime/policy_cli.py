@@ -12,7 +12,7 @@ from spot_model.policy import Policy, load_policy
 from spot_model.policy_contract import PolicyError
 from spot_runtime.policy_signature import check_signature, private_key, signature_path, signed_line
 
-app = typer.Typer(help="Look at policies, sign them, and check signatures.", no_args_is_help=True)
+app = typer.Typer(help="Look at policies, sign them, and check signatures.", no_args_is_help=True, add_completion=False)
 
 
 @app.command()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ipaddress
 import socket
 import ssl
 from dataclasses import dataclass
@@ -11,6 +12,9 @@ from spot_model.errors import BadInputError
 from spot_runtime.hal.errors import CertificateError, HalError, NoRobotError
 
 DEFAULT_PORT: Final = 443
+MAX_HOST: Final = 253
+"""Characters of a name, as the domain name system has it."""
+
 TLS_NAME: Final = "auth.spot.robot"
 """The first name that a Spot's certificate is asked for."""
 
@@ -58,11 +62,21 @@ def parse_address(text: str) -> Address:
     elif text.count(":") == 1:
         host, _, port_text = text.partition(":")
     is_port = port_text.isdecimal() and 0 < int(port_text) < 65536
-    if not host or not is_port or any(c.isspace() or c in "/," for c in host):
+    if not host or not is_port or any(c.isspace() or c in "/,@" for c in host) or not _is_host(host):
         raise BadInputError(
             f"robot address {text!r} is not valid; allowed: HOST, HOST:PORT (1 to 65535), [IPv6]:PORT, unix:/path"
         )
     return Address(host, int(port_text))
+
+
+def _is_host(text: str) -> bool:
+    """Whether this may be a host at all: an address, or a name as the domain name system can carry it."""
+    try:
+        if ":" in text:
+            return bool(ipaddress.ip_address(text.partition("%")[0]))
+        return len(text.encode("idna")) <= MAX_HOST
+    except ValueError:  # UnicodeError is one
+        return False
 
 
 def explain_no_connection(address: Address, trusted_pem: bytes, reason: str, timeout_s: float) -> HalError:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 import zlib
 from typing import Final, NamedTuple
@@ -12,12 +13,14 @@ import zstandard
 RECORD_HEAD: Final = struct.Struct("<BQ")
 CHUNK_HEAD: Final = struct.Struct("<QQQII")
 COMPRESSIONS: Final = ("zstd", "lz4", "")
-MAX_CHUNK_BYTES: Final = 1 << 30
+MAX_CHUNK_BYTES: Final = 1 << 26
+"""Our own have 1 MiB; a few bytes could ask for more memory than a robot's computer has."""
+
 PARSE_ERRORS: Final = (struct.error, UnicodeDecodeError, ValueError, OverflowError, zstandard.ZstdError, MemoryError)
 _U32, _U64 = struct.Struct("<I"), struct.Struct("<Q")
 # Opcode and length, two times, size, check sum: then comes the compression's name, which marks a chunk.
 _MARK_OFFSET: Final = RECORD_HEAD.size + 28
-_MARKS: Final = tuple(_U32.pack(len(name)) + name.encode() for name in COMPRESSIONS if name)
+_MARK: Final = re.compile(b"|".join(re.escape(_U32.pack(len(name)) + name.encode()) for name in COMPRESSIONS if name))
 
 
 class Chunk(NamedTuple):
@@ -67,15 +70,12 @@ def _decompress(compression: str, data: bytes, size: int) -> bytes:
 
 def find_chunk(data: bytes, offset: int) -> int | None:
     """Find the next whole chunk that starts at or after ``offset``, by the mark in its head; None if there is none."""
-    at = offset
-    while True:
-        marks = [found for mark in _MARKS if (found := data.find(mark, at + _MARK_OFFSET)) >= 0]
-        if not marks:
-            return None
-        start = min(marks) - _MARK_OFFSET
+    # One pass for all marks: a search for each would go through the whole file again for one that is not there.
+    for mark in _MARK.finditer(data, offset + _MARK_OFFSET):
+        start = mark.start() - _MARK_OFFSET
         if isinstance(read_chunk(data, start), Chunk):
             return start
-        at = start + 1
+    return None
 
 
 def read_string(data: bytes, start: int, end: int) -> tuple[str, int]:

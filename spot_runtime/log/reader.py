@@ -49,12 +49,15 @@ def read_log_file(path: Path) -> bytes:
     """A log's bytes.
 
     Raises:
-        LogReadError: It is a folder, a device or a pipe.
+        LogReadError: There is none, or it is a folder, a device or a pipe.
         OSError: It cannot be read.
     """
     if path.exists() and not path.is_file():
         raise LogReadError(f"{path} is no file; give a log written by spot-rl (*.mcap, or *.mcap.active after a crash)")
-    return path.read_bytes()
+    try:
+        return path.read_bytes()
+    except FileNotFoundError as error:
+        raise LogReadError(f"there is no log {path}; give a file written by spot-rl (*.mcap)") from error
 
 
 def header_of(path: Path, scan: Scan) -> RunHeader:

@@ -37,7 +37,8 @@ def test_info_of_no_log_is_an_error_in_words(invoke, tmp_path):
     done = invoke("info", tmp_path / "text.mcap")
     assert isinstance(done.exception, LogReadError)
     missing = invoke("info", tmp_path / "nothing.mcap")
-    assert isinstance(missing.exception, FileNotFoundError)
+    assert isinstance(missing.exception, LogReadError)
+    assert "there is no log" in str(missing.exception)
 
 
 def test_export_of_a_cut_log_says_so(invoke, synthetic_log, tmp_path):
