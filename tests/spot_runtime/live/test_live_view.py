@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import base64
-import contextlib
-import json
 import os
 import select
 import socket
-import struct
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -18,7 +15,6 @@ from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from google.protobuf import descriptor_pool
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
-from websockets.sync.client import connect
 
 from spot_protos import log_pb2
 from spot_runtime.live.process import LiveProcess, LiveViewError
@@ -26,6 +22,7 @@ from spot_runtime.live.tap import SOCKET_VARIABLE, LiveTap
 from spot_runtime.log.logger_process import LoggerProcess
 from spot_runtime.log.records import EventRecord, RunHeader, Severity
 from spot_runtime.log.topics import ALL_TOPICS, SCENE, STATE, TICK
+from tests.spot_runtime.live.viewer import Viewer
 
 MS = 1_000_000
 START_NS = 1_700_000_000_000_000_000
@@ -36,33 +33,6 @@ def live() -> Iterator[LiveProcess]:
     with LiveProcess(0) as process:
         yield process
     assert SOCKET_VARIABLE not in os.environ
-
-
-class Viewer:
-    """A client like Foxglove: subscribes to all channels that are advertised."""
-
-    def __init__(self, url: str) -> None:
-        connection = connect(url, subprotocols=["foxglove.sdk.v1"], max_size=None)  # type: ignore[list-item]
-        self._open = contextlib.ExitStack()
-        self.socket = self._open.enter_context(connection)
-        self.channels: dict[int, dict[str, Any]] = {}
-        while not self.channels:
-            message = self.socket.recv()
-            if isinstance(message, str) and json.loads(message)["op"] == "advertise":
-                self.channels = {c["id"]: c for c in json.loads(message)["channels"]}
-        wanted = [{"id": number, "channelId": number} for number in self.channels]
-        self.socket.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
-
-    def close(self) -> None:
-        self._open.close()
-
-    def messages(self) -> Iterator[tuple[str, int, bytes]]:
-        """Topic, log time and bytes, as they come."""
-        while True:
-            message = self.socket.recv()
-            if isinstance(message, bytes) and message[0] == 1:
-                number, stamp_ns = struct.unpack_from("<IQ", message, 1)
-                yield self.channels[number]["topic"], stamp_ns, message[13:]
 
 
 def test_channels_are_the_log_s_with_whole_schemas(live: LiveProcess) -> None:
