@@ -17,7 +17,7 @@ from withheld.source import Source
 
 CaseKind = Literal["none", "known", "left_out", "never", "two", "three", "power", "own"]
 SLOTS: Final[dict[CaseKind, int]] = {
-    "none": 10, "known": 16, "left_out": 7, "never": 6, "two": 6, "three": 2, "power": 3,
+    "none": 8, "known": 20, "left_out": 6, "never": 6, "two": 6, "three": 1, "power": 3,
 }  # fmt: skip
 """How many of every fifty cases; their order is drawn."""
 WORDS: Final[dict[CaseKind, str]] = {
@@ -30,9 +30,12 @@ WORDS: Final[dict[CaseKind, str]] = {
     "power": "power-distribution limit at 4 to 6 m/s",
     "own": "a user's reality",
 }
-LADDER: Final = (0.2, 0.4, 0.6, 0.8, 1.0)
-REPEATS: Final[dict[int, float]] = {5: 0.6, 2: 0.25, 1: 0.15}
-MISSING_SHARE: Final = 0.12
+LADDER: Final[dict[float, float]] = {0.2: 0.08, 0.4: 0.12, 0.6: 0.2, 0.8: 0.25, 1.0: 0.35}
+"""Sizes and how often they are drawn: most figures are asked of effects that move the gap, and small ones do not."""
+REPEATS: Final[dict[int, float]] = {5: 0.75, 2: 0.15, 1: 0.1}
+ASKED_SHARE: Final = 1 / 3
+"""Share of cases that are what the figures are asked of, see :attr:`Case.is_asked`; the others are as they come."""
+MISSING_SHARE: Final = 0.1
 """Share of cases whose logs lack a signal."""
 SECONDS: Final[dict[int, float]] = {5: 6.0, 2: 8.0, 1: 12.0}
 """Length of a sequence by repeats."""
@@ -53,7 +56,9 @@ class Case(BaseModel):
 
     number: int
     attempt: int = 0
-    """Draws before this one whose robot broke its simulation; they are drawn anew, from the seed."""
+    """Robots drawn before this one that broke their simulation, or moved the gap too little for a case that asks."""
+    is_asked: bool = False
+    """Five repeats, all signals; a robot with effects is drawn anew until they move the gap by twice its floor."""
     kind: CaseKind
     requests: tuple[FaultRequest, ...]
     policy: str
@@ -69,7 +74,7 @@ class Case(BaseModel):
 
 
 def draw(seed: int, number: int, source: Source, policies: Path, pace: Pace = "full", attempt: int = 0) -> Case:
-    """Case ``number`` of the run with that seed; every attempt is of the same kind.
+    """Case ``number`` of the run with that seed; every attempt is of the same kind, policy, commands and logs.
 
     Raises:
         BadInputError: There is no policy.
@@ -77,32 +82,37 @@ def draw(seed: int, number: int, source: Source, policies: Path, pace: Pace = "f
     names = sorted(p.stem for p in policies.glob("*.onnx"))
     if not names:
         raise BadInputError(f"folder {policies} has no policy (*.onnx); give --policies")
-    rng = np.random.default_rng([seed, 1, number, attempt])
     kind = kind_of(seed, number) if source.kinds else "own"
-    requests = _requests(kind, source, rng)
+    rng = np.random.default_rng([seed, 1, number])
     drawn = names[int(rng.integers(len(names)))]
     policy = FAST_POLICY if kind == "power" and FAST_POLICY in names else drawn
     repeats = int(rng.choice(list(REPEATS), p=list(REPEATS.values())))
-    is_cut = kind != "power" and rng.random() < MISSING_SHARE
+    is_cut = rng.random() < MISSING_SHARE
     missing = tuple(sorted(SIGNALS[i] for i in rng.choice(len(SIGNALS), rng.integers(1, 3), replace=False)))
-    if kind == "power":
-        repeats = 5
+    # Cases without an effect ask as often, so that five repeats tell nothing.
+    is_asked = kind not in ("power", "own") and rng.random() < ASKED_SHARE
+    if kind == "power" or is_asked:
+        repeats, is_cut = 5, False
     seconds = SECONDS[repeats]
     if pace == "quick":
-        repeats, seconds = QUICK_REPEATS, QUICK_SECONDS
+        repeats, seconds, is_asked = QUICK_REPEATS, QUICK_SECONDS, False
     motion = fast_sequences if kind == "power" else ordinary_sequences
-    contract = load_policy(policies / f"{policy}.onnx").contract
-    seeds = [int(s) for s in rng.integers(2**31, size=3)]
+    sequences = motion(load_policy(policies / f"{policy}.onnx").contract, rng, seconds)
+    robot = np.random.default_rng([seed, 2, number, attempt])
+    requests = _requests(kind, source, robot)
+    without = _without(kind, requests, source, robot)
+    seeds = [int(s) for s in robot.integers(2**31, size=3)]
     return Case(
         number=number,
         attempt=attempt,
+        is_asked=is_asked,
         kind=kind,
         requests=requests,
         policy=policy,
-        sequences=motion(contract, rng, seconds),
+        sequences=sequences,
         repeats=repeats,
         missing=missing if is_cut else (),
-        without=_without(kind, requests, source, rng),
+        without=without,
         reality_seed=seeds[0],
         recording_seed=seeds[1],
         diagnosis_seed=seeds[2],
@@ -126,9 +136,14 @@ def _requests(kind: CaseKind, source: Source, rng: np.random.Generator) -> tuple
     count = min({"two": 2, "three": 3}.get(kind, 1), len(pool))
     chosen = _different(pool, count, source, rng)
     # The sub-table asks what is said of a limit that acts at all; its ladder has no lowest step.
-    ladder = LADDER[1:] if kind == "power" else LADDER
+    ladder = list(LADDER)[1:] if kind == "power" else list(LADDER)
+    often = np.array([LADDER[size] for size in ladder])
     return tuple(
-        FaultRequest(kind=name, place=_place(source.kinds[name].places, rng), size=float(rng.choice(ladder)))
+        FaultRequest(
+            kind=name,
+            place=_place(source.kinds[name].places, rng),
+            size=float(rng.choice(ladder, p=often / often.sum())),
+        )
         for name in chosen
     )
 

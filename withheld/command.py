@@ -39,7 +39,8 @@ def run(
     until: Annotated[float, typer.Option("--until", min=1.0, help="Begin no case after so many seconds.")] = 1e9,
     timeout: Annotated[float, typer.Option("--timeout", min=10.0, help="Seconds for one diagnosis.")] = 900.0,
     search_every: Annotated[
-        int, typer.Option("--search-every", min=0, help="The paper's search in every so many cases; 0: never.")
+        int,
+        typer.Option("--search-every", min=0, help="The paper's search in one of so many cases, the first; 0: none."),
     ] = 10,
     quick: Annotated[
         bool, typer.Option("--quick", help="Two short runs a sequence: to try it out, no figure.")
@@ -65,14 +66,13 @@ def run(
         out, seed, policies, reality=reality, level=level, cases=cases, search_every=search_every,
         pace="quick" if quick else "full",
     )  # fmt: skip
-    numbers, every = _part(only, head.cases), head.search_every
+    numbers = _part(only, head.cases)
     typer.echo(f"protocol {head.protocol[:16]}, locked in by {MEANING[level]}", err=True)
     job = Job(
-        0, secret.seed, out.resolve(), policies.resolve(), level, head.reality, timeout, every, keep_logs, head.pace
+        0, secret.seed, out.resolve(), policies.resolve(), level, head.reality, timeout, False, keep_logs, head.pace
     )
-    # The longest first: they would else be what all wait for in the end.
-    ordered = sorted(numbers, key=lambda n: every == 0 or n % every != 0)
-    jobs = [replace(job, number=n) for n in ordered]
+    # In the order of their numbers, whatever they cost: what is done when a run is stopped is then a fair part.
+    jobs = [replace(job, number=n, is_searched=n < head.n_searched) for n in numbers]
     done = sum((case_folder(out, n) / "outcome.json").exists() for n in numbers)
     progress = CaseProgress(len(jobs), done)
     try:

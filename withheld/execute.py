@@ -29,6 +29,7 @@ from withheld.ledger import Ledger
 from withheld.outcome import Answer, Outcome, load_outcome
 from withheld.plan import Reality, RecordingPlan
 from withheld.realities.simulation import RealityDivergedError
+from withheld.scores import LARGE
 from withheld.seal import Seal, file_digest
 from withheld.sequences import fast_sequences, ordinary_sequences
 from withheld.source import source_of
@@ -37,7 +38,12 @@ NO_VERDICT: Final = "none"
 TRUE_SHRINK_EVERY: Final = 5
 """The true shrink takes many more runs of the reality; it is measured in every fifth case."""
 TRUE_REPEATS: Final = 4
+NO_DISTANCE: Final = (SpotRlError, ValueError, np.linalg.LinAlgError)
+"""What a robot that falls at once ends in."""
 MAX_ATTEMPTS: Final = 5
+"""Of robots that break their simulation."""
+MAX_DRAWS: Final = 8
+"""Of robots, until one moves the gap as a case asks; the last is kept, and counts with the small ones."""
 
 
 @dataclass(frozen=True)
@@ -52,8 +58,8 @@ class Job:
     level: Level
     reality: str = ""
     timeout_s: float = 900.0
-    search_every: int = 10
-    """The paper's search runs in every so many cases; 0 for none."""
+    is_searched: bool = False
+    """Whether the paper's search is made on the case's logs."""
     keep_logs: bool = False
     pace: Pace = "full"
 
@@ -81,17 +87,29 @@ def execute(job: Job) -> Outcome:
         with tempfile.TemporaryDirectory(prefix="spot-rl-") as folder:
             # Another user has to reach what is inside, if that is how the diagnosis is locked in.
             Path(folder).chmod(0o711)
-            return _Execution(job, Path(folder), result).run(done)
+            return Execution(job, Path(folder), result).run(done)
     finally:
         shutil.rmtree(result, ignore_errors=True)
 
 
-class _Execution:
+class Execution:
+    """One case in the making.
+
+    Args:
+        job: What to do.
+        work: Folder for logs, which go.
+        result: Folder for what stays.
+    """
+
     def __init__(self, job: Job, work: Path, result: Path) -> None:
         self.job, self.work, self.result = job, work, result
         self.source = source_of(job.reality)
         self._draw(0)
         self.seconds: dict[str, float] = {}
+        self.moved: float | None = None
+        """By the faults of the robot that was drawn last, where that had to be known before."""
+        self.runs: list[Run] = []
+        """Its logs, where they had to be read before."""
 
     def _draw(self, attempt: int) -> None:
         job = self.job
@@ -105,6 +123,7 @@ class _Execution:
         self.seconds[stage] = round(time.process_time() - before, 2)
 
     def run(self, done: Path) -> Outcome:
+        """Record, seal, diagnose, open and measure."""
         inside, out = self.work / "case", self.work / "out"
         inside.mkdir()
         out.mkdir()
@@ -115,7 +134,7 @@ class _Execution:
         ended = self._diagnose(inside, out)
         digest = self._taken(out)
         ledger.add("verdict", case=self.case.number, verdict=digest)
-        runs = read_folder(inside / "logs")
+        runs = self.runs or read_folder(inside / "logs")
         said = self._baselines(runs, reality, inside / "logs")
         # Only now: what was sealed leaves this process.
         ledger.add("opened", case=self.case.number, truth=sealed.digest, nonce=sealed.nonce, text=sealed.text)
@@ -138,15 +157,16 @@ class _Execution:
     def _record(self, inside: Path) -> Reality:
         """All that the diagnosis is given: logs, nominal model, policy."""
         with self._timed("recording"):
-            reality = self._reality(inside / "logs")
+            reality = self.robot(inside / "logs")
         save_model(reality.nominal, inside / "model.yaml")
         shutil.copyfile(self.policy, inside / "policy.onnx")
         metadata.make_alike(inside / "logs")
         return reality
 
-    def _reality(self, logs: Path) -> Reality:
-        """A robot that was recorded; one whose simulation breaks down is drawn anew."""
-        for attempt in range(MAX_ATTEMPTS):
+    def robot(self, logs: Path) -> Reality:
+        """A robot that was recorded; one that breaks its simulation, or moves the gap too little, is drawn anew."""
+        broken = 0
+        for attempt in range(MAX_ATTEMPTS + MAX_DRAWS):
             self._draw(attempt)
             case = self.case
             reality = self.source.make(case.requests, case.reality_seed)
@@ -157,9 +177,23 @@ class _Execution:
             try:
                 reality.record(plan, logs)
             except RealityDivergedError:
+                broken += 1
+                if broken == MAX_ATTEMPTS:
+                    break
                 continue
-            return reality
+            if not (case.is_asked and reality.truth.faults):
+                return reality
+            if self._is_large(logs) or attempt - broken == MAX_DRAWS - 1:
+                return reality
         raise SpotRlError(f"case {self.case.number}: no robot in {MAX_ATTEMPTS} draws could be simulated")
+
+    def _is_large(self, logs: Path) -> bool:
+        self.runs = read_folder(logs)
+        try:
+            self.moved = self._moved(self.runs)
+        except NO_DISTANCE:
+            self.moved = None
+        return self.moved is not None and self.moved >= LARGE
 
     def _taken(self, out: Path) -> str:
         """Digest of the verdict, which is moved with report and model to where the case is kept."""
@@ -171,11 +205,9 @@ class _Execution:
         return digest
 
     def _baselines(self, runs: Sequence[Run], reality: Reality, logs: Path) -> dict[str, Answer]:
-        every = self.job.search_every
-        search = every > 0 and self.job.number % every == 0
         rng = np.random.default_rng([self.case.diagnosis_seed, 1])
         with self._timed("baselines"):
-            return answers(runs, reality.nominal, self.policy, logs, rng, search=search)
+            return answers(runs, reality.nominal, self.policy, logs, rng, search=self.job.is_searched)
 
     def _diagnose(self, inside: Path, out: Path) -> Ended:
         at, to = seen(inside, out, self.job.level)
@@ -201,22 +233,24 @@ class _Execution:
             return outcome
         with self._timed("distances"):
             try:
-                outcome = outcome.model_copy(update={"moved": self._moved(runs)})
+                known = self.moved if self.case.is_asked else None
+                outcome = outcome.model_copy(update={"moved": self._moved(runs) if known is None else known})
                 shrink = outcome.shrink
                 if shrink is None or shrink.s is None or self.job.number % TRUE_SHRINK_EVERY:
                     return outcome
                 true = shrink.model_copy(update={"true_s": self._true_shrink(reality)})
                 return outcome.model_copy(update={"shrink": true})
-            except (SpotRlError, ValueError, np.linalg.LinAlgError) as error:
+            except NO_DISTANCE as error:
                 # A robot that falls at once has no distance; what was said of it is scored all the same.
                 return outcome.model_copy(update={"problem": f"distances: {error}"})
 
     def _moved(self, runs: Sequence[Run]) -> float | None:
-        case, folder = self.case, self.work / "twin"
-        folder.mkdir()
+        case = self.case
         twin = self.source.make((), case.reality_seed)
-        twin.record(RecordingPlan(self.policy, case.sequences, TWIN_REPEATS, case.recording_seed + 1), folder)
-        return moved(runs, read_folder(folder), load_policy(self.policy))
+        with tempfile.TemporaryDirectory(dir=self.work) as folder:
+            plan = RecordingPlan(self.policy, case.sequences, TWIN_REPEATS, case.recording_seed + 1)
+            twin.record(plan, Path(folder))
+            return moved(runs, read_folder(Path(folder)), load_policy(self.policy))
 
     def _true_shrink(self, reality: Reality) -> float | None:
         case, folder = self.case, self.work / "fresh"

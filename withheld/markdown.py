@@ -33,6 +33,8 @@ def markdown(folder: Path) -> list[str]:
         cells = [cell(rows[name][key]) for name in COLUMNS]
         verdict = {True: " (met)", False: " (**not met**)", None: ""}[rows["issue"][key]["met"]]
         made.append(f"| {row['title']} | {row['asked']}{verdict} | " + " | ".join(cells) + " |")
+    made += ["", "| the limit of power or bus, at 4 to 6 m/s | |", "|---|---|"]
+    made += [f"| {row['title']} | {cell(row)} |" for key, row in rows["power"].items() if key not in rows["all"]]
     beside = ("diagnosis", "paper's way (diagnosis on its cases)", "two-sample test", "least squares")
     made += ["", "| beside simpler ways, same cases | " + " | ".join(beside) + " |"]
     made.append("|---|---|---|---|---|")

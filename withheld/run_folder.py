@@ -46,6 +46,14 @@ class RunHead(BaseModel):
     versions: dict[str, str] = Field(default_factory=dict)
     """Of Python and the libraries that decide numbers: with others the last digits, and a close case, may differ."""
 
+    @property
+    def n_searched(self) -> int:
+        """The paper's search, which takes longest, is made in so many cases: the first, so that none waits for it last.
+
+        Cases are drawn alike whatever their number.
+        """
+        return -(-self.cases // self.search_every) if self.search_every else 0
+
 
 class Secret(BaseModel):
     """``seed.json``: readable by the generator's user alone; cases can be made again from it."""

@@ -18,6 +18,8 @@ PARAMETER_ERROR: Final = 0.20
 MAX_GROUP: Final = 3
 UNKNOWN: Final = frozenset({"unknown_effect"})
 SILENT: Final = frozenset({"no_gap", "cannot_tell"})
+EXPLAINS: Final = frozenset({"explained", "partly_explained"})
+"""A verdict of any other status lists what it thought of, and names nothing."""
 
 
 @dataclass(frozen=True)
@@ -27,9 +29,9 @@ class CaseScore:
     top1: bool | None
     """Exactly the true effects are named first in their groups."""
     group: bool | None
-    """Every true effect is in a group of at most three, and there are not more groups than effects."""
+    """The gap is called explained, every true effect is in a group of at most three, and there are not more groups."""
     found: int
-    """True effects that are in some group of at most three."""
+    """True effects that are in some group of at most three, whatever the status."""
     joint_f1: float | None
     false_alarm: bool | None
     missed: bool | None
@@ -37,6 +39,8 @@ class CaseScore:
     unknown: bool | None
     unknown_joints: bool | None
     """Of those answered unknown: at least half of the named joints are true, and at least one true one is named."""
+    first: bool | None = None
+    """Of one effect: the first that the verdict lists, or its group of at most three, is right, whatever the status."""
 
 
 def score(o: Outcome) -> CaseScore:
@@ -52,16 +56,19 @@ def score(o: Outcome) -> CaseScore:
         joints = _joints_right(o.unknown_joints, true) if says and true else None
         return CaseScore(None, None, 0, None, None, o.status in SILENT, says, joints)
     found = sum(any(set(f.names) & set(g) and len(g) <= MAX_GROUP for g in groups) for f in faults)
-    top = len(firsts) == len(faults) and all(any(n in f.names for n in firsts) for f in faults)
+    is_explained = o.status in EXPLAINS
+    top = is_explained and len(firsts) == len(faults) and all(any(n in f.names for n in firsts) for f in faults)
+    first = bool(groups) and bool(set(faults[0].names) & set(groups[0])) and len(groups[0]) <= MAX_GROUP
     return CaseScore(
         top1=top,
-        group=found == len(faults) and len(groups) <= len(faults),
+        group=is_explained and found == len(faults) and len(groups) <= len(faults),
         found=found,
         joint_f1=f1(located(o), true_joints(faults)) if true_joints(faults) else None,
         false_alarm=None,
         missed=o.status in SILENT,
         unknown=None,
         unknown_joints=None,
+        first=first if len(faults) == 1 else None,
     )
 
 

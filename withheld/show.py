@@ -85,4 +85,6 @@ def verdict_words(o: Outcome) -> str:
         return f"wrong: called no gap{size}"
     if s.group:
         return f"right{'' if s.top1 else ', in a group'}{size}"
+    if s.first:
+        return f"wrong: not called explained by it alone, but it is listed first{size}"
     return f"wrong: {s.found} of {len(o.truth.faults)} named{size}"

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 from withheld.baselines import LEAST_SQUARES, PAPER, TWO_SAMPLE
 from withheld.cases import POWER_EFFECTS, RIVALS
-from withheld.outcome import Outcome
+from withheld.outcome import Outcome, ShrinkSaid
 from withheld.scores import (
+    EXPLAINS,
+    MAX_GROUP,
     PARAMETER_ERROR,
     CaseScore,
     ParameterHit,
@@ -69,8 +71,11 @@ def table(title: str, outcomes: Sequence[Outcome]) -> Table:
     made = stated(outcomes)
     b = brier(made.said, made.true)
     rows = [
-        _at_least("group", "one effect: named, or in its group of at most three", _flags(singles, "group"), 0.90),
-        Row("top1", "one effect: named first, and no other", Share.of(_flags(singles, "top1"))),
+        _at_least("group", "one effect: called explained by it, or by its group of at most three",
+                  _flags(singles, "group"), 0.90),
+        _at_least("first", "one effect: listed first, or in the first's group, whatever else the verdict says",
+                  _flags(singles, "first"), 0.90),
+        Row("top1", "one effect: named first, no group, and no other", Share.of(_flags(singles, "top1"))),
         Row("missed", "one effect: called no gap", Share.of(_flags(singles, "missed"))),
         _mean_at_least("joint_f1", "joint F1", [s.joint_f1 for _, s in scored if s.joint_f1 is not None], 0.9),
         _at_most("false_alarm", "false alarms where there is no effect", alarms, 0.05),
@@ -148,7 +153,7 @@ def comparison(outcomes: Sequence[Outcome]) -> dict[str, dict[str, Any]]:
 
 
 _QUESTIONS: Final[tuple[tuple[str, str, Callable[[CaseScore], float | bool | None]], ...]] = (
-    ("group", "effect or effects named (in a group of at most three)", lambda s: s.group),
+    ("group", "effect or effects named, in groups of at most three, and no other", lambda s: s.group),
     ("found", "at least one true effect named", lambda s: None if s.group is None else s.found > 0),
     ("joint_f1", "joint F1", lambda s: s.joint_f1),
     ("false_alarm", "false alarms where there is no effect", lambda s: s.false_alarm),
@@ -178,17 +183,42 @@ def tables(outcomes: Sequence[Outcome]) -> dict[str, Table]:
 
 
 def _power_table(outcomes: Sequence[Outcome]) -> Table:
-    named = [{n for e in o.effects for n in (e.name, *e.group)} for o in outcomes]
-    groups = [
-        any(len(e.group) > 1 and e.split_by and POWER_EFFECTS & set(e.group) for e in o.effects) for o in outcomes
-    ]
+    answers = [power_answer(o) for o in outcomes]
+    right = [o.shrink for o, a in zip(outcomes, answers, strict=True) if a == "named" and o.shrink is not None]
     rows = [
-        Row("rival", "a rival alone named: armature or friction", Share.of(
-            [bool(n & RIVALS) and not n & POWER_EFFECTS for n in named])),
-        Row("split", "in a group, with the recording that would tell", Share.of(groups)),
+        Row("power_named", "the limit of power or bus is named as the cause",
+            Share.of([a == "named" for a in answers])),
+        Row("power_told", "or called one of a group that these logs cannot tell apart, with the recording that would",
+            Share.of([a == "told" for a in answers])),
+        _at_least("power_answered", "one of the two", [a in ("named", "told") for a in answers], 0.90),
+        Row("power_listed", "neither, but it is listed among what was thought of",
+            Share.of([a == "listed" for a in answers])),
+        Row("rival", "a rival named in its place: armature or friction", Share.of([a == "rival" for a in answers])),
+        Row("power_d0", "where it is named: gap of the nominal model, in floors", Average(_in_floors(right, "d0"))),
+        Row("power_d1", "gap of the model with it, in floors", Average(_in_floors(right, "d1"))),
     ]  # fmt: skip
     title = "power-distribution limit at 4 to 6 m/s, armature and friction as rivals"
     return Table(title, [*table(title, outcomes).rows, *rows], len(outcomes))
+
+
+PowerAnswer = Literal["named", "told", "listed", "rival", "other"]
+
+
+def power_answer(o: Outcome) -> PowerAnswer:
+    """What a verdict says of a hidden limit of power: POWER_EFFECTS alone count here, no equivalent of theirs."""
+    groups = [set(e.group) | {e.name} for e in o.effects]
+    if o.status in EXPLAINS and any(e.name in POWER_EFFECTS and len(e.group) <= 1 for e in o.effects):
+        return "named"
+    undecided = [e for e, g in zip(o.effects, groups, strict=True) if g & POWER_EFFECTS and 1 < len(g) <= MAX_GROUP]
+    if o.status in (*EXPLAINS, "cannot_tell") and any(e.split_by for e in undecided):
+        return "told"
+    if any(g & POWER_EFFECTS for g in groups):
+        return "listed"
+    return "rival" if o.status in EXPLAINS and any(g & RIVALS for g in groups) else "other"
+
+
+def _in_floors(shrinks: Sequence[ShrinkSaid], name: str) -> tuple[float, ...]:
+    return tuple(getattr(s, name) / s.floor for s in shrinks if s.floor > 0.0)
 
 
 def breakdown(outcomes: Sequence[Outcome]) -> dict[str, dict[str, Share]]:

@@ -47,6 +47,29 @@ def test_requests_fit_the_kind(cases: list[Case]) -> None:
             assert not STAND_IN.kinds[case.requests[0].kind].names
 
 
+def test_a_robot_that_is_drawn_anew_walks_the_same_ways(cases: list[Case]) -> None:
+    again = [draw(11, c.number, STAND_IN, POLICIES, attempt=1) for c in cases]
+    for one, other in zip(cases, again, strict=True):
+        for name in ("kind", "policy", "sequences", "repeats", "missing", "is_asked"):
+            assert getattr(one, name) == getattr(other, name)
+        assert one.reality_seed != other.reality_seed
+    assert any(one.requests != other.requests for one, other in zip(cases, again, strict=True))
+
+
+def test_a_third_asks_of_whole_logs_with_and_without_effects(cases: list[Case]) -> None:
+    asked = [c for c in cases if c.is_asked]
+    assert N / 6 < len(asked) < N / 2
+    assert all(c.repeats == 5 and not c.missing and c.kind != "power" for c in asked)
+    assert any(c.kind == "none" for c in asked)
+
+
+def test_large_sizes_are_drawn_more_often() -> None:
+    sizes = [r.size for n in range(4 * N) for r in draw(5, n, STAND_IN, POLICIES).requests]
+    counts = Counter(sizes)
+    assert set(counts) == set(LADDER)
+    assert counts[1.0] > 2 * counts[0.2]
+
+
 def test_commands_stay_in_the_policys_range(cases: list[Case]) -> None:
     contracts = {p.stem: load_policy(p).contract for p in POLICIES.glob("*.onnx")}
     assert {c.policy for c in cases} == set(contracts)

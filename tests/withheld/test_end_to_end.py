@@ -17,7 +17,7 @@ from withheld.source import source_of
 from withheld.verify import check
 
 REALITY = "tests.withheld.stand_in:Brittle"
-SEED = "1774"
+SEED = "71"
 """Its first two cases, drawn again as the first robots break: knees 30 % short of torque, and no fault."""
 
 

@@ -3,9 +3,9 @@
 import pytest
 
 from diagnosis.verdict import Number
-from withheld.outcome import Answer
+from withheld.outcome import Answer, Said
 from withheld.scores import f1, is_foreign, is_full, is_large, parameters, score, score_answer, stated
-from withheld.table import breakdown, comparison, confusion, power_curve, tables
+from withheld.table import breakdown, comparison, confusion, power_answer, power_curve, tables
 
 from .made_up import KNEES, fault, outcome, said
 
@@ -30,6 +30,34 @@ def test_a_group_of_four_says_nothing() -> None:
 def test_one_effect_too_many_is_wrong() -> None:
     s = score(outcome([COULOMB], [said("coulomb_friction"), said("armature")]))
     assert (s.top1, s.group) == (False, False)
+
+
+def test_the_first_that_is_listed_counts_beside_whatever_the_status_and_the_others() -> None:
+    right, wrong = said("coulomb_friction"), said("armature")
+    assert score(outcome([COULOMB], [right, wrong])).first is True
+    assert score(outcome([COULOMB], [wrong, right])).first is False
+    unsure = score(outcome([COULOMB], [right], "unknown_effect"))
+    assert (unsure.first, unsure.top1, unsure.group) == (True, False, False)
+    assert score(outcome([COULOMB], [said("a", "b", "coulomb_friction")])).first is True
+    assert score(outcome([COULOMB], [said("a", "b", "c", "coulomb_friction")])).first is False
+    assert score(outcome([COULOMB])).first is False
+    assert score(outcome([COULOMB, fault("armature")], [right])).first is None
+
+
+def test_what_is_said_of_a_hidden_limit_of_power() -> None:
+    hidden = [fault("bus_sag", "torque_speed_curve", joints=())]
+
+    def answer(*effects: Said, status: str = "") -> str:
+        return power_answer(outcome(hidden, effects, status, kind="power"))
+
+    told = said("torque_speed_curve", "bus_sag").model_copy(update={"split_by": "run faster"})
+    assert answer(said("bus_sag")) == "named"
+    assert answer(told) == "told"
+    assert answer(said("torque_speed_curve", "bus_sag")) == "listed"
+    assert answer(said("bus_sag"), status="unknown_effect") == "listed"
+    assert answer(said("armature")) == "rival"
+    assert answer(said("torque_speed_curve")) == "other"
+    assert answer() == "other"
 
 
 def test_joints_are_scored_by_f1() -> None:
@@ -122,6 +150,7 @@ def test_the_table_counts_what_it_should() -> None:
     assert (rows["issue"]["group"].value.hits, rows["issue"]["group"].value.trials) == (1, 2)
     assert rows["issue"]["group"].is_met is False
     assert (rows["power"]["group"].value.hits, rows["power"]["group"].value.trials) == (1, 1)
+    assert rows["power"]["power_answered"].is_met is True
     assert (rows["all"]["false_alarm"].value.hits, rows["all"]["false_alarm"].value.trials) == (1, 2)
     assert rows["all"]["unknown"].value.value == 1.0
     assert rows["all"]["s"].value.value == pytest.approx(0.9)

@@ -27,6 +27,8 @@ NEAR: Final = 0.5
 """Units whose change is above this share of the largest belong to the answer."""
 RIDGE: Final = 1e-6
 MAX_SAMPLES: Final = 1500
+PER_SEQUENCE: Final = 2
+"""Runs of each sequence that are fitted: scatter is not what leads this fit astray."""
 
 
 def all_at_once(runs: Sequence[Run], nominal: RobotModel, policy: Policy) -> Answer:
@@ -35,11 +37,12 @@ def all_at_once(runs: Sequence[Run], nominal: RobotModel, policy: Policy) -> Ans
     Raises:
         ValueError: No channel has data.
     """
-    logs = stack([record(run) for run in runs])
+    chosen = [run for run in runs if run.header.repeat < PER_SEQUENCE]
+    logs = stack([record(run) for run in chosen])
     views, _ = build_views(logs, nominal, policy=policy)
     some = next(iter(views.values()))
     robot = Robot(logs.recordings[0].joint_names, some.leg_of_joint)
-    board = lay_out(views, robot, [0] * len(runs), ["all"], Calibration.load().tolerance)
+    board = lay_out(views, robot, [0] * len(chosen), ["all"], Calibration.load().tolerance)
     unknowns = _unknowns(board)
     gram, right = _normal_equations(board, unknowns)
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-12))

@@ -24,6 +24,8 @@ GENERATIONS: Final = 25
 POPULATION: Final = 10
 """250 evaluations of one simulated robot a sequence; the paper takes 1000, of eight parameters."""
 HAS_GAP: Final = 0.10
+TIMESTEP_S: Final = 0.005
+"""The paper's own simulator steps so."""
 CONTACT_S: Final = 0.02
 
 PARAMETERS: Final[tuple[tuple[str, str, str, float, float, float], ...]] = (
@@ -64,7 +66,8 @@ def paper_search(logs: Path, nominal: RobotModel, policy_path: Path, seed: int) 
     )  # fmt: skip
     space = SearchSpace(nominal.with_effects(*own), parameters)
     problem = build_problem(
-        space, policy_path.read_bytes(), runs, RolloutOptions(contact_time_constant_s=CONTACT_S),
+        space, policy_path.read_bytes(), runs,
+        RolloutOptions(timestep_s=TIMESTEP_S, contact_time_constant_s=CONTACT_S),
         robots_per_sequence=1, weights={}, seed=seed,
     )  # fmt: skip
     config = SearchConfig(generations=GENERATIONS, population=POPULATION, seed=seed)

@@ -46,7 +46,7 @@ _KINDS: Final = (
     FaultKind("few_volts", "limits", ("torque_speed_curve",), ("joint", "type"), limits.few_volts, _LEGS),
     FaultKind("hot_motors", "thermal", ("thermal_derating",), JOINT_PLACES, thermal.hot_motors),
     FaultKind("bus_current_limiter", "supply", ("power_limit",), BODY, supply.bus_limit),
-    FaultKind("tired_battery", "supply", ("bus_sag",), BODY, supply.tired_battery),
+    FaultKind("tired_battery", "supply", ("bus_sag", "torque_speed_curve"), BODY, supply.tired_battery),
     FaultKind("slow_queue", "transport", ("command_delay",), BODY, transport.delay),
     FaultKind("stuttering_link", "transport", ("command_jitter",), BODY, transport.jitter),
     FaultKind("lossy_link", "transport", ("command_drop",), BODY, transport.losses),

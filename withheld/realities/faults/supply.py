@@ -60,7 +60,10 @@ class _BusLimiter:
 
 
 def tired_battery(ask: Ask) -> Built:
-    """Old cells, nearly empty: their resistance takes the volts that fast joints need."""
+    """Old cells, nearly empty, and drives wound for all volts of full ones: resistance takes what fast joints need.
+
+    The drives' own no-load speeds fall with it, so a torque-speed curve is a right answer too.
+    """
     more_ohm = ask.size * WORST_OHM
 
     def install(robot: Robot) -> None:
