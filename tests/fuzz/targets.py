@@ -10,13 +10,14 @@ from collections.abc import Iterator
 
 import numpy as np
 from files import FILES
+from operator_rpcs import OPERATOR_RPCS
 from rpcs import RPCS
 from wire import WIRE
 
 from logs import LOGS
 from policies import POLICIES
 
-TARGETS = {**POLICIES, **FILES, **LOGS, **WIRE, **RPCS}
+TARGETS = {**POLICIES, **FILES, **LOGS, **WIRE, **RPCS, **OPERATOR_RPCS}
 
 
 def changed(seeds: list[bytes], count: int, seed: int) -> Iterator[bytes]:
