@@ -33,7 +33,7 @@ WORDS: Final[dict[CaseKind, str]] = {
 LADDER: Final[dict[float, float]] = {0.2: 0.08, 0.4: 0.12, 0.6: 0.2, 0.8: 0.25, 1.0: 0.35}
 """Sizes and how often they are drawn: most figures are asked of effects that move the gap, and small ones do not."""
 REPEATS: Final[dict[int, float]] = {5: 0.75, 2: 0.15, 1: 0.1}
-ASKED_SHARE: Final = 1 / 3
+ASKED_SHARE: Final = 1 / 4
 """Share of cases that are what the figures are asked of, see :attr:`Case.is_asked`; the others are as they come."""
 MISSING_SHARE: Final = 0.1
 """Share of cases whose logs lack a signal."""

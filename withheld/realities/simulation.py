@@ -179,6 +179,7 @@ class _Simulation:
         ticks = tick_states(m)
         tape = Tape(m, len(ticks), robot.estimator, self.rngs)
         active = self._in_effect(ways)
+        is_new = [True, *np.any(active[1:] != active[:-1], axis=1).tolist()]
         number_of = np.full(m, -1)
         number_of[ticks] = np.arange(len(ticks))
         action = np.zeros((n, N_JOINTS), dtype=np.float32)
@@ -198,8 +199,8 @@ class _Simulation:
             if robot.body_forces:
                 self._push_body(state * STATE_S)
             for step in range(state * sub, (state + 1) * sub):
-                chosen = active[step]
-                if step == 0 or not np.array_equal(chosen, active[step - 1]):
+                if is_new[step]:
+                    chosen = active[step]
                     effective = np.where((chosen >= 0)[:, None], tape.sent[np.maximum(chosen, 0), runs], held)
                 self._physics(effective, kp, kd)
                 unit.note(step + 1, self.position[:, 3:], self.velocity)
