@@ -25,6 +25,21 @@ class YamlError(ValueError):
     """A text is not the plain, bounded YAML that is taken here; the message says why."""
 
 
+_PROBLEMS: Final = (
+    yaml.YAMLError,
+    UnicodeDecodeError,
+    ValueError,
+    TypeError,
+    OverflowError,
+    RecursionError,
+    # Of PyYAML itself: a number that is only a sign or an underscore, a tag without a value.
+    IndexError,
+    KeyError,
+    AttributeError,
+)
+"""A date or number that is none, a key that cannot be one, a mapping that holds itself."""
+
+
 class _Loader(yaml.SafeLoader):
     """Plain YAML, but for what is never meant.
 
@@ -80,8 +95,7 @@ def parse_yaml(text: str | bytes) -> Any:
         return loader.construct_document(node)
     except YamlError:
         raise
-    # A date or number that is none, a key that cannot be one, a mapping that holds itself.
-    except (yaml.YAMLError, UnicodeDecodeError, ValueError, TypeError, OverflowError, RecursionError) as error:
+    except _PROBLEMS as error:
         raise YamlError(" ".join(str(error).split()) or type(error).__name__) from error
     finally:
         if loader is not None:

@@ -17,6 +17,7 @@ from spot_model.policy import load_policy
 from spot_runtime.bench_faults import (
     rows_link,
     rows_log,
+    rows_more,
     rows_policy,
     rows_process,
     rows_robot,
@@ -34,6 +35,7 @@ ROWS: Final[tuple[Row, ...]] = (
     *rows_process.ROWS,
     *rows_log.ROWS,
     *rows_twice.ROWS,
+    *rows_more.ROWS,
     *rows_robot.LAST,
 )
 EXIT_FAILED: Final = 1

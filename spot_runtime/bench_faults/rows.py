@@ -19,6 +19,10 @@ AT_REST_RAD_S: Final = 0.5
 SETTLE_S: Final = 3.5
 """Robot time after a run in which the robot must come to rest by itself."""
 
+SETTLE_PART_S: Final = 0.25
+STILL_PARTS: Final = 2
+"""A robot without power that did not move for so many parts does not move again."""
+
 
 @dataclass
 class Finding:
@@ -84,7 +88,7 @@ def try_row(rig: Rig, row: Row) -> Result:
     try:
         truth = finding.truth or rig.truth()
         height_m, torque_nm = round(truth.body_height_min_m, 3), round(truth.peak_torque_nm, 1)
-        rig.step(SETTLE_S)
+        settle(rig)
         left_alone(rig, finding)
     except Exception as error:  # noqa: BLE001 - as above
         finding.problems.append(f"the robot cannot be looked at afterwards: {type(error).__name__}: {error}")
@@ -105,6 +109,18 @@ def try_row(rig: Rig, row: Row) -> Result:
         finding.log_ok,
         tuple(finding.problems),
     )
+
+
+def settle(rig: Rig) -> None:
+    """Let robot time pass until the robot rests without power, or :data:`SETTLE_S` are over."""
+    still = 0
+    for _ in range(round(SETTLE_S / SETTLE_PART_S)):
+        rig.step(SETTLE_PART_S)
+        speed_rad_s = float(np.abs(rig.truth().joint_velocity_rad_s).max())
+        is_off = rig.status().motor_power.lower().endswith("off")
+        still = still + 1 if is_off and speed_rad_s < AT_REST_RAD_S / 10.0 else 0
+        if still == STILL_PARTS:
+            return
 
 
 def left_alone(rig: Rig, finding: Finding) -> None:

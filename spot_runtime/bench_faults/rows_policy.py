@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot_model.policy import Policy, load_policy, policy_from_bytes
-from spot_model.policy_contract import INPUT_NAME, PolicyError
+from spot_model.policy_contract import PolicyError
 from spot_runtime.bench_faults.rig import Meddler, Rig
 from spot_runtime.bench_faults.rows import Finding, Row, judge, reacted, went_on
 
@@ -21,15 +21,27 @@ FIVE_TICKS_MS = 125.0
 
 
 @dataclass
-class Session:
-    """A network's session whose output is changed once something has happened."""
+class Change:
+    """What is done to a network's output."""
 
-    real: Any
-    change: Callable[[Actions], Actions] = lambda action: action
+    act: Callable[[Actions], Actions] = lambda action: action
 
-    def run(self, names: list[str], feed: dict[str, NDArray[np.float32]]) -> list[Actions]:
-        """Like the real one."""
-        return [self.change(self.real.run(names, {INPUT_NAME: feed[INPUT_NAME]})[0])]
+
+@dataclass(frozen=True)
+class ChangedPolicy(Policy):
+    """A policy whose output is changed once something has happened."""
+
+    change: Change = field(default_factory=Change)
+
+    def act(self, observation: NDArray[Any]) -> Actions:
+        """Like the real one, changed. Changes see shape (n, 12)."""
+        actions = self.change.act(super().act(np.atleast_2d(observation)))
+        return actions[0] if np.ndim(observation) == 1 else actions
+
+
+def changeable(policy: Policy) -> ChangedPolicy:
+    """The same policy, to be changed."""
+    return ChangedPolicy(**{part.name: getattr(policy, part.name) for part in fields(policy)})
 
 
 def wrong(
@@ -38,9 +50,8 @@ def wrong(
     """The network's output is changed: cut where it can be, then damping."""
 
     def attempt(rig: Rig) -> Finding:
-        session = Session(rig.policy.session)
-        policy = replace(rig.policy, session=session)
-        drive = rig.drive(lambda _: setattr(session, "change", change), policy=policy)
+        policy = changeable(rig.policy)
+        drive = rig.drive(lambda _: setattr(policy.change, "act", change), policy=policy)
         finding = reacted(drive, judge(drive, outcome), "damping")
         finding.demand(not cuts or drive.event_ns("setpoint_cut") is not None, "nothing was cut before the stop")
         return finding
@@ -67,15 +78,14 @@ def broken_network(_: Actions) -> Actions:
 
 def slow(rig: Rig) -> Finding:
     """The network takes 45 ms of robot time a tick."""
-    session = Session(rig.policy.session)
-    policy = replace(rig.policy, session=session)
+    policy = changeable(rig.policy)
 
     def act(meddler: Meddler) -> None:
         def change(action: Actions) -> Actions:
             meddler.pace.pause(0.045)
             return action
 
-        session.change = change
+        policy.change.act = change
 
     drive = rig.drive(act, policy=policy)
     finding = judge(drive, ("ticks_skipped", "state_stale", "command_refused"))

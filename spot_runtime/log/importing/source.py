@@ -61,9 +61,14 @@ def _read_npz(path: Path) -> Arrays:
             _check_size(file)
             # Object arrays would be unpickled, and a pickle can run code.
             with np.load(file, allow_pickle=False) as data:
-                return {name: data[name] for name in data.files}
+                arrays = {name: data[name] for name in data.files}
     except _NPZ_ERRORS as error:
         raise BadInputError(f"{path} cannot be read as NPZ: {str(error) or type(error).__name__}") from error
+    # NumPy gives a member that is no array as its bytes.
+    strange = [name for name, array in arrays.items() if not isinstance(array, np.ndarray)]
+    if strange:
+        raise BadInputError(f"{path}: member {strange[0]!r} is no array; write it with numpy.savez")
+    return arrays
 
 
 def _check_size(file: BinaryIO) -> None:
