@@ -32,7 +32,7 @@ safety: $(INSTALLED) ## Every line, branch and, for 90 s, mutant of the safety c
 	$(RUN) scripts/check_safety.py $(ARGS)
 
 audit: $(INSTALLED) ## Pins, licences and digests of all dependencies; writes build/sbom.cdx.json
-	$(RUN) scripts/audit.py --sbom build/sbom.cdx.json
+	$(RUN) scripts/audit.py --sbom build/sbom.cdx.json $(ARGS)
 
 fuzz: $(INSTALLED) ## Fuzz every parser with atheris to 1,000,000 inputs; goes on where it was; ARGS='--jobs 4 --seconds 3600'
 	@mkdir -p build/fuzz && cd build/fuzz && ../../$(RUN) ../../tests/fuzz/run.py all $(ARGS)
