@@ -95,7 +95,8 @@ class WarpBackend:
             self._ctrl.copy_(torque)
             self._advance()
             if self._duty is not None:
-                self._duty += self._contacts.read()[0] / self._substeps
+                standing = self._contacts.standing()
+                self._duty += (self._contacts.read()[0] if standing is None else standing) / self._substeps
 
     def read(self) -> PlantState:
         """The state now; copies, apart from contacts."""

@@ -28,9 +28,18 @@ class GroundContacts:
         for i, leg in enumerate(facts.LEG_NAMES):
             column[model.geom(f"{leg}_foot").id] = i
         self._column = column.to(device)
+        feet = [int(model.geom(f"{leg}_foot").id) for leg in facts.LEG_NAMES]
+        spacing = feet[1] - feet[0]
+        is_regular = feet == [feet[0] + spacing * i for i in range(facts.N_LEGS)]
+        heights: Tensor = wp.to_torch(data.geom_xpos)[:, feet[0] :: spacing, 2]
+        self._foot_height_m = heights[:, : facts.N_LEGS] if model.nhfield == 0 and is_regular else None
         self._number = torch.arange(len(self._world), device=device)
         self._flags = torch.zeros((n + 1) * (_BODY + 1), dtype=torch.bool, device=device)
         self._true = torch.ones(len(self._world), dtype=torch.bool, device=device)
+
+    def standing(self) -> Tensor | None:
+        """Feet on the ground (bool, (n, 4)) by their height, where the ground is level: few operations."""
+        return None if self._foot_height_m is None else self._foot_height_m <= facts.FOOT_RADIUS_M
 
     def read(self) -> tuple[Tensor, Tensor]:
         """Feet (bool, (n, 4)), and any other part of the robot (bool, (n,))."""
