@@ -12,7 +12,6 @@ from diagnosis.channels.build import build_views
 from diagnosis.channels.stack import Stack, stack
 from diagnosis.engine import Engine, LocalEngine
 from diagnosis.fitted import corrected_model, numbers
-from diagnosis.ground import GROUND_EFFECTS
 from diagnosis.library.base import LibraryEffect
 from diagnosis.library.registry import LIBRARY
 from diagnosis.logs import script_of
@@ -26,6 +25,7 @@ from diagnosis.selection.places import Robot
 from diagnosis.selection.scoring import Scorer
 from diagnosis.selection.search import Selection, search
 from diagnosis.sober import sober
+from diagnosis.surroundings import SURROUNDING_EFFECTS
 from diagnosis.unknown import Remainder, describe, remainder
 from diagnosis.verdict import FoundEffect, Status, Stretch, Verdict
 from diagnosis.where import GapMap, Side, gap_map
@@ -147,8 +147,8 @@ def diagnose(
         notes.append(WITHOUT_RUNS)
     else:
         say("simulating the nominal model through the same commands")
-        ground_found = best is not None and any(t.effect.name in GROUND_EFFECTS for t in best.terms)
-        bench = Bench(tuple(runs), scripts, policy, engine or LocalEngine(policy), ground_found)
+        is_shared = best is not None and any(t.effect.name in SURROUNDING_EFFECTS for t in best.terms)
+        bench = Bench(tuple(runs), scripts, policy, engine or LocalEngine(policy), corrected if is_shared else None)
         simulated = roll_out(bench, [(s, nominal) for s in bench.sequences], nominal, rng, tell)
         logs = stack([record(run) for run in simulated])
         views, _ = build_views(logs, nominal)

@@ -10,7 +10,7 @@ from typing import Any, Final, Protocol
 import numpy as np
 from typing_extensions import Self
 
-from diagnosis.simulated import Script, SensorNoise, simulate
+from diagnosis.simulated import Script, SensorNoise, Surroundings, simulate
 from spot_model.errors import BadInputError
 from spot_model.model_file import RobotModel
 from spot_model.policy import Policy, policy_from_bytes
@@ -29,8 +29,8 @@ class Rollout:
     model: RobotModel
     scripts: tuple[Script, ...]
     seed: int
-    contact_time_constant_s: tuple[float, ...] | None = None
-    """Of the ground, one a script; None for the simulator's own."""
+    surroundings: tuple[Surroundings, ...] | None = None
+    """One a script; None for the simulator's own."""
 
 
 class Engine(Protocol):
@@ -124,7 +124,7 @@ def run_rollout(rollout: Rollout, policy: Policy, noise: SensorNoise, tell: Tell
     """One rollout, here."""
     return simulate(
         rollout.model, policy, rollout.scripts, np.random.default_rng(rollout.seed), noise, tell=tell,
-        contact_time_constant_s=rollout.contact_time_constant_s,
+        surroundings=rollout.surroundings,
     )  # fmt: skip
 
 

@@ -7,15 +7,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from diagnosis.batching import merged
 from diagnosis.engine import Engine, LocalEngine, Rollout, Tell
 from diagnosis.fitted import corrected_model, without_fold
-from diagnosis.ground import GROUND_EFFECTS, OWN_S, best_ground
 from diagnosis.logs import policy_ticks, script_of
 from diagnosis.selection.board import Board
 from diagnosis.selection.scoring import Scored
 from diagnosis.selection.search import Rival, Selection
 from diagnosis.shrink import Compared, Features, Shrinkage, compare, features_by_sequence, shrinkage
-from diagnosis.simulated import Script
+from diagnosis.simulated import Script, Surroundings
+from diagnosis.surroundings import SURROUNDING_EFFECTS, best_surroundings
 from diagnosis.verdict import OtherGap, Placebo, Shrink
 from spot_model.errors import BadInputError
 from spot_model.model_file import RobotModel
@@ -33,10 +34,10 @@ class Bench:
     """Of those that are long enough."""
     policy: Policy
     engine: Engine
-    has_own_ground: bool
-    """Whether the simulator's ground stays as it is: the ground is what was found."""
-    grounds: dict[str, dict[str, float]] = field(default_factory=dict)
-    """Chosen contact time constants, by name of the model and sequence, s."""
+    shared: RobotModel | None = None
+    """The model whose surroundings serve all: the corrected one, where the ground or the estimator was found."""
+    surroundings: dict[str, dict[str, Surroundings]] = field(default_factory=dict)
+    """Chosen ones, by name of the model and sequence."""
 
     @property
     def sequences(self) -> list[str]:
@@ -60,40 +61,38 @@ class Measured:
 
 def roll_out(
     bench: Bench, models: Sequence[tuple[str, RobotModel]], reference: RobotModel, rng: np.random.Generator, tell: Tell,
-    ground_of: str = "nominal",
+    chosen_for: str = "nominal",
 ) -> list[Run]:  # fmt: skip
-    """Runs of all scripts, on the ground that suits the model.
+    """Runs of all scripts, in the surroundings that suit the model.
 
     Args:
         bench: What to run.
         models: For each sequence, the model that runs it.
-        reference: The model for which a ground is chosen.
+        reference: The model for which surroundings are chosen, unless the bench has one for all.
         rng: Draws seeds.
         tell: Called with the share that is done.
-        ground_of: Name under which the ground is kept; one that is there is not chosen again.
+        chosen_for: Name under which surroundings are kept; those that are there are not chosen again.
 
     Raises:
         BadInputError: A model cannot be simulated.
     """
-    if ground_of not in bench.grounds and not bench.has_own_ground:
-        bench.grounds[ground_of] = best_ground(
-            reference, bench.scripts, bench.real(), bench.policy, bench.engine, rng, lambda share: tell(0.5 * share)
-        )
-    ground = bench.grounds.get(ground_of, {})
-    # One batch for each model: many runs in one cost little more than few.
-    batches: list[tuple[RobotModel, set[str]]] = []
-    for sequence, model in models:
-        together = next((names for other, names in batches if other is model), None)
-        if together is None:
-            batches.append((model, {sequence}))
-        else:
-            together.add(sequence)
+    key = chosen_for if bench.shared is None else "all"
+    if key not in bench.surroundings:
+        bench.surroundings[key] = best_surroundings(
+            bench.shared or reference, bench.scripts, bench.real(), bench.policy, bench.engine, rng,
+            lambda share: tell(0.6 * share),
+        )  # fmt: skip
+    around = bench.surroundings[key]
+    of_run = [model for sequence, model in models for s in bench.scripts if s.sequence == sequence]
+    # Many runs in one batch cost little more than few.
+    together = merged(of_run)
+    batches = [(together, models)] if together is not None else [(model, [(s, model)]) for s, model in models]
     rollouts = []
-    for model, sequences in batches:
-        mine = tuple(s for s in bench.scripts if s.sequence in sequences)
-        own = tuple(ground.get(s.sequence, OWN_S) for s in mine) if ground else None
+    for model, part in batches:
+        mine = tuple(s for sequence, _ in part for s in bench.scripts if s.sequence == sequence)
+        own = tuple(around[s.sequence] for s in mine) if around else None
         rollouts.append(Rollout(model, mine, int(rng.integers(2**31)), own))
-    made = bench.engine.simulate(rollouts, lambda share: tell(0.5 + 0.5 * share))
+    made = bench.engine.simulate(rollouts, lambda share: tell(0.6 + 0.4 * share))
     return [run for part in made for run in part]
 
 
@@ -134,9 +133,9 @@ def measure(
                 (s, corrected_model(nominal, board.robot, scored, without_fold(scored, k) if crossed else None))
                 for k, s in enumerate(names)
             ]
-            # A placebo is hardly better than the nominal model, whose ground serves it.
-            ground_of = "corrected" if name == "corrected" else "nominal"
-            made[name] = roll_out(bench, models, corrected_model(nominal, board.robot, scored), rng, part, ground_of)
+            # A placebo is hardly better than the nominal model, whose surroundings serve it.
+            chosen_for = "corrected" if name == "corrected" else "nominal"
+            made[name] = roll_out(bench, models, corrected_model(nominal, board.robot, scored), rng, part, chosen_for)
         except BadInputError as error:
             notes.append(f"{name} model cannot be simulated: {error}")
     if "corrected" not in made:
@@ -155,14 +154,14 @@ def measure(
         beside=tuple(_beside(bench.runs, simulated, made["corrected"])),
     )  # fmt: skip
     if any(c.real.shape[0] < 2 for c in compared):
-        notes.append("a sequence was run once: its floor counts as 0, and S is a lower bound")
+        notes.append("each sequence was run once: the floor counts as 0, and S is a lower bound")
     return Measured(shrink, tuple(simulated), tuple(made["corrected"]), tuple(notes))
 
 
 def shrink_of(
     runs: Sequence[Run], nominal: RobotModel, corrected: RobotModel, policy: Policy, rng: np.random.Generator
 ) -> Shrinkage | None:
-    """S of a stated model on any runs, as a verdict measures it: both models, each on the ground that suits it.
+    """S of a stated model on any runs, as a verdict measures it: both models, each in the surroundings that suit it.
 
     None where no run can be compared. With many runs of sequences that the diagnosis never saw, this is the true S.
 
@@ -177,7 +176,7 @@ def shrink_of(
     if not scripts:
         return None
     added = {e.name for e in corrected.effects} - {e.name for e in nominal.effects}
-    bench = Bench(tuple(runs), scripts, policy, LocalEngine(policy), bool(added & GROUND_EFFECTS))
+    bench = Bench(tuple(runs), scripts, policy, LocalEngine(policy), corrected if added & SURROUNDING_EFFECTS else None)
     made = {
         name: roll_out(bench, [(s, model) for s in bench.sequences], model, rng, lambda _: None, name)
         for name, model in (("nominal", nominal), ("corrected", corrected))
@@ -200,7 +199,12 @@ def _compared(bench: Bench, models: dict[str, Sequence[Run]]) -> tuple[list[Comp
         if short:
             notes.append(f"sequence {sequence}: {short} real runs that fell or were cut short are not compared")
         compared.append(compare(sequence, real[sequence], {name: part[sequence] for name, part in parts.items()}))
-    return compared, notes
+    repeated = [c for c in compared if c.real.shape[0] > 1]
+    if repeated and len(repeated) < len(compared):
+        # Without a floor of its own, a sequence's distances have another unit.
+        single = ", ".join(c.sequence for c in compared if c.real.shape[0] < 2)
+        notes.append(f"one run alone of {single} is whole: there is no floor, and it does not count for the shrink")
+    return repeated or compared, notes
 
 
 def _placebo(selection: Selection, not_wrong: frozenset[str]) -> Rival | None:

@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis.odometry import LegOdometry
 from spot_model import facts
 from spot_model.effects.base import CommandEffect, Effect, SoftwareEffect
 from spot_model.mjcf import MjcfOptions
@@ -53,9 +54,19 @@ class SensorNoise:
     angular_vel_rad_s: float = 0.01
 
 
+@dataclass(frozen=True)
+class Surroundings:
+    """What a closed loop depends on and no model of a robot holds: the ground, and the robot's own state estimator."""
+
+    contact_time_constant_s: float = MjcfOptions().contact_solref[0]
+    contact_damping_ratio: float = MjcfOptions().contact_solref[1]
+    odometry_time_s: float = 0.0
+    """In which standing legs pull the reported velocity; 0 for one that is true. See :mod:`diagnosis.odometry`."""
+
+
 def simulate(
     model: RobotModel, policy: Policy, scripts: Sequence[Script], rng: np.random.Generator, noise: SensorNoise,
-    *, contact_time_constant_s: Sequence[float] | None = None, tell: Callable[[float], None] | None = None,
+    *, surroundings: Sequence[Surroundings] | None = None, tell: Callable[[float], None] | None = None,
 ) -> list[Run]:  # fmt: skip
     """Run all scripts in one batch.
 
@@ -65,7 +76,7 @@ def simulate(
         scripts: How each run starts and what it is told.
         rng: Draws the sensors' noise and the delays.
         noise: Of the sensors.
-        contact_time_constant_s: Of the ground under each run; the simulator's own by default. Effects come on top.
+        surroundings: Of each run; the simulator's own by default. Effects come on top.
         tell: Called with the share that is done.
 
     Raises:
@@ -74,8 +85,8 @@ def simulate(
     if not scripts:
         raise ValueError("no script to simulate")
     simulation = _Simulation(model.effects, policy, scripts, rng, noise)
-    if contact_time_constant_s is not None:
-        simulation.set_ground(np.asarray(contact_time_constant_s, dtype=np.float64))
+    if surroundings is not None:
+        simulation.surround(surroundings)
     return simulation.runs(tell or (lambda _: None))
 
 
@@ -92,7 +103,7 @@ class _Simulation:
         self.channel = [e for e in effects if isinstance(e, CommandEffect)]
         self.software = [e for e in effects if isinstance(e, SoftwareEffect)]
         step_s = facts.STATE_PERIOD_NS * 1e-9 / SUBSTEPS
-        options = MjcfOptions(timestep_s=step_s, cone="elliptic", collision="feet", link_torque_sensors=True)
+        options = MjcfOptions(timestep_s=step_s, cone="elliptic", collision="all", link_torque_sensors=True)
         own = [e for e in effects if not isinstance(e, (CommandEffect, SoftwareEffect))]
         self.plant = Plant(own, self.n, PlantOptions(mjcf=options, n_threads=1, on_divergence="flag"))
         self._reset()
@@ -103,6 +114,7 @@ class _Simulation:
         self.received_ns = np.zeros(self.n, dtype=np.int64)
         self.waiting: list[tuple[int, Array, Array]] = []
         self.latest_s = np.full(self.n, -np.inf)
+        self.odometry: LegOdometry | None = None
 
     def _reset(self) -> None:
         starts = [s.start for s in self.scripts]
@@ -126,15 +138,18 @@ class _Simulation:
             joint_velocity_rad_s=each("velocity_rad_s"),
         )
         self.last = np.stack([s.last_action for s in starts]).astype(np.float32)
-        self.active = np.asarray(self.policy.setpoint_rad(self.last))
+        self.setpoint = np.asarray(self.policy.setpoint_rad(self.last))
 
-    def set_ground(self, time_constant_s: Array) -> None:
-        """Another contact time constant for each run, shape (n,); what effects added to it stays."""
-        own_s = MjcfOptions().contact_solref[0]
+    def surround(self, surroundings: Sequence[Surroundings]) -> None:
+        """Another ground and estimator for each run; what effects changed of the ground stays."""
+        own = np.array(MjcfOptions().contact_solref)
+        wanted = np.array([(s.contact_time_constant_s, s.contact_damping_ratio) for s in surroundings])
         solref = self.plant.fields["geom_solref"]
         for leg in facts.LEG_NAMES:
-            solref[:, self.plant.fields.geom_id(f"{leg}_foot"), 0] += time_constant_s - own_s
+            solref[:, self.plant.fields.geom_id(f"{leg}_foot")] += wanted - own
         self.plant.fields.commit()
+        times_s = np.array([s.odometry_time_s for s in surroundings])
+        self.odometry = LegOdometry(times_s) if times_s.any() else None
 
     def runs(self, tell: Callable[[float], None]) -> list[Run]:
         """All runs."""
@@ -151,10 +166,9 @@ class _Simulation:
                 if message == 0:
                     self._tick(tick, state, commands[:, tick])
                 for _ in range(SUBSTEPS):
-                    self._deliver()
                     self.plant.command(
                         ServoCommand(
-                            position_rad=self.active,
+                            position_rad=self._deliver(),
                             kp_nm_per_rad=gains.kp_nm_per_rad,
                             kd_nm_s_per_rad=gains.kd_nm_s_per_rad,
                         )
@@ -170,7 +184,9 @@ class _Simulation:
         plant, noise = self.plant, self.noise
         reading, estimate = plant.reading, plant.estimate
         attitude = estimate.world_from_body_wxyz
-        linear = rotate_wxyz(attitude, estimate.linear_vel_of_body_in_body_m_s)
+        linear = np.asarray(rotate_wxyz(attitude, estimate.linear_vel_of_body_in_body_m_s))
+        if self.odometry is not None:
+            linear = linear + self.odometry.error_m_s(plant)
         angular = rotate_wxyz(attitude, estimate.angular_vel_of_body_in_body_rad_s)
         state = {
             "robot_stamp_ns": np.full(self.n, self.now_ns),
@@ -179,7 +195,7 @@ class _Simulation:
             "load_nm": self._noisy(reading.load_nm, noise.load_nm),
             "position_of_body_in_odom_m": np.array(plant.position_of_body_in_world_m),
             "odom_from_body_wxyz": np.array(attitude),
-            "linear_vel_of_body_in_odom_m_s": self._noisy(np.asarray(linear), noise.linear_vel_m_s),
+            "linear_vel_of_body_in_odom_m_s": self._noisy(linear, noise.linear_vel_m_s),
             "angular_vel_of_body_in_odom_rad_s": self._noisy(np.asarray(angular), noise.angular_vel_rad_s),
             "foot_contact": np.asarray(estimate.foot_contact) > 0.5,
             "last_command_key": self.key.copy(),
@@ -222,16 +238,26 @@ class _Simulation:
             "asked": np.asarray(asked), "sent": np.asarray(sent),
         })  # fmt: skip
 
-    def _deliver(self) -> None:
-        now_s = 1e-9 * (self.now_ns - START_NS)
+    def _deliver(self) -> Array:
+        """Set-points over the coming physics step, shape (n, 12).
+
+        One that arrives within the step counts for the share of it that is left: a delay of 4.6 ms acts as such, and
+        not as the next multiple of the step.
+        """
+        step_ns = facts.STATE_PERIOD_NS // SUBSTEPS
+        end_s = 1e-9 * (self.now_ns + step_ns - START_NS)
+        mean = self.setpoint
         for number, arrival_s, setpoint in self.waiting:
-            due = (arrival_s <= now_s + 1e-9) & (self.key < number)
+            due = (arrival_s < end_s - 1e-9) & (self.key < number)
             if due.any():
-                self.active = np.where(due[:, None], setpoint, self.active)
+                share = np.clip((end_s - np.where(due, arrival_s, end_s)) / (1e-9 * step_ns), 0.0, 1.0)[:, None]
+                mean = mean + share * (setpoint - mean)
+                self.setpoint = np.where(due[:, None], setpoint, self.setpoint)
                 stamp = START_NS + np.round(np.where(due, arrival_s, 0.0) * 1e9).astype(np.int64)
                 self.received_ns = np.where(due, stamp, self.received_ns)
                 self.key = np.where(due, number, self.key)
         self.waiting = [w for w in self.waiting if np.any(np.isfinite(w[1]) & (self.key < w[0]))]
+        return mean
 
     def _run(self, i: int) -> Run:
         script = self.scripts[i]

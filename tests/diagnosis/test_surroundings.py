@@ -1,0 +1,88 @@
+"""Surroundings are chosen on the other sequences, from few runs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from typing_extensions import Self
+
+from diagnosis.engine import LocalEngine, Rollout, Tell
+from diagnosis.shrink import features_by_sequence
+from diagnosis.simulated import Surroundings
+from diagnosis.surroundings import OWN, best_surroundings
+from spot_model.model_file import RobotModel
+from spot_model.policy import Policy, load_policy
+from spot_runtime.log.run import Run
+
+from .report_case import POLICY, scripts
+
+
+@pytest.fixture(scope="module")
+def policy() -> Policy:
+    return load_policy(POLICY)
+
+
+@pytest.fixture(scope="module")
+def made(policy: Policy) -> list[Run]:
+    return LocalEngine(policy).simulate([Rollout(RobotModel(), tuple(scripts(60)), 1)], lambda _: None)[0]
+
+
+class _Prepared:
+    """An engine whose runs lie the further off, the further surroundings are from those of ``best`` for a sequence."""
+
+    def __init__(self, runs: Sequence[Run], best: dict[str, Surroundings]) -> None:
+        self._runs, self._best = {r.header.command_sequence: r for r in runs}, best
+        self.n_runs = 0
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def simulate(self, rollouts: Sequence[Rollout], tell: Tell) -> list[list[Run]]:
+        return [list(self._made(r)) for r in rollouts]
+
+    def _made(self, rollout: Rollout) -> Iterator[Run]:
+        for script, around in zip(rollout.scripts, rollout.surroundings or (), strict=True):
+            self.n_runs += 1
+            name = script.sequence.split(":")[1]
+            run, best = self._runs[name], self._best[name]
+            off = abs(np.log(around.contact_time_constant_s / best.contact_time_constant_s))
+            off += abs(np.log(around.contact_damping_ratio / best.contact_damping_ratio))
+            off += 3.0 * abs(around.odometry_time_s - best.odometry_time_s)
+            observation = run.ticks.observation.copy()
+            observation[:, 12:24] += 0.2 * off
+            ticks = replace(run.ticks, observation=observation)
+            yield replace(run, header=replace(run.header, command_sequence=script.sequence), ticks=ticks)
+
+
+def _best(made: list[Run], engine: _Prepared, policy: Policy) -> dict[str, Surroundings]:
+    real = features_by_sequence(made, policy)
+    rng = np.random.default_rng(0)
+    return best_surroundings(RobotModel(), scripts(60), real, policy, engine, rng, lambda _: None)
+
+
+def test_a_sequence_gets_what_suits_the_others(policy: Policy, made: list[Run]) -> None:
+    hard, soft = Surroundings(0.0087, 0.8, 0.12), Surroundings(0.043, 1.25, 0.0)
+    engine = _Prepared(made, {"a": hard, "b": soft})
+    found = _best(made, engine, policy)
+    for name, wanted in (("a", soft), ("b", hard)):
+        assert found[name].contact_time_constant_s == pytest.approx(wanted.contact_time_constant_s, rel=0.07)
+        assert found[name].contact_damping_ratio == wanted.contact_damping_ratio
+        assert found[name].odometry_time_s == wanted.odometry_time_s
+
+
+def test_what_is_no_better_stays_the_simulators_own(policy: Policy, made: list[Run]) -> None:
+    engine = _Prepared(made, {"a": OWN, "b": OWN})
+    assert set(_best(made, engine, policy).values()) == {OWN}
+
+
+def test_few_runs_are_asked_for(policy: Policy, made: list[Run]) -> None:
+    near = Surroundings(0.0154, 1.0, 0.05)
+    engine = _Prepared(made, {"a": near, "b": near})
+    _best(made, engine, policy)
+    assert engine.n_runs <= 2 * 22
