@@ -128,6 +128,8 @@ def type_words(annotation: Any) -> str:
     }
     if annotation in names:
         return names[annotation]
+    if typing.get_origin(annotation) is typing.Annotated:
+        return type_words(typing.get_args(annotation)[0])
     if typing.get_origin(annotation) is typing.Literal:
         return ", ".join(map(str, typing.get_args(annotation)))
     words = [type_words(arg) for arg in typing.get_args(annotation) if arg is not Ellipsis]

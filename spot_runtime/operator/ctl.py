@@ -108,9 +108,10 @@ def stop(
     with _client(context) as client:
         answer = client.call("Stop", operator_pb2.StopRequest(keep_standing=keep_standing))
         typer.echo(answer.text)
+        rest = ("idle", "armed") if keep_standing else ("idle",)  # right after a stop it may still be armed
         while wait:
             status = client.call("GetStatus", operator_pb2.GetStatusRequest())
-            if status.state in ("idle", "armed"):
+            if status.state in rest:
                 typer.echo(status.state if status.state == "armed" else f"idle; {status.last.sentence}")
                 return
             time.sleep(0.2)

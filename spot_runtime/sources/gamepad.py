@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -73,6 +74,7 @@ class PygamePad:
         Raises:
             BadInputError: pygame is not installed, or there is no such pad.
         """
+        os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
         try:
             import pygame
         except ModuleNotFoundError as error:
@@ -83,7 +85,7 @@ class PygamePad:
         count = pygame.joystick.get_count()
         if index >= count:
             pygame.quit()
-            raise BadInputError(f"gamepad {index} is not attached; there are {count}; attach one, or use --keyboard")
+            raise BadInputError(f"gamepad {index} is not attached; there are {count}; attach one, or steer by keyboard")
         self._joystick: Any = pygame.joystick.Joystick(index)
 
     def read(self) -> PadReading:

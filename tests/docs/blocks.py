@@ -21,13 +21,18 @@ class Block:
     language: str
     text: str
     order: str
-    """``run``, ``file NAME``, or nothing: then it is only read."""
+    """``run``, ``session``, ``file NAME``, or nothing: then it is only read."""
+
+    @property
+    def lines(self) -> list[str]:
+        """The block's command lines as they stand; continued lines are one."""
+        joined = self.text.replace("\\\n", " ")
+        return [line for line in joined.splitlines() if line.strip() and not line.lstrip().startswith("#")]
 
     @property
     def commands(self) -> list[list[str]]:
         """The block's command lines, each as words; continued lines are one."""
-        joined = self.text.replace("\\\n", " ")
-        lines = [line for line in joined.splitlines() if line.strip() and not line.lstrip().startswith("#")]
+        lines = self.lines
         if self.language != "sh":
             lines = [line for line in lines if line.startswith(("spot-rl ", "torchrun "))]
         # Brackets say what may be left out, an ellipsis what is repeated.

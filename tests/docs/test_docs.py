@@ -19,6 +19,7 @@ from spot_model.command_registry import COMMAND_GROUP, load_command
 from spot_runtime.config import RunConfig
 
 from .blocks import PAGES, REPOSITORY, Block, all_blocks, blocks_of
+from .session import Session
 
 NOT_RUN_HERE = {"sudo", "systemctl", "journalctl", "ssh", "openssl", "cd", "export", ".", "chmod", "pip", "bash"}
 """Words of the system: that the commands behind them do what a page says is not tested, but for blocks that are run."""
@@ -107,6 +108,8 @@ RUN_PAGES = [page for page in PAGES if any(block.order == "run" for block in blo
 
 @pytest.mark.parametrize("page", RUN_PAGES, ids=lambda page: page.stem)
 def test_marked_blocks_run_as_they_stand(page: Path, tmp_path: Path) -> None:
+    tmp_path = tmp_path / "a folder"
+    tmp_path.mkdir()
     (tmp_path / "policies").symlink_to(REPOSITORY / "policies")
     for block in blocks_of(page):
         kind, _, name = block.order.partition(" ")
@@ -124,7 +127,21 @@ def test_marked_blocks_run_as_they_stand(page: Path, tmp_path: Path) -> None:
             assert told.returncode == 0, f"{block.text}\n{told.stdout}\n{told.stderr}"
 
 
+SESSION_PAGES = [page for page in PAGES if any(block.order == "session" for block in blocks_of(page))]
+
+
+@pytest.mark.parametrize("page", SESSION_PAGES, ids=lambda page: page.stem)
+def test_sessions_go_as_the_page_says(page: Path, tmp_path: Path) -> None:
+    with Session(tmp_path / "a folder") as session:
+        for block in blocks_of(page):
+            if block.order == "session":
+                for line in block.lines:
+                    session.play(line)
+        assert session.is_at_rest()
+
+
 def test_pages_that_are_to_be_run_are_there() -> None:
+    assert {page.stem for page in SESSION_PAGES} >= {"first-run-fake", "first-run-spot", "operate"}
     assert {page.stem for page in RUN_PAGES} >= {"first-run-fake", "add-an-effect", "operate"}
 
 

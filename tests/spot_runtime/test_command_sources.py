@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import json
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -155,3 +160,21 @@ def test_a_shaped_command_never_exceeds_a_wish_and_never_rises_faster_than_allow
         rise = np.abs(command) - np.abs(before)
         assert rise.max() <= 2.0 * min(wait_ms / 1e3, 0.1) + 1e-9
         before = command
+
+
+def test_a_gamepad_of_sdl_s_own() -> None:
+    """Through pygame and SDL, as a plugged-in one goes; only the kernel's device is missing."""
+    told = subprocess.run(
+        [sys.executable, str(Path(__file__).with_name("virtual_pad.py"))], capture_output=True, text=True
+    )
+    assert told.returncode == 0, told.stderr
+    still = [0.0, 0.0, 0.0]
+    assert json.loads(told.stdout) == {
+        "stick without the dead-man": still,
+        "forward": [1.0, 0.0, 0.0],
+        "within the dead zone": still,
+        "right, turning left": [0.0, -0.5, pytest.approx(0.5, abs=0.001)],
+        "let go": still,
+        "held again": [0.0, -0.5, pytest.approx(0.5, abs=0.001)],
+        "unplugged": still,
+    }
