@@ -31,10 +31,11 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import numpy as np
 from diagnose_fake import sequences
 
-from diagnosis.diagnose import Explained, explain, status_of
+from diagnosis.diagnose import ORDINARY_AT_MOST, Explained, explain, status_of
 from diagnosis.library.registry import LIBRARY
 from diagnosis.posterior import Calibration
-from diagnosis.unknown import nats_by_joint
+from diagnosis.selection.scoring import Scorer
+from diagnosis.unknown import nats_by_joint, remainder
 from spot_model.policy import Policy, load_policy
 from spot_runtime.log.reader import read_run
 from spot_runtime.log.run import Run
@@ -132,7 +133,7 @@ def calibration_of(words: str) -> Calibration:
         name, value = word.split("=")
         if name == "ordinary":
             sizes = {
-                effect: {k: v if k == "at" else float(value) * v for k, v in given.items()}
+                effect: {k: v if k in ("at", "alike") else float(value) * v for k, v in given.items()}
                 for effect, given in found.ordinary.items()
             }
             found = replace(found, ordinary=sizes)
@@ -152,11 +153,17 @@ def row_of(found: Explained) -> Row:
             "name": term.effect.name,
             "joints": list(board.robot.named(board.robot.joints_of(term.effect, term.place))),
             "values": dict(term.effect.values(own, term.shape)), "gain": float(gain), "group": list(group.names),
+            "by_fold": [np.round(x, 5).tolist() for x in _by_fold(best, len(effects))],
+            "own": np.round(own, 5).tolist(),
             "probabilities": dict(group.probabilities),
             "rivals": [(r.scored.terms[-1].effect.name, float(r.value)) for r in rivals[:8]],
         })  # fmt: skip
     by_joint = nats_by_joint(board, found.left)
+    null = found.left if best is None else _left_by_null(found)
     return {
+        "null_by_channel": {
+            c: round(float(null.nats[n].sum()), 2) for c, n in board.by_channel.items() if null.nats[n].sum() > 0.5
+        },
         "status": status_of(found), "none": p.none, "unknown": p.unknown, "effects": effects,
         "first": [(r.scored.terms[-1].effect.name, round(float(r.value), 2)) for r in found.selection.first[:8]],
         "left_nats": found.left.total_nats, "explained_nats": found.left.explained_nats,
@@ -174,6 +181,22 @@ def row_of(found: Explained) -> Row:
         },
         "pulls": _largest(board, best),
     }  # fmt: skip
+
+
+def _by_fold(best: Any, number: int) -> Any:
+    sizes = [len(c) for c in best.coefficients]
+    return best.spread[:, sum(sizes[:number]) : sum(sizes[: number + 1])]
+
+
+def _left_by_null(found: Explained) -> Any:
+    """What would be left and predictable without any effect."""
+    return remainder(
+        found.board,
+        found.stack,
+        Scorer(found.board).residuals(ORDINARY_AT_MOST),
+        np.zeros(len(found.board.blocks)),
+        0.0,
+    )
 
 
 def _explained(best: Any, numbers: list[int]) -> float:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis.recording import ACTIVE
 from diagnosis.simulated import Script
 from spot_model.policy import Policy
 from spot_runtime.log.run import Run
 from trainer.sysid.features import features_of_observations
 from trainer.sysid.rollout import StartState
 
-MODE = "active"
 MIN_TICKS = 50
 FALL_GRAVITY_Z = -0.5
 
@@ -22,7 +22,7 @@ def policy_ticks(run: Run) -> NDArray[np.intp]:
     if len(t) == 0:
         return np.zeros(0, dtype=np.intp)
     sound = np.isfinite(t.observation).all(axis=1) & np.isfinite(t.action).all(axis=1)
-    rows = np.flatnonzero(sound & (t.mode == MODE)) if (t.mode == MODE).any() else np.flatnonzero(sound)
+    rows = np.flatnonzero(sound & (t.mode == ACTIVE)) if (t.mode == ACTIVE).any() else np.flatnonzero(sound)
     if len(rows):
         fallen = np.flatnonzero(t.observation[rows, 8] > FALL_GRAVITY_Z)
         rows = rows[: fallen[0]] if len(fallen) else rows

@@ -107,6 +107,11 @@ class Recording:
         at = np.searchsorted(self.command_ns[order], self.stamp_ns + round(offset_s * 1e9), side="right") - 1
         return np.where(at >= 0, order[np.maximum(at, 0)], -1)
 
+    def in_control(self) -> Flags:
+        """Ticks whose set-points are the policy's own, not blended with a stand; all where a log has no modes."""
+        active = np.asarray(self.ticks.mode == ACTIVE)
+        return active if active.any() else np.ones(len(self.ticks), dtype=np.bool_)
+
     def rows_at(self, robot_stamp_ns: Ints) -> NDArray[np.intp]:
         """The grid's row nearest to each stamp, within the grid."""
         row = np.round((robot_stamp_ns - self.start_ns) * 1e-9 / self.period_s).astype(np.intp)
@@ -124,6 +129,7 @@ class Recording:
         return bool(np.isfinite(values).all(axis=-1).mean() > 0.5)
 
 
+ACTIVE: Final = "active"
 NEVER_NS: Final = np.iinfo(np.int64).max // 2
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d
 
 from diagnosis.channels.stack import Stack
-from diagnosis.logs import MODE
+from diagnosis.recording import ACTIVE
 from diagnosis.seam import Array, Flags, Ints
 
 REVERSAL_S: Final = 0.02
@@ -83,7 +83,7 @@ def under_policy(stack: Stack) -> tuple[Flags, Array]:
     for number, recording in enumerate(stack.recordings):
         mine = np.flatnonzero(stack.run == number)
         ticks = recording.ticks
-        rows = np.flatnonzero(ticks.mode == MODE) if len(ticks) else np.zeros(0, dtype=np.intp)
+        rows = np.flatnonzero(ticks.mode == ACTIVE) if len(ticks) else np.zeros(0, dtype=np.intp)
         stamps = ticks.robot_stamp_ns[rows] if len(rows) else ticks.robot_stamp_ns
         first = int(stamps[0]) if len(stamps) else recording.start_ns
         last = int(stamps[-1]) if len(rows) else int(recording.stamp_ns[-1])

@@ -13,7 +13,7 @@ from sklearn.ensemble import HistGradientBoostingRegressor
 from diagnosis.channels.stack import Stack
 from diagnosis.quantities import Quantities
 from diagnosis.seam import Array, Flags, Ints
-from diagnosis.selection.board import Board
+from diagnosis.selection.board import EXACT, Board
 from diagnosis.verdict import Dependence, UnknownEffect
 
 MAX_TREES: Final = 40
@@ -21,7 +21,7 @@ MAX_ROWS: Final = 3000
 N_CURVE: Final = 12
 MIN_NATS: Final = 1.0
 """A signal of which less than this could be gained is not looked at."""
-CARRIES: Final = 0.35
+CARRIES: Final = 0.25
 """A joint with this share of the most at one joint carries the unknown effect, too."""
 
 
@@ -87,6 +87,8 @@ def remainder(
         step = max(1, len(y) // MAX_ROWS)
         found, x = quantities.of(board.views[block.channel], block.row, block.samples[::step])
         share, weight = _predictable(x, y[::step], block.fold[::step])
+        if block.channel in EXACT:
+            share = 1.0
         shares[number] = share
         rest = max(left[number] * (1.0 - share), min(1.0, left[number]))
         nats[number] = 0.5 * board.dof[number] * np.log((left[number] + tolerance[number]) / (rest + tolerance[number]))

@@ -44,6 +44,8 @@ class ActuatorSignals:
     """Smoothed, for what depends on the direction of motion."""
     inertial_velocity_rad_s: Array
     """Half a lag later: the velocity whose rate of change goes with the load over the lag's span."""
+    kd_nm_s_per_rad: Array
+    """Of the command in effect; 0 before the first."""
     request_nm: Array
     """The servo law."""
     torque_nm: Array
@@ -195,10 +197,7 @@ def _request(stack: Stack, position: Array, velocity: Array, rows: NDArray[np.in
     """The servo law for commands by row within each recording; 0 before the first."""
 
     def of(name: str) -> Array:
-        parts: list[Array] = [
-            getattr(r.commands, name)[np.maximum(rows[stack.run == i], 0)] for i, r in enumerate(stack.recordings)
-        ]
-        return np.nan_to_num(np.concatenate(parts))
+        return _commanded(stack, rows, name)
 
     asked = pd_torque(
         position_rad=position,
@@ -212,6 +211,14 @@ def _request(stack: Stack, position: Array, velocity: Array, rows: NDArray[np.in
     return np.asarray(np.where((rows >= 0)[:, None], asked, 0.0))
 
 
+def _commanded(stack: Stack, rows: NDArray[np.intp], name: str) -> Array:
+    """A column of the commands by row within each recording; before the first as in the first. Shape (N, J)."""
+    parts: list[Array] = [
+        getattr(r.commands, name)[np.maximum(rows[stack.run == i], 0)] for i, r in enumerate(stack.recordings)
+    ]
+    return np.nan_to_num(np.concatenate(parts))
+
+
 def _signals(stack: Stack, effects: Sequence[Effect], lag_s: float) -> ActuatorSignals:
     position, velocity, rows = _at_lag(stack, lag_s)
     request = _request(stack, position, velocity, rows)
@@ -222,6 +229,7 @@ def _signals(stack: Stack, effects: Sequence[Effect], lag_s: float) -> ActuatorS
         velocity_rad_s=velocity,
         still_velocity_rad_s=stack.smooth(velocity),
         inertial_velocity_rad_s=_at_lag(stack, 0.5 * lag_s)[1],
+        kd_nm_s_per_rad=np.where((rows >= 0)[:, None], _commanded(stack, rows, "kd_nm_s_per_rad"), 0.0),
         request_nm=request,
         torque_nm=nominal_torque_nm(effects, request, position, velocity, stack.starts(), stack.period_s),
         load_nm=stack.filled(lambda r: r.load_nm),

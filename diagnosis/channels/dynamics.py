@@ -79,6 +79,8 @@ class DynamicsSignals:
     inputs: Inputs
     load_rate_nm_s: Array
     """Shape (n, 12)."""
+    jerk_rad_s3: Array
+    """Rate of the joints' accelerations, shape (n, 12)."""
     contact: Flags
     """Flags at the kept rows. Shape (n, 4)."""
     nominal: Residuals
@@ -182,6 +184,7 @@ def dynamics_signals(stack: Stack, effects: Sequence[Effect]) -> DynamicsSignals
         rows=rows,
         inputs=inputs,
         load_rate_nm_s=stack.rate(load)[rows],
+        jerk_rad_s3=stack.rate(raw.acceleration_rad_s2)[rows],
         contact=contact.astype(np.bool_),
         nominal=nominal,
         reference=residuals(model, inputs, force=force, place=place),

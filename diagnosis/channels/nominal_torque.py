@@ -79,6 +79,26 @@ def direction(velocity_rad_s: Array) -> Array:
     return np.asarray(np.tanh(velocity_rad_s / FRICTION_SPEED_RAD_S))
 
 
+def presliding(position_rad: Array, starts: Ints, distance_rad: float) -> Array:
+    """Dry friction over its level, as it builds up over a distance after each reversal (Dahl); same shape.
+
+    Args:
+        position_rad: Shape (N, J).
+        starts: First row of each recording.
+        distance_rad: Over which a contact that sticks gives way, > 0.
+    """
+    moved = np.diff(position_rad, axis=0, prepend=position_rad[:1])
+    moved[starts] = 0.0
+    towards, keep = np.sign(moved), np.exp(-np.abs(moved) / distance_rad)
+    out = np.empty_like(position_rad)
+    first = set(starts.tolist())
+    held = np.zeros(position_rad.shape[1])
+    for i in range(len(out)):
+        held = np.zeros_like(held) if i in first else towards[i] + (held - towards[i]) * keep[i]
+        out[i] = held
+    return out
+
+
 def _applied(
     effect: TorqueEffect, torque: Array, position: Array, velocity: Array, starts: Ints, period_s: float
 ) -> Array:

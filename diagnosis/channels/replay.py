@@ -63,7 +63,7 @@ def replay_view(stack: Stack, policy: Actor | None = None) -> ChannelView | Chan
         if scale is None:
             return ChannelOff("L", f"log {recording.run_id} has no policy contract; give the policy")
         ticks = recording.ticks
-        ran = np.isfinite(ticks.action).all(axis=1)
+        ran = np.isfinite(ticks.action).all(axis=1) & recording.in_control()
         place = {int(key): i for i, key in enumerate(recording.commands.key)}
         at = np.array([place.get(int(key), -1) for key in ticks.command_key], dtype=np.intp)
         chosen = np.flatnonzero(ran & (at >= 0))

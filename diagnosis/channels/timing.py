@@ -1,7 +1,8 @@
 """Channel T: how long commands take, how evenly they come, and which are lost; by the robot's own stamps and keys.
 
-Time convention: a command's delay runs from the stamp of the state that it answers to the robot's stamp of its receipt,
-both on the robot's clock. The nominal model's constant delay is taken off.
+A sample is the mean of a window's commands. Time convention: a command's delay runs from the stamp of the state that
+it answers to the robot's stamp of its receipt, both on the robot's clock. The nominal model's constant delay is taken
+off.
 """
 
 from __future__ import annotations
@@ -14,13 +15,15 @@ import numpy as np
 
 from diagnosis.channels.stack import Stack
 from diagnosis.recording import NEVER_NS
-from diagnosis.seam import Array, ChannelOff, ChannelView
+from diagnosis.seam import Array, ChannelOff, ChannelView, Ints
 from spot_model.effects.base import Effect
 from spot_model.effects.command_delay import CommandDelay
 
 ROWS: Final = ("delay", "spread", "lost")
-FLOOR: Final = np.array([5e-4, 5e-4, 0.05])
+FLOOR: Final = np.array([5e-4, 5e-4, 0.02])
 """Delays are read from a stream of 3 ms, and any real link varies by half a millisecond."""
+WINDOW_S: Final = 0.25
+"""Commands are averaged over so long: one that is lost says little, a share of them much."""
 FAST_QUANTILE: Final = 0.05
 """Spread counts from the delay that this share of commands stays under."""
 LONGEST_S: Final = 1.0
@@ -29,10 +32,12 @@ LONGEST_S: Final = 1.0
 
 @dataclass(frozen=True)
 class TimingSignals:
-    """Signals of channel T, one row a command."""
+    """Signals of channel T."""
 
     delay_s: Array
-    """Not a number for lost commands. Shape (n,)."""
+    """Of every command; not a number for lost ones."""
+    command_period_s: float
+    """Between two commands, as a rule."""
 
 
 def timing_view(stack: Stack, effects: Sequence[Effect]) -> ChannelView | ChannelOff:
@@ -62,7 +67,9 @@ def timing_view(stack: Stack, effects: Sequence[Effect]) -> ChannelView | Channe
         mine = run == number
         good = mine & np.isfinite(delay)
         fastest[mine] = float(np.quantile(delay[good], FAST_QUANTILE)) if good.any() else np.nan
-    response = np.stack([delay - nominal_s, delay - fastest, np.concatenate(lost)], axis=1)
+    single = np.stack([delay - nominal_s, delay - fastest, np.concatenate(lost)], axis=1)
+    state = np.concatenate(states)
+    response, run_of, state_of = _windows(single, run, state, max(1, round(WINDOW_S / stack.period_s)))
     finite = np.isfinite(response)
     none = np.full(len(ROWS), -1, dtype=np.intp)
     return ChannelView(
@@ -71,14 +78,14 @@ def timing_view(stack: Stack, effects: Sequence[Effect]) -> ChannelView | Channe
         unit="s, s, 1",
         response=np.nan_to_num(response),
         usable=finite,
-        run=run,
-        state=np.concatenate(states),
+        run=run_of,
+        state=state_of,
         noise=FLOOR,
         nuisance=np.zeros((*response.shape, 0)),
         row_joint=none,
         row_leg=none,
         leg_of_joint=np.full(stack.recordings[0].n_joints, -1, dtype=np.intp),
-        signals=TimingSignals(delay),
+        signals=TimingSignals(delay, _period_s(stack)),
         is_robust=False,
         measured={
             "delay_s": float(np.nanmedian(delay)) if np.isfinite(delay).any() else float("nan"),
@@ -87,3 +94,23 @@ def timing_view(stack: Stack, effects: Sequence[Effect]) -> ChannelView | Channe
             "lost_share": float(np.mean(np.concatenate(lost))) if len(delay) else 0.0,
         },
     )
+
+
+def _period_s(stack: Stack) -> float:
+    gaps = [np.diff(np.sort(r.commands.robot_stamp_ns)) for r in stack.recordings]
+    every = np.concatenate([g[g > 0] for g in gaps])
+    return float(np.median(every)) * 1e-9 if len(every) else stack.period_s
+
+
+def _windows(single: Array, run: Ints, state: Ints, length: int) -> tuple[Array, Ints, Ints]:
+    """Means of (n, R) over windows of states within runs, leaving out what is not a number; their runs and states."""
+    key = run * (int(state.max(initial=0)) // length + 2) + state // length
+    names, at = np.unique(key, return_inverse=True)
+    good = np.isfinite(single)
+    count = np.stack([np.bincount(at, g, len(names)) for g in good.T], axis=1)
+    total = np.stack([np.bincount(at, v, len(names)) for v in np.nan_to_num(single).T], axis=1)
+    first = np.full(len(names), -1, dtype=np.intp)
+    first[at[::-1]] = np.arange(len(at), dtype=np.intp)[::-1]
+    with np.errstate(invalid="ignore"):
+        means = total / np.where(count > 0, count, np.nan)
+    return means, run[first], state[first]

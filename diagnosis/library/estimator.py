@@ -176,14 +176,14 @@ class ContactDelayEntry(LibraryEffect):
     title: ClassVar[str] = "late contact flags"
     effect: ClassVar[type[Effect]] = ContactDelay
     channels: ClassVar[tuple[str, ...]] = ("C",)
-    location: ClassVar[Location] = Location.ROBOT
+    location: ClassVar[Location] = Location.LEG
     coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("delay_s", "s", 0.0, 0.3),)
     confused_with: ClassVar[tuple[str, ...]] = ("ground_compliance",)
     split_by: ClassVar[Experiment] = OTHER_GROUND
 
     def rows(self, view: ChannelView, joints: Flags) -> Flags:
         """Rows of the flags."""
-        return np.array([name.endswith("_flag") for name in view.rows])
+        return np.array([name.endswith("_flag") for name in view.rows]) & legs_of(joints, view)[view.row_leg]
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
         """One."""

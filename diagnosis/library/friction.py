@@ -8,7 +8,7 @@ from typing import ClassVar, Final
 import numpy as np
 
 from diagnosis.channels.actuator import ActuatorSignals
-from diagnosis.channels.nominal_torque import direction
+from diagnosis.channels.nominal_torque import direction, presliding
 from diagnosis.library.base import Coefficient, LibraryEffect, on_joints
 from diagnosis.library.experiments import LOADED_WALK, OTHER_KD, SLOW_WALK, Experiment
 from diagnosis.seam import Array, ChannelView, Flags, Shape, Views
@@ -18,12 +18,13 @@ from spot_model.effects.load_friction import LoadFriction
 from spot_model.effects.stribeck_friction import StribeckFriction
 from spot_model.effects.viscous_friction import ViscousFriction
 
+BUILDS_UP_RAD: Final = "builds_up_rad"
 FASTEST_RAD_S: Final = 1.2
 """Friction that fades over a wider range of speeds is no Stribeck friction: real ones fade within 1 rad/s."""
 
 
 class CoulombEntry(LibraryEffect):
-    """−F·sign(q̇): the same at any torque and speed."""
+    """−F·sign(q̇): the same at any torque and speed; after a reversal it may build up over a distance."""
 
     name: ClassVar[str] = "coulomb_friction"
     title: ClassVar[str] = "dry friction"
@@ -33,10 +34,24 @@ class CoulombEntry(LibraryEffect):
     confused_with: ClassVar[tuple[str, ...]] = ("stribeck_friction", "load_friction", "viscous_friction")
     split_by: ClassVar[Experiment] = LOADED_WALK
 
+    def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:
+        """Distances over which it builds up; 0: at once, as in the simulator."""
+        return tuple({BUILDS_UP_RAD: d} for d in (0.0, 0.004, 0.015))
+
+    def neighbours(self, shape: Shape) -> tuple[Shape, ...]:
+        """Distances nearby."""
+        return tuple({BUILDS_UP_RAD: shape[BUILDS_UP_RAD] * f} for f in (0.6, 1.6) if shape[BUILDS_UP_RAD] > 0.0)
+
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
         """The direction of motion, negative."""
         s: ActuatorSignals = view.signals
-        return on_joints(s.finish(-direction(s.still_velocity_rad_s)), joints)
+        distance = shape.get(BUILDS_UP_RAD, 0.0)
+        if distance == 0.0:
+            return on_joints(s.finish(-direction(s.still_velocity_rad_s)), joints)
+        key = ("presliding", distance)
+        if key not in s.cache:
+            s.cache[key] = s.finish(-presliding(s.position_rad, s.stack.starts(), distance))
+        return on_joints(s.cache[key], joints)
 
     def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
         """Friction level."""

@@ -19,7 +19,7 @@ from diagnosis.channels.stance import StanceSignals
 from diagnosis.library.base import Coefficient, LibraryEffect, on_joints
 from diagnosis.library.experiments import LOADED_WALK, OTHER_KP, STAND, TURN, Experiment
 from diagnosis.library.rigid_body import channel_part
-from diagnosis.seam import Array, ChannelView, Flags, Shape
+from diagnosis.seam import Array, ChannelView, Flags, Shape, Views
 from spot_model.effects.base import Effect
 from spot_model.effects.encoder_offset import EncoderOffset
 from spot_model.effects.joint_compliance import JointCompliance
@@ -29,6 +29,9 @@ from spot_model.effects.velocity_filter import VelocityFilter
 
 OFFSET_STEP_RAD: Final = 0.01
 COMPLIANCE_STEP: Final = 2e-4
+FILTER_STEP_S: Final = 2e-3
+VELOCITY_OF_MOTOR: Final = "velocity_of_motor"
+SERVO_SEES_TRUE: Final = "servo_sees_true"
 
 
 class EncoderOffsetEntry(LibraryEffect):
@@ -60,7 +63,10 @@ class EncoderOffsetEntry(LibraryEffect):
 
 
 class JointComplianceEntry(LibraryEffect):
-    """Wind-up in proportion to the load, on the encoder's side."""
+    """Wind-up in proportion to the load, on the encoder's side.
+
+    Whether the reported velocity is the motor's, as the position is, or the link's, is a shape.
+    """
 
     name: ClassVar[str] = "joint_compliance"
     title: ClassVar[str] = "gear that gives way"
@@ -70,21 +76,34 @@ class JointComplianceEntry(LibraryEffect):
     confused_with: ClassVar[tuple[str, ...]] = ("encoder_offset", "ground_compliance", "velocity_filter")
     split_by: ClassVar[Experiment] = LOADED_WALK
 
+    def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:
+        """The velocity is the link's, or the motor's."""
+        return ({VELOCITY_OF_MOTOR: 0.0}, {VELOCITY_OF_MOTOR: 1.0})
+
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
         """What positions without wind-up would change; where velocity is the link's, its mismatch too."""
-        key = ("joint_compliance", tuple(np.flatnonzero(joints)))
+        moves = shape.get(VELOCITY_OF_MOTOR, 0.0)
+        key = ("joint_compliance", moves, tuple(np.flatnonzero(joints)))
+        step = COMPLIANCE_STEP * joints
         if view.name == "Q":
             q: RateSignals = view.signals
             load = q.stack.filled(lambda r: r.load_nm)
-            return on_joints(q.finish_rate(-load), joints)
+            return on_joints((1.0 - moves) * q.finish_rate(-load), joints)
         if view.name == "K":
             k: StanceSignals = view.signals
             load = k.stack.filled(lambda r: r.load_nm)
-            changed = k.corrected(key, position_rad=k.kinematics.position_rad - COMPLIANCE_STEP * joints * load)
+            changed = k.corrected(
+                key,
+                position_rad=k.kinematics.position_rad - step * load,
+                velocity_rad_s=k.kinematics.velocity_rad_s - moves * step * k.stack.rate(load),
+            )
             return (k.nominal - changed)[:, :, None] / COMPLIANCE_STEP
         s: DynamicsSignals = view.signals
-        right = s.inputs.position_rad - COMPLIANCE_STEP * joints * s.inputs.load_nm
-        residuals = s.with_inputs(key, position_rad=right)
+        residuals = s.with_inputs(
+            key,
+            position_rad=s.inputs.position_rad - step * s.inputs.load_nm,
+            velocity_rad_s=s.inputs.velocity_rad_s - moves * step * s.load_rate_nm_s,
+        )
         return (channel_part(s.reference, view) - channel_part(residuals, view))[:, :, None] / COMPLIANCE_STEP
 
     def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
@@ -127,24 +146,62 @@ class LoadSensorEntry(LibraryEffect):
 
 
 class VelocityFilterEntry(LibraryEffect):
-    """A low-passed velocity: the true one is ahead by the time constant times its rate."""
+    """A low-passed velocity: the true one is ahead by the time constant times its rate.
+
+    The second derivative's share tells filters apart: none for one of first order, half a square of the time constant
+    for a pure delay or a Butterworth filter of second order.
+    Whether the servo damps by the true velocity or by the late one is the robot's secret, and a shape.
+    """
 
     name: ClassVar[str] = "velocity_filter"
     title: ClassVar[str] = "lag of the joint velocity"
     effect: ClassVar[type[Effect]] = VelocityFilter
-    channels: ClassVar[tuple[str, ...]] = ("Q",)
-    coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("time_constant_s", "s", 0.0, 0.2),)
-    confused_with: ClassVar[tuple[str, ...]] = ("command_delay", "joint_compliance")
+    channels: ClassVar[tuple[str, ...]] = ("Q", "A", "D", "B", "K")
+    coefficients: ClassVar[tuple[Coefficient, ...]] = (
+        Coefficient("time_constant_s", "s", 0.0, 0.2),
+        Coefficient("square_s2", "s²", 0.0, 1e-3),
+    )
+    confused_with: ClassVar[tuple[str, ...]] = ("command_delay", "joint_compliance", "armature")
     split_by: ClassVar[Experiment] = OTHER_KP
 
+    def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:
+        """The servo sees the late velocity, or the true one."""
+        return ({SERVO_SEES_TRUE: 0.0}, {SERVO_SEES_TRUE: 1.0})
+
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
-        """The rate of the reported velocity, negative."""
-        q: RateSignals = view.signals
-        return on_joints(q.finish_rate(-q.velocity_rad_s), joints)
+        """What velocities that are not late would change."""
+        if view.name == "Q":
+            q: RateSignals = view.signals
+            rates = (q.finish_rate(-q.velocity_rad_s), q.finish_rate(-q.stack.rate(q.velocity_rad_s)))
+            return np.concatenate([on_joints(r, joints) for r in rates], axis=2)
+        if view.name == "A":
+            a: ActuatorSignals = view.signals
+            sees = shape.get(SERVO_SEES_TRUE, 0.0) * a.kd_nm_s_per_rad
+            rate = a.stack.rate(a.velocity_rad_s)
+            return np.concatenate([on_joints(a.finish(-sees * r), joints) for r in (rate, a.stack.rate(rate))], axis=2)
+        key = ("velocity_filter", tuple(np.flatnonzero(joints)))
+        step = FILTER_STEP_S * joints
+        if view.name == "K":
+            k: StanceSignals = view.signals
+            velocity = k.kinematics.velocity_rad_s
+            changed = k.corrected(key, velocity_rad_s=velocity + step * k.stack.rate(velocity))
+            return _first_of_two((k.nominal - changed) / FILTER_STEP_S)
+        s: DynamicsSignals = view.signals
+        residuals = s.with_inputs(
+            key,
+            velocity_rad_s=s.inputs.velocity_rad_s + step * s.inputs.acceleration_rad_s2,
+            acceleration_rad_s2=s.inputs.acceleration_rad_s2 + step * s.jerk_rad_s3,
+        )
+        return _first_of_two((channel_part(s.reference, view) - channel_part(residuals, view)) / FILTER_STEP_S)
 
     def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
         """Time constant."""
         return {"time_constant_s": float(coefficients[0])}
+
+
+def _first_of_two(column: Array) -> Array:
+    """A column (n, R) of the first coefficient, none of the second."""
+    return np.stack([column, np.zeros_like(column)], axis=2)
 
 
 class SensorNoiseEntry(LibraryEffect):

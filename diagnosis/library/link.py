@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import ClassVar
+from functools import cache
+from typing import ClassVar, Final
 
 import numpy as np
 
+from diagnosis.channels.timing import FAST_QUANTILE, TimingSignals
 from diagnosis.library.base import Coefficient, LibraryEffect, Location
 from diagnosis.library.experiments import WIRED_LINK, Experiment
-from diagnosis.seam import Array, ChannelView, Flags, Shape
+from diagnosis.seam import Array, ChannelView, Flags, Shape, Views
 from spot_model.effects.base import Effect
 from spot_model.effects.command_delay import CommandDelay
 from spot_model.effects.command_drop import CommandDrop
@@ -18,6 +20,7 @@ from spot_model.model_file import RobotModel
 
 DELAY, SPREAD, LOST = 0, 1, 2
 """Rows of channel T."""
+N_WAITS: Final = 8_000
 
 
 class _LinkEntry(LibraryEffect):
@@ -58,23 +61,48 @@ class CommandDelayEntry(_LinkEntry):
 
 
 class CommandJitterEntry(_LinkEntry):
-    """Exponentially distributed delays on top."""
+    """Exponentially distributed waits on top; a command that the next one overtakes is never in effect."""
 
     name: ClassVar[str] = "command_jitter"
     title: ClassVar[str] = "jitter of commands"
     effect: ClassVar[type[Effect]] = CommandJitter
-    coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("mean_s", "s", 0.0, 0.05),)
+    coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("share", "1", 1.0, 1.0),)
     confused_with: ClassVar[tuple[str, ...]] = ("command_delay", "command_drop")
 
+    def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:
+        """Mean waits."""
+        return tuple({"mean_s": m} for m in (0.0005, 0.001, 0.002, 0.004, 0.008, 0.016))
+
+    def neighbours(self, shape: Shape) -> tuple[Shape, ...]:
+        """Mean waits nearby."""
+        return tuple({"mean_s": shape["mean_s"] * f} for f in (0.72, 0.85, 1.19, 1.4))
+
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
-        """One, in delay and spread."""
+        """What waits do to commands that come one after the other."""
+        s: TimingSignals = view.signals
         out = np.zeros((view.n, len(view.rows), 1))
-        out[:, (DELAY, SPREAD), 0] = 1.0
+        out[:, :, 0] = waits(float(shape["mean_s"]), s.command_period_s)
         return out
 
     def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
         """Mean of what is added."""
-        return {"mean_s": float(coefficients[0])}
+        return {"mean_s": float(shape["mean_s"])}
+
+
+@cache
+def waits(mean_s: float, period_s: float) -> tuple[float, float, float]:
+    """Mean delay and spread of commands in effect, s, and the share that is overtaken, with exponential waits.
+
+    Args:
+        mean_s: Of the waits.
+        period_s: Between two commands.
+    """
+    sent = period_s * np.arange(N_WAITS)
+    arrival = np.maximum.accumulate(sent + np.random.default_rng(0).exponential(mean_s, N_WAITS))
+    overtaken = arrival[1:] <= arrival[:-1]
+    delay = (arrival - sent)[:-1][~overtaken]
+    spread = float(np.mean(delay - np.quantile(delay, FAST_QUANTILE)))
+    return float(np.mean(delay)), spread, float(np.mean(overtaken))
 
 
 class CommandDropEntry(_LinkEntry):

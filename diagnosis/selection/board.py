@@ -28,6 +28,8 @@ PEAK: Final = 6.0
 """Where peaks are what an effect cuts off, they count up to so many scales."""
 CACHE_BYTES: Final = 600_000_000
 FOLD_BLOCK_S: Final = 2.0
+EXACT: Final = {"L": 0.02}
+"""Channels whose formulas are no physics: a program's arithmetic is right or wrong."""
 LEAST: Final = 0.05
 """Least square of a tolerance: noise is not known better."""
 
@@ -78,8 +80,8 @@ class Board:
     """Independent ways in which a formula can be off, by block; at most the number of independent samples."""
     tolerance_square: Array
     """By block."""
-    relative_square: float
-    """Mean square that a formula leaves of what it explains."""
+    relative_square: Array
+    """By block: mean square that a formula leaves of what it explains."""
     ordinary: Ordinary = field(init=False)
     base: list[Array] = field(default_factory=list)
     """By block and fold the products of [ordinary errors, y], over the block's number of samples."""
@@ -216,7 +218,7 @@ def lay_out(
         views, robot, tuple(blocks), max(n_folds, 2), tuple(fold_names),
         dof=np.minimum(dof, [b.n_independent for b in blocks]),
         tolerance_square=np.array([b.tolerance**2 for b in blocks]) + LEAST,
-        relative_square=relative**2,
+        relative_square=np.array([EXACT.get(b.channel, relative) ** 2 for b in blocks]),
     )  # fmt: skip
     board.prepare(library or {}, sizes or {})
     return board

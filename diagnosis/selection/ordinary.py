@@ -14,14 +14,23 @@ from typing import Any, Final, Protocol
 import numpy as np
 
 from diagnosis.channels.actuator import ActuatorSignals
-from diagnosis.channels.nominal_torque import nominal_torque_nm
+from diagnosis.channels.nominal_torque import direction, nominal_torque_nm, presliding
 from diagnosis.library.base import LibraryEffect, Location
 from diagnosis.seam import Array, Flags, Ints, Shape
 from diagnosis.selection.places import Robot
 from spot_model.effects.base import Effect, TorqueEffect
+from spot_model.effects.coulomb_friction import CoulombFriction
 
 SHARE: Final = "share"
 """Name of the prior on an effect whose size is in its shape: times what it does at that shape, of either sign."""
+ALIKE: Final = 0.4
+"""Several units are off alike by this share of what each is off by itself, unless ``alike`` in the sizes says more.
+
+A maker's figure is wrong for all of a kind, but less than single parts scatter: twelve joints that are all ten per cent
+weak are a finding.
+"""
+BUILDS_UP_RAD: Final = 0.003
+"""Over which the nominal model's dry friction usually builds up after a reversal."""
 OWN_NUMBERS: Final = 0.05
 """Standard deviation of a nominal torque effect's own numbers, relative."""
 
@@ -57,7 +66,8 @@ def ordinary(board: Any, library: Mapping[str, LibraryEffect], sizes: Mapping[st
     Args:
         board: Blocks, views and robot.
         library: Effects that are known; one that was left out is no ordinary error either.
-        sizes: By effect: ``at`` (a shape, where it has one), and by coefficient the usual size.
+        sizes: By effect: ``at`` (a shape, where it has one), ``alike`` (instead of :data:`ALIKE`), and by coefficient
+            the usual size.
     """
     parts: list[list[Array]] = [[] for _ in board.blocks]
     numbers: list[list[int]] = [[] for _ in board.blocks]
@@ -67,6 +77,7 @@ def ordinary(board: Any, library: Mapping[str, LibraryEffect], sizes: Mapping[st
         if effect is None or not effect.show(board.views):
             continue
         scale = np.array([float(given.get(c.name, 0.0)) for c in effect.coefficients])
+        alike = float(given.get("alike", ALIKE))
         columns = board.columns(effect, given.get("at", {}))
         sets = _sets(board.robot, effect)
         first = len(names)
@@ -77,7 +88,8 @@ def ordinary(board: Any, library: Mapping[str, LibraryEffect], sizes: Mapping[st
                 if not members[units].any():
                     continue
                 summed = x[:, members[units]].sum(axis=1)
-                parts[number] += [summed[:, p] * scale[p] for p in chosen]
+                share = alike if members.sum() > 1 else 1.0
+                parts[number] += [summed[:, p] * (share * scale[p]) for p in chosen]
                 numbers[number] += [first + i * len(chosen) + k for k in range(len(chosen))]
     for own in _own_numbers(board):
         first = len(names)
@@ -110,13 +122,19 @@ def _sets(robot: Robot, effect: LibraryEffect) -> list[Flags]:
 
 
 def _own_numbers(board: Any) -> list[Array]:
-    """What the usual error of each number of the nominal torque effects changes in channel A; each shape (n, J)."""
+    """What the usual error of each number of the nominal torque effects changes in channel A; each shape (n, J).
+
+    Dry friction, moreover, builds up over a distance that no model file holds.
+    """
     view = board.views.get("A")
     if view is None:
         return []
     s: ActuatorSignals = view.signals
     found = []
     for i, effect in enumerate(s.effects):
+        if isinstance(effect, CoulombFriction) and not effect.is_null:
+            late = direction(s.still_velocity_rad_s) - presliding(s.position_rad, s.stack.starts(), BUILDS_UP_RAD)
+            found.append(s.finish(effect.level_nm * effect.mask * late))
         if not isinstance(effect, TorqueEffect) or effect.is_null:
             continue
         for p in effect.parameters():

@@ -11,10 +11,12 @@ import numpy as np
 
 from spot_model.effects.base import BodyEstimate, EstimateEffect, Memory, parameter
 
+JOINTS_A_LEG = 3
+
 
 @dataclass(frozen=True, kw_only=True)
 class ContactDelay(EstimateEffect):
-    """A contact flag changes only once the contact has differed from it for a while.
+    """A contact flag of the joints' legs changes only once the contact has differed from it for a while.
 
     Source: contact detectors on joint torques, 10 to 40 ms.
     """
@@ -32,8 +34,9 @@ class ContactDelay(EstimateEffect):
     ) -> tuple[BodyEstimate, Memory]:
         """Hold the flags back."""
         flags, differs_s = memory
+        own_s = np.where(self.mask.reshape(-1, JOINTS_A_LEG).any(axis=1), self.delay_s, 0.0)
         differs_s = np.where(estimate.foot_contact != flags, differs_s + dt_s, 0.0)
         # Half a step of slack: times are sums of steps.
-        due = differs_s > self.delay_s + 0.5 * dt_s if math.isfinite(dt_s) else differs_s >= 0.0
-        flags = np.where(due | (np.asarray(self.delay_s) <= 0.0), estimate.foot_contact, flags)
+        due = differs_s > own_s + 0.5 * dt_s if math.isfinite(dt_s) else differs_s >= 0.0
+        flags = np.where(due | (own_s <= 0.0), estimate.foot_contact, flags)
         return dataclasses.replace(estimate, foot_contact=flags), (flags, differs_s)
