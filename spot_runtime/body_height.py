@@ -16,8 +16,10 @@ _HIPS_M: Final = tuple(
     for leg in facts.LEG_NAMES
 )
 _OUT_M: Final = tuple(facts.side_sign(leg) * facts.HY_FROM_HX_M[1] for leg in facts.LEG_NAMES)
+_LEGS: Final = tuple(range(facts.N_LEGS))
 _THIGH_X_M, _, _THIGH_Z_M = facts.KN_FROM_HY_M
 _SHANK_Z_M: Final = facts.FOOT_FROM_KN_M[2]
+_FOOT_RADIUS_M: Final = facts.FOOT_RADIUS_M
 
 
 def is_body_above(bound_m: float, position_rad: Array, world_from_body_wxyz: Array) -> bool:
@@ -30,13 +32,13 @@ def is_body_above(bound_m: float, position_rad: Array, world_from_body_wxyz: Arr
     """
     joints, up = position_rad.tolist(), _up_in_body(world_from_body_wxyz)
     # One leg that reaches far enough down is an answer, and nearly always the first one does.
-    return any(_height_over_sole_m(leg, joints, up) >= bound_m for leg in range(facts.N_LEGS))
+    return any(_height_over_sole_m(leg, joints, up) >= bound_m for leg in _LEGS)
 
 
 def body_height_m(position_rad: Array, world_from_body_wxyz: Array) -> float:
     """Height of the body's origin over the sole of the lowest foot, m; arguments as in :func:`is_body_above`."""
     joints, up = position_rad.tolist(), _up_in_body(world_from_body_wxyz)
-    return max(_height_over_sole_m(leg, joints, up) for leg in range(facts.N_LEGS))
+    return max(_height_over_sole_m(leg, joints, up) for leg in _LEGS)
 
 
 def _up_in_body(wxyz: Array) -> tuple[float, float, float]:
@@ -53,5 +55,6 @@ def _height_over_sole_m(leg: int, joints: list[float], up: tuple[float, float, f
     leg_z = _THIGH_Z_M * cos_hy - _THIGH_X_M * sin_hy + _SHANK_Z_M * math.cos(hy + kn)
     cos_hx, sin_hx = math.cos(hx), math.sin(hx)
     (hip_x, hip_y), out = _HIPS_M[leg], _OUT_M[leg]
-    foot = (hip_x + leg_x, hip_y + out * cos_hx - leg_z * sin_hx, out * sin_hx + leg_z * cos_hx)
-    return facts.FOOT_RADIUS_M - sum(a * b for a, b in zip(up, foot, strict=True))
+    up_x, up_y, up_z = up
+    foot_x, foot_y = hip_x + leg_x, hip_y + out * cos_hx - leg_z * sin_hx
+    return _FOOT_RADIUS_M - (up_x * foot_x + up_y * foot_y + up_z * (out * sin_hx + leg_z * cos_hx))

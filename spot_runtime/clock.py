@@ -96,7 +96,8 @@ class RobotClockEstimate:
 
     def robot_ns(self, host_stamp_ns: int) -> int:
         """The robot's clock at a host instant. Raises like :meth:`skew_ns`."""
-        return host_stamp_ns + self.skew_ns(host_stamp_ns)
+        line = self._line
+        return host_stamp_ns + (self.skew_ns(host_stamp_ns) if line is None else self._skew_at(line, host_stamp_ns))
 
     def uncertainty_ns(self) -> int:
         """Half the shortest recent round trip; 0 without a sample."""

@@ -6,7 +6,7 @@ are passed over say little. Three in a row need losses: of a share p, that happe
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 WINDOW_KEYS: Final = 1500
@@ -36,7 +36,7 @@ def confirm(memory: LossMemory, key: int) -> LossMemory:
         return LossMemory(first_key=key, newest_key=key)
     bursts = memory.bursts + (key - memory.newest_key > IN_A_ROW)
     if key - memory.first_key < WINDOW_KEYS:
-        return replace(memory, newest_key=key, bursts=bursts)
+        return LossMemory(memory.first_key, key, bursts, memory.share)
     return LossMemory(first_key=key, newest_key=key, share=loss_share(bursts, key - memory.first_key))
 
 

@@ -28,6 +28,7 @@ from spot_runtime.log.records import EventRecord
 from spot_runtime.log.sink import LogSink
 from spot_runtime.loop_stats import LoopStats
 from spot_runtime.modes import Mode, ModeInputs, next_mode
+from spot_runtime.realtime import let_others_run
 from spot_runtime.recorder import Recorder
 from spot_runtime.sources.base import CommandSource
 from spot_runtime.stops import Ending, Reaction, Stop, StopReason, ending_after
@@ -38,8 +39,10 @@ NS_PER_S: Final = 1_000_000_000
 RECEIVE_TIMEOUT_S: Final = 0.004
 """Longest wait for a state; watchdogs run at least this often."""
 
+_EVERY_MODE: Final = tuple(Mode)
 _NO_COMMAND: Final = np.zeros(3)
 _NO_VELOCITY: Final = np.zeros(facts.N_JOINTS)
+_NO_VELOCITY.flags.writeable = False
 
 
 @dataclass(frozen=True)
@@ -185,8 +188,11 @@ class ControlLoop:
         if self._mode.sends and (newest is not None or self._is_damping_overdue(robot_ns)):
             command = self._send(newest, is_tick=is_tick)
         compute_s = self._wall_s() - begin_s
+        # Nothing from here on is needed before the command leaves, and another thread sends it.
         if command is not None:
-            self._record.command(command, self._requested_rad, self._sent_ns, newest)
+            sent_host_ns = self._hal.host_now_ns()
+            let_others_run()
+            self._record_command(command, sent_host_ns, newest)
         if is_tick and newest is not None and self._mode is not Mode.READY:
             age_s = self._record.tick(
                 index=self._schedule.ticks,
@@ -227,7 +233,7 @@ class ControlLoop:
 
     def _move(self, robot_ns: int) -> None:
         """Move the mode machine as far as it goes now."""
-        for _ in range(len(Mode)):
+        for _ in _EVERY_MODE:
             inputs = ModeInputs(
                 in_mode_s=(robot_ns - self._mode_since_ns) / NS_PER_S,
                 reaction=None if self._ending is None else self._ending.reaction,
@@ -266,7 +272,7 @@ class ControlLoop:
         self._setpoints = replace(self._setpoints, sent_rad=self._hold.position_rad)
         command = self._next_command()
         self._hal.begin_joint_control(command)
-        self._record.command(command, self._requested_rad, self._sent_ns, newest)
+        self._record_command(command, self._hal.host_now_ns(), newest)
 
     # Computing -------------------------------------------------------------------------------------------------------
 
@@ -327,8 +333,8 @@ class ControlLoop:
             self._current = asked
             return None
         self._setpoints, limited, stop = safety.limit_setpoint(self._setpoints, asked.position_rad, self._config.safety)
-        self._current = replace(asked, position_rad=limited.position_rad, load_nm=self._within_torque(asked.load_nm))
-        if limited.cut.any():
+        self._current = Setpoint(limited.position_rad, self._within_torque(asked.load_nm), asked.gains)
+        if limited.is_cut:
             names = [name for name, is_cut in zip(facts.JOINT_NAMES, limited.cut, strict=True) if is_cut]
             self._record.once(EventName.SETPOINT_CUT, f"requested set-points were cut: {', '.join(names)}")
         return stop
@@ -364,6 +370,9 @@ class ControlLoop:
             raise RuntimeError(f"a command was held back: {wrong}")
         self._key, self._sent_ns = command.key, robot_ns
         return command
+
+    def _record_command(self, command: JointCommand, host_ns: int, state: RobotState | None) -> None:
+        self._record.command(command, self._requested_rad, host_ns=host_ns, robot_ns=self._sent_ns, state=state)
 
     def _send(self, state: RobotState | None, *, is_tick: bool) -> JointCommand | None:
         if not (is_tick or self._config.control.resend_on_state or self._mode is Mode.DAMPING):

@@ -72,20 +72,15 @@ def next_mode(mode: Mode, inputs: ModeInputs, config: HandoverConfig) -> Mode:
         return Mode.ACTIVATING
     if mode is Mode.ACTIVATING and inputs.is_active:
         return Mode.RAMPING_IN
-    limit_s = {
-        Mode.RAMPING_IN: config.ramp_in_s,
-        Mode.SOFT_STOP: config.soft_stop_s + config.soft_stop_settle_s,
-        Mode.RAMPING_OUT: config.ramp_out_s,
-        Mode.DAMPING: config.damping_s,
-    }.get(mode)
-    if limit_s is None or inputs.in_mode_s < limit_s:
-        return mode
-    return {
-        Mode.RAMPING_IN: Mode.ACTIVE,
-        Mode.SOFT_STOP: Mode.RAMPING_OUT,
-        Mode.RAMPING_OUT: Mode.STANDING,
-        Mode.DAMPING: Mode.RELEASED,
-    }[mode]
+    if mode is Mode.RAMPING_IN and inputs.in_mode_s >= config.ramp_in_s:
+        return Mode.ACTIVE
+    if mode is Mode.SOFT_STOP and inputs.in_mode_s >= config.soft_stop_s + config.soft_stop_settle_s:
+        return Mode.RAMPING_OUT
+    if mode is Mode.RAMPING_OUT and inputs.in_mode_s >= config.ramp_out_s:
+        return Mode.STANDING
+    if mode is Mode.DAMPING and inputs.in_mode_s >= config.damping_s:
+        return Mode.RELEASED
+    return mode
 
 
 def _forced(mode: Mode, reaction: Reaction) -> Mode:

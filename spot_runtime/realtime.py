@@ -42,6 +42,14 @@ def freeze_garbage_collection(config: RealTimeConfig) -> None:
         gc.disable()
 
 
+def let_others_run() -> None:
+    """Give the processor, and the interpreter's lock, to any other thread of our priority that is ready to go on.
+
+    Threads of one real-time priority take turns only when they wait; and each of ours shares one lock with all others.
+    """
+    os.sched_yield()
+
+
 def _scheduler(priority: int) -> list[str]:
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))

@@ -40,10 +40,12 @@ class Recorder:
             self._told.add(name)
             self.event(name, text, values)
 
-    def command(self, command: JointCommand, requested_rad: Array, robot_ns: int, state: RobotState | None) -> None:
-        """Write a command as it was sent, beside what was requested."""
+    def command(
+        self, command: JointCommand, requested_rad: Array, *, host_ns: int, robot_ns: int, state: RobotState | None
+    ) -> None:
+        """Write a command as it was sent, at these instants, beside what was requested."""
         state_ns = 0 if state is None else state.robot_stamp_ns
-        self._sink.command(CommandRecord(command, requested_rad, self._hal.host_now_ns(), robot_ns, state_ns))
+        self._sink.command(CommandRecord(command, requested_rad, host_ns, robot_ns, state_ns))
 
     def tick(
         self,

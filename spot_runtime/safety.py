@@ -25,6 +25,8 @@ END_TIME_MAX_S: Final = 0.1
 NS_PER_S: Final = 1_000_000_000
 _LOWS_RAD: Final = facts.POSITION_LOW_RAD.tolist()
 _HIGHS_RAD: Final = facts.POSITION_HIGH_RAD.tolist()
+_NOTHING_CUT: Final = np.zeros(facts.N_JOINTS, dtype=np.bool_)
+_NOTHING_CUT.flags.writeable = False
 CRITICAL: Final = "critical: "
 """Prefix of a system fault that must end a run."""
 
@@ -66,8 +68,13 @@ class LimitedSetpoint:
 
     position_rad: Array
     """Shape (12,)."""
-    cut: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(facts.N_JOINTS, dtype=np.bool_))
+    cut: NDArray[np.bool_] = field(default_factory=lambda: _NOTHING_CUT)
     """Joints whose request was changed. Shape (12,)."""
+
+    @property
+    def is_cut(self) -> bool:
+        """Whether any request was changed."""
+        return self.cut is not _NOTHING_CUT and bool(self.cut.any())
 
 
 def screen_state(
@@ -290,7 +297,10 @@ def _cut_too_often(memory: SetpointMemory, beyond: Array, cut: NDArray[np.bool_]
 
 def _sum(*arrays: Array) -> float:
     """The sum of all values, each array of shape (12,): not finite as soon as one value is not."""
-    return sum(sum(array.tolist()) for array in arrays)
+    total = 0.0
+    for array in arrays:
+        total += sum(array.tolist())
+    return total
 
 
 def _is_between(least_rad: Array, largest_rad: Array) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -65,7 +66,7 @@ def robot_state_from_message(
         odom_from_body_wxyz=_quaternion_wxyz(odom_from_body.rotation),
         linear_vel_of_body_in_odom_m_s=_vector(velocity.linear),
         angular_vel_of_body_in_odom_rad_s=_vector(velocity.angular),
-        foot_contact=np.array([contact == _CONTACT_MADE for contact in contacts]),
+        foot_contact=np.array(contacts[:]) == _CONTACT_MADE,
         last_command_key=last.user_command_key,
         last_command_robot_stamp_ns=_stamp_ns(last.received_timestamp),
         imu=tuple(_imu_packet(packet) for packet in message.inertial_state.packets) if with_imu else (),
@@ -81,8 +82,9 @@ def _imu_packet(packet: robot_state_pb2.ImuState.Packet) -> ImuPacket:
     )
 
 
-def _base_joints(values: object, name: str) -> Array:
-    array = np.array(values, dtype=np.float64)
+def _base_joints(values: Sequence[float], name: str) -> Array:
+    # By way of a list, which is several times as fast as the field itself.
+    array = np.array(values[:], dtype=np.float64)
     if array.size not in (N_JOINTS, N_JOINTS_WITH_ARM):
         raise StateMessageError(
             f"state message has {array.size} joint {name} values; "

@@ -6,7 +6,7 @@ from typing import Final
 
 from bosdyn.api import robot_command_pb2
 
-from spot_model.state import Gains, JointCommand
+from spot_model.state import Array, Gains, JointCommand
 
 NS_PER_S: Final = 1_000_000_000
 
@@ -23,7 +23,10 @@ class CommandEncoder:
         self._message = robot_command_pb2.JointControlStreamRequest()
         self._message.header.client_name = client_name
         self._message.joint_command.velocity_safety_limit.value = velocity_safety_limit_rad_s
+        # What stays the same from one command to the next is not filled in again.
         self._gains: Gains | None = None
+        self._velocity: Array | None = None
+        self._load: Array | None = None
 
     def encode(self, command: JointCommand, host_stamp_ns: int) -> bytes:
         """The wire bytes of one command.
@@ -37,8 +40,12 @@ class CommandEncoder:
         joint = self._message.joint_command
         joint.end_time.seconds, joint.end_time.nanos = divmod(command.end_robot_stamp_ns, NS_PER_S)
         joint.position[:] = command.position_rad.tolist()
-        joint.velocity[:] = command.velocity_rad_s.tolist()
-        joint.load[:] = command.load_nm.tolist()
+        if command.velocity_rad_s is not self._velocity:
+            self._velocity = command.velocity_rad_s
+            joint.velocity[:] = self._velocity.tolist()
+        if command.load_nm is not self._load:
+            self._load = command.load_nm
+            joint.load[:] = self._load.tolist()
         if command.gains is not self._gains:
             self._gains = command.gains
             joint.gains.k_q_p[:] = command.gains.kp_nm_per_rad.tolist()

@@ -15,6 +15,7 @@ from bosdyn.api import robot_command_pb2, robot_state_pb2
 from spot_model.state import RobotState
 from spot_runtime.hal.latest_slot import LatestSlot
 from spot_runtime.hal.vendor_errors import describe
+from spot_runtime.realtime import let_others_run
 from spot_runtime.vendor_state import StateMessageError, robot_state_from_wire
 
 STATE_METHOD: Final = "/bosdyn.api.RobotStateStreamingService/GetRobotStateStream"
@@ -81,6 +82,9 @@ class StateReceiver:
             for wire in self._call:
                 stamp_ns = now_ns()
                 put(robot_state_from_wire(wire, stamp_ns, with_imu=False))
+                # The log can wait until the loop has answered, and the answer has left; each gets a turn.
+                let_others_run()
+                let_others_run()
                 on_wire(wire, stamp_ns)
             reason = "the robot closed the state stream"
         except grpc.RpcError as error:

@@ -81,6 +81,15 @@ def test_single_and_batch_agree():
     assert policy.act(batch[0]).shape == (12,)
 
 
+def test_one_observation_at_a_time_gives_the_bits_of_a_run_with_new_arrays():
+    model, weight = network()
+    policy = policy_from_bytes(onnx_bytes(model, contract(weight).to_json()), source="p")
+    rows = np.random.default_rng(1).normal(size=(5, 48)).astype(np.float32)
+    actions = [policy.act(row) for row in rows]  # kept: no later run may change an earlier result
+    for row, action in zip(rows, actions, strict=True):
+        np.testing.assert_array_equal(action, policy.session.run(None, {"observation": row[np.newaxis]})[0][0])
+
+
 def test_another_joint_order_is_undone_on_both_sides():
     model, weight = network()
     isaac = [facts.JOINT_NAMES.index(n) for n in facts.ISAAC_JOINT_NAMES]

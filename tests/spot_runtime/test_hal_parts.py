@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import threading
+from dataclasses import replace
+from itertools import pairwise
 from types import SimpleNamespace
 
 import grpc
@@ -57,6 +59,16 @@ def test_every_field_of_a_command_reaches_its_place() -> None:
     assert joint.velocity_safety_limit.value == 35.0
 
 
+def test_arrays_that_stay_the_same_stay_in_the_message() -> None:
+    encoder = CommandEncoder("me", 35.0)
+    first = numbered(7)
+    encoder.encode(first, STAMP_NS)
+    for key, changed in enumerate(("position_rad", "velocity_rad_s", "load_nm"), start=8):
+        command = replace(first, **{"key": key, changed: getattr(first, changed) + 1.0})
+        alone = CommandEncoder("me", 35.0).encode(command, STAMP_NS)
+        assert encoder.encode(command, STAMP_NS) == alone
+
+
 def test_a_reused_message_keeps_nothing_of_the_one_before() -> None:
     encoder = CommandEncoder("me", 35.0)
     encoder.encode(numbered(7), STAMP_NS)
@@ -87,6 +99,26 @@ def test_a_closed_slot_wakes_its_reader_and_gives_nothing_more() -> None:
     slot.put(1)
     assert taken == [None]
     assert slot.take() is None
+
+
+def test_a_slot_between_two_threads_gives_rising_values_and_always_the_last() -> None:
+    slot: LatestSlot[int] = LatestSlot()
+    taken: list[int] = []
+
+    def take_all() -> None:
+        while (value := slot.take()) is not None:
+            taken.append(value)
+            if value == 5000:
+                return
+
+    reader = threading.Thread(target=take_all)
+    reader.start()
+    for value in range(1, 5001):
+        slot.put(value)
+    reader.join(timeout=60.0)
+    assert taken[-1] == 5000
+    assert all(a < b for a, b in pairwise(taken))
+    assert len(taken) + slot.replaced >= 5000
 
 
 # Chores --------------------------------------------------------------------------------------------------------------
