@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import math
 from itertools import pairwise
 from pathlib import Path
@@ -12,7 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
+from spot_model.bounded_file import read_at_most
 from spot_model.errors import BadInputError
+
+MAX_CSV_BYTES = 1024 * 1024
 
 
 class _Delay(BaseModel):
@@ -92,8 +96,8 @@ def read_delay_csv(path: Path) -> EmpiricalDelay:
         BadInputError: The file cannot be read, or is no such histogram; the message names the row.
     """
     try:
-        with path.open(newline="", encoding="utf-8") as file:
-            rows = list(csv.DictReader(file))
+        text = read_at_most(path, MAX_CSV_BYTES).decode("utf-8-sig")
+        rows = list(csv.DictReader(io.StringIO(text, newline="")))
     except (OSError, ValueError, csv.Error) as error:
         reason = getattr(error, "strerror", None) or error
         raise BadInputError(f"delay histogram {path}: {reason}; give a readable CSV file") from error

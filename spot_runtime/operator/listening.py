@@ -19,6 +19,7 @@ from spot_runtime.service_config import ServiceConfig
 
 SOCKET_NAME: Final = "operator.sock"
 SYSTEM_SOCKET: Final = Path("/run/spot-rl") / SOCKET_NAME
+MAX_PORT: Final = 65_535
 MAX_PATH: Final = 100
 MAX_PEM_BYTES: Final = 1 << 20
 
@@ -56,8 +57,9 @@ def is_loopback(address: str) -> bool:
     if is_unix(address):
         return True
     host, colon, port = address.rpartition(":")
-    if not colon or not port.isdecimal() or not host:
-        raise BadInputError(f"address {address!r} is not valid; allowed: 'unix:/path' or HOST:PORT")
+    # gRPC would take a larger number as another port.
+    if not colon or not port.isdecimal() or int(port[:6]) > MAX_PORT or not host:
+        raise BadInputError(f"address {address!r} is not valid; allowed: 'unix:/path' or HOST:PORT, up to {MAX_PORT}")
     with contextlib.suppress(ValueError):
         return ipaddress.ip_address(host.strip("[]")).is_loopback
     return host == "localhost"

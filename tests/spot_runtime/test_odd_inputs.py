@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from spot_model.delay import read_delay_csv
 from spot_model.errors import BadInputError
 from spot_model.yaml_text import YamlError, parse_yaml
 from spot_runtime.cli import parse_labels
 from spot_runtime.config import load_config
 from spot_runtime.hal.address import parse_address
 from spot_runtime.log import LogReadError, read_run
+from spot_runtime.log.importing import import_log, load_mapping
+from spot_runtime.operator.listening import is_loopback
 
 CONFIGS = {
     "a key twice": (b"safety: {tilt_rad: 0.5}\nsafety: {tilt_rad: 1.4}\n", r"line 2: the key 'safety' comes twice"),
@@ -82,6 +86,51 @@ def test_addresses_that_robots_have() -> None:
 def test_labels_that_no_log_can_show(text: str) -> None:
     with pytest.raises(BadInputError, match="at most 256"):
         parse_labels([text])
+
+
+@pytest.mark.parametrize("address", ["localhost:99999", "localhost:65536", "localhost:1" + "0" * 30, "hello", ":1"])
+def test_ports_that_nobody_can_listen_on(address: str) -> None:
+    with pytest.raises(BadInputError, match=r"is not valid; allowed: .*65535"):
+        is_loopback(address)
+
+
+MAPPING = """schema: spot-rl/import/1
+time: {from: t, unit: s}
+signals: {position: {from: q, unit: rad}}
+joint_names: [a, b]
+"""
+TIMES = {
+    "no rows": np.zeros(0),
+    "beyond all stamps": np.array([0.0, 1.0, 1e300]),
+    "whole numbers beyond all stamps": np.array([2**63, 2**63 + 1, 2**63 + 2], dtype=np.uint64),
+    "truth values": np.array([False, True]),
+    "infinite": np.array([0.0, np.inf]),
+}
+
+
+@pytest.mark.parametrize("name", TIMES)
+def test_times_that_no_log_can_hold(name: str, tmp_path: Path) -> None:
+    (tmp_path / "m.yaml").write_text(MAPPING, encoding="utf-8")
+    np.savez(tmp_path / "r.npz", t=TIMES[name], q=np.zeros((len(TIMES[name]), 2)))
+    with pytest.raises(BadInputError, match="time: "):
+        import_log(load_mapping(tmp_path / "m.yaml"), tmp_path / "r.npz", tmp_path / "o.mcap")
+    assert not list(tmp_path.glob("o.mcap*"))
+
+
+def test_recordings_that_are_no_files_or_name_a_column_twice(tmp_path: Path) -> None:
+    (tmp_path / "m.yaml").write_text(MAPPING, encoding="utf-8")
+    mapping = load_mapping(tmp_path / "m.yaml")
+    (tmp_path / "endless.csv").symlink_to("/dev/zero")
+    with pytest.raises(BadInputError, match="is no file"):
+        import_log(mapping, tmp_path / "endless.csv", tmp_path / "o.mcap")
+    (tmp_path / "r.csv").write_text("t,t,q_0\n0,1,2\n", encoding="utf-8")
+    with pytest.raises(BadInputError, match="'t' comes twice"):
+        import_log(mapping, tmp_path / "r.csv", tmp_path / "o.mcap")
+
+
+def test_a_histogram_without_end() -> None:
+    with pytest.raises(BadInputError, match="more bytes than are allowed"):
+        read_delay_csv(Path("/dev/zero"))
 
 
 def test_a_log_that_is_not_there(tmp_path: Path) -> None:

@@ -17,6 +17,9 @@ from spot_runtime.log.importing.units import factor_of
 RELATIVE_ORIGIN_NS = 1_000_000_000
 """Stamp of the first row of a recording without a clock: zero would mean "unknown" in a log."""
 
+LONGEST_S = 9e9
+"""285 years: what 63 bits of nanoseconds hold."""
+
 
 class Recording:
     """A recording and its mapping; other files are read when a signal asks for them."""
@@ -107,14 +110,17 @@ class Recording:
 
 
 def _stamps_of(raw: NDArray[Any], time: TimeMapping) -> NDArray[np.int64]:
-    if raw.ndim != 1:
-        raise BadInputError(f"time: {time.source!r} has shape {raw.shape}; expected one stamp a row")
+    if raw.ndim != 1 or not len(raw) or raw.dtype.kind == "b":
+        raise BadInputError(f"time: {time.source!r} has shape {raw.shape} of {raw.dtype}; expected one stamp a row")
     if not np.isfinite(raw).all():
         raise BadInputError(f"time: row {int(np.flatnonzero(~np.isfinite(raw))[0])} is not a number")
     backward = np.flatnonzero(np.diff(raw) <= 0)
     if len(backward):
         raise BadInputError(f"time: row {int(backward[0]) + 1} is not after the one before; stamps must rise")
     factor = factor_of(time.unit, "time", "time")
+    span_s = float(max(abs(float(raw[0])), abs(float(raw[-1])), abs(float(raw[-1]) - float(raw[0])))) * factor
+    if not span_s < LONGEST_S:
+        raise BadInputError(f"time: {time.source!r} reaches {span_s:g} s, which no stamp can hold; check its unit")
     if time.clock == "unix":
         if raw.dtype.kind in "iu" and time.unit == "ns":
             return raw.astype(np.int64)

@@ -7,6 +7,7 @@ import struct
 import tokenize
 import zipfile
 import zlib
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, BinaryIO, Final
@@ -49,8 +50,8 @@ def read_arrays(path: Path) -> Arrays:
         raise BadInputError(
             f"{path}: {path.suffix or 'no suffix'!r} is no known format; allowed: {', '.join(_READERS)}"
         )
-    if not path.exists():
-        raise BadInputError(f"{path} does not exist")
+    if not path.is_file():
+        raise BadInputError(f"{path} {'is no file' if path.exists() else 'does not exist'}; give a recording")
     return reader(path)
 
 
@@ -89,6 +90,9 @@ def _read_csv(path: Path) -> Arrays:
     if len(rows) < 2:
         raise BadInputError(f"{path} has no rows; its first line must name the columns")
     names = [name.strip() for name in rows[0]]
+    repeated = sorted(name for name, count in Counter(names).items() if count > 1)
+    if repeated:
+        raise BadInputError(f"{path}: the column {repeated[0]!r} comes twice in the first line; rename one")
     for number, row in enumerate(rows[1:], start=2):
         if len(row) != len(names):
             raise BadInputError(f"{path}: line {number} has {len(row)} values, the first line names {len(names)}")
