@@ -37,6 +37,8 @@ class FitErrors:
     """Samples that bear on it."""
     active_runs: NDArray[np.intp]
     """Runs that have such samples."""
+    independent_samples: Array
+    """How many samples, in effect, tell it from all others: many may bear on two parameters, and few part them."""
 
 
 def fit_errors(
@@ -77,6 +79,7 @@ def fit_errors(
     flat = jacobian.reshape(-1, jacobian.shape[-1])
     inverse: Array = np.linalg.inv((flat * weight.reshape(-1, 1)).T @ flat + np.diag(prior)).astype(np.float64)
     likely = scale**2 * inverse
+    parting = weight.reshape(-1, 1) * (flat @ inverse[:, : space.n]) ** 2
     spreads = [_spread(inverse, gradient.sum(axis=axis)) for axis in (1, 0)]
 
     to_values = _slopes_of_values(space, unit)
@@ -93,6 +96,7 @@ def fit_errors(
         correlation=covariance / np.outer(deviations, deviations),
         active_samples=active,
         active_runs=active_runs,
+        independent_samples=parting.sum(axis=0) ** 2 / np.maximum((parting**2).sum(axis=0), np.finfo(float).tiny),
     )
 
 

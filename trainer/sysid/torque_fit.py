@@ -101,12 +101,15 @@ def _with_losses(model: TorqueModel, fit: TorqueFit, losses: LossFit) -> TorqueF
     freedom[i] = effective_freedom(statistical, by_leg, int(losses.n_runs.max(initial=2)))
     samples, runs = errors.active_samples.copy(), errors.active_runs.copy()
     samples[i], runs[i] = losses.n_windows, losses.n_runs
+    independent = errors.independent_samples.copy()
+    independent[i] = losses.n_windows
     errors = replace(
         errors,
         standard_error=standard_error,
         degrees_of_freedom=freedom,
         active_samples=samples,
         active_runs=runs,
+        independent_samples=independent,
     )
     return replace(fit, values=model.space.within_bounds(values), nuisance=nuisance, errors=errors)
 

@@ -30,6 +30,9 @@ MIN_ACTIVE: Final = 30
 MIN_RUNS: Final = 2
 """So many samples must bear on a parameter, in so many runs."""
 
+MIN_INDEPENDENT: Final = 10.0
+"""So many, in effect, must tell it from the other parameters: a corner seen by three samples is none."""
+
 Source = Literal["measured torque", "distributions", "not identified"]
 
 
@@ -114,8 +117,12 @@ def _verdict(
 
     if by_torque is not None and fit is not None and samples is not None:
         enough = fit.errors.active_samples[i] >= MIN_ACTIVE and fit.errors.active_runs[i] >= MIN_RUNS
-        if enough and is_narrow(p, by_torque):
-            reason = f"{fit.errors.active_samples[i]} samples of {fit.errors.active_runs[i]} runs bear on it"
+        independent = fit.errors.independent_samples[i]
+        if enough and independent >= MIN_INDEPENDENT and is_narrow(p, by_torque):
+            reason = (
+                f"{fit.errors.active_samples[i]} samples of {fit.errors.active_runs[i]} runs bear on it, "
+                f"{independent:.0f} of them in effect on it alone"
+            )
             return made(by_torque, by_torque.value, "measured torque", reason)
         reason = why_not(model.space, fit, samples, i, enough=bool(enough))
         return made(by_torque, kept_value(model, samples, fit, i), "not identified", reason)
@@ -154,6 +161,12 @@ def why_not(space: SearchSpace, fit: TorqueFit, samples: TorqueSamples, i: int, 
         return (
             f"only together with {space.parameters[partner].parameter}: the {n} samples that depend on both allow many "
             f"pairs (correlation {fit.errors.correlation[i, partner]:+.2f})"
+        )
+    independent = fit.errors.independent_samples[i]
+    if independent < MIN_INDEPENDENT:
+        return (
+            f"{n} samples of {runs} runs bear on it, but only {independent:.0f} in effect tell it from the others; "
+            f"{MIN_INDEPENDENT:.0f} are needed"
         )
     return f"{n} samples of {runs} runs bear on it, but they do not agree closely enough"
 
