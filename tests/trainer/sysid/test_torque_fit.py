@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -63,9 +65,20 @@ def test_limits_that_are_never_reached_are_named_and_not_reported(make_logs: Mak
     assert found["coulomb_friction[knees].level_nm"].identified
 
 
-def test_inertia_between_motor_and_sensor_is_found_beside_the_parameters(make_logs: MakeLogs) -> None:
-    from dataclasses import replace
+def test_what_few_samples_part_from_the_others_is_not_identified(logs: list[LoggedRun]) -> None:
+    samples, fit = fitted(logs)
+    name = CURVE + "torque_min_nm"
+    i = NAMES.index("torque_min_nm")
+    assert {v.name: v for v in judge(MODEL, samples, fit, MODEL.space.initial, None)}[name].identified
+    independent = fit.errors.independent_samples.copy()
+    independent[i] = 3.0
+    few = replace(fit, errors=replace(fit.errors, independent_samples=independent))
+    found = {v.name: v for v in judge(MODEL, samples, few, MODEL.space.initial, None)}[name]
+    assert not found.identified
+    assert "only 3 in effect tell it from the others" in found.reason
 
+
+def test_inertia_between_motor_and_sensor_is_found_beside_the_parameters(make_logs: MakeLogs) -> None:
     armature = replace(OTHER_PHYSICS, armature_kg_m2=(0.04, 0.04, 0.07) * 4)
     _, fit = fitted(make_logs(PAPER_IDENTIFIED, sequences={"a": 0.0}, n_ticks=150, n_repeats=2, mjcf=armature))
     found = dict(zip(NUISANCE_NAMES, fit.nuisance, strict=True))
