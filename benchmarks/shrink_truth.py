@@ -16,6 +16,7 @@ import tempfile
 import time
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Final
@@ -26,49 +27,64 @@ from diagnose_fake import sequences
 from diagnosis.diagnose import Explained, explain
 from diagnosis.engine import LocalEngine, Rollout
 from diagnosis.fitted import corrected_model, without_fold
-from diagnosis.ground import GROUND_EFFECTS
 from diagnosis.library.registry import LIBRARY
 from diagnosis.logs import script_of
 from diagnosis.measure import Bench, measure, roll_out
 from diagnosis.posterior import Calibration
+from diagnosis.seam import Array
 from diagnosis.selection.scoring import Scored
-from diagnosis.shrink import Shrinkage, compare, features_by_sequence, shrinkage
+from diagnosis.shrink import Compared, Features, Shrinkage, features_by_sequence, shrinkage
+from diagnosis.surroundings import SURROUNDING_EFFECTS
 from spot_model.model_file import RobotModel
-from spot_model.policy import load_policy
+from spot_model.policy import Policy, load_policy
 from spot_runtime.log import Run, read_run
+from trainer.sysid.measures import SequenceReference
 from withheld.plan import FaultRequest, Place, RecordingPlan
 from withheld.realities.catalogue import CATALOGUE
 from withheld.realities.reality import make
 
+POLICIES: Final = Path(__file__).parents[1] / "policies"
 CASES: Final[tuple[tuple[str, Place], ...]] = (
     ("flux_change", "type"), ("box_on_the_back", "body"), ("shear_thinning_grease", "type"), ("gear_loss", "all"),
     ("slow_queue", "body"), ("heavy_rotor", "type"), ("lugre_friction", "all"), ("soft_current_limit", "type"),
     ("moved_ballast", "body"), ("slow_current_loop", "all"), ("boots", "all"), ("encoder_offset", "joint"),
     ("hot_motors", "all"), ("few_volts", "type"), ("bus_current_limiter", "body"), ("tooth_ripple", "type"),
 )  # fmt: skip
-N_DRAWS: Final = 40
-POLICY: Final = Path(__file__).parents[1] / "policies" / "baseline.onnx"
+N_DRAWS: Final = 20
 
 
-def one_case(kind: str, place: Place, seed: int, repeats: int, pool: int) -> dict[str, Any]:
+def one_case(kind: str, place: Place, seed: int, name: str, size: float, repeats: int, pool: int) -> dict[str, Any]:
     """One reality: what a verdict says of S, and the truth."""
     began_s = time.process_time()
-    reality = make([FaultRequest(kind=kind, place=place, size=1.0)], seed=seed)
+    path = POLICIES / f"{name}.onnx"
+    policy = load_policy(path)
+    reality = make([FaultRequest(kind=kind, place=place, size=size)], seed=seed)
     with tempfile.TemporaryDirectory() as folder:
-        plan = RecordingPlan(policy=POLICY, sequences=sequences(), repeats=pool, seed=seed + 100)
+        low, high = (np.array(v) for v in (policy.contract.velocity_command_low, policy.contract.velocity_command_high))
+        asked = tuple(s.clipped(low, high) for s in sequences())
+        plan = RecordingPlan(policy=path, sequences=asked, repeats=pool, seed=seed + 100)
         reality.record(plan, Path(folder) / "logs")
         runs = [read_run(p) for p in sorted((Path(folder) / "logs").glob("*.mcap"))]
-    row: dict[str, Any] = {"kind": kind, "place": place, "seed": seed, "repeats": repeats, "pool": pool}
+    row: dict[str, Any] = {
+        "kind": kind,
+        "policy": name,
+        "size": size,
+        "place": place,
+        "seed": seed,
+        "repeats": repeats,
+        "pool": pool,
+    }
     few = [r for name in {r.header.command_sequence for r in runs} for r in _of(runs, name)[:repeats]]
-    policy, nominal = load_policy(POLICY), reality.nominal
+    nominal = reality.nominal
     found = explain(few, nominal, policy, LIBRARY, Calibration.load(), lambda _: None)
     best = found.selection.best
     row["found"] = [t.effect.name for t in best.terms] if best is not None else []
     row["right"] = set(row["found"]) <= set(CATALOGUE[kind].names) and bool(row["found"])
     if best is None:
         return row
-    own_ground = any(t.effect.name in GROUND_EFFECTS for t in best.terms)
-    bench = _bench(few, own_ground)
+    whole = corrected_model(nominal, found.board.robot, best)
+    is_shared = any(t.effect.name in SURROUNDING_EFFECTS for t in best.terms)
+    bench = _bench(few, policy, whole if is_shared else None)
     rng = np.random.default_rng(seed)
     simulated = roll_out(bench, [(s, nominal) for s in bench.sequences], nominal, rng, lambda _: None)
     not_wrong = frozenset(n for g in found.posterior.groups for n in g.names)
@@ -84,10 +100,42 @@ def _of(runs: Sequence[Run], sequence: str) -> list[Run]:
     return [r for r in runs if r.header.command_sequence == sequence]
 
 
-def _bench(runs: Sequence[Run], has_own_ground: bool) -> Bench:
-    policy = load_policy(POLICY)
+def _bench(runs: Sequence[Run], policy: Policy, shared: RobotModel | None) -> Bench:
     scripts = tuple(s for run in runs if (s := script_of(run)) is not None)
-    return Bench(tuple(runs), scripts, policy, LocalEngine(policy), has_own_ground)
+    return Bench(tuple(runs), scripts, policy, LocalEngine(policy), shared)
+
+
+@dataclass(frozen=True)
+class _Pairs:
+    """Distances of one sequence's runs, not yet divided by the floor of those that are drawn."""
+
+    sequence: str
+    real: Array
+    models: dict[str, Array]
+
+    @staticmethod
+    def of(sequence: str, pool: dict[str, Features]) -> _Pairs:
+        """Of all runs."""
+        reference = SequenceReference.build(sequence, list(pool["real"]))
+        models = {k: np.array([reference.distances(f) for f in runs]) for k, runs in pool.items() if k != "real"}
+        return _Pairs(sequence, reference.pair_distances, models)
+
+    def drawn(self, n: int | None, rng: np.random.Generator) -> Compared:
+        """Of n runs each, all by default."""
+
+        def some(count: int) -> Any:
+            return np.arange(count) if n is None else rng.choice(count, min(n, count), replace=False)
+
+        real = some(len(self.real))
+        pairs = self.real[np.ix_(real, real)]
+        scale = pairs.sum(axis=(0, 1)) / (len(real) * (len(real) - 1))
+        # A simulated run starts as its real one does.
+        models = {
+            k: m[np.ix_(real if len(m) == len(self.real) else some(len(m)), real)] for k, m in self.models.items()
+        }
+        return Compared(
+            self.sequence, (pairs / scale).mean(axis=-1), {k: (m / scale).mean(axis=-1) for k, m in models.items()}
+        )
 
 
 def _truth(
@@ -95,31 +143,25 @@ def _truth(
     rng: np.random.Generator,
 ) -> dict[str, Any]:  # fmt: skip
     """S with all runs, and how often intervals of a few of them cover it."""
-    large = _bench(runs, small.has_own_ground)
+    large = _bench(runs, small.policy, small.shared)
     pool = {"real": features_by_sequence(runs, large.policy)}
     for name in ("nominal", "corrected"):
         made: list[Run] = []
-        ground = small.grounds.get(name, {})
+        around = small.surroundings["all" if small.shared is not None else name]
         for k, sequence in enumerate(small.sequences):
             model = nominal if name == "nominal" else corrected_model(
                 nominal, found.board.robot, best, without_fold(best, k)
             )  # fmt: skip
             mine = tuple(s for s in large.scripts if s.sequence == sequence)
-            own = (ground[sequence],) * len(mine) if sequence in ground else None
+            own = (around[sequence],) * len(mine)
             made += large.engine.simulate([Rollout(model, mine, int(rng.integers(2**31)), own)], lambda _: None)[0]
         pool[name] = features_by_sequence(made, large.policy)
-    names = [s for s in small.sequences if all(p.get(s) for p in pool.values())]
+    pairs = {s: _Pairs.of(s, {k: p[s] for k, p in pool.items()}) for s in small.sequences if all(
+        p.get(s) for p in pool.values()
+    )}  # fmt: skip
 
     def shrunk(n: int | None) -> Shrinkage:
-        compared = []
-        for s in names:
-            chosen = {
-                key: [part[s][i] for i in rng.choice(len(part[s]), min(n or len(part[s]), len(part[s])), replace=False)]
-                for key, part in pool.items()
-            }
-            real = chosen.pop("real")
-            compared.append(compare(s, real, chosen))
-        return shrinkage(compared, "nominal", "corrected", rng)
+        return shrinkage([p.drawn(n, rng) for p in pairs.values()], "nominal", "corrected", rng)
 
     true = shrunk(None)
     drawn = [shrunk(repeats) for _ in range(N_DRAWS)]
@@ -168,9 +210,11 @@ def main() -> None:
     run.add_argument("--jobs", type=int, default=1)
     run.add_argument("--until", type=float, default=1e9, help="seconds after which no case is begun")
     run.add_argument("--repeats", type=int, default=5)
-    run.add_argument("--pool", type=int, default=12)
+    run.add_argument("--pool", type=int, default=10)
     run.add_argument("--seeds", type=int, default=1)
     run.add_argument("--kinds", default="")
+    run.add_argument("--policy", default="baseline")
+    run.add_argument("--size", type=float, default=1.0)
     shown = steps.add_parser("table")
     shown.add_argument("rows", type=Path)
     given = parser.parse_args()
@@ -185,7 +229,8 @@ def main() -> None:
         while work or waiting:
             while work and len(waiting) < given.jobs and time.monotonic() - began_s < given.until:
                 case = work.pop(0)
-                waiting[pool.submit(one_case, *case, given.repeats, given.pool)] = case
+                task = pool.submit(one_case, *case, given.policy, given.size, given.repeats, given.pool)
+                waiting[task] = case
             if not waiting:
                 break
             done = next(as_completed(waiting))

@@ -52,6 +52,8 @@ class _Tried:
         engine: Engine, rng: np.random.Generator,
     ) -> None:  # fmt: skip
         names = sorted(name for name in real if any(s.sequence == name for s in scripts))
+        # Without repeats a sequence's distances have another unit.
+        names = [name for name in names if len(real[name]) > 1] or names
         if len(names) > MAX_SEQUENCES:
             names = [names[i * len(names) // MAX_SEQUENCES] for i in range(MAX_SEQUENCES)]
         self.names = names
@@ -79,9 +81,10 @@ class _Tried:
         self._costs.update(zip(new, np.where(np.isfinite(costs), costs, np.inf), strict=True))
 
     def best_without(self, name: str) -> Surroundings:
-        """With the best mean over all other sequences; over itself where it is the only one."""
+        """With the best geometric mean over all other sequences; over itself where it is the only one."""
         keep = [i for i, n in enumerate(self.names) if n != name] or list(range(len(self.names)))
-        total = {s: float(np.mean(cost[keep])) for s, cost in self._costs.items()}
+        # Of logarithms, so that no sequence outweighs the others.
+        total = {s: float(np.exp(np.mean(np.log(cost[keep])))) for s, cost in self._costs.items()}
         best = min(total, key=lambda s: total[s])
         return best if total[best] < BETTER * total[OWN] else OWN
 
