@@ -88,6 +88,13 @@ def test_the_packed_run_scores_the_same(run: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_the_table_tells_of_the_limit_of_power_by_itself(run: Path) -> None:
+    text = CliRunner().invoke(app, ["table", str(run)]).output
+    assert "| one effect: called explained by it, or by its group of at most three | at least 90 % |" in text
+    assert "| the limit of power or bus is named as the cause | - |" in text
+
+
+@pytest.mark.slow
 def test_changed_sources_end_a_run(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("withheld.frozen.protocol_digest", lambda: "another")
     done = CliRunner().invoke(app, ["run", "--out", str(run), "--resume"])
