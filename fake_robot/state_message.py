@@ -70,20 +70,20 @@ class StateMessageBuilder:
             last_key: Key of the newest command that the robot has received; 0 for none.
             last_stamp_ns: Robot stamp at which it received it.
         """
+        seconds, nanos = divmod(stamp_ns + RECEIVE_DELAY_NS, NS_PER_S)
         for stamp in self._header_stamps:
-            _set_stamp(stamp, stamp_ns + RECEIVE_DELAY_NS)
+            stamp.seconds, stamp.nanos = seconds, nanos
+        seconds, nanos = divmod(stamp_ns, NS_PER_S)
         for stamp in self._stamps:
-            _set_stamp(stamp, stamp_ns)
-        for field, values in zip(
-            self._joints, (report.position_rad, report.velocity_rad_s, report.load_nm), strict=True
-        ):
-            del field[:]
-            field.extend(values.tolist())
+            stamp.seconds, stamp.nanos = seconds, nanos
+        position, velocity, load = self._joints
+        position[:] = report.position_rad.tolist()
+        velocity[:] = report.velocity_rad_s.tolist()
+        load[:] = report.load_nm.tolist()
         self._fill_packets(report, stamp_ns)
         self._fill_kinematics(report)
-        del self._contacts[:]
         # CONTACT_MADE is 1, CONTACT_LOST 2.
-        self._contacts.extend([1 if made else 2 for made in report.foot_contact.tolist()])
+        self._contacts[:] = [1 if made else 2 for made in report.foot_contact.tolist()]
         if last_key:
             self._last_command.user_command_key = last_key
             _set_stamp(self._last_command.received_timestamp, last_stamp_ns)

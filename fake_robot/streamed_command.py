@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -57,6 +58,7 @@ class StreamGrammar:
 
     def __init__(self) -> None:
         self._gains: tuple[Array, Array] | None = None
+        self._sent_gains: tuple[list[float], list[float]] = ([], [])
         self._has_velocity_limit: bool | None = None
 
     def read(self, request: Any) -> StreamedCommand:
@@ -84,7 +86,7 @@ class StreamGrammar:
             raise _invalid(f"contact_advice has {n_advice} values; allowed: none, or {facts.N_LEGS} (fl fr hl hr)")
         return StreamedCommand(
             key=command.user_command_key,
-            servo=ServoCommand(saturated_rad(position), velocity, np.clip(load, -LOAD_LIMIT_NM, LOAD_LIMIT_NM), kp, kd),
+            servo=ServoCommand(saturated_rad(position), velocity, _saturated_nm(load), kp, kd),
             end_stamp_ns=_stamp_ns(command.end_time),
             reference_stamp_ns=_stamp_ns(command.reference_time),
             extrapolation_ns=extrapolation_ns,
@@ -92,16 +94,17 @@ class StreamGrammar:
         )
 
     def _read_gains(self, command: Any) -> tuple[Array, Array]:
-        n_kp, n_kd = len(command.gains.k_q_p), len(command.gains.k_qd_p)
-        if n_kp or n_kd:
-            if not (n_kp and n_kd):
-                missing = "k_qd_p" if n_kp else "k_q_p"
+        sent = command.gains.k_q_p[:], command.gains.k_qd_p[:]
+        # The same ones again, as in nearly every message, were checked before.
+        if (sent[0] or sent[1]) and sent != self._sent_gains:
+            if not (sent[0] and sent[1]):
+                missing = "k_qd_p" if sent[0] else "k_q_p"
                 raise _invalid(f"gains are given in part: {missing} is missing; give k_q_p and k_qd_p, or neither")
-            gains = _values("gains.k_q_p", command.gains.k_q_p), _values("gains.k_qd_p", command.gains.k_qd_p)
+            gains = _values("gains.k_q_p", sent[0]), _values("gains.k_qd_p", sent[1])
             for name, values in zip(("k_q_p", "k_qd_p"), gains, strict=True):
                 if values.min() < 0.0:
                     raise _invalid(f"gains.{name} holds {values.min():g}; allowed: 0 and above")
-            self._gains = gains
+            self._gains, self._sent_gains = gains, sent
         if self._gains is None:
             raise _invalid("the first message has no gains; give k_q_p and k_qd_p there")
         return self._gains
@@ -125,16 +128,20 @@ def saturated_rad(position_rad: Array) -> Array:
     return np.asarray(np.minimum(np.maximum(position_rad, facts.POSITION_LOW_RAD), facts.POSITION_HIGH_RAD))
 
 
+def _saturated_nm(load_nm: Array) -> Array:
+    return np.asarray(np.minimum(np.maximum(load_nm, -LOAD_LIMIT_NM), LOAD_LIMIT_NM))
+
+
 def _values(name: str, field: Any) -> Array:
     # By way of a list, which is several times as fast as the field itself.
-    values = np.array(list(field), dtype=np.float64)
+    values = np.array(field[:], dtype=np.float64)
     if values.size != facts.N_JOINTS:
         raise _invalid(
             f"{name} has {values.size} values; allowed: {facts.N_JOINTS}, one a joint (19 on a robot with an arm; "
             "this one has none)"
         )
     # The sum is finite only if every value is, for what fits into a float32.
-    if not np.isfinite(values.sum()):
+    if not math.isfinite(values.sum()):
         raise _invalid(f"{name} holds a value that is no finite number")
     return values[np.newaxis]
 

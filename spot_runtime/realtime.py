@@ -43,11 +43,13 @@ def freeze_garbage_collection(config: RealTimeConfig) -> None:
 
 
 def let_others_run() -> None:
-    """Give the processor, and the interpreter's lock, to any other thread of our priority that is ready to go on.
+    """Give the processor, and the interpreter's lock, to any other thread of our real-time priority that can go on.
 
-    Threads of one real-time priority take turns only when they wait; and each of ours shares one lock with all others.
+    Threads of one real-time priority take turns only when they wait, and ours share one lock. Without such a priority
+    nothing is done: yielding would let in whatever else the computer does.
     """
-    os.sched_yield()
+    if os.sched_getscheduler(0) == os.SCHED_FIFO:
+        os.sched_yield()
 
 
 def _scheduler(priority: int) -> list[str]:

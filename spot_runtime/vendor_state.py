@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
@@ -22,12 +22,14 @@ class StateMessageError(BadInputError):
     """A state message is not one of Spot's; the text says what is wrong with it."""
 
 
-def robot_state_from_wire(wire: bytes, host_stamp_ns: int, *, with_imu: bool = True) -> RobotState:
+def robot_state_from_wire(
+    wire: bytes, host_stamp_ns: int | Callable[[int], int], *, with_imu: bool = True
+) -> RobotState:
     """Decode the wire bytes of a RobotStateStreamResponse.
 
     Args:
         wire: The message as it came from the network.
-        host_stamp_ns: When it was received, host clock.
+        host_stamp_ns: When it was received, host clock; or what tells this from the state's own stamp.
         with_imu: Also decode the IMU packets, which takes as long as all the rest.
 
     Raises:
@@ -42,7 +44,10 @@ def robot_state_from_wire(wire: bytes, host_stamp_ns: int, *, with_imu: bool = T
 
 
 def robot_state_from_message(
-    message: robot_state_pb2.RobotStateStreamResponse, host_stamp_ns: int, *, with_imu: bool = True
+    message: robot_state_pb2.RobotStateStreamResponse,
+    host_stamp_ns: int | Callable[[int], int],
+    *,
+    with_imu: bool = True,
 ) -> RobotState:
     """Convert a RobotStateStreamResponse; the seven arm joints, where there are any, are left out.
 
@@ -56,9 +61,10 @@ def robot_state_from_message(
     contacts = message.contact_states
     if len(contacts) != N_LEGS:
         raise StateMessageError(f"state message has {len(contacts)} contact states; Spot sends {N_LEGS}")
+    robot_stamp_ns = _stamp_ns(joints.acquisition_timestamp)
     return RobotState(
-        robot_stamp_ns=_stamp_ns(joints.acquisition_timestamp),
-        host_stamp_ns=host_stamp_ns,
+        robot_stamp_ns=robot_stamp_ns,
+        host_stamp_ns=host_stamp_ns if isinstance(host_stamp_ns, int) else host_stamp_ns(robot_stamp_ns),
         position_rad=_base_joints(joints.position, "position"),
         velocity_rad_s=_base_joints(joints.velocity, "velocity"),
         load_nm=_base_joints(joints.load, "load"),

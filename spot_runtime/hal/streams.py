@@ -6,7 +6,6 @@ import queue
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import replace
 from typing import Any, Final
 
 import grpc
@@ -112,10 +111,9 @@ class FedStates:
             return
         try:
             for wire in wires:
-                state = robot_state_from_wire(wire, 0, with_imu=False)
-                stamp_ns = self._receipt_ns(state.robot_stamp_ns)
-                self.states.put(replace(state, host_stamp_ns=stamp_ns))
-                self._on_wire(wire, stamp_ns)
+                state = robot_state_from_wire(wire, self._receipt_ns, with_imu=False)
+                self.states.put(state)
+                self._on_wire(wire, state.host_stamp_ns)
         except StateMessageError as error:
             ended = str(error)
         if ended:

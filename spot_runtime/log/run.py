@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot_model.state import Array
-from spot_runtime.events import EventName
+from spot_runtime import events
 from spot_runtime.log.records import EventRecord, RunHeader
 
 Ints = NDArray[np.int64]
@@ -175,7 +175,7 @@ class Run:
     @property
     def labels(self) -> dict[str, str]:
         """The header's labels, and those that were given while the log was written; a later one counts."""
-        given = (event.text.partition("=") for event in self.events if event.name == EventName.LABEL.label)
+        given = (event.text.partition("=") for event in self.events if event.name == events.EventName.LABEL.label)
         return {**self.header.labels, **{key: value for key, _, value in given}}
 
     @property
