@@ -34,6 +34,8 @@ ODOMETRY_S: Final = 0.05
 ALL_ODOMETRY_S: Final = (0.0, 0.02, ODOMETRY_S, 0.12)
 BETTER: Final = 0.95
 """Other surroundings than the simulator's own must score less than this share of them."""
+SMALL: Final = 0.01
+"""No score counts as less."""
 MAX_SEQUENCES: Final = 4
 """So many command sequences serve to choose; one simulated run of each for each choice."""
 MAX_TICKS: Final = 300
@@ -84,7 +86,7 @@ class _Tried:
         """With the best geometric mean over all other sequences; over itself where it is the only one."""
         keep = [i for i, n in enumerate(self.names) if n != name] or list(range(len(self.names)))
         # Of logarithms, so that no sequence outweighs the others.
-        total = {s: float(np.exp(np.mean(np.log(cost[keep])))) for s, cost in self._costs.items()}
+        total = {s: float(np.exp(np.mean(np.log(np.maximum(cost[keep], SMALL))))) for s, cost in self._costs.items()}
         best = min(total, key=lambda s: total[s])
         return best if total[best] < BETTER * total[OWN] else OWN
 
