@@ -9,8 +9,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.logs import features, script_of
-from diagnosis.simulated import SensorNoise, simulate
+from diagnosis.logs import features
+from diagnosis.measure import shrink_of
 from spot_model.model_file import RobotModel
 from spot_model.policy import Policy, load_policy
 from spot_model.velocity_sequence import VelocitySequence
@@ -52,7 +52,7 @@ def true_shrink(
     reality: Reality, corrected: RobotModel, policy_path: Path, sequences: Sequence[VelocitySequence], repeats: int,
     seed: int, folder: Path,
 ) -> float | None:  # fmt: skip
-    """S of a stated model on sequences that neither fit nor verdict saw, with more runs than a verdict has.
+    """S of a stated model as a verdict measures it, on sequences that neither fit nor verdict saw, with more runs.
 
     Args:
         reality: With its faults.
@@ -65,27 +65,9 @@ def true_shrink(
     """
     plan = RecordingPlan(policy=policy_path, sequences=tuple(sequences), repeats=repeats, seed=seed)
     reality.record(plan, folder)
-    runs = read_folder(folder)
-    policy = load_policy(policy_path)
-    scripts = [s for run in runs if (s := script_of(run)) is not None]
-    if not scripts:
-        return None
     rng = np.random.default_rng(seed)
-    real = _by_sequence(runs, policy)
-    before, after = (
-        _by_sequence(simulate(model, policy, scripts, rng, SensorNoise()), policy)
-        for model in (reality.nominal, corrected)
-    )
-    sums = np.zeros(2)
-    for name in sorted(real.keys() & before.keys() & after.keys()):
-        if len(real[name]) < 2:
-            continue
-        reference = SequenceReference.build(name, real[name])
-        d0, d1 = (
-            float(np.mean([reference.distances(f) / reference.scale for f in group[name]])) for group in (before, after)
-        )
-        sums += d0 - d1, d0 - 1.0
-    return float(sums[0] / sums[1]) if sums[1] > 0.05 else None
+    found = shrink_of(read_folder(folder), reality.nominal, corrected, load_policy(policy_path), rng)
+    return None if found is None else found.s
 
 
 def _by_sequence(runs: Sequence[Run], policy: Policy) -> dict[str, list[Features]]:
