@@ -103,7 +103,7 @@ class EstopBook:
         with self._lock:
             if target_config_id != self._config_id:
                 return Register.STATUS_CONFIG_MISMATCH, new
-            found = self._find(target)
+            found = self._find(target, new.name)
             if found is None:
                 return Register.STATUS_ENDPOINT_MISMATCH, new
             if new.role != found.proto.role or not new.name or ns_from_duration(new.timeout) <= 0:
@@ -169,12 +169,14 @@ class EstopBook:
                 entry.time_since_valid_response.CopyFrom(duration_from_ns(round(silence_s * 1e9)))
             return status
 
-    def _find(self, target: estop_pb2.EstopEndpoint) -> Endpoint | None:
-        for endpoint in self._endpoints:
-            is_same = target.unique_id in {"", endpoint.proto.unique_id}
-            if endpoint.proto.role == target.role and is_same:
-                return endpoint
-        return None
+    def _find(self, target: estop_pb2.EstopEndpoint, new_name: str = "") -> Endpoint | None:
+        """The endpoint that is meant; of several with one role, which the SDK names alone, the new one's own place."""
+        meant = [
+            endpoint
+            for endpoint in self._endpoints
+            if endpoint.proto.role == target.role and target.unique_id in {"", endpoint.proto.unique_id}
+        ]
+        return min(meant, key=lambda e: (e.proto.name != new_name, bool(new_name) and e.is_registered), default=None)
 
     def _level_of(self, endpoint: Endpoint) -> StatusValue:
         if endpoint.is_operator:

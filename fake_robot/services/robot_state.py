@@ -9,14 +9,13 @@ import grpc
 from bosdyn.api import robot_state_pb2, robot_state_service_pb2_grpc
 
 from fake_robot.services.access import refuse_request
+from fake_robot.services.link_outline import LINK_NAMES, outline_obj
 from fake_robot.services.robot_state_message import robot_state_message
 from fake_robot.services.stamps import timestamp_from_ns
 from fake_robot.services.world import World
 
 STATE_STREAM = "/bosdyn.api.RobotStateStreamingService/GetRobotStateStream"
 STREAM_WAIT_S = 0.5
-_LEGS = ("front_left", "front_right", "rear_left", "rear_right")
-LINK_NAMES = ("body", *(f"{leg}_{part}" for leg in _LEGS for part in ("hip", "upper_leg", "lower_leg")))
 
 
 class RobotStateService(robot_state_service_pb2_grpc.RobotStateServiceServicer):  # type: ignore[misc]
@@ -67,13 +66,15 @@ class RobotStateService(robot_state_service_pb2_grpc.RobotStateServiceServicer):
     def GetRobotLinkModel(  # noqa: N802
         self, request: robot_state_pb2.RobotLinkModelRequest, context: grpc.ServicerContext
     ) -> robot_state_pb2.RobotLinkModelResponse:
-        """Refused: the fake has no meshes."""
-        is_link = request.link_name in LINK_NAMES
-        told = "the fake robot has no meshes" if is_link else f"links: {', '.join(LINK_NAMES)}"
-        refused: robot_state_pb2.RobotLinkModelResponse = refuse_request(
-            robot_state_pb2.RobotLinkModelResponse(), f"no model of link {request.link_name!r}; {told}"
-        )
-        return refused
+        """A link's outline: a box."""
+        response = robot_state_pb2.RobotLinkModelResponse()
+        name = request.link_name
+        if name not in LINK_NAMES:
+            told = f"no model of link {name!r}; links: {', '.join(LINK_NAMES)}"
+            refused: robot_state_pb2.RobotLinkModelResponse = refuse_request(response, told)
+            return refused
+        response.link_model.file_name, response.link_model.file_contents = f"{name}.obj", outline_obj(name)
+        return response
 
 
 def stream_handler(world: World) -> grpc.GenericRpcHandler:

@@ -59,6 +59,9 @@ def test_programs_use_the_sdk_alone(path: Path) -> None:
         (["low_power.py", "HOST"], "has arm: False"),
         (["hello_spot.py", "HOST"], "battery"),
         (["lease_takeover.py", "HOST"], "refused with STATUS_OLDER"),
+        (["sublease.py", "HOST"], "then refused with STATUS_OLDER"),
+        (["inspector.py", "HOST"], "no data acquisition"),
+        (["stream_errors.py", "HOST"], "fell silent: STATUS_EXPIRED"),
         (["joint_control.py", "HOST", "stream-first"], "verdict STATUS_OK"),
         (["joint_control.py", "HOST", "activate-first"], "verdict STATUS_OK"),
     ],
@@ -73,6 +76,12 @@ def test_program(sitting_spot: FakeSpot, words: list[str], said: str) -> None:
 def test_estop_program(fake_spot_factory: Callable[..., FakeSpot]) -> None:
     output = run(fake_spot_factory(scenario=QUICK_START), str(PROGRAMS / "estop_program.py"), "HOST")
     assert output.split("\n")[:3] == ["refused while stopped", "settled, then cut", "cut"]
+
+
+def test_two_buttons_of_one_configuration(fake_spot_factory: Callable[..., FakeSpot]) -> None:
+    output = run(fake_spot_factory(scenario=QUICK_START), str(PROGRAMS / "two_buttons.py"), "HOST")
+    assert "one button alone: stopped" in output
+    assert output.rstrip().endswith("done")
 
 
 @pytest.mark.parametrize(

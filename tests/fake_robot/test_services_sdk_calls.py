@@ -66,8 +66,11 @@ def test_state_metrics_and_hardware(robot: Any, call: Callable[..., Any], stub: 
     hardware = call(RobotStateClient, "get_robot_hardware_configuration")
     assert hardware.skeleton.links[0].name == "body"
     assert len(hardware.skeleton.links) == 13
-    with pytest.raises(InvalidRequestError, match="no meshes"):
-        robot.ensure_client("robot-state").get_robot_link_model("body")
+    models = [link.obj_model for link in call(RobotStateClient, "get_hardware_config_with_link_info").skeleton.links]
+    assert [model.file_name for model in models[:2]] == ["body.obj", "front_left_hip.obj"]
+    assert all(model.file_contents.count("\nv ") == 8 and model.file_contents.count("\nf ") == 6 for model in models)
+    with pytest.raises(InvalidRequestError, match="no model of link 'tail'"):
+        robot.ensure_client("robot-state").get_robot_link_model("tail")
     assert robot.has_arm() is False
     assert robot.is_powered_on() is False
     assert robot.get_cached_hardware_hardware_configuration() == hardware
