@@ -31,6 +31,8 @@ class Rollout:
     seed: int
     surroundings: tuple[Surroundings, ...] | None = None
     """One a script; None for the simulator's own."""
+    only_ticks: bool = False
+    """No states between the policy's ticks."""
 
 
 class Engine(Protocol):
@@ -124,7 +126,7 @@ def run_rollout(rollout: Rollout, policy: Policy, noise: SensorNoise, tell: Tell
     """One rollout, here."""
     return simulate(
         rollout.model, policy, rollout.scripts, np.random.default_rng(rollout.seed), noise, tell=tell,
-        surroundings=rollout.surroundings,
+        surroundings=rollout.surroundings, only_ticks=rollout.only_ticks,
     )  # fmt: skip
 
 

@@ -66,7 +66,8 @@ class Surroundings:
 
 def simulate(
     model: RobotModel, policy: Policy, scripts: Sequence[Script], rng: np.random.Generator, noise: SensorNoise,
-    *, surroundings: Sequence[Surroundings] | None = None, tell: Callable[[float], None] | None = None,
+    *, surroundings: Sequence[Surroundings] | None = None, only_ticks: bool = False,
+    tell: Callable[[float], None] | None = None,
 ) -> list[Run]:  # fmt: skip
     """Run all scripts in one batch.
 
@@ -77,6 +78,7 @@ def simulate(
         rng: Draws the sensors' noise and the delays.
         noise: Of the sensors.
         surroundings: Of each run; the simulator's own by default. Effects come on top.
+        only_ticks: Keep no state between the policy's ticks, and no loads of the links: enough to compare gaits.
         tell: Called with the share that is done.
 
     Raises:
@@ -84,7 +86,7 @@ def simulate(
     """
     if not scripts:
         raise ValueError("no script to simulate")
-    simulation = _Simulation(model.effects, policy, scripts, rng, noise)
+    simulation = _Simulation(model.effects, policy, scripts, rng, noise, only_ticks)
     if surroundings is not None:
         simulation.surround(surroundings)
     return simulation.runs(tell or (lambda _: None))
@@ -98,12 +100,16 @@ class _Simulation:
         scripts: Sequence[Script],
         rng: np.random.Generator,
         noise: SensorNoise,
+        only_ticks: bool,
     ) -> None:
         self.policy, self.scripts, self.rng, self.noise, self.n = policy, scripts, rng, noise, len(scripts)
+        self.only_ticks = only_ticks
         self.channel = [e for e in effects if isinstance(e, CommandEffect)]
         self.software = [e for e in effects if isinstance(e, SoftwareEffect)]
         step_s = facts.STATE_PERIOD_NS * 1e-9 / SUBSTEPS
-        options = MjcfOptions(timestep_s=step_s, cone="elliptic", collision="all", link_torque_sensors=True)
+        options = MjcfOptions(
+            timestep_s=step_s, cone="elliptic", collision="all", link_torque_sensors=not only_ticks, visuals=False
+        )
         own = [e for e in effects if not isinstance(e, (CommandEffect, SoftwareEffect))]
         self.plant = Plant(own, self.n, PlantOptions(mjcf=options, n_threads=1, on_divergence="flag"))
         self._reset()
@@ -162,7 +168,9 @@ class _Simulation:
         for tick in range(n_ticks):
             tell(tick / n_ticks)
             for message in range(TICK_STATES[tick % 3]):
-                state = self._sense()
+                error = self.odometry.error_m_s(self.plant) if self.odometry is not None else None
+                if message == 0 or not self.only_ticks:
+                    state = self._sense(error)
                 if message == 0:
                     self._tick(tick, state, commands[:, tick])
                 for _ in range(SUBSTEPS):
@@ -175,18 +183,20 @@ class _Simulation:
                     )
                     self.plant.advance()
                     self.now_ns += facts.STATE_PERIOD_NS // SUBSTEPS
-        return [self._run(i) for i in range(self.n)]
+        states = {name: np.array(rows) for name, rows in self.states.items()}
+        ticks = {name: np.array(rows) for name, rows in self.ticks.items()}
+        return [self._run(i, states, ticks) for i in range(self.n)]
 
     def _noisy(self, value: Array, sigma: float) -> Array:
         return np.asarray(value + sigma * self.rng.standard_normal(value.shape))
 
-    def _sense(self) -> dict[str, Array]:
+    def _sense(self, velocity_error_m_s: Array | None) -> dict[str, Array]:
         plant, noise = self.plant, self.noise
         reading, estimate = plant.reading, plant.estimate
         attitude = estimate.world_from_body_wxyz
         linear = np.asarray(rotate_wxyz(attitude, estimate.linear_vel_of_body_in_body_m_s))
-        if self.odometry is not None:
-            linear = linear + self.odometry.error_m_s(plant)
+        if velocity_error_m_s is not None:
+            linear = linear + velocity_error_m_s
         angular = rotate_wxyz(attitude, estimate.angular_vel_of_body_in_body_rad_s)
         state = {
             "robot_stamp_ns": np.full(self.n, self.now_ns),
@@ -259,14 +269,14 @@ class _Simulation:
         self.waiting = [w for w in self.waiting if np.any(np.isfinite(w[1]) & (self.key < w[0]))]
         return mean
 
-    def _run(self, i: int) -> Run:
+    def _run(self, i: int, states: dict[str, Any], ticks: dict[str, Any]) -> Run:
         script = self.scripts[i]
         m = len(script.velocity_command)
-        s = {k: np.array([row[i] for row in v]) for k, v in self.states.items()}
-        t = {k: np.array([row[i] for row in v])[:m] for k, v in self.ticks.items()}
+        s = {k: v[:, i] for k, v in states.items()}
+        t = {k: v[:m, i] for k, v in ticks.items()}
         last_ns = int(t["robot_stamp_ns"][-1]) + 20_000_000
         keep = s["robot_stamp_ns"] < last_ns
-        s = {k: v[keep] for k, v in s.items()}
+        s = {k: np.ascontiguousarray(v[keep]) for k, v in s.items()}
         n = len(s["robot_stamp_ns"])
         gains = self.policy.gains()
         asked, sent = t.pop("asked"), t.pop("sent")
