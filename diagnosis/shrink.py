@@ -125,17 +125,25 @@ def shrinkage(compared: Sequence[Compared], before: str, after: str, rng: np.ran
         return Shrinkage(d0, d1, floor, s, None, None)
     tail = 50.0 * (1.0 - LEVEL)
     low, high = np.percentile(draws, [tail, 100.0 - tail])
-    wider = _few_runs([min(c.real.shape[0], c.models[before].shape[0]) for c in compared])
-    return Shrinkage(d0, d1, floor, s, s + wider * min(float(low) - s, 0.0), s + wider * max(float(high) - s, 0.0))
+    # Three sequences have ten resamples that differ: percentiles fall between them, the standard deviation does not.
+    edges = np.percentile(draws, [1.0, 99.0])
+    reach = float(normal.ppf(1.0 - tail / 100.0) * np.std(np.clip(draws, *edges)))
+    wider = _few([min(c.real.shape[0], c.models[before].shape[0]) for c in compared])
+    below, above = max(s - float(low), reach), max(float(high) - s, reach)
+    return Shrinkage(d0, d1, floor, s, s - wider * below, s + wider * above)
 
 
-def _few_runs(counts: Sequence[int]) -> float:
-    """What an interval from resampled runs is too narrow by.
+def _few(counts: Sequence[int]) -> float:
+    """What an interval from resampled sequences and runs is too narrow by, from runs by sequence.
 
-    Few runs resampled with replacement scatter less than few runs do, by n/(n − 1) in variance, and a spread that few
-    runs show is itself uncertain: Student's factor, with one degree of freedom less than runs in each sequence.
+    A few things resampled with replacement scatter less than they do, by n/(n − 1) in variance, and a spread that few
+    show is itself uncertain: Student's factor. Both count for the sequences, since S is meant for other commands
+    too, and for the runs, with one degree of freedom less than runs in each sequence; the larger of the two holds.
     """
-    n, freedom = min(counts), sum(count - 1 for count in counts)
+    return max(_widening(len(counts), len(counts) - 1), _widening(min(counts), sum(n - 1 for n in counts)))
+
+
+def _widening(n: int, freedom: int) -> float:
     if n < 2:
         return 1.0
     high = 0.5 * (1.0 + LEVEL)

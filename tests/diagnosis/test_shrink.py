@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from diagnosis.shrink import Compared, _few_runs, compare, shrinkage
+from diagnosis.shrink import Compared, _few, compare, shrinkage
 
 
 def _pairs(n: int, value: float) -> np.ndarray:
@@ -48,11 +48,15 @@ def test_runs_of_the_same_law_lie_at_the_floor() -> None:
     assert found.models["other"].mean() > 3.0
 
 
-def test_intervals_of_few_runs_are_wider_by_hand() -> None:
-    # Three sequences of two runs: √2, and Student's 2.353 with three degrees of freedom over the normal 1.645.
-    assert _few_runs([2, 2, 2]) == pytest.approx(np.sqrt(2.0) * 2.3534 / 1.6449, rel=1e-3)
-    assert _few_runs([1, 5]) == 1.0
-    assert _few_runs([200, 200]) == pytest.approx(1.0, abs=0.01)
+def test_intervals_of_few_sequences_and_runs_are_wider_by_hand() -> None:
+    # Three sequences: √(3/2), and Student's 2.920 with two degrees of freedom over the normal 1.645.
+    assert _few([5, 5, 5]) == pytest.approx(np.sqrt(1.5) * 2.9200 / 1.6449, rel=1e-3)
+    # Ten sequences of two runs: √2, and 1.812 with ten degrees of freedom.
+    assert _few([2] * 10) == pytest.approx(np.sqrt(2.0) * 1.8125 / 1.6449, rel=1e-3)
+    # One sequence says nothing of others: its runs count.
+    assert _few([3]) == pytest.approx(np.sqrt(1.5) * 2.9200 / 1.6449, rel=1e-3)
+    assert _few([1]) == 1.0
+    assert _few([200] * 200) == pytest.approx(1.0, abs=0.01)
 
 
 def test_intervals_cover_the_truth_nine_times_in_ten() -> None:
@@ -69,5 +73,20 @@ def test_intervals_cover_the_truth_nine_times_in_ten() -> None:
         found = shrinkage(compared, "b", "a", rng)
         assert found.low is not None
         assert found.high is not None
+        inside.append(found.low <= 0.8 <= found.high)
+    assert np.mean(inside) >= 0.8
+
+
+def test_intervals_cover_what_other_sequences_would_say() -> None:
+    # S differs from sequence to sequence, by 0.15 about 0.8; the interval of three holds the mean of all.
+    rng = np.random.default_rng(6)
+    inside = []
+    for _ in range(16):
+        compared = []
+        for name in "abc":
+            share = rng.normal(0.8, 0.15)
+            models = {"b": np.full((3, 3), 4.0), "a": np.full((3, 3), 4.0 - 3.0 * share)}
+            compared.append(Compared(name, _pairs(3, 1.0), models))
+        found = shrinkage(compared, "b", "a", rng)
         inside.append(found.low <= 0.8 <= found.high)
     assert np.mean(inside) >= 0.8
