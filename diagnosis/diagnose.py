@@ -19,7 +19,7 @@ from diagnosis.measure import Bench, Measured, measure, roll_out
 from diagnosis.posterior import Calibration, Posterior, posterior
 from diagnosis.progress import Progress
 from diagnosis.recording import record
-from diagnosis.seam import Array, ChannelOff, ChannelView
+from diagnosis.seam import Array, ChannelOff, ChannelView, Ints, Views
 from diagnosis.selection.board import Board, lay_out
 from diagnosis.selection.places import Robot
 from diagnosis.selection.scoring import Scorer
@@ -88,8 +88,7 @@ def explain(
     if not views:
         told = "; ".join(f"{c.name}: {c.reason}" for c in off)
         raise BadInputError(f"these logs feed no channel ({told}); map joint velocities, loads or set-points as well")
-    some = next(iter(views.values()))
-    robot = Robot(logs.recordings[0].joint_names, some.leg_of_joint)
+    robot = Robot(logs.recordings[0].joint_names, _legs(views))
     names = sorted({r.sequence for r in logs.recordings})
     by_run = len(names) < 2
     folds = list(range(len(runs))) if by_run else [names.index(r.sequence) for r in logs.recordings]
@@ -105,6 +104,12 @@ def explain(
     gained = selection.best.score if selection.best is not None else 0.0
     left = remainder(board, logs, residuals, explained, gained)
     return Explained(logs, views, off, board, selection, left, posterior(selection, left, calibration))
+
+
+def _legs(views: Views) -> Ints:
+    """Leg of each joint, from a channel that knows: those without a body model do not."""
+    every = [view.leg_of_joint for view in views.values()]
+    return next((legs for legs in every if legs.max(initial=-1) >= 0), every[0])
 
 
 def _left_over(board: Board, selection: Selection) -> list[np.ndarray]:
@@ -152,7 +157,7 @@ def diagnose(
         simulated = roll_out(bench, [(s, nominal) for s in bench.sequences], nominal, rng, tell)
         logs = stack([record(run) for run in simulated])
         views, _ = build_views(logs, nominal)
-        legs = next(iter(found.views.values())).leg_of_joint
+        legs = found.board.robot.leg_of_joint
         map_ = gap_map(Side(found.stack, found.views.get("A")), Side(logs, views.get("A")), legs, rng)
         say("simulating the corrected model")
         not_wrong = frozenset(n for g in found.posterior.groups for n in g.names)

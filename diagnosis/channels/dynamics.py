@@ -79,8 +79,10 @@ class DynamicsSignals:
     inputs: Inputs
     load_rate_nm_s: Array
     """Shape (n, 12)."""
-    jerk_rad_s3: Array
-    """Rate of the joints' accelerations, shape (n, 12)."""
+    position_rate_rad_s: Array
+    """Of the joints' positions, shape (n, 12): their velocity, whatever is reported as such."""
+    position_curvature_rad_s2: Array
+    """Rate of that."""
     contact: Flags
     """Flags at the kept rows. Shape (n, 4)."""
     nominal: Residuals
@@ -170,6 +172,7 @@ def dynamics_signals(stack: Stack, effects: Sequence[Effect]) -> DynamicsSignals
     inputs = Inputs(**{f.name: stack.smooth(getattr(raw, f.name))[rows] for f in fields(Inputs)})
     length = np.linalg.norm(inputs.world_from_body_wxyz, axis=1, keepdims=True)
     inputs = replace(inputs, world_from_body_wxyz=inputs.world_from_body_wxyz / np.maximum(length, 1e-9))
+    position_rate = stack.rate(raw.position_rad)
     model = BodyModel(effects)
     full = residuals(model, raw)
     nominal = Residuals(*(stack.smooth(getattr(full, f.name))[rows] for f in fields(Residuals)))
@@ -184,7 +187,8 @@ def dynamics_signals(stack: Stack, effects: Sequence[Effect]) -> DynamicsSignals
         rows=rows,
         inputs=inputs,
         load_rate_nm_s=stack.rate(load)[rows],
-        jerk_rad_s3=stack.rate(raw.acceleration_rad_s2)[rows],
+        position_rate_rad_s=position_rate[rows],
+        position_curvature_rad_s2=stack.rate(position_rate)[rows],
         contact=contact.astype(np.bool_),
         nominal=nominal,
         reference=residuals(model, inputs, force=force, place=place),

@@ -8,7 +8,7 @@ from typing import ClassVar, Final
 import numpy as np
 
 from diagnosis.channels.actuator import ActuatorSignals
-from diagnosis.channels.nominal_torque import direction, presliding
+from diagnosis.channels.nominal_torque import FRICTION_SPEED_RAD_S, presliding
 from diagnosis.library.base import Coefficient, LibraryEffect, on_joints
 from diagnosis.library.experiments import LOADED_WALK, OTHER_KD, SLOW_WALK, Experiment
 from diagnosis.seam import Array, ChannelView, Flags, Shape, Views
@@ -45,17 +45,22 @@ class CoulombEntry(LibraryEffect):
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
         """The direction of motion, negative."""
         s: ActuatorSignals = view.signals
-        distance = shape.get(BUILDS_UP_RAD, 0.0)
-        if distance == 0.0:
-            return on_joints(s.finish(-direction(s.still_velocity_rad_s)), joints)
-        key = ("presliding", distance)
-        if key not in s.cache:
-            s.cache[key] = s.finish(-presliding(s.position_rad, s.stack.starts(), distance))
-        return on_joints(s.cache[key], joints)
+        return on_joints(s.finish(-_towards(s, shape.get(BUILDS_UP_RAD, 0.0), FRICTION_SPEED_RAD_S)), joints)
 
     def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
         """Friction level."""
         return {"level_nm": float(coefficients[0])}
+
+
+def _towards(s: ActuatorSignals, distance_rad: float, smooth_rad_s: float) -> Array:
+    """Direction against which dry friction acts, -1 to 1, built up over a distance, or smooth in the speed; (N, J)."""
+    if distance_rad == 0.0:
+        return np.asarray(np.tanh(s.still_velocity_rad_s / smooth_rad_s))
+    key = ("presliding", distance_rad)
+    if key not in s.cache:
+        s.cache[key] = presliding(s.position_rad, s.stack.starts(), distance_rad)
+    found: Array = s.cache[key]
+    return found
 
 
 class ViscousEntry(LibraryEffect):
@@ -80,7 +85,7 @@ class ViscousEntry(LibraryEffect):
 
 
 class StribeckEntry(LibraryEffect):
-    """−F·exp(−(q̇/v)²)·sign(q̇): only near standstill."""
+    """−F·exp(−(q̇/v)²)·sign(q̇): only near standstill; it, too, may build up over a distance."""
 
     name: ClassVar[str] = "stribeck_friction"
     title: ClassVar[str] = "friction near standstill (Stribeck)"
@@ -91,21 +96,21 @@ class StribeckEntry(LibraryEffect):
     split_by: ClassVar[Experiment] = SLOW_WALK
 
     def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:
-        """Speeds over which it fades."""
-        return tuple({"speed_rad_s": v} for v in (0.2, 0.4, 0.8))
+        """Speeds over which it fades, with and without a distance over which it builds up."""
+        return tuple({"speed_rad_s": v, BUILDS_UP_RAD: d} for d in (0.0, 0.004) for v in (0.2, 0.4, 0.8))
 
     def neighbours(self, shape: Shape) -> tuple[Shape, ...]:
         """Speeds nearby."""
         near = (shape["speed_rad_s"] * f for f in (0.72, 0.85, 1.19, 1.4))
-        return tuple({"speed_rad_s": v} for v in near if v <= FASTEST_RAD_S)
+        return tuple({**shape, "speed_rad_s": v} for v in near if v <= FASTEST_RAD_S)
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
         """The fading direction of motion, negative."""
         s: ActuatorSignals = view.signals
         speed = s.still_velocity_rad_s
         # The simulator's formula smooths the sign over 0.1 rad/s.
-        raw = -np.exp(-((speed / shape["speed_rad_s"]) ** 2)) * np.tanh(speed / 0.1)
-        return on_joints(s.finish(raw), joints)
+        towards = _towards(s, shape.get(BUILDS_UP_RAD, 0.0), 0.1)
+        return on_joints(s.finish(-np.exp(-((speed / shape["speed_rad_s"]) ** 2)) * towards), joints)
 
     def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
         """Level and speed."""

@@ -7,7 +7,7 @@ from typing import ClassVar, Final
 
 import numpy as np
 
-from diagnosis.channels.contact_events import ContactSignals
+from diagnosis.channels.contact_events import ContactSignals, vertical_force_n
 from diagnosis.channels.stance import StanceSignals
 from diagnosis.library.base import Coefficient, LibraryEffect, Location, legs_of
 from diagnosis.library.experiments import OTHER_GROUND, STAND, Experiment
@@ -81,22 +81,45 @@ class GroundComplianceEntry(LibraryEffect):
     name: ClassVar[str] = "ground_compliance"
     title: ClassVar[str] = "soft ground"
     effect: ClassVar[type[Effect]] = GroundCompliance
-    channels: ClassVar[tuple[str, ...]] = ("C",)
+    channels: ClassVar[tuple[str, ...]] = ("C", "K")
     location: ClassVar[Location] = Location.LEG
-    coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("sinks_longer_s", "s", 0.0, 0.19),)
+    coefficients: ClassVar[tuple[Coefficient, ...]] = (
+        Coefficient("sinks_longer_s", "s", 0.0, 0.19),
+        Coefficient("depth_m_per_n", "m/N", 0.0, 1e-3),
+    )
     confused_with: ClassVar[tuple[str, ...]] = ("joint_compliance", "contact_delay", "foot_radius")
     split_by: ClassVar[Experiment] = OTHER_GROUND
 
     def rows(self, view: ChannelView, joints: Flags) -> Flags:
-        """Rows of the sink times."""
+        """Rows of the sink times, and all of the stance: heights count from the mean of those that stand."""
+        if view.name == "K":
+            return np.ones(len(view.rows), dtype=np.bool_)
         return np.array([name.endswith("_sink") for name in view.rows]) & legs_of(joints, view)[view.row_leg]
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
-        """One."""
-        out = np.zeros((view.n, len(view.rows), 1))
+        """One in the sink times; in the stance, a foot lies lower the more it carries."""
+        out = np.zeros((view.n, len(view.rows), 2))
+        if view.name == "K":
+            out[:, :, 1] = _sunk(view.signals, legs_of(joints, view))
+            return out
         out[:, 2 * facts.N_LEGS :, 0] = legs_of(joints, view)
         return out
 
     def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
-        """What is added to the contact's time constant."""
+        """What is added to the contact's time constant; how deep feet sink in is no number of the simulator's."""
         return {"time_constant_s": float(coefficients[0])}
+
+
+def _sunk(k: StanceSignals, legs: Flags) -> Array:
+    """Vertical velocities and heights of the standing feet (n, 16) for each metre that a newton sinks them in."""
+    out = np.zeros((len(k.rows), 4 * facts.N_LEGS))
+    if k.dynamics is None:
+        return out
+    if "force" not in k.cache:
+        k.cache["force"] = np.maximum(vertical_force_n(k.dynamics), 0.0)
+    force: Array = k.cache["force"]
+    mine = np.where(k.standing & legs, force, 0.0)
+    mean = mine.sum(axis=1, keepdims=True) / np.maximum(k.standing.sum(axis=1, keepdims=True), 1)
+    out[:, 2 : 3 * facts.N_LEGS : 3] = -(k.stack.rate(force) * legs)[k.rows]
+    out[:, 3 * facts.N_LEGS :] = -(mine - mean)[k.rows]
+    return out

@@ -29,9 +29,7 @@ from spot_model.effects.velocity_filter import VelocityFilter
 
 OFFSET_STEP_RAD: Final = 0.01
 COMPLIANCE_STEP: Final = 2e-4
-FILTER_STEP_S: Final = 2e-3
 VELOCITY_OF_MOTOR: Final = "velocity_of_motor"
-SERVO_SEES_TRUE: Final = "servo_sees_true"
 
 
 class EncoderOffsetEntry(LibraryEffect):
@@ -146,11 +144,11 @@ class LoadSensorEntry(LibraryEffect):
 
 
 class VelocityFilterEntry(LibraryEffect):
-    """A low-passed velocity: the true one is ahead by the time constant times its rate.
+    """A low-passed velocity: the true one is ahead by the time constant times its rate, and is the position's slope.
 
     The second derivative's share tells filters apart: none for one of first order, half a square of the time constant
-    for a pure delay or a Butterworth filter of second order.
-    Whether the servo damps by the true velocity or by the late one is the robot's secret, and a shape.
+    for a pure delay or a Butterworth filter of second order. How much of the damping the servo takes from the true
+    velocity, and how much of it the body's channels see, are shares.
     """
 
     name: ClassVar[str] = "velocity_filter"
@@ -160,48 +158,50 @@ class VelocityFilterEntry(LibraryEffect):
     coefficients: ClassVar[tuple[Coefficient, ...]] = (
         Coefficient("time_constant_s", "s", 0.0, 0.2),
         Coefficient("square_s2", "s²", 0.0, 1e-3),
+        Coefficient("servo_share", "1", 0.0, 1.0),
+        Coefficient("body_share", "1", 0.0, 1.0),
     )
     confused_with: ClassVar[tuple[str, ...]] = ("command_delay", "joint_compliance", "armature")
     split_by: ClassVar[Experiment] = OTHER_KP
-
-    def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:
-        """The servo sees the late velocity, or the true one."""
-        return ({SERVO_SEES_TRUE: 0.0}, {SERVO_SEES_TRUE: 1.0})
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
         """What velocities that are not late would change."""
         if view.name == "Q":
             q: RateSignals = view.signals
-            rates = (q.finish_rate(-q.velocity_rad_s), q.finish_rate(-q.stack.rate(q.velocity_rad_s)))
-            return np.concatenate([on_joints(r, joints) for r in rates], axis=2)
+            rate = q.stack.rate(q.velocity_rad_s)
+            return _as_coefficients({0: q.finish_rate(-q.velocity_rad_s) * joints, 1: q.finish_rate(-rate) * joints}, 4)
         if view.name == "A":
             a: ActuatorSignals = view.signals
-            sees = shape.get(SERVO_SEES_TRUE, 0.0) * a.kd_nm_s_per_rad
-            rate = a.stack.rate(a.velocity_rad_s)
-            return np.concatenate([on_joints(a.finish(-sees * r), joints) for r in (rate, a.stack.rate(rate))], axis=2)
+            ahead = a.stack.rate(a.position_rad) - a.stack.smooth(a.velocity_rad_s)
+            return _as_coefficients({2: a.finish(-a.kd_nm_s_per_rad * ahead) * joints}, 4)
         key = ("velocity_filter", tuple(np.flatnonzero(joints)))
-        step = FILTER_STEP_S * joints
         if view.name == "K":
             k: StanceSignals = view.signals
-            velocity = k.kinematics.velocity_rad_s
-            changed = k.corrected(key, velocity_rad_s=velocity + step * k.stack.rate(velocity))
-            return _first_of_two((k.nominal - changed) / FILTER_STEP_S)
+            position, velocity = k.kinematics.position_rad, k.kinematics.velocity_rad_s
+            changed = k.corrected(key, velocity_rad_s=velocity + joints * (k.stack.rate(position) - velocity))
+            return _as_coefficients({3: k.nominal - changed}, 4)
         s: DynamicsSignals = view.signals
+        ahead = s.position_rate_rad_s - s.inputs.velocity_rad_s
+        faster = s.position_curvature_rad_s2 - s.inputs.acceleration_rad_s2
         residuals = s.with_inputs(
             key,
-            velocity_rad_s=s.inputs.velocity_rad_s + step * s.inputs.acceleration_rad_s2,
-            acceleration_rad_s2=s.inputs.acceleration_rad_s2 + step * s.jerk_rad_s3,
+            velocity_rad_s=s.inputs.velocity_rad_s + joints * ahead,
+            acceleration_rad_s2=s.inputs.acceleration_rad_s2 + joints * faster,
         )
-        return _first_of_two((channel_part(s.reference, view) - channel_part(residuals, view)) / FILTER_STEP_S)
+        return _as_coefficients({3: channel_part(s.reference, view) - channel_part(residuals, view)}, 4)
 
     def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
         """Time constant."""
         return {"time_constant_s": float(coefficients[0])}
 
 
-def _first_of_two(column: Array) -> Array:
-    """A column (n, R) of the first coefficient, none of the second."""
-    return np.stack([column, np.zeros_like(column)], axis=2)
+def _as_coefficients(columns: Mapping[int, Array], count: int) -> Array:
+    """Columns (n, R) by number of their coefficient, as (n, R, count); the others are none."""
+    some = next(iter(columns.values()))
+    out = np.zeros((*some.shape, count))
+    for number, column in columns.items():
+        out[:, :, number] = column
+    return out
 
 
 class SensorNoiseEntry(LibraryEffect):

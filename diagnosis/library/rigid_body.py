@@ -55,7 +55,7 @@ class LegMassEntry(LibraryEffect):
     title: ClassVar[str] = "mass of leg links"
     effect: ClassVar[type[Effect]] = LegMass
     channels: ClassVar[tuple[str, ...]] = ("D", "B")
-    coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("scale", "1", -0.7, 1.0),)
+    coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("scale", "1", -0.6, 0.6),)
     confused_with: ClassVar[tuple[str, ...]] = ("payload_mass", "encoder_offset", "load_sensor_gain")
     split_by: ClassVar[Experiment] = Experiment("swing_legs", "Walk fast: swinging legs weigh their links.", WALK)
 
