@@ -10,6 +10,7 @@ from spot_model.policy import load_policy
 from spot_runtime.config import RunConfig
 from spot_runtime.doctor.check import Check, Finding, fail, ok, skipped, warn
 from spot_runtime.doctor.host import Host
+from spot_runtime.operator.lease_note import HeldNote, LeaseNoteError, NoteHeldError
 
 PYTHON_LOW: Final = (3, 10)
 PYTHON_HIGH: Final = (3, 12)
@@ -35,6 +36,7 @@ def checks_of_computer(host: Host, config: RunConfig, policy: Path | None) -> li
         Check("real-time priority", lambda: fifo(host, real_time.fifo_priority)),
         Check("memory lock", lambda: memory_lock(host, is_wanted=real_time.lock_memory)),
         Check("disk for logs", lambda: disk(host, config.log.directory)),
+        Check("left behind", lambda: left_behind(host.note_folder())),
     ]
 
 
@@ -172,3 +174,23 @@ def disk(host: Host, folder: Path) -> Finding:
     if free < DISK_WARN_GB * GB:
         return warn(found, f"an hour takes about 1 GB; better {DISK_WARN_GB:g} GB: spot-rl prune-logs, or another disk")
     return ok(found)
+
+
+def left_behind(folder: Path) -> Finding:
+    """No control process of this computer died before its robot was at rest."""
+    robots, live = [], []
+    for path in sorted(folder.glob("lease-*.json")) if folder.is_dir() else []:
+        try:
+            found = HeldNote.find(path)
+        except NoteHeldError:
+            live.append(path.name)
+            continue
+        except LeaseNoteError as error:  # no reason to keep a service from starting
+            return warn(str(error), "see to the robot, then delete the file")
+        if found is not None:
+            found[0].let_go()
+            robots.append(found[1].robot)
+    if robots:
+        advice = f"see to it; then: spot-rl make-safe --robot {robots[0]} (a service that starts does so, too)"
+        return warn(f"a control process died with the robot in hand: {', '.join(robots)}", advice)
+    return ok("every robot was brought to rest" if not live else f"{len(live)} in hand now")

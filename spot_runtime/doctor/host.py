@@ -11,6 +11,8 @@ import sys
 from pathlib import Path
 from typing import Final
 
+from spot_runtime.operator.lease_note import note_folder
+
 _MUNLOCK_OK: Final = 0
 
 
@@ -73,6 +75,10 @@ class Host:
             return os.strerror(ctypes.get_errno())
         libc.munlockall()
         return ""
+
+    def note_folder(self) -> Path:
+        """Where a control process leaves its note of a lease."""
+        return note_folder(os.environ)
 
     def usable_cpus(self) -> set[int]:
         """CPUs that this process may use."""

@@ -16,6 +16,7 @@ from spot_runtime.doctor.check import Check, Finding, Result, Verdict, is_fit, m
 from spot_runtime.doctor.command import line_of
 from spot_runtime.doctor.host import Host
 from spot_runtime.doctor.link import judge_expiry, judge_latency
+from spot_runtime.operator.lease_note import HeldNote, LeaseNote, note_path
 from spot_runtime.retention import LogFile, closed_logs, prune_logs, to_delete
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -48,6 +49,9 @@ class HandMadeHost(Host):
 
     def free_bytes(self, folder: Path) -> int | None:
         return self._answers.get("free")  # type: ignore[return-value]
+
+    def note_folder(self) -> Path:
+        return Path(str(self._answers.get("notes", "/nowhere")))
 
     def usable_cpus(self) -> set[int]:
         return {0, 1, 2, 3}
@@ -194,7 +198,7 @@ def test_a_check_that_breaks_is_a_failure_and_the_error_of_ours_gives_its_advice
 
 def test_all_checks_of_a_computer_have_names_of_their_own() -> None:
     names = [check.name for check in computer.checks_of_computer(HandMadeHost(), RunConfig(), None)]
-    assert len(set(names)) == len(names) == 8
+    assert len(set(names)) == len(names) == 9
 
 
 def test_latency_and_expiry() -> None:
@@ -246,3 +250,17 @@ def test_the_quota_by_hand() -> None:
 def test_a_folder_of_logs_that_is_none(tmp_path: Path) -> None:
     with pytest.raises(BadInputError, match="is no folder"):
         prune_logs(tmp_path / "none", quota_gb=1.0)
+
+
+def test_what_a_dead_process_left_behind(tmp_path: Path) -> None:
+    assert computer.left_behind(tmp_path / "none").verdict is Verdict.OK
+    path = note_path("192.168.50.3:443", tmp_path)
+    held = HeldNote.write(path, LeaseNote("192.168.50.3:443", "body", "epoch", 7, "a secret"))
+    assert computer.left_behind(tmp_path) == ok("1 in hand now")
+    held.let_go()
+    finding = computer.left_behind(tmp_path)
+    assert finding.verdict is Verdict.WARN
+    assert "spot-rl make-safe --robot 192.168.50.3:443" in finding.advice
+    assert "secret" not in str(finding)
+    path.write_text("{")
+    assert computer.left_behind(tmp_path).verdict is Verdict.WARN  # a service may start all the same

@@ -15,6 +15,7 @@ from spot_runtime.doctor.check import Verdict, make
 from spot_runtime.doctor.computer import checks_of_computer
 from spot_runtime.doctor.robot import RobotDoctor
 from spot_runtime.fake_process import FakeAddress, FakeProcess
+from spot_runtime.operator.lease_note import HeldNote, LeaseNote, note_path
 from tests.spot_runtime.test_doctor_on_this_computer import REQUIREMENTS, HandMadeHost, files
 
 ROBOT: dict[str, tuple[str, dict[str, float], dict[str, str]] | dict[str, Any]] = {
@@ -43,6 +44,7 @@ COMPUTER: dict[str, tuple[Verdict, dict[str, Any]]] = {
     "memory lock": (Verdict.WARN, {"lock": "Operation not permitted"}),
     "cpu isolation": (Verdict.FAIL, {"cpus": (7,)}),
     "disk for logs": (Verdict.FAIL, {"free": 10**8}),
+    "left behind": (Verdict.WARN, {"note": LeaseNote("192.168.50.3:443", "body", "epoch", 7, "")}),
 }
 
 
@@ -111,5 +113,9 @@ def verdicts_of(folder: Path, ill: dict[str, Any]) -> dict[str, Verdict]:
     if "policy" in ill:
         policy = folder / "policy.onnx"
         policy.write_bytes(ill["policy"])
-    checks = checks_of_computer(HandMadeHost(root, **{**HEALTHY, **ill}), config, policy)
+    path = note_path("192.168.50.3:443", folder)
+    path.unlink(missing_ok=True)
+    if "note" in ill:
+        HeldNote.write(path, ill["note"]).let_go()
+    checks = checks_of_computer(HandMadeHost(root, **{**HEALTHY, "notes": folder, **ill}), config, policy)
     return {check.name: make(check).verdict for check in checks}

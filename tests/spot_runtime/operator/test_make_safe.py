@@ -6,7 +6,7 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -65,9 +65,10 @@ class Robot:
     def note(self) -> Path:
         return note_path(self.fake.robot, self.folder)
 
-    def hal(self) -> NotingHal:
+    def hal(self, on_pause: Callable[[], None] = lambda: None) -> NotingHal:
         pace = LockStep(self.fake.admin, HostClock().now_ns())
-        return NotingHal(parse_address(self.fake.robot), self.config, NullSink(), pace, folder=self.folder)
+        address = parse_address(self.fake.robot)
+        return NotingHal(address, self.config, NullSink(), pace, folder=self.folder, on_pause=on_pause)
 
     def leave_standing(self) -> LeaseNote:
         """Stand the robot up, then let go of everything without a word, as a process does that dies."""
@@ -243,6 +244,19 @@ def test_a_run_that_ends_well_leaves_no_note(robot: Robot) -> None:
     assert not robot.note.exists()
     assert not robot.is_powered()
     assert robot.mend().startswith("nothing to do")
+
+
+def test_each_look_at_a_motion_of_the_vendor_s_is_told(robot: Robot) -> None:
+    """So that a watchdog is fed while the robot sits down, also when nobody else is left to feed it."""
+    looks: list[int] = []
+    hal = robot.hal(lambda: looks.append(len(looks)))
+    hal.connect()
+    hal.stand()
+    before = len(looks)
+    assert before > 10
+    hal.power_off()
+    assert len(looks) > before + 10
+    hal.close()
 
 
 def test_a_lease_under_which_power_off_failed_is_not_given_back(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,84 @@
+"""A control process that reads nothing: a stop still reaches it, soon, whatever else waits."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from spot_protos import operator_pb2, run_link_pb2
+from spot_runtime.config import RunConfig
+from spot_runtime.operator.refusal import Refusal
+from spot_runtime.operator.states import State
+from spot_runtime.operator.supervisor import MAX_WAITING, STOP_TIMEOUT_S, Supervisor
+from spot_runtime.service_manager import ServiceManager
+
+
+class DeafProcess:
+    """Its socket takes what is said, and nothing answers; signals are counted."""
+
+    def __init__(self) -> None:
+        self.signals: list[str] = []
+        self.told: list[str | None] = []
+
+    def tell(self, message: run_link_pb2.ToRun) -> bool:
+        self.told.append(message.WhichOneof("what"))
+        return True
+
+    def ask_to_stop(self) -> None:
+        self.signals.append("stop")
+
+    def ask_to_damp(self) -> None:
+        self.signals.append("damp")
+
+
+@pytest.fixture
+def deaf() -> Iterator[tuple[Supervisor, DeafProcess]]:
+    supervisor = Supervisor("127.0.0.1:1", RunConfig(), manager=ServiceManager(), tell=lambda _: None)
+    process = DeafProcess()
+    supervisor._run = process  # type: ignore[assignment]
+    supervisor._state = State.RUNNING
+    yield supervisor, process
+    for waiting in list(supervisor._waiting.values()):  # whoever still waits is let go, as when the process ends
+        waiting.done.set()
+
+
+@pytest.mark.parametrize(
+    ("message", "is_damping", "sent"),
+    [
+        (run_link_pb2.ToRun(stop=operator_pb2.StopRequest()), False, "stop"),
+        (run_link_pb2.ToRun(damp=operator_pb2.DampRequest()), True, "damp"),
+    ],
+)
+def test_it_is_sent_a_signal_though_others_wait(
+    deaf: tuple[Supervisor, DeafProcess], message: run_link_pb2.ToRun, is_damping: bool, sent: str
+) -> None:
+    supervisor, process = deaf
+    refused: list[str] = []
+
+    def label() -> None:
+        try:
+            labels = operator_pb2.LabelLogRequest(labels={"a": "b"})
+            supervisor.ask("LabelLog", run_link_pb2.ToRun(label_log=labels), State.RUNNING)
+        except Refusal as refusal:
+            refused.append(refusal.text)
+
+    others = [threading.Thread(target=label) for _ in range(MAX_WAITING + 3)]
+    for other in others:
+        other.start()
+    while len(supervisor._waiting) < MAX_WAITING or len(refused) < 3:
+        time.sleep(0.01)
+    assert refused == [f"LabelLog: {MAX_WAITING} requests wait for their answers already; wait for one"] * 3
+    began_s = time.monotonic()
+    said = supervisor.end("Stop", message, "otto", is_damping=is_damping)
+    assert "was sent a signal" in said
+    assert process.signals == [sent]
+    assert process.told[-1] == sent
+    assert time.monotonic() - began_s >= STOP_TIMEOUT_S  # it was given the time to answer
+    assert [e.text for e in supervisor.events.after(0, 0.0) if e.name == "service_asked"] == ["Stop, by otto"]
+    for waiting in list(supervisor._waiting.values()):
+        waiting.done.set()
+    for other in others:
+        other.join()
