@@ -210,7 +210,8 @@ class ControlLoop:
             self.stats.ticked(newest.robot_stamp_ns, compute_s, age_s, acquisition_age_s, lost)
         self.stats.departures(self._hal.departures())
         if self._config.control.rehearse and newest is not None and self._is_due_next(newest):
-            tick(self._tick_memory, newest, self._velocity_command, self._policy)
+            _, result = tick(self._tick_memory, newest, self._velocity_command, self._policy)
+            safety.limit_setpoint(self._setpoints, self._ask(result, robot_ns).position_rad, self._config.safety)
 
     def _is_due_next(self, state: RobotState) -> bool:
         """Whether the policy will tick on the state after this one."""

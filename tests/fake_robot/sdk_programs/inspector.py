@@ -99,8 +99,6 @@ def main():
     robot.time_sync.wait_for_sync()
     with LeaseKeepAlive(robot.ensure_client(LeaseClient.default_service_name), must_acquire=True, return_at_exit=True):
         robot.power_on(timeout_sec=20)
-        blocking_stand(commands, timeout_sec=10)
-        blocking_sit(commands, timeout_sec=10)
         blocking_selfright(commands, timeout_sec=20)
         blocking_stand(commands, timeout_sec=10)
         try:

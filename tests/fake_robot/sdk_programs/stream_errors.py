@@ -73,7 +73,7 @@ def main():
         print("no gains:", stream.send(iter([stream.request(1, gains=False)])))
         print("eleven joints:", stream.send(iter([stream.request(1, joints=11)])))
         print("key 0:", stream.send(iter([stream.request(0)])))
-        print("already over:", stream.send(iter([stream.request(1, ahead_s=-0.5), *slowly(1.0)])))
+        print("already over:", stream.send(iter([stream.request(1, ahead_s=-0.5), *slowly(0.3)])))
         print("never activated:", stream.send(stream.holding(20.0)))
         print("nothing at all:", stream.send(iter([])))
 
@@ -85,11 +85,11 @@ def main():
         # Another command takes the joints away from an open stream, and a new stream gets them again.
         for _ in range(2):
             verdicts = []
-            thread = threading.Thread(target=lambda: verdicts.append(stream.send(stream.holding(1.5))))  # noqa: B023
+            thread = threading.Thread(target=lambda: verdicts.append(stream.send(stream.holding(0.8))))  # noqa: B023
             thread.start()
             time.sleep(0.3)
             activate(commands)
-            time.sleep(0.5)
+            time.sleep(0.3)
             blocking_stand(commands, timeout_sec=10)
             thread.join(20)
             print("taken away:", verdicts[0])
@@ -106,8 +106,8 @@ def slowly(seconds):
 
 
 def paused(stream):
-    yield from stream.holding(0.5)
-    time.sleep(1.0)
+    yield from stream.holding(0.4)
+    time.sleep(0.6)
     yield stream.request(1000)
 
 
