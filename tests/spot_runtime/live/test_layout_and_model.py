@@ -51,6 +51,14 @@ def test_a_wrong_path_is_found(path: str) -> None:
         check_path(path)
 
 
+PANEL_TYPES = {"3D", "Plot", "RawMessages", "RosOut", "StateTransitions"}
+"""Of Foxglove's panels, by the names in its own catalogue; the panel titled Log there is called RosOut."""
+
+
+def test_every_panel_is_one_of_foxglove_s() -> None:
+    assert {name.partition("!")[0] for name in LAYOUT["configById"]} == PANEL_TYPES
+
+
 def test_every_panel_has_its_place_and_its_settings() -> None:
     def leaves(node: Any) -> Iterator[str]:
         if isinstance(node, str):
