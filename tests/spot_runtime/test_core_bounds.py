@@ -118,6 +118,18 @@ def test_nothing_is_cut_unless_said() -> None:
     assert safety.LimitedSetpoint(facts.DEFAULT_POSITION_RAD).cut.dtype == np.bool_
 
 
+def test_whether_anything_was_cut() -> None:
+    untouched = safety.LimitedSetpoint(facts.DEFAULT_POSITION_RAD)
+    assert not untouched.is_cut
+    assert not untouched.cut.any()
+    with pytest.raises(ValueError, match="read-only"):
+        untouched.cut[0] = True
+    nothing = np.zeros(12, dtype=np.bool_)
+    assert not safety.LimitedSetpoint(facts.DEFAULT_POSITION_RAD, nothing).is_cut
+    nothing[7] = True
+    assert safety.LimitedSetpoint(facts.DEFAULT_POSITION_RAD, nothing).is_cut is True
+
+
 def test_what_the_memory_holds_after_each_kind_of_state(make_state: MakeState) -> None:
     first = make_state(START_NS, last_command_key=3)
     memory, is_usable, stop = safety.screen_state(StateMemory(), first, START_NS, LIMITS)
