@@ -16,7 +16,7 @@ from spot_runtime.log import Run
 
 NS_PER_MS: Final = 1_000_000
 AT_REST_RAD_S: Final = 0.5
-SETTLE_S: Final = 3.5
+SETTLE_S: Final = 6.0
 """Robot time after a run in which the robot must come to rest by itself."""
 
 SETTLE_PART_S: Final = 0.25

@@ -16,10 +16,16 @@ from spot_runtime.bench_faults.rows import Finding, Row, left_alone, try_row
 
 WALK = Path(__file__).parents[3] / "policies" / "walk.onnx"
 
+BRISK = "power: {power_on_s: 0.2, power_off_s: 0.1}\nmotion: {stand_s: 0.8, sit_s: 0.8}\n"
+"""The default robot, but quicker to its feet: what happens before and after a fault costs a sixth of these tests."""
+
 
 @pytest.fixture(scope="module")
 def robot(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
-    with rig(tmp_path_factory.mktemp("matrix"), WALK) as started:
+    folder = tmp_path_factory.mktemp("matrix")
+    brisk = folder / "brisk.yaml"
+    brisk.write_text(BRISK, encoding="utf-8")
+    with rig(folder, WALK, scenario=str(brisk)) as started:
         yield started
 
 
