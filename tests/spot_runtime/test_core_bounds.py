@@ -14,9 +14,18 @@ from spot_model import facts
 from spot_model.state import Gains, JointCommand, RobotState, SlowState
 from spot_runtime import safety
 from spot_runtime.command_loss import LossMemory
-from spot_runtime.handover import Setpoint
-from spot_runtime.modes import ModeInputs
-from spot_runtime.safety import SetpointMemory, StateMemory
+from spot_runtime.composer import asked_setpoint
+from spot_runtime.config import HandoverConfig
+from spot_runtime.handover import (
+    Setpoint,
+    blend,
+    hold_setpoint,
+    hold_weight_in,
+    hold_weight_out,
+    policy_setpoint,
+)
+from spot_runtime.modes import Mode, ModeInputs
+from spot_runtime.safety import LimitedSetpoint, SetpointMemory, StateMemory
 from spot_runtime.safety_limits import SafetyLimits
 from spot_runtime.stops import Ending, Stop, StopReason
 
@@ -504,3 +513,43 @@ def test_no_number_passes_the_gate(value: float) -> None:
     ]
     for change in changes:
         assert safety.check_command(command(**change), 6, START_NS) == "it holds a value that is no number"
+
+
+def test_a_set_point_says_whether_anything_was_cut() -> None:
+    pose = np.zeros(12)
+    assert LimitedSetpoint(pose).is_cut is False
+    assert LimitedSetpoint(pose, np.zeros(12, dtype=np.bool_)).is_cut is False
+    assert LimitedSetpoint(pose, np.arange(12) == 3).is_cut is True
+    with pytest.raises(ValueError, match="read-only"):
+        LimitedSetpoint(pose).cut[0] = True
+
+
+def test_loads_of_both_laws_are_blended_by_their_weights() -> None:
+    hold = Setpoint(np.zeros(12), np.full(12, 8.0), Gains.policy())
+    policy = Setpoint(np.zeros(12), np.full(12, -4.0), Gains.policy())
+    np.testing.assert_allclose(blend(hold, policy, 0.25).load_nm, 0.25 * 8.0 - 0.75 * 4.0)
+
+
+def test_the_way_back_takes_the_time_that_it_is_given() -> None:
+    pose, other = np.zeros(12), np.full(12, 0.1)
+    config = HandoverConfig(ramp_in_s=4.0, ramp_out_s=4.0)
+    hold = hold_setpoint(pose, pose)
+    for mode, share in ((Mode.RAMPING_IN, 0.25), (Mode.RAMPING_OUT, 0.25)):
+        asked = asked_setpoint(
+            mode,
+            1.0,
+            hold=hold,
+            policy_rad=other,
+            policy_gains=Gains.policy(),
+            measured_rad=pose,
+            config=config,
+        )
+        weight = hold_weight_in(share) if mode is Mode.RAMPING_IN else hold_weight_out(share)
+        np.testing.assert_array_equal(
+            asked.position_rad, blend(hold, policy_setpoint(other, Gains.policy()), weight).position_rad
+        )
+
+
+def test_exit_codes_of_the_service_stay() -> None:
+    assert StopReason.OPERATOR_GONE.exit_code == 13
+    assert StopReason.SERVICE_LOST.exit_code == 14

@@ -165,7 +165,7 @@ def test_a_log_that_no_longer_records(robot: Any, stops_run: bool, is_alive: boo
     config = RunConfig.model_validate({"log": {"stop_on_failure": stops_run}})
     dogs = Watchdogs(robot, config, Recorder(robot, sink, lambda _: None))
     is_well = is_alive and not unwritten
-    sink.told = SinkHealth(is_alive, {}, {"state": unwritten}, "" if is_well else "disk full")
+    sink.told = SinkHealth(is_alive, {}, {"state": unwritten, "event": 0}, "" if is_well else "disk full")
     stops = look(dogs)
     assert stops == ([Stop(StopReason.LOG_FAILED, "disk full")] if stops_run and not is_well else [])
     assert [e.name for e in sink.events] == ([] if is_well else ["log_problem"])
