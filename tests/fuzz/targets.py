@@ -10,11 +10,11 @@ from collections.abc import Iterator
 
 import numpy as np
 from files import FILES
+from logs import LOGS
 from operator_rpcs import OPERATOR_RPCS
 from rpcs import RPCS
 from wire import WIRE
 
-from logs import LOGS
 from policies import POLICIES
 
 TARGETS = {**POLICIES, **FILES, **LOGS, **WIRE, **RPCS, **OPERATOR_RPCS}

@@ -39,8 +39,8 @@ def test_findings_found_once() -> None:
 def test_400_truncations_and_400_flipped_bits_of_a_log() -> None:
     """Each is recovered or refused in words, and never holds a message that nobody wrote."""
     import numpy as np
-
     from logs import recover, small_log
+
     from spot_runtime.log.mcap_scan import scan_mcap
 
     data = small_log()
