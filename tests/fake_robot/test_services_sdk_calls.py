@@ -66,7 +66,8 @@ def test_state_metrics_and_hardware(robot: Any, call: Callable[..., Any], stub: 
     hardware = call(RobotStateClient, "get_robot_hardware_configuration")
     assert hardware.skeleton.links[0].name == "body"
     assert len(hardware.skeleton.links) == 13
-    models = [link.obj_model for link in call(RobotStateClient, "get_hardware_config_with_link_info").skeleton.links]
+    states = robot.ensure_client(RobotStateClient.default_service_name)
+    models = [link.obj_model for link in states.get_hardware_config_with_link_info().skeleton.links]
     assert [model.file_name for model in models[:2]] == ["body.obj", "front_left_hip.obj"]
     assert all(model.file_contents.count("\nv ") == 8 and model.file_contents.count("\nf ") == 6 for model in models)
     with pytest.raises(InvalidRequestError, match="no model of link 'tail'"):

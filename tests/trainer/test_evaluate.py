@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -71,7 +72,7 @@ def test_a_whole_evaluation_and_its_page() -> None:
     contract = setting.policy.contract.model_copy(
         update={"velocity_command_low": (-0.5, -0.5, -0.5), "velocity_command_high": (0.5, 0.5, 0.5)}
     )
-    slow = type(setting.policy)(**{**vars(setting.policy), "contract": contract})
+    slow = replace(setting.policy, contract=contract)
     told: list[str] = []
     result = evaluate(Setting(slow, n_threads=1), n=3, tell=told.append)
     assert told == ["tracking", "top_speed", "episodes_slow", "pushes", "slippery_patch"]
