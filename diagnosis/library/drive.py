@@ -31,7 +31,9 @@ class TorqueGainEntry(LibraryEffect):
     effect: ClassVar[type[Effect]] = TorqueGain
     channels: ClassVar[tuple[str, ...]] = ("A",)
     coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("gain", "1", -0.9, 2.0),)
-    confused_with: ClassVar[tuple[str, ...]] = ("load_sensor_gain", "thermal_derating", "load_friction", "torque_limit")
+    confused_with: ClassVar[tuple[str, ...]] = (
+        "load_sensor_gain", "thermal_derating", "load_friction", "torque_limit", "position_torque_limit",
+    )  # fmt: skip
     split_by: ClassVar[Experiment] = OTHER_KP
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:

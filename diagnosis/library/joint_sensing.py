@@ -161,7 +161,7 @@ class VelocityFilterEntry(LibraryEffect):
         Coefficient("servo_share", "1", 0.0, 1.0),
         Coefficient("body_share", "1", 0.0, 1.0),
     )
-    confused_with: ClassVar[tuple[str, ...]] = ("command_delay", "joint_compliance", "armature")
+    confused_with: ClassVar[tuple[str, ...]] = ("command_delay", "joint_compliance", "armature", "torque_bandwidth")
     split_by: ClassVar[Experiment] = OTHER_KP
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:

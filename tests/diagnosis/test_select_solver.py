@@ -3,6 +3,7 @@ import pytest
 
 from diagnosis.library.registry import LIBRARY
 from diagnosis.selection.places import Robot
+from diagnosis.selection.search import CONFUSED_SHARE, remainder_of
 from diagnosis.selection.solve import solve_bounded
 from spot_model.facts import JOINT_NAMES
 
@@ -49,3 +50,11 @@ def test_places_hold_joints_types_legs_and_all_once_each() -> None:
 def test_an_effect_of_the_whole_robot_has_one_place() -> None:
     assert ROBOT.places(LIBRARY["power_limit"]).shape == (1, 1)
     assert ROBOT.joints_of(LIBRARY["power_limit"], np.ones(1)).all()
+
+
+def test_a_small_effect_for_which_a_strong_one_is_mistaken_is_its_remainder() -> None:
+    filters, bandwidth, payload = (LIBRARY[n] for n in ("velocity_filter", "torque_bandwidth", "payload_mass"))
+    assert remainder_of([filters, bandwidth], [100.0, 30.0], 1) == CONFUSED_SHARE * 100.0
+    assert remainder_of([filters, bandwidth], [100.0, 30.0], 0) == 0.0
+    assert remainder_of([filters, bandwidth], [30.0, 100.0], 1) == 0.0
+    assert remainder_of([filters, payload], [100.0, 30.0], 1) == 0.0
