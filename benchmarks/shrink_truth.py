@@ -29,7 +29,7 @@ from diagnosis.engine import LocalEngine, Rollout
 from diagnosis.fitted import corrected_model, without_fold
 from diagnosis.library.registry import LIBRARY
 from diagnosis.logs import script_of
-from diagnosis.measure import Bench, measure, roll_out
+from diagnosis.measure import Bench, measure, simulate_all
 from diagnosis.posterior import Calibration
 from diagnosis.seam import Array
 from diagnosis.selection.scoring import Scored
@@ -86,9 +86,9 @@ def one_case(kind: str, place: Place, seed: int, name: str, size: float, repeats
     is_shared = any(t.effect.name in SURROUNDING_EFFECTS for t in best.terms)
     bench = _bench(few, policy, whole if is_shared else None)
     rng = np.random.default_rng(seed)
-    simulated = roll_out(bench, [(s, nominal) for s in bench.sequences], nominal, rng, lambda _: None)
     not_wrong = frozenset(n for g in found.posterior.groups for n in g.names)
-    said = measure(bench, simulated, nominal, found.board, found.selection, not_wrong, rng).shrink
+    simulated = simulate_all(bench, nominal, found.board, found.selection, not_wrong, rng)
+    said = measure(bench, simulated, rng).shrink
     if said is not None:
         row |= {"s": said.s, "low": said.s_low, "high": said.s_high, "d0": said.d0, "d1": said.d1}
         row["placebo"] = said.placebo.s if said.placebo is not None else None

@@ -15,7 +15,7 @@ from diagnosis.fitted import corrected_model, numbers
 from diagnosis.library.base import LibraryEffect
 from diagnosis.library.registry import LIBRARY
 from diagnosis.logs import script_of
-from diagnosis.measure import Bench, Measured, measure, roll_out
+from diagnosis.measure import Bench, Measured, measure, simulate_all
 from diagnosis.posterior import Calibration, Posterior, posterior
 from diagnosis.progress import Progress
 from diagnosis.recording import record
@@ -151,17 +151,16 @@ def diagnose(
     if policy is None or not scripts:
         notes.append(WITHOUT_RUNS)
     else:
-        say("simulating the nominal model through the same commands")
+        say("simulating the models through the same commands")
         is_shared = best is not None and any(t.effect.name in SURROUNDING_EFFECTS for t in best.terms)
         bench = Bench(tuple(runs), scripts, policy, engine or LocalEngine(policy), corrected if is_shared else None)
-        simulated = roll_out(bench, [(s, nominal) for s in bench.sequences], nominal, rng, tell)
-        logs = stack([record(run) for run in simulated])
+        not_wrong = frozenset(n for g in found.posterior.groups for n in g.names)
+        simulated = simulate_all(bench, nominal, found.board, found.selection, not_wrong, rng, tell)
+        logs = stack([record(run) for run in simulated.runs["nominal"]])
         views, _ = build_views(logs, nominal)
         legs = found.board.robot.leg_of_joint
         map_ = gap_map(Side(found.stack, found.views.get("A")), Side(logs, views.get("A")), legs, rng)
-        say("simulating the corrected model")
-        not_wrong = frozenset(n for g in found.posterior.groups for n in g.names)
-        measured = measure(bench, simulated, nominal, found.board, found.selection, not_wrong, rng, tell)
+        measured = measure(bench, simulated, rng)
         notes += [*measured.notes, *([map_.note] if map_.note else [])]
     verdict = _verdict(found, map_, measured, notes, runs, nominal_name)
     verdict = verdict.model_copy(update={"without": tuple(n for n in LIBRARY if n not in library)})

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from diagnosis.batching import merged
-from diagnosis.engine import Engine, LocalEngine, Rollout, Tell
+from diagnosis.engine import Engine, LocalEngine, Tell
 from diagnosis.fitted import corrected_model, without_fold
 from diagnosis.logs import policy_ticks, script_of
 from diagnosis.selection.board import Board
-from diagnosis.selection.scoring import Scored
 from diagnosis.selection.search import Rival, Selection
 from diagnosis.shrink import Compared, Features, Shrinkage, compare, features_by_sequence, shrinkage
 from diagnosis.simulated import Script, Surroundings
-from diagnosis.surroundings import SURROUNDING_EFFECTS, best_surroundings
+from diagnosis.surroundings import SURROUNDING_EFFECTS, best_surroundings, run_all
 from diagnosis.verdict import OtherGap, Placebo, Shrink
 from spot_model.errors import BadInputError
 from spot_model.model_file import RobotModel
@@ -59,103 +57,132 @@ class Measured:
     notes: tuple[str, ...]
 
 
+Models = Mapping[str, RobotModel]
+"""By command sequence, the model that runs it."""
+
+
 def roll_out(
-    bench: Bench, models: Sequence[tuple[str, RobotModel]], reference: RobotModel, rng: np.random.Generator, tell: Tell,
-    chosen_for: str = "nominal",
-) -> list[Run]:  # fmt: skip
-    """Runs of all scripts, in the surroundings that suit the model.
+    bench: Bench, models: Mapping[str, Models], references: Models, rng: np.random.Generator, tell: Tell
+) -> dict[str, list[Run]]:
+    """Runs of all scripts by each model, all side by side, in the surroundings that suit them.
 
     Args:
         bench: What to run.
-        models: For each sequence, the model that runs it.
-        reference: The model for which surroundings are chosen, unless the bench has one for all.
+        models: By name; a name without a reference shares the surroundings of ``nominal``.
+        references: By name, the model for which surroundings are chosen, unless the bench has one for all.
         rng: Draws seeds.
         tell: Called with the share that is done.
-        chosen_for: Name under which surroundings are kept; those that are there are not chosen again.
 
     Raises:
         BadInputError: A model cannot be simulated.
     """
-    key = chosen_for if bench.shared is None else "all"
-    if key not in bench.surroundings:
-        bench.surroundings[key] = best_surroundings(
-            bench.shared or reference, bench.scripts, bench.real(), bench.policy, bench.engine, rng,
-            lambda share: tell(0.6 * share),
-        )  # fmt: skip
-    around = bench.surroundings[key]
-    of_run = [model for sequence, model in models for s in bench.scripts if s.sequence == sequence]
-    # Many runs in one batch cost little more than few.
-    together = merged(of_run)
-    batches = [(together, models)] if together is not None else [(model, [(s, model)]) for s, model in models]
-    rollouts = []
-    for model, part in batches:
-        mine = tuple(s for sequence, _ in part for s in bench.scripts if s.sequence == sequence)
-        own = tuple(around[s.sequence] for s in mine) if around else None
-        rollouts.append(Rollout(model, mine, int(rng.integers(2**31)), own))
-    made = bench.engine.simulate(rollouts, lambda share: tell(0.6 + 0.4 * share))
-    return [run for part in made for run in part]
+    wanted = references if bench.shared is None else {"all": bench.shared}
+    missing = {name: model for name, model in wanted.items() if name not in bench.surroundings}
+    if missing:
+        bench.surroundings.update(best_surroundings(
+            missing, bench.scripts, bench.real(), bench.policy, bench.engine, rng, lambda share: tell(0.6 * share)
+        ))  # fmt: skip
+    jobs, names = [], []
+    for name, by_sequence in models.items():
+        around = bench.surroundings["all" if bench.shared is not None else name if name in references else "nominal"]
+        for sequence, model in by_sequence.items():
+            mine = [s for s in bench.scripts if s.sequence == sequence]
+            jobs += [(model, s, around.get(sequence)) for s in mine]
+            names += [name] * len(mine)
+    made: dict[str, list[Run]] = {name: [] for name in models}
+    for name, run in zip(names, run_all(jobs, bench.engine, rng, lambda share: tell(0.6 + 0.4 * share)), strict=True):
+        made[name].append(run)
+    return made
 
 
-def measure(
-    bench: Bench, simulated: Sequence[Run], nominal: RobotModel, board: Board, selection: Selection,
-    not_wrong: frozenset[str], rng: np.random.Generator, tell: Tell = lambda _: None,
-) -> Measured:  # fmt: skip
-    """Roll out and compare.
+@dataclass(frozen=True)
+class Simulated:
+    """Closed-loop runs by name of the model: nominal, corrected, placebo."""
+
+    runs: Mapping[str, list[Run]]
+    placebo: str
+    """Name of the wrong effect; empty without one."""
+    is_crossed: bool
+    """Whether each sequence's model was fitted without it."""
+    notes: tuple[str, ...]
+
+
+def simulate_all(
+    bench: Bench, nominal: RobotModel, board: Board, selection: Selection, not_wrong: frozenset[str],
+    rng: np.random.Generator, tell: Tell = lambda _: None,
+) -> Simulated:  # fmt: skip
+    """Run the nominal model and, where something was found, the corrected one and the placebo.
 
     Args:
         bench: Real logs and how to simulate them.
-        simulated: The nominal model's runs of the scripts.
         nominal: The model.
         board: With the folds.
         selection: What was chosen.
         not_wrong: Effects that may be right: found, or in a group with one that is found; no placebo.
-        rng: Draws seeds and resamples.
+        rng: Draws seeds.
         tell: Called with the share that is done.
+
+    Raises:
+        BadInputError: The nominal model cannot be simulated.
     """
-    best = selection.best
-    if best is None:
-        return Measured(None, tuple(simulated), (), ())
-    notes: list[str] = []
-    names = bench.sequences
+    names, notes = bench.sequences, []
     crossed = list(board.fold_names) == names and len(names) > 1
-    if not crossed:
-        notes.append("all logs are of one command sequence: the shrink is measured on sequences that the fit saw")
     placebo = _placebo(selection, not_wrong)
-    candidates = {"corrected": best} | ({"placebo": placebo.scored} if placebo is not None else {})
-    made: dict[str, list[Run]] = {}
-    for i, (name, scored) in enumerate(candidates.items()):
-
-        def part(share: float, i: int = i) -> None:
-            tell((i + share) / len(candidates))
-
+    found = {"corrected": selection.best, "placebo": placebo.scored if placebo is not None else None}
+    models: dict[str, Models] = {"nominal": dict.fromkeys(names, nominal)}
+    references = {"nominal": nominal}
+    for name, scored in found.items():
+        if scored is None:
+            continue
         try:
-            models = [
-                (s, corrected_model(nominal, board.robot, scored, without_fold(scored, k) if crossed else None))
+            models[name] = {
+                s: corrected_model(nominal, board.robot, scored, without_fold(scored, k) if crossed else None)
                 for k, s in enumerate(names)
-            ]
+            }
             # A placebo is hardly better than the nominal model, whose surroundings serve it.
-            chosen_for = "corrected" if name == "corrected" else "nominal"
-            made[name] = roll_out(bench, models, corrected_model(nominal, board.robot, scored), rng, part, chosen_for)
+            if name == "corrected":
+                references[name] = corrected_model(nominal, board.robot, scored)
         except BadInputError as error:
+            models.pop(name, None)
             notes.append(f"{name} model cannot be simulated: {error}")
+    try:
+        runs = roll_out(bench, models, references, rng, tell)
+    except BadInputError as error:
+        notes.append(f"corrected model cannot be simulated: {error}")
+        alone = replace(bench, shared=None)
+        runs = roll_out(alone, {"nominal": models["nominal"]}, {"nominal": nominal}, rng, tell)
+    named = placebo.scored.terms[-1].effect.name if placebo is not None and "placebo" in runs else ""
+    return Simulated(runs, named, crossed, tuple(notes))
+
+
+def measure(bench: Bench, simulated: Simulated, rng: np.random.Generator) -> Measured:
+    """Compare.
+
+    Args:
+        bench: Real logs.
+        simulated: Runs of the models.
+        rng: Draws resamples.
+    """
+    made, crossed, notes = simulated.runs, simulated.is_crossed, list(simulated.notes)
     if "corrected" not in made:
-        return Measured(None, tuple(simulated), (), tuple(notes))
-    compared, told = _compared(bench, {"nominal": simulated, **made})
+        return Measured(None, tuple(made["nominal"]), (), tuple(notes))
+    if not crossed:
+        notes.insert(0, "all logs are of one command sequence: the shrink is measured on sequences that the fit saw")
+    compared, told = _compared(bench, made)
     notes += told
     if not compared:
-        return Measured(None, tuple(simulated), tuple(made["corrected"]), tuple(notes))
+        return Measured(None, tuple(made["nominal"]), tuple(made["corrected"]), tuple(notes))
     after = shrinkage(compared, "nominal", "corrected", rng)
     wrong = shrinkage(compared, "nominal", "placebo", rng) if "placebo" in made else None
     shrink = Shrink(
         d0=after.d0, d1=after.d1, floor=after.floor, s=after.s, s_low=after.low, s_high=after.high,
         held_out=tuple(c.sequence for c in compared) if crossed else (),
-        placebo=Placebo(name=placebo.scored.terms[-1].effect.name, s=wrong.s)
-        if wrong is not None and wrong.s is not None and placebo is not None else None,
-        beside=tuple(_beside(bench.runs, simulated, made["corrected"])),
+        placebo=Placebo(name=simulated.placebo, s=wrong.s) if wrong is not None and wrong.s is not None else None,
+        beside=tuple(_beside(bench.runs, made["nominal"], made["corrected"])),
     )  # fmt: skip
     if any(c.real.shape[0] < 2 for c in compared):
         notes.append("each sequence was run once: the floor counts as 0, and S is a lower bound")
-    return Measured(shrink, tuple(simulated), tuple(made["corrected"]), tuple(notes))
+    return Measured(shrink, tuple(made["nominal"]), tuple(made["corrected"]), tuple(notes))
 
 
 def shrink_of(
@@ -177,15 +204,16 @@ def shrink_of(
         return None
     added = {e.name for e in corrected.effects} - {e.name for e in nominal.effects}
     bench = Bench(tuple(runs), scripts, policy, LocalEngine(policy), corrected if added & SURROUNDING_EFFECTS else None)
-    made = {
-        name: roll_out(bench, [(s, model) for s in bench.sequences], model, rng, lambda _: None, name)
-        for name, model in (("nominal", nominal), ("corrected", corrected))
-    }
-    compared, _ = _compared(bench, dict(made))
+    models = {"nominal": nominal, "corrected": corrected}
+    made = roll_out(
+        bench, {name: dict.fromkeys(bench.sequences, model) for name, model in models.items()}, models, rng,
+        lambda _: None,
+    )  # fmt: skip
+    compared, _ = _compared(bench, made)
     return shrinkage(compared, "nominal", "corrected", rng) if compared else None
 
 
-def _compared(bench: Bench, models: dict[str, Sequence[Run]]) -> tuple[list[Compared], list[str]]:
+def _compared(bench: Bench, models: Mapping[str, Sequence[Run]]) -> tuple[list[Compared], list[str]]:
     """Distances by sequence, and what could not be compared."""
     real = bench.real()
     parts = {name: features_by_sequence(group, bench.policy) for name, group in models.items()}
@@ -273,4 +301,4 @@ def _w1(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.mean(np.abs(np.quantile(a, grid, axis=0) - np.quantile(b, grid, axis=0))))
 
 
-__all__ = ["Bench", "Compared", "Measured", "Scored", "measure", "roll_out", "shrink_of"]
+__all__ = ["Bench", "Compared", "Measured", "Simulated", "measure", "roll_out", "shrink_of", "simulate_all"]

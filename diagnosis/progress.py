@@ -10,8 +10,7 @@ STAGES: Final = (
     ("reading logs", 0.10),
     ("building channels", 0.15),
     ("trying", 0.35),
-    ("simulating the nominal model", 0.15),
-    ("simulating the corrected model", 0.20),
+    ("simulating the models", 0.35),
     ("writing the report", 0.05),
 )
 """How the first message of each stage begins, and its usual share of the time."""

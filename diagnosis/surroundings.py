@@ -16,11 +16,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis.batching import merged
 from diagnosis.engine import Engine, Rollout, Tell
 from diagnosis.shrink import Features, compare, features_by_sequence
 from diagnosis.simulated import Script, Surroundings
 from spot_model.model_file import RobotModel
 from spot_model.policy import Policy
+from spot_runtime.log.run import Run
 
 OWN: Final = Surroundings()
 """The simulator's."""
@@ -45,43 +47,50 @@ SURROUNDING_EFFECTS: Final = frozenset({
 })  # fmt: skip
 """Effects that other surroundings could hide."""
 
+Job = tuple[RobotModel, Script, Surroundings | None]
+"""A run to make; without surroundings in the simulator's own."""
+
 
 class _Tried:
     """Scores of surroundings by sequence: one simulated run of each."""
 
     def __init__(
-        self, model: RobotModel, scripts: Sequence[Script], real: Mapping[str, Features], policy: Policy,
-        engine: Engine, rng: np.random.Generator,
-    ) -> None:  # fmt: skip
+        self, model: RobotModel, scripts: Sequence[Script], real: Mapping[str, Features], policy: Policy
+    ) -> None:
         names = sorted(name for name in real if any(s.sequence == name for s in scripts))
         # Without repeats a sequence's distances have another unit.
         names = [name for name in names if len(real[name]) > 1] or names
         if len(names) > MAX_SEQUENCES:
             names = [names[i * len(names) // MAX_SEQUENCES] for i in range(MAX_SEQUENCES)]
         self.names = names
-        self._model, self._policy, self._engine, self._rng = model, policy, engine, rng
+        self.model, self._policy = model, policy
         self._real = {name: [f[:MAX_TICKS] for f in real[name]] for name in names}
         first = [next(s for s in scripts if s.sequence == name) for name in names]
         self._scripts = [replace(s, velocity_command=s.velocity_command[:MAX_TICKS]) for s in first]
         self._costs: dict[Surroundings, NDArray[np.float64]] = {}
 
-    def add(self, some: Sequence[Surroundings], tell: Tell) -> None:
-        """Try all that were not tried yet, side by side."""
-        new = [s for s in dict.fromkeys(some) if s not in self._costs]
-        if not new:
-            return
-        every = tuple(replace(s, sequence=f"{k}:{s.sequence}") for k in range(len(new)) for s in self._scripts)
-        around = tuple(s for s in new for _ in self._scripts)
-        seed = int(self._rng.integers(2**31))
-        (runs,) = self._engine.simulate([Rollout(self._model, every, seed, around, only_ticks=True)], tell)
+    def new(self, some: Sequence[Surroundings]) -> list[Surroundings]:
+        """Those that were not tried yet, each once."""
+        return [s for s in dict.fromkeys(some) if s not in self._costs]
+
+    def add(self, some: Sequence[Surroundings], runs: Sequence[Run]) -> None:
+        """Score runs of :meth:`scripts_for`."""
         found = features_by_sequence(runs, self._policy)
-        costs = np.full((len(new), len(self.names)), np.inf)
+        costs = np.full((len(some), len(self.names)), np.inf)
         for column, name in enumerate(self.names):
-            parts = {str(k): f for k in range(len(new)) if (f := found.get(f"{k}:{name}"))}
+            parts = {str(k): f for k in range(len(some)) if (f := found.get(f"{k}:{name}"))}
             if parts:
                 for k, distances in compare(name, self._real[name], parts).models.items():
                     costs[int(k), column] = float(np.mean(distances))
-        self._costs.update(zip(new, np.where(np.isfinite(costs), costs, np.inf), strict=True))
+        self._costs.update(zip(some, np.where(np.isfinite(costs), costs, np.inf), strict=True))
+
+    def scripts_for(self, some: Sequence[Surroundings]) -> list[tuple[Script, Surroundings]]:
+        """One run of each sequence in each of them."""
+        return [
+            (replace(script, sequence=f"{k}:{script.sequence}"), s)
+            for k, s in enumerate(some)
+            for script in self._scripts
+        ]
 
     def best_without(self, name: str) -> Surroundings:
         """With the best geometric mean over all other sequences; over itself where it is the only one."""
@@ -97,15 +106,15 @@ class _Tried:
 
 
 def best_surroundings(
-    model: RobotModel, scripts: Sequence[Script], real: Mapping[str, Features], policy: Policy, engine: Engine,
-    rng: np.random.Generator, tell: Tell,
-) -> dict[str, Surroundings]:  # fmt: skip
-    """Surroundings for each sequence, chosen on the others; on itself where it is the only one.
+    models: Mapping[str, RobotModel], scripts: Sequence[Script], real: Mapping[str, Features], policy: Policy,
+    engine: Engine, rng: np.random.Generator, tell: Tell,
+) -> dict[str, dict[str, Surroundings]]:  # fmt: skip
+    """By model, surroundings for each sequence, chosen on the others; on itself where it is the only one.
 
     First hard and soft ground, then around the best the estimator, the ground finer, and how it damps.
 
     Args:
-        model: Whose runs are compared.
+        models: Whose runs are compared; all are run side by side.
         scripts: Of the real runs.
         real: Real runs' features by sequence.
         policy: The policy that ran.
@@ -113,26 +122,72 @@ def best_surroundings(
         rng: Draws seeds.
         tell: Called with the share that is done.
     """
-    tried = _Tried(model, scripts, real, policy, engine, rng)
-    if not tried.names:
-        return {}
-    tried.add(
-        [OWN, *(replace(OWN, contact_time_constant_s=t, odometry_time_s=ODOMETRY_S) for t in TIME_CONSTANTS_S)],
-        lambda share: tell(0.5 * share),
-    )
-    tried.add(
-        [replace(c, odometry_time_s=t) for c in tried.centres() for t in ALL_ODOMETRY_S],
-        lambda share: tell(0.5 + 0.15 * share),
-    )
-    tried.add(
-        [
+    tried = {name: _Tried(model, scripts, real, policy) for name, model in models.items()}
+    if any(not t.names for t in tried.values()):
+        return {name: {} for name in models}
+
+    def coarse(_: _Tried) -> list[Surroundings]:
+        return [OWN, *(replace(OWN, contact_time_constant_s=t, odometry_time_s=ODOMETRY_S) for t in TIME_CONSTANTS_S)]
+
+    def estimator(t: _Tried) -> list[Surroundings]:
+        return [replace(c, odometry_time_s=time_s) for c in t.centres() for time_s in ALL_ODOMETRY_S]
+
+    def finer(t: _Tried) -> list[Surroundings]:
+        return [
             replace(c, contact_time_constant_s=c.contact_time_constant_s * factor)
-            for c in tried.centres() for factor in FINER
-        ],
-        lambda share: tell(0.65 + 0.2 * share),
-    )  # fmt: skip
-    tried.add(
-        [replace(c, contact_damping_ratio=d) for c in tried.centres() for d in DAMPING_RATIOS],
-        lambda share: tell(0.85 + 0.15 * share),
-    )
-    return {s: tried.best_without(s) for s in sorted({s.sequence for s in scripts})}
+            for c in t.centres() for factor in FINER
+        ]  # fmt: skip
+
+    def damping(t: _Tried) -> list[Surroundings]:
+        return [replace(c, contact_damping_ratio=d) for c in t.centres() for d in DAMPING_RATIOS]
+
+    for done, step in enumerate((coarse, estimator, finer, damping)):
+
+        def part(share: float, done: int = done) -> None:
+            tell((done + share) / 4)
+
+        _try(list(tried.values()), [t.new(step(t)) for t in tried.values()], engine, rng, part)
+    every = sorted({s.sequence for s in scripts})
+    return {name: {s: t.best_without(s) for s in every} for name, t in tried.items()}
+
+
+def _try(
+    tried: Sequence[_Tried], new: Sequence[Sequence[Surroundings]], engine: Engine, rng: np.random.Generator, tell: Tell
+) -> None:
+    """Run what each model has not tried yet, in one batch where the models allow it."""
+    parts = [(t, some, t.scripts_for(some)) for t, some in zip(tried, new, strict=True) if some]
+    jobs = [(t.model, script, around) for t, _, scripts in parts for script, around in scripts]
+    runs = iter(run_all(jobs, engine, rng, tell, only_ticks=True))
+    for t, some, scripts in parts:
+        t.add(some, [next(runs) for _ in scripts])
+
+
+def run_all(
+    jobs: Sequence[Job], engine: Engine, rng: np.random.Generator, tell: Tell, *, only_ticks: bool = False
+) -> list[Run]:
+    """A run of each job, in their order: in one batch where the models allow it, otherwise in one for each model.
+
+    Raises:
+        BadInputError: A model cannot be simulated.
+    """
+    if not jobs:
+        return []
+    together = merged([model for model, _, _ in jobs])
+    if together is not None:
+        groups = [(together, list(range(len(jobs))))]
+    else:
+        by_model: dict[int, list[int]] = {}
+        for i, (model, _, _) in enumerate(jobs):
+            by_model.setdefault(id(model), []).append(i)
+        groups = [(jobs[rows[0]][0], rows) for rows in by_model.values()]
+    rollouts = []
+    for model, rows in groups:
+        around = [s for i in rows if (s := jobs[i][2]) is not None]
+        chosen = tuple(around) if len(around) == len(rows) else None
+        scripts = tuple(jobs[i][1] for i in rows)
+        rollouts.append(Rollout(model, scripts, int(rng.integers(2**31)), chosen, only_ticks=only_ticks))
+    made: list[Run | None] = [None] * len(jobs)
+    for (_, rows), runs in zip(groups, engine.simulate(rollouts, tell), strict=True):
+        for i, run in zip(rows, runs, strict=True):
+            made[i] = run
+    return [run for run in made if run is not None]

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from diagnosis.batching import merged
+from diagnosis.library.registry import LIBRARY
 from diagnosis.simulated import SensorNoise, simulate
+from spot_model import facts
 from spot_model.effects.armature import Armature
 from spot_model.effects.base import Effect
 from spot_model.effects.command_delay import CommandDelay
@@ -14,8 +16,10 @@ from spot_model.effects.coulomb_friction import CoulombFriction
 from spot_model.effects.payload_mass import PayloadMass
 from spot_model.effects.velocity_estimate import VelocityEstimate
 from spot_model.model_file import RobotModel
+from spot_model.plant import Plant, PlantOptions
 from spot_model.policy import load_policy
 
+from .cases import CASES, Case
 from .report_case import POLICY, scripts
 
 SILENT = SensorNoise(0.0, 0.0, 0.0, 0.0, 0.0)
@@ -42,8 +46,35 @@ def test_one_batch_is_as_two(one: Effect, other: Effect) -> None:
     assert not np.allclose(alone.states.position_rad, together[0].states.position_rad, atol=1e-6)
 
 
-def test_models_of_other_effects_or_joints_stay_apart() -> None:
+def test_models_of_other_effects_or_joints_stand_side_by_side() -> None:
     knees, hips = (RobotModel((CoulombFriction(joints=(j,), level_nm=1.0),)) for j in ("knees", "hips"))
-    assert merged([knees, hips]) is None
-    assert merged([knees, RobotModel()]) is None
+    both = merged([knees, hips, RobotModel()])
+    assert both is not None
+    levels = {e.joints: np.ravel(e.values["level_nm"]).tolist() for e in both.effects}
+    assert levels == {("knees",): [1.0, 0.0, 0.0], ("hips",): [0.0, 1.0, 0.0]}
     assert merged([knees, knees]) is knees
+    per_run = RobotModel((CoulombFriction(level_nm=np.ones((3, 1))),))
+    assert merged([per_run, knees]) is None
+
+
+def test_effects_keep_their_order() -> None:
+    a, b, c = Armature(inertia_kg_m2=0.1), CoulombFriction(level_nm=1.0), PayloadMass(mass_kg=1.0)
+    both = merged([RobotModel((a, c)), RobotModel((b, c)), RobotModel((c, a))])
+    assert both is not None
+    assert [e.name for e in both.effects] == ["coulomb_friction", "armature", "payload_mass", "armature"]
+    assert np.ravel(both.effects[1].values["inertia_kg_m2"]).tolist() == [0.1, 0.0, 0.0]
+    assert np.ravel(both.effects[3].values["inertia_kg_m2"]).tolist() == [0.0, 0.0, 0.1]
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.label)
+def test_beside_any_effect_a_run_without_it_moves_as_ever(case: Case) -> None:
+    entry = LIBRARY[case.effect]
+    model = RobotModel((entry.make(case.values, case.joints),))
+    both = merged([RobotModel(), model])
+    assert both is not None
+    plants = [Plant(m.effects, n, PlantOptions()) for m, n in ((both, 2), (RobotModel(), 1))]
+    for plant in plants:
+        for k in range(12):
+            plant.step(facts.DEFAULT_POSITION_RAD + 0.3 * np.sin(0.7 * k), 4)
+    np.testing.assert_array_equal(plants[0].joint_position_rad[0], plants[1].joint_position_rad[0])
+    np.testing.assert_array_equal(plants[0].reading.velocity_rad_s[0], plants[1].reading.velocity_rad_s[0])

@@ -63,7 +63,7 @@ class _Prepared:
 def _best(made: list[Run], engine: _Prepared, policy: Policy) -> dict[str, Surroundings]:
     real = features_by_sequence(made, policy)
     rng = np.random.default_rng(0)
-    return best_surroundings(RobotModel(), scripts(60), real, policy, engine, rng, lambda _: None)
+    return best_surroundings({"one": RobotModel()}, scripts(60), real, policy, engine, rng, lambda _: None)["one"]
 
 
 def test_a_sequence_gets_what_suits_the_others(policy: Policy, made: list[Run]) -> None:
