@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import sys
 from pathlib import Path
 from typing import Annotated, Optional
@@ -23,6 +22,7 @@ from spot_runtime.hal.bosdyn import BosdynHal
 from spot_runtime.hal.lock_step import LockStep
 from spot_runtime.instance_lock import InstanceLock
 from spot_runtime.journal import Journal, goes_to_journal
+from spot_runtime.labels import parse_labels
 from spot_runtime.log import LogError, recover_leftovers
 from spot_runtime.log.logger_process import LoggerProcess
 from spot_runtime.log.run_writer import active_path
@@ -37,8 +37,6 @@ from spot_runtime.sources.keyboard import HELP, TerminalKeyboardSource
 from spot_runtime.sources.scripted import ScriptedSource
 
 CA_VARIABLE = "SPOT_RL_CA_FILE"
-LABEL_KEY = re.compile(r"[A-Za-z0-9_.-]{1,64}")
-MAX_LABEL_VALUE = 256
 
 
 def run(
@@ -150,25 +148,6 @@ def resolve_config(
     )
     log = config.log.model_copy(update={"directory": log_dir or config.log.directory})
     return config.model_copy(update={"robot": robot, "log": log})
-
-
-def parse_labels(texts: list[str]) -> dict[str, str]:
-    """``KEY=VALUE`` pairs.
-
-    Raises:
-        BadInputError: One is no such pair, or a key comes twice.
-    """
-    labels: dict[str, str] = {}
-    for text in texts:
-        key, equals, value = text.partition("=")
-        is_sound = LABEL_KEY.fullmatch(key) and len(value) <= MAX_LABEL_VALUE and value.isprintable()
-        if not equals or key in labels or not is_sound:
-            raise BadInputError(
-                f"label {text[:80]!r} is not valid; allowed: KEY=VALUE, each key once, of letters, digits, '_', '.', "
-                f"'-', at most 64; values printable, at most {MAX_LABEL_VALUE}"
-            )
-        labels[key] = value
-    return labels
 
 
 def make_source(

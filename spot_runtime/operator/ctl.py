@@ -1,4 +1,7 @@
-"""Operate a robot that 'spot-rl serve' looks after."""
+"""Operate a robot that 'spot-rl serve' looks after.
+
+A stop must not wait for libraries: what only steering and the screen need is imported there.
+"""
 
 from __future__ import annotations
 
@@ -11,12 +14,8 @@ import typer
 from google.protobuf.json_format import MessageToDict
 
 from spot_protos import operator_pb2
-from spot_runtime.cli import parse_labels
-from spot_runtime.config import OperatorConfig
-from spot_runtime.console import Console
+from spot_runtime.labels import parse_labels
 from spot_runtime.operator.client import ARM_TIMEOUT_S, OperatorClient, client_from
-from spot_runtime.operator.drive import drive_by, source_of
-from spot_runtime.operator.watch import watch_screen
 
 app = typer.Typer(no_args_is_help=True, add_completion=False)
 STEER_PERIOD_S = 0.04
@@ -149,6 +148,10 @@ def drive(
     operator: Annotated[str, typer.Option(help="Who steers.")] = "ctl drive",
 ) -> None:
     """Steer by keyboard or gamepad until you press x."""
+    from spot_runtime.config import OperatorConfig
+    from spot_runtime.console import Console
+    from spot_runtime.operator.drive import drive_by, source_of
+
     console = Console()
     with _client(context) as client:
         try:
@@ -214,6 +217,8 @@ def watch(
     ] = False,
 ) -> None:
     """Show everything on one screen: mode, rates, ages, temperatures, battery, the last events. Ctrl-C leaves it."""
+    from spot_runtime.operator.watch import watch_screen
+
     with _client(context) as client:
         watch_screen(client, is_attending=is_attending)
 

@@ -10,12 +10,14 @@ import stat
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import grpc
 
 from spot_model.errors import BadInputError, SpotRlError
-from spot_runtime.service_config import ServiceConfig
+
+if TYPE_CHECKING:  # a client has no configuration, and starts without pydantic
+    from spot_runtime.service_config import ServiceConfig
 
 SOCKET_NAME: Final = "operator.sock"
 SYSTEM_SOCKET: Final = Path("/run/spot-rl") / SOCKET_NAME

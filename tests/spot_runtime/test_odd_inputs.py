@@ -10,9 +10,9 @@ import pytest
 from spot_model.delay import read_delay_csv
 from spot_model.errors import BadInputError
 from spot_model.yaml_text import YamlError, parse_yaml
-from spot_runtime.cli import parse_labels
 from spot_runtime.config import load_config
 from spot_runtime.hal.address import parse_address
+from spot_runtime.labels import parse_labels
 from spot_runtime.log import LogReadError, read_run
 from spot_runtime.log.importing import import_log, load_mapping
 from spot_runtime.operator.listening import is_loopback

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 import select
 import socket
+import subprocess
+import sys
 from pathlib import Path
 
 import grpc
@@ -363,3 +365,10 @@ def test_a_provider_that_is_not_there_is_refused_not_replaced(provider: str) -> 
     with pytest.raises(PolicyError, match=rf"control.inference = '{provider}' needs .* or set 'cpu'"):
         load_policy(POLICIES / "walk.onnx", provider=provider)
     assert RunConfig.model_validate({"control": {"inference": provider}}).control.inference == provider
+
+
+def test_an_operators_command_starts_without_heavy_libraries() -> None:
+    heavy = ("numpy", "pydantic", "rich", "bosdyn.client", "onnxruntime")
+    words = f"import spot_runtime.operator.ctl, sys; print([m for m in {heavy} if m in sys.modules])"
+    told = subprocess.run([sys.executable, "-c", words], capture_output=True, text=True, check=True)
+    assert told.stdout.strip() == "[]"
