@@ -25,7 +25,7 @@ from spot_runtime.bench_faults import (
     rows_twice,
 )
 from spot_runtime.bench_faults.rig import rig
-from spot_runtime.bench_faults.rows import Result, Row, try_row
+from spot_runtime.bench_faults.rows import Result, Row, tidy, try_row
 
 ROWS: Final[tuple[Row, ...]] = (
     *rows_link.ROWS,
@@ -36,7 +36,7 @@ ROWS: Final[tuple[Row, ...]] = (
     *rows_log.ROWS,
     *rows_twice.ROWS,
     *rows_more.ROWS,
-    *rows_robot.LAST,
+    *rows_robot.ALONE,
 )
 EXIT_FAILED: Final = 1
 
@@ -81,19 +81,19 @@ def chosen(only: str, *, is_real_time: bool, is_quick: bool) -> list[Row]:
 
 
 def tried(rows: Iterable[Row], policy: Path, scenario: str, *, is_real_time: bool) -> Iterator[Result]:
-    """Try rows, one after the other, on one robot; a row that has failed leaves it to nobody else."""
+    """Try rows, one after the other, on one robot; a row that has failed, or is alone, leaves it to nobody else."""
     left = list(rows)
     while left:
         with (
             tempfile.TemporaryDirectory(prefix="spot-rl-faults-") as folder,
             rig(Path(folder), policy, is_lock_step=not is_real_time, scenario=scenario) as robot,
         ):
-            while left:
-                result = try_row(robot, left.pop(0))
+            is_good = True
+            while left and is_good:
+                row = left.pop(0)
+                result = tidy(robot, row, try_row(robot, row))
+                is_good = result.ok and not row.is_alone and not (left and left[0].is_alone)
                 yield result
-                if not result.ok:
-                    break
-                robot.restore()
 
 
 def table(results: Iterable[Result]) -> Table:

@@ -15,6 +15,7 @@ from typing import Any, Final
 
 import grpc
 from bosdyn.api import power_pb2
+from bosdyn.client.estop import EstopClient
 from bosdyn.client.power import PowerClient
 from bosdyn.client.robot_command import RobotCommandBuilder, RobotCommandClient
 
@@ -107,6 +108,8 @@ class Rig:
     policy_file: Path
     is_lock_step: bool = True
     _count: int = field(default=0)
+    estops: tuple[str, ...] = ()
+    """Who held the robot's e-stop before the first run."""
 
     # The robot -------------------------------------------------------------------------------------------------------
 
@@ -137,20 +140,38 @@ class Rig:
         for _ in range(round(seconds / part_s)):
             self.admin.Step(fake_admin_pb2.StepRequest(duration_ns=round(part_s * 1e9)))
 
-    def clear_behavior_faults(self) -> None:
-        """As a person with a tablet does. Raises HalError where the robot cannot be reached."""
-        clear_behavior_faults(self.address.robot, self.config().robot)
+    def clear_behavior_faults(self) -> tuple[str, ...]:
+        """As a person with a tablet does. Returns who holds the e-stop. Raises HalError: the robot is not reached."""
+        return clear_behavior_faults(self.address.robot, self.config().robot)
 
-    def restore(self) -> None:
-        """After a run: no faults, no behaviour faults and nobody's lease, as a person with a tablet would leave it."""
+    def restore(self) -> str:
+        """After a run: no faults, no behaviour faults and nobody's lease, as a person with a tablet would leave it.
+
+        Returns:
+            What is left that the next run would suffer from, in words; nothing where the robot is good again.
+        """
         self.clear()
         if self.status().lease_owner:
             self.inject("lease_expired")
         self.step(0.3)
         with self.environment():
-            self.clear_behavior_faults()
+            estops = self.clear_behavior_faults()
             if tilt_rad(self.truth()) > OVERTURNED_RAD:
                 turn_over(self)
+        return self._left(estops)
+
+    def _left(self, estops: tuple[str, ...]) -> str:
+        status = self.status()
+        left = [f"the fault {fault.name}" for fault in status.active_faults]
+        if status.estop_level.lower() not in ("none", "estop_level_none"):
+            left.append(f"an e-stop at {status.estop_level}")
+        if estops != self.estops:
+            left.append(f"the e-stop in the hands of {', '.join(estops) or 'nobody'}")
+        if not status.motor_power.lower().endswith("off"):
+            left.append(f"motors {status.motor_power}")
+        if status.lease_owner:
+            left.append(f"the lease with {status.lease_owner}")
+        return ", ".join(left)
 
     # Runs ------------------------------------------------------------------------------------------------------------
 
@@ -275,8 +296,8 @@ class Meddler(BosdynHal):
         super().power_off()
 
 
-def clear_behavior_faults(robot: str, config: RobotConfig) -> None:
-    """Do by hand what the runtime never does by itself. Raises HalError."""
+def clear_behavior_faults(robot: str, config: RobotConfig) -> tuple[str, ...]:
+    """Do by hand what the runtime never does by itself. Returns who holds the e-stop. Raises HalError."""
     clock = HostClock()
     session = Session(parse_address(robot), config, clock, RobotClockEstimate(), clock.now_ns)
     try:
@@ -288,6 +309,8 @@ def clear_behavior_faults(robot: str, config: RobotConfig) -> None:
         client = session.calls.client(RobotCommandClient)
         for number in numbers:
             session.calls.make("clearing a fault", partial(client.clear_behavior_fault, number))
+        status = session.calls.make("asking for the e-stop", session.calls.client(EstopClient).get_status)
+        return tuple(endpoint.endpoint.name for endpoint in status.endpoints)
     finally:
         session.close()
 
@@ -342,4 +365,7 @@ def rig(folder: Path, policy_file: Path, *, is_lock_step: bool = True, scenario:
         grpc.insecure_channel(process.address.admin) as channel,
     ):
         admin = fake_admin_pb2_grpc.FakeAdminStub(channel)  # type: ignore[no-untyped-call]
-        yield Rig(process.address, admin, folder, load_policy(policy_file), policy_file, is_lock_step)
+        robot = Rig(process.address, admin, folder, load_policy(policy_file), policy_file, is_lock_step)
+        with robot.environment():
+            robot.estops = robot.clear_behavior_faults()
+        yield robot

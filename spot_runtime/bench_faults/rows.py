@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 import traceback
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 import numpy as np
@@ -52,6 +52,8 @@ class Row:
     """Also tried in real time."""
     is_long: bool = False
     """Takes long; left out where rows are tried quickly."""
+    is_alone: bool = False
+    """Has a robot of its own, for it leaves one that nobody can use before a person has been there."""
 
 
 @dataclass(frozen=True)
@@ -109,6 +111,19 @@ def try_row(rig: Rig, row: Row) -> Result:
         finding.log_ok,
         tuple(finding.problems),
     )
+
+
+def tidy(rig: Rig, row: Row, result: Result) -> Result:
+    """Make the robot good for the next row; a row after which it is not has failed, and says what it has left."""
+    if row.is_alone:
+        return result
+    try:
+        left = rig.restore()
+    except Exception as error:  # noqa: BLE001 - as above
+        left = f"a robot that cannot be restored: {type(error).__name__}: {error}"
+    if not left:
+        return result
+    return replace(result, ok=False, problems=(*result.problems, f"left {left}"))
 
 
 def settle(rig: Rig) -> None:

@@ -17,6 +17,7 @@ from spot_runtime.bench_faults.rows_log import Logger
 from spot_runtime.bench_faults.rows_policy import FLUNG, Actions, changeable, wrong
 from spot_runtime.bench_faults.rows_robot import first_damping_ns
 from spot_runtime.bench_faults.rows_state import drive_way
+from spot_runtime.config import RobotConfig
 from spot_runtime.log import LogError
 from spot_runtime.log.logger_process import LoggerProcess
 from spot_runtime.log.records import RunHeader
@@ -190,6 +191,12 @@ STOLEN: Named = ("lease_stolen", {"owner": "tablet-7"})
 FALL: Named = ("behavior_fault", {"cause": "fall"})
 FROZEN: Named = ("frozen_sensors", {})
 DAMPED = ("state_stale", "state_not_finite", "clock_jumped", "state_rejected", "command_unconfirmed", "state_frozen")
+ASKED_MS = 1e3 / RobotConfig().slow_state_rate_hz
+"""Battery, temperatures and faults are asked for so often: how long it takes until they are known depends on luck."""
+
+EARLY_S = 0.05
+"""Robot time after joint control began at which whatever is asked for so often becomes known before the ramp's end."""
+
 BACK_S = 1.45
 """Robot time after joint control began at which a run of one second is on its way back."""
 
@@ -201,7 +208,11 @@ ROWS = (
     Row("no log: its name is a pipe", 0.0, no_log(_a_pipe)),
     Row("no log: a file system without room", 0.0, no_log(lambda _: Path("/proc/spot-rl.mcap"))),
     Row("commands lost and stale in the ramp", 100.0, together(DROPS, GAP, outcomes=DAMPED, at_s=0.1)),
-    Row("battery low in the ramp", 500.0, together(LOW, outcomes=("battery_low",), at_s=0.1, way="ramping_out")),
+    Row(
+        "battery low in the ramp",
+        ASKED_MS + 25.0,
+        together(LOW, outcomes=("battery_low",), at_s=EARLY_S, way="ramping_out"),
+    ),
     Row("clock + 1 s on the way back", 100.0, together(AHEAD, outcomes=("clock_jumped",), at_s=BACK_S, seconds=1.0)),
     Row("NaN on the way back", 25.0, together(NAN, outcomes=("state_not_finite",), at_s=BACK_S, seconds=1.0)),
     Row("stale on the way back", 100.0, together(GAP, outcomes=("state_stale",), at_s=BACK_S, seconds=1.0)),

@@ -157,6 +157,8 @@ class RobotDoctor:
         pressed = [e.endpoint.name or "unnamed" for e in alive if e.stop_level != estop_pb2.ESTOP_LEVEL_NONE]
         if pressed:
             return fail(f"pressed: {', '.join(pressed)}", "release it")
+        # One that carries our name is an earlier run's: nobody holds it.
+        alive = [endpoint for endpoint in alive if endpoint.endpoint.name != self._config.robot.client_name]
         if not alive:
             if self._config.robot.estop == "external":
                 return fail(

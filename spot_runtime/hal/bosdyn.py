@@ -61,14 +61,15 @@ class BosdynHal:
         robot_id = session.log_in()
         session.sync_clocks()
         self._slow = session.check_faults(self._config.safety.battery_percent)
-        has_own_estop = session.set_up_estop()
-        self._pace.start(self._jobs)
-        session.check_estop(self._pause)
+        # The lease first: whose robot it is not must not replace an e-stop.
         session.acquire_lease()
         now_s = self._pace.chore_now_s()
-        if has_own_estop:
-            self._jobs.add("estop", robot.estop_timeout_s / 3.0, session.check_in_estop, now_s=now_s)
         self._jobs.add("lease", robot.lease_period_s, session.retain_lease, now_s=now_s)
+        if session.set_up_estop():
+            self._jobs.add("estop", robot.estop_timeout_s / 3.0, session.check_in_estop, now_s=now_s)
+        self._pace.start(self._jobs)
+        session.check_estop(self._pause)
+        now_s = self._pace.chore_now_s()
         self._jobs.add("time_sync", robot.time_sync_period_s, self._sync_clocks, now_s=now_s)
         self._jobs.add("slow_state", 1.0 / robot.slow_state_rate_hz, self._poll, now_s=now_s)
         # Opened now: a handshake takes too long once commands must flow.

@@ -13,17 +13,34 @@ from spot_runtime.hal.errors import EstopError
 Policy = Literal["auto", "own", "external"]
 
 
-def needs_own_endpoint(status: Any, policy: Policy) -> bool:
+def needs_own_endpoint(status: Any, policy: Policy, our_name: str) -> bool:
     """Whether an endpoint of our own is to be set up, given the vendor's EstopSystemStatus.
 
+    An endpoint that carries our name is an earlier run's, which nobody feeds any more: it counts for nothing, for it
+    would stop the robot some seconds from now.
+
     Raises:
-        EstopError: An endpoint that answers holds the robot stopped, or there is none and ``policy`` forbids our own.
+        EstopError: Somebody holds the robot stopped, or no endpoint answers and ``policy`` forbids our own.
     """
-    if status.stop_level == estop_pb2.ESTOP_LEVEL_NONE:
-        return bool(policy == "own")
-    pressed = [e for e in status.endpoints if is_alive(e) and e.stop_level != estop_pb2.ESTOP_LEVEL_NONE]
+    endpoints = list(status.endpoints)
+    # Ours at CUT was taken back at the end of its run: we press for no more than to settle first.
+    alive = [endpoint for endpoint in endpoints if is_alive(endpoint) and not _is_taken_back(endpoint, our_name)]
+    pressed = [endpoint for endpoint in alive if endpoint.stop_level != estop_pb2.ESTOP_LEVEL_NONE]
+    left_by_us = [endpoint for endpoint in pressed if endpoint.endpoint.name == our_name]
+    if left_by_us and len(left_by_us) == len(pressed):
+        left_s = max(_timeout_s(endpoint) - _silent_s(endpoint) for endpoint in left_by_us)
+        raise EstopError(
+            f"an earlier run pressed the e-stop: {_names(pressed)}; check the robot, then start again in {left_s:.0f} s"
+        )
     if pressed:
         raise EstopError(f"an e-stop is pressed: {_names(pressed)}; release it, then start again")
+    is_released = status.stop_level == estop_pb2.ESTOP_LEVEL_NONE
+    if endpoints and len(alive) == len(endpoints) and not is_released:
+        # Nobody's endpoint would be the one to replace: what is pressed is none of them.
+        why = status.stop_level_details or "the robot does not say which"
+        raise EstopError(f"an e-stop is pressed that no endpoint holds: {why}; release it, then start again")
+    if is_released and not any(endpoint.endpoint.name == our_name for endpoint in endpoints):
+        return policy == "own"
     if policy == "external":
         raise EstopError(
             "no e-stop endpoint answers, so the motors stay off; start one, or set robot.estop: own (or auto)"
@@ -33,10 +50,8 @@ def needs_own_endpoint(status: Any, policy: Policy) -> bool:
 
 def is_alive(endpoint: Any) -> bool:
     """Whether an endpoint (vendor's EstopEndpointWithStatus) has answered within its own time-out."""
-    timeout = endpoint.endpoint.timeout
-    silent = endpoint.time_since_valid_response
     has_answered = bool(endpoint.HasField("time_since_valid_response"))
-    return has_answered and silent.seconds + silent.nanos * 1e-9 <= timeout.seconds + timeout.nanos * 1e-9
+    return has_answered and _silent_s(endpoint) <= _timeout_s(endpoint)
 
 
 class OwnEstop:
@@ -44,7 +59,7 @@ class OwnEstop:
 
     def __init__(self, client: EstopClient, name: str, timeout_s: float, rpc_timeout_s: float) -> None:
         """Replace the robot's e-stop configuration by this one endpoint. Raises the SDK's errors."""
-        self._endpoint = EstopEndpoint(client, name, timeout_s)
+        self._client, self._endpoint = client, EstopEndpoint(client, name, timeout_s)
         self._rpc_timeout_s = rpc_timeout_s
         self._endpoint.force_simple_setup()
         self.check_in()
@@ -53,9 +68,29 @@ class OwnEstop:
         """Say that the motors may have power. Raises the SDK's errors."""
         self._endpoint.allow(timeout=self._rpc_timeout_s)
 
+    def let_go(self) -> None:
+        """Take the endpoint back, so that nobody relies on it. Raises the SDK's errors, while there is power, too."""
+        self._client.deregister(self._endpoint._config_id, self._endpoint, timeout=self._rpc_timeout_s)
+
     def press(self) -> None:
         """Have the robot settle on the ground and cut its motors' power. Raises the SDK's errors."""
         self._endpoint.settle_then_cut(timeout=self._rpc_timeout_s)
+
+
+def _is_taken_back(endpoint: Any, our_name: str) -> bool:
+    return bool(endpoint.endpoint.name == our_name and endpoint.stop_level == estop_pb2.ESTOP_LEVEL_CUT)
+
+
+def _timeout_s(endpoint: Any) -> float:
+    return _seconds(endpoint.endpoint.timeout)
+
+
+def _silent_s(endpoint: Any) -> float:
+    return _seconds(endpoint.time_since_valid_response)
+
+
+def _seconds(duration: Any) -> float:
+    return float(duration.seconds + duration.nanos * 1e-9)
 
 
 def _names(endpoints: Sequence[Any]) -> str:

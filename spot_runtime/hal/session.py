@@ -162,7 +162,7 @@ class Session:
         client = self.calls.client(EstopClient)
         try:
             status = client.get_status(timeout=self._config.rpc_timeout_s)
-            if not needs_own_endpoint(status, self._config.estop):
+            if not needs_own_endpoint(status, self._config.estop, self._config.client_name):
                 return False
             self._own_estop = OwnEstop(
                 client, self._config.client_name, self._config.estop_timeout_s, self._config.rpc_timeout_s
@@ -266,9 +266,19 @@ class Session:
         return str(self._robot.client_name)
 
     def close(self) -> None:
-        """Return the lease and end the SDK's threads. Errors are left alone: there is nobody to act on them."""
+        """Let our e-stop endpoint go, return the lease and end the SDK's threads.
+
+        Errors are left alone: there is nobody to act on them. While the motors have power, the robot keeps our e-stop
+        endpoint, and stops once that has been silent for its time.
+        """
         if self._robot is None:
             return
+        if self._own_estop is not None:
+            own, self._own_estop = self._own_estop, None
+            try:
+                own.let_go()
+            except (SdkError, grpc.RpcError):
+                logging.getLogger(__name__).debug("the e-stop endpoint was not taken back", exc_info=True)
         if self.has_lease:
             client = self.calls.client(LeaseClient)
             try:

@@ -97,6 +97,7 @@ _TABLE: tuple[tuple[tuple[type[Exception], ...], type[HalError], str], ...] = (
     ((sdk.LicenseError,), LicenseError, "ask the vendor for a licence with joint control"),
     ((lease.ResourceAlreadyClaimedError,), LeaseHeldError, "release it there, then start again"),
     ((lease.LeaseResponseError, sdk.LeaseUseError), LeaseHeldError, "see who holds the lease"),
+    ((estop.MotorsOnError,), EstopError, "have the robot sit and power off (on the tablet), then start again"),
     ((power.EstoppedError, estop.EstopResponseError), EstopError, "release every e-stop, then start again"),
     (
         (power.FaultedError, power.BatteryMissingError, power.ShorePowerConnectedError),

@@ -6,6 +6,7 @@ import threading
 from dataclasses import replace
 from itertools import pairwise
 from types import SimpleNamespace
+from typing import Literal
 
 import grpc
 import numpy as np
@@ -195,22 +196,36 @@ CUT, NONE = estop_pb2.ESTOP_LEVEL_CUT, estop_pb2.ESTOP_LEVEL_NONE
 
 def test_a_released_estop_of_somebody_else_is_relied_on_unless_told_otherwise() -> None:
     status = estop_status(NONE, ("tablet", NONE, 1.0))
-    assert not needs_own_endpoint(status, "auto")
-    assert not needs_own_endpoint(status, "external")
-    assert needs_own_endpoint(status, "own")
+    assert not needs_own_endpoint(status, "auto", "spot-rl")
+    assert not needs_own_endpoint(status, "external", "spot-rl")
+    assert needs_own_endpoint(status, "own", "spot-rl")
 
 
 def test_a_robot_without_any_living_endpoint_gets_our_own() -> None:
-    assert needs_own_endpoint(estop_status(CUT), "auto")
-    assert needs_own_endpoint(estop_status(CUT, ("tablet", NONE, 20.0)), "auto")
+    assert needs_own_endpoint(estop_status(CUT), "auto", "spot-rl")
+    assert needs_own_endpoint(estop_status(CUT, ("tablet", NONE, 20.0)), "auto", "spot-rl")
     with pytest.raises(EstopError, match="no e-stop endpoint answers"):
-        needs_own_endpoint(estop_status(CUT), "external")
+        needs_own_endpoint(estop_status(CUT), "external", "spot-rl")
+
+
+def test_what_an_earlier_run_of_ours_has_left_is_not_relied_on() -> None:
+    status = estop_status(NONE, ("spot-rl", NONE, 4.0))
+    assert needs_own_endpoint(status, "auto", "spot-rl")
+    with pytest.raises(EstopError, match="no e-stop endpoint answers"):
+        needs_own_endpoint(status, "external", "spot-rl")
+    assert needs_own_endpoint(estop_status(CUT, ("spot-rl", CUT, 4.0)), "auto", "spot-rl")  # taken back
+    settle = estop_pb2.ESTOP_LEVEL_SETTLE_THEN_CUT
+    with pytest.raises(EstopError, match=r"run pressed the e-stop: spot-rl \(settle_then_cut\); .* again in 5 s"):
+        needs_own_endpoint(estop_status(settle, ("spot-rl", settle, 4.0)), "auto", "spot-rl")
 
 
 @pytest.mark.parametrize("policy", ["auto", "own", "external"])
-def test_a_pressed_estop_is_never_overruled(policy: str) -> None:
+def test_a_pressed_estop_is_never_overruled(policy: Literal["auto", "own", "external"]) -> None:
     with pytest.raises(EstopError, match=r"pressed: tablet \(cut\)"):
-        needs_own_endpoint(estop_status(CUT, ("tablet", CUT, 1.0)), policy)  # type: ignore[arg-type]
+        needs_own_endpoint(estop_status(CUT, ("tablet", CUT, 1.0)), policy, "spot-rl")
+    # All endpoints are released, and still the robot is stopped: by a button that none of them is.
+    with pytest.raises(EstopError, match="an e-stop is pressed that no endpoint holds"):
+        needs_own_endpoint(estop_status(CUT, ("tablet", NONE, 1.0)), policy, "spot-rl")
 
 
 # Errors --------------------------------------------------------------------------------------------------------------
