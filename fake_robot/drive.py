@@ -42,7 +42,8 @@ class Drive:
             motion: How the joints move.
             reading: What the servos believe of it.
         """
-        if not self._can_idle:
+        own_damping = isinstance(reading, JointReading) and reading.servo_velocity_rad_s is not None
+        if not self._can_idle or own_damping:
             return self._chain.torque_nm(servo, motion, reading)
         torque: Array = pd_torque(
             position_rad=reading.position_rad,

@@ -36,9 +36,10 @@ class TorqueChain:
         Returns:
             Shape (n_sims, 12), N·m.
         """
+        damped = reading.servo_velocity_rad_s if isinstance(reading, JointReading) else None
         torque = pd_torque(
             position_rad=reading.position_rad,
-            velocity_rad_s=reading.velocity_rad_s,
+            velocity_rad_s=reading.velocity_rad_s if damped is None else damped,
             setpoint_position_rad=command.position_rad,
             setpoint_velocity_rad_s=command.velocity_rad_s,
             feedforward_nm=command.load_nm,

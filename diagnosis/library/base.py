@@ -54,6 +54,8 @@ class LibraryEffect(ABC):
     """Where it shows; a missing channel makes it weaker, missing all makes it invisible."""
     separable: ClassVar[frozenset[str]] = frozenset({"A", "Q", "L"})
     location: ClassVar[Location] = Location.JOINT
+    singly: ClassVar[bool] = False
+    """Each unit has its own size by nature, so that several of one size are no fault but a coincidence."""
     coefficients: ClassVar[tuple[Coefficient, ...]]
     confused_with: ClassVar[tuple[str, ...]]
     """Names of library effects that can look the same."""

@@ -33,12 +33,16 @@ VELOCITY_OF_MOTOR: Final = "velocity_of_motor"
 
 
 class EncoderOffsetEntry(LibraryEffect):
-    """A constant on the reported position; the servo follows it, so channel A sees nothing."""
+    """A constant on the reported position; the servo follows it, so channel A sees nothing.
+
+    Zeros are set joint by joint: four hips that are off by the same angle are a body that stands askew.
+    """
 
     name: ClassVar[str] = "encoder_offset"
     title: ClassVar[str] = "joint encoder's zero"
     effect: ClassVar[type[Effect]] = EncoderOffset
     channels: ClassVar[tuple[str, ...]] = ("D", "B", "K")
+    singly: ClassVar[bool] = True
     coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("offset_rad", "rad", -0.3, 0.3),)
     confused_with: ClassVar[tuple[str, ...]] = ("joint_compliance", "foot_radius", "imu_tilt", "leg_mass", "com_offset")
     split_by: ClassVar[Experiment] = STAND
@@ -191,8 +195,8 @@ class VelocityFilterEntry(LibraryEffect):
         return _as_coefficients({3: channel_part(s.reference, view) - channel_part(residuals, view)}, 4)
 
     def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
-        """Time constant."""
-        return {"time_constant_s": float(coefficients[0])}
+        """Time constant, and how much of the damping is not late."""
+        return {"time_constant_s": float(coefficients[0]), "unfiltered_share": float(coefficients[2])}
 
 
 def _as_coefficients(columns: Mapping[int, Array], count: int) -> Array:

@@ -46,6 +46,8 @@ class Robot:
         n = len(units)
         if effect.location is Location.ROBOT:
             return np.ones((1, 1))
+        if effect.singly:
+            return np.eye(n)
         sets = [np.ones(n), *np.eye(n)]
         if effect.location is Location.JOINT:
             types = list(self.types().values())

@@ -182,7 +182,7 @@ def _grown(scorer: Scorer, effect: LibraryEffect, shape: Shape, place: Array, we
     """Add or drop one unit at a time while that pays for itself."""
     robot = scorer.board.robot
     natural = robot.places(effect)
-    if len(place) == 1:
+    if len(place) == 1 or effect.singly:
         return place
     value = float(scorer.gains(effect, shape, place[None], weights)[0]) - PER_UNIT * _distance(place, natural)
     for _ in range(len(place)):

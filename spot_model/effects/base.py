@@ -240,6 +240,8 @@ class JointReading:
     position_rad: AnyArray
     velocity_rad_s: AnyArray
     load_nm: AnyArray
+    servo_velocity_rad_s: AnyArray | None = None
+    """What the servos damp, where that is not what is reported."""
 
 
 class SensorEffect(Effect):

@@ -33,4 +33,4 @@ class SensorNoise(SensorEffect):
             value = getattr(reading, name)
             return value + getattr(self, name) * self.mask * rng.standard_normal(value.shape)
 
-        return JointReading(**{f.name: noisy(f.name) for f in dataclasses.fields(reading)}), memory
+        return dataclasses.replace(reading, **{p.name: noisy(p.name) for p in self.parameters()}), memory

@@ -14,7 +14,7 @@ from spot_model.effects.base import JointReading, Memory, SensorEffect, paramete
 
 @dataclass(frozen=True, kw_only=True)
 class VelocityFilter(SensorEffect):
-    """A first-order low pass on the reported velocity.
+    """A first-order low pass on the reported velocity; the servo may damp by the true one, in part or whole.
 
     Source: velocities differentiated from encoders are filtered over 1 to 10 ms.
     """
@@ -22,6 +22,10 @@ class VelocityFilter(SensorEffect):
     name: ClassVar[str] = "velocity_filter"
 
     time_constant_s: Any = parameter(null=0.0, low=0.0, high=0.2, unit="s", source="encoder filters, 0.001 to 0.01 s")
+    unfiltered_share: Any = parameter(
+        null=0.0, low=0.0, high=1.0, unit="1", source="1 for a servo that runs on the motor's own, faster loop"
+    )
+    """How much of its damping the servo takes from the velocity before the filter."""
 
     def start(self, reading: JointReading) -> Memory:
         """Start at the first velocity."""
@@ -36,4 +40,7 @@ class VelocityFilter(SensorEffect):
         filtered = np.where(
             keep > 0.0, reading.velocity_rad_s + keep * (memory - reading.velocity_rad_s), reading.velocity_rad_s
         )
-        return dataclasses.replace(reading, velocity_rad_s=filtered), filtered
+        servo = reading.servo_velocity_rad_s
+        if np.any(np.asarray(self.unfiltered_share) > 0.0):
+            servo = filtered + self.unfiltered_share * (reading.velocity_rad_s - filtered)
+        return dataclasses.replace(reading, velocity_rad_s=filtered, servo_velocity_rad_s=servo), filtered

@@ -52,6 +52,10 @@ def test_an_effect_of_the_whole_robot_has_one_place() -> None:
     assert ROBOT.joints_of(LIBRARY["power_limit"], np.ones(1)).all()
 
 
+def test_what_is_set_joint_by_joint_is_looked_for_at_one() -> None:
+    np.testing.assert_array_equal(ROBOT.places(LIBRARY["encoder_offset"]), np.eye(12))
+
+
 def test_a_small_effect_for_which_a_strong_one_is_mistaken_is_its_remainder() -> None:
     filters, bandwidth, payload = (LIBRARY[n] for n in ("velocity_filter", "torque_bandwidth", "payload_mass"))
     assert remainder_of([filters, bandwidth], [100.0, 30.0], 1) == CONFUSED_SHARE * 100.0

@@ -156,7 +156,8 @@ def estimates() -> list[BodyEstimate]:
 
 
 def stacked(records: list) -> np.ndarray:
-    return np.concatenate([getattr(r, f.name).ravel() for r in records for f in dataclasses.fields(r)])
+    values = [getattr(r, f.name) for r in records for f in dataclasses.fields(r)]
+    return np.concatenate([v.ravel() for v in values if v is not None])
 
 
 def read_over_steps(effect: SensorEffect) -> np.ndarray:
@@ -217,7 +218,7 @@ ACTIVE = (
     EncoderOffset(offset_rad=0.02),
     JointCompliance(compliance_rad_per_nm=0.001),
     SensorNoise(position_rad=0.001, velocity_rad_s=0.05, load_nm=0.5),
-    VelocityFilter(time_constant_s=0.005),
+    VelocityFilter(time_constant_s=0.005, unfiltered_share=0.5),
     LoadSensorGain(gain=0.95, bias_nm=0.5),
     VelocityEstimate(scale=0.95, bias_x_m_s=0.05, bias_y_m_s=0.02, lag_s=0.02),
     ImuTilt(roll_rad=0.02, pitch_rad=0.03),
@@ -318,6 +319,15 @@ def test_torch_gives_what_numpy_gives(effect: TorqueEffect):
         out, memory = on_torch.apply(like, same, memory, torch.as_tensor(effect.mask))
         outs.append(out.numpy())
     np.testing.assert_allclose(np.concatenate(outs), outcome(effect), rtol=1e-11, atol=1e-11)
+
+
+def test_a_servo_may_damp_the_velocity_before_the_filter():
+    effect = VelocityFilter(time_constant_s=0.01, unfiltered_share=0.75).arrays_like(np.zeros((1, 12)))
+    still, fast = (JointReading(np.zeros((1, 12)), np.full((1, 12), v), np.zeros((1, 12))) for v in (0.0, 8.0))
+    reported, _ = effect.read(fast, 0.001, effect.start(still), np.random.default_rng(0))
+    # 8 · (1 - exp(-0.1)) = 0.7613 is reported; a quarter of it and three quarters of 8 are damped.
+    np.testing.assert_allclose(reported.velocity_rad_s, 0.7613, atol=1e-4)
+    np.testing.assert_allclose(reported.servo_velocity_rad_s, 6.1903, atol=1e-4)
 
 
 def test_a_flag_comes_late_by_the_delay():
