@@ -6,7 +6,9 @@ a stalled service nor one that floods can hold up the loop.
 
 from __future__ import annotations
 
+import select
 import socket
+import time
 from collections.abc import Sequence
 from typing import Final
 
@@ -17,6 +19,11 @@ from spot_runtime.log import codec
 from spot_runtime.log.records import EventRecord
 
 MAX_DATAGRAM_BYTES: Final = 16_384
+MAX_SENTENCE: Final = 2_000
+MAX_PATHS: Final = 10
+LAST_WORD_S: Final = 1.0
+"""How long the word of the end waits for room; the robot is at rest by then."""
+
 MAX_TAKEN: Final = 8
 """Messages taken at once; what more there is waits for the next cycle, 3 ms later."""
 
@@ -74,24 +81,34 @@ class RunLink:
         self._tell(run_link_pb2.FromRun(event=codec.event_to_proto(record)))
 
     def ended(self, outcome: operator_pb2.Outcome) -> None:
-        """Tell how the run ended."""
-        self._tell(run_link_pb2.FromRun(ended=outcome))
+        """Tell how the run ended: the last word, which waits a moment for room and is cut where it is too long."""
+        message = run_link_pb2.FromRun(ended=outcome)
+        if message.ByteSize() > MAX_DATAGRAM_BYTES:
+            message.ended.sentence = f"{outcome.sentence[:MAX_SENTENCE]} … (cut; see the journal)"
+            del message.ended.log_paths[:-MAX_PATHS]
+        untold, deadline_s = self.untold, time.monotonic() + LAST_WORD_S
+        while not self._tell(message) and not self.is_lost and time.monotonic() < deadline_s:
+            self.untold = untold
+            select.select([], [self._socket], [], 0.05)
 
     def close(self) -> None:
         """Give the socket back."""
         self.is_lost = True
         self._socket.close()
 
-    def _tell(self, message: run_link_pb2.FromRun) -> None:
+    def _tell(self, message: run_link_pb2.FromRun) -> bool:
         if self.is_lost:
-            return
+            return False
         data = message.SerializeToString()
         if len(data) > MAX_DATAGRAM_BYTES:
             self.untold += 1
-            return
+            return False
         try:
             self._socket.send(data, socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
         except (BlockingIOError, InterruptedError):
             self.untold += 1
         except OSError:
             self.is_lost = True
+        else:
+            return True
+        return False

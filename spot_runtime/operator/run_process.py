@@ -8,6 +8,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Sequence
 from typing import Final
 
@@ -19,6 +20,8 @@ from spot_runtime.operator.run_spec import RunSpec
 from spot_runtime.service_manager import PROCESS_VARIABLE
 
 MAX_READ: Final = 256
+LAST_WORDS_S: Final = 10.0
+"""No longer than this is waited for the end of the words of a process that the system says is gone."""
 
 
 class RunProcess:
@@ -28,6 +31,8 @@ class RunProcess:
         """Use a started process and our end of the link."""
         self._process, self._socket = process, connection
         self._socket.setblocking(False)
+        self._is_all_told = False
+        self._gone_s: float | None = None
         self.pid = process.pid
 
     @staticmethod
@@ -61,15 +66,21 @@ class RunProcess:
 
     def read(self, timeout_s: float) -> Sequence[run_link_pb2.FromRun]:
         """What it has told; waits for the first message at most ``timeout_s``."""
+        if self._is_all_told:
+            time.sleep(timeout_s)
+            return ()
         if not select.select([self._socket], [], [], timeout_s)[0]:
             return ()
         told: list[run_link_pb2.FromRun] = []
         while len(told) < MAX_READ:
             try:
                 data = self._socket.recv(MAX_DATAGRAM_BYTES)
-            except OSError:
+            except (BlockingIOError, InterruptedError):
                 break
+            except OSError:
+                data = b""
             if not data:
+                self._is_all_told = True
                 break
             try:
                 told.append(run_link_pb2.FromRun.FromString(data))
@@ -78,8 +89,16 @@ class RunProcess:
         return told
 
     def exit_code(self) -> int | None:
-        """Its exit code, negative for a signal; None while it lives."""
-        return self._process.poll()
+        """Its exit code, negative for a signal; None while it lives, or has said what was not read yet.
+
+        The system's word alone is no verdict: what a process says last lies in the socket when it is gone, and a status
+        that somebody else has taken reads as 0 while the process still runs. The end of its words is what counts.
+        """
+        code = self._process.poll()
+        if code is None or self._is_all_told:
+            return code
+        self._gone_s = time.monotonic() if self._gone_s is None else self._gone_s
+        return code if time.monotonic() - self._gone_s > LAST_WORDS_S else None
 
     def ask_to_stop(self) -> None:
         """Without the socket: the first signal asks it to stop in place, sit and power off; one more to damp."""

@@ -234,10 +234,8 @@ class Supervisor:
         else:
             for message in run.read(TURN_S):
                 self._take(message)
-            code = run.exit_code()
+            code = run.exit_code()  # known once all that it has said was read
             if code is not None:
-                for message in run.read(0.0):
-                    self._take(message)
                 self._reap(run, code)
             else:
                 self._keep_times(run)
@@ -387,6 +385,8 @@ class Supervisor:
 
 def _how_it_died(code: int) -> str:
     how = f"with signal {signal.Signals(-code).name}" if code < 0 else f"with exit code {code}"
+    if code == 0:
+        how = "with exit code 0, or with one that the system has lost,"
     return (
         f"the control process ended {how} and said nothing more; the robot's own time-outs ended the motion; "
         "see to the robot, then arm again"

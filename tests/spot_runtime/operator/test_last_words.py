@@ -1,0 +1,100 @@
+"""The last words of a control process: they are waited for, whatever the system says of the process meanwhile."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import socket
+import subprocess
+import sys
+import threading
+
+import pytest
+
+from spot_protos import operator_pb2, run_link_pb2
+from spot_runtime.log.records import EventRecord, Severity
+from spot_runtime.operator import run_process
+from spot_runtime.operator.link import RunLink
+from spot_runtime.operator.run_process import RunProcess
+
+SAYS = """
+import socket, sys, time
+from spot_protos import operator_pb2, run_link_pb2
+link = socket.socket(fileno=int(sys.argv[1]))
+for number in range(60):
+    link.send(run_link_pb2.FromRun(state=f"state {number}").SerializeToString())
+link.send(run_link_pb2.FromRun(ended=operator_pb2.Outcome(outcome="said", exit_code=83)).SerializeToString())
+sys.exit(int(sys.argv[2]))
+"""
+
+
+def talker(code: int) -> tuple[subprocess.Popen[bytes], socket.socket, socket.socket]:
+    """A process that says much and ends with this code, our end of its link, and its own."""
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    words = [sys.executable, "-c", SAYS, str(theirs.fileno()), str(code)]
+    return subprocess.Popen(words, pass_fds=(theirs.fileno(),)), ours, theirs
+
+
+def all_told(run: RunProcess) -> list[str]:
+    told: list[str] = []
+    while run.exit_code() is None:
+        told += [message.WhichOneof("what") or "" for message in run.read(0.05)]
+    return told
+
+
+def test_the_verdict_waits_for_the_last_words_of_a_process_that_is_gone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(run_process, "MAX_READ", 7)
+    process, ours, theirs = talker(83)
+    theirs.close()
+    process.wait()  # its reader comes late
+    run = RunProcess(process, ours)
+    assert run.exit_code() is None
+    assert all_told(run) == ["state"] * 60 + ["ended"]
+    assert run.exit_code() == 83
+    run.close()
+
+
+def test_a_status_that_somebody_else_has_taken_is_no_verdict() -> None:
+    process, ours, theirs = talker(83)
+    theirs.close()
+    run = RunProcess(process, ours)
+    process.returncode = 0  # what Popen makes of a child that it cannot wait for, long before this one has spoken
+    assert all_told(run)[-1] == "ended"
+    run.close()
+    os.waitpid(process.pid, 0)
+
+
+def test_a_link_that_a_grandchild_holds_does_not_keep_the_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(run_process, "LAST_WORDS_S", 0.0)
+    process, ours, held = talker(5)
+    with held:
+        process.wait()
+        run = RunProcess(process, ours)
+        while run.exit_code() is None:
+            pass
+        assert run.exit_code() == 5
+        run.close()
+
+
+def test_the_word_of_the_end_waits_for_room_and_is_cut_to_fit() -> None:
+    ours, peer = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    link, event = RunLink(ours), EventRecord(1, 2, Severity.WARNING, "mode", "x" * 200)
+    while not link.untold:
+        link.event(event)
+    untold = link.untold
+    reader = threading.Timer(0.2, lambda: [peer.recv(65536) for _ in range(100)])
+    reader.start()
+    paths = [f"/logs/{number}/{'x' * 200}.mcap" for number in range(200)]
+    link.ended(operator_pb2.Outcome(outcome="tilt", exit_code=31, sentence="y" * 30_000, log_paths=paths))
+    reader.join()
+    assert link.untold == untold
+    peer.setblocking(False)
+    told = []
+    with contextlib.suppress(BlockingIOError):
+        while True:
+            told.append(run_link_pb2.FromRun.FromString(peer.recv(65536)))
+    assert told[-1].ended.outcome == "tilt"
+    assert told[-1].ended.sentence.endswith("y … (cut; see the journal)")
+    assert list(told[-1].ended.log_paths) == paths[-10:]
+    link.close()
+    peer.close()
