@@ -13,8 +13,8 @@ from diagnosis.logs import policy_ticks, script_of
 from diagnosis.selection.board import Board
 from diagnosis.selection.search import Rival, Selection
 from diagnosis.shrink import Compared, Features, Shrinkage, compare, features_by_sequence, shrinkage
-from diagnosis.simulated import Script, Surroundings
-from diagnosis.surroundings import SURROUNDING_EFFECTS, best_surroundings, run_all
+from diagnosis.simulated import Script
+from diagnosis.surroundings import SURROUNDING_EFFECTS, Chosen, best_surroundings, run_all
 from diagnosis.verdict import OtherGap, Placebo, Shrink
 from spot_model.errors import BadInputError
 from spot_model.model_file import RobotModel
@@ -34,8 +34,13 @@ class Bench:
     engine: Engine
     shared: RobotModel | None = None
     """The model whose surroundings serve all: the corrected one, where the ground or the estimator was found."""
-    surroundings: dict[str, dict[str, Surroundings]] = field(default_factory=dict)
-    """Chosen ones, by name of the model and sequence."""
+    surroundings: dict[str, Chosen] = field(default_factory=dict)
+    """Chosen ones, by name of the model."""
+
+    def doubt(self, name: str) -> float:
+        """Standard error of a model's distance from the choice of its surroundings, in floors."""
+        chosen = self.surroundings.get("all" if self.shared is not None else name)
+        return chosen.doubt if chosen is not None else 0.0
 
     @property
     def sequences(self) -> list[str]:
@@ -87,7 +92,7 @@ def roll_out(
         around = bench.surroundings["all" if bench.shared is not None else name if name in references else "nominal"]
         for sequence, model in by_sequence.items():
             mine = [s for s in bench.scripts if s.sequence == sequence]
-            jobs += [(model, s, around.get(sequence)) for s in mine]
+            jobs += [(model, s, around.by_sequence.get(sequence)) for s in mine]
             names += [name] * len(mine)
     made: dict[str, list[Run]] = {name: [] for name in models}
     for name, run in zip(names, run_all(jobs, bench.engine, rng, lambda share: tell(0.6 + 0.4 * share)), strict=True):
@@ -172,7 +177,8 @@ def measure(bench: Bench, simulated: Simulated, rng: np.random.Generator) -> Mea
     notes += told
     if not compared:
         return Measured(None, tuple(made["nominal"]), tuple(made["corrected"]), tuple(notes))
-    after = shrinkage(compared, "nominal", "corrected", rng)
+    doubt = (bench.doubt("nominal"), bench.doubt("corrected"))
+    after = shrinkage(compared, "nominal", "corrected", rng, doubt)
     wrong = shrinkage(compared, "nominal", "placebo", rng) if "placebo" in made else None
     shrink = Shrink(
         d0=after.d0, d1=after.d1, floor=after.floor, s=after.s, s_low=after.low, s_high=after.high,
@@ -210,7 +216,8 @@ def shrink_of(
         lambda _: None,
     )  # fmt: skip
     compared, _ = _compared(bench, made)
-    return shrinkage(compared, "nominal", "corrected", rng) if compared else None
+    doubt = (bench.doubt("nominal"), bench.doubt("corrected"))
+    return shrinkage(compared, "nominal", "corrected", rng, doubt) if compared else None
 
 
 def _compared(bench: Bench, models: Mapping[str, Sequence[Run]]) -> tuple[list[Compared], list[str]]:

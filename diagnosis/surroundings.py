@@ -10,7 +10,7 @@ of the estimator, the ones that suit the corrected model serve both.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -49,6 +49,16 @@ SURROUNDING_EFFECTS: Final = frozenset({
 
 Job = tuple[RobotModel, Script, Surroundings | None]
 """A run to make; without surroundings in the simulator's own."""
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """The surroundings that suit a model."""
+
+    by_sequence: Mapping[str, Surroundings]
+    """Empty where there is nothing to choose by."""
+    doubt: float = 0.0
+    """Standard error of the model's distance from the choice, in floors."""
 
 
 class _Tried:
@@ -92,13 +102,27 @@ class _Tried:
             for script in self._scripts
         ]
 
-    def best_without(self, name: str) -> Surroundings:
-        """With the best geometric mean over all other sequences; over itself where it is the only one."""
-        keep = [i for i, n in enumerate(self.names) if n != name] or list(range(len(self.names)))
+    def best_without(self, *names: str) -> Surroundings:
+        """With the best geometric mean over all other sequences; over all where there are no others."""
+        keep = [i for i, n in enumerate(self.names) if n not in names] or list(range(len(self.names)))
         # Of logarithms, so that no sequence outweighs the others.
         total = {s: float(np.exp(np.mean(np.log(np.maximum(cost[keep], SMALL))))) for s, cost in self._costs.items()}
         best = min(total, key=lambda s: total[s])
         return best if total[best] < BETTER * total[OWN] else OWN
+
+    def doubt(self) -> float:
+        """What the choice adds to the error of a mean distance: a jackknife over the sequences that it is made on."""
+        squares = []
+        for column, name in enumerate(self.names):
+            others = [n for n in self.names if n != name]
+            if len(others) < 2:
+                continue
+            chosen = self._costs[self.best_without(name)][column]
+            moved = [self._costs[self.best_without(name, other)][column] - chosen for other in others]
+            squares.append((len(others) - 1) / len(others) * float(np.sum(np.square(moved))))
+        found = float(np.sqrt(np.mean(squares))) if squares else 0.0
+        # Surroundings in which every run falls have no distance.
+        return found if np.isfinite(found) else 0.0
 
     def centres(self) -> list[Surroundings]:
         """The best for each sequence."""
@@ -108,7 +132,7 @@ class _Tried:
 def best_surroundings(
     models: Mapping[str, RobotModel], scripts: Sequence[Script], real: Mapping[str, Features], policy: Policy,
     engine: Engine, rng: np.random.Generator, tell: Tell,
-) -> dict[str, dict[str, Surroundings]]:  # fmt: skip
+) -> dict[str, Chosen]:  # fmt: skip
     """By model, surroundings for each sequence, chosen on the others; on itself where it is the only one.
 
     First hard and soft ground, then around the best the estimator, the ground finer, and how it damps.
@@ -124,7 +148,7 @@ def best_surroundings(
     """
     tried = {name: _Tried(model, scripts, real, policy) for name, model in models.items()}
     if any(not t.names for t in tried.values()):
-        return {name: {} for name in models}
+        return {name: Chosen({}) for name in models}
 
     def coarse(_: _Tried) -> list[Surroundings]:
         return [OWN, *(replace(OWN, contact_time_constant_s=t, odometry_time_s=ODOMETRY_S) for t in TIME_CONSTANTS_S)]
@@ -148,7 +172,7 @@ def best_surroundings(
 
         _try(list(tried.values()), [t.new(step(t)) for t in tried.values()], engine, rng, part)
     every = sorted({s.sequence for s in scripts})
-    return {name: {s: t.best_without(s) for s in every} for name, t in tried.items()}
+    return {name: Chosen({s: t.best_without(s) for s in every}, t.doubt()) for name, t in tried.items()}
 
 
 def _try(

@@ -6,7 +6,7 @@ import enum
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Final
 
 import numpy as np
 
@@ -36,6 +36,10 @@ class Coefficient:
     low: float
     high: float
     """Bounds of the coefficient (parameter less null). Equal bounds: the column has no freedom but its shape."""
+
+
+ALL_OF_IT: Final = Coefficient("share", "1", 1.0, 1.0)
+"""The coefficient of an effect whose size is in its shape."""
 
 
 class LibraryEffect(ABC):

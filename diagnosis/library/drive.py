@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import ClassVar, Final
+from typing import ClassVar
 
 import numpy as np
 
 from diagnosis.channels.actuator import STRIDE, ActuatorSignals
-from diagnosis.library.base import Coefficient, LibraryEffect, on_joints
+from diagnosis.library.base import ALL_OF_IT, Coefficient, LibraryEffect, on_joints
 from diagnosis.library.experiments import LONG_WALK, OTHER_KP, SLOW_WALK, Experiment
 from diagnosis.library.order_spectrum import strongest_orders
 from diagnosis.seam import Array, ChannelView, Flags, Shape, Views
@@ -18,9 +18,6 @@ from spot_model.effects.thermal_derating import ThermalDerating
 from spot_model.effects.torque_bandwidth import TorqueBandwidth
 from spot_model.effects.torque_gain import TorqueGain
 from spot_model.effects.torque_ripple import TorqueRipple
-
-ALL_OF_IT: Final = Coefficient("share", "1", 1.0, 1.0)
-"""The coefficient of an effect whose size is in its shape."""
 
 
 class TorqueGainEntry(LibraryEffect):

@@ -8,8 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from diagnosis.channels.actuator import ActuatorSignals
-from diagnosis.library.base import Coefficient, LibraryEffect, on_joints
-from diagnosis.library.drive import ALL_OF_IT
+from diagnosis.library.base import ALL_OF_IT, Coefficient, LibraryEffect, on_joints
 from diagnosis.library.experiments import SLOW_WALK, SPRINT, Experiment
 from diagnosis.seam import Array, ChannelView, Flags, Shape, Views
 from spot_model.effects.base import Effect

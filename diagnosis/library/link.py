@@ -9,7 +9,7 @@ from typing import ClassVar, Final
 import numpy as np
 
 from diagnosis.channels.timing import FAST_QUANTILE, TimingSignals
-from diagnosis.library.base import Coefficient, LibraryEffect, Location
+from diagnosis.library.base import ALL_OF_IT, Coefficient, LibraryEffect, Location
 from diagnosis.library.experiments import WIRED_LINK, Experiment
 from diagnosis.seam import Array, ChannelView, Flags, Shape, Views
 from spot_model.effects.base import Effect
@@ -66,7 +66,7 @@ class CommandJitterEntry(_LinkEntry):
     name: ClassVar[str] = "command_jitter"
     title: ClassVar[str] = "jitter of commands"
     effect: ClassVar[type[Effect]] = CommandJitter
-    coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("share", "1", 1.0, 1.0),)
+    coefficients: ClassVar[tuple[Coefficient, ...]] = (ALL_OF_IT,)
     confused_with: ClassVar[tuple[str, ...]] = ("command_delay", "command_drop")
 
     def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:

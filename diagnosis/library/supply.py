@@ -8,8 +8,7 @@ from typing import ClassVar, Final
 import numpy as np
 
 from diagnosis.channels.actuator import ActuatorSignals
-from diagnosis.library.base import Coefficient, LibraryEffect, Location, on_joints
-from diagnosis.library.drive import ALL_OF_IT
+from diagnosis.library.base import ALL_OF_IT, Coefficient, LibraryEffect, Location, on_joints
 from diagnosis.library.experiments import SPRINT, Experiment
 from diagnosis.seam import Array, ChannelView, Flags, Shape, Views
 from spot_model.effects.base import Effect

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -60,10 +60,13 @@ class _Prepared:
             yield replace(run, header=replace(run.header, command_sequence=script.sequence), ticks=ticks)
 
 
-def _best(made: list[Run], engine: _Prepared, policy: Policy) -> dict[str, Surroundings]:
+def _best(made: list[Run], engine: _Prepared, policy: Policy) -> Mapping[str, Surroundings]:
     real = features_by_sequence(made, policy)
     rng = np.random.default_rng(0)
-    return best_surroundings({"one": RobotModel()}, scripts(60), real, policy, engine, rng, lambda _: None)["one"]
+    chosen = best_surroundings({"one": RobotModel()}, scripts(60), real, policy, engine, rng, lambda _: None)["one"]
+    # Each of two sequences is judged by the other alone: nothing says how else one might have chosen.
+    assert chosen.doubt == 0.0
+    return chosen.by_sequence
 
 
 def test_a_sequence_gets_what_suits_the_others(policy: Policy, made: list[Run]) -> None:
