@@ -101,8 +101,7 @@ def episodes(setting: Setting, n: int = 100, *, bottom_m_s: float, top_m_s: floa
     """
     rng = np.random.default_rng(setting.seed)
     plant, rate = setting.random_plant(n, rng), setting.policy.contract.rate_hz
-    low, high = _episode_bounds(setting, top_m_s)
-    first, second = (_drawn(rng, n, low, high, bottom_m_s) for _ in range(2))
+    first, second = (random_commands(setting, n, rng, bottom_m_s=bottom_m_s, top_m_s=top_m_s) for _ in range(2))
     push_tick = rng.integers(round(5.0 * rate), round(15.0 * rate), n)
     push = np.concatenate([rng.uniform(*setting.randomisation.push_m_s, (n, 2)), np.zeros((n, 1))], axis=-1)
 
@@ -126,7 +125,7 @@ def episodes(setting: Setting, n: int = 100, *, bottom_m_s: float, top_m_s: floa
         "episodes": n,
         "falls": falls,
         "falls_per_hour": round(falls / hours, 2),
-        "v_x_m_s": [bottom_m_s, float(high[0])],
+        "v_x_m_s": [bottom_m_s, float(_episode_bounds(setting, top_m_s)[1][0])],
     }
 
 
@@ -190,9 +189,13 @@ def _episode_bounds(setting: Setting, top_m_s: float) -> tuple[Array, Array]:
     return np.maximum(low, paper[:, 0]), np.minimum(high, [top_m_s, *paper[1:, 1]])
 
 
-def _drawn(rng: np.random.Generator, n: int, low: Array, high: Array, bottom: float) -> Array:
+def random_commands(
+    setting: Setting, n: int, rng: np.random.Generator, *, top_m_s: float, bottom_m_s: float = 0.0
+) -> Array:
+    """Commands of randomised episodes, shape (n, 3): |V_x| as bounded, V_y and ω_z the paper's and the policy's."""
+    low, high = _episode_bounds(setting, top_m_s)
     command = rng.uniform(low, high, (n, 3))
-    size = rng.uniform(bottom, high[0], n)
+    size = rng.uniform(bottom_m_s, high[0], n)
     backwards = (rng.random(n) < -low[0] / (high[0] - low[0])) & (size <= -low[0])
     command[:, 0] = np.where(backwards, -size, size)
     return np.asarray(command)

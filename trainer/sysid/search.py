@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +12,7 @@ from cmaes import CMA
 from numpy.typing import NDArray
 
 from spot_model.errors import BadInputError
+from trainer.generations_file import append_line, read_or_begin
 from trainer.sysid.config import SearchConfig
 from trainer.sysid.engine import Engine
 from trainer.sysid.problem import CandidateResult, Problem
@@ -74,7 +73,7 @@ def run_search(
         BadInputError: The checkpoint belongs to another search.
     """
     head = {"schema": SCHEMA, "problem": problem.digest(), "search": config.model_dump(exclude={"generations"})}
-    done = _read_checkpoint(checkpoint, head)
+    done = read_or_begin(checkpoint, head)
     optimiser = _optimiser(problem, config)
     generations: list[Generation] = []
     for index in range(config.generations):
@@ -83,7 +82,7 @@ def run_search(
             generation = _generation(done[index], unit, checkpoint)
         else:
             generation = Generation(index, unit, tuple(engine.evaluate(problem.space.values_of_unit(unit))))
-            _append(checkpoint, _generation_data(generation))
+            append_line(checkpoint, _generation_data(generation))
         scores = [problem.score(r) for r in generation.results]
         optimiser.tell(list(zip(unit, scores, strict=True)))
         generations.append(generation)
@@ -96,31 +95,6 @@ def _optimiser(problem: Problem, config: SearchConfig) -> Any:
     start = np.clip(problem.space.unit_of_values(problem.space.initial), EDGE, 1.0 - EDGE)
     bounds = np.tile([0.0, 1.0], (n, 1))
     return CMA(mean=start, sigma=config.sigma, bounds=bounds, seed=config.seed, population_size=config.population)
-
-
-def _read_checkpoint(path: Path, head: dict[str, Any]) -> list[dict[str, Any]]:
-    if not path.exists():
-        _append(path, head)
-        return []
-    lines = path.read_text(encoding="utf-8").split("\n")
-    complete, torn = lines[:-1], lines[-1]
-    if torn:
-        # The process ended while it wrote this line; that generation is searched again.
-        path.write_text("".join(f"{line}\n" for line in complete), encoding="utf-8")
-    try:
-        entries = [json.loads(line) for line in complete]
-    except json.JSONDecodeError as error:
-        raise BadInputError(f"checkpoint {path} is damaged: {error}; search in a new folder") from error
-    if not entries:
-        _append(path, head)
-        return []
-    if entries[0] != head:
-        what = [key for key in head if entries[0].get(key) != head[key]] if isinstance(entries[0], dict) else ["all"]
-        raise BadInputError(
-            f"checkpoint {path} belongs to another search ({', '.join(what)} differ); "
-            "resume with the same logs and config, or search in a new folder"
-        )
-    return entries[1:]
 
 
 def _generation(data: dict[str, Any], unit: Array, path: Path) -> Generation:
@@ -138,10 +112,3 @@ def _generation_data(generation: Generation) -> dict[str, Any]:
         "unit": generation.unit.tolist(),
         "results": [r.to_data() for r in generation.results],
     }
-
-
-def _append(path: Path, data: dict[str, Any]) -> None:
-    with path.open("a", encoding="utf-8") as file:
-        file.write(json.dumps(data) + "\n")
-        file.flush()
-        os.fsync(file.fileno())

@@ -1,0 +1,1 @@
+"""A trained policy made better by a few gains around its network, searched in whole-gait trials."""

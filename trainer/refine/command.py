@@ -1,0 +1,95 @@
+"""``spot-rl refine``."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from trainer.refine.search import Generation
+
+
+def refine(
+    policy: Annotated[Path, typer.Argument(help="ONNX policy that spot-rl export wrote.")],
+    out: Annotated[Path, typer.Option("--out", help="ONNX file to write.")] = Path("refined.onnx"),
+    config: Annotated[Path | None, typer.Option("--config", help="Config file (YAML).")] = None,
+    folder: Annotated[
+        Path | None,
+        typer.Option("--folder", help="Checkpoint and figures; goes on with what lies there. [OUT's name + .refine]"),
+    ] = None,
+    jobs: Annotated[int, typer.Option("--jobs", help="Processes; 0 for one a CPU.", min=0)] = 0,
+    generations: Annotated[int | None, typer.Option("--generations", help="In place of the config's.", min=1)] = None,
+) -> None:
+    """Search a trained policy's gains in whole-gait trials: even feet, safe starts, top speed."""
+    from spot_model.errors import BadInputError
+    from spot_model.policy import load_policy
+    from spot_model.policy_contract import TrainingRecord, sha256_hex
+    from trainer.refine.config import load_refine_config, refine_config_yaml
+    from trainer.refine.gains import gains_of, with_gains
+    from trainer.refine.judge import in_words
+    from trainer.refine.network import policy_of, read_layers
+    from trainer.refine.search import Problem, compare, search
+    from trainer.run_folder import command_line, git_revision
+
+    if out.exists():
+        raise BadInputError(f"policy file {out} exists; choose another name")
+    settings = load_refine_config(config)
+    if generations is not None:
+        settings = settings.model_copy(update={"generations": generations})
+    contract, data = load_policy(policy).contract, policy.read_bytes()
+    layers, gains = read_layers(data, str(policy)), gains_of(contract.joint_names)
+    for robot in settings.robots:
+        robot.robot()
+    folder = folder or out.with_suffix(".refine")
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "config.yaml").write_text(refine_config_yaml(settings), encoding="utf-8")
+
+    n_jobs = jobs or len(os.sched_getaffinity(0))
+    problem = Problem(data, settings)
+    values = search(problem, folder / "generations.jsonl", jobs=n_jobs, tell=lambda g: _tell(g, settings.generations))
+    before, after = compare(problem, values, jobs=n_jobs)
+    figures: dict[str, Any] = {
+        "policy": in_words(before, settings),
+        "refined": in_words(after, settings),
+    }
+    command, revision = command_line(), git_revision()
+    result = {
+        "schema": "spot-rl/refinement/1",
+        "command": command,
+        "revision": revision,
+        "seed": settings.seed,
+        "policy_sha256": sha256_hex(data),
+        "gains": {g.name: round(float(v * g.scale), 6) for g, v in zip(gains, values, strict=True)},
+        "figures": figures,
+    }
+    (folder / "refinement.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    for name, row in figures.items():
+        typer.echo(f"{name}: " + "  ".join(f"{key} {value}" for key, value in row.items()))
+    if not figures["refined"]["score"] < figures["policy"]["score"]:
+        raise BadInputError(
+            f"the refined gains score {figures['refined']['score']} on fresh starts, the policy itself "
+            f"{figures['policy']['score']}; nothing was written; search for more generations"
+        )
+    record = TrainingRecord(
+        run=f"refined from {contract.name} {sha256_hex(data)[:12]}; {contract.training.run}",
+        revision=revision,
+        command=command,
+        seed=settings.seed,
+        model_sha256=contract.training.model_sha256,
+    )
+    out.parent.mkdir(parents=True, exist_ok=True)
+    out.write_bytes(policy_of(with_gains(layers, gains, values), contract, record)[1])
+    typer.echo(f"policy {out} ({out.stat().st_size} bytes)")
+
+
+def _tell(generation: Generation, total: int) -> None:
+    left = int(generation.seconds_left)
+    typer.echo(
+        f"generation {generation.index + 1}/{total}  best {generation.best_score:.3f}  "
+        f"step {generation.sigma:.3f}  left {left // 60}:{left % 60:02d}",
+        err=True,
+    )

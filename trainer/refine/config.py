@@ -1,0 +1,119 @@
+"""What a refinement searches and what it asks of the gait."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Literal
+
+import yaml
+from pydantic import Field, ValidationError, field_validator
+
+from spot_model.errors import BadInputError
+from spot_model.mjcf import MjcfOptions
+from spot_model.model_file import RobotModel, load_model, model_from_data
+from spot_model.validation import explain
+from spot_model.yaml_text import read_yaml
+from trainer.config_base import Config, Range
+
+
+class RobotConfig(Config):
+    """One robot on which the gait is tried."""
+
+    model: str = "paper_identified"
+    """Built-in model, or a model file."""
+    effects: tuple[dict[str, Any], ...] = ()
+    """More effects, as in a model file."""
+    timestep_s: float = Field(default=0.005, gt=0.0, le=0.02)
+    integrator: Literal["Euler", "implicitfast"] = "Euler"
+
+    @field_validator("timestep_s")
+    @classmethod
+    def _divides_a_period(cls, value: float) -> float:
+        if abs(0.02 / value - round(0.02 / value)) > 1e-6:
+            raise ValueError("must divide the policy's period of 0.02 s")
+        return value
+
+    def robot(self) -> RobotModel:
+        """The model with its further effects.
+
+        Raises:
+            BadInputError: The model or an effect is not allowed.
+        """
+        more = model_from_data({"schema": "spot-rl/model/1", "effects": list(self.effects)}, source="effects")
+        return load_model(self.model).with_effects(*more.effects)
+
+    def mjcf(self) -> MjcfOptions:
+        """Its physics."""
+        return MjcfOptions(timestep_s=self.timestep_s, integrator=self.integrator)
+
+
+class StartConfig(Config):
+    """Random starts, as in the randomised episodes, with a body mass and a number of robots of their own."""
+
+    robots: int = Field(default=200, ge=1, le=10_000)
+    added_body_mass_kg: Range = (0.0, 3.0)
+    """Most starts that end in a fall are a heavy robot's."""
+    top_m_s: float = Field(default=3.0, gt=0.0)
+    jump_s: float = Field(default=1.2, gt=0.0, le=10.0)
+    """When the command jumps; it is watched for as long again."""
+    weight: float = Field(default=30.0, ge=0.0)
+    """Of the share that falls."""
+
+
+class WeightConfig(Config):
+    """What a shortfall costs; the search minimises the sum."""
+
+    duty_spread: float = Field(default=10.0, ge=0.0)
+    """Of the mean, and again of the worst, difference of duty factors above what is allowed."""
+    duty_spread_allowed: float = Field(default=0.065, ge=0.0)
+    forward_error_per_m_s: float = Field(default=5.0, ge=0.0)
+    other_error: float = Field(default=2.0, ge=0.0)
+    """Of the mean error of V_x, V_y (m/s) and ω_z (rad/s) where the robot also turns or goes sideways or backwards."""
+    top_speed_per_m_s: float = Field(default=2.0, ge=0.0)
+    top_speed_wanted_m_s: float = Field(default=7.0, gt=0.0)
+    fall: float = Field(default=2.0, ge=0.0)
+    """Of each robot that falls in steady running."""
+
+
+class RefineConfig(Config):
+    """A whole refinement."""
+
+    schema_name: Literal["spot-rl/refine/1"] = Field(default="spot-rl/refine/1", alias="schema")
+    generations: int = Field(default=30, ge=1, le=10_000)
+    population: int = Field(default=14, ge=4, le=1000)
+    sigma: float = Field(default=0.35, gt=0.0, le=2.0)
+    """First step size, in units of each gain's own scale."""
+    seed: int = Field(default=0, ge=0)
+    speeds_m_s: tuple[float, ...] = Field(default=(0.5, 1, 1.5, 2, 2.5, 3, 3.5, 4, 4.5, 5, 6, 7), min_length=1)
+    others: tuple[tuple[float, float, float], ...] = (
+        (0, 0, 0), (-1.5, 0, 0), (0, 1, 0), (0, 0, 1.5), (2, 0.5, 0), (2, -0.5, 0), (3, 0, 1), (3, 0, -1),
+    )  # fmt: skip
+    """V_x, V_y (m/s), ω_z (rad/s) of the robots that also turn or go sideways or backwards."""
+    ramp_s: float = Field(default=4.0, gt=0.0, le=60.0)
+    """From rest to the command."""
+    settle_s: float = Field(default=1.0, ge=0.0, le=60.0)
+    watch_s: float = Field(default=4.0, ge=1.0, le=60.0)
+    """The gait counts for so long."""
+    robots: tuple[RobotConfig, ...] = Field(default=(RobotConfig(),), min_length=1)
+    starts: tuple[StartConfig, ...] = (StartConfig(),)
+    weights: WeightConfig = WeightConfig()
+
+
+def load_refine_config(path: Path | None) -> RefineConfig:
+    """The config in a file; the defaults without one.
+
+    Raises:
+        BadInputError: The file cannot be read, or a key or value is not allowed.
+    """
+    if path is None:
+        return RefineConfig()
+    try:
+        return RefineConfig.model_validate(read_yaml(path, "refinement"))
+    except ValidationError as error:
+        raise BadInputError(f"refinement {path}: {explain(error)}") from error
+
+
+def refine_config_yaml(config: RefineConfig) -> str:
+    """The whole config as YAML."""
+    text: str = yaml.safe_dump(config.model_dump(mode="json", by_alias=True), sort_keys=False)
+    return text
