@@ -144,7 +144,7 @@ def load_policy(path: Path, *, provider: str = "cpu", admit: Callable[[str], Non
     except FileTooLargeError as error:
         raise PolicyError(f"policy {path} cannot be read: {error}") from error
     except OSError as error:
-        raise PolicyError(f"policy {path} cannot be read: {error.strerror}; give an ONNX file") from error
+        raise PolicyError(f"policy {path} cannot be read: {error.strerror or error}; give an ONNX file") from error
     if admit is not None:
         admit(sha256_hex(data))
     return policy_from_bytes(data, source=str(path), provider=provider)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from bisect import bisect_right
 from collections.abc import Callable
 from itertools import pairwise
@@ -146,15 +147,23 @@ def load_sequence(name_or_path: str) -> VelocitySequence:
     if name_or_path in BUILT_IN:
         return BUILT_IN[name_or_path]()
     path = Path(name_or_path)
-    if not path.is_file():
+    if not _is_file(path):
         raise BadInputError(
             f"velocity sequence {name_or_path!r} is no file; allowed: a YAML file, or one of {', '.join(BUILT_IN)}"
         )
     data = read_yaml(path, "velocity sequence")
     try:
-        return VelocitySequence.model_validate(data)
+        # By way of JSON, pydantic's strict mode takes a list for a tuple, but neither "3" nor true for 3.
+        return VelocitySequence.model_validate_json(json.dumps(data, default=str), strict=True)
     except ValidationError as error:
         raise BadInputError(f"velocity sequence {path}:\n{explain(error)}") from error
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:  # no name that a file can have
+        return False
 
 
 def save_sequence(sequence: VelocitySequence, path: Path) -> None:

@@ -12,6 +12,7 @@ from typing import Any, Final
 
 import yaml
 
+from spot_model.bounded_file import FileTooLargeError, read_at_most
 from spot_model.errors import BadInputError
 
 MAX_BYTES: Final = 1024 * 1024
@@ -19,6 +20,7 @@ MAX_VALUES: Final = 200_000
 """Values of a document with all aliases written out."""
 
 MAX_DEPTH: Final = 50
+MAX_INT_BITS: Final = 128
 
 
 class YamlError(ValueError):
@@ -40,11 +42,15 @@ _PROBLEMS: Final = (
 """A date or number that is none, a key that cannot be one, a mapping that holds itself."""
 
 
+_OLD_NUMBER: Final = re.compile(r"[-+]?(?:0[0-9_]+|[0-9_]+(?::[0-9_.]+)+)")
+
+
 class _Loader(yaml.SafeLoader):
     """Plain YAML, but for what is never meant.
 
     Refused: nesting beyond any use, before the recursion limit does it; a key that comes twice, of which YAML would
-    silently take the last; a NUL character, which no name and no path may hold. And 1e-3 is a number, as in YAML 1.2.
+    silently take the last; a NUL character, which no name and no path may hold; numbers that YAML 1.1 reads in a way of
+    its own, 1:30 as 90 and 010 as 8, and those of hundreds of digits. And 1e-3 is a number, as in YAML 1.2.
     """
 
     _depth = 0
@@ -55,16 +61,32 @@ class _Loader(yaml.SafeLoader):
             raise YamlError(f"it is nested more than {MAX_DEPTH} deep")
         node = super().compose_node(parent, index)
         self._depth -= 1
+        if isinstance(node, yaml.ScalarNode):
+            _refuse_old_numbers(node)
         if isinstance(node, yaml.MappingNode):
             _refuse_repeated_keys(node)
         if isinstance(node, yaml.ScalarNode) and "\0" in node.value:
             raise YamlError(f"line {node.start_mark.line + 1} holds a NUL character")
         return node
 
+    def construct_yaml_int(self, node: yaml.ScalarNode) -> int:
+        number = int(super().construct_yaml_int(node))
+        if number.bit_length() > MAX_INT_BITS:
+            raise YamlError(f"line {node.start_mark.line + 1}: a whole number has more than {MAX_INT_BITS} bits")
+        return number
+
+
+_Loader.add_constructor("tag:yaml.org,2002:int", _Loader.construct_yaml_int)
 
 _Loader.add_implicit_resolver(
     "tag:yaml.org,2002:float", re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+\Z"), list("-+0123456789.")
 )
+
+
+def _refuse_old_numbers(node: yaml.ScalarNode) -> None:
+    if node.style is None and node.tag.endswith((":int", ":float")) and _OLD_NUMBER.fullmatch(node.value):
+        line, value = node.start_mark.line + 1, node.value[:80]
+        raise YamlError(f"line {line}: {value} is a number to some and none to others; write it plainly, or in quotes")
 
 
 def _refuse_repeated_keys(node: yaml.MappingNode) -> None:
@@ -109,14 +131,11 @@ def read_yaml(path: Path, what: str) -> Any:
         BadInputError: The file cannot be read, or is not such YAML.
     """
     try:
-        with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise BadInputError(f"{what} {path} cannot be read: {reason}; give a YAML file") from error
-    try:
+        data = read_at_most(path, MAX_BYTES)
         return parse_yaml(data)
-    except YamlError as error:
+    except OSError as error:
+        raise BadInputError(f"{what} {path} cannot be read: {error.strerror or error}; give a YAML file") from error
+    except (FileTooLargeError, YamlError) as error:
         raise BadInputError(f"{what} {path} cannot be read, it is no YAML that is taken: {error}") from error
 
 

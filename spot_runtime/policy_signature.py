@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from spot_model.bounded_file import FileTooLargeError, read_at_most
+from spot_model.bounded_file import FileTooLargeError, open_to_read, read_at_most
 from spot_model.policy_contract import PolicyError
 
 if TYPE_CHECKING:
@@ -128,7 +128,7 @@ def private_key(path: Path) -> Ed25519PrivateKey:
 def _read_trusted(path: Path, *, forbidden_mode: int = 0o022) -> bytes:
     """A key file's content, if only its owner may change it (or, for a private key, read it)."""
     try:
-        with path.open("rb") as stream:
+        with open_to_read(path) as stream:
             status = os.fstat(stream.fileno())
             data = stream.read(MAX_PEM_BYTES + 1) if stat.S_ISREG(status.st_mode) else b""
     except OSError as error:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
+from spot_model.bounded_file import open_to_read
 from spot_model.yaml_text import YamlError, parse_yaml
 from spot_runtime.hal.errors import CredentialsError
 
@@ -62,7 +63,7 @@ def _is_file(path: Path) -> bool:
 
 def _read(file: Path, *, forbidden_mode: int) -> Credentials:
     try:
-        with file.open("rb") as stream:
+        with open_to_read(file) as stream:
             status = os.fstat(stream.fileno())
             data = stream.read(MAX_BYTES + 1)
     except OSError as error:

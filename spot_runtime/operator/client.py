@@ -11,9 +11,10 @@ from typing import Any, Final
 import grpc
 from typing_extensions import Self
 
+from spot_model.bounded_file import FileTooLargeError, read_at_most
 from spot_model.errors import BadInputError, SpotRlError
 from spot_protos import operator_pb2_grpc
-from spot_runtime.operator.listening import SYSTEM_SOCKET, is_loopback, user_socket
+from spot_runtime.operator.listening import MAX_PEM_BYTES, SYSTEM_SOCKET, is_loopback, user_socket
 
 ADDRESS_VARIABLE: Final = "SPOT_RL_OPERATOR"
 TIMEOUT_S: Final = 30.0
@@ -115,6 +116,7 @@ def client_from(
 
 def _read(path: Path) -> bytes:
     try:
-        return path.read_bytes()
-    except OSError as error:
-        raise BadInputError(f"file {path} cannot be read: {error.strerror}; give a PEM file") from error
+        return read_at_most(path, MAX_PEM_BYTES)
+    except (OSError, FileTooLargeError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise BadInputError(f"file {path} cannot be read: {reason}; give a PEM file") from error

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Final
 
 import grpc
 
+from spot_model.bounded_file import open_to_read
 from spot_model.errors import BadInputError, SpotRlError
 
 if TYPE_CHECKING:  # a client has no configuration, and starts without pydantic
@@ -133,9 +134,9 @@ class SocketFile:
 
 def _read(path: Path, *, is_secret: bool) -> bytes:
     try:
-        with path.open("rb") as stream:
+        with open_to_read(path) as stream:
             status = os.fstat(stream.fileno())
-            data = stream.read(MAX_PEM_BYTES + 1)
+            data = stream.read(MAX_PEM_BYTES + 1) or b""
     except OSError as error:
         raise BadInputError(f"file {path} cannot be read: {error.strerror}") from error
     # A credential of systemd's may show its access list's mask as the group's bits; its folder lets nobody else in.

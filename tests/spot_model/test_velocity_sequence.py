@@ -61,6 +61,10 @@ def test_bad_files_are_refused_in_words(tmp_path: Path):
     file.write_text("schema: spot-rl/velocity-sequence/1\nname: x\nduration_s: 3\nwaypoints: [{time_s: 0, v_x: 1}]\n")
     with pytest.raises(BadInputError, match=r"waypoints\.0\.v_x"):
         load_sequence(str(file))
+    for odd in ("true", "'1'", ".nan", "1e308", "1 m/s"):
+        file.write_text(f"name: x\nduration_s: 3\nwaypoints: [{{time_s: 0, v_x_m_s: {odd}}}]\n")
+        with pytest.raises(BadInputError, match=r"waypoints\.0\.v_x_m_s = "):
+            load_sequence(str(file))
     file.write_text("{")
     with pytest.raises(BadInputError, match="cannot be read"):
         load_sequence(str(file))

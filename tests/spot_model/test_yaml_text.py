@@ -22,6 +22,7 @@ LAUGHS = "a0: &a0 [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
         (b"a: \xc3\xa9", {"a": "é"}),
         ("base: &b {x: 1}\nother: *b", {"base": {"x": 1}, "other": {"x": 1}}),
         ("[" * 49 + "]" * 49, None),
+        ("a: ['010', \"1:30\", 0x10, 1_000, 0, -0, 12:30 h]", {"a": ["010", "1:30", 16, 1000, 0, 0, "12:30 h"]}),
     ],
 )
 def test_plain_data(text: str | bytes, data: object) -> None:
@@ -44,6 +45,12 @@ def test_plain_data(text: str | bytes, data: object) -> None:
         (b"a: \xff\xfe", "decode"),
         ("a: \x07", "special characters"),
         ("--- 1\n--- 2", "single document"),
+        ("a: 0x" + "f" * 40, "line 1: a whole number has more than 128 bits"),
+        ("a: 0x" + "f" * 4000, "more than 128 bits"),
+        ("a: " + "9" * 5000, "4300 digits"),
+        ("a: 1\nb: 1:30", "line 2: 1:30 is a number to some and none to others"),
+        ("a: 1:30.5", "1:30.5 is a number to some"),
+        ("a: 010", "010 is a number to some"),
     ],
 )
 def test_refusals(text: str | bytes, words: str) -> None:

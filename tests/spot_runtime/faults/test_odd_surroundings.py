@@ -5,16 +5,22 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from spot_model.bounded_file import FileTooLargeError, read_at_most
+from spot_model.errors import SpotRlError
 from spot_model.policy import load_policy
 from spot_model.policy_contract import PolicyError
+from spot_model.velocity_sequence import load_sequence
+from spot_runtime.config import load_config
+from spot_runtime.hal.credentials import find_credentials
 from spot_runtime.hal.session import _read_pem
 from spot_runtime.instance_lock import InstanceLock, LockError
 from spot_runtime.log import LogReadError, read_run, recover_log
+from spot_runtime.operator.client import client_from
 
 REPOSITORY = Path(__file__).parents[3]
 WALK = REPOSITORY / "policies" / "walk.onnx"
@@ -39,6 +45,26 @@ def test_devices_that_never_end_are_not_read_to_their_end(tmp_path: Path) -> Non
         for odd in (zero, tmp_path):
             with pytest.raises(LogReadError, match="is no file; give a log"):
                 read(odd)
+
+
+def test_a_pipe_into_which_nobody_writes_is_refused_and_not_waited_for(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe, 0o600)
+    reads: dict[str, Callable[[Path], object]] = {
+        "policy": load_policy,
+        "configuration": load_config,
+        "credentials file": lambda path: find_credentials(path, {}),
+        "file": lambda path: client_from("127.0.0.1:1", ca=path, certificate=path, key=path),
+    }
+    for what, read in reads.items():
+        with pytest.raises(SpotRlError, match=f"{what} {pipe} cannot be read: it is a pipe and no file"):
+            read(pipe)
+    for odd in ("a\0b", "x" * 5000):
+        for read in (load_policy, load_config):
+            with pytest.raises(SpotRlError, match=r"cannot be read: (embedded null byte|File name too long)"):
+                read(Path(odd))
+        with pytest.raises(SpotRlError, match="is no file; allowed"):
+            load_sequence(odd)
 
 
 def test_a_lock_that_cannot_be_opened(tmp_path: Path) -> None:
