@@ -16,7 +16,7 @@ from diagnosis.library.base import LibraryEffect
 from diagnosis.library.registry import LIBRARY
 from diagnosis.logs import script_of
 from diagnosis.measure import Bench, Measured, measure, simulate_all
-from diagnosis.posterior import Calibration, Posterior, posterior
+from diagnosis.posterior import Calibration, Posterior, after_shrink, posterior
 from diagnosis.progress import Progress
 from diagnosis.recording import record
 from diagnosis.seam import Array, ChannelOff, ChannelView, Ints, Views
@@ -161,6 +161,8 @@ def diagnose(
         legs = found.board.robot.leg_of_joint
         map_ = gap_map(Side(found.stack, found.views.get("A")), Side(logs, views.get("A")), legs, rng)
         measured = measure(bench, simulated, rng)
+        if (shrink := measured.shrink) is not None and shrink.held_out:
+            found = replace(found, posterior=after_shrink(found.posterior, shrink.s, shrink.s_low))
         notes += [*measured.notes, *([map_.note] if map_.note else [])]
     verdict = _verdict(found, map_, measured, notes, runs, nominal_name)
     verdict = verdict.model_copy(update={"without": tuple(n for n in LIBRARY if n not in library)})

@@ -23,7 +23,7 @@ CONFUSED_SHARE: Final = 0.65
 Less is what the stronger one's formula leaves: of 30 such pairs in 414 withheld cases one was two causes, at 0.87.
 """
 WORTH_SHARE: Final = 0.25
-"""An effect whose first try scores less than this share of the best so far is not refined."""
+"""An effect whose first try adds less than this share of what the best so far adds is not refined."""
 ROUNDS: Final = 5
 WEIGHT_ROUNDS: Final = 2
 PER_PARAMETER: Final = 2.0
@@ -102,9 +102,9 @@ def ranked(board: Board, terms: Sequence[Placed], library: Mapping[str, LibraryE
     scorer = Scorer(board, terms)
     base = scorer.now.by_block if terms else np.zeros(len(board.blocks))
     found: list[Rival] = []
-    top = 0.0
+    top = there = scorer.now.score - _price(terms, board) if terms else 0.0
     for effect in library.values():
-        rival = best_of(scorer, effect, WORTH_SHARE * top)
+        rival = best_of(scorer, effect, there + WORTH_SHARE * (top - there))
         if rival is not None:
             more = rival.scored.by_block - base
             same = float(base[more > 0.1 * more.max(initial=0.0)].sum())
@@ -228,9 +228,13 @@ def _value(board: Board, terms: Sequence[Placed]) -> float:
 
 
 def _swapped(board: Board, best: Scored, value: float, library: Mapping[str, LibraryEffect]) -> tuple[Scored, float]:
-    """Each earlier effect chosen anew beside the later ones, shape and place included."""
-    for _ in range(len(best.terms)):
+    """Each earlier effect chosen anew beside the later ones, shape and place included; the last one if any changed."""
+    before, last = value, len(best.terms) - 1
+    for i in range(len(best.terms)):
         others = best.terms[1:]
+        if i == last and value == before:
+            best = Scorer(board, (*others, best.terms[0])).now
+            break
         names = {t.effect.name for t in others}
         ranking = ranked(board, others, {n: e for n, e in library.items() if n not in names})
         if ranking and ranking[0].value > value:
