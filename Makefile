@@ -14,7 +14,8 @@ PYTHON ?= $(shell for p in python3.11 python3 python3.12 python3.13; do \
 	if $$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' >/dev/null 2>&1; then echo $$p; break; fi; done)
 RUN := .venv/bin/python
 INSTALLED := .venv/.installed
-PYTEST_WORKERS ?= 2
+# One more than two cores: many tests wait for a robot in real time.
+PYTEST_WORKERS ?= 3
 
 help: ## List the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-10s %s\n", $$1, $$2 }' Makefile
@@ -26,7 +27,7 @@ demo: $(INSTALLED) ## Walk the fake robot, write a log, a summary and a page wit
 
 test: $(INSTALLED) ## Run all tests
 	@folder=$$(mktemp -d) && trap 'rm -rf "$$folder"' EXIT && \
-	$(RUN) -m pytest -n $(PYTEST_WORKERS) --dist loadfile --basetemp "$$folder/t" $(ARGS)
+	$(RUN) -m pytest -n $(PYTEST_WORKERS) --dist loadfile --no-loadscope-reorder --basetemp "$$folder/t" $(ARGS)
 
 safety: $(INSTALLED) ## Every line, branch and, for 90 s, mutant of the safety core; ARGS=--all tries all mutants
 	$(RUN) scripts/check_safety.py $(ARGS)

@@ -21,7 +21,8 @@ class Block:
     language: str
     text: str
     order: str
-    """``run``, ``session``, ``file NAME``, or nothing: then it is only read."""
+    """``run`` (as one script), ``play`` (line by line, made short), ``session``, ``file NAME``, ``gpu`` (refused where
+    there is none), or nothing: then it is only read."""
 
     @property
     def lines(self) -> list[str]:

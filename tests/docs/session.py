@@ -32,7 +32,7 @@ service: {attendance_s: 600.0, deadman_s: 2.0}
 SCREENS = ("watch", "drive", "--follow")
 """Words of a command that goes on until somebody ends it."""
 
-SHOWN_S = 3.0
+SHOWN_S = 0.5
 ENDED_BY_SIGNAL = (0, 1, 130, -signal.SIGINT)
 
 

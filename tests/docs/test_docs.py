@@ -2,24 +2,30 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
+import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
 import pytest
+import torch
 import typer
 import yaml
 
+from spot_model.command_line import main
 from spot_model.command_registry import COMMAND_GROUP, load_command
 from spot_runtime.config import RunConfig
 
 from .blocks import PAGES, REPOSITORY, Block, all_blocks, blocks_of
 from .session import Session
+from .shorter import SHORTER, shortened
 
 NOT_RUN_HERE = {"sudo", "systemctl", "journalctl", "ssh", "openssl", "cd", "export", ".", "chmod", "pip", "bash"}
 """Words of the system: that the commands behind them do what a page says is not tested, but for blocks that are run."""
@@ -103,28 +109,81 @@ def test_the_reading_can_fail(line: str) -> None:
         check_line(line.split())
 
 
-RUN_PAGES = [page for page in PAGES if any(block.order == "run" for block in blocks_of(page))]
+RUN_PAGES = [page for page in PAGES if any(block.order in ("run", "play") for block in blocks_of(page))]
+GOES_ON_AFTER = {"diagnosis": "sysid", "log": "sysid"}
+"""Pages that begin with the logs of another page's first try."""
+
+
+@pytest.fixture(scope="module")
+def folder_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """Plays a page once and gives the folder in which it was played."""
+
+    @cache
+    def played(name: str) -> Path:
+        folder = tmp_path_factory.mktemp(name) / "a folder"
+        if name in GOES_ON_AFTER:
+            shutil.copytree(played(GOES_ON_AFTER[name]), folder, symlinks=True)
+        else:
+            folder.mkdir()
+            (folder / "policies").symlink_to(REPOSITORY / "policies")
+        waiting: list[list[str]] = []
+        for block in blocks_of(next(page for page in RUN_PAGES if page.stem == name)):
+            kind, _, file = block.order.partition(" ")
+            if kind == "play":
+                waiting += map(shortened, block.commands)
+            elif kind == "file":
+                (folder / file).write_text(block.text, encoding="utf-8")
+            elif kind == "run":
+                play(waiting, folder)
+                waiting = []
+                bash(block.text, folder)
+        play(waiting, folder)
+        return folder
+
+    return played
+
+
+def play(lines: list[list[str]], folder: Path) -> None:
+    """Run commands in turn, in one process with the libraries that they share."""
+    if lines:
+        run([sys.executable, str(Path(__file__).with_name("one_by_one.py"))], folder, json.dumps(lines))
+
+
+def bash(text: str, folder: Path) -> None:
+    run(["bash", "-euo", "pipefail", "-c", text], folder)
+
+
+def run(words: list[str], folder: Path, given: str = "") -> None:
+    path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
+    environment = {**os.environ, "PATH": path, "XDG_STATE_HOME": str(folder / "state")}
+    told = subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True, input=given)
+    assert told.returncode == 0, f"{words}\n{told.stdout}\n{told.stderr}"
 
 
 @pytest.mark.parametrize("page", RUN_PAGES, ids=lambda page: page.stem)
-def test_marked_blocks_run_as_they_stand(page: Path, tmp_path: Path) -> None:
-    tmp_path = tmp_path / "a folder"
-    tmp_path.mkdir()
-    (tmp_path / "policies").symlink_to(REPOSITORY / "policies")
-    for block in blocks_of(page):
-        kind, _, name = block.order.partition(" ")
-        if kind == "file":
-            (tmp_path / name).write_text(block.text, encoding="utf-8")
-        elif kind == "run":
-            path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
-            told = subprocess.run(
-                ["bash", "-euo", "pipefail", "-c", block.text],
-                cwd=tmp_path,
-                env={**os.environ, "PATH": path, "XDG_STATE_HOME": str(tmp_path / "state")},
-                capture_output=True,
-                text=True,
-            )
-            assert told.returncode == 0, f"{block.text}\n{told.stdout}\n{told.stderr}"
+def test_marked_blocks_run_as_they_stand(page: Path, folder_of: Callable[[str], Path]) -> None:
+    folder_of(page.stem)
+
+
+def test_what_is_added_belongs_to_a_line_of_a_page() -> None:
+    lines = {" ".join(words) for block in all_blocks() if block.order == "play" for words in block.commands}
+    assert not SHORTER.keys() - lines
+
+
+GPU_LINES = [words for block in all_blocks() if block.order == "gpu" for words in block.commands]
+
+
+@pytest.mark.parametrize("words", GPU_LINES, ids=" ".join)
+def test_commands_for_a_gpu_say_so_where_there_is_none(
+    words: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    if torch.cuda.is_available():
+        pytest.skip("there is a GPU here; this asks what is said where there is none")
+    monkeypatch.chdir(REPOSITORY)
+    after = words[words.index("trainer") + 1 :] if words[0] == "torchrun" else words[1:]
+    with pytest.raises(SystemExit):
+        main(after)
+    assert "there is no usable NVIDIA GPU here" in capsys.readouterr().err
 
 
 SESSION_PAGES = [page for page in PAGES if any(block.order == "session" for block in blocks_of(page))]
@@ -142,7 +201,9 @@ def test_sessions_go_as_the_page_says(page: Path, tmp_path: Path) -> None:
 
 def test_pages_that_are_to_be_run_are_there() -> None:
     assert {page.stem for page in SESSION_PAGES} >= {"first-run-fake", "first-run-spot", "operate"}
-    assert {page.stem for page in RUN_PAGES} >= {"first-run-fake", "add-an-effect", "operate"}
+    assert {page.stem for page in RUN_PAGES} >= {
+        *("first-run-fake", "add-an-effect", "operate", "training", "sysid", "diagnosis")
+    }
 
 
 def test_yaml_and_python_blocks_are_valid() -> None:

@@ -1,0 +1,33 @@
+"""The order of the test files: those that take long begin first, so that no worker is left with one at the end."""
+
+from __future__ import annotations
+
+import pytest
+
+LONG = (
+    "spot_runtime/faults/test_matrix.py",
+    "fake_robot/test_sdk_programs.py",
+    "docs/test_docs.py",
+    "withheld/test_end_to_end.py",
+    "spot_runtime/operator/test_service.py",
+    "spot_runtime/operator/test_operated_run.py",
+    "spot_runtime/operator/test_serve.py",
+    "spot_runtime/test_on_the_fake_robot.py",
+    "diagnosis/test_library.py",
+    "spot_runtime/operator/test_make_safe.py",
+    "spot_runtime/faults/test_invariants.py",
+    "withheld/test_distances.py",
+    "deploy/test_install.py",
+    "trainer/test_training.py",
+    "trainer/sysid/test_search.py",
+)
+"""By the time that they took, the longest first; the rest are short, and fill what is left."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    places = {name: place for place, name in enumerate(LONG)}
+
+    def place(item: pytest.Item) -> int:
+        return next((at for name, at in places.items() if item.path.as_posix().endswith(f"tests/{name}")), len(LONG))
+
+    items.sort(key=place)  # within a file the order stays

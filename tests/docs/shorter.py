@@ -1,0 +1,21 @@
+"""Commands of the pages that take minutes or hours, and what the test adds to each so that it takes seconds.
+
+The line runs as it stands on the page, with these words at its end; where an option comes twice, the last one counts.
+"""
+
+from __future__ import annotations
+
+SHORTER = {
+    "spot-rl train --config policies/walk.yaml": "--set n_envs=16 --set iterations=1",
+    "spot-rl train --resume runs/walk-…": "--set iterations=2",
+    "spot-rl bench train --json": "--set n_envs=16 --iterations 1",
+    # The first try of the page has recorded these runs: none is missing, so no robot is asked.
+    "spot-rl collect --sequences all --repeats 5 --robot 192.168.50.3 --credentials-file credentials.yaml "
+    "--policy policies/baseline.onnx --out logs": "--sequences ahead.yaml,aside.yaml --repeats 1 "
+    "--policy policies/walk.onnx",
+}
+
+
+def shortened(words: list[str]) -> list[str]:
+    """The words, and what is added to them."""
+    return [*words, *SHORTER.get(" ".join(words), "").split()]
