@@ -61,7 +61,8 @@ class ControlConfig(_Part):
         default="cpu", description="Where ONNX Runtime computes the policy; refused where it is not there."
     )
     rehearse: bool = Field(
-        default=True, description="Also run the policy on the state before a tick, for nothing, to keep caches warm."
+        default=True,
+        description="Also go through a tick shortly before its state, for nothing, and await that without sleeping.",
     )
 
 

@@ -30,6 +30,7 @@ from spot_runtime.loop_stats import LoopStats
 from spot_runtime.modes import Mode, ModeInputs, next_mode
 from spot_runtime.realtime import let_others_run
 from spot_runtime.recorder import Recorder
+from spot_runtime.rehearsal import WarmWait
 from spot_runtime.sources.base import CommandSource
 from spot_runtime.stops import Ending, Reaction, Stop, StopReason, ending_after
 from spot_runtime.tick import TickMemory, TickResult, schedule_for, tick
@@ -89,6 +90,7 @@ class ControlLoop:
         self._handover = config.handover
         self._loads = LoadAverage(config.handover.settle_s)
         self._setpoints = safety.SetpointMemory()
+        self._wait = WarmWait(hal)
         self._tick_memory = TickMemory()
         self._schedule = schedule_for(policy.contract.rate_hz)
         self._mode = Mode.READY
@@ -169,8 +171,7 @@ class ControlLoop:
     # One cycle -------------------------------------------------------------------------------------------------------
 
     def _cycle(self) -> None:
-        due_ns = self._schedule.next_due_robot_ns
-        states = self._hal.receive(0 if due_ns is None else due_ns, RECEIVE_TIMEOUT_S)
+        states = self._receive()
         begin_s = self._wall_s()
         host_ns, robot_ns = self._hal.host_now_ns(), self._hal.robot_now_ns()
         newest = self._judge(states, robot_ns)
@@ -209,9 +210,21 @@ class ControlLoop:
             acquisition_age_s = (robot_ns - newest.robot_stamp_ns) / NS_PER_S
             self.stats.ticked(newest.robot_stamp_ns, compute_s, age_s, acquisition_age_s, lost)
         self.stats.departures(self._hal.departures())
-        if self._config.control.rehearse and newest is not None and self._is_due_next(newest):
-            _, result = tick(self._tick_memory, newest, self._velocity_command, self._policy)
-            safety.limit_setpoint(self._setpoints, self._ask(result, robot_ns).position_rad, self._config.safety)
+        if newest is not None:
+            self._wait.arrivals.add(newest)
+
+    def _receive(self) -> list[RobotState]:
+        due_ns, newest = self._schedule.next_due_robot_ns or 0, self._watchdogs.newest
+        if newest is None or not self._config.control.rehearse or not self._is_due_next(newest):
+            return self._hal.receive(due_ns, RECEIVE_TIMEOUT_S)
+        return self._wait.receive(newest, due_ns, RECEIVE_TIMEOUT_S, lambda: self._rehearse(newest))
+
+    def _rehearse(self, state: RobotState) -> None:
+        """Go through the tick on this state. All of it is pure, so nothing changes."""
+        robot_ns, limits = self._hal.robot_now_ns(), self._config.safety
+        safety.screen_state(safety.StateMemory(), state, robot_ns, limits)
+        _, result = tick(self._tick_memory, state, self._velocity_command, self._policy)
+        safety.limit_setpoint(self._setpoints, self._ask(result, robot_ns).position_rad, limits)
 
     def _is_due_next(self, state: RobotState) -> bool:
         """Whether the policy will tick on the state after this one."""

@@ -48,8 +48,13 @@ def let_others_run() -> None:
     Threads of one real-time priority take turns only when they wait, and ours share one lock. Without such a priority
     nothing is done: yielding would let in whatever else the computer does.
     """
-    if os.sched_getscheduler(0) == os.SCHED_FIFO:
+    if has_real_time_priority():
         os.sched_yield()
+
+
+def has_real_time_priority() -> bool:
+    """Whether this thread runs under SCHED_FIFO."""
+    return os.sched_getscheduler(0) == os.SCHED_FIFO
 
 
 def _scheduler(priority: int) -> list[str]:

@@ -66,6 +66,8 @@ SERVICES: Final = (
 MAX_PEM_BYTES: Final = 1024 * 1024
 
 ESTOP_RELEASE_S: Final = 1.0
+ONE_THREAD_A_STREAM: Final = "SingleThreadedUnaryStream"
+"""gRPC's option by which the thread that reads a stream waits for it itself: one hand-over less on a state's way."""
 
 
 class Session:
@@ -253,7 +255,8 @@ class Session:
     def streaming_channel(self, service: type[RobotStateStreamingClient | RobotCommandStreamingClient]) -> Any:
         """The secure channel of a streaming service, connected."""
         name = service.default_service_name
-        channel = self.calls.make(f"finding {name}", lambda: self._robot.ensure_channel(name))
+        options = [(ONE_THREAD_A_STREAM, 1)]
+        channel = self.calls.make(f"finding {name}", lambda: self._robot.ensure_channel(name, options=options))
         try:
             grpc.channel_ready_future(channel).result(timeout=self._timeout_s)
         except grpc.FutureTimeoutError as error:
