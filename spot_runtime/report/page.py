@@ -43,6 +43,7 @@ table { border-collapse: collapse; width: 100%; font-size: 14px; }
 td, th { text-align: left; vertical-align: top; padding: 3px 12px 3px 0; border-bottom: 1px solid #edf0f3; }
 th { color: #61707d; font-weight: 500; white-space: nowrap; }
 .bad { color: #b03030; font-weight: 600; } .warning { color: #9a6a00; } .error { color: #b03030; }
+h1, td { overflow-wrap: anywhere; } section { overflow-x: auto; } .plotly-graph-div { min-width: 620px; }
 pre { white-space: pre-wrap; word-break: break-word; margin: 0; font-size: 12px; max-height: 220px; overflow: auto; }
 """
 

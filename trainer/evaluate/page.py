@@ -12,19 +12,23 @@ from plotly.offline import get_plotlyjs
 _STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; margin: 2em auto; max-width: 60em; padding: 0 1em; color: #222; }
 table { border-collapse: collapse; } td, th { padding: .2em .8em; text-align: left; border-bottom: 1px solid #ddd; }
+div.plot { overflow-x: auto; } .plotly-graph-div { min-width: 620px; }
 """
+_PLAIN = {"displaylogo": False, "responsive": True}
 
 
 def evaluation_page(result: dict[str, Any]) -> str:
     """The page's text."""
     figures = [_speed_figure(result), _error_figure(result), _gait_figure(result), _power_figure(result)]
-    plots = "".join(f.to_html(full_html=False, include_plotlyjs=False, default_height="380px") for f in figures)
+    drawn = [f.to_html(full_html=False, include_plotlyjs=False, default_height="380px", config=_PLAIN) for f in figures]
+    plots = "".join(f"<div class='plot'>{plot}</div>" for plot in drawn)
     rows = "".join(
         f"<tr><td>{html.escape(label)}</td><td>{html.escape(str(value))}</td></tr>" for label, value in _summary(result)
     )
     name = html.escape(result["policy"])
     return (
         f"<!doctype html><html lang='en'><head><meta charset='utf-8'><title>Policy {name}</title>"
+        "<meta name='viewport' content='width=device-width, initial-scale=1'>"
         f"<style>{_STYLE}</style><script>{get_plotlyjs()}</script></head><body><h1>Policy {name}</h1>"
         f"<table>{rows}</table>{plots}<details><summary>All figures</summary>"
         f"<pre>{html.escape(json.dumps(result, indent=1))}</pre></details></body></html>"

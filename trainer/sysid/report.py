@@ -23,9 +23,11 @@ OVERLAY_S: Final = 3.0
 
 _STYLE: Final = """
 body { font: 15px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 72rem; padding: 0 1rem; color: #1c2430; }
-table { border-collapse: collapse; margin: 1rem 0; } th, td { border-bottom: 1px solid #ccd3dc; padding: .35rem .7rem;
-text-align: left; vertical-align: top; } td.n { text-align: right; font-variant-numeric: tabular-nums; }
-.no { color: #97482f; } .yes { color: #1c6b43; } li { margin: .2rem 0; }
+table { border-collapse: collapse; margin: 1rem 0; display: block; overflow-x: auto; }
+th, td { border-bottom: 1px solid #ccd3dc; padding: .35rem .7rem; text-align: left;
+vertical-align: top; } td.n { text-align: right; font-variant-numeric: tabular-nums; }
+.no { color: #97482f; } .yes { color: #1c6b43; } li { margin: .2rem 0; overflow-wrap: anywhere; }
+div.wide { overflow-x: auto; } .plotly-graph-div { min-width: 620px; }
 """
 
 
@@ -42,7 +44,10 @@ def write_report(found: Identification, data: ResultData, path: Path) -> None:
         *[_figure_html(figure, first=i == 0) for i, figure in enumerate(figures)],
         _warnings(data),
     ]
-    head = f"<meta charset='utf-8'><title>System identification</title><style>{_STYLE}</style>"
+    head = (
+        "<meta charset='utf-8'><meta name='viewport' content='width=device-width, initial-scale=1'>"
+        f"<title>System identification</title><style>{_STYLE}</style>"
+    )
     body = "\n".join(parts)
     page = f"<!doctype html><html lang='en'><head>{head}</head><body>{body}</body></html>\n"
     path.write_text(page, encoding="utf-8")
@@ -190,7 +195,8 @@ def _warnings(data: ResultData) -> str:
 
 
 def _figure_html(figure: go.Figure, *, first: bool) -> str:
-    return str(figure.to_html(full_html=False, include_plotlyjs=first, config={"displaylogo": False}))
+    config = {"displaylogo": False, "responsive": True}
+    return f"<div class='wide'>{figure.to_html(full_html=False, include_plotlyjs=first, config=config)}</div>"
 
 
 def _n(value: float | None) -> str:
