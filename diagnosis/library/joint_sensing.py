@@ -165,7 +165,10 @@ class VelocityFilterEntry(LibraryEffect):
         Coefficient("servo_share", "1", 0.0, 1.0),
         Coefficient("body_share", "1", 0.0, 1.0),
     )
-    confused_with: ClassVar[tuple[str, ...]] = ("command_delay", "joint_compliance", "armature", "torque_bandwidth")
+    # How long feet sink, and where they slip, is read off the reported velocities.
+    confused_with: ClassVar[tuple[str, ...]] = (
+        "command_delay", "joint_compliance", "armature", "torque_bandwidth", "ground_compliance", "ground_friction",
+    )  # fmt: skip
     split_by: ClassVar[Experiment] = OTHER_KP
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
