@@ -163,7 +163,7 @@ class _Attempt:
         except OperatorInterrupt as interrupt:
             self._end(interrupt.stop)
             self._event(EventName.STOP, interrupt.stop.sentence())
-            self._try_power_off(hal, signals)
+            self._try_power_off(hal, signals, interrupt.stop)
         except Exception as error:  # noqa: BLE001 - a defect here must not leave the robot standing with power
             self._end(Stop(StopReason.INTERNAL_ERROR, f"{type(error).__name__}: {error}"))
             self._event(EventName.STOP, f"{StopReason.INTERNAL_ERROR.label}: {self._sentence}")
@@ -258,13 +258,20 @@ class _Attempt:
         else:
             self._event(EventName.POWER_OFF, "the robot sits and its motors are off")
 
-    def _try_power_off(self, hal: Hal | None, signals: StopSignals) -> None:
-        """After a failure before control: whatever was powered on goes off again."""
-        signals.interrupts = False
+    def _try_power_off(self, hal: Hal | None, signals: StopSignals, stop: Stop | None = None) -> None:
+        """After a failure before control: whatever was powered on goes off again; at once where it is an e-stop."""
+        is_estop = stop is not None and stop.reason.reaction is Reaction.ESTOP
+        signals.interrupts, signals.only_estop = not is_estop, True
         if hal is None:
             return
         try:
+            if is_estop:
+                hal.estop()
             hal.power_off()
+        except OperatorInterrupt as interrupt:
+            self._end(interrupt.stop)
+            self._event(EventName.STOP, interrupt.stop.sentence())
+            self._try_power_off(hal, signals, interrupt.stop)
         except HalError as error:
             self._console.say(f"could not power off: {error}")
 

@@ -27,12 +27,14 @@ class StopSignals:
     """Turns signals into stops while it is entered.
 
     While the loop runs, ``take`` gives the newest stop. While the program waits in a call of the robot
-    (``interrupts`` set), a signal raises :class:`OperatorInterrupt` there instead.
+    (``interrupts`` set), a signal raises :class:`OperatorInterrupt` there instead; while it brings the robot to rest
+    (``only_estop`` set, too), the e-stop's alone does.
     """
 
     def __init__(self) -> None:
         """Count from zero."""
         self.interrupts = False
+        self.only_estop = False
         self._count = 0
         self._pending: Stop | None = None
         self._previous: dict[signal.Signals, Callable[[int, FrameType | None], Any] | int | None] = {}
@@ -60,6 +62,6 @@ class StopSignals:
         reason = StopReason.OPERATOR_STOP if self._count == 1 else StopReason.OPERATOR_DAMP
         reason = StopReason.OPERATOR_ESTOP if number == signal.SIGQUIT else reason
         stop = Stop(reason, signal.Signals(number).name)
-        if self.interrupts:
+        if self.interrupts and (number == signal.SIGQUIT or not self.only_estop):
             raise OperatorInterrupt(stop)
         self._pending = stop

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import grpc
 from bosdyn.api import power_pb2
@@ -58,6 +58,9 @@ CALM: Final[Mapping[str, Mapping[str, Any]]] = {
 """A configuration whose way into motion is short, and which leaves the process that measures as it was."""
 
 WALKING: Final = VelocitySequence(name="fault", duration_s=600.0, waypoints=(Waypoint(time_s=0.0, v_x_m_s=0.4),))
+When = Literal["up", "control", "down"]
+"""Standing up, joint control, or sitting down."""
+
 OVERTURNED_RAD: Final = 0.5
 RUN_PRIORITY: Final = 40
 FAKE_PRIORITY: Final = 35
@@ -81,6 +84,8 @@ class Drive:
     log_error: str = ""
     truth: Any = None
     """The body's extremes from the begin of joint control to its end."""
+    was_off: bool = False
+    """Whether the motors had no power any more when sitting down was asked for."""
 
     @property
     def incident(self) -> Run | None:
@@ -196,13 +201,14 @@ class Rig:
         happens: Callable[[Meddler], None] = lambda _: None,
         *,
         at_s: float = AT_S,
+        when: When = "control",
         seconds: float = 3.0,
         source: CommandSource | None = None,
         policy: Policy | None = None,
         make_sink: Callable[[Path, RunHeader], LogSink] = LoggerProcess.start,
         **changes: Mapping[str, Any],
     ) -> Drive:
-        """One run; ``happens`` is called once, ``at_s`` of robot time after joint control began."""
+        """One run; ``happens`` is called once, ``at_s`` of robot time after joint control (or ``when``) began."""
         config, path = self.config(**changes), self.new_log_path()
         wanted = source or ScriptedSource(WALKING, duration_s=seconds)
         request = RunRequest(self.address.robot, policy or self.policy, wanted, config, path)
@@ -211,7 +217,7 @@ class Rig:
         def make_hal(sink: LogSink) -> Hal:
             pace = self._pace()
             hal = Meddler(parse_address(self.address.robot), config, sink, pace)
-            hal.prepare(self, happens, at_s)
+            hal.prepare(self, happens, at_s, when)
             meddlers.append(hal)
             return hal
 
@@ -231,6 +237,7 @@ class Rig:
             0 if happened is None else happened.power_off_ns,
             problem,
             None if happened is None else happened.truth,
+            happened is not None and happened.was_off,
         )
 
     def _pace(self) -> LockStep | None:
@@ -260,12 +267,14 @@ class Meddler(BosdynHal):
         self._due_ns = 0
         self._later: tuple[int, Callable[[], None]] | None = None
         self._at_ns = 0
+        self._when: When = "control"
+        self.was_off = False
         self._rig: Rig | None = None
         self._happens: Callable[[Meddler], None] = lambda _: None
 
-    def prepare(self, rig: Rig, happens: Callable[[Meddler], None], at_s: float) -> None:
+    def prepare(self, rig: Rig, happens: Callable[[Meddler], None], at_s: float, when: When) -> None:
         """Say what happens, and when."""
-        self._rig, self._happens, self._at_ns = rig, happens, round(at_s * 1e9)
+        self._rig, self._happens, self._at_ns, self._when = rig, happens, round(at_s * 1e9), when
 
     def later(self, seconds: float, happens: Callable[[], None]) -> None:
         """Have something else happen, so much robot time from now."""
@@ -275,14 +284,17 @@ class Meddler(BosdynHal):
         """Begin, and count from here."""
         if self._rig is not None:
             self._rig.truth(reset_extremes=True)
-        self._due_ns = self.robot_now_ns() + self._at_ns
+        self._begins("control")
         super().begin_joint_control(first)
+
+    def stand(self) -> None:
+        """Power on and stand, and count from here where that is when it happens."""
+        self._begins("up")
+        super().stand()
 
     def receive(self, until_robot_ns: int, timeout_s: float) -> list[RobotState]:
         """Let it happen when it is due."""
-        if self._due_ns and not self.happened_ns and self.robot_now_ns() >= self._due_ns:
-            self.happened_ns = self.robot_now_ns()
-            self._happens(self)
+        self._let_happen()
         if self._later is not None and self.robot_now_ns() >= self._later[0]:
             happens, self._later = self._later[1], None
             happens()
@@ -293,7 +305,23 @@ class Meddler(BosdynHal):
         self.power_off_ns = self.robot_now_ns()
         if self._rig is not None:
             self.truth = self._rig.truth()
+            self.was_off = self._rig.status().motor_power.lower().endswith("off")
+        self._begins("down")
         super().power_off()
+
+    def _begins(self, when: When) -> None:
+        if when == self._when:
+            self._due_ns = self.robot_now_ns() + self._at_ns
+
+    def _let_happen(self) -> None:
+        if self._due_ns and not self.happened_ns and self.robot_now_ns() >= self._due_ns:
+            self.happened_ns = self.robot_now_ns()
+            self._happens(self)
+
+    def _pause(self, duration_s: float) -> None:
+        if self._when != "control":
+            self._let_happen()
+        super()._pause(duration_s)
 
 
 def clear_behavior_faults(robot: str, config: RobotConfig) -> tuple[str, ...]:

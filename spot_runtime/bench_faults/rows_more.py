@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 
 from spot_model.velocity_sequence import standing_sequence
-from spot_runtime.bench_faults.rig import Drive, Meddler, Rig, read_log
-from spot_runtime.bench_faults.rows import NS_PER_MS, Finding, Row, happens, judge, reacted, went_on
+from spot_runtime.bench_faults.rig import Drive, Meddler, Rig, When, read_log
+from spot_runtime.bench_faults.rows import NS_PER_MS, Finding, Row, happens, judge, reacted, settle, went_on
 from spot_runtime.bench_faults.rows_log import Logger
 from spot_runtime.bench_faults.rows_policy import FLUNG, Actions, changeable, wrong
-from spot_runtime.bench_faults.rows_robot import first_damping_ns
+from spot_runtime.bench_faults.rows_robot import END_TIME_JUMP_MS, clock_jump, first_damping_ns
 from spot_runtime.bench_faults.rows_state import drive_way
 from spot_runtime.config import RobotConfig
 from spot_runtime.log import LogError
@@ -28,6 +28,11 @@ Named = tuple[str, dict[str, float | str]]
 TWO_TICKS = 2
 FOUR = 4.0
 """Times the scale of 0.2 rad, that is just beyond the stop of a hip's first joint, 0.785 rad."""
+
+
+def cut(rig: Rig) -> None:
+    """The network is away for a second."""
+    rig.inject("network_cut", 1.0)
 
 
 def before_start(fault: str, outcomes: tuple[str, ...], **parameters: float | str) -> Callable[[Rig], Finding]:
@@ -182,6 +187,36 @@ def full_when_restarted(rig: Rig) -> Finding:
     return finding
 
 
+def outside_control(
+    when: When, act: Callable[[Rig], object], outcomes: tuple[str, ...], *, at_s: float = 0.3, cuts: bool = False
+) -> Callable[[Rig], Finding]:
+    """Something happens while the vendor's controller has the joints: it ends without power all the same."""
+
+    def attempt(rig: Rig) -> Finding:
+        drive = rig.drive(happens(lambda: act(rig)), when=when, at_s=at_s, seconds=0.3)
+        finding = judge(drive, outcomes, incident=False)
+        settle(rig)
+        finding.demand(rig.status().motor_power.lower().endswith("off"), "the motors still have power")
+        finding.demand(not cuts or drive.was_off, "power was not cut, the robot was asked to sit")
+        return finding
+
+    return attempt
+
+
+def estop_after_stop(rig: Rig) -> Finding:
+    """SIGTERM while it sits down, and the e-stop right after: that still counts."""
+
+    def act(meddler: Meddler) -> None:
+        meddler.prepare(rig, lambda _: signal.raise_signal(signal.SIGQUIT), 0.1, "down")
+        meddler.happened_ns = 0
+        signal.raise_signal(signal.SIGTERM)
+
+    drive = rig.drive(act, when="down", at_s=0.1, seconds=0.3)
+    finding = judge(drive, "operator_estop")
+    finding.demand(drive.was_off, "power was not cut, the robot was asked to sit")
+    return finding
+
+
 GAP: Named = ("state_gap", {})
 NAN: Named = ("nan_sensor", {"signal": "position"})
 DROPS: Named = ("command_drops", {"probability": 0.5})
@@ -238,4 +273,34 @@ ROWS = (
         wrong(lambda a: np.where(np.arange(a.shape[1]) == 0, np.float32(-np.inf), a), "policy_not_finite"),
     ),
     Row("disk full, then another run", 0.0, full_when_restarted),
+    Row("robot's clock + 1 h", END_TIME_JUMP_MS, clock_jump(3600.0)),
+    Row("robot's clock − 1 h", END_TIME_JUMP_MS, clock_jump(-3600.0)),
+    Row("network cut while it stands up", 0.0, outside_control("up", cut, ("robot_error",))),
+    Row("network cut while it sits down", 0.0, outside_control("down", cut, ("completed",))),
+    Row(
+        "lease revoked while it stands up",
+        0.0,
+        outside_control("up", lambda rig: rig.inject("lease_expired"), ("lease_held", "motion_failed")),
+    ),
+    Row(
+        "lease revoked while it sits down",
+        0.0,
+        outside_control("down", lambda rig: rig.inject("lease_expired"), ("power_off_failed",), at_s=0.1),
+    ),
+    Row(
+        "behaviour fault while it stands up",
+        0.0,
+        outside_control("up", lambda rig: rig.inject("behavior_fault", cause="fall"), ("motion_failed", "robot_fault")),
+    ),
+    Row(
+        "SIGQUIT while it stands up",
+        0.0,
+        outside_control("up", lambda _: signal.raise_signal(signal.SIGQUIT), ("operator_estop",), cuts=True),
+    ),
+    Row(
+        "SIGQUIT while it sits down",
+        0.0,
+        outside_control("down", lambda _: signal.raise_signal(signal.SIGQUIT), ("operator_estop",), cuts=True),
+    ),
+    Row("SIGTERM, then SIGQUIT while it sits down", 0.0, estop_after_stop),
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Final
 
 from bosdyn.api import robot_state_pb2
 from bosdyn.client.robot_command import RobotCommandStreamingClient
@@ -16,7 +16,7 @@ from spot_runtime.config import RunConfig
 from spot_runtime.hal.address import Address
 from spot_runtime.hal.base import JointControl, RobotInfo
 from spot_runtime.hal.command_wire import CommandEncoder
-from spot_runtime.hal.errors import EstopError, HalError, LeaseHeldError
+from spot_runtime.hal.errors import EstopError, HalError, LeaseHeldError, NoRobotError
 from spot_runtime.hal.jobs import Jobs
 from spot_runtime.hal.motions import Motions
 from spot_runtime.hal.pace import Pace, RealTime, States, take_all
@@ -24,6 +24,9 @@ from spot_runtime.hal.session import Session
 from spot_runtime.hal.streams import CommandStream, OnEnd, StateReceiver
 from spot_runtime.log.sink import LogSink
 from spot_runtime.stops import Stop, StopReason
+
+RETRY_S: Final = 0.5
+"""Robot time between two attempts to power off a robot that does not answer."""
 
 
 class BosdynHal:
@@ -158,7 +161,7 @@ class BosdynHal:
     def power_off(self) -> None:
         """See the protocol."""
         if self._session.has_lease:
-            self._motions().power_off()
+            self._power_off()
         self.release()
 
     def close(self) -> None:
@@ -183,6 +186,18 @@ class BosdynHal:
             is_without_power=session.is_without_power,
             pause=self._pause,
         )
+
+    def _power_off(self) -> None:
+        """As long as the robot does not answer, again: a link that is cut for a moment must not leave it standing."""
+        until_s = self._pace.chore_now_s() + self._config.robot.power_timeout_s
+        while True:
+            try:
+                return self._motions().power_off()
+            except HalError as error:
+                # Whatever the robot did answer, and a lease that is gone, is final.
+                if type(error) not in (HalError, NoRobotError) or self._pace.chore_now_s() >= until_s:
+                    raise
+            self._pause(RETRY_S)
 
     def _pause(self, duration_s: float) -> None:
         self._pace.pause(duration_s)

@@ -177,7 +177,7 @@ class OperatedRun:
         except OperatorInterrupt as interrupt:
             self._end(interrupt.stop)
             self.event(EventName.STOP, interrupt.stop.sentence())
-            self._try_power_off(hal, signals)
+            self._try_power_off(hal, signals, interrupt.stop)
         finally:
             signals.interrupts = False
             if hal is not None:
@@ -282,13 +282,20 @@ class OperatedRun:
         else:
             self.event(EventName.POWER_OFF, "the robot sits and its motors are off")
 
-    def _try_power_off(self, hal: Hal | None, signals: StopSignals) -> None:
-        signals.interrupts = False
+    def _try_power_off(self, hal: Hal | None, signals: StopSignals, stop: Stop | None = None) -> None:
+        is_estop = stop is not None and stop.reason.reaction is Reaction.ESTOP
+        signals.interrupts, signals.only_estop = not is_estop, True
         self._link.state("ending")
         if hal is None:
             return
         try:
+            if is_estop:
+                hal.estop()
             hal.power_off()
+        except OperatorInterrupt as interrupt:
+            self._end(interrupt.stop)
+            self.event(EventName.STOP, interrupt.stop.sentence())
+            self._try_power_off(hal, signals, interrupt.stop)
         except HalError as error:
             self.event(EventName.POWER_OFF_FAILED, f"{error}; see to the robot")
 
