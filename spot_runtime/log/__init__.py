@@ -1,8 +1,25 @@
-"""The log: what the loop hands over, the process that writes it, and what reads it."""
+"""The log: what the loop hands over, the process that writes it, and what reads it.
+
+What reads is imported when somebody asks for it: the logger's process, one a run, never does, and starts sooner.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
 
 from spot_runtime.log.errors import LogError, LogReadError
-from spot_runtime.log.reader import read_run
-from spot_runtime.log.recover import recover_leftovers, recover_log
-from spot_runtime.log.run import Run
+
+if TYPE_CHECKING:
+    from spot_runtime.log.reader import read_run
+    from spot_runtime.log.recover import recover_leftovers, recover_log
+    from spot_runtime.log.run import Run
 
 __all__ = ["LogError", "LogReadError", "Run", "read_run", "recover_leftovers", "recover_log"]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from spot_runtime.log import reader, recover, run
+
+    return next(getattr(module, name) for module in (reader, recover, run) if name in vars(module))
