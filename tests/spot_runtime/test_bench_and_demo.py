@@ -20,7 +20,10 @@ COMMAND = [sys.executable, "-c", "from spot_model.command_line import main; main
 def test_the_loop_benchmark_prints_one_object_with_every_figure(tmp_path: Path, make_policy_bytes: Any) -> None:
     policy = tmp_path / "policy.onnx"
     policy.write_bytes(make_policy_bytes())
+    scenario = tmp_path / "brisk.yaml"
+    scenario.write_text("power: {power_on_s: 0.4}\nmotion: {stand_s: 0.8, sit_s: 0.8}\n")
     words = ["bench", "loop", "--json", "--seconds", "2", "--busy-processes", "0", "--policy", str(policy)]
+    words += ["--scenario", str(scenario)]
     done = subprocess.run([*COMMAND, *words], capture_output=True, text=True, timeout=300.0)
     if "ended with exit code" in done.stderr:
         pytest.skip(f"this machine is too busy for real time: {done.stderr.splitlines()[-1]}")

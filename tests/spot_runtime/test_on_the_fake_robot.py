@@ -10,7 +10,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +46,10 @@ CONFIG = RunConfig.model_validate(
         "handover": {"ramp_in_s": 1.0},
     }
 )
+
+
+BRISK = "power: {power_on_s: 0.4}\nmotion: {stand_s: 0.8, sit_s: 0.8}\n"
+"""The default robot, but quicker to its feet: these tests are about what lies between."""
 
 
 @dataclass
@@ -138,13 +142,21 @@ class Meddling:
 
 
 @contextmanager
-def running(folder: Path, monkeypatch: pytest.MonkeyPatch, policy: bytes, scenario: str = "default") -> Iterator[Fake]:
+def running(folder: Path) -> Iterator[tuple[FakeAddress, Any]]:
+    """A robot's process: its address, and its admin service."""
+    scenario = folder / "brisk.yaml"
+    scenario.write_text(BRISK, encoding="utf-8")
     with (
-        FakeProcess(scenario=scenario, is_lock_step=True, state_dir=folder / "state") as process,
+        FakeProcess(scenario=str(scenario), is_lock_step=True, state_dir=folder / "state") as process,
         grpc.insecure_channel(process.address.admin) as channel,
     ):
-        admin = fake_admin_pb2_grpc.FakeAdminStub(channel)  # type: ignore[no-untyped-call]
-        yield Fake(process.address, admin, folder, monkeypatch, policy)
+        yield process.address, fake_admin_pb2_grpc.FakeAdminStub(channel)  # type: ignore[no-untyped-call]
+
+
+@pytest.fixture(scope="module")
+def lying_robot(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[FakeAddress, Any]]:
+    with running(tmp_path_factory.mktemp("lying")) as started:
+        yield started
 
 
 @pytest.fixture
@@ -162,8 +174,21 @@ def standing_policy(make_policy_bytes: Callable[..., bytes]) -> bytes:
 
 @pytest.fixture
 def fake(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, standing_policy: bytes) -> Iterator[Fake]:
-    with running(tmp_path, monkeypatch, standing_policy) as started:
-        yield started
+    with running(tmp_path) as (address, admin):
+        yield Fake(address, admin, tmp_path, monkeypatch, standing_policy)
+
+
+@pytest.fixture
+def lying(
+    lying_robot: tuple[FakeAddress, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, standing_policy: bytes
+) -> Iterator[Fake]:
+    """A robot on which nobody gets as far as power: one for all such tests, with its faults and leases taken back."""
+    address, admin = lying_robot
+    own = replace(address, environment=dict(address.environment))
+    fake = Fake(own, admin, tmp_path, monkeypatch, standing_policy)
+    yield fake
+    admin.ClearFaults(fake_admin_pb2.ClearFaultsRequest())
+    fake.inject("lease_expired")
 
 
 def kept_every_limit(log: Run) -> bool:
@@ -227,46 +252,50 @@ def refused(fake: Fake, outcome: str, exit_code: int, *words: str, **drive: Any)
     assert fake.status().motor_power.lower().endswith("off")
 
 
-def test_nobody_at_the_address(fake: Fake) -> None:
-    refused(fake, "no_robot", 81, "Connection refused", robot=f"127.0.0.1:{free_port()}")
+def test_nobody_at_the_address(lying: Fake) -> None:
+    refused(lying, "no_robot", 81, "Connection refused", robot=f"127.0.0.1:{free_port()}")
 
 
-def test_a_certificate_that_is_not_trusted(fake: Fake) -> None:
-    refused(fake, "certificate_not_trusted", 82, "--ca-file", ca_file=None)
+def test_a_certificate_that_is_not_trusted(lying: Fake) -> None:
+    refused(lying, "certificate_not_trusted", 82, "--ca-file", ca_file=None)
 
 
-def test_a_wrong_password(fake: Fake) -> None:
-    fake.address.environment["BOSDYN_CLIENT_PASSWORD"] = "wrong-canary"  # noqa: S105
-    refused(fake, "credentials_refused", 83, "check user name and password")
-    assert b"canary" not in (fake.folder / "run.mcap").read_bytes()
+def test_a_wrong_password(lying: Fake) -> None:
+    lying.address.environment["BOSDYN_CLIENT_PASSWORD"] = "wrong-canary"  # noqa: S105
+    refused(lying, "credentials_refused", 83, "check user name and password")
+    assert b"canary" not in (lying.folder / "run.mcap").read_bytes()
 
 
-def test_a_lease_that_somebody_else_holds(fake: Fake) -> None:
-    fake.inject("lease_stolen", owner="tablet-7")
-    refused(fake, "lease_held", 84, "tablet-7", "never taken by force")
+def test_a_lease_that_somebody_else_holds(lying: Fake) -> None:
+    lying.inject("lease_stolen", owner="tablet-7")
+    refused(lying, "lease_held", 84, "tablet-7", "never taken by force")
 
 
-def test_a_pressed_estop(fake: Fake) -> None:
-    fake.inject("estop_pressed")
-    refused(fake, "estop_pressed", 85, "pressed", "release it")
+def test_a_pressed_estop(lying: Fake) -> None:
+    lying.inject("estop_pressed")
+    refused(lying, "estop_pressed", 85, "pressed", "release it")
 
 
 @pytest.mark.parametrize(
     ("fault", "parameters", "words"),
     [
         ("battery_fault", {}, "battery"),
-        ("behavior_fault", {}, "behaviour fault"),
         ("low_battery", {"percent": 5.0}, "the battery holds 5 %; needed: 8 %"),
     ],
 )
-def test_a_fault_of_the_robot(fake: Fake, fault: str, parameters: dict[str, Any], words: str) -> None:
-    fake.inject(fault, **parameters)
-    refused(fake, "robot_fault", 86, words)
+def test_a_fault_of_the_robot(lying: Fake, fault: str, parameters: dict[str, Any], words: str) -> None:
+    lying.inject(fault, **parameters)
+    refused(lying, "robot_fault", 86, words)
 
 
-def test_a_time_sync_that_is_never_ready(fake: Fake) -> None:
-    fake.inject("time_sync_not_ready")
-    refused(fake, "clock_not_synced", 88, "NOT_READY")
+def test_a_behaviour_fault(fake: Fake) -> None:
+    fake.inject("behavior_fault")
+    refused(fake, "robot_fault", 86, "behaviour fault")
+
+
+def test_a_time_sync_that_is_never_ready(lying: Fake) -> None:
+    lying.inject("time_sync_not_ready")
+    refused(lying, "clock_not_synced", 88, "NOT_READY")
 
 
 # Bad ends: most are rows of the fault matrix, tests/spot_runtime/faults ----------------------------------------------
