@@ -75,7 +75,8 @@ def recover_leftovers(directory: Path) -> list[Recovery]:
     for leftover in sorted(directory.glob(f"*{ACTIVE_SUFFIX}")):
         result = _free_name(leftover.with_name(leftover.name.removesuffix(ACTIVE_SUFFIX)))
         aside = leftover.with_name(leftover.name.removesuffix(ACTIVE_SUFFIX) + ".damaged")
-        if _is_locked(leftover) or aside.exists():
+        # A pipe of that name would be waited for without end.
+        if not leftover.is_file() or _is_locked(leftover) or aside.exists():
             continue
         # The name in the making is the leftover's own, so move that away first.
         leftover.rename(aside)

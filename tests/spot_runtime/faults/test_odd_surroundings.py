@@ -19,7 +19,7 @@ from spot_runtime.config import load_config
 from spot_runtime.hal.credentials import find_credentials
 from spot_runtime.hal.session import _read_pem
 from spot_runtime.instance_lock import InstanceLock, LockError
-from spot_runtime.log import LogReadError, read_run, recover_log
+from spot_runtime.log import LogReadError, read_run, recover_leftovers, recover_log
 from spot_runtime.operator.client import client_from
 
 REPOSITORY = Path(__file__).parents[3]
@@ -65,6 +65,16 @@ def test_a_pipe_into_which_nobody_writes_is_refused_and_not_waited_for(tmp_path:
                 read(Path(odd))
         with pytest.raises(SpotRlError, match="is no file; allowed"):
             load_sequence(odd)
+
+
+def test_leftovers_that_are_no_files_are_passed_by(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "a.mcap.active")
+    (tmp_path / "b.mcap.active").mkdir()
+    (tmp_path / "c.mcap.active").symlink_to(tmp_path / "nowhere")
+    (tmp_path / "d.mcap.active").write_bytes(b"noise")
+    before = sorted(path.name for path in tmp_path.iterdir())
+    assert recover_leftovers(tmp_path) == []
+    assert sorted(path.name for path in tmp_path.iterdir()) == before
 
 
 def test_a_lock_that_cannot_be_opened(tmp_path: Path) -> None:
