@@ -110,19 +110,22 @@ def test_the_reading_can_fail(line: str) -> None:
 
 
 RUN_PAGES = [page for page in PAGES if any(block.order in ("run", "play") for block in blocks_of(page))]
-GOES_ON_AFTER = {"diagnosis": "sysid", "log": "sysid"}
-"""Pages that begin with the logs of another page's first try."""
 
 
 @pytest.fixture(scope="module")
 def folder_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
-    """Plays a page once and gives the folder in which it was played."""
+    """Plays a page once and gives the folder in which it was played; two pages begin with another's logs."""
 
     @cache
     def played(name: str) -> Path:
         folder = tmp_path_factory.mktemp(name) / "a folder"
-        if name in GOES_ON_AFTER:
-            shutil.copytree(played(GOES_ON_AFTER[name]), folder, symlinks=True)
+        if name == "log":
+            (folder / "logs").mkdir(parents=True)
+            log = next((played("sysid") / "logs").glob("*.mcap")).read_bytes()
+            (folder / "logs" / "LOG.mcap").write_bytes(log)
+            (folder / "logs" / "LOG.mcap.active").write_bytes(log[: len(log) * 2 // 3])
+        elif name == "diagnosis":
+            shutil.copytree(played("sysid"), folder, symlinks=True)
         else:
             folder.mkdir()
             (folder / "policies").symlink_to(REPOSITORY / "policies")
@@ -202,7 +205,7 @@ def test_sessions_go_as_the_page_says(page: Path, tmp_path: Path) -> None:
 def test_pages_that_are_to_be_run_are_there() -> None:
     assert {page.stem for page in SESSION_PAGES} >= {"first-run-fake", "first-run-spot", "operate"}
     assert {page.stem for page in RUN_PAGES} >= {
-        *("first-run-fake", "add-an-effect", "operate", "training", "sysid", "diagnosis")
+        *("first-run-fake", "add-an-effect", "operate", "training", "sysid", "diagnosis", "log")
     }
 
 
