@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import errno
 import gc
 import os
 import sys
+from pathlib import Path
 from typing import Final
 
 from spot_runtime.config import RealTimeConfig
@@ -58,12 +60,23 @@ def has_real_time_priority() -> bool:
 
 
 def _scheduler(priority: int) -> list[str]:
+    """Ask for the priority for every thread that there is; later ones inherit it.
+
+    One that was left behind, the console's for instance, would stall all others: on a busy computer it is put aside for
+    tens of milliseconds, with the interpreter's lock in its hands.
+    """
     try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+        for thread in Path("/proc/self/task").iterdir():
+            _prefer(int(thread.name), priority)
     except OSError as error:
         grant = f"grant it with 'LimitRTPRIO={priority}' in the unit, or CAP_SYS_NICE"
         return [f"SCHED_FIFO {priority} was refused ({error.strerror}): {grant}"]
     return []
+
+
+def _prefer(thread: int, priority: int) -> None:
+    with contextlib.suppress(ProcessLookupError):  # it has ended meanwhile
+        os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(priority))
 
 
 def _affinity(cpus: tuple[int, ...]) -> list[str]:

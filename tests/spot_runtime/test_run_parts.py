@@ -85,6 +85,28 @@ def test_what_is_refused_is_said_once_with_what_to_grant(monkeypatch: pytest.Mon
     assert "CPUs [1] were refused" in refusals[1]
 
 
+def test_threads_that_there_are_get_the_priority_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: dict[int, tuple[int, int]] = {}
+
+    def grant(thread: int, policy: int, parameters: os.sched_param) -> None:
+        asked[thread] = (policy, parameters.sched_priority)
+        if thread != threading.get_native_id():
+            raise ProcessLookupError(3, "No such process")  # as for one that has just ended
+
+    is_over = threading.Event()
+    other = threading.Thread(target=is_over.wait)
+    other.start()
+    before = sys.getswitchinterval()
+    monkeypatch.setattr(os, "sched_setscheduler", grant)
+    try:
+        assert realtime.apply_real_time(RealTimeConfig(fifo_priority=40, lock_memory=False)) == []
+    finally:
+        sys.setswitchinterval(before)
+        is_over.set()
+        other.join()
+    assert asked[threading.get_native_id()] == asked[other.native_id or 0] == (os.SCHED_FIFO, 40)
+
+
 def test_nothing_is_asked_for_where_nothing_is_wanted(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[object] = []
     monkeypatch.setattr(os, "sched_setscheduler", lambda *words: asked.append(words))
