@@ -23,7 +23,7 @@ from spot_runtime.clock import HostClock, RobotClockEstimate
 from spot_runtime.config import RunConfig, for_lock_step
 from spot_runtime.fake_process import FakeAddress, FakeProcess
 from spot_runtime.hal.address import parse_address
-from spot_runtime.hal.errors import CertificateError, HalError
+from spot_runtime.hal.errors import CertificateError, HalError, MotionError
 from spot_runtime.hal.lock_step import LockStep
 from spot_runtime.hal.session import Session
 from spot_runtime.log.sink import NullSink
@@ -265,11 +265,11 @@ def test_a_lease_under_which_power_off_failed_is_not_given_back(robot: Robot, mo
     hal.stand()
 
     def refuse(_: object) -> None:
-        raise HalError("refused")
+        raise MotionError("refused")
 
     with monkeypatch.context() as patched:
         patched.setattr("spot_runtime.hal.motions.Motions.power_off", refuse)
-        with pytest.raises(HalError, match="refused"):
+        with pytest.raises(MotionError, match="refused"):
             hal.power_off()
         hal.close()
     assert robot.status().lease_owner
