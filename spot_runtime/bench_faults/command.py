@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import tempfile
+import time
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Annotated, Final
@@ -52,12 +53,17 @@ def faults(
     """Try every row of the fault matrix on a fake robot, in lock-step: what happens, how soon, and what is left."""
     load_policy(policy)
     rows = chosen(only, is_real_time=real_time, is_quick=quick)
-    results = []
+    results: list[Result] = []
+    began_s = time.monotonic()
     for result in tried(rows, policy, scenario, is_real_time=real_time):
         results.append(result)
-        if not json_output:
-            mark = "ok " if result.ok else "BAD"
-            typer.echo(f"{mark} {result.fault}: {result.reaction} {'; '.join(result.problems)}", err=True)
+        left_s = (time.monotonic() - began_s) / len(results) * (len(rows) - len(results))
+        mark, words = "ok " if result.ok else "BAD", "; ".join(result.problems)
+        typer.echo(
+            f"{len(results)}/{len(rows)} {mark} {result.fault}: {result.reaction} {words} "
+            f"(about {left_s / 60:.0f} min left)",
+            err=True,
+        )
     failed = sum(not result.ok for result in results)
     if json_output:
         typer.echo(json.dumps({"rows": [result.to_json() for result in results], "failed": failed}, ensure_ascii=False))
