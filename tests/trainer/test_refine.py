@@ -150,6 +150,16 @@ def test_the_command_leaves_a_better_policy_and_its_figures(tmp_path: Path) -> N
     assert out.read_bytes() == before
 
 
+def test_a_folder_of_another_search_is_left_as_it_is(tmp_path: Path) -> None:
+    folder = tmp_path / "mine.refine"
+    folder.mkdir()
+    (folder / "generations.jsonl").write_text('{"schema": "another"}\n')
+    _, done = refine(tmp_path, "mine", "fall: 1")
+    assert "belongs to another search" in str(done.exception)
+    assert [f.name for f in folder.iterdir()] == ["generations.jsonl"]
+    assert (folder / "generations.jsonl").read_text() == '{"schema": "another"}\n'
+
+
 def test_what_is_no_better_is_not_written(tmp_path: Path) -> None:
     nothing_counts = "duty_spread: 0, forward_error_per_m_s: 0, other_error: 0, top_speed_per_m_s: 0, fall: 0"
     out, done = refine(tmp_path, "same", nothing_counts)

@@ -28,7 +28,7 @@ def refine(
     from spot_model.errors import BadInputError
     from spot_model.policy import load_policy
     from spot_model.policy_contract import TrainingRecord, sha256_hex
-    from trainer.refine.config import load_refine_config, refine_config_yaml
+    from trainer.refine.config import load_refine_config
     from trainer.refine.gains import gains_of, with_gains
     from trainer.refine.judge import in_words
     from trainer.refine.network import policy_of, read_layers
@@ -46,7 +46,6 @@ def refine(
         robot.robot()
     folder = folder or out.with_suffix(".refine")
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "config.yaml").write_text(refine_config_yaml(settings), encoding="utf-8")
 
     n_jobs = jobs or len(os.sched_getaffinity(0))
     problem = Problem(data, settings)
@@ -61,7 +60,7 @@ def refine(
         "schema": "spot-rl/refinement/1",
         "command": command,
         "revision": revision,
-        "seed": settings.seed,
+        "config": settings.model_dump(mode="json", by_alias=True),
         "policy_sha256": sha256_hex(data),
         "gains": {g.name: round(float(v * g.scale), 6) for g, v in zip(gains, values, strict=True)},
         "figures": figures,

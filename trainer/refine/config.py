@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Literal
 
-import yaml
 from pydantic import Field, ValidationError, field_validator
 
 from spot_model.errors import BadInputError
@@ -111,9 +110,3 @@ def load_refine_config(path: Path | None) -> RefineConfig:
         return RefineConfig.model_validate(read_yaml(path, "refinement"))
     except ValidationError as error:
         raise BadInputError(f"refinement {path}: {explain(error)}") from error
-
-
-def refine_config_yaml(config: RefineConfig) -> str:
-    """The whole config as YAML."""
-    text: str = yaml.safe_dump(config.model_dump(mode="json", by_alias=True), sort_keys=False)
-    return text
