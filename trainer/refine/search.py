@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
+import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -132,8 +133,11 @@ def _judges(problem: Problem, jobs: int) -> Iterator[JudgeAll]:
     if jobs == 1:
         yield lambda values, seeds: [problem.judge(v, s) for v, s in zip(values, seeds, strict=True)]
         return
-    with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _set_problem, (problem,)) as pool:
+    pool = ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _set_problem, (problem,))
+    try:
         yield lambda values, seeds: list(pool.map(_judge, values, seeds))
+    finally:
+        pool.shutdown(cancel_futures=True)
 
 
 _problem: Problem | None = None
@@ -143,6 +147,7 @@ def _set_problem(problem: Problem) -> None:
     global _problem  # noqa: PLW0603 - a worker process keeps its problem for its whole life
     _problem = problem
     torch.set_num_threads(1)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to answer
 
 
 def _judge(values: Array, seed: int) -> Judgement:
