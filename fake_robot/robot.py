@@ -45,6 +45,7 @@ class Robot:
         self._changed = threading.Condition(threading.RLock())
         self._subscriptions: list[StateSubscription] = []
         self._last_command_key = 0
+        self._commands_submitted = 0
         self._last_state_stamp_ns = 0
         self._states_sent = 0
         self._goal_ns = 0
@@ -119,10 +120,15 @@ class Robot:
             with self._changed:
                 self._simulation.step()
 
-    def wait_for_command_key(self, key: int, timeout_s: float) -> bool:
-        """Wait, in host time, until a command with this key or a newer one was submitted; False if it never was."""
+    def wait_for_command_key(self, key: int, timeout_s: float, *, beyond: int = 0) -> bool:
+        """Wait, in host time, until a command with this key or a newer one was submitted; False if it never was.
+
+        The first ``beyond`` commands do not count: they were another client's.
+        """
         with self._changed:
-            return self._changed.wait_for(lambda: self._last_command_key >= key, timeout_s)
+            return self._changed.wait_for(
+                lambda: self._commands_submitted > beyond and self._last_command_key >= key, timeout_s
+            )
 
     # Verbs ------------------------------------------------------------------------------------------------------------
 
@@ -216,6 +222,11 @@ class Robot:
         return self._last_command_key
 
     @property
+    def commands_submitted(self) -> int:
+        """How many commands were read from command streams."""
+        return self._commands_submitted
+
+    @property
     def last_state_stamp_ns(self) -> int:
         """Acquisition stamp of the newest state handed over; 0 before the first."""
         return self._last_state_stamp_ns
@@ -285,6 +296,7 @@ class Robot:
                 self.close_stream(stream)
             else:
                 self._last_command_key = command.key
+                self._commands_submitted += 1
                 self._simulation.send_command(stream, command, self.clock.elapsed_ns())
             self._changed.notify_all()
 

@@ -244,12 +244,16 @@ class RobotPort(Protocol):
     def advance_states(self, count: int, max_duration_ns: int | None = None) -> None:
         """Lock-step: let time pass until ``count`` more states were handed over, or for a maximum of robot time."""
 
-    def wait_for_command_key(self, key: int, timeout_s: float) -> bool:
-        """Wait, in host time, until a command with this key or a newer one was submitted."""
+    def wait_for_command_key(self, key: int, timeout_s: float, *, beyond: int = 0) -> bool:
+        """Wait, in host time, until a command with this key or a newer one came after the first ``beyond``."""
 
     @property
     def last_command_key(self) -> int:
         """Key of the newest submitted command; 0 before the first."""
+
+    @property
+    def commands_submitted(self) -> int:
+        """How many commands were submitted."""
 
     @property
     def last_state_stamp_ns(self) -> int:

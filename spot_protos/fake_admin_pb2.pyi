@@ -11,7 +11,7 @@ class GetStatusRequest(_message.Message):
     def __init__(self) -> None: ...
 
 class GetStatusResponse(_message.Message):
-    __slots__ = ("robot_stamp_ns", "lock_step", "mode", "motor_power", "estop_level", "lease_owner", "active_faults", "last_command_key", "last_state_robot_stamp_ns", "states_sent", "commands_received", "state_streams", "command_streams", "elapsed_ns")
+    __slots__ = ("robot_stamp_ns", "lock_step", "mode", "motor_power", "estop_level", "lease_owner", "active_faults", "last_command_key", "last_state_robot_stamp_ns", "states_sent", "commands_received", "state_streams", "command_streams", "elapsed_ns", "commands_submitted")
     ROBOT_STAMP_NS_FIELD_NUMBER: _ClassVar[int]
     LOCK_STEP_FIELD_NUMBER: _ClassVar[int]
     MODE_FIELD_NUMBER: _ClassVar[int]
@@ -26,6 +26,7 @@ class GetStatusResponse(_message.Message):
     STATE_STREAMS_FIELD_NUMBER: _ClassVar[int]
     COMMAND_STREAMS_FIELD_NUMBER: _ClassVar[int]
     ELAPSED_NS_FIELD_NUMBER: _ClassVar[int]
+    COMMANDS_SUBMITTED_FIELD_NUMBER: _ClassVar[int]
     robot_stamp_ns: int
     lock_step: bool
     mode: str
@@ -40,23 +41,26 @@ class GetStatusResponse(_message.Message):
     state_streams: int
     command_streams: int
     elapsed_ns: int
-    def __init__(self, robot_stamp_ns: _Optional[int] = ..., lock_step: _Optional[bool] = ..., mode: _Optional[str] = ..., motor_power: _Optional[str] = ..., estop_level: _Optional[str] = ..., lease_owner: _Optional[str] = ..., active_faults: _Optional[_Iterable[_Union[ActiveFault, _Mapping]]] = ..., last_command_key: _Optional[int] = ..., last_state_robot_stamp_ns: _Optional[int] = ..., states_sent: _Optional[int] = ..., commands_received: _Optional[int] = ..., state_streams: _Optional[int] = ..., command_streams: _Optional[int] = ..., elapsed_ns: _Optional[int] = ...) -> None: ...
+    commands_submitted: int
+    def __init__(self, robot_stamp_ns: _Optional[int] = ..., lock_step: _Optional[bool] = ..., mode: _Optional[str] = ..., motor_power: _Optional[str] = ..., estop_level: _Optional[str] = ..., lease_owner: _Optional[str] = ..., active_faults: _Optional[_Iterable[_Union[ActiveFault, _Mapping]]] = ..., last_command_key: _Optional[int] = ..., last_state_robot_stamp_ns: _Optional[int] = ..., states_sent: _Optional[int] = ..., commands_received: _Optional[int] = ..., state_streams: _Optional[int] = ..., command_streams: _Optional[int] = ..., elapsed_ns: _Optional[int] = ..., commands_submitted: _Optional[int] = ...) -> None: ...
 
 class StepRequest(_message.Message):
-    __slots__ = ("duration_ns", "state_messages", "wait_for_command_key", "wait_timeout_s", "max_duration_ns", "with_states")
+    __slots__ = ("duration_ns", "state_messages", "wait_for_command_key", "wait_timeout_s", "max_duration_ns", "with_states", "wait_beyond_commands")
     DURATION_NS_FIELD_NUMBER: _ClassVar[int]
     STATE_MESSAGES_FIELD_NUMBER: _ClassVar[int]
     WAIT_FOR_COMMAND_KEY_FIELD_NUMBER: _ClassVar[int]
     WAIT_TIMEOUT_S_FIELD_NUMBER: _ClassVar[int]
     MAX_DURATION_NS_FIELD_NUMBER: _ClassVar[int]
     WITH_STATES_FIELD_NUMBER: _ClassVar[int]
+    WAIT_BEYOND_COMMANDS_FIELD_NUMBER: _ClassVar[int]
     duration_ns: int
     state_messages: int
     wait_for_command_key: int
     wait_timeout_s: float
     max_duration_ns: int
     with_states: bool
-    def __init__(self, duration_ns: _Optional[int] = ..., state_messages: _Optional[int] = ..., wait_for_command_key: _Optional[int] = ..., wait_timeout_s: _Optional[float] = ..., max_duration_ns: _Optional[int] = ..., with_states: _Optional[bool] = ...) -> None: ...
+    wait_beyond_commands: int
+    def __init__(self, duration_ns: _Optional[int] = ..., state_messages: _Optional[int] = ..., wait_for_command_key: _Optional[int] = ..., wait_timeout_s: _Optional[float] = ..., max_duration_ns: _Optional[int] = ..., with_states: _Optional[bool] = ..., wait_beyond_commands: _Optional[int] = ...) -> None: ...
 
 class StepResponse(_message.Message):
     __slots__ = ("robot_stamp_ns", "last_state_robot_stamp_ns", "states_sent", "states", "states_ended", "elapsed_ns")

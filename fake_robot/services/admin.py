@@ -53,6 +53,7 @@ class AdminService(fake_admin_pb2_grpc.FakeAdminServicer):
             lease_owner=self._world.leases.owner().client_name,
             active_faults=faults,
             last_command_key=robot.last_command_key,
+            commands_submitted=robot.commands_submitted,
             last_state_robot_stamp_ns=robot.last_state_stamp_ns,
             states_sent=robot.states_sent,
             commands_received=snapshot.joint_commands_received,
@@ -146,7 +147,8 @@ class AdminService(fake_admin_pb2_grpc.FakeAdminServicer):
 
     def _wait_for_command(self, request: fake_admin_pb2.StepRequest, context: grpc.ServicerContext) -> None:
         key, wait_s = request.wait_for_command_key, request.wait_timeout_s or DEFAULT_WAIT_S
-        if key and not self._world.robot.wait_for_command_key(key, wait_s):
+        beyond = request.wait_beyond_commands
+        if key and not self._world.robot.wait_for_command_key(key, wait_s, beyond=beyond):
             context.abort(
                 grpc.StatusCode.DEADLINE_EXCEEDED,
                 f"no command with key {key} or newer arrived within {wait_s:g} s; "

@@ -58,6 +58,7 @@ class LockStep:
         if not status.lock_step:
             raise LockStepError(f"the fake robot at {admin_address} runs in real time; start it with --lock-step")
         self._elapsed_ns, self._robot_ns = int(status.elapsed_ns), int(status.robot_stamp_ns)
+        self._earlier_commands = int(status.commands_submitted)
         self._host_minus_elapsed_ns = host_now_ns - self._elapsed_ns
         self._estimate = RobotClockEstimate()
         self._sample()
@@ -153,6 +154,7 @@ class LockStep:
         """Step, take the states, then run the chores that are due."""
         request.with_states = self._states is not None
         request.wait_for_command_key, request.wait_timeout_s = self._key, COMMAND_TIMEOUT_S
+        request.wait_beyond_commands = self._earlier_commands
         try:
             response = self._step(request, timeout=ANSWER_TIMEOUT_S)
         except grpc.RpcError as error:

@@ -89,6 +89,7 @@ class StubCommandStream:
     def submit(self, request: Any) -> None:
         self.requests.append(request)
         self._robot.last_command_key = request.joint_command.user_command_key
+        self._robot.commands_submitted += 1
         self.arrived.release()
 
     def failure(self) -> StreamFailure | None:
@@ -110,6 +111,7 @@ class StubRobot:
         self.is_lock_step = is_lock_step
         self.calls: list[str] = []
         self.last_command_key = 0
+        self.commands_submitted = 0
         self.last_state_stamp_ns = 0
         self.states_sent = 0
         self.subscriptions: list[StubSubscription] = []
@@ -230,8 +232,8 @@ class StubRobot:
         self.states_sent += count
         self.last_state_stamp_ns = self.clock.stamp_ns
 
-    def wait_for_command_key(self, key: int, timeout_s: float) -> bool:
-        return self.last_command_key >= key
+    def wait_for_command_key(self, key: int, timeout_s: float, *, beyond: int = 0) -> bool:
+        return self.last_command_key >= key and self.commands_submitted > beyond
 
     def fault_kinds(self) -> tuple[FaultKind, ...]:
         return (FaultKind("stub_fault", "Nothing happens.", {"size": "How much."}),)

@@ -327,12 +327,16 @@ def test_step_lets_time_pass(lock_step: Any) -> None:
         assert (step.states_sent, step.last_state_robot_stamp_ns) == (40, step.robot_stamp_ns)
         step = admin.Step(fake_admin_pb2.StepRequest(state_messages=40, max_duration_ns=48_000_000))
         assert step.states_sent == 16
-        lock_step.robot.last_command_key = 9
+        lock_step.robot.last_command_key, lock_step.robot.commands_submitted = 9, 3
         admin.Step(fake_admin_pb2.StepRequest(duration_ns=1, wait_for_command_key=9))
         with pytest.raises(grpc.RpcError) as refused:
             admin.Step(fake_admin_pb2.StepRequest(duration_ns=1, wait_for_command_key=10, wait_timeout_s=0.01))
         assert refused.value.code() is grpc.StatusCode.DEADLINE_EXCEEDED
         assert "no command with key 10" in refused.value.details()
+        earlier = admin.GetStatus(fake_admin_pb2.GetStatusRequest()).commands_submitted
+        late = fake_admin_pb2.StepRequest(wait_for_command_key=1, wait_timeout_s=0.01, wait_beyond_commands=earlier)
+        with pytest.raises(grpc.RpcError, match="no command with key 1 or newer"):
+            admin.Step(late)
         with pytest.raises(grpc.RpcError, match="not negative"):
             admin.Step(fake_admin_pb2.StepRequest(duration_ns=-1))
 

@@ -8,6 +8,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -32,6 +33,7 @@ from spot_runtime.hal.base import Hal
 from spot_runtime.hal.bosdyn import BosdynHal
 from spot_runtime.hal.lock_step import LockStep
 from spot_runtime.hal.pace import Pace
+from spot_runtime.hal.streams import CommandStream
 from spot_runtime.log import Run, read_run
 from spot_runtime.log.logger_process import LoggerProcess
 from spot_runtime.log.sink import LogSink
@@ -215,6 +217,21 @@ def test_two_runs_on_one_robot_and_the_second_finds_it_as_it_was(fake: Fake) -> 
     for _ in range(2):
         summary, _ = fake.drive(seconds=0.5)
         assert summary.exit_code == 0
+
+
+def test_a_later_run_in_lock_step_waits_for_its_own_commands(fake: Fake) -> None:
+    """However slowly its stream opens: the keys of the run before, which were higher, do not count."""
+    fake.drive(seconds=0.5)
+    commands = CommandStream._commands
+
+    def late(stream: CommandStream) -> Iterator[bytes]:
+        time.sleep(0.7)
+        yield from commands(stream)
+
+    fake.monkeypatch.setattr(CommandStream, "_commands", late)
+    summary, log = fake.drive(seconds=0.5)
+    assert summary.exit_code == 0, summary.sentence
+    assert log.commands.key[0] == 1
 
 
 def test_the_hand_over_drops_the_body_by_less_than_2_cm(fake: Fake) -> None:

@@ -296,6 +296,10 @@ def test_waiting_for_a_key_sees_what_was_submitted(make):
     driver.send()
     assert driver.robot.wait_for_command_key(1, 0.0)
     assert not driver.robot.wait_for_command_key(2, 0.0)
+    assert driver.robot.commands_submitted == 1
+    assert not driver.robot.wait_for_command_key(1, 0.0, beyond=1)
+    driver.send()
+    assert driver.robot.wait_for_command_key(1, 0.0, beyond=1)
 
 
 def test_state_to_command_received_is_four_to_five_milliseconds(standing):
