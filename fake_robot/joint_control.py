@@ -118,7 +118,7 @@ class JointControl:
             self.forget(stream)
             return
         if self.is_active:
-            self._newest = command
+            self._newest = command.received_at(self.stamp_ns(now_ns))
 
     def servo(self, now_ns: int) -> ServoCommand | Expiry | None:
         """Set-points in effect now; None before the first command, and the reason once the newest one is void."""

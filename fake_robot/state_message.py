@@ -84,7 +84,7 @@ class StateMessageBuilder:
         self._fill_kinematics(report)
         # CONTACT_MADE is 1, CONTACT_LOST 2.
         self._contacts[:] = [1 if made else 2 for made in report.foot_contact.tolist()]
-        if last_key:
+        if last_key or self._last_command.user_command_key:
             self._last_command.user_command_key = last_key
             _set_stamp(self._last_command.received_timestamp, last_stamp_ns)
         wire: bytes = self._message.SerializeToString()

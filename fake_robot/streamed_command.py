@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -38,14 +38,21 @@ class StreamedCommand:
     servo: ServoCommand
     """Set-points at the reference time, saturated; arrays of shape (1, 12)."""
     end_stamp_ns: int
-    reference_stamp_ns: int
+    reference_stamp_ns: int | None
+    """None until it is received, if the message names no reference time."""
     extrapolation_ns: int
     """The position follows the velocity set-point for so long after the reference time; 0 for never."""
     velocity_limit_rad_s: float | None
 
+    def received_at(self, stamp_ns: int) -> StreamedCommand:
+        """The command once the robot has it: that is the reference time unless the message names another, as the SDK says."""
+        if self.extrapolation_ns == 0 or self.reference_stamp_ns is not None:
+            return self
+        return replace(self, reference_stamp_ns=stamp_ns)
+
     def servo_at(self, stamp_ns: int) -> ServoCommand:
         """Set-points at an instant: the position extrapolated, and saturated at the joints' limits."""
-        if self.extrapolation_ns == 0:
+        if self.extrapolation_ns == 0 or self.reference_stamp_ns is None:
             return self.servo
         ahead_ns = min(max(stamp_ns - self.reference_stamp_ns, 0), self.extrapolation_ns)
         servo = self.servo
@@ -54,12 +61,11 @@ class StreamedCommand:
 
 
 class StreamGrammar:
-    """Reads the messages of one stream; remembers what holds from one to the next: gains, and whether limits come."""
+    """Reads the messages of one stream; remembers what holds from one to the next: the gains."""
 
     def __init__(self) -> None:
         self._gains: tuple[Array, Array] | None = None
         self._sent_gains: tuple[list[float], list[float]] = ([], [])
-        self._has_velocity_limit: bool | None = None
 
     def read(self, request: Any) -> StreamedCommand:
         """Check one ``JointControlStreamRequest`` and take what it says.
@@ -70,8 +76,6 @@ class StreamGrammar:
         if not request.HasField("joint_command"):
             raise _invalid("joint_command is missing; each message needs one")
         command = request.joint_command
-        if command.user_command_key == 0:
-            raise _invalid("user_command_key is 0; allowed: 1 and above, as 0 means that no command was received")
         if not command.HasField("end_time"):
             raise _invalid("end_time is missing; give the robot time after which the command is void")
         position, velocity, load = (_values(name, getattr(command, name)) for name in ("position", "velocity", "load"))
@@ -79,8 +83,6 @@ class StreamGrammar:
         extrapolation_ns = _duration_ns(command.extrapolation_duration)
         if extrapolation_ns < 0:
             raise _invalid(f"extrapolation_duration = {extrapolation_ns * 1e-9:g} s; allowed: 0 and above")
-        if extrapolation_ns > 0 and not command.HasField("reference_time"):
-            raise _invalid("extrapolation_duration is set without reference_time; give both or none")
         n_advice = len(request.contact_advice.contact_advice)
         if request.HasField("contact_advice") and n_advice not in (0, facts.N_LEGS):
             raise _invalid(f"contact_advice has {n_advice} values; allowed: none, or {facts.N_LEGS} (fl fr hl hr)")
@@ -88,9 +90,9 @@ class StreamGrammar:
             key=command.user_command_key,
             servo=ServoCommand(saturated_rad(position), velocity, _saturated_nm(load), kp, kd),
             end_stamp_ns=_stamp_ns(command.end_time),
-            reference_stamp_ns=_stamp_ns(command.reference_time),
+            reference_stamp_ns=_stamp_ns(command.reference_time) if command.HasField("reference_time") else None,
             extrapolation_ns=extrapolation_ns,
-            velocity_limit_rad_s=self._read_velocity_limit(command),
+            velocity_limit_rad_s=_read_velocity_limit(command),
         )
 
     def _read_gains(self, command: Any) -> tuple[Array, Array]:
@@ -108,20 +110,6 @@ class StreamGrammar:
         if self._gains is None:
             raise _invalid("the first message has no gains; give k_q_p and k_qd_p there")
         return self._gains
-
-    def _read_velocity_limit(self, command: Any) -> float | None:
-        has_limit = bool(command.HasField("velocity_safety_limit"))
-        if self._has_velocity_limit is not None and has_limit is not self._has_velocity_limit:
-            before = "had" if self._has_velocity_limit else "had not"
-            raise _invalid(f"earlier messages {before} velocity_safety_limit; give it in every message or in none")
-        self._has_velocity_limit = has_limit
-        if not has_limit:
-            return None
-        limit = float(command.velocity_safety_limit.value)
-        if not limit > 0.0:
-            raise _invalid(f"velocity_safety_limit = {limit:g} rad/s; allowed: above 0")
-        return limit
-
 
 def saturated_rad(position_rad: Array) -> Array:
     """Position set-points saturated at the joints' limits."""
@@ -144,6 +132,16 @@ def _values(name: str, field: Any) -> Array:
     if not math.isfinite(values.sum()):
         raise _invalid(f"{name} holds a value that is no finite number")
     return values[np.newaxis]
+
+
+def _read_velocity_limit(command: Any) -> float | None:
+    """The limit of this one message: it has to come in each for which it shall hold, as the SDK says."""
+    if not command.HasField("velocity_safety_limit"):
+        return None
+    limit = float(command.velocity_safety_limit.value)
+    if not limit > 0.0:
+        raise _invalid(f"velocity_safety_limit = {limit:g} rad/s; allowed: above 0")
+    return limit
 
 
 def _invalid(message: str) -> CommandRefusedError:

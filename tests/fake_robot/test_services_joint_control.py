@@ -140,11 +140,10 @@ def broken(change: Callable[[Any], None]) -> Callable[[StandingRobot], Any]:
         (lambda s: s.request(end_in_s=60.0), "STATUS_TOO_DISTANT", ""),
         (lambda s: s.request(has_gains=False), "STATUS_INVALID_REQUEST", "gains"),
         (broken(lambda c: c.ClearField("end_time")), "STATUS_INVALID_REQUEST", "end_time"),
-        (broken(lambda c: c.ClearField("user_command_key")), "STATUS_INVALID_REQUEST", "user_command_key"),
         (broken(lambda c: c.position.pop()), "STATUS_INVALID_REQUEST", "position"),
         (broken(lambda c: c.position.__setitem__(3, float("nan"))), "STATUS_INVALID_REQUEST", "position"),
     ],
-    ids=["expired", "too distant", "no gains", "no end time", "no key", "eleven joints", "not a number"],
+    ids=["expired", "too distant", "no gains", "no end time", "eleven joints", "not a number"],
 )
 def test_a_bad_first_command_ends_the_stream(
     standing: StandingRobot, make: Callable[[StandingRobot], Any], status: str, words: str

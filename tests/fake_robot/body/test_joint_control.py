@@ -24,7 +24,6 @@ def change_gains_in_part(command: Any) -> None:
 
 
 INVALID: dict[str, tuple[Callable[[Any], None], str]] = {
-    "no key": (lambda r: setattr(r.joint_command, "user_command_key", 0), "user_command_key is 0"),
     "no end": (lambda r: r.joint_command.ClearField("end_time"), "end_time is missing"),
     "no command": (lambda r: r.ClearField("joint_command"), "joint_command is missing"),
     "11 positions": (lambda r: r.joint_command.position.pop(), "position has 11 values; allowed: 12"),
@@ -38,10 +37,6 @@ INVALID: dict[str, tuple[Callable[[Any], None], str]] = {
     "infinite": (lambda r: r.joint_command.load.__setitem__(3, float("inf")), "load holds a value that is no"),
     "three advices": (lambda r: r.contact_advice.contact_advice.extend([1, 1, 1]), "contact_advice has 3 values"),
     "zero limit": (lambda r: setattr(r.joint_command.velocity_safety_limit, "value", 0.0), "velocity_safety_limit = 0"),
-    "no reference": (
-        lambda r: setattr(r.joint_command.extrapolation_duration, "nanos", 5),
-        "extrapolation_duration is set without reference_time",
-    ),
 }
 
 
@@ -74,17 +69,15 @@ def test_gains_hold_until_they_change():
     assert grammar.read(_request(4)).servo.kp_nm_per_rad[0, 0] == 70.0
 
 
-@pytest.mark.parametrize("first_has", [True, False])
-def test_a_velocity_limit_comes_in_every_message_or_in_none(make, first_has: bool):
-    driver = make()
-    driver.open()
-    for has_limit in (first_has, not first_has):
-        request = driver.request()
-        if has_limit:
-            request.joint_command.velocity_safety_limit.value = 20.0
-        driver.stream.submit(request)
-    assert driver.stream.failure().status == STATUS.STATUS_INVALID_REQUEST
-    assert "in every message or in none" in driver.stream.failure().message
+def test_a_velocity_limit_holds_for_its_message_and_a_key_is_optional():
+    grammar = StreamGrammar()
+    first = _request(0)
+    first.joint_command.gains.k_q_p.extend([60.0] * 12)
+    first.joint_command.gains.k_qd_p.extend([1.5] * 12)
+    first.joint_command.velocity_safety_limit.value = 20.0
+    read = grammar.read(first)
+    assert (read.key, read.velocity_limit_rad_s) == (0, 20.0)
+    assert grammar.read(_request(0)).velocity_limit_rad_s is None
 
 
 def test_setpoints_and_loads_saturate():
@@ -108,6 +101,12 @@ def test_extrapolation_follows_the_velocity_for_its_duration():
     read = StreamGrammar().read(request)
     hip = [float(read.servo_at(100 * NS + ms * 1_000_000).position_rad[0, 0]) for ms in (-10, 0, 20, 40, 400)]
     np.testing.assert_allclose(hip, [0.1, 0.1, 0.11, 0.12, 0.12], atol=1e-7)
+    # Without a reference time it starts when the robot has the command.
+    command.ClearField("reference_time")
+    arrived = StreamGrammar().read(request).received_at(200 * NS)
+    hip = [float(arrived.servo_at(200 * NS + ms * 1_000_000).position_rad[0, 0]) for ms in (0, 20, 40, 400)]
+    np.testing.assert_allclose(hip, [0.1, 0.11, 0.12, 0.12], atol=1e-7)
+    assert read.received_at(200 * NS) is read
     # The knee saturates at its limit on the way.
     assert float(read.servo_at(101 * NS).position_rad[0, 2]) == facts.POSITION_HIGH_RAD[2]
 

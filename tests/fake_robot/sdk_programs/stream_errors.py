@@ -72,7 +72,7 @@ def main():
 
         print("no gains:", stream.send(iter([stream.request(1, gains=False)])))
         print("eleven joints:", stream.send(iter([stream.request(1, joints=11)])))
-        print("key 0:", stream.send(iter([stream.request(0)])))
+        print("without a key:", stream.send(iter([stream.request(0)])))
         print("already over:", stream.send(iter([stream.request(1, ahead_s=-0.5), *slowly(0.3)])))
         print("never activated:", stream.send(stream.holding(20.0)))
         print("nothing at all:", stream.send(iter([])))
