@@ -36,6 +36,9 @@ def demo(
     top_speed: Annotated[
         float, typer.Option(min=0.0, max=5.0, help="Top speed of the sequence, m/s; 0: the policy's own.")
     ] = 0.0,
+    lock_step: Annotated[
+        bool, typer.Option("--lock-step", help="Not in real time: the robot waits, so any computer is fast enough.")
+    ] = False,
 ) -> None:
     """Walk a fake Spot through the forward sequence in real time; leave a log, a summary and a page with plots."""
     began_s = time.monotonic()
@@ -48,9 +51,10 @@ def demo(
     sequence = folder / "sequence.yaml"
     save_sequence(scaled_forward(speed_m_s), sequence)
     _say(began_s, f"starting a fake Spot (scenario {scenario}) in a process of its own")
-    with FakeProcess(scenario=scenario, fifo_priority=30) as fake:
-        _say(began_s, f"walking forward up to {speed_m_s:g} m/s, in real time over the real API (about 30 s)")
-        _walk(fake.address, policy, sequence, folder)
+    pace = "in lock-step" if lock_step else "in real time over the real API (about 30 s)"
+    with FakeProcess(scenario=scenario, is_lock_step=lock_step, fifo_priority=0 if lock_step else 30) as fake:
+        _say(began_s, f"walking forward up to {speed_m_s:g} m/s, {pace}")
+        _walk(fake.address, policy, sequence, folder, ["--lock-step", fake.address.admin] if lock_step else [])
     (log,) = folder.glob("*.mcap")
     _say(began_s, "reading the log")
     run = read_run(log)
@@ -67,9 +71,9 @@ def scaled_forward(top_speed_m_s: float) -> VelocitySequence:
     return forward_sequence(top_speed_m_s).model_copy(update={"name": f"forward_{top_speed_m_s:g}"})
 
 
-def _walk(address: FakeAddress, policy: Path, sequence: Path, folder: Path) -> None:
+def _walk(address: FakeAddress, policy: Path, sequence: Path, folder: Path, more: list[str]) -> None:
     words = ["run", "--robot", address.robot, "--policy", str(policy), "--sequence", str(sequence)]
-    words += ["--log-dir", str(folder), "--label", "purpose=demo"]
+    words += ["--log-dir", str(folder), "--label", "purpose=demo", *more]
     command = [sys.executable, "-c", "from spot_model.command_line import main; main()", *words]
     code = subprocess.run(command, env={**os.environ, **address.environment}, check=False).returncode  # noqa: S603
     if code != 0:
