@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
 from fake_robot.body import Body
 from fake_robot.joint_control import NS_PER_S, Expiry, JointControl
-from fake_robot.robot_port import BehaviorFault, EstopLevel, Mode, MotorPower, StreamFailure
+from fake_robot.robot_port import BehaviorFault, EstopLevel, Mode, MotorPower, StandPose, StreamFailure
 from fake_robot.scenario import Scenario
 from fake_robot.servo import damping_servo, stand_servo, torque_servo
 from fake_robot.streamed_command import EXPIRED, INACTIVE
-from fake_robot.vendor_motion import SIT_POSITION_RAD, Attitude, Path, hold_path, sit_path, stand_path
+from fake_robot.vendor_motion import SIT_POSITION_RAD, Path, hold_path, sit_path, stand_path
 from spot_model.errors import SpotRlError
 from spot_model.facts import TOTAL_MASS_KG
 from spot_model.plant_command import ServoCommand
@@ -100,8 +101,8 @@ class Modes:
         else:
             self.safe_power_off()
 
-    def stand(self, attitude: Attitude) -> None:
-        """Start to stand, or to change the height or attitude of a stand."""
+    def stand(self, course: Sequence[StandPose] = ()) -> None:
+        """Start to stand, or to change the pose of a stand, and then to follow a course of poses."""
         self._check_can_move("stand")
         self._leave_joint_control(None)
         is_low = not self._body.height_m() > _LOW_BODY_M
@@ -112,7 +113,7 @@ class Modes:
             duration_s=duration_s,
             body_height_m=self._motion.stand_height_m,
             mass_kg=self._mass_kg,
-            attitude=attitude,
+            course=course or (StandPose(),),
         )
         self._follow(Mode.STANDING_UP, path)
 
@@ -151,7 +152,7 @@ class Modes:
     def leave_joint_control(self) -> None:
         """Go back to the vendor's own stand; nothing if joint control is not active."""
         if self.mode is Mode.JOINT_CONTROL:
-            self.stand(Attitude())
+            self.stand()
 
     def set_estop_level(self, level: EstopLevel) -> None:
         """Follow the e-stop: cut power, or settle on the ground first."""
@@ -244,7 +245,7 @@ class Modes:
         elif self.mode is Mode.RIGHTING:
             self._turn_over()
         elif self.mode is Mode.JOINT_CONTROL and self._joint_control.has_waited_too_long(self.now_ns):
-            self.stand(Attitude())
+            self.stand()
 
     def _come_to_rest(self) -> None:
         is_cut = self._is_cut_when_down
@@ -268,7 +269,7 @@ class Modes:
         self._leave_joint_control(StreamFailure(EXPIRED, expiry.message))
         policy = self._policy.on_command_expiry
         if policy == "hold_vendor_stand":
-            self.stand(Attitude())
+            self.stand()
         elif policy == "freeze_torque":
             self._enter(Mode.FROZEN)
             self._servo, self._is_path_done = torque_servo(self._body.motor_torque_nm), True

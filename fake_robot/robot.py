@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from fake_robot.clock import NS_PER_S, RobotClock
@@ -12,14 +12,13 @@ from fake_robot.faults import make_fault
 from fake_robot.joint_control import Stream
 from fake_robot.malformed import spoil
 from fake_robot.real_time import RealTimeLoop
-from fake_robot.robot_port import EstopLevel, FaultKind, Mode, Snapshot, StreamFailure
+from fake_robot.robot_port import EstopLevel, FaultKind, Mode, Snapshot, StandPose, StreamFailure
 from fake_robot.scenario import Scenario
 from fake_robot.simulation import Simulation
 from fake_robot.snapshot import snapshot_of, truth_of
 from fake_robot.state_stream import StateSubscription
 from fake_robot.streamed_command import CommandRefusedError
 from fake_robot.truth import Lateness, Truth
-from fake_robot.vendor_motion import Attitude
 from spot_model.errors import SpotRlError
 from spot_model.facts import STATE_PERIOD_NS
 
@@ -142,12 +141,10 @@ class Robot:
         with self._changed:
             self._simulation.modes.power_off()
 
-    def stand(
-        self, *, body_height_m: float = 0.0, roll_rad: float = 0.0, pitch_rad: float = 0.0, yaw_rad: float = 0.0
-    ) -> None:
-        """Begin to stand; the height is relative to the normal stand."""
+    def stand(self, course: Sequence[StandPose] = ()) -> None:
+        """Begin to stand, and then to follow a course of poses; without one, the nominal stand."""
         with self._changed:
-            self._simulation.modes.stand(Attitude(body_height_m, roll_rad, pitch_rad, yaw_rad))
+            self._simulation.modes.stand(course)
 
     def sit(self) -> None:
         """Begin to sit down."""
@@ -158,7 +155,7 @@ class Robot:
         """Stop: from joint control or freezing back to the vendor's stand; else nothing."""
         with self._changed:
             if self._simulation.modes.mode in (Mode.JOINT_CONTROL, Mode.FROZEN):
-                self._simulation.modes.stand(Attitude())
+                self._simulation.modes.stand()
 
     def freeze(self) -> None:
         """Hold every joint where it is."""

@@ -7,7 +7,7 @@ long they wait.
 from __future__ import annotations
 
 import enum
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -48,6 +48,20 @@ class EstopLevel(enum.Enum):
     NONE = "none"
     SETTLE_THEN_CUT = "settle_then_cut"
     CUT = "cut"
+
+
+@dataclass(frozen=True)
+class StandPose:
+    """Where a standing body shall be: offsets from the nominal stand over its feet (x forward, y left, z up)."""
+
+    forward_m: float = 0.0
+    left_m: float = 0.0
+    height_m: float = 0.0
+    roll_rad: float = 0.0
+    pitch_rad: float = 0.0
+    yaw_rad: float = 0.0
+    after_s: float = 0.0
+    """When it shall be there, from now on; it takes longer where that is too soon."""
 
 
 @dataclass(frozen=True)
@@ -112,6 +126,8 @@ class Snapshot:
     time_powered_s: float = 0.0
     joint_commands_received: int = 0
     is_joint_control_failed: bool = False
+    stand_height_m: float = 0.52
+    """Height of the body's origin over the ground in the nominal stand."""
     metrics: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -200,10 +216,8 @@ class RobotPort(Protocol):
     def power_off(self) -> None:
         """Cut the motors' power now."""
 
-    def stand(
-        self, *, body_height_m: float = 0.0, roll_rad: float = 0.0, pitch_rad: float = 0.0, yaw_rad: float = 0.0
-    ) -> None:
-        """Begin to stand; the height is relative to the normal stand."""
+    def stand(self, course: Sequence[StandPose] = ()) -> None:
+        """Begin to stand, and then to follow a course of poses; without one, the nominal stand."""
 
     def sit(self) -> None:
         """Begin to sit down."""

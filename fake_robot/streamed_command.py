@@ -45,7 +45,7 @@ class StreamedCommand:
     velocity_limit_rad_s: float | None
 
     def received_at(self, stamp_ns: int) -> StreamedCommand:
-        """The command once the robot has it: that is the reference time unless the message names another, as the SDK says."""
+        """The command once the robot has it, which is the reference time unless the message names one."""
         if self.extrapolation_ns == 0 or self.reference_stamp_ns is not None:
             return self
         return replace(self, reference_stamp_ns=stamp_ns)
@@ -110,6 +110,7 @@ class StreamGrammar:
         if self._gains is None:
             raise _invalid("the first message has no gains; give k_q_p and k_qd_p there")
         return self._gains
+
 
 def saturated_rad(position_rad: Array) -> Array:
     """Position set-points saturated at the joints' limits."""

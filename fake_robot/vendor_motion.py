@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
+from fake_robot.robot_port import StandPose
 from spot_model import facts
 from spot_model.facts import Array
 from spot_model.leg_kinematics import foot_position_and_jacobian, foot_position_in_body_m
@@ -14,21 +17,16 @@ from spot_model.leg_kinematics import foot_position_and_jacobian, foot_position_
 _ROWS_PER_S = 100
 _TUCK_SHARE = 0.35
 """Part of a stand or sit in which the feet are put in place under a body that lies on the ground."""
+NOMINAL_STAND = StandPose()
+_LEAST_S = 0.3
+"""Between two poses of a course."""
+_REACH = np.array([0.12, 0.12, 0.25, 0.5, 0.5, 0.5])
+"""How far a stand's body shifts (m) and turns (rad): about as far as the legs reach. The vendor publishes no bounds."""
 _GRAVITY_M_S2 = 9.81
 SIT_POSITION_RAD = np.array([v for leg in facts.LEG_NAMES for v in (0.3 * facts.side_sign(leg), 2.2, -2.76)])
 """Legs folded, feet beside and behind the hips, shape (12,); the body lies, or nearly so."""
 _THIGH_M = math.hypot(*facts.KN_FROM_HY_M)
 _SHANK_M = math.hypot(*facts.FOOT_FROM_KN_M)
-
-
-@dataclass(frozen=True)
-class Attitude:
-    """Offsets of a stand: height over the nominal one (m), and angles of the body (rad)."""
-
-    height_m: float = 0.0
-    roll_rad: float = 0.0
-    pitch_rad: float = 0.0
-    yaw_rad: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -83,48 +81,78 @@ def leg_angles_rad(foot_in_body_m: Array) -> Array:
     return np.asarray(np.clip(angles, facts.POSITION_LOW_RAD, facts.POSITION_HIGH_RAD))
 
 
-def stand_feet_m(body_height_m: float, attitude: Attitude = Attitude()) -> Array:
+def stand_feet_m(body_height_m: float, pose: StandPose = NOMINAL_STAND) -> Array:
     """Foot centres of a stand in the body frame, shape (4, 3)."""
+    feet: Array = _feet_of_course(body_height_m, _row(pose)[np.newaxis])[0]
+    return feet
+
+
+def stand_path(
+    start_rad: Array,
+    *,
+    is_low: bool,
+    duration_s: float,
+    body_height_m: float,
+    mass_kg: float,
+    course: Sequence[StandPose],
+) -> Path:
+    """From where the joints are to a stand, and on along a course of its poses, at rest in each.
+
+    Args:
+        start_rad: Joint positions now, shape (12,).
+        is_low: Whether the body lies or sits: then the feet are put in place first, and lift it straight up.
+        duration_s: Time to the first pose, if that does not ask for more.
+        body_height_m: Height of the body's origin over the ground.
+        mass_kg: Mass that the legs bear.
+        course: At least one pose. An offset beyond the legs' reach is cut to it.
+    """
+    if is_low and course[0].after_s > duration_s:
+        course = (StandPose(after_s=duration_s), *course)
+    time_s = max(duration_s, course[0].after_s)
+    n = max(4, round(time_s * _ROWS_PER_S))
+    rows, bearing = _rise(start_rad, stand_feet_m(body_height_m, course[0]), n, is_low=is_low)
+    for before, after in pairwise(course):
+        steps = max(4, round(max(_LEAST_S, after.after_s - time_s) * _ROWS_PER_S))
+        time_s += steps / _ROWS_PER_S
+        weight = _smooth(np.linspace(0.0, 1.0, steps + 1))[1:, np.newaxis]
+        poses = _row(before) + weight * (_row(after) - _row(before))
+        rows = np.concatenate([rows, leg_angles_rad(_feet_of_course(body_height_m, poses))])
+    bearing = np.concatenate([bearing, np.ones(len(rows) - len(bearing))])
+    return Path(rows, _weight_load_nm(rows, mass_kg) * bearing[:, np.newaxis], time_s)
+
+
+def _rise(start_rad: Array, target_m: Array, n: int, *, is_low: bool) -> tuple[Array, Array]:
+    """Joint positions from the start to feet at ``target_m``, shape (n + 1, 12); and the share of the load borne."""
+    if not is_low:
+        return _blend(start_rad, leg_angles_rad(target_m), np.linspace(0.0, 1.0, n + 1)), np.ones(n + 1)
+    tuck = max(2, round(_TUCK_SHARE * n))
+    first = _blend(start_rad, SIT_POSITION_RAD, np.linspace(0.0, 1.0, tuck + 1))
+    low = foot_position_in_body_m(SIT_POSITION_RAD)
+    part = np.linspace(0.0, 1.0, n - tuck + 1)[1:]
+    rows = np.concatenate([first, leg_angles_rad(low + _smooth(part)[:, np.newaxis, np.newaxis] * (target_m - low))])
+    return rows, np.concatenate([np.zeros(tuck + 1), np.minimum(1.0, 8.0 * part)])
+
+
+def _row(pose: StandPose) -> Array:
+    """A pose as forward, left, height, roll, pitch, yaw, cut to what the legs reach."""
+    row = (pose.forward_m, pose.left_m, pose.height_m, pose.roll_rad, pose.pitch_rad, pose.yaw_rad)
+    return np.asarray(np.clip(np.array(row), -_REACH, _REACH))
+
+
+def _feet_of_course(body_height_m: float, poses: Array) -> Array:
+    """Foot centres in the body frame for poses of shape (n, 6), as rows of ``_row``; shape (n, 4, 3)."""
     feet = np.array(
         [
             (
                 facts.end_sign(leg) * facts.HX_FROM_BODY_M[0],
                 facts.side_sign(leg) * (facts.HX_FROM_BODY_M[1] + facts.HY_FROM_HX_M[1]),
-                facts.FOOT_RADIUS_M - body_height_m - attitude.height_m,
+                facts.FOOT_RADIUS_M - body_height_m,
             )
             for leg in facts.LEG_NAMES
         ]
     )
-    return np.asarray(feet @ _body_from_level(attitude).T)
-
-
-def stand_path(
-    start_rad: Array, *, is_low: bool, duration_s: float, body_height_m: float, mass_kg: float, attitude: Attitude
-) -> Path:
-    """From where the joints are to a stand.
-
-    Args:
-        start_rad: Joint positions now, shape (12,).
-        is_low: Whether the body lies or sits: then the feet are put in place first, and lift it straight up.
-        duration_s: Time for all of it.
-        body_height_m: Height of the body's origin over the ground.
-        mass_kg: Mass that the legs bear.
-        attitude: Offsets.
-    """
-    n = max(4, round(duration_s * _ROWS_PER_S))
-    target = stand_feet_m(body_height_m, attitude)
-    weight = np.linspace(0.0, 1.0, n + 1)
-    if not is_low:
-        goal = leg_angles_rad(target[np.newaxis])[0]
-        rows = _blend(start_rad, goal, weight)
-        return Path(rows, _weight_load_nm(rows, mass_kg), duration_s)
-    tuck = max(2, round(_TUCK_SHARE * n))
-    first = _blend(start_rad, SIT_POSITION_RAD, np.linspace(0.0, 1.0, tuck + 1))
-    low = foot_position_in_body_m(SIT_POSITION_RAD)
-    s = _smooth(np.linspace(0.0, 1.0, n - tuck + 1))[1:, np.newaxis, np.newaxis]
-    rows = np.concatenate([first, leg_angles_rad(low + s * (target - low))])
-    bearing = np.concatenate([np.zeros(tuck + 1), np.minimum(1.0, 8.0 * np.linspace(0.0, 1.0, n - tuck + 1)[1:])])
-    return Path(rows, _weight_load_nm(rows, mass_kg) * bearing[:, np.newaxis], duration_s)
+    level = feet - poses[:, np.newaxis, :3]
+    return np.asarray(level @ _level_from_body(poses[:, 3], poses[:, 4], poses[:, 5]))
 
 
 def sit_path(start_rad: Array, *, duration_s: float, mass_kg: float) -> Path:
@@ -165,12 +193,12 @@ def _weight_load_nm(position_rad: Array, mass_kg: float) -> Array:
     return rows
 
 
-def _body_from_level(attitude: Attitude) -> Array:
-    """Rotation matrix that expresses a vector of the level frame in the body's, shape (3, 3)."""
-    cr, sr = math.cos(attitude.roll_rad), math.sin(attitude.roll_rad)
-    cp, sp = math.cos(attitude.pitch_rad), math.sin(attitude.pitch_rad)
-    cy, sy = math.cos(attitude.yaw_rad), math.sin(attitude.yaw_rad)
-    about_z = np.array([[cy, -sy, 0.0], [sy, cy, 0.0], [0.0, 0.0, 1.0]])
-    about_y = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
-    about_x = np.array([[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]])
-    return np.asarray((about_z @ about_y @ about_x).T)
+def _level_from_body(roll_rad: Array, pitch_rad: Array, yaw_rad: Array) -> Array:
+    """Rotation matrices that express vectors of the body in the level frame, shape (n, 3, 3)."""
+    cr, sr, cp, sp, cy, sy = (f(a) for a in (roll_rad, pitch_rad, yaw_rad) for f in (np.cos, np.sin))
+    rows = [
+        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+        [-sp, cp * sr, cp * cr],
+    ]
+    return np.moveaxis(np.array(rows), -1, 0)

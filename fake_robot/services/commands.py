@@ -6,11 +6,9 @@ import enum
 from dataclasses import dataclass
 
 from bosdyn.api import basic_command_pb2, robot_command_pb2
-from bosdyn.api.spot import robot_command_pb2 as spot_command_pb2
-from bosdyn.client.math_helpers import Quat
-from google.protobuf.message import DecodeError
 
 from fake_robot.robot_port import EstopLevel, Mode, MotorPower, RobotPort, Snapshot
+from fake_robot.services.stand_params import BodyCourse, InvalidCommandError, read_course, stand_poses
 
 Feedback = basic_command_pb2.RobotCommandFeedbackStatus
 
@@ -29,22 +27,15 @@ class Verb(enum.Enum):
 
 @dataclass(frozen=True)
 class Command:
-    """One command: the verb, whether it came as a synchronised command, and the pose of a stand."""
+    """One command: the verb, whether it came as a synchronised command, and the body's course in a stand."""
 
     verb: Verb
     is_synchronized: bool
-    body_height_m: float = 0.0
-    roll_rad: float = 0.0
-    pitch_rad: float = 0.0
-    yaw_rad: float = 0.0
+    course: BodyCourse = BodyCourse()
 
 
 class UnsupportedCommandError(Exception):
     """The fake has no such motion; the message says which it has."""
-
-
-class InvalidCommandError(Exception):
-    """The command makes no sense."""
 
 
 def parse(command: robot_command_pb2.RobotCommand) -> Command:
@@ -67,18 +58,17 @@ def parse(command: robot_command_pb2.RobotCommand) -> Command:
     verb = _verb(mobility.WhichOneof("command"), kind)
     if verb is not Verb.STAND or not mobility.HasField("params"):
         return Command(verb, is_synchronized=True)
-    return _stand_command(mobility.params)
+    return Command(verb, is_synchronized=True, course=read_course(mobility.params))
 
 
 def start(command: Command, robot: RobotPort) -> None:
-    """Have the robot begin."""
+    """Have the robot begin.
+
+    Raises:
+        UnknownFrameError: The body's course is in a frame that the robot has not.
+    """
     if command.verb is Verb.STAND:
-        robot.stand(
-            body_height_m=command.body_height_m,
-            roll_rad=command.roll_rad,
-            pitch_rad=command.pitch_rad,
-            yaw_rad=command.yaw_rad,
-        )
+        robot.stand(stand_poses(command.course, robot.snapshot()))
         return
     begin = {
         Verb.SIT: robot.sit,
@@ -146,30 +136,3 @@ def _verb(field: str | None, kind: str) -> Verb:
             "To walk, send joint commands: joint, and a stream of set-points"
         )
     return Verb(name)
-
-
-def _stand_command(packed: object) -> Command:
-    """The stand's body pose, from the first point of the body-control trajectory."""
-    params = spot_command_pb2.MobilityParams()
-    try:
-        is_known = packed.Unpack(params)  # type: ignore[attr-defined]
-    except DecodeError as error:
-        raise InvalidCommandError(f"the mobility params cannot be read: {error}") from error
-    if not is_known:
-        raise InvalidCommandError(
-            f"the mobility params are of type {packed.TypeName()!r}; allowed: {params.DESCRIPTOR.full_name}"  # type: ignore[attr-defined]
-        )
-    points = params.body_control.base_offset_rt_footprint.points
-    if not points:
-        return Command(Verb.STAND, is_synchronized=True)
-    pose = points[0].pose
-    rotation = Quat(pose.rotation.w, pose.rotation.x, pose.rotation.y, pose.rotation.z)
-    is_unset = not pose.HasField("rotation")
-    return Command(
-        Verb.STAND,
-        is_synchronized=True,
-        body_height_m=pose.position.z,
-        roll_rad=0.0 if is_unset else rotation.to_roll(),
-        pitch_rad=0.0 if is_unset else rotation.to_pitch(),
-        yaw_rad=0.0 if is_unset else rotation.to_yaw(),
-    )

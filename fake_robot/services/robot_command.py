@@ -8,11 +8,12 @@ from collections import OrderedDict
 import grpc
 from bosdyn.api import lease_pb2, robot_command_pb2, robot_command_service_pb2_grpc
 
-from fake_robot.robot_port import MotorPower
+from fake_robot.robot_port import EstopLevel, MotorPower
 from fake_robot.services import commands
 from fake_robot.services.access import refuse_request
-from fake_robot.services.commands import Command, InvalidCommandError, UnsupportedCommandError, Verb
+from fake_robot.services.commands import Command, UnsupportedCommandError, Verb
 from fake_robot.services.robot_state_message import behavior_fault_message
+from fake_robot.services.stand_params import InvalidCommandError, UnknownFrameError
 from fake_robot.services.world import World
 
 MAX_COMMANDS = 1024
@@ -50,12 +51,16 @@ class RobotCommandService(robot_command_service_pb2_grpc.RobotCommandServiceServ
             response.status, response.message = refusal
             return response
         with self._lock:
+            try:
+                commands.start(command, self._world.robot)
+            except UnknownFrameError as error:
+                response.status, response.message = Response.STATUS_UNKNOWN_FRAME, str(error)
+                return response
             self._last_id += 1
             self._commands[self._last_id] = command
             response.robot_command_id = self._last_id
             while len(self._commands) > MAX_COMMANDS:
                 self._commands.popitem(last=False)
-            commands.start(command, self._world.robot)
         response.status = Response.STATUS_OK
         return response
 
@@ -100,6 +105,9 @@ class RobotCommandService(robot_command_service_pb2_grpc.RobotCommandServiceServ
             return None
         if snapshot.motor_power is not MotorPower.ON:
             return Response.STATUS_NOT_POWERED_ON, f"the motors are {snapshot.motor_power.value}; power them on first"
+        if command.verb in {Verb.STAND, Verb.JOINT} and snapshot.estop_level is not EstopLevel.NONE:
+            told = f"the e-stop is pressed ({snapshot.estop_level.value}), so the motors are about to lose power"
+            return Response.STATUS_NOT_POWERED_ON, told
         if snapshot.behavior_faults:
             causes = ", ".join(f"{fault.fault_id} ({fault.cause})" for fault in snapshot.behavior_faults)
             return Response.STATUS_BEHAVIOR_FAULT, f"behaviour faults must be cleared first: {causes}"

@@ -168,7 +168,7 @@ def _fill_kinematics(kinematics: robot_state_pb2.KinematicState, snapshot: Snaps
         snapshot.linear_vel_of_body_in_vision_m_s.tolist(),
         snapshot.angular_vel_of_body_in_vision_rad_s.tolist(),
     )
-    _fill_frames(kinematics.transforms_snapshot, snapshot)
+    kinematics.transforms_snapshot.CopyFrom(frame_tree(snapshot))
 
 
 def _fill_velocity(velocity: geometry_pb2.SE3Velocity, linear: list[float], angular: list[float]) -> None:
@@ -176,8 +176,9 @@ def _fill_velocity(velocity: geometry_pb2.SE3Velocity, linear: list[float], angu
     velocity.angular.x, velocity.angular.y, velocity.angular.z = angular
 
 
-def _fill_frames(frames: geometry_pb2.FrameTreeSnapshot, snapshot: Snapshot) -> None:
+def frame_tree(snapshot: Snapshot) -> geometry_pb2.FrameTreeSnapshot:
     """The tree of a real robot: the body is the root; odom, vision and flat_body hang from it, the ground from odom."""
+    frames = geometry_pb2.FrameTreeSnapshot()
     edges = frames.child_to_parent_edge_map
     edges[ROOT_FRAME].SetInParent()
     odom_from_body = _pose(snapshot.position_of_body_in_odom_m.tolist(), snapshot.odom_from_body_wxyz.tolist())
@@ -194,6 +195,7 @@ def _fill_frames(frames: geometry_pb2.FrameTreeSnapshot, snapshot: Snapshot) -> 
     center = snapshot.foot_position_in_body_m.mean(axis=0).tolist()
     edges["feet_center"].parent_frame_name = ROOT_FRAME
     edges["feet_center"].parent_tform_child.CopyFrom(SE3Pose(*center, Quat()).to_proto())
+    return frames
 
 
 def _fill_feet(state: robot_state_pb2.RobotState, snapshot: Snapshot) -> None:

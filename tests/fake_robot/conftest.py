@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import queue
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -21,6 +21,7 @@ from fake_robot.robot_port import (
     Mode,
     MotorPower,
     Snapshot,
+    StandPose,
     StreamFailure,
     SystemFault,
 )
@@ -110,6 +111,7 @@ class StubRobot:
         self.clock = StubClock()
         self.is_lock_step = is_lock_step
         self.calls: list[str] = []
+        self.courses: list[tuple[StandPose, ...]] = []
         self.last_command_key = 0
         self.commands_submitted = 0
         self.last_state_stamp_ns = 0
@@ -170,10 +172,9 @@ class StubRobot:
         self.calls.append("power_off")
         self.set(motor_power=MotorPower.OFF, mode=Mode.LIMP)
 
-    def stand(
-        self, *, body_height_m: float = 0.0, roll_rad: float = 0.0, pitch_rad: float = 0.0, yaw_rad: float = 0.0
-    ) -> None:
-        self.calls.append(f"stand {body_height_m:.2f} {roll_rad:.2f} {pitch_rad:.2f} {yaw_rad:.2f}")
+    def stand(self, course: Sequence[StandPose] = ()) -> None:
+        self.courses.append(tuple(course))
+        self.calls.append("stand" + "".join(f" {p.height_m:.2f} {p.roll_rad:.2f} {p.yaw_rad:.2f}" for p in course))
         self.set(mode=Mode.STANDING_UP)
 
     def sit(self) -> None:

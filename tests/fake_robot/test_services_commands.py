@@ -193,10 +193,10 @@ def test_a_cut_while_powering_on_is_told(stub: Any) -> None:
 @pytest.mark.parametrize(
     ("command", "call"),
     [
-        (RobotCommandBuilder.synchro_stand_command(), "stand 0.00 0.00 0.00 0.00"),
+        (RobotCommandBuilder.synchro_stand_command(), "stand 0.00 0.00 0.00"),
         (
             RobotCommandBuilder.synchro_stand_command(body_height=0.1, footprint_R_body=EulerZXY(roll=0.2)),
-            "stand 0.10 0.20 0.00 0.00",
+            "stand 0.10 0.20 0.00",
         ),
         (RobotCommandBuilder.synchro_sit_command(), "sit"),
         (RobotCommandBuilder.stop_command(), "stop_motion"),
@@ -206,7 +206,7 @@ def test_a_cut_while_powering_on_is_told(stub: Any) -> None:
         (RobotCommandBuilder.joint_command(), "enter_joint_control"),
         (
             RobotCommandBuilder.build_synchro_command(RobotCommandBuilder.synchro_stand_command()),
-            "stand 0.00 0.00 0.00 0.00",
+            "stand 0.00 0.00 0.00",
         ),
     ],
 )

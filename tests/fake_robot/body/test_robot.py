@@ -9,9 +9,9 @@ import pytest
 
 from fake_robot.modes import MotionRefusedError
 from fake_robot.robot import Robot, TimeModeError
-from fake_robot.robot_port import EstopLevel, Mode, MotorPower
+from fake_robot.robot_port import EstopLevel, Mode, MotorPower, StandPose
 from fake_robot.scenario import Scenario
-from fake_robot.vendor_motion import Attitude, leg_angles_rad, sit_path, stand_feet_m, stand_path
+from fake_robot.vendor_motion import leg_angles_rad, sit_path, stand_feet_m, stand_path
 from spot_model import facts
 from spot_model.leg_kinematics import foot_position_in_body_m
 
@@ -50,7 +50,7 @@ def test_it_stands_at_the_height_of_its_scenario(make):
 
 def test_it_stands_higher_and_tilted_when_asked(standing):
     driver = standing()
-    driver.robot.stand(body_height_m=-0.08, pitch_rad=0.1)
+    driver.robot.stand([StandPose(height_m=-0.08, pitch_rad=0.1)])
     driver.run(1.5)
     truth = driver.robot.truth()
     assert driver.robot.snapshot().mode is Mode.STANDING
@@ -303,8 +303,9 @@ def test_the_truth_names_the_hidden_effects(make):
 
 
 def test_leg_angles_put_the_feet_where_they_belong():
-    for attitude in (Attitude(), Attitude(0.03, 0.1, -0.12, 0.15), Attitude(-0.15, -0.05, 0.1, -0.1)):
-        feet = stand_feet_m(0.52, attitude)
+    low = StandPose(forward_m=0.03, left_m=-0.02, height_m=-0.15, roll_rad=-0.05, pitch_rad=0.1, yaw_rad=-0.1)
+    for pose in (StandPose(), StandPose(height_m=0.03, roll_rad=0.1, pitch_rad=-0.12, yaw_rad=0.15), low):
+        feet = stand_feet_m(0.52, pose)
         angles = leg_angles_rad(feet[np.newaxis])[0]
         np.testing.assert_allclose(foot_position_in_body_m(angles), feet, atol=1e-9)
         assert (angles[2::3] < 0.0).all()
@@ -312,9 +313,15 @@ def test_leg_angles_put_the_feet_where_they_belong():
 
 def test_paths_start_at_the_pose_and_end_in_the_stand():
     start = np.tile([0.2, 1.9, -2.6], 4)
-    path = stand_path(start, is_low=True, duration_s=1.0, body_height_m=0.5, mass_kg=30.0, attitude=Attitude())
+    path = stand_path(start, is_low=True, duration_s=1.0, body_height_m=0.5, mass_kg=30.0, course=[StandPose()])
     np.testing.assert_allclose(path.at(0.0)[0], start)
     np.testing.assert_allclose(foot_position_in_body_m(path.at(9.0)[0]), stand_feet_m(0.5), atol=1e-9)
     assert np.abs(np.diff(path.position_rad, axis=0)).max() < 0.2
+    course = [StandPose(forward_m=0.05, after_s=2.5), StandPose(left_m=9.0, after_s=5.0), StandPose(after_s=5.1)]
+    path = stand_path(start, is_low=True, duration_s=1.0, body_height_m=0.5, mass_kg=30.0, course=course)
+    # The rise comes first, each pose in its time, and a pose out of reach is cut to it; the last comes too soon.
+    assert path.duration_s == pytest.approx(5.3)
+    for time_s, pose in ((1.0, StandPose()), (2.5, course[0]), (5.0, StandPose(left_m=0.12)), (5.3, StandPose())):
+        np.testing.assert_allclose(foot_position_in_body_m(path.at(time_s)[0]), stand_feet_m(0.5, pose), atol=1e-9)
     down = sit_path(path.at(9.0)[0], duration_s=1.0, mass_kg=30.0)
     np.testing.assert_allclose(down.at(0.0)[0], path.at(9.0)[0], atol=1e-9)
