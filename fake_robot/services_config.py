@@ -49,6 +49,9 @@ class ServicesConfig(BaseModel):
     max_command_rate_hz: float = Field(default=2000.0, gt=0)
     """A faster joint-control stream (mean over one second, real time only) is ended with INVALID_REQUEST."""
 
+    cameras: Literal["test_card", "none"] = "test_card"
+    """What the image service has: the robot's cameras with a test card before each, or no camera at all."""
+
     max_concurrent_calls: int = Field(default=64, ge=4, le=1024)
     max_message_bytes: int = Field(default=4 * 1024 * 1024, ge=1024)
     """A larger request is refused with RESOURCE_EXHAUSTED."""

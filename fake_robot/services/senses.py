@@ -1,11 +1,9 @@
-"""Image, point-cloud, local-grid and world-object services of a robot that senses nothing: empty, valid answers."""
+"""Point-cloud, local-grid and world-object services of a robot that senses nothing: empty, valid answers."""
 
 from __future__ import annotations
 
 import grpc
 from bosdyn.api import (
-    image_pb2,
-    image_service_pb2_grpc,
     local_grid_pb2,
     local_grid_service_pb2_grpc,
     point_cloud_pb2,
@@ -13,26 +11,6 @@ from bosdyn.api import (
     world_object_pb2,
     world_object_service_pb2_grpc,
 )
-
-
-class ImageService(image_service_pb2_grpc.ImageServiceServicer):  # type: ignore[misc]
-    """The fake has no cameras."""
-
-    def ListImageSources(  # noqa: N802
-        self, request: image_pb2.ListImageSourcesRequest, context: grpc.ServicerContext
-    ) -> image_pb2.ListImageSourcesResponse:
-        """No sources."""
-        return image_pb2.ListImageSourcesResponse()
-
-    def GetImage(  # noqa: N802
-        self, request: image_pb2.GetImageRequest, context: grpc.ServicerContext
-    ) -> image_pb2.GetImageResponse:
-        """Every camera is unknown."""
-        response = image_pb2.GetImageResponse()
-        for wanted in request.image_requests:
-            answer = response.image_responses.add(status=image_pb2.ImageResponse.STATUS_UNKNOWN_CAMERA)
-            answer.source.name = wanted.image_source_name
-        return response
 
 
 class PointCloudService(point_cloud_service_pb2_grpc.PointCloudServiceServicer):  # type: ignore[misc]

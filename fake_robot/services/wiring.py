@@ -32,6 +32,7 @@ from bosdyn.api.log_status import log_status_service_pb2_grpc
 from fake_robot.services import senses
 from fake_robot.services.access import UnknownServiceHandler
 from fake_robot.services.auth import AuthService
+from fake_robot.services.cameras import ImageService
 from fake_robot.services.command_streaming import RobotCommandStreamingService
 from fake_robot.services.data_buffer import DataBufferService, DataService
 from fake_robot.services.directory import DirectoryRegistrationService, DirectoryService
@@ -80,7 +81,7 @@ def add_services(server: grpc.Server, world: World, username: str) -> None:
     data_service_pb2_grpc.add_DataServiceServicer_to_server(DataService(world.notes), server)
     docking_service_pb2_grpc.add_DockingServiceServicer_to_server(DockingService(world.leases), server)
     log_status_service_pb2_grpc.add_LogStatusServiceServicer_to_server(LogStatusService(), server)
-    image_service_pb2_grpc.add_ImageServiceServicer_to_server(senses.ImageService(), server)
+    image_service_pb2_grpc.add_ImageServiceServicer_to_server(ImageService(world), server)
     point_cloud_service_pb2_grpc.add_PointCloudServiceServicer_to_server(senses.PointCloudService(), server)
     local_grid_service_pb2_grpc.add_LocalGridServiceServicer_to_server(senses.LocalGridService(), server)
     world_object_service_pb2_grpc.add_WorldObjectServiceServicer_to_server(senses.WorldObjectService(), server)

@@ -15,7 +15,6 @@ from bosdyn.client.directory_registration import DirectoryRegistrationClient, Se
 from bosdyn.client.docking import DockingClient
 from bosdyn.client.exceptions import InvalidRequestError, UnimplementedError
 from bosdyn.client.fault import FaultClient, ServiceFaultAlreadyExistsError, ServiceFaultDoesNotExistError
-from bosdyn.client.image import ImageClient, UnknownImageSourceError
 from bosdyn.client.keepalive import InvalidPolicyError, KeepaliveClient, Policy, PolicyKeepalive
 from bosdyn.client.license import LicenseClient
 from bosdyn.client.local_grid import LocalGridClient
@@ -198,9 +197,6 @@ def test_data_buffer_and_what_it_keeps(robot: Any) -> None:
 
 
 def test_senses_are_empty_but_answer(robot: Any, call: Callable[..., Any]) -> None:
-    assert list(call(ImageClient, "list_image_sources")) == []
-    with pytest.raises(UnknownImageSourceError):
-        robot.ensure_client("image").get_image_from_sources(["frontleft_fisheye_image"])
     assert list(call(PointCloudClient, "list_point_cloud_sources")) == []
     assert list(call(LocalGridClient, "get_local_grid_types")) == []
     assert list(call(WorldObjectClient, "list_world_objects").world_objects) == []

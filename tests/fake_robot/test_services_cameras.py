@@ -1,0 +1,108 @@
+"""The image service: the cameras of a base robot, the test card before them, and the SDK's own errors."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from bosdyn.api import image_pb2
+from bosdyn.client.frame_helpers import get_a_tform_b
+from bosdyn.client.image import (
+    ImageClient,
+    UnknownImageSourceError,
+    UnsupportedImageFormatRequestedError,
+    UnsupportedPixelFormatRequestedError,
+    UnsupportedResizeRatioRequestedError,
+    build_image_request,
+    pixel_to_camera_space,
+)
+from PIL import Image
+
+from fake_robot.services import test_card
+
+PLACES = ("back", "frontleft", "frontright", "left", "right")
+
+
+@pytest.fixture
+def images(stub: Any) -> Any:
+    """The SDK's image client in front of the stub."""
+    return stub.sdk_robot().ensure_client(ImageClient.default_service_name)
+
+
+def test_a_base_robots_cameras_are_there(images: Any) -> None:
+    sources = {source.name: source for source in images.list_image_sources()}
+    kinds = ("depth", "depth_in_visual_frame", "fisheye_image")
+    assert list(sources) == [f"{place}_{kind}" for place in PLACES for kind in kinds]
+    assert sources["left_fisheye_image"].image_type == image_pb2.ImageSource.IMAGE_TYPE_VISUAL
+    assert sources["left_depth"].image_type == image_pb2.ImageSource.IMAGE_TYPE_DEPTH
+    assert [s.name for s in images.list_image_sources_async().result()] == list(sources)
+
+
+def test_an_image_is_the_test_card_in_both_forms(images: Any) -> None:
+    (shot,) = images.get_image_from_sources(["frontleft_fisheye_image"])
+    assert shot.shot.image.format == image_pb2.Image.FORMAT_JPEG
+    request = build_image_request("frontleft_fisheye_image", image_format=image_pb2.Image.FORMAT_RAW)
+    (pixels,) = images.get_image([request])
+    assert (pixels.source.cols, pixels.source.rows) == (pixels.shot.image.cols, pixels.shot.image.rows) == (640, 480)
+    with Image.open(io.BytesIO(shot.shot.image.data)) as opened:
+        assert (opened.mode, opened.size) == ("L", (640, 480))
+        np.testing.assert_array_equal(np.asarray(opened).ravel(), np.frombuffer(pixels.shot.image.data, np.uint8))
+
+
+def test_a_camera_stands_in_the_tree_of_frames_and_has_a_lens(images: Any) -> None:
+    for place, ahead in (("frontleft", (0.42, 0.04)), ("left", (0.0, 0.12)), ("back", (-0.42, 0.0))):
+        (shot,) = images.get_image_from_sources([f"{place}_fisheye_image"])
+        capture = shot.shot
+        body_from_lens = get_a_tform_b(capture.transforms_snapshot, "body", capture.frame_name_image_sensor)
+        np.testing.assert_allclose((body_from_lens.x, body_from_lens.y), ahead)
+        # Its axis leads away from the body, and down in the image is down.
+        x, y, z = body_from_lens.rot.transform_point(0.0, 0.0, 1.0)
+        assert x * ahead[0] + y * ahead[1] > 0.0
+        assert abs(z) < 1e-9
+        assert body_from_lens.rot.transform_point(0.0, 1.0, 0.0)[2] == pytest.approx(-1.0)
+        assert get_a_tform_b(capture.transforms_snapshot, "vision", capture.frame_name_image_sensor) is not None
+    assert pixel_to_camera_space(shot.source, 640, 240, depth=2.0) == pytest.approx((2.0, 0.0, 2.0))
+
+
+def test_depth_is_without_a_return_and_images_can_be_smaller(images: Any) -> None:
+    depth = build_image_request("back_depth", resize_ratio=0.5)
+    small = build_image_request("back_fisheye_image", resize_ratio=0.25)
+    first, second = images.get_image([depth, small])
+    assert first.shot.image.pixel_format == image_pb2.Image.PIXEL_FORMAT_DEPTH_U16
+    assert first.shot.image.data == bytes(2 * 212 * 120)
+    with Image.open(io.BytesIO(second.shot.image.data)) as opened:
+        assert opened.size == (160, 120)
+
+
+@pytest.mark.parametrize(
+    ("request_of", "error"),
+    [
+        (lambda: build_image_request("hand_color_image"), UnknownImageSourceError),
+        (lambda: build_image_request("left_depth", image_format=1), UnsupportedImageFormatRequestedError),
+        (lambda: build_image_request("left_fisheye_image", pixel_format=3), UnsupportedPixelFormatRequestedError),
+        (lambda: build_image_request("left_fisheye_image", resize_ratio=1.5), UnsupportedResizeRatioRequestedError),
+    ],
+    ids=["no such camera", "depth as JPEG", "grey as colour", "larger"],
+)
+def test_what_a_camera_cannot_do_is_the_sdks_error(
+    images: Any, request_of: Callable[[], Any], error: type[Exception]
+) -> None:
+    with pytest.raises(error):
+        images.get_image([request_of()])
+
+
+def test_a_scenario_can_do_without_cameras(serve_stub: Callable[..., Any]) -> None:
+    images = serve_stub(cameras="none").sdk_robot().ensure_client(ImageClient.default_service_name)
+    assert list(images.list_image_sources()) == []
+    with pytest.raises(UnknownImageSourceError):
+        images.get_image_from_sources(["frontleft_fisheye_image"])
+
+
+@pytest.mark.parametrize("size", [(1, 1), (33, 17), (8, 8), (424, 240)])
+def test_the_card_of_any_size_is_coded_without_loss(size: tuple[int, int]) -> None:
+    with Image.open(io.BytesIO(test_card.jpeg(*size))) as opened:
+        assert opened.size == size
+        np.testing.assert_array_equal(np.asarray(opened).ravel(), np.frombuffer(test_card.raw(*size), np.uint8))
