@@ -32,6 +32,7 @@ class EventName(Enum):
     ARMED = (Severity.INFO, "the robot stands under the vendor's control and waits for the operator")
     LABEL = (Severity.INFO, "the operator labelled the log: key=value")
     POLICY_SWITCHED = (Severity.INFO, "another policy was loaded while standing")
+    STAND_FAILED = (Severity.WARNING, "the vendor's stand was not reached at the end; the robot sits down all the same")
     POWER_OFF = (Severity.INFO, "the robot sits and its motors are off")
     POWER_OFF_FAILED = (Severity.ERROR, "the robot could not be powered off")
 

@@ -179,10 +179,11 @@ class ControlLoop:
         is_tick, lost = False, 0
         if newest is not None:
             self._schedule, is_tick, lost = self._schedule.advance(newest.robot_stamp_ns)
+            self._judge_lost_ticks(lost, newest.robot_stamp_ns)
         result: TickResult | None = None
         inference_s = 0.0
         if is_tick and newest is not None and self._mode.runs_policy:
-            result, inference_s = self._run_policy(newest, host_ns, lost)
+            result, inference_s = self._run_policy(newest, host_ns)
         if is_tick or self._mode is Mode.DAMPING:
             self._compute(result, robot_ns)
         command = None
@@ -245,6 +246,12 @@ class ControlLoop:
             self.ask_stop(stop)
         return usable[-1] if usable else None
 
+    def _judge_lost_ticks(self, lost: int, stamp_ns: int) -> None:
+        """Also where no policy ticks: a set-point held through a gap may be far from where the joints are by now."""
+        if lost and self._mode.sends and (stop := self._watchdogs.lost_ticks(lost, stamp_ns)) is not None:
+            self.ask_stop(stop)
+            self._move(self._hal.robot_now_ns())
+
     def _move(self, robot_ns: int) -> None:
         """Move the mode machine as far as it goes now."""
         for _ in _EVERY_MODE:
@@ -290,11 +297,7 @@ class ControlLoop:
 
     # Computing -------------------------------------------------------------------------------------------------------
 
-    def _run_policy(self, state: RobotState, host_ns: int, lost: int) -> tuple[TickResult, float]:
-        if lost:
-            stop = self._watchdogs.lost_ticks(lost, state.robot_stamp_ns)
-            if stop is not None:
-                self.ask_stop(stop)
+    def _run_policy(self, state: RobotState, host_ns: int) -> tuple[TickResult, float]:
         self._velocity_command = self._wanted_velocity(state, host_ns)
         begin_s = self._wall_s()
         self._tick_memory, result = tick(self._tick_memory, state, self._velocity_command, self._policy)
@@ -354,8 +357,7 @@ class ControlLoop:
         return stop
 
     def _within_torque(self, load_nm: Array) -> Array:
-        bound_nm = self._config.safety.feedforward_nm
-        loads_nm = load_nm.tolist()
+        bound_nm, loads_nm = self._config.safety.feedforward_nm, load_nm.tolist()
         if -bound_nm <= min(loads_nm) and max(loads_nm) <= bound_nm:
             return load_nm
         return np.minimum(np.maximum(load_nm, -bound_nm), bound_nm)

@@ -23,6 +23,9 @@ LEAD_NS: Final = 500_000
 AWAKE_NS: Final = 2_000_000
 """No more polling this long after the rehearsal began, so that a state that never comes costs little."""
 
+JUDGED: Final = 5
+"""After so many rehearsals, each longer than :data:`LEAD_NS`, there are no more: they would delay the tick."""
+
 ARRIVALS: Final = 64
 NS_PER_S: Final = 1_000_000_000
 
@@ -55,7 +58,13 @@ class WarmWait:
         """
         self._hal = hal
         self._may_poll = has_real_time_priority() if may_poll is None else may_poll
+        self._took_ns: deque[int] = deque(maxlen=JUDGED)
         self.arrivals = Arrivals()
+
+    @property
+    def _helps(self) -> bool:
+        """Whether a rehearsal is over before the state comes; that of a slow policy, or on a slow computer, is not."""
+        return len(self._took_ns) < JUDGED or min(self._took_ns) <= LEAD_NS
 
     def receive(
         self, newest: RobotState, until_robot_ns: int, timeout_s: float, rehearse: Callable[[], None]
@@ -64,12 +73,14 @@ class WarmWait:
         hal, begin_ns = self._hal, self._hal.host_now_ns()
         end_ns = begin_ns + round(timeout_s * NS_PER_S)
         earliest_ns = self.arrivals.earliest_host_ns(newest.robot_stamp_ns + facts.STATE_PERIOD_NS)
-        if earliest_ns is None or not begin_ns < earliest_ns - LEAD_NS < end_ns:
+        if earliest_ns is None or not self._helps or not begin_ns < earliest_ns - LEAD_NS < end_ns:
             return hal.receive(until_robot_ns, timeout_s)
         states = hal.receive(until_robot_ns, (earliest_ns - LEAD_NS - begin_ns) / NS_PER_S)
         if states:
             return states
+        rehearsed_ns = hal.host_now_ns()
         rehearse()
+        self._took_ns.append(hal.host_now_ns() - rehearsed_ns)
         awake_until_ns = min(end_ns, earliest_ns - LEAD_NS + AWAKE_NS)
         while self._may_poll and hal.host_now_ns() < awake_until_ns:
             states = hal.receive(until_robot_ns, 0.0)

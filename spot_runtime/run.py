@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import Final
 
 from spot_model.errors import SpotRlError
 from spot_model.policy import Policy
@@ -45,6 +46,9 @@ class RunRequest:
     repeat: int = 0
     labels: dict[str, str] = field(default_factory=dict)
 
+
+MEANT_WELL: Final = (StopReason.COMPLETED.exit_code, StopReason.OPERATOR_STOP.exit_code)
+"""Exit codes of runs that went as somebody wanted."""
 
 HalFactory = Callable[[LogSink], Hal]
 SinkFactory = Callable[[Path, RunHeader], LogSink]
@@ -144,35 +148,17 @@ class _Attempt:
         self._refusals = tuple(apply_real_time(config.real_time))
         for refusal in self._refusals:
             self._event(EventName.REAL_TIME_REFUSED, refusal)
-        hal: Hal | None = None
         try:
-            signals.interrupts = True
-            hal = make_hal(self._sink)
-            self._hal = hal
-            self._connect(hal)
-            signals.interrupts = False
-            stop = self._control(hal, signals)
-            self._end(stop)
-            self._write_incident()
-            signals.interrupts = True
-            self._rest(hal, stop)
-        except HalError as error:
-            self.outcome, self._exit_code, self._sentence = error.label, error.exit_code, str(error)
-            self._event(EventName.CONNECTION_FAILED, str(error))
-            self._try_power_off(hal, signals)
+            self._drive(make_hal, signals)
         except OperatorInterrupt as interrupt:
             self._end(interrupt.stop)
             self._event(EventName.STOP, interrupt.stop.sentence())
-            self._try_power_off(hal, signals, interrupt.stop)
-        except Exception as error:  # noqa: BLE001 - a defect here must not leave the robot standing with power
-            self._end(Stop(StopReason.INTERNAL_ERROR, f"{type(error).__name__}: {error}"))
-            self._event(EventName.STOP, f"{StopReason.INTERNAL_ERROR.label}: {self._sentence}")
-            self._try_power_off(hal, signals)
+            self._try_power_off(signals, interrupt.stop)
         finally:
             signals.interrupts = False
             self._manager.stopping()
-            if hal is not None:
-                hal.close()
+            if self._hal is not None:
+                self._hal.close()
             self._write_incident()
 
     def summary(self) -> RunSummary:
@@ -195,6 +181,27 @@ class _Attempt:
             real_time_refusals=self._refusals,
             **figures(self._stats),  # type: ignore[arg-type]
         )
+
+    def _drive(self, make_hal: HalFactory, signals: StopSignals) -> None:
+        """All of it, and what answers an error. An interrupt may come at any point, also while an error is answered."""
+        try:
+            signals.interrupt_waits()
+            hal = self._hal = make_hal(self._sink)
+            self._connect(hal)
+            signals.interrupts = False
+            stop = self._control(hal, signals)
+            self._end(stop)
+            self._write_incident()
+            signals.interrupt_waits()
+            self._rest(hal, stop)
+        except HalError as error:
+            self.outcome, self._exit_code, self._sentence = error.label, error.exit_code, str(error)
+            self._event(EventName.CONNECTION_FAILED, str(error))
+            self._try_power_off(signals)
+        except Exception as error:  # noqa: BLE001 - a defect here must not leave the robot standing with power
+            self._end(Stop(StopReason.INTERNAL_ERROR, f"{type(error).__name__}: {error}"))
+            self._event(EventName.STOP, f"{StopReason.INTERNAL_ERROR.label}: {self._sentence}")
+            self._try_power_off(signals)
 
     def _missed_states(self) -> int:
         return 0 if self._loop is None else self._loop.missed_states
@@ -247,33 +254,40 @@ class _Attempt:
 
     def _rest(self, hal: Hal, stop: Stop) -> None:
         self._say("sitting and powering off …")
-        try:
-            if stop.reason.reaction is Reaction.HAND_BACK and not stop.reason.is_urgent:
+        if stop.reason.reaction is Reaction.HAND_BACK and not stop.reason.is_urgent:
+            try:
                 hal.stand()
-            hal.power_off()
-        except HalError as error:
-            self._event(EventName.POWER_OFF_FAILED, f"{error}; see to the robot")
-            if self._exit_code == 0:
-                self.outcome, self._exit_code, self._sentence = "power_off_failed", error.exit_code, str(error)
-        else:
+            except HalError as error:
+                self._event(EventName.STAND_FAILED, f"{error}; it sits down as it is")
+        if self._is_powered_off(hal):
             self._event(EventName.POWER_OFF, "the robot sits and its motors are off")
 
-    def _try_power_off(self, hal: Hal | None, signals: StopSignals, stop: Stop | None = None) -> None:
+    def _try_power_off(self, signals: StopSignals, stop: Stop | None = None) -> None:
         """After a failure before control: whatever was powered on goes off again; at once where it is an e-stop."""
-        is_estop = stop is not None and stop.reason.reaction is Reaction.ESTOP
-        signals.interrupts, signals.only_estop = not is_estop, True
-        if hal is None:
+        if self._hal is None:
             return
         try:
-            if is_estop:
-                hal.estop()
-            hal.power_off()
+            if stop is not None and stop.reason.reaction is Reaction.ESTOP:
+                self._hal.estop()
+            else:
+                signals.interrupt_waits(only_estop=True)
+            self._is_powered_off(self._hal)
         except OperatorInterrupt as interrupt:
             self._end(interrupt.stop)
             self._event(EventName.STOP, interrupt.stop.sentence())
-            self._try_power_off(hal, signals, interrupt.stop)
+            self._try_power_off(signals, interrupt.stop)
+
+    def _is_powered_off(self, hal: Hal) -> bool:
+        """Power off; where that fails, the words about the end say so, and no exit code that means well is left."""
+        try:
+            hal.power_off()
         except HalError as error:
-            self._console.say(f"could not power off: {error}")
+            self._event(EventName.POWER_OFF_FAILED, f"{error}; see to the robot")
+            self._sentence = f"{self._sentence}; then powering off failed: {error}; see to the robot"
+            if self._exit_code in MEANT_WELL:
+                self.outcome, self._exit_code = "power_off_failed", error.exit_code
+            return False
+        return True
 
     def _event(self, name: EventName, text: str) -> None:
         host_ns = self._clock.now_ns() if self._hal is None else self._hal.host_now_ns()

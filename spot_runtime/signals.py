@@ -1,4 +1,7 @@
-"""SIGINT, SIGTERM, SIGHUP: the first asks for a stop in place, the second for damping at once. SIGQUIT: the e-stop."""
+"""SIGINT, SIGTERM, SIGHUP: the first asks for a stop in place, the second for damping at once. SIGQUIT: the e-stop.
+
+SIGTSTP (Ctrl-Z) counts as the first three do: a process that stood still would leave the robot to itself.
+"""
 
 from __future__ import annotations
 
@@ -9,9 +12,9 @@ from typing import Any, Final
 
 from typing_extensions import Self
 
-from spot_runtime.stops import Stop, StopReason
+from spot_runtime.stops import Reaction, Stop, StopReason
 
-HANDLED: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
+HANDLED: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTSTP, signal.SIGQUIT)
 
 
 class OperatorInterrupt(BaseException):
@@ -26,9 +29,10 @@ class OperatorInterrupt(BaseException):
 class StopSignals:
     """Turns signals into stops while it is entered.
 
-    While the loop runs, ``take`` gives the newest stop. While the program waits in a call of the robot
-    (``interrupts`` set), a signal raises :class:`OperatorInterrupt` there instead; while it brings the robot to rest
-    (``only_estop`` set, too), the e-stop's alone does.
+    While the loop runs, ``take`` gives the strongest stop that was asked for. While the program waits in a call of the
+    robot (after :meth:`interrupt_waits`), a signal raises :class:`OperatorInterrupt` there instead; while it brings the
+    robot to rest, the e-stop's alone does. After one interrupt there is no other until they are allowed again: signals
+    often come in twos, and the second must not tear what answers the first from its work.
     """
 
     def __init__(self) -> None:
@@ -52,6 +56,19 @@ class StopSignals:
         for number, handler in self._previous.items():
             signal.signal(number, handler)
 
+    def interrupt_waits(self, *, only_estop: bool = False) -> None:
+        """From now on a signal interrupts; an e-stop that was pressed before, and not taken, does so at once.
+
+        Raises:
+            OperatorInterrupt: There was one.
+        """
+        self.only_estop = only_estop
+        self.interrupts = True
+        pending = self._pending
+        if pending is not None and pending.reason.reaction is Reaction.ESTOP:
+            self.interrupts, self._pending = False, None
+            raise OperatorInterrupt(pending)
+
     def take(self) -> Stop | None:
         """The stop that was asked for since the last call."""
         pending, self._pending = self._pending, None
@@ -63,5 +80,7 @@ class StopSignals:
         reason = StopReason.OPERATOR_ESTOP if number == signal.SIGQUIT else reason
         stop = Stop(reason, signal.Signals(number).name)
         if self.interrupts and (number == signal.SIGQUIT or not self.only_estop):
+            self.interrupts = False
             raise OperatorInterrupt(stop)
-        self._pending = stop
+        if self._pending is None or self._pending.reason.reaction.level <= reason.reaction.level:
+            self._pending = stop

@@ -100,7 +100,7 @@ class Hal(Protocol):
         """What went wrong beside the streams since the last call: lease, e-stop, polls, a stream that ended."""
 
     def power_off(self) -> None:
-        """Sit and cut motor power, from any state. Raises HalError."""
+        """Sit and cut motor power, from any state. Raises HalError, also where the lease was lost."""
 
     def close(self) -> None:
         """Stop all threads and give everything back; a second call does nothing."""

@@ -125,20 +125,22 @@ class BosdynHal:
 
     def send(self, command: JointCommand) -> None:
         """See the protocol."""
-        if self._commands is not None and self._joint_control is not JointControl.FAILED:
-            self._commands.put(command.key, self._encoder.encode(command, self._pace.host_now_ns()))
+        commands = self._commands  # another thread may end the stream meanwhile
+        if commands is not None and self._joint_control is not JointControl.FAILED:
+            commands.put(command.key, self._encoder.encode(command, self._pace.host_now_ns()))
             self._pace.sent(command.key)
 
     def departures(self) -> Sequence[tuple[int, int]]:
         """See the protocol."""
-        return () if self._commands is None else self._commands.departures()
+        commands = self._commands
+        return () if commands is None else commands.departures()
 
     def release(self) -> None:
         """See the protocol."""
         self._joint_control = JointControl.OFF
-        if self._commands is not None:
-            self._commands.stop()
-            self._commands = None
+        commands, self._commands = self._commands, None
+        if commands is not None:
+            commands.stop()
             self._pace.released()
 
     def estop(self) -> None:
@@ -163,6 +165,8 @@ class BosdynHal:
         if self._session.has_lease:
             self._power_off()
         self.release()
+        if self._session.lease is not None and not self._session.has_lease:
+            raise LeaseHeldError("the lease is gone, and who has it is answerable for the robot, which may have power")
 
     def close(self) -> None:
         """See the protocol."""
@@ -250,7 +254,8 @@ class BosdynHal:
             self._motions().ask_for_stand()
         except HalError as error:
             self._problems.append(Stop(StopReason.HAND_BACK_FAILED, str(error)))
-            self._joint_control = JointControl.FAILED
+            # The joints are still ours, and so are the commands that damp them.
+            self._joint_control = JointControl.ACTIVE
         else:
             self.release()
 

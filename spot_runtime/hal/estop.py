@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Sequence
 from typing import Any, Literal
 
@@ -61,20 +62,30 @@ class OwnEstop:
         """Replace the robot's e-stop configuration by this one endpoint. Raises the SDK's errors."""
         self._client, self._endpoint = client, EstopEndpoint(client, name, timeout_s)
         self._rpc_timeout_s = rpc_timeout_s
+        self._lock = threading.Lock()
+        self._is_pressed = False
         self._endpoint.force_simple_setup()
         self.check_in()
 
     def check_in(self) -> None:
-        """Say that the motors may have power. Raises the SDK's errors."""
-        self._endpoint.allow(timeout=self._rpc_timeout_s)
+        """Say that the motors may have power, unless the e-stop was pressed. Raises the SDK's errors."""
+        with self._lock:
+            if not self._is_pressed:
+                self._endpoint.allow(timeout=self._rpc_timeout_s)
 
     def let_go(self) -> None:
         """Take the endpoint back, so that nobody relies on it. Raises the SDK's errors, while there is power, too."""
         self._client.deregister(self._endpoint._config_id, self._endpoint, timeout=self._rpc_timeout_s)
 
     def press(self) -> None:
-        """Have the robot settle on the ground and cut its motors' power. Raises the SDK's errors."""
-        self._endpoint.settle_then_cut(timeout=self._rpc_timeout_s)
+        """Have the robot settle on the ground and cut its motors' power. Raises the SDK's errors.
+
+        A check-in that is under way is let through first: overtaken, it would release the e-stop again, and side by
+        side with it the robot would refuse the press, for both answer one challenge.
+        """
+        self._is_pressed = True
+        with self._lock:
+            self._endpoint.settle_then_cut(timeout=self._rpc_timeout_s)
 
 
 def _is_taken_back(endpoint: Any, our_name: str) -> bool:

@@ -33,6 +33,9 @@ FLUSH_PERIOD_S: Final = 0.5
 RECEIVE_PERIOD_S: Final = 0.004
 MAX_QUEUED: Final = 60_000
 """Datagrams held while the disk stalls: 90 s of a full stream, about 60 MB."""
+SHARED_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP)
+"""Those that ask the loop to stop; a terminal's keys and a service manager send them to every process of a run."""
+
 PARENT_LOST: Final = "interrupted: the process that drove the robot ended without closing its log"
 
 
@@ -167,7 +170,7 @@ def shed_inherited_settings() -> None:
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     with contextlib.suppress(OSError):
         os.sched_setaffinity(0, range(os.cpu_count() or 1))
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    for number in SHARED_SIGNALS:
         signal.signal(number, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_SETMASK, [])
 

@@ -37,7 +37,7 @@ from spot_runtime.operator.run_status import STATUS_PERIOD_NS, status_of
 from spot_runtime.operator.standby import check_standing
 from spot_runtime.operator.steering import Attendance, OperatorSource
 from spot_runtime.realtime import apply_real_time, freeze_garbage_collection
-from spot_runtime.run import RunRequest, header_of, log_file_name
+from spot_runtime.run import MEANT_WELL, RunRequest, header_of, log_file_name
 from spot_runtime.service_manager import ServiceManager
 from spot_runtime.signals import OperatorInterrupt, StopSignals
 from spot_runtime.stops import Reaction, Stop, StopReason
@@ -158,30 +158,38 @@ class OperatedRun:
     # The way through --------------------------------------------------------------------------------------------------
 
     def _drive(self, make_hal: HalFactory, signals: StopSignals) -> None:
-        hal: Hal | None = None
+        try:
+            self._arm_and_serve(make_hal, signals)
+        except OperatorInterrupt as interrupt:
+            self._end(interrupt.stop)
+            self.event(EventName.STOP, interrupt.stop.sentence())
+            self._try_power_off(signals, interrupt.stop)
+        finally:
+            signals.interrupts = False
+            if self._hal is not None:
+                self._hal.close()
+
+    def _arm_and_serve(self, make_hal: HalFactory, signals: StopSignals) -> None:
+        """All of it, and what answers an error. An interrupt may come at any point, also while an error is answered."""
         try:
             for refusal in apply_real_time(self._config.real_time):
                 self.event(EventName.REAL_TIME_REFUSED, refusal)
-            signals.interrupts = True
+            signals.interrupt_waits()
             hal = self._hal = make_hal(self._sink)
             self._connect(hal)
             signals.interrupts = False
             stop = self._serve(hal, signals)
-            signals.interrupts = True
             self._end(stop)
+            signals.interrupt_waits()
             self._rest(hal, stop)
         except HalError as error:
             self._outcome, self._exit_code, self._sentence = error.label, error.exit_code, str(error)
             self.event(EventName.CONNECTION_FAILED, str(error))
-            self._try_power_off(hal, signals)
-        except OperatorInterrupt as interrupt:
-            self._end(interrupt.stop)
-            self.event(EventName.STOP, interrupt.stop.sentence())
-            self._try_power_off(hal, signals, interrupt.stop)
-        finally:
-            signals.interrupts = False
-            if hal is not None:
-                hal.close()
+            self._try_power_off(signals)
+        except Exception as error:  # noqa: BLE001 - a defect here must not leave the robot standing with power
+            self._end(Stop(StopReason.INTERNAL_ERROR, f"{type(error).__name__}: {error}"))
+            self.event(EventName.STOP, f"{StopReason.INTERNAL_ERROR.label}: {self._sentence}")
+            self._try_power_off(signals)
 
     def _connect(self, hal: Hal) -> None:
         info = hal.connect()
@@ -272,32 +280,40 @@ class OperatedRun:
         self._outcome, self._exit_code, self._sentence = stop.reason.label, stop.reason.exit_code, stop.sentence()
 
     def _rest(self, hal: Hal, stop: Stop) -> None:
-        try:
-            if stop.reason.reaction is Reaction.HAND_BACK and self.stop is None and not stop.reason.is_urgent:
+        if stop.reason.reaction is Reaction.HAND_BACK and self.stop is None and not stop.reason.is_urgent:
+            try:
                 hal.stand()
+            except HalError as error:
+                self.event(EventName.STAND_FAILED, f"{error}; it sits down as it is")
+        if self._is_powered_off(hal):
+            self.event(EventName.POWER_OFF, "the robot sits and its motors are off")
+
+    def _try_power_off(self, signals: StopSignals, stop: Stop | None = None) -> None:
+        self._link.state("ending")
+        if self._hal is None:
+            return
+        try:
+            if stop is not None and stop.reason.reaction is Reaction.ESTOP:
+                self._hal.estop()
+            else:
+                signals.interrupt_waits(only_estop=True)
+            self._is_powered_off(self._hal)
+        except OperatorInterrupt as interrupt:
+            self._end(interrupt.stop)
+            self.event(EventName.STOP, interrupt.stop.sentence())
+            self._try_power_off(signals, interrupt.stop)
+
+    def _is_powered_off(self, hal: Hal) -> bool:
+        """Power off; where that fails, the words about the end say so, and no exit code that means well is left."""
+        try:
             hal.power_off()
         except HalError as error:
             self.event(EventName.POWER_OFF_FAILED, f"{error}; see to the robot")
             self._sentence = f"{self._sentence}; then powering off failed: {error}; see to the robot"
-        else:
-            self.event(EventName.POWER_OFF, "the robot sits and its motors are off")
-
-    def _try_power_off(self, hal: Hal | None, signals: StopSignals, stop: Stop | None = None) -> None:
-        is_estop = stop is not None and stop.reason.reaction is Reaction.ESTOP
-        signals.interrupts, signals.only_estop = not is_estop, True
-        self._link.state("ending")
-        if hal is None:
-            return
-        try:
-            if is_estop:
-                hal.estop()
-            hal.power_off()
-        except OperatorInterrupt as interrupt:
-            self._end(interrupt.stop)
-            self.event(EventName.STOP, interrupt.stop.sentence())
-            self._try_power_off(hal, signals, interrupt.stop)
-        except HalError as error:
-            self.event(EventName.POWER_OFF_FAILED, f"{error}; see to the robot")
+            if self._exit_code in MEANT_WELL:
+                self._outcome, self._exit_code = "power_off_failed", error.exit_code
+            return False
+        return True
 
     def _end_log(self, stop: Stop | None) -> None:
         """Close the log; where something went wrong, write what led to it first."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import select
 import sys
@@ -81,20 +82,24 @@ class TerminalKeys:
         tty.setcbreak(self._descriptor)
 
     def read(self) -> str:
-        """What was pressed since the last call."""
+        """What was pressed since the last call; :data:`QUIT` where the terminal is gone, and whoever sat at it."""
         keys = b""
         while select.select([self._descriptor], [], [], 0.0)[0]:
-            chunk = os.read(self._descriptor, 64)
+            try:
+                chunk = os.read(self._descriptor, 64)
+            except OSError:
+                chunk = b""
             if not chunk:
-                break
+                return QUIT
             keys += chunk
         return keys.decode("ascii", errors="ignore")
 
     def close(self) -> None:
-        """Give the terminal back as it was."""
-        if self._before is not None:
-            termios.tcsetattr(self._descriptor, termios.TCSADRAIN, self._before)
-            self._before = None
+        """Give the terminal back as it was, if it is still there."""
+        before, self._before = self._before, None
+        if before is not None:
+            with contextlib.suppress(termios.error):
+                termios.tcsetattr(self._descriptor, termios.TCSADRAIN, before)
 
 
 class TerminalKeyboardSource(KeyboardSource):

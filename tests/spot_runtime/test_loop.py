@@ -270,6 +270,22 @@ def test_the_slow_state_ends_a_run(
     assert modes_of(sink)[-1] == last_mode
 
 
+@pytest.mark.parametrize("mode", [Mode.ACTIVATING, Mode.ACTIVE, Mode.STANDING])
+def test_a_process_that_stood_still_does_not_take_its_set_points_up_again(
+    robot: Any, zero_policy: Policy, mode: Mode
+) -> None:
+    loop, sink = make_loop(robot, zero_policy, sequence=standing_sequence(0.1))
+    robot.activates, robot.takes_back = mode is not Mode.ACTIVATING, False
+    drive_until(loop, mode)
+    robot.now_ns += 2_000 * MS  # what came meanwhile was received before the loop ran again
+    sent = len(robot.sent)
+    drive(loop)
+    assert loop.stop is not None
+    assert loop.stop.reason is StopReason.TICKS_SKIPPED
+    assert modes_of(sink)[-2:] == ["damping", "released"]
+    assert not any(command.gains.kp_nm_per_rad.any() for command in robot.sent[sent:])
+
+
 def test_a_policy_that_gives_no_number_never_reaches_the_robot(robot: Any, make_policy: Callable[..., Policy]) -> None:
     """The network divides by nothing: an observation far outside makes it overflow."""
     weight = np.zeros((48, 12))

@@ -14,7 +14,7 @@ from spot_model.velocity_sequence import standing_sequence
 from spot_runtime.config import RunConfig
 from spot_runtime.log.sink import MemorySink
 from spot_runtime.loop import ControlLoop
-from spot_runtime.rehearsal import ARRIVALS, AWAKE_NS, LEAD_NS, Arrivals, WarmWait
+from spot_runtime.rehearsal import ARRIVALS, AWAKE_NS, JUDGED, LEAD_NS, Arrivals, WarmWait
 from spot_runtime.sources.scripted import ScriptedSource
 from tests.spot_runtime.conftest import START_NS, HandMadeRobot, make_state, policy_bytes
 
@@ -80,6 +80,27 @@ def test_without_a_real_time_priority_it_sleeps_after_the_rehearsal() -> None:
     states = warm_wait(robot, may_poll=False).receive(newest, 0, 0.004, lambda: at.append(robot.host_ns))
     assert len(at) == len(states) == 1
     assert robot.asked_s == pytest.approx([0.0025, 0.0015])
+
+
+def test_rehearsals_end_where_they_would_delay_the_tick_they_are_for() -> None:
+    robot, rehearsed = PunctualRobot(), []
+    wait = warm_wait(robot)
+
+    def rehearse(took_ns: int) -> None:
+        rehearsed.append(took_ns)
+        robot.host_ns += took_ns
+
+    def ticks(count: int, took_ns: int) -> None:
+        for _ in range(count):
+            robot.host_ns = robot.now_ns + DELAY_NS
+            wait.receive(state_at(robot.now_ns, robot.host_ns), 0, 0.01, lambda: rehearse(took_ns))
+
+    ticks(2 * JUDGED, LEAD_NS // 2)
+    assert len(rehearsed) == 2 * JUDGED
+    ticks(JUDGED - 1, 4 * MS)  # a computer that is busy for a moment
+    ticks(1, LEAD_NS // 2)
+    ticks(2 * JUDGED, 4 * MS)
+    assert len(rehearsed) == 4 * JUDGED
 
 
 def test_a_state_that_comes_before_the_rehearsal_is_answered_without_it() -> None:

@@ -16,6 +16,7 @@ from spot_runtime.log.errors import LogError, LogExistsError
 from spot_runtime.log.logger_process import LoggerProcess
 from spot_runtime.log.run_writer import active_path
 from spot_runtime.log.sink import TOPICS, LogSink, MemorySink, NullSink
+from spot_runtime.signals import HANDLED
 
 PARENT = """
 import os, sys, time
@@ -160,7 +161,7 @@ def test_a_killed_parent_leaves_a_whole_log_that_says_so(synthetic_run, tmp_path
 
 
 def test_the_process_outlives_the_signals_that_end_the_loop(synthetic_run, sink):
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    for number in HANDLED:
         sink._process.send_signal(number)
     fed = synthetic_run(duration_s=0.3).feed(sink)
     sink.close("stopped by SIGINT")

@@ -1,0 +1,279 @@
+"""However a run ends, power goes off, or every word says that it did not; by hand-made robots, in this process."""
+
+from __future__ import annotations
+
+import io
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from spot_model.policy import Policy
+from spot_model.state import Gains, JointCommand
+from spot_model.velocity_sequence import standing_sequence
+from spot_runtime.config import HandoverConfig, RunConfig, for_lock_step
+from spot_runtime.console import Console
+from spot_runtime.hal.address import parse_address
+from spot_runtime.hal.base import JointControl, RobotInfo
+from spot_runtime.hal.bosdyn import BosdynHal
+from spot_runtime.hal.errors import HalError, LeaseHeldError, MotionError
+from spot_runtime.hal.estop import OwnEstop
+from spot_runtime.log.records import EventRecord
+from spot_runtime.log.sink import MemorySink
+from spot_runtime.run import RunRequest, run
+from spot_runtime.signals import OperatorInterrupt, StopSignals
+from spot_runtime.sources.keyboard import QUIT, TerminalKeys
+from spot_runtime.sources.scripted import ScriptedSource
+from spot_runtime.stops import StopReason
+from spot_runtime.summary import RunSummary
+from tests.spot_runtime.conftest import HandMadeRobot
+
+HANDOVER = HandoverConfig(settle_s=0.1, ramp_in_s=0.1, ramp_out_s=0.1, soft_stop_s=0.0, soft_stop_settle_s=0.0)
+CONFIG = for_lock_step(RunConfig(handover=HANDOVER))
+
+
+def send(number: signal.Signals) -> None:
+    """To this thread: its handler has run when this returns."""
+    signal.pthread_kill(threading.get_ident(), number)
+
+
+def refuse(words: str) -> Callable[[], None]:
+    def raise_it() -> None:
+        raise MotionError(words)
+
+    return raise_it
+
+
+@dataclass
+class Troubled(HandMadeRobot):
+    """Something happens in one of its calls: the ``n``-th of a name."""
+
+    troubles: dict[tuple[str, int], Callable[[], None]] = field(default_factory=dict)
+    sink: MemorySink = field(default_factory=MemorySink)
+
+    def connect(self) -> RobotInfo:
+        info = super().connect()
+        self._meet("connect")
+        return info
+
+    def stand(self) -> None:
+        super().stand()
+        self._meet("stand")
+
+    def power_off(self) -> None:
+        super().power_off()
+        self._meet("power_off")
+
+    def _meet(self, name: str) -> None:
+        trouble = self.troubles.get((name, self.calls.count(name)))
+        if trouble is not None:
+            trouble()
+
+    def drive(self, policy: Policy, path: Path) -> RunSummary:
+        request = RunRequest("by hand", policy, ScriptedSource(standing_sequence(0.1)), CONFIG, path / "run.mcap")
+        console = Console(io.StringIO())
+        try:
+            return run(request, lambda _: self, lambda *_: self.sink, console)
+        finally:
+            console.close()
+
+    def said(self) -> list[str]:
+        return [event.name for event in self.sink.events]
+
+
+@dataclass
+class Interrupting(MemorySink):
+    """A signal comes just as an event is written: amid the answer to whatever the event is about."""
+
+    at: str = ""
+    number: signal.Signals = signal.SIGTERM
+
+    def event(self, record: EventRecord) -> None:
+        super().event(record)
+        if record.name == self.at:
+            self.at = ""
+            send(self.number)
+
+
+@pytest.mark.parametrize("call", ["connect", "stand"])
+@pytest.mark.parametrize("second", [signal.SIGINT, signal.SIGHUP, signal.SIGQUIT])
+def test_of_two_signals_neither_keeps_the_power_on(
+    zero_policy: Policy, tmp_path: Path, call: str, second: signal.Signals
+) -> None:
+    is_estop = second is signal.SIGQUIT
+    sink = Interrupting(at="stop", number=second)
+    robot = Troubled(troubles={(call, 1): lambda: send(signal.SIGTERM)}, sink=sink)
+    assert robot.drive(zero_policy, tmp_path).outcome == ("operator_estop" if is_estop else "operator_stop")
+    assert ("estop" in robot.calls) is is_estop
+    assert robot.calls[-2:] == ["power_off", "close"]
+
+
+def test_a_signal_amid_the_answer_to_an_error_still_powers_off(zero_policy: Policy, tmp_path: Path) -> None:
+    robot = Troubled(troubles={("stand", 1): refuse("no")}, sink=Interrupting(at="connection_failed"))
+    assert robot.drive(zero_policy, tmp_path).outcome == "operator_stop"
+    assert robot.calls[-2:] == ["power_off", "close"]
+
+
+def test_an_estop_pressed_while_nothing_waits_is_not_forgotten() -> None:
+    with StopSignals() as signals:
+        send(signal.SIGQUIT)
+        send(signal.SIGTERM)
+        with pytest.raises(OperatorInterrupt) as caught:
+            signals.interrupt_waits(only_estop=True)
+        assert caught.value.stop.reason is StopReason.OPERATOR_ESTOP
+        assert signals.take() is None
+
+
+def test_no_later_signal_displaces_an_estop() -> None:
+    with StopSignals() as signals:
+        send(signal.SIGQUIT)
+        send(signal.SIGTERM)
+        stop = signals.take()
+    assert stop is not None
+    assert stop.reason is StopReason.OPERATOR_ESTOP
+
+
+def test_a_stand_that_fails_at_the_end_is_no_reason_to_leave_the_power_on(zero_policy: Policy, tmp_path: Path) -> None:
+    robot = Troubled(troubles={("stand", 2): refuse("the robot did not stand within 10 s")})
+    summary = robot.drive(zero_policy, tmp_path)
+    assert (summary.outcome, summary.exit_code) == ("completed", 0)
+    assert robot.calls[-2:] == ["power_off", "close"]
+    assert robot.said()[-2:] == ["stand_failed", "power_off"]
+
+
+@pytest.mark.parametrize(
+    ("troubles", "outcome", "exit_code"),
+    [
+        ({}, "power_off_failed", 89),
+        ({("stand", 1): lambda: send(signal.SIGTERM)}, "power_off_failed", 89),
+        ({("connect", 1): refuse("the robot reports a fault")}, "motion_failed", 89),
+        ({("connect", 1): lambda: send(signal.SIGQUIT)}, "operator_estop", 12),
+    ],
+)
+def test_a_robot_that_may_have_power_is_told_of_whatever_ended_the_run(
+    zero_policy: Policy,
+    tmp_path: Path,
+    troubles: dict[tuple[str, int], Callable[[], None]],
+    outcome: str,
+    exit_code: int,
+) -> None:
+    robot = Troubled(troubles={**troubles, ("power_off", 1): refuse("the robot did not power off within 20 s")})
+    summary = robot.drive(zero_policy, tmp_path)
+    assert (summary.outcome, summary.exit_code) == (outcome, exit_code)
+    assert "did not power off within 20 s; see to the robot" in summary.sentence
+    assert "power_off_failed" in robot.said()
+
+
+# The e-stop ----------------------------------------------------------------------------------------------------------
+
+
+class SlowEndpoint:
+    """Takes its time for a check-in; a press meanwhile would be answered wrongly by the robot."""
+
+    def __init__(self) -> None:
+        self.calls: list[str] = []
+        self.has_begun, self.may_end = threading.Event(), threading.Event()
+        self._challenge = threading.Lock()
+
+    def allow(self, timeout: float) -> None:
+        with self._once():
+            self.calls.append("allow")
+            self.has_begun.set()
+            assert self.may_end.wait(30.0)
+
+    def settle_then_cut(self, timeout: float) -> None:
+        with self._once():
+            self.calls.append("press")
+
+    def _once(self) -> threading.Lock:
+        if self._challenge.locked():
+            raise HalError("two check-ins answer one challenge")
+        return self._challenge
+
+
+def test_a_press_waits_for_the_check_in_under_way_and_no_other_follows() -> None:
+    endpoint = SlowEndpoint()
+    own = OwnEstop.__new__(OwnEstop)
+    own._lock, own._is_pressed, own._rpc_timeout_s, own._endpoint = threading.Lock(), False, 3.0, endpoint
+    checking, pressing = threading.Thread(target=own.check_in), threading.Thread(target=own.press)
+    checking.start()
+    assert endpoint.has_begun.wait(30.0)
+    pressing.start()
+    while not own._is_pressed and pressing.is_alive():
+        time.sleep(0.001)
+    endpoint.may_end.set()
+    for thread in (checking, pressing):
+        thread.join(30.0)
+    own.check_in()
+    assert endpoint.calls == ["allow", "press"]
+
+
+# What the adapter keeps ----------------------------------------------------------------------------------------------
+
+
+@dataclass
+class Sent:
+    """A command stream that only remembers keys."""
+
+    keys: list[int] = field(default_factory=list)
+
+    def put(self, key: int, wire: bytes) -> None:
+        self.keys.append(key)
+
+    def stop(self) -> None: ...
+
+
+@pytest.fixture
+def hal(monkeypatch: pytest.MonkeyPatch) -> BosdynHal:
+    hal = BosdynHal(parse_address("127.0.0.1:1"), RunConfig(), MemorySink())
+    monkeypatch.setattr(hal, "_commands", Sent())
+    return hal
+
+
+def test_where_the_stand_does_not_take_the_joints_back_damping_still_goes_out(
+    hal: BosdynHal, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(hal, "_joint_control", JointControl.LEAVING)
+    hal._leave()  # there is no connection
+    assert [stop.reason for stop in hal.problems()] == [StopReason.HAND_BACK_FAILED]
+    zeros = np.zeros(12)
+    hal.send(JointCommand(7, zeros, zeros, zeros, Gains(zeros, zeros), 1))
+    sent: Any = hal._commands
+    assert sent.keys == [7]
+
+
+def test_a_robot_whose_lease_was_lost_is_not_said_to_be_powered_off(
+    hal: BosdynHal, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hal.power_off()  # there never was a lease, and nothing to power off
+    monkeypatch.setattr(hal._session, "_lease", SimpleNamespace(lease_proto=object()))
+    with pytest.raises(LeaseHeldError, match="answerable for the robot, which may have power"):
+        hal.power_off()
+    assert hal.joint_control is JointControl.OFF
+
+
+# A terminal that goes away -------------------------------------------------------------------------------------------
+
+
+def test_a_terminal_that_is_gone_asks_to_stop_and_leaves_without_a_word(monkeypatch: pytest.MonkeyPatch) -> None:
+    ours, theirs = os.openpty()
+    with os.fdopen(theirs, "rb", buffering=0) as terminal:
+        monkeypatch.setattr(sys, "stdin", terminal)
+        keys = TerminalKeys()
+        os.write(ours, b"w")
+        while not (pressed := keys.read()):
+            time.sleep(0.001)
+        assert pressed == "w"
+        os.close(ours)
+        assert keys.read() == QUIT
+        keys.close()
+        keys.close()
