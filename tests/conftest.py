@@ -1,8 +1,13 @@
-"""The order of the test files: those that take long begin first, so that no worker is left with one at the end."""
+"""For all tests: no deadlines, for computers are busy, and long files first, so that none is left at the end."""
 
 from __future__ import annotations
 
 import pytest
+from hypothesis import HealthCheck, settings
+
+# Hypothesis allows an example 200 ms by default; the same examples in every run, so that a failure can be had again.
+settings.register_profile("any_computer", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("any_computer")
 
 LONG = (
     "spot_runtime/faults/test_matrix.py",

@@ -58,6 +58,8 @@ class Row:
     """Also tried in real time."""
     is_long: bool = False
     """Takes long; left out where rows are tried quickly."""
+    is_host_time: bool = False
+    """Its reaction is timed by the host's clock, and so says as much of the host's other work."""
     is_alone: bool = False
     """Has a robot of its own, for it leaves one that nobody can use before a person has been there."""
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -59,7 +61,10 @@ def robot(kept: Kept) -> Rig:
     return kept.rig()
 
 
-SHARED = [row for row in command.ROWS if not row.is_long and not row.is_alone]
+ROWS = [replace(row, bound_ms=math.inf) if row.is_host_time else row for row in command.ROWS]
+"""What the host's clock says is judged in the benchmark alone: a test may have a busy computer."""
+
+SHARED = [row for row in ROWS if not row.is_long and not row.is_alone]
 
 
 @pytest.mark.parametrize("row", SHARED, ids=lambda row: row.fault)
@@ -71,7 +76,7 @@ def test_row(kept: Kept, row: Row) -> None:
     assert result.ok, result.to_json()
 
 
-@pytest.mark.parametrize("row", [row for row in command.ROWS if row.is_alone], ids=lambda row: row.fault)
+@pytest.mark.parametrize("row", [row for row in ROWS if row.is_alone], ids=lambda row: row.fault)
 def test_row_that_leaves_the_robot_to_nobody_else(row: Row, tmp_path: Path) -> None:
     with rig(tmp_path, WALK, scenario=brisk(tmp_path)) as robot:
         result = try_row(robot, row)
