@@ -254,7 +254,7 @@ ROWS = (
     Row(
         "frozen, commands lost and lease stolen",
         100.0,
-        together(FROZEN, DROPS, STOLEN, outcomes=("lease_lost",), at_s=0.8),
+        together(FROZEN, DROPS, STOLEN, outcomes=("lease_lost", "state_frozen"), at_s=0.8),
     ),
     Row(
         "NaN, behaviour fault and low battery",

@@ -91,7 +91,9 @@ class StandingRobot:
 
 @pytest.fixture(scope="module")
 def spot(fake_spot_state_folder: Path) -> Iterator[FakeSpot]:
-    with running_fake_spot(lock_step=True, state_folder=fake_spot_state_folder) as spot:
+    # Nothing keeps the lease alive here, and a busy computer is slow.
+    scenario = {"services": {"lease_timeout_s": 3600.0}}
+    with running_fake_spot(scenario=scenario, lock_step=True, state_folder=fake_spot_state_folder) as spot:
         yield spot
 
 
