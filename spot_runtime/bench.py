@@ -119,11 +119,19 @@ def _run(address: FakeAddress, config: Path, seconds: float, policy: Path, seque
     return result
 
 
+_BURN: Final = """
+import os, sys
+while os.getppid() == int(sys.argv[1]):
+    for _ in range(1_000_000):
+        pass
+"""
+
+
 class _Burner:
-    """A process that computes without end, while it is entered."""
+    """A process that computes without end, while it is entered; it ends with ours, whatever happens."""
 
     def __enter__(self) -> None:
-        self._process = subprocess.Popen([sys.executable, "-c", "while True: pass"])
+        self._process = subprocess.Popen([sys.executable, "-c", _BURN, str(os.getpid())])  # noqa: S603 - our own words
 
     def __exit__(self, *_: object) -> None:
         self._process.kill()

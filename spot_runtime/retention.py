@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Annotated
 import typer
 
 from spot_model.errors import BadInputError
+from spot_runtime.log.recover import ASIDE_SUFFIX
 
 GB = 1e9
 SUFFIX = ".mcap"
@@ -19,7 +21,7 @@ KEEP_SUFFIX = ".keep"
 
 @dataclass(frozen=True)
 class LogFile:
-    """A closed log."""
+    """A closed log, with the damaged file that it was recovered from, if that was kept."""
 
     path: Path
     size_bytes: int
@@ -41,6 +43,7 @@ def prune_logs(
     for log in surplus:
         if not dry_run:
             log.path.unlink(missing_ok=True)
+            _damaged(log.path).unlink(missing_ok=True)
         typer.echo(f"{'would delete' if dry_run else 'deleted'} {log.path} ({log.size_bytes / GB:.3f} GB)")
     gone_bytes = sum(log.size_bytes for log in surplus)
     left_gb = (sum(log.size_bytes for log in logs) - gone_bytes) / GB
@@ -53,9 +56,16 @@ def closed_logs(folder: Path) -> list[LogFile]:
     for path in folder.glob(f"*{SUFFIX}"):
         if path.is_symlink() or not path.is_file() or path.with_name(path.name + KEEP_SUFFIX).exists():
             continue
-        status = path.stat()
-        found.append(LogFile(path, status.st_size, status.st_mtime_ns))
+        with contextlib.suppress(FileNotFoundError):  # somebody else has deleted it just now
+            status = path.stat()
+            damaged_bytes = sum(p.stat().st_size for p in [_damaged(path)] if p.is_file())
+            found.append(LogFile(path, status.st_size + damaged_bytes, status.st_mtime_ns))
     return sorted(found, key=lambda log: (log.changed_ns, log.path.name))
+
+
+def _damaged(path: Path) -> Path:
+    """What a log was recovered from, where that was kept beside it."""
+    return path.with_name(path.name + ASIDE_SUFFIX)
 
 
 def to_delete(logs: list[LogFile], *, quota_bytes: float, missing_bytes: float) -> list[LogFile]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import fcntl
 import os
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -16,6 +18,9 @@ from spot_runtime.log.mcap_scan import RawMessage, Scan, scan_mcap
 from spot_runtime.log.reader import RECOVERED, header_of, read_log_file, read_run
 from spot_runtime.log.run_writer import ACTIVE_SUFFIX, HEADER_ATTACHMENT, active_path, check_can_start
 from spot_runtime.log.topics import ALL_TOPICS, FOOTER, HEADER, OWN_TOPICS
+
+ASIDE_SUFFIX: Final = ".damaged"
+"""Of a leftover while it is recovered, and afterwards where it is damaged inside."""
 
 MAX_STAMP_NS: Final = (1 << 63) - 1
 _CHANNELS = {topic.name: topic.channel_id for topic in ALL_TOPICS}
@@ -66,29 +71,54 @@ def recover_leftovers(directory: Path) -> list[Recovery]:
     """Recover every log in ``directory`` that a crash has left ``.active``; one that is being written is left alone.
 
     A leftover that was only cut is removed after its recovery; one that is damaged inside is kept as ``.damaged``.
-    A leftover that holds nothing to recover keeps its name.
+    A leftover that holds nothing to recover keeps its name. A recovery that was killed is done again.
 
     Raises:
         OSError: The directory cannot be read, or a result cannot be written.
     """
-    recovered = []
-    for leftover in sorted(directory.glob(f"*{ACTIVE_SUFFIX}")):
-        result = _free_name(leftover.with_name(leftover.name.removesuffix(ACTIVE_SUFFIX)))
-        aside = leftover.with_name(leftover.name.removesuffix(ACTIVE_SUFFIX) + ".damaged")
-        # A pipe of that name would be waited for without end.
-        if not leftover.is_file() or _is_locked(leftover) or aside.exists():
-            continue
+    for aside in sorted(directory.glob(f"*{ASIDE_SUFFIX}")):
+        _take_back(aside)
+    found = [_recover_leftover(leftover) for leftover in sorted(directory.glob(f"*{ACTIVE_SUFFIX}"))]
+    return [recovery for recovery in found if recovery is not None]
+
+
+def _recover_leftover(leftover: Path) -> Recovery | None:
+    log = leftover.with_name(leftover.name.removesuffix(ACTIVE_SUFFIX))
+    aside = log.with_name(log.name + ASIDE_SUFFIX)
+    # A pipe of that name would be waited for without end.
+    if not leftover.is_file() or aside.exists():
+        return None
+    with _held(leftover) as is_ours:
+        if not is_ours:
+            return None
+        if log.exists() and log.samefile(leftover):
+            leftover.unlink()  # whole: whoever closed it died before it took the old name away
+            return None
+        result = _free_name(log)
         # The name in the making is the leftover's own, so move that away first.
         leftover.rename(aside)
         try:
             recovery = recover_log(aside, result)
         except (LogReadError, LogError, OSError):
             aside.rename(leftover)
-            continue
+            return None
+        except BaseException:  # whoever interrupts it finds the leftover where it was
+            aside.rename(leftover)
+            raise
         if len(recovery.damage) <= 1:
             aside.unlink()
-        recovered.append(recovery)
-    return recovered
+        return recovery
+
+
+def _take_back(aside: Path) -> None:
+    """Give a leftover its name back whose recovery was killed; a result that was begun holds nothing else."""
+    log = aside.with_name(aside.name.removesuffix(ASIDE_SUFFIX))
+    begun = active_path(log)
+    if log.exists() or not aside.is_file():
+        return
+    with _held(aside) as is_ours:
+        if is_ours and not (begun.exists() and _is_locked(begun)):
+            aside.replace(begun)
 
 
 def _free_name(path: Path) -> Path:
@@ -98,15 +128,25 @@ def _free_name(path: Path) -> Path:
     return name
 
 
-def _is_locked(path: Path) -> bool:
+@contextmanager
+def _held(path: Path) -> Iterator[bool]:
+    """Hold a file's lock for a while; False where somebody else has it: its writer, or another recovery."""
     fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     try:
-        fcntl.flock(fd, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
-        return True
+        is_ours = False
+    else:
+        is_ours = True
+    try:
+        yield is_ours
     finally:
         os.close(fd)
-    return False
+
+
+def _is_locked(path: Path) -> bool:
+    with _held(path) as is_ours:
+        return not is_ours
 
 
 def _damage(scan: Scan) -> tuple[str, ...]:

@@ -75,8 +75,11 @@ class HeldNote:
             os.pwrite(held._descriptor, data, 0)
             os.fsync(held._descriptor)
         except OSError as error:
-            held.let_go()
-            raise LeaseNoteError(f"the note {path} of the lease cannot be written: {error.strerror}") from error
+            held.remove()  # half a note would look like a robot that was left with power
+            raise LeaseNoteError(
+                f"the note {path} of the lease, by which a crash is made good, cannot be written: {error.strerror}; "
+                "make room, or see to the folder"
+            ) from error
         return held
 
     @staticmethod

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import grpc
 from grpc_health.v1 import health, health_pb2, health_pb2_grpc
-from grpc_reflection.v1alpha import reflection
+from grpc_reflection.v1alpha import reflection, reflection_pb2_grpc
 
 from spot_protos import operator_pb2, operator_pb2_grpc
 from spot_runtime.config import RunConfig
@@ -21,6 +22,7 @@ from spot_runtime.operator.listening import (
     is_unix,
     server_credentials,
 )
+from spot_runtime.operator.refusal import Refusal
 from spot_runtime.operator.rules import MAX_MESSAGE_BYTES
 from spot_runtime.operator.service import OperatorService
 from spot_runtime.operator.supervisor import Supervisor
@@ -65,7 +67,7 @@ class OperatorServer:
         operator_pb2_grpc.add_OperatorServicer_to_server(self._service, self._server)  # type: ignore[no-untyped-call]
         self._health = health.HealthServicer()
         health_pb2_grpc.add_HealthServicer_to_server(self._health, self._server)
-        reflection.enable_server_reflection((SERVICE_NAME, health.SERVICE_NAME, reflection.SERVICE_NAME), self._server)
+        reflection_pb2_grpc.add_ServerReflectionServicer_to_server(_Reflection(gate), self._server)  # type: ignore[no-untyped-call]
         try:
             self.address = self._bind(wanted, credentials)
         except BaseException:
@@ -98,6 +100,24 @@ class OperatorServer:
     def _close_socket(self) -> None:
         if self._socket is not None:
             self._socket.close()
+
+
+class _Reflection(reflection.ReflectionServicer):  # type: ignore[misc,unused-ignore]
+    """One of the open streams: it holds a thread of the service as long as its client likes."""
+
+    def __init__(self, gate: Gate) -> None:
+        super().__init__((SERVICE_NAME, health.SERVICE_NAME, reflection.SERVICE_NAME))
+        self._gate = gate
+
+    def ServerReflectionInfo(self, request_iterator: Any, context: Any) -> Iterator[Any]:  # noqa: N802
+        try:
+            self._gate.open_stream("ServerReflectionInfo")
+        except Refusal as refusal:
+            context.abort(refusal.code, refusal.text)
+        try:
+            yield from super().ServerReflectionInfo(request_iterator, context)
+        finally:
+            self._gate.close_stream()
 
 
 def _path_of(address: str) -> Path:

@@ -222,6 +222,7 @@ def test_the_oldest_closed_logs_go_first(tmp_path: Path) -> None:
         ("new.mcap", "middle.mcap", "old.mcap", "kept.mcap", "running.mcap.active", "page.html")
     ):
         log(tmp_path, name, 1000, age_s)
+    log(tmp_path, "old.mcap.damaged", 1000, 0)
     (tmp_path / "kept.mcap.keep").touch()
     (tmp_path / "link.mcap").symlink_to(tmp_path / "page.html")
     assert [entry.path.name for entry in closed_logs(tmp_path)] == ["old.mcap", "middle.mcap", "new.mcap"]

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import fcntl
+import os
 import shutil
 
 import numpy as np
 import pytest
 
-from spot_runtime.log import read_run, recover_leftovers, recover_log
+from spot_runtime.log import read_run, recover, recover_leftovers, recover_log
 from spot_runtime.log.errors import LogExistsError, LogReadError, MissingHeaderError, NotAnMcapError
 from spot_runtime.log.mcap_scan import scan_mcap
 from spot_runtime.log.run_writer import RunWriter, active_path
@@ -213,6 +215,47 @@ def test_a_leftover_whose_name_is_taken_gets_another(synthetic_log, log_bytes, t
     [recovery] = recover_leftovers(tmp_path)
     assert recovery.result.name == "run.recovered-1.mcap"
     assert (tmp_path / "run.mcap").read_bytes() == log_bytes
+
+
+def test_a_recovery_that_is_interrupted_leaves_everything_as_it_was(log_bytes, tmp_path, monkeypatch):
+    leftover = tmp_path / "run.mcap.active"
+    leftover.write_bytes(log_bytes[:-500])
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(recover, "_verify", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            recover_leftovers(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["run.mcap.active"]
+    assert len(recover_leftovers(tmp_path)) == 1
+
+
+@pytest.mark.parametrize("begun", [None, 3000])
+def test_a_recovery_that_was_killed_is_done_again(log_bytes, tmp_path, begun):
+    (tmp_path / "run.mcap.damaged").write_bytes(log_bytes[:-500])
+    if begun is not None:
+        (tmp_path / "run.mcap.active").write_bytes(log_bytes[:begun])
+    [recovery] = recover_leftovers(tmp_path)
+    assert recovery.kept["state"] > 600
+    assert [path.name for path in tmp_path.iterdir()] == ["run.mcap"]
+
+
+def test_a_log_under_both_of_its_names_is_no_leftover(synthetic_log, log_bytes, tmp_path):
+    os.link(synthetic_log, active_path(synthetic_log))
+    assert recover_leftovers(synthetic_log.parent) == []
+    assert synthetic_log.read_bytes() == log_bytes
+    assert not active_path(synthetic_log).exists()
+
+
+def test_a_leftover_that_somebody_recovers_is_left_to_them(log_bytes, tmp_path):
+    aside = tmp_path / "run.mcap.damaged"
+    aside.write_bytes(log_bytes)
+    with aside.open("rb") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        assert recover_leftovers(tmp_path) == []
+    assert [path.name for path in tmp_path.iterdir()] == ["run.mcap.damaged"]
 
 
 def test_random_bytes_are_refused_in_words(tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import subprocess
@@ -294,6 +295,16 @@ def test_a_damaged_note_and_a_folder_in_the_way(robot: Robot) -> None:
         robot.mend()
     with pytest.raises(LeaseNoteError, match="cannot be opened"):
         HeldNote.write(robot.note / "below", LeaseNote("a", "body", "e", 1, ""))
+
+
+def test_a_note_that_does_not_fit_on_the_disk_is_no_note(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(descriptor: int) -> None:
+        raise OSError(errno.EDQUOT, os.strerror(errno.EDQUOT))
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(LeaseNoteError, match=r"cannot be written: Disk quota exceeded; make room"):
+        HeldNote.write(robot.note, LeaseNote("a", "body", "e", 1, ""))
+    assert HeldNote.find(robot.note) is None
 
 
 def test_the_command_by_its_own_name(robot: Robot) -> None:

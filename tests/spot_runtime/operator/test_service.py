@@ -142,6 +142,35 @@ def test_streams_are_counted_and_given_back(idle: OperatorClient) -> None:
         time.sleep(0.05)
 
 
+def test_whoever_holds_reflection_open_keeps_nobody_else_out(idle: OperatorClient) -> None:
+    is_over = threading.Event()
+
+    def requests() -> Iterator[reflection_pb2.ServerReflectionRequest]:
+        yield reflection_pb2.ServerReflectionRequest(list_services="")
+        is_over.wait()
+
+    with grpc.insecure_channel(idle.address) as channel:
+        reflection = reflection_pb2_grpc.ServerReflectionStub(channel)
+        calls = [reflection.ServerReflectionInfo(requests()) for _ in range(24)]
+        refused = [refusal_of(call) for call in calls]
+        assert refused.count("") == 8
+        assert sum("ServerReflectionInfo: 8 streams are open already" in words for words in refused) == 16
+        assert idle.call("GetStatus", operator_pb2.GetStatusRequest()).state == "idle"
+        for call in calls:
+            call.cancel()
+        is_over.set()
+    while len(list(take_one(idle))) == 0:
+        time.sleep(0.05)
+
+
+def refusal_of(call: grpc.Call) -> str:
+    try:
+        next(call)
+    except grpc.RpcError as error:
+        return str(error.details())
+    return ""
+
+
 def take_one(client: OperatorClient) -> Iterator[operator_pb2.Status]:
     with contextlib.suppress(RefusedError):
         yield next(client.stream("WatchStatus", operator_pb2.WatchStatusRequest()))
