@@ -22,6 +22,7 @@ class EventName(Enum):
     STATES_MISSED = (Severity.WARNING, "states did not arrive")
     COMMANDS_LOST = (Severity.WARNING, "the link loses commands")
     TICKS_SKIPPED = (Severity.WARNING, "policy ticks were lost")
+    CLOCK_UNSYNCED = (Severity.WARNING, "the robot does not answer time syncs; its clock is extrapolated")
     LOG_PROBLEM = (Severity.WARNING, "the log lost something")
     FAULT = (Severity.WARNING, "the robot reports a fault that does not end the run")
     STOP = (Severity.ERROR, "the run ends before its time; the text says why")

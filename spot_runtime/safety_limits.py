@@ -50,6 +50,9 @@ class SafetyLimits(BaseModel):
     clock_jump_s: float = Field(
         default=0.050, gt=0.0, le=5.0, description="A round trip this far from the estimate means a clock that was set."
     )
+    clock_unsynced_warn_s: float = Field(
+        default=10.0, gt=0.0, le=600.0, description="A time sync that is late by more than this is told of once."
+    )
     battery_percent: float = Field(default=8.0, ge=0.0, le=100.0, description="Below this the run ends.")
     motor_temperature_c: float = Field(default=75.0, gt=0.0, le=150.0, description="Above this the run ends.")
     slow_state_age_s: float = Field(default=3.0, gt=0.0, le=60.0, description="Without a poll for this long: stop.")

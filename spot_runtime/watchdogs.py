@@ -85,6 +85,7 @@ class Watchdogs:
             stops += [] if stop is None else [stop]
         if robot_ns >= self._next_log_check_ns:
             self._next_log_check_ns = robot_ns + LOG_CHECK_PERIOD_NS
+            self._look_at_clock()
             health = self._recorder.health()
             is_recording = health.is_alive and not any(health.unwritten.values())
             if not is_recording and self._config.log.stop_on_failure:
@@ -113,6 +114,14 @@ class Watchdogs:
         if stop is None and mode.runs_policy:
             stop = safety.check_echo(self._states, control_since_ns, self._limits)
         return [] if stop is None else [stop]
+
+    def _look_at_clock(self) -> None:
+        late_s = self._hal.clock_age_s - self._config.robot.time_sync_period_s
+        bound_s = self._limits.clock_unsynced_warn_s
+        if late_s > bound_s:
+            values = {"late_s": late_s, "bound_s": bound_s}
+            text = f"no time sync has succeeded for {self._hal.clock_age_s:.1f} s; check the link"
+            self._recorder.once(EventName.CLOCK_UNSYNCED, text, values)
 
     def _waited_too_long(self, mode: Mode, robot_ns: int, mode_since_ns: int) -> list[Stop]:
         answer = _ANSWERS.get(mode)

@@ -96,6 +96,10 @@ class Hal(Protocol):
     def slow_state(self) -> SlowState | None:
         """The newest poll of battery, temperatures and faults."""
 
+    @property
+    def clock_age_s(self) -> float:
+        """Seconds since the clocks were last compared; what passed since then is extrapolated."""
+
     def problems(self) -> Sequence[Stop]:
         """What went wrong beside the streams since the last call: lease, e-stop, polls, a stream that ended."""
 

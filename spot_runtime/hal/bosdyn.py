@@ -49,6 +49,7 @@ class BosdynHal:
         self._jobs = Jobs(self._job_failed)
         self._problems: deque[Stop] = deque(maxlen=100)
         self._slow: SlowState | None = None
+        self._synced_ns = 0
         self._states: States | None = None
         self._commands: CommandStream | None = None
         self._command_channel: Any = None
@@ -63,6 +64,7 @@ class BosdynHal:
         session, robot = self._session, self._config.robot
         robot_id = session.log_in()
         session.sync_clocks()
+        self._synced_ns = self.host_now_ns()
         self._slow = session.check_faults(self._config.safety.battery_percent)
         # The lease first: whose robot it is not must not replace an e-stop.
         session.acquire_lease()
@@ -152,6 +154,11 @@ class BosdynHal:
     def slow_state(self) -> SlowState | None:
         """See the protocol."""
         return self._slow
+
+    @property
+    def clock_age_s(self) -> float:
+        """See the protocol."""
+        return (self.host_now_ns() - self._synced_ns) / NS_PER_S
 
     def problems(self) -> Sequence[Stop]:
         """See the protocol."""
@@ -289,6 +296,7 @@ class BosdynHal:
 
     def _sync_clocks(self) -> None:
         off_s = self._pace.sync(self._session.sync_once) / NS_PER_S
+        self._synced_ns = self.host_now_ns()
         bound_s = self._config.safety.clock_jump_s
         if abs(off_s) > bound_s:
             self._problems.append(Stop(StopReason.CLOCK_JUMPED, "", {"off_s": off_s, "bound_s": bound_s}))

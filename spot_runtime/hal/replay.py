@@ -117,6 +117,11 @@ class ReplayHal:
         past = [slow for slow in self._slow_states if slow.host_stamp_ns <= self.host_now_ns()]
         return past[-1] if past else None
 
+    @property
+    def clock_age_s(self) -> float:
+        """The recording has one clock."""
+        return 0.0
+
     def problems(self) -> Sequence[Stop]:
         """The end of the recording, once."""
         if self._played < len(self._states) or self._has_told_end:

@@ -46,6 +46,8 @@ from spot_runtime.safety import CRITICAL
 
 SYNC_ROUND_TRIPS: Final = 12
 SYNC_ATTEMPTS: Final = 40
+LATER_SYNC_TIMEOUT_S: Final = 1.0
+"""A slower answer is worth nothing, and the lease and the polls wait for it."""
 
 SERVICES: Final = (
     AuthClient,
@@ -133,6 +135,7 @@ class Session:
         for attempt in range(SYNC_ATTEMPTS):
             self.sync_once()
             if attempt + 1 >= SYNC_ROUND_TRIPS and self._time_sync.is_established:
+                self._time_sync.timeout_s = min(LATER_SYNC_TIMEOUT_S, self._config.rpc_timeout_s)
                 return
         raise ClockError(f"time sync was not established in {SYNC_ATTEMPTS} round trips ({self._time_sync.status})")
 

@@ -24,7 +24,7 @@ class TimeSync:
         """Use an SDK client of the service."""
         self._client = client
         self._clock = clock
-        self._timeout_s = timeout_s
+        self.timeout_s = timeout_s
         self._previous: Any = None
         self._identifier = ""
         self.status = "no answer yet"
@@ -33,7 +33,7 @@ class TimeSync:
     def round_trip(self) -> ClockSample:
         """Ask once. Raises the SDK's errors."""
         host_from_unix_ns = self._clock.now_ns() - time.time_ns()
-        response = self._client.get_time_sync_update(self._previous, self._identifier, timeout=self._timeout_s)
+        response = self._client.get_time_sync_update(self._previous, self._identifier, timeout=self.timeout_s)
         received_unix_ns = time.time_ns()
         header = response.header
         trip = time_sync_pb2.TimeSyncRoundTrip()

@@ -65,6 +65,7 @@ class HandMadeRobot:
     waiting: deque[Stop] = field(default_factory=deque)
     control: JointControl = JointControl.OFF
     slow_lag_ns: int = 0
+    clock_age_s: float = 0.0
 
     def connect(self) -> RobotInfo:
         self.calls.append("connect")

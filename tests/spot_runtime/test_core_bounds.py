@@ -60,6 +60,7 @@ RANGES = {
     "command_loss_share": (0.15, None, 1.0),
     "skipped_ticks": (10, 1, 1000),
     "clock_jump_s": (0.050, None, 5.0),
+    "clock_unsynced_warn_s": (10.0, None, 600.0),
     "battery_percent": (8.0, 0.0, 100.0),
     "motor_temperature_c": (75.0, None, 150.0),
     "slow_state_age_s": (3.0, None, 60.0),

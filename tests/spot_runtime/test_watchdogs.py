@@ -53,6 +53,16 @@ def look(dogs: Watchdogs, mode: Mode = Mode.ACTIVE, now_ns: int = START_NS, **si
     return dogs.look(mode, now_ns, **times)
 
 
+def test_a_time_sync_that_fails_for_long_is_told_of_once(dogs: Watchdogs, sink: SickSink, robot: Any) -> None:
+    late_s = CONFIG.robot.time_sync_period_s + CONFIG.safety.clock_unsynced_warn_s
+    for n, clock_age_s in enumerate((0.0, late_s, late_s + 0.5, late_s + 9.0)):
+        robot.clock_age_s = clock_age_s
+        assert look(dogs, now_ns=START_NS + n * S) == []
+    (event,) = sink.events
+    assert (event.name, event.values) == ("clock_unsynced", {"late_s": 10.5, "bound_s": 10.0})
+    assert event.text == "no time sync has succeeded for 12.5 s; check the link"
+
+
 def test_states_are_screened_one_after_the_other(dogs: Watchdogs, sink: SickSink, make_state: MakeState) -> None:
     first, second = make_state(START_NS), make_state(START_NS + 3 * MS)
     broken = make_state(START_NS + 6 * MS, load_nm=np.full(12, np.nan))
