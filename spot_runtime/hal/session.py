@@ -30,6 +30,7 @@ from bosdyn.client.time_sync import TimeSyncClient
 
 from spot_model.bounded_file import FileTooLargeError, read_at_most
 from spot_model.errors import BadInputError
+from spot_model.facts import N_JOINTS
 from spot_model.state import SlowState
 from spot_runtime.clock import HostClock, RobotClockEstimate
 from spot_runtime.config import RobotConfig
@@ -64,6 +65,9 @@ SERVICES: Final = (
     TimeSyncClient,
 )
 """The vendor's services that a run uses."""
+
+ARM_PREFIX: Final = "arm"
+"""Of the names of an arm's joints: arm0.sh0, arm0.sh1, ..."""
 
 MAX_PEM_BYTES: Final = 1024 * 1024
 
@@ -146,8 +150,15 @@ class Session:
         return self._estimate.add(self.calls.make("syncing clocks", self._time_sync.round_trip))
 
     def check_faults(self, battery_percent: float) -> SlowState:
-        """Refuse a robot that must not move, or has less charge than this. Returns its slow state."""
-        slow = self.poll()
+        """Refuse a robot that must not move, has an arm, or less charge than this. Returns its slow state."""
+        state = self._state()
+        arm = [joint.name for joint in state.kinematic_state.joint_states if joint.name.startswith(ARM_PREFIX)]
+        if arm:
+            raise HalError(
+                f"the robot has an arm ({len(arm)} joints, {arm[0]} to {arm[-1]}): it wants set-points for all joints, "
+                f"and policies here drive the {N_JOINTS} of the legs; take the arm off, or use a robot without one"
+            )
+        slow = slow_state_from_message(state, self._host_now_ns())
         critical = [fault.removeprefix(CRITICAL) for fault in slow.system_faults if fault.startswith(CRITICAL)]
         if critical:
             raise FaultError(f"the robot reports a system fault: {', '.join(critical)}; see the robot's own page")

@@ -17,11 +17,15 @@ from bosdyn.client.lease import ResourceAlreadyClaimedError
 
 from spot_model import facts
 from spot_model.state import Gains, JointCommand
+from spot_runtime.clock import HostClock, RobotClockEstimate
+from spot_runtime.config import RobotConfig
+from spot_runtime.hal.address import parse_address
 from spot_runtime.hal.command_wire import CommandEncoder
 from spot_runtime.hal.errors import CredentialsError, EstopError, HalError, NoRobotError
 from spot_runtime.hal.estop import needs_own_endpoint
 from spot_runtime.hal.jobs import Jobs
 from spot_runtime.hal.latest_slot import LatestSlot
+from spot_runtime.hal.session import Session
 from spot_runtime.hal.slow_state import slow_state_from_message
 from spot_runtime.hal.vendor_errors import lease_held, translate
 
@@ -169,6 +173,21 @@ def test_the_slow_state_takes_every_value_from_its_place() -> None:
     assert slow.motor_temperature_c == {"fl_kn": 44.0}
     assert slow.system_faults == ("critical: battery (cell)", "camera")
     assert slow.behavior_faults == ("fall (3)",)
+
+
+def test_a_robot_with_an_arm_is_refused_before_anything_moves(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = HostClock()
+    session = Session(parse_address("127.0.0.1:1"), RobotConfig(), clock, RobotClockEstimate(), clock.now_ns)
+    state = robot_state_pb2.RobotState()
+    state.battery_states.add().charge_percentage.value = 80.0
+    for name in ("fl.hx", "hr.kn"):
+        state.kinematic_state.joint_states.add(name=name)
+    monkeypatch.setattr(session, "_state", lambda: state)
+    assert session.check_faults(8.0).battery_charge_percent == 80.0
+    for name in ("arm0.sh0", "arm0.f1x"):
+        state.kinematic_state.joint_states.add(name=name)
+    with pytest.raises(HalError, match=r"an arm \(2 joints, arm0.sh0 to arm0.f1x\).* take the arm off"):
+        session.check_faults(8.0)
 
 
 def test_one_pressed_estop_is_enough() -> None:
