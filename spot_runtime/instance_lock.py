@@ -5,7 +5,6 @@ The lease refuses it robot-wide; this lock says so sooner, and also while the fi
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import os
 import tempfile
@@ -15,6 +14,7 @@ from types import TracebackType
 from typing_extensions import Self
 
 from spot_model.errors import SpotRlError
+from spot_runtime.locked_file import open_locked
 
 
 class AlreadyRunningError(SpotRlError):
@@ -48,20 +48,16 @@ class InstanceLock:
             LockError: It cannot be opened: no such folder, or something of somebody else's is in its place.
         """
         try:
-            descriptor = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
+            descriptor = open_locked(self._path)
+        except BlockingIOError:
+            raise AlreadyRunningError(
+                f"process {self._holder()} already drives {self._robot} from this computer; end it, then start again"
+            ) from None
         except OSError as error:
             raise LockError(
                 f"the lock {self._path}, which keeps a second runtime away, cannot be opened: {error.strerror}; "
                 "set XDG_RUNTIME_DIR to a folder of your own, or remove what is in the way"
             ) from error
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            holder = os.read(descriptor, 20).decode("ascii", errors="replace").strip() or "unknown"
-            os.close(descriptor)
-            raise AlreadyRunningError(
-                f"process {holder} already drives {self._robot} from this computer; end it, then start again"
-            ) from None
         os.ftruncate(descriptor, 0)
         os.pwrite(descriptor, f"{os.getpid()}\n".encode(), 0)
         self._descriptor = descriptor
@@ -70,7 +66,14 @@ class InstanceLock:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Give it back. The file stays: removing it would race with the next holder."""
+        """Give it back, and remove the file."""
         if self._descriptor is not None:
+            self._path.unlink(missing_ok=True)
             os.close(self._descriptor)
             self._descriptor = None
+
+    def _holder(self) -> str:
+        try:
+            return self._path.read_bytes()[:20].decode("ascii", errors="replace").strip() or "unknown"
+        except OSError:
+            return "unknown"

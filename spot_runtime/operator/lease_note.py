@@ -6,7 +6,6 @@ lease the robot can tell whether anybody has had it since. The note is locked wh
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import json
 import os
@@ -16,6 +15,7 @@ from pathlib import Path
 from typing import Final
 
 from spot_model.errors import SpotRlError
+from spot_runtime.locked_file import open_locked
 
 FOLDER_NAME: Final = "spot-rl"
 MAX_BYTES: Final = 65_536
@@ -92,7 +92,10 @@ class HeldNote:
         """
         if not path.exists():
             return None
-        held = HeldNote._open(path, 0)
+        try:
+            held = HeldNote._open(path, 0)
+        except FileNotFoundError:  # its holder has just removed it
+            return None
         try:
             content = json.loads(os.pread(held._descriptor, MAX_BYTES, 0))
             texts = {name: str(content[name]) for name in ("robot", "resource", "epoch", "token")}
@@ -117,14 +120,12 @@ class HeldNote:
     def _open(path: Path, flags: int) -> HeldNote:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            descriptor = os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC | flags, 0o600)
+            return HeldNote(path, open_locked(path, flags))
+        except BlockingIOError:
+            raise NoteHeldError("the process that holds the robot's lease lives; stop that one instead") from None
         except OSError as error:
+            if isinstance(error, FileNotFoundError) and not flags:
+                raise
             raise LeaseNoteError(
                 f"the note {path}, by which a crash is made good, cannot be opened: {error.strerror}; see to the folder"
             ) from error
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            os.close(descriptor)
-            raise NoteHeldError("the process that holds the robot's lease lives; stop that one instead") from None
-        return HeldNote(path, descriptor)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import ipaddress
 import os
 import stat
@@ -16,6 +15,7 @@ import grpc
 
 from spot_model.bounded_file import open_to_read
 from spot_model.errors import BadInputError, SpotRlError
+from spot_runtime.locked_file import open_locked
 
 if TYPE_CHECKING:  # a client has no configuration, and starts without pydantic
     from spot_runtime.service_config import ServiceConfig
@@ -103,20 +103,18 @@ class SocketFile:
         """
         if len(str(path)) > MAX_PATH:
             raise BadInputError(f"socket {path} has a name of {len(str(path))} characters; allowed: {MAX_PATH}")
-        self.path = path
+        self.path, self._lock_path = path, path.with_name(path.name + ".lock")
+        self._has_made_folder = not path.parent.exists()
         try:
             path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
             owner = path.parent.stat()
             if owner.st_uid != os.getuid() or owner.st_mode & 0o002:
                 raise ListenError(f"folder {path.parent} belongs to somebody else or is writable by all; use another")
-            self._descriptor = os.open(f"{path}.lock", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
+            self._descriptor = open_locked(self._lock_path)
+        except BlockingIOError:
+            raise ListenError(f"another service listens on {path}; end it, or name another socket") from None
         except OSError as error:
             raise ListenError(f"socket {path} cannot be made: {error.strerror}; name another") from error
-        try:
-            fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            os.close(self._descriptor)
-            raise ListenError(f"another service listens on {path}; end it, or name another socket") from None
 
     def bind(self, server: grpc.Server) -> None:
         """Let the server listen, so that only this user and group may connect."""
@@ -127,9 +125,13 @@ class SocketFile:
             os.umask(before)
 
     def close(self) -> None:
-        """Remove the socket and free the lock."""
+        """Remove the socket, the lock, and the folder if it was made for them."""
         self.path.unlink(missing_ok=True)
+        self._lock_path.unlink(missing_ok=True)
         os.close(self._descriptor)
+        if self._has_made_folder:
+            with contextlib.suppress(OSError):  # somebody else uses it
+                self.path.parent.rmdir()
 
 
 def _read(path: Path, *, is_secret: bool) -> bytes:

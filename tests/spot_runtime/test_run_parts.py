@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import gc
 import io
 import json
@@ -25,6 +26,7 @@ from spot_runtime.cli import make_source
 from spot_runtime.config import RealTimeConfig, RunConfig, for_lock_step
 from spot_runtime.console import Console
 from spot_runtime.instance_lock import AlreadyRunningError, InstanceLock
+from spot_runtime.locked_file import open_locked
 from spot_runtime.loop_stats import PENDING_MAX, LoopStats
 from spot_runtime.run import log_file_name
 from spot_runtime.samples import Samples
@@ -241,6 +243,25 @@ def test_a_second_holder_is_refused_and_a_later_one_is_not(tmp_path: Path) -> No
             pass
     with InstanceLock("robot-a", tmp_path):
         pass
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_lock_that_its_holder_removes_meanwhile_is_made_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, lock = tmp_path / "lock", fcntl.flock
+    taken: list[int] = []
+
+    def overtaken(descriptor: int, how: int) -> None:
+        if not taken:
+            path.unlink()
+        taken.append(descriptor)
+        lock(descriptor, how)
+
+    monkeypatch.setattr(fcntl, "flock", overtaken)
+    descriptor = open_locked(path)
+    assert len(taken) == 2
+    with pytest.raises(BlockingIOError):
+        open_locked(path)
+    os.close(descriptor)
 
 
 def test_the_lock_of_a_dead_process_is_free(tmp_path: Path) -> None:
@@ -251,6 +272,7 @@ def test_the_lock_of_a_dead_process_is_free(tmp_path: Path) -> None:
     assert subprocess.run([sys.executable, "-c", code]).returncode == -signal.SIGKILL
     with InstanceLock("robot", tmp_path):
         pass
+    assert list(tmp_path.iterdir()) == []
 
 
 # The command line and the documentation ------------------------------------------------------------------------------

@@ -345,6 +345,8 @@ def test_a_second_service_on_one_socket_is_refused(tmp_path: Path) -> None:
         SocketFile(tmp_path / "s.sock")
     first.close()
     SocketFile(tmp_path / "s.sock").close()
+    SocketFile(tmp_path / "made" / "s.sock").close()
+    assert list(tmp_path.iterdir()) == []
     with pytest.raises(BadInputError, match="allowed: 100"):
         SocketFile(tmp_path / ("x" * 100))
 

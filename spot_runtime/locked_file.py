@@ -1,0 +1,36 @@
+"""A file of ours that says by its lock that whoever wrote it lives, and that its holder may remove."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+from pathlib import Path
+
+
+def open_locked(path: Path, flags: int = os.O_CREAT) -> int:
+    """Open a file, made where ``flags`` say so, for its owner alone, and lock it. Returns the descriptor.
+
+    A holder that is done may remove the file before it lets go: whoever has opened it by then opens it anew.
+
+    Raises:
+        BlockingIOError: Somebody holds it.
+        OSError: It cannot be opened.
+    """
+    while True:
+        descriptor = os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC | flags, 0o600)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BaseException:
+            os.close(descriptor)
+            raise
+        if _is_still_there(path, descriptor):
+            return descriptor
+        os.close(descriptor)
+
+
+def _is_still_there(path: Path, descriptor: int) -> bool:
+    try:
+        there = path.lstat()
+    except FileNotFoundError:
+        return False
+    return os.path.samestat(there, os.fstat(descriptor))
