@@ -15,6 +15,7 @@ import typer
 
 from spot_model.errors import SpotRlError
 from spot_runtime.fake_process import FakeAddress, FakeProcess
+from spot_runtime.unwinding import unwound_when_ended
 
 app = typer.Typer(no_args_is_help=True, add_completion=False)
 
@@ -82,7 +83,7 @@ def measure(*, seconds: float, policy: Path, scenario: str, sequence: str, busy:
         BenchError: The run did not complete; the message holds its last words.
     """
     fake_cpus, loop_cpus = share_cpus(sorted(os.sched_getaffinity(0)))
-    with ExitStack() as stack:
+    with unwound_when_ended(), ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="spot-rl-bench-")))
         config = folder / "run.yaml"
         config.write_text(f"real_time: {{cpu_affinity: {loop_cpus}}}\n", encoding="utf-8")

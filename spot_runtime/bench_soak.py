@@ -31,6 +31,7 @@ from spot_runtime.log.sink import LogSink
 from spot_runtime.run import RunRequest, run
 from spot_runtime.sources.scripted import ScriptedSource
 from spot_runtime.summary import resident_mb
+from spot_runtime.unwinding import unwound_when_ended
 
 GROWTH_BOUND_MB: Final = 4.0
 
@@ -101,6 +102,7 @@ def measure(*, minutes: float, policy: Path, sequence: str, scenario: str) -> di
     """One run, and what grew."""
     samples, began_s = Samples(), time.monotonic()
     with (
+        unwound_when_ended(),
         tempfile.TemporaryDirectory(prefix="spot-rl-soak-") as folder,
         FakeProcess(scenario=scenario, is_lock_step=True, state_dir=Path(folder) / "state") as fake,
     ):

@@ -78,10 +78,7 @@ def run(
         settings, loaded, console, sequence=sequence, is_keyboard=keyboard, is_gamepad=gamepad, duration_s=duration
     )
     directory = settings.log.directory
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise LogError(f"the folder {directory} for logs cannot be made: {error.strerror}; name another") from error
+    make_log_folder(directory)
     path = _free_path(directory / log_file_name(loaded.contract.name, source.name, repeat))
     request = RunRequest(robot, loaded, source, settings, path, repeat, labels)
 
@@ -89,7 +86,7 @@ def run(
         pace = None if lock_step is None else LockStep(lock_step, HostClock().now_ns())
         return BosdynHal(address, settings, sink, pace)
 
-    _recover(directory, console)
+    recover_at_start(directory, console)
     manager = ServiceManager.from_environment(os.environ)
     journal = Journal() if goes_to_journal(sys.stderr, os.environ) else None
     tell = (lambda _: False) if journal is None else journal.event
@@ -127,7 +124,19 @@ def _say_last(text: str) -> None:
         os.close(nothing)
 
 
-def _recover(directory: Path, console: Console) -> None:
+def make_log_folder(directory: Path) -> None:
+    """Make the folder of the logs where it is missing.
+
+    Raises:
+        LogError: It cannot be made.
+    """
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise LogError(f"the folder {directory} for logs cannot be made: {error.strerror}; name another") from error
+
+
+def recover_at_start(directory: Path, console: Console) -> None:
     """Repair what a crash has left behind; what cannot be repaired is no reason not to run."""
     try:
         for recovery in recover_leftovers(directory):

@@ -13,17 +13,17 @@ import typer
 
 from spot_model.errors import BadInputError
 from spot_protos import operator_pb2
-from spot_runtime.cli import resolve_config
+from spot_runtime.cli import make_log_folder, recover_at_start, resolve_config
 from spot_runtime.config import RunConfig, for_lock_step
 from spot_runtime.console import Console
 from spot_runtime.hal.address import parse_address
 from spot_runtime.journal import Journal, goes_to_journal
 from spot_runtime.live.process import LiveProcess
-from spot_runtime.log import recover_leftovers
 from spot_runtime.log.records import EventRecord, Severity
 from spot_runtime.operator.server import OperatorServer
 from spot_runtime.operator.supervisor import Supervisor
 from spot_runtime.service_manager import ServiceManager
+from spot_runtime.unwinding import unwound_when_ended
 
 
 def serve(
@@ -60,12 +60,11 @@ def serve(
     parse_address(robot)
     if not service.policies.is_dir():
         raise BadInputError(f"there is no folder {service.policies} with policies; name it with --policies")
-    settings.log.directory.mkdir(parents=True, exist_ok=True)
+    make_log_folder(settings.log.directory)
     console = Console()
     try:
-        for recovery in recover_leftovers(settings.log.directory):
-            console.say(f"{recovery.result}: recovered from a run that did not end cleanly")
-        with LiveProcess.if_wanted(service.live_port) as live:
+        recover_at_start(settings.log.directory, console)
+        with unwound_when_ended(), LiveProcess.if_wanted(service.live_port) as live:
             if live.url:
                 console.say(f"live view: open {live.url} in Foxglove, with the layout deploy/spot-rl.foxglove.json")
             _serve(robot, settings, console, lock_step or "")

@@ -27,6 +27,7 @@ from spot_runtime.bench_faults import (
 )
 from spot_runtime.bench_faults.rig import rig
 from spot_runtime.bench_faults.rows import Result, Row, tidy, try_row
+from spot_runtime.unwinding import unwound_when_ended
 
 ROWS: Final[tuple[Row, ...]] = (
     *rows_link.ROWS,
@@ -91,6 +92,7 @@ def tried(rows: Iterable[Row], policy: Path, scenario: str, *, is_real_time: boo
     left = list(rows)
     while left:
         with (
+            unwound_when_ended(),
             tempfile.TemporaryDirectory(prefix="spot-rl-faults-") as folder,
             rig(Path(folder), policy, is_lock_step=not is_real_time, scenario=scenario) as robot,
         ):

@@ -9,6 +9,7 @@ import socket
 import subprocess
 import sys
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Final
@@ -18,6 +19,8 @@ from typing_extensions import Self
 from spot_model.errors import BadInputError, SpotRlError
 from spot_runtime.live.tap import SOCKET_VARIABLE
 
+FOLDER_PREFIX: Final = "spot-rl-live-"
+SOCKET_NAME: Final = "live.sock"
 START_TIMEOUT_S: Final = 20.0
 STOP_TIMEOUT_S: Final = 5.0
 
@@ -26,6 +29,31 @@ class LiveViewError(SpotRlError):
     """The live view cannot be served."""
 
     exit_code = 98
+
+
+def _make_folder(environment: Mapping[str, str]) -> Path:
+    """A folder for the socket, where the system clears up by itself if it can be; what a killed service left goes."""
+    base = environment.get("RUNTIME_DIRECTORY", "").partition(":")[0] or environment.get("XDG_RUNTIME_DIR", "")
+    base = base if os.access(base, os.W_OK) else tempfile.gettempdir()
+    for left in Path(base).glob(f"{FOLDER_PREFIX}*"):
+        if _is_left_behind(left / SOCKET_NAME):
+            shutil.rmtree(left, ignore_errors=True)
+    return Path(tempfile.mkdtemp(prefix=FOLDER_PREFIX, dir=base))
+
+
+def _is_left_behind(path: Path) -> bool:
+    """Whether nobody listens at a socket of ours any more."""
+    try:
+        if path.lstat().st_uid != os.getuid():
+            return False
+        with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as probe:
+            probe.setblocking(False)
+            probe.connect(str(path))
+    except ConnectionRefusedError:
+        return True
+    except OSError:
+        return False
+    return False
 
 
 class LiveProcess:
@@ -58,12 +86,14 @@ class LiveProcess:
             raise BadInputError(
                 "the live view needs foxglove-sdk; install the extra: pip install 'spot-rl[live]'"
             ) from error
-        self._folder = Path(tempfile.mkdtemp(prefix="spot-rl-live-"))
-        path = self._folder / "live.sock"
+        self._folder = _make_folder(os.environ)
+        path = self._folder / SOCKET_NAME
         try:
             with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as listener:
-                listener.bind(str(path))
+                # Under its name it answers, so that nobody takes it for one that was left behind.
+                listener.bind(f"{path}.new")
                 listener.listen(4)
+                Path(f"{path}.new").rename(path)
                 command = [sys.executable, "-m", "spot_runtime.live.live_child", str(listener.fileno()), str(self.port)]
                 self._process = subprocess.Popen(  # noqa: S603 - our own command line
                     command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, pass_fds=(listener.fileno(),)

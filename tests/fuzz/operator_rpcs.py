@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import contextlib
-import tempfile
 from pathlib import Path
 from typing import Any
 
 from rpcs import AbortedError, Context, calls_in, in_a_row
-from support import Target
+from support import Target, folder
 
 
 class Pumped:
@@ -130,7 +129,8 @@ def _supervisor() -> Any:
     from spot_runtime.service_manager import ServiceManager
 
     if _shelf is None:
-        _shelf = Path(tempfile.mkdtemp(prefix="spot-rl-shelf-"))
+        _shelf = folder() / "shelf"
+        _shelf.mkdir()
         (_shelf / "a.onnx").write_bytes(b"a")
     config = RunConfig.model_validate({"service": {"policies": str(_shelf)}})
     supervisor = Supervisor("127.0.0.1", config, manager=ServiceManager(), tell=lambda _: None)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import os
+import shutil
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -10,6 +12,9 @@ from pathlib import Path
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 SHARED_MEMORY = Path("/dev/shm")  # noqa: S108 - the fastest disk there is; a private folder is made in it
+
+
+PREFIX = "spot-rl-fuzz-"
 
 
 @dataclass(frozen=True)
@@ -28,11 +33,18 @@ class Target:
 
 
 def folder() -> Path:
-    """A folder in memory for parsers that want files; one a process."""
+    """A folder in memory for parsers that want files; one a process.
+
+    The fuzzer ends its process without a word to Python, so each clears away what those before it have left.
+    """
     global _folder  # noqa: PLW0603
     if _folder is None:
-        where = SHARED_MEMORY if SHARED_MEMORY.is_dir() else None
-        _folder = tempfile.TemporaryDirectory(prefix="spot-rl-fuzz-", dir=where)
+        where = SHARED_MEMORY if SHARED_MEMORY.is_dir() else Path(tempfile.gettempdir())
+        for left in where.glob(f"{PREFIX}*"):
+            process = left.name.removeprefix(PREFIX).partition("-")[0]
+            if process.isdecimal() and not Path("/proc", process).exists():
+                shutil.rmtree(left, ignore_errors=True)
+        _folder = tempfile.TemporaryDirectory(prefix=f"{PREFIX}{os.getpid()}-", dir=where)
     return Path(_folder.name)
 
 

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from spot_runtime.bench import KEYS
+from spot_runtime.unwinding import unwound_when_ended
 
 COMMAND = [sys.executable, "-c", "from spot_model.command_line import main; main()"]
 
@@ -48,3 +51,24 @@ def test_the_demo_refuses_a_policy_that_cannot_walk_forward(tmp_path: Path, make
     assert done.returncode == 2
     assert "takes no forward speed" in done.stderr
     assert not (tmp_path / "out").exists()
+
+
+def test_a_command_that_is_ended_clears_away_what_it_began(tmp_path: Path) -> None:
+    process = subprocess.Popen(
+        [*COMMAND, "bench", "loop", "--policy", "policies/walk.onnx"],
+        env={**os.environ, "TMPDIR": str(tmp_path)},
+        stderr=subprocess.DEVNULL,
+    )
+    while not list(tmp_path.glob("spot-rl-bench-*")) and process.poll() is None:
+        time.sleep(0.02)
+    process.send_signal(signal.SIGTERM)
+    assert process.wait(120.0) == 128 + signal.SIGTERM
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_signals_that_end_a_block_do_what_they_did_once_it_is_over() -> None:
+    before = signal.getsignal(signal.SIGTERM)
+    with pytest.raises(SystemExit) as ended, unwound_when_ended():
+        signal.raise_signal(signal.SIGHUP)
+    assert ended.value.code == 129
+    assert signal.getsignal(signal.SIGTERM) is before

@@ -6,6 +6,7 @@ import base64
 import os
 import select
 import socket
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from google.protobuf import descriptor_pool
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 
 from spot_protos import log_pb2
-from spot_runtime.live.process import LiveProcess, LiveViewError
+from spot_runtime.live.process import SOCKET_NAME, LiveProcess, LiveViewError, _make_folder
 from spot_runtime.live.tap import SOCKET_VARIABLE, LiveTap
 from spot_runtime.log.logger_process import LoggerProcess
 from spot_runtime.log.records import EventRecord, RunHeader, Severity
@@ -33,6 +34,27 @@ def live() -> Iterator[LiveProcess]:
     with LiveProcess(0) as process:
         yield process
     assert SOCKET_VARIABLE not in os.environ
+
+
+def test_what_a_killed_service_left_is_cleared_away_and_nothing_else(tmp_path: Path) -> None:
+    def listener_in(name: str) -> socket.socket:
+        (tmp_path / name).mkdir()
+        listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        listener.bind(str(tmp_path / name / SOCKET_NAME))
+        listener.listen(4)
+        return listener
+
+    listener_in("spot-rl-live-left").close()
+    listener_in("another").close()
+    (tmp_path / "spot-rl-live-begun").mkdir()
+    with listener_in("spot-rl-live-in-use"):
+        made = _make_folder({"XDG_RUNTIME_DIR": str(tmp_path)})
+    names = sorted(path.name for path in tmp_path.iterdir() if path != made)
+    assert names == ["another", "spot-rl-live-begun", "spot-rl-live-in-use"]
+    assert made.parent == tmp_path
+    elsewhere = _make_folder({"RUNTIME_DIRECTORY": str(tmp_path / "none")})
+    assert elsewhere.parent == Path(tempfile.gettempdir())
+    elsewhere.rmdir()
 
 
 def test_channels_are_the_log_s_with_whole_schemas(live: LiveProcess) -> None:
