@@ -14,6 +14,7 @@ from types import FrameType
 from typing import Annotated
 
 import typer
+from google.protobuf.message import DecodeError
 
 from fake_robot.certificates import write_private
 from fake_robot.running import FakeOptions, RunningFake
@@ -60,6 +61,7 @@ def fake_robot(
 ) -> None:
     """Serve a fake Spot that speaks Boston Dynamics' own services."""
     logging.basicConfig(level=logging.INFO if verbose else logging.WARNING, format="%(levelname)s %(message)s")
+    logging.getLogger("grpc._common").addFilter(in_one_line)
     if socket is not None and address != "127.0.0.1":
         raise BadInputError("--socket and --address exclude each other; give one of them")
     options = FakeOptions(scenario, lock_step, address, port, socket, admin, state_dir, username, password_file)
@@ -115,6 +117,14 @@ class _signals_end_it:  # noqa: N801 - reads as a phrase where it is used
 
     def _note(self, number: int, frame: FrameType | None) -> None:
         self._event.set()
+
+
+def in_one_line(record: logging.LogRecord) -> bool:
+    """Bytes of a client that are no message are its defect: they get a line in the log, not a traceback of ours."""
+    error = record.exc_info[1] if record.exc_info else None
+    if isinstance(error, DecodeError):
+        record.msg, record.args, record.exc_info = "a client's request cannot be read: %s", (error,), None
+    return True
 
 
 def _run_program(words: list[str], environment: dict[str, str], stop: threading.Event) -> int:

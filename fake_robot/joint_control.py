@@ -120,6 +120,26 @@ class JointControl:
         if self.is_active:
             self._newest = command.received_at(self.stamp_ns(now_ns))
 
+    def check_end_time(self, command: StreamedCommand, now_ns: int) -> None:
+        """A command is neither over nor ends in the far future.
+
+        Raises:
+            CommandRefusedError: It is, or does; EXPIRED or TOO_DISTANT.
+        """
+        ahead_s = (command.end_stamp_ns - self.stamp_ns(now_ns)) * 1e-9
+        if ahead_s < 0.0:
+            raise CommandRefusedError(
+                EXPIRED,
+                f"command {command.key} arrived {-ahead_s * 1e3:.1f} ms after its end_time; "
+                "check the time synchronisation, the link, and how far ahead end_time lies",
+            )
+        if ahead_s > self._config.max_end_time_ahead_s:
+            raise CommandRefusedError(
+                TOO_DISTANT,
+                f"end_time of command {command.key} lies {ahead_s:.3g} s ahead; "
+                f"allowed: {self._config.max_end_time_ahead_s:g} s",
+            )
+
     def servo(self, now_ns: int) -> ServoCommand | Expiry | None:
         """Set-points in effect now; None before the first command, and the reason once the newest one is void."""
         command = self._newest
@@ -159,19 +179,7 @@ class JointControl:
     # Private ----------------------------------------------------------------------------------------------------------
 
     def _check(self, command: StreamedCommand, now_ns: int, position_rad: Array) -> None:
-        ahead_s = (command.end_stamp_ns - self.stamp_ns(now_ns)) * 1e-9
-        if ahead_s < 0.0:
-            raise CommandRefusedError(
-                EXPIRED,
-                f"command {command.key} arrived {-ahead_s * 1e3:.1f} ms after its end_time; "
-                "check the time synchronisation, the link, and how far ahead end_time lies",
-            )
-        if ahead_s > self._config.max_end_time_ahead_s:
-            raise CommandRefusedError(
-                TOO_DISTANT,
-                f"end_time of command {command.key} lies {ahead_s:.3g} s ahead; "
-                f"allowed: {self._config.max_end_time_ahead_s:g} s",
-            )
+        self.check_end_time(command, now_ns)
         bound = self._config.max_first_setpoint_distance_rad
         if bound is not None and self.is_active and self._newest is None:
             distance = np.abs(command.servo.position_rad - position_rad)[0]

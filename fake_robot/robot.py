@@ -286,15 +286,18 @@ class Robot:
         with self._changed:
             if stream.failure is not None:
                 return
+            now_ns = self.clock.elapsed_ns()
             try:
                 command = stream.grammar.read(request)
+                self._last_command_key = command.key
+                self._commands_submitted += 1
+                # What is over by now is so when it arrives, too; told now, a client that has closed its end hears it.
+                self._simulation.joint_control.check_end_time(command, now_ns)
             except CommandRefusedError as error:
                 stream.fail(error.failure)
                 self.close_stream(stream)
             else:
-                self._last_command_key = command.key
-                self._commands_submitted += 1
-                self._simulation.send_command(stream, command, self.clock.elapsed_ns())
+                self._simulation.send_command(stream, command, now_ns)
             self._changed.notify_all()
 
     def close_stream(self, stream: Stream) -> None:

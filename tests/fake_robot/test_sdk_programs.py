@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ast
 import json
+import logging
 import os
 import signal
 import socket
@@ -18,8 +19,9 @@ from typing import Any
 
 import pytest
 import typer
+from google.protobuf.message import DecodeError
 
-from fake_robot.cli import app
+from fake_robot.cli import app, in_one_line
 from fake_robot.pytest_plugin import FakeSpot, FakeSpotError, running_fake_spot
 from spot_model.errors import SpotRlError
 
@@ -58,11 +60,11 @@ def test_programs_use_the_sdk_alone(path: Path) -> None:
         (["time_sync.py", "HOST"], "skew -"),
         (["async_monitor.py", "HOST"], "stop level 4"),
         (["low_power.py", "HOST"], "has arm: False"),
-        (["hello_spot.py", "HOST"], "battery"),
+        (["hello_spot.py", "HOST"], "image True True"),
         (["lease_takeover.py", "HOST"], "refused with STATUS_OLDER"),
         (["sublease.py", "HOST"], "then refused with STATUS_OLDER"),
         (["inspector.py", "HOST"], "no data acquisition"),
-        (["stream_errors.py", "HOST"], "fell silent: STATUS_EXPIRED"),
+        (["stream_errors.py", "HOST"], "already over: STATUS_EXPIRED"),
         (["joint_control.py", "HOST", "stream-first"], "verdict STATUS_OK"),
         (["joint_control.py", "HOST", "activate-first"], "verdict STATUS_OK"),
     ],
@@ -101,7 +103,7 @@ def test_two_buttons_of_one_configuration(fake_spot_factory: Callable[..., FakeS
         (["license", "--feature-codes", "joint_control"], "joint_control"),
         (["payload", "list"], ""),
         (["fault", "show"], ""),
-        (["image", "list-sources"], ""),
+        (["image", "list-sources"], "frontleft_fisheye_image"),
         (["local_grid", "types"], ""),
         (["log", "comment", "hello"], ""),
         (["log", "textmsg", "hello"], ""),
@@ -222,7 +224,18 @@ def test_bad_words_are_an_error_of_ours(fake_spot_state_folder: Path, words: lis
         command_line.main(["--state-dir", str(fake_spot_state_folder), *words], standalone_mode=False)
 
 
-def test_a_port_in_use_ends_in_one_line(fake_spot_state_folder: Path) -> None:
+def test_a_clients_broken_bytes_are_one_line_in_the_log() -> None:
+    for error, told in (
+        (DecodeError("cut short"), "a client's request cannot be read: cut short"),
+        (ValueError("a defect of the fake"), "Exception deserializing message!"),
+    ):
+        record = logging.makeLogRecord({"msg": "Exception deserializing message!", "exc_info": (None, error, None)})
+        assert in_one_line(record)
+        assert record.getMessage() == told
+        assert bool(record.exc_info) is isinstance(error, ValueError)
+
+
+def test_a_port_in_use_endsin_one_line(fake_spot_state_folder: Path) -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()

@@ -173,6 +173,16 @@ def test_a_late_command_is_expired(standing):
     assert "arrived 10.0 ms after its end_time" in failure.message
 
 
+@pytest.mark.parametrize(("ahead_s", "status"), [(-0.01, STATUS.STATUS_EXPIRED), (20.0, STATUS.STATUS_TOO_DISTANT)])
+def test_what_is_over_or_far_off_when_it_is_sent_is_refused_at_once(make, ahead_s: float, status: int):
+    # A client may close its end right after its only message, and is told the verdict then.
+    driver = make()
+    driver.open()
+    driver.send(ahead_s=ahead_s)
+    assert driver.stream.failure().status == status
+    assert driver.robot.wait_for_command_key(driver.key, 0.0)
+
+
 def test_an_end_too_far_ahead_is_too_distant(standing):
     driver = standing(joint_control={"max_end_time_ahead_s": 1.0})
     driver.open()

@@ -25,7 +25,7 @@ from bosdyn.util import now_timestamp, seconds_to_duration, seconds_to_timestamp
 
 KP = [624, 936, 286] * 4
 KD = [5.20, 5.20, 2.04] * 4
-HOLD_SECONDS = 2.0
+HOLD_SECONDS_AT_MOST = 60.0
 
 
 class StateReader:
@@ -80,6 +80,7 @@ class Commander:
             request.header.request_timestamp.CopyFrom(now_timestamp())
             command = request.joint_command
             command.end_time.CopyFrom(self._robot.time_sync.robot_timestamp_from_local_secs(time.time() + 0.2))
+            command.extrapolation_duration.CopyFrom(seconds_to_duration(0.005))
             command.position.extend(pose)
             command.velocity.extend([0.0] * 12)
             command.load.extend([0.0] * 12)
@@ -125,7 +126,9 @@ def main():
         else:
             command_client.robot_command(RobotCommandBuilder.joint_command())
             thread.start()
-        time.sleep(HOLD_SECONDS)
+        deadline = time.time() + HOLD_SECONDS_AT_MOST
+        while commander.echoed <= 100 and time.time() < deadline:
+            time.sleep(0.05)
         feedback = command_client.robot_command_feedback().feedback.full_body_feedback
         assert feedback.joint_feedback.status == feedback.joint_feedback.STATUS_ACTIVE, feedback
         height = reader.latest.kinematic_state.odom_tform_body.position.z

@@ -73,7 +73,7 @@ def main():
         print("no gains:", stream.send(iter([stream.request(1, gains=False)])))
         print("eleven joints:", stream.send(iter([stream.request(1, joints=11)])))
         print("without a key:", stream.send(iter([stream.request(0)])))
-        print("already over:", stream.send(iter([stream.request(1, ahead_s=-0.5), *slowly(0.3)])))
+        print("already over:", stream.send(iter([stream.request(1, ahead_s=-0.5)])))
         print("never activated:", stream.send(stream.holding(20.0)))
         print("nothing at all:", stream.send(iter([])))
 
@@ -96,13 +96,6 @@ def main():
         blocking_sit(commands, timeout_sec=10)
         robot.power_off(cut_immediately=False, timeout_sec=20)
     print("done")
-
-
-def slowly(seconds):
-    """Nothing more to say, but the stream stays open."""
-    time.sleep(seconds)
-    return
-    yield
 
 
 def paused(stream):

@@ -21,7 +21,7 @@ def main():
     robot.start_time_sync(1.0)
     robot.time_sync.wait_for_sync()
     other = duration_to_seconds(robot.time_sync.get_robot_clock_skew(timesync_timeout_sec=3))
-    assert abs(other - skew) < 0.5, (other, skew)
+    assert abs(other - skew) < 5.0, (other, skew)
     state = robot.ensure_client(RobotStateClient.default_service_name).get_robot_state()
     stamp = timestamp_to_sec(state.kinematic_state.acquisition_timestamp)
     assert abs(robot.time_sec() - stamp) < 5.0
