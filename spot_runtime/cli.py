@@ -156,7 +156,21 @@ def resolve_config(
         update={"ca_file": ca, "credentials_file": credentials_file or config.robot.credentials_file}
     )
     log = config.log.model_copy(update={"directory": log_dir or config.log.directory})
+    for path in (robot.ca_file, robot.credentials_file, log.directory):
+        check_encodable(path)
     return config.model_copy(update={"robot": robot, "log": log})
+
+
+def check_encodable(path: Path | None) -> None:
+    """Refuse a path that cannot stand in a log's header or a run's specification, which are UTF-8.
+
+    Raises:
+        BadInputError: It holds other bytes.
+    """
+    try:
+        str(path).encode()
+    except UnicodeEncodeError as error:
+        raise BadInputError(f"path {str(path)!r} is no UTF-8; rename it, or name another") from error
 
 
 def make_source(

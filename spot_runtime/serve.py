@@ -13,7 +13,7 @@ import typer
 
 from spot_model.errors import BadInputError
 from spot_protos import operator_pb2
-from spot_runtime.cli import make_log_folder, recover_at_start, resolve_config
+from spot_runtime.cli import check_encodable, make_log_folder, recover_at_start, resolve_config
 from spot_runtime.config import RunConfig, for_lock_step
 from spot_runtime.console import Console
 from spot_runtime.hal.address import parse_address
@@ -57,6 +57,7 @@ def serve(
     changes = {"policies": policies, "listen": listen, "live_port": live_port}
     service = settings.service.model_copy(update={k: v for k, v in changes.items() if v is not None})
     settings = settings.model_copy(update={"service": service})
+    check_encodable(service.policies)
     parse_address(robot)
     if not service.policies.is_dir():
         raise BadInputError(f"there is no folder {service.policies} with policies; name it with --policies")

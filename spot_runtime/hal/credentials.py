@@ -47,6 +47,11 @@ def find_credentials(file: Path | None, environment: Mapping[str, str]) -> Crede
         return _read(file, forbidden_mode=0o077)
     username, password = environment.get(USERNAME_VARIABLE, ""), environment.get(PASSWORD_VARIABLE, "")
     if username and password:
+        try:
+            (username + password).encode()
+        except UnicodeEncodeError:
+            words = f"{USERNAME_VARIABLE} or {PASSWORD_VARIABLE} is no UTF-8; set it in a terminal that writes UTF-8"
+            raise CredentialsError(words) from None
         return Credentials(username, password)
     raise CredentialsError(
         f"no user name and password for the robot: set {USERNAME_VARIABLE} and {PASSWORD_VARIABLE}, or name a file "

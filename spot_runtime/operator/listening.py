@@ -57,6 +57,10 @@ def is_loopback(address: str) -> bool:
     Raises:
         BadInputError: It is no address.
     """
+    if not address.isprintable():  # bytes that are no UTF-8 among them
+        raise BadInputError(
+            f"address {address!r} is not valid; allowed: 'unix:/path' or HOST:PORT, up to {MAX_PORT}, in UTF-8"
+        )
     if is_unix(address):
         return True
     host, colon, port = address.rpartition(":")

@@ -10,8 +10,11 @@ import pytest
 from spot_model.delay import read_delay_csv
 from spot_model.errors import BadInputError
 from spot_model.yaml_text import YamlError, parse_yaml
+from spot_runtime.cli import resolve_config
 from spot_runtime.config import load_config
 from spot_runtime.hal.address import parse_address
+from spot_runtime.hal.credentials import PASSWORD_VARIABLE, USERNAME_VARIABLE, find_credentials
+from spot_runtime.hal.errors import CredentialsError
 from spot_runtime.labels import parse_labels
 from spot_runtime.log import LogReadError, read_run
 from spot_runtime.log.importing import import_log, load_mapping
@@ -59,6 +62,24 @@ def test_configurations_that_are_taken(content: bytes, tmp_path: Path) -> None:
     assert load_config(path).safety.tilt_rad == (0.5 if content else 0.785398)
 
 
+NO_UTF_8 = "a\udcff"
+"""What Python makes of the bytes 61 ff in an argument or the environment."""
+
+
+@pytest.mark.parametrize("name", ["ca_file", "credentials_file", "log_dir"])
+def test_paths_that_no_log_can_hold(name: str) -> None:
+    paths: dict[str, Path | None] = {"ca_file": None, "credentials_file": None, "log_dir": None, name: Path(NO_UTF_8)}
+    with pytest.raises(BadInputError, match=r"path 'a\\udcff' is no UTF-8; rename it"):
+        resolve_config(None, **paths)
+
+
+def test_a_password_that_is_no_text_does_not_show() -> None:
+    with pytest.raises(CredentialsError, match="BOSDYN_CLIENT_PASSWORD is no UTF-8") as refused:
+        find_credentials(None, {USERNAME_VARIABLE: "user", PASSWORD_VARIABLE: NO_UTF_8})
+    assert NO_UTF_8 not in str(refused.value)
+    assert refused.value.__cause__ is None
+
+
 def test_numbers_as_everybody_writes_them() -> None:
     assert parse_yaml("[1e-3, 1E5, -2.5e+3, .5e1, 12e03]") == [0.001, 1e5, -2500.0, 5.0, 12000.0]
     assert parse_yaml("[e5, 1e, 1e5x, '1e-3', -, .]") == ["e5", "1e", "1e5x", "1e-3", "-", "."]
@@ -88,7 +109,9 @@ def test_labels_that_no_log_can_show(text: str) -> None:
         parse_labels([text])
 
 
-@pytest.mark.parametrize("address", ["localhost:99999", "localhost:65536", "localhost:1" + "0" * 30, "hello", ":1"])
+@pytest.mark.parametrize(
+    "address", ["localhost:99999", "localhost:65536", "localhost:1" + "0" * 30, "hello", ":1", "unix:/\udcff"]
+)
 def test_ports_that_nobody_can_listen_on(address: str) -> None:
     with pytest.raises(BadInputError, match=r"is not valid; allowed: .*65535"):
         is_loopback(address)
