@@ -21,8 +21,11 @@ LONG = (
     "diagnosis/test_library.py",
     "spot_runtime/operator/test_make_safe.py",
     "spot_runtime/faults/test_invariants.py",
+    "docs/test_in_a_clone.py",
+    "docs/test_apart.py",
     "withheld/test_distances.py",
     "deploy/test_install.py",
+    "docs/test_installing.py",
     "trainer/test_training.py",
     "trainer/sysid/test_search.py",
 )

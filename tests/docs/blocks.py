@@ -1,4 +1,4 @@
-"""The fenced blocks of the documentation, and the commands in them."""
+"""The fenced blocks of the documentation, and the commands in them and in its sentences."""
 
 from __future__ import annotations
 
@@ -9,8 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-PAGES = [REPOSITORY / "README.md", *sorted((REPOSITORY / "docs").glob("*.md"))]
+PAGES = [REPOSITORY / "README.md", REPOSITORY / "CONTRIBUTING.md", *sorted((REPOSITORY / "docs").glob("*.md"))]
 _FENCE = re.compile(r"(?:<!-- doc-test: (?P<order>[^\n]*) -->\n)?```(?P<language>\w*)\n(?P<text>.*?)```", re.DOTALL)
+_SPAN = re.compile(r"`([^`\n]+(?:\n[^`\n]+)?)`")
+_GENERATED = ("commands", "config")
+"""Pages written from the parsers and models themselves: what their sentences name is there."""
+
+PROGRAMS = ("spot-rl", "python", "make", "pip", "torchrun", "bash", "sudo", "ssh", "systemctl", "journalctl")
 
 
 @dataclass(frozen=True)
@@ -22,7 +27,7 @@ class Block:
     text: str
     order: str
     """``run`` (as one script), ``play`` (line by line, made short), ``session``, ``file NAME``, ``gpu`` (refused where
-    there is none), or nothing: then it is only read."""
+    there is none), or nothing: then its commands stand in the ledger."""
 
     @property
     def lines(self) -> list[str]:
@@ -50,3 +55,18 @@ def blocks_of(page: Path) -> Iterator[Block]:
 def all_blocks() -> list[Block]:
     """All blocks of all pages."""
     return [block for page in PAGES for block in blocks_of(page)]
+
+
+def spans_of(page: Path) -> list[list[str]]:
+    """The commands that stand in a page's sentences and tables, each as words."""
+    if page.stem in _GENERATED:
+        return []
+    spans = _SPAN.findall(_FENCE.sub("", page.read_text(encoding="utf-8")))
+    return [shlex.split(span) for span in spans if span.split()[0] in PROGRAMS and span not in PROGRAMS]
+
+
+def is_to_be_run(words: list[str]) -> bool:
+    """Whether a sentence gives a command with its words; ``spot-rl ctl stop`` alone is the name of one."""
+    if words[0] == "spot-rl":
+        return words[1] == "bench" or any(word.startswith("-") for word in words)
+    return words[0] == "make" or len(words) > 2 or "/" in words[1]

@@ -54,6 +54,8 @@ class Session:
         credentials.write_text(f"username: {user}\npassword: {password}\n")
         credentials.chmod(0o600)
         (self.folder / "run.yaml").write_text(CONFIG)
+        (self.folder / "walk.onnx").symlink_to(REPOSITORY / "policies" / "walk.onnx")
+        (self.folder / "ca.pem").symlink_to(address.environment["SPOT_RL_CA_FILE"])
         self.environment = {
             **os.environ,
             **address.environment,

@@ -23,7 +23,7 @@ from spot_model.command_line import main
 from spot_model.command_registry import COMMAND_GROUP, load_command
 from spot_runtime.config import RunConfig
 
-from .blocks import PAGES, REPOSITORY, Block, all_blocks, blocks_of
+from .blocks import PAGES, REPOSITORY, Block, all_blocks, blocks_of, spans_of
 from .session import Session
 from .shorter import SHORTER, shortened
 
@@ -76,6 +76,17 @@ def check_words(command: Any, words: list[str]) -> None:
         check_command(inner[1:])
 
 
+def check_options(command: Any, words: list[str]) -> None:
+    """Read the words of a command that a sentence names: its options are there; not all that it needs need be."""
+    children = getattr(command, "commands", {})
+    if children and words and words[0] in children:
+        return check_options(children[words[0]], words[1:])
+    context = command.context_class(command, info_name=command.name, resilient_parsing=True)
+    rest = command.make_parser(context).parse_args(args=[w for w in words if w != "--config"])[1]
+    assert not (children and rest), f"there is no sub-command {rest}; there are {sorted(children)}"
+    return None
+
+
 def check_line(words: list[str]) -> None:
     """Read one line of a page."""
     program = words[0].rpartition("/")[2]
@@ -89,7 +100,10 @@ def check_line(words: list[str]) -> None:
         for target in (w for w in words[1:] if "=" not in w):
             assert re.search(rf"^{target}:", makefile, re.MULTILINE), f"there is no target {target}"
     elif program in ("python", "python3"):
-        assert (REPOSITORY / words[1]).is_file(), f"there is no script {words[1]}"
+        script = REPOSITORY / words[1]
+        assert script.is_file(), f"there is no script {words[1]}"
+        options = [word for word in words if word.startswith("--")]
+        assert all(f'"{option}"' in script.read_text(encoding="utf-8") for option in options), options
     elif program == "sudo" and words[1] == "python3":
         assert (REPOSITORY / "deploy" / words[2]).is_file()
     else:
@@ -99,6 +113,24 @@ def check_line(words: list[str]) -> None:
 @pytest.mark.parametrize(("block", "words"), READ)
 def test_commands_are_read_by_their_own_parsers(block: Block, words: list[str]) -> None:
     check_line(words)
+
+
+SENTENCES = [
+    pytest.param(words, id=f"{page.stem}-{' '.join(words)[:70]}")
+    for page in PAGES
+    for words in spans_of(page)
+    if words[:2] not in (["spot-rl", "--help"], ["spot-rl", "COMMAND"]) and words[0] not in ("pip", "torchrun")
+]
+
+
+@pytest.mark.parametrize("words", SENTENCES)
+def test_commands_that_sentences_name_are_there(words: list[str]) -> None:
+    if words[0] != "spot-rl":
+        check_line(words)
+        return
+    name = next((n for n in (".".join(words[1:3]), words[1]) if n in commands()), None)
+    assert name is not None, f"there is no command {words[1]!r}"
+    check_options(commands()[name], words[name.count(".") + 2 :])
 
 
 @pytest.mark.parametrize(

@@ -95,6 +95,13 @@ def test_the_table_tells_of_the_limit_of_power_by_itself(run: Path) -> None:
 
 
 @pytest.mark.slow
+def test_a_case_is_shown(run: Path) -> None:
+    done = CliRunner().invoke(app, ["case", "open", f"{run}/1"])
+    assert done.exit_code == 0, done.exception
+    assert "no_gap" in done.output
+
+
+@pytest.mark.slow
 def test_changed_sources_end_a_run(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("withheld.frozen.protocol_digest", lambda: "another")
     done = CliRunner().invoke(app, ["run", "--out", str(run), "--resume"])

@@ -1,0 +1,95 @@
+"""Which command of the pages is tried by what, where its block is not simply run; and which is not run, and why.
+
+A command that stands in no marked block, is run by no test that says so with :func:`runs` and is in none of these
+tables fails ``test_every_command.py``: so does one that stands here and on no page.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+RUN_APART: dict[str, str] = {}
+"""Command, and the test that runs it."""
+
+Test = TypeVar("Test", bound=Callable[..., Any])
+
+
+def runs(*commands: str) -> Callable[[Test], Test]:
+    """Note that a test runs these commands, word by word or made short."""
+
+    def note(test: Test) -> Test:
+        RUN_APART.update(dict.fromkeys(commands, test.__name__))
+        return test
+
+    return note
+
+
+BY_CI = ("make check", "make test", "make safety")
+"""Lines of ``.ci/run`` itself."""
+
+ELSEWHERE = {
+    "make docs": ("docs/test_docs.py", '"mkdocs", "build"'),
+    "spot-rl bench loop --json": ("spot_runtime/test_bench_and_demo.py", '"bench", "loop", "--json"'),
+    "spot-rl refine FILE --config policies/fast_refine.yaml --out NEW": (
+        "trainer/test_refine.py",
+        '["refine", str(POLICY), "--config"',
+    ),
+    "spot-rl withheld run --cases 300 --seed-from-os --out DIR --workers 2 --only 0:75 --until 3600 --engine ray": (
+        "withheld/test_end_to_end.py",
+        '["run", "--out", str(out), "--cases", "2"',
+    ),
+    "spot-rl withheld run --cases 300 --seed-from-os --search-every 20 --workers 64 --until 330": (
+        "withheld/test_end_to_end.py",
+        '["run", "--out", str(out), "--cases", "2"',
+    ),
+    "spot-rl withheld run --resume --out DIR": ("withheld/test_end_to_end.py", 'str(run), "--resume"]'),
+    "spot-rl withheld case open DIR/17": ("withheld/test_end_to_end.py", '["case", "open", '),
+    "spot-rl withheld score DIR": ("withheld/test_end_to_end.py", '["score", '),
+    "spot-rl withheld table DIR": ("withheld/test_end_to_end.py", '["table", '),
+    "spot-rl withheld pack DIR FILE.tar.gz": ("withheld/test_end_to_end.py", '["pack", '),
+}
+"""Command, the test file that runs the same with arguments of its own, and its words there."""
+
+FORMS = {
+    "spot-rl COMMAND --help": "spot-rl --help",
+    "spot-rl run --config": "spot-rl run --robot HOST",
+    "spot-rl serve --config FILE": "spot-rl serve --robot",
+    "spot-rl log import MAPPING.yaml FILE --out LOG.mcap": "spot-rl log import mapping.yaml recording.csv",
+    "spot-rl diagnose LOG --nominal MODEL --out DIR --policy POLICY.onnx --robot ROBOT.yaml --synthesis "
+    "--add-effect module:Class --without EFFECT --engine ray": "spot-rl diagnose logs --nominal paper_identified",
+}
+"""Command with words to be filled in, and how a command begins that is run and has them filled in."""
+
+SYSTEMD = "needs root and systemd: scripts/try_systemd.py does the like in a container of its own"
+GPU = "needs an NVIDIA GPU"
+CORES = "takes many cores many minutes; what it calls runs in other tests"
+
+NOT_RUN = {
+    "make lock": "needs a network: it resolves all versions anew",
+    "make safety ARGS=--all": "takes an hour; `.ci/run` does the same for 90 s",
+    "python deploy/build_wheelhouse.py --python 3.12 --machine aarch64": "runs with 3.10 in the place of 3.12",
+    "python deploy/check_wheels.py": "needs a network: it asks the package index",
+    "sudo systemctl start spot-rl": SYSTEMD,
+    "sudo systemctl stop spot-rl": SYSTEMD,
+    "sudo systemctl enable spot-rl": SYSTEMD,
+    "sudo systemctl enable --now spot-rl-logs.timer": SYSTEMD,
+    "systemctl status spot-rl": SYSTEMD,
+    "journalctl -u spot-rl -f": SYSTEMD,
+    "journalctl -u spot-rl SPOT_RL_EVENT=stop -o verbose": SYSTEMD,
+    "sudo usermod -aG spot-rl NAME": "changes the accounts of the computer",
+    "ssh -L 8765:localhost:8765 ROBOT-COMPUTER": "needs a second computer",
+    "spot-rl bench train --device cuda --set n_envs=16384 --json": GPU,
+    "spot-rl bench train --device cuda --set n_envs=N --json": GPU,
+    "torchrun --nproc-per-node 2": GPU,
+    "python benchmarks/gpu_parity.py": GPU,
+    "python benchmarks/diagnose_realities.py run --out rows.jsonl --cases 600 --jobs 31 --until 465 --repeats 2 "
+    "--seed 6": CORES,
+    "python benchmarks/diagnose_realities.py table rows.jsonl": CORES,
+    "bash benchmarks/identify_session.sh run inertia --inertia --policy policies/baseline.onnx --config "
+    "benchmarks/identify_short.yaml --truths-at-once 6 --runs-at-once 3 --workers 2": CORES,
+    "python examples/close_the_loop.py --out OUT --truth harsher --identified "
+    "examples/loop/harsher_identified.onnx --oracle examples/loop/harsher_oracle.onnx": CORES,
+    "spot-rl bench sysid --json": "takes ten seconds of CPU time at its smallest; identification itself is played",
+}
+"""Command, and why no test runs it. Its own parser, or the script's text, still has to know its words."""
