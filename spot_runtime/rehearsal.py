@@ -23,8 +23,8 @@ LEAD_NS: Final = 500_000
 AWAKE_NS: Final = 2_000_000
 """No more polling this long after the rehearsal began, so that a state that never comes costs little."""
 
-JUDGED: Final = 5
-"""After so many rehearsals, each longer than :data:`LEAD_NS`, there are no more: they would delay the tick."""
+JUDGED: Final = 50
+"""After so many rehearsals in a row, each longer than :data:`LEAD_NS`, there are no more: they delay the tick."""
 
 ARRIVALS: Final = 64
 NS_PER_S: Final = 1_000_000_000
