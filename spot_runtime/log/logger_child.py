@@ -182,7 +182,10 @@ def main() -> None:
     try:
         child = LoggerChild(connection, Path(sys.argv[2]), log_pb2.Header.FromString(sys.stdin.buffer.read()))
     except (OSError, SpotRlError) as error:
-        send_status(connection, {"ready": False, "refused": str(error), "kind": type(error).__name__})
+        refused = str(error)
+        if not isinstance(error, SpotRlError):
+            refused = f"log {sys.argv[2]} cannot be begun: {error.strerror}; make room, or log to another disk"
+        send_status(connection, {"ready": False, "refused": refused, "kind": type(error).__name__})
         raise SystemExit(1) from None
     child.run()
 

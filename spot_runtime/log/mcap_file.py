@@ -82,7 +82,11 @@ class McapFile:
         self._counts: Counter[int] = Counter()
         self._start_ns, self._end_ns = 0, 0
         self._begin_chunk()
-        self._append(MAGIC + _encode(Header(profile="", library=LIBRARY)))
+        try:
+            self._append(MAGIC + _encode(Header(profile="", library=LIBRARY)))
+        except OSError:
+            self.give_up()
+            raise
 
     def _begin_chunk(self) -> None:
         self._parts: list[bytes] = []
@@ -202,6 +206,11 @@ class McapFile:
         if self._fd >= 0:
             os.close(self._fd)
             self._fd = -1
+
+    def give_up(self) -> None:
+        """Close and remove a file that holds nothing yet."""
+        self.close()
+        self.path.unlink(missing_ok=True)
 
     def _tail(self) -> bytes:
         used = sorted(self._counts)

@@ -109,8 +109,12 @@ class RunWriter:
         self._is_spot = self._joint_names == JOINT_NAMES
         if self._is_spot:
             self._put(SCENE, viewer.scene(started_ns), 0, started_ns)
-        self._file.flush()
-        self._file.attach(HEADER_ATTACHMENT, "application/x-protobuf", data, started_ns)
+        try:
+            self._file.flush()
+            self._file.attach(HEADER_ATTACHMENT, "application/x-protobuf", data, started_ns)
+        except OSError:
+            self._file.give_up()
+            raise
 
     @property
     def written(self) -> dict[str, int]:

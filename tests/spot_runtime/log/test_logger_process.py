@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import subprocess
@@ -14,7 +15,7 @@ import pytest
 from spot_runtime.log import logger_child, read_run
 from spot_runtime.log.errors import LogError, LogExistsError
 from spot_runtime.log.logger_process import LoggerProcess
-from spot_runtime.log.run_writer import active_path
+from spot_runtime.log.run_writer import RunWriter, active_path
 from spot_runtime.log.sink import TOPICS, LogSink, MemorySink, NullSink
 from spot_runtime.signals import HANDLED
 
@@ -217,6 +218,23 @@ def test_a_full_disk_is_reported_and_the_log_stays_readable(synthetic_run, tmp_p
     assert run.states.sequence.tolist() == [*range(50), *range(80, 100)]
     assert run.footer is not None
     assert run.footer.dropped == {"state": 30}
+
+
+def test_a_log_that_has_no_room_for_its_head_leaves_nothing(synthetic_run, tmp_path, monkeypatch):
+    """As over a disk quota, of which the free space of the disk says nothing."""
+    real_write, left = os.write, []
+
+    def over_quota(fd: int, data: memoryview) -> int:
+        if not left.pop():
+            raise OSError(errno.EDQUOT, os.strerror(errno.EDQUOT))
+        return real_write(fd, data)
+
+    monkeypatch.setattr(os, "write", over_quota)
+    for room_for in ([], [True], [True, True]):
+        left[:] = [False, *room_for]
+        with pytest.raises(OSError, match="Disk quota exceeded"):
+            RunWriter(tmp_path / "run.mcap", synthetic_run().header)
+        assert list(tmp_path.iterdir()) == []
 
 
 def test_a_write_that_fails_half_way_is_taken_back(synthetic_run, tmp_path, monkeypatch):
