@@ -92,7 +92,9 @@ class Commander:
             yield request
             self.started.set()
             count, state = self._reader.wait_for_newer(count)
-            self.echoed = max(self.echoed, state.last_command.user_command_key)
+            key = state.last_command.user_command_key
+            # Until the first command arrives, the robot echoes whatever a program before this one sent.
+            self.echoed = max(self.echoed, key) if key <= self.sent else self.echoed
 
 
 def main():
