@@ -23,9 +23,9 @@ from spot_runtime.hal.lock_step import LockStep
 from spot_runtime.instance_lock import InstanceLock
 from spot_runtime.journal import Journal, goes_to_journal
 from spot_runtime.labels import parse_labels
-from spot_runtime.log import LogError, recover_leftovers
+from spot_runtime.log import recover_leftovers
 from spot_runtime.log.logger_process import LoggerProcess
-from spot_runtime.log.run_writer import active_path
+from spot_runtime.log.run_writer import active_path, make_log_folder
 from spot_runtime.log.sink import LogSink
 from spot_runtime.policy_admission import admission
 from spot_runtime.run import RunRequest, log_file_name
@@ -122,18 +122,6 @@ def _say_last(text: str) -> None:
         nothing = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nothing, sys.stdout.fileno())
         os.close(nothing)
-
-
-def make_log_folder(directory: Path) -> None:
-    """Make the folder of the logs where it is missing.
-
-    Raises:
-        LogError: It cannot be made.
-    """
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise LogError(f"the folder {directory} for logs cannot be made: {error.strerror}; name another") from error
 
 
 def recover_at_start(directory: Path, console: Console) -> None:

@@ -13,13 +13,14 @@ import typer
 
 from spot_model.errors import BadInputError
 from spot_protos import operator_pb2
-from spot_runtime.cli import check_encodable, make_log_folder, recover_at_start, resolve_config
+from spot_runtime.cli import check_encodable, recover_at_start, resolve_config
 from spot_runtime.config import RunConfig, for_lock_step
 from spot_runtime.console import Console
 from spot_runtime.hal.address import parse_address
 from spot_runtime.journal import Journal, goes_to_journal
 from spot_runtime.live.process import LiveProcess
 from spot_runtime.log.records import EventRecord, Severity
+from spot_runtime.log.run_writer import make_log_folder
 from spot_runtime.operator.server import OperatorServer
 from spot_runtime.operator.supervisor import Supervisor
 from spot_runtime.service_manager import ServiceManager

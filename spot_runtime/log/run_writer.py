@@ -13,7 +13,7 @@ from google.protobuf.message import Message
 from spot_model.facts import JOINT_NAMES, LEG_NAMES
 from spot_protos import log_pb2
 from spot_runtime.log import codec, viewer
-from spot_runtime.log.errors import DiskSpaceError, LogExistsError
+from spot_runtime.log.errors import DiskSpaceError, LogError, LogExistsError
 from spot_runtime.log.mcap_file import CHUNK_BYTES, McapFile
 from spot_runtime.log.records import RunHeader
 from spot_runtime.log.topics import (
@@ -45,6 +45,18 @@ OwnRecord = log_pb2.State | log_pb2.Command | log_pb2.Tick | log_pb2.SlowState |
 def active_path(path: Path) -> Path:
     """Name of a log while it is being written."""
     return path.with_name(path.name + ACTIVE_SUFFIX)
+
+
+def make_log_folder(directory: Path) -> None:
+    """Make the folder of the logs where it is missing.
+
+    Raises:
+        LogError: It cannot be made.
+    """
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise LogError(f"the folder {directory} for logs cannot be made: {error.strerror}; name another") from error
 
 
 def check_can_start(path: Path, min_free_bytes: int = MIN_FREE_BYTES_TO_START) -> None:

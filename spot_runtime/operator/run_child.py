@@ -21,6 +21,7 @@ from spot_runtime.hal.base import Hal
 from spot_runtime.hal.lock_step import LockStep
 from spot_runtime.instance_lock import InstanceLock
 from spot_runtime.log.logger_process import LoggerProcess
+from spot_runtime.log.run_writer import make_log_folder
 from spot_runtime.log.sink import LogSink
 from spot_runtime.operator.lease_note import note_folder
 from spot_runtime.operator.link import RunLink
@@ -43,7 +44,7 @@ def drive(spec: RunSpec, link: RunLink) -> int:
     """Carry it out. Returns the exit code. Raises SpotRlError where the robot was never touched."""
     policy = load_checked(spec.policy, spec.policy_sha256, spec.config)
     address = parse_address(spec.robot)
-    spec.config.log.directory.mkdir(parents=True, exist_ok=True)
+    make_log_folder(spec.config.log.directory)
 
     manager = ServiceManager.from_environment(os.environ)
 

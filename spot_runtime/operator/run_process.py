@@ -51,10 +51,16 @@ class RunProcess:
             process = subprocess.Popen(  # noqa: S603 - our own command line
                 command, stdin=subprocess.PIPE, pass_fds=(theirs.fileno(),), env=environment, start_new_session=True
             )
-        if process.stdin is not None:
-            with process.stdin as stdin:
-                stdin.write(spec.model_dump_json(by_alias=True).encode())
-        return RunProcess(process, ours)
+        run = RunProcess(process, ours)
+        try:
+            if process.stdin is not None:
+                with process.stdin as stdin:
+                    stdin.write(spec.model_dump_json(by_alias=True).encode())
+        except OSError:  # it ended before it had read what to do
+            run.kill()
+            run.close()
+            raise
+        return run
 
     def tell(self, message: run_link_pb2.ToRun) -> bool:
         """Hand over a request. Returns whether the socket took it."""

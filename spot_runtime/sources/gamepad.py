@@ -80,8 +80,14 @@ class PygamePad:
         except ModuleNotFoundError as error:
             raise BadInputError("--gamepad needs pygame; install the extra: pip install 'spot-rl[gamepad]'") from error
         self._pygame: Any = pygame
-        pygame.display.init()
-        pygame.joystick.init()
+        try:
+            pygame.display.init()
+            pygame.joystick.init()
+        except pygame.error as error:
+            pygame.quit()
+            raise BadInputError(
+                f"gamepads cannot be read: {error}; without a screen set SDL_VIDEODRIVER=dummy"
+            ) from error
         count = pygame.joystick.get_count()
         if index >= count:
             pygame.quit()

@@ -14,6 +14,7 @@ import sys
 import threading
 from datetime import datetime, timezone
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,8 @@ from spot_runtime.config import RealTimeConfig, RunConfig, for_lock_step
 from spot_runtime.console import Console
 from spot_runtime.instance_lock import AlreadyRunningError, InstanceLock
 from spot_runtime.locked_file import open_locked
+from spot_runtime.log.errors import LogError
+from spot_runtime.log.run_writer import make_log_folder
 from spot_runtime.loop_stats import PENDING_MAX, LoopStats
 from spot_runtime.run import log_file_name
 from spot_runtime.samples import Samples
@@ -311,6 +314,27 @@ def test_a_gamepad_needs_pygame(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pygame", None)
     with pytest.raises(BadInputError, match=re.escape("pip install 'spot-rl[gamepad]'")):
         PygamePad(0)
+
+
+def test_a_system_without_gamepads_is_told_of_in_words(monkeypatch: pytest.MonkeyPatch) -> None:
+    class PygameError(RuntimeError): ...
+
+    def init() -> None:
+        raise PygameError("x11 not available")
+
+    ended: list[bool] = []
+    parts = SimpleNamespace(init=init)
+    pygame = SimpleNamespace(error=PygameError, display=parts, joystick=parts, quit=lambda: ended.append(True))
+    monkeypatch.setitem(sys.modules, "pygame", pygame)
+    with pytest.raises(BadInputError, match="x11 not available; without a screen set SDL_VIDEODRIVER=dummy"):
+        PygamePad(0)
+    assert ended == [True]
+
+
+def test_a_log_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(LogError, match=r"folder .*file/logs for logs cannot be made: Not a directory; name another"):
+        make_log_folder(tmp_path / "file" / "logs")
 
 
 def test_the_tables_of_the_documentation_are_up_to_date() -> None:
