@@ -16,6 +16,9 @@ from spot_runtime.hal.errors import MotionError
 POLL_S: Final = 0.05
 """Robot time between two looks at the progress of a motion."""
 
+CUT_S: Final = 3.0
+"""Robot time in which an e-stop lets the robot settle and cuts its power."""
+
 _STANDS: Final = basic_command_pb2.StandCommand.Feedback.STATUS_IS_STANDING
 _FEEDBACK: Final = basic_command_pb2.RobotCommandFeedbackStatus
 
@@ -84,8 +87,23 @@ class Motions:
         """Sit where needed and cut power; returns when it is cut."""
         if self._is_without_power():
             return
-        self._command(RobotCommandBuilder.safe_power_off_command(), "powering off")
+        try:
+            self._command(RobotCommandBuilder.safe_power_off_command(), "powering off")
+        except MotionError:
+            # While an e-stop cuts the power nothing is carried out any more, and nothing needs to be.
+            if not self._is_cut_anyway():
+                raise
+            return
         self._wait(self._is_without_power, "power off", self._config.power_timeout_s)
+
+    def _is_cut_anyway(self) -> bool:
+        waited_s = 0.0
+        while not self._is_without_power():
+            if waited_s >= CUT_S:
+                return False
+            self._pause(POLL_S)
+            waited_s += POLL_S
+        return True
 
     def _command(self, command: Any, doing: str) -> Any:
         client, timeout_s = self._calls.client(RobotCommandClient), self._config.rpc_timeout_s

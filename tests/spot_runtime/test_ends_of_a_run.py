@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
@@ -20,13 +21,15 @@ import pytest
 from spot_model.policy import Policy
 from spot_model.state import Gains, JointCommand
 from spot_model.velocity_sequence import standing_sequence
-from spot_runtime.config import HandoverConfig, RunConfig, for_lock_step
+from spot_runtime.config import HandoverConfig, RobotConfig, RunConfig, for_lock_step
 from spot_runtime.console import Console
 from spot_runtime.hal.address import parse_address
 from spot_runtime.hal.base import JointControl, RobotInfo
 from spot_runtime.hal.bosdyn import BosdynHal
+from spot_runtime.hal.calls import Calls
 from spot_runtime.hal.errors import HalError, LeaseHeldError, MotionError
 from spot_runtime.hal.estop import OwnEstop
+from spot_runtime.hal.motions import CUT_S, Motions
 from spot_runtime.log.records import EventRecord
 from spot_runtime.log.sink import MemorySink
 from spot_runtime.run import RunRequest, run
@@ -259,6 +262,24 @@ def test_a_robot_whose_lease_was_lost_is_not_said_to_be_powered_off(
     with pytest.raises(LeaseHeldError, match="answerable for the robot, which may have power"):
         hal.power_off()
     assert hal.joint_control is JointControl.OFF
+
+
+@pytest.mark.parametrize(("cut_after_s", "is_off"), [(0.5, True), (1e6, False)])
+def test_a_robot_that_refuses_to_power_off_while_an_estop_cuts_its_power_is_off_all_the_same(
+    monkeypatch: pytest.MonkeyPatch, cut_after_s: float, is_off: bool
+) -> None:
+    waited: list[float] = []
+    motions = Motions(
+        Calls(),
+        RobotConfig(),
+        is_powered=lambda: True,
+        is_without_power=lambda: sum(waited) >= cut_after_s,
+        pause=waited.append,
+    )
+    monkeypatch.setattr(motions, "_command", lambda *_: refuse("powering off: NotPoweredOnError")())
+    with nullcontext() if is_off else pytest.raises(MotionError, match="NotPoweredOnError"):
+        motions.power_off()
+    assert sum(waited) == pytest.approx(min(cut_after_s, CUT_S), abs=0.06)
 
 
 # A terminal that goes away -------------------------------------------------------------------------------------------
