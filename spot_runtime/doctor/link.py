@@ -6,17 +6,14 @@ import ssl
 import time
 from dataclasses import dataclass
 from datetime import datetime, timezone
-from importlib.resources import files
 
-from spot_model.bounded_file import FileTooLargeError, read_at_most
-from spot_model.errors import BadInputError
 from spot_runtime.config import RobotConfig
 from spot_runtime.doctor.check import Finding, fail, ok, warn
 from spot_runtime.hal.address import TLS_NAME, Address, connect, explain_no_connection
 from spot_runtime.hal.errors import HalError
+from spot_runtime.hal.trust import trusted_certificates
 
 PROBES = 10
-MAX_PEM_BYTES = 1024 * 1024
 LATENCY_WARN_S = 0.005
 LATENCY_FAIL_S = 0.030
 """A command is void 50 ms after it was sent, a state is too old after 40 ms: little may be spent on the way."""
@@ -61,14 +58,7 @@ class Link:
 
     def trusted_pem(self) -> bytes:
         """The vendor's certificate, and the one that the configuration names."""
-        vendor = files("bosdyn.client.resources").joinpath("robot.pem").read_bytes()
-        if self.config.ca_file is None:
-            return vendor
-        try:
-            return vendor + b"\n" + read_at_most(self.config.ca_file, MAX_PEM_BYTES)
-        except (OSError, FileTooLargeError) as error:
-            reason = getattr(error, "strerror", None) or error
-            raise BadInputError(f"certificate file {self.config.ca_file} cannot be read: {reason}") from error
+        return trusted_certificates(self.config.ca_file)
 
     def _explain(self, reason: str) -> HalError:
         return explain_no_connection(self.address, self.trusted_pem(), reason, self.config.rpc_timeout_s)

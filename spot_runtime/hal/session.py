@@ -5,8 +5,6 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Callable
-from importlib.resources import files
-from pathlib import Path
 from typing import Any, Final
 
 import grpc
@@ -28,8 +26,6 @@ from bosdyn.client.robot_state import RobotStateClient, RobotStateStreamingClien
 from bosdyn.client.sdk import Sdk, generate_client_name
 from bosdyn.client.time_sync import TimeSyncClient
 
-from spot_model.bounded_file import FileTooLargeError, read_at_most
-from spot_model.errors import BadInputError
 from spot_model.facts import N_JOINTS
 from spot_model.state import SlowState
 from spot_runtime.clock import HostClock, RobotClockEstimate
@@ -42,6 +38,7 @@ from spot_runtime.hal.estop import OwnEstop, needs_own_endpoint
 from spot_runtime.hal.motions import POLL_S
 from spot_runtime.hal.slow_state import pressed_estops, slow_state_from_message
 from spot_runtime.hal.time_sync import TimeSync
+from spot_runtime.hal.trust import trusted_certificates
 from spot_runtime.hal.vendor_errors import lease_held, translate
 from spot_runtime.safety import CRITICAL
 
@@ -68,8 +65,6 @@ SERVICES: Final = (
 
 ARM_PREFIX: Final = "arm"
 """Of the names of an arm's joints: arm0.sh0, arm0.sh1, ..."""
-
-MAX_PEM_BYTES: Final = 1024 * 1024
 
 ESTOP_RELEASE_S: Final = 1.0
 ONE_THREAD_A_STREAM: Final = "SingleThreadedUnaryStream"
@@ -331,9 +326,7 @@ class Session:
         sdk = Sdk(self._config.client_name)
         name = generate_client_name(self._config.client_name)
         sdk.request_processors.append(AddRequestHeader(lambda: name))
-        sdk.cert = files("bosdyn.client.resources").joinpath("robot.pem").read_bytes()
-        if self._config.ca_file is not None:
-            sdk.cert += b"\n" + _read_pem(self._config.ca_file)
+        sdk.cert = trusted_certificates(self._config.ca_file)
         for service in SERVICES:
             sdk.register_service_client(service)
         self._robot = sdk.create_robot(self._address.sdk_host)
@@ -345,14 +338,3 @@ class Session:
         """A token that the robot no longer takes is replaced. Raises the SDK's errors, and CredentialsError."""
         credentials = find_credentials(self._config.credentials_file, os.environ)
         self._robot.authenticate(credentials.username, credentials.password, timeout=self._timeout_s)
-
-
-def _read_pem(path: Path) -> bytes:
-    try:
-        data = read_at_most(path, MAX_PEM_BYTES)
-    except (OSError, FileTooLargeError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise BadInputError(f"certificate file {path} cannot be read: {reason}; give a PEM file") from error
-    if b"-----BEGIN CERTIFICATE-----" not in data:
-        raise BadInputError(f"certificate file {path} holds no PEM certificate; give the one that signed the robot's")
-    return data

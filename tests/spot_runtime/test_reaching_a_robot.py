@@ -11,6 +11,7 @@ from spot_model.errors import BadInputError
 from spot_runtime.hal.address import Address, explain_no_connection, parse_address
 from spot_runtime.hal.credentials import Credentials, find_credentials
 from spot_runtime.hal.errors import CertificateError, CredentialsError, NoRobotError
+from spot_runtime.hal.trust import read_certificates, trusted_certificates
 
 
 @pytest.mark.parametrize(
@@ -122,3 +123,37 @@ def test_a_bad_file_is_refused_without_showing_its_content(tmp_path: Path, text:
 def test_a_missing_file(tmp_path: Path) -> None:
     with pytest.raises(CredentialsError, match="No such file"):
         find_credentials(tmp_path / "none", {})
+
+
+# Certificates --------------------------------------------------------------------------------------------------------
+
+VENDOR = trusted_certificates(None)
+"""The vendor's certificate, for want of another that is at hand."""
+
+
+def test_what_stands_between_certificates_is_left_out(tmp_path: Path) -> None:
+    file = tmp_path / "ca.pem"
+    file.write_bytes("Aussteller: Müller\n".encode() + VENDOR + b"\xff\n" + VENDOR)
+    assert read_certificates(file).count(b"BEGIN CERTIFICATE") == 2 * VENDOR.count(b"BEGIN CERTIFICATE")
+    read_certificates(file).decode("ascii")
+    assert trusted_certificates(file).startswith(VENDOR)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (None, "cannot be read: No such file or directory; give a PEM file"),
+        (b"", "holds no PEM certificate that can be read; give the one that signed"),
+        (VENDOR[:200], "holds no PEM certificate that can be read"),
+        (
+            b"-----BEGIN CERTIFICATE-----\nAAAA\n-----END CERTIFICATE-----\n",
+            "holds no PEM certificate that can be read",
+        ),
+    ],
+)
+def test_a_file_without_certificates_is_named(tmp_path: Path, content: bytes | None, words: str) -> None:
+    file = tmp_path / "ca.pem"
+    if content is not None:
+        file.write_bytes(content)
+    with pytest.raises(CertificateError, match=words):
+        trusted_certificates(file)

@@ -17,7 +17,7 @@ from spot_model.policy_contract import PolicyError
 from spot_model.velocity_sequence import load_sequence
 from spot_runtime.config import load_config
 from spot_runtime.hal.credentials import find_credentials
-from spot_runtime.hal.session import _read_pem
+from spot_runtime.hal.trust import read_certificates
 from spot_runtime.instance_lock import InstanceLock, LockError
 from spot_runtime.log import LogReadError, read_run, recover_leftovers, recover_log
 from spot_runtime.operator.client import client_from
@@ -40,7 +40,7 @@ def test_devices_that_never_end_are_not_read_to_their_end(tmp_path: Path) -> Non
     with pytest.raises(PolicyError, match="policy /dev/zero cannot be read: it has more bytes than are allowed"):
         load_policy(zero)
     with pytest.raises(Exception, match="certificate file /dev/zero cannot be read: it has more bytes"):
-        _read_pem(zero)
+        read_certificates(zero)
     for read in (read_run, lambda path: recover_log(path, tmp_path / "out.mcap")):
         for odd in (zero, tmp_path):
             with pytest.raises(LogReadError, match="is no file; give a log"):
