@@ -1,4 +1,4 @@
-"""The command ``spot-rl policy``."""
+"""Look at policies, sign them, and check signatures."""
 
 from __future__ import annotations
 

@@ -26,8 +26,8 @@ class Block:
     language: str
     text: str
     order: str
-    """``run`` (as one script), ``play`` (line by line, made short), ``session``, ``file NAME``, ``gpu`` (refused where
-    there is none), or nothing: then its commands stand in the ledger."""
+    """``run`` (as one script), ``play`` (line by line, made short), ``session``, ``file NAME``, ``python`` (a program),
+    ``gpu`` (refused where there is none), or nothing: then its commands stand in the ledger."""
 
     @property
     def lines(self) -> list[str]:

@@ -141,7 +141,7 @@ def test_the_reading_can_fail(line: str) -> None:
         check_line(line.split())
 
 
-RUN_PAGES = [page for page in PAGES if any(block.order in ("run", "play") for block in blocks_of(page))]
+RUN_PAGES = [page for page in PAGES if any(block.order in ("run", "play", "python") for block in blocks_of(page))]
 
 
 @pytest.fixture(scope="module")
@@ -172,6 +172,8 @@ def folder_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]
                 play(waiting, folder)
                 waiting = []
                 bash(block.text, folder)
+            elif kind == "python":
+                run([sys.executable, "-c", block.text], folder)
         play(waiting, folder)
         return folder
 
