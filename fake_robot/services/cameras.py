@@ -10,6 +10,7 @@ from bosdyn.api import image_pb2, image_service_pb2_grpc
 from bosdyn.client.math_helpers import Quat, SE3Pose
 
 from fake_robot.services import test_card
+from fake_robot.services.access import refuse_request
 from fake_robot.services.robot_state_message import ROOT_FRAME, frame_tree
 from fake_robot.services.stamps import timestamp_from_ns
 from fake_robot.services.world import World
@@ -17,6 +18,8 @@ from spot_model.mjcf import BODY_HALF_SIZE_M
 
 VISUAL_SIZE = (640, 480)
 DEPTH_SIZE = (424, 240)
+MAX_IMAGES = 30
+"""In one answer: each source twice."""
 DEPTH_SCALE = 1000.0
 """Counts of a depth image a metre."""
 _LONG_M, _WIDE_M, _ = BODY_HALF_SIZE_M
@@ -96,6 +99,10 @@ class ImageService(image_service_pb2_grpc.ImageServiceServicer):  # type: ignore
         self, request: image_pb2.GetImageRequest, context: grpc.ServicerContext
     ) -> image_pb2.GetImageResponse:
         """An image for each request, in their order."""
+        if len(request.image_requests) > MAX_IMAGES:
+            told = f"{len(request.image_requests)} images in one request; allowed: {MAX_IMAGES}"
+            refused: image_pb2.GetImageResponse = refuse_request(image_pb2.GetImageResponse(), told)
+            return refused
         return image_pb2.GetImageResponse(image_responses=[self._image(wanted) for wanted in request.image_requests])
 
     def _image(self, wanted: image_pb2.ImageRequest) -> image_pb2.ImageResponse:

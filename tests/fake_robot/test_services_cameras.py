@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from bosdyn.api import image_pb2
+from bosdyn.client.exceptions import InvalidRequestError
 from bosdyn.client.frame_helpers import get_a_tform_b
 from bosdyn.client.image import (
     ImageClient,
@@ -92,6 +93,11 @@ def test_what_a_camera_cannot_do_is_the_sdks_error(
 ) -> None:
     with pytest.raises(error):
         images.get_image([request_of()])
+
+
+def test_no_request_asks_for_more_images_than_an_answer_holds(images: Any) -> None:
+    with pytest.raises(InvalidRequestError, match="31 images in one request; allowed: 30"):
+        images.get_image_from_sources(["back_depth"] * 31)
 
 
 def test_a_scenario_can_do_without_cameras(serve_stub: Callable[..., Any]) -> None:
