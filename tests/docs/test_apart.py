@@ -41,7 +41,7 @@ def test_operating_over_a_network(certificates: Path) -> None:
 
 
 @runs("spot-rl serve --robot 192.168.50.3 --policies policies --live-port 8765")
-def test_the_live_view_is_there_before_a_robot_is(certificates: Path) -> None:
+def test_live_view(certificates: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = str(free.getsockname()[1])
     words = block_with("live", "--live-port").text.replace("8765", port).split()
