@@ -53,7 +53,10 @@ class Hal(Protocol):
         """
 
     def stand(self) -> None:
-        """Power on where needed and let the vendor's controller stand; returns when it does. Raises HalError."""
+        """Let the vendor's controller stand; returns when it does. Raises HalError.
+
+        The first call powers on where needed, a later one never does: whoever has cut the power since stands beside it.
+        """
 
     def receive(self, until_robot_ns: int, timeout_s: float) -> list[RobotState]:
         """States that have arrived since the last call, oldest first; empty when none came within the time-out.

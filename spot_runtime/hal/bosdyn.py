@@ -50,6 +50,7 @@ class BosdynHal:
         self._problems: deque[Stop] = deque(maxlen=100)
         self._slow: SlowState | None = None
         self._synced_ns = 0
+        self._has_powered_on = False
         self._states: States | None = None
         self._commands: CommandStream | None = None
         self._command_channel: Any = None
@@ -85,7 +86,9 @@ class BosdynHal:
 
     def stand(self) -> None:
         """See the protocol."""
-        self._motions().power_on()
+        if not self._has_powered_on:
+            self._motions().power_on()
+            self._has_powered_on = True
         self._motions().stand()
         # States have piled up meanwhile; the loop wants to begin with now.
         if self._states is not None:

@@ -7,18 +7,21 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import grpc
 import numpy as np
 import pytest
 
 from spot_model import facts
 from spot_model.errors import BadInputError
 from spot_model.state import Gains, JointCommand, RobotState
+from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
 from spot_runtime.clock import HostClock
 from spot_runtime.config import RunConfig
 from spot_runtime.fake_process import FakeProcess
 from spot_runtime.hal.address import parse_address
 from spot_runtime.hal.base import Hal, JointControl
 from spot_runtime.hal.bosdyn import BosdynHal
+from spot_runtime.hal.errors import MotionError
 from spot_runtime.hal.lock_step import LockStep
 from spot_runtime.hal.replay import ReplayHal
 from spot_runtime.log.sink import MemorySink
@@ -131,6 +134,28 @@ def test_the_robot_confirms_the_keys_it_has_received(tmp_path: Path, monkeypatch
         assert hal.slow_state.motors_powered
         # What goes to the log is what came over the wire, message by message.
         assert len(sink.states) > 1000
+        hal.power_off()
+        hal.close()
+
+
+def test_motors_that_lost_power_are_not_powered_on_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whoever cut the power may stand beside the robot, while a run that ends asks it to stand once more."""
+    with FakeProcess(is_lock_step=True, state_dir=tmp_path / "state") as fake:
+        for name, value in fake.address.environment.items():
+            monkeypatch.setenv(name, value)
+        robot = RunConfig().robot.model_copy(update={"ca_file": fake.address.ca_file})
+        pace = LockStep(fake.address.admin, HostClock().now_ns())
+        config = RunConfig().model_copy(update={"robot": robot})
+        hal = BosdynHal(parse_address(fake.address.robot), config, MemorySink(), pace)
+        hal.connect()
+        hal.stand()
+        with grpc.insecure_channel(fake.address.admin) as channel:
+            admin = fake_admin_pb2_grpc.FakeAdminStub(channel)  # type: ignore[no-untyped-call]
+            admin.InjectFault(fake_admin_pb2.InjectFaultRequest(name="power_loss", duration_s=0.1))
+            admin.Step(fake_admin_pb2.StepRequest(duration_ns=500_000_000))
+            with pytest.raises(MotionError, match="standing"):
+                hal.stand()
+            assert admin.GetStatus(fake_admin_pb2.GetStatusRequest()).motor_power == "off"
         hal.power_off()
         hal.close()
 
