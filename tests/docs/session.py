@@ -9,6 +9,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 from types import TracebackType
@@ -44,6 +45,8 @@ class Session:
         folder.mkdir()
         (folder / "policies").symlink_to(REPOSITORY / "policies")
         self._fake = FakeProcess(is_lock_step=True, state_dir=folder / "fake")
+        # A socket's name is short, and the folders of tests may lie deep.
+        self._runtime = Path(tempfile.mkdtemp(prefix="pages-", dir="/tmp"))
         self._service: subprocess.Popen[bytes] | None = None
 
     def __enter__(self) -> Self:
@@ -61,7 +64,7 @@ class Session:
             **address.environment,
             "PATH": f"{PROGRAMS}:{os.environ['PATH']}",
             "HOME": str(self.folder),
-            "XDG_RUNTIME_DIR": str(self.folder),
+            "XDG_RUNTIME_DIR": str(self._runtime),
             "TERM": "xterm",
         }
         return self
@@ -73,6 +76,7 @@ class Session:
             self._service.terminate()
             self._service.communicate(timeout=60.0)
         self._fake.stop()
+        shutil.rmtree(self._runtime)
 
     def play(self, line: str) -> None:
         """Run one command line as it stands, but for the robot's address and the log's name."""
@@ -114,7 +118,7 @@ class Session:
         self._service = subprocess.Popen(
             [*words, *more], cwd=self.folder, env=self.environment, stderr=subprocess.PIPE, stdin=subprocess.DEVNULL
         )
-        while not (self.folder / "spot-rl" / "operator.sock").exists():
+        while not (self._runtime / "spot-rl" / "operator.sock").exists():
             assert self._service.poll() is None, self._service.communicate()[1].decode()
             time.sleep(0.1)
 

@@ -31,7 +31,7 @@ def bash(text: str, folder: Path, **more: str) -> str:
     told = subprocess.run(
         ["bash", "-euo", "pipefail", "-c", text],
         cwd=folder,
-        env={**ENVIRONMENT, "PATH": path, "XDG_STATE_HOME": str(folder / "state"), **more},
+        env={**ENVIRONMENT, "PATH": path, "XDG_STATE_HOME": f"{folder}-state", **more},
         capture_output=True,
         text=True,
         stdin=subprocess.DEVNULL,
