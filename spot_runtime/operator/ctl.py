@@ -19,6 +19,8 @@ from spot_runtime.operator.client import ARM_TIMEOUT_S, OperatorClient, client_f
 
 app = typer.Typer(no_args_is_help=True, add_completion=False)
 STEER_PERIOD_S = 0.04
+BEFORE_CONTROL = ("", "standing by", "ready", "activating", "ramping_in")
+"""Modes that a run tells between its start and full control; it tells them late, a few times a second."""
 
 Label = Annotated[Optional[list[str]], typer.Option("--label", help="KEY=VALUE; may repeat.")]  # noqa: UP045
 Sha256 = Annotated[str, typer.Option(help="Refuse a policy file with another digest.")]
@@ -236,7 +238,7 @@ def _ask(context: typer.Context, name: str, request: Any, timeout_s: float = 30.
 def _wait_until_active(client: OperatorClient) -> None:
     while True:
         status = client.call("GetStatus", operator_pb2.GetStatusRequest())
-        if status.state != "running" or status.run.mode not in ("", "ready", "activating", "ramping_in"):
+        if status.state != "running" or status.run.mode not in BEFORE_CONTROL:
             return
         client.call("Attend", operator_pb2.AttendRequest())
         time.sleep(0.1)

@@ -8,6 +8,7 @@ import socket
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import grpc
 import numpy as np
@@ -18,7 +19,7 @@ from spot_protos import operator_pb2, run_link_pb2
 from spot_runtime.config import RunConfig
 from spot_runtime.log.records import EventRecord, Severity
 from spot_runtime.modes import Mode
-from spot_runtime.operator import rules
+from spot_runtime.operator import ctl, rules
 from spot_runtime.operator.access import Buckets, Gate, Role
 from spot_runtime.operator.errands import Errands
 from spot_runtime.operator.event_book import KEPT, EventBook
@@ -27,6 +28,7 @@ from spot_runtime.operator.listening import SocketFile, default_address, is_loop
 from spot_runtime.operator.mode_texts import MODE_TEXTS
 from spot_runtime.operator.policy_shelf import PolicyShelf
 from spot_runtime.operator.refusal import Refusal
+from spot_runtime.operator.run_status import STANDING_BY
 from spot_runtime.operator.states import State
 from spot_runtime.operator.steering import Attendance, OperatorSource
 from spot_runtime.stops import StopReason
@@ -374,3 +376,31 @@ def test_an_operators_command_starts_without_heavy_libraries() -> None:
     words = f"import spot_runtime.operator.ctl, sys; print([m for m in {heavy} if m in sys.modules])"
     told = subprocess.run([sys.executable, "-c", words], capture_output=True, text=True, check=True)
     assert told.stdout.strip() == "[]"
+
+
+# ctl ------------------------------------------------------------------------------------------------------------------
+
+
+class Telling:
+    """A service that tells one mode after the other."""
+
+    def __init__(self, *modes: str) -> None:
+        self.modes, self.attended = list(modes), 0
+
+    def call(self, name: str, request: Any, timeout_s: float = 0.0) -> Any:
+        del request, timeout_s
+        if name == "Attend":
+            self.attended += 1
+            return None
+        return operator_pb2.Status(state="running", run=operator_pb2.RunStatus(mode=self.modes.pop(0)))
+
+
+def test_steering_waits_until_the_policy_is_in_full_control(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also while the last word of a run that has just started is that it stands by."""
+    monkeypatch.setattr(ctl.time, "sleep", lambda _: None)
+    before = [mode.value for mode in (Mode.READY, Mode.ACTIVATING, Mode.RAMPING_IN)]
+    assert set(ctl.BEFORE_CONTROL) == {"", STANDING_BY, *before}
+    service = Telling(*ctl.BEFORE_CONTROL, "active", "never asked")
+    ctl._wait_until_active(service)  # type: ignore[arg-type]
+    assert service.modes == ["never asked"]
+    assert service.attended == len(ctl.BEFORE_CONTROL)
