@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Final, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from diagnosis.verdict import FoundEffect, Number, Status, Verdict
 from withheld.cases import Case
@@ -59,8 +60,15 @@ class Answer(_Part):
     effect: str = ""
     """Empty: it names none."""
     joints: tuple[str, ...] = ()
-    detail: dict[str, float] = Field(default_factory=dict)
+    detail: dict[str, float | None] = Field(default_factory=dict)
+    """Figures; None for one that these logs do not give."""
     cpu_s: float = 0.0
+
+    @field_validator("detail")
+    @classmethod
+    def _finite(cls, detail: dict[str, float | None]) -> dict[str, float | None]:
+        """No number is no figure: JSON has no word for it, and the outcome is to be read again."""
+        return {name: v if v is not None and math.isfinite(v) else None for name, v in detail.items()}
 
 
 class Outcome(_Part):

@@ -161,3 +161,10 @@ def test_the_table_counts_what_it_should() -> None:
     assert breakdown(some)["repeats"]["5"].trials == 4
     assert comparison(some)["false_alarm"]["diagnosis"]["hits"] == 1
     assert comparison(some)["group"]["two_sample"] is None
+
+
+def test_an_answer_with_a_figure_that_there_is_none_of_can_be_read_again() -> None:
+    """A classifier's p-value of too few runs, say: one such case must not make a whole run unreadable."""
+    answer = Answer(has_gap=False, detail={"p_value": float("nan"), "change": 0.5})
+    assert answer.detail == {"p_value": None, "change": 0.5}
+    assert Answer.model_validate_json(answer.model_dump_json()) == answer
