@@ -188,7 +188,7 @@ def life(box: Container, python: str, bundles: tuple[Path, Path], scratch: Path)
             }
 
         def is_off() -> bool:
-            return str(left()["motor_power"]).lower().endswith("off")
+            return left()["motor_power"] == "off"
 
         def is_idle_again() -> bool:
             return box.show("ActiveState") == "active" and box.status()["state"] == "idle"

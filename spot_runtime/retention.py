@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from spot_model.errors import BadInputError
-from spot_runtime.log.recover import ASIDE_SUFFIX
+from spot_runtime.log.names import ASIDE_SUFFIX
 
 GB = 1e9
 SUFFIX = ".mcap"

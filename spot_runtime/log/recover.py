@@ -15,12 +15,10 @@ from spot_protos import log_pb2
 from spot_runtime.log.errors import LogError, LogReadError, MissingHeaderError, NotAnMcapError
 from spot_runtime.log.mcap_file import CHUNK_BYTES, McapFile
 from spot_runtime.log.mcap_scan import RawMessage, Scan, scan_mcap
+from spot_runtime.log.names import ASIDE_SUFFIX
 from spot_runtime.log.reader import RECOVERED, header_of, read_log_file, read_run
 from spot_runtime.log.run_writer import ACTIVE_SUFFIX, HEADER_ATTACHMENT, active_path, check_can_start
 from spot_runtime.log.topics import ALL_TOPICS, FOOTER, HEADER, OWN_TOPICS
-
-ASIDE_SUFFIX: Final = ".damaged"
-"""Of a leftover while it is recovered, and afterwards where it is damaged inside."""
 
 MAX_STAMP_NS: Final = (1 << 63) - 1
 _CHANNELS = {topic.name: topic.channel_id for topic in ALL_TOPICS}

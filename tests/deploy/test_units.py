@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -125,6 +126,21 @@ def test_the_credential_has_the_name_that_the_runtime_looks_for() -> None:
 
     (credential,) = settings("spot-rl.service")["LoadCredential"]
     assert credential == f"{SYSTEMD_NAME}:/etc/spot-rl/credentials.yaml"
+
+
+@pytest.mark.parametrize("name", SERVICES)
+def test_a_system_call_that_the_filter_forbids_is_refused_and_kills_nobody(name: str) -> None:
+    unit = settings(name)
+    assert "~@privileged" in " ".join(unit["SystemCallFilter"])
+    assert unit["SystemCallErrorNumber"] == ["EPERM"]
+
+
+def test_pruning_loads_no_library_that_asks_for_what_its_unit_forbids() -> None:
+    # OpenBLAS, which comes with NumPy, sets a memory policy while it is loaded: mbind, of @resources.
+    assert "@resources" in " ".join(settings("spot-rl-logs.service")["SystemCallFilter"])
+    code = "import sys, spot_runtime.retention; print(sorted({'numpy', 'mcap', 'google.protobuf'} & set(sys.modules)))"
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert told.stdout.strip() == "[]"
 
 
 def test_every_option_and_variable_of_the_units_is_there() -> None:
