@@ -39,7 +39,7 @@ ELSEWHERE = {
         "withheld/test_end_to_end.py",
         '["run", "--out", str(out), "--cases", "2"',
     ),
-    "spot-rl withheld run --cases 300 --seed-from-os --search-every 20 --workers 64 --until 330": (
+    "spot-rl withheld run --cases 300 --seed-from-os --search-every 20 --workers 2": (
         "withheld/test_end_to_end.py",
         '["run", "--out", str(out), "--cases", "2"',
     ),
