@@ -165,6 +165,7 @@ class _Simulation:
             for s in self.scripts
         ])  # fmt: skip
         gains = self.policy.gains()
+        followed: Array | None = None
         for tick in range(n_ticks):
             tell(tick / n_ticks)
             for message in range(TICK_STATES[tick % 3]):
@@ -174,13 +175,16 @@ class _Simulation:
                 if message == 0:
                     self._tick(tick, state, commands[:, tick])
                 for _ in range(SUBSTEPS):
-                    self.plant.command(
-                        ServoCommand(
-                            position_rad=self._deliver(),
-                            kp_nm_per_rad=gains.kp_nm_per_rad,
-                            kd_nm_s_per_rad=gains.kd_nm_s_per_rad,
+                    setpoint = self._deliver()
+                    if setpoint is not followed:
+                        followed = setpoint
+                        self.plant.command(
+                            ServoCommand(
+                                position_rad=setpoint,
+                                kp_nm_per_rad=gains.kp_nm_per_rad,
+                                kd_nm_s_per_rad=gains.kd_nm_s_per_rad,
+                            )
                         )
-                    )
                     self.plant.advance()
                     self.now_ns += facts.STATE_PERIOD_NS // SUBSTEPS
         states = {name: np.array(rows) for name, rows in self.states.items()}
@@ -256,17 +260,19 @@ class _Simulation:
         """
         step_ns = facts.STATE_PERIOD_NS // SUBSTEPS
         end_s = 1e-9 * (self.now_ns + step_ns - START_NS)
-        mean = self.setpoint
+        mean, any_due = self.setpoint, False
         for number, arrival_s, setpoint in self.waiting:
             due = (arrival_s < end_s - 1e-9) & (self.key < number)
             if due.any():
+                any_due = True
                 share = np.clip((end_s - np.where(due, arrival_s, end_s)) / (1e-9 * step_ns), 0.0, 1.0)[:, None]
                 mean = mean + share * (setpoint - mean)
                 self.setpoint = np.where(due[:, None], setpoint, self.setpoint)
                 stamp = START_NS + np.round(np.where(due, arrival_s, 0.0) * 1e9).astype(np.int64)
                 self.received_ns = np.where(due, stamp, self.received_ns)
                 self.key = np.where(due, number, self.key)
-        self.waiting = [w for w in self.waiting if np.any(np.isfinite(w[1]) & (self.key < w[0]))]
+        if any_due:
+            self.waiting = [w for w in self.waiting if np.any(np.isfinite(w[1]) & (self.key < w[0]))]
         return mean
 
     def _run(self, i: int, states: dict[str, Any], ticks: dict[str, Any]) -> Run:
