@@ -87,8 +87,7 @@ def one_case(kind: str, place: Place, seed: int, name: str, size: float, repeats
     is_shared = any(t.effect.name in SURROUNDING_EFFECTS for t in best.terms)
     bench = _bench(few, policy, whole if is_shared else None)
     rng = np.random.default_rng(seed)
-    not_wrong = frozenset(n for g in found.posterior.groups for n in g.names)
-    simulated = simulate_all(bench, nominal, found.board, found.selection, not_wrong, rng)
+    simulated = simulate_all(bench, nominal, found.board, found.selection, found.posterior.groups, rng)
     said = measure(bench, simulated, rng).shrink
     if said is not None:
         row |= {"s": said.s, "low": said.s_low, "high": said.s_high, "d0": said.d0, "d1": said.d1}

@@ -15,7 +15,8 @@ from diagnosis.fitted import corrected_model, numbers
 from diagnosis.library.base import LibraryEffect
 from diagnosis.library.registry import LIBRARY
 from diagnosis.logs import script_of
-from diagnosis.measure import Bench, Measured, measure, simulate_all
+from diagnosis.measure import Bench, Measured, best_member, measure, simulate_all
+from diagnosis.members import Member, after_members, with_member
 from diagnosis.posterior import Calibration, Posterior, after_shrink, posterior
 from diagnosis.progress import Progress
 from diagnosis.recording import record
@@ -154,8 +155,11 @@ def diagnose(
         say("simulating the models through the same commands")
         is_shared = best is not None and any(t.effect.name in SURROUNDING_EFFECTS for t in best.terms)
         bench = Bench(tuple(runs), scripts, policy, engine or LocalEngine(policy), corrected if is_shared else None)
-        not_wrong = frozenset(n for g in found.posterior.groups for n in g.names)
-        simulated = simulate_all(bench, nominal, found.board, found.selection, not_wrong, rng, tell)
+        simulated = simulate_all(bench, nominal, found.board, found.selection, found.posterior.groups, rng, tell)
+        simulated, winner = best_member(bench, simulated)
+        found = _with_members(found, simulated.members, winner, chosen)
+        if winner is not None:
+            corrected = corrected_model(nominal, found.board.robot, winner.rival.scored)
         logs = stack([record(run) for run in simulated.runs["nominal"]])
         views, _ = build_views(logs, nominal)
         legs = found.board.robot.leg_of_joint
@@ -174,6 +178,16 @@ def diagnose(
             "synthesis": synthesis_check(runs, nominal, corrected, policy, verdict, rng, library, chosen)
         })  # fmt: skip
     return Diagnosis(verdict, corrected, map_, measured, tuple(runs), found.board)
+
+
+def _with_members(
+    found: Explained, members: Sequence[Member], winner: Member | None, calibration: Calibration
+) -> Explained:
+    """What was found, knowing the closed loops of the groups' members."""
+    selection = with_member(found.selection, winner) if winner is not None else found.selection
+    return replace(
+        found, selection=selection, posterior=after_members(found.posterior, members, winner, calibration)
+    )  # fmt: skip
 
 
 def _ignore(share: float) -> None:
@@ -200,7 +214,7 @@ def _verdict(
     runs: Sequence[Run],
     nominal_name: str,
 ) -> Verdict:
-    status, plain = sober(status_of(found), found.views)
+    status, plain = sober(status_of(found), found.views, measured.shrink if measured is not None else None)
     effects = tuple(_effects(found)) if status not in ("no_gap", "cannot_tell") else ()
     unknown = None
     if status in ("unknown_effect", "partly_explained"):

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Final
 
 import numpy as np
 
 from diagnosis.engine import Engine, LocalEngine, Tell
 from diagnosis.fitted import corrected_model, without_fold
 from diagnosis.logs import policy_ticks, script_of
+from diagnosis.members import Member, members_of
+from diagnosis.posterior import Group
 from diagnosis.selection.board import Board
 from diagnosis.selection.search import Rival, Selection
 from diagnosis.shrink import Compared, Features, Shrinkage, compare, features_by_sequence, shrinkage
@@ -62,19 +65,24 @@ class Measured:
     notes: tuple[str, ...]
 
 
+CLEARLY: Final = 0.3
+"""In floors; less is what two simulations of one model differ by."""
+
 Models = Mapping[str, RobotModel]
 """By command sequence, the model that runs it."""
 
 
 def roll_out(
-    bench: Bench, models: Mapping[str, Models], references: Models, rng: np.random.Generator, tell: Tell
-) -> dict[str, list[Run]]:
+    bench: Bench, models: Mapping[str, Models], references: Models, rng: np.random.Generator, tell: Tell,
+    like: Mapping[str, str] | None = None,
+) -> dict[str, list[Run]]:  # fmt: skip
     """Runs of all scripts by each model, all side by side, in the surroundings that suit them.
 
     Args:
         bench: What to run.
-        models: By name; a name without a reference shares the surroundings of ``nominal``.
+        models: By name.
         references: By name, the model for which surroundings are chosen, unless the bench has one for all.
+        like: By name of a model without a reference, the name of the one whose surroundings it shares.
         rng: Draws seeds.
         tell: Called with the share that is done.
 
@@ -89,7 +97,7 @@ def roll_out(
         ))  # fmt: skip
     jobs, names = [], []
     for name, by_sequence in models.items():
-        around = bench.surroundings["all" if bench.shared is not None else name if name in references else "nominal"]
+        around = bench.surroundings["all" if bench.shared is not None else (like or {}).get(name, name)]
         for sequence, model in by_sequence.items():
             mine = [s for s in bench.scripts if s.sequence == sequence]
             jobs += [(model, s, around.by_sequence.get(sequence)) for s in mine]
@@ -102,28 +110,30 @@ def roll_out(
 
 @dataclass(frozen=True)
 class Simulated:
-    """Closed-loop runs by name of the model: nominal, corrected, placebo."""
+    """Closed-loop runs by name of the model: nominal, corrected, placebo, members of groups."""
 
     runs: Mapping[str, list[Run]]
     placebo: str
     """Name of the wrong effect; empty without one."""
+    members: tuple[Member, ...]
+    """Of the found effects' groups; a run of each is there under its own name."""
     is_crossed: bool
     """Whether each sequence's model was fitted without it."""
     notes: tuple[str, ...]
 
 
 def simulate_all(
-    bench: Bench, nominal: RobotModel, board: Board, selection: Selection, not_wrong: frozenset[str],
+    bench: Bench, nominal: RobotModel, board: Board, selection: Selection, groups: Sequence[Group],
     rng: np.random.Generator, tell: Tell = lambda _: None,
 ) -> Simulated:  # fmt: skip
-    """Run the nominal model and, where something was found, the corrected one and the placebo.
+    """Run the nominal model and, where something was found, the corrected one, its groups' members and the placebo.
 
     Args:
         bench: Real logs and how to simulate them.
         nominal: The model.
         board: With the folds.
         selection: What was chosen.
-        not_wrong: Effects that may be right: found, or in a group with one that is found; no placebo.
+        groups: Of the chosen effects; none of their members is a placebo.
         rng: Draws seeds.
         tell: Called with the share that is done.
 
@@ -132,10 +142,14 @@ def simulate_all(
     """
     names, notes = bench.sequences, []
     crossed = list(board.fold_names) == names and len(names) > 1
-    placebo = _placebo(selection, not_wrong)
+    placebo = _placebo(selection, frozenset(n for g in groups for n in g.names))
+    members = members_of(selection, groups)
     found = {"corrected": selection.best, "placebo": placebo.scored if placebo is not None else None}
+    found |= {m.name: m.rival.scored for m in members}
     models: dict[str, Models] = {"nominal": dict.fromkeys(names, nominal)}
     references = {"nominal": nominal}
+    # A placebo is hardly better than the nominal model, whose surroundings serve it.
+    like = {"placebo": "nominal", **{m.name: "corrected" for m in members}}
     for name, scored in found.items():
         if scored is None:
             continue
@@ -144,20 +158,45 @@ def simulate_all(
                 s: corrected_model(nominal, board.robot, scored, without_fold(scored, k) if crossed else None)
                 for k, s in enumerate(names)
             }
-            # A placebo is hardly better than the nominal model, whose surroundings serve it.
             if name == "corrected":
                 references[name] = corrected_model(nominal, board.robot, scored)
         except BadInputError as error:
             models.pop(name, None)
             notes.append(f"{name} model cannot be simulated: {error}")
     try:
-        runs = roll_out(bench, models, references, rng, tell)
+        runs = roll_out(bench, models, references, rng, tell, like)
     except BadInputError as error:
         notes.append(f"corrected model cannot be simulated: {error}")
         alone = replace(bench, shared=None)
         runs = roll_out(alone, {"nominal": models["nominal"]}, {"nominal": nominal}, rng, tell)
     named = placebo.scored.terms[-1].effect.name if placebo is not None and "placebo" in runs else ""
-    return Simulated(runs, named, crossed, tuple(notes))
+    return Simulated(runs, named, tuple(m for m in members if m.name in runs), crossed, tuple(notes))
+
+
+def best_member(bench: Bench, simulated: Simulated) -> tuple[Simulated, Member | None]:
+    """The member of a group with which closed loops come clearly nearer to the robot than with the one that was chosen.
+
+    Its runs take the place of the corrected model's, then.
+
+    Args:
+        bench: Real logs.
+        simulated: Runs of the models.
+    """
+    if "corrected" not in simulated.runs or not simulated.members:
+        return simulated, None
+    compared = [c for c in _compared(bench, simulated.runs)[0] if c.real.shape[0] > 1]
+    if not compared:
+        return simulated, None
+    far = {name: float(np.mean([c.models[name].mean() for c in compared])) for name in compared[0].models}
+    told = tuple(replace(m, distance=far[m.name], chosen_distance=far["corrected"]) for m in simulated.members)
+    nearest = min(told, key=lambda m: m.distance)
+    runs = dict(simulated.runs)
+    is_nearer = nearest.distance < far["corrected"] - CLEARLY
+    if is_nearer:
+        runs["corrected"] = runs[nearest.name]
+    for m in told:
+        del runs[m.name]
+    return replace(simulated, runs=runs, members=told), nearest if is_nearer else None
 
 
 def measure(bench: Bench, simulated: Simulated, rng: np.random.Generator) -> Measured:

@@ -27,13 +27,15 @@ from spot_runtime.log.run import Run
 OWN: Final = Surroundings()
 """The simulator's."""
 STEP: Final = 1.3
-TIME_CONSTANTS_S: Final = tuple(OWN.contact_time_constant_s * STEP**k for k in range(-4, 4))
-"""From 7 ms, as hard as the physics step can follow, to 44 ms: a foot sinks by a centimetre under Spot's weight."""
-FINER: Final = (STEP ** (-2 / 3), STEP ** (-1 / 3), STEP ** (1 / 3), STEP ** (2 / 3))
+TIME_CONSTANTS_S: Final = tuple(OWN.contact_time_constant_s * STEP**k for k in (-4, -2, 0, 2))
+"""From 7 ms, as hard as the physics step can follow, to 34 ms: a foot sinks by a centimetre under Spot's weight."""
+FINER: Final = (STEP**-0.5, STEP**0.5)
 DAMPING_RATIOS: Final = (0.8, 1.25)
 ODOMETRY_S: Final = 0.05
 """Tried first; which of the other times it is matters little."""
-ALL_ODOMETRY_S: Final = (0.0, 0.02, ODOMETRY_S, 0.12)
+OTHER_ODOMETRY_S: Final = (0.0, 0.12)
+NEIGHBOURS: Final = 1.01 * STEP**2
+"""Time constants that differ by no more are neighbours of the first choice."""
 BETTER: Final = 0.95
 """Other surroundings than the simulator's own must score less than this share of them."""
 SMALL: Final = 0.01
@@ -104,11 +106,25 @@ class _Tried:
 
     def best_without(self, *names: str) -> Surroundings:
         """With the best geometric mean over all other sequences; over all where there are no others."""
-        keep = [i for i, n in enumerate(self.names) if n not in names] or list(range(len(self.names)))
-        # Of logarithms, so that no sequence outweighs the others.
-        total = {s: float(np.exp(np.mean(np.log(np.maximum(cost[keep], SMALL))))) for s, cost in self._costs.items()}
+        total = self._totals(names)
         best = min(total, key=lambda s: total[s])
         return best if total[best] < BETTER * total[OWN] else OWN
+
+    def combined(self, centre: Surroundings, names: Sequence[str]) -> Surroundings:
+        """The best time constant and the best odometry beside a centre, judged without some sequences, together."""
+        total = self._totals(names)
+
+        def best(changes: list[Surroundings]) -> Surroundings:
+            return min((s for s in changes if s in total), key=lambda s: total[s], default=centre)
+
+        ground = best([centre, *_nearer(centre)])
+        estimator = best([centre, *_estimators(centre)])
+        return replace(ground, odometry_time_s=estimator.odometry_time_s)
+
+    def _totals(self, names: Sequence[str]) -> dict[Surroundings, float]:
+        keep = [i for i, n in enumerate(self.names) if n not in names] or list(range(len(self.names)))
+        # Of logarithms, so that no sequence outweighs the others.
+        return {s: float(np.exp(np.mean(np.log(np.maximum(cost[keep], SMALL))))) for s, cost in self._costs.items()}
 
     def doubt(self) -> float:
         """What the choice adds to the error of a mean distance: a jackknife over the sequences that it is made on."""
@@ -124,9 +140,17 @@ class _Tried:
         # Surroundings in which every run falls have no distance.
         return found if np.isfinite(found) else 0.0
 
-    def centres(self) -> list[Surroundings]:
-        """The best for each sequence."""
-        return list(dict.fromkeys(self.best_without(name) for name in self.names))
+    def centres(self) -> list[tuple[Surroundings, tuple[str, ...]]]:
+        """Where to look more closely: the best of all, with the sequences that it is chosen without, none.
+
+        Where sequences left out one at a time are neighbours no more, the best without each. More choices than that do
+        not find better ones: they only fit one run's scatter.
+        """
+        apart = {n: self.best_without(n) for n in self.names}
+        times = [s.contact_time_constant_s for s in apart.values()]
+        if max(times) <= NEIGHBOURS * min(times):
+            return [(self.best_without(), ())]
+        return [(s, (name,)) for name, s in apart.items()]
 
 
 def best_surroundings(
@@ -135,7 +159,8 @@ def best_surroundings(
 ) -> dict[str, Chosen]:  # fmt: skip
     """By model, surroundings for each sequence, chosen on the others; on itself where it is the only one.
 
-    First hard and soft ground, then around the best the estimator, the ground finer, and how it damps.
+    First hard and soft ground, then around the best the ground and the estimator, and around both together the ground
+    finer and how it damps.
 
     Args:
         models: Whose runs are compared; all are run side by side.
@@ -150,29 +175,42 @@ def best_surroundings(
     if any(not t.names for t in tried.values()):
         return {name: Chosen({}) for name in models}
 
-    def coarse(_: _Tried) -> list[Surroundings]:
+    around: dict[str, list[tuple[Surroundings, tuple[str, ...]]]] = {}
+
+    def coarse(_: str) -> list[Surroundings]:
         return [OWN, *(replace(OWN, contact_time_constant_s=t, odometry_time_s=ODOMETRY_S) for t in TIME_CONSTANTS_S)]
 
-    def estimator(t: _Tried) -> list[Surroundings]:
-        return [replace(c, odometry_time_s=time_s) for c in t.centres() for time_s in ALL_ODOMETRY_S]
+    def nearer(name: str) -> list[Surroundings]:
+        around[name] = tried[name].centres()
+        return [s for centre, _ in around[name] for s in (*_nearer(centre), *_estimators(centre))]
 
-    def finer(t: _Tried) -> list[Surroundings]:
-        return [
-            replace(c, contact_time_constant_s=c.contact_time_constant_s * factor)
-            for c in t.centres() for factor in FINER
-        ]  # fmt: skip
+    def finer(name: str) -> list[Surroundings]:
+        centres = [tried[name].combined(centre, names) for centre, names in around[name]]
+        return [s for c in centres for s in (c, *_finer(c))]
 
-    def damping(t: _Tried) -> list[Surroundings]:
-        return [replace(c, contact_damping_ratio=d) for c in t.centres() for d in DAMPING_RATIOS]
-
-    for done, step in enumerate((coarse, estimator, finer, damping)):
+    for done, step in enumerate((coarse, nearer, finer)):
 
         def part(share: float, done: int = done) -> None:
-            tell((done + share) / 4)
+            tell((done + share) / 3)
 
-        _try(list(tried.values()), [t.new(step(t)) for t in tried.values()], engine, rng, part)
+        _try(list(tried.values()), [t.new(step(name)) for name, t in tried.items()], engine, rng, part)
     every = sorted({s.sequence for s in scripts})
     return {name: Chosen({s: t.best_without(s) for s in every}, t.doubt()) for name, t in tried.items()}
+
+
+def _nearer(centre: Surroundings) -> list[Surroundings]:
+    times_s = [centre.contact_time_constant_s / STEP, centre.contact_time_constant_s * STEP]
+    # The hardest ground is as hard as the physics step can follow.
+    return [replace(centre, contact_time_constant_s=t) for t in times_s if t > TIME_CONSTANTS_S[0] / STEP**0.5]
+
+
+def _estimators(centre: Surroundings) -> list[Surroundings]:
+    return [replace(centre, odometry_time_s=t) for t in OTHER_ODOMETRY_S if t != centre.odometry_time_s]
+
+
+def _finer(centre: Surroundings) -> list[Surroundings]:
+    ground = [replace(centre, contact_time_constant_s=centre.contact_time_constant_s * f) for f in FINER]
+    return [*ground, *(replace(centre, contact_damping_ratio=d) for d in DAMPING_RATIOS)]
 
 
 def _try(

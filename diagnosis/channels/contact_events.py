@@ -1,9 +1,10 @@
 """Channel C: contact flags and slips against the forces that the legs' loads say the feet carry.
 
 Rows, leg by leg: how late a flag changes after the force does, s, one sample a touch-down or lift-off; the friction
-coefficient at which a foot slips less the nominal model's, one sample a slipping state; and how long a foot sinks into
-the ground after touch-down, s, less the nominal model's time, one sample a touch-down.
-Time convention: a force counts as changed when it crosses a threshold; smoothing is symmetrical in time.
+coefficient at which a foot slips less the nominal model's, one sample a slipping state; and how long the ground takes
+to stop a foot, s, less the nominal model's time, one sample a touch-down.
+Time convention: a force counts as changed when it crosses a threshold; smoothing is symmetrical in time; a foot's stop
+is timed by its own velocity alone, so that a late flag shifts nothing.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from spot_model.rotation import rotate_wxyz
 ROWS: Final = (
     *(f"{leg}_flag" for leg in facts.LEG_NAMES),
     *(f"{leg}_slip" for leg in facts.LEG_NAMES),
-    *(f"{leg}_sink" for leg in facts.LEG_NAMES),
+    *(f"{leg}_stop" for leg in facts.LEG_NAMES),
 )
 SEARCH: Final = 30
 """States on either side of a flag's change in which the force's crossing is looked for."""
@@ -39,14 +40,21 @@ NEAR_LIMIT: Final = 0.75
 """A foot slips for want of grip only where its ratio of forces is near the largest that ever occurs."""
 LARGEST_QUANTILE: Final = 0.97
 SLIP_NORMAL_N: Final = 25.0
-SINK_BEFORE: Final = 5
-SINK_LAST: Final = 35
-"""States before and after touch-down between which a foot is watched."""
-SINK_M_S: Final = 0.3
-"""A foot must come down at least this fast to sink measurably."""
-NOMINAL_SINK_S: Final = 0.93 * MjcfOptions().contact_solref[0]
-"""How long a foot sinks in the nominal simulator; in trials 0.88 to 1.0 contact time constants."""
-SINK_FLOOR_S: Final = 3e-3
+STOP_AROUND: Final = 8
+STOP_LAST: Final = 35
+"""States around a touch-down's flag in which a foot is fastest, and after it in which it has to be stopped."""
+STOP_M_S: Final = 0.3
+"""A foot must come down at least this fast to be stopped measurably."""
+STOP_FROM: Final = 0.75
+STOP_TO: Final = 0.25
+"""The shares of its largest downward speed between which a stop is timed.
+
+Not until it rests: a foot that rolls, under a body that still leans, goes on down at 0.05 m/s for 80 ms.
+"""
+STOP_PER_TIME_CONSTANT: Final = 0.425
+"""Of a critically damped contact; in trials of the nominal simulator 0.42 to 0.45, from 20 to 44 ms."""
+NOMINAL_STOP_S: Final = STOP_PER_TIME_CONSTANT * MjcfOptions().contact_solref[0]
+STOP_FLOOR_S: Final = 1.5e-3
 FLAG_BIAS_S: Final = 6e-3
 """A smoothed force rises this much before the flag of a contact does; in trials 5 to 7 ms."""
 FLAG_FLOOR_S: Final = 6e-3
@@ -72,9 +80,9 @@ def contact_view(
     rows, legs, late = _flag_delays(dynamics, normal)
     friction = BodyModel(effects).foot_friction
     slip_rows, slip_legs, ratios = _slips(dynamics, stance)
-    sink_rows, sink_legs, sink_s = _sink_times(stance)
-    n_flags, n_slips, n_sinks = len(rows), len(slip_rows), len(sink_rows)
-    n = n_flags + n_slips + n_sinks
+    stop_rows, stop_legs, stop_s = _stop_times(stance)
+    n_flags, n_slips, n_stops = len(rows), len(slip_rows), len(stop_rows)
+    n = n_flags + n_slips + n_stops
     if n == 0:
         return ChannelOff("C", "no foot ever lifts off or touches down")
     response = np.zeros((n, len(ROWS)))
@@ -84,10 +92,10 @@ def contact_view(
     at = n_flags + np.arange(n_slips)
     response[at, facts.N_LEGS + slip_legs] = ratios - friction[slip_legs]
     usable[at, facts.N_LEGS + slip_legs] = True
-    at = n_flags + n_slips + np.arange(n_sinks)
-    response[at, 2 * facts.N_LEGS + sink_legs] = sink_s - NOMINAL_SINK_S
-    usable[at, 2 * facts.N_LEGS + sink_legs] = True
-    every = np.concatenate([rows, slip_rows, sink_rows])
+    at = n_flags + n_slips + np.arange(n_stops)
+    response[at, 2 * facts.N_LEGS + stop_legs] = stop_s - NOMINAL_STOP_S
+    usable[at, 2 * facts.N_LEGS + stop_legs] = True
+    every = np.concatenate([rows, slip_rows, stop_rows])
     numbers = np.arange(facts.N_LEGS, dtype=np.intp)
     return ChannelView(
         name="C",
@@ -97,7 +105,7 @@ def contact_view(
         usable=usable,
         run=stack.run[every],
         state=stack.state[every],
-        noise=np.repeat([FLAG_FLOOR_S, SLIP_FLOOR, SINK_FLOOR_S], facts.N_LEGS),
+        noise=np.repeat([FLAG_FLOOR_S, SLIP_FLOOR, STOP_FLOOR_S], facts.N_LEGS),
         nuisance=np.zeros((*response.shape, 0)),
         row_joint=np.full(len(ROWS), -1, dtype=np.intp),
         row_leg=np.tile(numbers, 3),
@@ -159,27 +167,34 @@ def _slips(dynamics: DynamicsSignals, stance: StanceSignals) -> tuple[NDArray[np
     return dynamics.rows[index], legs.astype(np.intp), ratio[index, legs]
 
 
-def _sink_times(stance: StanceSignals) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
-    """Row, leg and time (s) from each touch-down's flag until the foot stops sinking in and starts to rise."""
+def _stop_times(stance: StanceSignals) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
+    """Row and leg of each touch-down that is fast enough, and in which time (s) the ground takes half of its speed."""
     stack = stance.stack
     raw = feet(stance.kinematics, stance.foot_radius_m, stance.standing)[:, 2 : 3 * facts.N_LEGS : 3]
     velocity = stack.smooth(raw)
     contact = stack.cat(lambda r: r.foot_contact).astype(np.bool_)
-    usable = stack.inner(stack.used, SEARCH, SINK_LAST)
+    usable = stack.inner(stack.used, SEARCH, STOP_LAST)
     rows, legs, times = [], [], []
     for leg in range(facts.N_LEGS):
         changes = np.flatnonzero(np.diff(contact[:, leg].astype(np.int8)) == 1) + 1
         for row in changes[usable[changes]]:
-            path = velocity[row - SINK_BEFORE : row + SINK_LAST, leg]
-            stays = contact[row : row + SINK_LAST, leg]
-            falling = float(np.min(path[: SINK_BEFORE + 3]))
-            rises = np.flatnonzero((path[1:] >= 0.0) & (path[:-1] < 0.0))
-            rises = rises[rises >= SINK_BEFORE - 1]
-            if falling > -SINK_M_S or len(rises) == 0 or not stays.all():
+            path = velocity[row - STOP_AROUND : row + STOP_LAST, leg]
+            fastest = int(np.argmin(path[: 2 * STOP_AROUND + 1]))
+            falling = float(path[fastest])
+            if falling > -STOP_M_S or not contact[row : row + STOP_AROUND + 4, leg].all():
                 continue
-            k = int(rises[0])
-            share = path[k] / (path[k] - path[k + 1])
-            rows.append(int(row))
-            legs.append(leg)
-            times.append((k + share - SINK_BEFORE) * stack.period_s)
+            first, last = (_crossing(path[fastest:], share * falling) for share in (STOP_FROM, STOP_TO))
+            if np.isfinite(last):
+                rows.append(int(row))
+                legs.append(leg)
+                times.append((last - first) * stack.period_s)
     return np.array(rows, dtype=np.intp), np.array(legs, dtype=np.intp), np.array(times, dtype=np.float64)
+
+
+def _crossing(path: Array, level: float) -> float:
+    """Where a path that begins below a level first crosses it, in samples; infinite where it never does."""
+    above = np.flatnonzero(path[1:] >= level)
+    if len(above) == 0:
+        return np.inf
+    k = int(above[0])
+    return k + float((level - path[k]) / (path[k + 1] - path[k]))

@@ -61,6 +61,8 @@ class LibraryEffect(ABC):
     singly: ClassVar[bool] = False
     """Each unit has its own size by nature, so that several of one size are no fault but a coincidence."""
     coefficients: ClassVar[tuple[Coefficient, ...]]
+    least: ClassVar[Mapping[str, float]] = {}
+    """Parameters by name, and the size under which the effect is not there, whatever its other columns explain."""
     confused_with: ClassVar[tuple[str, ...]]
     """Names of library effects that can look the same."""
     split_by: ClassVar[Experiment]
@@ -107,6 +109,11 @@ class LibraryEffect(ABC):
     @abstractmethod
     def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
         """Parameters of the spot_model effect, from coefficients of shape (len(coefficients),) and the shape."""
+
+    def is_there(self, coefficients: Array, shape: Shape) -> bool:
+        """Whether all parameters of :attr:`least` are large enough."""
+        values = self.values(coefficients, shape)
+        return all(abs(values[name]) >= size for name, size in self.least.items())
 
     def make(self, values: Mapping[str, float], joints: tuple[str, ...]) -> Effect:
         """The spot_model effect with these parameters."""

@@ -7,7 +7,7 @@ from typing import ClassVar, Final
 
 import numpy as np
 
-from diagnosis.channels.contact_events import ContactSignals, vertical_force_n
+from diagnosis.channels.contact_events import STOP_PER_TIME_CONSTANT, ContactSignals, vertical_force_n
 from diagnosis.channels.stance import StanceSignals
 from diagnosis.library.base import Coefficient, LibraryEffect, Location, legs_of
 from diagnosis.library.experiments import OTHER_GROUND, STAND, Experiment
@@ -19,6 +19,7 @@ from spot_model.effects.ground_compliance import GroundCompliance
 from spot_model.effects.ground_friction import GroundFriction
 
 RADIUS_STEP_M: Final = 0.005
+FRONT: Final = np.array([name.startswith("f") for name in facts.LEG_NAMES])
 
 
 class FootRadiusEntry(LibraryEffect):
@@ -76,7 +77,7 @@ class GroundFrictionEntry(LibraryEffect):
 
 
 class GroundComplianceEntry(LibraryEffect):
-    """Feet that sink in for longer after touch-down: about one time constant of the contact."""
+    """Feet that the ground takes longer to stop, in proportion to the contact's time constant."""
 
     name: ClassVar[str] = "ground_compliance"
     title: ClassVar[str] = "soft ground"
@@ -84,25 +85,31 @@ class GroundComplianceEntry(LibraryEffect):
     channels: ClassVar[tuple[str, ...]] = ("C", "K")
     location: ClassVar[Location] = Location.LEG
     coefficients: ClassVar[tuple[Coefficient, ...]] = (
-        Coefficient("sinks_longer_s", "s", 0.0, 0.19),
-        Coefficient("depth_m_per_n", "m/N", 0.0, 1e-3),
+        Coefficient("time_constant_s", "s", 0.0, 0.19),
+        Coefficient("front_depth_m_per_n", "m/N", 0.0, 1e-3),
+        Coefficient("hind_depth_m_per_n", "m/N", 0.0, 1e-3),
     )
+    least: ClassVar[Mapping[str, float]] = {"time_constant_s": 1e-3}
     confused_with: ClassVar[tuple[str, ...]] = ("joint_compliance", "contact_delay", "foot_radius")
     split_by: ClassVar[Experiment] = OTHER_GROUND
 
     def rows(self, view: ChannelView, joints: Flags) -> Flags:
-        """Rows of the sink times, and all of the stance: heights count from the mean of those that stand."""
+        """Rows of the stops, and all of the stance: heights count from the mean of those that stand."""
         if view.name == "K":
             return np.ones(len(view.rows), dtype=np.bool_)
-        return np.array([name.endswith("_sink") for name in view.rows]) & legs_of(joints, view)[view.row_leg]
+        return np.array([name.endswith("_stop") for name in view.rows]) & legs_of(joints, view)[view.row_leg]
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
-        """One in the sink times; in the stance, a foot lies lower the more it carries."""
-        out = np.zeros((view.n, len(view.rows), 2))
+        """A share in the time of a stop; in the stance, a foot lies lower the more it carries.
+
+        Feet that carry less roll more, so that front and hind feet do not lie lower alike.
+        """
+        out = np.zeros((view.n, len(view.rows), 3))
+        legs = legs_of(joints, view)
         if view.name == "K":
-            out[:, :, 1] = _sunk(view.signals, legs_of(joints, view))
+            out[:, :, 1], out[:, :, 2] = _sunk(view.signals, legs & FRONT), _sunk(view.signals, legs & ~FRONT)
             return out
-        out[:, 2 * facts.N_LEGS :, 0] = legs_of(joints, view)
+        out[:, 2 * facts.N_LEGS :, 0] = STOP_PER_TIME_CONSTANT * legs
         return out
 
     def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:

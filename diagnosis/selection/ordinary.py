@@ -89,8 +89,9 @@ def ordinary(board: Any, library: Mapping[str, LibraryEffect], sizes: Mapping[st
                     continue
                 summed = x[:, members[units]].sum(axis=1)
                 share = alike if members.sum() > 1 else 1.0
-                parts[number] += [summed[:, p] * (share * scale[p]) for p in chosen]
-                numbers[number] += [first + i * len(chosen) + k for k in range(len(chosen))]
+                there = [k for k, p in enumerate(chosen) if summed[:, p].any()]
+                parts[number] += [summed[:, chosen[k]] * (share * scale[chosen[k]]) for k in there]
+                numbers[number] += [first + i * len(chosen) + k for k in there]
     for own in _own_numbers(board):
         first = len(names)
         names += ["nominal"] * board.robot.n_joints

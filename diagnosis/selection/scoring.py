@@ -13,12 +13,13 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_solve
 
 from diagnosis.library.base import LibraryEffect
 from diagnosis.seam import Array, Ints, Shape
 from diagnosis.selection.board import Board, Columns
 from diagnosis.selection.solve import solve_bounded
+from diagnosis.selection.sums import OrdinarySums, solved, tried_by_fold
 
 ROUNDS: Final = 4
 """Rounds of weights and fit: weights follow the residuals."""
@@ -84,6 +85,23 @@ class _Cross:
     """Shape (F, uP, q + 1)."""
     own: Array
     """Shape (F, uP, uP)."""
+    whole_base: Array
+    """Over all folds."""
+    whole_own: Array
+
+    @staticmethod
+    def of(base: Array, own: Array) -> _Cross:
+        """With the sums over the folds."""
+        return _Cross(base, own, base.sum(axis=0), own.sum(axis=0))
+
+
+@dataclass(frozen=True)
+class _WithOwn:
+    """Products of one block's columns of the terms and of a candidate."""
+
+    by_fold: Array
+    """Shape (F, K, uP)."""
+    whole: Array
 
 
 class Scorer:
@@ -106,7 +124,8 @@ class Scorer:
         ]
         self.own_base = [board.products(n, x) for n, x in enumerate(self.own)]
         self.own_own = [board.products_of(n, x, x) for n, x in enumerate(self.own)]
-        self._own_cross: dict[tuple[object, ...], list[Array]] = {}
+        self._own_cross: dict[tuple[object, ...], list[_WithOwn]] = {}
+        self._tried, _ = tried_by_fold(self.own_base, self.own_own)
         fitted = self._fit(self.own_base, self.own_own, self.low, self.high)
         self.weights = fitted.weights
         self.now = self._scored(self.terms, fitted)
@@ -121,20 +140,21 @@ class Scorer:
         """The same, and the blocks' weights that belong to it."""
         columns = self.board.columns(effect, shape)
         cross, own = self.crosses(effect, shape), self._crosses_with_own(effect, shape)
-        size = len(effect.coefficients)
+        size, k = len(effect.coefficients), len(self.low)
         base, both = [], []
         for number in range(len(self.board.blocks)):
             units, part = columns.units[number], cross[number]
-            if part is None:
-                base.append(_padded(self.own_base[number], size, 1))
-                both.append(_padded(_padded(self.own_own[number], size, 1), size, 2))
-                continue
-            spread = _spread(place[units], size)
-            base.append(np.concatenate([self.own_base[number], spread.T @ part.base], axis=1))
-            mixed = own[number] @ spread
-            top = np.concatenate([self.own_own[number], mixed], axis=2)
-            low = np.concatenate([np.swapaxes(mixed, 1, 2), spread.T @ part.own @ spread], axis=2)
-            both.append(np.concatenate([top, low], axis=1))
+            n_folds, _, width = self.own_base[number].shape
+            ours, square = np.zeros((n_folds, k + size, width)), np.zeros((n_folds, k + size, k + size))
+            ours[:, :k], square[:, :k, :k] = self.own_base[number], self.own_own[number]
+            if part is not None:
+                spread = _spread(place[units], size)
+                ours[:, k:] = spread.T @ part.base
+                mixed = own[number].by_fold @ spread
+                square[:, :k, k:], square[:, k:, :k] = mixed, np.swapaxes(mixed, 1, 2)
+                square[:, k:, k:] = spread.T @ part.own @ spread
+            base.append(ours)
+            both.append(square)
         low_bound, high_bound = bounds([effect])
         low, high = np.concatenate([self.low, low_bound]), np.concatenate([self.high, high_bound])
         fitted = self._fit(base, both, low, high)
@@ -152,60 +172,22 @@ class Scorer:
 
     def _fit(self, base: list[Array], both: list[Array], low: Array, high: Array) -> _Fitted:
         board = self.board
-        joined = [_joined(board.base[n], base[n], both[n]) for n in range(len(board.blocks))]
-        totals = [j.sum(axis=0) for j in joined]
-        weights = board.dof / (np.array([t[-1, -1] for t in totals]) + board.tolerance_square)
-        explained = np.zeros(len(board.blocks))
+        sums = sums_of(board)
+        tried, by_fold = tried_by_fold(base, both)
+        weights = board.dof / (sums.total.yy + board.tolerance_square)
         for _ in range(ROUNDS):
-            pulls, beta = self._solve(totals, weights, low, high)
-            left, explained = self._squares(totals, pulls, beta)
+            pulls, beta = solved(sums, sums.total, tried, weights, low, high)
+            left, explained = sums.squares(sums.total, tried, pulls, beta)
+            # Ordinary errors too are formulas: what they explain is as uncertain as what an effect explains.
             weights = board.dof / (left + board.tolerance_square + board.relative_square * explained)
-        pulls, beta = self._solve(totals, weights, low, high)
-        _, explained = self._squares(totals, pulls, beta)
+        pulls, beta = solved(sums, sums.total, tried, weights, low, high)
+        _, explained = sums.squares(sums.total, tried, pulls, beta)
         held_out = np.zeros(len(board.blocks))
         spread = np.zeros((board.n_folds, len(low)))
-        for fold in range(board.n_folds):
-            others, spread[fold] = self._solve(
-                [t - j[fold] for t, j in zip(totals, joined, strict=True)], weights, low, high
-            )
-            held_out += self._squares([j[fold] for j in joined], others, spread[fold])[0]
+        for fold, own in enumerate(by_fold):
+            others, spread[fold] = solved(sums, sums.others[fold], tried - own, weights, low, high)
+            held_out += sums.squares(sums.folds[fold], own, others, spread[fold])[0]
         return _Fitted(beta, pulls, spread, held_out, explained, weights)
-
-    def _solve(self, grams: list[Array], weights: Array, low: Array, high: Array) -> tuple[Array, Array]:
-        """Ordinary errors (Q,) and coefficients (k,) of one weighted problem."""
-        q_all, k = self.board.ordinary.size, len(low)
-        system = np.eye(q_all)
-        mixed, right = np.zeros((q_all, k)), np.zeros(q_all)
-        own, own_right = np.zeros((k, k)), np.zeros(k)
-        for number, (gram, weight) in enumerate(zip(grams, weights, strict=True)):
-            at = self.board.ordinary.numbers[number]
-            q = len(at)
-            if q:
-                system[at[:, None], at] += weight * gram[:q, :q]
-                right[at] += weight * gram[:q, -1]
-                if k:
-                    mixed[at] += weight * gram[:q, q : q + k]
-            own += weight * gram[q : q + k, q : q + k]
-            own_right += weight * gram[q : q + k, -1]
-        factor = cho_factor(system)
-        if k == 0:
-            return cho_solve(factor, right), np.zeros(0)
-        solved = cho_solve(factor, np.concatenate([mixed, right[:, None]], axis=1))
-        reduced = own - mixed.T @ solved[:, :k]
-        beta = solve_bounded(reduced, own_right - mixed.T @ solved[:, k], low, high)
-        return solved[:, k] - solved[:, :k] @ beta, beta
-
-    def _squares(self, grams: list[Array], pulls: Array, beta: Array) -> tuple[Array, Array]:
-        """By block: sum of squares that is left, and that all columns explain; over the samples of the block."""
-        left, explained = np.zeros(len(grams)), np.zeros(len(grams))
-        for number, gram in enumerate(grams):
-            at = self.board.ordinary.numbers[number]
-            vector = np.concatenate([-pulls[at], -beta, [1.0]])
-            left[number] = max(0.0, float(vector @ gram @ vector))
-            # Ordinary errors too are formulas: what they explain is as uncertain as what an effect explains.
-            vector[-1] = 0.0
-            explained[number] = max(0.0, float(vector @ gram @ vector))
-        return left, explained
 
     def _scored(self, terms: tuple[Placed, ...], fitted: _Fitted) -> Scored:
         board = self.board
@@ -237,7 +219,7 @@ class Scorer:
             for number, x in enumerate(columns.x):
                 flat = x.reshape(len(x), -1)
                 found.append(
-                    _Cross(self.board.products(number, flat), self.board.products_of(number, flat, flat))
+                    _Cross.of(self.board.products(number, flat), self.board.products_of(number, flat, flat))
                     if flat.shape[1]
                     else None
                 )
@@ -245,15 +227,16 @@ class Scorer:
         kept: list[_Cross | None] = self.board.kept[key]
         return kept
 
-    def _crosses_with_own(self, effect: LibraryEffect, shape: Shape) -> list[Array]:
-        """By block the products of the terms' columns and the candidate's, shape (F, K, uP)."""
+    def _crosses_with_own(self, effect: LibraryEffect, shape: Shape) -> list[_WithOwn]:
+        """By block the products of the terms' columns and the candidate's."""
         key = (effect.name, *sorted(shape.items()))
         if key not in self._own_cross:
             columns = self.board.columns(effect, shape)
-            self._own_cross[key] = [
+            found = [
                 self.board.products_of(number, self.own[number], x.reshape(len(x), -1))
                 for number, x in enumerate(columns.x)
             ]
+            self._own_cross[key] = [_WithOwn(x, x.sum(axis=0)) for x in found]
         return self._own_cross[key]
 
     def gains(self, effect: LibraryEffect, shape: Shape, places: Array, weights: Array) -> Array:
@@ -271,12 +254,12 @@ class Scorer:
                 continue
             at = board.ordinary.numbers[number]
             columns_at = k + (columns.units[number][:, None] * size + np.arange(size)).ravel()
-            base = weights[number] * part.base.sum(axis=0)
+            base = weights[number] * part.whole_base
             right[columns_at] += base[:, -1]
             mixed[columns_at[:, None], at] += base[:, :-1]
-            gram[columns_at[:, None], columns_at] += weights[number] * part.own.sum(axis=0)
+            gram[columns_at[:, None], columns_at] += weights[number] * part.whole_own
             if k:
-                both = weights[number] * with_own[number].sum(axis=0)
+                both = weights[number] * with_own[number].whole
                 gram[np.arange(k)[:, None], columns_at] += both
                 gram[columns_at[:, None], np.arange(k)] += both.T
         solved = cho_solve(factor, np.concatenate([mixed.T, right_ordinary[:, None]], axis=1))
@@ -296,22 +279,21 @@ class Scorer:
         """The ordinary errors' system under some weights, and the terms' part; the last one is kept."""
         key = weights.tobytes()
         if getattr(self, "_key", None) != key:
-            board, k = self.board, len(self.low)
-            system, right = np.eye(board.ordinary.size), np.zeros(board.ordinary.size)
-            own, mixed, own_right = np.zeros((k, k)), np.zeros((k, board.ordinary.size)), np.zeros(k)
-            for number, weight in enumerate(weights):
-                at = board.ordinary.numbers[number]
-                base = board.base[number].sum(axis=0)
-                system[at[:, None], at] += weight * base[:-1, :-1]
-                right[at] += weight * base[:-1, -1]
-                if k:
-                    ours = self.own_base[number].sum(axis=0)
-                    own += weight * self.own_own[number].sum(axis=0)
-                    mixed[:, at] += weight * ours[:, :-1]
-                    own_right += weight * ours[:, -1]
-            self._kept = (cho_factor(system), right, own, mixed, own_right)
+            sums, tried = sums_of(self.board), self._tried
+            self._kept = (
+                sums.system(sums.total, weights), weights @ sums.total.with_y, np.tensordot(weights, tried.own, 1),
+                sums.mixed(tried.by_row, weights).T, weights @ tried.with_y,
+            )  # fmt: skip
             self._key = key
         return self._kept
+
+
+def sums_of(board: Board) -> OrdinarySums:
+    """What is the same whatever is tried; kept on the board."""
+    if "sums" not in board.kept:
+        board.kept["sums"] = OrdinarySums(board.ordinary.numbers, board.ordinary.size, board.base)
+    found: OrdinarySums = board.kept["sums"]
+    return found
 
 
 def null_of(board: Board) -> Scored:
@@ -330,28 +312,7 @@ def place_columns(columns: Columns, number: int, place: Array) -> Array:
 
 def _spread(place: Array, size: int) -> Array:
     """From columns of units (uP) to those of the place (P), shape (uP, P)."""
-    return np.asarray(np.kron(place[:, None], np.eye(size)))
-
-
-def _padded(values: Array, size: int, axis: int) -> Array:
-    width = [(0, 0)] * values.ndim
-    width[axis] = (0, size)
-    return np.pad(values, width)
-
-
-def _joined(base: Array, own: Array, both: Array) -> Array:
-    """Products of [ordinary, coefficients, y], shape (F, q + k + 1, q + k + 1)."""
-    n_folds, q, k = len(base), base.shape[1] - 1, own.shape[1]
-    out = np.empty((n_folds, q + k + 1, q + k + 1))
-    out[:, :q, :q] = base[:, :q, :q]
-    out[:, :q, -1] = out[:, -1, :q] = base[:, :q, q]
-    out[:, -1, -1] = base[:, q, q]
-    if k:
-        out[:, q:-1, :q] = own[:, :, :q]
-        out[:, :q, q:-1] = np.swapaxes(own[:, :, :q], 1, 2)
-        out[:, q:-1, -1] = out[:, -1, q:-1] = own[:, :, q]
-        out[:, q:-1, q:-1] = both
-    return out
+    return np.asarray((place[:, None, None] * np.eye(size)).reshape(-1, size))
 
 
 __all__ = ["Ints", "Placed", "Scored", "Scorer", "bounds", "place_columns"]

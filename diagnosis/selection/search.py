@@ -144,6 +144,8 @@ def best_of(scorer: Scorer, effect: LibraryEffect, worth: float = -np.inf) -> Ri
         best = rival
         if rival.value < worth:
             break
+    if best is not None and not effect.is_there(best.scored.coefficients[-1], best.scored.terms[-1].shape):
+        return None
     return best
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from diagnosis.channels.contact_events import NOMINAL_SINK_S
 from spot_model.effects.command_delay import CommandDelay
+from spot_model.mjcf_options import MjcfOptions
 from spot_model.model_file import RobotModel
 
 from .planted import Truth
@@ -124,7 +124,7 @@ CASES = (
         ALL,
         {"time_constant_s": SOFT_GROUND_S},
         {"time_constant_s": 0.3},
-        expected={"time_constant_s": SOFT_GROUND_S + PLANTED_CONTACT_S - NOMINAL_SINK_S / 0.93},
+        expected={"time_constant_s": SOFT_GROUND_S + PLANTED_CONTACT_S - MjcfOptions().contact_solref[0]},
         duration_s=4.0,
     ),
     Case("contact_delay", ALL, {"delay_s": 0.03}),
