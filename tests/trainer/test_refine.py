@@ -17,7 +17,7 @@ from trainer.__main__ import app
 from trainer.export import run_torch
 from trainer.refine.config import RefineConfig, RobotConfig, StartConfig, WeightConfig, load_refine_config
 from trainer.refine.gains import gains_of, with_gains
-from trainer.refine.judge import Steady, judge, score_steady
+from trainer.refine.judge import Steady, judge, run_starts, score_steady
 from trainer.refine.network import policy_of, read_layers
 from trainer.refine.search import Problem, search
 from trainer.symmetry import mirror_action, mirror_observation
@@ -183,3 +183,9 @@ def test_only_our_own_networks_are_refined() -> None:
     model.graph.initializer[0].name = "kernel"
     with pytest.raises(BadInputError, match="spot-rl export"):
         read_layers(model.SerializeToString(), "other")
+
+
+def test_starts_are_on_the_floor_that_is_asked_for() -> None:
+    policy, start = load_policy(POLICY), StartConfig(robots=8, top_m_s=1.0, jump_s=0.6)
+    ice = start.model_copy(update={"foot_friction": (0.01, 0.01)})
+    assert run_starts(policy, RobotConfig(), ice, 0) > run_starts(policy, RobotConfig(), start, 0)

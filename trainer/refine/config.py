@@ -47,11 +47,13 @@ class RobotConfig(Config):
 
 
 class StartConfig(Config):
-    """Random starts, as in the randomised episodes, with a body mass and a number of robots of their own."""
+    """Random starts, as in the randomised episodes, with a body mass, a floor and a number of robots of their own."""
 
     robots: int = Field(default=200, ge=1, le=10_000)
     added_body_mass_kg: Range = (0.0, 3.0)
-    """Most starts that end in a fall are a heavy robot's."""
+    """Most starts that end in a fall are a heavy robot's,"""
+    foot_friction: Range = (0.3, 1.0)
+    """or on a slippery floor."""
     top_m_s: float = Field(default=3.0, gt=0.0)
     jump_s: float = Field(default=1.2, gt=0.0, le=10.0)
     """When the command jumps; it is watched for as long again."""

@@ -89,7 +89,8 @@ def run_steadily(policy: Policy, robot: RobotConfig, config: RefineConfig) -> St
 def run_starts(policy: Policy, robot: RobotConfig, start: StartConfig, seed: int) -> int:
     """Falls of randomised starts whose command jumps once."""
     setting = replace(_setting(policy, robot), seed=seed)
-    ranges = setting.randomisation.model_copy(update={"added_body_mass_kg": start.added_body_mass_kg})
+    drawn = {"added_body_mass_kg": start.added_body_mass_kg, "foot_friction": start.foot_friction}
+    ranges = setting.randomisation.model_copy(update=drawn)
     setting = replace(setting, randomisation=ranges)
     rng = np.random.default_rng(seed)
     plant = setting.random_plant(start.robots, rng)
