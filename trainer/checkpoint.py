@@ -114,12 +114,18 @@ def restore(runner: PpoRunner, content: dict[str, Any]) -> None:
     """Put a runner into the state in which the checkpoint was written.
 
     Raises:
-        BadInputError: The checkpoint holds networks alone.
+        BadInputError: The checkpoint holds networks alone, or robots whose state this version's do not have.
     """
     if "environment" not in content:
         raise BadInputError("this checkpoint holds networks alone; start a new run from it with --set start_from=FILE")
     runner.alg.load(content["algorithm"], None, strict=True)
-    runner.env.restore(content["environment"])
+    try:
+        runner.env.restore(content["environment"])
+    except (KeyError, ValueError) as error:
+        raise BadInputError(
+            f"this checkpoint's robots cannot go on: {error}. It is another version's; resume it with the revision in "
+            "the run's run.json, or start a new run from its networks with --set start_from=FILE"
+        ) from error
     runner.current_learning_iteration = int(content["iterations_done"])
     torch.set_rng_state(content["torch_generator"])
     if content["cuda_generator"] is not None and torch.cuda.is_available():

@@ -78,6 +78,16 @@ def test_a_run_can_start_from_anothers_networks(run: Path, tiny: TrainConfig, tm
         train(wide, tmp_path / "wide", device="cpu")
 
 
+def test_a_checkpoint_whose_robots_remember_something_else_is_refused(run: Path, tmp_path: Path) -> None:
+    content = read_checkpoint(run / "checkpoint_000002.pt")
+    reported = content["environment"]["task"]["0"]["backend"]["reported"]
+    content["environment"]["task"]["0"]["backend"]["reported"] = reported[:-1]
+    older = tmp_path / "checkpoint_000002.pt"
+    torch.save(content, older)
+    with pytest.raises(BadInputError, match=r"cannot go on: \d leaves .* with the revision in the run's run\.json"):
+        resume(older, device="cpu")
+
+
 def test_a_checkpoint_of_another_contract_is_refused(run: Path, tmp_path: Path) -> None:
     content = read_checkpoint(find_checkpoint(run))
     other = tmp_path / "other.pt"
