@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from diagnosis.recording import ACTIVE
 from diagnosis.simulated import Script
 from spot_model.policy import Policy
-from spot_runtime.log.run import Run
+from spot_runtime.log.run import Run, TickTable
 from trainer.sysid.features import features_of_observations
 from trainer.sysid.rollout import StartState
 
@@ -18,7 +18,10 @@ FALL_GRAVITY_Z = -0.5
 
 def policy_ticks(run: Run) -> NDArray[np.intp]:
     """Ticks in which the policy followed the command, before any fall; of a log without modes all that ran a policy."""
-    t = run.ticks
+    return _followed(run.ticks)
+
+
+def _followed(t: TickTable) -> NDArray[np.intp]:
     if len(t) == 0:
         return np.zeros(0, dtype=np.intp)
     sound = np.isfinite(t.observation).all(axis=1) & np.isfinite(t.action).all(axis=1)
@@ -49,5 +52,10 @@ def script_of(run: Run) -> Script | None:
 
 def features(run: Run, policy: Policy) -> NDArray[np.float32]:
     """The measures' 36 features of the policy's ticks, shape (n, 36)."""
-    rows = policy_ticks(run)
-    return features_of_observations(run.ticks.observation[rows], run.ticks.action[rows], policy)
+    return features_of_ticks(run.ticks, policy)
+
+
+def features_of_ticks(ticks: TickTable, policy: Policy) -> NDArray[np.float32]:
+    """The same of a table of ticks alone."""
+    rows = _followed(ticks)
+    return features_of_observations(ticks.observation[rows], ticks.action[rows], policy)

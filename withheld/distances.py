@@ -9,14 +9,14 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.logs import features
+from diagnosis.logs import features_of_ticks
 from diagnosis.measure import shrink_of
 from spot_model.model_file import RobotModel
 from spot_model.policy import Policy, load_policy
 from spot_model.velocity_sequence import VelocitySequence
 from spot_runtime.log import Run, read_run
 from trainer.sysid.measures import SequenceReference
-from withheld.plan import Reality, RecordingPlan
+from withheld.plan import Reality, RecordingPlan, Rehearsal, Rehearsing, Walk
 
 Features = NDArray[np.float32]
 
@@ -31,7 +31,39 @@ def read_folder(folder: Path) -> list[Run]:
     return sorted(runs, key=lambda r: (r.header.command_sequence or "", r.header.repeat))
 
 
-def moved(runs: Sequence[Run], twins: Sequence[Run], policy: Policy) -> float | None:
+def walks_of(runs: Sequence[Run]) -> list[Walk]:
+    """Runs as the measure sees them."""
+    return [(run.header.command_sequence or "unnamed", run.ticks) for run in runs]
+
+
+class Written:
+    """The rehearsal of a reality that can only record: its logs lie in a folder at once.
+
+    Args:
+        reality: Which.
+        plan: What it records.
+        folder: Empty; the logs stay there.
+    """
+
+    def __init__(self, reality: Reality, plan: RecordingPlan, folder: Path) -> None:
+        reality.record(plan, folder)
+        self._folder = folder
+
+    @property
+    def walks(self) -> list[Walk]:
+        """Read from the logs."""
+        return walks_of(read_folder(self._folder))
+
+    def write(self, folder: Path) -> None:
+        """They are there."""
+
+
+def rehearse(reality: Reality, plan: RecordingPlan, folder: Path) -> Rehearsal:
+    """The runs of a plan, without logs where the reality can; ``folder`` is for those of one that cannot."""
+    return reality.rehearse(plan) if isinstance(reality, Rehearsing) else Written(reality, plan, folder)
+
+
+def moved(runs: Sequence[Walk], twins: Sequence[Walk], policy: Policy) -> float | None:
     """(D − floor)/floor, D the mean W1 + MMD between runs with and without the faults, floor that of repeats.
 
     None where the robot fell too soon, or nothing is different.
@@ -70,10 +102,10 @@ def true_shrink(
     return None if found is None else found.s
 
 
-def _by_sequence(runs: Sequence[Run], policy: Policy) -> dict[str, list[Features]]:
+def _by_sequence(walks: Sequence[Walk], policy: Policy) -> dict[str, list[Features]]:
     found: dict[str, list[Features]] = {}
-    for run in runs:
-        f = features(run, policy)
+    for name, ticks in walks:
+        f = features_of_ticks(ticks, policy)
         if len(f) >= MIN_TICKS:
-            found.setdefault(run.header.command_sequence or "unnamed", []).append(f)
+            found.setdefault(name, []).append(f)
     return found

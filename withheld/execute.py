@@ -23,11 +23,11 @@ from spot_runtime.log import Run
 from withheld import metadata, seal
 from withheld.baselines import answers
 from withheld.cases import Pace, draw
-from withheld.distances import TWIN_REPEATS, moved, read_folder, true_shrink
+from withheld.distances import TWIN_REPEATS, moved, read_folder, rehearse, true_shrink, walks_of
 from withheld.jail import Ended, Level, hide_this_process, run_locked_in, seen
 from withheld.ledger import Ledger
 from withheld.outcome import Answer, Outcome, load_outcome
-from withheld.plan import Reality, RecordingPlan
+from withheld.plan import Reality, RecordingPlan, Walk
 from withheld.realities.simulation import RealityDivergedError
 from withheld.scores import LARGE
 from withheld.seal import Seal, file_digest
@@ -108,8 +108,6 @@ class Execution:
         self.seconds: dict[str, float] = {}
         self.moved: float | None = None
         """By the faults of the robot that was drawn last, where that had to be known before."""
-        self.runs: list[Run] = []
-        """Its logs, where they had to be read before."""
 
     def _draw(self, attempt: int) -> None:
         job = self.job
@@ -134,7 +132,7 @@ class Execution:
         ended = self._diagnose(inside, out)
         digest = self._taken(out)
         ledger.add("verdict", case=self.case.number, verdict=digest)
-        runs = self.runs or read_folder(inside / "logs")
+        runs = read_folder(inside / "logs")
         said = self._baselines(runs, reality, inside / "logs")
         # Only now: what was sealed leaves this process.
         ledger.add("opened", case=self.case.number, truth=sealed.digest, nonce=sealed.nonce, text=sealed.text)
@@ -175,22 +173,22 @@ class Execution:
             shutil.rmtree(logs, ignore_errors=True)
             logs.mkdir()
             try:
-                reality.record(plan, logs)
+                made = rehearse(reality, plan, logs)
             except RealityDivergedError:
                 broken += 1
                 if broken == MAX_ATTEMPTS:
                     break
                 continue
-            if not (case.is_asked and reality.truth.faults):
-                return reality
-            if self._is_large(logs) or attempt - broken == MAX_DRAWS - 1:
+            is_asked = case.is_asked and reality.truth.faults
+            # A robot that is drawn anew leaves no log.
+            if not is_asked or self._is_large(made.walks) or attempt - broken == MAX_DRAWS - 1:
+                made.write(logs)
                 return reality
         raise SpotRlError(f"case {self.case.number}: no robot in {MAX_ATTEMPTS} draws could be simulated")
 
-    def _is_large(self, logs: Path) -> bool:
-        self.runs = read_folder(logs)
+    def _is_large(self, walks: Sequence[Walk]) -> bool:
         try:
-            self.moved = self._moved(self.runs)
+            self.moved = self._moved(walks)
         except NO_DISTANCE:
             self.moved = None
         return self.moved is not None and self.moved >= LARGE
@@ -234,7 +232,7 @@ class Execution:
         with self._timed("distances"):
             try:
                 known = self.moved if self.case.is_asked else None
-                outcome = outcome.model_copy(update={"moved": self._moved(runs) if known is None else known})
+                outcome = outcome.model_copy(update={"moved": self._moved(walks_of(runs)) if known is None else known})
                 shrink = outcome.shrink
                 if shrink is None or shrink.s is None or self.job.number % TRUE_SHRINK_EVERY:
                     return outcome
@@ -244,13 +242,12 @@ class Execution:
                 # A robot that falls at once has no distance; what was said of it is scored all the same.
                 return outcome.model_copy(update={"problem": f"distances: {error}"})
 
-    def _moved(self, runs: Sequence[Run]) -> float | None:
+    def _moved(self, walks: Sequence[Walk]) -> float | None:
         case = self.case
         twin = self.source.make((), case.reality_seed)
         with tempfile.TemporaryDirectory(dir=self.work) as folder:
             plan = RecordingPlan(self.policy, case.sequences, TWIN_REPEATS, case.recording_seed + 1)
-            twin.record(plan, Path(folder))
-            return moved(runs, read_folder(Path(folder)), load_policy(self.policy))
+            return moved(walks, rehearse(twin, plan, Path(folder)).walks, load_policy(self.policy))
 
     def _true_shrink(self, reality: Reality) -> float | None:
         case, folder = self.case, self.work / "fresh"

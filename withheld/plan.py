@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, Literal, Protocol, runtime_checkable
@@ -10,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from spot_model.model_file import RobotModel
 from spot_model.velocity_sequence import VelocitySequence
+from spot_runtime.log.run import TickTable
 
 Family = Literal[
     "friction", "drive", "limits", "supply", "thermal", "transport", "sensing", "estimator", "body", "ground",
@@ -71,6 +73,21 @@ class RecordingPlan:
     """Signals that the logs lack, as an imported log lacks them."""
 
 
+Walk = tuple[str, TickTable]
+"""A run as the headline measure sees it: the name of its sequence, and the policy's ticks."""
+
+
+class Rehearsal(Protocol):
+    """Finished runs that no log holds yet."""
+
+    @property
+    def walks(self) -> Sequence[Walk]:
+        """In the order of their sequences and repeats."""
+
+    def write(self, folder: Path) -> None:
+        """As :meth:`Reality.record` writes them."""
+
+
 @runtime_checkable
 class Reality(Protocol):
     """A robot that nobody but the judge knows; ``module:Class`` with a constructor ``(seed: int)`` plugs one in."""
@@ -85,3 +102,11 @@ class Reality(Protocol):
     @property
     def nominal(self) -> RobotModel:
         """The model that the diagnosis is given: the reality without its faults and its small errors."""
+
+
+@runtime_checkable
+class Rehearsing(Reality, Protocol):
+    """A reality that can make its runs before it is known whether they are wanted; the package's own can."""
+
+    def rehearse(self, plan: RecordingPlan) -> Rehearsal:
+        """The runs that :meth:`Reality.record` would write."""

@@ -7,7 +7,7 @@ import pytest
 from spot_model.effects.torque_gain import TorqueGain
 from spot_model.policy import load_policy
 from spot_model.velocity_sequence import VelocitySequence, Waypoint
-from withheld.distances import moved, read_folder, true_shrink
+from withheld.distances import moved, read_folder, true_shrink, walks_of
 from withheld.plan import FaultRequest, RecordingPlan
 
 from .stand_in import StandIn
@@ -22,7 +22,7 @@ SHORT_DRIVE = (FaultRequest(kind="gain", place="type", size=1.0),)
 def _runs(reality: StandIn, seed: int, folder: Path) -> list:
     folder.mkdir()
     reality.record(RecordingPlan(POLICY, (SEQUENCE,), 2, seed), folder)
-    return read_folder(folder)
+    return walks_of(read_folder(folder))
 
 
 def test_a_fault_moves_the_measure_and_none_does_not(tmp_path: Path) -> None:

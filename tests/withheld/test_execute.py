@@ -6,10 +6,9 @@ from pathlib import Path
 import pytest
 
 from spot_model.errors import SpotRlError
-from spot_runtime.log import Run
 from withheld.cases import draw
 from withheld.execute import MAX_ATTEMPTS, MAX_DRAWS, Execution, Job
-from withheld.plan import RecordingPlan
+from withheld.plan import RecordingPlan, Walk
 from withheld.realities.simulation import RealityDivergedError
 from withheld.source import source_of
 
@@ -38,7 +37,7 @@ class Measured(Execution):
 
     distances: Sequence[float | None] = ()
 
-    def _moved(self, runs: Sequence[Run]) -> float | None:
+    def _moved(self, walks: Sequence[Walk]) -> float | None:
         return self.distances[self.case.attempt]
 
 

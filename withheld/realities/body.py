@@ -23,7 +23,7 @@ _INTEGRATORS = {
 
 def build_model(robot: Robot, settings: Settings) -> mujoco.MjModel:
     """The compiled body. Its twelve joints follow the free joint, whatever a fault adds comes after them."""
-    spec = mujoco.MjSpec.from_string(spot_mjcf(MjcfOptions(collision="all")))
+    spec = mujoco.MjSpec.from_string(spot_mjcf(MjcfOptions(collision="all", visuals=False)))
     spec.option.timestep = settings.step_s
     spec.option.integrator = _INTEGRATORS[settings.integrator]
     spec.option.cone = (

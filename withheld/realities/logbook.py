@@ -14,6 +14,7 @@ from spot_model.policy import Policy
 from spot_protos import log_pb2
 from spot_runtime.log import codec
 from spot_runtime.log.records import EventRecord, RunHeader, Severity
+from spot_runtime.log.run import TickTable
 from spot_runtime.log.run_writer import RunWriter
 from spot_runtime.log.sink import TOPICS
 from withheld.plan import Signal
@@ -25,6 +26,7 @@ POLL_STATES: Final = 56
 """States between two polls of the battery: 6 Hz."""
 FLUSH_STATES: Final = 1500
 VERSION: Final = "0.1.0"
+ACTIVE, RAMPING = "active", "ramping_in"
 
 
 @dataclass(frozen=True)
@@ -82,6 +84,19 @@ def write_log(
             writer.flush()
     add("event", book.event("completed", "completed: the command sequence is done", n_states - 1))
     writer.close(dict.fromkeys(TOPICS, 0), "completed")
+
+
+def tick_table(run: RunArrays) -> TickTable:
+    """A run's ticks as its log has them, but for the host's clock and how long its program took."""
+    n = len(run.tick_state)
+    stamp = STATE_PERIOD_NS * run.tick_state.astype(np.int64)
+    took = np.zeros(n)
+    return TickTable(
+        index=np.arange(n), robot_stamp_ns=stamp, host_stamp_ns=stamp,
+        mode=np.where(run.is_active, ACTIVE, RAMPING), observation=run.observation, action=run.action,
+        velocity_command=run.velocity_command, state_age_s=took, inference_s=took, compute_s=took,
+        command_key=run.tick_state + 1, skipped=np.zeros(n, dtype=np.int64),
+    )  # fmt: skip
 
 
 class _Book:
@@ -173,7 +188,7 @@ class _Book:
             index=number,
             robot_stamp_ns=self._stamp[state],
             host_stamp_ns=self._host[state] + round(self._age_s[number] * 1e9),
-            mode="active" if run.is_active[number] else "ramping_in",
+            mode=ACTIVE if run.is_active[number] else RAMPING,
             observation=run.observation[number].tolist(),
             action=run.action[number].tolist(),
             velocity_command=run.velocity_command[number].tolist(),

@@ -9,12 +9,14 @@ from pathlib import Path
 from typing import Final
 
 from spot_model.model_file import RobotModel
-from spot_model.policy import load_policy
-from withheld.plan import Fault, FaultRequest, RecordingPlan, Truth
+from spot_model.policy import Policy, load_policy
+from spot_model.velocity_sequence import VelocitySequence
+from withheld.plan import Fault, FaultRequest, RecordingPlan, Truth, Walk
 from withheld.realities.catalogue import CATALOGUE
 from withheld.realities.fault_kind import Ask, Built, flags_of
-from withheld.realities.logbook import LogSetting, write_log
+from withheld.realities.logbook import LogSetting, tick_table, write_log
 from withheld.realities.nominal import NOMINAL
+from withheld.realities.records import RunArrays
 from withheld.realities.robot import Robot
 from withheld.realities.settings import Settings
 from withheld.realities.simulation import RunRequest, simulate
@@ -55,8 +57,15 @@ class ComposedReality:
             PolicyError: The policy cannot be loaded.
             OSError: The folder cannot be written.
         """
+        self.rehearse(plan).write(folder)
+
+    def rehearse(self, plan: RecordingPlan) -> Made:
+        """Simulate.
+
+        Raises:
+            PolicyError: The policy cannot be loaded.
+        """
         policy = load_policy(plan.policy)
-        folder.mkdir(parents=True, exist_ok=True)
         robot = self.robot()
         jobs = [
             (repeat, number, sequence)
@@ -64,24 +73,51 @@ class ComposedReality:
             for number, sequence in enumerate(plan.sequences)
         ]
         jobs.sort(key=lambda job: job[2].duration_s)
+        runs: list[tuple[int, int, VelocitySequence, RunArrays]] = []
         for _, group in groupby(jobs, key=lambda job: job[2].duration_s):
             alike = list(group)
             for start in range(0, len(alike), SIDE_BY_SIDE):
                 some = alike[start : start + SIDE_BY_SIDE]
                 requests = [RunRequest(s, stream(plan.seed, "run", n, r)) for r, n, s in some]
-                for run, (repeat, number, sequence) in zip(
-                    simulate(robot, policy, requests, self.settings), some, strict=True
-                ):
-                    rng = stream(plan.seed, "log", number, repeat)
-                    setting = LogSetting(
-                        run_id=rng.bytes(16).hex(),
-                        sequence=sequence.name,
-                        repeat=repeat,
-                        started_host_ns=EPOCH_NS + int(rng.integers(0, 86_400_000_000_000)),
-                        skew_ns=int(rng.integers(-300_000_000_000, 300_000_000_000)),
-                        first_state_ns=int(rng.integers(500_000_000, 900_000_000)),
-                    )
-                    write_log(run, policy, setting, plan.missing, rng, folder / f"{rng.bytes(8).hex()}.mcap")
+                made = simulate(robot, policy, requests, self.settings)
+                runs += [(r, n, s, run) for (r, n, s), run in zip(some, made, strict=True)]
+        return Made(plan, policy, tuple(runs))
+
+
+@dataclass(frozen=True)
+class Made:
+    """Runs that were simulated."""
+
+    plan: RecordingPlan
+    policy: Policy
+    runs: tuple[tuple[int, int, VelocitySequence, RunArrays], ...]
+    """Repeat, number of the sequence, sequence, and what came of it."""
+
+    @property
+    def walks(self) -> list[Walk]:
+        """As their logs would have them, in the order of sequences and repeats."""
+        ordered = sorted(self.runs, key=lambda made: (made[2].name, made[0]))
+        return [(sequence.name, tick_table(run)) for _, _, sequence, run in ordered]
+
+    def write(self, folder: Path) -> None:
+        """Write a log of each.
+
+        Raises:
+            OSError: The folder cannot be written.
+        """
+        folder.mkdir(parents=True, exist_ok=True)
+        plan = self.plan
+        for repeat, number, sequence, run in self.runs:
+            rng = stream(plan.seed, "log", number, repeat)
+            setting = LogSetting(
+                run_id=rng.bytes(16).hex(),
+                sequence=sequence.name,
+                repeat=repeat,
+                started_host_ns=EPOCH_NS + int(rng.integers(0, 86_400_000_000_000)),
+                skew_ns=int(rng.integers(-300_000_000_000, 300_000_000_000)),
+                first_state_ns=int(rng.integers(500_000_000, 900_000_000)),
+            )
+            write_log(run, self.policy, setting, plan.missing, rng, folder / f"{rng.bytes(8).hex()}.mcap")
 
 
 def make(requests: Sequence[FaultRequest], seed: int, settings: Settings | None = None) -> ComposedReality:

@@ -14,6 +14,7 @@ from spot_model.velocity_sequence import VelocitySequence, Waypoint
 from spot_runtime.log import read_run
 from spot_runtime.log.cli import app
 from tests.withheld.realities.quick import POLICIES, QUICK, ahead, policy, request, short_run
+from withheld.distances import read_folder, walks_of
 from withheld.plan import SIGNALS, Reality, RecordingPlan, Signal
 from withheld.realities.reality import make
 from withheld.realities.settings import Settings
@@ -49,6 +50,17 @@ def test_runs_of_different_length_are_refused_side_by_side() -> None:
     requests = [RunRequest(ahead(t), np.random.default_rng(0)) for t in (0.2, 0.3)]
     with pytest.raises(ValueError, match=r"these last \[0.2, 0.3\] s"):
         simulate(make([], 0).robot(), policy(), requests, QUICK)
+
+
+def test_a_rehearsal_has_the_ticks_of_the_logs(tmp_path: Path) -> None:
+    made = replace(make([request("flux_change")], 5), settings=QUICK)
+    rehearsed = made.rehearse(plan(ahead(0.4), repeats=2))
+    rehearsed.write(tmp_path)
+    walks, logged = rehearsed.walks, walks_of(read_folder(tmp_path))
+    assert [name for name, _ in walks] == [name for name, _ in logged] == ["ahead", "ahead"]
+    for (_, ticks), (_, read) in zip(walks, logged, strict=True):
+        for name in ("index", "mode", "observation", "action", "velocity_command", "command_key"):
+            assert np.array_equal(getattr(ticks, name), getattr(read, name))
 
 
 def test_logs_are_read_by_all_who_read_logs(tmp_path: Path) -> None:
