@@ -9,7 +9,7 @@ looks at τ − h_leg where a leg swings, so f is none; channel B puts the f of 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Final
 
@@ -102,10 +102,27 @@ class DynamicsSignals:
                 self.model,
                 replace(self.inputs, **changes),
                 force=self.known.force if set(changes) <= {"load_nm"} else None,
-                place=None if {"position_rad", "world_from_body_wxyz"} & set(changes) else self.known.place,
+                place=self._place(changes),
             )
         found: Residuals = self.cache[key]
         return found
+
+    def _place(self, changes: Mapping[str, Array]) -> tuple[Array, Array] | None:
+        """Contact points and Jacobians, those of legs that do not change as they are known; None where all change."""
+        if "world_from_body_wxyz" in changes:
+            return None
+        position = changes.get("position_rad", self.inputs.position_rad)
+        moved = np.any(position != self.inputs.position_rad, axis=0).reshape(facts.N_LEGS, 3).any(axis=1)
+        if moved.all():
+            return None
+        place = (self.known.place[0].copy(), self.known.place[1].copy()) if moved.any() else self.known.place
+        for leg in np.flatnonzero(moved):
+            legs = slice(int(leg), int(leg) + 1)
+            found = contact_point_and_jacobian(
+                position, self.inputs.world_from_body_wxyz, self.model.foot_radius_m, legs
+            )
+            place[0][:, legs], place[1][:, legs] = found
+        return place
 
     def shifted_s(self) -> Residuals:
         """Change of the residuals for each second that positions and attitude were older when the loads acted."""

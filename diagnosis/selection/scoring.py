@@ -122,6 +122,8 @@ class Scorer:
             )
             for n, b in enumerate(board.blocks)
         ]
+        self._is_touched = [bool(x.any()) for x in self.own]
+        """By block, whether any term shows there."""
         self.own_base = [board.products(n, x) for n, x in enumerate(self.own)]
         self.own_own = [board.products_of(n, x, x) for n, x in enumerate(self.own)]
         self._own_cross: dict[tuple[object, ...], list[_WithOwn]] = {}
@@ -232,12 +234,14 @@ class Scorer:
         key = (effect.name, *sorted(shape.items()))
         if key not in self._own_cross:
             columns = self.board.columns(effect, shape)
-            found = [
-                self.board.products_of(number, self.own[number], x.reshape(len(x), -1))
-                for number, x in enumerate(columns.x)
-            ]
+            found = [self._with_own(number, x.reshape(len(x), -1)) for number, x in enumerate(columns.x)]
             self._own_cross[key] = [_WithOwn(x, x.sum(axis=0)) for x in found]
         return self._own_cross[key]
+
+    def _with_own(self, number: int, x: Array) -> Array:
+        if not self._is_touched[number]:
+            return np.zeros((self.board.n_folds, len(self.low), x.shape[1]))
+        return self.board.products_of(number, self.own[number], x)
 
     def gains(self, effect: LibraryEffect, shape: Shape, places: Array, weights: Array) -> Array:
         """What the candidate takes off the weighted squares at each place (L, U) beside the terms; shape (L,), nats."""
