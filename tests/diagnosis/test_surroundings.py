@@ -88,4 +88,4 @@ def test_few_runs_are_asked_for(policy: Policy, made: list[Run]) -> None:
     near = Surroundings(0.0154, 1.0, 0.05)
     engine = _Prepared(made, {"a": near, "b": near})
     _best(made, engine, policy)
-    assert engine.n_runs <= 2 * 22
+    assert engine.n_runs <= 2 * 14
