@@ -186,7 +186,8 @@ def best_member(bench: Bench, simulated: Simulated) -> tuple[Simulated, Member |
         return simulated, None
     compared = [c for c in _compared(bench, simulated.runs)[0] if c.real.shape[0] > 1]
     if not compared:
-        return simulated, None
+        # Without repeats a distance has no unit.
+        return replace(simulated, members=()), None
     far = {name: float(np.mean([c.models[name].mean() for c in compared])) for name in compared[0].models}
     told = tuple(replace(m, distance=far[m.name], chosen_distance=far["corrected"]) for m in simulated.members)
     nearest = min(told, key=lambda m: m.distance)

@@ -18,10 +18,10 @@ from diagnosis.smoothing import eroded
 
 STEP_S: Final = 0.1e-3
 MIN_EVENTS: Final = 40
-MIN_PHASES: Final = 0.3
-"""Set-points must arrive over at least this share of the period, or nothing is found."""
 DEFAULT_SHARE: Final = 0.5
 """Without an answer the load is taken to be half a period old: what is least wrong for a torque loop within it."""
+WIDE_SHARE: Final = 0.25
+"""Of the period; a lag that may be anything over so much of it is one to be told of."""
 MAX_EVENTS: Final = 2_500
 """Evenly thinned to so many set-points."""
 
@@ -38,13 +38,13 @@ def load_lag_s(stack: Stack) -> tuple[float, str]:
     assumed = DEFAULT_SHARE * period
     if len(phase) < MIN_EVENTS:
         return assumed, f"the load's lag is assumed to be {1e3 * assumed:.1f} ms: too few set-points"
-    spread = float(np.quantile(phase, 0.95) - np.quantile(phase, 0.05))
-    if spread < MIN_PHASES * period:
-        return assumed, f"the load's lag is assumed to be {1e3 * assumed:.1f} ms: set-points always come at one phase"
     lags = np.arange(0.0, period + 0.5 * STEP_S, STEP_S)
     costs = np.array([_cost(steps, phase, first, second, before, float(lag), period) for lag in lags])
-    near = costs <= np.min(costs) + 0.02 * (np.median(costs) - np.min(costs))
-    return float(np.mean(lags[near])), ""
+    near = lags[costs <= np.min(costs) + 0.02 * (np.max(costs) - np.min(costs))]
+    # Set-points that always come at one phase leave all lags before it alike.
+    wide = float(near.max() - near.min())
+    note = f"the load's lag is known to {1e3 * wide:.1f} ms only: set-points always come at one phase"
+    return float(np.mean(near)), note if wide > WIDE_SHARE * period else ""
 
 
 def _events(stack: Stack) -> tuple[Array, Array, Array, Array, Array]:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from scipy.stats import norm as normal
 
 from diagnosis.channels.stack import Stack
 from diagnosis.recording import NEVER_NS
@@ -26,6 +27,8 @@ WINDOW_S: Final = 0.25
 """Commands are averaged over so long: one that is lost says little, a share of them much."""
 FAST_QUANTILE: Final = 0.05
 """Spread counts from the delay that this share of commands stays under."""
+NARROW_SHARE: Final = 0.25
+"""Of the states' period: a wider spread of delays is a jitter's."""
 LONGEST_S: Final = 1.0
 """A command that takes longer belongs to a pause, not to the link."""
 
@@ -67,9 +70,13 @@ def timing_view(stack: Stack, effects: Sequence[Effect]) -> ChannelView | Channe
         mine = run == number
         good = mine & np.isfinite(delay)
         fastest[mine] = float(np.quantile(delay[good], FAST_QUANTILE)) if good.any() else np.nan
-    single = np.stack([delay - nominal_s, delay - fastest, np.concatenate(lost)], axis=1)
+    hidden = np.zeros_like(delay)
+    for number, recording in enumerate(stack.recordings):
+        hidden[run == number] = hidden_share(delay[run == number], recording.period_s)
+    single = np.stack([delay - nominal_s, delay - fastest, np.concatenate(lost) - hidden], axis=1)
     state = np.concatenate(states)
     response, run_of, state_of = _windows(single, run, state, max(1, round(WINDOW_S / stack.period_s)))
+    response[:, 2] = np.maximum(response[:, 2], 0.0)
     finite = np.isfinite(response)
     none = np.full(len(ROWS), -1, dtype=np.intp)
     return ChannelView(
@@ -94,6 +101,27 @@ def timing_view(stack: Stack, effects: Sequence[Effect]) -> ChannelView | Channe
             "lost_share": float(np.mean(np.concatenate(lost))) if len(delay) else 0.0,
         },
     )
+
+
+def hidden_share(delay_s: Array, period_s: float) -> float:
+    """Share of commands that no state shows, though they arrived: two fell between the same two states.
+
+    It happens where commands usually arrive just before or just after a state. The spread is read from the early half,
+    since those that are late are the ones that are missing; a wide one is no matter of a moment, and counts as none.
+
+    Args:
+        delay_s: Of one run's commands, from the state that each answers; not a number where none was seen.
+        period_s: Of the states.
+    """
+    seen = delay_s[np.isfinite(delay_s)]
+    if len(seen) == 0:
+        return 0.0
+    median = float(np.median(seen))
+    spread = max(median - float(np.quantile(seen, 0.1)), 1e-6) / float(normal.ppf(0.9))
+    if spread > NARROW_SHARE * period_s:
+        return 0.0
+    since = median % period_s
+    return float(normal.sf(since / spread) + normal.sf((period_s - since) / spread))
 
 
 def _period_s(stack: Stack) -> float:

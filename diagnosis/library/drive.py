@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import ClassVar
+from typing import ClassVar, Final
 
 import numpy as np
 
@@ -18,6 +18,8 @@ from spot_model.effects.thermal_derating import ThermalDerating
 from spot_model.effects.torque_bandwidth import TorqueBandwidth
 from spot_model.effects.torque_gain import TorqueGain
 from spot_model.effects.torque_ripple import TorqueRipple
+
+SLOW_ORDERS_PER_RAD: Final = (9.0, 12.5, 16.0, 20.0, 25.0, 31.0)
 
 
 class TorqueGainEntry(LibraryEffect):
@@ -131,11 +133,11 @@ class RippleEntry(LibraryEffect):
     split_by: ClassVar[Experiment] = SLOW_WALK
 
     def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:
-        """The strongest lines of the residual's order spectrum."""
+        """Slow lines, of which a leg's swing holds a wave or two, and the strongest of the order spectrum."""
         view = views["A"]
         s: ActuatorSignals = view.signals
-        position = s.position_rad[::STRIDE]
-        return tuple({"cycles_per_rad": n} for n in strongest_orders(position, view.response, view.usable & joints))
+        fast = strongest_orders(s.position_rad[::STRIDE], view.response, view.usable & joints)
+        return tuple({"cycles_per_rad": n} for n in (*SLOW_ORDERS_PER_RAD, *fast))
 
     def neighbours(self, shape: Shape) -> tuple[Shape, ...]:
         """Orders nearby."""

@@ -9,9 +9,9 @@ import numpy as np
 from diagnosis.seam import Array, Flags
 
 BIN_RAD: Final = 0.002
-LOWEST_PER_RAD: Final = 5.0
+LOWEST_PER_RAD: Final = 36.0
 HIGHEST_PER_RAD: Final = 700.0
-"""Slower variation is a limit or a friction by place; faster than this the bins cannot follow."""
+"""Of slower lines the window takes off too much; faster than this the bins cannot follow."""
 STEP_PER_RAD: Final = 0.5
 WINDOW_BINS: Final = 81
 """What varies more slowly than over this many bins is taken off first."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 import numpy as np
@@ -87,15 +87,22 @@ class Board:
     """By block and fold the products of [ordinary errors, y], over the block's number of samples."""
     kept: dict[object, Any] = field(default_factory=dict)
     """What scoring keeps between calls."""
+    _rows: dict[int, list[Ints]] = field(default_factory=dict)
+    """By block and fold, the rows that belong to it."""
+    _beside: list[Array] = field(default_factory=list)
+    """By block [ordinary errors, y]."""
     _cache: OrderedDict[tuple[object, ...], Columns] = field(default_factory=OrderedDict)
     _bytes: int = 0
 
     def prepare(self, library: Mapping[str, LibraryEffect], sizes: Mapping[str, Mapping[str, Any]]) -> None:
         """Lay the ordinary errors out; once, before anything is scored."""
-        self.ordinary = ordinary(self, library, sizes)
-        self.base = []
-        for number, (block, z) in enumerate(zip(self.blocks, self.ordinary.x, strict=True)):
-            self.base.append(self.products_of(number, *[np.concatenate([z, block.y[:, None]], axis=1)] * 2))
+        made = ordinary(self, library, sizes)
+        self._beside = [
+            np.concatenate([z, block.y[:, None]], axis=1) for z, block in zip(made.x, self.blocks, strict=True)
+        ]
+        # The same numbers, kept once.
+        self.ordinary = replace(made, x=tuple(both[:, :-1] for both in self._beside))
+        self.base = [self.products_of(number, both, both) for number, both in enumerate(self._beside)]
 
     def products_of(self, number: int, left: Array, right: Array) -> Array:
         """Products of two sets of a block's columns by fold, over its number of samples; shape (F, a, b)."""
@@ -103,17 +110,16 @@ class Board:
         out = np.zeros((self.n_folds, left.shape[1], right.shape[1]))
         if out.size == 0:
             return out
+        if number not in self._rows:
+            self._rows[number] = [np.flatnonzero(block.fold == fold) for fold in range(self.n_folds)]
         weighted = left * (block.weight**2)[:, None]
-        for fold in range(self.n_folds):
-            mine = block.fold == fold
-            out[fold] = weighted[mine].T @ right[mine]
+        for fold, rows in enumerate(self._rows[number]):
+            out[fold] = weighted.take(rows, axis=0).T @ right.take(rows, axis=0)
         return out / len(block.y)
 
     def products(self, number: int, x: Array) -> Array:
         """Products of a block's columns with [ordinary errors, y], shape (F, a, q + 1)."""
-        return self.products_of(
-            number, x, np.concatenate([self.ordinary.x[number], self.blocks[number].y[:, None]], axis=1)
-        )
+        return self.products_of(number, x, self._beside[number])
 
     def prepared(self, number: int, raw: Array) -> Array:
         """A column of the view's row as the block has it: its samples, units of the noise, nuisance taken off."""
