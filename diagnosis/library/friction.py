@@ -125,7 +125,7 @@ class LoadFrictionEntry(LibraryEffect):
     effect: ClassVar[type[Effect]] = LoadFriction
     channels: ClassVar[tuple[str, ...]] = ("A",)
     coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("share", "1", 0.0, 0.9),)
-    confused_with: ClassVar[tuple[str, ...]] = ("coulomb_friction", "torque_gain")
+    confused_with: ClassVar[tuple[str, ...]] = ("coulomb_friction", "torque_gain", "backlash")
     split_by: ClassVar[Experiment] = LOADED_WALK
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:

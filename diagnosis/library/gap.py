@@ -35,8 +35,8 @@ class BacklashEntry(LibraryEffect):
     channels: ClassVar[tuple[str, ...]] = ("A", "N")
     coefficients: ClassVar[tuple[Coefficient, ...]] = (
         ALL_OF_IT,
-        Coefficient("knocks", "usual variances", 0.0, 1e4),
-        Coefficient("rattle", "usual variances", 0.0, 1e4),
+        Coefficient("knocks", "usual variances", 0.0, 40.0),
+        Coefficient("rattle", "usual variances", 0.0, 40.0),
     )
     confused_with: ClassVar[tuple[str, ...]] = (
         "coulomb_friction", "torque_gain", "torque_bandwidth", "sensor_noise", "joint_compliance", "viscous_friction",

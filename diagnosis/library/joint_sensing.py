@@ -75,7 +75,7 @@ class JointComplianceEntry(LibraryEffect):
     effect: ClassVar[type[Effect]] = JointCompliance
     channels: ClassVar[tuple[str, ...]] = ("Q", "D", "B", "K")
     coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("compliance_rad_per_nm", "rad/(N·m)", 0.0, 0.02),)
-    confused_with: ClassVar[tuple[str, ...]] = ("encoder_offset", "ground_compliance", "velocity_filter")
+    confused_with: ClassVar[tuple[str, ...]] = ("encoder_offset", "ground_compliance", "velocity_filter", "backlash")
     split_by: ClassVar[Experiment] = LOADED_WALK
 
     def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:
@@ -180,7 +180,9 @@ class VelocityFilterEntry(LibraryEffect):
             rate = q.stack.rate(q.velocity_rad_s)
             return _as_coefficients({0: q.finish_rate(-q.velocity_rad_s) * joints, 1: q.finish_rate(-rate) * joints}, 4)
         if view.name == "A":
-            return _as_coefficients({2: _clean_damping(view.signals) * joints}, 4)
+            a: ActuatorSignals = view.signals
+            ahead = a.stack.rate(a.position_rad) - a.stack.smooth(a.velocity_rad_s)
+            return _as_coefficients({2: a.finish(-a.kd_nm_s_per_rad * ahead) * joints}, 4)
         key = ("velocity_filter", tuple(np.flatnonzero(joints)))
         if view.name == "K":
             k: StanceSignals = view.signals
@@ -202,12 +204,6 @@ class VelocityFilterEntry(LibraryEffect):
         return {"time_constant_s": float(coefficients[0]), "unfiltered_share": float(coefficients[2])}
 
 
-def _clean_damping(a: ActuatorSignals) -> Array:
-    """What damping by the slope of the position, in place of the reported velocity, changes in channel A."""
-    ahead = a.stack.rate(a.position_rad) - a.stack.smooth(a.velocity_rad_s)
-    return a.finish(-a.kd_nm_s_per_rad * ahead)
-
-
 def _as_coefficients(columns: Mapping[int, Array], count: int) -> Array:
     """Columns (n, R) by number of their coefficient, as (n, R, count); the others are none."""
     some = next(iter(columns.values()))
@@ -218,43 +214,33 @@ def _as_coefficients(columns: Mapping[int, Array], count: int) -> Array:
 
 
 class SensorNoiseEntry(LibraryEffect):
-    """White noise beyond what is usual; coefficients are variances in units of the usual ones.
-
-    A servo that damps by the clean velocity shows it in channel A as well: the load follows what was not reported.
-    """
+    """White noise beyond what is usual; coefficients are variances in units of the usual ones."""
 
     name: ClassVar[str] = "sensor_noise"
     title: ClassVar[str] = "noise of the joint sensors"
     effect: ClassVar[type[Effect]] = SensorNoise
-    channels: ClassVar[tuple[str, ...]] = ("N", "A")
+    channels: ClassVar[tuple[str, ...]] = ("N",)
     coefficients: ClassVar[tuple[Coefficient, ...]] = (
         Coefficient("position", "usual variances", 0.0, 1e5),
         Coefficient("velocity", "usual variances", 0.0, 1e5),
         Coefficient("load", "usual variances", 0.0, 1e5),
-        Coefficient("clean_share", "1", 0.0, 1.0),
     )
-    confused_with: ClassVar[tuple[str, ...]] = ("torque_ripple",)
+    confused_with: ClassVar[tuple[str, ...]] = ("torque_ripple", "backlash")
     split_by: ClassVar[Experiment] = TURN
 
     def rows(self, view: ChannelView, joints: Flags) -> Flags:
         """The joints' three signals."""
         return np.asarray(joints[view.row_joint])
 
-    def show(self, views: Views) -> tuple[str, ...]:
-        """Without channel N a servo's error is not known to be one of the sensors."""
-        return super().show(views) if "N" in views else ()
-
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
-        """One for each signal; in channel A what a clean velocity would change."""
-        if view.name == "A":
-            return _as_coefficients({3: _clean_damping(view.signals) * joints}, 4)
+        """One for each signal."""
         n_joints = len(joints)
-        out = np.zeros((view.n, len(view.rows), 4))
+        out = np.zeros((view.n, len(view.rows), 3))
         for signal in range(3):
             out[:, signal * n_joints : (signal + 1) * n_joints, signal] = joints
         return out
 
     def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
         """Standard deviations of the noise that is added."""
-        position, velocity, load = (float(v) for v in np.sqrt(np.maximum(coefficients[:3], 0.0)) * USUAL)
+        position, velocity, load = (float(v) for v in np.sqrt(np.maximum(coefficients, 0.0)) * USUAL)
         return {"position_rad": position, "velocity_rad_s": velocity, "load_nm": load}

@@ -51,7 +51,7 @@ class TorqueLimitEntry(_LimitEntry):
     name: ClassVar[str] = "torque_limit"
     title: ClassVar[str] = "flat torque limit"
     effect: ClassVar[type[Effect]] = TorqueLimit
-    confused_with: ClassVar[tuple[str, ...]] = ("torque_gain", "thermal_derating", "position_torque_limit")
+    confused_with: ClassVar[tuple[str, ...]] = ("torque_gain", "thermal_derating", "position_torque_limit", "backlash")
     split_by: ClassVar[Experiment] = SPRINT
 
     def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:
@@ -76,7 +76,9 @@ class SpeedCurveEntry(_LimitEntry):
     name: ClassVar[str] = "torque_speed_curve"
     title: ClassVar[str] = "torque limit by speed"
     effect: ClassVar[type[Effect]] = TorqueSpeedCurve
-    confused_with: ClassVar[tuple[str, ...]] = ("viscous_friction", "power_limit", "bus_sag", "torque_limit")
+    confused_with: ClassVar[tuple[str, ...]] = (
+        "viscous_friction", "power_limit", "bus_sag", "torque_limit", "backlash",
+    )  # fmt: skip
     split_by: ClassVar[Experiment] = SPRINT
 
     def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:
@@ -147,7 +149,7 @@ class PositionLimitEntry(_LimitEntry):
     name: ClassVar[str] = "position_torque_limit"
     title: ClassVar[str] = "torque limit by position"
     effect: ClassVar[type[Effect]] = PositionTorqueLimit
-    confused_with: ClassVar[tuple[str, ...]] = ("torque_limit", "torque_gain")
+    confused_with: ClassVar[tuple[str, ...]] = ("torque_limit", "torque_gain", "backlash")
     split_by: ClassVar[Experiment] = SLOW_WALK
 
     def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:

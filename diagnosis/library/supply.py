@@ -28,7 +28,9 @@ class PowerLimitEntry(LibraryEffect):
     channels: ClassVar[tuple[str, ...]] = ("A",)
     location: ClassVar[Location] = Location.ROBOT
     coefficients: ClassVar[tuple[Coefficient, ...]] = (ALL_OF_IT,)
-    confused_with: ClassVar[tuple[str, ...]] = ("torque_speed_curve", "bus_sag", "armature", "thermal_derating")
+    confused_with: ClassVar[tuple[str, ...]] = (
+        "torque_speed_curve", "bus_sag", "armature", "thermal_derating", "backlash",
+    )  # fmt: skip
     split_by: ClassVar[Experiment] = SPRINT
 
     def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:
@@ -92,7 +94,7 @@ class BusSagEntry(LibraryEffect):
     channels: ClassVar[tuple[str, ...]] = ("A",)
     location: ClassVar[Location] = Location.ROBOT
     coefficients: ClassVar[tuple[Coefficient, ...]] = (ALL_OF_IT,)
-    confused_with: ClassVar[tuple[str, ...]] = ("power_limit", "torque_speed_curve")
+    confused_with: ClassVar[tuple[str, ...]] = ("power_limit", "torque_speed_curve", "backlash")
     split_by: ClassVar[Experiment] = SPRINT
 
     def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:
