@@ -39,7 +39,10 @@ ELSEWHERE = {
         "withheld/test_end_to_end.py",
         '["run", "--out", str(out), "--cases", "2"',
     ),
-    "spot-rl withheld run --cases 300 --seed-from-os --search-every 20 --workers 2": (
+    "spot-rl diagnose LOGS/*.mcap --nominal paper_identified --policy policies/baseline.onnx --out DIR": (
+        "twenty logs of half a minute; tests/diagnosis and the page's own block diagnose shorter ones"
+    ),
+    "spot-rl withheld run --cases 300 --only 150:300 --seed-from-os --search-every 20 --workers 2": (
         "withheld/test_end_to_end.py",
         '["run", "--out", str(out), "--cases", "2"',
     ),
