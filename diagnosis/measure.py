@@ -187,7 +187,8 @@ def best_member(bench: Bench, simulated: Simulated) -> tuple[Simulated, Member |
     compared = [c for c in _compared(bench, simulated.runs)[0] if c.real.shape[0] > 1]
     if not compared:
         # Without repeats a distance has no unit.
-        return replace(simulated, members=()), None
+        kept = {name: some for name, some in simulated.runs.items() if name not in {m.name for m in simulated.members}}
+        return replace(simulated, runs=kept, members=()), None
     far = {name: float(np.mean([c.models[name].mean() for c in compared])) for name in compared[0].models}
     told = tuple(replace(m, distance=far[m.name], chosen_distance=far["corrected"]) for m in simulated.members)
     nearest = min(told, key=lambda m: m.distance)

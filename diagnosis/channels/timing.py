@@ -121,7 +121,9 @@ def hidden_share(delay_s: Array, period_s: float) -> float:
     if spread > NARROW_SHARE * period_s:
         return 0.0
     since = median % period_s
-    return float(normal.sf(since / spread) + normal.sf((period_s - since) / spread))
+    aside = float(normal.sf(since / spread) + normal.sf((period_s - since) / spread))
+    # One that comes on the far side of a state, and the next that does not.
+    return aside * (1.0 - aside)
 
 
 def _period_s(stack: Stack) -> float:

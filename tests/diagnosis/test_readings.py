@@ -1,0 +1,71 @@
+"""Readings that once went wrong: stops of feet, hidden commands, knocks of a gear, slow ripple, effects too small."""
+
+import numpy as np
+import pytest
+
+from diagnosis.channels.contact_events import _crossing
+from diagnosis.channels.sensor_noise import _high_squares, _knocks
+from diagnosis.channels.timing import hidden_share
+from diagnosis.library.drive import SLOW_ORDERS_PER_RAD
+from diagnosis.library.ground import GroundComplianceEntry
+from diagnosis.library.joint_sensing import VelocityFilterEntry
+from diagnosis.library.order_spectrum import LOWEST_PER_RAD
+from diagnosis.selection.search import ROUNDS
+
+PERIOD_S = 0.003
+
+
+def test_a_foot_that_rolls_on_is_stopped_as_early_as_one_that_rests() -> None:
+    time = np.arange(40.0)
+    stopped = -np.exp(-time / 4.0)
+    rolling = np.minimum(stopped, -0.06)
+    assert _crossing(rolling, -0.25) == pytest.approx(_crossing(stopped, -0.25))
+    assert _crossing(stopped, -0.25) == pytest.approx(4.0 * np.log(4.0), abs=0.1)
+    assert _crossing(rolling, -0.05) == np.inf
+
+
+@pytest.mark.parametrize(
+    ("mean_s", "spread_s"), [(0.01171, 0.0003), (0.0121, 0.0003), (0.0105, 0.0003), (0.0135, 0.0004)]
+)
+def test_commands_that_two_states_hide_are_counted(mean_s: float, spread_s: float) -> None:
+    rng = np.random.default_rng(0)
+    sent = PERIOD_S * np.arange(20_000)
+    delay = rng.normal(mean_s, spread_s, len(sent))
+    shown = np.ceil((sent + delay) / PERIOD_S)
+    hidden = np.append(shown[1:] <= shown[:-1], False)
+    assert hidden_share(np.where(hidden, np.nan, delay), PERIOD_S) == pytest.approx(float(hidden.mean()), abs=0.06)
+
+
+def test_a_wide_spread_hides_nothing_by_chance() -> None:
+    delay = 0.005 + np.random.default_rng(0).exponential(0.004, 5000)
+    assert hidden_share(delay, PERIOD_S) == 0.0
+    assert hidden_share(np.full(10, np.nan), PERIOD_S) == 0.0
+
+
+def test_impacts_are_knocks_and_noise_and_steps_are_not() -> None:
+    rng = np.random.default_rng(0)
+    n, counted = 4000, np.ones((4000, 1), dtype=np.bool_)
+    noise, steps = (
+        rng.normal(0.0, 0.5, (n, 1)),
+        np.cumsum(rng.normal(0.0, 2.0, (n, 1)) * (np.arange(n)[:, None] % 7 == 0), axis=0),
+    )
+    impacts = rng.normal(0.0, 6.0, (n, 1)) * (rng.random((n, 1)) < 0.1)
+    white = np.array([0.25])
+    none = np.zeros((n, 1))
+    assert _knocks(_high_squares(noise), none, counted, white)[0] < 0.03
+    assert _knocks(_high_squares(noise + steps), _high_squares(steps), counted, white)[0] == 0.0
+    assert _knocks(_high_squares(noise + impacts), none, counted, white)[0] > 1.0
+    assert np.isnan(_knocks(_high_squares(noise), none, counted & False, white)[0])
+
+
+def test_every_order_of_a_slow_ripple_is_within_reach() -> None:
+    orders = np.arange(8.0, LOWEST_PER_RAD, 0.25)
+    away = np.abs(orders[:, None] - np.array(SLOW_ORDERS_PER_RAD)).min(axis=1)
+    # Half an order a round; a line is several orders wide.
+    assert away[orders < 33.5].max() <= 0.5 * ROUNDS + 0.5
+
+
+def test_an_effect_below_its_least_is_not_there() -> None:
+    assert not VelocityFilterEntry().is_there(np.array([1e-4, 0.0, 0.5, 0.5]), {})
+    assert VelocityFilterEntry().is_there(np.array([4e-3, 0.0, 0.5, 0.5]), {})
+    assert not GroundComplianceEntry().is_there(np.array([0.0, 1e-5, 0.0]), {})
