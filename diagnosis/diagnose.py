@@ -15,7 +15,7 @@ from diagnosis.fitted import corrected_model, numbers
 from diagnosis.library.base import LibraryEffect
 from diagnosis.library.registry import LIBRARY
 from diagnosis.logs import script_of
-from diagnosis.measure import Bench, Measured, best_member, measure, simulate_all
+from diagnosis.measure import Bench, Measured, decided, measure, simulate_all
 from diagnosis.members import Member, after_members, with_member
 from diagnosis.posterior import Calibration, Posterior, after_shrink, posterior
 from diagnosis.progress import Progress
@@ -23,8 +23,8 @@ from diagnosis.recording import record
 from diagnosis.seam import Array, ChannelOff, ChannelView, Ints, Views
 from diagnosis.selection.board import Board, lay_out
 from diagnosis.selection.places import Robot
-from diagnosis.selection.scoring import Scorer
-from diagnosis.selection.search import Selection, search
+from diagnosis.selection.scoring import Scored, Scorer
+from diagnosis.selection.search import Selection, search, selection_of
 from diagnosis.sober import sober
 from diagnosis.surroundings import SURROUNDING_EFFECTS
 from diagnosis.unknown import Remainder, describe, remainder
@@ -100,11 +100,14 @@ def explain(
     )  # fmt: skip
     say(f"{len(views)} channels, {len(board.blocks)} signals; trying {len(library)} effects")
     selection = search(board, library, calibration.threshold_nats, say)
-    residuals = _left_over(board, selection)
+    left = _remainder(board, logs, selection)
+    return Explained(logs, views, off, board, selection, left, posterior(selection, left, calibration))
+
+
+def _remainder(board: Board, logs: Stack, selection: Selection) -> Remainder:
     explained = selection.best.explained if selection.best is not None else np.zeros(len(board.blocks))
     gained = selection.best.score if selection.best is not None else 0.0
-    left = remainder(board, logs, residuals, explained, gained)
-    return Explained(logs, views, off, board, selection, left, posterior(selection, left, calibration))
+    return remainder(board, logs, _left_over(board, selection), explained, gained)
 
 
 def _legs(views: Views) -> Ints:
@@ -156,17 +159,20 @@ def diagnose(
         is_shared = best is not None and any(t.effect.name in SURROUNDING_EFFECTS for t in best.terms)
         bench = Bench(tuple(runs), scripts, policy, engine or LocalEngine(policy), corrected if is_shared else None)
         simulated = simulate_all(bench, nominal, found.board, found.selection, found.posterior.groups, rng, tell)
-        simulated, winner = best_member(bench, simulated)
+        simulated, winner, rider = decided(bench, simulated)
         found = _with_members(found, simulated.members, winner, chosen)
-        if winner is not None:
-            corrected = corrected_model(nominal, found.board.robot, winner.rival.scored)
+        if rider is not None:
+            say(f"{rider.effect} {'is added' if rider.is_added else 'is left out'}: so closed loops come nearer")
+            found = _with_effects(found, rider.scored, library, chosen)
+        if found.selection.best is not None and found.selection.best is not best:
+            corrected = corrected_model(nominal, found.board.robot, found.selection.best)
         logs = stack([record(run) for run in simulated.runs["nominal"]])
         views, _ = build_views(logs, nominal)
         legs = found.board.robot.leg_of_joint
         map_ = gap_map(Side(found.stack, found.views.get("A")), Side(logs, views.get("A")), legs, rng)
         measured = measure(bench, simulated, rng)
         if (shrink := measured.shrink) is not None and shrink.held_out:
-            found = replace(found, posterior=after_shrink(found.posterior, shrink.s, shrink.s_low))
+            found = replace(found, posterior=after_shrink(found.posterior, shrink))
         notes += [*measured.notes, *([map_.note] if map_.note else [])]
     verdict = _verdict(found, map_, measured, notes, runs, nominal_name)
     verdict = verdict.model_copy(update={"without": tuple(n for n in LIBRARY if n not in library)})
@@ -188,6 +194,15 @@ def _with_members(
     return replace(
         found, selection=selection, posterior=after_members(found.posterior, members, winner, calibration)
     )  # fmt: skip
+
+
+def _with_effects(
+    found: Explained, best: Scored, library: Mapping[str, LibraryEffect], calibration: Calibration
+) -> Explained:
+    """What was found, with another set of effects."""
+    selection = selection_of(found.board, best, found.selection.first, library)
+    left = _remainder(found.board, found.stack, selection)
+    return replace(found, selection=selection, left=left, posterior=posterior(selection, left, calibration))
 
 
 def _ignore(share: float) -> None:

@@ -13,6 +13,7 @@ from diagnosis.fitted import corrected_model, without_fold
 from diagnosis.logs import policy_ticks, script_of
 from diagnosis.members import Member, members_of
 from diagnosis.posterior import Group
+from diagnosis.riders import Rider, riders_of, turned
 from diagnosis.selection.board import Board
 from diagnosis.selection.search import Rival, Selection
 from diagnosis.shrink import Compared, Features, Shrinkage, compare, features_by_sequence, shrinkage
@@ -110,13 +111,15 @@ def roll_out(
 
 @dataclass(frozen=True)
 class Simulated:
-    """Closed-loop runs by name of the model: nominal, corrected, placebo, members of groups."""
+    """Closed-loop runs by name of the model: nominal, corrected, placebo, members of groups, riders."""
 
     runs: Mapping[str, list[Run]]
     placebo: str
     """Name of the wrong effect; empty without one."""
     members: tuple[Member, ...]
     """Of the found effects' groups; a run of each is there under its own name."""
+    riders: tuple[Rider, ...]
+    """Effects in doubt; the runs of the other model are there under its name."""
     is_crossed: bool
     """Whether each sequence's model was fitted without it."""
     notes: tuple[str, ...]
@@ -126,7 +129,7 @@ def simulate_all(
     bench: Bench, nominal: RobotModel, board: Board, selection: Selection, groups: Sequence[Group],
     rng: np.random.Generator, tell: Tell = lambda _: None,
 ) -> Simulated:  # fmt: skip
-    """Run the nominal model and, where something was found, the corrected one, its groups' members and the placebo.
+    """Run the nominal model and, where something was found, the corrected one with its variants, and the placebo.
 
     Args:
         bench: Real logs and how to simulate them.
@@ -143,13 +146,14 @@ def simulate_all(
     names, notes = bench.sequences, []
     crossed = list(board.fold_names) == names and len(names) > 1
     placebo = _placebo(selection, frozenset(n for g in groups for n in g.names))
-    members = members_of(selection, groups)
+    members, riders = members_of(selection, groups), riders_of(selection, board)
     found = {"corrected": selection.best, "placebo": placebo.scored if placebo is not None else None}
-    found |= {m.name: m.rival.scored for m in members}
+    found |= {m.name: m.rival.scored for m in members} | {r.name: r.scored for r in riders}
     models: dict[str, Models] = {"nominal": dict.fromkeys(names, nominal)}
     references = {"nominal": nominal}
     # A placebo is hardly better than the nominal model, whose surroundings serve it.
-    like = {"placebo": "nominal", **{m.name: "corrected" for m in members}}
+    variants = [m.name for m in members] + [r.name for r in riders]
+    like = {"placebo": "nominal", **dict.fromkeys(variants, "corrected")}
     for name, scored in found.items():
         if scored is None:
             continue
@@ -170,35 +174,37 @@ def simulate_all(
         alone = replace(bench, shared=None)
         runs = roll_out(alone, {"nominal": models["nominal"]}, {"nominal": nominal}, rng, tell)
     named = placebo.scored.terms[-1].effect.name if placebo is not None and "placebo" in runs else ""
-    return Simulated(runs, named, tuple(m for m in members if m.name in runs), crossed, tuple(notes))
+    there = tuple(m for m in members if m.name in runs), tuple(r for r in riders if r.name in runs)
+    return Simulated(runs, named, *there, crossed, tuple(notes))
 
 
-def best_member(bench: Bench, simulated: Simulated) -> tuple[Simulated, Member | None]:
-    """The member of a group with which closed loops come clearly nearer to the robot than with the one that was chosen.
+def decided(bench: Bench, simulated: Simulated) -> tuple[Simulated, Member | None, Rider | None]:
+    """What closed loops decide: the member of a group, or else the effect in doubt, with which they come nearer.
 
-    Its runs take the place of the corrected model's, then.
+    Runs of the model that won take the place of the corrected model's, and those of the other variants go.
 
     Args:
         bench: Real logs.
         simulated: Runs of the models.
     """
-    if "corrected" not in simulated.runs or not simulated.members:
-        return simulated, None
+    variants = {m.name for m in simulated.members} | {r.name for r in simulated.riders}
+    if "corrected" not in simulated.runs or not variants:
+        return simulated, None, None
+    runs = {name: some for name, some in simulated.runs.items() if name not in variants}
     compared = [c for c in _compared(bench, simulated.runs)[0] if c.real.shape[0] > 1]
     if not compared:
         # Without repeats a distance has no unit.
-        kept = {name: some for name, some in simulated.runs.items() if name not in {m.name for m in simulated.members}}
-        return replace(simulated, runs=kept, members=()), None
+        return replace(simulated, runs=runs, members=(), riders=()), None, None
     far = {name: float(np.mean([c.models[name].mean() for c in compared])) for name in compared[0].models}
-    told = tuple(replace(m, distance=far[m.name], chosen_distance=far["corrected"]) for m in simulated.members)
-    nearest = min(told, key=lambda m: m.distance)
-    runs = dict(simulated.runs)
-    is_nearer = nearest.distance < far["corrected"] - CLEARLY
-    if is_nearer:
-        runs["corrected"] = runs[nearest.name]
-    for m in told:
-        del runs[m.name]
-    return replace(simulated, runs=runs, members=told), nearest if is_nearer else None
+    members = tuple(replace(m, distance=far[m.name], chosen_distance=far["corrected"]) for m in simulated.members)
+    winner = min(members, key=lambda m: m.distance, default=None)
+    if winner is not None and winner.distance >= far["corrected"] - CLEARLY:
+        winner = None
+    rider = turned(simulated.riders, far, CLEARLY) if winner is None else None
+    for nearer in (winner, rider):
+        if nearer is not None:
+            runs["corrected"] = simulated.runs[nearer.name]
+    return replace(simulated, runs=runs, members=members), winner, rider
 
 
 def measure(bench: Bench, simulated: Simulated, rng: np.random.Generator) -> Measured:

@@ -57,6 +57,8 @@ class Selection:
     """By chosen effect: all effects in its place, best first, itself among them."""
     first: tuple[Rival, ...]
     """All effects alone, best first, whether or not they pass."""
+    doubtful: tuple[Rival, ...] = ()
+    """Effects beside those chosen that add enough, but in signals where the others' formulas may err; best first."""
 
 
 def search(board: Board, library: Mapping[str, LibraryEffect], threshold: float, say: Say) -> Selection:
@@ -85,16 +87,35 @@ def search(board: Board, library: Mapping[str, LibraryEffect], threshold: float,
         candidates = ranked(board, terms, {n: e for n, e in usable.items() if n not in names})
     if best is None:
         return Selection(None, (), (), first)
-    best = _pruned(board, best, threshold)
+    kept = _pruned(board, best, threshold)
+    # Beside a set that was pruned, nobody looked for more.
+    doubtful = _doubtful(terms, candidates, value, threshold) if kept is best and len(terms) < MAX_TERMS else ()
+    return replace(selection_of(board, kept, first, library), doubtful=doubtful)
+
+
+def selection_of(
+    board: Board, best: Scored, first: Sequence[Rival], library: Mapping[str, LibraryEffect]
+) -> Selection:  # fmt: skip
+    """What each of a set of effects adds to the others, and its rivals.
+
+    Args:
+        board: The channels.
+        best: The effects, fitted.
+        first: All effects alone, best first.
+        library: Where rivals come from.
+    """
+    usable = {n: e for n, e in library.items() if e.show(board.views)}
     rivals, gains = [], []
     for i in range(len(best.terms)):
         others = best.terms[:i] + best.terms[i + 1 :]
         names = {t.effect.name for t in others}
         near = _near(first, board) | {t.effect.name for t in best.terms}
-        ranking = ranked(board, others, {n: e for n, e in usable.items() if n in near - names}) if others else first
+        ranking = (
+            ranked(board, others, {n: e for n, e in usable.items() if n in near - names}) if others else tuple(first)
+        )
         gains.append(best.score - _price(best.terms, board) - _value(board, others))
         rivals.append(ranking)
-    return Selection(best, tuple(gains), tuple(rivals), first)
+    return Selection(best, tuple(gains), tuple(rivals), tuple(first))
 
 
 def ranked(board: Board, terms: Sequence[Placed], library: Mapping[str, LibraryEffect]) -> tuple[Rival, ...]:
@@ -221,6 +242,16 @@ def _price(terms: Sequence[Placed], board: Board) -> float:
 
 def _passes(rival: Rival, value: float, threshold: float) -> bool:
     return rival.value - value > max(threshold, SAME_SIGNAL_SHARE * rival.beside)
+
+
+def _doubtful(
+    terms: Sequence[Placed], candidates: Sequence[Rival], value: float, threshold: float
+) -> tuple[Rival, ...]:  # fmt: skip
+    """Candidates that add enough, and for which none of the terms is mistaken."""
+    like = {name for t in terms for name in t.effect.confused_with}
+    return tuple(
+        c for c in candidates if c.value - value > threshold and c.scored.terms[-1].effect.name not in like
+    )  # fmt: skip
 
 
 def _value(board: Board, terms: Sequence[Placed]) -> float:
