@@ -96,7 +96,7 @@ def explain(
     fold_names = [r.run_id for r in logs.recordings] if by_run else names
     board = lay_out(
         views, robot, folds, fold_names, calibration.tolerance,
-        library=library, sizes=calibration.ordinary, dof=calibration.dof, relative=calibration.relative,
+        library={**LIBRARY, **library}, sizes=calibration.ordinary, dof=calibration.dof, relative=calibration.relative,
     )  # fmt: skip
     say(f"{len(views)} channels, {len(board.blocks)} signals; trying {len(library)} effects")
     selection = search(board, library, calibration.threshold_nats, say)
@@ -172,7 +172,7 @@ def diagnose(
         map_ = gap_map(Side(found.stack, found.views.get("A")), Side(logs, views.get("A")), legs, rng)
         measured = measure(bench, simulated, rng)
         if (shrink := measured.shrink) is not None and shrink.held_out:
-            found = replace(found, posterior=after_shrink(found.posterior, shrink))
+            found = replace(found, posterior=after_shrink(found.posterior, shrink, sum(found.selection.gains)))
         notes += [*measured.notes, *([map_.note] if map_.note else [])]
     verdict = _verdict(found, map_, measured, notes, runs, nominal_name)
     verdict = verdict.model_copy(update={"without": tuple(n for n in LIBRARY if n not in library)})

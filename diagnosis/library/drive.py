@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import ClassVar, Final
+from typing import ClassVar
 
 import numpy as np
 
 from diagnosis.channels.actuator import STRIDE, ActuatorSignals
 from diagnosis.library.base import ALL_OF_IT, Coefficient, LibraryEffect, on_joints
 from diagnosis.library.experiments import LONG_WALK, OTHER_KP, SLOW_WALK, Experiment
-from diagnosis.library.order_spectrum import strongest_orders
+from diagnosis.library.order_spectrum import slow_orders, strongest_orders
 from diagnosis.seam import Array, ChannelView, Flags, Shape, Views
 from spot_model.effects.armature import Armature
 from spot_model.effects.base import Effect
@@ -18,8 +18,6 @@ from spot_model.effects.thermal_derating import ThermalDerating
 from spot_model.effects.torque_bandwidth import TorqueBandwidth
 from spot_model.effects.torque_gain import TorqueGain
 from spot_model.effects.torque_ripple import TorqueRipple
-
-SLOW_ORDERS_PER_RAD: Final = (9.0, 12.5, 16.0, 20.0, 25.0, 31.0)
 
 
 class TorqueGainEntry(LibraryEffect):
@@ -119,7 +117,7 @@ class ThermalEntry(LibraryEffect):
 
 
 class RippleEntry(LibraryEffect):
-    """a·sin(n·q + φ): a line in the order spectrum."""
+    """a·sin(n·q + φ) and its second harmonic: lines in the order spectrum."""
 
     name: ClassVar[str] = "torque_ripple"
     title: ClassVar[str] = "torque ripple"
@@ -128,35 +126,44 @@ class RippleEntry(LibraryEffect):
     coefficients: ClassVar[tuple[Coefficient, ...]] = (
         Coefficient("sine_nm", "N·m", -10.0, 10.0),
         Coefficient("cosine_nm", "N·m", -10.0, 10.0),
+        Coefficient("second_sine_nm", "N·m", -5.0, 5.0),
+        Coefficient("second_cosine_nm", "N·m", -5.0, 5.0),
     )
     confused_with: ClassVar[tuple[str, ...]] = ("coulomb_friction",)
     split_by: ClassVar[Experiment] = SLOW_WALK
 
     def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:
-        """Slow lines, of which a leg's swing holds a wave or two, and the strongest of the order spectrum."""
+        """The strongest slow lines, of which a leg's swing holds a wave or two, and those of the order spectrum."""
         view = views["A"]
         s: ActuatorSignals = view.signals
-        fast = strongest_orders(s.position_rad[::STRIDE], view.response, view.usable & joints)
-        return tuple({"cycles_per_rad": n} for n in (*SLOW_ORDERS_PER_RAD, *fast))
+        at, usable = s.position_rad[::STRIDE], view.usable & joints
+        trends = (s.finish(s.torque_nm), s.finish(s.velocity_rad_s), s.finish_rate(s.velocity_rad_s))
+        legs = view.leg_of_joint
+        within = np.array([np.sum(legs[:j] == leg) for j, leg in enumerate(legs)])
+        sets = np.array([*np.eye(len(legs)), *(within == k for k in np.unique(within)), np.ones(len(legs))]) > 0.0
+        slow = slow_orders(at, view.response, np.stack(trends, axis=2), usable, sets)
+        return tuple({"cycles_per_rad": n} for n in (*slow, *strongest_orders(at, view.response, usable)))
 
     def neighbours(self, shape: Shape) -> tuple[Shape, ...]:
-        """Orders nearby."""
+        """Orders nearby, and the second harmonic where it is the one that was found."""
         n = shape["cycles_per_rad"]
-        return tuple({"cycles_per_rad": n + d} for d in (-0.5, -0.25, -0.12, 0.12, 0.25, 0.5) if n + d >= 1.0)
+        near = [n + d for d in (-0.5, -0.25, -0.12, 0.12, 0.25, 0.5) if n + d >= 1.0]
+        return tuple({"cycles_per_rad": order} for order in (*near, 2.0 * n))
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
-        """Sine and cosine of the angle."""
+        """Sine and cosine of the angle and of twice the angle."""
         s: ActuatorSignals = view.signals
         angle = shape["cycles_per_rad"] * s.position_rad
-        return np.concatenate(
-            [on_joints(s.finish(np.sin(angle)), joints), on_joints(s.finish(np.cos(angle)), joints)], axis=2
-        )
+        waves = (np.sin(angle), np.cos(angle), np.sin(2.0 * angle), np.cos(2.0 * angle))
+        return np.concatenate([on_joints(s.finish(wave), joints) for wave in waves], axis=2)
 
     def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
-        """Amplitude, order and phase."""
-        sine, cosine = (float(c) for c in coefficients)
+        """Amplitudes, order and phases."""
+        sine, cosine, second_sine, second_cosine = (float(c) for c in coefficients)
         return {
             "amplitude_nm": float(np.hypot(sine, cosine)),
             "cycles_per_rad": float(shape["cycles_per_rad"]),
             "phase_rad": float(np.arctan2(cosine, sine)),
+            "second_nm": float(np.hypot(second_sine, second_cosine)),
+            "second_phase_rad": float(np.arctan2(second_cosine, second_sine)),
         }

@@ -13,7 +13,7 @@ from diagnosis.library.experiments import SPRINT, Experiment
 from diagnosis.seam import Array, ChannelView, Flags, Shape, Views
 from spot_model.effects.base import Effect
 from spot_model.effects.bus_sag import BusSag
-from spot_model.effects.power_limit import PowerLimit
+from spot_model.effects.power_limit import PowerLimit, scale_to_power
 
 DEFAULT_COPPER_W_PER_NM2: Final = 0.02
 """Tried beside none where the battery was not recorded."""
@@ -49,10 +49,12 @@ class PowerLimitEntry(LibraryEffect):
         return tuple(found)
 
     def neighbours(self, shape: Shape) -> tuple[Shape, ...]:
-        """Bounds nearby, and another copper loss at the same place."""
+        """Bounds nearby, another copper loss at the same place, and both: more loss under a higher bound is alike."""
         power, copper = shape["power_w"], shape["copper_w_per_nm2"]
         found = [{"power_w": max(50.0, power * f), "copper_w_per_nm2": copper} for f in (0.88, 0.94, 1.06, 1.13)]
-        found += [{"power_w": power, "copper_w_per_nm2": copper + d} for d in (-0.01, 0.01) if 0.0 <= copper + d <= 1.0]
+        for d, factors in ((-0.01, (1.0, 0.94, 0.88)), (0.01, (1.0, 1.06, 1.13))):
+            if 0.0 <= copper + d <= 1.0:
+                found += [{"power_w": max(50.0, power * f), "copper_w_per_nm2": copper + d} for f in factors]
         return tuple(found)
 
     n_free: ClassVar[int] = 2
@@ -65,8 +67,7 @@ class PowerLimitEntry(LibraryEffect):
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
         """What is taken from the driving joints when the sum is too large."""
         s: ActuatorSignals = view.signals
-        total = _asked_w(s, shape["copper_w_per_nm2"])[:, None]
-        share = np.minimum(1.0, shape["power_w"] / np.maximum(total, 1e-9))
+        share = scale_to_power(s.torque_nm, s.velocity_rad_s, shape["power_w"], shape["copper_w_per_nm2"])
         driving = s.torque_nm * s.velocity_rad_s > 0.0
         return on_joints(s.finish(np.where(driving, share - 1.0, 0.0) * s.torque_nm), joints)
 

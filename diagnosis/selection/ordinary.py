@@ -65,7 +65,7 @@ def ordinary(board: Any, library: Mapping[str, LibraryEffect], sizes: Mapping[st
 
     Args:
         board: Blocks, views and robot.
-        library: Effects that are known; one that was left out is no ordinary error either.
+        library: Effects that errors are units of, those left out as causes too: nominal models err all the same.
         sizes: By effect: ``at`` (a shape, where it has one), ``alike`` (instead of :data:`ALIKE`), and by coefficient
             the usual size.
     """

@@ -26,6 +26,8 @@ WORTH_SHARE: Final = 0.25
 """An effect whose first try adds less than this share of what the best so far adds is not refined."""
 ROUNDS: Final = 5
 WEIGHT_ROUNDS: Final = 2
+SHAPES_AGAIN: Final = 8
+"""Of the coarse shapes, as many as are tried again with sharper weights."""
 PER_PARAMETER: Final = 2.0
 """Nats that each further free number must bring."""
 PER_UNIT: Final = 1.0
@@ -155,7 +157,7 @@ def best_of(scorer: Scorer, effect: LibraryEffect, worth: float = -np.inf) -> Ri
     weights = scorer.weights
     for _ in range(WEIGHT_ROUNDS):
         # Weights follow what is left, so what explains much is judged sharply only in a second round.
-        shape, place = _best_by_weights(scorer, effect, shapes, places, weights)
+        shape, place, shapes = _best_by_weights(scorer, effect, shapes, places, weights)
         if best is not None:
             place = _grown(scorer, effect, shape, place, weights)
         scored, weights = scorer.with_weights(effect, shape, place)
@@ -172,19 +174,22 @@ def best_of(scorer: Scorer, effect: LibraryEffect, worth: float = -np.inf) -> Ri
 
 def _best_by_weights(
     scorer: Scorer, effect: LibraryEffect, shapes: Sequence[Shape], places: Array, weights: Array
-) -> tuple[Shape, Array]:
-    """The shape and natural place that explain most under given weights, refined around the best shape."""
+) -> tuple[Shape, Array, list[Shape]]:
+    """The shape and natural place that explain most under given weights, refined around the best shape.
+
+    Beside them the best of the shapes, for another round.
+    """
     best: tuple[float, Array, Shape] = (-np.inf, places[0], shapes[0])
-    tried: set[tuple[tuple[str, float], ...]] = set()
+    tried: dict[tuple[tuple[str, float], ...], float] = {}
 
     def attempt(shape: Shape, where: Array) -> bool:
         nonlocal best
         key = tuple(sorted(shape.items()))
         if key in tried:
             return False
-        tried.add(key)
         gains = scorer.gains(effect, shape, where, weights)
         at = int(np.argmax(gains))
+        tried[key] = float(gains[at])
         if gains[at] > best[0] + 1e-6:
             best = (float(gains[at]), where[at], shape)
             return True
@@ -192,13 +197,14 @@ def _best_by_weights(
 
     for shape in shapes:
         attempt(shape, places)
+    again = sorted(shapes, key=lambda s: -tried[tuple(sorted(s.items()))])[:SHAPES_AGAIN]
     for _ in range(ROUNDS):
         moved = False
         for shape in effect.refined(best[2]):
             moved |= attempt(shape, best[1][None])
         if not moved:
             break
-    return best[2], best[1]
+    return best[2], best[1], again
 
 
 def _grown(scorer: Scorer, effect: LibraryEffect, shape: Shape, place: Array, weights: Array) -> Array:

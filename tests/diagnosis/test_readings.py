@@ -6,11 +6,9 @@ import pytest
 from diagnosis.channels.contact_events import _crossing
 from diagnosis.channels.sensor_noise import _high_squares, _knocks
 from diagnosis.channels.timing import hidden_share
-from diagnosis.library.drive import SLOW_ORDERS_PER_RAD
 from diagnosis.library.ground import GroundComplianceEntry
 from diagnosis.library.joint_sensing import VelocityFilterEntry
-from diagnosis.library.order_spectrum import LOWEST_PER_RAD
-from diagnosis.selection.search import ROUNDS
+from diagnosis.library.order_spectrum import slow_orders
 
 PERIOD_S = 0.003
 
@@ -58,11 +56,21 @@ def test_impacts_are_knocks_and_noise_and_steps_are_not() -> None:
     assert np.isnan(_knocks(_high_squares(noise), none, counted & False, white)[0])
 
 
-def test_every_order_of_a_slow_ripple_is_within_reach() -> None:
-    orders = np.arange(8.0, LOWEST_PER_RAD, 0.25)
-    away = np.abs(orders[:, None] - np.array(SLOW_ORDERS_PER_RAD)).min(axis=1)
-    # Half an order a round; a line is several orders wide.
-    assert away[orders < 33.5].max() <= 0.5 * ROUNDS + 0.5
+@pytest.mark.parametrize("order", [9.0, 13.88, 21.51, 27.3])
+def test_a_slow_ripple_is_told_by_hips_and_knees_together(order: float) -> None:
+    rng = np.random.default_rng(4)
+    time = 0.006 * np.arange(4000)[:, None]
+    middle = np.tile([0.0, 0.9, -1.8], 4)
+    # Each swings through less than a wave and a half, and a rotor's inertia pulls harder than the ripple.
+    angle = middle + 0.15 * np.sin(12.0 * time + rng.uniform(0.0, 6.0, 12)) + 0.03 * np.sin(3.0 * time)
+    acceleration = np.gradient(np.gradient(angle, 0.006, axis=0), 0.006, axis=0)
+    ripple = 1.5 * np.sin(order * angle + 0.7)
+    residual = ripple + 0.15 * acceleration + rng.normal(0.0, 0.5, angle.shape)
+    sets = np.array([*np.eye(12), np.ones(12)]) > 0.0
+    found = slow_orders(angle, residual, acceleration[:, :, None], np.ones(angle.shape, np.bool_), sets)
+    # Half an order a round of refinement.
+    assert np.abs(np.array(found) - order).min() <= 0.5
+    assert len(found) == 6
 
 
 def test_an_effect_below_its_least_is_not_there() -> None:

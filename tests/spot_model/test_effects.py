@@ -44,7 +44,7 @@ from spot_model.effects.load_friction import LoadFriction
 from spot_model.effects.load_sensor_gain import LoadSensorGain
 from spot_model.effects.payload_mass import PayloadMass
 from spot_model.effects.position_torque_limit import PositionTorqueLimit
-from spot_model.effects.power_limit import PowerLimit
+from spot_model.effects.power_limit import PowerLimit, scale_to_power
 from spot_model.effects.registry import BUILT_IN, effect_class, make_effect
 from spot_model.effects.sensor_noise import SensorNoise
 from spot_model.effects.stribeck_friction import StribeckFriction
@@ -202,7 +202,7 @@ ACTIVE = (
     Armature(inertia_kg_m2=0.04),
     TorqueBandwidth(time_constant_s=0.01),
     ThermalDerating(loss_per_k=0.004, heating_k_per_nm2_s=0.5, cooling_time_s=2.0),
-    TorqueRipple(amplitude_nm=0.5, cycles_per_rad=50.0, phase_rad=0.5),
+    TorqueRipple(amplitude_nm=0.5, cycles_per_rad=50.0, phase_rad=0.5, second_nm=0.2, second_phase_rad=-0.4),
     PowerLimit(power_w=1500.0, copper_w_per_nm2=0.01),
     BusSag(resistance_ohm=0.05, open_voltage_v=55.0, back_emf_v_s_per_rad=2.0, stall_nm_per_v=2.0, smoothing_s=0.01),
     Backlash(gap_rad=0.01, rotor_inertia_kg_m2=0.04),
@@ -362,6 +362,25 @@ def test_power_is_scaled_to_the_limit_for_all_driving_joints():
     out, _ = effect.torque(torque, Motion(velocity * 0.0, velocity, 0.005), None)
     # Driving: 300 + 200 W of which half is granted; the braking joint keeps its torque.
     np.testing.assert_allclose(out[0, :3], [15.0, -10.0, 10.0])
+
+
+def test_copper_loss_falls_with_the_square_of_the_scale_by_hand():
+    torque, velocity = np.zeros((1, 12)), np.zeros((1, 12))
+    torque[0, :2], velocity[0, :2] = [20.0, 10.0], [10.0, -5.0]
+    # Shaft 200 W, copper 200 W, and 50 W of the braking joint: 200 s² + 200 s + 50 = 200 at s = 0.5.
+    scale = scale_to_power(torque, velocity, 200.0, 0.5)
+    np.testing.assert_allclose(scale, [[0.5]])
+    out = np.where(torque * velocity > 0.0, scale * torque, torque)
+    drawn = np.sum(np.maximum(out * velocity, 0.0)) + 0.5 * np.sum(out**2)
+    np.testing.assert_allclose(drawn, 200.0)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(("power_w", "scale"), [(np.inf, 1.0), (450.0, 1.0), (40.0, 0.0)])
+def test_a_power_limit_far_off_and_one_that_brakes_use_up(power_w: float, scale: float):
+    torque, velocity = np.array([[20.0, 10.0]]), np.array([[10.0, -5.0]])
+    np.testing.assert_allclose(scale_to_power(torque, velocity, power_w, 0.5), [[scale]])
+    np.testing.assert_allclose(scale_to_power(0.0 * torque, velocity, power_w, 0.5), [[1.0]])
 
 
 def test_backlash_holds_the_torque_back_for_the_time_the_rotor_needs():
