@@ -23,8 +23,8 @@ from diagnosis.diagnose import explain
 from diagnosis.library.registry import LIBRARY
 from diagnosis.posterior import FILE, Calibration
 from spot_model.effects.registry import make_effect
-from spot_model.model_file import RobotModel
-from spot_model.policy import load_policy
+from spot_model.io.model_file import RobotModel
+from spot_model.policy.policy import load_policy
 from tests.diagnosis.planted import Truth, planted_runs
 from tests.diagnosis.scripted_gait import ScriptedGait
 

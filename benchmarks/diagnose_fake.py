@@ -24,10 +24,10 @@ from typing import Any, Final
 import numpy as np
 import yaml
 
-from spot_model.facts import JOINT_NAMES
-from spot_model.joints import select_joints
-from spot_model.velocity_sequence import VelocitySequence, Waypoint, save_sequence
-from spot_runtime.fake_process import FakeAddress, FakeProcess
+from proof.fake_process import FakeAddress, FakeProcess
+from spot_model.io.velocity_sequence import VelocitySequence, Waypoint, save_sequence
+from spot_model.robot.facts import JOINT_NAMES
+from spot_model.robot.joints import select_joints
 
 BASE: Final[list[dict[str, Any]]] = [
     {"effect": "coulomb_friction", "joints": ["hips"], "level_nm": 0.008},
@@ -151,7 +151,7 @@ def record(case: Case, folder: Path, policy: Path, repeats: int) -> None:
     with FakeProcess(scenario=str(scenario), is_lock_step=True) as fake:
         words = ["collect", "--robot", fake.address.robot, "--policy", str(policy), "--out", str(folder / "logs")]
         words += ["--sequences", ",".join(names), "--repeats", str(repeats), "--lock-step", fake.address.admin]
-        command = [sys.executable, "-c", "from spot_model.command_line import main; main()", *words]
+        command = [sys.executable, "-c", "from spot_model.io.command_line import main; main()", *words]
         subprocess.run(command, env=_environment(fake.address), check=False)  # noqa: S603 - our own command
 
 
@@ -164,7 +164,7 @@ def diagnose(folder: Path, nominal: Path, policy: Path, more: list[str]) -> floa
     began = time.monotonic()
     words = ["diagnose", str(folder / "logs"), "--nominal", str(nominal), "--policy", str(policy)]
     words += ["--out", str(folder / "diagnosis"), *more]
-    command = [sys.executable, "-c", "from spot_model.command_line import main; main()", *words]
+    command = [sys.executable, "-c", "from spot_model.io.command_line import main; main()", *words]
     subprocess.run(command, check=False, env={**os.environ, "OMP_NUM_THREADS": "1"})  # noqa: S603 - our own command
     return time.monotonic() - began
 

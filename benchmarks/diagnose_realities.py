@@ -36,9 +36,9 @@ from diagnosis.library.registry import LIBRARY
 from diagnosis.posterior import Calibration
 from diagnosis.selection.scoring import Scorer
 from diagnosis.unknown import nats_by_joint, remainder
-from spot_model.policy import Policy, load_policy
-from spot_runtime.log.reader import read_run
-from spot_runtime.log.run import Run
+from spot_log.read.reader import read_run
+from spot_log.read.run import Run
+from spot_model.policy.policy import Policy, load_policy
 from withheld.plan import Fault, FaultRequest, RecordingPlan
 from withheld.realities.catalogue import CATALOGUE
 from withheld.realities.reality import make

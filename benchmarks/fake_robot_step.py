@@ -11,9 +11,9 @@ import time
 import numpy as np
 from bosdyn.api import robot_command_pb2
 
-from fake_robot.robot import Robot
-from fake_robot.scenario import Scenario
-from spot_model import facts
+from fake_robot.robot.robot import Robot
+from fake_robot.scenario.scenario import Scenario
+from spot_model.robot import facts
 
 NS_PER_S = 1_000_000_000
 TICK_NS = 20_000_000

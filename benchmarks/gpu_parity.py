@@ -11,13 +11,13 @@ import sys
 
 import torch
 
-from spot_model import facts
-from trainer.cpu_backend import CpuBackend
-from trainer.initial_state import draw_initial_state, draw_simulations
-from trainer.random_draws import Draws
-from trainer.randomised_effects import training_effects
-from trainer.task_config import RandomisationConfig, TaskConfig
-from trainer.warp_backend import WarpBackend
+from spot_model.robot import facts
+from trainer.backends.cpu import CpuBackend
+from trainer.backends.random_draws import Draws
+from trainer.backends.warp import WarpBackend
+from trainer.task.initial_state import draw_initial_state, draw_simulations
+from trainer.task.randomised_effects import training_effects
+from trainer.task.task_config import RandomisationConfig, TaskConfig
 
 RANDOMISATION = RandomisationConfig(
     replaced_effects=("command_delay",),

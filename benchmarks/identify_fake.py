@@ -32,10 +32,10 @@ sys.path.insert(0, str(ROOT / "examples"))
 
 from collect_on_fakes import collect_on_fakes  # noqa: E402
 
-from fake_robot.scenario import Scenario, load_scenario  # noqa: E402
-from spot_model.facts import PAPER_IDENTIFIED, PaperActuator  # noqa: E402
-from trainer.collect_run import Collection  # noqa: E402
-from trainer.sysid.result import ResultData  # noqa: E402
+from fake_robot.scenario.scenario import Scenario, load_scenario  # noqa: E402
+from spot_model.robot.facts import PAPER_IDENTIFIED, PaperActuator  # noqa: E402
+from trainer.collect.collect_run import Collection  # noqa: E402
+from trainer.sysid.identify.result import ResultData  # noqa: E402
 
 SEED: Final = 20241121
 N_DRAWN: Final = 5
@@ -118,7 +118,7 @@ def identify_truth(number: int, options: argparse.Namespace) -> None:
         arguments += ["--resume"] if (found / "search.jsonl").exists() else []
         with (folder / "sysid.log").open("ab") as file:
             subprocess.run(  # noqa: S603 - our own command
-                [sys.executable, "-c", "from spot_model.command_line import main; main()", *arguments],
+                [sys.executable, "-c", "from spot_model.io.command_line import main; main()", *arguments],
                 stdout=file,
                 stderr=file,
                 env={**os.environ, "OMP_NUM_THREADS": "1"},

@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 import onnxruntime
 
-from spot_model.observation import N_OBSERVATION
-from spot_model.policy_contract import INPUT_NAME, OUTPUT_NAME
+from spot_model.policy.contract import INPUT_NAME, OUTPUT_NAME
+from spot_model.policy.observation import N_OBSERVATION
 
 PERIOD_S = 0.02
 

@@ -12,7 +12,7 @@ import dataclasses
 import json
 from pathlib import Path
 
-from spot_model.policy import load_policy
+from spot_model.policy.policy import load_policy
 from trainer.evaluate import trials
 from trainer.evaluate.report import evaluate
 from trainer.evaluate.setting import Setting

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from spot_runtime.log import LogReadError, read_run, recover_log
-from spot_runtime.log.mcap_scan import scan_mcap
+from spot_log import LogReadError, read_run, recover_log
+from spot_log.read.mcap_scan import scan_mcap
 
 TIMES = 400
 

@@ -11,9 +11,9 @@ import sys
 import tempfile
 from pathlib import Path
 
-from spot_runtime.fake_process import FakeProcess
+from proof.fake_process import FakeProcess
 
-COMMAND = [sys.executable, "-c", "from spot_model.command_line import main; main()", "run"]
+COMMAND = [sys.executable, "-c", "from spot_model.io.command_line import main; main()", "run"]
 
 
 def measure(seconds: float, policy: str) -> None:

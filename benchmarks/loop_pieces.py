@@ -10,14 +10,14 @@ from pathlib import Path
 
 import numpy as np
 
-from spot_model import facts
-from spot_model.policy import load_policy
-from spot_model.state import Gains, JointCommand, RobotState
-from spot_runtime import safety
-from spot_runtime.hal.command_wire import CommandEncoder
-from spot_runtime.handover import blend, hold_setpoint, policy_setpoint
-from spot_runtime.safety_limits import SafetyLimits
-from spot_runtime.tick import TickMemory, tick
+from spot_model.policy.policy import load_policy
+from spot_model.robot import facts
+from spot_model.robot.state import Gains, JointCommand, RobotState
+from spot_runtime.control.handover import blend, hold_setpoint, policy_setpoint
+from spot_runtime.control.safety import safety
+from spot_runtime.control.safety.limits import SafetyLimits
+from spot_runtime.control.tick import TickMemory, tick
+from spot_runtime.hal.spot.command_wire import CommandEncoder
 
 ZEROS = np.zeros(facts.N_JOINTS)
 LIMITS = SafetyLimits()

@@ -17,10 +17,10 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from spot_model import facts
-from spot_model.mjcf import MjcfOptions, spot_mjcf
-from spot_model.model_file import load_model
-from spot_model.plant import Plant, PlantOptions
+from spot_model.io.model_file import load_model
+from spot_model.plant.plant import Plant, PlantOptions
+from spot_model.robot import facts
+from spot_model.robot.mjcf import MjcfOptions, spot_mjcf
 
 SUBSTEPS = 4
 """Physics steps a control period: 20 ms of 5 ms steps."""

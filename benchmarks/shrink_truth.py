@@ -35,10 +35,10 @@ from diagnosis.seam import Array
 from diagnosis.selection.scoring import Scored
 from diagnosis.shrink import Compared, Features, Shrinkage, features_by_sequence, shrinkage
 from diagnosis.surroundings import SURROUNDING_EFFECTS, run_all
-from spot_model.model_file import RobotModel
-from spot_model.policy import Policy, load_policy
-from spot_runtime.log import Run, read_run
-from trainer.sysid.measures import SequenceReference
+from spot_log import Run, read_run
+from spot_model.io.model_file import RobotModel
+from spot_model.policy.policy import Policy, load_policy
+from trainer.sysid.distance.measures import SequenceReference
 from withheld.plan import FaultRequest, Place, RecordingPlan
 from withheld.realities.catalogue import CATALOGUE
 from withheld.realities.reality import make

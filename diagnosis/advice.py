@@ -10,7 +10,7 @@ from diagnosis.channels.stack import Stack
 from diagnosis.library.experiments import Experiment
 from diagnosis.seam import ChannelOff, ChannelView
 from diagnosis.verdict import FoundEffect, Split, UnknownEffect
-from spot_model.facts import JOINT_NAMES
+from spot_model.robot.facts import JOINT_NAMES
 
 MIN_REPEATS = 3
 FAST_M_S = 2.5

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from spot_model.effects.base import Effect
-from spot_model.model_file import RobotModel
+from spot_model.io.model_file import RobotModel
 
 
 def merged(models: Sequence[RobotModel]) -> RobotModel | None:

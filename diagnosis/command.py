@@ -49,7 +49,7 @@ def diagnose(
     from diagnosis.progress import Progress
     from diagnosis.session import Request, run_session
     from diagnosis.terminal import twelve_lines
-    from spot_model.model_file import load_model
+    from spot_model.io.model_file import load_model
 
     check_free(out)
     request = Request(

@@ -30,11 +30,11 @@ from diagnosis.surroundings import SURROUNDING_EFFECTS
 from diagnosis.unknown import Remainder, describe, remainder
 from diagnosis.verdict import FoundEffect, Status, Stretch, Verdict
 from diagnosis.where import GapMap, Side, gap_map
-from spot_model import facts
+from spot_log.read.run import Run
 from spot_model.errors import BadInputError
-from spot_model.model_file import RobotModel
-from spot_model.policy import Policy
-from spot_runtime.log.run import Run
+from spot_model.io.model_file import RobotModel
+from spot_model.policy.policy import Policy
+from spot_model.robot import facts
 
 Say = Callable[[str], None]
 ORDINARY_AT_MOST = 2.5

@@ -11,11 +11,11 @@ import numpy as np
 from typing_extensions import Self
 
 from diagnosis.simulated import Script, SensorNoise, Surroundings, simulate
+from spot_log.read.run import Run
 from spot_model.errors import BadInputError
-from spot_model.model_file import RobotModel
-from spot_model.policy import Policy, policy_from_bytes
-from spot_runtime.log.run import Run
-from trainer.ray_cluster import RayCluster
+from spot_model.io.model_file import RobotModel
+from spot_model.policy.policy import Policy, policy_from_bytes
+from trainer.ppo.ray_cluster import RayCluster
 
 USUAL_NOISE: Final = SensorNoise()
 Tell = Callable[[float], None]

@@ -12,9 +12,9 @@ from diagnosis.seam import Array
 from diagnosis.selection.places import Robot
 from diagnosis.selection.scoring import Placed, Scored, Scorer
 from diagnosis.verdict import Number
-from spot_model.facts import JOINT_NAMES
-from spot_model.joints import describe_joints
-from spot_model.model_file import RobotModel
+from spot_model.io.model_file import RobotModel
+from spot_model.robot.facts import JOINT_NAMES
+from spot_model.robot.joints import describe_joints
 
 Z_90: Final = 1.645
 PROFILE_NATS: Final = 1.35

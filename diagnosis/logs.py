@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 from diagnosis.recording import ACTIVE
 from diagnosis.simulated import Script
-from spot_model.policy import Policy
-from spot_runtime.log.run import Run, TickTable
-from trainer.sysid.features import features_of_observations
-from trainer.sysid.rollout import StartState
+from spot_log.read.run import Run, TickTable
+from spot_model.policy.policy import Policy
+from trainer.sysid.distance.features import features_of_observations
+from trainer.sysid.simulation.rollout import StartState
 
 MIN_TICKS = 50
 FALL_GRAVITY_Z = -0.5

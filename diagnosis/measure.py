@@ -20,10 +20,10 @@ from diagnosis.shrink import Compared, Features, Shrinkage, compare, features_by
 from diagnosis.simulated import Script
 from diagnosis.surroundings import SURROUNDING_EFFECTS, Chosen, best_surroundings, run_all
 from diagnosis.verdict import OtherGap, Placebo, Shrink
+from spot_log.read.run import Run
 from spot_model.errors import BadInputError
-from spot_model.model_file import RobotModel
-from spot_model.policy import Policy
-from spot_runtime.log.run import Run
+from spot_model.io.model_file import RobotModel
+from spot_model.policy.policy import Policy
 
 
 @dataclass(frozen=True)

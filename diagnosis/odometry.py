@@ -12,8 +12,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from spot_model import facts
-from spot_model.plant import Plant
+from spot_model.plant.plant import Plant
+from spot_model.robot import facts
 
 Array = NDArray[np.float64]
 Vector = tuple[Any, Any, Any]

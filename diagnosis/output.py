@@ -11,9 +11,9 @@ from diagnosis.diagnose import Diagnosis
 from diagnosis.library.base import LibraryEffect
 from diagnosis.report.page import page
 from spot_model.errors import BadInputError
-from spot_model.facts import JOINT_NAMES
-from spot_model.model_file import save_model
-from spot_model.velocity_sequence import save_sequence
+from spot_model.io.model_file import save_model
+from spot_model.io.velocity_sequence import save_sequence
+from spot_model.robot.facts import JOINT_NAMES
 
 NAMES = {"verdict": "verdict.json", "report": "report.html", "model": "corrected_model.yaml"}
 

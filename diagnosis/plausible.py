@@ -10,8 +10,8 @@ import numpy as np
 
 from diagnosis.robot_file import RobotDescription
 from diagnosis.seam import Array
+from spot_log.read.run import Run
 from spot_model.errors import BadInputError
-from spot_runtime.log.run import Run
 
 BEYOND_STOP_RAD: Final = 0.3
 """Encoder offsets and stops that give way stay below this."""

@@ -12,8 +12,8 @@ import numpy as np
 from diagnosis.robot_file import RobotDescription
 from diagnosis.seam import Array
 from diagnosis.smoothing import rate, smooth
+from spot_log.read.run import CommandTable, ImuTable, Run, StateTable
 from spot_model.errors import BadInputError
-from spot_runtime.log.run import CommandTable, ImuTable, Run, StateTable
 
 MAX_ROWS_APART: Final = 12
 """A recording may pair a command with a load that comes this many rows earlier or later."""

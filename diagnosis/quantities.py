@@ -11,7 +11,7 @@ from diagnosis.channels.actuator import STRIDE
 from diagnosis.channels.stack import Stack
 from diagnosis.recording import Recording
 from diagnosis.seam import Array, ChannelView, Ints
-from spot_model.rotation import projected_gravity
+from spot_model.robot.rotation import projected_gravity
 
 HEAT_S: Final = 30.0
 LATEST_S: Final = 0.1

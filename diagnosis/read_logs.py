@@ -7,9 +7,9 @@ from contextlib import suppress
 from pathlib import Path
 
 from diagnosis.recording import record
+from spot_log import Run, read_run
 from spot_model.errors import BadInputError, SpotRlError
-from spot_model.policy import Policy, load_policy
-from spot_runtime.log import Run, read_run
+from spot_model.policy.policy import Policy, load_policy
 
 
 def read_all(

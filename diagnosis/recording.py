@@ -8,8 +8,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from spot_log.read.run import CommandTable, Run, SlowTable, TickTable
 from spot_model.errors import SpotRlError
-from spot_runtime.log.run import CommandTable, Run, SlowTable, TickTable
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

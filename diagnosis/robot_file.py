@@ -22,9 +22,9 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from diagnosis.seam import Array
-from spot_model import facts
 from spot_model.errors import BadInputError
-from spot_model.validation import explain
+from spot_model.io.validation import explain
+from spot_model.robot import facts
 
 SCHEMA: Final = "spot-rl/robot/1"
 PerJoint = float | tuple[float, ...]

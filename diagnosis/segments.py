@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_closing, binary_dilation, binary_opening, uniform_filter1d
 
 from diagnosis.recording import NEVER_NS, Recording
-from spot_model.control import pd_torque
-from spot_model.rotation import projected_gravity
+from spot_model.robot.control import pd_torque
+from spot_model.robot.rotation import projected_gravity
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -17,7 +17,7 @@ from diagnosis.prepare import prepared
 from diagnosis.progress import Progress
 from diagnosis.read_logs import find_policy, find_policy_file, read_all
 from diagnosis.robot_file import SPOT, load_robot
-from spot_model.model_file import RobotModel
+from spot_model.io.model_file import RobotModel
 
 
 @dataclass(frozen=True)

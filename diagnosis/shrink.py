@@ -13,9 +13,9 @@ from scipy.stats import t as student
 
 from diagnosis.logs import features
 from diagnosis.seam import Array
-from spot_model.policy import Policy
-from spot_runtime.log.run import Run
-from trainer.sysid.measures import SequenceReference
+from spot_log.read.run import Run
+from spot_model.policy.policy import Policy
+from trainer.sysid.distance.measures import SequenceReference
 
 N_RESAMPLES: Final = 1000
 LEVEL: Final = 0.90

@@ -11,17 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.odometry import LegOdometry
-from spot_model import facts
+from spot_log.format.records import RunHeader
+from spot_log.read.run import CommandTable, ImuTable, Run, SlowTable, StateTable, TickTable
 from spot_model.effects.base import CommandEffect, Effect, SoftwareEffect
-from spot_model.mjcf import MjcfOptions
-from spot_model.model_file import RobotModel
-from spot_model.observation import build_observation
-from spot_model.plant import Plant, PlantOptions, ServoCommand
-from spot_model.policy import Policy
-from spot_model.rotation import rotate_wxyz
-from spot_runtime.log.records import RunHeader
-from spot_runtime.log.run import CommandTable, ImuTable, Run, SlowTable, StateTable, TickTable
-from trainer.sysid.rollout import StartState, standing_height_m
+from spot_model.io.model_file import RobotModel
+from spot_model.plant.plant import Plant, PlantOptions, ServoCommand
+from spot_model.policy.observation import build_observation
+from spot_model.policy.policy import Policy
+from spot_model.robot import facts
+from spot_model.robot.mjcf import MjcfOptions
+from spot_model.robot.rotation import rotate_wxyz
+from trainer.sysid.simulation.rollout import StartState, standing_height_m
 
 Array = NDArray[np.float64]
 

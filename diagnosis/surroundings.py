@@ -20,9 +20,9 @@ from diagnosis.batching import merged
 from diagnosis.engine import Engine, Rollout, Tell
 from diagnosis.shrink import Features, compare, features_by_sequence
 from diagnosis.simulated import Script, Surroundings
-from spot_model.model_file import RobotModel
-from spot_model.policy import Policy
-from spot_runtime.log.run import Run
+from spot_log.read.run import Run
+from spot_model.io.model_file import RobotModel
+from spot_model.policy.policy import Policy
 
 OWN: Final = Surroundings()
 """The simulator's."""

@@ -12,9 +12,9 @@ from diagnosis.logs import script_of
 from diagnosis.posterior import Calibration
 from diagnosis.simulated import SensorNoise, simulate
 from diagnosis.verdict import Verdict
-from spot_model.model_file import RobotModel
-from spot_model.policy import Policy
-from spot_runtime.log.run import Run
+from spot_log.read.run import Run
+from spot_model.io.model_file import RobotModel
+from spot_model.policy.policy import Policy
 
 
 def synthesis_check(

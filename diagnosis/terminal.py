@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from diagnosis.verdict import FoundEffect, Verdict
-from spot_model.facts import JOINT_NAMES, JOINT_TYPES
+from spot_model.robot.facts import JOINT_NAMES, JOINT_TYPES
 
 GROUPS = {kind: {n for n in JOINT_NAMES if n.endswith(kind)} for kind in JOINT_TYPES}
 """Joints of one type."""

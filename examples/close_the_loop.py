@@ -37,12 +37,12 @@ from loop_measures import (
 )
 from loop_picture import write_overlay
 
-from fake_robot.scenario import load_scenario
-from spot_model import facts
-from spot_model.velocity_sequence import save_sequence
-from spot_runtime.fake_process import FakeProcess
-from spot_runtime.log import Run, read_run
-from trainer.collect_run import Collection
+from fake_robot.scenario.scenario import load_scenario
+from proof.fake_process import FakeProcess
+from spot_log import Run, read_run
+from spot_model.io.velocity_sequence import save_sequence
+from spot_model.robot import facts
+from trainer.collect.collect_run import Collection
 
 HERE = Path(__file__).resolve().parent
 TRUTHS = {"paper": HERE / "loop_paper.yaml", "harsher": HERE / "loop_harsher.yaml"}
@@ -193,7 +193,7 @@ def _ratio(over: float, under: float) -> str:
 
 def _spot_rl(arguments: list[str], environment: dict[str, str] | None = None, *, may_fail: bool = False) -> None:
     print("spot-rl", " ".join(arguments), flush=True)
-    command = [sys.executable, "-c", "from spot_model.command_line import main; main()", *arguments]
+    command = [sys.executable, "-c", "from spot_model.io.command_line import main; main()", *arguments]
     code = subprocess.run(command, env={**os.environ, **(environment or {})}, check=False).returncode  # noqa: S603
     if code != 0 and not may_fail:
         raise SystemExit(f"spot-rl {arguments[0]} ended with exit code {code}; what went wrong stands above")

@@ -13,10 +13,10 @@ from typing import Final
 
 import yaml
 
-from fake_robot.scenario import load_scenario
-from spot_runtime.fake_process import FakeProcess
-from trainer.collect_plan import PlannedRun
-from trainer.collect_run import Collection, Part
+from fake_robot.scenario.scenario import load_scenario
+from proof.fake_process import FakeProcess
+from trainer.collect.collect_run import Collection, Part
+from trainer.collect.plan import PlannedRun
 
 SEED_STEP: Final = 1_000
 """Between the scenario's seed in one repeat and in the next: repeats differ by noise and delays, as on a robot."""
@@ -76,7 +76,7 @@ def _with_seed(scenario: str | Path, more: int, folder: Path) -> Path:
 
 
 def _spot_rl(arguments: Sequence[str], environment: dict[str, str], output: Path) -> int:
-    command = [sys.executable, "-c", "from spot_model.command_line import main; main()", *arguments]
+    command = [sys.executable, "-c", "from spot_model.io.command_line import main; main()", *arguments]
     with output.open("ab") as file:
         return subprocess.run(  # noqa: S603 - our own command line
             command, env={**os.environ, **environment}, stdout=file, stderr=file, check=False

@@ -8,9 +8,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from spot_model import facts
-from spot_model.velocity_sequence import VelocitySequence, Waypoint
-from spot_runtime.log import Run
+from spot_log import Run
+from spot_model.io.velocity_sequence import VelocitySequence, Waypoint
+from spot_model.robot import facts
 
 Array = NDArray[np.float64]
 

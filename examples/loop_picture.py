@@ -10,8 +10,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from spot_model import facts
-from spot_runtime.log import Run
+from spot_log import Run
+from spot_model.robot import facts
 
 JOINTS: Final = ("fr_kn", "hr_kn")
 COLOURS: Final = {"baseline": "#c06a3d", "identified": "#2f7f9e", "oracle": "#1c2430"}

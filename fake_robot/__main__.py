@@ -6,9 +6,9 @@ import sys
 
 import typer
 
-from fake_robot.cli import app
-from spot_model.command_line import error_line, exit_code_of
+from fake_robot.start.commands import app
 from spot_model.errors import SpotRlError
+from spot_model.io.command_line import error_line, exit_code_of
 
 
 def main() -> None:

@@ -222,9 +222,9 @@ def _prepare() -> None:
     import pydantic
     import pytest
 
-    import spot_model.policy
-    import spot_model.rotation
-    import spot_model.velocity_sequence
+    import spot_model.io.velocity_sequence
+    import spot_model.policy.policy
+    import spot_model.robot.rotation
     import spot_protos.log_pb2
 
     del spot_model, spot_protos

@@ -7,15 +7,15 @@ _MODES = "tests/spot_runtime/test_modes_and_stops.py"
 _COMPOSER = "tests/spot_runtime/test_composer.py"
 
 TESTS_OF = {
-    "spot_runtime/safety.py": (_BOUNDS, "tests/spot_runtime/test_safety.py"),
-    "spot_runtime/safety_limits.py": (_BOUNDS,),
-    "spot_runtime/body_height.py": ("tests/spot_runtime/test_body_height.py", _BOUNDS),
-    "spot_runtime/command_loss.py": ("tests/spot_runtime/test_command_loss.py", _BOUNDS),
-    "spot_runtime/modes.py": (_MODES, _BOUNDS),
-    "spot_runtime/stops.py": (_MODES, _BOUNDS),
-    "spot_runtime/watchdogs.py": ("tests/spot_runtime/test_watchdogs.py",),
-    "spot_runtime/handover.py": ("tests/spot_runtime/test_handover.py", _COMPOSER, _BOUNDS),
-    "spot_runtime/composer.py": (_COMPOSER,),
+    "spot_runtime/control/safety/safety.py": (_BOUNDS, "tests/spot_runtime/test_safety.py"),
+    "spot_runtime/control/safety/limits.py": (_BOUNDS,),
+    "spot_runtime/control/safety/body_height.py": ("tests/spot_runtime/test_body_height.py", _BOUNDS),
+    "spot_runtime/control/safety/command_loss.py": ("tests/spot_runtime/test_command_loss.py", _BOUNDS),
+    "spot_runtime/control/modes.py": (_MODES, _BOUNDS),
+    "spot_runtime/control/stops.py": (_MODES, _BOUNDS),
+    "spot_runtime/control/safety/watchdogs.py": ("tests/spot_runtime/test_watchdogs.py",),
+    "spot_runtime/control/handover.py": ("tests/spot_runtime/test_handover.py", _COMPOSER, _BOUNDS),
+    "spot_runtime/control/set_point.py": (_COMPOSER,),
 }
 """Each file with the tests that must notice every change of it."""
 

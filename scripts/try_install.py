@@ -25,8 +25,8 @@ from pathlib import Path
 
 import grpc
 
+from proof.fake_process import FakeAddress, FakeProcess
 from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
-from spot_runtime.fake_process import FakeAddress, FakeProcess
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 INSIDE = "SPOT_RL_TRY_INSTALL_INSIDE"

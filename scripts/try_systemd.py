@@ -24,8 +24,8 @@ from typing import Any
 
 from try_install import REPOSITORY, files, robot
 
+from proof.fake_process import FakeAddress
 from spot_protos import fake_admin_pb2
-from spot_runtime.fake_process import FakeAddress
 
 INSIDE = "SPOT_RL_TRY_SYSTEMD_INSIDE"
 GROUP = "spot-rl-trial"

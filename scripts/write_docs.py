@@ -19,8 +19,8 @@ import typer
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
-from spot_model.command_line import GROUP_HELP
-from spot_model.command_registry import COMMAND_GROUP, load_command
+from spot_model.io.command_line import GROUP_HELP
+from spot_model.io.command_registry import COMMAND_GROUP, load_command
 from spot_runtime.config import RunConfig
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"

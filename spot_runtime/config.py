@@ -9,9 +9,9 @@ from typing import Annotated, Final, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from spot_model.errors import BadInputError
-from spot_model.validation import explain
-from spot_model.yaml_text import read_yaml
-from spot_runtime.safety_limits import SafetyLimits
+from spot_model.io.validation import explain
+from spot_model.io.yaml_text import read_yaml
+from spot_runtime.control.safety.limits import SafetyLimits
 from spot_runtime.service_config import ServiceConfig
 
 SCHEMA: Final = "spot-rl/run/1"

@@ -7,18 +7,16 @@ import sys
 import typer
 
 from spot_model.errors import SpotRlError
-from trainer.bench_command import train as bench
 from trainer.evaluate.command import evaluate
-from trainer.export_command import export
+from trainer.export.export_command import export
+from trainer.ppo.train_command import train
 from trainer.refine.command import refine
-from trainer.train_command import train
 
 app = typer.Typer(no_args_is_help=True, add_completion=False)
 app.command("train")(train)
 app.command("export")(export)
 app.command("evaluate")(evaluate)
 app.command("refine")(refine)
-app.command("bench-train")(bench)
 
 if __name__ == "__main__":
     try:

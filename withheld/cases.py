@@ -9,8 +9,8 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from spot_model.errors import BadInputError
-from spot_model.policy import load_policy
-from spot_model.velocity_sequence import VelocitySequence
+from spot_model.io.velocity_sequence import VelocitySequence
+from spot_model.policy.policy import load_policy
 from withheld.plan import SIGNALS, FaultRequest, Place, Signal
 from withheld.sequences import fast_sequences, ordinary_sequences
 from withheld.source import Source

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from diagnosis.logs import features_of_ticks
 from diagnosis.measure import shrink_of
-from spot_model.model_file import RobotModel
-from spot_model.policy import Policy, load_policy
-from spot_model.velocity_sequence import VelocitySequence
-from spot_runtime.log import Run, read_run
-from trainer.sysid.measures import SequenceReference
+from spot_log import Run, read_run
+from spot_model.io.model_file import RobotModel
+from spot_model.io.velocity_sequence import VelocitySequence
+from spot_model.policy.policy import Policy, load_policy
+from trainer.sysid.distance.measures import SequenceReference
 from withheld.plan import Reality, RecordingPlan, Rehearsal, Rehearsing, Walk
 
 Features = NDArray[np.float32]

@@ -16,10 +16,10 @@ import numpy as np
 from pydantic import ValidationError
 
 from diagnosis.verdict import load_verdict
+from spot_log import Run
 from spot_model.errors import SpotRlError
-from spot_model.model_file import load_model, save_model
-from spot_model.policy import load_policy
-from spot_runtime.log import Run
+from spot_model.io.model_file import load_model, save_model
+from spot_model.policy.policy import load_policy
 from withheld import metadata, seal
 from withheld.baselines import answers
 from withheld.cases import Pace, draw

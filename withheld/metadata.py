@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from spot_runtime.log import Run
+from spot_log import Run
 
 PAD_BYTES: Final = 4 << 20
 

@@ -9,9 +9,9 @@ from typing import Final, Literal, Protocol, runtime_checkable
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from spot_model.model_file import RobotModel
-from spot_model.velocity_sequence import VelocitySequence
-from spot_runtime.log.run import TickTable
+from spot_log.read.run import TickTable
+from spot_model.io.model_file import RobotModel
+from spot_model.io.velocity_sequence import VelocitySequence
 
 Family = Literal[
     "friction", "drive", "limits", "supply", "thermal", "transport", "sensing", "estimator", "body", "ground",

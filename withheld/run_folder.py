@@ -12,7 +12,7 @@ from typing import Final, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from spot_model.errors import BadInputError
-from spot_model.validation import explain
+from spot_model.io.validation import explain
 from withheld import frozen
 from withheld.cases import Pace
 from withheld.jail import Level

@@ -6,8 +6,8 @@ from typing import Final
 
 import numpy as np
 
-from spot_model.policy_contract import PolicyContract
-from spot_model.velocity_sequence import VelocitySequence, Waypoint
+from spot_model.io.velocity_sequence import VelocitySequence, Waypoint
+from spot_model.policy.contract import PolicyContract
 
 COMFORT: Final = 0.75
 """Share of a policy's range that ordinary cases use; the rest belongs to :func:`fast_sequences`."""

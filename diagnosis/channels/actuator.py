@@ -22,8 +22,8 @@ from diagnosis.channels.low_pass import low_pass
 from diagnosis.channels.nominal_torque import nominal_armature_kg_m2, nominal_load_nm, nominal_torque_nm
 from diagnosis.channels.stack import Stack, white_noise
 from diagnosis.seam import Array, ChannelOff, ChannelView, Flags, Ints
-from spot_model.control import pd_torque
 from spot_model.effects.base import Effect
+from spot_model.robot.control import pd_torque
 
 STRIDE: Final = 2
 """Every second row is kept: smoothed signals have nothing above half the rate."""

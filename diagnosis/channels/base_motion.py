@@ -12,7 +12,7 @@ import numpy as np
 
 from diagnosis.channels.stack import Stack
 from diagnosis.seam import Array
-from spot_model.rotation import rotate_inverse_wxyz, rotate_wxyz
+from spot_model.robot.rotation import rotate_inverse_wxyz, rotate_wxyz
 
 GRAVITY_M_S2: Final = 9.81
 GRAVITY_TOLERANCE_M_S2: Final = 2.0

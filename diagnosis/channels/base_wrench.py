@@ -14,7 +14,7 @@ from diagnosis.channels.dynamics import DynamicsSignals
 from diagnosis.channels.load_alignment import Alignment
 from diagnosis.channels.stack import white_noise
 from diagnosis.seam import ChannelView, Flags
-from spot_model import facts
+from spot_model.robot import facts
 
 ROWS: Final = ("force_x", "force_y", "force_z", "moment_x", "moment_y", "moment_z")
 FLOOR: Final = np.array([1.5, 1.5, 2.5, 0.8, 1.5, 0.8])

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.seam import Array
-from spot_model import facts
 from spot_model.effects.base import Effect, ModelEffect
-from spot_model.mjcf import MjcfOptions, spot_mjcf
+from spot_model.robot import facts
+from spot_model.robot.mjcf import MjcfOptions, spot_mjcf
 
 FIRST_JOINT_DOF = 6
 N_DOFS = FIRST_JOINT_DOF + facts.N_JOINTS

@@ -17,8 +17,8 @@ from diagnosis.channels.stance import StanceSignals, stance_view
 from diagnosis.channels.swing import swing_view, swinging_legs
 from diagnosis.channels.timing import timing_view
 from diagnosis.seam import CHANNEL_TITLES, Array, ChannelOff, ChannelView
-from spot_model import facts
-from spot_model.model_file import RobotModel
+from spot_model.io.model_file import RobotModel
+from spot_model.robot import facts
 
 
 def build_views(

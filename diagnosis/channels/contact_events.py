@@ -20,10 +20,10 @@ from diagnosis.channels.body_model import BodyModel
 from diagnosis.channels.dynamics import DynamicsSignals
 from diagnosis.channels.stance import StanceSignals, feet
 from diagnosis.seam import Array, ChannelOff, ChannelView
-from spot_model import facts
 from spot_model.effects.base import Effect
-from spot_model.mjcf_options import MjcfOptions
-from spot_model.rotation import rotate_wxyz
+from spot_model.robot import facts
+from spot_model.robot.mjcf_options import MjcfOptions
+from spot_model.robot.rotation import rotate_wxyz
 
 ROWS: Final = (
     *(f"{leg}_flag" for leg in facts.LEG_NAMES),

@@ -21,10 +21,10 @@ from diagnosis.channels.body_model import FIRST_JOINT_DOF, BodyModel
 from diagnosis.channels.stack import Stack
 from diagnosis.channels.vectors import cross
 from diagnosis.seam import Array, Flags
-from spot_model import facts
 from spot_model.effects.base import Effect
-from spot_model.leg_kinematics import foot_position_and_jacobian
-from spot_model.rotation import multiply_wxyz, rotate_inverse_wxyz
+from spot_model.robot import facts
+from spot_model.robot.leg_kinematics import foot_position_and_jacobian
+from spot_model.robot.rotation import multiply_wxyz, rotate_inverse_wxyz
 
 STRIDE: Final = 4
 """Every fourth row: inverse dynamics are dear, and smoothed signals change slowly."""

@@ -16,7 +16,7 @@ from diagnosis.channels.base_motion import imu_gravity_m_s2
 from diagnosis.channels.stack import Stack, white_noise
 from diagnosis.seam import Array, ChannelOff, ChannelView
 from diagnosis.smoothing import REACH
-from spot_model.rotation import conjugate_wxyz, multiply_wxyz, rotate_inverse_wxyz, rotate_wxyz
+from spot_model.robot.rotation import conjugate_wxyz, multiply_wxyz, rotate_inverse_wxyz, rotate_wxyz
 
 STRIDE: Final = 4
 ROWS: Final = ("acceleration_x", "acceleration_y", "acceleration_z", "turn_x", "turn_y", "turn_z")

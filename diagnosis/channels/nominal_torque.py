@@ -9,12 +9,12 @@ from typing import Final
 import numpy as np
 
 from diagnosis.seam import Array, Ints
-from spot_model import facts
-from spot_model.effects.armature import Armature
 from spot_model.effects.base import Effect, Motion, TorqueEffect
-from spot_model.effects.coulomb_friction import CoulombFriction
-from spot_model.effects.viscous_friction import ViscousFriction
+from spot_model.effects.drive.armature import Armature
+from spot_model.effects.drive.coulomb_friction import CoulombFriction
+from spot_model.effects.drive.viscous_friction import ViscousFriction
 from spot_model.errors import BadInputError
+from spot_model.robot import facts
 
 FRICTION_SPEED_RAD_S: Final = 0.05
 """Over about this speed the direction of motion counts as known; dry friction is smoothed within."""

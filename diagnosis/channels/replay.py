@@ -18,9 +18,9 @@ from pydantic import ValidationError
 from diagnosis.channels.stack import Stack
 from diagnosis.recording import Recording
 from diagnosis.seam import Array, ChannelOff, ChannelView
-from spot_model import facts
-from spot_model.observation import N_OBSERVATION, build_observation
-from spot_model.policy_contract import PolicyContract
+from spot_model.policy.contract import PolicyContract
+from spot_model.policy.observation import N_OBSERVATION, build_observation
+from spot_model.robot import facts
 
 FLOOR_RAD: Final = 1e-3
 """Rounding of a 32-bit action, many times over."""

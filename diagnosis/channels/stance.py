@@ -20,9 +20,9 @@ from diagnosis.channels.dynamics import DynamicsSignals, contact_point_and_jacob
 from diagnosis.channels.stack import Stack, white_noise
 from diagnosis.channels.vectors import cross
 from diagnosis.seam import Array, ChannelOff, ChannelView, Flags
-from spot_model import facts
 from spot_model.effects.base import Effect
-from spot_model.rotation import rotate_inverse_wxyz, rotate_wxyz, yaw_rad
+from spot_model.robot import facts
+from spot_model.robot.rotation import rotate_inverse_wxyz, rotate_wxyz, yaw_rad
 
 STRIDE: Final = 4
 AFTER_TOUCH_DOWN: Final = 9

@@ -15,7 +15,7 @@ from diagnosis.channels.dynamics import DynamicsSignals
 from diagnosis.channels.load_alignment import Alignment
 from diagnosis.channels.stack import white_noise
 from diagnosis.seam import ChannelOff, ChannelView, Flags
-from spot_model import facts
+from spot_model.robot import facts
 
 AFTER_LIFT_OFF: Final = 6
 BEFORE_TOUCH_DOWN: Final = 7

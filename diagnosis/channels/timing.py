@@ -18,7 +18,7 @@ from diagnosis.channels.stack import Stack
 from diagnosis.recording import NEVER_NS
 from diagnosis.seam import Array, ChannelOff, ChannelView, Ints
 from spot_model.effects.base import Effect
-from spot_model.effects.command_delay import CommandDelay
+from spot_model.effects.command.command_delay import CommandDelay
 
 ROWS: Final = ("delay", "spread", "lost")
 FLOOR: Final = np.array([5e-4, 5e-4, 0.02])

@@ -13,7 +13,7 @@ import numpy as np
 from diagnosis.library.experiments import Experiment
 from diagnosis.seam import Array, ChannelView, Flags, Shape, Views
 from spot_model.effects.base import Effect
-from spot_model.model_file import RobotModel
+from spot_model.io.model_file import RobotModel
 
 
 class Location(enum.Enum):

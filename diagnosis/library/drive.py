@@ -12,12 +12,12 @@ from diagnosis.library.base import ALL_OF_IT, Coefficient, LibraryEffect, on_joi
 from diagnosis.library.experiments import LONG_WALK, OTHER_KP, SLOW_WALK, Experiment
 from diagnosis.library.order_spectrum import slow_orders, strongest_orders
 from diagnosis.seam import Array, ChannelView, Flags, Shape, Views
-from spot_model.effects.armature import Armature
 from spot_model.effects.base import Effect
-from spot_model.effects.thermal_derating import ThermalDerating
-from spot_model.effects.torque_bandwidth import TorqueBandwidth
-from spot_model.effects.torque_gain import TorqueGain
-from spot_model.effects.torque_ripple import TorqueRipple
+from spot_model.effects.drive.armature import Armature
+from spot_model.effects.drive.torque_bandwidth import TorqueBandwidth
+from spot_model.effects.drive.torque_gain import TorqueGain
+from spot_model.effects.drive.torque_ripple import TorqueRipple
+from spot_model.effects.limits.thermal_derating import ThermalDerating
 
 
 class TorqueGainEntry(LibraryEffect):

@@ -16,12 +16,12 @@ from diagnosis.library.base import Coefficient, LibraryEffect, Location, legs_of
 from diagnosis.library.experiments import OTHER_GROUND, TAPED_DISTANCE, TURN, Experiment
 from diagnosis.library.rigid_body import channel_part
 from diagnosis.seam import Array, ChannelView, Flags, Shape, Views
-from spot_model import facts
 from spot_model.effects.base import Effect
-from spot_model.effects.contact_delay import ContactDelay
-from spot_model.effects.imu_tilt import ImuTilt
-from spot_model.effects.velocity_estimate import VelocityEstimate
-from spot_model.rotation import multiply_wxyz, rotate_wxyz
+from spot_model.effects.sensing.contact_delay import ContactDelay
+from spot_model.effects.sensing.imu_tilt import ImuTilt
+from spot_model.effects.sensing.velocity_estimate import VelocityEstimate
+from spot_model.robot import facts
+from spot_model.robot.rotation import multiply_wxyz, rotate_wxyz
 
 TILT_STEP_RAD: Final = 0.01
 

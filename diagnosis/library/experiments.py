@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from spot_model.velocity_sequence import VelocitySequence, Waypoint, forward_sequence, standing_sequence
+from spot_model.io.velocity_sequence import VelocitySequence, Waypoint, forward_sequence, standing_sequence
 
 
 @dataclass(frozen=True)

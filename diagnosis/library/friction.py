@@ -13,10 +13,10 @@ from diagnosis.library.base import Coefficient, LibraryEffect, on_joints
 from diagnosis.library.experiments import LOADED_WALK, OTHER_KD, SLOW_WALK, Experiment
 from diagnosis.seam import Array, ChannelView, Flags, Shape, Views
 from spot_model.effects.base import Effect
-from spot_model.effects.coulomb_friction import CoulombFriction
-from spot_model.effects.load_friction import LoadFriction
-from spot_model.effects.stribeck_friction import StribeckFriction
-from spot_model.effects.viscous_friction import ViscousFriction
+from spot_model.effects.drive.coulomb_friction import CoulombFriction
+from spot_model.effects.drive.load_friction import LoadFriction
+from spot_model.effects.drive.stribeck_friction import StribeckFriction
+from spot_model.effects.drive.viscous_friction import ViscousFriction
 
 BUILDS_UP_RAD: Final = "builds_up_rad"
 FASTEST_RAD_S: Final = 1.2

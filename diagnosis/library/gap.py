@@ -11,8 +11,8 @@ from diagnosis.channels.actuator import ActuatorSignals
 from diagnosis.library.base import ALL_OF_IT, Coefficient, LibraryEffect, on_joints
 from diagnosis.library.experiments import SLOW_WALK, Experiment
 from diagnosis.seam import Array, ChannelView, Flags, Ints, Shape, Views
-from spot_model.effects.backlash import Backlash
 from spot_model.effects.base import Effect, Motion
+from spot_model.effects.drive.backlash import Backlash
 
 GRID_RAD: Final = tuple(round(0.0008 * 1.2**i, 7) for i in range(24))
 """Widths that are tried, up to 0.053 rad; computed together, they cost little more than one."""

@@ -12,11 +12,11 @@ from diagnosis.channels.stance import StanceSignals
 from diagnosis.library.base import Coefficient, LibraryEffect, Location, legs_of
 from diagnosis.library.experiments import OTHER_GROUND, STAND, Experiment
 from diagnosis.seam import Array, ChannelView, Flags, Shape
-from spot_model import facts
 from spot_model.effects.base import Effect
-from spot_model.effects.foot_radius import FootRadius
-from spot_model.effects.ground_compliance import GroundCompliance
-from spot_model.effects.ground_friction import GroundFriction
+from spot_model.effects.body.foot_radius import FootRadius
+from spot_model.effects.body.ground_compliance import GroundCompliance
+from spot_model.effects.body.ground_friction import GroundFriction
+from spot_model.robot import facts
 
 RADIUS_STEP_M: Final = 0.005
 FRONT: Final = np.array([name.startswith("f") for name in facts.LEG_NAMES])

@@ -21,11 +21,11 @@ from diagnosis.library.experiments import LOADED_WALK, OTHER_KP, STAND, TURN, Ex
 from diagnosis.library.rigid_body import channel_part
 from diagnosis.seam import Array, ChannelView, Flags, Shape, Views
 from spot_model.effects.base import Effect
-from spot_model.effects.encoder_offset import EncoderOffset
-from spot_model.effects.joint_compliance import JointCompliance
-from spot_model.effects.load_sensor_gain import LoadSensorGain
-from spot_model.effects.sensor_noise import SensorNoise
-from spot_model.effects.velocity_filter import VelocityFilter
+from spot_model.effects.drive.joint_compliance import JointCompliance
+from spot_model.effects.sensing.encoder_offset import EncoderOffset
+from spot_model.effects.sensing.load_sensor_gain import LoadSensorGain
+from spot_model.effects.sensing.sensor_noise import SensorNoise
+from spot_model.effects.sensing.velocity_filter import VelocityFilter
 
 OFFSET_STEP_RAD: Final = 0.01
 COMPLIANCE_STEP: Final = 2e-4

@@ -12,11 +12,11 @@ from diagnosis.library.base import ALL_OF_IT, Coefficient, LibraryEffect, on_joi
 from diagnosis.library.experiments import SLOW_WALK, SPRINT, Experiment
 from diagnosis.seam import Array, ChannelView, Flags, Shape, Views
 from spot_model.effects.base import Effect
-from spot_model.effects.position_torque_limit import PositionTorqueLimit
-from spot_model.effects.torque_limit import TorqueLimit
-from spot_model.effects.torque_speed_curve import TorqueSpeedCurve
-from spot_model.knee_table import KNEE_TABLE_POSITION_RAD, KNEE_TABLE_RATIO
-from spot_model.model_file import RobotModel
+from spot_model.effects.limits.position_torque_limit import PositionTorqueLimit
+from spot_model.effects.limits.torque_limit import TorqueLimit
+from spot_model.effects.limits.torque_speed_curve import TorqueSpeedCurve
+from spot_model.io.model_file import RobotModel
+from spot_model.robot.knee_table import KNEE_TABLE_POSITION_RAD, KNEE_TABLE_RATIO
 
 
 class _LimitEntry(LibraryEffect):

@@ -13,10 +13,10 @@ from diagnosis.library.base import ALL_OF_IT, Coefficient, LibraryEffect, Locati
 from diagnosis.library.experiments import WIRED_LINK, Experiment
 from diagnosis.seam import Array, ChannelView, Flags, Shape, Views
 from spot_model.effects.base import Effect
-from spot_model.effects.command_delay import CommandDelay
-from spot_model.effects.command_drop import CommandDrop
-from spot_model.effects.command_jitter import CommandJitter
-from spot_model.model_file import RobotModel
+from spot_model.effects.command.command_delay import CommandDelay
+from spot_model.effects.command.command_drop import CommandDrop
+from spot_model.effects.command.command_jitter import CommandJitter
+from spot_model.io.model_file import RobotModel
 
 DELAY, SPREAD, LOST = 0, 1, 2
 """Rows of channel T."""

@@ -12,11 +12,11 @@ from diagnosis.library.base import Coefficient, LibraryEffect, Location
 from diagnosis.library.experiments import MIRROR, STAND, WALK, Experiment
 from diagnosis.seam import Array, ChannelView, Flags, Shape
 from spot_model.effects.base import Effect
-from spot_model.effects.body_inertia import BodyInertia
-from spot_model.effects.com_offset import ComOffset
-from spot_model.effects.leg_mass import LegMass
-from spot_model.effects.payload_mass import PayloadMass
-from spot_model.facts import JOINT_NAMES
+from spot_model.effects.body.body_inertia import BodyInertia
+from spot_model.effects.body.com_offset import ComOffset
+from spot_model.effects.body.leg_mass import LegMass
+from spot_model.effects.body.payload_mass import PayloadMass
+from spot_model.robot.facts import JOINT_NAMES
 
 
 def joint_names(joints: Flags) -> tuple[str, ...]:

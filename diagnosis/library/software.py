@@ -11,11 +11,11 @@ from diagnosis.channels.replay import ReplaySignals
 from diagnosis.library.base import Coefficient, LibraryEffect, on_joints
 from diagnosis.library.experiments import STAND, Experiment
 from diagnosis.seam import Array, ChannelView, Flags, Shape
-from spot_model.effects.action_scale import ActionScale
 from spot_model.effects.base import Effect
-from spot_model.effects.default_pose import DefaultPose
-from spot_model.effects.joint_swap import LEFT_RIGHT, JointSwap
-from spot_model.facts import DEFAULT_POSITION_RAD
+from spot_model.effects.command.action_scale import ActionScale
+from spot_model.effects.command.default_pose import DefaultPose
+from spot_model.effects.command.joint_swap import LEFT_RIGHT, JointSwap
+from spot_model.robot.facts import DEFAULT_POSITION_RAD
 
 
 class ActionScaleEntry(LibraryEffect):

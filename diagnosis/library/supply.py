@@ -12,8 +12,8 @@ from diagnosis.library.base import ALL_OF_IT, Coefficient, LibraryEffect, Locati
 from diagnosis.library.experiments import SPRINT, Experiment
 from diagnosis.seam import Array, ChannelView, Flags, Shape, Views
 from spot_model.effects.base import Effect
-from spot_model.effects.bus_sag import BusSag
-from spot_model.effects.power_limit import PowerLimit, scale_to_power
+from spot_model.effects.limits.bus_sag import BusSag
+from spot_model.effects.limits.power_limit import PowerLimit, scale_to_power
 
 DEFAULT_COPPER_W_PER_NM2: Final = 0.02
 """Tried beside none where the battery was not recorded."""

@@ -10,7 +10,7 @@ from diagnosis.logs import policy_ticks
 from diagnosis.report.svg import disc, line, nice_ticks, svg, text, thinned
 from diagnosis.seam import Array
 from diagnosis.verdict import Dependence
-from spot_runtime.log.run import Run
+from spot_log.read.run import Run
 
 WIDTH: Final = 1160
 PANEL: Final = 190

@@ -17,7 +17,7 @@ from diagnosis.report.trace_choice import trace_figure
 from diagnosis.seam import CHANNEL_TITLES
 from diagnosis.terminal import joints_in_short
 from diagnosis.verdict import FoundEffect, GapCell, Verdict
-from spot_model.facts import JOINT_NAMES
+from spot_model.robot.facts import JOINT_NAMES
 
 COLOURS = (
     ("var(--real)", "real"), ("var(--nominal)", "nominal model"), ("var(--corrected)", "with the effects put in"),

@@ -9,7 +9,7 @@ import numpy as np
 
 from diagnosis.report.scale import scale_bar
 from diagnosis.report.svg import disc, heat, line, on_heat, svg, text
-from spot_model import facts
+from spot_model.robot import facts
 
 WIDTH: Final = 620
 HEIGHT: Final = 500

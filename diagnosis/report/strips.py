@@ -7,7 +7,7 @@ from typing import Final
 
 from diagnosis.report.svg import nice_ticks, rect, svg, text
 from diagnosis.verdict import Stretch
-from spot_runtime.log.run import Run
+from spot_log.read.run import Run
 
 WIDTH: Final = 1160
 LEFT: Final = 190

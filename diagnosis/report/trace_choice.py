@@ -9,7 +9,7 @@ import numpy as np
 from diagnosis.diagnose import Diagnosis
 from diagnosis.logs import policy_ticks
 from diagnosis.report.lines import SPAN_S, traces
-from spot_runtime.log.run import Run
+from spot_log.read.run import Run
 
 
 def trace_figure(result: Diagnosis, gaps: Mapping[str, float], named: frozenset[str]) -> tuple[str, str] | None:

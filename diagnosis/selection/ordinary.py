@@ -19,7 +19,7 @@ from diagnosis.library.base import LibraryEffect, Location
 from diagnosis.seam import Array, Flags, Ints, Shape
 from diagnosis.selection.places import Robot
 from spot_model.effects.base import Effect, TorqueEffect
-from spot_model.effects.coulomb_friction import CoulombFriction
+from spot_model.effects.drive.coulomb_friction import CoulombFriction
 
 SHARE: Final = "share"
 """Name of the prior on an effect whose size is in its shape: times what it does at that shape, of either sign."""

@@ -29,26 +29,26 @@ from bosdyn.api.docking import docking_service_pb2_grpc
 from bosdyn.api.keepalive import keepalive_service_pb2_grpc
 from bosdyn.api.log_status import log_status_service_pb2_grpc
 
-from fake_robot.services import senses
-from fake_robot.services.access import UnknownServiceHandler
-from fake_robot.services.auth import AuthService
-from fake_robot.services.cameras import ImageService
-from fake_robot.services.command_streaming import RobotCommandStreamingService
-from fake_robot.services.data_buffer import DataBufferService, DataService
-from fake_robot.services.directory import DirectoryRegistrationService, DirectoryService
-from fake_robot.services.docking import DockingService, LogStatusService
-from fake_robot.services.estop import EstopService
-from fake_robot.services.fault import FaultService
-from fake_robot.services.keepalive import KeepaliveService
-from fake_robot.services.lease import LeaseService
-from fake_robot.services.license import LicenseService
-from fake_robot.services.payload import PayloadRegistrationService, PayloadService
-from fake_robot.services.power import PowerService
-from fake_robot.services.robot_command import RobotCommandService
-from fake_robot.services.robot_id import RobotIdService
-from fake_robot.services.robot_state import RobotStateService, stream_handler
-from fake_robot.services.time_sync import TimeSyncService
-from fake_robot.services.world import World
+from fake_robot.services.authority.estop import EstopService
+from fake_robot.services.authority.keepalive import KeepaliveService
+from fake_robot.services.authority.lease import LeaseService
+from fake_robot.services.authority.power import PowerService
+from fake_robot.services.calls.access import UnknownServiceHandler
+from fake_robot.services.identity.auth import AuthService
+from fake_robot.services.identity.directory import DirectoryRegistrationService, DirectoryService
+from fake_robot.services.identity.license import LicenseService
+from fake_robot.services.identity.payload import PayloadRegistrationService, PayloadService
+from fake_robot.services.identity.robot_id import RobotIdService
+from fake_robot.services.identity.time_sync import TimeSyncService
+from fake_robot.services.motion.command_streaming import RobotCommandStreamingService
+from fake_robot.services.motion.docking import DockingService, LogStatusService
+from fake_robot.services.motion.robot_command import RobotCommandService
+from fake_robot.services.reports.data_buffer import DataBufferService, DataService
+from fake_robot.services.reports.fault import FaultService
+from fake_robot.services.reports.robot_state import RobotStateService, stream_handler
+from fake_robot.services.sensors import empty_answers as senses
+from fake_robot.services.sensors.cameras import ImageService
+from fake_robot.services.sensors.world import World
 
 
 def add_services(server: grpc.Server, world: World, username: str) -> None:

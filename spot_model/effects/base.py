@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from typing_extensions import Self
 
 from spot_model.errors import BadInputError
-from spot_model.facts import LEG_NAMES
-from spot_model.joints import select_joints
-from spot_model.rotation import AnyArray
+from spot_model.robot.facts import LEG_NAMES
+from spot_model.robot.joints import select_joints
+from spot_model.robot.rotation import AnyArray
 
 Memory = Any
 """What an effect carries from one physics step to the next; made by ``start``, returned by ``torque``."""

@@ -11,11 +11,11 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from spot_runtime.cli import resolve_config
 from spot_runtime.doctor.check import Result, Verdict, is_fit, make
 from spot_runtime.doctor.computer import checks_of_computer
 from spot_runtime.doctor.host import Host
 from spot_runtime.doctor.robot import RobotDoctor
+from spot_runtime.session.run_command import resolve_config
 
 _COLOUR = {Verdict.OK: "green", Verdict.WARN: "yellow", Verdict.FAIL: "bold red", Verdict.SKIPPED: "dim"}
 

@@ -6,11 +6,11 @@ import re
 from pathlib import Path
 from typing import Final
 
-from spot_model.policy import load_policy
+from spot_model.policy.policy import load_policy
 from spot_runtime.config import RunConfig
 from spot_runtime.doctor.check import Check, Finding, fail, ok, skipped, warn
 from spot_runtime.doctor.host import Host
-from spot_runtime.operator.lease_note import HeldNote, LeaseNoteError, NoteHeldError
+from spot_runtime.operator.rescue.lease_note import HeldNote, LeaseNoteError, NoteHeldError
 
 PYTHON_LOW: Final = (3, 10)
 PYTHON_HIGH: Final = (3, 12)

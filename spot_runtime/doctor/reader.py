@@ -9,10 +9,10 @@ from bosdyn.client.lease import LeaseClient
 from bosdyn.client.license import LicenseClient
 from bosdyn.client.robot_state import RobotStateClient
 
-from spot_runtime.clock import HostClock, RobotClockEstimate
 from spot_runtime.config import RobotConfig
-from spot_runtime.hal.address import Address
-from spot_runtime.hal.session import Session
+from spot_runtime.hal.connection.address import Address
+from spot_runtime.hal.spot.session import Session
+from spot_runtime.host.clock import HostClock, RobotClockEstimate
 
 
 class Reader:

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Protocol
 
-from spot_model.state import JointCommand, RobotState, SlowState
-from spot_runtime.stops import Stop
+from spot_model.robot.state import JointCommand, RobotState, SlowState
+from spot_runtime.control.stops import Stop
 
 
 @dataclass(frozen=True)

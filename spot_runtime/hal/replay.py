@@ -5,11 +5,11 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 
+from spot_log.write.sink import LogSink
 from spot_model.errors import BadInputError
-from spot_model.state import JointCommand, RobotState, SlowState
+from spot_model.robot.state import JointCommand, RobotState, SlowState
+from spot_runtime.control.stops import Stop, StopReason
 from spot_runtime.hal.base import JointControl, RobotInfo
-from spot_runtime.log.sink import LogSink
-from spot_runtime.stops import Stop, StopReason
 
 
 class ReplayHal:

@@ -14,9 +14,9 @@ from typing import Final
 
 import foxglove
 
-from spot_runtime.live.tap import HEAD, MAX_DATAGRAM_BYTES
-from spot_runtime.log.logger_child import shed_inherited_settings
-from spot_runtime.log.topics import ALL_TOPICS, HEADER, SCENE
+from spot_log.format.topics import ALL_TOPICS, HEADER, SCENE
+from spot_log.write.live_tap import HEAD, MAX_DATAGRAM_BYTES
+from spot_log.write.logger_child import shed_inherited_settings
 
 BACKLOG_MESSAGES: Final = 256
 """Kept for each client; the oldest goes first."""

@@ -16,8 +16,8 @@ from typing import Final
 
 from typing_extensions import Self
 
+from spot_log.write.live_tap import SOCKET_VARIABLE
 from spot_model.errors import BadInputError, SpotRlError
-from spot_runtime.live.tap import SOCKET_VARIABLE
 
 FOLDER_PREFIX: Final = "spot-rl-live-"
 SOCKET_NAME: Final = "live.sock"

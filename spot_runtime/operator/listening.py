@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Final
 
 import grpc
 
-from spot_model.bounded_file import open_to_read
 from spot_model.errors import BadInputError, SpotRlError
-from spot_runtime.locked_file import open_locked
+from spot_model.io.bounded_file import open_to_read
+from spot_runtime.host.locked_file import open_locked
 
 if TYPE_CHECKING:  # a client has no configuration, and starts without pydantic
     from spot_runtime.service_config import ServiceConfig

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple, Protocol
 
-from spot_model.state import Array
+from spot_model.robot.state import Array
 
 
 class VelocityCommand(NamedTuple):

@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from spot_model.errors import BadInputError
-from spot_model.state import Array
+from spot_model.robot.state import Array
 from spot_runtime.config import OperatorConfig
 from spot_runtime.sources.base import VelocityCommand
 from spot_runtime.sources.shaping import Shaper

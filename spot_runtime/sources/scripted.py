@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from spot_model.velocity_sequence import VelocitySequence
+from spot_model.io.velocity_sequence import VelocitySequence
 from spot_runtime.sources.base import VelocityCommand
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from spot_model.state import Array
+from spot_model.robot.state import Array
 
 
 def approach(current: Array, wanted: Array, largest_step: float) -> Array:

@@ -94,7 +94,7 @@ def test_what_does_not_heal_is_not_tried_again() -> None:
 
 def test_the_watchdog_ends_a_hung_loop_and_the_stop_has_time_to_sit() -> None:
     from spot_runtime.config import RobotConfig
-    from spot_runtime.operator.make_safe import WITHIN_S
+    from spot_runtime.operator.rescue.make_safe import WITHIN_S
 
     unit = settings("spot-rl.service")
     assert unit["Type"] == ["notify"]
@@ -122,7 +122,7 @@ def test_the_rights_are_those_that_the_configuration_asks_for() -> None:
 
 
 def test_the_credential_has_the_name_that_the_runtime_looks_for() -> None:
-    from spot_runtime.hal.credentials import SYSTEMD_NAME
+    from spot_runtime.hal.connection.credentials import SYSTEMD_NAME
 
     (credential,) = settings("spot-rl.service")["LoadCredential"]
     assert credential == f"{SYSTEMD_NAME}:/etc/spot-rl/credentials.yaml"
@@ -138,7 +138,9 @@ def test_a_system_call_that_the_filter_forbids_is_refused_and_kills_nobody(name:
 def test_pruning_loads_no_library_that_asks_for_what_its_unit_forbids() -> None:
     # OpenBLAS, which comes with NumPy, sets a memory policy while it is loaded: mbind, of @resources.
     assert "@resources" in " ".join(settings("spot-rl-logs.service")["SystemCallFilter"])
-    code = "import sys, spot_runtime.retention; print(sorted({'numpy', 'mcap', 'google.protobuf'} & set(sys.modules)))"
+    code = (
+        "import sys, spot_log.tools.retention; print(sorted({'numpy', 'mcap', 'google.protobuf'} & set(sys.modules)))"
+    )
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert told.stdout.strip() == "[]"
 
@@ -146,10 +148,10 @@ def test_pruning_loads_no_library_that_asks_for_what_its_unit_forbids() -> None:
 def test_every_option_and_variable_of_the_units_is_there() -> None:
     import inspect
 
+    from spot_log.tools.retention import prune_logs
     from spot_runtime.doctor.command import doctor
-    from spot_runtime.operator.make_safe_command import make_safe
-    from spot_runtime.retention import prune_logs
-    from spot_runtime.serve import serve
+    from spot_runtime.operator.rescue.make_safe_command import make_safe
+    from spot_runtime.operator.serve import serve
 
     commands = {"serve": serve, "doctor": doctor, "prune-logs": prune_logs, "make-safe": make_safe}
     variables = set(re.findall(r"^#?(SPOT_RL_\w+)=", (DEPLOY / "spot-rl.env.example").read_text(), re.MULTILINE))

@@ -10,19 +10,19 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from spot_model import facts
-from spot_model.delay import Delay, LogNormalDelay
+from spot_log.format.records import RunHeader
+from spot_log.read.run import CommandTable, ImuTable, Run, SlowTable, StateTable, TickTable
 from spot_model.effects.base import CommandEffect, Effect, SoftwareEffect
-from spot_model.mjcf import MjcfOptions, default_height_m
-from spot_model.observation import build_observation
-from spot_model.plant import Plant, PlantOptions, ServoCommand
-from spot_model.policy import Policy
-from spot_model.policy_contract import PolicyContract, StoredPair
-from spot_model.rotation import rotate_inverse_wxyz, rotate_wxyz
-from spot_model.state import Gains
-from spot_model.velocity_sequence import VelocitySequence, Waypoint
-from spot_runtime.log.records import RunHeader
-from spot_runtime.log.run import CommandTable, ImuTable, Run, SlowTable, StateTable, TickTable
+from spot_model.io.velocity_sequence import VelocitySequence, Waypoint
+from spot_model.plant.delay import Delay, LogNormalDelay
+from spot_model.plant.plant import Plant, PlantOptions, ServoCommand
+from spot_model.policy.contract import PolicyContract, StoredPair
+from spot_model.policy.observation import build_observation
+from spot_model.policy.policy import Policy
+from spot_model.robot import facts
+from spot_model.robot.mjcf import MjcfOptions, default_height_m
+from spot_model.robot.rotation import rotate_inverse_wxyz, rotate_wxyz
+from spot_model.robot.state import Gains
 
 from .scripted_gait import ScriptedGait
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from spot_model import facts
-from spot_model.leg_kinematics import foot_position_and_jacobian
-from spot_model.state import Gains
+from spot_model.robot import facts
+from spot_model.robot.leg_kinematics import foot_position_and_jacobian
+from spot_model.robot.state import Gains
 
 Array = NDArray[np.float64]
 

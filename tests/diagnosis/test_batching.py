@@ -8,16 +8,16 @@ import pytest
 from diagnosis.batching import merged
 from diagnosis.library.registry import LIBRARY
 from diagnosis.simulated import SensorNoise, simulate
-from spot_model import facts
-from spot_model.effects.armature import Armature
 from spot_model.effects.base import Effect
-from spot_model.effects.command_delay import CommandDelay
-from spot_model.effects.coulomb_friction import CoulombFriction
-from spot_model.effects.payload_mass import PayloadMass
-from spot_model.effects.velocity_estimate import VelocityEstimate
-from spot_model.model_file import RobotModel
-from spot_model.plant import Plant, PlantOptions
-from spot_model.policy import load_policy
+from spot_model.effects.body.payload_mass import PayloadMass
+from spot_model.effects.command.command_delay import CommandDelay
+from spot_model.effects.drive.armature import Armature
+from spot_model.effects.drive.coulomb_friction import CoulombFriction
+from spot_model.effects.sensing.velocity_estimate import VelocityEstimate
+from spot_model.io.model_file import RobotModel
+from spot_model.plant.plant import Plant, PlantOptions
+from spot_model.policy.policy import load_policy
+from spot_model.robot import facts
 
 from .cases import CASES, Case
 from .report_case import POLICY, scripts

@@ -8,14 +8,14 @@ from diagnosis.channels.build import build_views
 from diagnosis.channels.stack import stack
 from diagnosis.recording import record
 from diagnosis.seam import CHANNEL_TITLES
-from spot_model.delay import ConstantDelay
-from spot_model.effects.armature import Armature
-from spot_model.effects.torque_bandwidth import TorqueBandwidth
-from spot_model.effects.viscous_friction import ViscousFriction
+from spot_log.read.run import CommandTable, StateTable
+from spot_model.effects.drive.armature import Armature
+from spot_model.effects.drive.torque_bandwidth import TorqueBandwidth
+from spot_model.effects.drive.viscous_friction import ViscousFriction
 from spot_model.errors import BadInputError
-from spot_model.model_file import RobotModel
-from spot_model.policy import load_policy
-from spot_runtime.log.run import CommandTable, StateTable
+from spot_model.io.model_file import RobotModel
+from spot_model.plant.delay import ConstantDelay
+from spot_model.policy.policy import load_policy
 
 from .cases import NOMINAL
 from .planted import Noise, ScriptedGait, Truth, planted_runs, walk_sequence

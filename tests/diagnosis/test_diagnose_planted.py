@@ -13,8 +13,8 @@ from diagnosis.selection.places import Robot
 from diagnosis.selection.scoring import Scorer
 from diagnosis.selection.search import search
 from diagnosis.unknown import describe, nats_by_joint, remainder
-from spot_model.effects.coulomb_friction import CoulombFriction
-from spot_model.effects.torque_gain import TorqueGain
+from spot_model.effects.drive.coulomb_friction import CoulombFriction
+from spot_model.effects.drive.torque_gain import TorqueGain
 
 from .planted import Truth, planted_runs
 

@@ -10,12 +10,12 @@ import pytest
 from diagnosis.engine import LocalEngine, RayEngine, Rollout
 from diagnosis.measure import shrink_of
 from diagnosis.simulated import Surroundings
-from spot_model.effects.coulomb_friction import CoulombFriction
-from spot_model.effects.payload_mass import PayloadMass
-from spot_model.model_file import RobotModel
-from spot_model.policy import Policy, load_policy
-from spot_runtime.log.run import Run
-from trainer.ray_cluster import EngineError
+from spot_log.read.run import Run
+from spot_model.effects.body.payload_mass import PayloadMass
+from spot_model.effects.drive.coulomb_friction import CoulombFriction
+from spot_model.io.model_file import RobotModel
+from spot_model.policy.policy import Policy, load_policy
+from trainer.ppo.ray_cluster import EngineError
 
 from .report_case import POLICY, scripts
 

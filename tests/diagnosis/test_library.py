@@ -7,12 +7,12 @@ from diagnosis.library.fit import Term, fit, fit_terms
 from diagnosis.library.order_spectrum import strongest_orders
 from diagnosis.library.registry import LIBRARY
 from diagnosis.recording import record
-from spot_model.effects.command_delay import CommandDelay
+from spot_model.effects.command.command_delay import CommandDelay
+from spot_model.effects.limits.torque_limit import TorqueLimit
 from spot_model.effects.registry import BUILT_IN
-from spot_model.effects.torque_limit import TorqueLimit
-from spot_model.joints import select_joints
-from spot_model.model_file import RobotModel, model_from_data
-from spot_model.policy_contract import PolicyContract
+from spot_model.io.model_file import RobotModel, model_from_data
+from spot_model.policy.contract import PolicyContract
+from spot_model.robot.joints import select_joints
 
 from .cases import ABSOLUTE, CASES, NOMINAL
 from .planted import Truth, contract_json, planted_runs, walk_sequence

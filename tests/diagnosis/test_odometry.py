@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from diagnosis.odometry import LegOdometry
-from spot_model import facts
-from spot_model.plant import Plant, PlantOptions
+from spot_model.plant.plant import Plant, PlantOptions
+from spot_model.robot import facts
 
 
 class _Held:

@@ -12,10 +12,10 @@ import yaml
 from diagnosis.plausible import check_plausible
 from diagnosis.prepare import prepared
 from diagnosis.robot_file import SPOT, RobotDescription, load_robot
+from spot_log import read_run
+from spot_log.importing import Mapping, import_log
+from spot_log.read.run import Run
 from spot_model.errors import BadInputError
-from spot_runtime.log import read_run
-from spot_runtime.log.importing import Mapping, import_log
-from spot_runtime.log.run import Run
 
 N = 2000
 PERIOD_S = 0.005

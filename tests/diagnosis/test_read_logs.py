@@ -11,10 +11,10 @@ import pytest
 from diagnosis.read_logs import find_policy, find_policy_file, read_all
 from diagnosis.recording import record
 from diagnosis.segments import cut
+from spot_log.importing import Mapping, import_log
+from spot_log.read.run import Run
 from spot_model.errors import BadInputError
-from spot_model.policy import load_policy
-from spot_runtime.log.importing import Mapping, import_log
-from spot_runtime.log.run import Run
+from spot_model.policy.policy import load_policy
 
 POLICIES = Path(__file__).parents[2] / "policies"
 

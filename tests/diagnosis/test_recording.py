@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from diagnosis.recording import NEVER_NS, RecordingError, record
-from spot_runtime.log.run import StateTable
+from spot_log.read.run import StateTable
 
 from .planted import QUIET, START_NS, Truth, planted_runs, walk_sequence
 

@@ -5,8 +5,8 @@ import pytest
 
 from diagnosis.recording import record
 from diagnosis.segments import cut
-from spot_model.effects.torque_gain import TorqueGain
-from spot_model.velocity_sequence import standing_sequence
+from spot_model.effects.drive.torque_gain import TorqueGain
+from spot_model.io.velocity_sequence import standing_sequence
 
 from .planted import Truth, planted_runs, walk_sequence
 

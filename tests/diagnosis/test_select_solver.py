@@ -5,7 +5,7 @@ from diagnosis.library.registry import LIBRARY
 from diagnosis.selection.places import Robot
 from diagnosis.selection.search import CONFUSED_SHARE, remainder_of
 from diagnosis.selection.solve import solve_bounded
-from spot_model.facts import JOINT_NAMES
+from spot_model.robot.facts import JOINT_NAMES
 
 ROBOT = Robot(JOINT_NAMES, np.repeat(np.arange(4), 3))
 

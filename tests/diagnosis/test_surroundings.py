@@ -13,9 +13,9 @@ from diagnosis.engine import LocalEngine, Rollout, Tell
 from diagnosis.shrink import features_by_sequence
 from diagnosis.simulated import Surroundings
 from diagnosis.surroundings import OWN, best_surroundings
-from spot_model.model_file import RobotModel
-from spot_model.policy import Policy, load_policy
-from spot_runtime.log.run import Run
+from spot_log.read.run import Run
+from spot_model.io.model_file import RobotModel
+from spot_model.policy.policy import Policy, load_policy
 
 from .report_case import POLICY, scripts
 

@@ -15,7 +15,7 @@ from diagnosis.verdict import (
     json_schema,
     load_verdict,
 )
-from spot_model.facts import JOINT_NAMES
+from spot_model.robot.facts import JOINT_NAMES
 
 CELL = GapCell(signal="load", joint="fl_kn", regime="motoring", gap=2.0, floor=0.5, ratio=4.0, p_value=0.01)
 PLACEBO = Placebo(name="armature", s=0.2)

@@ -17,8 +17,8 @@ from types import TracebackType
 import grpc
 from typing_extensions import Self
 
+from proof.fake_process import FakeProcess
 from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
-from spot_runtime.fake_process import FakeProcess
 
 from .blocks import REPOSITORY
 

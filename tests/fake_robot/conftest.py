@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fake_robot.certificates import ServerCertificates, ensure_certificates
-from fake_robot.robot_port import (
+from fake_robot.network.robot_port import (
     BehaviorFault,
     EstopLevel,
     FaultKind,
@@ -25,9 +24,10 @@ from fake_robot.robot_port import (
     StreamFailure,
     SystemFault,
 )
-from fake_robot.server import Endpoints, FakeServer
-from fake_robot.services.tokens import Credentials
-from fake_robot.services_config import ServicesConfig
+from fake_robot.scenario.services_config import ServicesConfig
+from fake_robot.services.identity.tokens import Credentials
+from fake_robot.start.certificates import ServerCertificates, ensure_certificates
+from fake_robot.start.server import Endpoints, FakeServer
 from spot_model.errors import BadInputError
 
 START_NS = 1_700_000_000_000_000_000

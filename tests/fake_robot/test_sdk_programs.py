@@ -21,8 +21,8 @@ import pytest
 import typer
 from google.protobuf.message import DecodeError
 
-from fake_robot.cli import app, in_one_line
 from fake_robot.pytest_plugin import FakeSpot, FakeSpotError, running_fake_spot
+from fake_robot.start.commands import app, in_one_line
 from spot_model.errors import SpotRlError
 
 PROGRAMS = Path(__file__).parent / "sdk_programs"

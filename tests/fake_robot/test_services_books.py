@@ -11,12 +11,12 @@ from bosdyn.client.lease import Lease
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fake_robot.services.estop_book import CUT, NONE, REQUIRED_ROLE, SETTLE_THEN_CUT, EstopBook
-from fake_robot.services.lease_book import LeaseBook, Recency, compare_sequences
-from fake_robot.services.liveness import LivenessClock
-from fake_robot.services.stamps import duration_from_ns, ns_from_duration, ns_from_timestamp, timestamp_from_ns
-from fake_robot.services.time_sync_book import TimeSyncBook, sample_from_round_trip
-from fake_robot.services.tokens import Credentials, LoginResult, TokenMint
+from fake_robot.services.authority.estop_endpoints import CUT, NONE, REQUIRED_ROLE, SETTLE_THEN_CUT, EstopBook
+from fake_robot.services.authority.lease_records import LeaseBook, Recency, compare_sequences
+from fake_robot.services.authority.liveness import LivenessClock
+from fake_robot.services.calls.stamps import duration_from_ns, ns_from_duration, ns_from_timestamp, timestamp_from_ns
+from fake_robot.services.identity.time_sync_clients import TimeSyncBook, sample_from_round_trip
+from fake_robot.services.identity.tokens import Credentials, LoginResult, TokenMint
 
 ME, OTHER = (lease_pb2.LeaseOwner(client_name=name) for name in ("me", "other"))
 Use = lease_pb2.LeaseUseResult

@@ -22,7 +22,7 @@ from bosdyn.client.image import (
 )
 from PIL import Image
 
-from fake_robot.services import test_card
+from fake_robot.services.sensors import test_card
 
 PLACES = ("back", "frontleft", "frontright", "left", "right")
 

@@ -37,7 +37,7 @@ from google.protobuf.descriptor import FieldDescriptor, MethodDescriptor
 from google.protobuf.message import Message
 from google.protobuf.message_factory import GetMessageClass
 
-from fake_robot.services.directory_book import OWN_SERVICES
+from fake_robot.services.identity.directory_entries import OWN_SERVICES
 from spot_protos import fake_admin_pb2
 
 SERVICE_FILES = (

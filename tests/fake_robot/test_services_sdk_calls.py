@@ -27,7 +27,7 @@ from bosdyn.client.robot import UnregisteredServiceNameError
 from bosdyn.client.robot_state import RobotStateClient
 from bosdyn.client.world_object import WorldObjectClient
 
-from spot_model.facts import JOINT_NAMES
+from spot_model.robot.facts import JOINT_NAMES
 
 
 @pytest.fixture

@@ -21,10 +21,10 @@ from bosdyn.client.exceptions import RpcError, UnauthenticatedError
 from bosdyn.client.lease import ResourceAlreadyClaimedError
 from cryptography import x509
 
-from fake_robot.certificates import CertificateError, ServerCertificates, ensure_certificates
-from fake_robot.listen import BindError, sdk_host
-from fake_robot.sdk_environment import SdkEnvironment, write_sdk_folder
-from fake_robot.state_folder import ensure_credentials, read_password
+from fake_robot.start.certificates import CertificateError, ServerCertificates, ensure_certificates
+from fake_robot.start.listen import BindError, sdk_host
+from fake_robot.start.sdk_environment import SdkEnvironment, write_sdk_folder
+from fake_robot.start.state_folder import ensure_credentials, read_password
 from spot_model.errors import BadInputError, SpotRlError
 from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
 
@@ -52,7 +52,7 @@ def test_certificates_are_made_anew_when_they_no_longer_serve(tmp_path: Path, mo
     (tmp_path / "server.key").write_bytes(b"torn")
     mended = ensure_certificates(tmp_path)
     assert mended != wider
-    monkeypatch.setattr("fake_robot.certificates.VALIDITY", dt.timedelta(days=3))
+    monkeypatch.setattr("fake_robot.start.certificates.VALIDITY", dt.timedelta(days=3))
     (tmp_path / "ca.pem").unlink()
     short = ensure_certificates(tmp_path)
     assert ensure_certificates(tmp_path) != short, "it ends within a week"
@@ -116,8 +116,8 @@ def test_impossible_sockets(serve_stub: Callable[..., Any], short_folder: Path, 
 
 
 def test_a_port_in_use_is_named(stub: Any, certificates: ServerCertificates, stub_robot_type: Any) -> None:
-    from fake_robot.server import FakeServer
-    from fake_robot.services_config import ServicesConfig
+    from fake_robot.scenario.services_config import ServicesConfig
+    from fake_robot.start.server import FakeServer
 
     robot = stub_robot_type()
     server = FakeServer(robot, ServicesConfig(), stub.credentials, certificates, port=stub.endpoints.port)
@@ -348,7 +348,7 @@ def test_step_needs_lock_step(stub: Any) -> None:
 
 
 def test_a_long_step_lets_leases_expire_on_the_way(serve_stub: Callable[..., Any], stub_robot_type: Any) -> None:
-    from fake_robot.robot_port import MotorPower
+    from fake_robot.network.robot_port import MotorPower
 
     stub = serve_stub(stub_robot_type(is_lock_step=True), liveness_clock="robot")
     stub.sdk_robot().ensure_client("lease").acquire()

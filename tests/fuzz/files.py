@@ -15,14 +15,14 @@ MODELS = ("spot_model",)
 
 def scenario(data: bytes) -> None:
     """The fake robot's scenario."""
-    from fake_robot.scenario import load_scenario
+    from fake_robot.scenario.scenario import load_scenario
 
     text_file(data, load_scenario)
 
 
 def scenario_seeds() -> list[bytes]:
     """Shipped ones that are short, and each part of the default one by itself."""
-    from fake_robot.scenario import SHIPPED_FOLDER, Scenario
+    from fake_robot.scenario.scenario import SHIPPED_FOLDER, Scenario
 
     shipped = [file.read_bytes() for file in sorted(SHIPPED_FOLDER.glob("*.yaml"))]
     short = [text for text in shipped if len(text) <= SCENARIO_BYTES]
@@ -56,7 +56,7 @@ def parts_of(data: dict[str, Any]) -> list[bytes]:
 
 def model_file(data: bytes) -> None:
     """The robot model with its effects."""
-    from spot_model.model_file import load_model
+    from spot_model.io.model_file import load_model
 
     text_file(data, lambda path: load_model(str(path)).digest())
 
@@ -64,7 +64,7 @@ def model_file(data: bytes) -> None:
 def model_file_seeds() -> list[bytes]:
     import yaml
 
-    from spot_model.model_file import BUILT_IN
+    from spot_model.io.model_file import BUILT_IN
 
     effects = [effect for model in BUILT_IN.values() for effect in model.to_data()["effects"]]
     return [yaml.safe_dump({"effects": [effect]}, default_flow_style=True).encode() for effect in effects]
@@ -72,7 +72,7 @@ def model_file_seeds() -> list[bytes]:
 
 def yaml_text(data: bytes) -> None:
     """Whatever YAML it is: plain, bounded data, or a refusal."""
-    from spot_model.yaml_text import MAX_VALUES, YamlError, parse_yaml
+    from spot_model.io.yaml_text import MAX_VALUES, YamlError, parse_yaml
 
     try:
         value = parse_yaml(data)
@@ -94,7 +94,7 @@ def yaml_seeds() -> list[bytes]:
 
 def mapping(data: bytes) -> None:
     """The mapping of a foreign recording."""
-    from spot_runtime.log.importing import load_mapping
+    from spot_log.importing import load_mapping
 
     text_file(data, load_mapping)
 
@@ -111,7 +111,7 @@ def mapping_seeds() -> list[bytes]:
 
 @cache
 def _mappings() -> tuple[Any, ...]:
-    from spot_runtime.log.importing.mapping import Mapping
+    from spot_log.importing.mapping import Mapping
 
     schema, joints = "spot-rl/import/1", ["a", "b"]
     position = {"from": "q", "unit": "rad"}
@@ -147,8 +147,8 @@ def _mappings() -> tuple[Any, ...]:
 
 def recording(data: bytes) -> None:
     """A foreign recording, by its first byte as CSV or NPZ through one of some mappings, up to a log's records."""
-    from spot_runtime.log.importing.importer import records_of
-    from spot_runtime.log.importing.signals import Recording
+    from spot_log.importing.importer import records_of
+    from spot_log.importing.signals import Recording
 
     first = (data[:1] or b"\0")[0]
     source = folder() / ("input.csv" if first < 0x40 else "input.npz")
@@ -177,7 +177,7 @@ def recording_seeds() -> list[bytes]:
 
 def sequence(data: bytes) -> None:
     """A sequence of velocity commands."""
-    from spot_model.velocity_sequence import load_sequence
+    from spot_model.io.velocity_sequence import load_sequence
 
     text_file(data, lambda path: load_sequence(str(path)).at(1.0))
 
@@ -190,7 +190,7 @@ def sequence_seeds() -> list[bytes]:
 
 def credentials(data: bytes) -> None:
     """User name and password; an error must not quote them."""
-    from spot_runtime.hal.credentials import find_credentials
+    from spot_runtime.hal.connection.credentials import find_credentials
     from spot_runtime.hal.errors import CredentialsError
 
     path = folder() / "credentials.yaml"
@@ -210,7 +210,7 @@ def credentials_seeds() -> list[bytes]:
 
 def delays(data: bytes) -> None:
     """A histogram of delays."""
-    from spot_model.delay import read_delay_csv
+    from spot_model.plant.delay import read_delay_csv
 
     text_file(data, read_delay_csv)
 
@@ -223,7 +223,7 @@ YAML_WORDS = (b"&a ", b"*a", b"<<: ", b"!!", b"- ", b": ", b".nan", b".inf", b"-
 PURE_PYTHON = "PyYAML in Python: some 200 µs for 200 bytes"
 
 FILES = {
-    "yaml": Target(yaml_text, yaml_seeds, ("yaml", "spot_model.yaml_text"), 256, YAML_WORDS, PURE_PYTHON),
+    "yaml": Target(yaml_text, yaml_seeds, ("yaml", "spot_model.io.yaml_text"), 256, YAML_WORDS, PURE_PYTHON),
     "scenario": Target(scenario, scenario_seeds, ("fake_robot", "spot_model"), 300, YAML_WORDS, PURE_PYTHON),
     "config": Target(config, config_seeds, ("spot_runtime", "spot_model"), 300, YAML_WORDS, PURE_PYTHON),
     "model_file": Target(model_file, model_file_seeds, MODELS, 300, YAML_WORDS, PURE_PYTHON),

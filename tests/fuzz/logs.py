@@ -20,7 +20,7 @@ NOW_NS = 1_700_000_000_000_000_000
 
 def file_of(data: bytes) -> bytes:
     """The file that an input means."""
-    from spot_runtime.log.mcap_file import MAGIC
+    from spot_log.write.mcap_file import MAGIC
 
     kind, rest = (data[:1] or b"\0")[0] % 2, data[1:]
     return MAGIC + HEADER_RECORD + chunk_of(rest) if kind else rest
@@ -35,8 +35,8 @@ def chunk_of(content: bytes) -> bytes:
 
 def log_reader(data: bytes) -> None:
     """The reader: whatever it is, it is read as far as it goes, or refused."""
-    from spot_runtime.log.mcap_scan import scan_mcap
-    from spot_runtime.log.reader import header_of, run_of
+    from spot_log.read.mcap_scan import scan_mcap
+    from spot_log.read.reader import header_of, run_of
 
     path = Path("fuzzed.mcap")
     scan = scan_mcap(file_of(data))
@@ -51,8 +51,8 @@ def log_recovery(data: bytes) -> None:
 
 def recover(log: bytes) -> None:
     """Recover a file, and read what came of it."""
-    from spot_runtime.log import read_run, recover_log
-    from spot_runtime.log.run_writer import active_path
+    from spot_log import read_run, recover_log
+    from spot_log.write.run_writer import active_path
 
     source, result = folder() / "damaged.mcap", folder() / "recovered.mcap"
     source.write_bytes(log)
@@ -69,7 +69,7 @@ def recover(log: bytes) -> None:
 
 def log_seeds() -> list[bytes]:
     """The content of a chunk with one record of each topic, a file of it, and a log of ours without its index."""
-    from spot_runtime.log.mcap_file import MAGIC
+    from spot_log.write.mcap_file import MAGIC
 
     content = b"".join(message_record(*message) for message in own_messages())
     header = content[: len(message_record(*own_messages()[0]))]
@@ -90,8 +90,8 @@ def message_record(channel: int, data: bytes) -> bytes:
 
 def own_messages() -> list[tuple[int, bytes]]:
     """One message of each of our topics."""
+    from spot_log.format.records import SCHEMA_NAME
     from spot_protos import log_pb2 as pb
-    from spot_runtime.log.records import SCHEMA_NAME
 
     twelve, three = [0.1] * 12, [0.1] * 3
     messages: list[Any] = [
@@ -108,10 +108,10 @@ def own_messages() -> list[tuple[int, bytes]]:
 
 def small_log() -> bytes:
     """A log with one record of each topic."""
-    from spot_model.state import Gains, JointCommand, RobotState, SlowState
-    from spot_runtime.log import hand_off
-    from spot_runtime.log.records import CommandRecord, EventRecord, RunHeader, Severity, TickRecord
-    from spot_runtime.log.run_writer import RunWriter
+    from spot_log.format.records import CommandRecord, EventRecord, RunHeader, Severity, TickRecord
+    from spot_log.write import hand_off
+    from spot_log.write.run_writer import RunWriter
+    from spot_model.robot.state import Gains, JointCommand, RobotState, SlowState
 
     path, zeros, now_ns = folder() / "seed.mcap", np.zeros(12), NOW_NS
     path.unlink(missing_ok=True)
@@ -139,7 +139,7 @@ def datagram(data: bytes) -> None:
     """What the log's process is handed."""
     from google.protobuf.message import DecodeError
 
-    from spot_runtime.log.hand_off import unpack
+    from spot_log.write.hand_off import unpack
 
     with refusing(ValueError, struct.error, DecodeError):
         unpack(data)
@@ -151,7 +151,7 @@ def datagram_seeds() -> list[bytes]:
 
 
 MCAP_WORDS = (b"\x89MCAP0\r\n", b"zstd", b"lz4", b"\xff" * 8, b"\x04\x00\x00\x00zstd", b"spot-rl header")
-LOG = ("spot_runtime.log",)
+LOG = ("spot_log",)
 LOGS = {
     "log_reader": Target(log_reader, log_seeds, LOG, 4096, MCAP_WORDS, "some fifty arrays a log"),
     "log_recovery": Target(

@@ -87,10 +87,10 @@ def operator(data: bytes) -> None:
     from google.protobuf.message_factory import GetMessageClass
 
     from spot_protos import operator_pb2
-    from spot_runtime.operator import service as service_module
-    from spot_runtime.operator import supervisor as module
-    from spot_runtime.operator.access import Gate
-    from spot_runtime.operator.service import OperatorService
+    from spot_runtime.operator.server.access import Gate
+    from spot_runtime.operator.server.server import service as service_module
+    from spot_runtime.operator.server.server import supervisor as module
+    from spot_runtime.operator.server.service import OperatorService
 
     methods = operator_pb2.DESCRIPTOR.services_by_name["Operator"].methods
     calls = calls_in(data)
@@ -125,8 +125,8 @@ _shelf: Path | None = None
 def _supervisor() -> Any:
     global _shelf  # noqa: PLW0603
     from spot_runtime.config import RunConfig
-    from spot_runtime.operator.supervisor import Supervisor
-    from spot_runtime.service_manager import ServiceManager
+    from spot_runtime.host.service_manager import ServiceManager
+    from spot_runtime.operator.server.supervisor import Supervisor
 
     if _shelf is None:
         _shelf = folder() / "shelf"
@@ -224,8 +224,8 @@ def run_link(data: bytes) -> None:
     from google.protobuf.message import DecodeError
 
     from spot_protos import run_link_pb2
-    from spot_runtime.modes import Mode
-    from spot_runtime.operator.requests import Requests
+    from spot_runtime.control.modes import Mode
+    from spot_runtime.operator.run.requests import Requests
 
     run = StubOperated()
     requests = Requests(run)  # type: ignore[arg-type]

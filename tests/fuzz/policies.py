@@ -10,7 +10,7 @@ from support import Target, refusing
 
 def policy(data: bytes) -> None:
     """The ONNX file with its contract, as far as it gets, ONNX Runtime included."""
-    from spot_model.policy import policy_from_bytes
+    from spot_model.policy.policy import policy_from_bytes
 
     with refusing():
         policy_from_bytes(data, source="fuzzed")
@@ -24,7 +24,7 @@ def policy_seeds() -> list[bytes]:
 
 def onnx_head(data: bytes) -> None:
     """The walk over an ONNX file's bytes that comes before ONNX Runtime."""
-    from spot_model.onnx_head import OnnxHeadError, read_head
+    from spot_model.policy.onnx_head import OnnxHeadError, read_head
 
     with contextlib.suppress(OnnxHeadError):
         read_head(data)
@@ -40,14 +40,14 @@ def contract(data: bytes) -> None:
     """The contract's JSON alone."""
     from pydantic import ValidationError
 
-    from spot_model.policy_contract import PolicyContract
+    from spot_model.policy.contract import PolicyContract
 
     with contextlib.suppress(ValidationError):
         PolicyContract.from_json(data.decode("utf-8", errors="replace")).to_json()
 
 
 def contract_seeds() -> list[bytes]:
-    from spot_model.policy_contract import PolicyContract, StoredPair
+    from spot_model.policy.contract import PolicyContract, StoredPair
 
     pair = StoredPair(observation=(0.0,) * 48, action=(0.0,) * 12)
     low, high = (-1.0, -0.5, -1.0), (1.5, 0.5, 1.0)
@@ -57,8 +57,8 @@ def contract_seeds() -> list[bytes]:
 
 def signature(data: bytes) -> None:
     """A signature, the first 64 bytes, and the file of keys, the rest."""
-    from spot_model.policy_contract import PolicyError
-    from spot_runtime.policy_signature import is_signed, public_keys
+    from spot_model.policy.contract import PolicyError
+    from spot_runtime.policy.signature import is_signed, public_keys
 
     with contextlib.suppress(PolicyError):
         keys = public_keys(data[64:], Path("keys.pem"))
@@ -78,6 +78,6 @@ NATIVE = "what passes the contract goes to ONNX Runtime: a session costs some 0.
 POLICIES = {
     "policy": Target(policy, policy_seeds, max_len=4096, why_slow=NATIVE),
     "onnx_head": Target(onnx_head, onnx_head_seeds),
-    "signature": Target(signature, signature_seeds, ("spot_runtime.policy_signature",), 512, PEM_WORDS),
+    "signature": Target(signature, signature_seeds, ("spot_runtime.policy.signature",), 512, PEM_WORDS),
     "contract": Target(contract, contract_seeds, max_len=1500),
 }

@@ -90,12 +90,12 @@ def admin_service() -> Any:
     """The service over a robot in lock-step, in this process."""
     global _admin  # noqa: PLW0603
     if _admin is None:
-        from fake_robot.robot import Robot
-        from fake_robot.scenario import Scenario
-        from fake_robot.services.admin import AdminService
-        from fake_robot.services.fault_desk import FaultDesk
-        from fake_robot.services.tokens import Credentials
-        from fake_robot.services.world import World
+        from fake_robot.faults.injection import FaultDesk
+        from fake_robot.robot.robot import Robot
+        from fake_robot.scenario.scenario import Scenario
+        from fake_robot.services.admin.admin import AdminService
+        from fake_robot.services.identity.tokens import Credentials
+        from fake_robot.services.sensors.world import World
 
         robot = Robot(Scenario().with_changes(time_mode="lock_step"))
         world = World(robot, robot.scenario.services, Credentials("user", "password"))

@@ -41,7 +41,7 @@ def test_400_truncations_and_400_flipped_bits_of_a_log() -> None:
     import numpy as np
     from logs import recover, small_log
 
-    from spot_runtime.log.mcap_scan import scan_mcap
+    from spot_log.read.mcap_scan import scan_mcap
 
     data = small_log()
     written, rng = set(scan_mcap(data).messages), np.random.default_rng(1)

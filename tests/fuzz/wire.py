@@ -12,10 +12,10 @@ def vendor_state(data: bytes) -> None:
     """A message of the state stream, as the loop and as the log decode it, and what the safety core makes of it."""
     from google.protobuf.message import DecodeError
 
-    from spot_runtime.log.vendor_record import state_record_from_wire
-    from spot_runtime.safety import StateMemory, screen_state
-    from spot_runtime.safety_limits import SafetyLimits
-    from spot_runtime.vendor_state import robot_state_from_wire
+    from spot_log.format.vendor_record import state_record_from_wire
+    from spot_log.format.vendor_state import robot_state_from_wire
+    from spot_runtime.control.safety.limits import SafetyLimits
+    from spot_runtime.control.safety.safety import StateMemory, screen_state
 
     with refusing(DecodeError):
         state_record_from_wire(data, 0)
@@ -46,7 +46,7 @@ def joint_command(data: bytes) -> None:
     from bosdyn.api import robot_command_pb2
     from google.protobuf.message import DecodeError
 
-    from fake_robot.streamed_command import CommandRefusedError, StreamGrammar
+    from fake_robot.network.streamed_command import CommandRefusedError, StreamGrammar
 
     request = robot_command_pb2.JointControlStreamRequest()
     with contextlib.suppress(DecodeError, CommandRefusedError):
@@ -59,8 +59,8 @@ def joint_command(data: bytes) -> None:
 
 
 def joint_command_seeds() -> list[bytes]:
-    from spot_model.state import Gains, JointCommand
-    from spot_runtime.hal.command_wire import CommandEncoder
+    from spot_model.robot.state import Gains, JointCommand
+    from spot_runtime.hal.spot.command_wire import CommandEncoder
 
     zeros = np.zeros(12)
     command = JointCommand(1, zeros, zeros, zeros, Gains.policy(), 1_700_000_000_050_000_000)
@@ -69,8 +69,8 @@ def joint_command_seeds() -> list[bytes]:
 
 def address(data: bytes) -> None:
     """A robot's address, labels of a log."""
-    from spot_runtime.hal.address import parse_address
-    from spot_runtime.labels import parse_labels
+    from spot_runtime.hal.connection.address import parse_address
+    from spot_runtime.session.labels import parse_labels
 
     text = data.decode("utf-8", errors="surrogateescape")
     with refusing():

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 import typer
 
-from spot_model import command_line, command_registry
-from spot_model.command_registry import COMMAND_GROUP, CommandUnavailableError, describe_command, find_commands
 from spot_model.errors import BadInputError
+from spot_model.io import command_line, command_registry
+from spot_model.io.command_registry import COMMAND_GROUP, CommandUnavailableError, describe_command, find_commands
 
 MODULE = '''"""Help of the module."""
 
@@ -184,7 +184,7 @@ def test_every_installed_command_loads_and_describes_itself(entry: EntryPoint) -
 def test_real_help_imports_nothing_heavy() -> None:
     script = (
         "import sys\n"
-        "from spot_model.command_line import main\n"
+        "from spot_model.io.command_line import main\n"
         "try:\n    main(['--help'])\n"
         "except SystemExit:\n    pass\n"
         "print('heavy:', {'torch', 'mujoco', 'numpy', 'onnxruntime', 'grpc', 'scipy'} & sys.modules.keys())\n"

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter, ValidationError
 
-from spot_model.delay import ConstantDelay, Delay, EmpiricalDelay, GammaDelay, LogNormalDelay, read_delay_csv
 from spot_model.errors import BadInputError
+from spot_model.plant.delay import ConstantDelay, Delay, EmpiricalDelay, GammaDelay, LogNormalDelay, read_delay_csv
 
 
 @pytest.mark.parametrize(

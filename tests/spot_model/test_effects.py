@@ -7,10 +7,6 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from spot_model import facts
-from spot_model.effects.action_scale import ActionScale
-from spot_model.effects.armature import Armature
-from spot_model.effects.backlash import Backlash
 from spot_model.effects.base import (
     BodyEstimate,
     CommandEffect,
@@ -23,42 +19,46 @@ from spot_model.effects.base import (
     SoftwareEffect,
     TorqueEffect,
 )
-from spot_model.effects.body_inertia import BodyInertia
-from spot_model.effects.bus_sag import BusSag
-from spot_model.effects.com_offset import ComOffset
-from spot_model.effects.command_delay import CommandDelay
-from spot_model.effects.command_drop import CommandDrop
-from spot_model.effects.command_jitter import CommandJitter
-from spot_model.effects.contact_delay import ContactDelay
-from spot_model.effects.coulomb_friction import CoulombFriction
-from spot_model.effects.default_pose import DefaultPose
-from spot_model.effects.encoder_offset import EncoderOffset
-from spot_model.effects.foot_radius import FootRadius
-from spot_model.effects.ground_compliance import GroundCompliance
-from spot_model.effects.ground_friction import GroundFriction
-from spot_model.effects.imu_tilt import ImuTilt
-from spot_model.effects.joint_compliance import JointCompliance
-from spot_model.effects.joint_swap import JointSwap
-from spot_model.effects.leg_mass import LegMass
-from spot_model.effects.load_friction import LoadFriction
-from spot_model.effects.load_sensor_gain import LoadSensorGain
-from spot_model.effects.payload_mass import PayloadMass
-from spot_model.effects.position_torque_limit import PositionTorqueLimit
-from spot_model.effects.power_limit import PowerLimit, scale_to_power
+from spot_model.effects.body.body_inertia import BodyInertia
+from spot_model.effects.body.com_offset import ComOffset
+from spot_model.effects.body.foot_radius import FootRadius
+from spot_model.effects.body.ground_compliance import GroundCompliance
+from spot_model.effects.body.ground_friction import GroundFriction
+from spot_model.effects.body.leg_mass import LegMass
+from spot_model.effects.body.payload_mass import PayloadMass
+from spot_model.effects.command.action_scale import ActionScale
+from spot_model.effects.command.command_delay import CommandDelay
+from spot_model.effects.command.command_drop import CommandDrop
+from spot_model.effects.command.command_jitter import CommandJitter
+from spot_model.effects.command.default_pose import DefaultPose
+from spot_model.effects.command.joint_swap import JointSwap
+from spot_model.effects.drive.armature import Armature
+from spot_model.effects.drive.backlash import Backlash
+from spot_model.effects.drive.coulomb_friction import CoulombFriction
+from spot_model.effects.drive.joint_compliance import JointCompliance
+from spot_model.effects.drive.load_friction import LoadFriction
+from spot_model.effects.drive.stribeck_friction import StribeckFriction
+from spot_model.effects.drive.torque_bandwidth import TorqueBandwidth
+from spot_model.effects.drive.torque_gain import TorqueGain
+from spot_model.effects.drive.torque_ripple import TorqueRipple
+from spot_model.effects.drive.viscous_friction import ViscousFriction
+from spot_model.effects.limits.bus_sag import BusSag
+from spot_model.effects.limits.position_torque_limit import PositionTorqueLimit
+from spot_model.effects.limits.power_limit import PowerLimit, scale_to_power
+from spot_model.effects.limits.thermal_derating import ThermalDerating
+from spot_model.effects.limits.torque_limit import TorqueLimit
+from spot_model.effects.limits.torque_speed_curve import TorqueSpeedCurve
 from spot_model.effects.registry import BUILT_IN, effect_class, make_effect
-from spot_model.effects.sensor_noise import SensorNoise
-from spot_model.effects.stribeck_friction import StribeckFriction
-from spot_model.effects.thermal_derating import ThermalDerating
-from spot_model.effects.torque_bandwidth import TorqueBandwidth
-from spot_model.effects.torque_gain import TorqueGain
-from spot_model.effects.torque_limit import TorqueLimit
-from spot_model.effects.torque_ripple import TorqueRipple
-from spot_model.effects.torque_speed_curve import TorqueSpeedCurve
-from spot_model.effects.velocity_estimate import VelocityEstimate
-from spot_model.effects.velocity_filter import VelocityFilter
-from spot_model.effects.viscous_friction import ViscousFriction
+from spot_model.effects.sensing.contact_delay import ContactDelay
+from spot_model.effects.sensing.encoder_offset import EncoderOffset
+from spot_model.effects.sensing.imu_tilt import ImuTilt
+from spot_model.effects.sensing.load_sensor_gain import LoadSensorGain
+from spot_model.effects.sensing.sensor_noise import SensorNoise
+from spot_model.effects.sensing.velocity_estimate import VelocityEstimate
+from spot_model.effects.sensing.velocity_filter import VelocityFilter
 from spot_model.errors import BadInputError
-from spot_model.knee_table import KNEE_TABLE_POSITION_RAD, KNEE_TABLE_TORQUE_NM
+from spot_model.robot import facts
+from spot_model.robot.knee_table import KNEE_TABLE_POSITION_RAD, KNEE_TABLE_TORQUE_NM
 
 PAPER_CURVE = TorqueSpeedCurve(
     torque_max_nm=97.00,
@@ -433,4 +433,4 @@ def test_bad_effects_are_refused_in_words(name: str, fields: dict, message: str)
 
 
 def test_an_effect_of_ones_own_is_found_by_module_and_class():
-    assert effect_class("spot_model.effects.torque_limit:TorqueLimit") is TorqueLimit
+    assert effect_class("spot_model.effects.limits.torque_limit:TorqueLimit") is TorqueLimit

@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from spot_model.errors import BadInputError
-from spot_model.facts import JOINT_NAMES
-from spot_model.joints import describe_joints, select_joints
+from spot_model.robot.facts import JOINT_NAMES
+from spot_model.robot.joints import describe_joints, select_joints
 
 
 def test_groups_select_what_they_say():

@@ -6,13 +6,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from spot_model import facts
-from spot_model.leg_kinematics import (
+from spot_model.robot import facts
+from spot_model.robot.leg_kinematics import (
     foot_position_and_jacobian,
     foot_position_in_body_m,
     foot_velocity_in_body_m_s,
 )
-from spot_model.mjcf import spot_mjcf
+from spot_model.robot.mjcf import spot_mjcf
 
 
 def random_joints(n: int) -> tuple[np.ndarray, np.ndarray]:

@@ -6,10 +6,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from spot_model import facts
 from spot_model.errors import BadInputError
-from spot_model.mjcf import MjcfOptions, NoiseTerrain, default_height_m, spot_mjcf
-from spot_model.mjcf_terrain import terrain_heights_m
+from spot_model.robot import facts
+from spot_model.robot.mjcf import MjcfOptions, NoiseTerrain, default_height_m, spot_mjcf
+from spot_model.robot.mjcf_terrain import terrain_heights_m
 
 LINK_FIGURES = {
     # link: mass kg, com m, inertia about the com (xx, yy, zz, xy, xz, yz) kg·m², front-left leg

@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spot_model.control import pd_torque, saturate_setpoint
-from spot_model.observation import N_OBSERVATION, build_observation, observation_of_one
+from spot_model.policy.observation import N_OBSERVATION, build_observation, observation_of_one
+from spot_model.robot.control import pd_torque, saturate_setpoint
 
 
 def test_blocks_stand_in_the_papers_order():

@@ -9,9 +9,9 @@ import onnx
 import pytest
 from onnx import TensorProto, helper, numpy_helper
 
-from spot_model.onnx_head import OnnxHeadError, read_head
-from spot_model.policy import policy_from_bytes
-from spot_model.policy_contract import METADATA_KEY, PolicyError
+from spot_model.policy.contract import METADATA_KEY, PolicyError
+from spot_model.policy.onnx_head import OnnxHeadError, read_head
+from spot_model.policy.policy import policy_from_bytes
 
 POLICIES = Path(__file__).resolve().parents[2] / "policies"
 

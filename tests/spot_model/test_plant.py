@@ -10,15 +10,15 @@ import mujoco
 import numpy as np
 import pytest
 
-from spot_model import facts
 from spot_model.effects.base import Effect, Memory, Motion, TorqueEffect, parameter
-from spot_model.effects.command_delay import CommandDelay
-from spot_model.effects.coulomb_friction import CoulombFriction
+from spot_model.effects.command.command_delay import CommandDelay
+from spot_model.effects.drive.coulomb_friction import CoulombFriction
+from spot_model.effects.limits.torque_limit import TorqueLimit
 from spot_model.effects.registry import BUILT_IN
-from spot_model.effects.torque_limit import TorqueLimit
-from spot_model.mjcf import MjcfOptions, spot_mjcf
-from spot_model.model_file import load_model
-from spot_model.plant import Plant, PlantDivergedError, PlantOptions, ServoCommand
+from spot_model.io.model_file import load_model
+from spot_model.plant.plant import Plant, PlantDivergedError, PlantOptions, ServoCommand
+from spot_model.robot import facts
+from spot_model.robot.mjcf import MjcfOptions, spot_mjcf
 
 PAPER = load_model("paper_identified").effects
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from spot_model.effects.base import CommandEffect, parameter
-from spot_model.effects.command_delay import CommandDelay
-from spot_model.plant_command import CommandChannel, ServoCommand
+from spot_model.effects.command.command_delay import CommandDelay
+from spot_model.plant.command_channel import CommandChannel, ServoCommand
 
 DT = 0.005
 

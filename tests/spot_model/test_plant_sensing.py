@@ -3,15 +3,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spot_model import facts
-from spot_model.effects.action_scale import ActionScale
-from spot_model.effects.command_jitter import CommandJitter
-from spot_model.effects.contact_delay import ContactDelay
-from spot_model.effects.encoder_offset import EncoderOffset
+from spot_model.effects.command.action_scale import ActionScale
+from spot_model.effects.command.command_jitter import CommandJitter
 from spot_model.effects.registry import BUILT_IN
-from spot_model.effects.sensor_noise import SensorNoise
-from spot_model.effects.velocity_estimate import VelocityEstimate
-from spot_model.plant import Plant, PlantOptions
+from spot_model.effects.sensing.contact_delay import ContactDelay
+from spot_model.effects.sensing.encoder_offset import EncoderOffset
+from spot_model.effects.sensing.sensor_noise import SensorNoise
+from spot_model.effects.sensing.velocity_estimate import VelocityEstimate
+from spot_model.plant.plant import Plant, PlantOptions
+from spot_model.robot import facts
 
 
 def trajectory(plant: Plant, n_ticks: int = 25) -> np.ndarray:

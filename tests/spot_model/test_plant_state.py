@@ -6,10 +6,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from spot_model import facts
-from spot_model.effects.coulomb_friction import CoulombFriction
-from spot_model.mjcf import MjcfOptions
-from spot_model.plant import Plant, PlantOptions
+from spot_model.effects.drive.coulomb_friction import CoulombFriction
+from spot_model.plant.plant import Plant, PlantOptions
+from spot_model.robot import facts
+from spot_model.robot.mjcf import MjcfOptions
 
 
 def moving_plant(n_sims: int = 3) -> Plant:

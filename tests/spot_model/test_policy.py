@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spot_model import facts
-from spot_model.policy import load_policy, policy_from_bytes
-from spot_model.policy_contract import METADATA_KEY, PolicyContract, PolicyError, StoredPair
-from spot_model.state import RobotState
+from spot_model.policy.contract import METADATA_KEY, PolicyContract, PolicyError, StoredPair
+from spot_model.policy.policy import load_policy, policy_from_bytes
+from spot_model.robot import facts
+from spot_model.robot.state import RobotState
 
 onnx = pytest.importorskip("onnx")
 from onnx import TensorProto, helper, numpy_helper  # noqa: E402

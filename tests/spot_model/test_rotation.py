@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from spot_model.rotation import (
+from spot_model.robot.rotation import (
     conjugate_wxyz,
     matrix_from_wxyz,
     multiply_wxyz,

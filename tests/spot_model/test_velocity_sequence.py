@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from spot_model.errors import BadInputError
-from spot_model.velocity_sequence import (
+from spot_model.io.velocity_sequence import (
     BUILT_IN,
     VelocitySequence,
     Waypoint,

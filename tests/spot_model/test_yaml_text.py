@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from spot_model.errors import BadInputError
-from spot_model.yaml_text import MAX_BYTES, YamlError, parse_yaml, read_yaml
+from spot_model.io.yaml_text import MAX_BYTES, YamlError, parse_yaml, read_yaml
 
 LAUGHS = "a0: &a0 [x, x, x, x, x, x, x, x, x, x]\n" + "".join(
     f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]\n" for i in range(1, 9)

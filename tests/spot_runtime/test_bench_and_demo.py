@@ -13,10 +13,10 @@ from typing import Any
 
 import pytest
 
-from spot_runtime.bench import KEYS
-from spot_runtime.unwinding import unwound_when_ended
+from proof.loop_bench import KEYS
+from spot_runtime.host.termination import unwound_when_ended
 
-COMMAND = [sys.executable, "-c", "from spot_model.command_line import main; main()"]
+COMMAND = [sys.executable, "-c", "from spot_model.io.command_line import main; main()"]
 
 
 @pytest.mark.slow

@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from spot_model import facts
-from spot_model.leg_kinematics import foot_position_in_body_m
-from spot_model.rotation import matrix_from_wxyz
-from spot_runtime.body_height import body_height_m, is_body_above
+from spot_model.robot import facts
+from spot_model.robot.leg_kinematics import foot_position_in_body_m
+from spot_model.robot.rotation import matrix_from_wxyz
+from spot_runtime.control.safety.body_height import body_height_m, is_body_above
 
 UNIT = np.array([1.0, 0.0, 0.0, 0.0])
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from spot_runtime.clock import ClockSample, HostClock, RobotClockEstimate
+from spot_runtime.host.clock import ClockSample, HostClock, RobotClockEstimate
 
 MS = 1_000_000
 S = 1_000_000_000

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from spot_model.velocity_sequence import VelocitySequence, Waypoint
+from spot_model.io.velocity_sequence import VelocitySequence, Waypoint
 from spot_runtime.config import OperatorConfig
 from spot_runtime.sources.gamepad import GamepadSource, PadReading
 from spot_runtime.sources.keyboard import KeyboardSource

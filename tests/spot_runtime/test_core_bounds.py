@@ -10,13 +10,10 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from spot_model import facts
-from spot_model.state import Gains, JointCommand, RobotState, SlowState
-from spot_runtime import safety
-from spot_runtime.command_loss import LossMemory
-from spot_runtime.composer import asked_setpoint
+from spot_model.robot import facts
+from spot_model.robot.state import Gains, JointCommand, RobotState, SlowState
 from spot_runtime.config import HandoverConfig
-from spot_runtime.handover import (
+from spot_runtime.control.handover import (
     Setpoint,
     blend,
     hold_setpoint,
@@ -24,10 +21,13 @@ from spot_runtime.handover import (
     hold_weight_out,
     policy_setpoint,
 )
-from spot_runtime.modes import Mode, ModeInputs
-from spot_runtime.safety import LimitedSetpoint, SetpointMemory, StateMemory
-from spot_runtime.safety_limits import SafetyLimits
-from spot_runtime.stops import Ending, Stop, StopReason
+from spot_runtime.control.modes import Mode, ModeInputs
+from spot_runtime.control.safety import safety
+from spot_runtime.control.safety.command_loss import LossMemory
+from spot_runtime.control.safety.limits import SafetyLimits
+from spot_runtime.control.safety.safety import LimitedSetpoint, SetpointMemory, StateMemory
+from spot_runtime.control.set_point import asked_setpoint
+from spot_runtime.control.stops import Ending, Stop, StopReason
 
 MakeState = Callable[..., RobotState]
 MakeSlow = Callable[..., SlowState]

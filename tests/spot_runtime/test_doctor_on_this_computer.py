@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 import tomllib
 
+from spot_log.tools.retention import LogFile, closed_logs, prune_logs, to_delete
 from spot_model.errors import BadInputError
 from spot_runtime.config import RunConfig
 from spot_runtime.doctor import computer
@@ -16,8 +17,7 @@ from spot_runtime.doctor.check import Check, Finding, Result, Verdict, is_fit, m
 from spot_runtime.doctor.command import line_of
 from spot_runtime.doctor.host import Host
 from spot_runtime.doctor.link import judge_expiry, judge_latency
-from spot_runtime.operator.lease_note import HeldNote, LeaseNote, note_path
-from spot_runtime.retention import LogFile, closed_logs, prune_logs, to_delete
+from spot_runtime.operator.rescue.lease_note import HeldNote, LeaseNote, note_path
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 

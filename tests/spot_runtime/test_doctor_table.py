@@ -9,13 +9,13 @@ from typing import Any
 import grpc
 import pytest
 
+from proof.fake_process import FakeAddress, FakeProcess
 from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
 from spot_runtime.config import RunConfig
 from spot_runtime.doctor.check import Verdict, make
 from spot_runtime.doctor.computer import checks_of_computer
 from spot_runtime.doctor.robot import RobotDoctor
-from spot_runtime.fake_process import FakeAddress, FakeProcess
-from spot_runtime.operator.lease_note import HeldNote, LeaseNote, note_path
+from spot_runtime.operator.rescue.lease_note import HeldNote, LeaseNote, note_path
 from tests.spot_runtime.test_doctor_on_this_computer import REQUIREMENTS, HandMadeHost, files
 
 ROBOT: dict[str, tuple[str, dict[str, float], dict[str, str]] | dict[str, Any]] = {

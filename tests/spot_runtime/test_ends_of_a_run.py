@@ -18,26 +18,26 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spot_model.policy import Policy
-from spot_model.state import Gains, JointCommand
-from spot_model.velocity_sequence import standing_sequence
+from spot_log.format.records import EventRecord
+from spot_log.write.sink import MemorySink
+from spot_model.io.velocity_sequence import standing_sequence
+from spot_model.policy.policy import Policy
+from spot_model.robot.state import Gains, JointCommand
 from spot_runtime.config import HandoverConfig, RobotConfig, RunConfig, for_lock_step
-from spot_runtime.console import Console
-from spot_runtime.hal.address import parse_address
+from spot_runtime.control.stops import StopReason
 from spot_runtime.hal.base import JointControl, RobotInfo
-from spot_runtime.hal.bosdyn import BosdynHal
-from spot_runtime.hal.calls import Calls
+from spot_runtime.hal.connection.address import parse_address
 from spot_runtime.hal.errors import HalError, LeaseHeldError, MotionError
-from spot_runtime.hal.estop import OwnEstop
-from spot_runtime.hal.motions import CUT_S, Motions
-from spot_runtime.log.records import EventRecord
-from spot_runtime.log.sink import MemorySink
-from spot_runtime.run import RunRequest, run
-from spot_runtime.signals import OperatorInterrupt, StopSignals
+from spot_runtime.hal.spot.adapter import BosdynHal
+from spot_runtime.hal.spot.calls import Calls
+from spot_runtime.hal.spot.estop import OwnEstop
+from spot_runtime.hal.spot.motions import CUT_S, Motions
+from spot_runtime.host.console import Console
+from spot_runtime.session.run import RunRequest, run
+from spot_runtime.session.signals import OperatorInterrupt, StopSignals
+from spot_runtime.session.summary import RunSummary
 from spot_runtime.sources.keyboard import QUIT, TerminalKeys
 from spot_runtime.sources.scripted import ScriptedSource
-from spot_runtime.stops import StopReason
-from spot_runtime.summary import RunSummary
 from tests.spot_runtime.conftest import HandMadeRobot
 
 HANDOVER = HandoverConfig(settle_s=0.1, ramp_in_s=0.1, ramp_out_s=0.1, soft_stop_s=0.0, soft_stop_settle_s=0.0)

@@ -11,20 +11,20 @@ import grpc
 import numpy as np
 import pytest
 
-from spot_model import facts
+from proof.fake_process import FakeProcess
+from spot_log.write.sink import MemorySink
 from spot_model.errors import BadInputError
-from spot_model.state import Gains, JointCommand, RobotState
+from spot_model.robot import facts
+from spot_model.robot.state import Gains, JointCommand, RobotState
 from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
-from spot_runtime.clock import HostClock
 from spot_runtime.config import RunConfig
-from spot_runtime.fake_process import FakeProcess
-from spot_runtime.hal.address import parse_address
 from spot_runtime.hal.base import Hal, JointControl
-from spot_runtime.hal.bosdyn import BosdynHal
+from spot_runtime.hal.connection.address import parse_address
 from spot_runtime.hal.errors import MotionError
-from spot_runtime.hal.lock_step import LockStep
 from spot_runtime.hal.replay import ReplayHal
-from spot_runtime.log.sink import MemorySink
+from spot_runtime.hal.spot.adapter import BosdynHal
+from spot_runtime.hal.spot.lock_step import LockStep
+from spot_runtime.host.clock import HostClock
 
 MS = 1_000_000
 

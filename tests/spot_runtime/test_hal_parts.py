@@ -15,19 +15,19 @@ from bosdyn.api import estop_pb2, robot_command_pb2, robot_state_pb2
 from bosdyn.client import exceptions as sdk
 from bosdyn.client.lease import ResourceAlreadyClaimedError
 
-from spot_model import facts
-from spot_model.state import Gains, JointCommand
-from spot_runtime.clock import HostClock, RobotClockEstimate
+from spot_model.robot import facts
+from spot_model.robot.state import Gains, JointCommand
 from spot_runtime.config import RobotConfig
-from spot_runtime.hal.address import parse_address
-from spot_runtime.hal.command_wire import CommandEncoder
+from spot_runtime.hal.connection.address import parse_address
 from spot_runtime.hal.errors import CredentialsError, EstopError, HalError, NoRobotError
-from spot_runtime.hal.estop import needs_own_endpoint
-from spot_runtime.hal.jobs import Jobs
-from spot_runtime.hal.latest_slot import LatestSlot
-from spot_runtime.hal.session import Session
-from spot_runtime.hal.slow_state import slow_state_from_message
-from spot_runtime.hal.vendor_errors import lease_held, translate
+from spot_runtime.hal.spot.command_wire import CommandEncoder
+from spot_runtime.hal.spot.estop import needs_own_endpoint
+from spot_runtime.hal.spot.jobs import Jobs
+from spot_runtime.hal.spot.latest_slot import LatestSlot
+from spot_runtime.hal.spot.session import Session
+from spot_runtime.hal.spot.slow_state import slow_state_from_message
+from spot_runtime.hal.spot.vendor_errors import lease_held, translate
+from spot_runtime.host.clock import HostClock, RobotClockEstimate
 
 STAMP_NS = 1_700_000_000_123_456_789
 

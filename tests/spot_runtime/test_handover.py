@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from spot_model import facts
-from spot_model.control import pd_torque
-from spot_model.state import Array, Gains, RobotState
-from spot_runtime.handover import (
+from spot_model.robot import facts
+from spot_model.robot.control import pd_torque
+from spot_model.robot.state import Array, Gains, RobotState
+from spot_runtime.control.handover import (
     LoadAverage,
     Setpoint,
     blend,

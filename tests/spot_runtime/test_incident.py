@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from spot_log import read_run
+from spot_log.format.records import CommandRecord, EventRecord, RunHeader, Severity, TickRecord
+from spot_log.write.sink import MemorySink
 from spot_model.errors import SpotRlError
-from spot_model.state import Gains, JointCommand, RobotState, SlowState
-from spot_runtime.incident import KEPT, FlightRecorder, incident_path
-from spot_runtime.log import read_run
-from spot_runtime.log.records import CommandRecord, EventRecord, RunHeader, Severity, TickRecord
-from spot_runtime.log.sink import MemorySink
+from spot_model.robot.state import Gains, JointCommand, RobotState, SlowState
+from spot_runtime.session.incident import KEPT, FlightRecorder, incident_path
 
 MS = 1_000_000
 START_NS = 1_700_000_000_000_000_000

@@ -9,17 +9,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spot_model import facts
-from spot_model.policy import Policy
-from spot_model.state import Gains, RobotState, SlowState
-from spot_model.velocity_sequence import VelocitySequence, Waypoint, standing_sequence
+from spot_log.write.sink import MemorySink
+from spot_model.io.velocity_sequence import VelocitySequence, Waypoint, standing_sequence
+from spot_model.policy.policy import Policy
+from spot_model.robot import facts
+from spot_model.robot.state import Gains, RobotState, SlowState
 from spot_runtime.config import RunConfig
-from spot_runtime.log.sink import MemorySink
-from spot_runtime.loop import ControlLoop
-from spot_runtime.modes import Mode
+from spot_runtime.control.loop import ControlLoop
+from spot_runtime.control.modes import Mode
+from spot_runtime.control.stops import Stop, StopReason
 from spot_runtime.sources.base import VelocityCommand
 from spot_runtime.sources.scripted import ScriptedSource
-from spot_runtime.stops import Stop, StopReason
 
 MS = 1_000_000
 CONFIG = RunConfig()

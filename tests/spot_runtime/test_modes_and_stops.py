@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from spot_runtime.config import HandoverConfig
-from spot_runtime.modes import Mode, ModeInputs, next_mode
-from spot_runtime.stops import Reaction, Stop, StopReason, ending_after, stops_table
+from spot_runtime.control.modes import Mode, ModeInputs, next_mode
+from spot_runtime.control.stops import Reaction, Stop, StopReason, ending_after, stops_table
 
 CONFIG = HandoverConfig()
 HAND_BACK, DAMP, EXPIRE, ESTOP = Reaction

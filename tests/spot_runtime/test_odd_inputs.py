@@ -7,18 +7,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spot_model.delay import read_delay_csv
+from spot_log import LogReadError, read_run
+from spot_log.importing import import_log, load_mapping
 from spot_model.errors import BadInputError
-from spot_model.yaml_text import YamlError, parse_yaml
-from spot_runtime.cli import resolve_config
+from spot_model.io.yaml_text import YamlError, parse_yaml
+from spot_model.plant.delay import read_delay_csv
 from spot_runtime.config import load_config
-from spot_runtime.hal.address import parse_address
-from spot_runtime.hal.credentials import PASSWORD_VARIABLE, USERNAME_VARIABLE, find_credentials
+from spot_runtime.hal.connection.address import parse_address
+from spot_runtime.hal.connection.credentials import PASSWORD_VARIABLE, USERNAME_VARIABLE, find_credentials
 from spot_runtime.hal.errors import CredentialsError
-from spot_runtime.labels import parse_labels
-from spot_runtime.log import LogReadError, read_run
-from spot_runtime.log.importing import import_log, load_mapping
 from spot_runtime.operator.listening import is_loopback
+from spot_runtime.session.labels import parse_labels
+from spot_runtime.session.run_command import resolve_config
 
 CONFIGS = {
     "a key twice": (b"safety: {tilt_rad: 0.5}\nsafety: {tilt_rad: 1.4}\n", r"line 2: the key 'safety' comes twice"),

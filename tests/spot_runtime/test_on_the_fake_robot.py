@@ -19,28 +19,28 @@ import grpc
 import numpy as np
 import pytest
 
-from spot_model import facts
-from spot_model.policy import policy_from_bytes
-from spot_model.state import JointCommand
-from spot_model.velocity_sequence import standing_sequence
+from proof.fake_process import FakeAddress, FakeProcess
+from spot_log import Run, read_run
+from spot_log.write.logger_process import LoggerProcess
+from spot_log.write.sink import LogSink
+from spot_model.io.velocity_sequence import standing_sequence
+from spot_model.policy.policy import policy_from_bytes
+from spot_model.robot import facts
+from spot_model.robot.state import JointCommand
 from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
-from spot_runtime.clock import HostClock
 from spot_runtime.config import RunConfig
-from spot_runtime.console import Console
-from spot_runtime.fake_process import FakeAddress, FakeProcess
-from spot_runtime.hal.address import Address, parse_address
 from spot_runtime.hal.base import Hal
-from spot_runtime.hal.bosdyn import BosdynHal
-from spot_runtime.hal.lock_step import LockStep
-from spot_runtime.hal.pace import Pace
-from spot_runtime.hal.streams import CommandStream
-from spot_runtime.log import Run, read_run
-from spot_runtime.log.logger_process import LoggerProcess
-from spot_runtime.log.sink import LogSink
-from spot_runtime.run import RunRequest, run
+from spot_runtime.hal.connection.address import Address, parse_address
+from spot_runtime.hal.spot.adapter import BosdynHal
+from spot_runtime.hal.spot.lock_step import LockStep
+from spot_runtime.hal.spot.pace import Pace
+from spot_runtime.hal.spot.streams import CommandStream
+from spot_runtime.host.clock import HostClock
+from spot_runtime.host.console import Console
+from spot_runtime.session.run import RunRequest, run
+from spot_runtime.session.summary import RunSummary
 from spot_runtime.sources.base import VelocityCommand
 from spot_runtime.sources.scripted import ScriptedSource
-from spot_runtime.summary import RunSummary
 
 CONFIG = RunConfig.model_validate(
     {
@@ -335,7 +335,7 @@ def start_run(fake: Fake, *words: str) -> subprocess.Popen[str]:
     """``spot-rl run`` in a process of its own, until the policy is in control."""
     policy = fake.folder / "policy.onnx"
     policy.write_bytes(fake.policy_bytes)
-    command = [sys.executable, "-c", "from spot_model.command_line import main; main()", "run"]
+    command = [sys.executable, "-c", "from spot_model.io.command_line import main; main()", "run"]
     command += ["--robot", fake.address.robot, "--policy", str(policy), "--duration", "600", *words]
     command += ["--lock-step", fake.address.admin, "--log-dir", str(fake.folder / "logs")]
     process = subprocess.Popen(

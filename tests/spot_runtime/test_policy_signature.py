@@ -12,16 +12,16 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import BestAvailableEncryption, Encoding, PrivateFormat, PublicFormat
 from typer.testing import CliRunner
 
-import spot_model.policy
-from spot_model.policy import load_policy
-from spot_model.policy_contract import PolicyError
+import spot_model.policy.policy
+from spot_model.policy.contract import PolicyError
+from spot_model.policy.policy import load_policy
 from spot_runtime.config import RunConfig
-from spot_runtime.operator.policy_shelf import PolicyShelf
 from spot_runtime.operator.refusal import Refusal
-from spot_runtime.operator.run_spec import load_checked
-from spot_runtime.policy_admission import admission
-from spot_runtime.policy_cli import app
-from spot_runtime.policy_signature import check_signature, private_key, public_keys, signature_path, signed_line
+from spot_runtime.operator.run.run_spec import load_checked
+from spot_runtime.operator.server.policy_folder import PolicyShelf
+from spot_runtime.policy.admission import admission
+from spot_runtime.policy.commands import app
+from spot_runtime.policy.signature import check_signature, private_key, public_keys, signature_path, signed_line
 from spot_runtime.service_config import ServiceConfig
 
 SHIPPED = Path(__file__).resolve().parents[2] / "policies" / "walk.onnx"
@@ -54,7 +54,7 @@ def test_the_signature_is_looked_at_before_native_code_sees_the_file(
     policy, _, public = signed
     signature_path(policy).unlink()
     seen: list[object] = []
-    monkeypatch.setattr(spot_model.policy, "policy_from_bytes", lambda *a, **_: seen.append(a))
+    monkeypatch.setattr(spot_model.policy.policy, "policy_from_bytes", lambda *a, **_: seen.append(a))
     with pytest.raises(
         PolicyError, match=r"is not signed: .*policy_public_key asks for a signature: spot-rl policy sign"
     ):

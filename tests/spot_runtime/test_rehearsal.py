@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spot_model.policy import Policy, policy_from_bytes
-from spot_model.state import RobotState
-from spot_model.velocity_sequence import standing_sequence
+from spot_log.write.sink import MemorySink
+from spot_model.io.velocity_sequence import standing_sequence
+from spot_model.policy.policy import Policy, policy_from_bytes
+from spot_model.robot.state import RobotState
 from spot_runtime.config import RunConfig
-from spot_runtime.log.sink import MemorySink
-from spot_runtime.loop import ControlLoop
-from spot_runtime.rehearsal import ARRIVALS, AWAKE_NS, JUDGED, LEAD_NS, Arrivals, WarmWait
+from spot_runtime.control.loop import ControlLoop
+from spot_runtime.control.warm_up import ARRIVALS, AWAKE_NS, JUDGED, LEAD_NS, Arrivals, WarmWait
 from spot_runtime.sources.scripted import ScriptedSource
 from tests.spot_runtime.conftest import START_NS, HandMadeRobot, make_state, policy_bytes
 

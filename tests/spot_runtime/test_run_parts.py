@@ -20,23 +20,23 @@ from typing import Any
 import numpy as np
 import pytest
 
+from spot_log.errors import LogError
+from spot_log.write.run_writer import make_log_folder
 from spot_model.errors import BadInputError
-from spot_model.policy import Policy
-from spot_runtime import realtime
-from spot_runtime.cli import make_source
+from spot_model.policy.policy import Policy
 from spot_runtime.config import RealTimeConfig, RunConfig, for_lock_step
-from spot_runtime.console import Console
-from spot_runtime.instance_lock import AlreadyRunningError, InstanceLock
-from spot_runtime.locked_file import open_locked
-from spot_runtime.log.errors import LogError
-from spot_runtime.log.run_writer import make_log_folder
-from spot_runtime.loop_stats import PENDING_MAX, LoopStats
-from spot_runtime.run import log_file_name
-from spot_runtime.samples import Samples
-from spot_runtime.signals import OperatorInterrupt, StopSignals
+from spot_runtime.control.loop_stats import PENDING_MAX, LoopStats
+from spot_runtime.control.recent_values import Samples
+from spot_runtime.control.stops import StopReason
+from spot_runtime.host import realtime
+from spot_runtime.host.console import Console
+from spot_runtime.host.instance_lock import AlreadyRunningError, InstanceLock
+from spot_runtime.host.locked_file import open_locked
+from spot_runtime.session.run import log_file_name
+from spot_runtime.session.run_command import make_source
+from spot_runtime.session.signals import OperatorInterrupt, StopSignals
+from spot_runtime.session.summary import RunSummary, figures, resident_mb
 from spot_runtime.sources.gamepad import PygamePad
-from spot_runtime.stops import StopReason
-from spot_runtime.summary import RunSummary, figures, resident_mb
 from spot_runtime.tables import with_tables
 
 ROOT = Path(__file__).parents[2]
@@ -269,7 +269,7 @@ def test_a_lock_that_its_holder_removes_meanwhile_is_made_anew(tmp_path: Path, m
 
 def test_the_lock_of_a_dead_process_is_free(tmp_path: Path) -> None:
     code = (
-        "import os, sys; from pathlib import Path; from spot_runtime.instance_lock import InstanceLock\n"
+        "import os, sys; from pathlib import Path; from spot_runtime.host.instance_lock import InstanceLock\n"
         f"InstanceLock('robot', Path({str(tmp_path)!r})).__enter__(); os.kill(os.getpid(), 9)"
     )
     assert subprocess.run([sys.executable, "-c", code]).returncode == -signal.SIGKILL
@@ -358,7 +358,7 @@ def test_bad_words_on_the_command_line(
 ) -> None:
     cut = tmp_path / "cut.onnx"
     cut.write_bytes(make_policy_bytes()[:400])
-    command = [sys.executable, "-c", "from spot_model.command_line import main; main()", "run"]
+    command = [sys.executable, "-c", "from spot_model.io.command_line import main; main()", "run"]
     done = subprocess.run(
         [*command, *(word.format(cut=cut) for word in words)],
         cwd=tmp_path,

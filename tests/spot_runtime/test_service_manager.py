@@ -14,15 +14,15 @@ from typing import Any
 
 import pytest
 
-from spot_model.policy import Policy
-from spot_model.velocity_sequence import standing_sequence
+from spot_log.format.records import EventRecord, Severity
+from spot_log.write.sink import MemorySink
+from spot_model.io.velocity_sequence import standing_sequence
+from spot_model.policy.policy import Policy
 from spot_runtime.config import RunConfig
-from spot_runtime.console import Console
-from spot_runtime.journal import Journal, entry_of, goes_to_journal
-from spot_runtime.log.records import EventRecord, Severity
-from spot_runtime.log.sink import MemorySink
-from spot_runtime.run import RunRequest, run
-from spot_runtime.service_manager import ServiceManager
+from spot_runtime.host.console import Console
+from spot_runtime.host.journal import Journal, entry_of, goes_to_journal
+from spot_runtime.host.service_manager import ServiceManager
+from spot_runtime.session.run import RunRequest, run
 from spot_runtime.sources.scripted import ScriptedSource
 
 

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spot_model.state import RobotState
-from spot_runtime.command_loss import WINDOW_KEYS
+from spot_log.write.sink import MemorySink, SinkHealth
+from spot_model.robot.state import RobotState
 from spot_runtime.config import RunConfig
-from spot_runtime.log.sink import MemorySink, SinkHealth
-from spot_runtime.modes import Mode
-from spot_runtime.recorder import Recorder
-from spot_runtime.stops import Stop, StopReason
-from spot_runtime.watchdogs import Watchdogs
+from spot_runtime.control.modes import Mode
+from spot_runtime.control.recorder import Recorder
+from spot_runtime.control.safety.command_loss import WINDOW_KEYS
+from spot_runtime.control.safety.watchdogs import Watchdogs
+from spot_runtime.control.stops import Stop, StopReason
 
 MS = 1_000_000
 S = 1000 * MS

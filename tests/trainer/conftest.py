@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 import torch
 
-from trainer.config import TrainConfig, config_from_data
+from trainer.ppo.config import TrainConfig, config_from_data
 
 TINY: dict[str, Any] = {
     "name": "tiny",

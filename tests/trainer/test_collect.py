@@ -5,15 +5,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from spot_log.format.records import RunHeader
+from spot_log.write.run_writer import RunWriter
 from spot_model.errors import BadInputError
-from spot_model.policy import load_policy
-from spot_model.velocity_sequence import load_sequence
-from spot_runtime.log.records import RunHeader
-from spot_runtime.log.run_writer import RunWriter
-from trainer.collect_plan import PAPER_SEQUENCES, USER_SEQUENCE, FoundRun, missing_runs, plan_runs, sequence_sources
-from trainer.collect_run import Collection, parse_gains, run_arguments
-from trainer.gain_variant import write_gain_variant
-from trainer.user_sequence import TOLERANCE, sequence_of_commands
+from spot_model.io.velocity_sequence import load_sequence
+from spot_model.policy.policy import load_policy
+from trainer.collect.collect_run import Collection, parse_gains, run_arguments
+from trainer.collect.plan import PAPER_SEQUENCES, USER_SEQUENCE, FoundRun, missing_runs, plan_runs, sequence_sources
+from trainer.collect.user_sequence import TOLERANCE, sequence_of_commands
+from trainer.export.gain_variant import write_gain_variant
 
 from .sysid.conftest import oscillator_bytes
 

@@ -2,8 +2,10 @@ import json
 from pathlib import Path
 
 import pytest
+import typer
 from typer.testing import CliRunner
 
+from proof.training.command import train
 from spot_model.errors import BadInputError
 from trainer.__main__ import app
 
@@ -47,11 +49,13 @@ def test_train_export_end_to_end(tmp_path: Path) -> None:
 def test_bench_prints_one_json_object() -> None:
     small = ["n_envs=4", "ppo.hidden=[8]", "ppo.mini_batches=1", "ppo.steps_per_iteration=2"]
     options = [word for override in small for word in ("--set", override)]
-    result = CliRunner().invoke(app, ["bench-train", "--json", "--iterations", "1", *options])
+    bench = typer.Typer()
+    bench.command()(train)
+    result = CliRunner().invoke(bench, ["--json", "--iterations", "1", *options])
     assert result.exit_code == 0, result.output
     assert json.loads(result.stdout)["device"] == "cpu"
 
 
-@pytest.mark.parametrize("name", ["train", "export", "evaluate", "bench-train"])
+@pytest.mark.parametrize("name", ["train", "export", "evaluate"])
 def test_every_command_has_help(name: str) -> None:
     assert CliRunner().invoke(app, [name, "--help"]).exit_code == 0

@@ -3,8 +3,8 @@ from pathlib import Path
 import pytest
 
 from spot_model.errors import BadInputError
-from trainer.config import TrainConfig, config_from_data, config_yaml, load_config
-from trainer.overrides import resolve_path
+from trainer.ppo.config import TrainConfig, config_from_data, config_yaml, load_config
+from trainer.shared.overrides import resolve_path
 
 MINIMAL = {"name": "t", "iterations": 1}
 

@@ -3,16 +3,16 @@ import numpy as np
 import pytest
 import torch
 
-from spot_model import facts
 from spot_model.effects.base import Motion
-from spot_model.mjcf import MjcfOptions, spot_mjcf
-from spot_model.model_file import load_model
-from trainer.backend import InitialState, SimulationDraws
-from trainer.cpu_backend import CpuBackend
-from trainer.initial_state import draw_initial_state
-from trainer.random_draws import Draws
-from trainer.reward_config import RewardWeights
-from trainer.task_config import RandomisationConfig, TaskConfig, TerrainConfig
+from spot_model.io.model_file import load_model
+from spot_model.robot import facts
+from spot_model.robot.mjcf import MjcfOptions, spot_mjcf
+from trainer.backends.backend import InitialState, SimulationDraws
+from trainer.backends.cpu import CpuBackend
+from trainer.backends.random_draws import Draws
+from trainer.task.initial_state import draw_initial_state
+from trainer.task.reward_config import RewardWeights
+from trainer.task.task_config import RandomisationConfig, TaskConfig, TerrainConfig
 
 N = 3
 PERIODS = 12

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from spot_model.errors import BadInputError
-from spot_model.policy import load_policy
+from spot_model.policy.policy import load_policy
 from trainer.evaluate.figures import gait, mean_velocity, tracking_error
 from trainer.evaluate.page import evaluation_page
 from trainer.evaluate.report import evaluate

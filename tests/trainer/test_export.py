@@ -6,12 +6,12 @@ import pytest
 import torch
 
 from spot_model.errors import BadInputError
-from spot_model.observation import N_OBSERVATION
-from spot_model.policy import load_policy
+from spot_model.policy.observation import N_OBSERVATION
+from spot_model.policy.policy import load_policy
 from tests.trainer.conftest import TINY
-from trainer.config import TrainConfig
-from trainer.export import actor_layers, check_agreement, export_policy, run_torch
-from trainer.train import train
+from trainer.export.export import actor_layers, check_agreement, export_policy, run_torch
+from trainer.ppo.config import TrainConfig
+from trainer.ppo.train import train
 
 
 @pytest.fixture(scope="module")
@@ -28,8 +28,8 @@ def rsl_actor(run: Path, observation: torch.Tensor) -> torch.Tensor:
     """The actor as rsl-rl itself runs it."""
     from tensordict import TensorDict
 
-    from trainer.checkpoint import config_of, find_checkpoint, read_checkpoint
-    from trainer.train import make_runner
+    from trainer.ppo.checkpoint import config_of, find_checkpoint, read_checkpoint
+    from trainer.ppo.train import make_runner
 
     content = read_checkpoint(find_checkpoint(run))
     runner = make_runner(config_of(content, "test"), run, "cpu")
@@ -64,7 +64,7 @@ def test_the_file_is_one_file_and_is_not_overwritten(run: Path, tmp_path: Path) 
 
 def test_networks_that_disagree_are_refused(run: Path, tmp_path: Path) -> None:
     data = export_policy(run, tmp_path / "p.onnx").read_bytes()
-    from trainer.checkpoint import find_checkpoint, read_checkpoint
+    from trainer.ppo.checkpoint import find_checkpoint, read_checkpoint
 
     layers = actor_layers(read_checkpoint(find_checkpoint(run))["algorithm"]["actor_state_dict"])
     assert check_agreement(layers, data) <= 1e-5

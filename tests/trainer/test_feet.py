@@ -1,6 +1,6 @@
 import torch
 
-from trainer.feet import FootTimers
+from trainer.task.feet import FootTimers
 
 DT = 0.02
 

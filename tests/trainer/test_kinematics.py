@@ -1,13 +1,13 @@
 import numpy as np
 import torch
 
-from spot_model.plant import Plant
-from trainer.cpu_backend import CpuBackend
-from trainer.ground import Ground
-from trainer.initial_state import draw_initial_state, draw_simulations
-from trainer.kinematics import foot_motion
-from trainer.random_draws import Draws
-from trainer.task_config import RandomisationConfig, TaskConfig, TerrainConfig
+from spot_model.plant.plant import Plant
+from trainer.backends.cpu import CpuBackend
+from trainer.backends.random_draws import Draws
+from trainer.task.ground import Ground
+from trainer.task.initial_state import draw_initial_state, draw_simulations
+from trainer.task.kinematics import foot_motion
+from trainer.task.task_config import RandomisationConfig, TaskConfig, TerrainConfig
 
 
 def test_feet_are_where_mujoco_has_them() -> None:

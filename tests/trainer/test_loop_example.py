@@ -13,12 +13,12 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 
-from spot_model import facts
-from spot_model.effects.position_torque_limit import PositionTorqueLimit
-from spot_model.effects.torque_speed_curve import TorqueSpeedCurve
-from spot_model.policy import Policy, load_policy
-from spot_runtime.log.run import Run
-from trainer.sysid.logged_run import Commands, LoggedRun, States, Ticks
+from spot_log.read.run import Run
+from spot_model.effects.limits.position_torque_limit import PositionTorqueLimit
+from spot_model.effects.limits.torque_speed_curve import TorqueSpeedCurve
+from spot_model.policy.policy import Policy, load_policy
+from spot_model.robot import facts
+from trainer.sysid.logs.logged_run import Commands, LoggedRun, States, Ticks
 
 from .sysid.conftest import oscillator_bytes
 from .sysid.test_read_logs import as_log

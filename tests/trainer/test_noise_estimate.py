@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from trainer.noise_estimate import noise_sigma
+from trainer.sysid.logs.noise_estimate import noise_sigma
 
 
 def test_white_noise_gives_its_own_deviation() -> None:

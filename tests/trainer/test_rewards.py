@@ -4,8 +4,8 @@ import math
 import pytest
 import torch
 
-from trainer.reward_config import RewardShape, RewardWeights
-from trainer.rewards import TERMS, Moment
+from trainer.task.reward_config import RewardShape, RewardWeights
+from trainer.task.rewards import TERMS, Moment
 
 SHAPE = RewardShape()
 

@@ -1,10 +1,10 @@
 import torch
 from tensordict import TensorDict
 
-from spot_model import facts
-from spot_model.leg_kinematics import foot_position_in_body_m
-from spot_model.observation import N_OBSERVATION
-from trainer.symmetry import mirror_action, mirror_observation, with_mirror_images
+from spot_model.policy.observation import N_OBSERVATION
+from spot_model.robot import facts
+from spot_model.robot.leg_kinematics import foot_position_in_body_m
+from trainer.ppo.symmetry import mirror_action, mirror_observation, with_mirror_images
 
 
 def test_mirroring_twice_gives_the_same_back() -> None:

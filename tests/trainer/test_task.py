@@ -5,12 +5,12 @@ import pytest
 import torch
 from torch.utils._python_dispatch import TorchDispatchMode
 
-from spot_model import facts
-from trainer.backend import InitialState, PlantState
-from trainer.config import TrainConfig, config_from_data
-from trainer.make_task import make_task
-from trainer.task import PERIOD_S, Task
-from trainer.vec_env import TaskVecEnv, TrainingDivergedError
+from spot_model.robot import facts
+from trainer.backends.backend import InitialState, PlantState
+from trainer.ppo.config import TrainConfig, config_from_data
+from trainer.ppo.vec_env import TaskVecEnv, TrainingDivergedError
+from trainer.task.make_task import make_task
+from trainer.task.task import PERIOD_S, Task
 
 N = 4
 

@@ -3,10 +3,9 @@ import dataclasses
 import pytest
 import torch
 
-from trainer import make_task
-from trainer.config import TrainConfig
-from trainer.task import StepResult
-from trainer.task_parts import TaskParts
+from trainer.ppo.config import TrainConfig
+from trainer.task.task import StepResult, make_task
+from trainer.task.task_parts import TaskParts
 
 
 @pytest.fixture

@@ -3,14 +3,14 @@ import pytest
 import torch
 
 from spot_model.effects.base import Motion
-from spot_model.effects.command_delay import CommandDelay
-from spot_model.effects.command_jitter import CommandJitter
-from spot_model.effects.encoder_offset import EncoderOffset
+from spot_model.effects.command.command_delay import CommandDelay
+from spot_model.effects.command.command_jitter import CommandJitter
+from spot_model.effects.sensing.encoder_offset import EncoderOffset
 from spot_model.errors import BadInputError
-from spot_model.model_file import load_model
-from spot_model.plant import Plant
-from spot_model.plant_command import ServoCommand
-from trainer.torch_servo import DelayedSetpoints, TorchTorqueChain, refuse_other_effects
+from spot_model.io.model_file import load_model
+from spot_model.plant.command_channel import ServoCommand
+from spot_model.plant.plant import Plant
+from trainer.backends.torch_servo import DelayedSetpoints, TorchTorqueChain, refuse_other_effects
 
 N = 5
 DELAYS = np.array([[0.0], [0.003], [0.005], [0.021], [0.0401]])

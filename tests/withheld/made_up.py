@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from spot_model.velocity_sequence import VelocitySequence, Waypoint
+from spot_model.io.velocity_sequence import VelocitySequence, Waypoint
 from withheld.cases import Case, CaseKind
 from withheld.outcome import Outcome, Said, ShrinkSaid
 from withheld.plan import Fault, Truth

@@ -9,20 +9,20 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from spot_model.effects.armature import Armature
+from spot_log.format.codec import header_to_proto
+from spot_log.read.run import Run
+from spot_log.write.run_writer import RunWriter
 from spot_model.effects.base import Effect
-from spot_model.effects.command_delay import CommandDelay
-from spot_model.effects.coulomb_friction import CoulombFriction
-from spot_model.effects.payload_mass import PayloadMass
-from spot_model.effects.torque_gain import TorqueGain
-from spot_model.facts import JOINT_NAMES
-from spot_model.joints import select_joints
-from spot_model.model_file import RobotModel
-from spot_model.policy import load_policy
+from spot_model.effects.body.payload_mass import PayloadMass
+from spot_model.effects.command.command_delay import CommandDelay
+from spot_model.effects.drive.armature import Armature
+from spot_model.effects.drive.coulomb_friction import CoulombFriction
+from spot_model.effects.drive.torque_gain import TorqueGain
+from spot_model.io.model_file import RobotModel
+from spot_model.policy.policy import load_policy
+from spot_model.robot.facts import JOINT_NAMES
+from spot_model.robot.joints import select_joints
 from spot_protos import log_pb2
-from spot_runtime.log.codec import header_to_proto
-from spot_runtime.log.run import Run
-from spot_runtime.log.run_writer import RunWriter
 from tests.diagnosis.planted import Truth as Planted
 from tests.diagnosis.planted import planted_runs
 from withheld.plan import Family, Fault, FaultRequest, Place, RecordingPlan, Truth

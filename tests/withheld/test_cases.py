@@ -7,7 +7,7 @@ import pytest
 
 from diagnosis.library.registry import LIBRARY
 from spot_model.errors import BadInputError
-from spot_model.policy import load_policy
+from spot_model.policy.policy import load_policy
 from withheld.cases import LADDER, POWER_EFFECTS, RIVALS, SLOTS, Case, draw, kind_of
 from withheld.source import Source, source_of
 

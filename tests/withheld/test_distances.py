@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from spot_model.effects.torque_gain import TorqueGain
-from spot_model.policy import load_policy
-from spot_model.velocity_sequence import VelocitySequence, Waypoint
+from spot_model.effects.drive.torque_gain import TorqueGain
+from spot_model.io.velocity_sequence import VelocitySequence, Waypoint
+from spot_model.policy.policy import load_policy
 from withheld.distances import moved, read_folder, true_shrink, walks_of
 from withheld.plan import FaultRequest, RecordingPlan
 

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spot_model.model_file import save_model
-from spot_model.velocity_sequence import VelocitySequence, Waypoint
-from spot_runtime.log import read_run
+from spot_log import read_run
+from spot_model.io.model_file import save_model
+from spot_model.io.velocity_sequence import VelocitySequence, Waypoint
 from withheld.distances import read_folder
 from withheld.metadata import PAD_BYTES, features, make_alike
 from withheld.plan import FaultRequest, RecordingPlan

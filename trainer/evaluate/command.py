@@ -29,9 +29,9 @@ def evaluate(
     # MuJoCo reads this when it is imported; without a display only egl and osmesa work.
     os.environ.setdefault("MUJOCO_GL", "egl")
     from spot_model.errors import BadInputError
-    from spot_model.mjcf import MjcfOptions
-    from spot_model.model_file import load_model
-    from spot_model.policy import load_policy
+    from spot_model.io.model_file import load_model
+    from spot_model.policy.policy import load_policy
+    from spot_model.robot.mjcf import MjcfOptions
     from trainer.evaluate.page import evaluation_page
     from trainer.evaluate.report import evaluate as run_trials
     from trainer.evaluate.setting import Setting

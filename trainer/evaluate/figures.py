@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from spot_model import facts
+from spot_model.robot import facts
 from trainer.evaluate.rollout import Array, Recording
 
 

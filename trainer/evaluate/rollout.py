@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from spot_model import facts
-from spot_model.observation import build_observation
-from spot_model.plant import Plant, ServoCommand
-from spot_model.policy import Policy
+from spot_model.plant.plant import Plant, ServoCommand
+from spot_model.policy.observation import build_observation
+from spot_model.policy.policy import Policy
+from spot_model.robot import facts
 
 Array = NDArray[np.float64]
 

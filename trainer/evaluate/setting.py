@@ -6,17 +6,17 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from spot_model import facts
-from spot_model.leg_kinematics import foot_position_in_body_m
-from spot_model.mjcf import MjcfOptions
-from spot_model.model_file import RobotModel, load_model
-from spot_model.observation import OBSERVATION_LAYOUT
-from spot_model.plant import Plant, PlantOptions
-from spot_model.policy import Policy
+from spot_model.io.model_file import RobotModel, load_model
+from spot_model.plant.plant import Plant, PlantOptions
+from spot_model.policy.observation import OBSERVATION_LAYOUT
+from spot_model.policy.policy import Policy
+from spot_model.robot import facts
+from spot_model.robot.leg_kinematics import foot_position_in_body_m
+from spot_model.robot.mjcf import MjcfOptions
 from trainer.evaluate.rollout import Array
-from trainer.initial_state import FREE_HEIGHT_M
-from trainer.observation_noise import noise_sigmas
-from trainer.task_config import NoiseConfig, RandomisationConfig
+from trainer.task.initial_state import FREE_HEIGHT_M
+from trainer.task.observation_noise import noise_sigmas
+from trainer.task.task_config import NoiseConfig, RandomisationConfig
 
 FOOT_GEOMS = tuple(f"{leg}_foot" for leg in facts.LEG_NAMES)
 

@@ -26,14 +26,14 @@ def refine(
 ) -> None:
     """Search a trained policy's gains in whole-gait trials: even feet, safe starts, top speed."""
     from spot_model.errors import BadInputError
-    from spot_model.policy import load_policy
-    from spot_model.policy_contract import TrainingRecord, sha256_hex
+    from spot_model.policy.contract import TrainingRecord, sha256_hex
+    from spot_model.policy.policy import load_policy
     from trainer.refine.config import load_refine_config
     from trainer.refine.gains import gains_of, with_gains
     from trainer.refine.judge import in_words
     from trainer.refine.network import policy_of, read_layers
     from trainer.refine.search import Problem, compare, search
-    from trainer.run_folder import command_line, git_revision
+    from trainer.shared.run_folder import command_line, git_revision
 
     if out.exists():
         raise BadInputError(f"policy file {out} exists; choose another name")

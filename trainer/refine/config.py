@@ -8,11 +8,11 @@ from typing import Any, Literal
 from pydantic import Field, ValidationError, field_validator
 
 from spot_model.errors import BadInputError
-from spot_model.mjcf import MjcfOptions
-from spot_model.model_file import RobotModel, load_model, model_from_data
-from spot_model.validation import explain
-from spot_model.yaml_text import read_yaml
-from trainer.config_base import Config, Range
+from spot_model.io.model_file import RobotModel, load_model, model_from_data
+from spot_model.io.validation import explain
+from spot_model.io.yaml_text import read_yaml
+from spot_model.robot.mjcf import MjcfOptions
+from trainer.shared.config_base import Config, Range
 
 
 class RobotConfig(Config):

@@ -13,8 +13,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from spot_model.observation import OBSERVATION_LAYOUT
-from trainer.export import Layers
+from spot_model.policy.observation import OBSERVATION_LAYOUT
+from trainer.export.export import Layers
 
 Array = NDArray[np.float64]
 

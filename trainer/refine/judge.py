@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from spot_model.policy import Policy
+from spot_model.policy.policy import Policy
 from trainer.evaluate.figures import gait, mean_velocity, tracking_error
 from trainer.evaluate.rollout import roll_out
 from trainer.evaluate.setting import Setting

@@ -7,9 +7,9 @@ import torch
 from onnx import numpy_helper
 
 from spot_model.errors import BadInputError
-from spot_model.policy import Policy, policy_from_bytes
-from spot_model.policy_contract import PolicyContract, StoredPair, TrainingRecord
-from trainer.export import Layers, check_agreement, onnx_bytes, run_torch
+from spot_model.policy.contract import PolicyContract, StoredPair, TrainingRecord
+from spot_model.policy.policy import Policy, policy_from_bytes
+from trainer.export.export import Layers, check_agreement, onnx_bytes, run_torch
 
 
 def read_layers(data: bytes, source: str) -> Layers:

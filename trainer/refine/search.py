@@ -18,13 +18,13 @@ from cmaes import CMA
 from numpy.typing import NDArray
 
 from spot_model.errors import BadInputError
-from spot_model.policy import Policy, policy_from_bytes
-from spot_model.policy_contract import sha256_hex
-from trainer.generations_file import append_line, read_or_begin
+from spot_model.policy.contract import sha256_hex
+from spot_model.policy.policy import Policy, policy_from_bytes
 from trainer.refine.config import RefineConfig
 from trainer.refine.gains import gains_of, with_gains
 from trainer.refine.judge import Judgement, judge
 from trainer.refine.network import policy_of, read_layers
+from trainer.shared.generations_file import append_line, read_or_begin
 
 Array = NDArray[np.float64]
 

@@ -27,10 +27,10 @@ def sysid(
     ray_address: Annotated[str | None, typer.Option("--ray-address", help="A running Ray cluster.")] = None,
 ) -> None:
     """Identify a robot's physical parameters from its logs (Wasserstein, MMD and CMA-ES, and measured torques)."""
-    from spot_model.policy import load_policy
-    from trainer.sysid.config import SysidConfig, load_config
-    from trainer.sysid.read_logs import read_logs
-    from trainer.sysid.run_identification import run_identification
+    from spot_model.policy.policy import load_policy
+    from trainer.sysid.identify.run_identification import run_identification
+    from trainer.sysid.logs.read_logs import read_logs
+    from trainer.sysid.search.config import SysidConfig, load_config
 
     settings = load_config(config) if config is not None else SysidConfig()
     loaded = load_policy(policy)

@@ -9,9 +9,9 @@ from typing import Final
 
 import numpy as np
 
-from spot_model.model_file import RobotModel
-from spot_model.policy import load_policy
-from spot_runtime.log import Run
+from spot_log import Run
+from spot_model.io.model_file import RobotModel
+from spot_model.policy.policy import load_policy
 from withheld.baselines.least_squares import all_at_once
 from withheld.baselines.paper import paper_search
 from withheld.baselines.two_sample import two_sample

@@ -16,9 +16,9 @@ from diagnosis.posterior import Calibration
 from diagnosis.recording import record
 from diagnosis.selection.board import Board, lay_out
 from diagnosis.selection.places import Robot
-from spot_model.model_file import RobotModel
-from spot_model.policy import Policy
-from spot_runtime.log import Run
+from spot_log import Run
+from spot_model.io.model_file import RobotModel
+from spot_model.policy.policy import Policy
 from withheld.outcome import Answer
 
 HAS_GAP: Final = 0.05

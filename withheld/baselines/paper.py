@@ -9,15 +9,15 @@ from typing import Final
 import numpy as np
 
 from spot_model.effects.registry import make_effect
-from spot_model.model_file import RobotModel
-from spot_model.policy import load_policy
-from trainer.sysid.config import SearchConfig
-from trainer.sysid.engine import LocalEngine
-from trainer.sysid.problem import build_problem
-from trainer.sysid.read_logs import read_logs
-from trainer.sysid.rollout import RolloutOptions
-from trainer.sysid.search import run_search
-from trainer.sysid.space import SearchParameter, SearchSpace
+from spot_model.io.model_file import RobotModel
+from spot_model.policy.policy import load_policy
+from trainer.sysid.logs.read_logs import read_logs
+from trainer.sysid.search.config import SearchConfig
+from trainer.sysid.search.problem import build_problem
+from trainer.sysid.search.search import run_search
+from trainer.sysid.search.space import SearchParameter, SearchSpace
+from trainer.sysid.simulation.engine import LocalEngine
+from trainer.sysid.simulation.rollout import RolloutOptions
 from withheld.outcome import Answer
 
 GENERATIONS: Final = 25
@@ -83,7 +83,7 @@ def paper_search(logs: Path, nominal: RobotModel, policy_path: Path, seed: int) 
 
 
 def _joints(words: tuple[str, ...]) -> tuple[str, ...]:
-    from spot_model.facts import JOINT_NAMES
-    from spot_model.joints import select_joints
+    from spot_model.robot.facts import JOINT_NAMES
+    from spot_model.robot.joints import select_joints
 
     return tuple(n for n, there in zip(JOINT_NAMES, select_joints(words), strict=True) if there)

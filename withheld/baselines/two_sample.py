@@ -14,11 +14,11 @@ from sklearn.ensemble import HistGradientBoostingClassifier
 
 from diagnosis.logs import policy_ticks, script_of
 from diagnosis.simulated import SensorNoise, simulate
-from spot_model.facts import JOINT_NAMES
-from spot_model.model_file import RobotModel
-from spot_model.policy import Policy
-from spot_runtime.log import Run
-from trainer.sysid.features import features_of_observations
+from spot_log import Run
+from spot_model.io.model_file import RobotModel
+from spot_model.policy.policy import Policy
+from spot_model.robot.facts import JOINT_NAMES
+from trainer.sysid.distance.features import features_of_observations
 from withheld.outcome import Answer
 
 PER_SEQUENCE: Final = 2

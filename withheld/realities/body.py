@@ -5,9 +5,9 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from spot_model.facts import FOOT_RADIUS_M, LEG_NAMES, N_JOINTS
-from spot_model.mjcf import spot_mjcf
-from spot_model.mjcf_options import MjcfOptions
+from spot_model.robot.facts import FOOT_RADIUS_M, LEG_NAMES, N_JOINTS
+from spot_model.robot.mjcf import spot_mjcf
+from spot_model.robot.mjcf_options import MjcfOptions
 from withheld.realities.robot import Robot
 from withheld.realities.settings import Settings
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
-from spot_model.facts import JOINT_NAMES
+from spot_model.robot.facts import JOINT_NAMES
 from withheld.realities.fault_kind import BODY, JOINT_PLACES, LEG_PLACES, FaultKind
 from withheld.realities.faults import (
     body,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from spot_model.facts import N_LEGS, Array
+from spot_model.robot.facts import N_LEGS, Array
 from withheld.realities.robot import SensingParameters
 
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from spot_model.facts import N_JOINTS, Array
-from spot_model.knee_table import KNEE_TABLE_POSITION_RAD, KNEE_TABLE_TORQUE_NM
+from spot_model.robot.facts import N_JOINTS, Array
+from spot_model.robot.knee_table import KNEE_TABLE_POSITION_RAD, KNEE_TABLE_TORQUE_NM
 from withheld.realities.hooks import Motion
 from withheld.realities.lugre import LuGre
 from withheld.realities.robot import Robot

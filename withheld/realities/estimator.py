@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from spot_model import facts
-from spot_model.facts import Array
-from spot_model.rotation import matrix_from_wxyz, multiply_wxyz
+from spot_model.robot import facts
+from spot_model.robot.facts import Array
+from spot_model.robot.rotation import matrix_from_wxyz, multiply_wxyz
 from withheld.realities.robot import EstimatorParameters
 from withheld.realities.settings import GRAVITY_M_S2
 

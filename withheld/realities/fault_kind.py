@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from spot_model.facts import JOINT_NAMES, JOINT_TYPES, LEG_NAMES, Array
+from spot_model.robot.facts import JOINT_NAMES, JOINT_TYPES, LEG_NAMES, Array
 from withheld.plan import Family, Place
 from withheld.realities.robot import Robot
 

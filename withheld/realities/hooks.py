@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from spot_model.facts import Array
+from spot_model.robot.facts import Array
 
 
 @dataclass

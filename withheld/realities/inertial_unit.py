@@ -7,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from spot_model.facts import STATE_PERIOD_NS, Array
-from spot_model.rotation import matrix_from_wxyz, multiply_wxyz
+from spot_model.robot.facts import STATE_PERIOD_NS, Array
+from spot_model.robot.rotation import matrix_from_wxyz, multiply_wxyz
 from withheld.realities.robot import SensingParameters
 from withheld.realities.settings import GRAVITY_M_S2
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spot_model.facts import N_JOINTS, Array
+from spot_model.robot.facts import N_JOINTS, Array
 from withheld.realities.drive import Drives
 from withheld.realities.robot import Robot
 

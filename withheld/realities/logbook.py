@@ -9,14 +9,14 @@ from typing import Any, Final
 
 import numpy as np
 
-from spot_model.facts import JOINT_NAMES, LEG_NAMES, STATE_PERIOD_NS
-from spot_model.policy import Policy
+from spot_log.format import codec
+from spot_log.format.records import EventRecord, RunHeader, Severity
+from spot_log.read.run import TickTable
+from spot_log.write.run_writer import RunWriter
+from spot_log.write.sink import TOPICS
+from spot_model.policy.policy import Policy
+from spot_model.robot.facts import JOINT_NAMES, LEG_NAMES, STATE_PERIOD_NS
 from spot_protos import log_pb2
-from spot_runtime.log import codec
-from spot_runtime.log.records import EventRecord, RunHeader, Severity
-from spot_runtime.log.run import TickTable
-from spot_runtime.log.run_writer import RunWriter
-from spot_runtime.log.sink import TOPICS
 from withheld.plan import Signal
 from withheld.realities.inertial_unit import PACKET_NS, PACKETS
 from withheld.realities.records import RunArrays

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from spot_model.facts import Array
+from spot_model.robot.facts import Array
 from withheld.realities.robot import DriveParameters
 
 PRESLIDING_RAD = 1.5e-3

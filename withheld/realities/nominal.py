@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Final
 
-from spot_model import facts
-from spot_model.effects.armature import Armature
-from spot_model.effects.command_delay import CommandDelay
-from spot_model.model_file import RobotModel, paper_model
+from spot_model.effects.command.command_delay import CommandDelay
+from spot_model.effects.drive.armature import Armature
+from spot_model.io.model_file import RobotModel, paper_model
+from spot_model.robot import facts
 from withheld.realities.transport import MEAN_DELAY_S
 
 NOMINAL: Final = RobotModel(

@@ -8,9 +8,9 @@ from itertools import groupby
 from pathlib import Path
 from typing import Final
 
-from spot_model.model_file import RobotModel
-from spot_model.policy import Policy, load_policy
-from spot_model.velocity_sequence import VelocitySequence
+from spot_model.io.model_file import RobotModel
+from spot_model.io.velocity_sequence import VelocitySequence
+from spot_model.policy.policy import Policy, load_policy
 from withheld.plan import Fault, FaultRequest, RecordingPlan, Truth, Walk
 from withheld.realities.catalogue import CATALOGUE
 from withheld.realities.fault_kind import Ask, Built, flags_of

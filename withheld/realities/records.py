@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from spot_model.facts import Array
+from spot_model.robot.facts import Array
 from withheld.realities.transport import Ints
 
 

@@ -10,8 +10,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from spot_model import facts
-from spot_model.facts import Array, per_joint
+from spot_model.robot import facts
+from spot_model.robot.facts import Array, per_joint
 from withheld.realities.hooks import DelayPart, SetpointPart, TorquePart
 
 N: Final = facts.N_JOINTS

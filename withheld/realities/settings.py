@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from spot_model.facts import STATE_PERIOD_NS
+from spot_model.robot.facts import STATE_PERIOD_NS
 
 GRAVITY_M_S2: Final = 9.81
 

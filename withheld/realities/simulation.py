@@ -10,14 +10,14 @@ import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
-from spot_model import facts
 from spot_model.errors import SpotRlError
-from spot_model.facts import N_JOINTS, N_LEGS, STATE_PERIOD_NS, Array
-from spot_model.mjcf import default_height_m
-from spot_model.observation import build_observation
-from spot_model.policy import Policy
-from spot_model.rotation import multiply_wxyz
-from spot_model.velocity_sequence import VelocitySequence
+from spot_model.io.velocity_sequence import VelocitySequence
+from spot_model.policy.observation import build_observation
+from spot_model.policy.policy import Policy
+from spot_model.robot import facts
+from spot_model.robot.facts import N_JOINTS, N_LEGS, STATE_PERIOD_NS, Array
+from spot_model.robot.mjcf import default_height_m
+from spot_model.robot.rotation import multiply_wxyz
 from withheld.realities.body import build_model
 from withheld.realities.contacts import ContactDetector
 from withheld.realities.drive import Drives

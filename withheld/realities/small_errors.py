@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from spot_model.facts import JOINT_NAMES, LEG_NAMES, N_JOINTS, N_LEGS, Array
+from spot_model.robot.facts import JOINT_NAMES, LEG_NAMES, N_JOINTS, N_LEGS, Array
 from withheld.realities.robot import Robot
 
 LINKS = ("hip", "uleg", "lleg")

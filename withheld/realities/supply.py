@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from spot_model.facts import Array
+from spot_model.robot.facts import Array
 from withheld.realities.robot import SupplyParameters
 
 BUS_TIME_S = 0.006

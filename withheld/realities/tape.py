@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from spot_model.facts import N_JOINTS, N_LEGS, STATE_PERIOD_NS, Array
-from spot_model.observation import N_OBSERVATION
+from spot_model.policy.observation import N_OBSERVATION
+from spot_model.robot.facts import N_JOINTS, N_LEGS, STATE_PERIOD_NS, Array
 from withheld.realities.drive import Drives
 from withheld.realities.estimator import Estimator
 from withheld.realities.inertial_unit import InertialUnit

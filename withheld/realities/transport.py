@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from spot_model.facts import STATE_PERIOD_NS, Array
+from spot_model.robot.facts import STATE_PERIOD_NS, Array
 from withheld.realities.hooks import DelayPart
 
 UP_FLOOR_S, UP_SHAPE, UP_SCALE_S = 1.1e-3, 3.0, 0.6e-4

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from bosdyn.api import robot_command_pb2, robot_state_pb2
 
-from fake_robot.robot import Robot
-from fake_robot.scenario import Scenario, scenario_from_data
-from spot_model import facts
+from fake_robot.robot.robot import Robot
+from fake_robot.scenario.scenario import Scenario, scenario_from_data
+from spot_model.robot import facts
 
 NS = 1_000_000_000
 MS = 1_000_000

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fake_robot.channel import Channel
-from fake_robot.scenario_parts import COMMAND_CHANNEL, STATE_CHANNEL, ChannelConfig
-from spot_model.delay import ConstantDelay, GammaDelay
+from fake_robot.network.channel import Channel
+from fake_robot.scenario.parts import COMMAND_CHANNEL, STATE_CHANNEL, ChannelConfig
+from spot_model.plant.delay import ConstantDelay, GammaDelay
 
 MS = 1_000_000
 

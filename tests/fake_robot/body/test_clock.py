@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import pytest
 
-from fake_robot.clock import RobotClock
-from fake_robot.scenario_parts import ClockConfig
+from fake_robot.body.clock import RobotClock
+from fake_robot.scenario.parts import ClockConfig
 
 NS = 1_000_000_000
 

@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fake_robot.drive import Drive
-from fake_robot.scenario import Scenario
+from fake_robot.body.drive import Drive
+from fake_robot.scenario.scenario import Scenario
 from spot_model.effects.base import Motion, TorqueEffect
-from spot_model.effects.torque_bandwidth import TorqueBandwidth
-from spot_model.facts import DEFAULT_POSITION_RAD
-from spot_model.plant_command import ServoCommand
-from spot_model.plant_torque import TorqueChain
+from spot_model.effects.drive.torque_bandwidth import TorqueBandwidth
+from spot_model.plant.command_channel import ServoCommand
+from spot_model.plant.torque import TorqueChain
+from spot_model.robot.facts import DEFAULT_POSITION_RAD
 
 EFFECTS = [e for e in Scenario().robot_model.effects if isinstance(e, TorqueEffect)]
 

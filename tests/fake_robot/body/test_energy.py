@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fake_robot.energy import Energy
-from fake_robot.knobs import Knobs
-from fake_robot.scenario_parts import BatteryConfig, MotorConfig
+from fake_robot.body.energy import Energy
+from fake_robot.faults.fault_effects import Knobs
+from fake_robot.scenario.parts import BatteryConfig, MotorConfig
 
 REST = np.zeros(12)
 

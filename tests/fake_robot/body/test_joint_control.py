@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from bosdyn.api import robot_command_pb2
 
-from fake_robot.robot_port import Mode
-from fake_robot.servo import LOAD_LIMIT_NM
-from fake_robot.streamed_command import StreamGrammar
-from spot_model import facts
+from fake_robot.body.servo import LOAD_LIMIT_NM
+from fake_robot.network.robot_port import Mode
+from fake_robot.network.streamed_command import StreamGrammar
+from spot_model.robot import facts
 
 NS = 1_000_000_000
 STATUS = robot_command_pb2.JointControlStreamResponse

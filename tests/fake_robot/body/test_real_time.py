@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import pytest
 
-from fake_robot.clock import RobotClock
-from fake_robot.real_time import RealTimeLoop
-from fake_robot.scenario import Scenario
-from fake_robot.scenario_parts import ClockConfig
-from fake_robot.simulation import Simulation
+from fake_robot.body.clock import RobotClock
+from fake_robot.body.simulation import Simulation
+from fake_robot.scenario.parts import ClockConfig
+from fake_robot.scenario.scenario import Scenario
+from fake_robot.start.real_time import RealTimeLoop
 
 MS = 1_000_000
 

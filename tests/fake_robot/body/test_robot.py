@@ -7,13 +7,13 @@ import threading
 import numpy as np
 import pytest
 
-from fake_robot.modes import MotionRefusedError
-from fake_robot.robot import Robot, TimeModeError
-from fake_robot.robot_port import EstopLevel, Mode, MotorPower, StandPose
-from fake_robot.scenario import Scenario
-from fake_robot.vendor_motion import leg_angles_rad, sit_path, stand_feet_m, stand_path
-from spot_model import facts
-from spot_model.leg_kinematics import foot_position_in_body_m
+from fake_robot.network.robot_port import EstopLevel, Mode, MotorPower, StandPose
+from fake_robot.robot.modes import MotionRefusedError
+from fake_robot.robot.robot import Robot, TimeModeError
+from fake_robot.robot.vendor_motion import leg_angles_rad, sit_path, stand_feet_m, stand_path
+from fake_robot.scenario.scenario import Scenario
+from spot_model.robot import facts
+from spot_model.robot.leg_kinematics import foot_position_in_body_m
 
 NS = 1_000_000_000
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import yaml
 
-from fake_robot.robot import Robot
-from fake_robot.scenario import Scenario, load_scenario, scenario_from_data, shipped_names
+from fake_robot.robot.robot import Robot
+from fake_robot.scenario.scenario import Scenario, load_scenario, scenario_from_data, shipped_names
 from spot_model.errors import BadInputError
 
 
@@ -97,7 +97,7 @@ def test_a_delay_may_come_from_a_histogram(tmp_path: Path):
 
 
 def test_the_fake_steps_otherwise_than_the_plant():
-    from spot_model.mjcf_options import MjcfOptions
+    from spot_model.robot.mjcf_options import MjcfOptions
 
     physics, plant = Scenario().physics, MjcfOptions()
     assert physics.timestep_s == pytest.approx(0.0015)

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from bosdyn.api import header_pb2, robot_state_pb2
 
-from fake_robot.frames import Frame
-from fake_robot.knobs import Knobs
-from fake_robot.sensing import IMU_PACKETS
-from fake_robot.state_message import StateMessageBuilder
-from spot_model.rotation import multiply_wxyz, rotate_inverse_wxyz, rotate_wxyz
+from fake_robot.body.frames import Frame
+from fake_robot.body.sensing import IMU_PACKETS
+from fake_robot.faults.fault_effects import Knobs
+from fake_robot.network.state_message import StateMessageBuilder
+from spot_model.robot.rotation import multiply_wxyz, rotate_inverse_wxyz, rotate_wxyz
 
 NS = 1_000_000_000
 

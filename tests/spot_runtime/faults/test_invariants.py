@@ -13,19 +13,19 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
-from spot_model import facts
-from spot_model.policy import Policy, policy_from_bytes
-from spot_model.state import RobotState
-from spot_model.velocity_sequence import standing_sequence
-from spot_runtime.bench_faults.rig import Rig, rig
-from spot_runtime.bench_faults.rows import Finding, happens, judge, keep_invariants, left_alone
+from proof.faults.rig import Rig, rig
+from proof.faults.rows import Finding, happens, judge, keep_invariants, left_alone
+from spot_log.write.sink import MemorySink
+from spot_model.io.velocity_sequence import standing_sequence
+from spot_model.policy.policy import Policy, policy_from_bytes
+from spot_model.robot import facts
+from spot_model.robot.state import RobotState
 from spot_runtime.config import RunConfig
+from spot_runtime.control.loop import ControlLoop
+from spot_runtime.control.modes import Mode
+from spot_runtime.control.stops import Stop, StopReason
 from spot_runtime.hal.base import JointControl
-from spot_runtime.log.sink import MemorySink
-from spot_runtime.loop import ControlLoop
-from spot_runtime.modes import Mode
 from spot_runtime.sources.scripted import ScriptedSource
-from spot_runtime.stops import Stop, StopReason
 
 REPOSITORY = Path(__file__).parents[3]
 MS = 1_000_000

@@ -12,10 +12,10 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from proof.faults import command
+from proof.faults.rig import Rig, rig
+from proof.faults.rows import Finding, Row, left_alone, tidy, try_row
 from spot_model.errors import BadInputError
-from spot_runtime.bench_faults import command
-from spot_runtime.bench_faults.rig import Rig, rig
-from spot_runtime.bench_faults.rows import Finding, Row, left_alone, tidy, try_row
 
 WALK = Path(__file__).parents[3] / "policies" / "walk.onnx"
 
@@ -94,7 +94,7 @@ def test_names_are_unique_and_the_rows_of_time_are_there() -> None:
 
 def test_a_row_in_which_nothing_happens_fails(robot: Rig) -> None:
     def nothing(rig: Rig) -> Finding:
-        from spot_runtime.bench_faults.rows import judge, reacted
+        from proof.faults.rows import judge, reacted
 
         drive = rig.drive(at_s=1e6, seconds=0.3)
         return reacted(drive, judge(drive, "state_stale"), "damping")

@@ -10,24 +10,24 @@ from pathlib import Path
 
 import pytest
 
-from spot_model.bounded_file import FileTooLargeError, read_at_most
+from spot_log import LogReadError, read_run, recover_leftovers, recover_log
 from spot_model.errors import SpotRlError
-from spot_model.policy import load_policy
-from spot_model.policy_contract import PolicyError
-from spot_model.velocity_sequence import load_sequence
+from spot_model.io.bounded_file import FileTooLargeError, read_at_most
+from spot_model.io.velocity_sequence import load_sequence
+from spot_model.policy.contract import PolicyError
+from spot_model.policy.policy import load_policy
 from spot_runtime.config import load_config
-from spot_runtime.hal.credentials import find_credentials
-from spot_runtime.hal.trust import read_certificates
-from spot_runtime.instance_lock import InstanceLock, LockError
-from spot_runtime.log import LogReadError, read_run, recover_leftovers, recover_log
-from spot_runtime.operator.client import client_from
+from spot_runtime.hal.connection.credentials import find_credentials
+from spot_runtime.hal.connection.trust import read_certificates
+from spot_runtime.host.instance_lock import InstanceLock, LockError
+from spot_runtime.operator.client.client import client_from
 
 REPOSITORY = Path(__file__).parents[3]
 WALK = REPOSITORY / "policies" / "walk.onnx"
 
 
 def spot_rl(*words: str, **environment: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-c", "from spot_model.command_line import main; main()", *words]
+    command = [sys.executable, "-c", "from spot_model.io.command_line import main; main()", *words]
     surroundings = {**os.environ, "BOSDYN_CLIENT_USERNAME": "u", "BOSDYN_CLIENT_PASSWORD": "p", **environment}
     return subprocess.run(command, env=surroundings, capture_output=True, text=True, timeout=120, cwd=REPOSITORY)
 
@@ -106,7 +106,7 @@ def test_odd_names_on_the_command_line(words: tuple[str, ...], code: int, said: 
 
 
 def test_a_terminal_that_knows_only_ascii() -> None:
-    code = "from spot_runtime.cli import _say_last; _say_last('tick 5 µs → fine')"
+    code = "from spot_runtime.session.run_command import _say_last; _say_last('tick 5 µs → fine')"
     surroundings = {**os.environ, "PYTHONIOENCODING": "ascii"}
     done = subprocess.run([sys.executable, "-c", code], env=surroundings, capture_output=True, timeout=60)
     assert done.returncode == 0, done.stderr
@@ -114,7 +114,7 @@ def test_a_terminal_that_knows_only_ascii() -> None:
 
 
 def test_a_terminal_that_nobody_reads() -> None:
-    code = "from spot_runtime.cli import _say_last; _say_last('x' * 100000); raise SystemExit(10)"
+    code = "from spot_runtime.session.run_command import _say_last; _say_last('x' * 100000); raise SystemExit(10)"
     process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE)
     assert process.stdout is not None
     process.stdout.close()

@@ -10,14 +10,14 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from spot_model.policy_contract import PolicyError
-from spot_runtime.bench_faults.rig import Meddler, Rig, rig
-from spot_runtime.incident import incident_path
-from spot_runtime.log.logger_process import without_secrets
-from spot_runtime.log.mcap_scan import scan_mcap
-from spot_runtime.policy_admission import check_allowed
-from spot_runtime.report.page import write_page
-from spot_runtime.report.summary import summarise
+from proof.faults.rig import Meddler, Rig, rig
+from spot_log.page.page import write_page
+from spot_log.page.summary import summarise
+from spot_log.read.mcap_scan import scan_mcap
+from spot_log.write.logger_process import without_secrets
+from spot_model.policy.contract import PolicyError
+from spot_runtime.policy.admission import check_allowed
+from spot_runtime.session.incident import incident_path
 
 WALK = Path(__file__).parents[3] / "policies" / "walk.onnx"
 
@@ -112,7 +112,7 @@ def test_only_policies_on_the_list_run(fake: Rig, tmp_path: Path) -> None:
     check_allowed(Path("walk.onnx"), policy.sha256, ("0" * 64, policy.sha256))
     with pytest.raises(PolicyError, match=f"digest {policy.sha256}.*service.policy_sha256"):
         check_allowed(Path("walk.onnx"), policy.sha256, ("0" * 64,))
-    from spot_runtime.cli import run
+    from spot_runtime.session.run_command import run
 
     config = tmp_path / "run.yaml"
     config.write_text(f"service: {{policy_sha256: ['{'0' * 64}']}}\n", encoding="utf-8")

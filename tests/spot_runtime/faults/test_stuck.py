@@ -4,7 +4,7 @@ import signal
 import subprocess
 from pathlib import Path
 
-from spot_runtime.bench_faults.rows_process import Running
+from proof.faults.rows_process import Running
 
 
 def running(program: str) -> Running:

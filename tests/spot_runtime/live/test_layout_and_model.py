@@ -14,9 +14,9 @@ import pytest
 from google.protobuf.descriptor import FieldDescriptor
 from google.protobuf.timestamp_pb2 import Timestamp
 
-from spot_model import facts
-from spot_runtime.log.scene import joint_transforms, spot_scene
-from spot_runtime.log.topics import ALL_TOPICS
+from spot_log.format.scene import joint_transforms, spot_scene
+from spot_log.format.topics import ALL_TOPICS
+from spot_model.robot import facts
 
 LAYOUT = json.loads((Path(__file__).resolve().parents[3] / "deploy" / "spot-rl.foxglove.json").read_text("utf-8"))
 TOPICS = {topic.name: topic.message_type.DESCRIPTOR for topic in ALL_TOPICS}

@@ -17,12 +17,12 @@ from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from google.protobuf import descriptor_pool
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 
+from spot_log.format.records import EventRecord, RunHeader, Severity
+from spot_log.format.topics import ALL_TOPICS, SCENE, STATE, TICK
+from spot_log.write.live_tap import SOCKET_VARIABLE, LiveTap
+from spot_log.write.logger_process import LoggerProcess
 from spot_protos import log_pb2
 from spot_runtime.live.process import SOCKET_NAME, LiveProcess, LiveViewError, _make_folder
-from spot_runtime.live.tap import SOCKET_VARIABLE, LiveTap
-from spot_runtime.log.logger_process import LoggerProcess
-from spot_runtime.log.records import EventRecord, RunHeader, Severity
-from spot_runtime.log.topics import ALL_TOPICS, SCENE, STATE, TICK
 from tests.spot_runtime.live.viewer import Viewer
 
 MS = 1_000_000

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from bosdyn.api import robot_state_pb2
 
-from spot_model.facts import DEFAULT_POSITION_RAD, JOINT_NAMES
-from spot_model.state import Gains, JointCommand, SlowState
-from spot_runtime.log import hand_off
-from spot_runtime.log.records import CommandRecord, EventRecord, RunHeader, Severity, TickRecord
-from spot_runtime.log.run_writer import RunWriter
-from spot_runtime.log.sink import LogSink
+from spot_log.format.records import CommandRecord, EventRecord, RunHeader, Severity, TickRecord
+from spot_log.write import hand_off
+from spot_log.write.run_writer import RunWriter
+from spot_log.write.sink import LogSink
+from spot_model.robot.facts import DEFAULT_POSITION_RAD, JOINT_NAMES
+from spot_model.robot.state import Gains, JointCommand, SlowState
 
 START_HOST_NS = 1_750_000_000_000_000_000
 ROBOT_MINUS_HOST_NS = -199_190_000_000

@@ -8,9 +8,9 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from spot_runtime.log import read_run
-from spot_runtime.log.cli import app
-from spot_runtime.log.errors import LogReadError
+from spot_log import read_run
+from spot_log.commands import app
+from spot_log.errors import LogReadError
 
 
 @pytest.fixture

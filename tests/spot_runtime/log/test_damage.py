@@ -9,10 +9,11 @@ import shutil
 import numpy as np
 import pytest
 
-from spot_runtime.log import read_run, recover, recover_leftovers, recover_log
-from spot_runtime.log.errors import LogExistsError, LogReadError, MissingHeaderError, NotAnMcapError
-from spot_runtime.log.mcap_scan import scan_mcap
-from spot_runtime.log.run_writer import RunWriter, active_path
+from spot_log import read_run, recover_leftovers, recover_log
+from spot_log.errors import LogExistsError, LogReadError, MissingHeaderError, NotAnMcapError
+from spot_log.read import recover
+from spot_log.read.mcap_scan import scan_mcap
+from spot_log.write.run_writer import RunWriter, active_path
 
 
 @pytest.fixture(scope="module")

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from pyarrow import parquet
 
-from spot_model.facts import JOINT_NAMES
-from spot_runtime.log import read_run
-from spot_runtime.log.export import ExportError, export_run
+from spot_log import read_run
+from spot_log.tools.export import ExportError, export_run
+from spot_model.robot.facts import JOINT_NAMES
 
 
 @pytest.fixture(scope="module")

@@ -10,13 +10,13 @@ import pytest
 import yaml
 from pyarrow import parquet
 
+from spot_log import read_run
+from spot_log.errors import LogExistsError
+from spot_log.importing import import_log, load_mapping
+from spot_log.page.page import page_html
+from spot_log.page.summary import summarise
+from spot_log.tools.info import log_info
 from spot_model.errors import BadInputError
-from spot_runtime.log import read_run
-from spot_runtime.log.errors import LogExistsError
-from spot_runtime.log.importing import import_log, load_mapping
-from spot_runtime.log.info import log_info
-from spot_runtime.report.page import page_html
-from spot_runtime.report.summary import summarise
 
 N = 50
 TIME_S = np.arange(N) * 0.005
@@ -172,8 +172,8 @@ def test_csv_parquet_and_unix_clock(do, tmp_path):
 
 def test_a_log_exported_and_imported_again_is_the_same(synthetic_run, synthetic_log, tmp_path, do):
     """Our own tables are one more recording: positions, loads and set-points survive the round."""
-    from spot_model.facts import JOINT_NAMES, LEG_NAMES
-    from spot_runtime.log.export import export_run
+    from spot_log.tools.export import export_run
+    from spot_model.robot.facts import JOINT_NAMES, LEG_NAMES
 
     run = read_run(synthetic_log)
     export_run(run, tmp_path / "tables", "parquet", ["state"])

@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from spot_runtime.log import measures, read_run
-from spot_runtime.log.info import histogram, log_info
-from spot_runtime.report.details import histogram_lines
-from spot_runtime.report.summary import summarise
+from spot_log import read_run
+from spot_log.page.details import histogram_lines
+from spot_log.page.summary import summarise
+from spot_log.tools import measures
+from spot_log.tools.info import histogram, log_info
 
 
 @pytest.fixture(scope="module")
@@ -153,7 +154,7 @@ def test_command_delay_counts_each_key_once_and_only_known_ones(run):
 
 
 def test_an_empty_log_has_a_summary(synthetic_run, tmp_path):
-    from spot_runtime.log.run_writer import RunWriter
+    from spot_log.write.run_writer import RunWriter
 
     RunWriter(tmp_path / "run.mcap", synthetic_run().header).close({}, "lease held by another client")
     run = read_run(tmp_path / "run.mcap")

@@ -12,18 +12,19 @@ from pathlib import Path
 
 import pytest
 
-from spot_runtime.log import logger_child, read_run
-from spot_runtime.log.errors import LogError, LogExistsError
-from spot_runtime.log.logger_process import LoggerProcess
-from spot_runtime.log.run_writer import RunWriter, active_path
-from spot_runtime.log.sink import TOPICS, LogSink, MemorySink, NullSink
-from spot_runtime.signals import HANDLED
+from spot_log import read_run
+from spot_log.errors import LogError, LogExistsError
+from spot_log.write import logger_child
+from spot_log.write.logger_process import LoggerProcess
+from spot_log.write.run_writer import RunWriter, active_path
+from spot_log.write.sink import TOPICS, LogSink, MemorySink, NullSink
+from spot_runtime.session.signals import HANDLED
 
 PARENT = """
 import os, sys, time
 from pathlib import Path
-from spot_runtime.log.logger_process import LoggerProcess
-from spot_runtime.log.records import RunHeader
+from spot_log.write.logger_process import LoggerProcess
+from spot_log.format.records import RunHeader
 sink = LoggerProcess.start(Path(sys.argv[1]), RunHeader(run_id="parent", started_host_stamp_ns=1))
 wire = bytes.fromhex(sys.stdin.readline())
 for i in range(200):
@@ -99,7 +100,8 @@ def test_drops_are_counted_by_gaps_where_the_parent_cannot_tell(tmp_path, synthe
     """The child sees numbers 0, 1, 4: two are missing."""
     import socket
 
-    from spot_runtime.log import codec, hand_off
+    from spot_log.format import codec
+    from spot_log.write import hand_off
 
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with ours, theirs:
@@ -191,12 +193,12 @@ def test_refusals_come_in_words_before_anything_moves(synthetic_run, tmp_path):
 
 def test_a_full_disk_is_reported_and_the_log_stays_readable(synthetic_run, tmp_path, monkeypatch):
     """The disk fills after the first flush, and has room again before the end."""
-    from spot_runtime.log import run_writer
-    from spot_runtime.log.errors import DiskSpaceError
+    from spot_log.errors import DiskSpaceError
+    from spot_log.write import run_writer
 
     made_up = synthetic_run()
     writer = run_writer.RunWriter(tmp_path / "run.mcap", made_up.header)
-    from spot_runtime.log import hand_off
+    from spot_log.write import hand_off
 
     def add(first: int, last: int) -> None:
         for i in range(first, last):
@@ -241,8 +243,8 @@ def test_a_write_that_fails_half_way_is_taken_back(synthetic_run, tmp_path, monk
     made_up = synthetic_run()
     path = made_up.write(tmp_path / "whole.mcap")
     whole = path.read_bytes()
-    from spot_runtime.log.mcap_file import McapFile
-    from spot_runtime.log.topics import ALL_TOPICS, STATE
+    from spot_log.format.topics import ALL_TOPICS, STATE
+    from spot_log.write.mcap_file import McapFile
 
     file = McapFile(tmp_path / "half.mcap", ALL_TOPICS)
     file.add(STATE.channel_id, whole[:5000], log_ns=1, publish_ns=1, sequence=0)

@@ -11,11 +11,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from spot_runtime.log import read_run
-from spot_runtime.report.errors import PlotlyMissingError, ReportError
-from spot_runtime.report.figures import FIGURES
-from spot_runtime.report.page import SECTIONS, page_html, write_page
-from spot_runtime.report.thin import thin_rows
+from spot_log import read_run
+from spot_log.page.errors import PlotlyMissingError, ReportError
+from spot_log.page.figures import FIGURES
+from spot_log.page.page import SECTIONS, page_html, write_page
+from spot_log.page.thin import thin_rows
 
 CHROMIUM = next(
     (found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None

@@ -10,12 +10,13 @@ import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from spot_model.facts import JOINT_NAMES
-from spot_model.state import ImuPacket, RobotState
-from spot_runtime.log import codec, read_run
-from spot_runtime.log.errors import DiskSpaceError, LogExistsError
-from spot_runtime.log.run_writer import RunWriter, active_path
-from spot_runtime.vendor_state import robot_state_from_wire
+from spot_log import read_run
+from spot_log.errors import DiskSpaceError, LogExistsError
+from spot_log.format import codec
+from spot_log.format.vendor_state import robot_state_from_wire
+from spot_log.write.run_writer import RunWriter, active_path
+from spot_model.robot.facts import JOINT_NAMES
+from spot_model.robot.state import ImuPacket, RobotState
 
 TOPICS = ("state", "command", "tick", "slow_state", "event")
 
@@ -113,7 +114,7 @@ def test_every_slow_state_and_event(synthetic_run, synthetic_log):
 def test_ticks_without_a_policy_are_rows_of_nan(synthetic_run, tmp_path):
     from dataclasses import replace
 
-    from spot_runtime.log import hand_off
+    from spot_log.write import hand_off
 
     writer = RunWriter(tmp_path / "run.mcap", synthetic_run().header)
     tick = synthetic_run().tick(0, 0)
@@ -129,7 +130,7 @@ def test_ticks_without_a_policy_are_rows_of_nan(synthetic_run, tmp_path):
 
 
 def test_a_decoded_state_is_the_same_as_its_wire_bytes(synthetic_run):
-    from spot_runtime.log import hand_off
+    from spot_log.write import hand_off
 
     wire = synthetic_run().message(7).SerializeToString()
     state = robot_state_from_wire(wire, 5)

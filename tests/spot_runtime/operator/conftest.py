@@ -11,22 +11,22 @@ from typing import Any
 import grpc
 import pytest
 
-from spot_model.policy import load_policy
-from spot_model.policy_contract import sha256_hex
-from spot_model.state import RobotState
+from proof.fake_process import FakeAddress, FakeProcess
+from spot_log.write.logger_process import LoggerProcess
+from spot_log.write.sink import LogSink
+from spot_model.policy.contract import sha256_hex
+from spot_model.policy.policy import load_policy
+from spot_model.robot.state import RobotState
 from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc, operator_pb2, run_link_pb2
-from spot_runtime.clock import HostClock
 from spot_runtime.config import RunConfig, for_lock_step
-from spot_runtime.fake_process import FakeAddress, FakeProcess
-from spot_runtime.hal.address import parse_address
 from spot_runtime.hal.base import Hal
-from spot_runtime.hal.bosdyn import BosdynHal
-from spot_runtime.hal.lock_step import LockStep
-from spot_runtime.log.logger_process import LoggerProcess
-from spot_runtime.log.sink import LogSink
-from spot_runtime.operator.link import MAX_DATAGRAM_BYTES, RunLink
-from spot_runtime.operator.operated_run import OperatedRun
-from spot_runtime.operator.run_spec import RunSpec
+from spot_runtime.hal.connection.address import parse_address
+from spot_runtime.hal.spot.adapter import BosdynHal
+from spot_runtime.hal.spot.lock_step import LockStep
+from spot_runtime.host.clock import HostClock
+from spot_runtime.operator.run.link import MAX_DATAGRAM_BYTES, RunLink
+from spot_runtime.operator.run.operated_run import OperatedRun
+from spot_runtime.operator.run.run_spec import RunSpec
 
 POLICIES = Path(__file__).resolve().parents[3] / "policies"
 

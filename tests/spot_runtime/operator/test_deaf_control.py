@@ -10,10 +10,10 @@ import pytest
 
 from spot_protos import operator_pb2, run_link_pb2
 from spot_runtime.config import RunConfig
+from spot_runtime.host.service_manager import ServiceManager
 from spot_runtime.operator.refusal import Refusal
-from spot_runtime.operator.states import State
-from spot_runtime.operator.supervisor import MAX_WAITING, STOP_TIMEOUT_S, Supervisor
-from spot_runtime.service_manager import ServiceManager
+from spot_runtime.operator.server.states import State
+from spot_runtime.operator.server.supervisor import MAX_WAITING, STOP_TIMEOUT_S, Supervisor
 
 
 class DeafProcess:

@@ -11,11 +11,11 @@ import threading
 
 import pytest
 
+from spot_log.format.records import EventRecord, Severity
 from spot_protos import operator_pb2, run_link_pb2
-from spot_runtime.log.records import EventRecord, Severity
-from spot_runtime.operator import run_process
-from spot_runtime.operator.link import RunLink
-from spot_runtime.operator.run_process import RunProcess
+from spot_runtime.operator.run.link import RunLink
+from spot_runtime.operator.server.run_process import RunProcess
+from spot_runtime.operator.server.server import run_process
 
 SAYS = """
 import socket, sys, time

@@ -17,10 +17,10 @@ from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from mcap.reader import make_reader
 from websockets.exceptions import ConnectionClosed
 
-from spot_model.facts import JOINT_NAMES
+from spot_log.format.topics import ALL_TOPICS
+from spot_model.robot.facts import JOINT_NAMES
 from spot_protos import operator_pb2
 from spot_runtime.live.process import LiveProcess
-from spot_runtime.log.topics import ALL_TOPICS
 from tests.spot_runtime.live.viewer import Viewer
 
 from .conftest import Arming

@@ -19,20 +19,27 @@ from bosdyn.client.lease import LeaseClient
 from bosdyn.client.power import PowerClient
 from bosdyn.client.robot_command import RobotCommandBuilder, RobotCommandClient
 
+from proof.fake_process import FakeAddress, FakeProcess
+from spot_log.write.sink import NullSink
 from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
-from spot_runtime.clock import HostClock, RobotClockEstimate
 from spot_runtime.config import RunConfig, for_lock_step
-from spot_runtime.fake_process import FakeAddress, FakeProcess
-from spot_runtime.hal.address import parse_address
+from spot_runtime.hal.connection.address import parse_address
 from spot_runtime.hal.errors import CertificateError, HalError, MotionError
-from spot_runtime.hal.lock_step import LockStep
-from spot_runtime.hal.session import Session
-from spot_runtime.log.sink import NullSink
-from spot_runtime.operator.lease_note import HeldNote, LeaseNote, LeaseNoteError, NoteHeldError, note_folder, note_path
-from spot_runtime.operator.make_safe import NotSafeError
-from spot_runtime.operator.make_safe_command import mend
-from spot_runtime.operator.mending import Mending
-from spot_runtime.operator.noting_hal import NotingHal
+from spot_runtime.hal.spot.lock_step import LockStep
+from spot_runtime.hal.spot.session import Session
+from spot_runtime.host.clock import HostClock, RobotClockEstimate
+from spot_runtime.operator.rescue.lease_note import (
+    HeldNote,
+    LeaseNote,
+    LeaseNoteError,
+    NoteHeldError,
+    note_folder,
+    note_path,
+)
+from spot_runtime.operator.rescue.make_safe import NotSafeError
+from spot_runtime.operator.rescue.make_safe_command import mend
+from spot_runtime.operator.rescue.rescue_process import Mending
+from spot_runtime.operator.run.noting_hal import NotingHal
 
 SPOT_RL = str(Path(sys.executable).with_name("spot-rl"))
 SCENARIO = "services: {on_lease_expiry: nothing}\n"
@@ -269,7 +276,7 @@ def test_a_lease_under_which_power_off_failed_is_not_given_back(robot: Robot, mo
         raise MotionError("refused")
 
     with monkeypatch.context() as patched:
-        patched.setattr("spot_runtime.hal.motions.Motions.power_off", refuse)
+        patched.setattr("spot_runtime.hal.spot.motions.Motions.power_off", refuse)
         with pytest.raises(MotionError, match="refused"):
             hal.power_off()
         hal.close()

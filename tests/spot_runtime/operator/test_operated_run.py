@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spot_model.policy_contract import sha256_hex
+from spot_log import Run, read_run
+from spot_log.page.details import detail_lines
+from spot_log.tools.info import log_info
+from spot_model.policy.contract import sha256_hex
 from spot_protos import operator_pb2, run_link_pb2
-from spot_runtime.hal.bosdyn import BosdynHal
-from spot_runtime.log import Run, read_run
-from spot_runtime.log.info import log_info
-from spot_runtime.report.details import detail_lines
+from spot_runtime.hal.spot.adapter import BosdynHal
 
 from .conftest import POLICIES, Arming
 

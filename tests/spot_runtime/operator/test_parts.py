@@ -14,24 +14,25 @@ import grpc
 import numpy as np
 import pytest
 
+from spot_log.format.records import EventRecord, Severity
 from spot_model.errors import BadInputError
 from spot_protos import operator_pb2, run_link_pb2
 from spot_runtime.config import RunConfig
-from spot_runtime.log.records import EventRecord, Severity
-from spot_runtime.modes import Mode
-from spot_runtime.operator import ctl, rules
-from spot_runtime.operator.access import Buckets, Gate, Role
-from spot_runtime.operator.errands import Errands
-from spot_runtime.operator.event_book import KEPT, EventBook
-from spot_runtime.operator.link import MAX_TAKEN, RunLink
+from spot_runtime.control.modes import Mode
+from spot_runtime.control.stops import StopReason
+from spot_runtime.operator.client.client import ctl
 from spot_runtime.operator.listening import SocketFile, default_address, is_loopback, server_credentials
-from spot_runtime.operator.mode_texts import MODE_TEXTS
-from spot_runtime.operator.policy_shelf import PolicyShelf
 from spot_runtime.operator.refusal import Refusal
-from spot_runtime.operator.run_status import STANDING_BY
-from spot_runtime.operator.states import State
-from spot_runtime.operator.steering import Attendance, OperatorSource
-from spot_runtime.stops import StopReason
+from spot_runtime.operator.run.background_tasks import Errands
+from spot_runtime.operator.run.link import MAX_TAKEN, RunLink
+from spot_runtime.operator.run.run_status import STANDING_BY
+from spot_runtime.operator.run.steering import Attendance, OperatorSource
+from spot_runtime.operator.server.access import Buckets, Gate, Role
+from spot_runtime.operator.server.event_history import KEPT, EventBook
+from spot_runtime.operator.server.mode_texts import MODE_TEXTS
+from spot_runtime.operator.server.policy_folder import PolicyShelf
+from spot_runtime.operator.server.server import request_checks as rules
+from spot_runtime.operator.server.states import State
 
 from .conftest import POLICIES
 
@@ -361,8 +362,8 @@ def test_the_committed_policies_can_be_listed() -> None:
 def test_a_provider_that_is_not_there_is_refused_not_replaced(provider: str) -> None:
     import onnxruntime
 
-    from spot_model.policy import PROVIDERS, load_policy
-    from spot_model.policy_contract import PolicyError
+    from spot_model.policy.contract import PolicyError
+    from spot_model.policy.policy import PROVIDERS, load_policy
 
     if PROVIDERS[provider] in onnxruntime.get_available_providers():
         pytest.skip(f"this ONNX Runtime has {provider}")
@@ -373,7 +374,7 @@ def test_a_provider_that_is_not_there_is_refused_not_replaced(provider: str) -> 
 
 def test_an_operators_command_starts_without_heavy_libraries() -> None:
     heavy = ("numpy", "pydantic", "rich", "bosdyn.client", "onnxruntime")
-    words = f"import spot_runtime.operator.ctl, sys; print([m for m in {heavy} if m in sys.modules])"
+    words = f"import spot_runtime.operator.client.ctl, sys; print([m for m in {heavy} if m in sys.modules])"
     told = subprocess.run([sys.executable, "-c", words], capture_output=True, text=True, check=True)
     assert told.stdout.strip() == "[]"
 

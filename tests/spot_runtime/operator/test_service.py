@@ -23,10 +23,10 @@ from grpc_reflection.v1alpha import reflection_pb2, reflection_pb2_grpc
 
 from spot_protos import operator_pb2, operator_pb2_grpc
 from spot_runtime.config import RunConfig
-from spot_runtime.operator.client import OperatorClient, RefusedError, UnreachableError
-from spot_runtime.operator.server import SERVICE_NAME, OperatorServer
-from spot_runtime.operator.supervisor import Supervisor
-from spot_runtime.service_manager import ServiceManager
+from spot_runtime.host.service_manager import ServiceManager
+from spot_runtime.operator.client.client import OperatorClient, RefusedError, UnreachableError
+from spot_runtime.operator.server.server import SERVICE_NAME, OperatorServer
+from spot_runtime.operator.server.supervisor import Supervisor
 
 from .conftest import POLICIES
 

@@ -11,14 +11,14 @@ import onnxruntime
 import pytest
 from onnx import TensorProto, helper, numpy_helper
 
-from spot_model import facts
-from spot_model.facts import PaperActuator
-from spot_model.mjcf import MjcfOptions
-from spot_model.model_file import paper_model
-from spot_model.policy import Policy, load_policy
-from spot_model.policy_contract import METADATA_KEY, PolicyContract, StoredPair
-from trainer.sysid.logged_run import LoggedRun
-from trainer.sysid.simulated_log import SensorNoise, SimulatedRobot, simulate_logs
+from spot_model.io.model_file import paper_model
+from spot_model.policy.contract import METADATA_KEY, PolicyContract, StoredPair
+from spot_model.policy.policy import Policy, load_policy
+from spot_model.robot import facts
+from spot_model.robot.facts import PaperActuator
+from spot_model.robot.mjcf import MjcfOptions
+from trainer.sysid.logs.logged_run import LoggedRun
+from trainer.sysid.simulation.simulated_log import SensorNoise, SimulatedRobot, simulate_logs
 
 OTHER_PHYSICS = MjcfOptions(
     timestep_s=0.0015,

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spot_model.delay import LogNormalDelay, read_delay_csv
 from spot_model.errors import BadInputError
-from spot_model.facts import PAPER_IDENTIFIED
-from trainer.sysid.delays import delay_histogram, measure_delays, write_delay_csv
-from trainer.sysid.logged_run import LoggedRun
+from spot_model.plant.delay import LogNormalDelay, read_delay_csv
+from spot_model.robot.facts import PAPER_IDENTIFIED
+from trainer.sysid.logs.delays import delay_histogram, measure_delays, write_delay_csv
+from trainer.sysid.logs.logged_run import LoggedRun
 
 from .conftest import MakeLogs
 

@@ -8,24 +8,24 @@ import numpy as np
 import pytest
 import yaml
 
-from spot_model.delay import read_delay_csv
-from spot_model.effects.armature import Armature
-from spot_model.effects.command_delay import CommandDelay
+from spot_model.effects.command.command_delay import CommandDelay
+from spot_model.effects.drive.armature import Armature
 from spot_model.errors import BadInputError
-from spot_model.model_file import load_model
-from spot_model.policy import load_policy
-from trainer.sysid.config import CONTACT_CHOICES_S, SearchConfig, SimulationConfig, SysidConfig
-from trainer.sysid.delays import MeasuredDelays
-from trainer.sysid.identify import prepare
-from trainer.sysid.logged_run import LoggedRun
-from trainer.sysid.measured import with_measured
-from trainer.sysid.problem import build_problem
-from trainer.sysid.read_logs import LogSet
-from trainer.sysid.report import summary
-from trainer.sysid.result import ResultData
-from trainer.sysid.rollout import RolloutOptions
-from trainer.sysid.run_identification import run_identification
-from trainer.sysid.surrogate import score_intervals
+from spot_model.io.model_file import load_model
+from spot_model.plant.delay import read_delay_csv
+from spot_model.policy.policy import load_policy
+from trainer.sysid.identify.identify import prepare
+from trainer.sysid.identify.report import summary
+from trainer.sysid.identify.result import ResultData
+from trainer.sysid.identify.run_identification import run_identification
+from trainer.sysid.logs.delays import MeasuredDelays
+from trainer.sysid.logs.logged_run import LoggedRun
+from trainer.sysid.logs.measured import with_measured
+from trainer.sysid.logs.read_logs import LogSet
+from trainer.sysid.search.config import CONTACT_CHOICES_S, SearchConfig, SimulationConfig, SysidConfig
+from trainer.sysid.search.problem import build_problem
+from trainer.sysid.search.surrogate import score_intervals
+from trainer.sysid.simulation.rollout import RolloutOptions
 
 QUICK = SysidConfig(
     search=SearchConfig(generations=2, population=4),

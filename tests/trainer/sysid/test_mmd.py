@@ -3,7 +3,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from trainer.sysid.mmd import BANDWIDTH_FACTORS, FourierFeatures, embedding_distance, median_bandwidth, mmd_exact
+from trainer.sysid.distance.mmd import (
+    BANDWIDTH_FACTORS,
+    FourierFeatures,
+    embedding_distance,
+    median_bandwidth,
+    mmd_exact,
+)
 
 
 def test_worked_out_by_hand() -> None:

@@ -7,10 +7,10 @@ import pytest
 import yaml
 
 from spot_model.errors import BadInputError
-from spot_model.facts import PAPER_IDENTIFIED
-from spot_model.policy import policy_from_bytes
-from trainer.sysid.noise import NOISY_BLOCKS, noise_sigma, observation_noise, write_noise
-from trainer.sysid.simulated_log import SensorNoise
+from spot_model.policy.policy import policy_from_bytes
+from spot_model.robot.facts import PAPER_IDENTIFIED
+from trainer.sysid.logs.noise import NOISY_BLOCKS, noise_sigma, observation_noise, write_noise
+from trainer.sysid.simulation.simulated_log import SensorNoise
 
 from .conftest import MakeLogs, oscillator_bytes
 
@@ -63,7 +63,7 @@ def test_the_file_holds_what_trainer_and_fake_robot_take(make_logs: MakeLogs, tm
     runs = make_logs(PAPER_IDENTIFIED, sequences={"a": 0.0}, n_ticks=50, n_repeats=1, noise=PLANTED)
     write_noise(observation_noise(runs), tmp_path / "noise.yaml")
     data = yaml.safe_load((tmp_path / "noise.yaml").read_text())
-    from trainer.task_config import TaskConfig
+    from trainer.task.task_config import TaskConfig
 
     task = TaskConfig.model_validate(data["task"])
     assert task.noise.joint_position_rad > 0.0

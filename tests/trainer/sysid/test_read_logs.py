@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from spot_log.format.records import RunHeader
+from spot_log.read.run import CommandTable, ImuTable, Run, RunFooter, SlowTable, StateTable, TickTable
 from spot_model.errors import BadInputError
-from spot_model.policy import Policy, policy_from_bytes
-from spot_runtime.log.records import RunHeader
-from spot_runtime.log.run import CommandTable, ImuTable, Run, RunFooter, SlowTable, StateTable, TickTable
-from trainer.sysid.logged_run import LoggedRun
-from trainer.sysid.read_logs import choose_compared, read_logs, run_from_log
+from spot_model.policy.policy import Policy, policy_from_bytes
+from trainer.sysid.logs.logged_run import LoggedRun
+from trainer.sysid.logs.read_logs import choose_compared, read_logs, run_from_log
 
 from .conftest import MakeLogs, oscillator_bytes
 

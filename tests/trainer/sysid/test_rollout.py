@@ -3,12 +3,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spot_model.effects.command_delay import CommandDelay
-from spot_model.effects.coulomb_friction import CoulombFriction
-from spot_model.policy import Policy
-from trainer.sysid.config import SysidConfig
-from trainer.sysid.logged_run import LoggedRun
-from trainer.sysid.rollout import (
+from spot_model.effects.command.command_delay import CommandDelay
+from spot_model.effects.drive.coulomb_friction import CoulombFriction
+from spot_model.policy.policy import Policy
+from trainer.sysid.logs.logged_run import LoggedRun
+from trainer.sysid.search.config import SysidConfig
+from trainer.sysid.simulation.rollout import (
     RolloutCase,
     RolloutOptions,
     control_substeps,

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from spot_model.errors import BadInputError
-from trainer.ray_cluster import EngineError
-from trainer.sysid.config import SearchConfig, SysidConfig
-from trainer.sysid.engine import LocalEngine, RayEngine
-from trainer.sysid.logged_run import LoggedRun
-from trainer.sysid.problem import Problem, build_problem
-from trainer.sysid.rollout import RolloutOptions
-from trainer.sysid.search import SearchState, run_search
+from trainer.ppo.ray_cluster import EngineError
+from trainer.sysid.logs.logged_run import LoggedRun
+from trainer.sysid.search.config import SearchConfig, SysidConfig
+from trainer.sysid.search.problem import Problem, build_problem
+from trainer.sysid.search.search import SearchState, run_search
+from trainer.sysid.simulation.engine import LocalEngine, RayEngine
+from trainer.sysid.simulation.rollout import RolloutOptions
 
 SEARCH = SearchConfig(generations=4, population=4, seed=3)
 
@@ -22,7 +22,7 @@ SEARCH = SearchConfig(generations=4, population=4, seed=3)
 def problem(logs: list[LoggedRun], policy_path: Path) -> Problem:
     from dataclasses import replace
 
-    from trainer.sysid.logged_run import Ticks
+    from trainer.sysid.logs.logged_run import Ticks
 
     def first_second(run: LoggedRun) -> LoggedRun:
         t = run.ticks

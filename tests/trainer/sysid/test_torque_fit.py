@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from spot_model.facts import PAPER_IDENTIFIED, PaperActuator
-from trainer.sysid.config import SysidConfig
-from trainer.sysid.logged_run import LoggedRun
-from trainer.sysid.torque_fit import TorqueFit, fit_torque
-from trainer.sysid.torque_model import NUISANCE_NAMES, TorqueModel, friction_direction, is_memoryless
-from trainer.sysid.torque_samples import TorqueSamples, torque_samples
-from trainer.sysid.verdict import Estimate, ParameterVerdict, is_narrow, judge
+from spot_model.robot.facts import PAPER_IDENTIFIED, PaperActuator
+from trainer.sysid.identify.verdict import Estimate, ParameterVerdict, is_narrow, judge
+from trainer.sysid.logs.logged_run import LoggedRun
+from trainer.sysid.search.config import SysidConfig
+from trainer.sysid.torque.fit import TorqueFit, fit_torque
+from trainer.sysid.torque.model import NUISANCE_NAMES, TorqueModel, friction_direction, is_memoryless
+from trainer.sysid.torque.samples import TorqueSamples, torque_samples
 
 from .conftest import OTHER_PHYSICS, MakeLogs
 
@@ -128,8 +128,8 @@ def test_friction_has_a_direction_only_in_steady_motion() -> None:
 
 
 def test_an_effect_with_a_memory_is_not_fitted_sample_by_sample() -> None:
-    from spot_model.effects.torque_bandwidth import TorqueBandwidth
-    from spot_model.effects.torque_limit import TorqueLimit
+    from spot_model.effects.drive.torque_bandwidth import TorqueBandwidth
+    from spot_model.effects.limits.torque_limit import TorqueLimit
 
     assert is_memoryless(TorqueLimit(limit_nm=40.0))
     assert not is_memoryless(TorqueBandwidth(time_constant_s=0.01))

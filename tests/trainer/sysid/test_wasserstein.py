@@ -5,7 +5,7 @@ import ot
 import pytest
 import scipy.stats
 
-from trainer.sysid.wasserstein import sliced_wasserstein, unit_directions, wasserstein_1d, wasserstein_sorted
+from trainer.sysid.distance.wasserstein import sliced_wasserstein, unit_directions, wasserstein_1d, wasserstein_sorted
 
 
 @pytest.mark.parametrize(("n", "m"), [(1, 1), (7, 7), (5, 8), (12, 1), (100, 37)])

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from spot_model.policy import Policy, load_policy
-from spot_model.velocity_sequence import VelocitySequence, Waypoint
+from spot_model.io.velocity_sequence import VelocitySequence, Waypoint
+from spot_model.policy.policy import Policy, load_policy
 from withheld.plan import FaultRequest
 from withheld.realities.catalogue import CATALOGUE
 from withheld.realities.reality import make

@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from spot_model import facts
-from spot_model.facts import N_JOINTS, TOTAL_MASS_KG
+from spot_model.robot import facts
+from spot_model.robot.facts import N_JOINTS, TOTAL_MASS_KG
 from withheld.realities.body import build_model
 from withheld.realities.fault_kind import Ask, Draw, flags_of
 from withheld.realities.faults import body, ground, strange_body

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from diagnosis.library.registry import LIBRARY
-from spot_model.facts import JOINT_NAMES
+from spot_model.robot.facts import JOINT_NAMES
 from tests.withheld.realities.quick import faulty, healthy, request, short_run
 from withheld.plan import FaultRequest
 from withheld.realities.catalogue import CATALOGUE

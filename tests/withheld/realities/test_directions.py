@@ -9,8 +9,8 @@ from typing import Any, Final
 import numpy as np
 import pytest
 
-from spot_model.facts import Array
-from spot_model.rotation import matrix_from_wxyz
+from spot_model.robot.facts import Array
+from spot_model.robot.rotation import matrix_from_wxyz
 from tests.withheld.realities.quick import QUICK, faulty, healthy, policy, request
 from withheld.plan import Fault
 from withheld.realities.catalogue import CATALOGUE

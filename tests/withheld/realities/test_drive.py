@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from spot_model.facts import N_JOINTS
+from spot_model.robot.facts import N_JOINTS
 from withheld.realities.drive import Drives
 from withheld.realities.fault_kind import Ask
 from withheld.realities.faults import drive as drive_faults

@@ -10,9 +10,9 @@ import pytest
 from typer.testing import CliRunner
 
 from diagnosis.recording import record
-from spot_model.velocity_sequence import VelocitySequence, Waypoint
-from spot_runtime.log import read_run
-from spot_runtime.log.cli import app
+from spot_log import read_run
+from spot_log.commands import app
+from spot_model.io.velocity_sequence import VelocitySequence, Waypoint
 from tests.withheld.realities.quick import POLICIES, QUICK, ahead, policy, request, short_run
 from withheld.distances import read_folder, walks_of
 from withheld.plan import SIGNALS, Reality, RecordingPlan, Signal

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spot_model import facts
-from spot_model.facts import N_JOINTS
-from spot_model.rotation import rotate_wxyz
+from spot_model.robot import facts
+from spot_model.robot.facts import N_JOINTS
+from spot_model.robot.rotation import rotate_wxyz
 from withheld.realities.contacts import ContactDetector
 from withheld.realities.drive import Drives
 from withheld.realities.estimator import Estimator

@@ -5,8 +5,8 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from spot_model import facts
-from spot_model.facts import JOINT_NAMES
+from spot_model.robot import facts
+from spot_model.robot.facts import JOINT_NAMES
 from withheld.realities.fault_kind import Ask, Built, sign
 from withheld.realities.robot import Robot, leg_mask
 

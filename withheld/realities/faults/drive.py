@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import expm
 
-from spot_model import facts
-from spot_model.facts import Array
+from spot_model.robot import facts
+from spot_model.robot.facts import Array
 from withheld.realities.fault_kind import Ask, Built, at, sign
 from withheld.realities.hooks import Motion
 from withheld.realities.robot import Robot

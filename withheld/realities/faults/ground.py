@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from spot_model.mjcf_options import MjcfOptions
+from spot_model.robot.mjcf_options import MjcfOptions
 from withheld.realities.fault_kind import Ask, Built
 from withheld.realities.robot import Robot, leg_mask
 from withheld.realities.settings import Settings

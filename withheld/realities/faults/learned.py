@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from spot_model.facts import Array
+from spot_model.robot.facts import Array
 from withheld.realities.fault_kind import Ask, Built, at
 from withheld.realities.hooks import Motion
 

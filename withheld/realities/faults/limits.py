@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from spot_model.facts import Array, per_joint
-from spot_model.knee_table import KNEE_MOTOR_TORQUE_NM
+from spot_model.robot.facts import Array, per_joint
+from spot_model.robot.knee_table import KNEE_MOTOR_TORQUE_NM
 from withheld.realities.fault_kind import Ask, Built
 from withheld.realities.robot import HIP_NO_LOAD_RAD_S, Robot
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from spot_model.facts import STATE_PERIOD_NS
+from spot_model.robot.facts import STATE_PERIOD_NS
 from withheld.realities.fault_kind import Ask, Built, at, sign
 from withheld.realities.robot import Robot, leg_mask
 

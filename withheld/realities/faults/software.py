@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spot_model import facts
-from spot_model.facts import Array
+from spot_model.robot import facts
+from spot_model.robot.facts import Array
 from withheld.realities.fault_kind import Ask, Built, at, sign
 from withheld.realities.robot import Robot
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from spot_model.facts import Array, per_joint
+from spot_model.robot.facts import Array, per_joint
 from withheld.realities.fault_kind import Ask, Built
 from withheld.realities.hooks import Motion
 from withheld.realities.robot import Robot

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spot_model.facts import Array
+from spot_model.robot.facts import Array
 from withheld.realities.fault_kind import Ask, Built
 
 DELAY_S = 0.012

@@ -1,0 +1,1 @@
+"""The simulated body: physics, drives, energy, sensors, in robot time."""

@@ -1,0 +1,223 @@
+"""The robot in robot time: physics, modes, sensors, channels and faults, one thread, no waiting."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from fake_robot.body.body import Body
+from fake_robot.body.clock import NS_PER_S, RobotClock
+from fake_robot.body.energy import Energy
+from fake_robot.body.frames import Frame
+from fake_robot.body.sensing import Sensing
+from fake_robot.body.truth import Extremes
+from fake_robot.faults.active_faults import FaultBook
+from fake_robot.faults.fault import Fault
+from fake_robot.faults.system_faults import active_system_faults
+from fake_robot.network.channel import Channel
+from fake_robot.network.robot_port import MotorPower, SystemFault
+from fake_robot.network.state_message import StateMessageBuilder
+from fake_robot.network.streamed_command import StreamedCommand
+from fake_robot.robot.joint_control import JointControl, Stream
+from fake_robot.robot.modes import Modes
+from fake_robot.scenario.scenario import Scenario
+from spot_model.effects.base import CommandEffect, SoftwareEffect
+from spot_model.plant.command_channel import ServoCommand
+from spot_model.robot.facts import STATE_PERIOD_NS, Array
+
+
+class Simulation:
+    """Everything that moves with robot time. Not thread-safe: :class:`fake_robot.robot.robot.Robot` guards it.
+
+    Args:
+        scenario: The robot.
+        clock: Is told how far robot time has been simulated.
+        deliver: Called with every state message (acquisition stamp, bytes) when it reaches the client.
+    """
+
+    def __init__(self, scenario: Scenario, clock: RobotClock, deliver: Callable[[int, bytes], None]) -> None:
+        seeds = np.random.SeedSequence(scenario.seed).spawn(6)
+        rngs = [np.random.default_rng(seed) for seed in seeds]
+        self.scenario = scenario
+        self.now_ns = 0
+        self.body = Body(scenario, rngs[0])
+        self.sensing = Sensing(scenario, self.body, rngs[1])
+        self.joint_control = JointControl(scenario.joint_control, clock.stamp_ns)
+        self.modes = Modes(scenario, self.body, self.joint_control)
+        self.energy = Energy(scenario.battery, scenario.motors)
+        self.faults = FaultBook()
+        self.extremes = Extremes()
+        self.odom = Frame(scenario.frames.odom_position_m, scenario.frames.odom_yaw_rad)
+        self.vision = Frame(scenario.frames.vision_position_m, scenario.frames.vision_yaw_rad)
+        self.distance_m = 0.0
+        self.time_moving_s = 0.0
+        self.time_powered_s = 0.0
+        self.has_diverged = False
+        self._states: Channel[tuple[int, bytes]] = Channel(scenario.state_channel, rngs[2])
+        self._commands: Channel[tuple[Stream, StreamedCommand]] = Channel(scenario.command_channel, rngs[3])
+        self._fault_rng, self._effect_rng = rngs[4], rngs[5]
+        self._clock = clock
+        self._deliver = deliver
+        self._messages = StateMessageBuilder(scenario, self.odom, self.vision)
+        self._n_substeps = scenario.physics.substeps_per_state
+        self._step_ns = STATE_PERIOD_NS // self._n_substeps
+        self._substep = 0
+        self._clock_offset_ns = 0
+        effects = [effect for effect in scenario.robot_model.effects if not effect.is_null]
+        like = np.zeros((1, 12))
+        self._software = [e.arrays_like(like) for e in effects if isinstance(e, SoftwareEffect)]
+        self._command_effects = [e.arrays_like(like) for e in effects if isinstance(e, CommandEffect)]
+        self.report = self.sensing.report(0, self.faults.knobs)
+
+    # Commands ---------------------------------------------------------------------------------------------------------
+
+    def send_command(self, stream: Stream, command: StreamedCommand, sent_ns: int) -> None:
+        """A command leaves the client now; it arrives after the channel's delay, or never."""
+        for software in self._software:
+            servo = command.servo
+            position = software.setpoint_rad(servo.position_rad)
+            servo = ServoCommand(
+                position, servo.velocity_rad_s, servo.load_nm, servo.kp_nm_per_rad, servo.kd_nm_s_per_rad
+            )
+            command = StreamedCommand(**{**vars(command), "servo": servo})
+        delay_s = np.zeros(1)
+        for effect in self._command_effects:
+            delay_s = np.asarray(effect.arrival_s(delay_s, self._effect_rng)).reshape(1)
+        if np.isfinite(delay_s[0]):
+            self._commands.send((stream, command), sent_ns + round(float(delay_s[0]) * NS_PER_S))
+
+    # Faults -----------------------------------------------------------------------------------------------------------
+
+    def inject(self, fault: Fault, duration_s: float | None) -> int:
+        """A fault begins now."""
+        until_ns = None if duration_s is None else self.now_ns + round(duration_s * NS_PER_S)
+        fault_id = self.faults.add(fault, self._clock.stamp_ns(self.now_ns), until_ns)
+        self._turn_knobs()
+        fault.start(self)
+        return fault_id
+
+    def clear_faults(self, fault_ids: tuple[int, ...]) -> list[int]:
+        """End faults by number; all, if empty."""
+        cleared = self.faults.clear(fault_ids or None)
+        self._turn_knobs()
+        return cleared
+
+    def push(self, linear_velocity_m_s: Array, angular_velocity_rad_s: Array) -> None:
+        """Add to the body's velocity at once."""
+        self.body.push(linear_velocity_m_s, angular_velocity_rad_s)
+
+    def lose_power(self, reason: str) -> None:
+        """Cut the motors' power now."""
+        self.modes.power_off(reason)
+
+    def fail_behavior(self, cause: str, message: str) -> None:
+        """Raise a behaviour fault."""
+        self.modes.add_behavior_fault(cause, message)
+
+    def system_faults(self) -> tuple[SystemFault, ...]:
+        """System faults that are active now."""
+        return active_system_faults(self.scenario, self.energy, self.faults.knobs, self.has_diverged)
+
+    # Time passes ------------------------------------------------------------------------------------------------------
+
+    def advance_to(self, until_ns: int) -> None:
+        """Simulate whole physics steps up to, but not beyond, an instant of robot time since the start."""
+        while self.now_ns + self._step_ns <= until_ns:
+            self.step()
+
+    def deliver_states(self, until_ns: int) -> None:
+        """Hand over the state messages that arrive by then."""
+        for _, _, (stamp_ns, message) in self._states.receive(until_ns):
+            self._deliver(stamp_ns, message)
+
+    @property
+    def next_arrival_ns(self) -> int | None:
+        """When the next state message reaches the client."""
+        return self._states.next_arrival_ns
+
+    @property
+    def next_state_ns(self) -> int:
+        """When the next state is sampled."""
+        return self.now_ns + (self._n_substeps - self._substep) * self._step_ns
+
+    def step(self) -> None:
+        """One physics step; after the last one of a period, one state message."""
+        now_ns = self.now_ns
+        if self._commands.next_arrival_ns is not None:
+            for arrival_ns, _, (stream, command) in self._commands.receive(now_ns):
+                self.joint_control.receive(stream, command, arrival_ns, self.body.joint_position_rad)
+        self.body.step(self.modes.servo(now_ns))
+        self.sensing.sample(self._substep)
+        self._substep += 1
+        self.now_ns = now_ns = now_ns + self._step_ns
+        if self._substep == self._n_substeps:
+            self._substep = 0
+            self._end_period()
+        self._clock.set_simulated_ns(now_ns)
+        if self._states.next_arrival_ns is not None:
+            self.deliver_states(now_ns)
+
+    # Private ----------------------------------------------------------------------------------------------------------
+
+    def _end_period(self) -> None:
+        now_ns, body = self.now_ns, self.body
+        if self.faults.active and self.faults.end_due(now_ns):
+            self._turn_knobs()
+        if body.has_diverged():
+            self._recover()
+        self.modes.tick(now_ns)
+        if self.energy.shown_percent(self.faults.knobs) <= self.scenario.battery.critical_percent:
+            self.modes.give_up("the battery is critically low")
+        is_powered = self.modes.motor_power is MotorPower.ON
+        period_s = STATE_PERIOD_NS * 1e-9
+        self.energy.step(body.motor_torque_nm, body.joint_velocity_rad_s, period_s, is_powered=is_powered)
+        self._count(period_s, is_powered=is_powered)
+        self.extremes.note(body)
+        self.report = self.sensing.report(now_ns, self.faults.knobs)
+        self._send_state(now_ns)
+
+    def _send_state(self, now_ns: int) -> None:
+        knobs, stamp_ns = self.faults.knobs, self._clock.stamp_ns(now_ns)
+        if knobs.has_state_gap:
+            return
+        if knobs.back_date_probability > 0.0 and self._fault_rng.random() < knobs.back_date_probability:
+            stamp_ns -= round(knobs.back_date_s * NS_PER_S)
+        control = self.joint_control
+        last_stamp_ns = self._clock.stamp_ns(control.last_received_ns)
+        message = self._messages.build(self.report, stamp_ns, control.last_key, last_stamp_ns)
+        self._states.send((stamp_ns, message), now_ns)
+        if knobs.duplicate_probability > 0.0 and self._fault_rng.random() < knobs.duplicate_probability:
+            self._states.send((stamp_ns, message), now_ns)
+
+    def _count(self, period_s: float, *, is_powered: bool) -> None:
+        if not is_powered:
+            return
+        vx, vy = self.body.base_velocity[:2].tolist()
+        speed_m_s = (vx * vx + vy * vy) ** 0.5
+        self.distance_m += speed_m_s * period_s
+        self.time_powered_s += period_s
+        if speed_m_s > 0.05:
+            self.time_moving_s += period_s
+
+    def _turn_knobs(self) -> None:
+        knobs = self.faults.knobs
+        states, commands = self._states, self._commands
+        states.extra_delay_ns = round(knobs.state_delay_s * NS_PER_S)
+        states.extra_jitter_s = knobs.state_jitter_s
+        states.extra_drop_probability = knobs.state_drop_probability
+        commands.extra_delay_ns = round(knobs.command_delay_s * NS_PER_S)
+        commands.extra_jitter_s = knobs.command_jitter_s
+        commands.extra_drop_probability = knobs.command_drop_probability
+        self.body.torque_gain = knobs.motor_gain if (knobs.motor_gain != 1.0).any() else None
+        offset_ns = round(knobs.clock_offset_s * NS_PER_S)
+        if offset_ns != self._clock_offset_ns:
+            self._clock.jump(offset_ns - self._clock_offset_ns)
+            self._clock_offset_ns = offset_ns
+
+    def _recover(self) -> None:
+        """The numbers broke: put the body back where it lay, without power, and say so in a system fault."""
+        self.has_diverged = True
+        self.body.recover()
+        self.modes.power_off("the simulation diverged")
+        self.modes.add_behavior_fault("hardware", "the simulation diverged")

@@ -1,0 +1,80 @@
+"""Which faults are active, and until when."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from fake_robot.faults.fault import Fault
+from fake_robot.faults.fault_effects import Knobs
+from fake_robot.faults.registry import FAULTS
+from fake_robot.network.robot_port import FaultKind
+
+
+@dataclass(frozen=True)
+class ActiveFault:
+    """A fault that was injected and is not over."""
+
+    fault_id: int
+    fault: Fault
+    onset_robot_stamp_ns: int
+    until_ns: int | None
+    """Robot time since the start at which it ends; None until it is cleared."""
+
+    @property
+    def name(self) -> str:
+        """The fault's name."""
+        return self.fault.name
+
+
+class FaultBook:
+    """The active faults, and the knobs that they turn together."""
+
+    def __init__(self) -> None:
+        self._next_id = 1
+        self.active: list[ActiveFault] = []
+        self.knobs = Knobs()
+
+    def add(self, fault: Fault, onset_robot_stamp_ns: int, until_ns: int | None) -> int:
+        """A fault becomes active; returns its number."""
+        fault_id = self._next_id
+        self._next_id += 1
+        self.active.append(ActiveFault(fault_id, fault, onset_robot_stamp_ns, until_ns))
+        self._turn()
+        return fault_id
+
+    def end_due(self, now_ns: int) -> bool:
+        """End the faults whose time is over; whether there were any."""
+        left = [f for f in self.active if f.until_ns is None or f.until_ns > now_ns]
+        return self._keep(left)
+
+    def clear(self, fault_ids: Iterable[int] | None) -> list[int]:
+        """End faults by number, or all; returns those that were active."""
+        chosen = {f.fault_id for f in self.active} if fault_ids is None else set(fault_ids)
+        cleared = [f.fault_id for f in self.active if f.fault_id in chosen]
+        self._keep([f for f in self.active if f.fault_id not in chosen])
+        return cleared
+
+    def _keep(self, left: list[ActiveFault]) -> bool:
+        if len(left) == len(self.active):
+            return False
+        self.active = left
+        self._turn()
+        return True
+
+    def _turn(self) -> None:
+        self.knobs = Knobs()
+        for active in self.active:
+            active.fault.turn(self.knobs, active.onset_robot_stamp_ns)
+
+
+def fault_kinds() -> tuple[FaultKind, ...]:
+    """All faults of the body, with the meaning of their parameters."""
+    return tuple(
+        FaultKind(
+            name,
+            (fault.__doc__ or "").strip(),
+            {key: info.description or "" for key, info in fault.model_fields.items()},
+        )
+        for name, fault in FAULTS.items()
+    )

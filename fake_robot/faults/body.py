@@ -1,0 +1,119 @@
+"""Faults of power, motors and motion."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+from typing_extensions import override
+
+from fake_robot.faults.fault import Fault, Victim
+from fake_robot.faults.fault_effects import Knobs
+from fake_robot.network.robot_port import SystemFault
+from fake_robot.scenario.parts import JointName
+from spot_model.robot.facts import JOINT_NAMES
+
+
+class LowBattery(Fault):
+    """The battery reports this state of charge."""
+
+    name: ClassVar[str] = "low_battery"
+    percent: float = Field(default=3.0, ge=0.0, le=100.0, description="state of charge, %")
+
+    @override
+    def turn(self, knobs: Knobs, onset_robot_stamp_ns: int) -> None:
+        knobs.battery_percent = self.percent
+
+
+class BatteryFault(Fault):
+    """The battery is faulty: a critical system fault, with which the motors do not power on."""
+
+    name: ClassVar[str] = "battery_fault"
+
+    @override
+    def turn(self, knobs: Knobs, onset_robot_stamp_ns: int) -> None:
+        knobs.system_faults.append(
+            SystemFault("battery_fault", onset_robot_stamp_ns, 1, "battery fault", "critical", ("power",))
+        )
+
+
+class MotorOverTemperature(Fault):
+    """A motor reports a temperature; above the scenario's limit that is a critical system fault."""
+
+    name: ClassVar[str] = "motor_over_temperature"
+    joint: JointName = Field(default="fl_kn", description=f"which: {', '.join(JOINT_NAMES)}")
+    temperature_c: float = Field(default=110.0, ge=-40.0, le=500.0, description="°C")
+
+    @override
+    def turn(self, knobs: Knobs, onset_robot_stamp_ns: int) -> None:
+        knobs.motor_temperature_c[self.joint] = self.temperature_c
+
+
+class WeakMotor(Fault):
+    """A motor gives only part of its torque."""
+
+    name: ClassVar[str] = "weak_motor"
+    joint: JointName = Field(default="fl_kn", description=f"which: {', '.join(JOINT_NAMES)}")
+    gain: float = Field(default=0.0, ge=0.0, le=1.0, description="share of the torque; 0 for a dead motor")
+
+    @override
+    def turn(self, knobs: Knobs, onset_robot_stamp_ns: int) -> None:
+        knobs.motor_gain[JOINT_NAMES.index(self.joint)] *= self.gain
+
+
+class SystemFaultRaised(Fault):
+    """A system fault of your own wording."""
+
+    name: ClassVar[str] = "system_fault"
+    fault_name: str = Field(default="fake_fault", min_length=1, max_length=100, description="its name")
+    message: str = Field(default="", max_length=1000, description="its message")
+    severity: Literal["info", "warn", "critical"] = Field(default="warn", description="info, warn or critical")
+
+    @override
+    def turn(self, knobs: Knobs, onset_robot_stamp_ns: int) -> None:
+        knobs.system_faults.append(
+            SystemFault(self.fault_name, onset_robot_stamp_ns, 0, self.message, self.severity, ())
+        )
+
+
+class BehaviorFaultRaised(Fault):
+    """A behaviour fault: joint control ends, the robot sinks to the ground. It stays until a client clears it."""
+
+    name: ClassVar[str] = "behavior_fault"
+    cause: Literal["fall", "hardware", "lease_timeout", "command_failure"] = Field(
+        default="hardware", description="fall, hardware, lease_timeout or command_failure"
+    )
+
+    @override
+    def start(self, victim: Victim) -> None:
+        victim.fail_behavior(self.cause, "injected")
+
+
+class PowerLoss(Fault):
+    """The motors' power is cut at once."""
+
+    name: ClassVar[str] = "power_loss"
+
+    @override
+    def start(self, victim: Victim) -> None:
+        victim.lose_power("the motors lost power")
+
+
+class Push(Fault):
+    """Somebody pushes the body: its velocity changes at once."""
+
+    name: ClassVar[str] = "push"
+    forward_m_s: float = Field(default=0.0, ge=-10.0, le=10.0, description="along the world's x, m/s")
+    left_m_s: float = Field(default=0.0, ge=-10.0, le=10.0, description="along the world's y, m/s")
+    up_m_s: float = Field(default=0.0, ge=-10.0, le=10.0, description="m/s")
+    roll_rad_s: float = Field(default=0.0, ge=-30.0, le=30.0, description="about the body's x, rad/s")
+    pitch_rad_s: float = Field(default=0.0, ge=-30.0, le=30.0, description="about the body's y, rad/s")
+    yaw_rad_s: float = Field(default=0.0, ge=-30.0, le=30.0, description="about the body's z, rad/s")
+
+    @override
+    def start(self, victim: Victim) -> None:
+        victim.push(
+            np.array([self.forward_m_s, self.left_m_s, self.up_m_s]),
+            np.array([self.roll_rad_s, self.pitch_rad_s, self.yaw_rad_s]),
+        )

@@ -1,0 +1,1 @@
+"""What crosses the network: message streams with delays and losses, and the port that services use."""

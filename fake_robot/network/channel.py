@@ -1,0 +1,78 @@
+"""One direction of the network: whole messages, each delayed by its own draw, in order, some lost."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Generic, TypeVar
+
+import numpy as np
+
+from fake_robot.scenario.parts import ChannelConfig
+
+MessageT = TypeVar("MessageT")
+
+_BLOCK = 512
+
+
+class Channel(Generic[MessageT]):
+    """Messages under way. Times are nanoseconds of robot time since the start.
+
+    A message arrives at max(arrival of the one before, sent + delay): a stream never overtakes itself.
+
+    Args:
+        config: Distribution of the delay, and the share of messages that get lost.
+        rng: Of delays and losses; used by this channel alone.
+    """
+
+    def __init__(self, config: ChannelConfig, rng: np.random.Generator) -> None:
+        self._config = config
+        self._rng = rng
+        self._under_way: deque[tuple[int, int, MessageT]] = deque()
+        self._latest_ns = 0
+        self._delays_ns: list[int] = []
+        self._losses: list[bool] = []
+        self.extra_delay_ns = 0
+        """Added to every delay: a fault."""
+        self.extra_jitter_s = 0.0
+        """Mean of an exponential delay on top: a fault."""
+        self.extra_drop_probability = 0.0
+        """Of each message, on its own: a fault."""
+        self.sent = 0
+        self.dropped = 0
+
+    def send(self, message: MessageT, now_ns: int) -> None:
+        """A message leaves now."""
+        self.sent += 1
+        if not self._delays_ns:
+            self._draw()
+        delay_ns, is_lost = self._delays_ns.pop(), self._losses.pop()
+        if self.extra_jitter_s > 0.0:
+            delay_ns += int(self._rng.exponential(self.extra_jitter_s) * 1e9)
+        if self.extra_drop_probability > 0.0:
+            is_lost = is_lost or self._rng.random() < self.extra_drop_probability
+        if is_lost:
+            self.dropped += 1
+            return
+        self._latest_ns = max(self._latest_ns, now_ns + delay_ns + self.extra_delay_ns)
+        self._under_way.append((self._latest_ns, now_ns, message))
+
+    @property
+    def next_arrival_ns(self) -> int | None:
+        """When the next message arrives; None if none is under way."""
+        return self._under_way[0][0] if self._under_way else None
+
+    def receive(self, now_ns: int) -> list[tuple[int, int, MessageT]]:
+        """What has arrived by now and was not received before, in order: (arrival, sent, message)."""
+        arrived = []
+        while self._under_way and self._under_way[0][0] <= now_ns:
+            arrived.append(self._under_way.popleft())
+        return arrived
+
+    def clear(self) -> None:
+        """Forget what is under way: the connection is gone."""
+        self._under_way.clear()
+
+    def _draw(self) -> None:
+        # In blocks: one draw costs as much as five hundred.
+        self._delays_ns = (self._config.delay.sample(self._rng, _BLOCK) * 1e9).astype(np.int64).tolist()
+        self._losses = (self._rng.random(_BLOCK) < self._config.drop_probability).tolist()

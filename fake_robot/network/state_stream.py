@@ -1,0 +1,45 @@
+"""Open state streams: each gets every message, in order, and none is ever skipped."""
+
+from __future__ import annotations
+
+import queue
+from collections.abc import Callable
+
+MAX_WAITING = 20_000
+"""A reader that is a minute behind is gone: its stream is closed."""
+
+
+class StateSubscription:
+    """One open state stream; see :class:`fake_robot.network.robot_port.StateSubscription`."""
+
+    def __init__(self, on_close: Callable[[StateSubscription], None]) -> None:
+        self._on_close = on_close
+        self._messages: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
+        self._is_closed = False
+
+    def get(self, timeout_s: float) -> bytes | None:
+        """The next message; None after ``timeout_s`` without one, or once closed and empty."""
+        if self._is_closed:
+            return None
+        try:
+            return self._messages.get(timeout=timeout_s)
+        except queue.Empty:
+            return None
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether no message will come any more."""
+        return self._is_closed
+
+    def close(self) -> None:
+        """Send no more; a waiting ``get`` returns."""
+        if not self._is_closed:
+            self._is_closed = True
+            self._messages.put(None)
+            self._on_close(self)
+
+    def put(self, message: bytes) -> None:
+        """A message has arrived."""
+        self._messages.put(message)
+        if self._messages.qsize() > MAX_WAITING:
+            self.close()

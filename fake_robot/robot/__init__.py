@@ -1,0 +1,1 @@
+"""The robot as a whole: modes of operation over the simulated body."""

@@ -1,0 +1,358 @@
+"""What the robot is doing: power, stand, sit, joint control, damping, e-stop, and the ways between them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from fake_robot.body.body import Body
+from fake_robot.body.servo import damping_servo, stand_servo, torque_servo
+from fake_robot.network.robot_port import BehaviorFault, EstopLevel, Mode, MotorPower, StandPose, StreamFailure
+from fake_robot.network.streamed_command import EXPIRED, INACTIVE
+from fake_robot.robot.joint_control import NS_PER_S, Expiry, JointControl
+from fake_robot.robot.vendor_motion import SIT_POSITION_RAD, Path, hold_path, sit_path, stand_path
+from fake_robot.scenario.scenario import Scenario
+from spot_model.errors import SpotRlError
+from spot_model.plant.command_channel import ServoCommand
+from spot_model.robot.facts import TOTAL_MASS_KG
+
+_LOW_BODY_M = 0.32
+"""Below it a stand first puts the feet in place."""
+_LYING_BODY_M = 0.2
+_LYING_S = 0.25
+_SETTLED_S = 0.2
+_RIGHTING_S = 3.0
+_RIGHTING_NM_PER_RAD, _RIGHTING_NM_S_PER_RAD = 70.0, 15.0
+_UPRIGHT = (Mode.SITTING, Mode.STANDING_UP, Mode.STANDING, Mode.SITTING_DOWN, Mode.FROZEN, Mode.JOINT_CONTROL)
+
+
+class MotionRefusedError(SpotRlError):
+    """The robot cannot do this now; the message says why."""
+
+
+class Modes:
+    """The mode machine of one robot. Times are nanoseconds of robot time since the start.
+
+    Args:
+        scenario: Durations, heights and policies.
+        body: What moves.
+        joint_control: Commands of the streams.
+    """
+
+    def __init__(self, scenario: Scenario, body: Body, joint_control: JointControl) -> None:
+        self._power, self._motion, self._policy = scenario.power, scenario.motion, scenario.joint_control
+        self._body = body
+        self._joint_control = joint_control
+        self._mass_kg = TOTAL_MASS_KG + scenario.payload.mass_kg
+        self.mode = Mode.LIMP
+        self.motor_power = MotorPower.OFF
+        self.estop_level = EstopLevel.NONE
+        self.behavior_faults: list[BehaviorFault] = []
+        self.now_ns = 0
+        self._next_fault_id = 1
+        self._until_ns = 0
+        self._is_cut_when_down = False
+        self._lying_since_ns: int | None = None
+        self._servo: ServoCommand = damping_servo(0.0)
+        self._path: Path = hold_path(SIT_POSITION_RAD)
+        self._path_start_ns = 0
+        self._is_path_done = True
+
+    # Asked for by services --------------------------------------------------------------------------------------------
+
+    def power_on(self) -> None:
+        """Start to power the motors."""
+        if self.motor_power in (MotorPower.ON, MotorPower.POWERING_ON):
+            return
+        if self.estop_level is not EstopLevel.NONE:
+            raise MotionRefusedError(f"the e-stop level is {self.estop_level.value}; release it before power on")
+        self.motor_power = MotorPower.POWERING_ON
+        self._until_ns = self._after(self._power.power_on_s)
+
+    def power_off(self, reason: str = "the motors were powered off") -> None:
+        """Cut the motors' power now."""
+        if self.motor_power is MotorPower.OFF:
+            return
+        self._leave_joint_control(StreamFailure(INACTIVE, reason))
+        self._enter(Mode.LIMP)
+        self.motor_power = MotorPower.POWERING_OFF
+        self._until_ns = self._after(self._power.power_off_s)
+
+    def safe_power_off(self) -> None:
+        """Sit down, then cut power."""
+        if self.motor_power is not MotorPower.ON:
+            self.power_off()
+            return
+        if self.mode is not Mode.SITTING:
+            self.sit()
+            self._is_cut_when_down = True
+        else:
+            self.power_off()
+
+    def give_up(self, reason: str) -> None:
+        """Sit down and cut power by itself, unless it is doing so or has no power."""
+        if self.motor_power is not MotorPower.ON or self._is_cut_when_down:
+            return
+        self._leave_joint_control(StreamFailure(INACTIVE, reason))
+        if self.mode in (Mode.DAMPING, Mode.RIGHTING):
+            self._is_cut_when_down = True
+        else:
+            self.safe_power_off()
+
+    def stand(self, course: Sequence[StandPose] = ()) -> None:
+        """Start to stand, or to change the pose of a stand, and then to follow a course of poses."""
+        self._check_can_move("stand")
+        self._leave_joint_control(None)
+        is_low = not self._body.height_m() > _LOW_BODY_M
+        duration_s = self._motion.stand_s if is_low else 0.5 * self._motion.stand_s
+        path = stand_path(
+            self._body.joint_position_rad.copy(),
+            is_low=is_low,
+            duration_s=duration_s,
+            body_height_m=self._motion.stand_height_m,
+            mass_kg=self._mass_kg,
+            course=course or (StandPose(),),
+        )
+        self._follow(Mode.STANDING_UP, path)
+
+    def sit(self) -> None:
+        """Start to sit down."""
+        self._check_powered("sit")
+        self._leave_joint_control(None)
+        start = self._body.joint_position_rad.copy()
+        self._follow(Mode.SITTING_DOWN, sit_path(start, duration_s=self._motion.sit_s, mass_kg=self._mass_kg))
+
+    def freeze(self) -> None:
+        """Hold the joints where they are."""
+        self._check_powered("freeze")
+        self._leave_joint_control(None)
+        self._follow(Mode.FROZEN, hold_path(self._body.joint_position_rad.copy()))
+
+    def right(self) -> None:
+        """Turn the body over, legs folded; the turning itself is a torque from outside."""
+        self._check_powered("self-right")
+        self._leave_joint_control(None)
+        rows = np.stack([self._body.joint_position_rad.copy(), SIT_POSITION_RAD])
+        self._follow(Mode.RIGHTING, Path(rows, np.zeros_like(rows), 1.0))
+        self._until_ns = self._after(_RIGHTING_S)
+
+    def enter_joint_control(self) -> None:
+        """From now on, the newest command of the streams takes effect; until it comes, hold the pose."""
+        self._check_can_move("joint control")
+        if self.mode is Mode.JOINT_CONTROL:
+            return
+        position, load = self._path.at(self._path_time_s())
+        keeps = self.mode in (Mode.SITTING, Mode.STANDING, Mode.STANDING_UP, Mode.FROZEN)
+        path = Path(np.stack([position] * 2), np.stack([load] * 2), 1.0)
+        self._follow(Mode.JOINT_CONTROL, path if keeps else hold_path(self._body.joint_position_rad.copy()))
+        self._joint_control.enter(self.now_ns)
+
+    def leave_joint_control(self) -> None:
+        """Go back to the vendor's own stand; nothing if joint control is not active."""
+        if self.mode is Mode.JOINT_CONTROL:
+            self.stand()
+
+    def set_estop_level(self, level: EstopLevel) -> None:
+        """Follow the e-stop: cut power, or settle on the ground first."""
+        previous, self.estop_level = self.estop_level, level
+        if level is EstopLevel.NONE or level is previous or self.motor_power is MotorPower.OFF:
+            return
+        reason = f"the e-stop was pressed ({level.value})"
+        if level is EstopLevel.CUT or self.motor_power is not MotorPower.ON:
+            self.power_off(reason)
+            return
+        self._leave_joint_control(StreamFailure(INACTIVE, reason))
+        if self.mode in (Mode.DAMPING, Mode.RIGHTING, Mode.LIMP) or self._body.tilt_rad() > self._motion.fall_tilt_rad:
+            self._damp()
+        else:
+            self.sit()
+        self._is_cut_when_down = True
+
+    def add_behavior_fault(self, cause: str, message: str = "") -> BehaviorFault:
+        """Something went wrong while moving: end joint control, sink to the ground."""
+        stamp_ns = self._joint_control.stamp_ns(self.now_ns)
+        fault = BehaviorFault(self._next_fault_id, stamp_ns, cause)
+        self._next_fault_id += 1
+        self.behavior_faults.append(fault)
+        if self.motor_power is MotorPower.ON and self.mode in _UPRIGHT and self.mode is not Mode.SITTING:
+            self._leave_joint_control(StreamFailure(INACTIVE, f"behaviour fault {cause}: {message}".rstrip(": ")))
+            self._damp()
+        return fault
+
+    def clear_behavior_fault(self, fault_id: int) -> bool:
+        """Clear a fault; False if there is none with this number, or it cannot be cleared."""
+        kept = [f for f in self.behavior_faults if f.fault_id != fault_id or not f.is_clearable]
+        is_cleared = len(kept) < len(self.behavior_faults)
+        self.behavior_faults = kept
+        return is_cleared
+
+    # Time passes ------------------------------------------------------------------------------------------------------
+
+    def servo(self, now_ns: int) -> ServoCommand | None:
+        """What the servos follow in the physics step that starts now; None without power."""
+        self.now_ns = now_ns
+        if self.motor_power is not MotorPower.ON:
+            return None
+        if self.mode is Mode.JOINT_CONTROL:
+            command = self._joint_control.servo(now_ns)
+            if isinstance(command, Expiry):
+                self._expire(command)
+            elif command is not None:
+                return command
+        if not self._is_path_done:
+            time_s = self._path_time_s()
+            self._servo = stand_servo(*self._path.at(time_s))
+            self._is_path_done = time_s >= self._path.duration_s
+        return self._servo
+
+    def tick(self, now_ns: int) -> None:
+        """Once a state message: what is due by itself, and what went wrong."""
+        self.now_ns = now_ns
+        if not self._joint_control.is_active and self._joint_control.streams:
+            self._joint_control.end_idle_streams(now_ns, self.mode.value.replace("_", " "))
+        if self.motor_power is MotorPower.OFF:
+            return
+        if self.motor_power is not MotorPower.ON:
+            self._tick_power()
+            return
+        self._tick_motion()
+        self._watch()
+
+    # Private: transitions ---------------------------------------------------------------------------------------------
+
+    def _tick_power(self) -> None:
+        if self.now_ns < self._until_ns:
+            return
+        if self.motor_power is MotorPower.POWERING_OFF:
+            self.motor_power = MotorPower.OFF
+            return
+        self.motor_power = MotorPower.ON
+        self._follow(Mode.SITTING, hold_path(self._body.joint_position_rad.copy()))
+
+    def _tick_motion(self) -> None:
+        is_settled = self._path_time_s() > self._path.duration_s + _SETTLED_S
+        if self.mode is Mode.STANDING_UP and is_settled:
+            self._enter(Mode.STANDING)
+        elif self.mode is Mode.SITTING_DOWN and is_settled:
+            self._come_to_rest()
+        elif self.mode is Mode.DAMPING and self.now_ns >= self._until_ns:
+            self._follow(Mode.SITTING, hold_path(self._body.joint_position_rad.copy()))
+            self._come_to_rest()
+        elif self.mode is Mode.FROZEN and self._until_ns and self.now_ns >= self._until_ns:
+            self._damp()
+        elif self.mode is Mode.RIGHTING:
+            self._turn_over()
+        elif self.mode is Mode.JOINT_CONTROL and self._joint_control.has_waited_too_long(self.now_ns):
+            self.stand()
+
+    def _come_to_rest(self) -> None:
+        is_cut = self._is_cut_when_down
+        self._enter(Mode.SITTING)
+        if is_cut:
+            self.power_off()
+
+    def _turn_over(self) -> None:
+        # About z × up, in proportion to the tilt; a body on its back is turned about its x axis.
+        x, y = _up_in_body(self._body)
+        sine = math.hypot(x, y)
+        axis = np.array([-y / sine, x / sine, 0.0]) if sine > 0.05 else np.array([1.0, 0.0, 0.0])
+        torque_in_body = _RIGHTING_NM_PER_RAD * self._body.tilt_rad() * axis
+        torque_in_body -= _RIGHTING_NM_S_PER_RAD * self._body.base_velocity[3:]
+        is_over = self.now_ns >= self._until_ns
+        self._body.set_external_torque_in_body(np.zeros(3) if is_over else torque_in_body)
+        if is_over:
+            self._follow(Mode.SITTING, hold_path(self._body.joint_position_rad.copy()))
+
+    def _expire(self, expiry: Expiry) -> None:
+        self._leave_joint_control(StreamFailure(EXPIRED, expiry.message))
+        policy = self._policy.on_command_expiry
+        if policy == "hold_vendor_stand":
+            self.stand()
+        elif policy == "freeze_torque":
+            self._enter(Mode.FROZEN)
+            self._servo, self._is_path_done = torque_servo(self._body.motor_torque_nm), True
+            self._until_ns = self._after(self._policy.freeze_torque_s)
+        else:
+            self._damp()
+
+    def _watch(self) -> None:
+        """Falls, and joints beyond the velocity safety limit."""
+        if self.mode is Mode.JOINT_CONTROL:
+            excess = self._joint_control.excess_velocity(self._body.joint_velocity_rad_s)
+            if excess is not None:
+                self.add_behavior_fault("command_failure", excess)
+                return
+        if self.mode not in (Mode.STANDING_UP, Mode.STANDING, Mode.FROZEN, Mode.JOINT_CONTROL):
+            self._lying_since_ns = None
+            return
+        tilt = self._body.tilt_rad()
+        if tilt > self._motion.fall_tilt_rad:
+            self._fall(f"the body is tilted by {math.degrees(tilt):.0f} degrees")
+        elif self.mode in (Mode.STANDING, Mode.JOINT_CONTROL) and self._has_lain():
+            self._fall("the body lies on the ground")
+
+    def _has_lain(self) -> bool:
+        if not (self._body.height_m() < _LYING_BODY_M and self._body.is_lying()):
+            self._lying_since_ns = None
+            return False
+        if self._lying_since_ns is None:
+            self._lying_since_ns = self.now_ns
+        return self.now_ns - self._lying_since_ns > _LYING_S * NS_PER_S
+
+    def _fall(self, message: str) -> None:
+        if self.mode is Mode.JOINT_CONTROL and not self._policy.is_stopped_by_fall:
+            return
+        self.add_behavior_fault("fall", message)
+
+    # Private: means ---------------------------------------------------------------------------------------------------
+
+    def _enter(self, mode: Mode) -> None:
+        if self.mode is Mode.RIGHTING:
+            self._body.set_external_torque_in_body(np.zeros(3))
+        self.mode = mode
+        self._until_ns = 0
+        self._is_cut_when_down = False
+        self._lying_since_ns = None
+
+    def _follow(self, mode: Mode, path: Path) -> None:
+        self._enter(mode)
+        self._path, self._path_start_ns, self._is_path_done = path, self.now_ns, False
+
+    def _damp(self) -> None:
+        is_cut = self._is_cut_when_down
+        self._enter(Mode.DAMPING)
+        self._is_cut_when_down = is_cut
+        self._servo, self._is_path_done = damping_servo(self._motion.damping_nm_s_per_rad), True
+        self._until_ns = self._after(self._motion.damping_s)
+
+    def _leave_joint_control(self, failure: StreamFailure | None) -> None:
+        if self._joint_control.is_active:
+            self._joint_control.leave(self.now_ns, failure)
+        elif failure is not None:
+            self._joint_control.fail_streams(failure)
+
+    def _check_powered(self, verb: str) -> None:
+        if self.motor_power is not MotorPower.ON:
+            raise MotionRefusedError(f"{verb}: the motors are {self.motor_power.value}; power them on first")
+
+    def _check_can_move(self, verb: str) -> None:
+        self._check_powered(verb)
+        if self.behavior_faults:
+            causes = ", ".join(f"{f.cause} ({f.fault_id})" for f in self.behavior_faults)
+            raise MotionRefusedError(f"{verb}: behaviour faults are active: {causes}; clear them first")
+        if self.estop_level is not EstopLevel.NONE:
+            raise MotionRefusedError(f"{verb}: the e-stop level is {self.estop_level.value}; release it first")
+
+    def _after(self, seconds: float) -> int:
+        return self.now_ns + round(seconds * NS_PER_S)
+
+    def _path_time_s(self) -> float:
+        return (self.now_ns - self._path_start_ns) * 1e-9
+
+
+def _up_in_body(body: Body) -> tuple[float, float]:
+    """The x and y components of the world's upward direction in the body frame."""
+    w, x, y, z = body.base_wxyz.tolist()
+    return 2.0 * (x * z - w * y), 2.0 * (y * z + w * x)

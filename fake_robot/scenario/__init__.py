@@ -1,0 +1,1 @@
+"""The scenario file: which robot, which faults, which answers to what nobody knows without a robot."""

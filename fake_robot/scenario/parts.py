@@ -1,0 +1,211 @@
+"""The parts of a scenario: physics, channels, sensors, clock, body, power, and the policies that nobody knows."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from spot_model.plant.delay import Delay, LogNormalDelay
+from spot_model.robot.facts import JOINT_NAMES, ROBOT_CLOCK_SKEW_S, STATE_PERIOD_NS
+
+JointName = Literal[
+    "fl_hx", "fl_hy", "fl_kn", "fr_hx", "fr_hy", "fr_kn", "hl_hx", "hl_hy", "hl_kn", "hr_hx", "hr_hy", "hr_kn"
+]
+
+
+class Part(BaseModel):
+    """A part of a scenario: frozen, and a key that it does not know is an error."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class PhysicsConfig(Part):
+    """How the body is simulated.
+
+    Step, integrator, cone and contact differ on purpose from the plant with which policies are trained, parameters
+    identified and gaps explained, so that none of these succeeds merely because it repeats the fake's arithmetic.
+    """
+
+    substeps_per_state: int = Field(default=2, ge=1, le=12)
+    """Physics steps in the 3 ms between two state messages; 2 gives steps of 1.5 ms."""
+    integrator: Literal["Euler", "implicitfast", "implicit"] = "implicitfast"
+    cone: Literal["pyramidal", "elliptic"] = "elliptic"
+    solver_iterations: int = Field(default=20, ge=1, le=200)
+    contact_time_constant_s: float = Field(default=0.012, ge=0.002, le=0.2)
+    contact_damping_ratio: float = Field(default=1.1, gt=0.0, le=5.0)
+    armature_hip_kg_m2: float = Field(default=0.0403, ge=0.0, le=1.0)
+    armature_knee_kg_m2: float = Field(default=0.0731, ge=0.0, le=1.0)
+    """Reflected rotor inertias; the defaults are one public estimate."""
+    unpowered_damping_nm_s_per_rad: float = Field(default=6.0, ge=0.0, le=100.0)
+    """Drag of gears and shorted motors without power: the robot sinks to the ground, it does not drop."""
+
+    @property
+    def timestep_s(self) -> float:
+        """Length of a physics step, s."""
+        return STATE_PERIOD_NS / self.substeps_per_state * 1e-9
+
+    @model_validator(mode="after")
+    def _step_is_whole(self) -> PhysicsConfig:
+        if STATE_PERIOD_NS % self.substeps_per_state:
+            raise ValueError("substeps_per_state must divide 3 ms into whole nanoseconds: 1, 2, 3, 4, 5, 6, 8, 10, 12")
+        return self
+
+
+class TerrainConfig(Part):
+    """The ground."""
+
+    kind: Literal["flat", "noise"] = "flat"
+    friction: float = Field(default=0.8, ge=0.0, le=3.0)
+    amplitude_m: float = Field(default=0.03, gt=0.0, le=0.3)
+    cell_m: float = Field(default=0.25, gt=0.05, le=2.0)
+    half_size_m: float = Field(default=15.0, gt=1.0, le=50.0)
+
+
+class PayloadConfig(Part):
+    """A mass bolted to the body; 0 kg for none."""
+
+    mass_kg: float = Field(default=0.0, ge=0.0, le=40.0)
+    com_in_body_m: tuple[float, float, float] = (0.0, 0.0, 0.12)
+
+
+class ChannelConfig(Part):
+    """One direction of the network between client and robot, in robot time. Whole messages, in order."""
+
+    delay: Delay
+    drop_probability: float = Field(default=0.0, ge=0.0, le=1.0)
+
+
+STATE_CHANNEL = ChannelConfig(delay=LogNormalDelay(floor_s=0.0009, median_s=0.0006, sigma=0.26))
+"""From the acquisition of a state to the client. The floor is the 0.90 ms between the joints' stamp and the header's in
+a published recording; with the command channel, state to command received is 4.5 ms in the median, and its 99th
+percentile 1 ms above it, the spread of the state age in that recording."""
+
+COMMAND_CHANNEL = ChannelConfig(delay=LogNormalDelay(floor_s=0.0016, median_s=0.0014, sigma=0.2))
+"""From the client to the servos."""
+
+
+class SensorConfig(Part):
+    """Standard deviations of white noise on what the robot reports, and where its sensors sit."""
+
+    position_rad: float = Field(default=3e-4, ge=0.0, le=0.1)
+    velocity_rad_s: float = Field(default=0.03, ge=0.0, le=5.0)
+    load_nm: float = Field(default=0.4, ge=0.0, le=20.0)
+    body_velocity_m_s: float = Field(default=0.015, ge=0.0, le=2.0)
+    body_angular_velocity_rad_s: float = Field(default=0.01, ge=0.0, le=2.0)
+    attitude_rad: float = Field(default=0.001, ge=0.0, le=0.2)
+    imu_acceleration_m_s2: float = Field(default=0.15, ge=0.0, le=10.0)
+    imu_angular_velocity_rad_s: float = Field(default=0.008, ge=0.0, le=2.0)
+    imu_from_body_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    contact_threshold_n: float = Field(default=15.0, ge=0.0, le=200.0)
+    """A foot is said to touch the ground above this normal force."""
+    has_negated_imu_quaternion: bool = True
+    """``odom_rot_link`` comes as −q: the same rotation, and a trap for whoever compares components."""
+
+
+class FrameConfig(Part):
+    """Where the odometry frames start, relative to the true world."""
+
+    odom_position_m: tuple[float, float, float] = (-1.3, 0.4, 0.33)
+    """Origin of odom in the world, m. Its z makes odom report 0.19 m for a body that stands at 0.52 m, as recorded."""
+    odom_yaw_rad: float = Field(default=-0.35, ge=-3.2, le=3.2)
+    vision_position_m: tuple[float, float, float] = (0.2, -0.7, 0.31)
+    vision_yaw_rad: float = Field(default=0.8, ge=-3.2, le=3.2)
+
+
+class ClockConfig(Part):
+    """The robot's clock against the host's."""
+
+    skew_s: float = Field(default=ROBOT_CLOCK_SKEW_S, ge=-1e9, le=1e9)
+    """Robot clock minus host clock at the start."""
+    drift_ppm: float = Field(default=0.0, ge=-10_000.0, le=10_000.0)
+    """How much faster robot time passes, in millionths; in lock-step without meaning."""
+    start_unix_s: int | None = Field(default=None, ge=0, le=4_000_000_000)
+    """Host time at the start, whole seconds; none for now. Give it to make stamps the same in every run."""
+
+
+class BatteryConfig(Part):
+    """The battery. Defaults are plausible for a pack of 58.8 V and 605 Wh, not identified."""
+
+    charge_percent: float = Field(default=92.0, ge=0.0, le=100.0)
+    energy_wh: float = Field(default=605.0, gt=0.0, le=5000.0)
+    full_voltage_v: float = Field(default=58.8, gt=10.0, le=100.0)
+    empty_voltage_v: float = Field(default=44.0, gt=5.0, le=100.0)
+    resistance_ohm: float = Field(default=0.045, ge=0.0, le=2.0)
+    idle_power_w: float = Field(default=90.0, ge=0.0, le=1000.0)
+    motors_on_power_w: float = Field(default=60.0, ge=0.0, le=1000.0)
+    """Drives that are on and idle."""
+    temperature_c: float = Field(default=27.0, ge=-40.0, le=120.0)
+    critical_percent: float = Field(default=2.0, ge=0.0, le=50.0)
+    """At or below it the robot raises a critical system fault and sits down."""
+
+    @model_validator(mode="after")
+    def _full_is_above_empty(self) -> BatteryConfig:
+        if self.full_voltage_v <= self.empty_voltage_v:
+            raise ValueError(f"full_voltage_v must be above empty_voltage_v = {self.empty_voltage_v:g} V")
+        return self
+
+
+class MotorConfig(Part):
+    """Losses and heating of the twelve motors. Plausible, not identified."""
+
+    hip_loss_w_per_nm2: float = Field(default=0.045, ge=0.0, le=10.0)
+    knee_loss_w_per_nm2: float = Field(default=0.025, ge=0.0, le=10.0)
+    """Copper loss a squared joint torque: I²R through the gear."""
+    regeneration_efficiency: float = Field(default=0.6, ge=0.0, le=1.0)
+    heat_capacity_j_per_k: float = Field(default=420.0, gt=0.0, le=1e5)
+    thermal_resistance_k_per_w: float = Field(default=0.9, gt=0.0, le=100.0)
+    ambient_c: float = Field(default=22.0, ge=-40.0, le=60.0)
+    start_temperature_c: float = Field(default=30.0, ge=-40.0, le=150.0)
+    limit_c: float = Field(default=95.0, ge=0.0, le=300.0)
+    """Above it the robot raises a critical system fault."""
+
+
+class PowerConfig(Part):
+    """How long the motors' supply takes."""
+
+    power_on_s: float = Field(default=2.0, ge=0.0, le=60.0)
+    power_off_s: float = Field(default=0.3, ge=0.0, le=10.0)
+
+
+class MotionConfig(Part):
+    """The vendor's own stand and sit, as far as they can be seen from outside."""
+
+    stand_s: float = Field(default=1.6, gt=0.1, le=20.0)
+    sit_s: float = Field(default=1.6, gt=0.1, le=20.0)
+    stand_height_m: float = Field(default=0.52, gt=0.3, le=0.62)
+    """Height of the body's origin over the ground in a stand without offset."""
+    damping_nm_s_per_rad: float = Field(default=8.0, ge=0.0, le=100.0)
+    """Damping of all joints while the robot sinks to the ground after a fault or an expired command."""
+    damping_s: float = Field(default=3.0, gt=0.0, le=60.0)
+    """How long it damps before the motors count as at rest (mode sitting, holding where they are)."""
+    fall_tilt_rad: float = Field(default=1.05, gt=0.1, le=3.2)
+    """A body tilted further, or lying on the ground while it should stand, has fallen."""
+
+
+class JointControlConfig(Part):
+    """Joint control: the rules that nobody knows without a robot, each a named policy."""
+
+    on_command_expiry: Literal["damp", "hold_vendor_stand", "freeze_torque"] = "damp"
+    """What the body does once the newest command is past its end time, or the stream has ended: damp the joints, return
+    to the vendor's own stand, or keep the last torque for ``freeze_torque_s`` and then damp."""
+    freeze_torque_s: float = Field(default=0.5, gt=0.0, le=5.0)
+    activation_wait_s: float = Field(default=5.0, ge=0.0, le=60.0)
+    """How long a stream may run without joint control (then INACTIVE), and joint control without a command (then the
+    robot returns to its stand)."""
+    max_end_time_ahead_s: float = Field(default=10.0, gt=0.0, le=3600.0)
+    """A command that ends further in the future is TOO_DISTANT."""
+    max_first_setpoint_distance_rad: float | None = Field(default=None, gt=0.0, le=6.3)
+    """If given, the first set-point in joint control may lie no further from the measured pose (else TOO_DISTANT)."""
+    is_stopped_by_fall: bool = True
+    """A fall raises a behaviour fault, which ends joint control; otherwise it is only reported."""
+
+
+class RealTimeConfig(Part):
+    """How robot time follows the host's clock in real-time mode."""
+
+    max_catch_up_s: float = Field(default=0.25, gt=0.0, le=10.0)
+    """After a stall the body catches up this much; what is beyond is lost from the robot's clock, and counted."""
+
+
+assert set(JointName.__args__) == set(JOINT_NAMES)  # type: ignore[attr-defined]  # noqa: S101

@@ -1,0 +1,206 @@
+"""A scenario: everything that makes one fake robot what it is, as a YAML file.
+
+schema: spot-rl/scenario/1
+model:
+  effects:
+    - {effect: coulomb_friction, joints: [knees], level_nm: 0.4}
+terrain: {friction: 0.4}
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any, Final, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
+
+from fake_robot.scenario.parts import (
+    COMMAND_CHANNEL,
+    STATE_CHANNEL,
+    BatteryConfig,
+    ChannelConfig,
+    ClockConfig,
+    FrameConfig,
+    JointControlConfig,
+    MotionConfig,
+    MotorConfig,
+    PayloadConfig,
+    PhysicsConfig,
+    PowerConfig,
+    RealTimeConfig,
+    SensorConfig,
+    TerrainConfig,
+)
+from fake_robot.scenario.services_config import ServicesConfig
+from spot_model.errors import BadInputError
+from spot_model.io.model_file import RobotModel, model_from_data
+from spot_model.io.validation import explain
+from spot_model.io.yaml_text import read_yaml
+from spot_model.plant.delay import read_delay_csv
+
+SCHEMA: Final = "spot-rl/scenario/1"
+SHIPPED_FOLDER: Final = Path(__file__).parent / "shipped"
+
+_DEFAULT_EFFECTS: Final[tuple[dict[str, Any], ...]] = (
+    {"effect": "coulomb_friction", "joints": ["hips"], "level_nm": 0.008},
+    {"effect": "coulomb_friction", "joints": ["knees"], "level_nm": 0.18},
+    {"effect": "torque_limit", "joints": ["hips"], "limit_nm": 45.0},
+    {
+        "effect": "torque_speed_curve",
+        "joints": ["knees"],
+        "torque_max_nm": 97.0,
+        "torque_min_nm": -108.79,
+        "speed_max_rad_s": 25.03,
+        "speed_min_rad_s": -22.22,
+        "intersect_max_rad_s": 9.48,
+        "intersect_min_rad_s": -8.32,
+    },
+    {"effect": "position_torque_limit", "motor_torque_nm": 1.5},
+)
+"""What the paper identified on the real robot, but for the delay, which is the channels'."""
+
+
+class ModelConfig(BaseModel):
+    """The robot's hidden truth, in the format of a model file."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    robot: Literal["spot"] = "spot"
+    effects: tuple[dict[str, Any], ...] = _DEFAULT_EFFECTS
+
+
+class Scenario(BaseModel):
+    """A fake robot. Every key has a default, so that an empty file is the default robot."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
+
+    schema_name: Literal["spot-rl/scenario/1"] = Field(default=SCHEMA, alias="schema")
+    description: str = Field(default="", max_length=2000)
+    seed: int = Field(default=1, ge=0, le=2**63 - 1)
+    """Of all noise, delays, drops and terrain; the same seed and the same commands give the same robot bit for bit."""
+    time_mode: Literal["real_time", "lock_step"] = "real_time"
+    """Robot time follows the host's clock, or passes only when asked."""
+    model: ModelConfig = ModelConfig()
+    physics: PhysicsConfig = PhysicsConfig()
+    terrain: TerrainConfig = TerrainConfig()
+    payload: PayloadConfig = PayloadConfig()
+    state_channel: ChannelConfig = STATE_CHANNEL
+    command_channel: ChannelConfig = COMMAND_CHANNEL
+    sensors: SensorConfig = SensorConfig()
+    frames: FrameConfig = FrameConfig()
+    clock: ClockConfig = ClockConfig()
+    battery: BatteryConfig = BatteryConfig()
+    motors: MotorConfig = MotorConfig()
+    power: PowerConfig = PowerConfig()
+    motion: MotionConfig = MotionConfig()
+    joint_control: JointControlConfig = JointControlConfig()
+    real_time: RealTimeConfig = RealTimeConfig()
+    services: ServicesConfig = ServicesConfig()
+
+    _robot_model: RobotModel = PrivateAttr()
+
+    def model_post_init(self, _context: object) -> None:
+        """Build the effects, so that a bad one is an error of the scenario."""
+        self._robot_model = model_from_data(
+            {"robot": self.model.robot, "effects": list(self.model.effects)}, source="model"
+        )
+
+    @property
+    def robot_model(self) -> RobotModel:
+        """The effects of the hidden truth, built."""
+        return self._robot_model
+
+    @property
+    def is_lock_step(self) -> bool:
+        """Whether robot time passes only when asked."""
+        return self.time_mode == "lock_step"
+
+    def with_changes(self, **changes: Any) -> Scenario:
+        """A new scenario with some top-level keys changed; values may be parts, or plain data for them.
+
+        Raises:
+            BadInputError: A key or value is not allowed.
+        """
+        return _validated({**self.to_data(), **changes}, "scenario")
+
+    def to_data(self) -> dict[str, Any]:
+        """Plain data for YAML or JSON, complete with defaults."""
+        data: dict[str, Any] = self.model_dump(mode="json", by_alias=True)
+        return data
+
+    def digest(self) -> str:
+        """SHA-256 of the scenario's data, hexadecimal."""
+        return hashlib.sha256(json.dumps(self.to_data(), sort_keys=True).encode()).hexdigest()
+
+
+def scenario_from_data(data: Any, *, source: str = "scenario", folder: Path | None = None) -> Scenario:
+    """Build a scenario from plain data.
+
+    A channel's delay may be ``{kind: csv, path: FILE}``, a histogram with the columns low_s, high_s and count;
+    ``folder`` is where a relative path starts.
+
+    Raises:
+        BadInputError: A key or value is not allowed; the message names it and ``source``.
+    """
+    if data is None:
+        data = {}
+    if not isinstance(data, dict):
+        raise BadInputError(f"{source}: a scenario is a mapping of keys, not {data!r:.80}")
+    return _validated(_with_histograms(data, source, folder or Path()), source)
+
+
+def load_scenario(name_or_path: str | Path) -> Scenario:
+    """A shipped scenario by name, or one from a YAML file.
+
+    Raises:
+        BadInputError: No such scenario, or the file is not valid.
+    """
+    path = Path(name_or_path)
+    shipped = SHIPPED_FOLDER / f"{name_or_path}.yaml"
+    if path.suffix not in (".yaml", ".yml") and shipped.is_file():
+        path = shipped
+    if not path.is_file():
+        raise BadInputError(
+            f"scenario {str(name_or_path)!r} is no file; allowed: a YAML file, or one of {', '.join(shipped_names())}"
+        )
+    data = read_yaml(path, "scenario file")
+    return scenario_from_data(data, source=f"scenario file {path}", folder=path.parent)
+
+
+def shipped_names() -> tuple[str, ...]:
+    """Names of the scenarios that come with the package."""
+    return tuple(sorted(path.stem for path in SHIPPED_FOLDER.glob("*.yaml")))
+
+
+def _validated(data: dict[str, Any], source: str) -> Scenario:
+    try:
+        # By way of JSON, pydantic's strict mode takes a list for a tuple, but neither "3" nor true for 3.
+        return Scenario.model_validate_json(json.dumps(data, default=_plain), strict=True)
+    except ValidationError as error:
+        raise BadInputError(f"{source}:\n{explain(error, Scenario)}") from error
+    except BadInputError as error:
+        raise BadInputError(f"{source}: {error}") from error
+
+
+def _with_histograms(data: dict[str, Any], source: str, folder: Path) -> dict[str, Any]:
+    out = dict(data)
+    for name in ("state_channel", "command_channel"):
+        channel = out.get(name)
+        if not isinstance(channel, dict):
+            continue
+        delay = channel.get("delay")
+        if not (isinstance(delay, dict) and delay.get("kind") == "csv"):
+            continue
+        if set(delay) != {"kind", "path"} or not isinstance(delay["path"], str):
+            raise BadInputError(f"{source}: {name}.delay = {delay!r}; allowed: {{kind: csv, path: FILE}}")
+        try:
+            out[name] = {**channel, "delay": read_delay_csv(folder / delay["path"])}
+        except BadInputError as error:
+            raise BadInputError(f"{source}: {name}.delay: {error}") from error
+    return out
+
+
+def _plain(value: object) -> Any:
+    return value.model_dump(mode="json") if isinstance(value, BaseModel) else str(value)

@@ -1,0 +1,1 @@
+"""Our own admin service: scenario, faults, lock-step."""

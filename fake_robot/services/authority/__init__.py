@@ -1,0 +1,1 @@
+"""Who may move the robot: leases, e-stop, power, keepalive."""

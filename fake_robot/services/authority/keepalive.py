@@ -1,0 +1,135 @@
+"""KeepaliveService: policies that say what the robot does when a client falls silent."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import grpc
+from bosdyn.api.keepalive import keepalive_pb2, keepalive_service_pb2_grpc
+
+from fake_robot.services.authority.liveness import Heartbeat, LivenessClock
+from fake_robot.services.calls.stamps import ns_from_duration, timestamp_from_ns
+
+MAX_POLICIES = 64
+
+Act = Callable[[keepalive_pb2.ActionAfter], None]
+
+
+@dataclass
+class LivePolicy:
+    """A policy, its client's last sign of life, and which of its actions have been taken since."""
+
+    policy_id: int
+    proto: keepalive_pb2.Policy
+    client_name: str
+    heartbeat: Heartbeat
+    taken: set[int] = field(default_factory=set)
+
+
+@dataclass
+class KeepaliveBook:
+    """Active policies. Thread-safe."""
+
+    clock: LivenessClock
+    _policies: dict[int, LivePolicy] = field(default_factory=dict)
+    _last_id: int = 0
+    _lock: threading.Lock = field(default_factory=threading.Lock)
+
+    def add(self, policy: keepalive_pb2.Policy, client_name: str) -> LivePolicy:
+        """Start a policy; its time runs from now."""
+        with self._lock:
+            self._last_id += 1
+            kept = keepalive_pb2.Policy()
+            kept.CopyFrom(policy)
+            while len(self._policies) >= MAX_POLICIES:
+                del self._policies[next(iter(self._policies))]
+            self._policies[self._last_id] = LivePolicy(self._last_id, kept, client_name, self.clock.beat())
+            return self._policies[self._last_id]
+
+    def remove(self, policy_id: int) -> LivePolicy | None:
+        """End a policy; None if there is none of that number."""
+        with self._lock:
+            return self._policies.pop(policy_id, None)
+
+    def check_in(self, policy_id: int) -> LivePolicy | None:
+        """Hear a client; its policy's time starts again. None if there is none of that number."""
+        with self._lock:
+            policy = self._policies.get(policy_id)
+            if policy is not None:
+                policy.heartbeat = self.clock.beat()
+                policy.taken.clear()
+            return policy
+
+    def policies(self) -> list[LivePolicy]:
+        """Every active policy."""
+        with self._lock:
+            return list(self._policies.values())
+
+    def due(self) -> list[keepalive_pb2.ActionAfter]:
+        """The actions whose time has come since the last call; each comes once a silence."""
+        actions = []
+        with self._lock:
+            for policy in self._policies.values():
+                silence_s = self.clock.elapsed_s(policy.heartbeat)
+                for index, action in enumerate(policy.proto.actions):
+                    if index not in policy.taken and silence_s > ns_from_duration(action.after) * 1e-9:
+                        policy.taken.add(index)
+                        actions.append(action)
+        return actions
+
+    def reset(self) -> None:
+        """Drop every policy, as a reboot does."""
+        with self._lock:
+            self._policies.clear()
+
+
+class KeepaliveService(keepalive_service_pb2_grpc.KeepaliveServiceServicer):  # type: ignore[misc]
+    """Adds, removes and lists policies."""
+
+    def __init__(self, book: KeepaliveBook) -> None:
+        self._book = book
+
+    def ModifyPolicy(  # noqa: N802
+        self, request: keepalive_pb2.ModifyPolicyRequest, context: grpc.ServicerContext
+    ) -> keepalive_pb2.ModifyPolicyResponse:
+        """Remove policies, then add one. Nothing happens when one to remove is unknown."""
+        response = keepalive_pb2.ModifyPolicyResponse()
+        known = {policy.policy_id for policy in self._book.policies()}
+        if not known.issuperset(request.policy_ids_to_remove):
+            response.status = response.STATUS_INVALID_POLICY_ID
+            return response
+        for policy_id in request.policy_ids_to_remove:
+            removed = self._book.remove(policy_id)
+            if removed is not None:
+                response.removed_policies.append(_to_proto(removed))
+        if request.HasField("to_add"):
+            response.added_policy.CopyFrom(_to_proto(self._book.add(request.to_add, request.header.client_name)))
+        response.status = response.STATUS_OK
+        return response
+
+    def CheckIn(  # noqa: N802
+        self, request: keepalive_pb2.CheckInRequest, context: grpc.ServicerContext
+    ) -> keepalive_pb2.CheckInResponse:
+        """Hear a client."""
+        response = keepalive_pb2.CheckInResponse()
+        policy = self._book.check_in(request.policy_id)
+        if policy is None:
+            response.status = response.STATUS_INVALID_POLICY_ID
+            return response
+        response.status = response.STATUS_OK
+        response.last_checkin.CopyFrom(timestamp_from_ns(policy.heartbeat.robot_stamp_ns))
+        return response
+
+    def GetStatus(  # noqa: N802
+        self, request: keepalive_pb2.GetStatusRequest, context: grpc.ServicerContext
+    ) -> keepalive_pb2.GetStatusResponse:
+        """List the active policies."""
+        return keepalive_pb2.GetStatusResponse(status=[_to_proto(policy) for policy in self._book.policies()])
+
+
+def _to_proto(policy: LivePolicy) -> keepalive_pb2.LivePolicy:
+    proto = keepalive_pb2.LivePolicy(policy_id=policy.policy_id, policy=policy.proto, client_name=policy.client_name)
+    proto.last_checkin.CopyFrom(timestamp_from_ns(policy.heartbeat.robot_stamp_ns))
+    return proto

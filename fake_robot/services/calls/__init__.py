@@ -1,0 +1,1 @@
+"""What every call passes through: access checks, headers, the link."""

@@ -1,0 +1,1 @@
+"""Who the robot is: authentication, directory, licences, time sync."""

@@ -1,0 +1,75 @@
+"""DirectoryService and DirectoryRegistrationService: which services there are, and adding one's own."""
+
+from __future__ import annotations
+
+import grpc
+from bosdyn.api import (
+    directory_pb2,
+    directory_registration_pb2,
+    directory_registration_service_pb2_grpc,
+    directory_service_pb2_grpc,
+)
+
+from fake_robot.services.identity.directory_entries import DirectoryBook
+
+
+class DirectoryService(directory_service_pb2_grpc.DirectoryServiceServicer):  # type: ignore[misc]
+    """Lists the services."""
+
+    def __init__(self, directory: DirectoryBook) -> None:
+        self._directory = directory
+
+    def ListServiceEntries(  # noqa: N802
+        self, request: directory_pb2.ListServiceEntriesRequest, context: grpc.ServicerContext
+    ) -> directory_pb2.ListServiceEntriesResponse:
+        """List every entry."""
+        return directory_pb2.ListServiceEntriesResponse(service_entries=self._directory.entries())
+
+    def GetServiceEntry(  # noqa: N802
+        self, request: directory_pb2.GetServiceEntryRequest, context: grpc.ServicerContext
+    ) -> directory_pb2.GetServiceEntryResponse:
+        """Look one entry up by name."""
+        entry = self._directory.entry(request.service_name)
+        if entry is None:
+            return directory_pb2.GetServiceEntryResponse(
+                status=directory_pb2.GetServiceEntryResponse.STATUS_NONEXISTENT_SERVICE
+            )
+        return directory_pb2.GetServiceEntryResponse(
+            status=directory_pb2.GetServiceEntryResponse.STATUS_OK, service_entry=entry
+        )
+
+
+class DirectoryRegistrationService(
+    directory_registration_service_pb2_grpc.DirectoryRegistrationServiceServicer  # type: ignore[misc]
+):
+    """Lets clients list services of their own. They are listed, but calls are not passed on to them."""
+
+    def __init__(self, directory: DirectoryBook) -> None:
+        self._directory = directory
+
+    def RegisterService(  # noqa: N802
+        self, request: directory_registration_pb2.RegisterServiceRequest, context: grpc.ServicerContext
+    ) -> directory_registration_pb2.RegisterServiceResponse:
+        """Add an entry."""
+        response = directory_registration_pb2.RegisterServiceResponse()
+        is_new = self._directory.register(request.service_entry)
+        response.status = response.STATUS_OK if is_new else response.STATUS_ALREADY_EXISTS
+        return response
+
+    def UpdateService(  # noqa: N802
+        self, request: directory_registration_pb2.UpdateServiceRequest, context: grpc.ServicerContext
+    ) -> directory_registration_pb2.UpdateServiceResponse:
+        """Replace an entry that a client added."""
+        response = directory_registration_pb2.UpdateServiceResponse()
+        is_known = self._directory.update(request.service_entry)
+        response.status = response.STATUS_OK if is_known else response.STATUS_NONEXISTENT_SERVICE
+        return response
+
+    def UnregisterService(  # noqa: N802
+        self, request: directory_registration_pb2.UnregisterServiceRequest, context: grpc.ServicerContext
+    ) -> directory_registration_pb2.UnregisterServiceResponse:
+        """Drop an entry that a client added."""
+        response = directory_registration_pb2.UnregisterServiceResponse()
+        is_known = self._directory.unregister(request.service_name)
+        response.status = response.STATUS_OK if is_known else response.STATUS_NONEXISTENT_SERVICE
+        return response

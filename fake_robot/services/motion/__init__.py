@@ -1,0 +1,1 @@
+"""Robot commands and joint control."""

@@ -1,0 +1,1 @@
+"""What the robot reports of itself: state, faults, recorded data."""

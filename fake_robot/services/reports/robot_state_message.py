@@ -1,0 +1,218 @@
+"""A snapshot of the robot as the ``RobotState`` message that clients poll."""
+
+from __future__ import annotations
+
+from bosdyn.api import geometry_pb2, robot_state_pb2
+from bosdyn.client.math_helpers import Quat, SE3Pose
+
+from fake_robot.network.robot_port import BehaviorFault, EstopLevel, Mode, MotorPower, Snapshot, SystemFault
+from fake_robot.services.calls.stamps import NS_PER_S, duration_from_ns, timestamp_from_ns
+from spot_model.robot.facts import JOINT_NAMES
+
+BATTERY_IDENTIFIER = "fake-battery"
+ROOT_FRAME = "body"
+
+_MOTOR_POWER = {
+    MotorPower.OFF: robot_state_pb2.PowerState.STATE_OFF,
+    MotorPower.POWERING_ON: robot_state_pb2.PowerState.STATE_POWERING_ON,
+    MotorPower.ON: robot_state_pb2.PowerState.STATE_ON,
+    MotorPower.POWERING_OFF: robot_state_pb2.PowerState.STATE_POWERING_OFF,
+    MotorPower.ERROR: robot_state_pb2.PowerState.STATE_ERROR,
+}
+_CAUSES = {
+    "fall": robot_state_pb2.BehaviorFault.CAUSE_FALL,
+    "hardware": robot_state_pb2.BehaviorFault.CAUSE_HARDWARE,
+    "lease_timeout": robot_state_pb2.BehaviorFault.CAUSE_LEASE_TIMEOUT,
+    "command_failure": robot_state_pb2.BehaviorFault.CAUSE_COMMAND_FAILURE,
+}
+_SEVERITIES = {
+    "info": robot_state_pb2.SystemFault.SEVERITY_INFO,
+    "warn": robot_state_pb2.SystemFault.SEVERITY_WARN,
+    "critical": robot_state_pb2.SystemFault.SEVERITY_CRITICAL,
+}
+_BEHAVIOR = {
+    Mode.STANDING: robot_state_pb2.BehaviorState.STATE_STANDING,
+    Mode.FROZEN: robot_state_pb2.BehaviorState.STATE_STANDING,
+    Mode.JOINT_CONTROL: robot_state_pb2.BehaviorState.STATE_STEPPING,
+    Mode.STANDING_UP: robot_state_pb2.BehaviorState.STATE_TRANSITION,
+    Mode.SITTING_DOWN: robot_state_pb2.BehaviorState.STATE_TRANSITION,
+    Mode.RIGHTING: robot_state_pb2.BehaviorState.STATE_TRANSITION,
+}
+
+
+def robot_state_message(
+    snapshot: Snapshot,
+    service_faults: robot_state_pb2.ServiceFaultState,
+    *,
+    is_wifi_on: bool,
+    are_payload_ports_on: bool,
+) -> robot_state_pb2.RobotState:
+    """Everything that ``GetRobotState`` tells of a base robot; there is no manipulator state, hence no arm."""
+    state = robot_state_pb2.RobotState(service_fault_state=service_faults)
+    _fill_power(state.power_state, snapshot, is_wifi_on=is_wifi_on, are_payload_ports_on=are_payload_ports_on)
+    if not snapshot.is_battery_missing:
+        _fill_battery(state.battery_states.add(), snapshot)
+    wifi = state.comms_states.add(timestamp=timestamp_from_ns(snapshot.robot_stamp_ns)).wifi_state
+    wifi.current_mode, wifi.essid = robot_state_pb2.WiFiState.MODE_ACCESS_POINT, "fake-spot"
+    _fill_estops(state, snapshot)
+    _fill_faults(state, snapshot)
+    _fill_kinematics(state.kinematic_state, snapshot)
+    _fill_feet(state, snapshot)
+    for name, temperature_c in snapshot.motor_temperature_c.items():
+        state.system_state.motor_temperatures.add(name=_vendor_joint(name), temperature=temperature_c)
+    state.terrain_state.is_unsafe_to_sit = False
+    state.behavior_state.state = _BEHAVIOR.get(snapshot.mode, robot_state_pb2.BehaviorState.STATE_NOT_READY)
+    return state
+
+
+def behavior_fault_message(fault: BehaviorFault) -> robot_state_pb2.BehaviorFault:
+    """A behaviour fault as clients see it."""
+    status = (
+        robot_state_pb2.BehaviorFault.STATUS_CLEARABLE
+        if fault.is_clearable
+        else robot_state_pb2.BehaviorFault.STATUS_UNCLEARABLE
+    )
+    return robot_state_pb2.BehaviorFault(
+        behavior_fault_id=fault.fault_id,
+        onset_timestamp=timestamp_from_ns(fault.onset_robot_stamp_ns),
+        cause=_CAUSES.get(fault.cause, robot_state_pb2.BehaviorFault.CAUSE_UNKNOWN),
+        status=status,
+    )
+
+
+def system_fault_message(fault: SystemFault) -> robot_state_pb2.SystemFault:
+    """A system fault as clients see it."""
+    return robot_state_pb2.SystemFault(
+        name=fault.name,
+        onset_timestamp=timestamp_from_ns(fault.onset_robot_stamp_ns),
+        code=fault.code,
+        error_message=fault.message,
+        attributes=fault.attributes,
+        severity=_SEVERITIES[fault.severity],
+    )
+
+
+def _fill_power(
+    power: robot_state_pb2.PowerState, snapshot: Snapshot, *, is_wifi_on: bool, are_payload_ports_on: bool
+) -> None:
+    power.timestamp.CopyFrom(timestamp_from_ns(snapshot.robot_stamp_ns))
+    power.motor_power_state = _MOTOR_POWER[snapshot.motor_power]
+    power.shore_power_state = power.SHORE_POWER_STATE_ON if snapshot.is_on_shore_power else power.SHORE_POWER_STATE_OFF
+    power.robot_power_state = power.ROBOT_POWER_STATE_ON
+    power.payload_ports_power_state = (
+        power.PAYLOAD_PORTS_POWER_STATE_ON if are_payload_ports_on else power.PAYLOAD_PORTS_POWER_STATE_OFF
+    )
+    power.wifi_radio_power_state = power.WIFI_RADIO_POWER_STATE_ON if is_wifi_on else power.WIFI_RADIO_POWER_STATE_OFF
+    if not snapshot.is_battery_missing:
+        power.locomotion_charge_percentage.value = snapshot.battery_charge_percent
+        power.locomotion_estimated_runtime.CopyFrom(duration_from_ns(round(snapshot.battery_runtime_s) * NS_PER_S))
+
+
+def _fill_battery(battery: robot_state_pb2.BatteryState, snapshot: Snapshot) -> None:
+    battery.timestamp.CopyFrom(timestamp_from_ns(snapshot.robot_stamp_ns))
+    battery.identifier = BATTERY_IDENTIFIER
+    battery.charge_percentage.value = snapshot.battery_charge_percent
+    battery.estimated_runtime.CopyFrom(duration_from_ns(round(snapshot.battery_runtime_s) * NS_PER_S))
+    battery.current.value = snapshot.battery_current_a
+    battery.voltage.value = snapshot.battery_voltage_v
+    battery.temperatures.extend(snapshot.battery_temperature_c)
+    battery.communications_loss_percent.value = 0.0
+    battery.status = battery.STATUS_CHARGING if snapshot.is_on_shore_power else battery.STATUS_DISCHARGING
+
+
+def _fill_estops(state: robot_state_pb2.RobotState, snapshot: Snapshot) -> None:
+    stamp = timestamp_from_ns(snapshot.robot_stamp_ns)
+    kinds = robot_state_pb2.EStopState
+    is_software_stop = snapshot.estop_level is not EstopLevel.NONE
+    state.estop_states.add(
+        timestamp=stamp, name="hardware_estop", type=kinds.TYPE_HARDWARE, state=kinds.STATE_NOT_ESTOPPED
+    )
+    state.estop_states.add(
+        timestamp=stamp,
+        name="software_estop",
+        type=kinds.TYPE_SOFTWARE,
+        state=kinds.STATE_ESTOPPED if is_software_stop else kinds.STATE_NOT_ESTOPPED,
+        state_description=snapshot.estop_level.value,
+    )
+
+
+def _fill_faults(state: robot_state_pb2.RobotState, snapshot: Snapshot) -> None:
+    state.behavior_fault_state.faults.extend(map(behavior_fault_message, snapshot.behavior_faults))
+    state.system_fault_state.faults.extend(map(system_fault_message, snapshot.system_faults))
+    for fault in snapshot.system_faults:
+        for attribute in fault.attributes:
+            worst = max(state.system_fault_state.aggregated[attribute], _SEVERITIES[fault.severity])
+            state.system_fault_state.aggregated[attribute] = worst
+
+
+def _fill_kinematics(kinematics: robot_state_pb2.KinematicState, snapshot: Snapshot) -> None:
+    kinematics.acquisition_timestamp.CopyFrom(timestamp_from_ns(snapshot.robot_stamp_ns))
+    rows = zip(
+        JOINT_NAMES,
+        snapshot.position_rad.tolist(),
+        snapshot.velocity_rad_s.tolist(),
+        snapshot.load_nm.tolist(),
+        strict=True,
+    )
+    for name, position_rad, velocity_rad_s, load_nm in rows:
+        joint = kinematics.joint_states.add(name=_vendor_joint(name))
+        joint.position.value, joint.velocity.value, joint.load.value = position_rad, velocity_rad_s, load_nm
+        joint.acceleration.value = 0.0
+    _fill_velocity(
+        kinematics.velocity_of_body_in_odom,
+        snapshot.linear_vel_of_body_in_odom_m_s.tolist(),
+        snapshot.angular_vel_of_body_in_odom_rad_s.tolist(),
+    )
+    _fill_velocity(
+        kinematics.velocity_of_body_in_vision,
+        snapshot.linear_vel_of_body_in_vision_m_s.tolist(),
+        snapshot.angular_vel_of_body_in_vision_rad_s.tolist(),
+    )
+    kinematics.transforms_snapshot.CopyFrom(frame_tree(snapshot))
+
+
+def _fill_velocity(velocity: geometry_pb2.SE3Velocity, linear: list[float], angular: list[float]) -> None:
+    velocity.linear.x, velocity.linear.y, velocity.linear.z = linear
+    velocity.angular.x, velocity.angular.y, velocity.angular.z = angular
+
+
+def frame_tree(snapshot: Snapshot) -> geometry_pb2.FrameTreeSnapshot:
+    """The tree of a real robot: the body is the root; odom, vision and flat_body hang from it, the ground from odom."""
+    frames = geometry_pb2.FrameTreeSnapshot()
+    edges = frames.child_to_parent_edge_map
+    edges[ROOT_FRAME].SetInParent()
+    odom_from_body = _pose(snapshot.position_of_body_in_odom_m.tolist(), snapshot.odom_from_body_wxyz.tolist())
+    vision_from_body = _pose(snapshot.position_of_body_in_vision_m.tolist(), snapshot.vision_from_body_wxyz.tolist())
+    for name, pose in (("odom", odom_from_body), ("vision", vision_from_body)):
+        edges[name].parent_frame_name = ROOT_FRAME
+        edges[name].parent_tform_child.CopyFrom(pose.inverse().to_proto())
+    flat = SE3Pose(0.0, 0.0, 0.0, odom_from_body.rot.inverse() * Quat.from_yaw(odom_from_body.rot.to_yaw()))
+    edges["flat_body"].parent_frame_name = ROOT_FRAME
+    edges["flat_body"].parent_tform_child.CopyFrom(flat.to_proto())
+    ground = SE3Pose(odom_from_body.x, odom_from_body.y, snapshot.ground_height_in_odom_m, Quat())
+    edges["gpe"].parent_frame_name = "odom"
+    edges["gpe"].parent_tform_child.CopyFrom(ground.to_proto())
+    center = snapshot.foot_position_in_body_m.mean(axis=0).tolist()
+    edges["feet_center"].parent_frame_name = ROOT_FRAME
+    edges["feet_center"].parent_tform_child.CopyFrom(SE3Pose(*center, Quat()).to_proto())
+    return frames
+
+
+def _fill_feet(state: robot_state_pb2.RobotState, snapshot: Snapshot) -> None:
+    for (x_m, y_m, z_m), is_down in zip(
+        snapshot.foot_position_in_body_m.tolist(), snapshot.foot_contact.tolist(), strict=True
+    ):
+        foot = state.foot_state.add()
+        foot.foot_position_rt_body.x, foot.foot_position_rt_body.y, foot.foot_position_rt_body.z = x_m, y_m, z_m
+        foot.contact = foot.CONTACT_MADE if is_down else foot.CONTACT_LOST
+        foot.terrain.ground_mu_est = 0.8
+        foot.terrain.frame_name = "odom"
+
+
+def _pose(position_m: list[float], wxyz: list[float]) -> SE3Pose:
+    return SE3Pose(*position_m, Quat(*wxyz))
+
+
+def _vendor_joint(name: str) -> str:
+    """``fl_hx`` as the polled state calls it: ``fl.hx``."""
+    return name.replace("_", ".")

@@ -1,0 +1,160 @@
+"""ImageService: the cameras of a base robot. They see nothing: a test card, and depth without a return."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import grpc
+from bosdyn.api import image_pb2, image_service_pb2_grpc
+from bosdyn.client.math_helpers import Quat, SE3Pose
+
+from fake_robot.services.calls.access import refuse_request
+from fake_robot.services.calls.stamps import timestamp_from_ns
+from fake_robot.services.reports.robot_state_message import ROOT_FRAME, frame_tree
+from fake_robot.services.sensors import test_card
+from fake_robot.services.sensors.world import World
+from spot_model.robot.mjcf import BODY_HALF_SIZE_M
+
+VISUAL_SIZE = (640, 480)
+DEPTH_SIZE = (424, 240)
+MAX_IMAGES = 30
+"""In one answer: each source twice."""
+DEPTH_SCALE = 1000.0
+"""Counts of a depth image a metre."""
+_LONG_M, _WIDE_M, _ = BODY_HALF_SIZE_M
+_HEADINGS_RAD = {
+    "frontleft": (0.1, (_LONG_M, 0.04)),
+    "frontright": (-0.1, (_LONG_M, -0.04)),
+    "left": (math.pi / 2, (0.0, _WIDE_M)),
+    "right": (-math.pi / 2, (0.0, -_WIDE_M)),
+    "back": (math.pi, (-_LONG_M, 0.0)),
+}
+"""Where each pair of cameras looks, and where on the body it sits (x, y): roughly as on the robot."""
+_LENS_FROM_LEVEL = Quat(0.5, -0.5, 0.5, -0.5)
+"""A camera's z looks ahead, its x to the right and its y down."""
+
+Response = image_pb2.ImageResponse
+Image = image_pb2.Image
+
+
+@dataclass(frozen=True)
+class Camera:
+    """One image source: its size in pixels, its sensor's frame, and how its images may be had."""
+
+    name: str
+    is_depth: bool
+    size: tuple[int, int]
+    frame: str
+    body_from_lens: SE3Pose
+
+    @property
+    def formats(self) -> tuple[int, ...]:
+        """Encodings, the best one first."""
+        return (Image.FORMAT_RAW,) if self.is_depth else (Image.FORMAT_JPEG, Image.FORMAT_RAW)
+
+    @property
+    def pixel_format(self) -> int:
+        """The one kind of pixels that it has."""
+        return int(Image.PIXEL_FORMAT_DEPTH_U16 if self.is_depth else Image.PIXEL_FORMAT_GREYSCALE_U8)
+
+
+def _cameras() -> dict[str, Camera]:
+    cameras = []
+    for place, (heading_rad, (x_m, y_m)) in _HEADINGS_RAD.items():
+        pose = SE3Pose(x_m, y_m, 0.0, Quat.from_yaw(heading_rad) * _LENS_FROM_LEVEL)
+        fisheye = f"{place}_fisheye"
+        cameras += [
+            Camera(f"{place}_fisheye_image", is_depth=False, size=VISUAL_SIZE, frame=fisheye, body_from_lens=pose),
+            Camera(f"{place}_depth", is_depth=True, size=DEPTH_SIZE, frame=place, body_from_lens=pose),
+            Camera(
+                f"{place}_depth_in_visual_frame",
+                is_depth=True,
+                size=VISUAL_SIZE,
+                frame=fisheye,
+                body_from_lens=pose,
+            ),
+        ]
+    return {camera.name: camera for camera in sorted(cameras, key=lambda camera: camera.name)}
+
+
+CAMERAS = _cameras()
+
+
+class ImageService(image_service_pb2_grpc.ImageServiceServicer):  # type: ignore[misc]
+    """Lists the cameras and gives out their images; none of them where the configuration says so."""
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self._cameras = CAMERAS if world.config.cameras == "test_card" else {}
+
+    def ListImageSources(  # noqa: N802
+        self, request: image_pb2.ListImageSourcesRequest, context: grpc.ServicerContext
+    ) -> image_pb2.ListImageSourcesResponse:
+        """Every camera."""
+        sources = [_source(camera, camera.size) for camera in self._cameras.values()]
+        return image_pb2.ListImageSourcesResponse(image_sources=sources)
+
+    def GetImage(  # noqa: N802
+        self, request: image_pb2.GetImageRequest, context: grpc.ServicerContext
+    ) -> image_pb2.GetImageResponse:
+        """An image for each request, in their order."""
+        if len(request.image_requests) > MAX_IMAGES:
+            told = f"{len(request.image_requests)} images in one request; allowed: {MAX_IMAGES}"
+            refused: image_pb2.GetImageResponse = refuse_request(image_pb2.GetImageResponse(), told)
+            return refused
+        return image_pb2.GetImageResponse(image_responses=[self._image(wanted) for wanted in request.image_requests])
+
+    def _image(self, wanted: image_pb2.ImageRequest) -> image_pb2.ImageResponse:
+        camera = self._cameras.get(wanted.image_source_name)
+        if camera is None:
+            answer = Response(status=Response.STATUS_UNKNOWN_CAMERA)
+            answer.source.name = wanted.image_source_name
+            return answer
+        ratio = wanted.resize_ratio or 1.0
+        if not 0.0 < ratio <= 1.0:
+            return _refusal(camera, Response.STATUS_UNSUPPORTED_RESIZE_RATIO_REQUESTED)
+        if wanted.pixel_format not in {Image.PIXEL_FORMAT_UNKNOWN, camera.pixel_format}:
+            return _refusal(camera, Response.STATUS_UNSUPPORTED_PIXEL_FORMAT_REQUESTED)
+        asked = [wanted.image_format or camera.formats[0], *wanted.fallback_formats]
+        encoding = next((kind for kind in asked if kind in camera.formats), None)
+        if encoding is None:
+            return _refusal(camera, Response.STATUS_UNSUPPORTED_IMAGE_FORMAT_REQUESTED)
+        size = (max(1, round(camera.size[0] * ratio)), max(1, round(camera.size[1] * ratio)))
+        answer = Response(status=Response.STATUS_OK, source=_source(camera, size))
+        self._fill(answer.shot, camera, size, encoding)
+        return answer
+
+    def _fill(self, shot: image_pb2.ImageCapture, camera: Camera, size: tuple[int, int], encoding: int) -> None:
+        snapshot = self._world.robot.snapshot()
+        shot.acquisition_time.CopyFrom(timestamp_from_ns(snapshot.robot_stamp_ns))
+        shot.transforms_snapshot.CopyFrom(frame_tree(snapshot))
+        edge = shot.transforms_snapshot.child_to_parent_edge_map[camera.frame]
+        edge.parent_frame_name = ROOT_FRAME
+        edge.parent_tform_child.CopyFrom(camera.body_from_lens.to_proto())
+        shot.frame_name_image_sensor = camera.frame
+        shot.image.cols, shot.image.rows = size
+        shot.image.format, shot.image.pixel_format = encoding, camera.pixel_format
+        if camera.is_depth:
+            shot.image.data = bytes(2 * size[0] * size[1])
+        else:
+            shot.image.data = test_card.jpeg(*size) if encoding == Image.FORMAT_JPEG else test_card.raw(*size)
+
+
+def _source(camera: Camera, size: tuple[int, int]) -> image_pb2.ImageSource:
+    source = image_pb2.ImageSource(name=camera.name, cols=size[0], rows=size[1])
+    source.image_formats.extend(camera.formats)
+    source.pixel_formats.append(camera.pixel_format)
+    if camera.is_depth:
+        source.image_type, source.depth_scale = source.IMAGE_TYPE_DEPTH, DEPTH_SCALE
+    else:
+        source.image_type = source.IMAGE_TYPE_VISUAL
+    # A lens that sees 90 degrees across: the fake's own, not the robot's.
+    lens = source.pinhole.intrinsics
+    lens.focal_length.x = lens.focal_length.y = lens.principal_point.x = size[0] / 2
+    lens.principal_point.y = size[1] / 2
+    return source
+
+
+def _refusal(camera: Camera, status: int) -> image_pb2.ImageResponse:
+    return Response(status=status, source=_source(camera, camera.size))

@@ -1,0 +1,1 @@
+"""Starting a fake robot: command line, certificates, server, real-time pacing."""

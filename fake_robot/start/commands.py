@@ -1,0 +1,151 @@
+"""Serve a fake Spot that speaks Boston Dynamics' own services."""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import signal
+import subprocess
+import sys
+import threading
+from pathlib import Path
+from types import FrameType
+from typing import Annotated
+
+import typer
+from google.protobuf.message import DecodeError
+
+from fake_robot.start.certificates import write_private
+from fake_robot.start.running import FakeOptions, RunningFake
+from fake_robot.start.server import FakeServer
+from fake_robot.start.state_folder import DEFAULT_USERNAME
+from spot_model.errors import BadInputError
+
+HOST_PLACEHOLDER = "HOST"
+HOST_VARIABLE = "SPOT_RL_FAKE_HOST"
+POLL_PERIOD_S = 0.1
+
+app = typer.Typer(invoke_without_command=True, no_args_is_help=False, add_completion=False)
+
+
+@app.callback()
+def fake_robot(
+    context: typer.Context,
+    scenario: Annotated[
+        str, typer.Option(help="Scenario file (YAML), or the name of a shipped one; without it, the default robot.")
+    ] = "",
+    lock_step: Annotated[
+        bool, typer.Option("--lock-step", help="Robot time passes only by the admin service.")
+    ] = False,
+    address: Annotated[str, typer.Option(help="IP address to listen on.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=0, max=65535, help="TCP port; 0 picks a free one.")] = 8443,
+    socket: Annotated[Path | None, typer.Option(help="Listen on this Unix socket instead of TCP.")] = None,
+    admin: Annotated[
+        str,
+        typer.Option(help="Where the admin service listens: unix:/PATH or 127.0.0.1:PORT; a private socket if empty."),
+    ] = "",
+    state_dir: Annotated[
+        Path | None, typer.Option(help="Folder of certificates and password; one a user if not given.")
+    ] = None,
+    username: Annotated[str, typer.Option(help="User name that the robot knows.")] = DEFAULT_USERNAME,
+    password_file: Annotated[
+        Path | None, typer.Option(help="File with the password, mode 0600; one is made up if not given.")
+    ] = None,
+    json_output: Annotated[bool, typer.Option("--json", help="Print one JSON object when ready.")] = False,
+    ready_file: Annotated[Path | None, typer.Option(help="Also write that JSON object to this file.")] = None,
+    until_stdin_closes: Annotated[
+        bool, typer.Option("--until-stdin-closes", help="End when standard input closes, as when the parent dies.")
+    ] = False,
+    verbose: Annotated[bool, typer.Option("--verbose", help="Log what the server does.")] = False,
+) -> None:
+    """Serve a fake Spot that speaks Boston Dynamics' own services."""
+    logging.basicConfig(level=logging.INFO if verbose else logging.WARNING, format="%(levelname)s %(message)s")
+    logging.getLogger("grpc._common").addFilter(in_one_line)
+    if socket is not None and address != "127.0.0.1":
+        raise BadInputError("--socket and --address exclude each other; give one of them")
+    options = FakeOptions(scenario, lock_step, address, port, socket, admin, state_dir, username, password_file)
+    if context.invoked_subcommand is not None:
+        context.obj = options
+        return
+    with _signals_end_it() as stop, RunningFake(options) as fake:
+        description = json.dumps(fake.description())
+        if ready_file is not None:
+            _write_ready_file(ready_file, description)
+        typer.echo(description if json_output else fake.text())
+        sys.stdout.flush()
+        if until_stdin_closes:
+            threading.Thread(target=_wait_for_stdin, args=(fake.server,), daemon=True).start()
+        while not fake.server.wait(POLL_PERIOD_S) and not stop.is_set():
+            pass
+        fake.server.raise_crash()
+
+
+@app.command("exec", context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
+def exec_program(context: typer.Context) -> None:
+    """Run a program against a fake of its own: exec -- python your_program.py HOST.
+
+    Every argument that is HOST becomes the host argument; it is also in $SPOT_RL_FAKE_HOST.
+    """
+    if not context.args:
+        raise BadInputError("exec needs a program: spot-rl fake-robot exec -- python your_program.py HOST")
+    options: FakeOptions = context.obj
+    if options.port == FakeOptions.port:
+        options = FakeOptions(**{**vars(options), "port": 0})
+    with _signals_end_it() as stop, RunningFake(options) as fake:
+        host = fake.endpoints.sdk_host
+        words = [host if word == HOST_PLACEHOLDER else word for word in context.args]
+        environment = {**os.environ, **fake.environment.variables(), HOST_VARIABLE: host}
+        try:
+            code = _run_program(words, environment, stop)
+        except OSError as error:
+            raise BadInputError(f"the program {words[0]!r} cannot be run: {error.strerror}") from error
+    raise typer.Exit(code)
+
+
+class _signals_end_it:  # noqa: N801 - reads as a phrase where it is used
+    """Turn SIGINT and SIGTERM into an event while the block runs."""
+
+    def __enter__(self) -> threading.Event:
+        self._event = threading.Event()
+        self._before = {number: signal.signal(number, self._note) for number in (signal.SIGINT, signal.SIGTERM)}
+        return self._event
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+    def _note(self, number: int, frame: FrameType | None) -> None:
+        self._event.set()
+
+
+def in_one_line(record: logging.LogRecord) -> bool:
+    """Bytes of a client that are no message are its defect: they get a line in the log, not a traceback of ours."""
+    error = record.exc_info[1] if record.exc_info else None
+    if isinstance(error, DecodeError):
+        record.msg, record.args, record.exc_info = "a client's request cannot be read: %s", (error,), None
+    return True
+
+
+def _run_program(words: list[str], environment: dict[str, str], stop: threading.Event) -> int:
+    """Run to the end, or until ``stop``: then the program gets a SIGTERM. 128 + n for a program that signal n ended."""
+    process = subprocess.Popen(words, env=environment)  # noqa: S603 - it is the user's own program
+    while process.poll() is None:
+        if stop.wait(POLL_PERIOD_S):
+            process.terminate()
+            break
+    code = process.wait()
+    return code if code >= 0 else 128 - code
+
+
+def _write_ready_file(path: Path, description: str) -> None:
+    try:
+        write_private(path, description.encode() + b"\n")
+    except OSError as error:
+        raise BadInputError(f"the ready file {path} cannot be written: {error.strerror}") from error
+
+
+def _wait_for_stdin(server: FakeServer) -> None:
+    while os.read(sys.stdin.fileno(), 4096):
+        pass
+    server.request_stop()

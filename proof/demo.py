@@ -1,0 +1,84 @@
+"""Walk a fake Spot, log it, and show the result."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Annotated, Final
+
+import typer
+
+from proof.fake_process import FakeAddress, FakeProcess
+from spot_log import read_run
+from spot_log.page.page import write_page
+from spot_log.page.summary import summarise
+from spot_model.errors import BadInputError, SpotRlError
+from spot_model.io.velocity_sequence import VelocitySequence, forward_sequence, save_sequence
+from spot_model.policy.policy import load_policy
+
+TOP_SPEED_SHARE: Final = 1.0
+"""Share of the policy's own top speed that the sequence reaches."""
+
+
+class DemoError(SpotRlError):
+    """The demo's run did not complete."""
+
+    exit_code = 93
+
+
+def demo(
+    policy: Annotated[Path, typer.Option(help="ONNX file with its contract.")] = Path("policies/walk.onnx"),
+    out: Annotated[Path, typer.Option(help="Folder of the log and the page.")] = Path("demo-output"),
+    scenario: Annotated[str, typer.Option(help="Scenario of the fake robot.")] = "default",
+    top_speed: Annotated[
+        float, typer.Option(min=0.0, max=5.0, help="Top speed of the sequence, m/s; 0: the policy's own.")
+    ] = 0.0,
+    lock_step: Annotated[
+        bool, typer.Option("--lock-step", help="Not in real time: the robot waits, so any computer is fast enough.")
+    ] = False,
+) -> None:
+    """Walk a fake Spot through the forward sequence in real time; leave a log, a summary and a page with plots."""
+    began_s = time.monotonic()
+    contract = load_policy(policy).contract
+    speed_m_s = min(contract.velocity_command_high[0] * TOP_SPEED_SHARE, top_speed or float("inf"))
+    if speed_m_s <= 0.0:
+        raise BadInputError(f"policy {policy} takes no forward speed (its highest is {speed_m_s} m/s); give another")
+    folder = out / time.strftime("%Y%m%d-%H%M%S")
+    folder.mkdir(parents=True, exist_ok=False)
+    sequence = folder / "sequence.yaml"
+    save_sequence(scaled_forward(speed_m_s), sequence)
+    _say(began_s, f"starting a fake Spot (scenario {scenario}) in a process of its own")
+    pace = "in lock-step" if lock_step else "in real time over the real API (about 30 s)"
+    with FakeProcess(scenario=scenario, is_lock_step=lock_step, fifo_priority=0 if lock_step else 30) as fake:
+        _say(began_s, f"walking forward up to {speed_m_s:g} m/s, {pace}")
+        _walk(fake.address, policy, sequence, folder, ["--lock-step", fake.address.admin] if lock_step else [])
+    (log,) = folder.glob("*.mcap")
+    _say(began_s, "reading the log")
+    run = read_run(log)
+    typer.echo("\n" + summarise(run) + "\n")
+    _say(began_s, "drawing the page")
+    page = folder / "report.html"
+    write_page(run, page)
+    _say(began_s, "done")
+    typer.echo(f"log   {log}\npage  {page}")
+
+
+def scaled_forward(top_speed_m_s: float) -> VelocitySequence:
+    """The paper's forward sequence at the speed that a policy can reach."""
+    return forward_sequence(top_speed_m_s).model_copy(update={"name": f"forward_{top_speed_m_s:g}"})
+
+
+def _walk(address: FakeAddress, policy: Path, sequence: Path, folder: Path, more: list[str]) -> None:
+    words = ["run", "--robot", address.robot, "--policy", str(policy), "--sequence", str(sequence)]
+    words += ["--log-dir", str(folder), "--label", "purpose=demo", *more]
+    command = [sys.executable, "-c", "from spot_model.io.command_line import main; main()", *words]
+    code = subprocess.run(command, env={**os.environ, **address.environment}, check=False).returncode  # noqa: S603
+    if code != 0:
+        raise DemoError(f"the run ended with exit code {code}; its reason stands above, its log is in {folder}")
+
+
+def _say(began_s: float, text: str) -> None:
+    typer.echo(f"[{time.monotonic() - began_s:5.1f} s] {text}", err=True)

@@ -1,0 +1,116 @@
+"""Try every row of the fault matrix on a fake robot."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+import time
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Annotated, Final
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from proof.faults import rows_link, rows_log, rows_more, rows_policy, rows_process, rows_robot, rows_state, rows_twice
+from proof.faults.rig import rig
+from proof.faults.rows import Result, Row, tidy, try_row
+from spot_model.errors import BadInputError
+from spot_model.policy.policy import load_policy
+from spot_runtime.host.termination import unwound_when_ended
+
+ROWS: Final[tuple[Row, ...]] = (
+    *rows_link.ROWS,
+    *rows_state.ROWS,
+    *rows_robot.ROWS,
+    *rows_policy.ROWS,
+    *rows_process.ROWS,
+    *rows_log.ROWS,
+    *rows_twice.ROWS,
+    *rows_more.ROWS,
+    *rows_robot.ALONE,
+)
+EXIT_FAILED: Final = 1
+
+
+def faults(
+    json_output: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    real_time: Annotated[bool, typer.Option("--real-time", help="Only the rows of time, in real time.")] = False,
+    only: Annotated[str, typer.Option(help="Only rows whose name holds this.")] = "",
+    quick: Annotated[bool, typer.Option("--quick", help="Leave out the rows that take minutes.")] = False,
+    policy: Annotated[Path, typer.Option(help="ONNX file with its contract.")] = Path("policies/walk.onnx"),
+    scenario: Annotated[str, typer.Option(help="Scenario of the fake robot.")] = "default",
+) -> None:
+    """Try every row of the fault matrix on a fake robot, in lock-step: what happens, how soon, and what is left."""
+    load_policy(policy)
+    rows = chosen(only, is_real_time=real_time, is_quick=quick)
+    results: list[Result] = []
+    began_s = time.monotonic()
+    for result in tried(rows, policy, scenario, is_real_time=real_time):
+        results.append(result)
+        left_s = (time.monotonic() - began_s) / len(results) * (len(rows) - len(results))
+        mark, words = "ok " if result.ok else "BAD", "; ".join(result.problems)
+        typer.echo(
+            f"{len(results)}/{len(rows)} {mark} {result.fault}: {result.reaction} {words} "
+            f"(about {left_s / 60:.0f} min left)",
+            err=True,
+        )
+    failed = sum(not result.ok for result in results)
+    if json_output:
+        typer.echo(json.dumps({"rows": [result.to_json() for result in results], "failed": failed}, ensure_ascii=False))
+    else:
+        Console().print(table(results))
+        typer.echo(f"{len(results)} rows, {failed} failed")
+    raise typer.Exit(EXIT_FAILED if failed else 0)
+
+
+def chosen(only: str, *, is_real_time: bool, is_quick: bool) -> list[Row]:
+    """The rows that were asked for.
+
+    Raises:
+        BadInputError: There is none.
+    """
+    rows = [row for row in ROWS if only in row.fault and (row.is_real_time or not is_real_time)]
+    rows = [row for row in rows if not (is_quick and row.is_long)]
+    if not rows:
+        raise BadInputError(f"no row's name holds {only!r}; rows: {', '.join(row.fault for row in ROWS)}")
+    return rows
+
+
+def tried(rows: Iterable[Row], policy: Path, scenario: str, *, is_real_time: bool) -> Iterator[Result]:
+    """Try rows, one after the other, on one robot; a row that has failed, or is alone, leaves it to nobody else."""
+    left = list(rows)
+    while left:
+        with (
+            unwound_when_ended(),
+            tempfile.TemporaryDirectory(prefix="spot-rl-faults-") as folder,
+            rig(Path(folder), policy, is_lock_step=not is_real_time, scenario=scenario) as robot,
+        ):
+            is_good = True
+            while left and is_good:
+                row = left.pop(0)
+                result = tidy(robot, row, try_row(robot, row))
+                is_good = result.ok and not row.is_alone and not (left and left[0].is_alone)
+                yield result
+
+
+def table(results: Iterable[Result]) -> Table:
+    """For a person."""
+    shown = Table("fault", "reaction", "ms", "bound ms", "body min m", "peak N·m", "log", "ok")
+    for result in results:
+        shown.add_row(
+            result.fault,
+            result.reaction,
+            _number(result.reaction_ms),
+            _number(result.bound_ms),
+            _number(result.body_height_min_m),
+            _number(result.peak_torque_nm),
+            "whole" if result.log_ok else "BAD",
+            "ok" if result.ok else "BAD",
+        )
+    return shown
+
+
+def _number(value: float | None) -> str:
+    return "–" if value is None else f"{value:g}"

@@ -1,0 +1,171 @@
+"""Rows of the log: its process killed, its disk full, slow or gone. Control goes on, or stops where it is told to."""
+
+from __future__ import annotations
+
+import os
+import resource
+import shutil
+import signal
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from proof.faults.rig import Drive, Meddler, Rig
+from proof.faults.rows import Finding, Row, judge, went_on
+from spot_log.format.records import RunHeader
+from spot_log.write.logger_process import LoggerProcess
+from spot_log.write.run_writer import active_path
+from spot_log.write.sink import LogSink
+
+SECONDS = 3.0
+
+
+@dataclass
+class Logger:
+    """Starts the log's process, and does things to it."""
+
+    started: list[LoggerProcess] = field(default_factory=list)
+
+    def start(self, path: Path, header: RunHeader) -> LogSink:
+        """As a run starts it."""
+        sink = LoggerProcess.start(path, header)
+        self.started.append(sink)
+        return sink
+
+    @property
+    def process_id(self) -> int:
+        """The number of the log's process."""
+        return self.started[-1].process_id
+
+    @property
+    def path(self) -> Path:
+        """The log's name."""
+        return self.started[-1].path
+
+    def kill(self) -> None:
+        """End it, with no chance to say a word."""
+        os.kill(self.process_id, signal.SIGKILL)
+
+    def hold(self) -> None:
+        """Let it stand still, as on a disk that does not answer."""
+        os.kill(self.process_id, signal.SIGSTOP)
+
+    def go_on(self) -> None:
+        """Let it go on."""
+        os.kill(self.process_id, signal.SIGCONT)
+
+    def fill_disk(self) -> None:
+        """From now on the file cannot grow."""
+        size = active_path(self.path).stat().st_size
+        resource.prlimit(self.process_id, resource.RLIMIT_FSIZE, (size, size))
+
+    def remove_folder(self) -> None:
+        """Somebody deletes the folder of the logs."""
+        shutil.rmtree(self.path.parent)
+
+
+def says(drive: Drive, finding: Finding) -> Finding:
+    """The run's own summary or the log counts what was lost, and the run says so."""
+    counted = drive.summary.log_dropped + drive.summary.log_unwritten
+    finding.demand(bool(drive.summary.log_problem), "the run does not say what is wrong with its log")
+    finding.demand(counted > 0, "nothing counts what was lost")
+    return finding
+
+
+def killed(rig: Rig) -> Finding:
+    """The log's process is killed."""
+    logger = Logger()
+    drive = rig.drive(lambda _: logger.kill(), make_sink=logger.start, seconds=SECONDS)
+    return says(drive, went_on(drive, judge(drive, "completed")))
+
+
+def killed_and_told_to_stop(rig: Rig) -> Finding:
+    """The same where a run is to end with its log."""
+    logger = Logger()
+    config = {"stop_on_failure": True}
+    drive = rig.drive(lambda _: logger.kill(), make_sink=logger.start, seconds=30.0, log=config)
+    return says(drive, judge(drive, "log_failed"))
+
+
+def full(rig: Rig) -> Finding:
+    """The disk is full."""
+    logger = Logger()
+    drive = rig.drive(lambda _: logger.fill_disk(), make_sink=logger.start, seconds=SECONDS)
+    return says(drive, went_on(drive, judge(drive, "completed")))
+
+
+def full_and_told_to_stop(rig: Rig) -> Finding:
+    """The same where a run is to end with its log."""
+    logger = Logger()
+    config = {"stop_on_failure": True}
+    drive = rig.drive(lambda _: logger.fill_disk(), make_sink=logger.start, seconds=60.0, log=config)
+    return says(drive, judge(drive, "log_failed"))
+
+
+def slow(rig: Rig) -> Finding:
+    """The disk does not answer for a while."""
+    logger = Logger()
+
+    def act(meddler: Meddler) -> None:
+        logger.hold()
+        meddler.later(1.5, logger.go_on)
+
+    drive = rig.drive(act, make_sink=logger.start, seconds=SECONDS)
+    finding = went_on(drive, judge(drive, "completed"))
+    if drive.log is None or drive.log.footer is None:
+        finding.problems.append("the log was not closed")
+        return finding
+    lost = int((np.diff(drive.log.states.sequence) - 1).sum())
+    finding.reaction = f"completed, {lost} states lost"
+    dropped = drive.log.footer.dropped.get("state", 0)
+    finding.demand(dropped == lost, f"{lost} states are missing, {dropped} were counted")
+    return finding
+
+
+def removed(rig: Rig) -> Finding:
+    """The folder is deleted: what is gone is gone, and nothing else suffers."""
+    logger = Logger()
+
+    def make_sink(path: Path, header: RunHeader) -> LogSink:
+        folder = path.parent / "to-be-removed"
+        folder.mkdir(exist_ok=True)
+        return logger.start(folder / path.name, header)
+
+    drive = rig.drive(lambda _: logger.remove_folder(), make_sink=make_sink, seconds=2.0)
+    finding = Finding(drive.summary.outcome, truth=drive.truth)
+    finding.demand(drive.summary.outcome == "completed", f"ended {drive.summary.sentence}")
+    problem = logger.started[-1].health().problem
+    finding.demand("the log c" in problem, f"nobody says that the log is gone: {problem!r}")
+    return went_on(drive, finding)
+
+
+def taken_name(rig: Rig) -> Finding:
+    """While it runs, another file takes the log's final name: neither is overwritten."""
+    logger = Logger()
+
+    def take_name() -> None:
+        logger.path.write_text("precious", encoding="utf-8")
+
+    drive = rig.drive(lambda _: take_name(), make_sink=logger.start, seconds=2.0)
+    finding = Finding(drive.summary.outcome, truth=drive.truth)
+    finding.demand(drive.summary.outcome == "completed", f"ended {drive.summary.sentence}")
+    finding.demand(logger.path.read_text(encoding="utf-8") == "precious", "the file was overwritten")
+    finding.log_ok = active_path(logger.path).exists()
+    return went_on(drive, finding)
+
+
+def _row(fault: str, attempt: Callable[[Rig], Finding], *, real: bool = True) -> Row:
+    return Row(fault, 0.0, attempt, is_real_time=real)
+
+
+ROWS = (
+    _row("logger killed", killed),
+    _row("logger killed, told to stop then", killed_and_told_to_stop),
+    _row("disk full", full),
+    _row("disk full, told to stop then", full_and_told_to_stop),
+    _row("disk slow", slow),
+    _row("log folder removed", removed, real=False),
+    _row("log name taken", taken_name, real=False),
+)

@@ -1,0 +1,143 @@
+"""Measure the runtime on this machine."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+import typer
+
+from proof.fake_process import FakeAddress, FakeProcess
+from spot_model.errors import SpotRlError
+from spot_runtime.host.termination import unwound_when_ended
+
+app = typer.Typer(no_args_is_help=True, add_completion=False)
+
+FAKE_PRIORITY: Final = 35
+"""Below the runtime's: a real robot computes elsewhere, so the fake must not wait for the busy processes either."""
+
+KEYS: Final = (
+    "tick_compute_p50_us",
+    "tick_compute_p99_us",
+    "state_to_command_p50_ms",
+    "state_to_command_p99_ms",
+    "state_age_p50_ms",
+    "state_age_p99_ms",
+    "acquisition_age_p50_ms",
+    "acquisition_age_p99_ms",
+    "rate_hz",
+    "slipped_ticks",
+    "rss_mb",
+    "rss_growth_mb",
+    "ticks",
+    "log_dropped",
+    "outcome",
+    "real_time_refusals",
+    "loop_cpus",
+)
+
+
+class BenchError(SpotRlError):
+    """A measurement could not be made."""
+
+    exit_code = 92
+
+
+@app.callback()
+def bench() -> None:
+    """Measure the runtime on this machine."""
+
+
+@app.command()
+def loop(
+    json_output: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    seconds: Annotated[float, typer.Option(min=2.0, max=3600.0, help="Policy time of each measurement.")] = 60.0,
+    policy: Annotated[Path, typer.Option(help="ONNX file with its contract.")] = Path("policies/walk.onnx"),
+    scenario: Annotated[str, typer.Option(help="Scenario of the fake robot.")] = "default",
+    sequence: Annotated[str, typer.Option(help="Velocity commands.")] = "standing",
+    busy_processes: Annotated[int, typer.Option(min=0, max=64, help="Busy processes of the second part.")] = 2,
+) -> None:
+    """Run the loop against a fake robot in real time: on an idle machine, then beside busy processes."""
+    results: dict[str, Any] = {}
+    for name, count in (("idle", 0), ("busy", busy_processes)):
+        if not json_output:
+            typer.echo(f"{name}: {seconds:g} s of policy time beside {count} busy processes …", err=True)
+        results[name] = measure(seconds=seconds, policy=policy, scenario=scenario, sequence=sequence, busy=count)
+    if json_output:
+        typer.echo(json.dumps(results))
+        return
+    for key in KEYS:
+        typer.echo(f"{key:<26} " + "  ".join(f"{name}: {_short(results[name][key]):>12}" for name in results))
+
+
+def measure(*, seconds: float, policy: Path, scenario: str, sequence: str, busy: int) -> dict[str, Any]:
+    """One measurement: a fake robot, ``spot-rl run`` against it, and ``busy`` processes that only burn time.
+
+    Raises:
+        BenchError: The run did not complete; the message holds its last words.
+    """
+    fake_cpus, loop_cpus = share_cpus(sorted(os.sched_getaffinity(0)))
+    with unwound_when_ended(), ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="spot-rl-bench-")))
+        config = folder / "run.yaml"
+        config.write_text(f"real_time: {{cpu_affinity: {loop_cpus}}}\n", encoding="utf-8")
+        fake = stack.enter_context(FakeProcess(scenario=scenario, fifo_priority=FAKE_PRIORITY, cpus=fake_cpus))
+        for _ in range(busy):
+            stack.enter_context(_Burner())
+        summary = _run(fake.address, config, seconds, policy, sequence)
+    summary["slipped_ticks"] = summary["skipped_ticks"]
+    summary["loop_cpus"] = loop_cpus
+    return {key: summary[key] for key in KEYS}
+
+
+def share_cpus(allowed: list[int]) -> tuple[list[int], list[int]]:
+    """CPUs of the fake robot and of the runtime: its own is the last, as on a robot with cores set apart.
+
+    Empty lists, which mean all, where there is one CPU.
+    """
+    return (allowed[:-1], allowed[-1:]) if len(allowed) > 1 else ([], [])
+
+
+def _run(address: FakeAddress, config: Path, seconds: float, policy: Path, sequence: str) -> dict[str, Any]:
+    folder = config.parent
+    summary = folder / "summary.json"
+    words = ["run", "--robot", address.robot, "--policy", str(policy), "--sequence", sequence]
+    words += ["--config", str(config)]
+    words += ["--duration", str(seconds), "--log-dir", str(folder), "--summary-json", str(summary)]
+    command = [sys.executable, "-c", "from spot_model.io.command_line import main; main()", *words]
+    environment = {**os.environ, **address.environment}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)  # noqa: S603
+    if done.returncode != 0 or not summary.is_file():
+        last = "\n".join((done.stdout + done.stderr).splitlines()[-8:])
+        raise BenchError(f"the run ended with exit code {done.returncode}:\n{last}")
+    result: dict[str, Any] = json.loads(summary.read_text(encoding="utf-8"))
+    return result
+
+
+_BURN: Final = """
+import os, sys
+while os.getppid() == int(sys.argv[1]):
+    for _ in range(1_000_000):
+        pass
+"""
+
+
+class _Burner:
+    """A process that computes without end, while it is entered; it ends with ours, whatever happens."""
+
+    def __enter__(self) -> None:
+        self._process = subprocess.Popen([sys.executable, "-c", _BURN, str(os.getpid())])  # noqa: S603 - our own words
+
+    def __exit__(self, *_: object) -> None:
+        self._process.kill()
+        self._process.wait()
+
+
+def _short(value: Any) -> str:
+    return f"{value:.3f}" if isinstance(value, float) else str(value)

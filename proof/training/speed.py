@@ -1,0 +1,101 @@
+"""How fast training is, and where the time goes."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import resource
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from spot_model.robot import facts
+from trainer.ppo.config import TrainConfig
+from trainer.ppo.ppo import PpoRunner
+from trainer.ppo.train import make_runner
+
+WARM_UP_ITERATIONS = 2
+
+
+def bench_train(config: TrainConfig, device: str, *, iterations: int = 5) -> dict[str, Any]:
+    """Train for a few iterations and time physics, task and learning.
+
+    Args:
+        config: What to train; its iterations are ignored.
+        device: "cpu", or a CUDA device.
+        iterations: How many to time, after two for warming up.
+
+    Returns:
+        ``processes`` (that torchrun started; the speeds are theirs together), ``device``, ``n_envs`` of each,
+        ``network``, ``policy_steps_per_s`` (with learning), ``collect_steps_per_s``, ``physics_steps_per_s``, the
+        shares of physics, task and learning in an iteration, ``peak_memory_mb``.
+    """
+    config = config.model_copy(update={"iterations": iterations + WARM_UP_ITERATIONS, "save_every": 10**9})
+    with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stderr(io.StringIO()):
+        runner = make_runner(config, Path(folder), device)
+        runner.alg.train_mode()
+        for _ in range(WARM_UP_ITERATIONS):
+            _iterate(runner, device)
+        times = [_iterate(runner, device) for _ in range(iterations)]
+        physics_s = _physics_s(runner, device)
+    steps = config.ppo.steps_per_iteration
+    collect_s = sum(t[0] for t in times) / iterations
+    learn_s = sum(t[1] for t in times) / iterations
+    total_s = collect_s + learn_s
+    substeps = config.task.physics_rate_hz / facts.POLICY_RATE_HZ
+    return {
+        "processes": runner.gpu_world_size,
+        "device": device if device == "cpu" else torch.cuda.get_device_name(device),
+        "n_envs": config.n_envs,
+        "network": list(config.ppo.hidden),
+        "policy_steps_per_s": round(runner.gpu_world_size * config.n_envs * steps / total_s),
+        "collect_steps_per_s": round(runner.gpu_world_size * config.n_envs * steps / collect_s),
+        "physics_steps_per_s": round(runner.gpu_world_size * config.n_envs * substeps / physics_s),
+        "physics_share": round(physics_s * steps / total_s, 4),
+        "task_share": round((collect_s - physics_s * steps) / total_s, 4),
+        "learning_share": round(learn_s / total_s, 4),
+        "peak_memory_mb": round(_peak_memory_mb(device)),
+    }
+
+
+def _iterate(runner: PpoRunner, device: str) -> tuple[float, float]:
+    """One iteration; seconds of collecting and of learning."""
+    observations = runner.env.get_observations()
+    start = _now(device)
+    with torch.inference_mode():
+        for _ in range(runner.cfg["num_steps_per_env"]):
+            actions = runner.alg.act(observations)
+            observations, rewards, dones, extras = runner.env.step(actions)
+            runner.alg.process_env_step(observations, rewards, dones, extras)
+        collected = _now(device)
+        runner.alg.compute_returns(observations)
+    runner.alg.update()
+    return collected - start, _now(device) - collected
+
+
+def _physics_s(runner: PpoRunner, device: str, n: int = 20) -> float:
+    """Seconds of one policy period of physics alone, from where training stands."""
+    parts = runner.env.task
+    pose = torch.tensor(facts.DEFAULT_POSITION_RAD, device=device, dtype=torch.float32)
+    setpoints = [pose.repeat(size, 1) for size in parts.sizes]
+    with torch.inference_mode():
+        start = _now(device)
+        for _ in range(n):
+            parts.side_by_side(lambda i: parts.parts[i].backend.step(setpoints[i]))
+        return (_now(device) - start) / n
+
+
+def _now(device: str) -> float:
+    if device != "cpu":
+        torch.cuda.synchronize(device)
+    return time.perf_counter()
+
+
+def _peak_memory_mb(device: str) -> float:
+    if device == "cpu":
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    free, total = torch.cuda.mem_get_info(device)
+    return (total - free) / 2**20

@@ -1,0 +1,91 @@
+"""Look into logs, turn them into tables, repair them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from spot_log.read.reader import read_run
+from spot_log.read.recover import recover_log
+from spot_log.tools.export import export_run
+from spot_log.tools.info import log_info
+
+app = typer.Typer(no_args_is_help=True, help=__doc__)
+
+LogFile = Annotated[Path, typer.Argument(help="A log: *.mcap, or *.mcap.active after a crash.", metavar="FILE")]
+
+
+@app.command()
+def info(
+    file: LogFile,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of words.")] = False,
+) -> None:
+    """Summarise a log: rates, gaps, ages, delays, drops, falls, temperatures, events."""
+    from spot_log.page.details import detail_lines
+
+    told = log_info(read_run(file))
+    if as_json:
+        typer.echo(json.dumps(told.to_json(), ensure_ascii=False, indent=2))
+    else:
+        typer.echo("\n".join(detail_lines(told)))
+
+
+@app.command()
+def export(
+    file: LogFile,
+    out: Annotated[Path, typer.Option("--out", help="Directory for the tables; nothing in it is overwritten.")],
+    file_format: Annotated[str, typer.Option("--format", help="parquet or csv.")] = "parquet",
+    topics: Annotated[
+        str | None,
+        typer.Option("--topics", help="Comma-separated: state,imu,command,tick,slow_state,event. All by default."),
+    ] = None,
+) -> None:
+    """Write a log as flat tables, one file a topic, for data frames and plotting programs."""
+    chosen = [topic.strip() for topic in topics.split(",") if topic.strip()] if topics else None
+    run = read_run(file)
+    for text in run.damage:
+        typer.echo(f"{file}: {text}", err=True)
+    for path in export_run(run, out, file_format, chosen):
+        typer.echo(path)
+
+
+@app.command()
+def recover(
+    file: LogFile,
+    out: Annotated[Path, typer.Option("--out", help="Name of the repaired log; never overwritten.")],
+) -> None:
+    """Make a whole log of a cut or damaged one, and say what is lost."""
+    recovery = recover_log(file, out)
+    for text in recovery.damage or ("nothing was damaged",):
+        typer.echo(f"{file}: {text}")
+    kept = ", ".join(f"{count} of {topic}" for topic, count in recovery.kept.items() if count)
+    typer.echo(f"{out}: {kept} kept")
+
+
+@app.command("import")
+def import_recording(
+    mapping: Annotated[Path, typer.Argument(help="YAML file that says which array is which signal.")],
+    file: Annotated[Path, typer.Argument(help="The recording: .npz, .csv, .parquet, .h5 or .hdf5.")],
+    out: Annotated[Path, typer.Option("--out", help="Name of the log to write; never overwritten.")],
+) -> None:
+    """Turn somebody else's recording into a log."""
+    from spot_log.importing import import_log, load_mapping
+
+    imported = import_log(load_mapping(mapping), file, out)
+    typer.echo(f"{out}: {imported.rows} rows at {imported.rate_hz:.2f} Hz")
+    typer.echo(f"not in the recording: {', '.join(imported.missing)}")
+
+
+@app.command()
+def report(
+    file: LogFile,
+    out: Annotated[Path, typer.Option("--out", help="Name of the HTML page; never overwritten.")],
+) -> None:
+    """Draw a log: one HTML page that opens from disk, without a network."""
+    from spot_log.page.page import write_page
+
+    write_page(read_run(file), out)
+    typer.echo(out)

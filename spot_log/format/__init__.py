@@ -1,0 +1,1 @@
+"""What a log contains: records, topics, their protobuf form."""

@@ -1,0 +1,102 @@
+"""What the loop hands to the log: small immutable tuples, cheap to build, arrays in canonical joint order."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot_model.robot.facts import JOINT_NAMES, LEG_NAMES
+from spot_model.robot.state import Array, JointCommand
+
+SCHEMA_NAME: Final = "spot-rl/log/1"
+"""Name and version of the log's records, in every header."""
+
+
+class Severity(IntEnum):
+    """How much an event matters; the numbers are those of log.proto."""
+
+    INFO = 1
+    WARNING = 2
+    ERROR = 3
+
+
+@dataclass(frozen=True)
+class RunHeader:
+    """What is known before the first state; written once, first."""
+
+    run_id: str
+    started_host_stamp_ns: int
+    robot_id: str = ""
+    adapter: str = ""
+    policy_name: str = ""
+    policy_sha256: str = ""
+    policy_contract_json: str = ""
+    config_json: str = ""
+    command_sequence: str = ""
+    repeat: int = 0
+    labels: Mapping[str, str] = field(default_factory=dict)
+    software_version: str = ""
+    software_revision: str = ""
+    joint_names: tuple[str, ...] = JOINT_NAMES
+    foot_names: tuple[str, ...] = LEG_NAMES
+    schema: str = SCHEMA_NAME
+
+
+class CommandRecord(NamedTuple):
+    """One command as it was handed to the stream."""
+
+    command: JointCommand
+    requested_position_rad: Array
+    """What the policy or the ramp asked for, before the limits. Shape (12,)."""
+    host_stamp_ns: int
+    """When it was handed to the stream, host clock."""
+    robot_stamp_ns: int
+    """The same instant by the estimated robot clock; 0 where there is no estimate."""
+    state_robot_stamp_ns: int
+    """Stamp of the state that it answers; 0 where it answers none."""
+
+
+@dataclass(frozen=True, slots=True)
+class TickRecord:
+    """One 50 Hz policy tick."""
+
+    index: int
+    robot_stamp_ns: int
+    """Stamp of the state that the tick saw, robot clock."""
+    host_stamp_ns: int
+    """When the tick began, host clock."""
+    mode: str
+    observation: NDArray[np.float32]
+    """Shape (48,), or empty outside the policy's mode."""
+    action: NDArray[np.float32]
+    """Shape (12,), or empty."""
+    velocity_command: Array
+    """V_x, V_y (m/s), ω_z (rad/s). Shape (3,)."""
+    state_age_s: float
+    """From the receipt of the state to the begin of the tick."""
+    inference_s: float
+    compute_s: float
+    """The whole tick, inference included."""
+    command_key: int
+    skipped: int
+    """Ticks lost between the one before and this one."""
+
+
+class EventRecord(NamedTuple):
+    """Something that a reader of the log should know."""
+
+    host_stamp_ns: int
+    robot_stamp_ns: int
+    """The same instant by the estimated robot clock; 0 where there is no estimate."""
+    severity: Severity
+    name: str
+    """From the runtime's closed table of event names."""
+    text: str
+    """One sentence for a person."""
+    values: Mapping[str, float] = {}
+    """Measured value, bound and the like, unit in the key."""

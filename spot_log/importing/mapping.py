@@ -1,0 +1,162 @@
+"""The mapping file: where each of our signals is in somebody's recording, in which unit, order and clock.
+
+schema: spot-rl/import/1
+joint_names: [hip, knee]
+time: {from: t, unit: s, clock: relative}
+signals:
+  position: {from: dof_pos, unit: rad}
+  load: {from: ["tau_{joint}"], unit: N·m}
+  kp: {value: 20, unit: N·m/rad}
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Final, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+
+from spot_model.errors import BadInputError
+from spot_model.io.validation import explain
+from spot_model.io.yaml_text import read_yaml
+from spot_model.robot.facts import JOINT_NAMES, LEG_NAMES
+
+SCHEMA: Final = "spot-rl/import/1"
+
+PER_JOINT: Final = {
+    "position": "angle",
+    "velocity": "angular velocity",
+    "load": "torque",
+    "setpoint_position": "angle",
+    "setpoint_velocity": "angular velocity",
+    "feedforward": "torque",
+    "kp": "stiffness",
+    "kd": "damping",
+    "motor_temperature": "temperature",
+}
+"""Signals with one value a joint, and their kind of quantity."""
+
+OTHER: Final = {
+    "position_of_body_in_odom": ("length", 3),
+    "odom_from_body": ("none", 4),
+    "linear_vel_of_body_in_odom": ("velocity", 3),
+    "linear_vel_of_body_in_body": ("velocity", 3),
+    "angular_vel_of_body_in_odom": ("angular velocity", 3),
+    "angular_vel_of_body_in_body": ("angular velocity", 3),
+    "acceleration_of_imu_in_link": ("acceleration", 3),
+    "angular_vel_of_link_in_link": ("angular velocity", 3),
+    "foot_contact": ("none", 0),
+    "velocity_command": ("none", 3),
+    "action": ("none", 0),
+    "observation": ("none", 0),
+    "battery_voltage": ("voltage", 1),
+    "battery_current": ("current", 1),
+    "battery_charge": ("share", 1),
+}
+"""Every other signal: its kind of quantity and number of columns; 0 where that is the source's business."""
+
+SIGNALS: Final = (*PER_JOINT, *OTHER)
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
+
+
+class TimeMapping(_Strict):
+    """When each row was sampled: a column, or a constant rate."""
+
+    source: str | None = Field(default=None, alias="from")
+    """Name of the column or array of stamps."""
+    unit: str = "s"
+    rate_hz: Annotated[float, Field(gt=0)] | None = None
+    clock: Literal["relative", "unix"] = "relative"
+    """``relative``: from the begin of the recording; ``unix``: since 1970."""
+    file: str | None = None
+
+    @model_validator(mode="after")
+    def _one_of_two(self) -> TimeMapping:
+        if (self.source is None) == (self.rate_hz is None):
+            raise ValueError("give either 'from' (a column of stamps) or 'rate_hz' (a constant rate)")
+        return self
+
+
+class SignalMapping(_Strict):
+    """Where one signal is: an array by name, a list of columns, or a constant value."""
+
+    source: str | tuple[str, ...] | None = Field(default=None, alias="from")
+    """An array (n, width), or columns; ``{joint}`` and ``{foot}`` in a column's name stand for every one of them."""
+    value: float | tuple[float, ...] | None = None
+    """A constant, one or one a joint, in place of ``from``."""
+    select: tuple[int | None, ...] | None = None
+    """For arrays of more than two axes: an index an axis after the first, null for the axis to keep."""
+    unit: str | None = None
+    scale: float | tuple[float, ...] = 1.0
+    """Factor after the unit's, one or one a column of the source; −1 turns a sign."""
+    offset: float | tuple[float, ...] = 0.0
+    """Added after the factors, in our unit."""
+    order: Literal["wxyz", "xyzw"] | None = None
+    """Of a quaternion; needed there."""
+    file: str | None = None
+    """Another file beside the main one, row by row the same instants."""
+
+    @model_validator(mode="after")
+    def _one_of_two(self) -> SignalMapping:
+        if (self.source is None) == (self.value is None):
+            raise ValueError("give either 'from' (an array or columns) or 'value' (a constant)")
+        return self
+
+
+class Mapping(_Strict):
+    """The whole file."""
+
+    schema_name: Literal["spot-rl/import/1"] = Field(alias="schema")
+    time: TimeMapping
+    signals: dict[str, SignalMapping]
+    joint_names: tuple[str, ...] = JOINT_NAMES
+    """Joints in the log's order."""
+    source_joint_names: tuple[str, ...] | None = None
+    """The same joints in the source's order, where that is another."""
+    foot_names: tuple[str, ...] = LEG_NAMES
+    robot: str = ""
+    command_sequence: str = ""
+    repeat: int = 0
+    labels: dict[str, str] = {}
+
+    @field_validator("signals")
+    @classmethod
+    def _known_signals(cls, signals: dict[str, SignalMapping]) -> dict[str, SignalMapping]:
+        unknown = sorted(set(signals) - set(SIGNALS))
+        if unknown:
+            raise ValueError(f"unknown signal {unknown[0]!r}; allowed: {', '.join(SIGNALS)}")
+        if "position" not in signals:
+            raise ValueError("the signal 'position' is missing; a log without joint positions tells nothing")
+        return signals
+
+    @model_validator(mode="after")
+    def _same_joints(self) -> Mapping:
+        names = self.source_joint_names
+        if len(set(self.joint_names)) != len(self.joint_names):
+            raise ValueError("joint_names has a name twice")
+        if names is not None and sorted(names) != sorted(self.joint_names):
+            raise ValueError("source_joint_names must hold the same names as joint_names, in the source's order")
+        return self
+
+    @property
+    def source_joints(self) -> tuple[str, ...]:
+        """Joints in the source's order."""
+        return self.source_joint_names or self.joint_names
+
+
+def load_mapping(path: Path) -> Mapping:
+    """Read a mapping file.
+
+    Raises:
+        BadInputError: It is no YAML, or a key or value in it is wrong; the message names it.
+    """
+    data = read_yaml(path, "mapping")
+    if not isinstance(data, dict):
+        raise BadInputError(f"mapping {path} must hold keys and values; it begins with 'schema: {SCHEMA}'")
+    try:
+        return Mapping.model_validate(data)
+    except ValidationError as error:
+        raise BadInputError(f"mapping {path} is not valid:\n{explain(error, Mapping)}") from error

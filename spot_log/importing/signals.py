@@ -1,0 +1,164 @@
+"""Take one signal out of a recording: find it, select, convert the unit, put the joints in order."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot_log.importing.mapping import OTHER, PER_JOINT, Mapping, SignalMapping, TimeMapping
+from spot_log.importing.source import Arrays, read_arrays
+from spot_log.importing.units import factor_of
+from spot_model.errors import BadInputError
+from spot_model.robot.state import Array
+
+RELATIVE_ORIGIN_NS = 1_000_000_000
+"""Stamp of the first row of a recording without a clock: zero would mean "unknown" in a log."""
+
+LONGEST_S = 9e9
+"""285 years: what 63 bits of nanoseconds hold."""
+
+
+class Recording:
+    """A recording and its mapping; other files are read when a signal asks for them."""
+
+    def __init__(self, path: Path, mapping: Mapping) -> None:
+        self.path = path
+        self.mapping = mapping
+        self._files: dict[Path, Arrays] = {}
+        self.stamps_ns = self._stamps()
+
+    def has(self, name: str) -> bool:
+        """Whether the mapping names this signal."""
+        return name in self.mapping.signals
+
+    def signal(self, name: str) -> Array:
+        """One signal in our unit and order.
+
+        Returns:
+            Shape (n, width); per-joint signals in the log's joint order, quaternions scalar first.
+
+        Raises:
+            BadInputError: It is not there, or has another shape or unit than it must.
+        """
+        spec = self.mapping.signals[name]
+        where = f"signal {name}"
+        kind, width = (PER_JOINT[name], len(self.mapping.joint_names)) if name in PER_JOINT else OTHER[name]
+        factor = factor_of(spec.unit, kind, where)
+        raw = self._constant(spec, width) if spec.source is None else self._columns(spec, where)
+        if width and raw.shape[1] != width:
+            raise BadInputError(f"{where} has {raw.shape[1]} columns; expected {width}")
+        if len(raw) != len(self.stamps_ns):
+            raise BadInputError(f"{where} has {len(raw)} rows, the time has {len(self.stamps_ns)}")
+        values = raw * factor * _row(spec.scale, raw.shape[1], f"{where}: scale")
+        values = values + _row(spec.offset, raw.shape[1], f"{where}: offset")
+        if name in PER_JOINT:
+            source = self.mapping.source_joints
+            values = values[:, [source.index(joint) for joint in self.mapping.joint_names]]
+        if name == "odom_from_body":
+            values = _scalar_first(values, spec)
+        return np.ascontiguousarray(values)
+
+    def _constant(self, spec: SignalMapping, width: int) -> Array:
+        value = np.atleast_1d(np.asarray(spec.value, dtype=np.float64))
+        value = np.repeat(value, width) if len(value) == 1 and width > 1 else value
+        return np.tile(value, (len(self.stamps_ns), 1))
+
+    def _columns(self, spec: SignalMapping, where: str) -> Array:
+        assert spec.source is not None  # noqa: S101
+        arrays = self._arrays(spec.file)
+        if isinstance(spec.source, str) and "{" not in spec.source:
+            array = self._find(arrays, spec.source, where, spec.file)
+            return _two_axes(array, spec, where)
+        patterns = (spec.source,) if isinstance(spec.source, str) else spec.source
+        names = [name for pattern in patterns for name in self._expand(pattern)]
+        return np.column_stack([self._find(arrays, name, where, spec.file) for name in names]).astype(np.float64)
+
+    def _expand(self, pattern: str) -> list[str]:
+        if "{joint}" in pattern:
+            return [pattern.replace("{joint}", joint) for joint in self.mapping.source_joints]
+        if "{foot}" in pattern:
+            return [pattern.replace("{foot}", foot) for foot in self.mapping.foot_names]
+        return [pattern]
+
+    def _find(self, arrays: Arrays, name: str, where: str, file: str | None) -> NDArray[Any]:
+        if name not in arrays:
+            found = ", ".join(sorted(arrays)[:30])
+            raise BadInputError(f"{where}: {file or self.path.name} has no {name!r}; it has: {found}")
+        array = arrays[name]
+        if array.dtype.kind not in "fiub":
+            raise BadInputError(f"{where}: {name!r} in {file or self.path.name} holds no numbers")
+        return array
+
+    def _arrays(self, file: str | None) -> Arrays:
+        path = self.path if file is None else self.path.with_name(file)
+        if path not in self._files:
+            self._files[path] = read_arrays(path)
+        return self._files[path]
+
+    def _stamps(self) -> NDArray[np.int64]:
+        time = self.mapping.time
+        if time.source is None:
+            assert time.rate_hz is not None  # noqa: S101
+            spec = self.mapping.signals["position"]
+            n = len(self._columns(spec, "signal position"))
+            return RELATIVE_ORIGIN_NS + np.round(np.arange(n) * (1e9 / time.rate_hz)).astype(np.int64)
+        raw = self._find(self._arrays(time.file), time.source, "time", time.file)
+        return _stamps_of(raw, time)
+
+
+def _stamps_of(raw: NDArray[Any], time: TimeMapping) -> NDArray[np.int64]:
+    if raw.ndim != 1 or not len(raw) or raw.dtype.kind == "b":
+        raise BadInputError(f"time: {time.source!r} has shape {raw.shape} of {raw.dtype}; expected one stamp a row")
+    if not np.isfinite(raw).all():
+        raise BadInputError(f"time: row {int(np.flatnonzero(~np.isfinite(raw))[0])} is not a number")
+    backward = np.flatnonzero(np.diff(raw) <= 0)
+    if len(backward):
+        raise BadInputError(f"time: row {int(backward[0]) + 1} is not after the one before; stamps must rise")
+    factor = factor_of(time.unit, "time", "time")
+    span_s = float(max(abs(float(raw[0])), abs(float(raw[-1])), abs(float(raw[-1]) - float(raw[0])))) * factor
+    if not span_s < LONGEST_S:
+        raise BadInputError(f"time: {time.source!r} reaches {span_s:g} s, which no stamp can hold; check its unit")
+    if time.clock == "unix":
+        if raw.dtype.kind in "iu" and time.unit == "ns":
+            return raw.astype(np.int64)
+        return np.asarray(np.round(raw.astype(np.float64) * factor * 1e9), dtype=np.int64)
+    since_first_ns = np.round((raw - raw[0]).astype(np.float64) * (factor * 1e9))
+    return np.asarray(since_first_ns, dtype=np.int64) + RELATIVE_ORIGIN_NS
+
+
+def _two_axes(array: NDArray[Any], spec: SignalMapping, where: str) -> Array:
+    if spec.select is not None:
+        if len(spec.select) != array.ndim - 1:
+            raise BadInputError(
+                f"{where}: select has {len(spec.select)} entries, the array has {array.ndim - 1} axes after the first"
+            )
+        try:
+            array = array[(slice(None), *(slice(None) if i is None else i for i in spec.select))]
+        except IndexError as error:
+            raise BadInputError(f"{where}: select {list(spec.select)} is out of shape {array.shape}") from error
+    if array.ndim == 1:
+        array = array[:, None]
+    if array.ndim != 2:
+        raise BadInputError(f"{where}: the array has shape {array.shape}; choose with 'select' which part to take")
+    return array.astype(np.float64)
+
+
+def _row(value: float | tuple[float, ...], width: int, where: str) -> Array:
+    row = np.atleast_1d(np.asarray(value, dtype=np.float64))
+    if len(row) not in (1, width):
+        raise BadInputError(f"{where} has {len(row)} values; expected 1 or {width}")
+    return row
+
+
+def _scalar_first(values: Array, spec: SignalMapping) -> Array:
+    if spec.order is None:
+        raise BadInputError("signal odom_from_body: 'order' is missing; allowed: wxyz, xyzw")
+    ordered = values if spec.order == "wxyz" else values[:, [3, 0, 1, 2]]
+    norm = np.linalg.norm(ordered, axis=1)
+    bad = np.flatnonzero(~(np.abs(norm - 1.0) < 0.01))
+    if len(bad):
+        raise BadInputError(f"signal odom_from_body: row {int(bad[0])} has norm {norm[bad[0]]:.3g}; expected 1")
+    return ordered

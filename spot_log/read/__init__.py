@@ -1,0 +1,1 @@
+"""Reading logs, also those that were cut short."""

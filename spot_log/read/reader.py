@@ -1,0 +1,245 @@
+"""Read a log, whole or cut, into arrays."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+import numpy as np
+from google.protobuf.message import DecodeError, Message
+
+from spot_log.errors import LogReadError, MissingHeaderError, NotAnMcapError, SchemaVersionError
+from spot_log.format import codec
+from spot_log.format.records import SCHEMA_NAME, EventRecord, RunHeader, Severity
+from spot_log.format.topics import COMMAND, EVENT, FOOTER, HEADER, SLOW_STATE, STATE, TICK, Topic
+from spot_log.read.columns import flags, matrix, scalars, stamps, widest
+from spot_log.read.mcap_scan import RawMessage, Scan, scan_mcap
+from spot_log.read.run import CommandTable, ImuTable, Run, RunFooter, SlowTable, StateTable, TickTable
+from spot_log.write.run_writer import HEADER_ATTACHMENT
+from spot_model.policy.observation import N_OBSERVATION
+from spot_model.robot.facts import JOINT_NAMES, LEG_NAMES
+from spot_protos import log_pb2
+
+RECOVERED: Final = "recovered: "
+"""How the outcome of a recovered log begins."""
+_SEVERITIES: Final = frozenset(int(severity) for severity in Severity)
+M = TypeVar("M", bound=Message)
+
+
+def read_run(path: str | Path) -> Run:
+    """Read a log.
+
+    A cut or damaged log is read as far as it goes; :attr:`Run.damage` says what is missing.
+
+    Raises:
+        LogReadError: The file is no log of ours, or of another version; the message says which.
+        OSError: The file cannot be read.
+    """
+    path = Path(path)
+    data = read_log_file(path)
+    scan = scan_mcap(data)
+    if not scan.is_mcap:
+        raise NotAnMcapError(path, len(data))
+    header = header_of(path, scan)
+    return run_of(path, header, scan)
+
+
+def read_log_file(path: Path) -> bytes:
+    """A log's bytes.
+
+    Raises:
+        LogReadError: There is none, or it is a folder, a device or a pipe.
+        OSError: It cannot be read.
+    """
+    if path.exists() and not path.is_file():
+        raise LogReadError(f"{path} is no file; give a log written by spot-rl (*.mcap, or *.mcap.active after a crash)")
+    try:
+        return path.read_bytes()
+    except FileNotFoundError as error:
+        raise LogReadError(f"there is no log {path}; give a file written by spot-rl (*.mcap)") from error
+
+
+def header_of(path: Path, scan: Scan) -> RunHeader:
+    """Find the header: the record, or its copy where that is damaged.
+
+    Raises:
+        MissingHeaderError: There is neither.
+        SchemaVersionError: The records are not those of this program.
+    """
+    topics = scan.by_topic()
+    found = [message.data for message in topics.get(HEADER.name, []) if message.schema_name == HEADER.schema_name]
+    found.extend(data for name, data in scan.attachments.items() if name == HEADER_ATTACHMENT)
+    if not found:
+        raise MissingHeaderError(path, sorted(topics))
+    try:
+        header = codec.header_from_proto(log_pb2.Header.FromString(found[0]))
+    except DecodeError as error:
+        raise MissingHeaderError(path, sorted(topics)) from error
+    if header.schema != SCHEMA_NAME:
+        raise SchemaVersionError(path, header.schema, SCHEMA_NAME)
+    return header
+
+
+def run_of(path: Path, header: RunHeader, scan: Scan) -> Run:
+    """Turn a scan into arrays.
+
+    Raises:
+        LogReadError: A record does not have the shape that the header promises.
+    """
+    topics = scan.by_topic()
+    joints = header.joint_names or JOINT_NAMES
+    feet = header.foot_names or LEG_NAMES
+    states, sequence = _parse(path, topics, STATE, log_pb2.State)
+    commands, _ = _parse(path, topics, COMMAND, log_pb2.Command)
+    ticks, _ = _parse(path, topics, TICK, log_pb2.Tick)
+    slow_states, _ = _parse(path, topics, SLOW_STATE, log_pb2.SlowState)
+    events, _ = _parse(path, topics, EVENT, log_pb2.Event)
+    footers, _ = _parse(path, topics, FOOTER, log_pb2.Footer)
+    return Run(
+        path=path,
+        header=header,
+        states=_state_table(states, sequence, len(joints), len(feet)),
+        commands=_command_table(commands, len(joints)),
+        ticks=_tick_table(ticks, len(joints)),
+        slow_states=_slow_table(slow_states, joints),
+        events=tuple(_event(message) for message in events),
+        footer=_footer(footers[-1]) if footers else None,
+        damage=_damage_text(scan, footers[-1] if footers else None),
+    )
+
+
+def _damage_text(scan: Scan, footer: log_pb2.Footer | None) -> tuple[str, ...]:
+    lost = [f"lost for certain: {count} of {topic}" for topic, count in sorted(scan.lost.items())]
+    if footer is None:
+        lost.append("the log has no footer: it was not closed, and its last half second may be missing")
+        return (*scan.damage, *lost)
+    counts = Counter(message.topic[1:] for message in scan.messages)
+    for topic, written in sorted(footer.messages.items()):
+        if counts[topic] < written and not scan.damage:
+            lost.append(f"{written} of {topic} were written, {counts[topic]} are here")
+    if footer.outcome.startswith(RECOVERED):
+        lost.append(f"this log was {footer.outcome}")
+    return (*scan.damage, *lost)
+
+
+def _parse(path: Path, topics: dict[str, list[RawMessage]], topic: Topic, kind: type[M]) -> tuple[list[M], list[int]]:
+    parsed: list[M] = []
+    sequence: list[int] = []
+    for raw in topics.get(topic.name, ()):
+        if raw.schema_name != topic.schema_name:
+            raise SchemaVersionError(path, raw.schema_name or "none", topic.schema_name)
+        message = kind()
+        try:
+            message.ParseFromString(raw.data)
+        except DecodeError as error:
+            raise LogReadError(f"{path}: {topic.name} record {raw.sequence} cannot be decoded: {error}") from error
+        parsed.append(message)
+        sequence.append(raw.sequence)
+    return parsed, sequence
+
+
+def _state_table(rows: list[log_pb2.State], sequence: list[int], n_joints: int, n_feet: int) -> StateTable:
+    return StateTable(
+        robot_stamp_ns=stamps(rows, "robot_stamp_ns"),
+        host_stamp_ns=stamps(rows, "host_stamp_ns"),
+        sequence=np.array(sequence, dtype=np.int64),
+        position_rad=matrix(rows, "position_rad", n_joints),
+        velocity_rad_s=matrix(rows, "velocity_rad_s", n_joints),
+        load_nm=matrix(rows, "load_nm", n_joints),
+        position_of_body_in_odom_m=matrix(rows, "position_of_body_in_odom_m", 3),
+        odom_from_body_wxyz=matrix(rows, "odom_from_body_wxyz", 4),
+        linear_vel_of_body_in_odom_m_s=matrix(rows, "linear_vel_of_body_in_odom_m_s", 3),
+        angular_vel_of_body_in_odom_rad_s=matrix(rows, "angular_vel_of_body_in_odom_rad_s", 3),
+        foot_contact=flags(rows, "foot_contact", n_feet),
+        last_command_key=stamps(rows, "last_command_key"),
+        last_command_robot_stamp_ns=stamps(rows, "last_command_robot_stamp_ns"),
+        imu=_imu_table(rows),
+    )
+
+
+def _imu_table(rows: list[log_pb2.State]) -> ImuTable:
+    packets: list[Any] = []
+    index: list[int] = []
+    for i, row in enumerate(rows):
+        packets.extend(row.imu)
+        index.extend([i] * len(row.imu))
+    return ImuTable(
+        state_index=np.array(index, dtype=np.int64),
+        robot_stamp_ns=stamps(packets, "robot_stamp_ns"),
+        acceleration_of_imu_in_link_m_s2=matrix(packets, "acceleration_of_imu_in_link_m_s2", 3),
+        angular_vel_of_link_in_link_rad_s=matrix(packets, "angular_vel_of_link_in_link_rad_s", 3),
+        odom_from_link_wxyz=matrix(packets, "odom_from_link_wxyz", 4),
+    )
+
+
+def _command_table(rows: list[log_pb2.Command], n_joints: int) -> CommandTable:
+    return CommandTable(
+        key=stamps(rows, "key"),
+        host_stamp_ns=stamps(rows, "host_stamp_ns"),
+        robot_stamp_ns=stamps(rows, "robot_stamp_ns"),
+        state_robot_stamp_ns=stamps(rows, "state_robot_stamp_ns"),
+        end_robot_stamp_ns=stamps(rows, "end_robot_stamp_ns"),
+        requested_position_rad=matrix(rows, "requested_position_rad", n_joints),
+        position_rad=matrix(rows, "position_rad", n_joints),
+        velocity_rad_s=matrix(rows, "velocity_rad_s", n_joints),
+        load_nm=matrix(rows, "load_nm", n_joints),
+        kp_nm_per_rad=matrix(rows, "kp_nm_per_rad", n_joints),
+        kd_nm_s_per_rad=matrix(rows, "kd_nm_s_per_rad", n_joints),
+    )
+
+
+def _tick_table(rows: list[log_pb2.Tick], n_joints: int) -> TickTable:
+    return TickTable(
+        index=stamps(rows, "index"),
+        robot_stamp_ns=stamps(rows, "robot_stamp_ns"),
+        host_stamp_ns=stamps(rows, "host_stamp_ns"),
+        mode=np.array([row.mode for row in rows], dtype=np.str_),
+        observation=matrix(rows, "observation", widest(rows, "observation") or N_OBSERVATION, np.float32),
+        action=matrix(rows, "action", widest(rows, "action") or n_joints, np.float32),
+        velocity_command=matrix(rows, "velocity_command", 3),
+        state_age_s=scalars(rows, "state_age_s", np.float64),
+        inference_s=scalars(rows, "inference_s", np.float64),
+        compute_s=scalars(rows, "compute_s", np.float64),
+        command_key=stamps(rows, "command_key"),
+        skipped=stamps(rows, "skipped"),
+    )
+
+
+def _slow_table(rows: list[log_pb2.SlowState], joints: tuple[str, ...]) -> SlowTable:
+    temperatures = [[row.motor_temperature_c.get(name, np.nan) for name in joints] for row in rows]
+    return SlowTable(
+        robot_stamp_ns=stamps(rows, "robot_stamp_ns"),
+        host_stamp_ns=stamps(rows, "host_stamp_ns"),
+        motors_powered=scalars(rows, "motors_powered", np.bool_),
+        estopped=scalars(rows, "estopped", np.bool_),
+        battery_charge_percent=scalars(rows, "battery_charge_percent", np.float64),
+        battery_voltage_v=scalars(rows, "battery_voltage_v", np.float64),
+        battery_current_a=scalars(rows, "battery_current_a", np.float64),
+        battery_temperature_c=tuple(tuple(row.battery_temperature_c) for row in rows),
+        motor_temperature_c=np.array(temperatures, dtype=np.float64).reshape(len(rows), len(joints)),
+        system_faults=tuple(tuple(row.system_faults) for row in rows),
+        behavior_faults=tuple(tuple(row.behavior_faults) for row in rows),
+        service_faults=tuple(tuple(row.service_faults) for row in rows),
+    )
+
+
+def _event(message: log_pb2.Event) -> EventRecord:
+    number = int(message.severity)
+    return EventRecord(
+        host_stamp_ns=message.host_stamp_ns,
+        robot_stamp_ns=message.robot_stamp_ns,
+        severity=Severity(number) if number in _SEVERITIES else Severity.INFO,
+        name=message.name,
+        text=message.text,
+        values=dict(sorted(message.values.items())),
+    )
+
+
+def _footer(message: log_pb2.Footer) -> RunFooter:
+    return RunFooter(
+        host_stamp_ns=message.host_stamp_ns,
+        messages=dict(sorted(message.messages.items())),
+        dropped=dict(sorted(message.dropped.items())),
+        outcome=message.outcome,
+    )

@@ -1,0 +1,218 @@
+"""Make a whole log of a cut or damaged one, check the result, and say what is lost."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from spot_log.errors import LogError, LogReadError, MissingHeaderError, NotAnMcapError
+from spot_log.format.names import ASIDE_SUFFIX
+from spot_log.format.topics import ALL_TOPICS, FOOTER, HEADER, OWN_TOPICS
+from spot_log.read.mcap_scan import RawMessage, Scan, scan_mcap
+from spot_log.read.reader import RECOVERED, header_of, read_log_file, read_run
+from spot_log.write.mcap_file import CHUNK_BYTES, McapFile
+from spot_log.write.run_writer import ACTIVE_SUFFIX, HEADER_ATTACHMENT, active_path, check_can_start
+from spot_protos import log_pb2
+
+MAX_STAMP_NS: Final = (1 << 63) - 1
+_CHANNELS = {topic.name: topic.channel_id for topic in ALL_TOPICS}
+
+
+@dataclass(frozen=True)
+class Recovery:
+    """What came of one recovery."""
+
+    source: Path
+    result: Path
+    kept: dict[str, int]
+    """Messages in the result by topic."""
+    damage: tuple[str, ...]
+    """What could not be read; empty where the source was whole."""
+
+
+def recover_log(source: Path, result: Path) -> Recovery:
+    """Copy every readable message of ``source`` to the new log ``result``.
+
+    Raises:
+        LogReadError: There is nothing to recover: no MCAP file, or no header.
+        LogExistsError: ``result`` exists.
+        LogError: The result does not hold what was read; it is removed.
+        OSError: A file cannot be read or written.
+    """
+    check_can_start(result)
+    data = read_log_file(source)
+    scan = scan_mcap(data)
+    if not scan.is_mcap:
+        raise NotAnMcapError(source, len(data))
+    header_of(source, scan)
+    messages = _messages_to_keep(source, scan)
+    file = McapFile(active_path(result), ALL_TOPICS)
+    try:
+        _write(file, messages)
+        _verify(active_path(result), messages)
+        os.link(active_path(result), result)
+    finally:
+        file.close()
+        active_path(result).unlink()
+    counts = Counter(message.topic[1:] for message in messages)
+    kept = {topic.name[1:]: counts[topic.name[1:]] for topic in OWN_TOPICS}
+    return Recovery(source, result, kept, _damage(scan))
+
+
+def recover_leftovers(directory: Path) -> list[Recovery]:
+    """Recover every log in ``directory`` that a crash has left ``.active``; one that is being written is left alone.
+
+    A leftover that was only cut is removed after its recovery; one that is damaged inside is kept as ``.damaged``.
+    A leftover that holds nothing to recover keeps its name. A recovery that was killed is done again.
+
+    Raises:
+        OSError: The directory cannot be read, or a result cannot be written.
+    """
+    for aside in sorted(directory.glob(f"*{ASIDE_SUFFIX}")):
+        _take_back(aside)
+    found = [_recover_leftover(leftover) for leftover in sorted(directory.glob(f"*{ACTIVE_SUFFIX}"))]
+    return [recovery for recovery in found if recovery is not None]
+
+
+def _recover_leftover(leftover: Path) -> Recovery | None:
+    log = leftover.with_name(leftover.name.removesuffix(ACTIVE_SUFFIX))
+    aside = log.with_name(log.name + ASIDE_SUFFIX)
+    # A pipe of that name would be waited for without end.
+    if not leftover.is_file() or aside.exists():
+        return None
+    with _held(leftover) as is_ours:
+        if not is_ours:
+            return None
+        if log.exists() and log.samefile(leftover):
+            leftover.unlink()  # whole: whoever closed it died before it took the old name away
+            return None
+        result = _free_name(log)
+        # The name in the making is the leftover's own, so move that away first.
+        leftover.rename(aside)
+        try:
+            recovery = recover_log(aside, result)
+        except (LogReadError, LogError, OSError):
+            aside.rename(leftover)
+            return None
+        except BaseException:  # whoever interrupts it finds the leftover where it was
+            aside.rename(leftover)
+            raise
+        if len(recovery.damage) <= 1:
+            aside.unlink()
+        return recovery
+
+
+def _take_back(aside: Path) -> None:
+    """Give a leftover its name back whose recovery was killed; a result that was begun holds nothing else."""
+    log = aside.with_name(aside.name.removesuffix(ASIDE_SUFFIX))
+    begun = active_path(log)
+    if log.exists() or not aside.is_file():
+        return
+    with _held(aside) as is_ours:
+        if is_ours and not (begun.exists() and _is_locked(begun)):
+            aside.replace(begun)
+
+
+def _free_name(path: Path) -> Path:
+    number, name = 1, path
+    while name.exists():
+        name, number = path.with_name(f"{path.stem}.recovered-{number}{path.suffix}"), number + 1
+    return name
+
+
+@contextmanager
+def _held(path: Path) -> Iterator[bool]:
+    """Hold a file's lock for a while; False where somebody else has it: its writer, or another recovery."""
+    fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        is_ours = False
+    else:
+        is_ours = True
+    try:
+        yield is_ours
+    finally:
+        os.close(fd)
+
+
+def _is_locked(path: Path) -> bool:
+    with _held(path) as is_ours:
+        return not is_ours
+
+
+def _damage(scan: Scan) -> tuple[str, ...]:
+    return (*scan.damage, *(f"lost for certain: {count} of {topic}" for topic, count in sorted(scan.lost.items())))
+
+
+def _messages_to_keep(source: Path, scan: Scan) -> list[RawMessage]:
+    messages = [message for message in scan.messages if message.topic in _CHANNELS]
+    if not any(message.topic == HEADER.name for message in messages):
+        copy = scan.attachments.get(HEADER_ATTACHMENT)
+        if copy is None:
+            raise MissingHeaderError(source, sorted(scan.by_topic()))
+        started_ns = max(0, log_pb2.Header.FromString(copy).started_host_stamp_ns)
+        messages.insert(0, RawMessage(HEADER.name, HEADER.schema_name, 0, started_ns, started_ns, copy))
+    if not any(message.topic == FOOTER.name for message in messages):
+        messages.append(_footer(messages, scan))
+    return messages
+
+
+def _footer(messages: list[RawMessage], scan: Scan) -> RawMessage:
+    counts = Counter(message.topic[1:] for message in messages)
+    own = {topic.name[1:]: counts[topic.name[1:]] for topic in OWN_TOPICS if topic not in (HEADER, FOOTER)}
+    # Stamps of a damaged or hostile file fill all 64 bits; a footer's are signed.
+    last_ns = min(max(message.log_ns for message in messages), MAX_STAMP_NS)
+    footer = log_pb2.Footer(
+        host_stamp_ns=last_ns,
+        messages=own,
+        dropped=_gaps(messages),
+        outcome=RECOVERED + "; ".join(scan.damage or ["the log was not closed"]),
+    )
+    return RawMessage(FOOTER.name, FOOTER.schema_name, 0, last_ns, last_ns, footer.SerializeToString())
+
+
+def _gaps(messages: list[RawMessage]) -> dict[str, int]:
+    """Messages missing between the first number of a topic, 0, and its highest."""
+    own = [message for message in messages if message.topic in {topic.name for topic in OWN_TOPICS}]
+    highest: dict[str, int] = {}
+    for message in own:
+        highest[message.topic[1:]] = max(highest.get(message.topic[1:], 0), message.sequence + 1)
+    counts = Counter(message.topic[1:] for message in own)
+    own_names = [name for name in sorted(highest) if name not in ("header", "footer")]
+    # A hostile file has one number twice.
+    return {name: max(0, highest[name] - counts[name]) for name in own_names}
+
+
+def _write(file: McapFile, messages: list[RawMessage]) -> None:
+    header = next(message for message in messages if message.topic == HEADER.name)
+    file.attach(HEADER_ATTACHMENT, "application/x-protobuf", header.data, header.log_ns)
+    for message in messages:
+        file.add(
+            _CHANNELS[message.topic],
+            message.data,
+            log_ns=message.log_ns,
+            publish_ns=message.publish_ns,
+            sequence=message.sequence,
+        )
+        if file.buffered_bytes >= CHUNK_BYTES:
+            file.flush()
+    file.finish()
+
+
+def _verify(path: Path, messages: list[RawMessage]) -> None:
+    """Read the result again: it must hold the same messages, and be a log.
+
+    Raises:
+        LogError: It does not.
+    """
+    scan = scan_mcap(path.read_bytes())
+    if scan.damage or [m[2:] for m in scan.messages] != [m[2:] for m in messages]:
+        raise LogError(f"{path}: the recovered log does not hold what was written; check the disk and try again")
+    read_run(path)

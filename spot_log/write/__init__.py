@@ -1,0 +1,1 @@
+"""Writing a log from another process without making the control loop wait."""

@@ -1,0 +1,224 @@
+"""The datagrams between the loop and the log's process: packed by the one, unpacked by the other.
+
+Each starts with its kind and the number of its topic's messages so far, those that were dropped included, so that the
+receiver can count every loss. States stay the vendor's wire bytes; commands and ticks are packed by hand, because
+building a protobuf costs several times as much; the rest is protobuf.
+"""
+
+from __future__ import annotations
+
+import struct
+from enum import IntEnum
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from spot_log.format import codec
+from spot_log.format.records import CommandRecord, EventRecord, TickRecord
+from spot_log.format.vendor_record import state_record_from_wire
+from spot_model.robot.facts import N_JOINTS
+from spot_model.robot.state import RobotState, SlowState
+from spot_protos import log_pb2
+
+
+class Kind(IntEnum):
+    """What a datagram holds."""
+
+    STATE_WIRE = 1
+    STATE = 2
+    COMMAND = 3
+    TICK = 4
+    SLOW_STATE = 5
+    EVENT = 6
+    CLOSE = 7
+
+
+TOPIC_OF_KIND: Final = {
+    Kind.STATE_WIRE: "state",
+    Kind.STATE: "state",
+    Kind.COMMAND: "command",
+    Kind.TICK: "tick",
+    Kind.SLOW_STATE: "slow_state",
+    Kind.EVENT: "event",
+}
+
+MAX_DATAGRAM_BYTES: Final = 192 * 1024
+_HEAD: Final = struct.Struct("<BI")
+_STATE_HEAD: Final = struct.Struct("<BIq")
+_COMMAND_HEAD: Final = struct.Struct("<BIIqqqq")
+_TICK_HEAD: Final = struct.Struct("<BIqqqdddIqHHHH")
+_COMMAND_ARRAYS: Final = 6
+
+
+class Datagram(NamedTuple):
+    """One unpacked datagram: an own protobuf record and its number within its topic, counted from 0."""
+
+    kind: Kind
+    sequence: int
+    message: log_pb2.State | log_pb2.Command | log_pb2.Tick | log_pb2.SlowState | log_pb2.Event | log_pb2.Footer
+
+
+def pack_state_wire(sequence: int, wire: bytes, host_stamp_ns: int) -> bytes:
+    """Pack a vendor state message with its receive stamp."""
+    return _STATE_HEAD.pack(Kind.STATE_WIRE, sequence, host_stamp_ns) + wire
+
+
+def pack_state(sequence: int, state: RobotState) -> bytes:
+    """Pack a decoded state."""
+    return _HEAD.pack(Kind.STATE, sequence) + codec.state_to_proto(state).SerializeToString()
+
+
+def pack_command(sequence: int, record: CommandRecord) -> bytes:
+    """Pack a command.
+
+    Raises:
+        ValueError: An array has another length than 12.
+    """
+    command = record.command
+    gains = command.gains
+    arrays = np.array(
+        (
+            record.requested_position_rad,
+            command.position_rad,
+            command.velocity_rad_s,
+            command.load_nm,
+            gains.kp_nm_per_rad,
+            gains.kd_nm_s_per_rad,
+        ),
+        dtype=np.float64,
+    )
+    if arrays.shape != (_COMMAND_ARRAYS, N_JOINTS):
+        raise ValueError(f"command {command.key} has arrays of shape {arrays.shape[1:]}; expected ({N_JOINTS},)")
+    head = _COMMAND_HEAD.pack(
+        Kind.COMMAND,
+        sequence,
+        command.key,
+        record.host_stamp_ns,
+        record.robot_stamp_ns,
+        record.state_robot_stamp_ns,
+        command.end_robot_stamp_ns,
+    )
+    return head + arrays.tobytes()
+
+
+def pack_tick(sequence: int, record: TickRecord) -> bytes:
+    """Pack a tick."""
+    mode = record.mode.encode()
+    observation = np.asarray(record.observation, dtype=np.float32).tobytes()
+    action = np.asarray(record.action, dtype=np.float32).tobytes()
+    velocity = np.asarray(record.velocity_command, dtype=np.float64).tobytes()
+    head = _TICK_HEAD.pack(
+        Kind.TICK,
+        sequence,
+        record.index,
+        record.robot_stamp_ns,
+        record.host_stamp_ns,
+        record.state_age_s,
+        record.inference_s,
+        record.compute_s,
+        record.command_key,
+        record.skipped,
+        len(mode),
+        len(observation),
+        len(action),
+        len(velocity),
+    )
+    return b"".join((head, mode, observation, action, velocity))
+
+
+def pack_slow_state(sequence: int, state: SlowState) -> bytes:
+    """Pack a slow state."""
+    return _HEAD.pack(Kind.SLOW_STATE, sequence) + codec.slow_state_to_proto(state).SerializeToString()
+
+
+def pack_event(sequence: int, record: EventRecord) -> bytes:
+    """Pack an event."""
+    return _HEAD.pack(Kind.EVENT, sequence) + codec.event_to_proto(record).SerializeToString()
+
+
+def pack_close(footer: log_pb2.Footer) -> bytes:
+    """Pack the end of the log: outcome and drops."""
+    return _HEAD.pack(Kind.CLOSE, 0) + footer.SerializeToString()
+
+
+def unpack_head(datagram: bytes) -> tuple[Kind, int]:
+    """Return kind and sequence number.
+
+    Raises:
+        ValueError: The datagram is too short or of no known kind.
+    """
+    if len(datagram) < _HEAD.size:
+        raise ValueError(f"datagram of {len(datagram)} bytes; expected at least {_HEAD.size}")
+    kind, sequence = _HEAD.unpack_from(datagram)
+    return Kind(kind), sequence
+
+
+def unpack(datagram: bytes) -> Datagram:
+    """Turn a datagram into the record that goes to the file.
+
+    Raises:
+        ValueError, struct.error, google.protobuf.message.DecodeError, StateMessageError: It is malformed.
+    """
+    kind, sequence = unpack_head(datagram)
+    if kind is Kind.STATE_WIRE:
+        _, _, host_stamp_ns = _STATE_HEAD.unpack_from(datagram)
+        return Datagram(kind, sequence, state_record_from_wire(datagram[_STATE_HEAD.size :], host_stamp_ns))
+    if kind is Kind.COMMAND:
+        return Datagram(kind, sequence, _unpack_command(datagram))
+    if kind is Kind.TICK:
+        return Datagram(kind, sequence, _unpack_tick(datagram))
+    message = _PARSED[kind]()
+    message.ParseFromString(datagram[_HEAD.size :])
+    return Datagram(kind, sequence, message)
+
+
+_PARSED: Final = {
+    Kind.STATE: log_pb2.State,
+    Kind.SLOW_STATE: log_pb2.SlowState,
+    Kind.EVENT: log_pb2.Event,
+    Kind.CLOSE: log_pb2.Footer,
+}
+
+
+def _unpack_command(datagram: bytes) -> log_pb2.Command:
+    _, _, key, host_ns, robot_ns, state_ns, end_ns = _COMMAND_HEAD.unpack_from(datagram)
+    arrays = np.frombuffer(datagram, dtype=np.float64, offset=_COMMAND_HEAD.size)
+    requested, position, velocity, load, kp, kd = arrays.reshape(_COMMAND_ARRAYS, N_JOINTS).tolist()
+    return log_pb2.Command(
+        key=key,
+        host_stamp_ns=host_ns,
+        robot_stamp_ns=robot_ns,
+        state_robot_stamp_ns=state_ns,
+        end_robot_stamp_ns=end_ns,
+        requested_position_rad=requested,
+        position_rad=position,
+        velocity_rad_s=velocity,
+        load_nm=load,
+        kp_nm_per_rad=kp,
+        kd_nm_s_per_rad=kd,
+    )
+
+
+def _unpack_tick(datagram: bytes) -> log_pb2.Tick:
+    _, _, index, robot_ns, host_ns, age_s, inference_s, compute_s, key, skipped, *lengths = _TICK_HEAD.unpack_from(
+        datagram
+    )
+    parts, offset = [], _TICK_HEAD.size
+    for length in lengths:
+        parts.append(datagram[offset : offset + length])
+        offset += length
+    mode, observation, action, velocity = parts
+    return log_pb2.Tick(
+        index=index,
+        robot_stamp_ns=robot_ns,
+        host_stamp_ns=host_ns,
+        mode=mode.decode(),
+        observation=np.frombuffer(observation, dtype=np.float32).tolist(),
+        action=np.frombuffer(action, dtype=np.float32).tolist(),
+        velocity_command=np.frombuffer(velocity, dtype=np.float64).tolist(),
+        state_age_s=age_s,
+        inference_s=inference_s,
+        compute_s=compute_s,
+        command_key=key,
+        skipped=skipped,
+    )

@@ -1,0 +1,217 @@
+"""The loop's side of the log: hands records to the log's process, never waits, and counts what it cannot hand over."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import select
+import socket
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+from spot_log.errors import LogError
+from spot_log.format import codec
+from spot_log.format.records import CommandRecord, EventRecord, RunHeader, TickRecord
+from spot_log.write import hand_off
+from spot_log.write.run_writer import active_path, check_can_start
+from spot_log.write.sink import TOPICS, SinkHealth
+from spot_model.robot.state import RobotState, SlowState
+from spot_protos import log_pb2
+
+SEND_BUFFER_BYTES: Final = 4 << 20
+START_TIMEOUT_S: Final = 20.0
+CLOSE_TIMEOUT_S: Final = 10.0
+_STATE, _COMMAND, _TICK, _SLOW_STATE, _EVENT = range(len(TOPICS))
+_ENCODING_ERRORS: Final = (TypeError, ValueError, AttributeError, OverflowError, struct.error)
+_FLAGS: Final = socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL
+
+_SECRET: Final = re.compile(r"PASSWORD|TOKEN|SECRET|CREDENTIAL", re.IGNORECASE)
+
+Record = TypeVar("Record")
+
+
+class LoggerProcess:
+    """A :class:`~spot_log.write.sink.LogSink` that writes to a file from another process."""
+
+    def __init__(self, process: subprocess.Popen[bytes], connection: socket.socket, path: Path) -> None:
+        self._process = process
+        self._socket = connection
+        self.path = path
+        self._sequence = [0] * len(TOPICS)
+        self._dropped = [0] * len(TOPICS)
+        self._is_alive = True
+        self._is_closed = False
+        self._child_problem = ""
+        self._own_problem = ""
+        self._unwritten: dict[str, int] = dict.fromkeys(TOPICS, 0)
+
+    @staticmethod
+    def start(path: Path, header: RunHeader, *, timeout_s: float = START_TIMEOUT_S) -> LoggerProcess:
+        """Start the process and wait until the file is open.
+
+        Args:
+            path: The log's final name; until it is closed it is called ``path`` + ``.active``.
+            header: What goes into the header record.
+            timeout_s: How long to wait for the process.
+
+        Raises:
+            LogError: The log exists, the disk is too full or not writable, or the process does not start.
+        """
+        path = path.absolute()
+        _check_directory(path)
+        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        with theirs:
+            # The kernel grants what its wmem_max allows; the child drains into memory, so little is enough.
+            ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
+            command = [sys.executable, "-m", "spot_log.write.logger_child", str(theirs.fileno()), str(path)]
+            process = subprocess.Popen(  # noqa: S603 - our own command line
+                command, stdin=subprocess.PIPE, pass_fds=(theirs.fileno(),), env=without_secrets(os.environ)
+            )
+        sink = LoggerProcess(process, ours, path)
+        try:
+            assert process.stdin is not None  # noqa: S101
+            with process.stdin as stdin:
+                stdin.write(codec.header_to_proto(header).SerializeToString())
+            sink._wait_ready(timeout_s)
+        except (OSError, LogError) as error:
+            process.kill()
+            process.wait()
+            ours.close()
+            raise error if isinstance(error, LogError) else LogError(f"the log's process: {error}") from error
+        return sink
+
+    @property
+    def process_id(self) -> int:
+        """The number of the log's process."""
+        return self._process.pid
+
+    def state(self, wire: bytes, host_stamp_ns: int) -> None:
+        """Log one state as wire bytes and receive stamp."""
+        self._hand_over(_STATE, hand_off.pack_state_wire, wire, host_stamp_ns)
+
+    def decoded_state(self, state: RobotState) -> None:
+        """Log one decoded state."""
+        self._hand_over(_STATE, hand_off.pack_state, state)
+
+    def command(self, record: CommandRecord) -> None:
+        """Log one command."""
+        self._hand_over(_COMMAND, hand_off.pack_command, record)
+
+    def tick(self, record: TickRecord) -> None:
+        """Log one tick."""
+        self._hand_over(_TICK, hand_off.pack_tick, record)
+
+    def slow_state(self, state: SlowState) -> None:
+        """Log one slow state."""
+        self._hand_over(_SLOW_STATE, hand_off.pack_slow_state, state)
+
+    def event(self, record: EventRecord) -> None:
+        """Log one event."""
+        self._hand_over(_EVENT, hand_off.pack_event, record)
+
+    @property
+    def dropped(self) -> Mapping[str, int]:
+        """Messages that did not reach the log's process, by topic."""
+        return dict(zip(TOPICS, self._dropped, strict=True))
+
+    def health(self) -> SinkHealth:
+        """Read the process's reports, without waiting."""
+        self._read_status()
+        if self._is_alive and self._process.poll() is not None:
+            self._is_alive = False
+        problem = self._child_problem or self._own_problem
+        if not self._is_alive and not self._is_closed:
+            problem = (
+                f"the log's process ended ({_exit_text(self._process)}); {active_path(self.path)} holds what it had"
+            )
+        elif not problem and any(self._dropped):
+            problem = f"the log's process does not keep up: {sum(self._dropped)} messages dropped"
+        return SinkHealth(self._is_alive, self.dropped, dict(self._unwritten), problem)
+
+    def close(self, outcome: str) -> None:
+        """End the log; waits until the file is whole, at most :data:`CLOSE_TIMEOUT_S`."""
+        if self._is_closed:
+            return
+        deadline_s = time.monotonic() + CLOSE_TIMEOUT_S
+        footer = log_pb2.Footer(dropped=self.dropped, outcome=outcome)
+        if self._is_alive:
+            select.select([], [self._socket], [], CLOSE_TIMEOUT_S)
+            try:
+                self._socket.send(hand_off.pack_close(footer), _FLAGS)
+                self._socket.shutdown(socket.SHUT_WR)
+            except OSError as error:
+                self._own_problem = f"the log could not be told to close: {error}"
+        try:
+            self._process.wait(max(0.1, deadline_s - time.monotonic()))
+        except subprocess.TimeoutExpired:
+            self._own_problem = f"the log's process has not finished after {CLOSE_TIMEOUT_S:g} s; it goes on by itself"
+        self.health()
+        self._is_closed, self._is_alive = True, False
+        self._socket.close()
+
+    def _hand_over(self, topic: int, pack: Callable[..., bytes], *record: Any) -> None:
+        sequence = self._sequence[topic]
+        self._sequence[topic] = sequence + 1
+        if not self._is_alive:
+            self._dropped[topic] += 1
+            return
+        try:
+            self._socket.send(pack(sequence, *record), _FLAGS)
+        except (BlockingIOError, InterruptedError):
+            self._dropped[topic] += 1
+        except (ConnectionError, TimeoutError):
+            self._is_alive = False
+            self._dropped[topic] += 1
+        except (OSError, *_ENCODING_ERRORS) as error:
+            self._dropped[topic] += 1
+            self._own_problem = f"a {TOPICS[topic]} record could not be handed to the log: {error}"
+
+    def _wait_ready(self, timeout_s: float) -> None:
+        readable, _, _ = select.select([self._socket], [], [], timeout_s)
+        data = self._socket.recv(hand_off.MAX_DATAGRAM_BYTES) if readable else b""
+        if not data:
+            raise LogError(f"the log's process did not start within {timeout_s:g} s ({_exit_text(self._process)})")
+        status = json.loads(data)
+        if not status["ready"]:
+            raise LogError(status["refused"])
+
+    def _read_status(self) -> None:
+        while not self._is_closed:
+            try:
+                data = self._socket.recv(hand_off.MAX_DATAGRAM_BYTES, socket.MSG_DONTWAIT)
+            except OSError:
+                return
+            if not data:
+                return
+            status = json.loads(data)
+            self._child_problem = status["problem"]
+            self._unwritten = {**dict.fromkeys(TOPICS, 0), **status["unwritten"]}
+
+
+def without_secrets(environment: Mapping[str, str]) -> dict[str, str]:
+    """An environment for a process that needs no password: whoever may list processes may read it."""
+    return {name: value for name, value in environment.items() if not _SECRET.search(name)}
+
+
+def _check_directory(path: Path) -> None:
+    try:
+        check_can_start(path)
+    except FileNotFoundError as error:
+        raise LogError(f"there is no directory {path.parent} to log to; make it first") from error
+    except LogError:
+        raise
+    except OSError as error:
+        raise LogError(f"cannot log to {path.parent}: {error}") from error
+
+
+def _exit_text(process: subprocess.Popen[bytes]) -> str:
+    code = process.poll()
+    if code is None:
+        return "it still runs"
+    return f"killed by signal {-code}" if code < 0 else f"exit code {code}"

@@ -1,0 +1,268 @@
+"""An MCAP file that is whole after every flush: one write a chunk, taken back if it fails.
+
+The ``mcap`` package's records are used as they are; its writer is not, because it has no public flush, keeps schemas
+and channels in the first chunk only, and leaves half a chunk behind on a full disk.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import struct
+import zlib
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import zstandard
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from mcap.records import (
+    Attachment,
+    AttachmentIndex,
+    Channel,
+    Chunk,
+    ChunkIndex,
+    DataEnd,
+    Footer,
+    Header,
+    McapRecord,
+    MessageIndex,
+    Schema,
+    Statistics,
+    SummaryOffset,
+)
+
+from spot_log.errors import LogExistsError
+from spot_log.format.topics import Topic
+
+MAGIC: Final = b"\x89MCAP0\r\n"
+LIBRARY: Final = "spot-rl"
+CHUNK_BYTES: Final = 1 << 20
+_MESSAGE_HEAD: Final = struct.Struct("<BQHIQQ")
+_MESSAGE_FIXED_BYTES: Final = 22
+
+
+@dataclass
+class _Group:
+    """Records of one kind in the summary section."""
+
+    opcode: Opcode
+    records: list[McapRecord]
+
+
+class McapFile:
+    """Append messages to a new file; :meth:`flush` makes them durable, :meth:`finish` adds the index.
+
+    Raises:
+        LogExistsError: The file exists.
+        OSError: It cannot be created.
+    """
+
+    def __init__(self, path: Path, topics: Iterable[Topic]) -> None:
+        self.path = path
+        try:
+            self._fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+        except FileExistsError as error:
+            raise LogExistsError(path) from error
+        # Whoever looks for leftovers of a crash can tell this file from one by the lock.
+        fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        self._size = 0
+        self._compressor = zstandard.ZstdCompressor(level=3)
+        self._channels: dict[int, Channel] = {}
+        self._schemas: dict[int, Schema] = {}
+        for topic in topics:
+            schema = Schema(topic.channel_id, topic.schema_data(), "protobuf", topic.schema_name)
+            self._schemas[topic.channel_id] = schema
+            self._channels[topic.channel_id] = Channel(topic.channel_id, topic.name, "protobuf", {}, schema.id)
+        self._chunk_indices: list[ChunkIndex] = []
+        self._attachment_indices: list[AttachmentIndex] = []
+        self._counts: Counter[int] = Counter()
+        self._start_ns, self._end_ns = 0, 0
+        self._begin_chunk()
+        try:
+            self._append(MAGIC + _encode(Header(profile="", library=LIBRARY)))
+        except OSError:
+            self.give_up()
+            raise
+
+    def _begin_chunk(self) -> None:
+        self._parts: list[bytes] = []
+        self._offset = 0
+        self._message_times: dict[int, list[tuple[int, int]]] = {}
+        self._chunk_start_ns, self._chunk_end_ns = 0, 0
+
+    @property
+    def buffered_bytes(self) -> int:
+        """Bytes that the next flush will write, before compression."""
+        return self._offset
+
+    @property
+    def buffered_counts(self) -> Counter[int]:
+        """Messages that the next flush will write, by channel."""
+        return Counter({channel: len(times) for channel, times in self._message_times.items()})
+
+    @property
+    def written_counts(self) -> Counter[int]:
+        """Messages in the file, by channel."""
+        return Counter(self._counts)
+
+    def add(self, channel_id: int, data: bytes, *, log_ns: int, publish_ns: int, sequence: int) -> None:
+        """Add a message to the chunk in the making."""
+        times = self._message_times.get(channel_id)
+        if times is None:
+            times = self._message_times[channel_id] = []
+            self._add_channel(channel_id)
+        if not self._chunk_start_ns or log_ns < self._chunk_start_ns:
+            self._chunk_start_ns = log_ns
+        self._chunk_end_ns = max(self._chunk_end_ns, log_ns)
+        times.append((log_ns, self._offset))
+        length = _MESSAGE_FIXED_BYTES + len(data)
+        self._parts.append(_MESSAGE_HEAD.pack(Opcode.MESSAGE, length, channel_id, sequence, log_ns, publish_ns))
+        self._parts.append(data)
+        self._offset += _MESSAGE_HEAD.size + len(data)
+
+    def _add_channel(self, channel_id: int) -> None:
+        """Repeat the channel in every chunk, so that each can be read if the others are lost; the schema once."""
+        is_first = not self._counts[channel_id]
+        schemas: list[McapRecord] = [self._schemas[channel_id]] if is_first else []
+        self._parts.append(_encode(*schemas, self._channels[channel_id]))
+        self._offset += len(self._parts[-1])
+
+    def flush(self) -> None:
+        """Write the chunk in the making to disk. On failure its messages are gone, the file is as before.
+
+        Raises:
+            OSError: The disk is full, or gone.
+        """
+        if not self._parts:
+            return
+        data = b"".join(self._parts)
+        times, start_ns, end_ns = self._message_times, self._chunk_start_ns, self._chunk_end_ns
+        self._begin_chunk()
+        chunk = Chunk(
+            compression="zstd",
+            data=self._compressor.compress(data),
+            message_end_time=end_ns,
+            message_start_time=start_ns,
+            uncompressed_crc=zlib.crc32(data),
+            uncompressed_size=len(data),
+        )
+        encoded = [_encode(chunk)]
+        offsets: dict[int, int] = {}
+        length = len(encoded[0])
+        for channel_id, records in times.items():
+            offsets[channel_id] = self._size + length
+            encoded.append(_encode(MessageIndex(channel_id, records)))
+            length += len(encoded[-1])
+        index = ChunkIndex(
+            chunk_length=len(encoded[0]),
+            chunk_start_offset=self._size,
+            compression="zstd",
+            compressed_size=len(chunk.data),
+            message_end_time=end_ns,
+            message_index_length=length - len(encoded[0]),
+            message_index_offsets=offsets,
+            message_start_time=start_ns,
+            uncompressed_size=len(data),
+        )
+        self._append(b"".join(encoded))
+        self._chunk_indices.append(index)
+        self._counts.update({channel: len(records) for channel, records in times.items()})
+        self._start_ns = min(self._start_ns or start_ns, start_ns)
+        self._end_ns = max(self._end_ns, end_ns)
+
+    def discard(self) -> None:
+        """Forget the chunk in the making."""
+        self._begin_chunk()
+
+    def attach(self, name: str, media_type: str, data: bytes, log_ns: int) -> None:
+        """Add an attachment, outside any chunk and with a check sum of its own.
+
+        Raises:
+            OSError: The disk is full, or gone.
+        """
+        encoded = _encode(Attachment(log_ns, log_ns, name, media_type, data))
+        index = AttachmentIndex(self._size, len(encoded), log_ns, log_ns, len(data), name, media_type)
+        self._append(encoded)
+        self._attachment_indices.append(index)
+
+    def finish(self) -> None:
+        """Flush, add the index, and close. A file that is not finished can still be read, slower.
+
+        Raises:
+            OSError: The disk is full, or gone; the file is closed all the same.
+        """
+        try:
+            self.flush()
+            self._append(self._tail())
+        finally:
+            self.close()
+
+    def close(self) -> None:
+        """Close without an index; harmless after :meth:`finish`."""
+        if self._fd >= 0:
+            os.close(self._fd)
+            self._fd = -1
+
+    def give_up(self) -> None:
+        """Close and remove a file that holds nothing yet."""
+        self.close()
+        self.path.unlink(missing_ok=True)
+
+    def _tail(self) -> bytes:
+        used = sorted(self._counts)
+        statistics = Statistics(
+            attachment_count=len(self._attachment_indices),
+            channel_count=len(used),
+            channel_message_counts=dict(self._counts),
+            chunk_count=len(self._chunk_indices),
+            message_count=sum(self._counts.values()),
+            message_end_time=self._end_ns,
+            message_start_time=self._start_ns,
+            metadata_count=0,
+            schema_count=len(used),
+        )
+        groups = (
+            _Group(Opcode.SCHEMA, [self._schemas[i] for i in used]),
+            _Group(Opcode.CHANNEL, [self._channels[i] for i in used]),
+            _Group(Opcode.STATISTICS, [statistics]),
+            _Group(Opcode.CHUNK_INDEX, list(self._chunk_indices)),
+            _Group(Opcode.ATTACHMENT_INDEX, list(self._attachment_indices)),
+        )
+        data_end = _encode(DataEnd(0))
+        summary_start = self._size + len(data_end)
+        body = b""
+        offsets: list[SummaryOffset] = []
+        for group in groups:
+            encoded = _encode(*group.records)
+            if encoded:
+                offsets.append(SummaryOffset(group.opcode, summary_start + len(body), len(encoded)))
+            body += encoded
+        offset_start = summary_start + len(body)
+        body += _encode(*offsets)
+        # The check sum covers the summary and the footer up to the check sum itself.
+        footer_head = struct.pack("<BQQQ", Opcode.FOOTER, 20, summary_start, offset_start)
+        footer = Footer(summary_start, offset_start, zlib.crc32(footer_head, zlib.crc32(body)))
+        return data_end + body + _encode(footer) + MAGIC
+
+    def _append(self, data: bytes) -> None:
+        view = memoryview(data)
+        try:
+            while view:
+                view = view[os.write(self._fd, view) :]
+            os.fdatasync(self._fd)
+        except OSError:
+            os.ftruncate(self._fd, self._size)
+            os.lseek(self._fd, self._size, os.SEEK_SET)
+            raise
+        self._size += len(data)
+
+
+def _encode(*records: McapRecord) -> bytes:
+    builder = RecordBuilder()
+    for record in records:
+        record.write(builder)
+    return bytes(builder.end())  # type: ignore[no-untyped-call]

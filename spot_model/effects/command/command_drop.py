@@ -1,0 +1,28 @@
+"""Some commands never arrive; the one before stays in effect."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from spot_model.effects.base import CommandEffect, parameter, per_sim
+from spot_model.robot.rotation import AnyArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class CommandDrop(CommandEffect):
+    """Each command is lost with the same probability.
+
+    Source: weak wireless links, 0 to 2 %.
+    """
+
+    name: ClassVar[str] = "command_drop"
+
+    probability: Any = parameter(null=0.0, low=0.0, high=0.9, unit="1", source="0 to 0.02")
+
+    def arrival_s(self, issued_s: AnyArray, rng: np.random.Generator) -> AnyArray:
+        """Issue time, or never."""
+        return np.where(rng.random(np.shape(issued_s)) < per_sim(self.probability), math.inf, issued_s)

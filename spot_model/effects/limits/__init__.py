@@ -1,0 +1,1 @@
+"""Limits on torque and power."""

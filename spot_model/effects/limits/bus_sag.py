@@ -1,0 +1,50 @@
+"""The battery's voltage sags under load, and with it the speed at which motors still give torque."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from array_api_compat import array_namespace
+
+from spot_model.effects.base import Memory, Motion, TorqueEffect, parameter
+from spot_model.robot.rotation import AnyArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class BusSag(TorqueEffect):
+    """Driving torque is bounded by back-EMF against a bus voltage that falls with the total current.
+
+    V = V0 − R·I with I = Σ max(τ·q̇, 0) / V0, smoothed over the supply's capacitance; a joint's driving torque is
+    bounded by s·(V − k·|q̇|), at least 0.
+
+    Source: a brushless motor at voltage V: τ ≤ (kt/R_phase)·(V − ke·ω), at the joint.
+    """
+
+    name: ClassVar[str] = "bus_sag"
+
+    resistance_ohm: Any = parameter(null=0.0, low=0.0, high=2.0, unit="Ω", source="battery and wiring, 0.02 to 0.1 Ω")
+    open_voltage_v: Any = parameter(null=55.0, low=10.0, high=100.0, unit="V", source="Spot's battery, about 55 V")
+    back_emf_v_s_per_rad: Any = parameter(
+        null=0.0, low=0.0, high=10.0, unit="V·s/rad", source="no-load speed 22 to 25 rad/s"
+    )
+    stall_nm_per_v: Any = parameter(null=1e6, low=0.1, high=1e6, unit="N·m/V", source="stall torque / voltage")
+    smoothing_s: Any = parameter(null=0.01, low=1e-4, high=1.0, unit="s", source="supply capacitance × resistance")
+
+    def start(self, torque_nm: AnyArray) -> Memory:
+        """No current, as a value for each simulation."""
+        return array_namespace(torque_nm).zeros_like(torque_nm[:, :1])
+
+    def torque(self, torque_nm: AnyArray, motion: Motion, memory: Memory) -> tuple[AnyArray, Memory]:
+        """Bound the driving torque by the voltage that is left."""
+        xp = array_namespace(torque_nm)
+        velocity = motion.velocity_rad_s
+        voltage = self.open_voltage_v - self.resistance_ohm * memory
+        headroom = xp.clip(voltage - self.back_emf_v_s_per_rad * xp.abs(velocity), 0.0, 1e9)
+        bound = self.stall_nm_per_v * headroom
+        driving = torque_nm * velocity > 0.0
+        torque = xp.where(driving, xp.minimum(xp.maximum(torque_nm, -bound), bound), torque_nm)
+        mechanical = torque * velocity
+        power = xp.sum(xp.where(mechanical > 0.0, mechanical, xp.zeros_like(mechanical)), axis=-1, keepdims=True)
+        blend = 1.0 - xp.exp(-motion.dt_s / self.smoothing_s)
+        return torque, memory + blend * (power / self.open_voltage_v - memory)

@@ -1,0 +1,1 @@
+"""Effects on what the sensors and the state estimator report."""

@@ -1,0 +1,51 @@
+"""An inertial unit that sits askew: attitude and turn rates are reported in a tilted frame."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from spot_model.effects.base import BodyEstimate, EstimateEffect, Memory, parameter
+from spot_model.robot.rotation import multiply_wxyz, rotate_inverse_wxyz
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImuTilt(EstimateEffect):
+    """The body frame that the estimator believes in is the true one, rolled and pitched.
+
+    Source: mounting tolerances, 0.5 to 3 degrees.
+    """
+
+    name: ClassVar[str] = "imu_tilt"
+
+    roll_rad: Any = parameter(null=0.0, low=-0.3, high=0.3, unit="rad", source="0.01 to 0.05 rad")
+    pitch_rad: Any = parameter(null=0.0, low=-0.3, high=0.3, unit="rad", source="0.01 to 0.05 rad")
+
+    def estimate(
+        self, estimate: BodyEstimate, dt_s: float, memory: Memory, rng: np.random.Generator
+    ) -> tuple[BodyEstimate, Memory]:
+        """Tilt attitude, turn rates and velocity."""
+        if self.is_null:
+            return estimate, memory
+        n = estimate.world_from_body_wxyz.shape[0]
+        roll, pitch = (np.broadcast_to(0.5 * np.asarray(v), (n, 1)) for v in (self.roll_rad, self.pitch_rad))
+        zero = np.zeros((n, 1))
+        about_x = np.concatenate([np.cos(roll), np.sin(roll), zero, zero], axis=1)
+        about_y = np.concatenate([np.cos(pitch), zero, np.sin(pitch), zero], axis=1)
+        body_from_imu = multiply_wxyz(about_x, about_y)
+        return (
+            dataclasses.replace(
+                estimate,
+                world_from_body_wxyz=multiply_wxyz(estimate.world_from_body_wxyz, body_from_imu),
+                angular_vel_of_body_in_body_rad_s=rotate_inverse_wxyz(
+                    body_from_imu, estimate.angular_vel_of_body_in_body_rad_s
+                ),
+                linear_vel_of_body_in_body_m_s=rotate_inverse_wxyz(
+                    body_from_imu, estimate.linear_vel_of_body_in_body_m_s
+                ),
+            ),
+            memory,
+        )

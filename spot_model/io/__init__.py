@@ -1,0 +1,1 @@
+"""Files and command line: model files, velocity sequences, YAML, validation."""

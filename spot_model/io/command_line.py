@@ -1,0 +1,100 @@
+"""The one console script, ``spot-rl``: it finds the commands, loads only the one asked for, and words the errors."""
+
+from __future__ import annotations
+
+import sys
+import traceback
+from collections.abc import Callable, Sequence
+from importlib.metadata import EntryPoint, version
+from typing import Annotated, Any, cast
+
+import typer
+
+from spot_model.errors import SpotRlError
+from spot_model.io.command_registry import describe_command, explain_missing_module, find_commands, load_command
+
+INTERNAL_ERROR_EXIT_CODE = 70
+GROUP_HELP = {"bench": "Measure one thing on this machine; with --json, print it as one object."}
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run ``spot-rl`` with ``arguments`` (the process's own by default) and leave through ``SystemExit``.
+
+    Exit codes: 0 success, 1 an error of ours (or the error's own code), 2 wrong usage or a missing extra, 70 a defect
+    of this program, 130 interrupted.
+    """
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    # Only flags stand before a command's name, so everything up to its first word belongs to the group.
+    named = [word for word in words if not word.startswith("-")][:2]
+    is_debug = "--debug" in (words[: words.index(named[0])] if named else words)
+    chosen: str | None = named[0] if named else None
+    entry: EntryPoint | None = None
+    try:
+        commands = find_commands()
+        chosen = next((name for name in (".".join(named), chosen) if name in commands), chosen)
+        entry = commands.get(chosen) if chosen else None
+        app = build_app(commands, chosen)
+        typer.main.get_command(app).main(args=words, prog_name="spot-rl")
+    except Exception as error:  # noqa: BLE001 - the last place where an error can become a line for the user
+        told = explain_missing_module(entry, error) if entry and isinstance(error, ModuleNotFoundError) else error
+        if is_debug:
+            traceback.print_exception(error)
+        typer.echo(error_line(told, chosen, is_debug=is_debug), err=True)
+        raise SystemExit(exit_code_of(told)) from None
+
+
+def build_app(commands: dict[str, EntryPoint], chosen: str | None) -> typer.Typer:
+    """Build the group: the chosen command loaded, every other one a stand-in that only carries its help line."""
+    app = typer.Typer(callback=_group_options, no_args_is_help=True, add_completion=False)
+    groups = {"": app}
+    for name, entry in commands.items():
+        group, _, leaf = name.rpartition(".")
+        if group not in groups:
+            groups[group] = typer.Typer(callback=_stand_in, no_args_is_help=True, help=GROUP_HELP.get(group))
+            app.add_typer(groups[group], name=group)
+        if name != chosen:
+            groups[group].command(leaf, help=describe_command(entry))(_stand_in)
+            continue
+        loaded = load_command(entry)
+        if isinstance(loaded, typer.Typer):
+            groups[group].add_typer(loaded, name=leaf)
+        else:
+            groups[group].command(leaf)(cast("Callable[..., Any]", loaded))
+    return app
+
+
+def error_line(error: Exception, command: str | None, *, is_debug: bool) -> str:
+    """Word an error as one line: ours by its message, the system's by its text, any other as a defect of ours."""
+    command = command.replace(".", " ") if command else ""
+    prefix = f"spot-rl {command}".rstrip()
+    if isinstance(error, (SpotRlError, OSError)):
+        return f"{prefix}: error: {error}"
+    hint = "" if is_debug else f"; 'spot-rl --debug {command}' shows where"
+    return f"{prefix}: internal error: {type(error).__name__}: {error}{hint}"
+
+
+def exit_code_of(error: Exception) -> int:
+    """Return the process's exit code for an error that ended a command."""
+    if isinstance(error, SpotRlError):
+        return error.exit_code
+    return 1 if isinstance(error, OSError) else INTERNAL_ERROR_EXIT_CODE
+
+
+def _print_version(is_asked: bool) -> None:
+    if is_asked:
+        typer.echo(f"spot-rl {version('spot-rl')}")
+        raise typer.Exit
+
+
+def _group_options(
+    debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False,
+    version: Annotated[
+        bool,
+        typer.Option("--version", help="Print the version and leave.", callback=_print_version, is_eager=True),
+    ] = False,
+) -> None:
+    """Train, run, log and explain reinforcement-learning policies for Boston Dynamics Spot."""
+
+
+def _stand_in() -> None:
+    """Stand for a command that was not asked for."""

@@ -1,0 +1,177 @@
+"""Velocity-command sequences: what the operator asks for over time, and the paper's four."""
+
+from __future__ import annotations
+
+import json
+from bisect import bisect_right
+from collections.abc import Callable
+from itertools import pairwise
+from operator import attrgetter
+from pathlib import Path
+from typing import Final, Literal
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from spot_model.errors import BadInputError
+from spot_model.io.validation import explain
+from spot_model.io.yaml_text import read_yaml
+
+Array = NDArray[np.float64]
+
+SCHEMA: Final = "spot-rl/velocity-sequence/1"
+
+
+class Waypoint(BaseModel):
+    """The command from this instant on; ``ramp`` reaches it in a straight line from the waypoint before."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    time_s: float = Field(ge=0.0, le=3600.0)
+    v_x_m_s: float = Field(default=0.0, ge=-10.0, le=10.0)
+    v_y_m_s: float = Field(default=0.0, ge=-10.0, le=10.0)
+    yaw_rate_rad_s: float = Field(default=0.0, ge=-10.0, le=10.0)
+    ramp: bool = False
+
+    @property
+    def command(self) -> tuple[float, float, float]:
+        """V_x, V_y (m/s), ω_z (rad/s)."""
+        return (self.v_x_m_s, self.v_y_m_s, self.yaw_rate_rad_s)
+
+
+class VelocitySequence(BaseModel):
+    """A named sequence of velocity commands over ``duration_s``."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
+
+    schema_name: Literal["spot-rl/velocity-sequence/1"] = Field(default=SCHEMA, alias="schema")
+    name: str = Field(min_length=1, max_length=100)
+    duration_s: float = Field(gt=0.0, le=3600.0)
+    waypoints: tuple[Waypoint, ...] = Field(min_length=1, max_length=100_000)
+
+    def model_post_init(self, _context: object) -> None:
+        """Check that waypoint times rise from 0 within the duration."""
+        times = [w.time_s for w in self.waypoints]
+        if times[0] != 0.0 or any(b <= a for a, b in pairwise(times)):
+            raise ValueError("waypoints: time_s must start at 0 and rise")
+        if times[-1] > self.duration_s:
+            raise ValueError(f"waypoints: time_s = {times[-1]} lies after duration_s = {self.duration_s}")
+
+    def at(self, time_s: float) -> Array:
+        """The command at a time, shape (3,): V_x, V_y (m/s), ω_z (rad/s); the last one holds after the end."""
+        index = max(0, bisect_right(self.waypoints, time_s, key=attrgetter("time_s")) - 1)
+        latest = self.waypoints[index]
+        now = np.array(latest.command)
+        if index + 1 < len(self.waypoints) and self.waypoints[index + 1].ramp:
+            following = self.waypoints[index + 1]
+            share = (time_s - latest.time_s) / (following.time_s - latest.time_s)
+            now = now + share * (np.array(following.command) - now)
+        return now
+
+    def sampled(self, rate_hz: float) -> Array:
+        """All commands at a fixed rate, shape (duration · rate, 3)."""
+        count = round(self.duration_s * rate_hz)
+        return np.array([self.at(i / rate_hz) for i in range(count)])
+
+    def clipped(self, low: Array, high: Array) -> VelocitySequence:
+        """The same sequence within a policy's command range, each shape (3,)."""
+
+        def clip(w: Waypoint) -> Waypoint:
+            v_x, v_y, yaw = (float(v) for v in np.clip(w.command, low, high))
+            return Waypoint(time_s=w.time_s, v_x_m_s=v_x, v_y_m_s=v_y, yaw_rate_rad_s=yaw, ramp=w.ramp)
+
+        return self.model_copy(update={"waypoints": tuple(clip(w) for w in self.waypoints)})
+
+
+def forward_sequence(top_speed_m_s: float = 4.0) -> VelocitySequence:
+    """Run forward: from a standstill at rising speed to the top, hold, and back to a stop. Source: the paper."""
+    return VelocitySequence(
+        name="forward",
+        duration_s=20.0,
+        waypoints=(
+            Waypoint(time_s=0.0),
+            Waypoint(time_s=1.0),
+            Waypoint(time_s=11.0, v_x_m_s=top_speed_m_s, ramp=True),
+            Waypoint(time_s=16.0, v_x_m_s=top_speed_m_s, ramp=True),
+            Waypoint(time_s=18.5, ramp=True),
+        ),
+    )
+
+
+def six_directions_sequence(speed: float = 1.5) -> VelocitySequence:
+    """Forward, back, left, right (m/s), turn left, turn right (rad/s) at moderate speed. Source: the paper."""
+    directions = ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1))
+    points = [Waypoint(time_s=0.0)]
+    for i, (x, y, yaw) in enumerate(directions):
+        points.append(Waypoint(time_s=1.0 + 3.0 * i, v_x_m_s=speed * x, v_y_m_s=speed * y, yaw_rate_rad_s=speed * yaw))
+    points.append(Waypoint(time_s=19.0))
+    return VelocitySequence(name="six_directions", duration_s=20.0, waypoints=tuple(points))
+
+
+def random_sequence(
+    seed: int = 0,
+    low: tuple[float, float, float] = (-1.5, -1.0, -1.5),
+    high: tuple[float, float, float] = (3.0, 1.0, 1.5),
+) -> VelocitySequence:
+    """Commands drawn evenly within bounds, a new one every 2 s. Source: the paper's randomly changing commands."""
+    rng = np.random.default_rng(seed)
+    points = [Waypoint(time_s=0.0)]
+    for i in range(9):
+        x, y, yaw = (float(v) for v in rng.uniform(low, high))
+        points.append(Waypoint(time_s=1.0 + 2.0 * i, v_x_m_s=x, v_y_m_s=y, yaw_rate_rad_s=yaw))
+    points.append(Waypoint(time_s=19.0))
+    return VelocitySequence(name="random", duration_s=20.0, waypoints=tuple(points))
+
+
+def standing_sequence(duration_s: float = 20.0) -> VelocitySequence:
+    """Stand still."""
+    return VelocitySequence(name="standing", duration_s=duration_s, waypoints=(Waypoint(time_s=0.0),))
+
+
+BUILT_IN: Final[dict[str, Callable[[], VelocitySequence]]] = {
+    "forward": forward_sequence,
+    "six_directions": six_directions_sequence,
+    "random": random_sequence,
+    "standing": standing_sequence,
+}
+
+
+def load_sequence(name_or_path: str) -> VelocitySequence:
+    """A built-in sequence by name, or one from a YAML file.
+
+    Raises:
+        BadInputError: Neither a built-in name nor a readable, valid file; the message names key, value and bounds.
+    """
+    if name_or_path in BUILT_IN:
+        return BUILT_IN[name_or_path]()
+    path = Path(name_or_path)
+    if not _is_file(path):
+        raise BadInputError(
+            f"velocity sequence {name_or_path!r} is no file; allowed: a YAML file, or one of {', '.join(BUILT_IN)}"
+        )
+    data = read_yaml(path, "velocity sequence")
+    try:
+        # By way of JSON, pydantic's strict mode takes a list for a tuple, but neither "3" nor true for 3.
+        return VelocitySequence.model_validate_json(json.dumps(data, default=str), strict=True)
+    except ValidationError as error:
+        raise BadInputError(f"velocity sequence {path}:\n{explain(error)}") from error
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:  # no name that a file can have
+        return False
+
+
+def save_sequence(sequence: VelocitySequence, path: Path) -> None:
+    """Write a sequence as YAML; refuses to overwrite.
+
+    Raises:
+        BadInputError: The file exists.
+    """
+    if path.exists():
+        raise BadInputError(f"velocity sequence {path} exists; choose another name")
+    path.write_text(yaml.safe_dump(sequence.model_dump(by_alias=True, mode="json"), sort_keys=False), encoding="utf-8")

@@ -1,0 +1,1 @@
+"""The batched simulation of Spot on MuJoCo."""

@@ -1,0 +1,75 @@
+"""What the simulated robots report: the truth, changed by sensor and estimator effects in their order."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot_model.effects.base import BodyEstimate, EstimateEffect, JointReading, Memory, SensorEffect
+from spot_model.plant.memory import leaves, restarted, with_leaves
+
+
+class Sensing:
+    """The sensor and estimator effects of a batch of simulations with their memories.
+
+    Args:
+        sensors: Effects on the joints' sensors.
+        estimators: Effects on the state estimator.
+        reading: A true joint reading, for shapes and for the first memories.
+        estimate: A true body estimate, likewise.
+    """
+
+    def __init__(
+        self,
+        sensors: Sequence[SensorEffect],
+        estimators: Sequence[EstimateEffect],
+        reading: JointReading,
+        estimate: BodyEstimate,
+    ) -> None:
+        self._sensors = tuple(effect.arrays_like(reading.position_rad) for effect in sensors)
+        self._estimators = tuple(effect.arrays_like(reading.position_rad) for effect in estimators)
+        self._sensor_memory: list[Memory] = [effect.start(reading) for effect in self._sensors]
+        self._estimator_memory: list[Memory] = [effect.start(estimate) for effect in self._estimators]
+
+    def read(self, truth: JointReading, dt_s: float, rng: np.random.Generator) -> JointReading:
+        """What the joints report; moves the memories on by ``dt_s``."""
+        for i, effect in enumerate(self._sensors):
+            truth, self._sensor_memory[i] = effect.read(truth, dt_s, self._sensor_memory[i], rng)
+        return truth
+
+    def estimate(self, truth: BodyEstimate, dt_s: float, rng: np.random.Generator) -> BodyEstimate:
+        """What the state estimator reports; moves the memories on by ``dt_s``."""
+        for i, effect in enumerate(self._estimators):
+            truth, self._estimator_memory[i] = effect.estimate(truth, dt_s, self._estimator_memory[i], rng)
+        return truth
+
+    def reset(self, rows: NDArray[np.bool_], reading: JointReading, estimate: BodyEstimate) -> None:
+        """Start the memories afresh, from the truth, in the simulations of ``rows``, shape (n_sims,)."""
+        for i, sensor in enumerate(self._sensors):
+            self._sensor_memory[i] = restarted(rows, sensor.start(reading), self._sensor_memory[i])
+        for i, estimator in enumerate(self._estimators):
+            self._estimator_memory[i] = restarted(rows, estimator.start(estimate), self._estimator_memory[i])
+
+    def snapshot(self) -> list[list[Any]]:
+        """The memories as plain arrays and numbers, one list an effect."""
+        return [leaves(memory) for memory in (*self._sensor_memory, *self._estimator_memory)]
+
+    def restore(self, snapshot: list[list[Any]]) -> None:
+        """Continue from a snapshot of the same effects.
+
+        Raises:
+            ValueError: It was made with other effects.
+        """
+        n_sensors = len(self._sensors)
+        if len(snapshot) != n_sensors + len(self._estimators):
+            raise ValueError(
+                f"the snapshot is of {len(snapshot)} sensing effects, the plant has {n_sensors + len(self._estimators)}"
+            )
+        restored = [
+            with_leaves(memory, values)
+            for memory, values in zip((*self._sensor_memory, *self._estimator_memory), snapshot, strict=True)
+        ]
+        self._sensor_memory, self._estimator_memory = restored[:n_sensors], restored[n_sensors:]

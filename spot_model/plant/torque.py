@@ -1,0 +1,72 @@
+"""From the command in effect to the motor torque: the servo's law, then the torque effects in their order."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot_model.effects.base import JointReading, Memory, Motion, TorqueEffect
+from spot_model.plant.command_channel import ServoCommand
+from spot_model.plant.memory import leaves, restarted, with_leaves
+from spot_model.robot import facts
+from spot_model.robot.control import pd_torque
+from spot_model.robot.facts import Array
+
+
+class TorqueChain:
+    """The torque effects of ``n_sims`` simulations with their memories."""
+
+    def __init__(self, effects: Sequence[TorqueEffect], n_sims: int) -> None:
+        self._still = np.zeros((n_sims, facts.N_JOINTS))
+        self._effects = tuple(effect.arrays_like(self._still) for effect in effects)
+        self._masks = tuple(None if effect.mask.all() else effect.mask for effect in self._effects)
+        self._memory: list[Memory] = [effect.start(self._still) for effect in self._effects]
+
+    def torque_nm(self, command: ServoCommand, motion: Motion, reading: JointReading | Motion) -> Array:
+        """Motor torque at this physics step; moves the effects' memories on by one step.
+
+        Args:
+            command: What the servos are told.
+            motion: How the joints move.
+            reading: What the servos believe of it, from the joints' sensors.
+
+        Returns:
+            Shape (n_sims, 12), N·m.
+        """
+        damped = reading.servo_velocity_rad_s if isinstance(reading, JointReading) else None
+        torque = pd_torque(
+            position_rad=reading.position_rad,
+            velocity_rad_s=reading.velocity_rad_s if damped is None else damped,
+            setpoint_position_rad=command.position_rad,
+            setpoint_velocity_rad_s=command.velocity_rad_s,
+            feedforward_nm=command.load_nm,
+            kp_nm_per_rad=command.kp_nm_per_rad,
+            kd_nm_s_per_rad=command.kd_nm_s_per_rad,
+        )
+        for i, (effect, mask) in enumerate(zip(self._effects, self._masks, strict=True)):
+            # As Effect.apply does, without its look-up of the array library: here all is NumPy.
+            changed, self._memory[i] = effect.torque(torque, motion, self._memory[i])
+            torque = changed if mask is None else np.where(mask, changed, torque)
+        return np.asarray(torque)
+
+    def reset(self, rows: NDArray[np.bool_]) -> None:
+        """Start the memories afresh in the simulations of ``rows``, shape (n_sims,)."""
+        for i, effect in enumerate(self._effects):
+            self._memory[i] = restarted(rows, effect.start(self._still), self._memory[i])
+
+    def snapshot(self) -> list[list[Any]]:
+        """The memories as plain arrays and numbers, one list an effect."""
+        return [leaves(memory) for memory in self._memory]
+
+    def restore(self, snapshot: list[list[Any]]) -> None:
+        """Continue from a snapshot.
+
+        Raises:
+            ValueError: It was made with other effects.
+        """
+        if len(snapshot) != len(self._effects):
+            raise ValueError(f"the snapshot has memories of {len(snapshot)} effects, the plant {len(self._effects)}")
+        self._memory = [with_leaves(memory, values) for memory, values in zip(self._memory, snapshot, strict=True)]

@@ -1,0 +1,1 @@
+"""The policy file: ONNX, its contract, its observation."""

@@ -1,0 +1,109 @@
+"""What a policy file promises about itself: stored as JSON inside the ONNX file, checked before the file is used."""
+
+from __future__ import annotations
+
+import hashlib
+from typing import Final, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+
+from spot_model.errors import SpotRlError
+from spot_model.policy.observation import N_OBSERVATION, OBSERVATION_LAYOUT
+from spot_model.robot import facts
+
+METADATA_KEY: Final = "spot_rl.contract"
+"""Key of the contract in the ONNX file's metadata."""
+
+INPUT_NAME: Final = "observation"
+OUTPUT_NAME: Final = "action"
+MAX_POLICY_BYTES: Final = 16 * 1024 * 1024
+
+
+class PolicyError(SpotRlError):
+    """A policy file does not hold what it must; the message says what is wrong and what was expected."""
+
+    exit_code = 3
+
+
+class TrainingRecord(BaseModel):
+    """Where the policy came from."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    run: str = ""
+    revision: str = ""
+    command: str = ""
+    seed: int | None = None
+    model_sha256: str = ""
+    """Digest of the robot model it was trained on."""
+
+
+class StoredPair(BaseModel):
+    """One input with the output that the network must reproduce when it is loaded."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    observation: tuple[float, ...] = Field(min_length=N_OBSERVATION, max_length=N_OBSERVATION)
+    action: tuple[float, ...] = Field(min_length=facts.N_JOINTS, max_length=facts.N_JOINTS)
+    tolerance: float = Field(default=1e-4, gt=0.0, le=1e-2)
+
+
+class PolicyContract(BaseModel):
+    """All that a runtime must know to run a policy. Per-joint values stand in the order of ``joint_names``."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True, allow_inf_nan=False)
+
+    schema_name: Literal["spot-rl/policy/1"] = Field(default="spot-rl/policy/1", alias="schema")
+    name: str = Field(min_length=1, max_length=100)
+    joint_names: tuple[str, ...] = facts.JOINT_NAMES
+    default_position_rad: tuple[float, ...] = tuple(float(v) for v in facts.DEFAULT_POSITION_RAD)
+    action_scale_rad: float = Field(default=facts.ACTION_SCALE_RAD, gt=0.0, le=2.0)
+    kp_nm_per_rad: tuple[float, ...] = (facts.POLICY_KP_NM_PER_RAD,) * facts.N_JOINTS
+    kd_nm_s_per_rad: tuple[float, ...] = (facts.POLICY_KD_NM_S_PER_RAD,) * facts.N_JOINTS
+    rate_hz: float = Field(default=facts.POLICY_RATE_HZ, ge=1.0, le=333.0)
+    observation_layout: tuple[tuple[str, int], ...] = OBSERVATION_LAYOUT
+    velocity_command_low: tuple[float, float, float]
+    """Least V_x, V_y (m/s), ω_z (rad/s) that the policy was trained on."""
+    velocity_command_high: tuple[float, float, float]
+    training: TrainingRecord = TrainingRecord()
+    stored_pair: StoredPair
+
+    @field_validator("joint_names")
+    @classmethod
+    def _all_joints_once(cls, names: tuple[str, ...]) -> tuple[str, ...]:
+        if sorted(names) != sorted(facts.JOINT_NAMES):
+            raise ValueError(f"must name each of {', '.join(facts.JOINT_NAMES)} once")
+        return names
+
+    @field_validator("observation_layout")
+    @classmethod
+    def _known_layout(cls, layout: tuple[tuple[str, int], ...]) -> tuple[tuple[str, int], ...]:
+        if layout != OBSERVATION_LAYOUT:
+            raise ValueError(f"must be {OBSERVATION_LAYOUT}")
+        return layout
+
+    @model_validator(mode="after")
+    def _sizes_and_signs(self) -> PolicyContract:
+        for field in ("default_position_rad", "kp_nm_per_rad", "kd_nm_s_per_rad"):
+            if len(getattr(self, field)) != facts.N_JOINTS:
+                raise ValueError(f"{field} has {len(getattr(self, field))} values; 12 are needed")
+        if min(self.kp_nm_per_rad) < 0.0 or min(self.kd_nm_s_per_rad) < 0.0:
+            raise ValueError("kp_nm_per_rad and kd_nm_s_per_rad must be at least 0")
+        for low, high in zip(self.velocity_command_low, self.velocity_command_high, strict=True):
+            if low > high:
+                raise ValueError("velocity_command_low must not exceed velocity_command_high")
+        return self
+
+    def to_json(self) -> str:
+        """JSON at full precision; :meth:`from_json` gives the same contract back."""
+        return self.model_dump_json(by_alias=True)
+
+    @staticmethod
+    def from_json(text: str) -> PolicyContract:
+        """Parse and check. Raises pydantic's ``ValidationError``."""
+        return PolicyContract.model_validate_json(text)
+
+
+def sha256_hex(data: bytes) -> str:
+    """Digest by which logs name a policy file."""
+    return hashlib.sha256(data).hexdigest()

@@ -1,0 +1,246 @@
+"""A policy loaded from an ONNX file, refused unless its contract holds."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnxruntime
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from spot_model.io.bounded_file import FileTooLargeError, read_at_most
+from spot_model.io.validation import explain
+from spot_model.policy.contract import (
+    INPUT_NAME,
+    MAX_POLICY_BYTES,
+    METADATA_KEY,
+    OUTPUT_NAME,
+    PolicyContract,
+    PolicyError,
+    sha256_hex,
+)
+from spot_model.policy.observation import N_OBSERVATION, observation_of_one
+from spot_model.policy.onnx_head import OnnxHeadError, read_head
+from spot_model.robot import facts
+from spot_model.robot.state import Gains, RobotState
+
+Array = NDArray[np.float64]
+
+
+class _OneRow:
+    """The network for one observation at a time, in arrays that are bound once.
+
+    At the pace of a run, when caches are cold, passing new ones costs a third of the whole. The result is the same.
+    """
+
+    def __init__(self, session: Any) -> None:
+        self._run, self._binding, self._lock = session.run_with_iobinding, session.io_binding(), threading.Lock()
+        self._input = np.zeros((1, N_OBSERVATION), dtype=np.float32)
+        self._output = np.zeros((1, facts.N_JOINTS), dtype=np.float32)
+        into, out = self._input, self._output
+        self._binding.bind_input(INPUT_NAME, "cpu", 0, np.float32, into.shape, into.ctypes.data)
+        self._binding.bind_output(OUTPUT_NAME, "cpu", 0, np.float32, out.shape, out.ctypes.data)
+
+    def __call__(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
+        with self._lock:
+            self._input[0] = observation
+            self._run(self._binding)
+            action: NDArray[np.float32] = self._output[0].copy()
+        return action
+
+
+@dataclass(frozen=True)
+class Policy:
+    """A network with its contract.
+
+    Observations and actions stand in the contract's joint order, set-points in the canonical one.
+    """
+
+    contract: PolicyContract
+    sha256: str
+    session: Any
+    policy_from_canonical: NDArray[np.intp]
+    """``x[policy_from_canonical]`` reorders canonical joints into the policy's order. Shape (12,)."""
+    canonical_from_policy: NDArray[np.intp]
+    default_position_rad: Array
+    """Policy order, shape (12,)."""
+
+    @cached_property
+    def _act_on_one(self) -> _OneRow:
+        return _OneRow(self.session)
+
+    def observe(self, state: RobotState, velocity_command: Array, last_action: NDArray[np.float32]) -> Array:
+        """The observation for one state.
+
+        Args:
+            state: The robot's state.
+            velocity_command: V_x, V_y (m/s), ω_z (rad/s), shape (3,).
+            last_action: The network's previous output, shape (12,), policy order; zeros at first.
+
+        Returns:
+            Shape (48,), float64; a state that is not finite gives an observation that is not finite.
+        """
+        order = self.policy_from_canonical
+        return observation_of_one(
+            world_from_body_wxyz=state.odom_from_body_wxyz,
+            linear_vel_of_body_in_world_m_s=state.linear_vel_of_body_in_odom_m_s,
+            angular_vel_of_body_in_world_rad_s=state.angular_vel_of_body_in_odom_rad_s,
+            velocity_command=velocity_command,
+            position_rad=state.position_rad[order],
+            velocity_rad_s=state.velocity_rad_s[order],
+            last_action=last_action,
+            default_position_rad=self.default_position_rad,
+        )
+
+    def act(self, observation: NDArray[Any]) -> NDArray[np.float32]:
+        """Run the network. Shape (48,) gives (12,); a batch (n, 48) gives (n, 12)."""
+        batch = np.asarray(observation, dtype=np.float32)
+        if batch.ndim == 1:
+            return self._act_on_one(batch)
+        actions: NDArray[np.float32] = self.session.run([OUTPUT_NAME], {INPUT_NAME: batch})[0]
+        return actions
+
+    def setpoint_rad(self, action: NDArray[Any]) -> Array:
+        """Joint position set-points of an action, canonical order. Shape (..., 12), rad."""
+        policy_order = self.contract.action_scale_rad * np.asarray(action, dtype=np.float64) + self.default_position_rad
+        reordered: Array = policy_order[..., self.canonical_from_policy]
+        return reordered
+
+    def gains(self) -> Gains:
+        """The contract's gains, canonical order."""
+        order = self.canonical_from_policy
+        return Gains(np.array(self.contract.kp_nm_per_rad)[order], np.array(self.contract.kd_nm_s_per_rad)[order])
+
+
+PROVIDERS = {
+    "cpu": "CPUExecutionProvider",
+    "cuda": "CUDAExecutionProvider",
+    "tensorrt": "TensorrtExecutionProvider",
+}
+"""Where ONNX Runtime may compute, by the configuration's names."""
+
+
+def load_policy(path: Path, *, provider: str = "cpu", admit: Callable[[str], None] | None = None) -> Policy:
+    """Load a policy and check all that its contract promises, where it will be computed.
+
+    Args:
+        path: ONNX file with its contract.
+        provider: Where it will be computed.
+        admit: Told the SHA-256 before anything else looks at the content; raises where this file may not run.
+
+    Raises:
+        PolicyError: The file cannot be read, is no ONNX model, has no contract or one that does not hold, or ONNX
+            Runtime does not have the provider.
+    """
+    try:
+        data = read_at_most(path, MAX_POLICY_BYTES)
+    except FileTooLargeError as error:
+        raise PolicyError(f"policy {path} cannot be read: {error}") from error
+    except OSError as error:
+        raise PolicyError(f"policy {path} cannot be read: {error.strerror or error}; give an ONNX file") from error
+    if admit is not None:
+        admit(sha256_hex(data))
+    return policy_from_bytes(data, source=str(path), provider=provider)
+
+
+def policy_from_bytes(data: bytes, *, source: str, provider: str = "cpu") -> Policy:
+    """Like :func:`load_policy`, for a file's content; ``source`` names it in errors."""
+    contract = _contract(data, source)
+    session = _session(data, source, provider)
+    with _words_for(source):
+        _check_shapes(session, source)
+    index = {name: i for i, name in enumerate(facts.JOINT_NAMES)}
+    policy_from_canonical = np.array([index[name] for name in contract.joint_names], dtype=np.intp)
+    policy = Policy(
+        contract=contract,
+        sha256=sha256_hex(data),
+        session=session,
+        policy_from_canonical=policy_from_canonical,
+        canonical_from_policy=np.argsort(policy_from_canonical),
+        default_position_rad=np.array(contract.default_position_rad),
+    )
+    with _words_for(source):
+        _check_stored_pair(policy, source)
+    return policy
+
+
+def _session(data: bytes, source: str, provider: str) -> Any:
+    wanted, there = PROVIDERS[provider], onnxruntime.get_available_providers()
+    if wanted not in there:
+        raise PolicyError(
+            f"control.inference = {provider!r} needs ONNX Runtime's {wanted}, and this one has {', '.join(there)}; "
+            "install a build of it that has the provider, or set 'cpu'"
+        )
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = 1
+    options.inter_op_num_threads = 1
+    options.log_severity_level = 3
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+    with _words_for(source):
+        return onnxruntime.InferenceSession(data, options, providers=[wanted])
+
+
+@contextmanager
+def _words_for(source: str) -> Iterator[None]:
+    """Our words for whatever onnxruntime raises: bare pybind exceptions of many types, and those of its texts."""
+    try:
+        yield
+    except PolicyError:
+        raise
+    except Exception as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise PolicyError(f"policy {source} is no readable ONNX model: {reason}; export it again") from error
+
+
+def _check_shapes(session: Any, source: str) -> None:
+    for kind, nodes, name, size in (
+        ("input", session.get_inputs(), INPUT_NAME, N_OBSERVATION),
+        ("output", session.get_outputs(), OUTPUT_NAME, facts.N_JOINTS),
+    ):
+        found = [(n.name, list(n.shape), n.type) for n in nodes]
+        ok = (
+            len(nodes) == 1
+            and nodes[0].name == name
+            and len(nodes[0].shape) == 2
+            and nodes[0].shape[1] == size
+            and (nodes[0].shape[0] == 1 or not isinstance(nodes[0].shape[0], int))
+            and nodes[0].type == "tensor(float)"
+        )
+        if not ok:
+            raise PolicyError(
+                f"policy {source}: {kind} is {found}; expected one float tensor '{name}' of shape (batch, {size})"
+            )
+
+
+def _contract(data: bytes, source: str) -> PolicyContract:
+    """The contract, before native code sees the file."""
+    try:
+        metadata = read_head(data).metadata
+    except OnnxHeadError as error:
+        raise PolicyError(f"policy {source} is no readable ONNX model: {error}; export it again") from error
+    if METADATA_KEY not in metadata:
+        raise PolicyError(
+            f"policy {source} has no contract (metadata key {METADATA_KEY!r}); export it with 'spot-rl export'"
+        )
+    try:
+        return PolicyContract.from_json(metadata[METADATA_KEY])
+    except ValidationError as error:
+        raise PolicyError(f"policy {source}: its contract does not hold:\n{explain(error)}") from error
+
+
+def _check_stored_pair(policy: Policy, source: str) -> None:
+    pair = policy.contract.stored_pair
+    action = policy.act(np.array(pair.observation))
+    error = float(np.max(np.abs(action - np.array(pair.action))))
+    if not error <= pair.tolerance:
+        raise PolicyError(
+            f"policy {source}: the stored input gives an action that is off by {error:g}; expected at most "
+            f"{pair.tolerance:g}; the network is not the one that was exported"
+        )

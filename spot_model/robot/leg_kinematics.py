@@ -1,0 +1,79 @@
+"""Where the feet are and how they move, from the joints alone: one formula for NumPy and torch, batched."""
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+from array_api_compat import array_namespace, device
+
+from spot_model.robot import facts
+from spot_model.robot.rotation import AnyArray
+
+_HIP_X_M = [facts.end_sign(leg) * facts.HX_FROM_BODY_M[0] for leg in facts.LEG_NAMES]
+_HIP_Y_M = [facts.side_sign(leg) * facts.HX_FROM_BODY_M[1] for leg in facts.LEG_NAMES]
+_OUT_M = [facts.side_sign(leg) * facts.HY_FROM_HX_M[1] for leg in facts.LEG_NAMES]
+_THIGH_X_M, _, _THIGH_Z_M = facts.KN_FROM_HY_M
+_SHANK_X_M, _, _SHANK_Z_M = facts.FOOT_FROM_KN_M
+
+
+def foot_position_in_body_m(position_rad: AnyArray) -> AnyArray:
+    """Centres of the four foot spheres in the body frame.
+
+    Args:
+        position_rad: Joint positions. Shape (..., 12), canonical order, rad.
+
+    Returns:
+        Shape (..., 4, 3), legs fl, fr, hl, hr, m.
+    """
+    return foot_position_and_jacobian(position_rad)[0]
+
+
+def foot_velocity_in_body_m_s(position_rad: AnyArray, velocity_rad_s: AnyArray) -> AnyArray:
+    """Velocity of the foot centres relative to the body, in the body frame, shape (..., 4, 3), m/s.
+
+    Args:
+        position_rad: Joint positions. Shape (..., 12), canonical order, rad.
+        velocity_rad_s: Joint velocities. Same shape, rad/s.
+    """
+    xp = array_namespace(position_rad)
+    _, jacobian = foot_position_and_jacobian(position_rad)
+    rates = xp.reshape(velocity_rad_s, (*velocity_rad_s.shape[:-1], facts.N_LEGS, 1, 3))
+    return xp.sum(jacobian * rates, axis=-1)
+
+
+def foot_position_and_jacobian(position_rad: AnyArray, legs: slice = slice(None)) -> tuple[AnyArray, AnyArray]:
+    """Foot centres in the body frame, and their derivatives with respect to their own leg's three joints.
+
+    Args:
+        position_rad: Joint positions. Shape (..., 12), canonical order, rad.
+        legs: Which of the four; others are not computed.
+
+    Returns:
+        Positions, shape (..., 4, 3), m; Jacobians, shape (..., 4, 3, 3), m/rad, rows x, y, z, columns hx, hy, kn.
+    """
+    xp = array_namespace(position_rad)
+    hip_x, hip_y, out = (a[legs] for a in _geometry(xp, position_rad.dtype, device(position_rad)))
+    hx, hy, kn = (position_rad[..., joint::3][..., legs] for joint in range(3))
+    cos_hx, sin_hx = xp.cos(hx), xp.sin(hx)
+    # In the leg's plane: rotation about +y turns (x, z) into (x cos + z sin, −x sin + z cos).
+    thigh_x, thigh_z = _turn(xp.cos(hy), xp.sin(hy), _THIGH_X_M, _THIGH_Z_M)
+    shank_x, shank_z = _turn(xp.cos(hy + kn), xp.sin(hy + kn), _SHANK_X_M, _SHANK_Z_M)
+    leg_x, leg_z = thigh_x + shank_x, thigh_z + shank_z
+
+    y, z = out * cos_hx - leg_z * sin_hx, out * sin_hx + leg_z * cos_hx
+    position = xp.stack([hip_x + leg_x, hip_y + y, z], axis=-1)
+    by_hx = xp.stack([xp.zeros_like(z), -z, y], axis=-1)
+    by_hy = xp.stack([leg_z, leg_x * sin_hx, -leg_x * cos_hx], axis=-1)
+    by_kn = xp.stack([shank_z, shank_x * sin_hx, -shank_x * cos_hx], axis=-1)
+    return position, xp.stack([by_hx, by_hy, by_kn], axis=-1)
+
+
+@functools.lru_cache(maxsize=16)
+def _geometry(xp: Any, dtype: Any, on_device: Any) -> tuple[AnyArray, ...]:
+    """Hip placements as arrays; kept, because a copy to a GPU would make every caller wait."""
+    return tuple(xp.asarray(values, dtype=dtype, device=on_device) for values in (_HIP_X_M, _HIP_Y_M, _OUT_M))
+
+
+def _turn(cos: AnyArray, sin: AnyArray, x_m: float, z_m: float) -> tuple[AnyArray, AnyArray]:
+    return x_m * cos + z_m * sin, z_m * cos - x_m * sin

@@ -1,0 +1,1 @@
+"""The control loop: state in, set-points out, modes and stops."""

@@ -1,0 +1,64 @@
+"""What the loop measures of itself, in bounded memory."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+from spot_runtime.control.recent_values import Samples
+
+PENDING_MAX: Final = 64
+
+
+class LoopStats:
+    """Times of policy ticks and how long commands take to leave. Written by the loop's thread alone."""
+
+    def __init__(self) -> None:
+        """Start from nothing."""
+        self.compute_s = Samples()
+        """State taken to command handed over, one tick."""
+        self.state_age_s = Samples()
+        """Receipt of a state to the begin of the tick that uses it."""
+        self.acquisition_age_s = Samples()
+        """Sampling of the joints to the begin of the tick, by the estimated robot clock: the robot's own delay and the
+        link's are in it."""
+        self.state_to_command_s = Samples()
+        """Receipt of a tick's state to the instant at which the transport took its command."""
+        self.skipped_ticks = 0
+        self.ticks = 0
+        self._first_robot_ns = 0
+        self._last_robot_ns = 0
+        self._pending: dict[int, int] = {}
+
+    def ticked(
+        self, robot_stamp_ns: int, compute_s: float, state_age_s: float, acquisition_age_s: float, skipped: int
+    ) -> None:
+        """Take note of one tick."""
+        if self.ticks == 0:
+            self._first_robot_ns = robot_stamp_ns
+        self._last_robot_ns = robot_stamp_ns
+        self.ticks += 1
+        self.skipped_ticks += skipped
+        self.compute_s.add(compute_s)
+        self.state_age_s.add(state_age_s)
+        self.acquisition_age_s.add(acquisition_age_s)
+
+    def sent(self, key: int, state_host_stamp_ns: int) -> None:
+        """A tick's command was handed over; it answers a state received at this instant."""
+        if len(self._pending) >= PENDING_MAX:
+            self._pending.clear()
+        self._pending[key] = state_host_stamp_ns
+
+    def departures(self, departures: Sequence[tuple[int, int]]) -> None:
+        """Commands that the transport took: their keys, and when."""
+        for key, host_stamp_ns in departures:
+            received_ns = self._pending.pop(key, None)
+            if received_ns is not None:
+                self.state_to_command_s.add((host_stamp_ns - received_ns) / 1e9)
+
+    @property
+    def rate_hz(self) -> float:
+        """Ticks per second of robot time, over all ticks; NaN before the second."""
+        if self.ticks < 2:
+            return float("nan")
+        return (self.ticks - 1) * 1e9 / (self._last_robot_ns - self._first_robot_ns)

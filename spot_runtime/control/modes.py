@@ -1,0 +1,97 @@
+"""The modes of a run and the one function that moves between them.
+
+ready ──► activating ──► ramping_in ──► active ──► soft_stop ──► ramping_out ──► standing
+│               │            │            │              │
+└───────────────┴────────────┴─────┬──────┴──────────────┘
+▼
+damping ──► released (nothing is sent)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from spot_runtime.config import HandoverConfig
+from spot_runtime.control.stops import Reaction
+
+
+class Mode(Enum):
+    """What the loop does with the joints."""
+
+    READY = "ready"
+    """The vendor's stand holds the robot; nothing is sent."""
+    ACTIVATING = "activating"
+    """The measured pose is sent while the robot switches to joint control."""
+    RAMPING_IN = "ramping_in"
+    """From the measured pose with the stand's gains to the policy."""
+    ACTIVE = "active"
+    """The policy follows the velocity command."""
+    SOFT_STOP = "soft_stop"
+    """The policy, while the velocity command fades to zero."""
+    RAMPING_OUT = "ramping_out"
+    """From the policy to a held pose with the stand's gains."""
+    STANDING = "standing"
+    """The pose is held until the vendor's stand takes over."""
+    DAMPING = "damping"
+    """No stiffness, only damping; needs neither policy nor state."""
+    RELEASED = "released"
+    """Nothing is sent any more."""
+
+    @property
+    def sends(self) -> bool:
+        """Whether commands are sent in this mode."""
+        return self not in (Mode.READY, Mode.RELEASED)
+
+    @property
+    def runs_policy(self) -> bool:
+        """Whether the policy ticks in this mode."""
+        return self in (Mode.RAMPING_IN, Mode.ACTIVE, Mode.SOFT_STOP, Mode.RAMPING_OUT)
+
+
+@dataclass(frozen=True)
+class ModeInputs:
+    """What the machine looks at."""
+
+    in_mode_s: float
+    """Robot time since the mode began."""
+    reaction: Reaction | None = None
+    """How the run is to end; None while it goes on."""
+    is_activation_asked: bool = False
+    is_active: bool = False
+    """The robot has confirmed joint control."""
+
+
+def next_mode(mode: Mode, inputs: ModeInputs, config: HandoverConfig) -> Mode:
+    """The mode that follows; the same one where nothing changes."""
+    if inputs.reaction is not None:
+        forced = _forced(mode, inputs.reaction)
+        if forced is not mode:
+            return forced
+    if mode is Mode.READY and inputs.is_activation_asked:
+        return Mode.ACTIVATING
+    if mode is Mode.ACTIVATING and inputs.is_active:
+        return Mode.RAMPING_IN
+    if mode is Mode.RAMPING_IN and inputs.in_mode_s >= config.ramp_in_s:
+        return Mode.ACTIVE
+    if mode is Mode.SOFT_STOP and inputs.in_mode_s >= config.soft_stop_s + config.soft_stop_settle_s:
+        return Mode.RAMPING_OUT
+    if mode is Mode.RAMPING_OUT and inputs.in_mode_s >= config.ramp_out_s:
+        return Mode.STANDING
+    if mode is Mode.DAMPING and inputs.in_mode_s >= config.damping_s:
+        return Mode.RELEASED
+    return mode
+
+
+def _forced(mode: Mode, reaction: Reaction) -> Mode:
+    if mode in (Mode.READY, Mode.RELEASED):
+        return Mode.RELEASED
+    if reaction is Reaction.EXPIRE:
+        return Mode.RELEASED
+    if reaction in (Reaction.DAMP, Reaction.ESTOP):
+        return Mode.DAMPING
+    return {
+        Mode.ACTIVATING: Mode.STANDING,
+        Mode.RAMPING_IN: Mode.RAMPING_OUT,
+        Mode.ACTIVE: Mode.SOFT_STOP,
+    }.get(mode, mode)

@@ -1,0 +1,1 @@
+"""Limits and watchdogs of the control loop."""

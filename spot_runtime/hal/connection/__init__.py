@@ -1,0 +1,1 @@
+"""Reaching a robot: address, credentials, certificates, time sync."""

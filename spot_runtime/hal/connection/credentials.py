@@ -1,0 +1,86 @@
+"""User name and password: from a file, a systemd credential or the environment, never from the command line."""
+
+from __future__ import annotations
+
+import os
+import stat
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+from spot_model.io.bounded_file import open_to_read
+from spot_model.io.yaml_text import YamlError, parse_yaml
+from spot_runtime.hal.errors import CredentialsError
+
+USERNAME_VARIABLE: Final = "BOSDYN_CLIENT_USERNAME"
+PASSWORD_VARIABLE: Final = "BOSDYN_CLIENT_PASSWORD"  # noqa: S105 - a variable's name; the vendor's SDK reads it too
+SYSTEMD_NAME: Final = "spot-credentials"
+MAX_BYTES: Final = 4096
+
+
+@dataclass(frozen=True)
+class Credentials:
+    """What the robot's user logs in with; its text form hides the password."""
+
+    username: str
+    password: str = field(repr=False)
+
+
+def find_credentials(file: Path | None, environment: Mapping[str, str]) -> Credentials:
+    """Read the credentials.
+
+    The first of these counts: ``file``; the systemd credential ``spot-credentials``; the two variables
+    ``BOSDYN_CLIENT_USERNAME`` and ``BOSDYN_CLIENT_PASSWORD``.
+
+    Raises:
+        CredentialsError: None is there, or the file is unreadable, readable by others, or holds something else. The
+            message never holds the content.
+    """
+    if file is None and "CREDENTIALS_DIRECTORY" in environment:
+        candidate = Path(environment["CREDENTIALS_DIRECTORY"]) / SYSTEMD_NAME
+        if _is_file(candidate):
+            # systemd may grant the service's user its reading by an access list, whose mask shows as the group's bits;
+            # the folder lets nobody else in.
+            return _read(candidate, forbidden_mode=0o007)
+    if file is not None:
+        return _read(file, forbidden_mode=0o077)
+    username, password = environment.get(USERNAME_VARIABLE, ""), environment.get(PASSWORD_VARIABLE, "")
+    if username and password:
+        try:
+            (username + password).encode()
+        except UnicodeEncodeError:
+            words = f"{USERNAME_VARIABLE} or {PASSWORD_VARIABLE} is no UTF-8; set it in a terminal that writes UTF-8"
+            raise CredentialsError(words) from None
+        return Credentials(username, password)
+    raise CredentialsError(
+        f"no user name and password for the robot: set {USERNAME_VARIABLE} and {PASSWORD_VARIABLE}, or name a file "
+        f"with --credentials-file"
+    )
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:  # systemd hides the folder from what it runs after a stop
+        return False
+
+
+def _read(file: Path, *, forbidden_mode: int) -> Credentials:
+    try:
+        with open_to_read(file) as stream:
+            status = os.fstat(stream.fileno())
+            data = stream.read(MAX_BYTES + 1)
+    except OSError as error:
+        raise CredentialsError(f"credentials file {file} cannot be read: {error.strerror}") from error
+    if not stat.S_ISREG(status.st_mode) or status.st_mode & forbidden_mode:
+        raise CredentialsError(f"credentials file {file} can be read by others; run: chmod 600 {file}")
+    try:
+        content = parse_yaml(data) if len(data) <= MAX_BYTES else None
+    except YamlError:
+        content = None
+    fields = content if isinstance(content, dict) else {}
+    if set(fields) != {"username", "password"} or not all(isinstance(v, str) and v for v in fields.values()):
+        # The content is a secret, so neither it nor a parser's quotation of it may show.
+        raise CredentialsError(f"credentials file {file} must hold 'username: …' and 'password: …', both text")
+    return Credentials(fields["username"], fields["password"])

@@ -1,0 +1,320 @@
+"""The adapter for everything that speaks Boston Dynamics' API: a Spot, or the fake one."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from typing import Any, Final
+
+from bosdyn.api import robot_state_pb2
+from bosdyn.client.robot_command import RobotCommandStreamingClient
+from bosdyn.client.robot_state import RobotStateStreamingClient
+
+from spot_log.write.sink import LogSink
+from spot_model.robot.state import JointCommand, RobotState, SlowState
+from spot_runtime.config import RunConfig
+from spot_runtime.control.stops import Stop, StopReason
+from spot_runtime.hal.base import JointControl, RobotInfo
+from spot_runtime.hal.connection.address import Address
+from spot_runtime.hal.errors import EstopError, HalError, LeaseHeldError, NoRobotError
+from spot_runtime.hal.spot.command_wire import CommandEncoder
+from spot_runtime.hal.spot.jobs import Jobs
+from spot_runtime.hal.spot.motions import Motions
+from spot_runtime.hal.spot.pace import Pace, RealTime, States, take_all
+from spot_runtime.hal.spot.session import Session
+from spot_runtime.hal.spot.streams import CommandStream, OnEnd, StateReceiver
+from spot_runtime.host.clock import NS_PER_S, HostClock, RobotClockEstimate
+
+RETRY_S: Final = 0.5
+"""Robot time between two attempts to power off a robot that does not answer."""
+
+
+class BosdynHal:
+    """Keeps the protocol of :class:`spot_runtime.hal.base.Hal` over the vendor's SDK."""
+
+    def __init__(self, address: Address, config: RunConfig, sink: LogSink, pace: Pace | None = None) -> None:
+        """Prepare; nothing is sent yet.
+
+        Args:
+            address: Where the robot is.
+            config: The run's configuration.
+            sink: Takes every state as its wire bytes, and every slow state.
+            pace: How robot time passes; by itself unless told otherwise.
+        """
+        self._config, self._sink = config, sink
+        clock = HostClock()
+        self._estimate = RobotClockEstimate()
+        self._pace: Pace = pace or RealTime(clock, self._estimate)
+        self._session = Session(address, config.robot, clock, self._estimate, self._pace.host_now_ns)
+        self._jobs = Jobs(self._job_failed)
+        self._problems: deque[Stop] = deque(maxlen=100)
+        self._slow: SlowState | None = None
+        self._synced_ns = 0
+        self._has_powered_on = False
+        self._states: States | None = None
+        self._commands: CommandStream | None = None
+        self._command_channel: Any = None
+        self._encoder = CommandEncoder(config.robot.client_name, config.control.velocity_safety_limit_rad_s)
+        self._joint_control = JointControl.OFF
+        self._is_closed = False
+
+    # The protocol ----------------------------------------------------------------------------------------------------
+
+    def connect(self) -> RobotInfo:
+        """See the protocol."""
+        session, robot = self._session, self._config.robot
+        robot_id = session.log_in()
+        session.sync_clocks()
+        self._synced_ns = self.host_now_ns()
+        self._slow = session.check_faults(self._config.safety.battery_percent)
+        # The lease first: whose robot it is not must not replace an e-stop.
+        session.acquire_lease()
+        now_s = self._pace.chore_now_s()
+        self._jobs.add("lease", robot.lease_period_s, session.retain_lease, now_s=now_s)
+        if session.set_up_estop():
+            self._jobs.add("estop", robot.estop_timeout_s / 3.0, session.check_in_estop, now_s=now_s)
+        self._pace.start(self._jobs)
+        session.check_estop(self._pause)
+        now_s = self._pace.chore_now_s()
+        self._jobs.add("time_sync", robot.time_sync_period_s, self._sync_clocks, now_s=now_s)
+        self._jobs.add("slow_state", 1.0 / robot.slow_state_rate_hz, self._poll, now_s=now_s)
+        # Opened now: a handshake takes too long once commands must flow.
+        self._command_channel = session.streaming_channel(RobotCommandStreamingClient)
+        self._open_states()
+        skew_s = (self.robot_now_ns() - self.host_now_ns()) / NS_PER_S
+        return RobotInfo("bosdyn", robot_id, skew_s, 2.0 * self._estimate.uncertainty_ns() / NS_PER_S)
+
+    def stand(self) -> None:
+        """See the protocol."""
+        if not self._has_powered_on:
+            self._motions().power_on()
+            self._has_powered_on = True
+        self._motions().stand()
+        # States have piled up meanwhile; the loop wants to begin with now.
+        if self._states is not None:
+            take_all(self._states.states)
+
+    def receive(self, until_robot_ns: int, timeout_s: float) -> list[RobotState]:
+        """See the protocol."""
+        if self._states is None:
+            raise HalError("there is no state stream; connect first")
+        return self._pace.receive(self._states.states, until_robot_ns, timeout_s)
+
+    def robot_now_ns(self) -> int:
+        """See the protocol."""
+        return self._pace.robot_now_ns()
+
+    def host_now_ns(self) -> int:
+        """See the protocol."""
+        return self._pace.host_now_ns()
+
+    def begin_joint_control(self, first: JointCommand) -> None:
+        """See the protocol. The stream is opened first, then joint control is asked for, as in the vendor's example."""
+        self._joint_control = JointControl.PENDING
+        wire = (first.key, self._encoder.encode(first, self._pace.host_now_ns()))
+        self._commands = CommandStream(
+            self._command_channel, wire, now_ns=self._pace.host_now_ns, on_end=self._commands_ended
+        )
+        self._pace.sent(first.key)
+        self._pace.begin(self._activate)
+
+    def end_joint_control(self) -> None:
+        """See the protocol."""
+        self._joint_control = JointControl.LEAVING
+        self._pace.begin(self._leave)
+
+    @property
+    def joint_control(self) -> JointControl:
+        """See the protocol."""
+        return self._joint_control
+
+    def send(self, command: JointCommand) -> None:
+        """See the protocol."""
+        commands = self._commands  # another thread may end the stream meanwhile
+        if commands is not None and self._joint_control is not JointControl.FAILED:
+            commands.put(command.key, self._encoder.encode(command, self._pace.host_now_ns()))
+            self._pace.sent(command.key)
+
+    def departures(self) -> Sequence[tuple[int, int]]:
+        """See the protocol."""
+        commands = self._commands
+        return () if commands is None else commands.departures()
+
+    def release(self) -> None:
+        """See the protocol."""
+        self._joint_control = JointControl.OFF
+        commands, self._commands = self._commands, None
+        if commands is not None:
+            commands.stop()
+            self._pace.released()
+
+    def estop(self) -> None:
+        """See the protocol."""
+        self._jobs.remove("estop")
+        self._pace.begin(self._cut_power)
+
+    @property
+    def slow_state(self) -> SlowState | None:
+        """See the protocol."""
+        return self._slow
+
+    @property
+    def clock_age_s(self) -> float:
+        """See the protocol."""
+        return (self.host_now_ns() - self._synced_ns) / NS_PER_S
+
+    def problems(self) -> Sequence[Stop]:
+        """See the protocol."""
+        found = []
+        while self._problems:
+            found.append(self._problems.popleft())
+        return found
+
+    def power_off(self) -> None:
+        """See the protocol."""
+        if self._session.has_lease:
+            self._power_off()
+        self.release()
+        if self._session.lease is not None and not self._session.has_lease:
+            raise LeaseHeldError("the lease is gone, and who has it is answerable for the robot, which may have power")
+
+    def close(self) -> None:
+        """See the protocol."""
+        if self._is_closed:
+            return
+        self._is_closed = True
+        self.release()
+        self._pace.stop()
+        if self._states is not None:
+            self._states.stop()
+        self._session.close()
+
+    # Details ---------------------------------------------------------------------------------------------------------
+
+    def _motions(self) -> Motions:
+        session = self._session
+        return Motions(
+            session.calls,
+            self._config.robot,
+            is_powered=lambda: session.poll().motors_powered,
+            is_without_power=session.is_without_power,
+            pause=self._pause,
+        )
+
+    def _power_off(self) -> None:
+        """As long as the robot does not answer, again: a link that is cut for a moment must not leave it standing."""
+        until_s = self._pace.chore_now_s() + self._config.robot.power_timeout_s
+        while True:
+            try:
+                return self._motions().power_off()
+            except HalError as error:
+                # Whatever the robot did answer, and a lease that is gone, is final.
+                if type(error) not in (HalError, NoRobotError) or self._pace.chore_now_s() >= until_s:
+                    raise
+            self._pause(RETRY_S)
+
+    def _pause(self, duration_s: float) -> None:
+        self._pace.pause(duration_s)
+        for problem in self._problems:
+            if problem.reason is StopReason.LEASE_LOST:
+                raise LeaseHeldError(problem.sentence())
+            if problem.reason is StopReason.ESTOPPED:
+                raise EstopError(problem.sentence())
+
+    def _open_states(self) -> None:
+        def lost(reason: str) -> None:
+            self._problems.append(Stop(StopReason.STATE_LOST, reason))
+
+        def open_stream() -> StateReceiver:
+            return self._state_stream(lost)
+
+        self._states = self._pace.open_states(open_stream, self._sink.state, lost)
+
+    def _state_stream(self, on_end: OnEnd) -> StateReceiver:
+        request = robot_state_pb2.RobotStateStreamRequest()
+        request.header.client_name = self._config.robot.client_name
+        stamp = request.header.request_timestamp
+        stamp.seconds, stamp.nanos = divmod(self._pace.host_now_ns(), NS_PER_S)
+        return StateReceiver(
+            self._session.streaming_channel(RobotStateStreamingClient),
+            request,
+            now_ns=self._pace.host_now_ns,
+            on_wire=self._sink.state,
+            on_end=on_end,
+        )
+
+    def _activate(self) -> None:
+        try:
+            self._motions().ask_for_joint_control()
+        except HalError as error:
+            self._joint_control = JointControl.FAILED
+            self._problems.append(Stop(StopReason.ACTIVATION_FAILED, str(error)))
+        else:
+            if self._joint_control is JointControl.PENDING:
+                self._joint_control = JointControl.ACTIVE
+
+    def _cut_power(self) -> None:
+        try:
+            self._session.cut_power()
+        except HalError as error:
+            self._problems.append(Stop(StopReason.LINK_LOST, f"the e-stop could not be pressed: {error}"))
+
+    def _leave(self) -> None:
+        try:
+            self._motions().ask_for_stand()
+        except HalError as error:
+            self._problems.append(Stop(StopReason.HAND_BACK_FAILED, str(error)))
+            # The joints are still ours, and so are the commands that damp them.
+            self._joint_control = JointControl.ACTIVE
+        else:
+            self.release()
+
+    def _commands_ended(self, verdict: str) -> None:
+        # The robot ends the stream by itself when the vendor's stand takes over.
+        if self._joint_control in (JointControl.OFF, JointControl.LEAVING):
+            return
+        self._joint_control = JointControl.FAILED
+        self._pace.released()
+        self._problems.append(self._why_refused(verdict))
+
+    def _why_refused(self, verdict: str) -> Stop:
+        """The cause behind the end of the command stream, which the robot's state tells best."""
+        try:
+            slow = self._session.poll()
+        except HalError:
+            slow = None
+        if slow is not None and slow.estopped:
+            return Stop(StopReason.ESTOPPED, verdict)
+        if slow is not None and slow.behavior_faults:
+            return Stop(StopReason.BEHAVIOR_FAULT, f"{', '.join(slow.behavior_faults)}: {verdict}")
+        if slow is not None and not slow.motors_powered:
+            return Stop(StopReason.MOTORS_OFF, verdict)
+        skew_s = self._estimate_skew_s()
+        return Stop(StopReason.COMMAND_REFUSED, verdict, {} if skew_s is None else {"clock_skew_s": skew_s})
+
+    def _estimate_skew_s(self) -> float | None:
+        if not self._estimate.is_known:
+            return None
+        return (self.robot_now_ns() - self.host_now_ns()) / NS_PER_S
+
+    def _sync_clocks(self) -> None:
+        off_s = self._pace.sync(self._session.sync_once) / NS_PER_S
+        self._synced_ns = self.host_now_ns()
+        bound_s = self._config.safety.clock_jump_s
+        if abs(off_s) > bound_s:
+            self._problems.append(Stop(StopReason.CLOCK_JUMPED, "", {"off_s": off_s, "bound_s": bound_s}))
+
+    def _poll(self) -> None:
+        slow = self._session.poll()
+        self._slow = slow
+        self._sink.slow_state(slow)
+
+    def _job_failed(self, name: str, error: Exception) -> None:
+        if name == "lease" and isinstance(error, LeaseHeldError):
+            self._jobs.remove("lease")
+            self._session.has_lease = False
+            self._problems.append(Stop(StopReason.LEASE_LOST, str(error)))
+        elif name == "estop":
+            self._problems.append(Stop(StopReason.ESTOPPED, str(error)))
+        elif not isinstance(error, HalError):
+            self._problems.append(Stop(StopReason.INTERNAL_ERROR, f"{name}: {type(error).__name__}: {error}"))

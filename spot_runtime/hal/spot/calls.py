@@ -1,0 +1,62 @@
+"""Single calls to a robot through the SDK, with its errors turned into ours."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any, Final
+
+import grpc
+from bosdyn.client.exceptions import Error as SdkError
+
+from spot_runtime.hal.errors import CredentialsError, HalError
+from spot_runtime.hal.spot.vendor_errors import translate
+
+LOGIN_PERIOD_S: Final = 5.0
+"""Host time between two attempts to log in again: a robot locks out whoever tries too often."""
+
+
+class Calls:
+    """Finds the SDK's clients and makes calls. Every method raises HalError and nothing else.
+
+    A call that the robot refuses for the token's sake (it expired, or was revoked) is made once more after a login.
+    """
+
+    def __init__(self, robot: Any = None, log_in: Callable[[], None] | None = None) -> None:
+        """Use the SDK's robot and ``log_in`` to it; without a robot, every call says that there is no connection."""
+        self._robot, self._log_in = robot, log_in
+        self._lock = threading.Lock()
+        self._next_login_s = 0.0
+
+    def client(self, kind: Any) -> Any:
+        """The SDK's client of a service, given its class."""
+        if self._robot is None:
+            raise HalError("there is no connection to the robot; connect first")
+        name = kind.default_service_name
+        return self.make(f"finding {name}", lambda: self._robot.ensure_client(name))
+
+    def make(self, doing: str, call: Callable[[], Any]) -> Any:
+        """Make a call; ``doing`` says in errors what it was for."""
+        try:
+            return call()
+        except (SdkError, grpc.RpcError) as error:
+            ours = translate(error, doing)
+            if not (isinstance(ours, CredentialsError) and self._has_logged_in_again()):
+                raise ours from error
+        try:
+            return call()
+        except (SdkError, grpc.RpcError) as error:
+            raise translate(error, doing) from error
+
+    def _has_logged_in_again(self) -> bool:
+        with self._lock:
+            now_s = time.monotonic()
+            if self._log_in is None or now_s < self._next_login_s:
+                return False
+            self._next_login_s = now_s + LOGIN_PERIOD_S
+            try:
+                self._log_in()
+            except (SdkError, grpc.RpcError, HalError):
+                return False
+            return True

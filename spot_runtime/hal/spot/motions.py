@@ -1,0 +1,127 @@
+"""What the vendor's own controller does for us: power, standing, sitting, and the switch to joint control."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Final
+
+from bosdyn.api import basic_command_pb2, power_pb2
+from bosdyn.client.power import PowerClient
+from bosdyn.client.robot_command import RobotCommandBuilder, RobotCommandClient
+
+from spot_runtime.config import RobotConfig
+from spot_runtime.hal.errors import MotionError
+from spot_runtime.hal.spot.calls import Calls
+
+POLL_S: Final = 0.05
+"""Robot time between two looks at the progress of a motion."""
+
+CUT_S: Final = 3.0
+"""Robot time in which an e-stop lets the robot settle and cuts its power."""
+
+_STANDS: Final = basic_command_pb2.StandCommand.Feedback.STATUS_IS_STANDING
+_FEEDBACK: Final = basic_command_pb2.RobotCommandFeedbackStatus
+
+Pause = Callable[[float], None]
+"""Lets so many seconds of robot time pass."""
+
+
+class Motions:
+    """The vendor's motions. Every method raises HalError and nothing else."""
+
+    def __init__(
+        self,
+        calls: Calls,
+        config: RobotConfig,
+        *,
+        is_powered: Callable[[], bool],
+        is_without_power: Callable[[], bool],
+        pause: Pause,
+    ) -> None:
+        """Prepare.
+
+        Args:
+            calls: Reaches the robot.
+            config: Time-outs.
+            is_powered: Asks the robot whether its motors have power.
+            is_without_power: Asks whether they have none; while they are being powered on, neither is so.
+            pause: Lets robot time pass.
+        """
+        self._calls, self._config, self._pause = calls, config, pause
+        self._is_powered, self._is_without_power = is_powered, is_without_power
+
+    def power_on(self) -> None:
+        """Give the motors power; returns when they have it."""
+        if self._is_powered():
+            return
+        client, timeout_s = self._calls.client(PowerClient), self._config.rpc_timeout_s
+        request = power_pb2.PowerCommandRequest.REQUEST_ON_MOTORS
+        answer = self._calls.make("powering on", lambda: client.power_command(request, timeout=timeout_s))
+        command_id = answer.power_command_id
+
+        def is_done() -> bool:
+            status = self._calls.make(
+                "powering on", lambda: client.power_command_feedback(command_id, timeout=timeout_s)
+            )
+            if status in (power_pb2.STATUS_SUCCESS, power_pb2.STATUS_IN_PROGRESS):
+                return bool(status == power_pb2.STATUS_SUCCESS)
+            raise MotionError(f"powering on failed: {power_pb2.PowerCommandStatus.Name(status)}; see the robot's page")
+
+        if answer.status != power_pb2.STATUS_SUCCESS:
+            self._wait(is_done, "power on", self._config.power_timeout_s)
+
+    def stand(self) -> None:
+        """Let the vendor's controller stand; returns when it does."""
+        command_id = self._command(RobotCommandBuilder.synchro_stand_command(), "standing")
+        self._wait(lambda: self._stands(command_id), "stand", self._config.stand_timeout_s)
+
+    def ask_for_stand(self) -> None:
+        """Ask the vendor's controller to stand, and do not wait for it."""
+        self._command(RobotCommandBuilder.synchro_stand_command(), "standing")
+
+    def ask_for_joint_control(self) -> None:
+        """Ask the robot to follow the command stream."""
+        self._command(RobotCommandBuilder.joint_command(), "entering joint control")
+
+    def power_off(self) -> None:
+        """Sit where needed and cut power; returns when it is cut."""
+        if self._is_without_power():
+            return
+        try:
+            self._command(RobotCommandBuilder.safe_power_off_command(), "powering off")
+        except MotionError:
+            # While an e-stop cuts the power nothing is carried out any more, and nothing needs to be.
+            if not self._is_cut_anyway():
+                raise
+            return
+        self._wait(self._is_without_power, "power off", self._config.power_timeout_s)
+
+    def _is_cut_anyway(self) -> bool:
+        waited_s = 0.0
+        while not self._is_without_power():
+            if waited_s >= CUT_S:
+                return False
+            self._pause(POLL_S)
+            waited_s += POLL_S
+        return True
+
+    def _command(self, command: Any, doing: str) -> Any:
+        client, timeout_s = self._calls.client(RobotCommandClient), self._config.rpc_timeout_s
+        return self._calls.make(doing, lambda: client.robot_command(command, timeout=timeout_s))
+
+    def _stands(self, command_id: Any) -> bool:
+        client, timeout_s = self._calls.client(RobotCommandClient), self._config.rpc_timeout_s
+        answer = self._calls.make("standing", lambda: client.robot_command_feedback(command_id, timeout=timeout_s))
+        feedback = answer.feedback.synchronized_feedback.mobility_command_feedback
+        if feedback.status != _FEEDBACK.STATUS_PROCESSING:
+            name = _FEEDBACK.Status.Name(feedback.status)
+            raise MotionError(f"standing was not carried out: {name}; see the robot's own page")
+        return bool(feedback.stand_feedback.status == _STANDS)
+
+    def _wait(self, is_done: Callable[[], bool], what: str, timeout_s: float) -> None:
+        waited_s = 0.0
+        while not is_done():
+            if waited_s >= timeout_s:
+                raise MotionError(f"the robot did not {what} within {timeout_s:g} s; see the robot's own page")
+            self._pause(POLL_S)
+            waited_s += POLL_S

@@ -1,0 +1,147 @@
+"""How robot time passes: by itself, or only when asked. The rest of the adapter is the same for both."""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from collections.abc import Callable
+from typing import Protocol
+
+from spot_model.robot.state import RobotState
+from spot_runtime.hal.spot.jobs import Jobs
+from spot_runtime.hal.spot.streams import OnEnd, OnWire
+from spot_runtime.host.clock import HostClock, RobotClockEstimate
+
+StateQueue = queue.SimpleQueue[RobotState | None]
+"""States as they come; None after the last one."""
+
+
+class States(Protocol):
+    """Something that brings states."""
+
+    states: StateQueue
+
+    def stop(self) -> None:
+        """Bring no more."""
+
+
+class Pace(Protocol):
+    """What depends on how robot time passes."""
+
+    def sync(self, round_trip: Callable[[], int]) -> int:
+        """Compare the clocks, by ``round_trip`` or by a way of its own. Returns how far they are off, ns."""
+
+    def start(self, jobs: Jobs) -> None:
+        """Begin to run the chores."""
+
+    def chore_now_s(self) -> float:
+        """The clock by which chores are due."""
+
+    def host_now_ns(self) -> int:
+        """The host's clock."""
+
+    def robot_now_ns(self) -> int:
+        """The robot's clock."""
+
+    def open_states(self, open_stream: Callable[[], States], on_wire: OnWire, on_end: OnEnd) -> States:
+        """Begin to receive states: by ``open_stream``, or by a way of its own that tells the same two."""
+
+    def pause(self, duration_s: float) -> None:
+        """Let robot time pass while nothing is controlled."""
+
+    def receive(self, states: StateQueue, until_robot_ns: int, timeout_s: float) -> list[RobotState]:
+        """States that have arrived, oldest first; see :meth:`spot_runtime.hal.base.Hal.receive`."""
+
+    def begin(self, activate: Callable[[], None]) -> None:
+        """Run ``activate`` once the first command is under way, without holding up the loop."""
+
+    def sent(self, key: int) -> None:
+        """Take note of a command that was handed to the stream."""
+
+    def released(self) -> None:
+        """Take note that nothing is sent any more."""
+
+    def stop(self) -> None:
+        """Run no more chores."""
+
+
+class RealTime:
+    """Robot time passes by itself; chores run in a thread of their own."""
+
+    def __init__(self, clock: HostClock, estimate: RobotClockEstimate) -> None:
+        """Both clocks are shared with the adapter."""
+        self._clock = clock
+        self._estimate = estimate
+        self._wake = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    def sync(self, round_trip: Callable[[], int]) -> int:
+        """Ask the robot."""
+        return round_trip()
+
+    def start(self, jobs: Jobs) -> None:
+        """Run the chores in a thread of their own."""
+        self._thread = threading.Thread(target=self._run, args=(jobs,), name="chores", daemon=True)
+        self._thread.start()
+
+    def chore_now_s(self) -> float:
+        """The monotonic clock."""
+        return time.monotonic()
+
+    def host_now_ns(self) -> int:
+        """The host's clock."""
+        return self._clock.now_ns()
+
+    def robot_now_ns(self) -> int:
+        """The robot's clock, as estimated."""
+        return self._estimate.robot_ns(self._clock.now_ns())
+
+    def open_states(self, open_stream: Callable[[], States], on_wire: OnWire, on_end: OnEnd) -> States:
+        """Open the stream, which tells them itself."""
+        del on_wire, on_end
+        return open_stream()
+
+    def pause(self, duration_s: float) -> None:
+        """Sleep."""
+        time.sleep(duration_s)
+
+    def receive(self, states: StateQueue, until_robot_ns: int, timeout_s: float) -> list[RobotState]:
+        """Wait for a state, then take all that are there."""
+        del until_robot_ns  # every state wakes the loop, so that it can be judged and answered
+        try:
+            first = states.get(timeout=timeout_s)
+        except queue.Empty:
+            return []
+        return [] if first is None else [first, *take_all(states)]
+
+    def begin(self, activate: Callable[[], None]) -> None:
+        """In a thread of its own: the loop goes on sending meanwhile."""
+        threading.Thread(target=activate, name="activation", daemon=True).start()
+
+    def sent(self, key: int) -> None:
+        """Nothing waits for it."""
+
+    def released(self) -> None:
+        """Nothing waits for it."""
+
+    def stop(self) -> None:
+        """End the thread."""
+        self._wake.set()
+        if self._thread is not None and self._thread is not threading.current_thread():
+            self._thread.join(timeout=5.0)
+
+    def _run(self, jobs: Jobs) -> None:
+        while not self._wake.is_set():
+            wait_s = jobs.run_due(self.chore_now_s())
+            self._wake.wait(min(wait_s, 0.2))
+
+
+def take_all(states: StateQueue) -> list[RobotState]:
+    """Take what is there, without waiting; there is one reader, so what is there stays there."""
+    taken = []
+    while not states.empty():
+        state = states.get_nowait()
+        if state is not None:
+            taken.append(state)
+    return taken

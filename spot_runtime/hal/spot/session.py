@@ -1,0 +1,340 @@
+"""A session with a robot over the vendor's SDK: trust, login, clocks, faults, e-stop, lease, polls."""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Callable
+from typing import Any, Final
+
+import grpc
+from bosdyn.api import power_pb2, robot_state_pb2
+from bosdyn.client.auth import AuthClient
+from bosdyn.client.directory import DirectoryClient
+from bosdyn.client.estop import EstopClient
+from bosdyn.client.exceptions import Error as SdkError
+from bosdyn.client.lease import Lease, LeaseClient, ResourceAlreadyClaimedError
+from bosdyn.client.license import LicenseClient
+from bosdyn.client.power import PowerClient
+from bosdyn.client.processors import AddRequestHeader
+from bosdyn.client.robot_command import (
+    RobotCommandClient,
+    RobotCommandStreamingClient,
+)
+from bosdyn.client.robot_id import RobotIdClient
+from bosdyn.client.robot_state import RobotStateClient, RobotStateStreamingClient
+from bosdyn.client.sdk import Sdk, generate_client_name
+from bosdyn.client.time_sync import TimeSyncClient
+
+from spot_model.robot.facts import N_JOINTS
+from spot_model.robot.state import SlowState
+from spot_runtime.config import RobotConfig
+from spot_runtime.control.safety.safety import CRITICAL
+from spot_runtime.hal.connection.address import Address, explain_no_connection
+from spot_runtime.hal.connection.credentials import find_credentials
+from spot_runtime.hal.connection.time_sync import TimeSync
+from spot_runtime.hal.connection.trust import trusted_certificates
+from spot_runtime.hal.errors import ClockError, EstopError, FaultError, HalError
+from spot_runtime.hal.spot.calls import Calls
+from spot_runtime.hal.spot.estop import OwnEstop, needs_own_endpoint
+from spot_runtime.hal.spot.motions import POLL_S
+from spot_runtime.hal.spot.slow_state import pressed_estops, slow_state_from_message
+from spot_runtime.hal.spot.vendor_errors import lease_held, translate
+from spot_runtime.host.clock import HostClock, RobotClockEstimate
+
+SYNC_ROUND_TRIPS: Final = 12
+SYNC_ATTEMPTS: Final = 40
+LATER_SYNC_TIMEOUT_S: Final = 1.0
+"""A slower answer is worth nothing, and the lease and the polls wait for it."""
+
+SERVICES: Final = (
+    AuthClient,
+    DirectoryClient,
+    EstopClient,
+    LeaseClient,
+    LicenseClient,
+    PowerClient,
+    RobotCommandClient,
+    RobotCommandStreamingClient,
+    RobotIdClient,
+    RobotStateClient,
+    RobotStateStreamingClient,
+    TimeSyncClient,
+)
+"""The vendor's services that a run uses."""
+
+ARM_PREFIX: Final = "arm"
+"""Of the names of an arm's joints: arm0.sh0, arm0.sh1, ..."""
+
+ESTOP_RELEASE_S: Final = 1.0
+ONE_THREAD_A_STREAM: Final = "SingleThreadedUnaryStream"
+"""gRPC's option by which the thread that reads a stream waits for it itself: one hand-over less on a state's way."""
+
+
+class Session:
+    """Everything of one robot that goes by single calls. Every method raises HalError and nothing else."""
+
+    def __init__(
+        self,
+        address: Address,
+        config: RobotConfig,
+        clock: HostClock,
+        estimate: RobotClockEstimate,
+        host_now_ns: Callable[[], int],
+    ) -> None:
+        """Prepare; nothing is sent yet.
+
+        Args:
+            address: Where the robot is.
+            config: How to reach it.
+            clock: The host's clock, for time sync.
+            estimate: Takes the round trips.
+            host_now_ns: Stamps what is received; in lock-step, host time passes with robot time.
+        """
+        self._host_now_ns = host_now_ns
+        self._address, self._config, self._clock, self._estimate = address, config, clock, estimate
+        self._robot: Any = None
+        self.calls = Calls()
+        self._time_sync: TimeSync | None = None
+        self._own_estop: OwnEstop | None = None
+        self._lease: Any = None
+        self.has_lease = False
+
+    # Connecting ------------------------------------------------------------------------------------------------------
+
+    def log_in(self, token: str = "") -> str:
+        """Reach the robot and log in. Returns its serial number and nickname.
+
+        With a token of an earlier login no password is needed, as long as the robot takes it.
+        """
+        if token:
+            self._make_robot()
+            try:
+                self._robot.authenticate_with_token(token, timeout=self._config.rpc_timeout_s)
+                return self._learn_who_it_is()
+            except (SdkError, grpc.RpcError) as error:
+                logging.getLogger(__name__).debug("the token was not taken", exc_info=error)
+                self.close()
+        credentials = find_credentials(self._config.credentials_file, os.environ)
+        trusted_pem = self._make_robot()
+        timeout_s = self._config.rpc_timeout_s
+
+        def explain(reason: str) -> HalError:
+            return explain_no_connection(self._address, trusted_pem, reason, timeout_s)
+
+        try:
+            self._robot.authenticate(credentials.username, credentials.password, timeout=timeout_s)
+            return self._learn_who_it_is()
+        except (SdkError, grpc.RpcError) as error:
+            raise translate(error, f"logging in to {self._address}", explain) from error
+
+    def sync_clocks(self) -> None:
+        """Bring the estimate of the robot's clock about."""
+        self._time_sync = TimeSync(self.calls.client(TimeSyncClient), self._clock, self._config.rpc_timeout_s)
+        for attempt in range(SYNC_ATTEMPTS):
+            self.sync_once()
+            if attempt + 1 >= SYNC_ROUND_TRIPS and self._time_sync.is_established:
+                self._time_sync.timeout_s = min(LATER_SYNC_TIMEOUT_S, self._config.rpc_timeout_s)
+                return
+        raise ClockError(f"time sync was not established in {SYNC_ATTEMPTS} round trips ({self._time_sync.status})")
+
+    def sync_once(self) -> int:
+        """One round trip. Returns how far it lies from the estimate, ns."""
+        if self._time_sync is None:
+            raise ClockError("time sync has not begun; connect first")
+        return self._estimate.add(self.calls.make("syncing clocks", self._time_sync.round_trip))
+
+    def check_faults(self, battery_percent: float) -> SlowState:
+        """Refuse a robot that must not move, has an arm, or less charge than this. Returns its slow state."""
+        state = self._state()
+        arm = [joint.name for joint in state.kinematic_state.joint_states if joint.name.startswith(ARM_PREFIX)]
+        if arm:
+            raise HalError(
+                f"the robot has an arm ({len(arm)} joints, {arm[0]} to {arm[-1]}): it wants set-points for all joints, "
+                f"and policies here drive the {N_JOINTS} of the legs; take the arm off, or use a robot without one"
+            )
+        slow = slow_state_from_message(state, self._host_now_ns())
+        critical = [fault.removeprefix(CRITICAL) for fault in slow.system_faults if fault.startswith(CRITICAL)]
+        if critical:
+            raise FaultError(f"the robot reports a system fault: {', '.join(critical)}; see the robot's own page")
+        if slow.behavior_faults:
+            raise FaultError(
+                f"the robot reports a behaviour fault: {', '.join(slow.behavior_faults)}; clear it on the tablet, "
+                f"it is never cleared by this program"
+            )
+        if slow.battery_charge_percent < battery_percent:
+            raise FaultError(
+                f"the battery holds {slow.battery_charge_percent:.0f} %; needed: {battery_percent:g} %; charge it"
+            )
+        return slow
+
+    def set_up_estop(self) -> bool:
+        """Make sure that an e-stop endpoint answers. Returns whether it is our own, which then wants check-ins."""
+        client = self.calls.client(EstopClient)
+        try:
+            status = client.get_status(timeout=self._config.rpc_timeout_s)
+            if not needs_own_endpoint(status, self._config.estop, self._config.client_name):
+                return False
+            self._own_estop = OwnEstop(
+                client, self._config.client_name, self._config.estop_timeout_s, self._config.rpc_timeout_s
+            )
+        except (SdkError, grpc.RpcError) as error:
+            raise translate(error, "setting up the e-stop") from error
+        return True
+
+    def check_estop(self, pause: Callable[[float], None]) -> None:
+        """Refuse a robot that stays stopped, by whatever button; one that was just released gets a second."""
+        waited_s = 0.0
+        while True:
+            pressed = pressed_estops(self._state())
+            if not pressed:
+                return
+            if waited_s >= ESTOP_RELEASE_S:
+                raise EstopError(f"an e-stop is pressed: {', '.join(pressed)}; release it, then start again")
+            pause(POLL_S)
+            waited_s += POLL_S
+
+    def check_in_estop(self) -> None:
+        """Keep our own endpoint alive."""
+        if self._own_estop is not None:
+            self.calls.make("checking in to the e-stop", self._own_estop.check_in)
+
+    def cut_power(self) -> None:
+        """Press our own e-stop, or where another endpoint holds it, have the motors' power cut."""
+        if self._own_estop is not None:
+            own = self._own_estop
+            self._own_estop = None  # a check-in would release it again
+            self.calls.make("pressing the e-stop", own.press)
+            return
+        client, request = self.calls.client(PowerClient), power_pb2.PowerCommandRequest.REQUEST_OFF_MOTORS
+        self.calls.make("cutting power", lambda: client.power_command(request, timeout=self._timeout_s))
+
+    def acquire_lease(self) -> None:
+        """Take the lease if it is free."""
+        client = self.calls.client(LeaseClient)
+        try:
+            self._lease = client.acquire(timeout=self._config.rpc_timeout_s)
+        except ResourceAlreadyClaimedError as error:
+            raise lease_held(error) from error
+        except (SdkError, grpc.RpcError) as error:
+            raise translate(error, "taking the lease") from error
+        self.has_lease = True
+
+    def retain_lease(self) -> None:
+        """Keep the lease alive."""
+        client = self.calls.client(LeaseClient)
+        wallet = self._robot.lease_wallet
+        self.calls.make("keeping the lease", lambda: client.retain_lease(wallet.get_lease(), timeout=self._timeout_s))
+
+    @property
+    def token(self) -> str:
+        """What the robot gave for the password; it stands for the password for some hours."""
+        return str(self._robot.user_token or "")
+
+    @property
+    def lease(self) -> Any:
+        """The lease that is or was held, in the vendor's message; None before there was one."""
+        return None if self._lease is None else self._lease.lease_proto
+
+    def newest_lease(self, resource: str) -> Any:
+        """The newest lease of a resource that the robot knows of, whoever's; None where it knows of none."""
+        client = self.calls.client(LeaseClient)
+        listed = self.calls.make(
+            "listing leases", lambda: client.list_leases(include_full_lease_info=True, timeout=self._timeout_s)
+        )
+        return next((r.lease for r in listed if r.resource == resource and r.lease.sequence), None)
+
+    def adopt_lease(self, lease: Any) -> None:
+        """Go on with a lease that another process of ours held, given in the vendor's message."""
+        self._lease = Lease(lease)
+        self._robot.lease_wallet.add(self._lease)
+        self.has_lease = True
+
+    def poll(self) -> SlowState:
+        """Battery, temperatures, power and faults, now."""
+        return slow_state_from_message(self._state(), self._host_now_ns())
+
+    def is_without_power(self) -> bool:
+        """Whether the motors are off, now; while they are being powered on or off, they are not."""
+        off = robot_state_pb2.PowerState.MOTOR_POWER_STATE_OFF
+        return bool(self._state().power_state.motor_power_state == off)
+
+    # Channels and the end --------------------------------------------------------------------------------------------
+
+    def streaming_channel(self, service: type[RobotStateStreamingClient | RobotCommandStreamingClient]) -> Any:
+        """The secure channel of a streaming service, connected."""
+        name = service.default_service_name
+        options = [(ONE_THREAD_A_STREAM, 1)]
+        channel = self.calls.make(f"finding {name}", lambda: self._robot.ensure_channel(name, options=options))
+        try:
+            grpc.channel_ready_future(channel).result(timeout=self._timeout_s)
+        except grpc.FutureTimeoutError as error:
+            raise HalError(f"the service {name} did not answer within {self._timeout_s:g} s; check the link") from error
+        return channel
+
+    @property
+    def client_name(self) -> str:
+        """The name that requests carry."""
+        return str(self._robot.client_name)
+
+    def close(self) -> None:
+        """Let our e-stop endpoint go, return the lease and end the SDK's threads.
+
+        Errors are left alone: there is nobody to act on them. While the motors have power, the robot keeps our e-stop
+        endpoint, and stops once that has been silent for its time.
+        """
+        if self._robot is None:
+            return
+        if self._own_estop is not None:
+            own, self._own_estop = self._own_estop, None
+            try:
+                own.let_go()
+            except (SdkError, grpc.RpcError):
+                logging.getLogger(__name__).debug("the e-stop endpoint was not taken back", exc_info=True)
+        if self.has_lease:
+            client = self.calls.client(LeaseClient)
+            try:
+                client.return_lease(self._lease, timeout=self._timeout_s)
+            except (SdkError, grpc.RpcError):
+                logging.getLogger(__name__).debug("the lease was not returned", exc_info=True)
+            self.has_lease = False
+        self._robot._shutdown()
+        self._robot.shutdown()
+        self._robot, self.calls = None, Calls()
+
+    # Details ---------------------------------------------------------------------------------------------------------
+
+    def _state(self) -> Any:
+        client = self.calls.client(RobotStateClient)
+        return self.calls.make("polling the robot's state", lambda: client.get_robot_state(timeout=self._timeout_s))
+
+    @property
+    def _timeout_s(self) -> float:
+        return self._config.rpc_timeout_s
+
+    def _learn_who_it_is(self) -> str:
+        robot_id = self._robot.get_cached_robot_id(timeout=self._timeout_s)
+        self._robot.sync_with_directory()
+        return f"{robot_id.serial_number} {robot_id.nickname}".strip()
+
+    def _make_robot(self) -> bytes:
+        # The SDK logs to the root logger by default; what matters reaches the user as our own errors.
+        for name in ("bosdyn", self._config.client_name):
+            logging.getLogger(name).addHandler(logging.NullHandler())
+            logging.getLogger(name).propagate = False
+        # Built by hand: the SDK's own function registers forty services and warns of deprecated calls.
+        sdk = Sdk(self._config.client_name)
+        name = generate_client_name(self._config.client_name)
+        sdk.request_processors.append(AddRequestHeader(lambda: name))
+        sdk.cert = trusted_certificates(self._config.ca_file)
+        for service in SERVICES:
+            sdk.register_service_client(service)
+        self._robot = sdk.create_robot(self._address.sdk_host)
+        self._robot.update_secure_channel_port(self._address.port)
+        self.calls = Calls(self._robot, self._log_in_again)
+        return bytes(sdk.cert)
+
+    def _log_in_again(self) -> None:
+        """A token that the robot no longer takes is replaced. Raises the SDK's errors, and CredentialsError."""
+        credentials = find_credentials(self._config.credentials_file, os.environ)
+        self._robot.authenticate(credentials.username, credentials.password, timeout=self._timeout_s)

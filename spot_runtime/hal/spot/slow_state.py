@@ -1,0 +1,65 @@
+"""Battery, temperatures, power and faults out of a vendor RobotState message."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from bosdyn.api import robot_state_pb2, service_fault_pb2
+
+from spot_model.robot.state import SlowState
+from spot_runtime.control.safety.safety import CRITICAL
+
+NS_PER_S: Final = 1_000_000_000
+
+
+def slow_state_from_message(message: robot_state_pb2.RobotState, host_stamp_ns: int) -> SlowState:
+    """Convert an answer of GetRobotState.
+
+    Args:
+        message: The vendor's message.
+        host_stamp_ns: When it was received, host clock.
+
+    Returns:
+        The slow state; a value that the robot does not report is 0 or missing.
+    """
+    power, battery = message.power_state, _battery(message)
+    stamp = power.timestamp
+    return SlowState(
+        robot_stamp_ns=stamp.seconds * NS_PER_S + stamp.nanos,
+        host_stamp_ns=host_stamp_ns,
+        motors_powered=power.motor_power_state == robot_state_pb2.PowerState.MOTOR_POWER_STATE_ON,
+        estopped=bool(pressed_estops(message)),
+        battery_charge_percent=battery.charge_percentage.value,
+        battery_voltage_v=battery.voltage.value,
+        battery_current_a=battery.current.value,
+        battery_temperature_c=tuple(battery.temperatures),
+        # The vendor writes fl.hx where this project writes fl_hx.
+        motor_temperature_c={m.name.replace(".", "_"): m.temperature for m in message.system_state.motor_temperatures},
+        system_faults=tuple(_system_fault(f) for f in message.system_fault_state.faults),
+        behavior_faults=tuple(_behavior_fault(f) for f in message.behavior_fault_state.faults),
+        service_faults=tuple(_service_fault(f) for f in message.service_fault_state.faults),
+    )
+
+
+def pressed_estops(message: robot_state_pb2.RobotState) -> list[str]:
+    """Names of the e-stops that hold the robot stopped."""
+    stopped = robot_state_pb2.EStopState.STATE_ESTOPPED
+    return [estop.name or "unnamed" for estop in message.estop_states if estop.state == stopped]
+
+
+def _battery(message: robot_state_pb2.RobotState) -> robot_state_pb2.BatteryState:
+    return message.battery_states[0] if message.battery_states else robot_state_pb2.BatteryState()
+
+
+def _system_fault(fault: robot_state_pb2.SystemFault) -> str:
+    prefix = CRITICAL if fault.severity == robot_state_pb2.SystemFault.SEVERITY_CRITICAL else ""
+    return f"{prefix}{fault.name}" + (f" ({fault.error_message})" if fault.error_message else "")
+
+
+def _behavior_fault(fault: robot_state_pb2.BehaviorFault) -> str:
+    cause = robot_state_pb2.BehaviorFault.Cause.Name(fault.cause).removeprefix("CAUSE_").lower()
+    return f"{cause} ({fault.behavior_fault_id})"
+
+
+def _service_fault(fault: service_fault_pb2.ServiceFault) -> str:
+    return f"{fault.fault_id.service_name}: {fault.fault_id.fault_name}"

@@ -1,0 +1,1 @@
+"""The computer the service runs on: clocks, scheduling, systemd, journal, locks."""

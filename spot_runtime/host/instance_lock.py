@@ -1,0 +1,79 @@
+"""One runtime a robot: a second one on this computer is refused before it touches anything.
+
+The lease refuses it robot-wide; this lock says so sooner, and also while the first one is between leases.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+from pathlib import Path
+from types import TracebackType
+
+from typing_extensions import Self
+
+from spot_model.errors import SpotRlError
+from spot_runtime.host.locked_file import open_locked
+
+
+class AlreadyRunningError(SpotRlError):
+    """Another runtime drives this robot."""
+
+    exit_code = 94
+
+
+class LockError(SpotRlError):
+    """The lock against a second runtime cannot be had."""
+
+    exit_code = 99
+
+
+class InstanceLock:
+    """Held while it is entered; the system frees it when the process ends, however that happens."""
+
+    def __init__(self, robot: str, directory: Path | None = None) -> None:
+        """Lock by the robot's address, in the user's run-time directory unless told otherwise."""
+        folder = directory or Path(os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir())
+        digest = hashlib.sha256(robot.encode()).hexdigest()[:16]
+        self._robot = robot
+        self._path = folder / f"spot-rl-{os.getuid()}-{digest}.lock"
+        self._descriptor: int | None = None
+
+    def __enter__(self) -> Self:
+        """Take the lock.
+
+        Raises:
+            AlreadyRunningError: Another process holds it; the message names its number.
+            LockError: It cannot be opened: no such folder, or something of somebody else's is in its place.
+        """
+        try:
+            descriptor = open_locked(self._path)
+        except BlockingIOError:
+            raise AlreadyRunningError(
+                f"process {self._holder()} already drives {self._robot} from this computer; end it, then start again"
+            ) from None
+        except OSError as error:
+            raise LockError(
+                f"the lock {self._path}, which keeps a second runtime away, cannot be opened: {error.strerror}; "
+                "set XDG_RUNTIME_DIR to a folder of your own, or remove what is in the way"
+            ) from error
+        os.ftruncate(descriptor, 0)
+        os.pwrite(descriptor, f"{os.getpid()}\n".encode(), 0)
+        self._descriptor = descriptor
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Give it back, and remove the file."""
+        if self._descriptor is not None:
+            self._path.unlink(missing_ok=True)
+            os.close(self._descriptor)
+            self._descriptor = None
+
+    def _holder(self) -> str:
+        try:
+            return self._path.read_bytes()[:20].decode("ascii", errors="replace").strip() or "unknown"
+        except OSError:
+            return "unknown"

@@ -1,6 +1,0 @@
-"""Other people's recordings as logs of ours: a mapping file says which array is which signal."""
-
-from spot_runtime.log.importing.importer import import_log
-from spot_runtime.log.importing.mapping import Mapping, load_mapping
-
-__all__ = ["Mapping", "import_log", "load_mapping"]

@@ -1,0 +1,1 @@
+"""The operator's side: `spot-rl ctl`, manual driving, the watch screen."""

@@ -1,0 +1,122 @@
+"""An operator's end of the service: finds it, asks, and turns refusals into errors with words."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Final
+
+import grpc
+from typing_extensions import Self
+
+from spot_model.errors import BadInputError, SpotRlError
+from spot_model.io.bounded_file import FileTooLargeError, read_at_most
+from spot_protos import operator_pb2_grpc
+from spot_runtime.operator.listening import MAX_PEM_BYTES, SYSTEM_SOCKET, is_loopback, user_socket
+
+ADDRESS_VARIABLE: Final = "SPOT_RL_OPERATOR"
+TIMEOUT_S: Final = 30.0
+ARM_TIMEOUT_S: Final = 120.0
+
+
+class RefusedError(SpotRlError):
+    """The service refused; its words say why and what to do."""
+
+    exit_code = 95
+
+
+class UnreachableError(SpotRlError):
+    """No service answers."""
+
+    exit_code = 96
+
+
+def find_address(given: str | None, environment: Mapping[str, str]) -> str:
+    """Where the service is: as given, as the environment says, the system's socket if it is there, or the user's."""
+    if given or environment.get(ADDRESS_VARIABLE):
+        return given or environment[ADDRESS_VARIABLE]
+    runtime = environment.get("RUNTIME_DIRECTORY", "").partition(":")[0]
+    if runtime:
+        return f"unix:{Path(runtime) / SYSTEM_SOCKET.name}"
+    return f"unix:{SYSTEM_SOCKET if SYSTEM_SOCKET.exists() else user_socket(environment)}"
+
+
+class OperatorClient:
+    """Asks the service; use it in a ``with`` statement."""
+
+    def __init__(
+        self, address: str, *, ca: Path | None = None, certificate: Path | None = None, key: Path | None = None
+    ) -> None:
+        """Prepare; the first call connects.
+
+        Raises:
+            BadInputError: The address is none, the network is to be used without TLS, or a file cannot be read.
+        """
+        self.address = address
+        options = [("grpc.keepalive_time_ms", 10_000), ("grpc.enable_retries", 0)]
+        if ca is not None and certificate is not None and key is not None:
+            credentials = grpc.ssl_channel_credentials(_read(ca), _read(key), _read(certificate))
+            self._channel = grpc.secure_channel(address, credentials, options)
+        elif ca or certificate or key:
+            raise BadInputError("--ca, --cert and --key go together; name all three")
+        elif not is_loopback(address):
+            raise BadInputError(f"{address} is reached over a network, which needs --ca, --cert and --key")
+        else:
+            self._channel = grpc.insecure_channel(address, options)
+        self._stub: Any = operator_pb2_grpc.OperatorStub(self._channel)  # type: ignore[no-untyped-call]
+
+    def __enter__(self) -> Self:
+        """Nothing happens."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the channel."""
+        self._channel.close()
+
+    def call(self, name: str, request: Any, timeout_s: float = TIMEOUT_S) -> Any:
+        """One call.
+
+        Raises:
+            RefusedError: The service refused.
+            UnreachableError: It does not answer.
+        """
+        try:
+            return getattr(self._stub, name)(request, timeout=timeout_s)
+        except grpc.RpcError as error:
+            raise self._explain(error) from None
+
+    def stream(self, name: str, request: Any) -> Any:
+        """One call that answers again and again. Raises as :meth:`call` does."""
+        try:
+            yield from getattr(self._stub, name)(request)
+        except grpc.RpcError as error:
+            raise self._explain(error) from None
+
+    def _explain(self, error: grpc.RpcError) -> SpotRlError:
+        code, words = error.code(), error.details() or ""
+        nobody = code is grpc.StatusCode.UNAVAILABLE and not words.partition(":")[0].isalpha()
+        if nobody or code is grpc.StatusCode.DEADLINE_EXCEEDED:
+            return UnreachableError(
+                f"no service answers at {self.address} ({words}); start it with 'spot-rl serve', or name its "
+                f"address with --address or {ADDRESS_VARIABLE}"
+            )
+        return RefusedError(words or str(code))
+
+
+def client_from(
+    address: str | None, ca: Path | None = None, certificate: Path | None = None, key: Path | None = None
+) -> OperatorClient:
+    """A client as the command line describes it."""
+    return OperatorClient(find_address(address, os.environ), ca=ca, certificate=certificate, key=key)
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return read_at_most(path, MAX_PEM_BYTES)
+    except (OSError, FileTooLargeError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise BadInputError(f"file {path} cannot be read: {reason}; give a PEM file") from error

@@ -1,0 +1,244 @@
+"""Operate a robot that 'spot-rl serve' looks after.
+
+A stop must not wait for libraries: what only steering and the screen need is imported there.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+from typing import Annotated, Any, Optional
+
+import typer
+from google.protobuf.json_format import MessageToDict
+
+from spot_protos import operator_pb2
+from spot_runtime.operator.client.client import ARM_TIMEOUT_S, OperatorClient, client_from
+from spot_runtime.session.labels import parse_labels
+
+app = typer.Typer(no_args_is_help=True, add_completion=False)
+STEER_PERIOD_S = 0.04
+BEFORE_CONTROL = ("", "standing by", "ready", "activating", "ramping_in")
+"""Modes that a run tells between its start and full control; it tells them late, a few times a second."""
+
+Label = Annotated[Optional[list[str]], typer.Option("--label", help="KEY=VALUE; may repeat.")]  # noqa: UP045
+Sha256 = Annotated[str, typer.Option(help="Refuse a policy file with another digest.")]
+
+
+@app.callback()
+def ctl(
+    context: typer.Context,
+    address: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option(help="unix:/path or HOST:PORT; also SPOT_RL_OPERATOR; the service on this computer if none."),
+    ] = None,
+    ca: Annotated[Optional[Path], typer.Option(help="PEM file that signed the service's certificate.")] = None,  # noqa: UP045
+    cert: Annotated[Optional[Path], typer.Option(help="PEM file: your certificate.")] = None,  # noqa: UP045
+    key: Annotated[Optional[Path], typer.Option(help="PEM file: its key.")] = None,  # noqa: UP045
+) -> None:
+    """Operate a robot that 'spot-rl serve' looks after: status, arm, start, steer, stop."""
+    context.obj = lambda: client_from(address, ca, cert, key)
+
+
+@app.command()
+def status(context: typer.Context, as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False) -> None:
+    """Tell how it stands: state, mode, figures, and how the last run ended."""
+    with _client(context) as client:
+        answer = client.call("GetStatus", operator_pb2.GetStatusRequest())
+    if as_json:
+        typer.echo(json.dumps(MessageToDict(answer, preserving_proto_field_name=True)))
+        return
+    run = answer.run
+    typer.echo(f"state    {answer.state}" + (f", {run.mode}, policy {run.policy}" if run.mode else ""))
+    typer.echo(f"robot    {answer.robot} {run.robot_id}".rstrip())
+    if run.mode:
+        typer.echo(f"battery  {run.battery_charge_percent:.0f} %")
+        typer.echo(f"log      {run.log_path or 'none'}")
+    if answer.last.outcome:
+        typer.echo(f"last run {answer.last.outcome}: {answer.last.sentence}")
+
+
+@app.command()
+def modes(context: typer.Context) -> None:
+    """List the states of the service and the modes of the control loop, with what may be asked in each."""
+    with _client(context) as client:
+        answer = client.call("ListModes", operator_pb2.ListModesRequest())
+    for mode in answer.states:
+        typer.echo(f"{mode.name:<12} {mode.meaning}; may be asked: {', '.join(mode.allows)}")
+    for mode in answer.modes:
+        typer.echo(f"  {mode.name:<12} {mode.meaning}")
+
+
+@app.command()
+def policies(context: typer.Context) -> None:
+    """List the policies that may be armed."""
+    with _client(context) as client:
+        answer = client.call("ListPolicies", operator_pb2.ListPoliciesRequest())
+    for policy in answer.policies:
+        note = "" if policy.is_allowed else "  (its digest or signature is not as the configuration wants it)"
+        typer.echo(f"{policy.name:<20} {policy.sha256}{note}")
+
+
+@app.command()
+def arm(
+    context: typer.Context,
+    policy: Annotated[str, typer.Argument(help="Name of the policy, as 'spot-rl ctl policies' lists it.")],
+    sha256: Sha256 = "",
+    label: Label = None,
+    operator: Annotated[str, typer.Option(help="Your name, for status and logs.")] = "",
+) -> None:
+    """Take the lease, power on and let the vendor's controller stand. THE ROBOT STANDS UP."""
+    request = operator_pb2.ArmRequest(policy=policy, sha256=sha256, labels=parse_labels(label or []), operator=operator)
+    _ask(context, "Arm", request, ARM_TIMEOUT_S)
+
+
+@app.command()
+def start(context: typer.Context) -> None:
+    """Hand the joints to the policy. THE ROBOT MOVES."""
+    _ask(context, "Start", operator_pb2.StartRequest())
+
+
+@app.command()
+def stop(
+    context: typer.Context,
+    keep_standing: Annotated[bool, typer.Option("--keep-standing", help="Stay armed, standing.")] = False,
+    wait: Annotated[bool, typer.Option("--wait", help="Return when the robot is at rest.")] = False,
+) -> None:
+    """Stop in place, hand back, sit and power off."""
+    with _client(context) as client:
+        answer = client.call("Stop", operator_pb2.StopRequest(keep_standing=keep_standing))
+        typer.echo(answer.text)
+        rest = ("idle", "armed") if keep_standing else ("idle",)  # right after a stop it may still be armed
+        while wait:
+            status = client.call("GetStatus", operator_pb2.GetStatusRequest())
+            if status.state in rest:
+                typer.echo(status.state if status.state == "armed" else f"idle; {status.last.sentence}")
+                return
+            time.sleep(0.2)
+
+
+@app.command()
+def damp(context: typer.Context) -> None:
+    """Damp the joints at once: the robot sinks to the ground."""
+    _ask(context, "Damp", operator_pb2.DampRequest())
+
+
+@app.command()
+def velocity(
+    context: typer.Context,
+    v_x: Annotated[float, typer.Argument(help="Forward, m/s.")],
+    v_y: Annotated[float, typer.Argument(help="To the left, m/s.")] = 0.0,
+    yaw_rate: Annotated[float, typer.Argument(help="Turning left, rad/s.")] = 0.0,
+    seconds: Annotated[float, typer.Option("--for", min=0.1, max=600.0, help="How long; then it fades.")] = 2.0,
+    operator: Annotated[str, typer.Option(help="Who steers.")] = "ctl velocity",
+) -> None:
+    """Steer for a while, once the policy is in full control."""
+    request = operator_pb2.SetVelocityRequest(v_x_m_s=v_x, v_y_m_s=v_y, yaw_rate_rad_s=yaw_rate, operator=operator)
+    with _client(context) as client:
+        _wait_until_active(client)
+        until_s = time.monotonic() + seconds
+        while time.monotonic() < until_s:
+            client.call("SetVelocity", request, 2.0)
+            time.sleep(STEER_PERIOD_S)
+
+
+@app.command()
+def drive(
+    context: typer.Context,
+    gamepad: Annotated[bool, typer.Option("--gamepad", help="Hold the dead-man button and use the sticks.")] = False,
+    operator: Annotated[str, typer.Option(help="Who steers.")] = "ctl drive",
+) -> None:
+    """Steer by keyboard or gamepad until you press x."""
+    from spot_runtime.config import OperatorConfig
+    from spot_runtime.host.console import Console
+    from spot_runtime.operator.client.drive import drive_by, source_of
+
+    console = Console()
+    with _client(context) as client:
+        try:
+            drive_by(client, source_of(OperatorConfig(), console, is_gamepad=gamepad), operator)
+        finally:
+            console.close()
+
+
+@app.command("switch-policy")
+def switch_policy(
+    context: typer.Context,
+    policy: Annotated[str, typer.Argument(help="Name of the policy.")],
+    sha256: Sha256 = "",
+) -> None:
+    """Load another policy while the vendor's controller stands."""
+    _ask(context, "SwitchPolicy", operator_pb2.SwitchPolicyRequest(policy=policy, sha256=sha256))
+
+
+@app.command("start-log")
+def start_log(context: typer.Context, label: Label = None) -> None:
+    """Log from now on, while standing; without it a log begins with the start."""
+    with _client(context) as client:
+        answer = client.call("StartLog", operator_pb2.StartLogRequest(labels=parse_labels(label or [])))
+    typer.echo(answer.path)
+
+
+@app.command("label-log")
+def label_log(context: typer.Context, labels: Annotated[list[str], typer.Argument(help="KEY=VALUE ...")]) -> None:
+    """Label the log that is being written."""
+    _ask(context, "LabelLog", operator_pb2.LabelLogRequest(labels=parse_labels(labels)))
+
+
+@app.command()
+def events(
+    context: typer.Context,
+    past: Annotated[int, typer.Option(min=0, max=500, help="Begin with so many of the last.")] = 20,
+    follow: Annotated[bool, typer.Option("--follow", help="Go on as they come.")] = False,
+) -> None:
+    """Show the last events."""
+    with _client(context) as client:
+        left = min(past, client.call("GetStatus", operator_pb2.GetStatusRequest()).events)
+        if not left and not follow:
+            return
+        for event in client.stream("StreamEvents", operator_pb2.StreamEventsRequest(past=past)):
+            stamp = time.strftime("%H:%M:%S", time.localtime(event.host_stamp_ns / 1e9))
+            typer.echo(f"{stamp} {event.severity:<7} {event.name}: {event.text}")
+            left -= 1
+            if left <= 0 and not follow:
+                return
+
+
+@app.command()
+def attend(context: typer.Context) -> None:
+    """Say that you see the robot and can stop it, once; 'spot-rl ctl watch --attend' goes on saying it."""
+    _ask(context, "Attend", operator_pb2.AttendRequest())
+
+
+@app.command()
+def watch(
+    context: typer.Context,
+    is_attending: Annotated[
+        bool, typer.Option("--attend", help="You see the robot and can stop it, as long as this runs.")
+    ] = False,
+) -> None:
+    """Show everything on one screen: mode, rates, ages, temperatures, battery, the last events. Ctrl-C leaves it."""
+    from spot_runtime.operator.client.watch import watch_screen
+
+    with _client(context) as client:
+        watch_screen(client, is_attending=is_attending)
+
+
+def _client(context: typer.Context) -> OperatorClient:
+    client: OperatorClient = context.obj()
+    return client
+
+
+def _ask(context: typer.Context, name: str, request: Any, timeout_s: float = 30.0) -> None:
+    with _client(context) as client:
+        typer.echo(client.call(name, request, timeout_s).text)
+
+
+def _wait_until_active(client: OperatorClient) -> None:
+    while True:
+        status = client.call("GetStatus", operator_pb2.GetStatusRequest())
+        if status.state != "running" or status.run.mode not in BEFORE_CONTROL:
+            return
+        client.call("Attend", operator_pb2.AttendRequest())
+        time.sleep(0.1)

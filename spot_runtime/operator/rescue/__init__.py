@@ -1,0 +1,1 @@
+"""Making a robot safe after its control process has died."""

@@ -1,0 +1,131 @@
+"""The note of whoever holds a robot's lease: on the disk from before power on until the robot is at rest.
+
+Who finds one that nobody holds any more knows that its writer died before it brought the robot to rest, and by which
+lease the robot can tell whether anybody has had it since. The note is locked while its writer lives.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Final
+
+from spot_model.errors import SpotRlError
+from spot_runtime.host.locked_file import open_locked
+
+FOLDER_NAME: Final = "spot-rl"
+MAX_BYTES: Final = 65_536
+
+
+class LeaseNoteError(SpotRlError):
+    """The note cannot be written or read."""
+
+    exit_code = 78
+
+
+class NoteHeldError(LeaseNoteError):
+    """The process that wrote the note lives."""
+
+
+@dataclass(frozen=True)
+class LeaseNote:
+    """Which lease was held of which robot, and by which login. Its file can be read by its owner alone."""
+
+    robot: str
+    resource: str
+    epoch: str
+    root: int
+    """First number of the lease's sequence; every holder has another."""
+    token: str = field(repr=False)
+    """Of the login, in the place of user name and password, which systemd hides from what it runs after a stop."""
+
+
+def note_folder(environment: Mapping[str, str]) -> Path:
+    """Where notes lie: the unit's state folder, else the user's."""
+    unit = environment.get("STATE_DIRECTORY", "").partition(":")[0]
+    if unit:
+        return Path(unit)
+    base = environment.get("XDG_STATE_HOME", "")
+    return (Path(base) if base.startswith("/") else Path.home() / ".local" / "state") / FOLDER_NAME
+
+
+def note_path(robot: str, folder: Path) -> Path:
+    """The note of one robot, by its address."""
+    return folder / f"lease-{hashlib.sha256(robot.encode()).hexdigest()[:16]}.json"
+
+
+class HeldNote:
+    """A note in this process's hands: others see that its holder lives, until it is let go."""
+
+    def __init__(self, path: Path, descriptor: int) -> None:
+        """Use an open and locked file."""
+        self._path, self._descriptor = path, descriptor
+
+    @staticmethod
+    def write(path: Path, note: LeaseNote) -> HeldNote:
+        """Write a note to the disk, in the place of an old one. Raises LeaseNoteError."""
+        held = HeldNote._open(path, os.O_CREAT)
+        data = json.dumps(asdict(note)).encode()
+        try:
+            os.ftruncate(held._descriptor, 0)
+            os.pwrite(held._descriptor, data, 0)
+            os.fsync(held._descriptor)
+        except OSError as error:
+            held.remove()  # half a note would look like a robot that was left with power
+            raise LeaseNoteError(
+                f"the note {path} of the lease, by which a crash is made good, cannot be written: {error.strerror}; "
+                "make room, or see to the folder"
+            ) from error
+        return held
+
+    @staticmethod
+    def find(path: Path) -> tuple[HeldNote, LeaseNote] | None:
+        """A note whose writer is gone, and what it says; None where there is none.
+
+        Raises:
+            NoteHeldError: Its writer lives.
+            LeaseNoteError: It cannot be read.
+        """
+        if not path.exists():
+            return None
+        try:
+            held = HeldNote._open(path, 0)
+        except FileNotFoundError:  # its holder has just removed it
+            return None
+        try:
+            content = json.loads(os.pread(held._descriptor, MAX_BYTES, 0))
+            texts = {name: str(content[name]) for name in ("robot", "resource", "epoch", "token")}
+            note = LeaseNote(**texts, root=int(content["root"]))
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            held.let_go()
+            raise LeaseNoteError(f"the note {path} of a lease is damaged: see to the robot, then delete it") from error
+        return held, note
+
+    def remove(self) -> None:
+        """The robot is at rest, or no longer ours."""
+        self._path.unlink(missing_ok=True)
+        self.let_go()
+
+    def let_go(self) -> None:
+        """Leave it on the disk, for whoever comes next; a second call does nothing."""
+        descriptor, self._descriptor = self._descriptor, -1
+        if descriptor >= 0:
+            os.close(descriptor)
+
+    @staticmethod
+    def _open(path: Path, flags: int) -> HeldNote:
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            return HeldNote(path, open_locked(path, flags))
+        except BlockingIOError:
+            raise NoteHeldError("the process that holds the robot's lease lives; stop that one instead") from None
+        except OSError as error:
+            if isinstance(error, FileNotFoundError) and not flags:
+                raise
+            raise LeaseNoteError(
+                f"the note {path}, by which a crash is made good, cannot be opened: {error.strerror}; see to the folder"
+            ) from error

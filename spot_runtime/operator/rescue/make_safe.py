@@ -1,0 +1,141 @@
+"""What is done about a robot whose control process has died: it sits and its motors lose power, if it is still ours.
+
+The robot's own time-outs have ended the motion by then: the last command lapsed 50 ms after it was sent, and the joints
+were damped. What is left is a robot that lies or stands with power and without anybody. This process asks the robot
+whose lease was the newest. If that is still the dead process's, nobody has had the robot since, and it is told to sit
+and to cut power. A lease of anybody else is never touched, and no motion but this one is asked for.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from enum import Enum
+from typing import Final, NamedTuple
+
+from spot_model.errors import SpotRlError
+from spot_runtime.config import RunConfig
+from spot_runtime.hal.connection.address import parse_address
+from spot_runtime.hal.errors import CertificateError, CredentialsError, HalError, LeaseHeldError
+from spot_runtime.hal.spot.lock_step import LockStep
+from spot_runtime.hal.spot.motions import Motions
+from spot_runtime.hal.spot.session import Session
+from spot_runtime.host.clock import HostClock, RobotClockEstimate
+from spot_runtime.operator.rescue.lease_note import LeaseNote
+
+WITHIN_S: Final = 20.0
+"""With a last try of some 30 s, less than the unit gives everything that comes after a stop."""
+
+RETRY_S: Final = 1.0
+"""A link that is down when a process dies is often back in a moment."""
+
+
+MAY_HAVE_POWER: Final = "THE ROBOT MAY HAVE POWER, see to it"
+
+
+class NotSafeError(SpotRlError):
+    """The robot may have power, and could not be reached or told."""
+
+    exit_code = 79
+
+
+class Safety(Enum):
+    """How the robot is left."""
+
+    POWERED_OFF = "it sat down and its motors lost power"
+    HAD_NO_POWER = "its motors had no power already"
+    NOT_OURS = "somebody else has had the robot since: nothing was done, and whoever has it is answerable"
+
+
+class Attempt(NamedTuple):
+    """How one robot was made safe."""
+
+    safety: Safety
+    took_s: float
+
+
+def make_safe(
+    note: LeaseNote,
+    config: RunConfig,
+    *,
+    lock_step: str = "",
+    within_s: float = WITHIN_S,
+    now_s: Callable[[], float] = time.monotonic,
+) -> Attempt:
+    """Bring the robot of a note to rest, however often that must be tried.
+
+    Args:
+        note: What the dead process left.
+        config: How to reach the robot.
+        lock_step: Admin address of a fake robot in lock-step mode.
+        within_s: No new try after so many seconds; one that is under way takes at most some 30 s more.
+        now_s: The clock of that.
+
+    Raises:
+        NotSafeError: It could not be done.
+        SpotRlError: The address or a file is not valid.
+    """
+    began_s = now_s()
+    while True:
+        try:
+            return Attempt(_try(note, config, lock_step), now_s() - began_s)
+        except LeaseHeldError:
+            return Attempt(Safety.NOT_OURS, now_s() - began_s)
+        except HalError as error:
+            is_hopeless = isinstance(error, (CertificateError, CredentialsError))
+            if is_hopeless or now_s() - began_s + RETRY_S > within_s:
+                raise NotSafeError(f"{MAY_HAVE_POWER}: {error}") from error
+        time.sleep(RETRY_S)
+
+
+def _try(note: LeaseNote, config: RunConfig, lock_step: str) -> Safety:
+    clock = HostClock()
+    session = Session(parse_address(note.robot), config.robot, clock, RobotClockEstimate(), clock.now_ns)
+    pace = LockStep(lock_step, clock.now_ns()) if lock_step else None
+    try:
+        session.log_in(note.token)
+        is_ours = _is_ours(session, note)
+        if session.is_without_power():
+            return Safety.HAD_NO_POWER
+        if not is_ours or not _hold(session, note):
+            return Safety.NOT_OURS
+
+        def pause(duration_s: float) -> None:
+            time.sleep(duration_s) if pace is None else pace.pause(duration_s)
+            session.retain_lease()
+
+        Motions(
+            session.calls,
+            config.robot,
+            is_powered=lambda: session.poll().motors_powered,
+            is_without_power=session.is_without_power,
+            pause=pause,
+        ).power_off()
+        return Safety.POWERED_OFF
+    finally:
+        session.close()
+        if pace is not None:
+            pace.stop()
+
+
+def _is_ours(session: Session, note: LeaseNote) -> bool:
+    """Whether the newest lease that the robot knows of is the note's; then it is taken up, to be used or given back."""
+    newest = session.newest_lease(note.resource)
+    if newest is None or (newest.epoch, newest.sequence[0]) != (note.epoch, note.root):
+        return False
+    session.adopt_lease(newest)
+    return True
+
+
+def _hold(session: Session, note: LeaseNote) -> bool:
+    """Whether the lease can be used: as it is, or, gone stale in its dead holder's hands, anew."""
+    try:
+        session.retain_lease()
+    except LeaseHeldError:
+        session.has_lease = False
+    else:
+        return True
+    session.acquire_lease()
+    granted = session.lease
+    # Whoever had it between the question above and now, and gave it back, has left a gap in the numbers.
+    return granted is not None and (granted.epoch, granted.sequence[0]) == (note.epoch, note.root + 1)

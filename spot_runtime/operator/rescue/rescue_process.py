@@ -1,0 +1,87 @@
+"""The operator's service's hold on the process that makes a robot safe after its control process has died.
+
+The module is also that process: the specification comes on standard input, what was done goes to standard output.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from typing import Final
+
+from pydantic import BaseModel, ConfigDict
+
+from spot_model.errors import SpotRlError
+from spot_runtime.config import RunConfig
+from spot_runtime.hal.connection.address import parse_address
+from spot_runtime.operator.rescue.lease_note import note_folder, note_path
+from spot_runtime.operator.rescue.make_safe import MAY_HAVE_POWER, WITHIN_S
+from spot_runtime.operator.rescue.make_safe_command import mend
+from spot_runtime.operator.run.run_spec import MAX_SPEC_BYTES
+
+KILL_AFTER_S: Final = WITHIN_S + 35.0
+
+
+class MendingSpec(BaseModel):
+    """Which robot, and how it is reached."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    robot: str
+    config: RunConfig
+    lock_step: str = ""
+
+
+class Mending:
+    """One try; nothing here waits for it."""
+
+    def __init__(self, process: subprocess.Popen[bytes]) -> None:
+        """Use a started process."""
+        self._process = process
+        self._deadline_s = time.monotonic() + KILL_AFTER_S
+
+    @staticmethod
+    def is_due(robot: str) -> bool:
+        """Whether a control process has left this robot without bringing it to rest."""
+        return note_path(str(parse_address(robot)), note_folder(os.environ)).exists()
+
+    @staticmethod
+    def start(spec: MendingSpec) -> Mending:
+        """Begin. Raises OSError where the system cannot start a process."""
+        command = [sys.executable, "-m", "spot_runtime.operator.rescue.rescue_process"]
+        process = subprocess.Popen(  # noqa: S603 - our own command line
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
+        )
+        if process.stdin is not None:
+            with process.stdin as stdin:
+                stdin.write(spec.model_dump_json(by_alias=True).encode())
+        return Mending(process)
+
+    def result(self) -> tuple[bool, str] | None:
+        """Whether the robot is safe, and what was done; None while it is under way."""
+        if self._process.poll() is None:
+            if time.monotonic() > self._deadline_s:
+                self._process.kill()
+            return None
+        words = b"" if self._process.stdout is None else self._process.stdout.read(4096)
+        if self._process.stdout is not None:
+            self._process.stdout.close()
+        code = self._process.wait()
+        return code == 0, words.decode(errors="replace").strip() or f"{MAY_HAVE_POWER}: exit code {code}"
+
+
+def main() -> None:
+    """Run the process."""
+    try:
+        spec = MendingSpec.model_validate_json(sys.stdin.buffer.read(MAX_SPEC_BYTES))
+        folder = note_folder(os.environ)
+        sys.stdout.write(mend(spec.robot, spec.config, folder, lock_step=spec.lock_step, within_s=WITHIN_S) + "\n")
+    except SpotRlError as error:
+        sys.stdout.write(f"{error}\n")
+        raise SystemExit(error.exit_code) from None
+
+
+if __name__ == "__main__":
+    main()

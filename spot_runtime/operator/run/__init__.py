@@ -1,0 +1,1 @@
+"""The control process of the operator service."""

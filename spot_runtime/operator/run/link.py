@@ -1,0 +1,114 @@
+"""The control process's end of the link to the operator's service: a socket that never makes it wait.
+
+What does not fit into the socket is dropped and counted; what comes is taken a few messages at a time, so that neither
+a stalled service nor one that floods can hold up the loop.
+"""
+
+from __future__ import annotations
+
+import select
+import socket
+import time
+from collections.abc import Sequence
+from typing import Final
+
+from google.protobuf.message import DecodeError
+
+from spot_log.format import codec
+from spot_log.format.records import EventRecord
+from spot_protos import operator_pb2, run_link_pb2
+
+MAX_DATAGRAM_BYTES: Final = 16_384
+MAX_SENTENCE: Final = 2_000
+MAX_PATHS: Final = 10
+LAST_WORD_S: Final = 1.0
+"""How long the word of the end waits for room; the robot is at rest by then."""
+
+MAX_TAKEN: Final = 8
+"""Messages taken at once; what more there is waits for the next cycle, 3 ms later."""
+
+
+class RunLink:
+    """Commands in, status and events out."""
+
+    def __init__(self, connection: socket.socket) -> None:
+        """Use one end of a pair of SOCK_SEQPACKET sockets."""
+        self._socket = connection
+        self._socket.setblocking(False)
+        self.is_lost = False
+        """Whether the service has gone."""
+        self.untold = 0
+        """Messages that were dropped because the service did not take them."""
+        self.malformed = 0
+        """Messages that could not be read."""
+
+    def take(self) -> Sequence[run_link_pb2.ToRun]:
+        """What has come since the last call, oldest first; at most :data:`MAX_TAKEN`. Never waits."""
+        taken: list[run_link_pb2.ToRun] = []
+        while not self.is_lost and len(taken) < MAX_TAKEN:
+            try:
+                data = self._socket.recv(MAX_DATAGRAM_BYTES)
+            except (BlockingIOError, InterruptedError):
+                break
+            except OSError:
+                data = b""
+            if not data:
+                self.is_lost = True
+                break
+            try:
+                taken.append(run_link_pb2.ToRun.FromString(data))
+            except DecodeError:
+                self.malformed += 1
+        return taken
+
+    def answer(self, request_id: int, *, is_done: bool, text: str) -> None:
+        """Answer a request; nobody waits for an answer to number 0."""
+        if request_id:
+            answer = run_link_pb2.Answer(request_id=request_id, is_done=is_done, text=text)
+            self._tell(run_link_pb2.FromRun(answer=answer))
+
+    def state(self, state: str) -> None:
+        """Tell the service's state as this process sees it."""
+        self._tell(run_link_pb2.FromRun(state=state))
+
+    def status(self, status: operator_pb2.RunStatus) -> None:
+        """Tell how the run goes."""
+        status.untold = self.untold
+        self._tell(run_link_pb2.FromRun(status=status))
+
+    def event(self, record: EventRecord) -> None:
+        """Tell of an event."""
+        self._tell(run_link_pb2.FromRun(event=codec.event_to_proto(record)))
+
+    def ended(self, outcome: operator_pb2.Outcome) -> None:
+        """Tell how the run ended: the last word, which waits a moment for room and is cut where it is too long."""
+        message = run_link_pb2.FromRun(ended=outcome)
+        if message.ByteSize() > MAX_DATAGRAM_BYTES:
+            message.ended.sentence = f"{outcome.sentence[:MAX_SENTENCE]} … (cut; see the journal)"
+            del message.ended.log_paths[:-MAX_PATHS]
+        untold, deadline_s = self.untold, time.monotonic() + LAST_WORD_S
+        while not self._tell(message) and not self.is_lost and time.monotonic() < deadline_s:
+            self.untold = untold
+            select.select([], [self._socket], [], 0.05)
+
+    def close(self) -> None:
+        """Give the socket back."""
+        self.is_lost = True
+        self._socket.close()
+
+    def _tell(self, message: run_link_pb2.FromRun) -> bool:
+        if self.is_lost:
+            return False
+        data = message.SerializeToString()
+        if len(data) > MAX_DATAGRAM_BYTES:
+            self.untold += 1
+            return False
+        try:
+            self._socket.send(data, socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
+        except (BlockingIOError, InterruptedError):
+            self.untold += 1
+        except OSError:
+            self.is_lost = True
+        else:
+            return True
+        return False

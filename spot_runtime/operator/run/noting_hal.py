@@ -1,0 +1,68 @@
+"""The vendor's adapter, with a note on the disk for as long as the robot may have power through us."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from spot_log.write.sink import LogSink
+from spot_runtime.config import RunConfig
+from spot_runtime.hal.connection.address import Address
+from spot_runtime.hal.errors import HalError
+from spot_runtime.hal.spot.adapter import BosdynHal
+from spot_runtime.hal.spot.pace import Pace
+from spot_runtime.operator.rescue.lease_note import HeldNote, LeaseNote, LeaseNoteError, note_path
+
+
+class NotingHal(BosdynHal):
+    """Keeps the protocol; whoever dies with the lease in hand leaves a note of it for ``spot-rl make-safe``."""
+
+    def __init__(
+        self,
+        address: Address,
+        config: RunConfig,
+        sink: LogSink,
+        pace: Pace | None,
+        *,
+        folder: Path,
+        on_pause: Callable[[], None] = lambda: None,
+    ) -> None:
+        """As its parent; notes lie in ``folder``, and ``on_pause`` is told of each look at a motion of the vendor's."""
+        super().__init__(address, config, sink, pace)
+        self._on_pause = on_pause
+        self._robot, self._path = str(address), note_path(str(address), folder)
+        self._note: HeldNote | None = None
+        self._is_at_rest = False
+
+    def stand(self) -> None:
+        """See the protocol. The note is there before the motors have power."""
+        lease = self._session.lease
+        if self._note is None and lease is not None:
+            note = LeaseNote(self._robot, lease.resource, lease.epoch, lease.sequence[0], self._session.token)
+            try:
+                self._note = HeldNote.write(self._path, note)
+            except LeaseNoteError as error:
+                raise HalError(str(error)) from error
+        self._is_at_rest = False
+        super().stand()
+
+    def power_off(self) -> None:
+        """See the protocol."""
+        super().power_off()
+        self._is_at_rest = True
+
+    def _pause(self, duration_s: float) -> None:
+        self._on_pause()
+        super()._pause(duration_s)
+
+    def close(self) -> None:
+        """See the protocol. A lease under which the robot could not be powered off is not given back.
+
+        It goes stale in some seconds, and then the robot acts by itself, or ``make-safe`` does.
+        """
+        if self._note is not None and not self._is_at_rest:
+            self._session.has_lease = False
+        super().close()
+        note, self._note = self._note, None
+        if note is not None:
+            note.remove() if self._is_at_rest else note.let_go()

@@ -1,0 +1,80 @@
+"""The process that controls the robot for one arming: argument is the socket's descriptor, the spec comes on stdin.
+
+It holds only what control needs: the adapter with its receiver and its command generator, the loop, and one end of the
+link. The operator's service, the log and the live view are other processes.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+import sys
+
+from pydantic import ValidationError
+
+from spot_log.write.logger_process import LoggerProcess
+from spot_log.write.run_writer import make_log_folder
+from spot_log.write.sink import LogSink
+from spot_model.errors import BadInputError, SpotRlError
+from spot_model.io.validation import explain
+from spot_protos import operator_pb2
+from spot_runtime.control.stops import StopReason
+from spot_runtime.hal.base import Hal
+from spot_runtime.hal.connection.address import parse_address
+from spot_runtime.hal.spot.lock_step import LockStep
+from spot_runtime.host.clock import HostClock
+from spot_runtime.host.instance_lock import InstanceLock
+from spot_runtime.host.service_manager import ServiceManager
+from spot_runtime.operator.rescue.lease_note import note_folder
+from spot_runtime.operator.run.link import RunLink
+from spot_runtime.operator.run.noting_hal import NotingHal
+from spot_runtime.operator.run.operated_run import OperatedRun
+from spot_runtime.operator.run.run_spec import MAX_SPEC_BYTES, RunSpec, load_checked
+
+
+def read_spec(data: bytes) -> RunSpec:
+    """The spec of a run. Raises BadInputError."""
+    try:
+        return RunSpec.model_validate_json(data)
+    except ValidationError as error:
+        raise BadInputError(f"the run's specification:\n{explain(error)}") from error
+
+
+def drive(spec: RunSpec, link: RunLink) -> int:
+    """Carry it out. Returns the exit code. Raises SpotRlError where the robot was never touched."""
+    policy = load_checked(spec.policy, spec.policy_sha256, spec.config)
+    address = parse_address(spec.robot)
+    make_log_folder(spec.config.log.directory)
+
+    manager = ServiceManager.from_environment(os.environ)
+
+    def make_hal(sink: LogSink) -> Hal:
+        pace = LockStep(spec.lock_step, HostClock().now_ns()) if spec.lock_step else None
+        # The watchdog is fed while it sits down, too, for the operator's service may be gone.
+        return NotingHal(address, spec.config, sink, pace, folder=note_folder(os.environ), on_pause=manager.progressed)
+
+    with InstanceLock(str(address)):
+        run = OperatedRun(spec, policy, link, LoggerProcess.start, manager=manager)
+        return int(run.drive(make_hal).exit_code)
+
+
+def main() -> None:
+    """Run the process; leaves with the outcome's exit code."""
+    link = RunLink(socket.socket(fileno=int(sys.argv[1])))
+    try:
+        code = drive(read_spec(sys.stdin.buffer.read(MAX_SPEC_BYTES)), link)
+    except SpotRlError as error:
+        link.ended(operator_pb2.Outcome(outcome=type(error).__name__, exit_code=error.exit_code, sentence=str(error)))
+        code = error.exit_code
+    except Exception as error:
+        sentence = f"{type(error).__name__}: {error}; report it"
+        link.ended(operator_pb2.Outcome(outcome="internal_error", exit_code=70, sentence=sentence))
+        code = StopReason.INTERNAL_ERROR.exit_code
+        raise
+    finally:
+        link.close()
+    raise SystemExit(code)
+
+
+if __name__ == "__main__":
+    main()

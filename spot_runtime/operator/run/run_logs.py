@@ -1,0 +1,122 @@
+"""Logs of one armed robot: each begins when it is asked for, or with control, and ends when the robot stands again.
+
+The adapter is given one sink for as long as it lives; behind it logs come and go.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from spot_log.format.records import CommandRecord, EventRecord, RunHeader, TickRecord
+from spot_log.write.sink import TOPICS, LogSink, NullSink, SinkHealth
+from spot_model.robot.state import RobotState, SlowState
+from spot_runtime.session.incident import FlightRecorder
+
+SinkFactory = Callable[[Path, RunHeader], LogSink]
+
+
+class SwitchedSink:
+    """A :class:`~spot_log.write.sink.LogSink` that passes everything on to the log of the moment, if there is one."""
+
+    def __init__(self) -> None:
+        """Begin without a log."""
+        self._to: LogSink = NullSink()
+        self._dropped_before = dict.fromkeys(TOPICS, 0)
+
+    @property
+    def is_logging(self) -> bool:
+        """Whether there is a log."""
+        return not isinstance(self._to, NullSink)
+
+    def open(self, sink: LogSink) -> None:
+        """Pass on to this log from now on."""
+        self._to = sink
+
+    def end(self, outcome: str) -> None:
+        """Close the log of the moment, if there is one."""
+        before, self._to = self._to, NullSink()
+        before.close(outcome)
+        for topic, count in before.dropped.items():
+            self._dropped_before[topic] += count
+
+    def state(self, wire: bytes, host_stamp_ns: int) -> None:
+        """Pass it on."""
+        self._to.state(wire, host_stamp_ns)
+
+    def decoded_state(self, state: RobotState) -> None:
+        """Pass it on."""
+        self._to.decoded_state(state)
+
+    def command(self, record: CommandRecord) -> None:
+        """Pass it on."""
+        self._to.command(record)
+
+    def tick(self, record: TickRecord) -> None:
+        """Pass it on."""
+        self._to.tick(record)
+
+    def slow_state(self, state: SlowState) -> None:
+        """Pass it on."""
+        self._to.slow_state(state)
+
+    def event(self, record: EventRecord) -> None:
+        """Pass it on."""
+        self._to.event(record)
+
+    @property
+    def dropped(self) -> Mapping[str, int]:
+        """Of all logs so far."""
+        now = self._to.dropped
+        return {topic: self._dropped_before[topic] + now[topic] for topic in TOPICS}
+
+    def health(self) -> SinkHealth:
+        """Of the log of the moment."""
+        return self._to.health()
+
+    def close(self, outcome: str) -> None:
+        """See the protocol."""
+        self.end(outcome)
+
+
+class LogDesk:
+    """Opens logs under names of their own and remembers where they are."""
+
+    def __init__(self, make_sink: SinkFactory, sink: SwitchedSink) -> None:
+        """Open logs by ``make_sink`` behind ``sink``."""
+        self._make_sink, self._sink = make_sink, sink
+        self.paths: list[Path] = []
+        self._flight: FlightRecorder | None = None
+        self._header: RunHeader | None = None
+
+    @property
+    def path(self) -> Path | None:
+        """The log of the moment."""
+        return self.paths[-1] if self._sink.is_logging else None
+
+    def begin(self, path: Path, header: RunHeader) -> Path:
+        """Open a log; where the name is taken, as by a second start within a second, under the next free one.
+
+        Raises:
+            LogError: The log cannot be opened.
+        """
+        free = next(p for p in _numbered(path) if not p.exists() and not p.with_name(p.name + ".active").exists())
+        self._flight, self._header = FlightRecorder(self._make_sink(free, header)), header
+        self._sink.open(self._flight)
+        self.paths.append(free)
+        return free
+
+    def write_incident(self, outcome: str) -> Path | None:
+        """Write what led to a stop, if there was one in the log of the moment. Returns where. Raises SpotRlError."""
+        flight, header = self._flight, self._header
+        if flight is None or header is None or not self._sink.is_logging:
+            return None
+        return flight.write(self.paths[-1], header, outcome)
+
+    def end(self, outcome: str) -> None:
+        """Close the log of the moment."""
+        self._sink.end(outcome)
+
+
+def _numbered(path: Path) -> list[Path]:
+    return [path, *(path.with_name(f"{path.stem}-{number}{path.suffix}") for number in range(2, 1000))]

@@ -1,0 +1,45 @@
+"""What the operator's service hands to the process that controls the robot, as JSON on its standard input."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from spot_model.policy.contract import PolicyError
+from spot_model.policy.policy import Policy, load_policy
+from spot_runtime.config import RunConfig
+from spot_runtime.policy.admission import admission
+
+MAX_SPEC_BYTES: Final = 1 << 20
+
+
+class RunSpec(BaseModel):
+    """One arming of a robot."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    robot: str
+    config: RunConfig
+    policy: Path
+    policy_sha256: str
+    labels: dict[str, str] = Field(default_factory=dict)
+    lock_step: str = ""
+    """Admin address of a fake robot in lock-step mode; empty: real time."""
+
+
+def load_checked(path: Path, sha256: str, config: RunConfig) -> Policy:
+    """Load a policy whose file is still what the operator's service saw, and which may run.
+
+    Raises:
+        PolicyError: It is not, may not, or does not hold what its contract promises.
+    """
+    allowed = admission(config.service, path)
+
+    def admit(found_sha256: str) -> None:
+        if found_sha256 != sha256:
+            raise PolicyError(f"policy {path} was replaced just now: SHA-256 {found_sha256}, not {sha256}; ask again")
+        allowed(found_sha256)
+
+    return load_policy(path, provider=config.control.inference, admit=admit)

@@ -1,0 +1,33 @@
+"""What is watched while the vendor's controller stands and the policy waits."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from spot_runtime.control.safety import safety
+from spot_runtime.control.safety.limits import SafetyLimits
+from spot_runtime.control.stops import Stop, StopReason
+from spot_runtime.hal.base import Hal
+
+NS_PER_S: Final = 1_000_000_000
+STATE_SILENCE_S: Final = 1.0
+"""The vendor's controller needs no state of ours, so a short gap is no reason to sit down."""
+
+
+def check_standing(hal: Hal, newest_host_ns: int, limits: SafetyLimits) -> Stop | None:
+    """What ends the waiting, if anything does.
+
+    Args:
+        hal: The robot.
+        newest_host_ns: When the newest state was received, host clock.
+        limits: The bounds.
+    """
+    problems = hal.problems()
+    if problems:
+        return max(problems, key=lambda stop: stop.reason.reaction.level)
+    host_ns = hal.host_now_ns()
+    silent_s = (host_ns - newest_host_ns) / NS_PER_S
+    if silent_s > STATE_SILENCE_S:
+        return Stop(StopReason.STATE_LOST, "while standing by", {"silent_s": silent_s, "bound_s": STATE_SILENCE_S})
+    slow = hal.slow_state
+    return None if slow is None else safety.check_slow_state(slow, host_ns, limits)

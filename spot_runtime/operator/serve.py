@@ -1,0 +1,112 @@
+"""Serve one robot's operator: idle until asked."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from pathlib import Path
+from types import FrameType
+from typing import Annotated, Optional
+
+import typer
+
+from spot_log.format.records import EventRecord, Severity
+from spot_log.write.run_writer import make_log_folder
+from spot_model.errors import BadInputError
+from spot_protos import operator_pb2
+from spot_runtime.config import RunConfig, for_lock_step
+from spot_runtime.hal.connection.address import parse_address
+from spot_runtime.host.console import Console
+from spot_runtime.host.journal import Journal, goes_to_journal
+from spot_runtime.host.service_manager import ServiceManager
+from spot_runtime.host.termination import unwound_when_ended
+from spot_runtime.live.process import LiveProcess
+from spot_runtime.operator.server.server import OperatorServer
+from spot_runtime.operator.server.supervisor import Supervisor
+from spot_runtime.session.run_command import check_encodable, recover_at_start, resolve_config
+
+
+def serve(
+    robot: Annotated[str, typer.Option(help="Address: HOST, HOST:PORT or unix:/path.")],
+    policies: Annotated[
+        Optional[Path], typer.Option(help="Folder of the policies that may be armed, by name.")  # noqa: UP045
+    ] = None,
+    listen: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option(help="unix:/path or HOST:PORT; off loopback only with the configuration's tls_ files."),
+    ] = None,
+    config: Annotated[Optional[Path], typer.Option(help="YAML configuration.")] = None,  # noqa: UP045
+    ca_file: Annotated[
+        Optional[Path], typer.Option(help="Certificate to trust beside the vendor's.")  # noqa: UP045
+    ] = None,
+    credentials_file: Annotated[
+        Optional[Path], typer.Option(help="File with user name and password of the robot.")  # noqa: UP045
+    ] = None,
+    log_dir: Annotated[Optional[Path], typer.Option(help="Where logs go.")] = None,  # noqa: UP045
+    live_port: Annotated[
+        Optional[int],  # noqa: UP045
+        typer.Option(min=1, max=65535, help="Also show it live in Foxglove, on this port of loopback."),
+    ] = None,
+    lock_step: Annotated[
+        Optional[str], typer.Option(help="Admin address of a fake robot in lock-step mode.")  # noqa: UP045
+    ] = None,
+) -> None:
+    """Wait for an operator, idle: no lease is held and nothing commanded until 'spot-rl ctl arm'."""
+    settings = resolve_config(config, ca_file=ca_file, credentials_file=credentials_file, log_dir=log_dir)
+    settings = settings if lock_step is None else for_lock_step(settings)
+    changes = {"policies": policies, "listen": listen, "live_port": live_port}
+    service = settings.service.model_copy(update={k: v for k, v in changes.items() if v is not None})
+    settings = settings.model_copy(update={"service": service})
+    check_encodable(service.policies)
+    parse_address(robot)
+    if not service.policies.is_dir():
+        raise BadInputError(f"there is no folder {service.policies} with policies; name it with --policies")
+    make_log_folder(settings.log.directory)
+    console = Console()
+    try:
+        recover_at_start(settings.log.directory, console)
+        with unwound_when_ended(), LiveProcess.if_wanted(service.live_port) as live:
+            if live.url:
+                console.say(f"live view: open {live.url} in Foxglove, with the layout deploy/spot-rl.foxglove.json")
+            _serve(robot, settings, console, lock_step or "")
+    finally:
+        console.close()
+
+
+def _serve(robot: str, config: RunConfig, console: Console, lock_step: str) -> None:
+    manager = ServiceManager.from_environment(os.environ)
+    journal = Journal() if goes_to_journal(sys.stderr, os.environ) else None
+
+    def tell(event: operator_pb2.Event) -> None:
+        if journal is None or not journal.event(_record(event)):
+            mark = "" if event.severity == "info" else f"{event.severity}: "
+            console.say(f"{mark}{event.name}: {event.text}")
+
+    supervisor = Supervisor(robot, config, manager=manager, tell=tell, lock_step=lock_step)
+    ends: list[int] = []
+
+    def end(number: int, frame: FrameType | None) -> None:
+        del frame
+        ends.append(number)
+
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, end)
+    server = OperatorServer(supervisor, config)
+    try:
+        supervisor.begin()
+        console.say(f"idle; operators reach this service at {server.address}")
+        manager.ready()
+        manager.status("idle")
+        while not ends:
+            supervisor.turn()
+        manager.stopping()
+        console.say("ending")
+        supervisor.shut_down()
+    finally:
+        server.close()
+
+
+def _record(event: operator_pb2.Event) -> EventRecord:
+    severity = Severity[event.severity.upper()] if event.severity.upper() in Severity.__members__ else Severity.INFO
+    return EventRecord(event.host_stamp_ns, event.robot_stamp_ns, severity, event.name, event.text, dict(event.values))

@@ -1,0 +1,1 @@
+"""The operator service: requests, access, supervision of the control process."""

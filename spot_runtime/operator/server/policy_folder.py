@@ -1,0 +1,96 @@
+"""The policies that an operator may name: files of one folder, within the allowed digests."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import grpc
+
+from spot_model.io.bounded_file import FileTooLargeError, read_at_most
+from spot_model.policy.contract import MAX_POLICY_BYTES, PolicyError, sha256_hex
+from spot_runtime.operator.refusal import Refusal, bad_request, not_now
+from spot_runtime.policy.admission import admission
+from spot_runtime.service_config import ServiceConfig
+
+NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
+SUFFIX: Final = ".onnx"
+MAX_LISTED: Final = 200
+
+
+@dataclass(frozen=True)
+class ShelvedPolicy:
+    """One file that is there."""
+
+    name: str
+    path: Path
+    sha256: str
+    size_bytes: int
+    refusal: str = ""
+    """Why it may not run; empty: it may."""
+
+    @property
+    def is_allowed(self) -> bool:
+        """Whether digest and signature are as the configuration wants them."""
+        return not self.refusal
+
+
+class PolicyShelf:
+    """Looks policies up by name; a name is no path, so nothing outside the folder can be reached."""
+
+    def __init__(self, folder: Path, allowed_sha256: tuple[str, ...] = (), public_key: Path | None = None) -> None:
+        """Look in ``folder``; what may be armed is on the list, if there is one, and signed, if keys are given."""
+        self._folder = folder
+        self._config = ServiceConfig(policy_sha256=allowed_sha256, policy_public_key=public_key)
+
+    @staticmethod
+    def of(config: ServiceConfig) -> PolicyShelf:
+        """The shelf that a configuration describes."""
+        return PolicyShelf(config.policies, config.policy_sha256, config.policy_public_key)
+
+    def list(self) -> list[ShelvedPolicy]:
+        """All that can be named, at most :data:`MAX_LISTED`."""
+        paths = sorted(self._folder.glob(f"*{SUFFIX}")) if self._folder.is_dir() else []
+        found = [self._read(path) for path in paths[:MAX_LISTED] if NAME.fullmatch(path.stem)]
+        return [policy for policy in found if policy is not None]
+
+    def find(self, name: str, sha256: str) -> ShelvedPolicy:
+        """The policy that may be armed under this name.
+
+        Args:
+            name: File name without its ending.
+            sha256: The digest that the operator expects; empty: any.
+
+        Raises:
+            Refusal: There is none, or it is not the expected one, or not an allowed one.
+        """
+        if not NAME.fullmatch(name):
+            raise bad_request(
+                f"policy name {name[:80]!r} is not valid; allowed: letters, digits, '.', '_' and '-', at most 64, and "
+                "no path; see 'spot-rl ctl policies'"
+            )
+        policy = self._read(self._folder / f"{name}{SUFFIX}")
+        if policy is None:
+            there = ", ".join(p.name for p in self.list()) or "none"
+            raise not_now(f"there is no policy {name!r} in {self._folder}; there are: {there}")
+        if sha256 and sha256.lower() != policy.sha256:
+            raise not_now(f"policy {name!r} has SHA-256 {policy.sha256}, not {sha256[:64]}; copy the right file there")
+        if not policy.is_allowed:
+            raise Refusal(grpc.StatusCode.PERMISSION_DENIED, policy.refusal)
+        return policy
+
+    def _read(self, path: Path) -> ShelvedPolicy | None:
+        try:
+            if path.is_symlink() or not path.is_file():
+                return None
+            data = read_at_most(path, MAX_POLICY_BYTES)
+        except (OSError, FileTooLargeError):
+            return None
+        digest, refusal = sha256_hex(data), ""
+        try:
+            admission(self._config, path)(digest)
+        except PolicyError as error:
+            refusal = str(error)
+        return ShelvedPolicy(path.stem, path, digest, len(data), refusal)

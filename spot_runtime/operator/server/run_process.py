@@ -1,0 +1,129 @@
+"""The operator's service's hold on the process that controls the robot."""
+
+from __future__ import annotations
+
+import os
+import select
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from typing import Final
+
+from google.protobuf.message import DecodeError
+
+from spot_protos import run_link_pb2
+from spot_runtime.host.service_manager import PROCESS_VARIABLE
+from spot_runtime.operator.run.link import MAX_DATAGRAM_BYTES
+from spot_runtime.operator.run.run_spec import RunSpec
+
+MAX_READ: Final = 256
+LAST_WORDS_S: Final = 10.0
+"""No longer than this is waited for the end of the words of a process that the system says is gone."""
+
+
+class RunProcess:
+    """One arming's process. Nothing here waits for it."""
+
+    def __init__(self, process: subprocess.Popen[bytes], connection: socket.socket) -> None:
+        """Use a started process and our end of the link."""
+        self._process, self._socket = process, connection
+        self._socket.setblocking(False)
+        self._is_all_told = False
+        self._gone_s: float | None = None
+        self.pid = process.pid
+
+    @staticmethod
+    def start(spec: RunSpec) -> RunProcess:
+        """Start it; it begins to connect at once.
+
+        Raises:
+            OSError: The system cannot start a process.
+        """
+        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        # The watchdog that the service manager meant for us is fed by the control loop while there is one.
+        environment = {name: value for name, value in os.environ.items() if name != PROCESS_VARIABLE}
+        command = [sys.executable, "-m", "spot_runtime.operator.run.run_child", str(theirs.fileno())]
+        with theirs:
+            # A session of its own: Ctrl-C at the service's terminal is for the service, which then asks this process.
+            process = subprocess.Popen(  # noqa: S603 - our own command line
+                command, stdin=subprocess.PIPE, pass_fds=(theirs.fileno(),), env=environment, start_new_session=True
+            )
+        run = RunProcess(process, ours)
+        try:
+            if process.stdin is not None:
+                with process.stdin as stdin:
+                    stdin.write(spec.model_dump_json(by_alias=True).encode())
+        except OSError:  # it ended before it had read what to do
+            run.kill()
+            run.close()
+            raise
+        return run
+
+    def tell(self, message: run_link_pb2.ToRun) -> bool:
+        """Hand over a request. Returns whether the socket took it."""
+        try:
+            self._socket.send(message.SerializeToString(), socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
+        except OSError:
+            return False
+        return True
+
+    def read(self, timeout_s: float) -> Sequence[run_link_pb2.FromRun]:
+        """What it has told; waits for the first message at most ``timeout_s``."""
+        if self._is_all_told:
+            time.sleep(timeout_s)
+            return ()
+        if not select.select([self._socket], [], [], timeout_s)[0]:
+            return ()
+        told: list[run_link_pb2.FromRun] = []
+        while len(told) < MAX_READ:
+            try:
+                data = self._socket.recv(MAX_DATAGRAM_BYTES)
+            except (BlockingIOError, InterruptedError):
+                break
+            except OSError:
+                data = b""
+            if not data:
+                self._is_all_told = True
+                break
+            try:
+                told.append(run_link_pb2.FromRun.FromString(data))
+            except DecodeError:
+                continue
+        return told
+
+    def exit_code(self) -> int | None:
+        """Its exit code, negative for a signal; None while it lives, or has said what was not read yet.
+
+        The system's word alone is no verdict: what a process says last lies in the socket when it is gone, and a status
+        that somebody else has taken reads as 0 while the process still runs. The end of its words is what counts.
+        """
+        code = self._process.poll()
+        if code is None or self._is_all_told:
+            return code
+        self._gone_s = time.monotonic() if self._gone_s is None else self._gone_s
+        return code if time.monotonic() - self._gone_s > LAST_WORDS_S else None
+
+    def ask_to_stop(self) -> None:
+        """Without the socket: the first signal asks it to stop in place, sit and power off; one more to damp."""
+        self._process.send_signal(signal.SIGTERM)
+
+    def ask_to_damp(self) -> None:
+        """Without the socket, and whatever was asked before."""
+        self._process.send_signal(signal.SIGTERM)
+        self._process.send_signal(signal.SIGINT)
+
+    def abort(self) -> None:
+        """End the process so that it writes every thread's stack, if it is told to (PYTHONFAULTHANDLER)."""
+        self._process.send_signal(signal.SIGABRT)
+
+    def kill(self) -> None:
+        """End the process at once; the robot's own time-outs end the motion."""
+        self._process.kill()
+
+    def close(self) -> None:
+        """Give the socket back and reap the process."""
+        self._socket.close()
+        self._process.wait()

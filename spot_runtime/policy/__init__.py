@@ -1,0 +1,1 @@
+"""Admission of policies: signatures, checks, `spot-rl policy`."""

@@ -1,0 +1,34 @@
+"""Which policies may run: by digest, by signature, both where both are asked for; before their files are used."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from spot_model.policy.contract import PolicyError
+from spot_runtime.policy.signature import check_signature
+from spot_runtime.service_config import ServiceConfig
+
+
+def admission(config: ServiceConfig, policy: Path) -> Callable[[str], None]:
+    """The check of ``policy``'s digest, for :func:`spot_model.policy.policy.load_policy`."""
+
+    def check(sha256: str) -> None:
+        check_allowed(policy, sha256, config.policy_sha256)
+        if config.policy_public_key is not None:
+            check_signature(policy, sha256, config.policy_public_key)
+
+    return check
+
+
+def check_allowed(policy: Path, sha256: str, allowed_sha256: tuple[str, ...]) -> None:
+    """Refuse a policy whose digest is not on the configuration's list, where there is one.
+
+    Raises:
+        PolicyError: It is not; the message names its digest.
+    """
+    if allowed_sha256 and sha256 not in allowed_sha256:
+        raise PolicyError(
+            f"policy {policy} has the digest {sha256}, which is not among the {len(allowed_sha256)} of "
+            "service.policy_sha256; add it there, or run another"
+        )

@@ -1,0 +1,79 @@
+"""Look at policies, sign them, and check signatures."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from spot_model.policy.contract import PolicyError
+from spot_model.policy.policy import Policy, load_policy
+from spot_runtime.policy.signature import check_signature, private_key, signature_path, signed_line
+
+app = typer.Typer(help="Look at policies, sign them, and check signatures.", no_args_is_help=True, add_completion=False)
+
+
+@app.command()
+def show(policy: Annotated[Path, typer.Argument(help="ONNX file with its contract.")]) -> None:
+    """Load a policy as a run would, and say what its contract promises."""
+    loaded = load_policy(policy)
+    contract = loaded.contract
+    typer.echo(f"{contract.name}: {contract.rate_hz:g} Hz, SHA-256 {loaded.sha256}")
+    typer.echo(f"velocity commands {contract.velocity_command_low} to {contract.velocity_command_high}")
+    typer.echo("signature beside it" if signature_path(policy).exists() else "no signature beside it")
+
+
+@app.command()
+def key(
+    private: Annotated[Path, typer.Argument(help="Where the private key goes; keep it away from robots.")],
+    public: Annotated[Path, typer.Argument(help="Where the public key goes; for service.policy_public_key.")],
+) -> None:
+    """Make a pair of Ed25519 keys."""
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+    from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat, PublicFormat
+
+    made = Ed25519PrivateKey.generate()
+    _write_new(private, made.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()), 0o600)
+    _write_new(public, made.public_key().public_bytes(Encoding.PEM, PublicFormat.SubjectPublicKeyInfo), 0o644)
+    typer.echo(f"{private} signs; name {public} in service.policy_public_key of the robots that shall trust it")
+
+
+@app.command()
+def sign(
+    policy: Annotated[Path, typer.Argument(help="ONNX file; it is loaded first, so that no broken one is signed.")],
+    key: Annotated[Path, typer.Option(help="The private key.")],  # noqa: A002, RUF100 - the option's name
+) -> None:
+    """Write a signature beside a policy; an older one is replaced."""
+    loaded: Policy = load_policy(policy)
+    path = signature_path(policy)
+    signature = private_key(key).sign(signed_line(loaded.sha256))
+    partial = path.with_name(path.name + ".new")
+    try:
+        partial.write_bytes(signature)
+        partial.replace(path)
+    except OSError as error:
+        raise PolicyError(f"signature {path} cannot be written: {error.strerror}") from error
+    typer.echo(f"{path}: {loaded.contract.name}, SHA-256 {loaded.sha256}")
+
+
+@app.command()
+def verify(
+    policy: Annotated[Path, typer.Argument(help="ONNX file.")],
+    public_key: Annotated[Path, typer.Option(help="PEM file of the keys that are trusted.")],
+) -> None:
+    """Check a policy's signature as a run would; exit code 3 where it does not hold."""
+    loaded = load_policy(policy, admit=lambda sha256: check_signature(policy, sha256, public_key))
+    typer.echo(f"{policy} is signed: {loaded.contract.name}, SHA-256 {loaded.sha256}")
+
+
+def _write_new(path: Path, data: bytes, mode: int) -> None:
+    try:
+        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode)
+    except FileExistsError as error:
+        raise PolicyError(f"{path} exists; keys are never overwritten: name another file") from error
+    except OSError as error:
+        raise PolicyError(f"{path} cannot be made: {error.strerror}; name another file") from error
+    with os.fdopen(descriptor, "wb") as stream:
+        stream.write(data)

@@ -1,0 +1,1 @@
+"""One run on a robot, from connecting to powering off."""

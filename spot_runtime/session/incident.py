@@ -1,0 +1,146 @@
+"""What led to a stop, in a file of its own: the seconds before and after it, on disk before anything else can go wrong.
+
+The log holds the same, but the log may be what failed. Here everything stays in this process's memory until the joints
+are at rest; then it is written like any log, so that every tool for logs opens it.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+from collections import deque
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from google.protobuf.message import DecodeError
+
+from spot_log.format.events import EventName
+from spot_log.format.records import CommandRecord, EventRecord, RunHeader, TickRecord
+from spot_log.write import hand_off
+from spot_log.write.run_writer import RunWriter
+from spot_log.write.sink import LogSink, SinkHealth
+from spot_model.errors import SpotRlError
+from spot_model.robot.state import RobotState, SlowState
+from spot_runtime.control.stops import StopReason
+
+FOLDER: Final = "incidents"
+"""Beside the logs, so that whoever collects logs does not count one run twice."""
+
+KEPT: Final = {"state": 667, "command": 667, "tick": 100, "slow_state": 10, "event": 200}
+"""Records kept of each topic, before the stop and after it: 2 s."""
+
+NOT_INCIDENTS: Final = frozenset({StopReason.OPERATOR_STOP.label, StopReason.COMPLETED.label})
+
+_Kept = tuple[str, int, Callable[..., bytes], tuple[Any, ...]]
+
+
+def incident_path(log_path: Path) -> Path:
+    """Where the incident of a run goes."""
+    return log_path.parent / FOLDER / log_path.name
+
+
+class FlightRecorder:
+    """A log sink that passes everything on and remembers the newest of it; keeps :class:`LogSink`'s promises."""
+
+    def __init__(self, sink: LogSink) -> None:
+        """Pass on to ``sink``."""
+        self._sink = sink
+        self._rings: dict[str, deque[_Kept]] = {topic: deque(maxlen=count) for topic, count in KEPT.items()}
+        self._before: list[_Kept] = []
+        self.cause = ""
+        """The reason of the stop that began the incident; empty while there is none."""
+
+    def state(self, wire: bytes, host_stamp_ns: int) -> None:
+        """Pass it on, and keep it."""
+        self._sink.state(wire, host_stamp_ns)
+        self._keep("state", host_stamp_ns, hand_off.pack_state_wire, wire, host_stamp_ns)
+
+    def decoded_state(self, state: RobotState) -> None:
+        """Pass it on, and keep it."""
+        self._sink.decoded_state(state)
+        self._keep("state", state.host_stamp_ns, hand_off.pack_state, state)
+
+    def command(self, record: CommandRecord) -> None:
+        """Pass it on, and keep it."""
+        self._sink.command(record)
+        self._keep("command", record.host_stamp_ns, hand_off.pack_command, record)
+
+    def tick(self, record: TickRecord) -> None:
+        """Pass it on, and keep it."""
+        self._sink.tick(record)
+        self._keep("tick", record.host_stamp_ns, hand_off.pack_tick, record)
+
+    def slow_state(self, state: SlowState) -> None:
+        """Pass it on, and keep it."""
+        self._sink.slow_state(state)
+        self._keep("slow_state", state.host_stamp_ns, hand_off.pack_slow_state, state)
+
+    def event(self, record: EventRecord) -> None:
+        """Pass it on, and keep it; a stop ends the time before."""
+        self._sink.event(record)
+        reason = record.text.partition(":")[0]
+        if record.name == EventName.STOP.label and not self.cause and reason not in NOT_INCIDENTS:
+            self.cause = reason
+            self._before = [kept for ring in self._rings.values() for kept in list(ring)]
+            # From now on the first records count, not the newest.
+            self._rings = {topic: deque() for topic in KEPT}
+        self._keep("event", record.host_stamp_ns, hand_off.pack_event, record)
+
+    @property
+    def dropped(self) -> Mapping[str, int]:
+        """As of the sink behind."""
+        return self._sink.dropped
+
+    def health(self) -> SinkHealth:
+        """As of the sink behind."""
+        return self._sink.health()
+
+    def close(self, outcome: str) -> None:
+        """Close the sink behind."""
+        self._sink.close(outcome)
+
+    def write(self, log_path: Path, header: RunHeader, outcome: str) -> Path | None:
+        """Write the incident to disk and return where; None where there was none. Call it once the joints are at rest.
+
+        Raises:
+            SpotRlError: It cannot be written.
+        """
+        if not self.cause:
+            return None
+        path = incident_path(log_path)
+        kept = [*self._before, *(entry for ring in self._rings.values() for entry in list(ring))]
+        try:
+            path.parent.mkdir(mode=0o750, parents=True, exist_ok=True)
+            writer = RunWriter(path, header, min_free_bytes=0)
+            numbers = dict.fromkeys(KEPT, 0)
+            for topic, _, pack, record in sorted(kept, key=lambda entry: entry[1]):
+                numbers[topic] += _add(writer, pack, numbers[topic], record)
+            writer.close({}, outcome)
+            _sync(path.parent)
+        except OSError as error:
+            raise SpotRlError(f"the incident file {path} cannot be written: {error.strerror or error}") from error
+        return path
+
+    def _keep(self, topic: str, host_stamp_ns: int, pack: Callable[..., bytes], *record: Any) -> None:
+        ring = self._rings[topic]
+        if len(ring) < KEPT[topic] or not self.cause:
+            ring.append((topic, host_stamp_ns, pack, record))
+
+
+def _add(writer: RunWriter, pack: Callable[..., bytes], number: int, record: tuple[Any, ...]) -> int:
+    """Add a record; 1, or 0 for one that is so broken that no log takes it."""
+    try:
+        message: Any = hand_off.unpack(pack(number, *record)).message
+    except (TypeError, ValueError, OverflowError, struct.error, DecodeError, SpotRlError):
+        return 0
+    writer.add(message, number)
+    return 1
+
+
+def _sync(folder: Path) -> None:
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,330 @@
+"""One run from the first call to the robot to the closed log."""
+
+from __future__ import annotations
+
+import time
+import uuid
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from datetime import datetime, timezone
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Final
+
+from spot_log.format.events import EventName
+from spot_log.format.records import EventRecord, RunHeader, Severity
+from spot_log.write.sink import LogSink
+from spot_model.errors import SpotRlError
+from spot_model.policy.policy import Policy
+from spot_runtime.config import RunConfig
+from spot_runtime.control.loop import ControlLoop
+from spot_runtime.control.loop_stats import LoopStats
+from spot_runtime.control.stops import Reaction, Stop, StopReason
+from spot_runtime.control.tick import warm_up
+from spot_runtime.hal.base import Hal
+from spot_runtime.hal.errors import HalError
+from spot_runtime.host.clock import HostClock
+from spot_runtime.host.console import Console
+from spot_runtime.host.realtime import apply_real_time, freeze_garbage_collection
+from spot_runtime.host.service_manager import ServiceManager
+from spot_runtime.session.incident import FlightRecorder
+from spot_runtime.session.signals import OperatorInterrupt, StopSignals
+from spot_runtime.session.summary import RunSummary, figures, resident_mb
+from spot_runtime.sources.base import CommandSource
+
+
+@dataclass(frozen=True)
+class RunRequest:
+    """What one run is made of."""
+
+    robot: str
+    """The robot's address, as given."""
+    policy: Policy
+    source: CommandSource
+    config: RunConfig
+    log_path: Path
+    repeat: int = 0
+    labels: dict[str, str] = field(default_factory=dict)
+
+
+MEANT_WELL: Final = (StopReason.COMPLETED.exit_code, StopReason.OPERATOR_STOP.exit_code)
+"""Exit codes of runs that went as somebody wanted."""
+
+HalFactory = Callable[[LogSink], Hal]
+SinkFactory = Callable[[Path, RunHeader], LogSink]
+
+
+def header_of(request: RunRequest, started_host_stamp_ns: int) -> RunHeader:
+    """The log's header: all that tells this run from others."""
+    contract = request.policy.contract
+    return RunHeader(
+        run_id=uuid.uuid4().hex,
+        started_host_stamp_ns=started_host_stamp_ns,
+        robot_id=request.robot,
+        adapter="bosdyn",
+        policy_name=contract.name,
+        policy_sha256=request.policy.sha256,
+        policy_contract_json=contract.to_json(),
+        config_json=request.config.to_json(),
+        command_sequence=request.source.name,
+        repeat=request.repeat,
+        labels={**request.config.log.labels, **request.labels},
+        software_version=_software_version(),
+        software_revision="",
+    )
+
+
+def log_file_name(policy_name: str, sequence: str, repeat: int, now: datetime | None = None) -> str:
+    """A name that sorts by time and says what ran."""
+    now = now or datetime.now(timezone.utc)
+    words = [now.strftime("%Y%m%d-%H%M%S"), policy_name, sequence, f"r{repeat}"]
+    safe = ["".join(c if c.isalnum() or c in "-_." else "_" for c in word) for word in words]
+    return "-".join(safe) + ".mcap"
+
+
+def run(
+    request: RunRequest,
+    make_hal: HalFactory,
+    make_sink: SinkFactory,
+    console: Console,
+    *,
+    manager: ServiceManager | None = None,
+    tell: Callable[[EventRecord], bool] = lambda _: False,
+) -> RunSummary:
+    """Drive the robot through one run; it ends at rest and without power, or the summary says why not.
+
+    Args:
+        request: What to run.
+        make_hal: Makes the adapter, given the log.
+        make_sink: Opens the log.
+        console: Where progress goes.
+        manager: Told of readiness, progress and the end; nobody if None.
+        tell: Takes events in the console's place and says whether it did; must not block.
+
+    Raises:
+        SpotRlError: The log cannot be opened. Whatever happens later is in the summary, and in the log.
+    """
+    header = header_of(request, HostClock().now_ns())
+    sink = FlightRecorder(make_sink(request.log_path, header))
+    attempt = _Attempt(request, header, sink, console, manager or ServiceManager(), tell)
+    try:
+        with StopSignals() as signals:
+            attempt.drive(make_hal, signals)
+    finally:
+        console.show(None)
+        request.source.close()
+        sink.close(attempt.outcome)
+    return attempt.summary()
+
+
+class _Attempt:
+    """The steps of one run, and what is known of its end."""
+
+    def __init__(
+        self,
+        request: RunRequest,
+        header: RunHeader,
+        sink: FlightRecorder,
+        console: Console,
+        manager: ServiceManager,
+        tell: Callable[[EventRecord], bool],
+    ) -> None:
+        self._request, self._sink, self._console, self._manager = request, sink, console, manager
+        self._header, self._is_incident_written = header, False
+        self._tell_elsewhere = tell
+        self._clock = HostClock()
+        self._hal: Hal | None = None
+        self._loop: ControlLoop | None = None
+        self._stats = LoopStats()
+        self._refusals: tuple[str, ...] = ()
+        self._control_s = (0.0, 0.0)
+        self._rss_start_mb = resident_mb()
+        self.outcome, self._exit_code, self._sentence = "internal_error", StopReason.INTERNAL_ERROR.exit_code, ""
+
+    def drive(self, make_hal: HalFactory, signals: StopSignals) -> None:
+        """Connect, stand, control, sit, power off."""
+        config = self._request.config
+        self._event(EventName.RUN_STARTED, f"policy {self._request.policy.contract.name}, {self._request.source.name}")
+        self._refusals = tuple(apply_real_time(config.real_time))
+        for refusal in self._refusals:
+            self._event(EventName.REAL_TIME_REFUSED, refusal)
+        try:
+            self._drive(make_hal, signals)
+        except OperatorInterrupt as interrupt:
+            self._end(interrupt.stop)
+            self._event(EventName.STOP, interrupt.stop.sentence())
+            self._try_power_off(signals, interrupt.stop)
+        finally:
+            signals.interrupts = False
+            self._manager.stopping()
+            if self._hal is not None:
+                self._hal.close()
+            self._write_incident()
+
+    def summary(self) -> RunSummary:
+        """What a person and a program want to know."""
+        rss_mb = resident_mb()
+        health = self._sink.health()
+        return RunSummary(
+            outcome=self.outcome,
+            exit_code=self._exit_code,
+            sentence=self._sentence,
+            log_path=str(self._request.log_path),
+            log_dropped=sum(health.dropped.values()),
+            log_unwritten=sum(health.unwritten.values()),
+            log_problem=health.problem,
+            states_missed=self._missed_states(),
+            rss_mb=rss_mb,
+            rss_growth_mb=rss_mb - self._rss_start_mb,
+            control_robot_s=self._control_s[0],
+            control_wall_s=self._control_s[1],
+            real_time_refusals=self._refusals,
+            **figures(self._stats),  # type: ignore[arg-type]
+        )
+
+    def _drive(self, make_hal: HalFactory, signals: StopSignals) -> None:
+        """All of it, and what answers an error. An interrupt may come at any point, also while an error is answered."""
+        try:
+            signals.interrupt_waits()
+            hal = self._hal = make_hal(self._sink)
+            self._connect(hal)
+            signals.interrupts = False
+            stop = self._control(hal, signals)
+            self._end(stop)
+            self._write_incident()
+            signals.interrupt_waits()
+            self._rest(hal, stop)
+        except HalError as error:
+            self.outcome, self._exit_code, self._sentence = error.label, error.exit_code, str(error)
+            self._event(EventName.CONNECTION_FAILED, str(error))
+            self._try_power_off(signals)
+        except Exception as error:  # noqa: BLE001 - a defect here must not leave the robot standing with power
+            self._end(Stop(StopReason.INTERNAL_ERROR, f"{type(error).__name__}: {error}"))
+            self._event(EventName.STOP, f"{StopReason.INTERNAL_ERROR.label}: {self._sentence}")
+            self._try_power_off(signals)
+
+    def _missed_states(self) -> int:
+        return 0 if self._loop is None else self._loop.missed_states
+
+    def _connect(self, hal: Hal) -> None:
+        self._say(f"connecting to {self._request.robot} …")
+        info = hal.connect()
+        round_trip_ms = info.round_trip_s * 1e3
+        text = f"{info.robot_id}; clock {info.clock_skew_s:+.3f} s from ours, round trip {round_trip_ms:.1f} ms"
+        self._event(EventName.CONNECTED, text)
+        self._say("powering on and standing …")
+        hal.stand()
+
+    def _control(self, hal: Hal, signals: StopSignals) -> Stop:
+        loop = ControlLoop(
+            hal, self._request.policy, self._request.source, self._request.config, self._sink, on_event=self._tell
+        )
+        self._loop, self._stats = loop, loop.stats
+        self._console.show(lambda: self._show(_progress(loop)))
+        warm_up(self._request.policy)
+        freeze_garbage_collection(self._request.config.real_time)
+        self._rss_start_mb = resident_mb()
+        self._manager.ready()
+        began_robot_ns, began_s = hal.robot_now_ns(), time.monotonic()
+        while not loop.is_done:
+            asked = signals.take()
+            if asked is not None:
+                loop.ask_stop(asked)
+            loop.cycle()
+            self._manager.progressed()
+        self._control_s = (hal.robot_now_ns() - began_robot_ns) / 1e9, time.monotonic() - began_s
+        self._manager.stopping()
+        self._console.show(None)
+        return loop.stop or Stop(StopReason.COMPLETED)
+
+    def _end(self, stop: Stop) -> None:
+        self.outcome, self._exit_code, self._sentence = stop.reason.label, stop.reason.exit_code, stop.sentence()
+
+    def _write_incident(self) -> None:
+        """What led to the stop, on disk; once."""
+        if self._is_incident_written or not self._sink.cause:
+            return
+        self._is_incident_written = True
+        try:
+            path = self._sink.write(self._request.log_path, self._header, self.outcome)
+        except SpotRlError as error:
+            self._event(EventName.INCIDENT_FAILED, str(error))
+        else:
+            self._event(EventName.INCIDENT, f"the seconds around the stop are in {path}")
+
+    def _rest(self, hal: Hal, stop: Stop) -> None:
+        self._say("sitting and powering off …")
+        if stop.reason.reaction is Reaction.HAND_BACK and not stop.reason.is_urgent:
+            try:
+                hal.stand()
+            except HalError as error:
+                self._event(EventName.STAND_FAILED, f"{error}; it sits down as it is")
+        if self._is_powered_off(hal):
+            self._event(EventName.POWER_OFF, "the robot sits and its motors are off")
+
+    def _try_power_off(self, signals: StopSignals, stop: Stop | None = None) -> None:
+        """After a failure before control: whatever was powered on goes off again; at once where it is an e-stop."""
+        if self._hal is None:
+            return
+        try:
+            if stop is not None and stop.reason.reaction is Reaction.ESTOP:
+                self._hal.estop()
+            else:
+                signals.interrupt_waits(only_estop=True)
+            self._is_powered_off(self._hal)
+        except OperatorInterrupt as interrupt:
+            self._end(interrupt.stop)
+            self._event(EventName.STOP, interrupt.stop.sentence())
+            self._try_power_off(signals, interrupt.stop)
+
+    def _is_powered_off(self, hal: Hal) -> bool:
+        """Power off; where that fails, the words about the end say so, and no exit code that means well is left."""
+        try:
+            hal.power_off()
+        except HalError as error:
+            self._event(EventName.POWER_OFF_FAILED, f"{error}; see to the robot")
+            self._sentence = f"{self._sentence}; then powering off failed: {error}; see to the robot"
+            if self._exit_code in MEANT_WELL:
+                self.outcome, self._exit_code = "power_off_failed", error.exit_code
+            return False
+        return True
+
+    def _event(self, name: EventName, text: str) -> None:
+        host_ns = self._clock.now_ns() if self._hal is None else self._hal.host_now_ns()
+        record = EventRecord(host_ns, 0, name.severity, name.label, text)
+        self._sink.event(record)
+        self._tell(record)
+
+    def _say(self, text: str) -> None:
+        self._manager.status(text)
+        self._console.say(text)
+
+    def _show(self, progress: str) -> str:
+        """The progress line where a person reads along; a service manager shows it itself, so that no log fills."""
+        if not self._manager.is_listening:
+            return progress
+        self._manager.status(progress)
+        return ""
+
+    def _tell(self, record: EventRecord) -> None:
+        if self._tell_elsewhere(record):
+            return
+        mark = {Severity.INFO: "", Severity.WARNING: "warning: ", Severity.ERROR: "error: "}[record.severity]
+        self._console.say(f"{mark}{record.name}: {record.text}")
+
+
+def _progress(loop: ControlLoop) -> str:
+    status, stats = loop.status, loop.stats
+    v_x, v_y, yaw = status.velocity_command.tolist()
+    return (
+        f"{status.mode.value:<11} {status.active_s:6.1f} s  command {v_x:+.2f} {v_y:+.2f} m/s {yaw:+.2f} rad/s  "
+        f"{stats.rate_hz:6.2f} Hz  age p99 {stats.state_age_s.percentile(99) * 1e3:.1f} ms  "
+        f"tick p50 {stats.compute_s.percentile(50) * 1e6:.0f} µs  skipped {stats.skipped_ticks}"
+    )
+
+
+def _software_version() -> str:
+    try:
+        return version("spot-rl")
+    except PackageNotFoundError:
+        return ""

@@ -1,0 +1,194 @@
+"""Run a policy on a robot."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import Annotated, Optional
+
+import numpy as np
+import typer
+
+from spot_log import recover_leftovers
+from spot_log.write.logger_process import LoggerProcess
+from spot_log.write.run_writer import active_path, make_log_folder
+from spot_log.write.sink import LogSink
+from spot_model.errors import BadInputError
+from spot_model.io.velocity_sequence import load_sequence
+from spot_model.policy.policy import Policy, load_policy
+from spot_runtime.config import RunConfig, for_lock_step, load_config
+from spot_runtime.hal.base import Hal
+from spot_runtime.hal.connection.address import parse_address
+from spot_runtime.hal.spot.adapter import BosdynHal
+from spot_runtime.hal.spot.lock_step import LockStep
+from spot_runtime.host.clock import HostClock
+from spot_runtime.host.console import Console
+from spot_runtime.host.instance_lock import InstanceLock
+from spot_runtime.host.journal import Journal, goes_to_journal
+from spot_runtime.host.service_manager import ServiceManager
+from spot_runtime.policy.admission import admission
+from spot_runtime.session.labels import parse_labels
+from spot_runtime.session.run import RunRequest, log_file_name
+from spot_runtime.session.run import run as run_once
+from spot_runtime.sources.base import CommandSource
+from spot_runtime.sources.gamepad import GamepadSource, PygamePad
+from spot_runtime.sources.keyboard import HELP, TerminalKeyboardSource
+from spot_runtime.sources.scripted import ScriptedSource
+
+CA_VARIABLE = "SPOT_RL_CA_FILE"
+
+
+def run(
+    robot: Annotated[str, typer.Option(help="Address: HOST, HOST:PORT or unix:/path.")],
+    policy: Annotated[Path, typer.Option(help="ONNX file with its contract.")],
+    sequence: Annotated[
+        Optional[str], typer.Option(help="Velocity commands: a built-in name or a YAML file.")  # noqa: UP045
+    ] = None,
+    keyboard: Annotated[bool, typer.Option("--keyboard", help="Velocity commands from the keyboard.")] = False,
+    gamepad: Annotated[bool, typer.Option("--gamepad", help="Velocity commands from a gamepad.")] = False,
+    duration: Annotated[
+        Optional[float], typer.Option(help="End after so many seconds of control; a sequence repeats.")  # noqa: UP045
+    ] = None,
+    config: Annotated[Optional[Path], typer.Option(help="YAML configuration.")] = None,  # noqa: UP045
+    ca_file: Annotated[
+        Optional[Path], typer.Option(help=f"Certificate to trust beside the vendor's; also {CA_VARIABLE}.")  # noqa: UP045
+    ] = None,
+    credentials_file: Annotated[
+        Optional[Path], typer.Option(help="File with user name and password.")  # noqa: UP045
+    ] = None,
+    log_dir: Annotated[Optional[Path], typer.Option(help="Where the log goes.")] = None,  # noqa: UP045
+    label: Annotated[Optional[list[str]], typer.Option(help="Label of the log, KEY=VALUE; may repeat.")] = None,  # noqa: UP045
+    repeat: Annotated[int, typer.Option(min=0, help="Number of this repetition, for the log.")] = 0,
+    lock_step: Annotated[
+        Optional[str], typer.Option(help="Admin address of a fake robot in lock-step mode.")  # noqa: UP045
+    ] = None,
+    summary_json: Annotated[
+        Optional[Path], typer.Option(help="Also write the summary here, as JSON.")  # noqa: UP045
+    ] = None,
+) -> None:
+    """Run a policy on a robot: connect, stand, hand over, follow velocity commands, hand back, sit, power off."""
+    settings = resolve_config(config, ca_file=ca_file, credentials_file=credentials_file, log_dir=log_dir)
+    settings = settings if lock_step is None else for_lock_step(settings)
+    address = parse_address(robot)
+    loaded = load_policy(policy, provider=settings.control.inference, admit=admission(settings.service, policy))
+    labels = parse_labels(label or [])
+    console = Console()
+    source = make_source(
+        settings, loaded, console, sequence=sequence, is_keyboard=keyboard, is_gamepad=gamepad, duration_s=duration
+    )
+    directory = settings.log.directory
+    make_log_folder(directory)
+    path = _free_path(directory / log_file_name(loaded.contract.name, source.name, repeat))
+    request = RunRequest(robot, loaded, source, settings, path, repeat, labels)
+
+    def make_hal(sink: LogSink) -> Hal:
+        pace = None if lock_step is None else LockStep(lock_step, HostClock().now_ns())
+        return BosdynHal(address, settings, sink, pace)
+
+    recover_at_start(directory, console)
+    manager = ServiceManager.from_environment(os.environ)
+    journal = Journal() if goes_to_journal(sys.stderr, os.environ) else None
+    tell = (lambda _: False) if journal is None else journal.event
+    try:
+        with InstanceLock(str(address)):
+            summary = run_once(request, make_hal, LoggerProcess.start, console, manager=manager, tell=tell)
+    finally:
+        source.close()
+        console.close()
+    _say_last(summary.to_text())
+    if summary_json is not None:
+        try:
+            summary_json.write_text(summary.to_json() + "\n", encoding="utf-8")
+        except OSError as error:
+            typer.echo(f"the summary {summary_json} cannot be written: {error.strerror}", err=True)
+    raise typer.Exit(summary.exit_code)
+
+
+def _free_path(path: Path) -> Path:
+    """The name, or the next one like it: two runs may begin within one second, as the first may fail at once."""
+    number, free = 1, path
+    while free.exists() or active_path(free).exists():
+        number += 1
+        free = path.with_name(f"{path.stem}-{number}{path.suffix}")
+    return free
+
+
+def _say_last(text: str) -> None:
+    """Print to standard output; that nobody reads any more must not change the exit code."""
+    try:
+        typer.echo(text)
+    except OSError:
+        nothing = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nothing, sys.stdout.fileno())
+        os.close(nothing)
+
+
+def recover_at_start(directory: Path, console: Console) -> None:
+    """Repair what a crash has left behind; what cannot be repaired is no reason not to run."""
+    try:
+        for recovery in recover_leftovers(directory):
+            console.say(f"{recovery.result}: recovered from a run that did not end cleanly")
+    except OSError as error:
+        console.say(f"warning: leftovers in {directory} could not be recovered: {error.strerror or error}")
+
+
+def resolve_config(
+    path: Path | None, *, ca_file: Path | None, credentials_file: Path | None, log_dir: Path | None
+) -> RunConfig:
+    """The configuration of the file, with what the command line and the environment say in its place."""
+    config = RunConfig() if path is None else load_config(path)
+    from_environment = os.environ.get(CA_VARIABLE)
+    ca = ca_file or config.robot.ca_file or (Path(from_environment) if from_environment else None)
+    robot = config.robot.model_copy(
+        update={"ca_file": ca, "credentials_file": credentials_file or config.robot.credentials_file}
+    )
+    log = config.log.model_copy(update={"directory": log_dir or config.log.directory})
+    for path in (robot.ca_file, robot.credentials_file, log.directory):
+        check_encodable(path)
+    return config.model_copy(update={"robot": robot, "log": log})
+
+
+def check_encodable(path: Path | None) -> None:
+    """Refuse a path that cannot stand in a log's header or a run's specification, which are UTF-8.
+
+    Raises:
+        BadInputError: It holds other bytes.
+    """
+    try:
+        str(path).encode()
+    except UnicodeEncodeError as error:
+        raise BadInputError(f"path {str(path)!r} is no UTF-8; rename it, or name another") from error
+
+
+def make_source(
+    config: RunConfig,
+    policy: Policy,
+    console: Console,
+    *,
+    sequence: str | None,
+    is_keyboard: bool,
+    is_gamepad: bool,
+    duration_s: float | None,
+) -> CommandSource:
+    """The one source of velocity commands that was asked for; the standing sequence where none was.
+
+    Raises:
+        BadInputError: More than one was asked for, or the one is not available.
+    """
+    if (sequence is not None) + is_keyboard + is_gamepad > 1:
+        raise BadInputError("--sequence, --keyboard and --gamepad exclude each other; give one")
+    if duration_s is not None and not 0.0 < duration_s <= 86_400.0:
+        raise BadInputError(f"--duration is {duration_s}; allowed: above 0, at most 86400 s")
+    if is_keyboard:
+        console.say(HELP)
+        return TerminalKeyboardSource(config.operator)
+    if is_gamepad:
+        return GamepadSource(config.operator, PygamePad(config.operator.gamepad_index))
+    wanted = load_sequence(sequence or "standing")
+    contract = policy.contract
+    low, high = contract.velocity_command_low, contract.velocity_command_high
+    clipped = wanted.clipped(np.array(low), np.array(high))
+    if clipped != wanted:
+        console.say(f"sequence {wanted.name}: commands are cut to the policy's range, {low} to {high}")
+    return ScriptedSource(clipped, duration_s=duration_s)

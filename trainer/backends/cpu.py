@@ -1,0 +1,171 @@
+"""The CPU back end: ``mujoco.batch`` through the plant that all parts of the project share."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import mujoco
+import numpy as np
+import torch
+
+from spot_model.effects.base import Effect, EstimateEffect, SensorEffect
+from spot_model.plant.memory import map_leaves
+from spot_model.plant.plant import Plant, PlantOptions, ServoCommand
+from spot_model.robot import facts
+from spot_model.robot.mjcf import MjcfOptions
+from spot_model.robot.rotation import rotate_wxyz
+from trainer.backends.backend import InitialState, PlantState, SimulationDraws
+from trainer.task.ground import terrain_of
+from trainer.task.task_config import TaskConfig
+
+Tensor = torch.Tensor
+
+FOOT_GEOMS = tuple(f"{leg}_foot" for leg in facts.LEG_NAMES)
+
+
+class CpuBackend:
+    """``n_envs`` robots on the CPU's cores.
+
+    Args:
+        config: Physics rate and terrain are taken from it.
+        effects: What acts in the robots.
+        draws: Friction and mass of each simulation.
+        n_threads: Threads, 0 for all cores; results do not depend on it.
+        seed: Of effects that draw as they act.
+    """
+
+    def __init__(
+        self,
+        config: TaskConfig,
+        effects: tuple[Effect, ...],
+        draws: SimulationDraws,
+        n_threads: int = 0,
+        seed: int = 0,
+    ) -> None:
+        self.n_envs = len(draws.foot_friction)
+        self.device = torch.device("cpu")
+        self._substeps = round(config.physics_rate_hz / facts.POLICY_RATE_HZ)
+        options = PlantOptions(mjcf=mjcf_options(config), n_threads=n_threads, seed=seed)
+        self._is_falsified = any(isinstance(e, (SensorEffect, EstimateEffect)) and not e.is_null for e in effects)
+        self.plant = Plant(effects, self.n_envs, options)
+        # Thirteen shapes and one ground: to search for near pairs costs more than it saves. The same bits without.
+        self.plant.fields["opt.disableflags"][...] |= int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE)
+        randomise(self.plant, draws)
+        self.plant.reset()
+        self._duty = torch.zeros(self.n_envs, facts.N_LEGS) if config.counts_duty else None
+
+    def step(self, setpoint_position_rad: Tensor) -> None:
+        """Advance one policy period."""
+        if self._duty is None:
+            self.plant.step(setpoint_position_rad.numpy(), self._substeps)
+            return
+        self.plant.command(ServoCommand(position_rad=setpoint_position_rad.numpy().astype(np.float64)))
+        self._duty.zero_()
+        for _ in range(self._substeps):
+            self.plant.advance()
+            self._duty += torch.from_numpy(self.plant.foot_contact) / self._substeps
+
+    def read(self) -> PlantState:
+        """The state now, copied into float32 tensors."""
+        p = self.plant
+        foot_contact = torch.from_numpy(p.foot_contact)
+        return PlantState(
+            position_rad=_float(p.joint_position_rad),
+            velocity_rad_s=_float(p.joint_velocity_rad_s),
+            torque_nm=_float(p.applied_torque_nm),
+            body_position_m=_float(p.position_of_body_in_world_m),
+            world_from_body_wxyz=_float(p.world_from_body_wxyz),
+            linear_vel_of_body_in_world_m_s=_float(p.linear_vel_of_body_in_world_m_s),
+            angular_vel_of_body_in_world_rad_s=_float(p.angular_vel_of_body_in_world_rad_s),
+            foot_contact=foot_contact,
+            body_contact=torch.from_numpy(p.body_contact),
+            foot_duty=foot_contact.float() if self._duty is None else self._duty.clone(),
+        )
+
+    def read_reported(self, truth: PlantState) -> PlantState:
+        """The joints' sensors and the estimator; the truth where no effect acts on them."""
+        if not self._is_falsified:
+            return truth
+        joints, body = self.plant.reading, self.plant.estimate
+        attitude = body.world_from_body_wxyz
+        return dataclasses.replace(
+            truth,
+            position_rad=_float(joints.position_rad),
+            velocity_rad_s=_float(joints.velocity_rad_s),
+            world_from_body_wxyz=_float(attitude),
+            linear_vel_of_body_in_world_m_s=_float(rotate_wxyz(attitude, body.linear_vel_of_body_in_body_m_s)),
+            angular_vel_of_body_in_world_rad_s=_float(rotate_wxyz(attitude, body.angular_vel_of_body_in_body_rad_s)),
+        )
+
+    def reset(self, mask: Tensor, initial: InitialState) -> None:
+        """Put the robots of ``mask`` into their initial state."""
+        rows = mask.numpy()
+        if not rows.any():
+            return
+
+        def of(tensor: Tensor) -> np.ndarray[Any, np.dtype[np.float64]]:
+            return tensor[mask].numpy().astype(np.float64)
+
+        attitude = of(initial.world_from_body_wxyz)
+        self.plant.reset(
+            rows,
+            position_of_body_in_world_m=of(initial.body_position_m),
+            world_from_body_wxyz=attitude / np.linalg.norm(attitude, axis=-1, keepdims=True),
+            joint_position_rad=of(initial.position_rad),
+            linear_vel_of_body_in_world_m_s=of(initial.linear_vel_of_body_in_world_m_s),
+            angular_vel_of_body_in_body_rad_s=of(initial.angular_vel_of_body_in_body_rad_s),
+            joint_velocity_rad_s=of(initial.velocity_rad_s),
+        )
+
+    def add_velocity(self, delta_m_s: Tensor) -> None:
+        """Push: change the body's linear velocity in the world."""
+        delta = delta_m_s.numpy()
+        rows = delta.any(axis=-1)
+        if rows.any():
+            self.plant.push(rows, linear_vel_in_world_m_s=delta[rows])
+
+    def snapshot(self) -> dict[str, Any]:
+        """The plant's own snapshot, with its arrays as tensors."""
+        plain: dict[str, Any] = map_leaves(
+            lambda v: torch.from_numpy(v) if isinstance(v, np.ndarray) else v, self.plant.snapshot()
+        )
+        return plain
+
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Continue from a snapshot."""
+        self.plant.restore(map_leaves(lambda v: v.numpy() if isinstance(v, Tensor) else v, snapshot))
+
+
+def mjcf_options(config: TaskConfig) -> MjcfOptions:
+    """The physics model that a task trains on."""
+    return MjcfOptions(timestep_s=1.0 / config.physics_rate_hz, terrain=terrain_of(config.terrain), visuals=False)
+
+
+def randomise(plant: Plant, draws: SimulationDraws) -> None:
+    """Give each simulation its foot friction and body mass; inertia grows with the mass."""
+    friction = plant.fields["geom_friction"]
+    for name in FOOT_GEOMS:
+        friction[:, plant.model.geom(name).id, 0] = draws.foot_friction.cpu().numpy()
+    body = plant.model.body("body").id
+    mass, inertia = plant.fields["body_mass"], plant.fields["body_inertia"]
+    ratio = 1.0 + draws.added_body_mass_kg.cpu().numpy() / mass[:, body]
+    mass[:, body] *= ratio
+    inertia[:, body] *= ratio[:, None]
+    plant.fields.commit()
+
+
+def _float(array: np.ndarray[Any, np.dtype[np.float64]]) -> Tensor:
+    return torch.from_numpy(array).float()
+
+
+def _map_arrays(data: Any, kind: type, convert: Callable[[Any], Any]) -> Any:
+    if isinstance(data, kind):
+        return convert(data)
+    if isinstance(data, dict):
+        return {key: _map_arrays(value, kind, convert) for key, value in data.items()}
+    if isinstance(data, (list, tuple)):
+        parts = [_map_arrays(value, kind, convert) for value in data]
+        return type(data)(*parts) if hasattr(data, "_fields") else type(data)(parts)
+    return data

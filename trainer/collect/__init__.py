@@ -1,0 +1,1 @@
+"""Collecting logs on a robot: command sequences and repeats."""

@@ -1,0 +1,65 @@
+"""``spot-rl collect``: all runs that an identification needs, one after the other, resumed after an interruption."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from spot_model.errors import SpotRlError
+
+
+class CollectionError(SpotRlError):
+    """A collection is not complete."""
+
+    exit_code = 4
+
+
+def collect(
+    robot: Annotated[str, typer.Option(help="Address of the robot: HOST, HOST:PORT or unix:/path.")],
+    policy: Annotated[Path, typer.Option(help="ONNX file with its contract.")],
+    out: Annotated[Path, typer.Option(help="Folder of the logs; whole runs that are there are kept.")],
+    sequences: Annotated[
+        str, typer.Option(help="all (forward, six_directions, random, user), or names and YAML files with commas.")
+    ] = "all",
+    repeats: Annotated[int, typer.Option(min=1, max=1000, help="Runs of each sequence.")] = 5,
+    other_gains: Annotated[
+        str | None, typer.Option(help="Also run the first sequence once a repeat at other gains, KP,KD.")
+    ] = None,
+    config: Annotated[Path | None, typer.Option(help="Run configuration (YAML).")] = None,
+    ca_file: Annotated[Path | None, typer.Option(help="Certificate to trust beside the vendor's.")] = None,
+    credentials_file: Annotated[Path | None, typer.Option(help="File with user name and password.")] = None,
+    label: Annotated[list[str] | None, typer.Option(help="Label of the logs, KEY=VALUE; may repeat.")] = None,
+    lock_step: Annotated[str | None, typer.Option(help="Admin address of a fake robot in lock-step mode.")] = None,
+    attempts: Annotated[int, typer.Option(min=1, max=20, help="Tries of a run that does not complete.")] = 2,
+) -> None:
+    """Record the paper's command sequences several times on a robot, for spot-rl sysid."""
+    from trainer.collect.collect_run import Collection, run_arguments
+
+    collection = Collection.prepare(
+        policy=policy, folder=out, sequences=sequences, repeats=repeats, other_gains=other_gains
+    )
+    shared = run_arguments(
+        robot=robot,
+        config=config,
+        ca_file=ca_file,
+        credentials_file=credentials_file,
+        labels=tuple(label or ()),
+        lock_step=lock_step,
+    )
+
+    def start(arguments: list[str]) -> int:
+        command = [sys.executable, "-c", "from spot_model.io.command_line import main; main()", *arguments]
+        return subprocess.run(command, env=dict(os.environ), check=False).returncode  # noqa: S603 - our own command
+
+    left = collection.record(shared, start, attempts=attempts, say=lambda text: typer.echo(text, err=True))
+    if left:
+        names = ", ".join(f"{r.sequence.name} repeat {r.repeat}" for r in left)
+        raise CollectionError(
+            f"{len(left)} of {collection.n_planned} runs are missing: {names}; give the command again"
+        )
+    typer.echo(f"{collection.n_planned} whole runs in {out}")

@@ -1,0 +1,1 @@
+"""Exporting a trained policy to ONNX with its contract."""

@@ -1,0 +1,111 @@
+"""The training config: one frozen tree, read from YAML, overridden key by key."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Final, Literal
+
+import yaml
+from pydantic import ConfigDict, Field, ValidationError
+
+from spot_model.errors import BadInputError
+from spot_model.io.validation import explain
+from trainer.shared.config_base import Config
+from trainer.shared.overrides import allowed_keys, apply_overrides
+from trainer.task.task_config import TaskConfig
+
+SCHEMA: Final = "spot-rl/train/1"
+
+
+class PpoConfig(Config):
+    """PPO's hyper-parameters; the defaults are those released with the paper's task."""
+
+    hidden: tuple[int, ...] = Field(default=(512, 256, 128), min_length=1)
+    initial_std: float = Field(default=1.0, gt=0.0)
+    steps_per_iteration: int = Field(default=24, ge=1)
+    learning_rate: float = Field(default=1.0e-3, gt=0.0)
+    schedule: Literal["adaptive", "fixed"] = "adaptive"
+    desired_kl: float = Field(default=0.01, gt=0.0)
+    clip: float = Field(default=0.2, gt=0.0)
+    entropy: float = Field(default=0.0025, ge=0.0)
+    value_loss: float = Field(default=0.5, gt=0.0)
+    epochs: int = Field(default=5, ge=1)
+    mini_batches: int = Field(default=4, ge=1)
+    gamma: float = Field(default=0.99, gt=0.0, le=1.0)
+    lam: float = Field(default=0.95, gt=0.0, le=1.0)
+    max_grad_norm: float = Field(default=1.0, gt=0.0)
+    clip_value_loss: bool = True
+    """Holds values within ``clip`` of the old ones at each update, as released; slow where returns are large."""
+    normalise_observations: bool = False
+    """Running mean and deviation; folded into the first layer at export."""
+    mirror_loss: float = Field(default=0.0, ge=0.0)
+    """Weight of the left–right symmetry loss; 0 switches it off."""
+    mirror_from_iteration: int = Field(default=0, ge=0)
+    """Iteration from which the symmetry loss acts: before there is a gait, it would favour hopping with both sides."""
+    settle_iterations: int = Field(default=0, ge=0)
+    """Last iterations, over which the entropy weight falls to 0 and ``desired_kl`` to a fifth: what is exported is the
+    mean of the policy, and it is judged without the noise that exploring needs."""
+    mixed_precision: bool = False
+
+
+class TrainConfig(Config):
+    """A whole training run."""
+
+    schema_name: Literal["spot-rl/train/1"] = Field(default=SCHEMA, alias="schema")
+    name: str = Field(min_length=1, max_length=100)
+    seed: int = Field(default=0, ge=0)
+    model: str = "paper_identified"
+    """Built-in model name, or a model file; its effects act in training."""
+    n_envs: int = Field(default=4096, ge=1)
+    iterations: int = Field(ge=1)
+    save_every: int = Field(default=100, ge=1)
+    start_from: str = ""
+    """A checkpoint whose networks this run starts from; empty: from nothing."""
+    task: TaskConfig = TaskConfig()
+    ppo: PpoConfig = PpoConfig()
+
+    model_config = ConfigDict(populate_by_name=True)
+
+
+def config_from_data(data: Any, *, source: str, overrides: tuple[str, ...] = ()) -> TrainConfig:
+    """Check plain data and overrides (``key.path=value``) and build the config.
+
+    Raises:
+        BadInputError: A key is unknown (the message lists the allowed ones) or a value is not allowed.
+    """
+    if not isinstance(data, dict):
+        raise BadInputError(f"{source}: holds {type(data).__name__}; allowed: a mapping of keys")
+    merged = apply_overrides(data, overrides, TrainConfig)
+    try:
+        return TrainConfig.model_validate(merged)
+    except ValidationError as error:
+        raise BadInputError(f"{source}:\n{explain(error)}{_hints(error)}") from error
+
+
+def load_config(path: Path, overrides: tuple[str, ...] = ()) -> TrainConfig:
+    """Read a config from YAML and apply overrides.
+
+    Raises:
+        BadInputError: The file cannot be read, or is not valid.
+    """
+    try:
+        data = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise BadInputError(f"config {path} cannot be read: {error.strerror}; give a YAML file") from error
+    except (UnicodeDecodeError, yaml.YAMLError) as error:
+        raise BadInputError(f"config {path} is no YAML: {error}") from error
+    return config_from_data(data, source=f"config {path}", overrides=overrides)
+
+
+def config_yaml(config: TrainConfig) -> str:
+    """The whole config, defaults included, as YAML."""
+    return yaml.safe_dump(config.model_dump(by_alias=True, mode="json"), sort_keys=False, allow_unicode=True)
+
+
+def _hints(error: ValidationError) -> str:
+    lines = []
+    for problem in error.errors(include_url=False):
+        if problem["type"] == "extra_forbidden":
+            keys = allowed_keys(TrainConfig, tuple(str(p) for p in problem["loc"][:-1]))
+            lines.append(f"\n  allowed there: {', '.join(keys)}")
+    return "".join(lines)

@@ -1,0 +1,94 @@
+"""A training run from beginning to end."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import torch
+
+from spot_model.errors import BadInputError
+from trainer.ppo.checkpoint import config_of, find_checkpoint, load_networks, read_checkpoint, restore
+from trainer.ppo.config import TrainConfig
+from trainer.ppo.ppo import PpoRunner
+from trainer.ppo.training_log import TrainingLog
+from trainer.ppo.vec_env import TaskVecEnv
+from trainer.shared.run_folder import make_run_folder
+from trainer.task.make_task import check_device, make_tasks
+from trainer.task.memory import keep_freed_memory
+
+
+def train(config: TrainConfig, folder: Path, *, device: str, command: str = "") -> Path:
+    """Train from nothing (or from ``config.start_from``'s networks) into an empty folder; returns the last checkpoint.
+
+    Raises:
+        BadInputError: The device is not there, the folder is not empty, or the config names what does not exist.
+    """
+    device = local_device(device)
+    check_device(device)
+    source = find_checkpoint(Path(config.start_from)) if config.start_from else None
+    networks = read_checkpoint(source) if source else None
+    if is_first_process():
+        make_run_folder(folder, config, command, device)
+    runner = make_runner(config, folder, device)
+    if networks is not None:
+        load_networks(runner, networks, str(source))
+    runner.run(config.iterations, is_fresh=True)
+    return find_checkpoint(folder)
+
+
+def resume(run: Path, *, device: str, iterations: int | None = None) -> Path:
+    """Continue a run exactly where its newest checkpoint stands, up to ``iterations`` in all.
+
+    Raises:
+        BadInputError: There is no checkpoint, or the run is finished.
+    """
+    device = local_device(device)
+    check_device(device)
+    path = find_checkpoint(run)
+    content = read_checkpoint(path)
+    config = config_of(content, str(path))
+    if iterations is not None:
+        config = config.model_copy(update={"iterations": iterations})
+    left = config.iterations - int(content["iterations_done"])
+    if left <= 0:
+        raise BadInputError(
+            f"run {run} has done {content['iterations_done']} of {config.iterations} iterations; "
+            "give more with --set iterations=N"
+        )
+    runner = make_runner(config, path.parent, device)
+    restore(runner, content)
+    runner.run(left, is_fresh=False)
+    return find_checkpoint(path.parent)
+
+
+def make_runner(config: TrainConfig, folder: Path, device: str) -> PpoRunner:
+    """Task, log and PPO for a config, seeded."""
+    rank = int(os.getenv("RANK", "0"))
+    world = int(os.getenv("WORLD_SIZE", "1"))
+    torch.manual_seed(config.seed * 1000 + rank)
+    if device == "cpu":
+        torch.set_num_threads(1)
+        keep_freed_memory()
+    else:
+        torch.set_float32_matmul_precision("high")
+    env = TaskVecEnv(make_tasks(config, device, rank=rank), config.ppo.steps_per_iteration)
+    log = TrainingLog(
+        folder,
+        env,
+        save_every=config.save_every,
+        total_iterations=config.iterations,
+        steps_per_iteration=config.n_envs * config.ppo.steps_per_iteration * world,
+        is_first=is_first_process(),
+    )
+    return PpoRunner(env, config, log, device)
+
+
+def is_first_process() -> bool:
+    """Whether this is the only process, or the first that torchrun started."""
+    return int(os.getenv("RANK", "0")) == 0
+
+
+def local_device(device: str) -> str:
+    """The device of this process: with torchrun, each has its own GPU."""
+    return f"cuda:{os.getenv('LOCAL_RANK', '0')}" if device == "cuda" else device

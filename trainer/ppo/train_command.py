@@ -1,0 +1,55 @@
+"""``spot-rl train``."""
+
+from __future__ import annotations
+
+import os
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def train(
+    config: Annotated[Path | None, typer.Option("--config", help="Config file (YAML).")] = None,
+    set_: Annotated[list[str] | None, typer.Option("--set", help="Override: key.path=value; repeatable.")] = None,
+    resume: Annotated[Path | None, typer.Option("--resume", help="Continue this run folder exactly.")] = None,
+    device: Annotated[str, typer.Option("--device", help="cpu, cuda or cuda:N.")] = "cpu",
+    out: Annotated[Path | None, typer.Option("--out", help="Run folder; default runs/NAME-TIME.")] = None,
+) -> None:
+    """Train a policy with PPO, on two cores or on GPUs (several: torchrun)."""
+    # Spinning threads take the cores from the physics; torch reads this when it is first imported.
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    from spot_model.errors import BadInputError
+    from trainer.ppo.config import load_config
+
+    overrides = tuple(set_ or ())
+    if (config is None) == (resume is None):
+        raise BadInputError("give either --config FILE or --resume RUN")
+    # A mistake in the config is told before torch is loaded, which takes seconds.
+    checked = load_config(config, overrides) if config is not None else None
+    from trainer.ppo.train import resume as resume_run
+    from trainer.ppo.train import train as train_run
+    from trainer.shared.run_folder import command_line
+
+    if resume is not None:
+        last = resume_run(resume, device=device, iterations=_iterations(overrides))
+    else:
+        assert checked is not None  # noqa: S101 - one of the two is given
+        stamp = datetime.now(tz=timezone.utc).strftime("%Y%m%d-%H%M%S")
+        last = train_run(
+            checked, out or Path("runs") / f"{checked.name}-{stamp}", device=device, command=command_line()
+        )
+    typer.echo(f"checkpoint {last}")
+
+
+def _iterations(overrides: tuple[str, ...]) -> int | None:
+    from spot_model.errors import BadInputError
+
+    value = None
+    for override in overrides:
+        key, _, text = override.partition("=")
+        if key != "iterations" or not text.isdigit():
+            raise BadInputError(f"override {override!r}: a resumed run keeps its config; allowed: iterations=N")
+        value = int(text)
+    return value

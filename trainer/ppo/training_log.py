@@ -1,0 +1,106 @@
+"""What a training run writes and shows: metrics, TensorBoard, checkpoints, and a bar with the time that is left."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import torch
+from torch.utils.tensorboard import SummaryWriter
+
+from trainer.ppo.checkpoint import save_checkpoint
+from trainer.shared.progress import TrainingProgress
+
+if TYPE_CHECKING:
+    from trainer.ppo.ppo import PpoRunner
+    from trainer.ppo.vec_env import TaskVecEnv
+
+
+class TrainingLog:
+    """Stands in for rsl-rl's logger; only the first of several processes writes.
+
+    Args:
+        folder: The run's folder.
+        env: Where episode statistics come from.
+        save_every: Iterations between checkpoints.
+        total_iterations: Of the whole run.
+        steps_per_iteration: Over all environments and processes.
+        is_first: Whether this process writes.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        env: TaskVecEnv,
+        *,
+        save_every: int,
+        total_iterations: int,
+        steps_per_iteration: int,
+        is_first: bool = True,
+    ) -> None:
+        self.log_dir = str(folder)
+        self.git_status_repos: list[str] = []
+        self.writer: SummaryWriter | None = None
+        self._folder = folder
+        self._env = env
+        self._save_every = save_every
+        self._total = total_iterations
+        self._steps_per_iteration = steps_per_iteration
+        self._is_first = is_first
+        self._progress = TrainingProgress(total_iterations) if is_first else None
+
+    def init_logging_writer(self) -> None:
+        """Open the files."""
+        if self._is_first:
+            self.writer = SummaryWriter(log_dir=str(self._folder / "tensorboard"), flush_secs=30)
+
+    def process_env_step(self, *_: Any) -> None:
+        """Nothing: the task keeps its own statistics on its device."""
+
+    def log(self, it: int, collect_time: float, learn_time: float, loss_dict: dict[str, float], **rest: Any) -> None:
+        """Write one iteration's metrics; the arguments are rsl-rl's."""
+        metrics: dict[str, float] = {
+            "iteration": it,
+            "steps": (it + 1) * self._steps_per_iteration,
+            "collect_s": collect_time,
+            "learn_s": learn_time,
+            "steps_per_s": self._steps_per_iteration / (collect_time + learn_time),
+            "learning_rate": float(rest["learning_rate"]),
+            "action_std": float(rest["action_std"].detach().mean()),
+            "command_share": self._env.task.command_share,
+            **{f"loss/{key}": float(value) for key, value in loss_dict.items()},
+            **self._env.task.drain_stats(),
+        }
+        if self.writer is None:
+            return
+        for key, value in metrics.items():
+            self.writer.add_scalar(key, value, it)
+        with (self._folder / "metrics.jsonl").open("a", encoding="utf-8") as file:
+            file.write(json.dumps({**metrics, "unix_s": time.time()}) + "\n")
+        if self._progress is not None:
+            self._progress.update(it, metrics)
+
+    def checkpoint(self, runner: PpoRunner, iteration: int) -> None:
+        """Save if it is time, or the end; rsl-rl asks after every iteration and once more at the end."""
+        done = iteration + 1
+        path = self._folder / f"checkpoint_{done:06d}.pt"
+        if (done % self._save_every == 0 or done == self._total) and not path.exists():
+            save_checkpoint(path, runner, done)
+
+    def save_model(self, *_: Any) -> None:
+        """Nothing to upload."""
+
+    def stop_logging_writer(self) -> None:
+        """Close the files."""
+        if self.writer is not None:
+            self.writer.close()
+            self.writer = None
+        if self._progress is not None:
+            self._progress.stop()
+
+    def wait_for_device(self) -> None:
+        """Finish what is queued on the GPU."""
+        if torch.cuda.is_available():
+            torch.cuda.synchronize()

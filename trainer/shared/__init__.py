@@ -1,0 +1,1 @@
+"""What training, refinement and identification share: configs, progress, run folders."""

@@ -1,0 +1,71 @@
+"""The feature space of the paper's measures: joint position, joint velocity and action, in N·m of the control law."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot_model.policy.contract import PolicyContract
+from spot_model.policy.policy import Policy
+from spot_model.robot import facts
+
+FEATURE_NAMES: Final = tuple(
+    f"{name} {kind}" for kind in ("position", "velocity", "action") for name in facts.JOINT_NAMES
+)
+"""The 36 features, in order."""
+
+N_FEATURES: Final = len(FEATURE_NAMES)
+
+
+def control_law_features(
+    *,
+    position_rad: NDArray[np.float64],
+    velocity_rad_s: NDArray[np.float64],
+    action: NDArray[np.floating],
+    contract: PolicyContract,
+) -> NDArray[np.float32]:
+    """Scale position by kp, velocity by kd, and action by σ_a·kp.
+
+    Args:
+        position_rad: Shape (..., 12), canonical order, rad.
+        velocity_rad_s: Shape (..., 12), canonical order, rad/s.
+        action: The network's output. Shape (..., 12), in the policy's joint order.
+        contract: The policy's contract: gains, action scale, joint order.
+
+    Returns:
+        Shape (..., 36), canonical order, N·m.
+
+    Source: the paper, footnote on the feature space of the evaluation metrics.
+    """
+    index = {name: i for i, name in enumerate(contract.joint_names)}
+    order = np.array([index[name] for name in facts.JOINT_NAMES], dtype=np.intp)
+    kp = np.array(contract.kp_nm_per_rad)[order]
+    kd = np.array(contract.kd_nm_s_per_rad)[order]
+    scaled = (kp * position_rad, kd * velocity_rad_s, contract.action_scale_rad * kp * action[..., order])
+    return np.concatenate(scaled, axis=-1).astype(np.float32)
+
+
+def features_of_observations(
+    observation: NDArray[np.floating], action: NDArray[np.floating], policy: Policy
+) -> NDArray[np.float32]:
+    """The same features from logged ticks.
+
+    Args:
+        observation: Shape (n, 48), as :mod:`spot_model.policy.observation` lays it out, policy order.
+        action: Shape (n, 12), policy order.
+        policy: The policy that ran.
+
+    Returns:
+        Shape (n, 36), canonical order, N·m.
+    """
+    order = policy.canonical_from_policy
+    offset, velocity = observation[:, 12:24], observation[:, 24:36]
+    position = np.asarray(offset, dtype=np.float64) + policy.default_position_rad
+    return control_law_features(
+        position_rad=position[:, order],
+        velocity_rad_s=np.asarray(velocity, dtype=np.float64)[:, order],
+        action=action,
+        contract=policy.contract,
+    )

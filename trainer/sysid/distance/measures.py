@@ -1,0 +1,112 @@
+"""How far simulated runs lie from real ones: the paper's two measures on pairs of runs of one command sequence."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trainer.sysid.distance.mmd import FourierFeatures, embedding_distance, median_bandwidth
+from trainer.sysid.distance.wasserstein import sliced_wasserstein, unit_directions, wasserstein_sorted
+
+Array = NDArray[np.float64]
+
+MEASURES: Final = ("w1", "mmd")
+"""Measures of the score: Wasserstein (mean over the 36 features, N·m) and MMD (on all 36 at once, no unit)."""
+
+N_FREQUENCIES: Final = 192
+N_DIRECTIONS: Final = 64
+
+
+@dataclass(frozen=True)
+class RunDigest:
+    """What the measures need of one run's samples."""
+
+    sorted_features: NDArray[np.float32]
+    """Shape (36, n)."""
+    embedding: Array
+    """Mean Fourier features, shape (2 n_frequencies,)."""
+
+
+@dataclass(frozen=True)
+class SequenceReference:
+    """The real runs of one command sequence, ready to be compared with."""
+
+    sequence: str
+    real: tuple[RunDigest, ...]
+    fourier: FourierFeatures
+    bandwidth_nm: float
+    pair_distances: Array
+    """Between real runs, shape (n_real, n_real, 2), zero on the diagonal."""
+    scale: Array
+    """What a distance is divided by in the score, shape (2,): the floor, or without repeats the samples' spread."""
+
+    @staticmethod
+    def build(sequence: str, real_features: list[NDArray[np.float32]], seed: int = 0) -> SequenceReference:
+        """Prepare from the real runs' features, each of shape (n, 36).
+
+        Raises:
+            ValueError: No run, or samples without any spread.
+        """
+        if not real_features:
+            raise ValueError(f"sequence {sequence!r} has no real run")
+        pooled = np.concatenate(real_features)
+        bandwidth = median_bandwidth(pooled)
+        fourier = FourierFeatures.draw(np.random.default_rng(seed), pooled.shape[1], N_FREQUENCIES, bandwidth)
+        digests = tuple(digest(f, fourier) for f in real_features)
+        pairs = np.array([[_distance(a, b) for b in digests] for a in digests])
+        n = len(digests)
+        if n > 1:
+            scale = pairs.sum(axis=(0, 1)) / (n * (n - 1))
+        else:
+            centre = digest(np.median(pooled, axis=0, keepdims=True), fourier)
+            scale = _distance(digests[0], centre)
+        return SequenceReference(sequence, digests, fourier, bandwidth, pairs, scale)
+
+    @property
+    def floor(self) -> Array | None:
+        """Mean distance between two different real runs, shape (2,); None without repeats."""
+        return self.scale if len(self.real) > 1 else None
+
+    def distances(self, features: NDArray[Any]) -> Array:
+        """From one simulated run, shape (n, 36), to each real run, shape (n_real, 2); NaN if the run is not finite."""
+        if not np.all(np.isfinite(features)):
+            return np.full((len(self.real), len(MEASURES)), np.nan)
+        simulated = digest(features, self.fourier)
+        return np.array([_distance(simulated, real) for real in self.real])
+
+
+def digest(features: NDArray[Any], fourier: FourierFeatures) -> RunDigest:
+    """Sort and embed one run's features, shape (n, 36)."""
+    samples = np.asarray(features, dtype=np.float32)
+    return RunDigest(np.sort(np.ascontiguousarray(samples.T), axis=-1), fourier.mean_embedding(samples))
+
+
+def score_of_distances(distances: Array, scale: Array, real_weights: Array | None = None) -> Array:
+    """Average pair distances to one number a sequence, in units of ``scale`` (1 = the floor).
+
+    Args:
+        distances: Shape (..., n_sim, n_real, 2).
+        scale: Shape (2,).
+        real_weights: Weights of the real runs, shape (n_real,), sum 1; equal by default.
+
+    Returns:
+        Shape (...). Not finite where a distance is not.
+    """
+    by_real = np.mean(distances, axis=-3)
+    weights = np.full(by_real.shape[-2], 1.0 / by_real.shape[-2]) if real_weights is None else real_weights
+    by_measure = np.einsum("...rm,r->...m", by_real, weights)
+    return np.asarray(np.mean(by_measure / scale, axis=-1))
+
+
+def sliced_distance(first: NDArray[Any], second: NDArray[Any], seed: int = 0) -> float:
+    """Sliced Wasserstein distance of two runs in all 36 features together, N·m; for the report, not in the score."""
+    directions = unit_directions(np.random.default_rng(seed), N_DIRECTIONS, first.shape[1])
+    return float(sliced_wasserstein(first, second, directions))
+
+
+def _distance(first: RunDigest, second: RunDigest) -> Array:
+    w1 = wasserstein_sorted(first.sorted_features, second.sorted_features).mean()
+    return np.array([w1, embedding_distance(first.embedding, second.embedding)])

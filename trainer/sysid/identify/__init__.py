@@ -1,0 +1,1 @@
+"""An identification from logs to report."""

@@ -1,0 +1,151 @@
+"""The whole identification: what logs show directly, the paper's search, the fit of torques, and the verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot_model.io.model_file import RobotModel
+from spot_model.policy.policy import Policy
+from trainer.sysid.identify.verdict import CONFIDENCE, ParameterVerdict, judge
+from trainer.sysid.logs.delays import MeasuredDelays, measure_delays
+from trainer.sysid.logs.measured import DirectChange, with_measured
+from trainer.sysid.logs.noise import ObservationNoise, observation_noise
+from trainer.sysid.logs.read_logs import LogSet
+from trainer.sysid.search.config import CONTACT_CHOICES_S, SysidConfig
+from trainer.sysid.search.problem import Problem, build_problem
+from trainer.sysid.search.search import Generation, SearchState, run_search
+from trainer.sysid.search.surrogate import ScoreIntervals, score_intervals
+from trainer.sysid.simulation.engine import Engine
+from trainer.sysid.simulation.rollout import RolloutOptions
+from trainer.sysid.torque.fit import TorqueFit, fit_torque
+from trainer.sysid.torque.model import TorqueModel
+from trainer.sysid.torque.samples import TorqueSamples, torque_samples
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Preparation:
+    """What the logs say before anything is simulated, and the problem that remains."""
+
+    logs: LogSet
+    noise: ObservationNoise
+    delays: MeasuredDelays
+    changes: tuple[DirectChange, ...]
+    samples: TorqueSamples | None
+    problem: Problem
+    final: Problem
+    """The same with more simulated robots, for the scores that are stated."""
+
+
+@dataclass(frozen=True)
+class Identification:
+    """All that was found."""
+
+    preparation: Preparation
+    search: SearchState
+    intervals: ScoreIntervals | None
+    fit: TorqueFit | None
+    verdicts: tuple[ParameterVerdict, ...]
+    model: RobotModel
+    """The identified model."""
+    scores: dict[str, float]
+    """Of the initial values, the search's mean, and the identified model; 1 is the floor where there are repeats."""
+
+
+def prepare(logs: LogSet, policy: Policy, policy_bytes: bytes, config: SysidConfig) -> Preparation:
+    """Read off what needs no search, and set up the search."""
+    space, simulation = config.space(), config.simulation
+    noise = observation_noise(logs.runs)
+    delays = measure_delays(logs.runs)
+    with_load = [run for run in logs.runs if np.isfinite(run.states.load_nm).any()]
+    samples = torque_samples(with_load) if with_load else None
+    if samples is not None and not len(samples):
+        samples = None
+    first = None
+    if samples is not None and simulation.measured_inertia:
+        first = fit_torque(TorqueModel(space), samples, [space.initial], np.random.default_rng(config.search.seed))
+    space, changes = with_measured(
+        space, delays, first, use_delay=simulation.measured_delay, use_inertia=simulation.measured_inertia
+    )
+    options = RolloutOptions(
+        simulation.timestep_s, simulation.foot_friction, simulation.contact_time_constant_s or CONTACT_CHOICES_S[-1]
+    )
+
+    def posed(robots_per_sequence: int) -> Problem:
+        return build_problem(
+            space,
+            policy_bytes,
+            logs.compared,
+            options,
+            robots_per_sequence=robots_per_sequence,
+            weights=config.sequence_weights,
+            noise_sigma=_policy_order(noise, policy) if simulation.sensor_noise else None,
+            seed=config.search.seed,
+        )
+
+    final = posed(simulation.final_robots_per_sequence)
+    if simulation.contact_time_constant_s is None:
+        start = space.initial if first is None else space.within_bounds(first.values)
+        final, change = with_best_contact(final, start)
+        changes = (*changes, change)
+    problem = replace(posed(simulation.robots_per_sequence), options=final.options)
+    return Preparation(logs, noise, delays, changes, samples, problem, final)
+
+
+def with_best_contact(problem: Problem, values: Array) -> tuple[Problem, DirectChange]:
+    """The same problem with the contact time constant whose score at ``values``, shape (n,), is best."""
+    choices = []
+    for choice_s in CONTACT_CHOICES_S:
+        candidate = replace(problem, options=replace(problem.options, contact_time_constant_s=choice_s))
+        choices.append((candidate.score(candidate.evaluate(values[None, :])[0]), choice_s, candidate))
+    _, best_s, chosen = min(choices, key=lambda c: c[:2])
+    scores = ", ".join(f"{1e3 * s:g} ms {value:.2f}" for value, s, _ in choices)
+    return chosen, DirectChange("contact time constant", best_s, "s", f"best score of {len(choices)} choices: {scores}")
+
+
+def identify(
+    preparation: Preparation,
+    config: SysidConfig,
+    engine: Engine,
+    checkpoint: Path,
+    on_generation: Callable[[Generation], None] = lambda _: None,
+) -> Identification:
+    """Search, fit, judge and score.
+
+    Args:
+        preparation: From :func:`prepare`.
+        config: The configuration.
+        engine: Where candidates are evaluated.
+        checkpoint: File of the search's generations.
+        on_generation: Called after each generation.
+    """
+    problem = preparation.problem
+    space = problem.space
+    state = run_search(problem, engine, config.search, checkpoint, on_generation)
+    mean = space.values_of_unit(state.mean_unit)
+    rng = np.random.default_rng(config.search.seed)
+    intervals = score_intervals(problem, state.units(), state.results(), CONFIDENCE, rng)
+    fit = None
+    if preparation.samples is not None:
+        fit = fit_torque(TorqueModel(space), preparation.samples, [mean, space.initial], rng)
+    verdicts = judge(TorqueModel(space), preparation.samples, fit, mean, intervals)
+    chosen = space.within_bounds(np.array([v.value for v in verdicts]))
+    names = ("initial", "search", "identified")
+    final = preparation.final
+    results = final.evaluate(np.stack([space.initial, mean, chosen]))
+    scores = {name: final.score(result) for name, result in zip(names, results, strict=True)}
+    return Identification(preparation, state, intervals, fit, verdicts, space.model_with(chosen), scores)
+
+
+def _policy_order(noise: ObservationNoise, policy: Policy) -> Array:
+    order = policy.policy_from_canonical
+    sigma = noise.sigma.copy()
+    for start in (12, 24):
+        sigma[start : start + 12] = noise.sigma[start : start + 12][order]
+    return sigma

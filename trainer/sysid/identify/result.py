@@ -1,0 +1,183 @@
+"""The identification as data: ``result.json``, and the files that others take as they are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Final, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from spot_model.errors import BadInputError
+from spot_model.io.model_file import save_model
+from trainer.sysid.identify.identify import Identification
+from trainer.sysid.identify.verdict import CONFIDENCE, Estimate, ParameterVerdict
+from trainer.sysid.logs.delays import delay_histogram, write_delay_csv
+from trainer.sysid.logs.noise import write_noise
+from trainer.sysid.search.config import SysidConfig
+
+SCHEMA: Final = "spot-rl/sysid-result/1"
+RESULT_NAME: Final = "result.json"
+MODEL_NAME: Final = "identified.yaml"
+NOISE_NAME: Final = "noise.yaml"
+DELAY_NAME: Final = "command_delay.csv"
+
+
+class _Data(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
+
+
+class EstimateData(_Data):
+    """A value with the bounds of its interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+class ParameterData(_Data):
+    """One parameter; keys as in :class:`trainer.sysid.identify.verdict.ParameterVerdict`."""
+
+    name: str
+    unit: str
+    initial: float
+    value: float
+    low: float
+    high: float
+    identified: bool
+    source: Literal["measured torque", "distributions", "not identified"]
+    reason: str
+    by_search: EstimateData
+    by_torque: EstimateData | None
+
+
+class MeasuredData(_Data):
+    """A number that was read off the logs and put into the model."""
+
+    what: str
+    value: float
+    unit: str
+    source: str
+
+
+class SequenceData(_Data):
+    """One command sequence: floor and distances, Wasserstein in N·m, MMD without unit."""
+
+    name: str
+    repeats: int
+    floor_w1_nm: float | None
+    floor_mmd: float | None
+    mmd_bandwidth_nm: float
+
+
+class ResultData(_Data):
+    """``result.json``."""
+
+    schema_name: Literal["spot-rl/sysid-result/1"] = Field(default=SCHEMA, alias="schema")
+    policy_sha256: str
+    logs: list[str]
+    confidence: float
+    parameters: list[ParameterData]
+    measured: list[MeasuredData]
+    score: dict[str, float | None]
+    """Of the initial values, the search's mean and the identified model; in units of the floor where there is one."""
+    score_is_over_floor: bool
+    score_by_generation: list[float | None]
+    """Best score of each generation."""
+    sequences: list[SequenceData]
+    command_delay_median_s: float | None
+    """From the hand-over of a command to its receipt."""
+    path_delay_median_s: float | None
+    """From the acquisition of a state to the receipt of the command that answers it."""
+    observation_noise_sigma: list[float]
+    load_noise_nm: list[float | None]
+    torque_residual_nm: float | None
+    time_offset_s: float | None
+    """How much earlier than the sampled motion the sampled load was made."""
+    warnings: list[str]
+    config: dict[str, Any]
+
+
+def result_data(found: Identification, config: SysidConfig) -> ResultData:
+    """Collect all that was found."""
+    preparation, problem = found.preparation, found.preparation.problem
+    sequences = []
+    for reference in problem.references:
+        floor = reference.floor
+        sequences.append(
+            SequenceData(
+                name=reference.sequence,
+                repeats=len(reference.real),
+                floor_w1_nm=None if floor is None else float(floor[0]),
+                floor_mmd=None if floor is None else float(floor[1]),
+                mmd_bandwidth_nm=reference.bandwidth_nm,
+            )
+        )
+    best = [min(problem.score(r) for r in g.results) for g in found.search.generations]
+    delays = preparation.delays
+    return ResultData(
+        policy_sha256=problem.policy.sha256,
+        logs=[run.source for run in preparation.logs.runs],
+        confidence=CONFIDENCE,
+        parameters=[_parameter(v) for v in found.verdicts],
+        measured=[MeasuredData(what=c.what, value=c.value, unit=c.unit, source=c.source) for c in preparation.changes],
+        score={name: _finite(value) for name, value in found.scores.items()},
+        score_is_over_floor=all(s.repeats > 1 for s in sequences),
+        score_by_generation=[_finite(b) for b in best],
+        sequences=sequences,
+        command_delay_median_s=_finite(delays.transit_median_s),
+        path_delay_median_s=_finite(delays.path_median_s),
+        observation_noise_sigma=preparation.noise.sigma.tolist(),
+        load_noise_nm=[_finite(v) for v in preparation.noise.load_nm],
+        torque_residual_nm=None if found.fit is None else found.fit.residual_nm,
+        time_offset_s=None if found.fit is None else float(found.fit.nuisance[0]),
+        warnings=list(preparation.logs.warnings),
+        config=config.model_dump(mode="json", by_alias=True),
+    )
+
+
+def check_out_folder(folder: Path) -> None:
+    """Refuse a folder in which a result would be overwritten.
+
+    Raises:
+        BadInputError: One of the result's files is there.
+    """
+    present = [name for name in (RESULT_NAME, MODEL_NAME, NOISE_NAME, DELAY_NAME) if (folder / name).exists()]
+    if present:
+        raise BadInputError(f"folder {folder} holds {', '.join(present)} of an earlier run; give another --out folder")
+
+
+def write_result(found: Identification, config: SysidConfig, folder: Path) -> ResultData:
+    """Write result, identified model, noise and delays into a folder that :func:`check_out_folder` accepted."""
+    data = result_data(found, config)
+    save_model(found.model, folder / MODEL_NAME)
+    write_noise(found.preparation.noise, folder / NOISE_NAME)
+    transit = found.preparation.delays.transit_s
+    if len(transit) and float(np.min(transit)) >= 0.0:
+        write_delay_csv(delay_histogram(transit), folder / DELAY_NAME)
+    (folder / RESULT_NAME).write_text(data.model_dump_json(by_alias=True, indent=1) + "\n", encoding="utf-8")
+    return data
+
+
+def _parameter(v: ParameterVerdict) -> ParameterData:
+    return ParameterData(
+        name=v.name,
+        unit=v.unit,
+        initial=v.initial,
+        value=v.value,
+        low=v.low,
+        high=v.high,
+        identified=v.identified,
+        source=v.source,
+        reason=v.reason,
+        by_search=_estimate(v.by_search),
+        by_torque=None if v.by_torque is None else _estimate(v.by_torque),
+    )
+
+
+def _estimate(e: Estimate) -> EstimateData:
+    return EstimateData(value=e.value, low=e.low, high=e.high)
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

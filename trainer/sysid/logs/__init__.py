@@ -1,0 +1,1 @@
+"""Robot logs as identification reads them."""

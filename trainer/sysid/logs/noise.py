@@ -1,0 +1,209 @@
+"""Sensor noise of each observation feature, by the paper's estimate from the upper half of the spectrum.
+
+White noise of standard deviation σ has the same power at every frequency; motion has less and less. The paper
+multiplies the spectrum by the frequency and averages the power over [f_s/4, f_s/2]; dividing by the same average of the
+factor makes the estimate exact for white noise. Three choices keep a gait out of it: the spectrum is that of the whole
+state stream (f_s = 333 Hz) where the paper has the 50 Hz ticks; of all short stretches only the tenth counts in which
+the set-points moved least; and over those, the median power is taken, so that single impacts do not count.
+
+Source: the paper, section on observation noise.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import scipy.signal
+import yaml
+from numpy.typing import NDArray
+
+from spot_model.errors import BadInputError
+from spot_model.policy.observation import OBSERVATION_LAYOUT, build_observation
+from spot_model.robot import facts
+from trainer.sysid.logs.logged_run import LoggedRun
+
+Array = NDArray[np.float64]
+
+STATE_RATE_HZ: Final = 1e9 / facts.STATE_PERIOD_NS
+SEGMENT: Final = 64
+"""Samples of a stretch, 0.19 s of the state stream."""
+QUIET_SHARE: Final = 0.1
+"""Share of the stretches that count, those with the least movement of set-points."""
+MIN_QUIET: Final = 50
+"""At least so many stretches count, where there are as many."""
+NOISY_BLOCKS: Final = tuple(name for name, _ in OBSERVATION_LAYOUT if name not in ("velocity_command", "last_action"))
+
+
+@dataclass(frozen=True)
+class ObservationNoise:
+    """White noise on the observation, and on the measured load beside it."""
+
+    sigma: Array
+    """Standard deviations, shape (48,), in the layout of the observation, canonical joint order; 0 for the command and
+    the last action, which have no sensor.
+    """
+    load_nm: Array
+    """Shape (12,); NaN where a log has no measured load."""
+    n_stretches: int
+
+    def block(self, name: str) -> Array:
+        """The part of ``sigma`` that belongs to a block of the observation's layout."""
+        start = 0
+        for block, size in OBSERVATION_LAYOUT:
+            if block == name:
+                return self.sigma[start : start + size]
+            start += size
+        raise KeyError(name)
+
+    def trainer_data(self) -> dict[str, Any]:
+        """The keys of a training config's ``task.noise``; one value for all joints, the root of the mean square."""
+
+        def three(name: str) -> list[float]:
+            return [float(f"{v:.4g}") for v in self.block(name)]
+
+        def one(name: str) -> float:
+            return float(f"{np.sqrt(np.mean(self.block(name) ** 2)):.4g}")
+
+        return {
+            "linear_vel_m_s": three("linear_vel_of_body_in_body_m_s"),
+            "angular_vel_rad_s": three("angular_vel_of_body_in_body_rad_s"),
+            "gravity": three("projected_gravity_in_body"),
+            "joint_position_rad": one("joint_position_offset_rad"),
+            "joint_velocity_rad_s": one("joint_velocity_rad_s"),
+        }
+
+    def scenario_data(self) -> dict[str, Any]:
+        """The keys of a fake robot's ``sensors``."""
+        trainer = self.trainer_data()
+
+        def mean(values: Sequence[float]) -> float:
+            return float(f"{math.sqrt(sum(v * v for v in values) / len(values)):.4g}")
+
+        load = {"load_nm": mean(self.load_nm.tolist())} if np.isfinite(self.load_nm).all() else {}
+        return {
+            "position_rad": trainer["joint_position_rad"],
+            "velocity_rad_s": trainer["joint_velocity_rad_s"],
+            **load,
+            "body_velocity_m_s": mean(trainer["linear_vel_m_s"]),
+            "body_angular_velocity_rad_s": mean(trainer["angular_vel_rad_s"]),
+            "attitude_rad": mean(trainer["gravity"][:2]),
+        }
+
+
+def noise_sigma(signal: Array, rate_hz: float, *, segment: int = SEGMENT) -> Array:
+    """Standard deviation of the white noise in a signal.
+
+    Args:
+        signal: Shape (n, ...), evenly sampled, any unit.
+        rate_hz: Sampling rate.
+        segment: Samples of a stretch; stretches overlap by half.
+
+    Returns:
+        Shape (...), the signal's unit.
+
+    Raises:
+        ValueError: The signal is shorter than one stretch.
+    """
+    return _sigma_of_power(_stretch_power(signal, segment), rate_hz, segment)
+
+
+def observation_noise(runs: Sequence[LoggedRun]) -> ObservationNoise:
+    """Estimate the noise of every observation feature from all runs together.
+
+    Raises:
+        BadInputError: No run has an unbroken stretch that is long enough.
+    """
+    powers, movements = [], []
+    for run in runs:
+        setpoint = _setpoint(run)
+        for piece in _unbroken(run):
+            powers.append(_stretch_power(_signals(run, piece), SEGMENT))
+            movements.append(_stretch_power(setpoint[piece], SEGMENT).sum(axis=(1, 2)))
+    if not powers:
+        raise BadInputError(
+            f"noise: no log has {SEGMENT} states in a row, {facts.STATE_PERIOD_NS * 1e-6:g} ms apart; give a whole log"
+        )
+    power, movement = np.concatenate(powers), np.concatenate(movements)
+    n_quiet = min(len(power), max(MIN_QUIET, round(QUIET_SHARE * len(power))))
+    quiet = np.argsort(movement, kind="stable")[:n_quiet]
+    sigma = _sigma_of_power(power[quiet], STATE_RATE_HZ, SEGMENT)
+    sigma[~np.logical_and.reduce([_is_measured(run) for run in runs])] = np.nan
+    return ObservationNoise(sigma=sigma[:48], load_nm=sigma[48:], n_stretches=n_quiet)
+
+
+def write_noise(noise: ObservationNoise, path: Path) -> None:
+    """Write what a training config takes under ``task.noise`` and a scenario under ``sensors``; refuses to overwrite.
+
+    Raises:
+        BadInputError: The file exists.
+    """
+    if path.exists():
+        raise BadInputError(f"noise file {path} exists; choose another folder")
+    data = {"task": {"noise": noise.trainer_data()}, "sensors": noise.scenario_data()}
+    path.write_text(yaml.safe_dump(data, sort_keys=False), encoding="utf-8")
+
+
+def _signals(run: LoggedRun, piece: slice) -> Array:
+    s = run.states
+    n = len(s.robot_stamp_ns[piece])
+    observation = build_observation(
+        world_from_body_wxyz=s.odom_from_body_wxyz[piece],
+        linear_vel_of_body_in_world_m_s=s.linear_vel_of_body_in_odom_m_s[piece],
+        angular_vel_of_body_in_world_rad_s=s.angular_vel_of_body_in_odom_rad_s[piece],
+        velocity_command=np.zeros((n, 3)),
+        position_rad=s.position_rad[piece],
+        velocity_rad_s=s.velocity_rad_s[piece],
+        last_action=np.zeros((n, facts.N_JOINTS)),
+        default_position_rad=facts.DEFAULT_POSITION_RAD,
+    )
+    return np.concatenate([np.asarray(observation), np.nan_to_num(s.load_nm[piece])], axis=1)
+
+
+def _is_measured(run: LoggedRun) -> NDArray[np.bool_]:
+    """Whether a run has values of each signal, shape (60,); only the load may be missing."""
+    return np.concatenate([np.ones(48, dtype=np.bool_), np.isfinite(run.states.load_nm).all(axis=0)])
+
+
+def _unbroken(run: LoggedRun) -> list[slice]:
+    stamps = run.states.robot_stamp_ns
+    breaks = np.flatnonzero(np.diff(stamps) != facts.STATE_PERIOD_NS) + 1
+    edges = [0, *breaks.tolist(), len(stamps)]
+    return [slice(a, b) for a, b in pairwise(edges) if b - a >= SEGMENT]
+
+
+def _stretch_power(signal: Array, segment: int) -> Array:
+    """Power of each stretch at each frequency, so that white noise has the mean σ². Shape (n_stretches, n_f, ...)."""
+    if len(signal) < segment:
+        raise ValueError(f"the signal has {len(signal)} samples; at least {segment} are needed")
+    starts = range(0, len(signal) - segment + 1, segment // 2)
+    window = scipy.signal.windows.blackmanharris(segment, sym=False)
+    shape = (segment,) + (1,) * (signal.ndim - 1)
+    stretches = np.stack([scipy.signal.detrend(signal[i : i + segment], axis=0) for i in starts])
+    spectrum = np.fft.rfft(stretches * window.reshape(shape), axis=1)
+    return np.asarray(np.abs(spectrum) ** 2 / np.sum(window**2))
+
+
+def _sigma_of_power(power: Array, rate_hz: float, segment: int) -> Array:
+    frequency = np.fft.rfftfreq(segment, 1.0 / rate_hz)
+    # The last bin is real where the others are complex: its power is distributed otherwise.
+    upper = (frequency >= rate_hz / 4.0) & (np.arange(len(frequency)) < segment // 2)
+    # Over stretches, white noise's power is distributed exponentially, with its median ln 2 times its mean.
+    typical = np.median(power[:, upper], axis=0) / math.log(2.0)
+    weight = frequency[upper] ** 2
+    return np.asarray(np.sqrt(np.tensordot(weight, typical, axes=(0, 0)) / weight.sum()))
+
+
+def _setpoint(run: LoggedRun) -> Array:
+    """Set-points at each state, shape (m, 12); where the log lacks the command, the measured position."""
+    keys = run.commands.key
+    if not len(keys):
+        return run.states.position_rad
+    index = np.minimum(np.searchsorted(keys, run.states.last_command_key), len(keys) - 1)
+    known = keys[index] == run.states.last_command_key
+    return np.where(known[:, None], run.commands.position_rad[index], run.states.position_rad)

@@ -1,0 +1,229 @@
+"""From log files to runs: what is sound is kept, what is not is cut or left out, and both are said in words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from spot_log import Run, read_run
+from spot_model.errors import BadInputError, SpotRlError
+from spot_model.policy.contract import PolicyContract
+from spot_model.policy.policy import Policy
+from spot_model.robot import facts
+from spot_runtime.control.stops import Reaction, StopReason
+from trainer.sysid.logs.logged_run import Commands, LoggedRun, States, Ticks
+
+MODE: Final = "active"
+"""Mode of the ticks in which the policy follows the velocity command."""
+INCIDENTS: Final = "incidents"
+"""Folder of recordings that runs leave beside their logs when something goes wrong."""
+MIN_TICKS: Final = 250
+"""A run shorter than 5 s says too little."""
+FALL_GRAVITY_Z: Final = -0.5
+"""A body that leans by more than 60° has fallen."""
+FALL_MARGIN_S: Final = 0.5
+"""What comes so shortly before a fall is cut as well."""
+SUDDEN_ENDS: Final = frozenset(r.label for r in StopReason if r.reaction in {Reaction.DAMP, Reaction.EXPIRE})
+"""Outcomes of runs that ended in trouble: a robot that tilts too far is falling already."""
+SAME_LENGTH: Final = 0.9
+"""A run shorter than this share of the longest of its sequence is not compared with it."""
+SAME_COMMAND: Final = 0.05
+"""Mean difference of the velocity commands (m/s, rad/s) up to which two runs count as repeats."""
+
+
+@dataclass(frozen=True)
+class LogSet:
+    """What was read."""
+
+    runs: tuple[LoggedRun, ...]
+    """Runs whose torques, noise and delays are used."""
+    compared: tuple[LoggedRun, ...]
+    """Those of them that are also compared as whole runs of their sequence."""
+    warnings: tuple[str, ...]
+    """A sentence each: what was cut, left out or is missing, and what that costs."""
+
+
+def read_logs(paths: Sequence[Path], policy: Policy) -> LogSet:
+    """Read logs of one policy, from files or folders of files.
+
+    Raises:
+        BadInputError: Nothing usable is left; the message says why for each file.
+    """
+    files = _files(paths)
+    runs: list[LoggedRun] = []
+    warnings: list[str] = []
+    for path in files:
+        try:
+            run = run_from_log(read_run(path), policy)
+        except (SpotRlError, OSError) as error:
+            warnings.append(f"{path}: left out: {error}")
+            continue
+        runs.append(run)
+        warnings.extend(f"{path}: {note}" for note in run.notes)
+    if not runs:
+        raise BadInputError("no log can be used:\n" + "\n".join(f"  {w}" for w in warnings))
+    compared, more = choose_compared(runs)
+    if not compared:
+        raise BadInputError("no log was made at the policy's own gains:\n" + "\n".join(f"  {w}" for w in warnings))
+    return LogSet(tuple(runs), compared, tuple(warnings + more))
+
+
+def run_from_log(run: Run, policy: Policy) -> LoggedRun:
+    """The stretch of a log in which the policy was active, up to a fall.
+
+    Raises:
+        BadInputError: The log is of another robot or policy, or too short; the message says which.
+    """
+    header = run.header
+    if header.joint_names != facts.JOINT_NAMES:
+        raise BadInputError(f"the log's joints are {', '.join(header.joint_names)}; identification knows Spot's twelve")
+    has_policy_gains = header.policy_sha256 == policy.sha256
+    if not has_policy_gains and not _is_same_network(header.policy_contract_json, policy):
+        theirs = f"{header.policy_name or 'without a name'} (sha256 {header.policy_sha256[:12] or 'none'}…)"
+        raise BadInputError(
+            f"it was made with policy {theirs}, not with {policy.contract.name} ({policy.sha256[:12]}…); give that "
+            "policy's file or leave the log out"
+        )
+    ticks, notes = run.ticks, list(run.damage)
+    if not has_policy_gains:
+        notes.append(
+            f"made at other gains ({header.policy_name}); its torques are used, but it is not compared as a run"
+        )
+    good = (ticks.mode == MODE) & np.isfinite(ticks.observation).all(axis=1) & np.isfinite(ticks.action).all(axis=1)
+    rows = np.flatnonzero(good)
+    fallen = np.flatnonzero(ticks.observation[rows, 8] > FALL_GRAVITY_Z)
+    if len(fallen):
+        margin = round(FALL_MARGIN_S * policy.contract.rate_hz)
+        end = max(0, int(fallen[0]) - margin)
+        notes.append(
+            f"the robot fell after {fallen[0] / policy.contract.rate_hz:.1f} s of the sequence; used up to "
+            f"{FALL_MARGIN_S:g} s before"
+        )
+        rows = rows[:end]
+    elif run.outcome in SUDDEN_ENDS:
+        notes.append(f"the run ended with {run.outcome}; used up to {FALL_MARGIN_S:g} s before")
+        rows = rows[: max(0, len(rows) - round(FALL_MARGIN_S * policy.contract.rate_hz))]
+    if len(rows) < MIN_TICKS:
+        raise BadInputError(
+            f"it has {len(rows)} ticks of the policy ({len(rows) / policy.contract.rate_hz:.1f} s); at least "
+            f"{MIN_TICKS} are needed" + (f" ({'; '.join(notes)})" if notes else "")
+        )
+    if run.outcome not in {"completed", *SUDDEN_ENDS} and not len(fallen):
+        notes.append(f"the run did not end as planned ({run.outcome}); used {len(rows)} ticks")
+    lost = int(ticks.skipped[rows].sum())
+    if lost:
+        notes.append(f"{lost} of {len(rows)} ticks were skipped; the simulation has none such")
+    begin_ns, end_ns = int(ticks.robot_stamp_ns[rows[0]]), int(ticks.robot_stamp_ns[rows[-1]])
+    states = _states(run, begin_ns, end_ns)
+    if not np.isfinite(states.load_nm).any():
+        notes.append("it has no measured load; limits and friction are searched by distributions alone")
+    return LoggedRun(
+        source=str(run.path),
+        sequence=header.command_sequence or "unnamed",
+        repeat=header.repeat,
+        policy_sha256=header.policy_sha256,
+        ticks=Ticks(
+            robot_stamp_ns=ticks.robot_stamp_ns[rows],
+            observation=ticks.observation[rows],
+            action=ticks.action[rows],
+            velocity_command=ticks.velocity_command[rows],
+        ),
+        commands=_commands(run),
+        states=states,
+        notes=tuple(notes),
+        labels=run.labels,
+        has_policy_gains=has_policy_gains,
+    )
+
+
+def choose_compared(runs: Sequence[LoggedRun]) -> tuple[tuple[LoggedRun, ...], list[str]]:
+    """Runs that can be compared as whole runs of their sequence, cut to one length, and a word on the others."""
+    chosen: list[LoggedRun] = []
+    warnings: list[str] = []
+    candidates = [run for run in runs if run.has_policy_gains]
+    for name in sorted({run.sequence for run in candidates}):
+        group = [run for run in candidates if run.sequence == name]
+        longest = max(len(run.ticks.action) for run in group)
+        whole = [run for run in group if len(run.ticks.action) >= SAME_LENGTH * longest]
+        warnings.extend(
+            f"{run.source}: {len(run.ticks.action)} of {longest} ticks of sequence {name}; its torques are used, "
+            "but it is not compared as a run"
+            for run in group
+            if run not in whole
+        )
+        length = min(len(run.ticks.action) for run in whole)
+        first = whole[0].ticks.velocity_command[:length]
+        same = [r for r in whole if np.abs(r.ticks.velocity_command[:length] - first).mean() <= SAME_COMMAND]
+        if len(same) < len(whole):
+            others = ", ".join(run.source for run in whole if run not in same)
+            warnings.append(f"sequence {name}: {others} had other velocity commands than the first run; not compared")
+        if len(same) == 1:
+            warnings.append(
+                f"sequence {name} has one run: there is no real-versus-real floor and no interval from its "
+                "distributions; record at least two, better five repeats"
+            )
+        chosen.extend(_cut(run, length) for run in same)
+    return tuple(chosen), warnings
+
+
+def _cut(run: LoggedRun, n_ticks: int) -> LoggedRun:
+    t = run.ticks
+    ticks = Ticks(t.robot_stamp_ns[:n_ticks], t.observation[:n_ticks], t.action[:n_ticks], t.velocity_command[:n_ticks])
+    return replace(run, ticks=ticks)
+
+
+def _is_same_network(contract_json: str, policy: Policy) -> bool:
+    """Whether a log's policy differs from this one in its gains alone: the stored pair tells."""
+    try:
+        contract = PolicyContract.from_json(contract_json)
+    except ValueError:
+        return False
+    ours = policy.contract
+    return contract.stored_pair == ours.stored_pair and contract.joint_names == ours.joint_names
+
+
+def _files(paths: Sequence[Path]) -> list[Path]:
+    files: list[Path] = []
+    for path in paths:
+        # An incident's recording repeats the end of the log beside it.
+        inside = [p for p in sorted(path.rglob("*.mcap")) if INCIDENTS not in p.relative_to(path).parts[:-1]]
+        found = inside if path.is_dir() else [path]
+        if not found:
+            raise BadInputError(f"folder {path} has no .mcap file; give logs of 'spot-rl collect' or 'spot-rl run'")
+        files.extend(f for f in found if f not in files)
+    return files
+
+
+def _commands(run: Run) -> Commands:
+    c = run.commands
+    order = np.argsort(c.key, kind="stable")
+    return Commands(
+        key=c.key[order],
+        robot_stamp_ns=c.robot_stamp_ns[order],
+        state_robot_stamp_ns=c.state_robot_stamp_ns[order],
+        position_rad=c.position_rad[order],
+        kp_nm_per_rad=c.kp_nm_per_rad[order],
+        kd_nm_s_per_rad=c.kd_nm_s_per_rad[order],
+    )
+
+
+def _states(run: Run, begin_ns: int, end_ns: int) -> States:
+    s = run.states
+    _, unique = np.unique(s.robot_stamp_ns, return_index=True)
+    stamps = s.robot_stamp_ns[unique]
+    rows = unique[(stamps >= begin_ns) & (stamps <= end_ns)]
+    return States(
+        robot_stamp_ns=s.robot_stamp_ns[rows],
+        position_rad=s.position_rad[rows],
+        velocity_rad_s=s.velocity_rad_s[rows],
+        load_nm=s.load_nm[rows],
+        odom_from_body_wxyz=s.odom_from_body_wxyz[rows],
+        linear_vel_of_body_in_odom_m_s=s.linear_vel_of_body_in_odom_m_s[rows],
+        angular_vel_of_body_in_odom_rad_s=s.angular_vel_of_body_in_odom_rad_s[rows],
+        last_command_key=s.last_command_key[rows],
+        last_command_robot_stamp_ns=s.last_command_robot_stamp_ns[rows],
+    )

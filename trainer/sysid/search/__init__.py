@@ -1,0 +1,1 @@
+"""The search over parameters by CMA-ES."""

@@ -1,0 +1,184 @@
+"""The configuration of an identification: what is searched, from where, how long, and how it is simulated."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Final, Literal
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from spot_model.errors import BadInputError
+from spot_model.io.model_file import load_model
+from spot_model.io.validation import explain
+from spot_model.robot import facts
+from trainer.sysid.search.space import SearchParameter, SearchSpace, find_parameter
+
+SCHEMA: Final = "spot-rl/sysid/1"
+
+CONTACT_CHOICES_S: Final = (0.0075, 0.01, 0.0125, 0.016, 0.02, 0.025)
+"""Contact time constants that are tried, stiff to soft; MuJoCo's default is 0.02 s."""
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, populate_by_name=True)
+
+
+class ParameterConfig(_Part):
+    """One searched parameter: an effect of the model, its joints, the parameter, and the bounds of the search."""
+
+    effect: str
+    joints: tuple[str, ...] = ("all",)
+    parameter: str
+    initial: float
+    low: float
+    high: float
+    fraction_of: str = ""
+    """Search this parameter as a share (0 to 1) of another one of the same effect that is searched too."""
+
+
+def _paper_parameters() -> tuple[ParameterConfig, ...]:
+    start = facts.PAPER_INITIAL
+
+    def curve(parameter: str, initial: float, low: float, high: float, fraction_of: str = "") -> ParameterConfig:
+        return ParameterConfig(
+            effect="torque_speed_curve",
+            joints=("knees",),
+            parameter=parameter,
+            initial=initial,
+            low=low,
+            high=high,
+            fraction_of=fraction_of,
+        )
+
+    def friction(joints: str, initial: float) -> ParameterConfig:
+        return ParameterConfig(
+            effect="coulomb_friction", joints=(joints,), parameter="level_nm", initial=initial, low=0.0, high=1.5
+        )
+
+    return (
+        friction("hips", start.hip_friction_nm),
+        friction("knees", start.knee_friction_nm),
+        curve("torque_max_nm", start.torque_max_nm, 20.0, 160.0),
+        curve("torque_min_nm", start.torque_min_nm, -160.0, -20.0),
+        curve("speed_max_rad_s", start.speed_max_rad_s, 8.0, 40.0),
+        curve("speed_min_rad_s", start.speed_min_rad_s, -40.0, -8.0),
+        curve("intersect_max_rad_s", start.intersect_max_rad_s, 0.0, 40.0, fraction_of="speed_max_rad_s"),
+        curve("intersect_min_rad_s", start.intersect_min_rad_s, -40.0, 0.0, fraction_of="speed_min_rad_s"),
+    )
+
+
+class SearchConfig(_Part):
+    """CMA-ES. Defaults: the paper's 100 iterations of 10 samples."""
+
+    generations: int = Field(default=100, ge=1, le=100_000)
+    population: int = Field(default=10, ge=4, le=10_000)
+    sigma: float = Field(default=0.2, gt=0.0, le=1.0)
+    """Initial standard deviation as a share of each parameter's bounds."""
+    seed: int = Field(default=0, ge=0)
+
+
+class SimulationConfig(_Part):
+    """How a candidate is simulated."""
+
+    robots_per_sequence: int = Field(default=1, ge=1, le=64)
+    """Simulated robots a command sequence, started as that many of its real runs were."""
+    final_robots_per_sequence: int = Field(default=5, ge=1, le=64)
+    """The same for the scores that the result states: a single run of a running robot is one draw of many."""
+    timestep_s: float = Field(default=0.002, gt=0.0, le=0.005)
+    """Physics step: short enough that contacts as stiff as a floor's, and delays of a few steps, come out right."""
+    foot_friction: float = Field(default=0.8, gt=0.0, le=2.0)
+    contact_time_constant_s: float | None = Field(default=None, gt=0.0, le=0.1)
+    """MuJoCo's contact time constant; none: the one of :data:`CONTACT_CHOICES_S` with the best score is taken before
+    the search.
+    """
+    sensor_noise: bool = False
+    """Whether the simulated policy sees noise of the logs' own size; the paper's simulated data has none."""
+    measured_delay: bool = True
+    """Whether the model's command delay is set to the median that the logs show, from state to servo."""
+    measured_inertia: bool = True
+    """Whether the reflected inertia that the logged torques show is put into the model; the paper's model has none."""
+
+
+class SysidConfig(_Part):
+    """A whole identification."""
+
+    schema_name: Literal["spot-rl/sysid/1"] = Field(default=SCHEMA, alias="schema")
+    model: str = "paper_initial"
+    """The nominal model: a built-in name or a model file; it must hold every effect that is searched."""
+    parameters: tuple[ParameterConfig, ...] = Field(default_factory=_paper_parameters, min_length=1)
+    search: SearchConfig = SearchConfig()
+    simulation: SimulationConfig = SimulationConfig()
+    sequence_weights: dict[str, float] = Field(default_factory=dict)
+    """Weight of a command sequence in the score; 1 where it is not named."""
+
+    def space(self) -> SearchSpace:
+        """The search space.
+
+        Raises:
+            BadInputError: A parameter is not in the model, twice in the list, or its bounds do not fit.
+        """
+        model = load_model(self.model)
+        parameters = []
+        for number, entry in enumerate(self.parameters):
+            where = f"parameters.{number}"
+            try:
+                index, declared = find_parameter(model, entry.effect, entry.joints, entry.parameter)
+            except BadInputError as error:
+                raise BadInputError(f"{where}: {error}") from error
+            _check_bounds(where, entry, declared.low, declared.high, self.parameters)
+            parameters.append(SearchParameter(effect_index=index, unit=declared.unit, **entry.model_dump()))
+        space = SearchSpace(model, tuple(parameters))
+        twice = {name for name in space.names if space.names.count(name) > 1}
+        if twice:
+            raise BadInputError(f"parameters: {', '.join(sorted(twice))} stands there twice; name it once")
+        return space
+
+
+def config_from_data(data: Any, *, source: str) -> SysidConfig:
+    """Check plain data.
+
+    Raises:
+        BadInputError: A key or a value is not allowed; the message names it.
+    """
+    try:
+        return SysidConfig.model_validate(data)
+    except ValidationError as error:
+        raise BadInputError(f"{source}:\n{explain(error)}") from error
+
+
+def load_config(path: Path) -> SysidConfig:
+    """Read a configuration from YAML.
+
+    Raises:
+        BadInputError: The file cannot be read, or is not valid.
+    """
+    try:
+        data = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise BadInputError(f"config {path} cannot be read: {error.strerror}; give a YAML file") from error
+    except (UnicodeDecodeError, yaml.YAMLError) as error:
+        raise BadInputError(f"config {path} is no YAML: {error}") from error
+    return config_from_data(data if data is not None else {}, source=f"config {path}")
+
+
+def _check_bounds(
+    where: str, entry: ParameterConfig, low: float, high: float, others: tuple[ParameterConfig, ...]
+) -> None:
+    if not entry.low < entry.high:
+        raise BadInputError(f"{where}: low = {entry.low:g} and high = {entry.high:g}; low must be below high")
+    if entry.low < low or entry.high > high:
+        raise BadInputError(
+            f"{where}: bounds {entry.low:g} to {entry.high:g}; "
+            f"{entry.effect}.{entry.parameter} allows {low:g} to {high:g}"
+        )
+    if not entry.low <= entry.initial <= entry.high:
+        raise BadInputError(f"{where}: initial = {entry.initial:g}; allowed: {entry.low:g} to {entry.high:g}")
+    if entry.fraction_of:
+        same = [o for o in others if o.effect == entry.effect and o.joints == entry.joints and not o.fraction_of]
+        if entry.fraction_of not in [o.parameter for o in same]:
+            allowed = ", ".join(o.parameter for o in same) or "none"
+            raise BadInputError(
+                f"{where}: fraction_of = {entry.fraction_of!r}; allowed: another searched parameter of "
+                f"{entry.effect} on the same joints: {allowed}"
+            )

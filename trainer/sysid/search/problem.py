@@ -1,0 +1,172 @@
+"""One identification as data that can be sent to another process, and its evaluation for candidate values."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot_model.policy.policy import Policy, policy_from_bytes
+from trainer.sysid.distance.features import features_of_observations
+from trainer.sysid.distance.measures import SequenceReference, score_of_distances
+from trainer.sysid.logs.logged_run import LoggedRun
+from trainer.sysid.search.space import SearchSpace
+from trainer.sysid.simulation.rollout import RolloutCase, RolloutOptions, Rollouts, roll_out
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class CandidateResult:
+    """What one candidate's simulations gave."""
+
+    distances: tuple[Array, ...]
+    """For each sequence, shape (n_simulated, n_real, 2); NaN where a simulation diverged."""
+    fallen_share: float
+    """Share of its simulated runs that fell."""
+
+    def to_data(self) -> dict[str, Any]:
+        """Plain data for JSON; NaN becomes null."""
+        lists = [[[[_or_null(x) for x in pair] for pair in row] for row in d.tolist()] for d in self.distances]
+        return {"distances": lists, "fallen_share": self.fallen_share}
+
+    @staticmethod
+    def from_data(data: dict[str, Any]) -> CandidateResult:
+        """The inverse of :meth:`to_data`, bit for bit."""
+        return CandidateResult(tuple(np.array(d, dtype=np.float64) for d in data["distances"]), data["fallen_share"])
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is searched, what it is compared with, and how it is simulated."""
+
+    space: SearchSpace
+    policy_bytes: bytes
+    cases: tuple[tuple[RolloutCase, ...], ...]
+    """For each sequence, one case a simulated robot."""
+    references: tuple[SequenceReference, ...]
+    sequence_weights: tuple[float, ...]
+    """For each sequence, sum 1."""
+    options: RolloutOptions
+
+    @cached_property
+    def policy(self) -> Policy:
+        """The policy that ran on the robot."""
+        return policy_from_bytes(self.policy_bytes, source="policy")
+
+    def __getstate__(self) -> dict[str, Any]:
+        # An inference session cannot travel to another process; it is loaded anew there.
+        return {key: value for key, value in self.__dict__.items() if key != "policy"}
+
+    def digest(self) -> str:
+        """SHA-256 of all that decides a result, hexadecimal."""
+        h = hashlib.sha256(self.policy_bytes)
+        h.update(repr((self.space.model.to_data(), self.space.parameters, self.sequence_weights)).encode())
+        o = self.options
+        h.update(repr((o.timestep_s, o.foot_friction, o.contact_time_constant_s)).encode())
+        for cases, reference in zip(self.cases, self.references, strict=True):
+            for case in cases:
+                start = case.start
+                for array in (start.position_rad, start.velocity_rad_s, start.world_from_body_wxyz):
+                    h.update(np.ascontiguousarray(array).tobytes())
+                h.update(np.ascontiguousarray(case.velocity_command).tobytes())
+                h.update(b"" if case.observation_noise is None else case.observation_noise.tobytes())
+            for run in reference.real:
+                h.update(np.ascontiguousarray(run.sorted_features).tobytes())
+        return h.hexdigest()
+
+    def simulate(self, values: Array) -> Rollouts:
+        """Roll out candidates, shape (k, n_parameters); cases of all sequences in order."""
+        flat = [case for cases in self.cases for case in cases]
+        return roll_out(self.space.effects(values, len(flat)), len(values), flat, self.policy, self.options)
+
+    def evaluate(self, values: Array) -> list[CandidateResult]:
+        """Simulate and measure candidates, shape (k, n_parameters), physical values."""
+        rollouts = self.simulate(values)
+        return [self._result(rollouts, k) for k in range(len(values))]
+
+    def score(self, result: CandidateResult, real_weights: Sequence[Array] | None = None) -> float:
+        """One number: 1 at the real-versus-real floor; infinite where a simulation diverged.
+
+        Args:
+            result: Of one candidate.
+            real_weights: For each sequence the weights of its real runs; equal by default.
+        """
+        total = 0.0
+        for i, (distances, reference, weight) in enumerate(
+            zip(result.distances, self.references, self.sequence_weights, strict=True)
+        ):
+            runs = None if real_weights is None else real_weights[i]
+            total += weight * float(score_of_distances(distances, reference.scale, runs))
+        return total if np.isfinite(total) else float("inf")
+
+    def _result(self, rollouts: Rollouts, candidate: int) -> CandidateResult:
+        distances, first = [], 0
+        for cases, reference in zip(self.cases, self.references, strict=True):
+            rows = []
+            for offset, case in enumerate(cases):
+                features = rollouts.features[candidate, first + offset, : len(case.velocity_command)]
+                rows.append(reference.distances(features))
+            distances.append(np.array(rows))
+            first += len(cases)
+        n_ticks = rollouts.features.shape[2]
+        fallen = float(np.mean(rollouts.fallen_tick[candidate] < n_ticks))
+        return CandidateResult(tuple(distances), fallen)
+
+
+def _or_null(value: float) -> float | None:
+    return value if np.isfinite(value) else None
+
+
+def build_problem(
+    space: SearchSpace,
+    policy_bytes: bytes,
+    runs: Sequence[LoggedRun],
+    options: RolloutOptions,
+    *,
+    robots_per_sequence: int,
+    weights: dict[str, float],
+    noise_sigma: Array | None = None,
+    seed: int = 0,
+) -> Problem:
+    """Group runs by command sequence, in order of their names, and prepare all that an evaluation needs.
+
+    Args:
+        space: What is searched.
+        policy_bytes: The policy's ONNX file.
+        runs: Real runs, all of that policy.
+        options: How to simulate.
+        robots_per_sequence: Simulated robots a sequence; they start as its real runs did.
+        weights: Weight of a sequence by name, 1 where absent.
+        noise_sigma: Observation noise that simulated policies see, shape (48,), or None.
+        seed: Seed of that noise and of the measures' random features.
+    """
+    policy = policy_from_bytes(policy_bytes, source="policy")
+    names = sorted({run.sequence for run in runs})
+    rng = np.random.default_rng(seed)
+    cases, references = [], []
+    for name in names:
+        group = sorted((run for run in runs if run.sequence == name), key=lambda run: run.repeat)
+        features = [features_of_observations(r.ticks.observation, r.ticks.action, policy) for r in group]
+        references.append(SequenceReference.build(name, features, seed))
+        sequence_cases = []
+        for i in range(robots_per_sequence):
+            run = group[i % len(group)]
+            n = len(run.ticks.velocity_command)
+            noise = None if noise_sigma is None else (noise_sigma * rng.standard_normal((n, 48))).astype(np.float32)
+            sequence_cases.append(RolloutCase(name, run.start(), run.ticks.velocity_command, noise))
+        cases.append(tuple(sequence_cases))
+    raw = np.array([weights.get(name, 1.0) for name in names])
+    return Problem(
+        space=space,
+        policy_bytes=policy_bytes,
+        cases=tuple(cases),
+        references=tuple(references),
+        sequence_weights=tuple(float(w) for w in raw / raw.sum()),
+        options=options,
+    )

@@ -1,0 +1,1 @@
+"""Simulated runs to compare with the logs."""

@@ -1,0 +1,1 @@
+"""Fit of the actuator model to commanded and measured torque."""

@@ -1,0 +1,202 @@
+"""Predicted load at a sample: servo law, the model's torque effects, and what friction and inertia take away."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot_model.effects.base import Motion, TorqueEffect
+from spot_model.effects.drive.armature import Armature
+from spot_model.effects.drive.coulomb_friction import CoulombFriction
+from spot_model.effects.drive.viscous_friction import ViscousFriction
+from spot_model.robot import facts
+from spot_model.robot.joints import select_joints
+from trainer.sysid.search.space import SearchSpace
+from trainer.sysid.torque.samples import TorqueSamples
+
+Array = NDArray[np.float64]
+
+NUISANCE_NAMES: Final = (
+    "time offset",
+    "hip viscosity",
+    "knee viscosity",
+    "hip inertia",
+    "knee inertia",
+    "hip friction while turning",
+    "knee friction while turning",
+)
+"""Numbers that are fitted beside the searched ones, so that what the model lacks does not bend them."""
+
+NUISANCE_SCALE: Final = np.array([1e-3, 0.1, 0.1, 0.02, 0.02, 0.1, 0.1])
+"""Their usual sizes: s, then twice each N·m·s/rad, kg·m², N·m."""
+
+UNIT_STEP: Final = 1e-4
+"""Step of numerical slopes in the unit cube."""
+MIN_SPEED_RAD_S: Final = 0.3
+"""A slower joint may stick: its friction has no known size, and none is predicted."""
+TURNING_TIME_S: Final = 0.03
+"""A joint that at its present acceleration would come to rest sooner is turning: the same holds for it."""
+STEADY_RAD_S2: Final = 60.0
+"""So does it for a joint that accelerates more than this, whose inertia outweighs its friction by far."""
+
+
+@dataclass(frozen=True)
+class TorqueModel:
+    """Predicts load for values of a search space's parameters."""
+
+    space: SearchSpace
+
+    @cached_property
+    def covered(self) -> NDArray[np.bool_]:
+        """Which parameters this prediction depends on by its form, shape (n,).
+
+        An effect that carries something from one step to the next is not among them: samples stand alone here.
+        """
+        effects = self.space.model.effects
+        losses = (CoulombFriction, ViscousFriction, Armature)
+        indices = [p.effect_index for p in self.space.parameters]
+        return np.array([isinstance(effects[i], losses) or i in self.torque_effects for i in indices])
+
+    @cached_property
+    def torque_effects(self) -> frozenset[int]:
+        """Which effects of the model act on single samples of torque."""
+        effects = enumerate(self.space.model.effects)
+        return frozenset(i for i, e in effects if isinstance(e, TorqueEffect) and is_memoryless(e))
+
+    def load_nm(self, samples: TorqueSamples, values: Array, nuisance: Array) -> Array:
+        """Predicted load.
+
+        Args:
+            samples: n rows.
+            values: Parameters of the search space. Shape (n_parameters,).
+            nuisance: In the order of :data:`NUISANCE_NAMES`. The time offset is how much earlier than the sampled
+                motion the torque was made; it then acted until the sample.
+
+        Returns:
+            Shape (n, 12), N·m.
+        """
+        motion = shifted_motion(samples, nuisance[0])
+        viscosity, level = _by_joint(nuisance[1], nuisance[2]), np.zeros(facts.N_JOINTS)
+        for effect in self.space.effects(values[None, :]):
+            if isinstance(effect, CoulombFriction):
+                level = level + np.ravel(effect.level_nm)[0] * effect.mask
+            elif isinstance(effect, ViscousFriction):
+                viscosity = viscosity + np.ravel(effect.damping_nm_s_per_rad)[0] * effect.mask
+        inertia = self.inertia_kg_m2(values, nuisance)
+        steady = friction_direction(motion.velocity_rad_s, samples.acceleration_rad_s2)
+        turning = np.sign(motion.velocity_rad_s) - steady
+        friction = level * steady + _by_joint(nuisance[5], nuisance[6]) * turning
+        losses = friction + viscosity * motion.velocity_rad_s + inertia * step_acceleration(samples, nuisance[0])
+        return np.asarray(self.motor_torque_nm(samples, values, motion) - losses)
+
+    def motor_torque_nm(self, samples: TorqueSamples, values: Array, motion: Motion) -> Array:
+        """Request after the model's torque effects, shape (n, 12), N·m."""
+        torque = (
+            samples.kp_nm_per_rad * (samples.setpoint_rad - motion.position_rad)
+            - samples.kd_nm_s_per_rad * motion.velocity_rad_s
+        )
+        for i, effect in enumerate(self.space.effects(values[None, :])):
+            if i in self.torque_effects and isinstance(effect, TorqueEffect) and not effect.is_null:
+                ready = effect.arrays_like(torque)
+                torque, _ = ready.apply(torque, motion, ready.start(torque), effect.mask)
+        return np.asarray(torque)
+
+    def jacobian(self, samples: TorqueSamples, unit: Array, nuisance: Array) -> Array:
+        """Slopes of the predicted load.
+
+        Args:
+            samples: n rows.
+            unit: Parameters as a point of the unit cube. Shape (n_parameters,).
+            nuisance: As for :meth:`load_nm`.
+
+        Returns:
+            Shape (n, 12, n_parameters + n_nuisance): by the unit cube's coordinates, then by the nuisance numbers over
+            :data:`NUISANCE_SCALE`.
+        """
+        space = self.space
+        values = space.values_of_unit(unit)
+        motion = shifted_motion(samples, nuisance[0])
+        velocity, acceleration = motion.velocity_rad_s, step_acceleration(samples, nuisance[0])
+        steady = friction_direction(velocity, samples.acceleration_rad_s2)
+        turning = np.sign(velocity) - steady
+        columns = []
+        for i, p in enumerate(space.parameters):
+            effect, width = space.model.effects[p.effect_index], p.high - p.low
+            if isinstance(effect, CoulombFriction):
+                columns.append(-steady * effect.mask * width)
+            elif isinstance(effect, ViscousFriction):
+                columns.append(-velocity * effect.mask * width)
+            elif isinstance(effect, Armature):
+                columns.append(-acceleration * effect.mask * width)
+            elif p.effect_index in self.torque_effects:
+                low, high = unit.copy(), unit.copy()
+                low[i], high[i] = max(0.0, unit[i] - UNIT_STEP), min(1.0, unit[i] + UNIT_STEP)
+                below, above = (self.motor_torque_nm(samples, space.values_of_unit(u), motion) for u in (low, high))
+                columns.append((above - below) / (high[i] - low[i]))
+            else:
+                columns.append(np.zeros_like(velocity))
+        step_s = 1e-2 * NUISANCE_SCALE[0]
+        below, above = (
+            self.motor_torque_nm(samples, values, shifted_motion(samples, nuisance[0] + sign * step_s))
+            for sign in (-1.0, 1.0)
+        )
+        lag = 0.5 * self.inertia_kg_m2(values, nuisance) * samples.jerk_rad_s3
+        columns.append((above - below) / (2.0 * step_s) + lag)
+        hip, knee = _by_joint(1.0, 0.0), _by_joint(0.0, 1.0)
+        columns += [-velocity * hip, -velocity * knee, -acceleration * hip, -acceleration * knee]
+        columns += [-turning * hip, -turning * knee]
+        jacobian = np.stack(columns, axis=-1)
+        jacobian[..., space.n :] *= NUISANCE_SCALE
+        return jacobian
+
+    def inertia_kg_m2(self, values: Array, nuisance: Array) -> Array:
+        """Inertia between motor and torque sensor, shape (12,), kg·m²."""
+        inertia = _by_joint(nuisance[3], nuisance[4])
+        for effect in self.space.effects(values[None, :]):
+            if isinstance(effect, Armature):
+                inertia = inertia + np.ravel(effect.inertia_kg_m2)[0] * effect.mask
+        return inertia
+
+
+def shifted_motion(samples: TorqueSamples, offset_s: float) -> Motion:
+    """The joints' motion ``offset_s`` before the samples, to first order."""
+    return Motion(
+        samples.position_rad - offset_s * samples.velocity_rad_s,
+        samples.velocity_rad_s - offset_s * samples.acceleration_rad_s2,
+        facts.STATE_PERIOD_NS * 1e-9,
+    )
+
+
+def step_acceleration(samples: TorqueSamples, offset_s: float) -> Array:
+    """Mean acceleration while the sampled torque acted, from ``offset_s`` before the sample until then. (n, 12)."""
+    return samples.acceleration_rad_s2 - 0.5 * offset_s * samples.jerk_rad_s3
+
+
+def friction_direction(velocity_rad_s: Array, acceleration_rad_s2: Array) -> Array:
+    """Sign of the velocity where dry friction surely has its full size against it, 0 elsewhere. Any shape.
+
+    Left at 0 are slow joints, and those in an impact or at a reversal, where the friction of a real joint is not
+    fully built up, and where a simulator's friction constraint opposes the impact and not the motion. There the
+    friction has a size of its own, a nuisance.
+    """
+    speed = np.abs(velocity_rad_s)
+    slow_change = np.abs(acceleration_rad_s2) < np.minimum(speed / TURNING_TIME_S, STEADY_RAD_S2)
+    steady = (speed > MIN_SPEED_RAD_S) & slow_change
+    return np.asarray(np.sign(velocity_rad_s) * steady)
+
+
+def is_memoryless(effect: TorqueEffect) -> bool:
+    """Whether an effect hands its memory on unchanged, so that a sample needs nothing from the one before."""
+    probe = np.array([np.full(facts.N_JOINTS, 30.0), np.full(facts.N_JOINTS, -30.0)])
+    ready = effect.arrays_like(probe)
+    memory = ready.start(probe)
+    motion = Motion(np.tile(facts.DEFAULT_POSITION_RAD, (2, 1)), 0.1 * probe, 0.003)
+    return ready.torque(probe, motion, memory)[1] is memory
+
+
+def _by_joint(hip: float, knee: float) -> Array:
+    return np.where(select_joints(("knees",)), knee, hip)

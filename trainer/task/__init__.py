@@ -1,0 +1,1 @@
+"""The locomotion task: observations, rewards, resets, commands."""

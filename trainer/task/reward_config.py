@@ -1,0 +1,61 @@
+"""Weights of the rewards and the numbers inside their formulas."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from trainer.shared.config_base import Config
+
+
+class RewardWeights(Config):
+    """One weight a reward term; each term is weighted, multiplied by the policy period and added up.
+
+    Source: Isaac Lab's released Spot task (BSD-3-Clause) for the defaults; the paper names foot impact and foot
+    distance without weights, so those two are this project's choice.
+    """
+
+    linear_velocity: float = 5.0
+    yaw_rate: float = 5.0
+    air_time: float = 5.0
+    gait: float = 10.0
+    foot_clearance: float = 0.5
+    action_smoothness: float = -1.0
+    air_time_variance: float = -1.0
+    uneven_duty: float = 0.0
+    """Not of the paper: phases that differ by less than a policy period are invisible to air_time_variance."""
+    fall: float = 0.0
+    """Not of the paper. As all weights it is multiplied by the period: -1000 costs 20 a fall."""
+    base_motion: float = -2.0
+    orientation: float = -3.0
+    foot_slip: float = -0.5
+    foot_impact: float = -0.5
+    foot_distance: float = -2.0
+    joint_acceleration: float = -1.0e-4
+    joint_velocity: float = -1.0e-2
+    joint_position: float = -0.7
+    joint_torque: float = -5.0e-4
+
+
+class RewardShape(Config):
+    """The numbers inside the reward formulas; see :mod:`trainer.task.rewards`."""
+
+    linear_velocity_scale_m_s: float = Field(default=1.0, gt=0.0)
+    linear_velocity_ramp_from_m_s: float = Field(default=1.0, ge=0.0)
+    linear_velocity_ramp_s_per_m: float = Field(default=0.5, ge=0.0)
+    yaw_rate_scale_rad_s: float = Field(default=2.0, gt=0.0)
+    swing_time_s: float = Field(default=0.3, gt=0.0)
+    moving_above_m_s: float = Field(default=0.5, ge=0.0)
+    """A robot that was told to stand counts as moving above this speed."""
+    standing_command_below: float = Field(default=0.05, ge=0.0)
+    """A command whose norm over V_x, V_y (m/s), ω_z (rad/s) is below this means: stand."""
+    gait_scale_s2: float = Field(default=0.1, gt=0.0)
+    gait_largest_error_s: float = Field(default=0.2, gt=0.0)
+    clearance_height_m: float = Field(default=0.1, gt=0.0)
+    clearance_scale_m2: float = Field(default=0.05, gt=0.0)
+    clearance_speed_factor_s_per_m: float = Field(default=2.0, gt=0.0)
+    variance_cap_s: float = Field(default=0.5, gt=0.0)
+    duty_window_s: float = Field(default=1.0, ge=0.02)
+    """Time constant of the mean behind uneven_duty."""
+    foot_distance_m: float = Field(default=0.18, gt=0.0)
+    """Horizontal distance below which two feet count as too close."""
+    standing_position_factor: float = Field(default=5.0, ge=0.0)

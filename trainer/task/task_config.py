@@ -1,0 +1,132 @@
+"""The task: commands, randomisation, noise, terrain and episode, as data."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from pydantic import Field, field_validator, model_validator
+
+from trainer.shared.config_base import Config, Range
+from trainer.task.reward_config import RewardShape, RewardWeights
+
+
+class CommandConfig(Config):
+    """Velocity commands: drawn evenly, held, drawn anew. Source: the paper."""
+
+    v_x_m_s: Range = (-2.0, 5.5)
+    v_y_m_s: Range = (-1.5, 1.5)
+    yaw_rate_rad_s: Range = (-2.0, 2.0)
+    resample_s: float = Field(default=10.0, gt=0.0)
+    standing_share: float = Field(default=0.1, ge=0.0, le=1.0)
+    straight_share: float = Field(default=0.0, ge=0.0, le=1.0)
+    """Share of commands with V_y and ω_z zero."""
+    turning_share: float = Field(default=0.0, ge=0.0, le=1.0)
+    """Share of commands with V_x and V_y zero."""
+    lateral_acceleration_limit_m_s2: float = Field(default=1.0e3, gt=0.0)
+    """V_y and ω_z are scaled down where |V_x·ω_z| exceeds this."""
+    curriculum_iterations: int = Field(default=0, ge=0)
+    """Iterations over which the ranges grow from ``curriculum_start`` of their width to all of it; 0: at once."""
+    curriculum_start: float = Field(default=0.3, gt=0.0, le=1.0)
+
+
+class RandomisationConfig(Config):
+    """What differs between episodes (initial state) and between simulations (friction, mass). Source: the paper."""
+
+    foot_friction: Range = (0.3, 1.0)
+    """One sliding coefficient a simulation: MuJoCo has no separate static one."""
+    added_body_mass_kg: Range = (-2.5, 2.5)
+    initial_xy_m: Range = (-0.5, 0.5)
+    initial_yaw_rad: Range = (-3.14159, 3.14159)
+    initial_v_x_m_s: Range = (-1.5, 1.5)
+    initial_v_y_m_s: Range = (-1.0, 1.0)
+    initial_v_z_m_s: Range = (-0.5, 0.5)
+    initial_roll_rate_rad_s: Range = (-0.7, 0.7)
+    initial_pitch_rate_rad_s: Range = (-0.7, 0.7)
+    initial_yaw_rate_rad_s: Range = (-1.0, 1.0)
+    initial_position_rad: Range = (-0.2, 0.2)
+    initial_velocity_rad_s: Range = (-2.5, 2.5)
+    push_m_s: Range = (-0.5, 0.5)
+    push_interval_s: Range = (10.0, 15.0)
+    replaced_effects: tuple[str, ...] = ()
+    """Effects of the model, by name, that are left out because an entry below takes their place."""
+    effects: tuple[dict[str, Any], ...] = ()
+    """Effects added to the model's, as in a model file; a parameter may be [low, high], drawn once a simulation."""
+
+
+class NoiseConfig(Config):
+    """Standard deviations of the observation noise.
+
+    Source: the paper's estimate (spectrum times frequency, averaged over the upper half of the band), applied with
+    :func:`trainer.sysid.logs.noise_estimate.noise_sigma` to a published log of a real Spot
+    (MIT, KyleM73/spot-rl-deployment).
+    """
+
+    scale: float = Field(default=1.0, ge=0.0)
+    """Multiplies all; 0 switches the noise off."""
+    linear_vel_m_s: tuple[float, float, float] = (0.005, 0.022, 0.016)
+    angular_vel_rad_s: tuple[float, float, float] = (0.105, 0.051, 0.020)
+    gravity: tuple[float, float, float] = (0.001, 0.002, 0.001)
+    joint_position_rad: float = Field(default=0.006, ge=0.0)
+    joint_velocity_rad_s: float = Field(default=0.45, ge=0.0)
+
+
+class TerrainConfig(Config):
+    """The ground; ``noise`` is low-poly rough ground."""
+
+    kind: Literal["flat", "noise"] = "flat"
+    seed: int = 0
+    amplitude_m: float = Field(default=0.03, gt=0.0, le=0.3)
+    cell_m: float = Field(default=0.25, gt=0.0)
+    half_size_m: float = Field(default=20.0, gt=0.0)
+
+
+class LateRewards(Config):
+    """Weights that others take on in the course of a training: first a gait, then its refinement."""
+
+    weights: dict[str, float] = Field(default_factory=dict)
+    """By the names of the rewards."""
+    from_iteration: int = Field(default=0, ge=0)
+    over_iterations: int = Field(default=1, ge=1)
+    """Iterations over which the weights change evenly."""
+
+    @field_validator("weights")
+    @classmethod
+    def _known(cls, weights: dict[str, float]) -> dict[str, float]:
+        unknown = sorted(set(weights) - set(RewardWeights.model_fields))
+        if unknown:
+            raise ValueError(f"no reward is called {unknown[0]}; allowed: {', '.join(RewardWeights.model_fields)}")
+        return weights
+
+    def share(self, iteration: int) -> float:
+        """How much of the change is done, 0 to 1."""
+        return min(1.0, max(0.0, (iteration - self.from_iteration) / self.over_iterations))
+
+
+class TaskConfig(Config):
+    """Everything about the environment, apart from how many there are."""
+
+    episode_s: float = Field(default=20.0, gt=0.0)
+    short_episode_s: float = Field(default=3.0, gt=0.0)
+    short_episode_share: float = Field(default=0.0, ge=0.0, le=1.0)
+    """Share of the robots whose episodes are the short ones: starts come often, without taking from long runs."""
+    physics_rate_hz: float = Field(default=200.0, gt=0.0)
+    commands: CommandConfig = CommandConfig()
+    randomisation: RandomisationConfig = RandomisationConfig()
+    noise: NoiseConfig = NoiseConfig()
+    terrain: TerrainConfig = TerrainConfig()
+    rewards: RewardWeights = RewardWeights()
+    reward_shape: RewardShape = RewardShape()
+    late_rewards: LateRewards = LateRewards()
+    critic_sees_noise: bool = False
+
+    @property
+    def counts_duty(self) -> bool:
+        """Whether duty factors are measured at every physics step."""
+        return self.rewards.uneven_duty != 0.0 or self.late_rewards.weights.get("uneven_duty", 0.0) != 0.0
+
+    @model_validator(mode="after")
+    def _whole_substeps(self) -> TaskConfig:
+        substeps = self.physics_rate_hz / 50.0
+        if substeps != round(substeps) or substeps < 1:
+            raise ValueError(f"physics_rate_hz = {self.physics_rate_hz}; allowed: a multiple of the policy's 50 Hz")
+        return self
