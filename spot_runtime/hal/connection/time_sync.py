@@ -1,4 +1,4 @@
-"""Round trips of the vendor's time-sync service, as samples for our own estimate of the robot's clock."""
+"""The vendor's time sync: samples for our own estimate of the robot's clock, and the identifier of every command."""
 
 from __future__ import annotations
 
@@ -6,6 +6,9 @@ import time
 from typing import Any, Final
 
 from bosdyn.api import time_sync_pb2
+from bosdyn.client.common import BaseClient
+from bosdyn.client.lease import add_lease_wallet_processors
+from bosdyn.client.robot_command import RobotCommandClient
 from bosdyn.client.time_sync import TimeSyncClient
 
 from spot_runtime.host.clock import ClockSample, HostClock
@@ -26,34 +29,55 @@ class TimeSync:
         self._clock = clock
         self.timeout_s = timeout_s
         self._previous: Any = None
-        self._identifier = ""
+        self.clock_identifier = ""
+        """The service's name for this client, which commands carry; empty before the first answer."""
         self.status = "no answer yet"
         """The service's own word about the sync."""
 
     def round_trip(self) -> ClockSample:
-        """Ask once. Raises the SDK's errors."""
-        host_from_unix_ns = self._clock.now_ns() - time.time_ns()
-        response = self._client.get_time_sync_update(self._previous, self._identifier, timeout=self.timeout_s)
-        received_unix_ns = time.time_ns()
+        """Ask once. Raises the SDK's errors.
+
+        The wall clock may be set while the answer is under way, so durations come from the clock that never jumps.
+        """
+        began_ns = self._clock.now_ns()
+        host_from_unix_ns = began_ns - time.time_ns()
+        previous = self._previous if self.clock_identifier else None  # one without the other is an invalid request
+        response = self._client.get_time_sync_update(previous, self.clock_identifier, timeout=self.timeout_s)
+        ended_ns = self._clock.now_ns()
         header = response.header
+        sent_unix_ns = _ns(header.request_header.request_timestamp)
+        sent_ns = min(max(sent_unix_ns + host_from_unix_ns, began_ns), ended_ns)
         trip = time_sync_pb2.TimeSyncRoundTrip()
         trip.client_tx.CopyFrom(header.request_header.request_timestamp)
         trip.server_rx.CopyFrom(header.request_received_timestamp)
         trip.server_tx.CopyFrom(header.response_timestamp)
-        trip.client_rx.seconds, trip.client_rx.nanos = divmod(received_unix_ns, NS_PER_S)
-        self._previous, self._identifier = trip, response.clock_identifier
+        trip.client_rx.seconds, trip.client_rx.nanos = divmod(sent_unix_ns + ended_ns - sent_ns, NS_PER_S)
+        self._previous, self.clock_identifier = trip, str(response.clock_identifier)
         self.status = time_sync_pb2.TimeSyncState.Status.Name(response.state.status)
-        return ClockSample(
-            host_sent_ns=_ns(trip.client_tx) + host_from_unix_ns,
-            robot_received_ns=_ns(trip.server_rx),
-            robot_sent_ns=_ns(trip.server_tx),
-            host_received_ns=received_unix_ns + host_from_unix_ns,
-        )
+        return ClockSample(sent_ns, _ns(trip.server_rx), _ns(trip.server_tx), ended_ns)
 
     @property
     def is_established(self) -> bool:
         """Whether the service calls the clocks synced."""
         return self.status == "STATUS_OK"
+
+
+class SyncedCommandClient(RobotCommandClient):  # type: ignore[misc]
+    """The SDK's command client with a time sync that has an answer already.
+
+    The SDK's own begins another time sync in a thread when it is made, and its first command leaves before the first
+    answer, without the identifier that a robot may insist on (STATUS_NO_TIMESYNC).
+    """
+
+    def update_from(self, other: Any) -> None:
+        """As the SDK's, but begin no time sync."""
+        BaseClient.update_from(self, other)
+        if self.lease_wallet:
+            add_lease_wallet_processors(self, self.lease_wallet)
+
+    def use(self, time_sync: TimeSync) -> None:
+        """Send the clock identifier of this time sync with every command."""
+        self._timesync_endpoint = time_sync
 
 
 def _ns(stamp: Any) -> int:

@@ -7,9 +7,10 @@ from typing import Any, Final
 
 from bosdyn.api import basic_command_pb2, power_pb2
 from bosdyn.client.power import PowerClient
-from bosdyn.client.robot_command import RobotCommandBuilder, RobotCommandClient
+from bosdyn.client.robot_command import RobotCommandBuilder
 
 from spot_runtime.config import RobotConfig
+from spot_runtime.hal.connection.time_sync import SyncedCommandClient
 from spot_runtime.hal.errors import MotionError
 from spot_runtime.hal.spot.calls import Calls
 
@@ -106,11 +107,11 @@ class Motions:
         return True
 
     def _command(self, command: Any, doing: str) -> Any:
-        client, timeout_s = self._calls.client(RobotCommandClient), self._config.rpc_timeout_s
+        client, timeout_s = self._calls.client(SyncedCommandClient), self._config.rpc_timeout_s
         return self._calls.make(doing, lambda: client.robot_command(command, timeout=timeout_s))
 
     def _stands(self, command_id: Any) -> bool:
-        client, timeout_s = self._calls.client(RobotCommandClient), self._config.rpc_timeout_s
+        client, timeout_s = self._calls.client(SyncedCommandClient), self._config.rpc_timeout_s
         answer = self._calls.make("standing", lambda: client.robot_command_feedback(command_id, timeout=timeout_s))
         feedback = answer.feedback.synchronized_feedback.mobility_command_feedback
         if feedback.status != _FEEDBACK.STATUS_PROCESSING:

@@ -17,10 +17,7 @@ from bosdyn.client.lease import Lease, LeaseClient, ResourceAlreadyClaimedError
 from bosdyn.client.license import LicenseClient
 from bosdyn.client.power import PowerClient
 from bosdyn.client.processors import AddRequestHeader
-from bosdyn.client.robot_command import (
-    RobotCommandClient,
-    RobotCommandStreamingClient,
-)
+from bosdyn.client.robot_command import RobotCommandStreamingClient
 from bosdyn.client.robot_id import RobotIdClient
 from bosdyn.client.robot_state import RobotStateClient, RobotStateStreamingClient
 from bosdyn.client.sdk import Sdk, generate_client_name
@@ -32,7 +29,7 @@ from spot_runtime.config import RobotConfig
 from spot_runtime.control.safety.safety import CRITICAL
 from spot_runtime.hal.connection.address import Address, explain_no_connection
 from spot_runtime.hal.connection.credentials import find_credentials
-from spot_runtime.hal.connection.time_sync import TimeSync
+from spot_runtime.hal.connection.time_sync import SyncedCommandClient, TimeSync
 from spot_runtime.hal.connection.trust import trusted_certificates
 from spot_runtime.hal.errors import ClockError, EstopError, FaultError, HalError
 from spot_runtime.hal.spot.calls import Calls
@@ -54,7 +51,7 @@ SERVICES: Final = (
     LeaseClient,
     LicenseClient,
     PowerClient,
-    RobotCommandClient,
+    SyncedCommandClient,
     RobotCommandStreamingClient,
     RobotIdClient,
     RobotStateClient,
@@ -129,8 +126,9 @@ class Session:
             raise translate(error, f"logging in to {self._address}", explain) from error
 
     def sync_clocks(self) -> None:
-        """Bring the estimate of the robot's clock about."""
+        """Bring the estimate of the robot's clock about, and the clock identifier that commands carry from now on."""
         self._time_sync = TimeSync(self.calls.client(TimeSyncClient), self._clock, self._config.rpc_timeout_s)
+        self.calls.client(SyncedCommandClient).use(self._time_sync)
         for attempt in range(SYNC_ATTEMPTS):
             self.sync_once()
             if attempt + 1 >= SYNC_ROUND_TRIPS and self._time_sync.is_established:

@@ -8,6 +8,7 @@ and to cut power. A lease of anybody else is never touched, and no motion but th
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Callable
 from enum import Enum
@@ -16,7 +17,7 @@ from typing import Final, NamedTuple
 from spot_model.errors import SpotRlError
 from spot_runtime.config import RunConfig
 from spot_runtime.hal.connection.address import parse_address
-from spot_runtime.hal.errors import CertificateError, CredentialsError, HalError, LeaseHeldError
+from spot_runtime.hal.errors import CertificateError, ClockError, CredentialsError, HalError, LeaseHeldError
 from spot_runtime.hal.spot.lock_step import LockStep
 from spot_runtime.hal.spot.motions import Motions
 from spot_runtime.hal.spot.session import Session
@@ -99,6 +100,8 @@ def _try(note: LeaseNote, config: RunConfig, lock_step: str) -> Safety:
             return Safety.HAD_NO_POWER
         if not is_ours or not _hold(session, note):
             return Safety.NOT_OURS
+        with contextlib.suppress(ClockError):  # a robot that syncs no clocks may still sit down
+            session.sync_clocks()
 
         def pause(duration_s: float) -> None:
             time.sleep(duration_s) if pace is None else pace.pause(duration_s)

@@ -1,0 +1,135 @@
+"""Time sync against a robot that was written by hand: strict about identifiers, and with a wall clock that is set."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
+from typing import Any
+
+import grpc
+import pytest
+from bosdyn.api import (
+    header_pb2,
+    robot_command_pb2,
+    robot_command_service_pb2_grpc,
+    time_sync_pb2,
+)
+from bosdyn.client.robot_command import NoTimeSyncError, RobotCommandBuilder
+
+from spot_runtime.hal.connection.time_sync import SyncedCommandClient, TimeSync
+from spot_runtime.host.clock import HostClock
+
+IDENTIFIER = "client-17"
+OK = header_pb2.CommonError.CODE_OK
+
+
+class StrictCommands(robot_command_service_pb2_grpc.RobotCommandServiceServicer):
+    """Refuses every command of a client whose clock it does not know, as the proto's STATUS_NO_TIMESYNC says."""
+
+    def RobotCommand(self, request: Any, context: Any) -> Any:  # noqa: N802 - the service's name
+        answer = robot_command_pb2.RobotCommandResponse(robot_command_id=1)
+        answer.header.error.code = OK
+        is_known = request.clock_identifier == IDENTIFIER
+        answer.status = answer.STATUS_OK if is_known else answer.STATUS_NO_TIMESYNC
+        return answer
+
+
+@pytest.fixture
+def client() -> Iterator[SyncedCommandClient]:
+    server = grpc.server(ThreadPoolExecutor(2))
+    robot_command_service_pb2_grpc.add_RobotCommandServiceServicer_to_server(StrictCommands(), server)
+    port = server.add_insecure_port("127.0.0.1:0")
+    server.start()
+    with grpc.insecure_channel(f"127.0.0.1:{port}") as channel:
+        made = SyncedCommandClient()
+        made.channel = channel
+        yield made
+    server.stop(None)
+
+
+class TimeSyncService:
+    """Answers as the SDK's client would; ``during`` happens while the answer is under way."""
+
+    def __init__(self, robot_minus_unix_ns: int = 0) -> None:
+        self.robot_minus_unix_ns = robot_minus_unix_ns
+        self.during = lambda: None
+        self.asked: list[tuple[Any, str]] = []
+
+    def get_time_sync_update(self, previous: Any, clock_identifier: str, *, timeout: float) -> Any:
+        self.asked.append((previous, clock_identifier))
+        answer = time_sync_pb2.TimeSyncUpdateResponse(clock_identifier=IDENTIFIER)
+        answer.header.request_header.request_timestamp.FromNanoseconds(time.time_ns())
+        answer.header.request_received_timestamp.FromNanoseconds(time.time_ns() + self.robot_minus_unix_ns)
+        self.during()
+        answer.header.response_timestamp.CopyFrom(answer.header.request_received_timestamp)
+        answer.state.status = time_sync_pb2.TimeSyncState.STATUS_OK
+        return answer
+
+
+def test_a_command_before_any_answer_is_refused_by_a_strict_robot(client: SyncedCommandClient) -> None:
+    client.use(TimeSync(TimeSyncService(), HostClock(), 1.0))
+    with pytest.raises(NoTimeSyncError):
+        client.robot_command(RobotCommandBuilder.synchro_stand_command())
+
+
+def test_every_command_after_the_first_answer_carries_the_identifier(client: SyncedCommandClient) -> None:
+    sync = TimeSync(TimeSyncService(), HostClock(), 1.0)
+    client.use(sync)
+    sync.round_trip()
+    assert client.robot_command(RobotCommandBuilder.synchro_stand_command()) == 1
+    assert client.robot_command(RobotCommandBuilder.safe_power_off_command()) == 1
+
+
+def test_the_client_begins_no_time_sync_of_its_own() -> None:
+    class Robot(SimpleNamespace):
+        @property
+        def time_sync(self) -> Any:
+            raise AssertionError("a time sync was begun")
+
+    robot = Robot(
+        request_processors=[],
+        response_processors=[],
+        lease_wallet=None,
+        client_name="me",
+        logger=logging.getLogger("robot"),
+    )
+    robot.logger = logging.getLogger("robot")
+    robot.executor, robot.cert, robot.user_token = None, None, ""
+    client = SyncedCommandClient()
+    client.update_from(robot)
+    assert client.client_name == "me"
+
+
+def test_the_identifier_of_one_answer_goes_with_the_next_question() -> None:
+    service = TimeSyncService()
+    sync = TimeSync(service, HostClock(), 1.0)
+    sync.round_trip()
+    sync.round_trip()
+    assert service.asked[0] == (None, "")
+    assert service.asked[1][1] == IDENTIFIER
+    assert service.asked[1][0].client_rx.ToNanoseconds() >= service.asked[1][0].client_tx.ToNanoseconds()
+
+
+@pytest.mark.parametrize("step_s", [-3600.0, -0.5, 0.5, 3600.0])
+def test_a_wall_clock_that_steps_while_the_answer_is_under_way_moves_no_robot_clock(
+    monkeypatch: pytest.MonkeyPatch, step_s: float
+) -> None:
+    real, step_ns = time.time_ns, [0]
+    monkeypatch.setattr(time, "time_ns", lambda: real() + step_ns[0])
+    service, clock = TimeSyncService(), HostClock()
+    sync = TimeSync(service, clock, 1.0)
+    skew_ns = sync.round_trip().skew_ns
+
+    def step() -> None:
+        step_ns[0] = round(step_s * 1e9)
+
+    service.during = step
+    stepped = sync.round_trip()
+    assert 0 <= stepped.round_trip_ns < 0.1e9
+    assert abs(stepped.skew_ns - skew_ns) < 0.1e9
+    sync.round_trip()
+    previous = service.asked[-1][0]
+    assert 0 <= previous.client_rx.ToNanoseconds() - previous.client_tx.ToNanoseconds() < 0.1e9
