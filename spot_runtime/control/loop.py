@@ -120,6 +120,11 @@ class ControlLoop:
         return None if self._ending is None else self._ending.cause
 
     @property
+    def ending(self) -> Ending | None:
+        """How the run ends; None while it goes on."""
+        return self._ending
+
+    @property
     def newest(self) -> RobotState | None:
         """The newest state that may be used."""
         return self._watchdogs.newest
@@ -148,8 +153,8 @@ class ControlLoop:
         ending = ending_after(self._ending, stop)
         if ending is self._ending:
             return
-        self._ending = ending
-        if stop.reason.is_urgent:
+        is_first, self._ending = self._ending is None, ending
+        if is_first and stop.reason.is_urgent:  # a ramp that is under way must not jump
             self._handover = self._config.handover.hastened()
         if ending.reaction is Reaction.ESTOP:
             self._hal.estop()

@@ -106,6 +106,11 @@ class StopReason(Enum):
         return self in (StopReason.BATTERY_LOW, StopReason.MOTOR_HOT, StopReason.SYSTEM_FAULT)
 
     @property
+    def is_fault(self) -> bool:
+        """Whether something went wrong, rather than an end that somebody wanted."""
+        return not (self.exit_code == 0 or self.name in ("OPERATOR_STOP", "OPERATOR_DAMP", "OPERATOR_ESTOP"))
+
+    @property
     def exit_code(self) -> int:
         """The process's exit code."""
         return self.value.exit_code
@@ -134,7 +139,7 @@ class Ending:
     """How a run ends: why, and how strongly by now."""
 
     cause: Stop
-    """What began it. A mild cause (the sequence is done, the operator asks) gives way to whatever goes wrong later."""
+    """What began it. A mild end that somebody wanted gives way to whatever comes later; the first fault stays."""
     reaction: Reaction
     """The strongest reaction that any stop has asked for since."""
 
@@ -144,9 +149,11 @@ def ending_after(ending: Ending | None, stop: Stop) -> Ending:
     reaction = stop.reason.reaction
     if ending is None:
         return Ending(stop, reaction)
-    if reaction.level <= ending.reaction.level:
+    gives_way = ending.reaction is Reaction.HAND_BACK and not ending.cause.reason.is_fault
+    is_stronger = reaction.level > ending.reaction.level
+    if not is_stronger and not (gives_way and stop.reason.is_fault):
         return ending
-    return Ending(stop if ending.reaction is Reaction.HAND_BACK else ending.cause, reaction)
+    return Ending(stop if gives_way else ending.cause, reaction if is_stronger else ending.reaction)
 
 
 def stops_table() -> str:

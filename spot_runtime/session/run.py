@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Final
 
 from spot_log.format.events import EventName
 from spot_log.format.records import EventRecord, RunHeader, Severity
@@ -19,16 +18,16 @@ from spot_model.policy.policy import Policy
 from spot_runtime.config import RunConfig
 from spot_runtime.control.loop import ControlLoop
 from spot_runtime.control.loop_stats import LoopStats
-from spot_runtime.control.stops import Reaction, Stop, StopReason
+from spot_runtime.control.stops import StopReason
 from spot_runtime.control.tick import warm_up
 from spot_runtime.hal.base import Hal
-from spot_runtime.hal.errors import HalError
 from spot_runtime.host.clock import HostClock
 from spot_runtime.host.console import Console
 from spot_runtime.host.realtime import apply_real_time, freeze_garbage_collection
 from spot_runtime.host.service_manager import ServiceManager
 from spot_runtime.session.incident import FlightRecorder
-from spot_runtime.session.signals import OperatorInterrupt, StopSignals
+from spot_runtime.session.robot_session import ControlEnd, RobotSession, control_end
+from spot_runtime.session.signals import StopSignals
 from spot_runtime.session.summary import RunSummary, figures, resident_mb
 from spot_runtime.sources.base import CommandSource
 
@@ -46,9 +45,6 @@ class RunRequest:
     repeat: int = 0
     labels: dict[str, str] = field(default_factory=dict)
 
-
-MEANT_WELL: Final = (StopReason.COMPLETED.exit_code, StopReason.OPERATOR_STOP.exit_code)
-"""Exit codes of runs that went as somebody wanted."""
 
 HalFactory = Callable[[LogSink], Hal]
 SinkFactory = Callable[[Path, RunHeader], LogSink]
@@ -106,14 +102,14 @@ def run(
     """
     header = header_of(request, HostClock().now_ns())
     sink = FlightRecorder(make_sink(request.log_path, header))
-    attempt = _Attempt(request, header, sink, console, manager or ServiceManager(), tell)
-    try:
-        with StopSignals() as signals:
-            attempt.drive(make_hal, signals)
-    finally:
-        console.show(None)
-        request.source.close()
-        sink.close(attempt.outcome)
+    with StopSignals() as signals:
+        attempt = _Attempt(request, header, sink, console, manager or ServiceManager(), tell, signals)
+        try:
+            attempt.drive(make_hal)
+        finally:
+            console.show(None)
+            request.source.close()
+            sink.close(attempt.session.outcome.label or StopReason.INTERNAL_ERROR.label)
     return attempt.summary()
 
 
@@ -128,47 +124,40 @@ class _Attempt:
         console: Console,
         manager: ServiceManager,
         tell: Callable[[EventRecord], bool],
+        signals: StopSignals,
     ) -> None:
         self._request, self._sink, self._console, self._manager = request, sink, console, manager
         self._header, self._is_incident_written = header, False
         self._tell_elsewhere = tell
-        self._clock = HostClock()
-        self._hal: Hal | None = None
+        self._clock, self._signals = HostClock(), signals
+        self.session = RobotSession(signals, self._event, say=self._say, on_shut_down=self._shutting_down)
         self._loop: ControlLoop | None = None
         self._stats = LoopStats()
         self._refusals: tuple[str, ...] = ()
         self._control_s = (0.0, 0.0)
         self._rss_start_mb = resident_mb()
-        self.outcome, self._exit_code, self._sentence = "internal_error", StopReason.INTERNAL_ERROR.exit_code, ""
 
-    def drive(self, make_hal: HalFactory, signals: StopSignals) -> None:
+    def drive(self, make_hal: HalFactory) -> None:
         """Connect, stand, control, sit, power off."""
         config = self._request.config
         self._event(EventName.RUN_STARTED, f"policy {self._request.policy.contract.name}, {self._request.source.name}")
         self._refusals = tuple(apply_real_time(config.real_time))
         for refusal in self._refusals:
             self._event(EventName.REAL_TIME_REFUSED, refusal)
+        self._say(f"connecting to {self._request.robot} …")
         try:
-            self._drive(make_hal, signals)
-        except OperatorInterrupt as interrupt:
-            self._end(interrupt.stop)
-            self._event(EventName.STOP, interrupt.stop.sentence())
-            self._try_power_off(signals, interrupt.stop)
+            self.session.drive(lambda: make_hal(self._sink), self._control)
         finally:
-            signals.interrupts = False
-            self._manager.stopping()
-            if self._hal is not None:
-                self._hal.close()
             self._write_incident()
 
     def summary(self) -> RunSummary:
         """What a person and a program want to know."""
         rss_mb = resident_mb()
-        health = self._sink.health()
+        health, outcome = self._sink.health(), self.session.outcome
         return RunSummary(
-            outcome=self.outcome,
-            exit_code=self._exit_code,
-            sentence=self._sentence,
+            outcome=outcome.label,
+            exit_code=outcome.exit_code,
+            sentence=outcome.sentence,
             log_path=str(self._request.log_path),
             log_dropped=sum(health.dropped.values()),
             log_unwritten=sum(health.unwritten.values()),
@@ -182,40 +171,10 @@ class _Attempt:
             **figures(self._stats),  # type: ignore[arg-type]
         )
 
-    def _drive(self, make_hal: HalFactory, signals: StopSignals) -> None:
-        """All of it, and what answers an error. An interrupt may come at any point, also while an error is answered."""
-        try:
-            signals.interrupt_waits()
-            hal = self._hal = make_hal(self._sink)
-            self._connect(hal)
-            signals.interrupts = False
-            stop = self._control(hal, signals)
-            self._end(stop)
-            self._write_incident()
-            signals.interrupt_waits()
-            self._rest(hal, stop)
-        except HalError as error:
-            self.outcome, self._exit_code, self._sentence = error.label, error.exit_code, str(error)
-            self._event(EventName.CONNECTION_FAILED, str(error))
-            self._try_power_off(signals)
-        except Exception as error:  # noqa: BLE001 - a defect here must not leave the robot standing with power
-            self._end(Stop(StopReason.INTERNAL_ERROR, f"{type(error).__name__}: {error}"))
-            self._event(EventName.STOP, f"{StopReason.INTERNAL_ERROR.label}: {self._sentence}")
-            self._try_power_off(signals)
-
     def _missed_states(self) -> int:
         return 0 if self._loop is None else self._loop.missed_states
 
-    def _connect(self, hal: Hal) -> None:
-        self._say(f"connecting to {self._request.robot} …")
-        info = hal.connect()
-        round_trip_ms = info.round_trip_s * 1e3
-        text = f"{info.robot_id}; clock {info.clock_skew_s:+.3f} s from ours, round trip {round_trip_ms:.1f} ms"
-        self._event(EventName.CONNECTED, text)
-        self._say("powering on and standing …")
-        hal.stand()
-
-    def _control(self, hal: Hal, signals: StopSignals) -> Stop:
+    def _control(self, hal: Hal) -> ControlEnd:
         loop = ControlLoop(
             hal, self._request.policy, self._request.source, self._request.config, self._sink, on_event=self._tell
         )
@@ -227,18 +186,19 @@ class _Attempt:
         self._manager.ready()
         began_robot_ns, began_s = hal.robot_now_ns(), time.monotonic()
         while not loop.is_done:
-            asked = signals.take()
+            asked = self._signals.take()
             if asked is not None:
                 loop.ask_stop(asked)
             loop.cycle()
             self._manager.progressed()
         self._control_s = (hal.robot_now_ns() - began_robot_ns) / 1e9, time.monotonic() - began_s
-        self._manager.stopping()
         self._console.show(None)
-        return loop.stop or Stop(StopReason.COMPLETED)
+        return control_end(loop.ending)
 
-    def _end(self, stop: Stop) -> None:
-        self.outcome, self._exit_code, self._sentence = stop.reason.label, stop.reason.exit_code, stop.sentence()
+    def _shutting_down(self) -> None:
+        self._manager.stopping()
+        self._write_incident()
+        self._say("sitting and powering off …")
 
     def _write_incident(self) -> None:
         """What led to the stop, on disk; once."""
@@ -246,51 +206,15 @@ class _Attempt:
             return
         self._is_incident_written = True
         try:
-            path = self._sink.write(self._request.log_path, self._header, self.outcome)
+            path = self._sink.write(self._request.log_path, self._header, self.session.outcome.label)
         except SpotRlError as error:
             self._event(EventName.INCIDENT_FAILED, str(error))
         else:
             self._event(EventName.INCIDENT, f"the seconds around the stop are in {path}")
 
-    def _rest(self, hal: Hal, stop: Stop) -> None:
-        self._say("sitting and powering off …")
-        if stop.reason.reaction is Reaction.HAND_BACK and not stop.reason.is_urgent:
-            try:
-                hal.stand()
-            except HalError as error:
-                self._event(EventName.STAND_FAILED, f"{error}; it sits down as it is")
-        if self._is_powered_off(hal):
-            self._event(EventName.POWER_OFF, "the robot sits and its motors are off")
-
-    def _try_power_off(self, signals: StopSignals, stop: Stop | None = None) -> None:
-        """After a failure before control: whatever was powered on goes off again; at once where it is an e-stop."""
-        if self._hal is None:
-            return
-        try:
-            if stop is not None and stop.reason.reaction is Reaction.ESTOP:
-                self._hal.estop()
-            else:
-                signals.interrupt_waits(only_estop=True)
-            self._is_powered_off(self._hal)
-        except OperatorInterrupt as interrupt:
-            self._end(interrupt.stop)
-            self._event(EventName.STOP, interrupt.stop.sentence())
-            self._try_power_off(signals, interrupt.stop)
-
-    def _is_powered_off(self, hal: Hal) -> bool:
-        """Power off; where that fails, the words about the end say so, and no exit code that means well is left."""
-        try:
-            hal.power_off()
-        except HalError as error:
-            self._event(EventName.POWER_OFF_FAILED, f"{error}; see to the robot")
-            self._sentence = f"{self._sentence}; then powering off failed: {error}; see to the robot"
-            if self._exit_code in MEANT_WELL:
-                self.outcome, self._exit_code = "power_off_failed", error.exit_code
-            return False
-        return True
-
     def _event(self, name: EventName, text: str) -> None:
-        host_ns = self._clock.now_ns() if self._hal is None else self._hal.host_now_ns()
+        hal = self.session.hal
+        host_ns = self._clock.now_ns() if hal is None else hal.host_now_ns()
         record = EventRecord(host_ns, 0, name.severity, name.label, text)
         self._sink.event(record)
         self._tell(record)

@@ -10,7 +10,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import nullcontext
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -24,7 +24,7 @@ from spot_model.io.velocity_sequence import standing_sequence
 from spot_model.policy.policy import Policy
 from spot_model.robot.state import Gains, JointCommand
 from spot_runtime.config import HandoverConfig, RobotConfig, RunConfig, for_lock_step
-from spot_runtime.control.stops import StopReason
+from spot_runtime.control.stops import Stop, StopReason
 from spot_runtime.hal.base import JointControl, RobotInfo
 from spot_runtime.hal.connection.address import parse_address
 from spot_runtime.hal.errors import HalError, LeaseHeldError, MotionError
@@ -33,6 +33,7 @@ from spot_runtime.hal.spot.calls import Calls
 from spot_runtime.hal.spot.estop import OwnEstop
 from spot_runtime.hal.spot.motions import CUT_S, Motions
 from spot_runtime.host.console import Console
+from spot_runtime.session.robot_session import ControlEnd, RobotSession
 from spot_runtime.session.run import RunRequest, run
 from spot_runtime.session.signals import OperatorInterrupt, StopSignals
 from spot_runtime.session.summary import RunSummary
@@ -122,7 +123,34 @@ def test_of_two_signals_neither_keeps_the_power_on(
 
 def test_a_signal_amid_the_answer_to_an_error_still_powers_off(zero_policy: Policy, tmp_path: Path) -> None:
     robot = Troubled(troubles={("stand", 1): refuse("no")}, sink=Interrupting(at="connection_failed"))
-    assert robot.drive(zero_policy, tmp_path).outcome == "operator_stop"
+    summary = robot.drive(zero_policy, tmp_path)
+    assert (summary.outcome, summary.exit_code) == ("motion_failed", 89)
+    assert summary.sentence.startswith("no; then the operator asked to stop")
+    assert robot.calls[-2:] == ["power_off", "close"]
+
+
+def test_a_fault_stays_the_outcome_whatever_signals_follow_it(zero_policy: Policy, tmp_path: Path) -> None:
+    for number in (signal.SIGINT, signal.SIGQUIT):
+        robot = Troubled(
+            mutate=lambda state: [replace(state, odom_from_body_wxyz=np.array([0.0, 1.0, 0.0, 0.0]))],
+            sink=Interrupting(at="stop", number=number),
+            troubles={("power_off", 1): lambda number=number: send(number)},
+        )
+        summary = robot.drive(zero_policy, tmp_path)
+        assert summary.outcome == "tilt", summary.sentence
+        assert robot.calls[-1] == "close"
+
+
+def test_a_failure_of_what_is_told_of_shutting_down_keeps_no_power_on() -> None:
+    robot = Troubled()
+
+    def fail() -> None:
+        raise ValueError("a defect")
+
+    with StopSignals() as signals:
+        session = RobotSession(signals, lambda *_: None, on_shut_down=fail)
+        session.drive(lambda: robot, lambda _: ControlEnd(Stop(StopReason.COMPLETED), may_stand=True))
+    assert session.outcome.label == "internal_error"
     assert robot.calls[-2:] == ["power_off", "close"]
 
 

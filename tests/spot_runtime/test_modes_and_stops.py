@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from spot_runtime.config import HandoverConfig
 from spot_runtime.control.modes import Mode, ModeInputs, next_mode
-from spot_runtime.control.stops import Reaction, Stop, StopReason, ending_after, stops_table
+from spot_runtime.control.stops import Ending, Reaction, Stop, StopReason, ending_after, stops_table
 
 CONFIG = HandoverConfig()
 HAND_BACK, DAMP, EXPIRE, ESTOP = Reaction
@@ -113,6 +113,29 @@ def test_the_first_thing_that_goes_wrong_stays_the_cause_and_the_reaction_only_g
     ending = ending_after(ending, lost)
     assert (ending.cause, ending.reaction) == (tilt, EXPIRE)
     assert ending_after(ending, stale) is ending
+
+
+def test_only_an_end_that_somebody_wanted_gives_way() -> None:
+    done, asked, twice, empty, silent = (
+        Stop(reason)
+        for reason in (
+            StopReason.COMPLETED,
+            StopReason.OPERATOR_STOP,
+            StopReason.OPERATOR_DAMP,
+            StopReason.BATTERY_LOW,
+            StopReason.STATE_STALE,
+        )
+    )
+    assert ending_after(ending_after(None, empty), twice) == Ending(empty, DAMP)
+    assert ending_after(ending_after(None, empty), silent) == Ending(empty, DAMP)
+    assert ending_after(ending_after(None, done), empty) == Ending(empty, HAND_BACK)
+    assert ending_after(ending_after(None, asked), empty) == Ending(empty, HAND_BACK)
+    assert ending_after(ending_after(None, asked), twice) == Ending(twice, DAMP)
+    assert ending_after(ending_after(None, twice), silent) == Ending(twice, DAMP)
+    wanted = ending_after(None, done)
+    assert ending_after(wanted, asked) is wanted
+    wishes = {"completed", "recording_over", "operator_stop", "operator_damp", "operator_estop"}
+    assert {reason.label for reason in StopReason if not reason.is_fault} == wishes
 
 
 def test_every_stop_but_a_completed_run_has_an_exit_code_of_its_own() -> None:

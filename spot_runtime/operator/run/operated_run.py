@@ -28,7 +28,6 @@ from spot_runtime.control.loop import ControlLoop
 from spot_runtime.control.stops import Reaction, Stop, StopReason
 from spot_runtime.control.tick import warm_up
 from spot_runtime.hal.base import Hal
-from spot_runtime.hal.errors import HalError
 from spot_runtime.host.clock import HostClock
 from spot_runtime.host.realtime import apply_real_time, freeze_garbage_collection
 from spot_runtime.host.service_manager import ServiceManager
@@ -40,8 +39,9 @@ from spot_runtime.operator.run.run_spec import RunSpec
 from spot_runtime.operator.run.run_status import STATUS_PERIOD_NS, status_of
 from spot_runtime.operator.run.standby import check_standing
 from spot_runtime.operator.run.steering import Attendance, OperatorSource
-from spot_runtime.session.run import MEANT_WELL, RunRequest, header_of, log_file_name
-from spot_runtime.session.signals import OperatorInterrupt, StopSignals
+from spot_runtime.session.robot_session import ControlEnd, RobotSession, control_end
+from spot_runtime.session.run import RunRequest, header_of, log_file_name
+from spot_runtime.session.signals import StopSignals
 
 HalFactory = Callable[[LogSink], Hal]
 SinkFactory = Callable[[Path, RunHeader], LogSink]
@@ -81,23 +81,24 @@ class OperatedRun:
         self.keeps_standing = False
         """Whether the robot goes on standing by after the control that ends now."""
         self.is_start_asked = False
-        self._hal: Hal | None = None
-        self._robot_id = ""
+        self._session: RobotSession | None = None
         self._status_due_ns = 0
         self._status_ticks = -1
-        self._outcome, self._exit_code, self._sentence = "internal_error", StopReason.INTERNAL_ERROR.exit_code, ""
 
     def drive(self, make_hal: HalFactory) -> operator_pb2.Outcome:
         """Do it all. Returns how it ended, which is also told to the service."""
         with StopSignals() as signals:
+            session = self._session = RobotSession(signals, self.event, on_shut_down=lambda: self._link.state("ending"))
             try:
-                self._drive(make_hal, signals)
+                for refusal in apply_real_time(self._config.real_time):
+                    self.event(EventName.REAL_TIME_REFUSED, refusal)
+                session.drive(lambda: make_hal(self._sink), lambda hal: self._serve(hal, signals))
             finally:
-                self._end_log(None)
+                self._end_log(session.outcome.label or StopReason.INTERNAL_ERROR.label)
         outcome = operator_pb2.Outcome(
-            outcome=self._outcome,
-            exit_code=self._exit_code,
-            sentence=self._sentence,
+            outcome=session.outcome.label,
+            exit_code=session.outcome.exit_code,
+            sentence=session.outcome.sentence,
             log_paths=[str(path) for path in self._desk.paths],
             host_stamp_ns=self._clock.now_ns(),
         )
@@ -138,8 +139,9 @@ class OperatedRun:
             self.loop.ask_stop(stop)
         elif self.stop is None:
             self.stop = stop
-            if stop.reason.reaction is Reaction.ESTOP and self._hal is not None:
-                self._hal.estop()
+            hal = self._hal
+            if stop.reason.reaction is Reaction.ESTOP and hal is not None:
+                hal.estop()
             self.event(EventName.STOP, f"{stop.reason.label}: {stop.sentence()}")
 
     def begin_log(self, labels: dict[str, str]) -> Path:
@@ -157,65 +159,23 @@ class OperatedRun:
 
     # The way through --------------------------------------------------------------------------------------------------
 
-    def _drive(self, make_hal: HalFactory, signals: StopSignals) -> None:
-        try:
-            self._arm_and_serve(make_hal, signals)
-        except OperatorInterrupt as interrupt:
-            self._end(interrupt.stop)
-            self.event(EventName.STOP, interrupt.stop.sentence())
-            self._try_power_off(signals, interrupt.stop)
-        finally:
-            signals.interrupts = False
-            if self._hal is not None:
-                self._hal.close()
-
-    def _arm_and_serve(self, make_hal: HalFactory, signals: StopSignals) -> None:
-        """All of it, and what answers an error. An interrupt may come at any point, also while an error is answered."""
-        try:
-            for refusal in apply_real_time(self._config.real_time):
-                self.event(EventName.REAL_TIME_REFUSED, refusal)
-            signals.interrupt_waits()
-            hal = self._hal = make_hal(self._sink)
-            self._connect(hal)
-            signals.interrupts = False
-            stop = self._serve(hal, signals)
-            self._end(stop)
-            signals.interrupt_waits()
-            self._rest(hal, stop)
-        except HalError as error:
-            self._outcome, self._exit_code, self._sentence = error.label, error.exit_code, str(error)
-            self.event(EventName.CONNECTION_FAILED, str(error))
-            self._try_power_off(signals)
-        except Exception as error:  # noqa: BLE001 - a defect here must not leave the robot standing with power
-            self._end(Stop(StopReason.INTERNAL_ERROR, f"{type(error).__name__}: {error}"))
-            self.event(EventName.STOP, f"{StopReason.INTERNAL_ERROR.label}: {self._sentence}")
-            self._try_power_off(signals)
-
-    def _connect(self, hal: Hal) -> None:
-        info = hal.connect()
-        self._robot_id = info.robot_id
-        round_trip_ms = info.round_trip_s * 1e3
-        text = f"{info.robot_id}; clock {info.clock_skew_s:+.3f} s from ours, round trip {round_trip_ms:.1f} ms"
-        self.event(EventName.CONNECTED, text)
-        hal.stand()
+    def _serve(self, hal: Hal, signals: StopSignals) -> ControlEnd:
+        """Stand by and control in turn, until something ends it."""
         warm_up(self.policy)
         self.attendance = Attendance(self._config, hal.host_now_ns())
         self.event(EventName.ARMED, f"policy {self.policy.contract.name}")
         self._tell_armed()
-
-    def _serve(self, hal: Hal, signals: StopSignals) -> Stop:
-        """Stand by and control in turn, until something ends it."""
         while True:
             stop = self._stand_by(hal, signals)
             if stop is not None:
-                self._link.state("ending")
-                return stop
-            stop = self._control(hal, signals)
-            keeps = self.keeps_standing and stop.reason is StopReason.OPERATOR_STOP
-            self._link.state("arming" if keeps else "ending")
-            self._end_log(stop)
+                return ControlEnd(stop, may_stand=False)
+            end = self._control(hal, signals)
+            keeps = self.keeps_standing and end.may_stand and end.stop.reason is StopReason.OPERATOR_STOP
+            if keeps:
+                self._link.state("arming")
+            self._end_log(end.stop.reason.label)
             if not keeps:
-                return stop
+                return end
             hal.stand()
             self._tell_armed()
 
@@ -240,7 +200,7 @@ class OperatedRun:
     def _waits(self) -> bool:
         return self._errands.is_busy or (self.stop is None and not self.is_start_asked)
 
-    def _control(self, hal: Hal, signals: StopSignals) -> Stop:
+    def _control(self, hal: Hal, signals: StopSignals) -> ControlEnd:
         self.keeps_standing = False
         self._source.let_go()
         loop = ControlLoop(hal, self.policy, self._source, self._config, self._sink, on_event=self._link.event)
@@ -257,7 +217,7 @@ class OperatedRun:
                 self._manager.progressed()
         finally:
             self.loop = None
-        return loop.stop or Stop(StopReason.COMPLETED)
+        return control_end(loop.ending)
 
     def _look(self, signals: StopSignals) -> None:
         """Take what operators and signals want, and see whether anybody is there."""
@@ -276,48 +236,8 @@ class OperatedRun:
 
     # Ends -------------------------------------------------------------------------------------------------------------
 
-    def _end(self, stop: Stop) -> None:
-        self._outcome, self._exit_code, self._sentence = stop.reason.label, stop.reason.exit_code, stop.sentence()
-
-    def _rest(self, hal: Hal, stop: Stop) -> None:
-        if stop.reason.reaction is Reaction.HAND_BACK and self.stop is None and not stop.reason.is_urgent:
-            try:
-                hal.stand()
-            except HalError as error:
-                self.event(EventName.STAND_FAILED, f"{error}; it sits down as it is")
-        if self._is_powered_off(hal):
-            self.event(EventName.POWER_OFF, "the robot sits and its motors are off")
-
-    def _try_power_off(self, signals: StopSignals, stop: Stop | None = None) -> None:
-        self._link.state("ending")
-        if self._hal is None:
-            return
-        try:
-            if stop is not None and stop.reason.reaction is Reaction.ESTOP:
-                self._hal.estop()
-            else:
-                signals.interrupt_waits(only_estop=True)
-            self._is_powered_off(self._hal)
-        except OperatorInterrupt as interrupt:
-            self._end(interrupt.stop)
-            self.event(EventName.STOP, interrupt.stop.sentence())
-            self._try_power_off(signals, interrupt.stop)
-
-    def _is_powered_off(self, hal: Hal) -> bool:
-        """Power off; where that fails, the words about the end say so, and no exit code that means well is left."""
-        try:
-            hal.power_off()
-        except HalError as error:
-            self.event(EventName.POWER_OFF_FAILED, f"{error}; see to the robot")
-            self._sentence = f"{self._sentence}; then powering off failed: {error}; see to the robot"
-            if self._exit_code in MEANT_WELL:
-                self._outcome, self._exit_code = "power_off_failed", error.exit_code
-            return False
-        return True
-
-    def _end_log(self, stop: Stop | None) -> None:
+    def _end_log(self, label: str) -> None:
         """Close the log; where something went wrong, write what led to it first."""
-        label = self._outcome if stop is None else stop.reason.label
         try:
             path = self._desk.write_incident(label)
         except SpotRlError as error:
@@ -340,7 +260,7 @@ class OperatedRun:
         self._status_due_ns = now_ns + STATUS_PERIOD_NS
         self._link.status(
             status_of(
-                robot_id=self._robot_id,
+                robot_id="" if self._session is None else self._session.robot_id,
                 policy=self.policy,
                 loop=self.loop,
                 state=state,
@@ -356,5 +276,10 @@ class OperatedRun:
         all_labels = {**self._spec.labels, **labels}
         return RunRequest(self._spec.robot, self.policy, self._source, self._config, path, 0, all_labels)
 
+    @property
+    def _hal(self) -> Hal | None:
+        return None if self._session is None else self._session.hal
+
     def _now_ns(self) -> int:
-        return self._clock.now_ns() if self._hal is None else self._hal.host_now_ns()
+        hal = self._hal
+        return self._clock.now_ns() if hal is None else hal.host_now_ns()

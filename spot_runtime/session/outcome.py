@@ -1,0 +1,41 @@
+"""How a run ended: the first thing that went wrong stays the outcome, whatever follows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from spot_runtime.control.stops import Stop, StopReason
+from spot_runtime.hal.errors import HalError
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What the summary, the log and the exit code say about the end."""
+
+    label: str = ""
+    """Name of the reason; empty while the run goes on."""
+    exit_code: int = 0
+    sentence: str = ""
+    is_fault: bool = False
+    """Whether something went wrong; a wish of the operator's is no fault, and nor is the end of the sequence."""
+
+    def after_stop(self, stop: Stop) -> Outcome:
+        """The outcome once this stop has come, too."""
+        reason = stop.reason
+        return self._after(Outcome(reason.label, reason.exit_code, stop.sentence(), is_fault=reason.is_fault))
+
+    def after_error(self, error: HalError) -> Outcome:
+        """The outcome once the robot could not be used."""
+        return self._after(Outcome(error.label, error.exit_code, str(error), is_fault=True))
+
+    def after_power_failure(self, error: HalError) -> Outcome:
+        """The outcome once powering off failed; the sentence always says so."""
+        words = f"powering off failed: {error}; see to the robot"
+        if self.is_fault or self.exit_code == StopReason.OPERATOR_ESTOP.exit_code:
+            return replace(self, sentence=f"{self.sentence}; then {words}")
+        return Outcome("power_off_failed", error.exit_code, f"{self.sentence}; then {words}", is_fault=True)
+
+    def _after(self, later: Outcome) -> Outcome:
+        if not self.is_fault:
+            return later
+        return replace(self, sentence=f"{self.sentence}; then {later.sentence}")

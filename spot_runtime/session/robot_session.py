@@ -1,0 +1,149 @@
+"""One robot from the first call to the returned lease, and the one place that says in which order a run ends.
+
+    connect ──► stand ──► control ──► shut down: stand where it may, sit, power off, return what was taken
+
+A signal may interrupt whatever waits for the robot. After the first, only the e-stop interrupts; after the e-stop,
+nothing does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from spot_log.format.events import EventName
+from spot_runtime.control.stops import Ending, Reaction, Stop, StopReason
+from spot_runtime.hal.base import Hal
+from spot_runtime.hal.errors import HalError
+from spot_runtime.session.outcome import Outcome
+from spot_runtime.session.signals import OperatorInterrupt, StopSignals
+
+
+class ControlEnd(NamedTuple):
+    """How control ended."""
+
+    stop: Stop
+    may_stand: bool
+    """Whether the vendor's controller may be asked to stand first, so that the robot sits down in good order: not when
+    it stands already, must be quick, lies, is tipped, or is not believed."""
+
+
+def control_end(ending: Ending | None) -> ControlEnd:
+    """How control ended, from what the loop says of it."""
+    if ending is None:
+        return ControlEnd(Stop(StopReason.COMPLETED), may_stand=True)
+    is_mild = ending.reaction is Reaction.HAND_BACK and not ending.cause.reason.is_urgent
+    return ControlEnd(ending.cause, may_stand=is_mild)
+
+
+class RobotSession:
+    """Connects, lets something control the robot, and shuts it down whatever happened."""
+
+    def __init__(
+        self,
+        signals: StopSignals,
+        event: Callable[[EventName, str], None],
+        *,
+        say: Callable[[str], None] = lambda _: None,
+        on_shut_down: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Prepare.
+
+        Args:
+            signals: Entered; what the operator asks by them ends the session.
+            event: Writes an event.
+            say: Takes words about progress.
+            on_shut_down: Called when shutting down begins; once, so that its own failure cannot keep the power on.
+        """
+        self._signals, self._event, self._say, self._on_shut_down = signals, event, say, on_shut_down
+        self._has_told_shut_down = False
+        self.hal: Hal | None = None
+        self.robot_id = ""
+        """Who answered; empty before."""
+        self.outcome = Outcome()
+
+    def drive(self, make_hal: Callable[[], Hal], control: Callable[[Hal], ControlEnd]) -> None:
+        """Connect, stand, control, shut down. Raises nothing of what the robot or the operator does."""
+        try:
+            self._connect_and_control(make_hal, control)
+        except OperatorInterrupt as interrupt:
+            self._interrupted(interrupt.stop)
+            self.shut_down(interrupt.stop.reason.reaction)
+        finally:
+            self._signals.interrupts = False
+            if self.hal is not None:
+                self.hal.close()
+
+    def shut_down(self, reaction: Reaction = Reaction.EXPIRE, *, may_stand: bool = False) -> None:
+        """Bring the robot to rest and see that its motors are off. :meth:`drive` then returns lease and e-stop.
+
+        Args:
+            reaction: The strongest that anything has asked for; the e-stop is pressed first.
+            may_stand: Whether to let the vendor's controller stand first; any signal then cuts that short.
+        """
+        hal = self.hal
+        if hal is None:
+            return
+        if not self._has_told_shut_down:
+            self._has_told_shut_down = True
+            self._on_shut_down()
+        try:
+            if reaction is Reaction.ESTOP:
+                hal.estop()
+            else:
+                self._signals.interrupt_waits(only_estop=not may_stand)
+            if may_stand:
+                self._stand(hal)
+            self._power_off(hal)
+        except OperatorInterrupt as interrupt:
+            self._interrupted(interrupt.stop)
+            self.shut_down(interrupt.stop.reason.reaction)
+
+    def _connect_and_control(self, make_hal: Callable[[], Hal], control: Callable[[Hal], ControlEnd]) -> None:
+        """An interrupt may come at any point, also while an error is answered."""
+        try:
+            self._signals.interrupt_waits()
+            hal = self.hal = make_hal()
+            self._connect(hal)
+            self._signals.interrupts = False
+            end = control(hal)
+            self.outcome = self.outcome.after_stop(end.stop)
+            self.shut_down(may_stand=end.may_stand)
+        except HalError as error:
+            self.outcome = self.outcome.after_error(error)
+            self._event(EventName.CONNECTION_FAILED, str(error))
+            self.shut_down()
+        except Exception as error:  # noqa: BLE001 - a defect here must not leave the robot standing with power
+            stop = Stop(StopReason.INTERNAL_ERROR, f"{type(error).__name__}: {error}")
+            self.outcome = self.outcome.after_stop(stop)
+            self._event(EventName.STOP, f"{stop.reason.label}: {stop.sentence()}")
+            self.shut_down()
+
+    def _connect(self, hal: Hal) -> None:
+        info = hal.connect()
+        self.robot_id = info.robot_id
+        round_trip_ms = info.round_trip_s * 1e3
+        text = f"{info.robot_id}; clock {info.clock_skew_s:+.3f} s from ours, round trip {round_trip_ms:.1f} ms"
+        self._event(EventName.CONNECTED, text)
+        self._say("powering on and standing …")
+        hal.stand()
+
+    def _interrupted(self, stop: Stop) -> None:
+        self.outcome = self.outcome.after_stop(stop)
+        self._event(EventName.STOP, stop.sentence())
+
+    def _stand(self, hal: Hal) -> None:
+        try:
+            hal.stand()
+        except HalError as error:
+            self._event(EventName.STAND_FAILED, f"{error}; it sits down as it is")
+
+    def _power_off(self, hal: Hal) -> None:
+        """Sit and cut power; where that fails, every word about the end says so."""
+        try:
+            hal.power_off()
+        except HalError as error:
+            self._event(EventName.POWER_OFF_FAILED, f"{error}; see to the robot")
+            self.outcome = self.outcome.after_power_failure(error)
+        else:
+            self._event(EventName.POWER_OFF, "the robot sits and its motors are off")
