@@ -23,6 +23,29 @@ _MARK_OFFSET: Final = RECORD_HEAD.size + 28
 _MARK: Final = re.compile(b"|".join(re.escape(_U32.pack(len(name)) + name.encode()) for name in COMPRESSIONS if name))
 
 
+FREE_BYTES: Final = 16 << 20
+MAX_EXPANSION: Final = 64
+"""Our own logs hold four to eight times their size."""
+
+
+class Budget:
+    """How much may come out of one file: a few kB must not fill a computer's memory, nor keep it busy for minutes."""
+
+    def __init__(self, file_bytes: int) -> None:
+        """Allow :data:`FREE_BYTES`, and :data:`MAX_EXPANSION` times the file's size."""
+        self.limit = self.left = FREE_BYTES + MAX_EXPANSION * file_bytes
+
+    def take(self, size: int) -> bool:
+        """Whether so many bytes more are allowed; if not, none are from now on."""
+        self.left = self.left - size if size <= self.left else 0
+        return self.left > 0
+
+    @property
+    def is_spent(self) -> bool:
+        """Whether nothing more is allowed."""
+        return self.left <= 0
+
+
 class Chunk(NamedTuple):
     """The uncompressed content of a chunk, and the offset of the record after it."""
 
@@ -30,8 +53,11 @@ class Chunk(NamedTuple):
     end: int
 
 
-def read_chunk(data: bytes, offset: int) -> Chunk | str:
-    """Read the chunk at ``offset`` by its own head, whatever the record's head says; else tell what is wrong."""
+def read_chunk(data: bytes, offset: int, budget: Budget) -> Chunk | str:
+    """Read the chunk at ``offset`` by its own head, whatever the record's head says; else tell what is wrong.
+
+    Every try is paid for from ``budget``, a failed one too.
+    """
     at = offset + RECORD_HEAD.size
     try:
         _, _, size, crc, name_length = CHUNK_HEAD.unpack_from(data, at)
@@ -47,7 +73,7 @@ def read_chunk(data: bytes, offset: int) -> Chunk | str:
     if size > MAX_CHUNK_BYTES:
         return f"its size of {size} bytes is more than {MAX_CHUNK_BYTES}"
     try:
-        content = _decompress(compression, data[start:end], size)
+        content = _decompress(compression, data[start:end], size, budget)
     except (*PARSE_ERRORS, RuntimeError) as error:
         return f"it cannot be decompressed ({error})"
     if len(content) != size:
@@ -57,24 +83,35 @@ def read_chunk(data: bytes, offset: int) -> Chunk | str:
     return Chunk(content, end)
 
 
-def _decompress(compression: str, data: bytes, size: int) -> bytes:
+def _decompress(compression: str, data: bytes, size: int, budget: Budget) -> bytes:
+    """Decompress at most ``size`` bytes. What is known to be wrong before costs nothing; all else is paid for."""
+    if compression == "":
+        return data
     if compression == "zstd":
         declared = zstandard.get_frame_parameters(data).content_size
-        if declared not in (size, zstandard.CONTENTSIZE_UNKNOWN):
-            raise ValueError(f"frame of {declared} bytes in a chunk of {size}")
+        is_known = declared != zstandard.CONTENTSIZE_UNKNOWN
+    else:
+        declared = int(lz4.get_frame_info(data)["content_size"])
+        is_known = declared > 0
+    if is_known and declared != size:
+        raise ValueError(f"frame of {declared} bytes in a chunk of {size}")
+    if not budget.take(size + len(data)):
+        raise ValueError(f"the file would expand to more than {budget.limit} bytes")
+    if compression == "zstd":
         return zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
-    if compression == "lz4":
-        return bytes(lz4.LZ4FrameDecompressor().decompress(data, max_length=size))
-    return data
+    return bytes(lz4.LZ4FrameDecompressor().decompress(data, max_length=size))
 
 
-def find_chunk(data: bytes, offset: int) -> int | None:
+def find_chunk(data: bytes, offset: int, budget: Budget) -> tuple[int, Chunk] | None:
     """Find the next whole chunk that starts at or after ``offset``, by the mark in its head; None if there is none."""
     # One pass for all marks: a search for each would go through the whole file again for one that is not there.
     for mark in _MARK.finditer(data, offset + _MARK_OFFSET):
         start = mark.start() - _MARK_OFFSET
-        if isinstance(read_chunk(data, start), Chunk):
-            return start
+        chunk = read_chunk(data, start, budget)
+        if isinstance(chunk, Chunk):
+            return start, chunk
+        if budget.is_spent:
+            return None
     return None
 
 

@@ -15,8 +15,11 @@ from typing import Final, NamedTuple
 from mcap.opcode import Opcode
 
 from spot_log.format.topics import ALL_TOPICS
-from spot_log.read.mcap_chunk import PARSE_ERRORS, RECORD_HEAD, Chunk, find_chunk, read_chunk, read_string
+from spot_log.read.mcap_chunk import PARSE_ERRORS, RECORD_HEAD, Budget, Chunk, find_chunk, read_chunk, read_string
 from spot_log.write.mcap_file import MAGIC
+
+MESSAGE_BYTES: Final = 256
+"""What a message costs in memory beside its content."""
 
 _MESSAGE_HEAD: Final = struct.Struct("<HIQQ")
 _U16, _U32, _U64 = struct.Struct("<H"), struct.Struct("<I"), struct.Struct("<Q")
@@ -65,6 +68,7 @@ class _Scanner:
     def __init__(self, data: bytes) -> None:
         self._data = data
         self._scan = Scan()
+        self._budget = Budget(len(data))
         # Numbers are fixed in our own files, so channels are known even where their records are lost.
         self._topics = {topic.channel_id: topic.name for topic in ALL_TOPICS}
         self._schema_of_channel = {topic.channel_id: topic.channel_id for topic in ALL_TOPICS}
@@ -78,13 +82,18 @@ class _Scanner:
             scan.damage.append("the first 8 bytes are not those of an MCAP file")
         offset = len(MAGIC)
         is_ended = False
-        while offset < len(data) and not is_ended:
+        while offset < len(data) and not is_ended and not self._budget.is_spent:
             step = self._record(offset)
             if step is None:
                 offset = self._skip_damage(offset)
                 continue
             offset, is_ended = step
-        if not is_ended and not scan.is_cut:
+        if self._budget.is_spent:
+            scan.is_cut = True
+            scan.damage.append(
+                f"{len(data)} bytes expand to more than {self._budget.limit}: what comes after is not read"
+            )
+        elif not is_ended and not scan.is_cut:
             scan.is_cut = True
             scan.damage.append(f"the file ends at byte {len(data)} without an end of data")
         scan.is_mcap = is_magic or bool(scan.messages)
@@ -92,12 +101,12 @@ class _Scanner:
 
     def _skip_damage(self, offset: int) -> int:
         """Go on at the next whole chunk, whatever its record's head says; return the offset after it."""
-        found = find_chunk(self._data, offset)
-        end = len(self._data) if found is None else found
+        found = find_chunk(self._data, offset, self._budget)
+        end = len(self._data) if found is None else found[0]
         self._scan.is_cut = found is None
         where = "to the end of the file" if found is None else "up to the next whole chunk"
         self._scan.damage.append(f"{end - offset} bytes from byte {offset} {where} cannot be read")
-        return end if found is None else self._take_chunk(found, read_chunk(self._data, found))
+        return end if found is None else self._take_chunk(*found)
 
     def _record(self, offset: int) -> tuple[int, bool] | None:
         """Read the record at ``offset``; return the next offset and whether the data ended, None if it is damaged."""
@@ -136,7 +145,7 @@ class _Scanner:
         return True
 
     def _chunk_record(self, offset: int) -> tuple[int, bool] | None:
-        chunk = read_chunk(self._data, offset)
+        chunk = read_chunk(self._data, offset, self._budget)
         if isinstance(chunk, Chunk):
             return self._take_chunk(offset, chunk), False
         # The chunk is bad; if its length is good, its index follows and tells what was in it.
@@ -148,13 +157,14 @@ class _Scanner:
         self._lost_chunk = True
         return end, False
 
-    def _take_chunk(self, offset: int, chunk: Chunk | str) -> int:
-        assert isinstance(chunk, Chunk)  # noqa: S101
+    def _take_chunk(self, offset: int, chunk: Chunk) -> int:
         self._lost_chunk = False
+        before = len(self._scan.messages)
         try:
             self._content(chunk.content)
         except PARSE_ERRORS as error:
             self._scan.damage.append(f"chunk at byte {offset}: {error}")
+        self._budget.take(MESSAGE_BYTES * (len(self._scan.messages) - before))
         return chunk.end
 
     def _content(self, content: bytes) -> None:

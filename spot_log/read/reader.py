@@ -24,6 +24,9 @@ from spot_protos import log_pb2
 RECOVERED: Final = "recovered: "
 """How the outcome of a recovered log begins."""
 _SEVERITIES: Final = frozenset(int(severity) for severity in Severity)
+MAX_IMU_PACKETS: Final = 256
+"""In one state; a robot sends about five."""
+
 M = TypeVar("M", bound=Message)
 
 
@@ -162,6 +165,8 @@ def _imu_table(rows: list[log_pb2.State]) -> ImuTable:
     packets: list[Any] = []
     index: list[int] = []
     for i, row in enumerate(rows):
+        if len(row.imu) > MAX_IMU_PACKETS:
+            raise LogReadError(f"state {i} holds {len(row.imu)} IMU packets; allowed: at most {MAX_IMU_PACKETS}")
         packets.extend(row.imu)
         index.extend([i] * len(row.imu))
     return ImuTable(

@@ -6,6 +6,7 @@ and channels in the first chunk only, and leaves half a chunk behind on a full d
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import os
 import struct
@@ -63,10 +64,18 @@ class McapFile:
 
     def __init__(self, path: Path, topics: Iterable[Topic]) -> None:
         self.path = path
+        # By its descriptor the folder is found again where somebody moves it.
+        self._folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+        self._fd = -1
+        flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
         try:
-            self._fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+            self._fd = os.open(path.name, flags, 0o644, dir_fd=self._folder)
         except FileExistsError as error:
+            self.close()
             raise LogExistsError(path) from error
+        except OSError:
+            self.close()
+            raise
         # Whoever looks for leftovers of a crash can tell this file from one by the lock.
         fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
         self._size = 0
@@ -189,8 +198,11 @@ class McapFile:
         self._append(encoded)
         self._attachment_indices.append(index)
 
-    def finish(self) -> None:
+    def finish(self, final_name: str = "") -> None:
         """Flush, add the index, and close. A file that is not finished can still be read, slower.
+
+        Args:
+            final_name: What the file is called from now on, in its folder; empty: as before.
 
         Raises:
             OSError: The disk is full, or gone; the file is closed all the same.
@@ -198,19 +210,36 @@ class McapFile:
         try:
             self.flush()
             self._append(self._tail())
+            if final_name:
+                # A hard link refuses to overwrite, a rename would not.
+                os.link(self.path.name, final_name, src_dir_fd=self._folder, dst_dir_fd=self._folder)
+                os.unlink(self.path.name, dir_fd=self._folder)
         finally:
             self.close()
 
+    @property
+    def free_bytes(self) -> int:
+        """Room that is left for this user on the file's disk."""
+        status = os.fstatvfs(self._fd)
+        return status.f_bavail * status.f_frsize
+
+    @property
+    def is_deleted(self) -> bool:
+        """Whether the file has no name any more: whatever is written to it is lost."""
+        return os.fstat(self._fd).st_nlink == 0
+
     def close(self) -> None:
         """Close without an index; harmless after :meth:`finish`."""
-        if self._fd >= 0:
-            os.close(self._fd)
-            self._fd = -1
+        for descriptor in (self._fd, self._folder):
+            if descriptor >= 0:
+                os.close(descriptor)
+        self._fd = self._folder = -1
 
     def give_up(self) -> None:
         """Close and remove a file that holds nothing yet."""
+        with contextlib.suppress(OSError):
+            os.unlink(self.path.name, dir_fd=self._folder)
         self.close()
-        self.path.unlink(missing_ok=True)
 
     def _tail(self) -> bytes:
         used = sorted(self._counts)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -164,13 +165,16 @@ class RunWriter:
         """Make everything that was added durable.
 
         Raises:
-            OSError: The disk is full or gone; what was buffered is lost, the file is as before.
+            OSError: The disk is full or gone, or the file was deleted; what was buffered is lost and forgotten.
         """
-        free = free_bytes(self.path.parent)
-        if self._file.buffered_bytes and free < MIN_FREE_BYTES_TO_WRITE:
+        try:
+            free = self._file.free_bytes
+            if self._file.buffered_bytes and free < MIN_FREE_BYTES_TO_WRITE:
+                raise DiskSpaceError(self.path.parent, free, MIN_FREE_BYTES_TO_WRITE)
+            self._check_named()
+            self._file.flush()
+        finally:
             self._file.discard()
-            raise DiskSpaceError(self.path.parent, free, MIN_FREE_BYTES_TO_WRITE)
-        self._file.flush()
 
     def close(self, dropped: Mapping[str, int], outcome: str) -> None:
         """Write the footer and the index, and give the file its final name.
@@ -181,14 +185,16 @@ class RunWriter:
         counts = self._file.written_counts + self._file.buffered_counts
         footer = codec.footer_to_proto(self._last_host_stamp_ns, _by_topic(counts), dropped, outcome)
         self._put(FOOTER, footer, 0, self._last_host_stamp_ns)
-        self._file.finish()
-        # A hard link refuses to overwrite, a rename would not.
-        os.link(active_path(self.path), self.path)
-        active_path(self.path).unlink()
+        self._check_named()
+        self._file.finish(self.path.name)
 
     def abandon(self) -> None:
         """Close the file as it is on disk, under its ``.active`` name."""
         self._file.close()
+
+    def _check_named(self) -> None:
+        if self._file.is_deleted:
+            raise FileNotFoundError(errno.ENOENT, "its file was deleted while it was being written")
 
     def _add_state(self, state: log_pb2.State, sequence: int) -> None:
         if self._robot_minus_host_ns is None:

@@ -1,33 +1,19 @@
 """What an ONNX file says about itself, read before ONNX Runtime sees a byte of it.
 
-An ONNX file is a protobuf message; its tags and lengths are walked here, and nothing is computed, allocated by the
-file's word, or fetched. So only a file whose contract holds reaches native code, and one that would fetch weights from
-other files, loop, or bring functions of its own never does.
+An ONNX file is a protobuf message. It is walked here by a table of all that a policy may hold, and nothing is computed,
+allocated by the file's word, or fetched. A field that the table does not know is refused, not skipped: so this reader
+and ONNX Runtime's cannot see two different models in one file, and none that would loop, fetch weights from other
+files, or bring functions of its own reaches native code.
 
-Numbers of fields: onnx.proto of ONNX 1.x (ModelProto, GraphProto, NodeProto, AttributeProto, TensorProto).
+Numbers of fields: onnx.proto of ONNX 1.x.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Final
+from dataclasses import dataclass, field
+from typing import Final, NamedTuple
 
-MODEL_GRAPH: Final = 7
-MODEL_METADATA: Final = 14
-MODEL_FUNCTIONS: Final = 25
-GRAPH_NODE: Final = 1
-GRAPH_INITIALIZER: Final = 5
-GRAPH_SPARSE_INITIALIZER: Final = 15
-NODE_OPERATOR: Final = 4
-NODE_ATTRIBUTE: Final = 5
-NODE_DOMAIN: Final = 7
-ATTRIBUTE_TENSOR: Final = 5
-ATTRIBUTE_GRAPH: Final = 6
-ATTRIBUTE_TENSORS: Final = 10
-ATTRIBUTE_GRAPHS: Final = 11
-TENSOR_LOCATION: Final = 14
-TENSOR_EXTERNAL: Final = 13
+from spot_model.policy.onnx_wire import BYTES, FIXED32, FIXED64, VARINT, Field, WireError, fields
 
 MAX_NODES: Final = 10_000
 FORBIDDEN: Final = frozenset({"Loop", "Scan", "If", "SequenceMap"})
@@ -40,12 +26,123 @@ class OnnxHeadError(ValueError):
     """The bytes are no ONNX model that is taken here; the message says why."""
 
 
-@dataclass(frozen=True)
+@dataclass
 class OnnxHead:
     """What was found."""
 
-    metadata: dict[str, str]
-    nodes: int
+    metadata: dict[str, str] = field(default_factory=dict)
+    operators: list[str] = field(default_factory=list)
+    """Of every node, in the order of the file."""
+
+    @property
+    def nodes(self) -> int:
+        """How many nodes there are."""
+        return len(self.operators)
+
+
+class _Rule(NamedTuple):
+    """How a field may be written: its wire types, the message that it holds, and whether it may come twice."""
+
+    wires: tuple[int, ...]
+    kind: str = ""
+    is_repeated: bool = False
+
+
+_NUMBER, _TEXT, _TEXTS = _Rule((VARINT,)), _Rule((BYTES,)), _Rule((BYTES,), is_repeated=True)
+_NUMBERS = _Rule((VARINT, BYTES), is_repeated=True)
+
+
+def _one(kind: str) -> _Rule:
+    return _Rule((BYTES,), kind)
+
+
+def _many(kind: str) -> _Rule:
+    return _Rule((BYTES,), kind, is_repeated=True)
+
+
+_GRAMMAR: Final[dict[str, dict[int, _Rule]]] = {
+    "model": {
+        1: _NUMBER,
+        2: _TEXT,
+        3: _TEXT,
+        4: _TEXT,
+        5: _NUMBER,
+        6: _TEXT,
+        7: _one("graph"),
+        8: _many("operator set"),
+        14: _many("metadata"),
+    },
+    "operator set": {1: _TEXT, 2: _NUMBER},
+    "metadata": {1: _TEXT, 2: _TEXT},
+    "entry": {1: _TEXT, 2: _TEXT},
+    "graph": {
+        1: _many("node"),
+        2: _TEXT,
+        5: _many("tensor"),
+        10: _TEXT,
+        11: _many("value"),
+        12: _many("value"),
+        13: _many("value"),
+        16: _many("entry"),
+    },
+    "node": {
+        1: _TEXTS,
+        2: _TEXTS,
+        3: _TEXT,
+        4: _TEXT,
+        5: _many("attribute"),
+        6: _TEXT,
+        7: _TEXT,
+        9: _many("entry"),
+    },
+    "attribute": {
+        1: _TEXT,
+        2: _Rule((FIXED32,)),
+        3: _NUMBER,
+        4: _TEXT,
+        5: _one("tensor"),
+        7: _Rule((FIXED32, BYTES), is_repeated=True),
+        8: _NUMBERS,
+        9: _TEXTS,
+        10: _many("tensor"),
+        13: _TEXT,
+        20: _NUMBER,
+    },
+    "tensor": {
+        1: _NUMBERS,
+        2: _NUMBER,
+        4: _Rule((FIXED32, BYTES), is_repeated=True),
+        5: _NUMBERS,
+        6: _TEXTS,
+        7: _NUMBERS,
+        8: _TEXT,
+        9: _TEXT,
+        10: _Rule((FIXED64, BYTES), is_repeated=True),
+        11: _NUMBERS,
+        12: _TEXT,
+        14: _NUMBER,
+        16: _many("entry"),
+    },
+    "value": {1: _TEXT, 2: _one("type"), 3: _TEXT, 4: _many("entry")},
+    "type": {1: _one("tensor type"), 6: _TEXT},
+    "tensor type": {1: _NUMBER, 2: _one("shape")},
+    "shape": {1: _many("dimension")},
+    "dimension": {1: _NUMBER, 2: _TEXT, 3: _TEXT},
+}
+
+_ELSEWHERE: Final = "it keeps weights in another file; export it as one file"
+_NESTED: Final = "it holds a graph in a graph; export it flat"
+_REFUSED: Final = {
+    ("model", 20): "it brings a training procedure; export it for inference",
+    ("model", 25): "it brings functions of its own; export it with standard operators alone",
+    ("graph", 15): "it has sparse weights; export them dense",
+    ("attribute", 6): _NESTED,
+    ("attribute", 11): _NESTED,
+    ("attribute", 22): "it has sparse weights; export them dense",
+    ("attribute", 23): "it has sparse weights; export them dense",
+    ("tensor", 13): _ELSEWHERE,
+}
+"""What ONNX knows and no policy needs."""
 
 
 def read_head(data: bytes) -> OnnxHead:
@@ -54,107 +151,65 @@ def read_head(data: bytes) -> OnnxHead:
     Raises:
         OnnxHeadError: It is no protobuf message with a graph, or it holds what no policy needs.
     """
-    metadata: dict[str, str] = {}
-    nodes, graphs = 0, 0
-    for number, value in _fields(data, 0, len(data)):
-        if number == MODEL_METADATA:
-            key, text = _pair(data, value)
-            metadata[key] = text
-        elif number == MODEL_GRAPH:
-            graphs += 1
-            nodes += _check_graph(data, value)
-        elif number == MODEL_FUNCTIONS:
-            raise OnnxHeadError("it brings functions of its own; export it with standard operators alone")
-    if graphs != 1:
-        raise OnnxHeadError(f"it holds {graphs} graphs; a model has one")
-    return OnnxHead(metadata, nodes)
-
-
-def _check_graph(data: bytes, at: slice) -> int:
-    nodes = 0
-    for number, value in _fields(data, at.start, at.stop):
-        if number == GRAPH_NODE:
-            nodes += 1
-            if nodes > MAX_NODES:
-                raise OnnxHeadError(f"it has more than {MAX_NODES} nodes")
-            _check_node(data, value)
-        elif number == GRAPH_INITIALIZER:
-            _check_tensor(data, value)
-        elif number == GRAPH_SPARSE_INITIALIZER:
-            raise OnnxHeadError("it has sparse weights; export them dense")
-    return nodes
-
-
-def _check_node(data: bytes, at: slice) -> None:
-    for number, value in _fields(data, at.start, at.stop):
-        if number == NODE_OPERATOR and _text(data, value) in FORBIDDEN:
-            raise OnnxHeadError(f"operator {_text(data, value)} has a cost that nobody knows; export it without")
-        if number == NODE_DOMAIN and _text(data, value) not in _DOMAINS:
-            raise OnnxHeadError(f"operators of domain {_text(data, value)[:40]!r} are not taken; use standard ones")
-        if number == NODE_ATTRIBUTE:
-            _check_attribute(data, value)
-
-
-def _check_attribute(data: bytes, at: slice) -> None:
-    for number, value in _fields(data, at.start, at.stop):
-        if number in (ATTRIBUTE_GRAPH, ATTRIBUTE_GRAPHS):
-            raise OnnxHeadError("it holds a graph in a graph; export it flat")
-        if number in (ATTRIBUTE_TENSOR, ATTRIBUTE_TENSORS):
-            _check_tensor(data, value)
-
-
-def _check_tensor(data: bytes, at: slice) -> None:
-    for number, value in _fields(data, at.start, at.stop):
-        is_elsewhere = number == TENSOR_LOCATION and value.stop - value.start == 1 and data[value.start] == 1
-        if is_elsewhere or number == TENSOR_EXTERNAL:
-            raise OnnxHeadError("it keeps weights in another file; export it as one file")
-
-
-def _pair(data: bytes, at: slice) -> tuple[str, str]:
-    found = {1: "", 2: ""}
-    for number, value in _fields(data, at.start, at.stop):
-        if number in found:
-            found[number] = _text(data, value)
-    return found[1], found[2]
-
-
-def _text(data: bytes, at: slice) -> str:
+    head = OnnxHead()
     try:
-        return data[at].decode("utf-8")
+        found = _walk(data, "model", slice(0, len(data)), head)
+    except WireError as error:
+        raise OnnxHeadError(str(error)) from error
+    if 7 not in found:
+        raise OnnxHeadError("it holds 0 graphs; a model has one")
+    return head
+
+
+def _walk(data: bytes, kind: str, at: slice, head: OnnxHead) -> dict[int, Field]:
+    """Check one message and all that it holds. Returns its fields by number, the last of each."""
+    found: dict[int, Field] = {}
+    rules = _GRAMMAR[kind]
+    for item in fields(data, at):
+        rule = rules.get(item.number)
+        if rule is None:
+            words = f"its {kind} at byte {at.start} has a field {item.number}, which no policy needs; export it plainly"
+            raise OnnxHeadError(_REFUSED.get((kind, item.number), words))
+        if item.wire not in rule.wires:
+            raise OnnxHeadError(f"field {item.number} of its {kind} at byte {at.start} is not of its type")
+        if item.number in found and not rule.is_repeated:
+            raise OnnxHeadError(f"field {item.number} of its {kind} at byte {at.start} comes twice")
+        found[item.number] = item
+        if rule.kind:
+            _judge(data, rule.kind, _walk(data, rule.kind, item.at, head), head)
+    return found
+
+
+def _judge(data: bytes, kind: str, found: dict[int, Field], head: OnnxHead) -> None:
+    """Refuse a message by what it says; take what the head tells."""
+    if kind == "metadata":
+        key = _text(data, found.get(1))
+        if key in head.metadata:
+            raise OnnxHeadError(f"its metadata holds {key[:40]!r} twice")
+        head.metadata[key] = _text(data, found.get(2))
+    elif kind == "tensor" and 14 in found and found[14].value != 0:
+        raise OnnxHeadError(_ELSEWHERE)
+    elif kind == "operator set":
+        _check_domain(_text(data, found.get(1)))
+    elif kind == "node":
+        operator = _text(data, found.get(4))
+        if operator in FORBIDDEN:
+            raise OnnxHeadError(f"operator {operator} has a cost that nobody knows; export it without")
+        _check_domain(_text(data, found.get(7)))
+        head.operators.append(operator)
+        if head.nodes > MAX_NODES:
+            raise OnnxHeadError(f"it has more than {MAX_NODES} nodes")
+
+
+def _check_domain(domain: str) -> None:
+    if domain not in _DOMAINS:
+        raise OnnxHeadError(f"operators of domain {domain[:40]!r} are not taken; use standard ones")
+
+
+def _text(data: bytes, item: Field | None) -> str:
+    if item is None:
+        return ""
+    try:
+        return data[item.at].decode("utf-8")
     except UnicodeDecodeError as error:
-        raise OnnxHeadError(f"a name at byte {at.start} is no text") from error
-
-
-def _fields(data: bytes, at: int, end: int) -> Iterator[tuple[int, slice]]:
-    """Each field's number, and where its value lies."""
-    while at < end:
-        key, at = _varint(data, at, end)
-        number, wire = key >> 3, key & 7
-        start = at
-        if wire == 0:
-            _, at = _varint(data, at, end)
-        elif wire == 1:
-            at += 8
-        elif wire == 5:
-            at += 4
-        elif wire == 2:
-            size, start = _varint(data, at, end)
-            at = start + size
-        else:
-            raise OnnxHeadError(f"byte {start} is not what a protobuf message holds there")
-        if number == 0 or at > end:
-            raise OnnxHeadError(f"a field at byte {start} goes beyond its message's end")
-        yield number, slice(start, at)
-
-
-def _varint(data: bytes, at: int, end: int) -> tuple[int, int]:
-    value = 0
-    for shift in range(0, 70, 7):
-        if at >= end:
-            raise OnnxHeadError("it is cut")
-        byte = data[at]
-        at += 1
-        value |= (byte & 0x7F) << shift
-        if byte < 0x80:
-            return value, at
-    raise OnnxHeadError(f"a number before byte {at} has no end")
+        raise OnnxHeadError(f"a name at byte {item.at.start} is no text") from error

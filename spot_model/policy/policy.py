@@ -152,9 +152,12 @@ def load_policy(path: Path, *, provider: str = "cpu", admit: Callable[[str], Non
 
 def policy_from_bytes(data: bytes, *, source: str, provider: str = "cpu") -> Policy:
     """Like :func:`load_policy`, for a file's content; ``source`` names it in errors."""
-    contract = _contract(data, source)
+    text = _contract_text(data, source)
+    contract = _contract(text, source)
     session = _session(data, source, provider)
     with _words_for(source):
+        if session.get_modelmeta().custom_metadata_map.get(METADATA_KEY) != text:
+            raise PolicyError(f"policy {source}: ONNX Runtime reads another contract than was checked; export it again")
         _check_shapes(session, source)
     index = {name: i for i, name in enumerate(facts.JOINT_NAMES)}
     policy_from_canonical = np.array([index[name] for name in contract.joint_names], dtype=np.intp)
@@ -219,8 +222,8 @@ def _check_shapes(session: Any, source: str) -> None:
             )
 
 
-def _contract(data: bytes, source: str) -> PolicyContract:
-    """The contract, before native code sees the file."""
+def _contract_text(data: bytes, source: str) -> str:
+    """The contract as it stands in the file, before native code sees that."""
     try:
         metadata = read_head(data).metadata
     except OnnxHeadError as error:
@@ -229,8 +232,12 @@ def _contract(data: bytes, source: str) -> PolicyContract:
         raise PolicyError(
             f"policy {source} has no contract (metadata key {METADATA_KEY!r}); export it with 'spot-rl export'"
         )
+    return metadata[METADATA_KEY]
+
+
+def _contract(text: str, source: str) -> PolicyContract:
     try:
-        return PolicyContract.from_json(metadata[METADATA_KEY])
+        return PolicyContract.from_json(text)
     except ValidationError as error:
         raise PolicyError(f"policy {source}: its contract does not hold:\n{explain(error)}") from error
 

@@ -87,7 +87,8 @@ class Watchdogs:
             self._next_log_check_ns = robot_ns + LOG_CHECK_PERIOD_NS
             self._look_at_clock()
             health = self._recorder.health()
-            is_recording = health.is_alive and not any(health.unwritten.values())
+            lost = [*health.unwritten.values(), *health.dropped.values()]
+            is_recording = health.is_alive and not any(lost)
             if not is_recording and self._config.log.stop_on_failure:
                 stops.append(Stop(StopReason.LOG_FAILED, health.problem))
         return stops

@@ -209,7 +209,7 @@ def test_a_full_disk_is_reported_and_the_log_stays_readable(synthetic_run, tmp_p
     writer.flush()
     size = active_path(writer.path).stat().st_size
     add(50, 80)
-    monkeypatch.setattr(run_writer, "free_bytes", lambda _: 1000)
+    monkeypatch.setattr(run_writer.McapFile, "free_bytes", 1000)
     with pytest.raises(DiskSpaceError, match="make room"):
         writer.flush()
     assert active_path(writer.path).stat().st_size == size
