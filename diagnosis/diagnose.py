@@ -98,7 +98,7 @@ def explain(
         views, robot, folds, fold_names, calibration.tolerance,
         library={**LIBRARY, **library}, sizes=calibration.ordinary, dof=calibration.dof, relative=calibration.relative,
     )  # fmt: skip
-    say(f"{len(views)} channels, {len(board.blocks)} signals; trying {len(library)} effects")
+    say(f"trying {len(library)} effects on {len(board.blocks)} signals of {len(views)} channels")
     selection = search(board, library, calibration.threshold_nats, say)
     left = _remainder(board, logs, selection)
     return Explained(logs, views, off, board, selection, left, posterior(selection, left, calibration))

@@ -130,6 +130,8 @@ class Recording:
 
 
 ACTIVE: Final = "active"
+CLOCK_ERROR_NS: Final = 10_000_000
+"""By which a stamp of the host's may lie after the robot's own for the same instant; a tick is twice as long."""
 NEVER_NS: Final = np.iinfo(np.int64).max // 2
 
 
@@ -215,15 +217,25 @@ class _Grid:
 
 
 def _receipts(run: Run) -> tuple[Ints, bool]:
-    """When each command took effect; from the state stream where it says so, else when it was sent."""
+    """When each command took effect; from the state stream where it says so, else when it was sent.
+
+    The first states of a run still echo the key of the last run's newest command, and keys count anew: a receipt that
+    is older than the command with that key is another command's.
+    """
     commands, states = run.commands, run.states
-    seen = states.last_command_key > 0
-    if not seen.any():
+    if len(commands) == 0 or not (states.last_command_key > 0).any():
         return commands.robot_stamp_ns.astype(np.int64), False
-    keys, first = np.unique(states.last_command_key[seen], return_index=True)
-    stamps = states.last_command_robot_stamp_ns[seen][first]
-    place = np.clip(np.searchsorted(keys, commands.key), 0, len(keys) - 1)
-    return np.where(keys[place] == commands.key, stamps[place], NEVER_NS).astype(np.int64), True
+    order = np.argsort(commands.key, kind="stable")
+    keys = commands.key[order]
+    place = np.clip(np.searchsorted(keys, states.last_command_key), 0, len(keys) - 1)
+    sent_ns = commands.robot_stamp_ns[order][place]
+    own = (keys[place] == states.last_command_key) & (states.last_command_robot_stamp_ns >= sent_ns - CLOCK_ERROR_NS)
+    if not own.any():
+        return commands.robot_stamp_ns.astype(np.int64), False
+    row, first = np.unique(order[place[own]], return_index=True)
+    out = np.full(len(commands), NEVER_NS, dtype=np.int64)
+    out[row] = states.last_command_robot_stamp_ns[own][first]
+    return out, True
 
 
 def _imu(run: Run, grid: _Grid) -> Imu:

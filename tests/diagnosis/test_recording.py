@@ -117,3 +117,19 @@ def test_errors_say_what_is_wrong(run):
     stamps[60] = stamps[59]
     with pytest.raises(RecordingError, match="does not rise after state 59"):
         record(dataclasses.replace(run, states=dataclasses.replace(run.states, robot_stamp_ns=stamps)))
+
+
+def test_the_echo_of_another_runs_command_is_no_receipt(run):
+    states = run.states
+    late = run.commands.key[20]
+    echo = states.robot_stamp_ns < states.robot_stamp_ns[0] + 6_000_000
+    stale = dataclasses.replace(
+        states,
+        last_command_key=np.where(echo, late, states.last_command_key),
+        last_command_robot_stamp_ns=np.where(echo, START_NS - 5_000_000_000, states.last_command_robot_stamp_ns),
+    )
+    expected = record(run)
+    found = record(dataclasses.replace(run, states=stale))
+    # The echo hides nothing but the first states' own keys.
+    np.testing.assert_array_equal(found.command_ns[1:], expected.command_ns[1:])
+    assert 20 not in found.command_row()[:100]
