@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 from diagnosis.recording import ACTIVE
 from diagnosis.simulated import Script
 from spot_log.read.run import Run, TickTable
+from spot_model.policy.observation import is_fallen, observed
 from spot_model.policy.policy import Policy
 from trainer.sysid.distance.features import features_of_observations
 from trainer.sysid.simulation.rollout import StartState
 
 MIN_TICKS = 50
-FALL_GRAVITY_Z = -0.5
 
 
 def policy_ticks(run: Run) -> NDArray[np.intp]:
@@ -27,7 +27,7 @@ def _followed(t: TickTable) -> NDArray[np.intp]:
     sound = np.isfinite(t.observation).all(axis=1) & np.isfinite(t.action).all(axis=1)
     rows = np.flatnonzero(sound & (t.mode == ACTIVE)) if (t.mode == ACTIVE).any() else np.flatnonzero(sound)
     if len(rows):
-        fallen = np.flatnonzero(t.observation[rows, 8] > FALL_GRAVITY_Z)
+        fallen = np.flatnonzero(is_fallen(t.observation[rows]))
         rows = rows[: fallen[0]] if len(fallen) else rows
     return rows
 
@@ -45,7 +45,7 @@ def script_of(run: Run) -> Script | None:
         world_from_body_wxyz=s.odom_from_body_wxyz[at],
         linear_vel_of_body_in_world_m_s=s.linear_vel_of_body_in_odom_m_s[at],
         angular_vel_of_body_in_world_rad_s=s.angular_vel_of_body_in_odom_rad_s[at],
-        last_action=t.observation[rows[0], 36:48],
+        last_action=observed(t.observation[rows[0]], "last_action"),
     )
     return Script(run.header.command_sequence or "unnamed", run.header.repeat, start, t.velocity_command[rows])
 

@@ -23,6 +23,7 @@ from diagnosis.verdict import OtherGap, Placebo, Shrink
 from spot_log.read.run import Run
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel
+from spot_model.policy.observation import observed
 from spot_model.policy.policy import Policy
 
 
@@ -341,7 +342,9 @@ def _joint_velocity(run: Run) -> np.ndarray:
 
 
 def _velocity(run: Run) -> np.ndarray:
-    return np.asarray(run.ticks.observation[policy_ticks(run), :3], dtype=np.float64)
+    return np.asarray(
+        observed(run.ticks.observation[policy_ticks(run)], "linear_vel_of_body_in_body_m_s"), dtype=np.float64
+    )
 
 
 def _active(run: Run) -> np.ndarray:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_closing, binary_dilation, binary_opening, uniform_filter1d
 
 from diagnosis.recording import NEVER_NS, Recording
+from spot_model.policy.observation import FALLEN_GRAVITY_Z
 from spot_model.robot.control import pd_torque
 from spot_model.robot.rotation import projected_gravity
 
@@ -29,8 +30,6 @@ SHORTEST_S: Final = 0.06
 STILL_RAD_S: Final = 0.25
 """Root-mean-square joint speed under which the robot stands."""
 
-FALLEN_GRAVITY_Z: Final = -0.5
-"""A body that leans by more than 60 degrees has fallen; what follows is no gait."""
 
 Kind = Literal["lost", "no_command", "start", "expired", "not_following", "fallen", "standing"]
 

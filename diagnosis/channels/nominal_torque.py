@@ -9,10 +9,8 @@ from typing import Final
 import numpy as np
 
 from diagnosis.seam import Array, Ints
-from spot_model.effects.base import Effect, Motion, TorqueEffect
-from spot_model.effects.drive.armature import Armature
-from spot_model.effects.drive.coulomb_friction import CoulombFriction
-from spot_model.effects.drive.viscous_friction import ViscousFriction
+from spot_model.effects.base import Effect, LossMotion, Motion, TorqueEffect
+from spot_model.effects.friction import has_joint_loss, joint_losses_nm, smooth_sign
 from spot_model.errors import BadInputError
 from spot_model.robot import facts
 
@@ -56,27 +54,23 @@ def nominal_torque_nm(
 
 def nominal_load_nm(effects: Sequence[Effect], torque_nm: Array, velocity_rad_s: Array) -> Array:
     """Load at the link without what accelerates the armature: motor torque less the model's friction, shape (N, J)."""
-    load = torque_nm
-    for effect in effects:
-        if isinstance(effect, CoulombFriction):
-            load = load - effect.level_nm * effect.mask * direction(velocity_rad_s)
-        elif isinstance(effect, ViscousFriction):
-            load = load - effect.damping_nm_s_per_rad * effect.mask * velocity_rad_s
-    return load
+    losing = [effect for effect in effects if has_joint_loss(effect)]
+    if not losing:
+        return torque_nm
+    motion = LossMotion(velocity_rad_s, np.zeros_like(velocity_rad_s), direction(velocity_rad_s))
+    return np.asarray(torque_nm - joint_losses_nm(losing, motion))
 
 
 def nominal_armature_kg_m2(effects: Sequence[Effect], n_joints: int) -> Array:
     """Armature of the nominal model, shape (J,)."""
-    total = np.zeros(n_joints)
-    for effect in effects:
-        if isinstance(effect, Armature):
-            total = total + effect.inertia_kg_m2 * effect.mask
-    return total
+    losing = [effect for effect in effects if has_joint_loss(effect)]
+    still = np.zeros((1, n_joints))
+    return np.asarray(joint_losses_nm(losing, LossMotion(still, still + 1.0, still))[0])
 
 
 def direction(velocity_rad_s: Array) -> Array:
     """Sign of a velocity, smooth near zero; same shape."""
-    return np.asarray(np.tanh(velocity_rad_s / FRICTION_SPEED_RAD_S))
+    return np.asarray(smooth_sign(velocity_rad_s, FRICTION_SPEED_RAD_S))
 
 
 def presliding(position_rad: Array, starts: Ints, distance_rad: float) -> Array:

@@ -17,6 +17,7 @@ from spot_model.effects.drive.coulomb_friction import CoulombFriction
 from spot_model.effects.drive.load_friction import LoadFriction
 from spot_model.effects.drive.stribeck_friction import StribeckFriction
 from spot_model.effects.drive.viscous_friction import ViscousFriction
+from spot_model.effects.friction import smooth_sign
 
 BUILDS_UP_RAD: Final = "builds_up_rad"
 FASTEST_RAD_S: Final = 1.2
@@ -55,7 +56,7 @@ class CoulombEntry(LibraryEffect):
 def _towards(s: ActuatorSignals, distance_rad: float, smooth_rad_s: float) -> Array:
     """Direction against which dry friction acts, -1 to 1, built up over a distance, or smooth in the speed; (N, J)."""
     if distance_rad == 0.0:
-        return np.asarray(np.tanh(s.still_velocity_rad_s / smooth_rad_s))
+        return np.asarray(smooth_sign(s.still_velocity_rad_s, smooth_rad_s))
     key = ("presliding", distance_rad)
     if key not in s.cache:
         s.cache[key] = presliding(s.position_rad, s.stack.starts(), distance_rad)
@@ -131,7 +132,7 @@ class LoadFrictionEntry(LibraryEffect):
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
         """The size of the torque against the direction of motion."""
         s: ActuatorSignals = view.signals
-        return on_joints(s.finish(-np.abs(s.torque_nm) * np.tanh(s.still_velocity_rad_s / 0.1)), joints)
+        return on_joints(s.finish(-np.abs(s.torque_nm) * smooth_sign(s.still_velocity_rad_s)), joints)
 
     def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
         """Share of the torque that is lost."""

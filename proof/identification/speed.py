@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot_model.io.velocity_sequence import VelocitySequence, load_sequence
-from spot_model.policy.observation import build_observation
+from spot_model.policy.observation import N_OBSERVATION, build_observation, observed
 from spot_model.policy.policy import Policy, load_policy
 from spot_model.robot import facts
 from spot_model.robot.control import pd_torque
@@ -151,9 +151,11 @@ def _run_of(
     policy: Policy, name: str, repeat: int, start: StartState, command: Array, features: NDArray[np.float64]
 ) -> LoggedRun:
     n = len(command)
-    observation = np.zeros((n, 48), dtype=np.float32)
-    observation[:, 12:24] = features[:, :12] / facts.POLICY_KP_NM_PER_RAD - facts.DEFAULT_POSITION_RAD
-    observation[:, 24:36] = features[:, 12:24] / facts.POLICY_KD_NM_S_PER_RAD
+    observation = np.zeros((n, N_OBSERVATION), dtype=np.float32)
+    observed(observation, "joint_position_offset_rad")[...] = (
+        features[:, :12] / facts.POLICY_KP_NM_PER_RAD - facts.DEFAULT_POSITION_RAD
+    )
+    observed(observation, "joint_velocity_rad_s")[...] = features[:, 12:24] / facts.POLICY_KD_NM_S_PER_RAD
     action = (features[:, 24:] / (facts.POLICY_KP_NM_PER_RAD * facts.ACTION_SCALE_RAD)).astype(np.float32)
     stamps = np.arange(n, dtype=np.int64) * 20_000_000
     none, joints = np.zeros((0, facts.N_JOINTS)), start.position_rad[None, :]

@@ -2,92 +2,40 @@
 
 from __future__ import annotations
 
+import importlib
 import pkgutil
 from importlib.metadata import entry_points
+from types import ModuleType
 from typing import Any
 
+import spot_model.effects
 from spot_model.effects.base import Effect
-from spot_model.effects.body.body_inertia import BodyInertia
-from spot_model.effects.body.com_offset import ComOffset
-from spot_model.effects.body.foot_radius import FootRadius
-from spot_model.effects.body.ground_compliance import GroundCompliance
-from spot_model.effects.body.ground_friction import GroundFriction
-from spot_model.effects.body.leg_mass import LegMass
-from spot_model.effects.body.payload_mass import PayloadMass
-from spot_model.effects.command.action_scale import ActionScale
-from spot_model.effects.command.command_delay import CommandDelay
-from spot_model.effects.command.command_drop import CommandDrop
-from spot_model.effects.command.command_jitter import CommandJitter
-from spot_model.effects.command.default_pose import DefaultPose
-from spot_model.effects.command.joint_swap import JointSwap
-from spot_model.effects.drive.armature import Armature
-from spot_model.effects.drive.backlash import Backlash
-from spot_model.effects.drive.coulomb_friction import CoulombFriction
-from spot_model.effects.drive.joint_compliance import JointCompliance
-from spot_model.effects.drive.load_friction import LoadFriction
-from spot_model.effects.drive.stribeck_friction import StribeckFriction
-from spot_model.effects.drive.torque_bandwidth import TorqueBandwidth
-from spot_model.effects.drive.torque_gain import TorqueGain
-from spot_model.effects.drive.torque_ripple import TorqueRipple
-from spot_model.effects.drive.viscous_friction import ViscousFriction
-from spot_model.effects.limits.bus_sag import BusSag
-from spot_model.effects.limits.position_torque_limit import PositionTorqueLimit
-from spot_model.effects.limits.power_limit import PowerLimit
-from spot_model.effects.limits.thermal_derating import ThermalDerating
-from spot_model.effects.limits.torque_limit import TorqueLimit
-from spot_model.effects.limits.torque_speed_curve import TorqueSpeedCurve
-from spot_model.effects.sensing.contact_delay import ContactDelay
-from spot_model.effects.sensing.encoder_offset import EncoderOffset
-from spot_model.effects.sensing.imu_tilt import ImuTilt
-from spot_model.effects.sensing.load_sensor_gain import LoadSensorGain
-from spot_model.effects.sensing.sensor_noise import SensorNoise
-from spot_model.effects.sensing.velocity_estimate import VelocityEstimate
-from spot_model.effects.sensing.velocity_filter import VelocityFilter
 from spot_model.errors import BadInputError
 
 ENTRY_POINT_GROUP = "spot_rl.effects"
 
-BUILT_IN: dict[str, type[Effect]] = {
-    effect.name: effect
-    for effect in (
-        CoulombFriction,
-        TorqueLimit,
-        TorqueSpeedCurve,
-        PositionTorqueLimit,
-        CommandDelay,
-        ViscousFriction,
-        StribeckFriction,
-        LoadFriction,
-        TorqueGain,
-        Armature,
-        TorqueBandwidth,
-        ThermalDerating,
-        TorqueRipple,
-        PowerLimit,
-        BusSag,
-        Backlash,
-        PayloadMass,
-        ComOffset,
-        BodyInertia,
-        LegMass,
-        FootRadius,
-        GroundFriction,
-        GroundCompliance,
-        CommandJitter,
-        CommandDrop,
-        EncoderOffset,
-        JointCompliance,
-        SensorNoise,
-        VelocityFilter,
-        LoadSensorGain,
-        VelocityEstimate,
-        ImuTilt,
-        ContactDelay,
-        ActionScale,
-        DefaultPose,
-        JointSwap,
-    )
-}
+
+def effects_in(package: ModuleType) -> dict[str, type[Effect]]:
+    """Every effect that a module of the package's sub-packages defines, by name: a new file is a new effect.
+
+    Raises:
+        ValueError: Two classes have the same name.
+    """
+    found: dict[str, type[Effect]] = {}
+    for info in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
+        # The one import by name in the project: it stays inside the package, so no layer is passed.
+        module = importlib.import_module(info.name)  # noqa: TID251
+        for cls in vars(module).values():
+            if not (isinstance(cls, type) and issubclass(cls, Effect) and cls.__module__ == module.__name__):
+                continue
+            if "name" in vars(cls):
+                if cls.name in found:
+                    raise ValueError(f"effect {cls.name!r} is defined by {found[cls.name].__module__} and {info.name}")
+                found[cls.name] = cls
+    return found
+
+
+BUILT_IN: dict[str, type[Effect]] = effects_in(spot_model.effects)
 
 
 def effect_class(name: str) -> type[Effect]:

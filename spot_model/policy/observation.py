@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from itertools import accumulate
 from typing import Final
 
 import numpy as np
@@ -10,18 +12,64 @@ from numpy.typing import NDArray
 from spot_model.robot.arrays import namespace_of
 from spot_model.robot.rotation import AnyArray, matrix_entries, matrix_from_wxyz
 
-OBSERVATION_LAYOUT: Final = (
-    ("linear_vel_of_body_in_body_m_s", 3),
-    ("angular_vel_of_body_in_body_rad_s", 3),
-    ("projected_gravity_in_body", 3),
-    ("velocity_command", 3),
-    ("joint_position_offset_rad", 12),
-    ("joint_velocity_rad_s", 12),
-    ("last_action", 12),
-)
-"""Blocks of the observation in order, with their sizes. Source: the paper's observation equation."""
 
-N_OBSERVATION: Final = sum(size for _, size in OBSERVATION_LAYOUT)
+@dataclass(frozen=True)
+class ObservationField:
+    """One named block of the observation."""
+
+    name: str
+    width: int
+    unit: str
+    mirror: tuple[float, ...] | None
+    """Sign of each number when left and right are exchanged; None for joint values, which also change legs."""
+    noise: str | None
+    """Key of the training config's ``task.noise`` that holds its standard deviation; None where no sensor is read."""
+    source: str
+
+    @property
+    def is_of_joints(self) -> bool:
+        """Whether the block has one number a joint, in the policy's joint order."""
+        return self.mirror is None
+
+
+_POLAR, _AXIAL = (1.0, -1.0, 1.0), (-1.0, 1.0, -1.0)
+
+OBSERVATION: Final = (
+    ObservationField(
+        "linear_vel_of_body_in_body_m_s", 3, "m/s", _POLAR, "linear_vel_m_s", "state estimator's odometry"
+    ),
+    ObservationField(
+        "angular_vel_of_body_in_body_rad_s", 3, "rad/s", _AXIAL, "angular_vel_rad_s", "state estimator's odometry"
+    ),
+    ObservationField("projected_gravity_in_body", 3, "1", _POLAR, "gravity", "third row of the attitude's matrix"),
+    ObservationField("velocity_command", 3, "m/s, m/s, rad/s", (1.0, -1.0, -1.0), None, "the operator"),
+    ObservationField("joint_position_offset_rad", 12, "rad", None, "joint_position_rad", "encoders - default pose"),
+    ObservationField("joint_velocity_rad_s", 12, "rad/s", None, "joint_velocity_rad_s", "encoders"),
+    ObservationField("last_action", 12, "1", None, None, "the network's previous output"),
+)
+"""The observation, field by field. Source: the paper's observation equation."""
+
+OBSERVATION_LAYOUT: Final = tuple((field.name, field.width) for field in OBSERVATION)
+"""Names and widths in order, as a policy file's contract holds them."""
+
+N_OBSERVATION: Final = sum(field.width for field in OBSERVATION)
+
+_ENDS = tuple(accumulate(field.width for field in OBSERVATION))
+COLUMNS: Final = {field.name: slice(end - field.width, end) for field, end in zip(OBSERVATION, _ENDS, strict=True)}
+"""Where each field stands in the observation's last axis."""
+
+FALLEN_GRAVITY_Z: Final = -0.5
+"""A robot has fallen once gravity's z in the body frame exceeds this: it leans by more than 60°."""
+
+
+def observed(observation: AnyArray, name: str) -> AnyArray:
+    """One field of observations: shape (..., 48) gives (..., width). Raises ``KeyError`` on an unknown name."""
+    return observation[..., COLUMNS[name]]
+
+
+def is_fallen(observation: AnyArray) -> AnyArray:
+    """Whether each observation, shape (..., 48), is of a robot that has fallen; shape (...)."""
+    return observed(observation, "projected_gravity_in_body")[..., 2] > FALLEN_GRAVITY_Z
 
 
 def build_observation(

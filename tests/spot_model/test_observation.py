@@ -3,7 +3,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spot_model.policy.observation import N_OBSERVATION, build_observation, observation_of_one
+from spot_model.policy.observation import (
+    COLUMNS,
+    N_OBSERVATION,
+    OBSERVATION,
+    build_observation,
+    is_fallen,
+    observation_of_one,
+    observed,
+)
 from spot_model.robot.control import pd_torque, saturate_setpoint
 
 
@@ -93,3 +101,27 @@ def test_setpoints_saturate_at_the_stops():
     np.testing.assert_array_equal(
         saturate_setpoint(np.array([[0.2, -3.0], [0.9, 2.0]]), low, high), [[0.2, -1.0], [0.5, 2.0]]
     )
+
+
+def test_fields_cover_the_observation_and_are_named_once():
+    assert [field.name for field in OBSERVATION] == list(COLUMNS)
+    columns = np.concatenate([np.arange(N_OBSERVATION)[COLUMNS[name]] for name in COLUMNS])
+    np.testing.assert_array_equal(columns, np.arange(N_OBSERVATION))
+    for field in OBSERVATION:
+        assert field.mirror is None or len(field.mirror) == field.width
+        np.testing.assert_array_equal(
+            observed(np.arange(N_OBSERVATION)[None], field.name)[0], columns[COLUMNS[field.name]]
+        )
+    with pytest.raises(KeyError):
+        observed(np.zeros(N_OBSERVATION), "no_such_field")
+
+
+def test_noise_keys_are_those_of_the_training_config():
+    config = pytest.importorskip("trainer.task.task_config").NoiseConfig
+    assert {field.noise for field in OBSERVATION if field.noise} == set(config.model_fields) - {"scale"}
+
+
+def test_a_robot_that_leans_by_more_than_60_degrees_has_fallen():
+    observation = np.zeros((3, N_OBSERVATION))
+    observed(observation, "projected_gravity_in_body")[:, 2] = [-1.0, -np.cos(np.radians(59)), -np.cos(np.radians(61))]
+    np.testing.assert_array_equal(is_fallen(observation), [False, False, True])

@@ -8,7 +8,7 @@ from typing import Any
 import torch
 from tensordict import TensorDict
 
-from spot_model.policy.observation import OBSERVATION_LAYOUT
+from spot_model.policy.observation import OBSERVATION
 from spot_model.robot import facts
 
 Tensor = torch.Tensor
@@ -16,12 +16,6 @@ Tensor = torch.Tensor
 _MIRROR_LEG = {"fl": "fr", "fr": "fl", "hl": "hr", "hr": "hl"}
 JOINT_SOURCE = [facts.JOINT_NAMES.index(f"{_MIRROR_LEG[name[:2]]}_{name[3:]}") for name in facts.JOINT_NAMES]
 JOINT_SIGN = [-1.0 if name.endswith("hx") else 1.0 for name in facts.JOINT_NAMES]
-_VECTOR_SIGN = {
-    "linear_vel_of_body_in_body_m_s": (1.0, -1.0, 1.0),
-    "angular_vel_of_body_in_body_rad_s": (-1.0, 1.0, -1.0),
-    "projected_gravity_in_body": (1.0, -1.0, 1.0),
-    "velocity_command": (1.0, -1.0, -1.0),
-}
 
 
 def mirror_action(action: Tensor) -> Tensor:
@@ -62,10 +56,9 @@ def _observation_mirror(device: torch.device) -> tuple[Tensor, Tensor]:
     """Source column and sign of each of the 48 columns of a mirrored observation."""
     source: list[int] = []
     sign: list[float] = []
-    for name, size in OBSERVATION_LAYOUT:
+    for field in OBSERVATION:
         first = len(source)
-        vector = _VECTOR_SIGN.get(name)
-        source += [first + i for i in (range(size) if vector else JOINT_SOURCE)]
-        sign += vector or JOINT_SIGN
+        source += [first + i for i in (JOINT_SOURCE if field.mirror is None else range(field.width))]
+        sign += JOINT_SIGN if field.mirror is None else field.mirror
     with torch.inference_mode(mode=False):
         return torch.tensor(source, device=device), torch.tensor(sign, device=device)

@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from spot_model.policy.observation import OBSERVATION_LAYOUT
+from spot_model.policy.observation import COLUMNS, OBSERVATION
 from trainer.export.export import Layers
 
 Array = NDArray[np.float64]
@@ -26,7 +26,6 @@ _BODY = {
     "velocity_command": (0, 2),
 }
 """Columns of the body's features that get a gain."""
-_JOINTS = ("joint_position_offset_rad", "joint_velocity_rad_s", "last_action")
 
 
 @dataclass(frozen=True)
@@ -44,18 +43,17 @@ class Gain:
 
 def gains_of(joint_names: Sequence[str]) -> tuple[Gain, ...]:
     """All gains of a policy with this joint order: 10 of the body, 18 of the joints' features, 12 of the action."""
-    start = dict(zip((n for n, _ in OBSERVATION_LAYOUT), _starts(), strict=True))
     gains = [
-        Gain(f"{name}[{i}]", "observed", (start[name] + i,), (1.0,), OBSERVED_SCALE)
+        Gain(f"{name}[{i}]", "observed", (COLUMNS[name].start + i,), (1.0,), OBSERVED_SCALE)
         for name, columns in _BODY.items()
         for i in columns
     ]
     groups = {
         f"{end}_{kind}": _joints(joint_names, end, kind) for end in ("front", "hind") for kind in ("hx", "hy", "kn")
     }
-    for name in _JOINTS:
+    for name in (field.name for field in OBSERVATION if field.is_of_joints):
         for group, joints in groups.items():
-            columns = tuple(start[name] + j for j in joints)
+            columns = tuple(COLUMNS[name].start + j for j in joints)
             gains.append(Gain(f"{name}.{group}", "observed", columns, (1.0,) * len(columns), OBSERVED_SCALE))
     for group, joints in groups.items():
         signs = tuple(-1.0 if joint_names[j].endswith("r_hx") else 1.0 for j in joints)
@@ -84,10 +82,6 @@ def with_gains(layers: Layers, gains: Sequence[Gain], values: Array) -> Layers:
         else:
             last_bias[columns] += torch.tensor(gain.signs, dtype=torch.float64) * value
     return [(weight.float(), bias.float()) for weight, bias in changed]
-
-
-def _starts() -> list[int]:
-    return [sum(size for _, size in OBSERVATION_LAYOUT[:i]) for i in range(len(OBSERVATION_LAYOUT))]
 
 
 def _joints(names: Sequence[str], end: str, kind: str) -> tuple[int, ...]:

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 from array_api_compat import array_namespace
 
 from spot_model.effects.base import Memory, Motion, TorqueEffect, parameter
-from spot_model.effects.drive.stribeck_friction import STICK_SPEED_RAD_S
+from spot_model.effects.friction import smooth_sign
 from spot_model.robot.rotation import AnyArray
 
 
@@ -27,5 +27,4 @@ class LoadFriction(TorqueEffect):
     def torque(self, torque_nm: AnyArray, motion: Motion, memory: Memory) -> tuple[AnyArray, Memory]:
         """Subtract the friction."""
         xp = array_namespace(torque_nm)
-        direction = xp.tanh(motion.velocity_rad_s / STICK_SPEED_RAD_S)
-        return torque_nm - self.share * xp.abs(torque_nm) * direction, memory
+        return torque_nm - self.share * xp.abs(torque_nm) * smooth_sign(motion.velocity_rad_s), memory

@@ -8,10 +8,8 @@ from typing import Any, ClassVar
 from array_api_compat import array_namespace
 
 from spot_model.effects.base import Memory, Motion, TorqueEffect, parameter
+from spot_model.effects.friction import smooth_sign
 from spot_model.robot.rotation import AnyArray
-
-STICK_SPEED_RAD_S = 0.1
-"""Below this speed the sign of the velocity is smoothed, so that a still joint is not shaken."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,4 +29,4 @@ class StribeckFriction(TorqueEffect):
         xp = array_namespace(torque_nm)
         velocity = motion.velocity_rad_s
         ratio = velocity / self.speed_rad_s
-        return torque_nm - self.level_nm * xp.exp(-ratio * ratio) * xp.tanh(velocity / STICK_SPEED_RAD_S), memory
+        return torque_nm - self.level_nm * xp.exp(-ratio * ratio) * smooth_sign(velocity), memory

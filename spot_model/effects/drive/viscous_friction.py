@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from spot_model.effects.base import ModelEffect, ModelFields, parameter
+from spot_model.effects.base import LossMotion, ModelEffect, ModelFields, parameter
+from spot_model.robot.rotation import AnyArray
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,3 +26,7 @@ class ViscousFriction(ModelEffect):
         """Add the damping to the model's."""
         damping = fields["dof_damping"]
         damping[:, fields.joint_dofs] += self.damping_nm_s_per_rad * self.mask
+
+    def joint_loss_nm(self, motion: LossMotion) -> AnyArray:
+        """Damping times speed."""
+        return self.damping_nm_s_per_rad * self.mask * motion.velocity_rad_s

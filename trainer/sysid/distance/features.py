@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot_model.policy.contract import PolicyContract
+from spot_model.policy.observation import observed
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
 
@@ -61,7 +62,8 @@ def features_of_observations(
         Shape (n, 36), canonical order, N·m.
     """
     order = policy.canonical_from_policy
-    offset, velocity = observation[:, 12:24], observation[:, 24:36]
+    velocity = observed(observation, "joint_velocity_rad_s")
+    offset = observed(observation, "joint_position_offset_rad")
     position = np.asarray(offset, dtype=np.float64) + policy.default_position_rad
     return control_law_features(
         position_rad=position[:, order],

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from spot_model.policy.observation import observed
 from trainer.sysid.simulation.rollout import StartState
 
 Array = NDArray[np.float64]
@@ -99,5 +100,5 @@ class LoggedRun:
             world_from_body_wxyz=s.odom_from_body_wxyz[index],
             linear_vel_of_body_in_world_m_s=s.linear_vel_of_body_in_odom_m_s[index],
             angular_vel_of_body_in_world_rad_s=s.angular_vel_of_body_in_odom_rad_s[index],
-            last_action=self.ticks.observation[0, 36:48],
+            last_action=observed(self.ticks.observation[0], "last_action"),
         )

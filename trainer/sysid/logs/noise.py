@@ -24,7 +24,7 @@ import yaml
 from numpy.typing import NDArray
 
 from spot_model.errors import BadInputError
-from spot_model.policy.observation import OBSERVATION_LAYOUT, build_observation
+from spot_model.policy.observation import N_OBSERVATION, OBSERVATION, ObservationField, build_observation, observed
 from spot_model.robot import facts
 from trainer.sysid.logs.logged_run import LoggedRun
 
@@ -37,7 +37,7 @@ QUIET_SHARE: Final = 0.1
 """Share of the stretches that count, those with the least movement of set-points."""
 MIN_QUIET: Final = 50
 """At least so many stretches count, where there are as many."""
-NOISY_BLOCKS: Final = tuple(name for name, _ in OBSERVATION_LAYOUT if name not in ("velocity_command", "last_action"))
+NOISY_BLOCKS: Final = tuple(field.name for field in OBSERVATION if field.noise)
 
 
 @dataclass(frozen=True)
@@ -54,29 +54,18 @@ class ObservationNoise:
 
     def block(self, name: str) -> Array:
         """The part of ``sigma`` that belongs to a block of the observation's layout."""
-        start = 0
-        for block, size in OBSERVATION_LAYOUT:
-            if block == name:
-                return self.sigma[start : start + size]
-            start += size
-        raise KeyError(name)
+        return np.asarray(observed(self.sigma, name))
 
     def trainer_data(self) -> dict[str, Any]:
         """The keys of a training config's ``task.noise``; one value for all joints, the root of the mean square."""
 
-        def three(name: str) -> list[float]:
-            return [float(f"{v:.4g}") for v in self.block(name)]
+        def short(field: ObservationField) -> float | list[float]:
+            sigma = self.block(field.name)
+            if field.is_of_joints:
+                return float(f"{np.sqrt(np.mean(sigma**2)):.4g}")
+            return [float(f"{v:.4g}") for v in sigma]
 
-        def one(name: str) -> float:
-            return float(f"{np.sqrt(np.mean(self.block(name) ** 2)):.4g}")
-
-        return {
-            "linear_vel_m_s": three("linear_vel_of_body_in_body_m_s"),
-            "angular_vel_rad_s": three("angular_vel_of_body_in_body_rad_s"),
-            "gravity": three("projected_gravity_in_body"),
-            "joint_position_rad": one("joint_position_offset_rad"),
-            "joint_velocity_rad_s": one("joint_velocity_rad_s"),
-        }
+        return {field.noise: short(field) for field in OBSERVATION if field.noise}
 
     def scenario_data(self) -> dict[str, Any]:
         """The keys of a fake robot's ``sensors``."""
@@ -134,7 +123,7 @@ def observation_noise(runs: Sequence[LoggedRun]) -> ObservationNoise:
     quiet = np.argsort(movement, kind="stable")[:n_quiet]
     sigma = _sigma_of_power(power[quiet], STATE_RATE_HZ, SEGMENT)
     sigma[~np.logical_and.reduce([_is_measured(run) for run in runs])] = np.nan
-    return ObservationNoise(sigma=sigma[:48], load_nm=sigma[48:], n_stretches=n_quiet)
+    return ObservationNoise(sigma=sigma[:N_OBSERVATION], load_nm=sigma[N_OBSERVATION:], n_stretches=n_quiet)
 
 
 def write_noise(noise: ObservationNoise, path: Path) -> None:
@@ -167,7 +156,7 @@ def _signals(run: LoggedRun, piece: slice) -> Array:
 
 def _is_measured(run: LoggedRun) -> NDArray[np.bool_]:
     """Whether a run has values of each signal, shape (60,); only the load may be missing."""
-    return np.concatenate([np.ones(48, dtype=np.bool_), np.isfinite(run.states.load_nm).all(axis=0)])
+    return np.concatenate([np.ones(N_OBSERVATION, dtype=np.bool_), np.isfinite(run.states.load_nm).all(axis=0)])
 
 
 def _unbroken(run: LoggedRun) -> list[slice]:

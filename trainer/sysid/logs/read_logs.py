@@ -12,6 +12,7 @@ import numpy as np
 from spot_log import Run, read_run
 from spot_model.errors import BadInputError, SpotRlError
 from spot_model.policy.contract import PolicyContract
+from spot_model.policy.observation import is_fallen
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
 from spot_runtime.control.stops import Reaction, StopReason
@@ -23,8 +24,6 @@ INCIDENTS: Final = "incidents"
 """Folder of recordings that runs leave beside their logs when something goes wrong."""
 MIN_TICKS: Final = 250
 """A run shorter than 5 s says too little."""
-FALL_GRAVITY_Z: Final = -0.5
-"""A body that leans by more than 60° has fallen."""
 FALL_MARGIN_S: Final = 0.5
 """What comes so shortly before a fall is cut as well."""
 SUDDEN_ENDS: Final = frozenset(r.label for r in StopReason if r.reaction in {Reaction.DAMP, Reaction.EXPIRE})
@@ -95,7 +94,7 @@ def run_from_log(run: Run, policy: Policy) -> LoggedRun:
         )
     good = (ticks.mode == MODE) & np.isfinite(ticks.observation).all(axis=1) & np.isfinite(ticks.action).all(axis=1)
     rows = np.flatnonzero(good)
-    fallen = np.flatnonzero(ticks.observation[rows, 8] > FALL_GRAVITY_Z)
+    fallen = np.flatnonzero(is_fallen(ticks.observation[rows]))
     if len(fallen):
         margin = round(FALL_MARGIN_S * policy.contract.rate_hz)
         end = max(0, int(fallen[0]) - margin)

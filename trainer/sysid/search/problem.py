@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from spot_model.policy.observation import N_OBSERVATION
 from spot_model.policy.policy import Policy, policy_from_bytes
 from trainer.sysid.distance.features import features_of_observations
 from trainer.sysid.distance.measures import SequenceReference, score_of_distances
@@ -158,7 +159,11 @@ def build_problem(
         for i in range(robots_per_sequence):
             run = group[i % len(group)]
             n = len(run.ticks.velocity_command)
-            noise = None if noise_sigma is None else (noise_sigma * rng.standard_normal((n, 48))).astype(np.float32)
+            noise = (
+                None
+                if noise_sigma is None
+                else (noise_sigma * rng.standard_normal((n, N_OBSERVATION))).astype(np.float32)
+            )
             sequence_cases.append(RolloutCase(name, run.start(), run.ticks.velocity_command, noise))
         cases.append(tuple(sequence_cases))
     raw = np.array([weights.get(name, 1.0) for name in names])

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from spot_model.effects.base import Effect
 from spot_model.effects.command.command_delay import CommandDelay
 from spot_model.plant.plant import Plant, PlantOptions, ServoCommand
-from spot_model.policy.observation import build_observation
+from spot_model.policy.observation import N_OBSERVATION, build_observation, is_fallen, observed
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
 from spot_model.robot.leg_kinematics import foot_position_in_body_m
@@ -20,9 +20,6 @@ from spot_model.robot.rotation import rotate_wxyz
 from trainer.sysid.distance.features import control_law_features
 
 Array = NDArray[np.float64]
-
-FALL_GRAVITY_Z = -0.5
-"""A run has fallen once the body leans by more than 60°."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +45,7 @@ class RolloutCase:
     velocity_command: Array
     """One a policy tick, shape (n_ticks, 3)."""
     observation_noise: NDArray[np.float32] | None = None
-    """Shape (n_ticks, 48); None for none. The same for every candidate."""
+    """Shape (n_ticks, N_OBSERVATION); None for none. The same for every candidate."""
 
 
 @dataclass(frozen=True)
@@ -119,13 +116,14 @@ def roll_out(
         observation += np.tile(noise[:, tick], (n_candidates, 1))
         action = np.concatenate([_act(policy, block) for block in np.split(observation, n_candidates)])
         features[:, tick] = control_law_features(
-            position_rad=observation[:, 12:24][:, policy.canonical_from_policy] + default_pose_rad(policy),
-            velocity_rad_s=observation[:, 24:36][:, policy.canonical_from_policy],
+            position_rad=observed(observation, "joint_position_offset_rad")[:, policy.canonical_from_policy]
+            + default_pose_rad(policy),
+            velocity_rad_s=observed(observation, "joint_velocity_rad_s")[:, policy.canonical_from_policy],
             action=action,
             contract=policy.contract,
         )
-        velocity[:, tick] = observation[:, :3]
-        fallen = np.where((observation[:, 8] > FALL_GRAVITY_Z) & (fallen == n_ticks), tick, fallen)
+        velocity[:, tick] = observed(observation, "linear_vel_of_body_in_body_m_s")
+        fallen = np.where(is_fallen(observation) & (fallen == n_ticks), tick, fallen)
         last_action = action
         plant.command(
             ServoCommand(
@@ -220,7 +218,7 @@ def _padded(command: Array, n_ticks: int) -> Array:
 
 
 def _noise(case: RolloutCase, n_ticks: int) -> NDArray[np.float32]:
-    noise = np.zeros((n_ticks, 48), dtype=np.float32)
+    noise = np.zeros((n_ticks, N_OBSERVATION), dtype=np.float32)
     if case.observation_noise is not None:
         noise[: len(case.observation_noise)] = case.observation_noise
     return noise

@@ -13,9 +13,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from spot_model.effects.drive.armature import Armature
+from spot_model.effects.base import LossMotion
 from spot_model.effects.drive.coulomb_friction import CoulombFriction
-from spot_model.effects.drive.viscous_friction import ViscousFriction
+from spot_model.effects.friction import joint_losses_nm
 from spot_model.robot import facts
 from spot_model.robot.joints import select_joints
 from trainer.sysid.search.space import SearchSpace
@@ -200,12 +200,7 @@ def _columns(space: SearchSpace, windows: _Windows) -> tuple[Array, tuple[int, .
 def _known_losses(space: SearchSpace, values: Array, windows: _Windows) -> Array:
     """Torque of the model's losses but for searched friction, shape (n, 12)."""
     searched = {p.effect_index for p in space.parameters}
-    total = np.zeros_like(windows.velocity_rad_s)
-    for i, effect in enumerate(space.effects(values[None, :])):
-        if isinstance(effect, CoulombFriction) and i not in searched:
-            total = total + np.ravel(effect.level_nm)[0] * np.sign(windows.velocity_rad_s) * effect.mask
-        elif isinstance(effect, ViscousFriction):
-            total = total + np.ravel(effect.damping_nm_s_per_rad)[0] * windows.velocity_rad_s * effect.mask
-        elif isinstance(effect, Armature):
-            total = total + np.ravel(effect.inertia_kg_m2)[0] * windows.acceleration_rad_s2 * effect.mask
-    return np.asarray(total)
+    effects = enumerate(space.effects(values[None, :]))
+    known = [e for i, e in effects if not (isinstance(e, CoulombFriction) and i in searched)]
+    velocity = windows.velocity_rad_s
+    return joint_losses_nm(known, LossMotion(velocity, windows.acceleration_rad_s2, np.sign(velocity)))

@@ -9,10 +9,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from spot_model.effects.base import Motion, TorqueEffect
-from spot_model.effects.drive.armature import Armature
-from spot_model.effects.drive.coulomb_friction import CoulombFriction
-from spot_model.effects.drive.viscous_friction import ViscousFriction
+from spot_model.effects.base import LossMotion, Motion, TorqueEffect
+from spot_model.effects.friction import has_joint_loss, joint_losses_nm
 from spot_model.robot import facts
 from spot_model.robot.joints import select_joints
 from trainer.sysid.search.space import SearchSpace
@@ -57,9 +55,8 @@ class TorqueModel:
         An effect that carries something from one step to the next is not among them: samples stand alone here.
         """
         effects = self.space.model.effects
-        losses = (CoulombFriction, ViscousFriction, Armature)
         indices = [p.effect_index for p in self.space.parameters]
-        return np.array([isinstance(effects[i], losses) or i in self.torque_effects for i in indices])
+        return np.array([has_joint_loss(effects[i]) or i in self.torque_effects for i in indices])
 
     @cached_property
     def torque_effects(self) -> frozenset[int]:
@@ -80,17 +77,14 @@ class TorqueModel:
             Shape (n, 12), N·m.
         """
         motion = shifted_motion(samples, nuisance[0])
-        viscosity, level = _by_joint(nuisance[1], nuisance[2]), np.zeros(facts.N_JOINTS)
-        for effect in self.space.effects(values[None, :]):
-            if isinstance(effect, CoulombFriction):
-                level = level + np.ravel(effect.level_nm)[0] * effect.mask
-            elif isinstance(effect, ViscousFriction):
-                viscosity = viscosity + np.ravel(effect.damping_nm_s_per_rad)[0] * effect.mask
-        inertia = self.inertia_kg_m2(values, nuisance)
-        steady = friction_direction(motion.velocity_rad_s, samples.acceleration_rad_s2)
-        turning = np.sign(motion.velocity_rad_s) - steady
-        friction = level * steady + _by_joint(nuisance[5], nuisance[6]) * turning
-        losses = friction + viscosity * motion.velocity_rad_s + inertia * step_acceleration(samples, nuisance[0])
+        losing = loss_motion(samples, motion, nuisance[0])
+        turning = np.sign(motion.velocity_rad_s) - losing.direction
+        beside = (
+            _by_joint(nuisance[1], nuisance[2]) * losing.velocity_rad_s
+            + _by_joint(nuisance[3], nuisance[4]) * losing.acceleration_rad_s2
+            + _by_joint(nuisance[5], nuisance[6]) * turning
+        )
+        losses = joint_losses_nm(self.space.effects(values[None, :]), losing) + beside
         return np.asarray(self.motor_torque_nm(samples, values, motion) - losses)
 
     def motor_torque_nm(self, samples: TorqueSamples, values: Array, motion: Motion) -> Array:
@@ -120,25 +114,21 @@ class TorqueModel:
         space = self.space
         values = space.values_of_unit(unit)
         motion = shifted_motion(samples, nuisance[0])
-        velocity, acceleration = motion.velocity_rad_s, step_acceleration(samples, nuisance[0])
-        steady = friction_direction(velocity, samples.acceleration_rad_s2)
-        turning = np.sign(velocity) - steady
+        losing = loss_motion(samples, motion, nuisance[0])
+        velocity, acceleration = losing.velocity_rad_s, losing.acceleration_rad_s2
+        turning = np.sign(velocity) - losing.direction
+
+        def kept_nm(at: Array, index: int) -> Array:
+            if index in self.torque_effects:
+                return self.motor_torque_nm(samples, space.values_of_unit(at), motion)
+            return -joint_losses_nm([space.effects(space.values_of_unit(at)[None, :])[index]], losing)
+
         columns = []
         for i, p in enumerate(space.parameters):
-            effect, width = space.model.effects[p.effect_index], p.high - p.low
-            if isinstance(effect, CoulombFriction):
-                columns.append(-steady * effect.mask * width)
-            elif isinstance(effect, ViscousFriction):
-                columns.append(-velocity * effect.mask * width)
-            elif isinstance(effect, Armature):
-                columns.append(-acceleration * effect.mask * width)
-            elif p.effect_index in self.torque_effects:
-                low, high = unit.copy(), unit.copy()
-                low[i], high[i] = max(0.0, unit[i] - UNIT_STEP), min(1.0, unit[i] + UNIT_STEP)
-                below, above = (self.motor_torque_nm(samples, space.values_of_unit(u), motion) for u in (low, high))
-                columns.append((above - below) / (high[i] - low[i]))
-            else:
-                columns.append(np.zeros_like(velocity))
+            low, high = unit.copy(), unit.copy()
+            low[i], high[i] = max(0.0, unit[i] - UNIT_STEP), min(1.0, unit[i] + UNIT_STEP)
+            change = kept_nm(high, p.effect_index) - kept_nm(low, p.effect_index)
+            columns.append(change / (high[i] - low[i]))
         step_s = 1e-2 * NUISANCE_SCALE[0]
         below, above = (
             self.motor_torque_nm(samples, values, shifted_motion(samples, nuisance[0] + sign * step_s))
@@ -155,11 +145,9 @@ class TorqueModel:
 
     def inertia_kg_m2(self, values: Array, nuisance: Array) -> Array:
         """Inertia between motor and torque sensor, shape (12,), kg·m²."""
-        inertia = _by_joint(nuisance[3], nuisance[4])
-        for effect in self.space.effects(values[None, :]):
-            if isinstance(effect, Armature):
-                inertia = inertia + np.ravel(effect.inertia_kg_m2)[0] * effect.mask
-        return inertia
+        still = np.zeros((1, facts.N_JOINTS))
+        held = joint_losses_nm(self.space.effects(values[None, :]), LossMotion(still, still + 1.0, still))
+        return np.asarray(_by_joint(nuisance[3], nuisance[4]) + held[0])
 
 
 def shifted_motion(samples: TorqueSamples, offset_s: float) -> Motion:
@@ -169,6 +157,12 @@ def shifted_motion(samples: TorqueSamples, offset_s: float) -> Motion:
         samples.velocity_rad_s - offset_s * samples.acceleration_rad_s2,
         facts.STATE_PERIOD_NS * 1e-9,
     )
+
+
+def loss_motion(samples: TorqueSamples, motion: Motion, offset_s: float) -> LossMotion:
+    """What friction and inertia see of the samples' motion, moved back by ``offset_s``."""
+    direction = friction_direction(motion.velocity_rad_s, samples.acceleration_rad_s2)
+    return LossMotion(motion.velocity_rad_s, step_acceleration(samples, offset_s), direction)
 
 
 def step_acceleration(samples: TorqueSamples, offset_s: float) -> Array:
