@@ -1,28 +1,45 @@
-"""Gather one field of many protobuf messages into one array."""
+"""Gather the fields of many protobuf messages into the columns of a table."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import chain
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from spot_log.errors import LogReadError
+from spot_log.format.table import Column, Table, width_of
 
 Messages = Sequence[Any]
+TableT = TypeVar("TableT", bound=Table)
 _TEXT: Final = "log record {name}: row {row} has {found} values, expected {width}"
 
 
-def scalars(messages: Messages, name: str, dtype: DTypeLike) -> NDArray[Any]:
-    """One number a message. Returns shape (n,)."""
-    return np.array([getattr(message, name) for message in messages], dtype=dtype)
+def gather(kind: type[TableT], messages: Messages, widths: Mapping[str, int], **given: Any) -> TableT:
+    """A table of messages whose fields are named as its columns.
+
+    Args:
+        kind: Which table.
+        messages: One a row.
+        widths: Of columns whose parts the header names.
+        given: Columns that the messages do not hold as such.
+
+    Raises:
+        LogReadError: A message holds an array of another length.
+    """
+    columns = {n: _gathered(messages, n, c, widths) for n, c in kind.columns().items() if n not in given}
+    return kind(**columns, **given)
 
 
-def stamps(messages: Messages, name: str) -> NDArray[np.int64]:
-    """One integer a message. Returns shape (n,), int64."""
-    return scalars(messages, name, np.int64)
+def _gathered(messages: Messages, name: str, declared: Column, widths: Mapping[str, int]) -> NDArray[Any]:
+    width = width_of(declared, widths)
+    if width is None:
+        return np.array([getattr(message, name) for message in messages], dtype=declared.dtype)
+    if declared.dtype.kind == "b":
+        return flags(messages, name, width)
+    return matrix(messages, name, width, declared.dtype)
 
 
 def matrix(messages: Messages, name: str, width: int, dtype: DTypeLike = np.float64) -> NDArray[Any]:

@@ -13,7 +13,7 @@ from spot_log.errors import LogReadError, MissingHeaderError, NotAnMcapError, Sc
 from spot_log.format import codec
 from spot_log.format.records import SCHEMA_NAME, EventRecord, RunHeader, Severity
 from spot_log.format.topics import COMMAND, EVENT, FOOTER, HEADER, SLOW_STATE, STATE, TICK, Topic
-from spot_log.read.columns import flags, matrix, scalars, stamps, widest
+from spot_log.read.columns import gather, widest
 from spot_log.read.mcap_scan import RawMessage, Scan, scan_mcap
 from spot_log.read.run import CommandTable, ImuTable, Run, RunFooter, SlowTable, StateTable, TickTable
 from spot_log.write.run_writer import HEADER_ATTACHMENT
@@ -99,12 +99,13 @@ def run_of(path: Path, header: RunHeader, scan: Scan) -> Run:
     slow_states, _ = _parse(path, topics, SLOW_STATE, log_pb2.SlowState)
     events, _ = _parse(path, topics, EVENT, log_pb2.Event)
     footers, _ = _parse(path, topics, FOOTER, log_pb2.Footer)
+    widths = {"joints": len(joints), "feet": len(feet), "#": widest(ticks, "observation") or N_OBSERVATION}
     return Run(
         path=path,
         header=header,
-        states=_state_table(states, sequence, len(joints), len(feet)),
-        commands=_command_table(commands, len(joints)),
-        ticks=_tick_table(ticks, len(joints)),
+        states=gather(StateTable, states, widths, sequence=np.array(sequence, dtype=np.int64), imu=_imu_table(states)),
+        commands=gather(CommandTable, commands, widths),
+        ticks=gather(TickTable, ticks, {**widths, "joints": widest(ticks, "action") or len(joints)}),
         slow_states=_slow_table(slow_states, joints),
         events=tuple(_event(message) for message in events),
         footer=_footer(footers[-1]) if footers else None,
@@ -142,25 +143,6 @@ def _parse(path: Path, topics: dict[str, list[RawMessage]], topic: Topic, kind: 
     return parsed, sequence
 
 
-def _state_table(rows: list[log_pb2.State], sequence: list[int], n_joints: int, n_feet: int) -> StateTable:
-    return StateTable(
-        robot_stamp_ns=stamps(rows, "robot_stamp_ns"),
-        host_stamp_ns=stamps(rows, "host_stamp_ns"),
-        sequence=np.array(sequence, dtype=np.int64),
-        position_rad=matrix(rows, "position_rad", n_joints),
-        velocity_rad_s=matrix(rows, "velocity_rad_s", n_joints),
-        load_nm=matrix(rows, "load_nm", n_joints),
-        position_of_body_in_odom_m=matrix(rows, "position_of_body_in_odom_m", 3),
-        odom_from_body_wxyz=matrix(rows, "odom_from_body_wxyz", 4),
-        linear_vel_of_body_in_odom_m_s=matrix(rows, "linear_vel_of_body_in_odom_m_s", 3),
-        angular_vel_of_body_in_odom_rad_s=matrix(rows, "angular_vel_of_body_in_odom_rad_s", 3),
-        foot_contact=flags(rows, "foot_contact", n_feet),
-        last_command_key=stamps(rows, "last_command_key"),
-        last_command_robot_stamp_ns=stamps(rows, "last_command_robot_stamp_ns"),
-        imu=_imu_table(rows),
-    )
-
-
 def _imu_table(rows: list[log_pb2.State]) -> ImuTable:
     packets: list[Any] = []
     index: list[int] = []
@@ -169,63 +151,18 @@ def _imu_table(rows: list[log_pb2.State]) -> ImuTable:
             raise LogReadError(f"state {i} holds {len(row.imu)} IMU packets; allowed: at most {MAX_IMU_PACKETS}")
         packets.extend(row.imu)
         index.extend([i] * len(row.imu))
-    return ImuTable(
-        state_index=np.array(index, dtype=np.int64),
-        robot_stamp_ns=stamps(packets, "robot_stamp_ns"),
-        acceleration_of_imu_in_link_m_s2=matrix(packets, "acceleration_of_imu_in_link_m_s2", 3),
-        angular_vel_of_link_in_link_rad_s=matrix(packets, "angular_vel_of_link_in_link_rad_s", 3),
-        odom_from_link_wxyz=matrix(packets, "odom_from_link_wxyz", 4),
-    )
-
-
-def _command_table(rows: list[log_pb2.Command], n_joints: int) -> CommandTable:
-    return CommandTable(
-        key=stamps(rows, "key"),
-        host_stamp_ns=stamps(rows, "host_stamp_ns"),
-        robot_stamp_ns=stamps(rows, "robot_stamp_ns"),
-        state_robot_stamp_ns=stamps(rows, "state_robot_stamp_ns"),
-        end_robot_stamp_ns=stamps(rows, "end_robot_stamp_ns"),
-        requested_position_rad=matrix(rows, "requested_position_rad", n_joints),
-        position_rad=matrix(rows, "position_rad", n_joints),
-        velocity_rad_s=matrix(rows, "velocity_rad_s", n_joints),
-        load_nm=matrix(rows, "load_nm", n_joints),
-        kp_nm_per_rad=matrix(rows, "kp_nm_per_rad", n_joints),
-        kd_nm_s_per_rad=matrix(rows, "kd_nm_s_per_rad", n_joints),
-    )
-
-
-def _tick_table(rows: list[log_pb2.Tick], n_joints: int) -> TickTable:
-    return TickTable(
-        index=stamps(rows, "index"),
-        robot_stamp_ns=stamps(rows, "robot_stamp_ns"),
-        host_stamp_ns=stamps(rows, "host_stamp_ns"),
-        mode=np.array([row.mode for row in rows], dtype=np.str_),
-        observation=matrix(rows, "observation", widest(rows, "observation") or N_OBSERVATION, np.float32),
-        action=matrix(rows, "action", widest(rows, "action") or n_joints, np.float32),
-        velocity_command=matrix(rows, "velocity_command", 3),
-        state_age_s=scalars(rows, "state_age_s", np.float64),
-        inference_s=scalars(rows, "inference_s", np.float64),
-        compute_s=scalars(rows, "compute_s", np.float64),
-        command_key=stamps(rows, "command_key"),
-        skipped=stamps(rows, "skipped"),
-    )
+    return gather(ImuTable, packets, {}, state_index=np.array(index, dtype=np.int64))
 
 
 def _slow_table(rows: list[log_pb2.SlowState], joints: tuple[str, ...]) -> SlowTable:
     temperatures = [[row.motor_temperature_c.get(name, np.nan) for name in joints] for row in rows]
-    return SlowTable(
-        robot_stamp_ns=stamps(rows, "robot_stamp_ns"),
-        host_stamp_ns=stamps(rows, "host_stamp_ns"),
-        motors_powered=scalars(rows, "motors_powered", np.bool_),
-        estopped=scalars(rows, "estopped", np.bool_),
-        battery_charge_percent=scalars(rows, "battery_charge_percent", np.float64),
-        battery_voltage_v=scalars(rows, "battery_voltage_v", np.float64),
-        battery_current_a=scalars(rows, "battery_current_a", np.float64),
-        battery_temperature_c=tuple(tuple(row.battery_temperature_c) for row in rows),
+    lists = ("battery_temperature_c", "system_faults", "behavior_faults", "service_faults")
+    return gather(
+        SlowTable,
+        rows,
+        {},
         motor_temperature_c=np.array(temperatures, dtype=np.float64).reshape(len(rows), len(joints)),
-        system_faults=tuple(tuple(row.system_faults) for row in rows),
-        behavior_faults=tuple(tuple(row.behavior_faults) for row in rows),
-        service_faults=tuple(tuple(row.service_faults) for row in rows),
+        **{name: tuple(tuple(getattr(row, name)) for row in rows) for name in lists},
     )
 
 

@@ -1,142 +1,20 @@
-"""A whole run in memory: numpy arrays by topic, one row a message, in the order of the file.
-
-A signal that the source lacks is NaN in every row (contacts: no columns). J is the number of joints, F of feet, both
-named in the header; for Spot 12 and 4.
-"""
+"""A whole run in memory: its header, its tables, its events, and what could not be read."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spot_log.format import events
 from spot_log.format.records import EventRecord, RunHeader
-from spot_model.robot.state import Array
+from spot_log.format.tables import CommandTable, ImuTable, Ints, SlowTable, StateTable, TickTable
+from spot_model.policy.observation import N_OBSERVATION
 
-Ints = NDArray[np.int64]
-
-
-@dataclass(frozen=True)
-class ImuTable:
-    """All packets of the inertial unit, m rows, about three a state."""
-
-    state_index: Ints
-    """Row of the state that carried the packet. Shape (m,)."""
-    robot_stamp_ns: Ints
-    acceleration_of_imu_in_link_m_s2: Array
-    """Shape (m, 3)."""
-    angular_vel_of_link_in_link_rad_s: Array
-    """Shape (m, 3)."""
-    odom_from_link_wxyz: Array
-    """Shape (m, 4)."""
-
-
-@dataclass(frozen=True)
-class StateTable:
-    """Every state message, n rows."""
-
-    robot_stamp_ns: Ints
-    """When the joints were sampled, robot clock. Shape (n,)."""
-    host_stamp_ns: Ints
-    """When the message was received, host clock. Shape (n,)."""
-    sequence: Ints
-    """Number of the message, counted from 0; a gap is a message lost between the loop and the log. Shape (n,)."""
-    position_rad: Array
-    """Shape (n, J)."""
-    velocity_rad_s: Array
-    """Shape (n, J)."""
-    load_nm: Array
-    """Shape (n, J)."""
-    position_of_body_in_odom_m: Array
-    """Shape (n, 3)."""
-    odom_from_body_wxyz: Array
-    """Shape (n, 4)."""
-    linear_vel_of_body_in_odom_m_s: Array
-    """Shape (n, 3)."""
-    angular_vel_of_body_in_odom_rad_s: Array
-    """Shape (n, 3)."""
-    foot_contact: NDArray[np.bool_]
-    """Shape (n, F), or (n, 0) where the source has none."""
-    last_command_key: Ints
-    """Newest command that the robot had received; 0 before the first. Shape (n,)."""
-    last_command_robot_stamp_ns: Ints
-    """When it had, robot clock; 0 before the first. Shape (n,)."""
-    imu: ImuTable
-
-    def __len__(self) -> int:
-        return len(self.robot_stamp_ns)
-
-
-@dataclass(frozen=True)
-class CommandTable:
-    """Every command sent, n rows; stamps and set-points as in :class:`~spot_log.format.records.CommandRecord`."""
-
-    key: Ints
-    host_stamp_ns: Ints
-    robot_stamp_ns: Ints
-    state_robot_stamp_ns: Ints
-    end_robot_stamp_ns: Ints
-    requested_position_rad: Array
-    """Shape (n, J), like all that follow."""
-    position_rad: Array
-    velocity_rad_s: Array
-    load_nm: Array
-    kp_nm_per_rad: Array
-    kd_nm_s_per_rad: Array
-
-    def __len__(self) -> int:
-        return len(self.key)
-
-
-@dataclass(frozen=True)
-class TickTable:
-    """Every policy tick, n rows; fields as in :class:`~spot_log.format.records.TickRecord`."""
-
-    index: Ints
-    robot_stamp_ns: Ints
-    host_stamp_ns: Ints
-    mode: NDArray[np.str_]
-    observation: NDArray[np.float32]
-    """Shape (n, 48); NaN where the tick ran no policy."""
-    action: NDArray[np.float32]
-    """Shape (n, J); NaN where the tick ran no policy."""
-    velocity_command: Array
-    """V_x, V_y (m/s), ω_z (rad/s). Shape (n, 3)."""
-    state_age_s: Array
-    inference_s: Array
-    compute_s: Array
-    command_key: Ints
-    skipped: Ints
-
-    def __len__(self) -> int:
-        return len(self.index)
-
-
-@dataclass(frozen=True)
-class SlowTable:
-    """Every poll of battery, temperatures and faults, n rows."""
-
-    robot_stamp_ns: Ints
-    host_stamp_ns: Ints
-    motors_powered: NDArray[np.bool_]
-    estopped: NDArray[np.bool_]
-    battery_charge_percent: Array
-    battery_voltage_v: Array
-    battery_current_a: Array
-    """Negative while discharging."""
-    battery_temperature_c: tuple[tuple[float, ...], ...]
-    motor_temperature_c: Array
-    """Shape (n, J), in joint order; NaN where the robot reports none."""
-    system_faults: tuple[tuple[str, ...], ...]
-    behavior_faults: tuple[tuple[str, ...], ...]
-    service_faults: tuple[tuple[str, ...], ...]
-
-    def __len__(self) -> int:
-        return len(self.robot_stamp_ns)
+__all__ = ["CommandTable", "ImuTable", "Ints", "Run", "RunFooter", "SlowTable", "StateTable", "TickTable"]
 
 
 @dataclass(frozen=True)
@@ -188,3 +66,41 @@ class Run:
         """From the first to the last state, robot time; 0 with fewer than two."""
         stamps = self.states.robot_stamp_ns
         return float(stamps[-1] - stamps[0]) * 1e-9 if len(stamps) > 1 else 0.0
+
+    @property
+    def policy_rows(self) -> Any:
+        """Numbers of the ticks that ran a policy, shape (k,)."""
+        ticks = self.ticks
+        return np.flatnonzero(np.isfinite(ticks.observation).all(axis=1) & np.isfinite(ticks.action).all(axis=1))
+
+
+def run_of_columns(
+    path: Path,
+    header: RunHeader,
+    *,
+    states: Mapping[str, Any],
+    commands: Mapping[str, Any],
+    ticks: Mapping[str, Any],
+) -> Run:
+    """A run from columns in memory, such as a simulation's; columns that are not given hold missing values.
+
+    Args:
+        path: What messages call the run.
+        header: Whose names give the number of joints and feet.
+        states: Columns of :class:`StateTable`; ``robot_stamp_ns`` is needed.
+        commands: Columns of :class:`CommandTable`; ``key`` is needed.
+        ticks: Columns of :class:`TickTable`; ``robot_stamp_ns`` is needed.
+    """
+    n_states = len(states["robot_stamp_ns"])
+    widths = {"joints": len(header.joint_names), "feet": 0, "#": N_OBSERVATION}
+    counted = {"sequence": np.arange(n_states), "host_stamp_ns": states["robot_stamp_ns"]}
+    return Run(
+        path=path,
+        header=header,
+        states=StateTable.of(n_states, widths, **{**counted, **states}),
+        commands=CommandTable.of(len(commands["key"]), widths, **commands),
+        ticks=TickTable.of(len(ticks["robot_stamp_ns"]), widths, **ticks),
+        slow_states=SlowTable.of(0, widths),
+        events=(),
+        footer=None,
+    )

@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import struct
 from enum import IntEnum
-from typing import Final, NamedTuple
+from operator import attrgetter
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from spot_log.format import codec
 from spot_log.format.records import CommandRecord, EventRecord, TickRecord
+from spot_log.format.tables import TickTable
 from spot_log.format.vendor_record import state_record_from_wire
 from spot_model.robot.facts import N_JOINTS
 from spot_model.robot.state import RobotState, SlowState
@@ -46,7 +48,14 @@ MAX_DATAGRAM_BYTES: Final = 192 * 1024
 _HEAD: Final = struct.Struct("<BI")
 _STATE_HEAD: Final = struct.Struct("<BIq")
 _COMMAND_HEAD: Final = struct.Struct("<BIIqqqq")
-_TICK_HEAD: Final = struct.Struct("<BIqqqdddIqHHHH")
+# A tick's numbers stand in its head, its texts and arrays behind it, each with its length in the head.
+_NUMBER_CODES: Final = {"i": "q", "f": "d", "b": "?"}
+_TICK_TYPES: Final = {name: column.dtype for name, column in TickTable.columns().items()}
+_TICK_NUMBERS: Final = [n for n, c in TickTable.columns().items() if c.parts is None and c.dtype.kind in _NUMBER_CODES]
+_TICK_PARTS: Final = {name: dtype for name, dtype in _TICK_TYPES.items() if name not in _TICK_NUMBERS}
+_TICK_CODES: Final = "".join(_NUMBER_CODES[_TICK_TYPES[name].kind] for name in _TICK_NUMBERS) + "H" * len(_TICK_PARTS)
+_TICK_HEAD: Final = struct.Struct(f"<BI{_TICK_CODES}")
+_tick_numbers: Final = attrgetter(*_TICK_NUMBERS)
 _COMMAND_ARRAYS: Final = 6
 
 
@@ -103,27 +112,9 @@ def pack_command(sequence: int, record: CommandRecord) -> bytes:
 
 def pack_tick(sequence: int, record: TickRecord) -> bytes:
     """Pack a tick."""
-    mode = record.mode.encode()
-    observation = np.asarray(record.observation, dtype=np.float32).tobytes()
-    action = np.asarray(record.action, dtype=np.float32).tobytes()
-    velocity = np.asarray(record.velocity_command, dtype=np.float64).tobytes()
-    head = _TICK_HEAD.pack(
-        Kind.TICK,
-        sequence,
-        record.index,
-        record.robot_stamp_ns,
-        record.host_stamp_ns,
-        record.state_age_s,
-        record.inference_s,
-        record.compute_s,
-        record.command_key,
-        record.skipped,
-        len(mode),
-        len(observation),
-        len(action),
-        len(velocity),
-    )
-    return b"".join((head, mode, observation, action, velocity))
+    parts = [_tick_part(getattr(record, name), dtype) for name, dtype in _TICK_PARTS.items()]
+    head = _TICK_HEAD.pack(Kind.TICK, sequence, *_tick_numbers(record), *map(len, parts))
+    return b"".join((head, *parts))
 
 
 def pack_slow_state(sequence: int, state: SlowState) -> bytes:
@@ -200,25 +191,15 @@ def _unpack_command(datagram: bytes) -> log_pb2.Command:
 
 
 def _unpack_tick(datagram: bytes) -> log_pb2.Tick:
-    _, _, index, robot_ns, host_ns, age_s, inference_s, compute_s, key, skipped, *lengths = _TICK_HEAD.unpack_from(
-        datagram
-    )
-    parts, offset = [], _TICK_HEAD.size
-    for length in lengths:
-        parts.append(datagram[offset : offset + length])
+    _, _, *values = _TICK_HEAD.unpack_from(datagram)
+    fields: dict[str, Any] = dict(zip(_TICK_NUMBERS, values, strict=False))
+    offset = _TICK_HEAD.size
+    for (name, dtype), length in zip(_TICK_PARTS.items(), values[len(_TICK_NUMBERS) :], strict=True):
+        part = datagram[offset : offset + length]
+        fields[name] = part.decode() if dtype.kind == "U" else np.frombuffer(part, dtype=dtype).tolist()
         offset += length
-    mode, observation, action, velocity = parts
-    return log_pb2.Tick(
-        index=index,
-        robot_stamp_ns=robot_ns,
-        host_stamp_ns=host_ns,
-        mode=mode.decode(),
-        observation=np.frombuffer(observation, dtype=np.float32).tolist(),
-        action=np.frombuffer(action, dtype=np.float32).tolist(),
-        velocity_command=np.frombuffer(velocity, dtype=np.float64).tolist(),
-        state_age_s=age_s,
-        inference_s=inference_s,
-        compute_s=compute_s,
-        command_key=key,
-        skipped=skipped,
-    )
+    return log_pb2.Tick(**fields)
+
+
+def _tick_part(value: Any, dtype: np.dtype[Any]) -> bytes:
+    return bytes(value.encode()) if dtype.kind == "U" else np.asarray(value, dtype=dtype).tobytes()
