@@ -15,9 +15,9 @@ from spot_model.robot import facts
 from spot_model.robot.state import Gains, JointCommand, RobotState
 from spot_runtime.control.handover import blend, hold_setpoint, policy_setpoint
 from spot_runtime.control.safety import safety
-from spot_runtime.control.safety.limits import SafetyLimits
 from spot_runtime.control.tick import TickMemory, tick
 from spot_runtime.hal.spot.command_wire import CommandEncoder
+from spot_runtime.safety_limits import SafetyLimits
 
 ZEROS = np.zeros(facts.N_JOINTS)
 LIMITS = SafetyLimits()

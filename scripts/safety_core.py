@@ -4,18 +4,18 @@ from __future__ import annotations
 
 _BOUNDS = "tests/spot_runtime/test_core_bounds.py"
 _MODES = "tests/spot_runtime/test_modes_and_stops.py"
-_COMPOSER = "tests/spot_runtime/test_composer.py"
+_SET_POINT = "tests/spot_runtime/test_set_point.py"
 
 TESTS_OF = {
     "spot_runtime/control/safety/safety.py": (_BOUNDS, "tests/spot_runtime/test_safety.py"),
-    "spot_runtime/control/safety/limits.py": (_BOUNDS,),
+    "spot_runtime/safety_limits.py": (_BOUNDS,),
     "spot_runtime/control/safety/body_height.py": ("tests/spot_runtime/test_body_height.py", _BOUNDS),
     "spot_runtime/control/safety/command_loss.py": ("tests/spot_runtime/test_command_loss.py", _BOUNDS),
     "spot_runtime/control/modes.py": (_MODES, _BOUNDS),
-    "spot_runtime/control/stops.py": (_MODES, _BOUNDS),
+    "spot_runtime/stops.py": (_MODES, _BOUNDS),
     "spot_runtime/control/safety/watchdogs.py": ("tests/spot_runtime/test_watchdogs.py",),
-    "spot_runtime/control/handover.py": ("tests/spot_runtime/test_handover.py", _COMPOSER, _BOUNDS),
-    "spot_runtime/control/set_point.py": (_COMPOSER,),
+    "spot_runtime/control/handover.py": ("tests/spot_runtime/test_handover.py", _SET_POINT, _BOUNDS),
+    "spot_runtime/control/set_point.py": (_SET_POINT,),
 }
 """Each file with the tests that must notice every change of it."""
 

@@ -6,12 +6,12 @@ import json
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AliasChoices, BaseModel, ConfigDict, Field, ValidationError
 
 from spot_model.errors import BadInputError
 from spot_model.io.validation import explain
 from spot_model.io.yaml_text import read_yaml
-from spot_runtime.control.safety.limits import SafetyLimits
+from spot_runtime.safety_limits import SafetyLimits
 from spot_runtime.service_config import ServiceConfig
 
 SCHEMA: Final = "spot-rl/run/1"
@@ -60,9 +60,11 @@ class ControlConfig(_Part):
     inference: Literal["cpu", "cuda", "tensorrt"] = Field(
         default="cpu", description="Where ONNX Runtime computes the policy; refused where it is not there."
     )
-    rehearse: bool = Field(
+    warm_up: bool = Field(
         default=True,
-        description="Also go through a tick shortly before its state, for nothing, and await that without sleeping.",
+        validation_alias=AliasChoices("warm_up", "rehearse"),
+        description="Also take a step shortly before the state of a tick, for nothing, and await that without "
+        "sleeping. Formerly ``rehearse``, which is still read.",
     )
 
 
@@ -151,7 +153,7 @@ class RunConfig(_Part):
 def for_lock_step(config: RunConfig) -> RunConfig:
     """The same run where robot time waits for us: nothing is gained by real-time rights or warm caches."""
     off = RealTimeConfig(fifo_priority=0, lock_memory=False, freeze_garbage_collection=False)
-    control = config.control.model_copy(update={"rehearse": False})
+    control = config.control.model_copy(update={"warm_up": False})
     return config.model_copy(update={"real_time": off, "control": control})
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import inspect
 
-from spot_runtime.control.safety.limits import SafetyLimits
-from spot_runtime.control.stops import stops_table
 from spot_runtime.hal import errors
+from spot_runtime.safety_limits import SafetyLimits
+from spot_runtime.stops import stops_table
 
 
 def errors_table() -> str:

@@ -10,9 +10,9 @@ jumps when joint control begins: the set-point is the measured pose and the feed
 
 from __future__ import annotations
 
-from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -23,8 +23,7 @@ _NO_LOAD: Final = np.zeros(facts.N_JOINTS)
 _NO_LOAD.flags.writeable = False
 
 
-@dataclass(frozen=True)
-class Setpoint:
+class Setpoint(NamedTuple):
     """All that a command asks of the twelve joints, apart from its key and times."""
 
     position_rad: Array
@@ -90,24 +89,31 @@ def hold_weight_out(share: float) -> float:
     return hold_weight_in(1.0 - min(1.0, max(0.0, share)))
 
 
+@dataclass(frozen=True)
 class LoadAverage:
     """The mean joint load over the newest states, so that one noisy sample does not become a feed-forward torque."""
 
-    def __init__(self, window_s: float) -> None:
-        """Average over ``window_s`` of robot time."""
-        self._window_ns = round(window_s * 1e9)
-        self._samples: deque[tuple[int, Array]] = deque()
+    window_ns: int
+    samples: tuple[tuple[int, Array], ...] = ()
+    """Stamps and loads, oldest first."""
 
-    def add(self, state: RobotState) -> None:
-        """Take one state; states older than the window fall out."""
-        self._samples.append((state.robot_stamp_ns, state.load_nm))
-        while self._samples[0][0] < state.robot_stamp_ns - self._window_ns:
-            self._samples.popleft()
+    @staticmethod
+    def over(window_s: float) -> LoadAverage:
+        """An average over so much robot time."""
+        return LoadAverage(round(window_s * 1e9))
+
+    def after(self, states: Sequence[RobotState]) -> LoadAverage:
+        """The average once these states have come, too; states older than the window fall out."""
+        if not states:
+            return self
+        begin_ns = states[-1].robot_stamp_ns - self.window_ns
+        samples = (*self.samples, *((state.robot_stamp_ns, state.load_nm) for state in states))
+        return LoadAverage(self.window_ns, tuple(sample for sample in samples if sample[0] >= begin_ns))
 
     @property
     def is_full(self) -> bool:
         """Whether the samples span at least nine tenths of the window."""
-        return bool(self._samples) and self._samples[-1][0] - self._samples[0][0] >= 0.9 * self._window_ns
+        return bool(self.samples) and self.samples[-1][0] - self.samples[0][0] >= 0.9 * self.window_ns
 
     def mean_nm(self) -> Array:
         """Mean load, shape (12,), N·m.
@@ -115,6 +121,6 @@ class LoadAverage:
         Raises:
             ValueError: No state was taken yet.
         """
-        if not self._samples:
+        if not self.samples:
             raise ValueError("no state to average over")
-        return np.asarray(np.mean([load for _, load in self._samples], axis=0))
+        return np.asarray(np.mean([load for _, load in self.samples], axis=0))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from spot_runtime.control.recent_values import Samples
+from spot_runtime.control.recent_values import RecentValues
 
 PENDING_MAX: Final = 64
 
@@ -15,14 +15,14 @@ class LoopStats:
 
     def __init__(self) -> None:
         """Start from nothing."""
-        self.compute_s = Samples()
+        self.compute_s = RecentValues()
         """State taken to command handed over, one tick."""
-        self.state_age_s = Samples()
+        self.state_age_s = RecentValues()
         """Receipt of a state to the begin of the tick that uses it."""
-        self.acquisition_age_s = Samples()
+        self.acquisition_age_s = RecentValues()
         """Sampling of the joints to the begin of the tick, by the estimated robot clock: the robot's own delay and the
         link's are in it."""
-        self.state_to_command_s = Samples()
+        self.state_to_command_s = RecentValues()
         """Receipt of a tick's state to the instant at which the transport took its command."""
         self.skipped_ticks = 0
         self.ticks = 0

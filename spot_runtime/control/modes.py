@@ -9,11 +9,11 @@ damping ──► released (nothing is sent)
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import Enum
+from typing import NamedTuple
 
 from spot_runtime.config import HandoverConfig
-from spot_runtime.control.stops import Reaction
+from spot_runtime.stops import Reaction
 
 
 class Mode(Enum):
@@ -49,8 +49,7 @@ class Mode(Enum):
         return self in (Mode.RAMPING_IN, Mode.ACTIVE, Mode.SOFT_STOP, Mode.RAMPING_OUT)
 
 
-@dataclass(frozen=True)
-class ModeInputs:
+class ModeInputs(NamedTuple):
     """What the machine looks at."""
 
     in_mode_s: float

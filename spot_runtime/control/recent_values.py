@@ -11,7 +11,7 @@ DEFAULT_CAPACITY: Final = 32_768
 """Ten minutes at 50 Hz."""
 
 
-class Samples:
+class RecentValues:
     """A ring of numbers; when it is full, the oldest goes."""
 
     def __init__(self, capacity: int = DEFAULT_CAPACITY) -> None:

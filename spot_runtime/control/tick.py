@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +11,11 @@ from spot_model.policy.policy import Policy
 from spot_model.robot import facts
 from spot_model.robot.state import Array, RobotState
 
+_NO_ACTION: Final[NDArray[np.float32]] = np.zeros(facts.N_JOINTS, dtype=np.float32)
+_NO_ACTION.flags.writeable = False
 
-@dataclass(frozen=True)
-class TickSchedule:
+
+class TickSchedule(NamedTuple):
     """An absolute schedule over acquisition stamps: due instants lie a period apart, whatever the jitter.
 
     On the 3 ms stream a 20 ms period gives steps of 7, 7 and 6 messages: exactly 50 Hz on average.
@@ -47,16 +49,14 @@ def schedule_for(rate_hz: float) -> TickSchedule:
     return TickSchedule(round(1e9 / rate_hz))
 
 
-@dataclass(frozen=True)
-class TickMemory:
+class TickMemory(NamedTuple):
     """What one tick leaves for the next."""
 
-    last_action: NDArray[np.float32] = field(default_factory=lambda: np.zeros(facts.N_JOINTS, dtype=np.float32))
+    last_action: NDArray[np.float32] = _NO_ACTION
     """The network's previous output, shape (12,), policy order."""
 
 
-@dataclass(frozen=True)
-class TickResult:
+class TickResult(NamedTuple):
     """What one tick gave."""
 
     observation: NDArray[np.float32]

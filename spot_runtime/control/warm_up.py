@@ -2,7 +2,7 @@
 
 Repeated without a pause a tick takes a fifth of what it takes at the real pace: between two ticks caches and branch
 predictors are filled with other work, and the processor falls asleep. So shortly before such a state can come the tick
-is gone through on the newest state, for nothing; then the loop polls for the state and does not sleep. Each poll gives
+is taken once for nothing, on the newest state; then the loop polls for the state and does not sleep. Each poll gives
 the processor and the interpreter's lock away, so that the state is received as soon as it would be otherwise.
 """
 
@@ -18,13 +18,13 @@ from spot_runtime.hal.base import Hal
 from spot_runtime.host.realtime import has_real_time_priority, let_others_run
 
 LEAD_NS: Final = 500_000
-"""How long before the state can come the rehearsal begins; it takes about half of this when caches are cold."""
+"""How long before the state can come the dry run begins; it takes about half of this when caches are cold."""
 
 AWAKE_NS: Final = 2_000_000
-"""No more polling this long after the rehearsal began, so that a state that never comes costs little."""
+"""No more polling this long after the dry run began, so that a state that never comes costs little."""
 
 JUDGED: Final = 50
-"""After so many rehearsals in a row, each longer than :data:`LEAD_NS`, there are no more: they delay the tick."""
+"""After so many dry runs in a row, each longer than :data:`LEAD_NS`, there are no more: they delay the tick."""
 
 ARRIVALS: Final = 64
 NS_PER_S: Final = 1_000_000_000
@@ -46,8 +46,8 @@ class Arrivals:
         return robot_stamp_ns + min(self._host_minus_robot_ns) if self._host_minus_robot_ns else None
 
 
-class WarmWait:
-    """Receives the state of a tick, having rehearsed it."""
+class WarmReceiver:
+    """Receives the state of a tick after a dry run of it."""
 
     def __init__(self, hal: Hal, *, may_poll: bool | None = None) -> None:
         """Receive from ``hal``.
@@ -63,13 +63,13 @@ class WarmWait:
 
     @property
     def _helps(self) -> bool:
-        """Whether a rehearsal is over before the state comes; that of a slow policy, or on a slow computer, is not."""
+        """Whether a dry run is over before the state comes; that of a slow policy, or on a slow computer, is not."""
         return len(self._took_ns) < JUDGED or min(self._took_ns) <= LEAD_NS
 
     def receive(
-        self, newest: RobotState, until_robot_ns: int, timeout_s: float, rehearse: Callable[[], None]
+        self, newest: RobotState, until_robot_ns: int, timeout_s: float, dry_run: Callable[[], None]
     ) -> list[RobotState]:
-        """As :meth:`Hal.receive`, for the state after ``newest``; calls ``rehearse`` where there is time for it."""
+        """As :meth:`Hal.receive`, for the state after ``newest``; calls ``dry_run`` where there is time for it."""
         hal, begin_ns = self._hal, self._hal.host_now_ns()
         end_ns = begin_ns + round(timeout_s * NS_PER_S)
         earliest_ns = self.arrivals.earliest_host_ns(newest.robot_stamp_ns + facts.STATE_PERIOD_NS)
@@ -78,9 +78,9 @@ class WarmWait:
         states = hal.receive(until_robot_ns, (earliest_ns - LEAD_NS - begin_ns) / NS_PER_S)
         if states:
             return states
-        rehearsed_ns = hal.host_now_ns()
-        rehearse()
-        self._took_ns.append(hal.host_now_ns() - rehearsed_ns)
+        began_ns = hal.host_now_ns()
+        dry_run()
+        self._took_ns.append(hal.host_now_ns() - began_ns)
         awake_until_ns = min(end_ns, earliest_ns - LEAD_NS + AWAKE_NS)
         while self._may_poll and hal.host_now_ns() < awake_until_ns:
             states = hal.receive(until_robot_ns, 0.0)

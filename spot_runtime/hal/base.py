@@ -13,7 +13,7 @@ from enum import Enum
 from typing import Protocol
 
 from spot_model.robot.state import JointCommand, RobotState, SlowState
-from spot_runtime.control.stops import Stop
+from spot_runtime.stops import Stop
 
 
 @dataclass(frozen=True)

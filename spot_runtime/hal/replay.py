@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from spot_log.write.sink import LogSink
 from spot_model.errors import BadInputError
 from spot_model.robot.state import JointCommand, RobotState, SlowState
-from spot_runtime.control.stops import Stop, StopReason
 from spot_runtime.hal.base import JointControl, RobotInfo
+from spot_runtime.stops import Stop, StopReason
 
 
 class ReplayHal:

@@ -22,7 +22,7 @@ from spot_log.write.run_writer import RunWriter
 from spot_log.write.sink import LogSink, SinkHealth
 from spot_model.errors import SpotRlError
 from spot_model.robot.state import RobotState, SlowState
-from spot_runtime.control.stops import StopReason
+from spot_runtime.stops import StopReason
 
 FOLDER: Final = "incidents"
 """Beside the logs, so that whoever collects logs does not count one run twice."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from spot_runtime.control.stops import Stop, StopReason
 from spot_runtime.hal.errors import HalError
+from spot_runtime.stops import Stop, StopReason
 
 
 @dataclass(frozen=True)

@@ -12,11 +12,11 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from spot_log.format.events import EventName
-from spot_runtime.control.stops import Ending, Reaction, Stop, StopReason
 from spot_runtime.hal.base import Hal
 from spot_runtime.hal.errors import HalError
 from spot_runtime.session.outcome import Outcome
 from spot_runtime.session.signals import OperatorInterrupt, StopSignals
+from spot_runtime.stops import Ending, Reaction, Stop, StopReason
 
 
 class ControlEnd(NamedTuple):

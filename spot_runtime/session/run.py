@@ -18,7 +18,6 @@ from spot_model.policy.policy import Policy
 from spot_runtime.config import RunConfig
 from spot_runtime.control.loop import ControlLoop
 from spot_runtime.control.loop_stats import LoopStats
-from spot_runtime.control.stops import StopReason
 from spot_runtime.control.tick import warm_up
 from spot_runtime.hal.base import Hal
 from spot_runtime.host.clock import HostClock
@@ -30,6 +29,7 @@ from spot_runtime.session.robot_session import ControlEnd, RobotSession, control
 from spot_runtime.session.signals import StopSignals
 from spot_runtime.session.summary import RunSummary, figures, resident_mb
 from spot_runtime.sources.base import CommandSource
+from spot_runtime.stops import StopReason
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from typing_extensions import Self
 
-from spot_runtime.control.stops import Reaction, Stop, StopReason
+from spot_runtime.stops import Reaction, Stop, StopReason
 
 HANDLED: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGTSTP, signal.SIGQUIT)
 

@@ -16,8 +16,8 @@ from spot_model.policy.contract import METADATA_KEY, PolicyContract, StoredPair
 from spot_model.policy.policy import Policy, policy_from_bytes
 from spot_model.robot import facts
 from spot_model.robot.state import JointCommand, RobotState, SlowState
-from spot_runtime.control.stops import Stop
 from spot_runtime.hal.base import JointControl, RobotInfo
+from spot_runtime.stops import Stop
 
 START_NS = 1_700_000_000_000_000_000
 PERIOD_NS = facts.STATE_PERIOD_NS

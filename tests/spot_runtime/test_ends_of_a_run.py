@@ -24,7 +24,6 @@ from spot_model.io.velocity_sequence import standing_sequence
 from spot_model.policy.policy import Policy
 from spot_model.robot.state import Gains, JointCommand
 from spot_runtime.config import HandoverConfig, RobotConfig, RunConfig, for_lock_step
-from spot_runtime.control.stops import Stop, StopReason
 from spot_runtime.hal.base import JointControl, RobotInfo
 from spot_runtime.hal.connection.address import parse_address
 from spot_runtime.hal.errors import HalError, LeaseHeldError, MotionError
@@ -39,6 +38,7 @@ from spot_runtime.session.signals import OperatorInterrupt, StopSignals
 from spot_runtime.session.summary import RunSummary
 from spot_runtime.sources.keyboard import QUIT, TerminalKeys
 from spot_runtime.sources.scripted import ScriptedSource
+from spot_runtime.stops import Stop, StopReason
 from tests.spot_runtime.conftest import HandMadeRobot
 
 HANDOVER = HandoverConfig(settle_s=0.1, ramp_in_s=0.1, ramp_out_s=0.1, soft_stop_s=0.0, soft_stop_settle_s=0.0)

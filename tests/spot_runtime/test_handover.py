@@ -87,21 +87,21 @@ def test_damping_has_no_stiffness_and_brakes_every_motion() -> None:
 
 
 def test_the_load_is_averaged_over_the_window_alone(make_state: Callable[..., RobotState]) -> None:
-    average = LoadAverage(0.3)
+    average = LoadAverage.over(0.3)
     for i in range(200):
         load = np.full(12, 100.0 if i < 99 else 1.0)
-        average.add(make_state(i * 3_000_000, load_nm=load))
+        average = average.after([make_state(i * 3_000_000, load_nm=load)])
     assert average.is_full
     np.testing.assert_allclose(average.mean_nm(), np.full(12, 1.0))
 
 
 def test_the_average_of_too_few_states_is_not_full(make_state: Callable[..., RobotState]) -> None:
-    average = LoadAverage(0.3)
+    average = LoadAverage.over(0.3)
     for i in range(80):
-        average.add(make_state(i * 3_000_000))
+        average = average.after([make_state(i * 3_000_000)])
     assert not average.is_full
 
 
 def test_no_state_has_no_average() -> None:
     with pytest.raises(ValueError, match="no state"):
-        LoadAverage(0.3).mean_nm()
+        LoadAverage.over(0.3).mean_nm()

@@ -17,9 +17,9 @@ from spot_model.robot.state import Gains, RobotState, SlowState
 from spot_runtime.config import RunConfig
 from spot_runtime.control.loop import ControlLoop
 from spot_runtime.control.modes import Mode
-from spot_runtime.control.stops import Stop, StopReason
 from spot_runtime.sources.base import VelocityCommand
 from spot_runtime.sources.scripted import ScriptedSource
+from spot_runtime.stops import Stop, StopReason
 
 MS = 1_000_000
 CONFIG = RunConfig()

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from spot_runtime.config import HandoverConfig
 from spot_runtime.control.modes import Mode, ModeInputs, next_mode
-from spot_runtime.control.stops import Ending, Reaction, Stop, StopReason, ending_after, stops_table
+from spot_runtime.stops import Ending, Reaction, Stop, StopReason, ending_after, stops_table
 
 CONFIG = HandoverConfig()
 HAND_BACK, DAMP, EXPIRE, ESTOP = Reaction

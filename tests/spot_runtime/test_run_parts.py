@@ -26,8 +26,7 @@ from spot_model.errors import BadInputError
 from spot_model.policy.policy import Policy
 from spot_runtime.config import RealTimeConfig, RunConfig, for_lock_step
 from spot_runtime.control.loop_stats import PENDING_MAX, LoopStats
-from spot_runtime.control.recent_values import Samples
-from spot_runtime.control.stops import StopReason
+from spot_runtime.control.recent_values import RecentValues
 from spot_runtime.host import realtime
 from spot_runtime.host.console import Console
 from spot_runtime.host.instance_lock import AlreadyRunningError, InstanceLock
@@ -37,6 +36,7 @@ from spot_runtime.session.run_command import make_source
 from spot_runtime.session.signals import OperatorInterrupt, StopSignals
 from spot_runtime.session.summary import RunSummary, figures, resident_mb
 from spot_runtime.sources.gamepad import PygamePad
+from spot_runtime.stops import StopReason
 from spot_runtime.tables import with_tables
 
 ROOT = Path(__file__).parents[2]
@@ -139,7 +139,7 @@ def test_lock_step_asks_for_no_real_time_and_changes_nothing_else() -> None:
     config = for_lock_step(RunConfig())
     assert config.real_time.fifo_priority == 0
     assert not config.real_time.lock_memory
-    assert not config.control.rehearse
+    assert not config.control.warm_up
     untouched = {"control": RunConfig().control, "real_time": RunConfig().real_time}
     assert config.model_copy(update=untouched) == RunConfig()
 
@@ -219,7 +219,7 @@ def test_commands_that_never_leave_do_not_pile_up() -> None:
 
 
 def test_a_ring_of_samples_keeps_the_newest() -> None:
-    samples = Samples(10)
+    samples = RecentValues(10)
     for i in range(25):
         samples.add(i)
     assert samples.count == 25

@@ -13,9 +13,9 @@ from hypothesis.extra.numpy import arrays
 from spot_model.robot import facts
 from spot_model.robot.state import Gains, JointCommand, RobotState, SlowState
 from spot_runtime.control.safety import safety
-from spot_runtime.control.safety.limits import SafetyLimits
 from spot_runtime.control.safety.safety import SetpointMemory, StateMemory
-from spot_runtime.control.stops import StopReason
+from spot_runtime.safety_limits import SafetyLimits
+from spot_runtime.stops import StopReason
 
 MakeState = Callable[..., RobotState]
 MakeSlow = Callable[..., SlowState]

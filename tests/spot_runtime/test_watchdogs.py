@@ -9,14 +9,17 @@ from typing import Any
 import numpy as np
 import pytest
 
+from spot_log.format.events import EventName
 from spot_log.write.sink import MemorySink, SinkHealth
 from spot_model.robot.state import RobotState
 from spot_runtime.config import RunConfig
 from spot_runtime.control.modes import Mode
-from spot_runtime.control.recorder import Recorder
+from spot_runtime.control.notes import Notes
 from spot_runtime.control.safety.command_loss import WINDOW_KEYS
-from spot_runtime.control.safety.watchdogs import Watchdogs
-from spot_runtime.control.stops import Stop, StopReason
+from spot_runtime.control.safety.watchdogs import WatchMemory, lost_ticks, screen
+from spot_runtime.control.safety.watchdogs import look as watch
+from spot_runtime.control.seen import Phase, Seen
+from spot_runtime.stops import Stop, StopReason
 
 MS = 1_000_000
 S = 1000 * MS
@@ -38,22 +41,75 @@ class SickSink(MemorySink):
         return self.told
 
 
+class Dogs:
+    """The watchdogs with their memory, and what they tell."""
+
+    def __init__(self, robot: Any, sink: SickSink, config: RunConfig = CONFIG) -> None:
+        self.robot, self.sink, self.config = robot, sink, config
+        self.memory, self.told = WatchMemory(), frozenset[EventName]()
+
+    @property
+    def newest(self) -> RobotState | None:
+        return self.memory.newest
+
+    @property
+    def missed_states(self) -> int:
+        return self.memory.states.missed
+
+    def screen(self, states: list[RobotState], now_ns: int) -> tuple[list[RobotState], list[Stop]]:
+        notes = self._notes(now_ns)
+        self.memory, usable, stops = screen(self.memory, states, now_ns, self.config.safety, notes)
+        self._keep(notes)
+        return usable, list(stops)
+
+    def lost_ticks(self, lost: int, stamp_ns: int) -> Stop | None:
+        notes = self._notes(stamp_ns)
+        self.memory, stops = lost_ticks(self.memory, lost, stamp_ns, self.config.safety, notes)
+        self._keep(notes)
+        return stops[0] if stops else None
+
+    def look(self, phase: Phase, now_ns: int) -> list[Stop]:
+        notes, robot = self._notes(now_ns), self.robot
+        log = self.sink.health() if now_ns >= self.memory.next_log_check_ns else None
+        seen = Seen(now_ns, now_ns, (), robot.joint_control, robot.problems(), robot.slow_state, robot.clock_age_s, log)
+        self.memory, stops = watch(self.memory, seen, phase, self.config, notes)
+        self._keep(notes)
+        return list(stops)
+
+    def _notes(self, now_ns: int) -> Notes:
+        return Notes(self.told, now_ns, now_ns)
+
+    def _keep(self, notes: Notes) -> None:
+        self.told = notes.told
+        for event in notes.events:
+            self.sink.event(event)
+
+
 @pytest.fixture
 def sink() -> SickSink:
     return SickSink()
 
 
 @pytest.fixture
-def dogs(robot: Any, sink: SickSink) -> Watchdogs:
-    return Watchdogs(robot, CONFIG, Recorder(robot, sink, lambda _: None))
+def dogs(robot: Any, sink: SickSink) -> Dogs:
+    robot.now_ns = START_NS
+    return Dogs(robot, sink)
 
 
-def look(dogs: Watchdogs, mode: Mode = Mode.ACTIVE, now_ns: int = START_NS, **since: int) -> list[Stop]:
-    times = {"mode_since_ns": now_ns, "control_since_ns": now_ns, **since}
-    return dogs.look(mode, now_ns, **times)
+def look(
+    dogs: Dogs,
+    mode: Mode = Mode.ACTIVE,
+    now_ns: int = START_NS,
+    *,
+    mode_since_ns: int | None = None,
+    control_since_ns: int | None = None,
+) -> list[Stop]:
+    dogs.robot.now_ns = now_ns
+    since_ns = now_ns if mode_since_ns is None else mode_since_ns
+    return dogs.look(Phase(mode, since_ns, now_ns if control_since_ns is None else control_since_ns), now_ns)
 
 
-def test_a_time_sync_that_fails_for_long_is_told_of_once(dogs: Watchdogs, sink: SickSink, robot: Any) -> None:
+def test_a_time_sync_that_fails_for_long_is_told_of_once(dogs: Dogs, sink: SickSink, robot: Any) -> None:
     late_s = CONFIG.robot.time_sync_period_s + CONFIG.safety.clock_unsynced_warn_s
     for n, clock_age_s in enumerate((0.0, late_s, late_s + 0.5, late_s + 9.0)):
         robot.clock_age_s = clock_age_s
@@ -63,7 +119,7 @@ def test_a_time_sync_that_fails_for_long_is_told_of_once(dogs: Watchdogs, sink: 
     assert event.text == "no time sync has succeeded for 12.5 s; check the link"
 
 
-def test_states_are_screened_one_after_the_other(dogs: Watchdogs, sink: SickSink, make_state: MakeState) -> None:
+def test_states_are_screened_one_after_the_other(dogs: Dogs, sink: SickSink, make_state: MakeState) -> None:
     first, second = make_state(START_NS), make_state(START_NS + 3 * MS)
     broken = make_state(START_NS + 6 * MS, load_nm=np.full(12, np.nan))
     usable, stops = dogs.screen([first, second], START_NS + 5 * MS)
@@ -76,13 +132,13 @@ def test_states_are_screened_one_after_the_other(dogs: Watchdogs, sink: SickSink
     assert len(sink.events) == 1
 
 
-def test_missed_states_are_told_of_once_and_counted(dogs: Watchdogs, sink: SickSink, make_state: MakeState) -> None:
+def test_missed_states_are_told_of_once_and_counted(dogs: Dogs, sink: SickSink, make_state: MakeState) -> None:
     dogs.screen([make_state(START_NS + ms * MS) for ms in (0, 3, 12, 15, 21)], START_NS + 21 * MS)
     assert dogs.missed_states == 3
     assert [e.name for e in sink.events] == ["states_missed"]
 
 
-def test_lost_commands_are_told_of_once(dogs: Watchdogs, sink: SickSink, make_state: MakeState) -> None:
+def test_lost_commands_are_told_of_once(dogs: Dogs, sink: SickSink, make_state: MakeState) -> None:
     for i in range(WINDOW_KEYS // 4):
         dogs.screen([make_state(START_NS + 3 * i * MS, last_command_key=1 + 5 * i)], START_NS + 3 * i * MS)
     assert [e.name for e in sink.events] == ["commands_lost"]
@@ -91,30 +147,30 @@ def test_lost_commands_are_told_of_once(dogs: Watchdogs, sink: SickSink, make_st
     assert sink.events[0].text == f"about {sink.events[0].values['share']:.0%} of commands are lost"
 
 
-def test_no_loss_is_told_of_where_none_is(dogs: Watchdogs, sink: SickSink, make_state: MakeState) -> None:
+def test_no_loss_is_told_of_where_none_is(dogs: Dogs, sink: SickSink, make_state: MakeState) -> None:
     for i in range(2 * WINDOW_KEYS):
         dogs.screen([make_state(START_NS + 3 * i * MS, last_command_key=1 + i)], START_NS + 3 * i * MS)
     assert sink.events == []
 
 
-def test_a_healthy_robot_gives_no_stop(dogs: Watchdogs, make_state: MakeState, sink: SickSink) -> None:
+def test_a_healthy_robot_gives_no_stop(dogs: Dogs, make_state: MakeState, sink: SickSink) -> None:
     dogs.screen([make_state(START_NS)], START_NS)
     assert [look(dogs, mode) for mode in Mode] == [[]] * len(Mode)
     assert sink.events == []
 
 
-def test_what_the_adapter_reports_comes_first(dogs: Watchdogs, robot: Any) -> None:
+def test_what_the_adapter_reports_comes_first(dogs: Dogs, robot: Any) -> None:
     robot.waiting.append(Stop(StopReason.LEASE_LOST, "tablet"))
     robot.slow = replace(robot.slow, estopped=True)
     assert look(dogs) == [Stop(StopReason.LEASE_LOST, "tablet"), Stop(StopReason.ESTOPPED)]
 
 
-def test_without_a_slow_state_nothing_is_judged_by_it(dogs: Watchdogs, robot: Any) -> None:
+def test_without_a_slow_state_nothing_is_judged_by_it(dogs: Dogs, robot: Any) -> None:
     robot.slow = None
     assert look(dogs) == []
 
 
-def test_the_warning_of_an_old_state(dogs: Watchdogs, sink: SickSink, make_state: MakeState) -> None:
+def test_the_warning_of_an_old_state(dogs: Dogs, sink: SickSink, make_state: MakeState) -> None:
     dogs.screen([make_state(START_NS)], START_NS)
     assert look(dogs, now_ns=START_NS + 15 * MS) == []
     assert sink.events == []
@@ -125,14 +181,14 @@ def test_the_warning_of_an_old_state(dogs: Watchdogs, sink: SickSink, make_state
     ]
 
 
-def test_ages_count_in_every_mode_but_ready(dogs: Watchdogs, make_state: MakeState) -> None:
+def test_ages_count_in_every_mode_but_ready(dogs: Dogs, make_state: MakeState) -> None:
     dogs.screen([make_state(START_NS)], START_NS)
     for mode in Mode:
         stops = look(dogs, mode, START_NS + 50 * MS)
         assert [s.reason for s in stops] == ([] if mode is Mode.READY else [StopReason.STATE_STALE])
 
 
-def test_the_echo_counts_where_the_policy_runs(dogs: Watchdogs, make_state: MakeState) -> None:
+def test_the_echo_counts_where_the_policy_runs(dogs: Dogs, make_state: MakeState) -> None:
     dogs.screen([make_state(START_NS + 3 * i * MS) for i in range(101)], START_NS + 300 * MS)
     for mode in Mode:
         stops = look(dogs, mode, START_NS + 300 * MS, control_since_ns=START_NS)
@@ -153,14 +209,14 @@ def test_the_echo_counts_where_the_policy_runs(dogs: Watchdogs, make_state: Make
         (Mode.DAMPING, None, ""),
     ],
 )
-def test_modes_that_must_end(dogs: Watchdogs, mode: Mode, reason: StopReason | None, detail: str) -> None:
+def test_modes_that_must_end(dogs: Dogs, mode: Mode, reason: StopReason | None, detail: str) -> None:
     assert look(dogs, mode, START_NS + 3 * S, mode_since_ns=START_NS) == []
     stops = look(dogs, mode, START_NS + 3 * S + MS, mode_since_ns=START_NS)
     values = {"waited_s": 3.001, "bound_s": 3.0}
     assert stops == ([] if reason is None else [Stop(reason, detail, values)])
 
 
-def test_the_log_is_asked_twice_a_second(dogs: Watchdogs, sink: SickSink) -> None:
+def test_the_log_is_asked_twice_a_second(dogs: Dogs, sink: SickSink) -> None:
     for ms in range(0, 1001, 3):
         look(dogs, now_ns=START_NS + ms * MS)
     assert sink.asked == 2
@@ -173,7 +229,7 @@ def test_the_log_is_asked_twice_a_second(dogs: Watchdogs, sink: SickSink) -> Non
 def test_a_log_that_no_longer_records(robot: Any, stops_run: bool, is_alive: bool, unwritten: int) -> None:
     sink = SickSink()
     config = RunConfig.model_validate({"log": {"stop_on_failure": stops_run}})
-    dogs = Watchdogs(robot, config, Recorder(robot, sink, lambda _: None))
+    dogs = Dogs(robot, sink, config)
     is_well = is_alive and not unwritten
     sink.told = SinkHealth(is_alive, {}, {"state": unwritten, "event": 0}, "" if is_well else "disk full")
     stops = look(dogs)
@@ -181,7 +237,7 @@ def test_a_log_that_no_longer_records(robot: Any, stops_run: bool, is_alive: boo
     assert [e.name for e in sink.events] == ([] if is_well else ["log_problem"])
 
 
-def test_lost_ticks_within_a_second(dogs: Watchdogs, sink: SickSink) -> None:
+def test_lost_ticks_within_a_second(dogs: Dogs, sink: SickSink) -> None:
     assert dogs.lost_ticks(4, START_NS) is None
     assert dogs.lost_ticks(5, START_NS + S - 1) is None
     stop = dogs.lost_ticks(1, START_NS + S - 1)
@@ -191,13 +247,13 @@ def test_lost_ticks_within_a_second(dogs: Watchdogs, sink: SickSink) -> None:
     ]
 
 
-def test_lost_ticks_of_more_than_a_second_ago_are_forgiven(dogs: Watchdogs) -> None:
+def test_lost_ticks_of_more_than_a_second_ago_are_forgiven(dogs: Dogs) -> None:
     assert dogs.lost_ticks(9, START_NS) is None
     assert dogs.lost_ticks(9, START_NS + S) is None
     assert dogs.lost_ticks(1000, START_NS + 5 * S) is not None
 
 
-def test_the_newest_state_is_the_last_that_may_be_used(dogs: Watchdogs, make_state: MakeState) -> None:
+def test_the_newest_state_is_the_last_that_may_be_used(dogs: Dogs, make_state: MakeState) -> None:
     assert (dogs.newest, dogs.missed_states) == (None, 0)
     state = make_state(START_NS)
     dogs.screen([state], START_NS)

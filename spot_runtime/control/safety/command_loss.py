@@ -6,8 +6,7 @@ are passed over say little. Three in a row need losses: of a share p, that happe
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 WINDOW_KEYS: Final = 1500
 """Keys over which losses are counted: 4.5 s at a command a state."""
@@ -15,8 +14,7 @@ WINDOW_KEYS: Final = 1500
 IN_A_ROW: Final = 3
 
 
-@dataclass(frozen=True)
-class LossMemory:
+class LossMemory(NamedTuple):
     """What counting remembers."""
 
     first_key: int = 0

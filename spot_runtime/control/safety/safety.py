@@ -6,9 +6,8 @@ Nothing here reads a clock, logs, or sends. Memory goes in and comes out; every 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
 from operator import ge, le
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +15,8 @@ from numpy.typing import NDArray
 from spot_model.robot import facts
 from spot_model.robot.state import Array, JointCommand, RobotState, SlowState
 from spot_runtime.control.safety.body_height import body_height_m, is_body_above
-from spot_runtime.control.safety.limits import SafetyLimits
-from spot_runtime.control.stops import Stop, StopReason
+from spot_runtime.safety_limits import SafetyLimits
+from spot_runtime.stops import CRITICAL, Stop, StopReason
 
 END_TIME_MAX_S: Final = 0.1
 """No command is ever valid for longer than this."""
@@ -27,12 +26,9 @@ _LOWS_RAD: Final = facts.POSITION_LOW_RAD.tolist()
 _HIGHS_RAD: Final = facts.POSITION_HIGH_RAD.tolist()
 _NOTHING_CUT: Final = np.zeros(facts.N_JOINTS, dtype=np.bool_)
 _NOTHING_CUT.flags.writeable = False
-CRITICAL: Final = "critical: "
-"""Prefix of a system fault that must end a run."""
 
 
-@dataclass(frozen=True)
-class StateMemory:
+class StateMemory(NamedTuple):
     """What the screening of states remembers."""
 
     newest: RobotState | None = None
@@ -50,8 +46,7 @@ class StateMemory:
     """Stamp of the last state in which the confirmed command key rose; 0 before any."""
 
 
-@dataclass(frozen=True)
-class SetpointMemory:
+class SetpointMemory(NamedTuple):
     """What the limits of set-points remember."""
 
     sent_rad: Array | None = None
@@ -62,13 +57,12 @@ class SetpointMemory:
     """Ticks since the start in which a limit cut the request."""
 
 
-@dataclass(frozen=True)
-class LimitedSetpoint:
+class LimitedSetpoint(NamedTuple):
     """A set-point within all limits."""
 
     position_rad: Array
     """Shape (12,)."""
-    cut: NDArray[np.bool_] = field(default_factory=lambda: _NOTHING_CUT)
+    cut: NDArray[np.bool_] = _NOTHING_CUT
     """Joints whose request was changed. Shape (12,)."""
 
     @property
@@ -89,12 +83,12 @@ def screen_state(
     newest = memory.newest
     if newest is not None and state.robot_stamp_ns <= newest.robot_stamp_ns:
         in_row = memory.rejected_in_row + 1
-        memory = replace(memory, rejected_in_row=in_row, rejected=memory.rejected + 1)
+        memory = memory._replace(rejected_in_row=in_row, rejected=memory.rejected + 1)
         return memory, False, _rejected(in_row, state, newest, limits)
     stop = _from_future(state, robot_now_ns, limits) or _broken_values(state, limits)
     if stop is not None:
         arrived_ns = max(memory.arrived_robot_stamp_ns, state.robot_stamp_ns)
-        return replace(memory, arrived_robot_stamp_ns=arrived_ns), False, stop
+        return memory._replace(arrived_robot_stamp_ns=arrived_ns), False, stop
     has_changed = newest is None or not _same_joints(newest, state)
     echo_rose = state.last_command_key != (0 if newest is None else newest.last_command_key)
     memory = StateMemory(

@@ -13,7 +13,6 @@ from bosdyn.client.robot_state import RobotStateStreamingClient
 from spot_log.write.sink import LogSink
 from spot_model.robot.state import JointCommand, RobotState, SlowState
 from spot_runtime.config import RunConfig
-from spot_runtime.control.stops import Stop, StopReason
 from spot_runtime.hal.base import JointControl, RobotInfo
 from spot_runtime.hal.connection.address import Address
 from spot_runtime.hal.errors import EstopError, HalError, LeaseHeldError, NoRobotError
@@ -24,6 +23,7 @@ from spot_runtime.hal.spot.pace import Pace, RealTime, States, take_all
 from spot_runtime.hal.spot.session import Session
 from spot_runtime.hal.spot.streams import CommandStream, OnEnd, StateReceiver
 from spot_runtime.host.clock import NS_PER_S, HostClock, RobotClockEstimate
+from spot_runtime.stops import Stop, StopReason
 
 RETRY_S: Final = 0.5
 """Robot time between two attempts to power off a robot that does not answer."""

@@ -26,7 +26,6 @@ from bosdyn.client.time_sync import TimeSyncClient
 from spot_model.robot.facts import N_JOINTS
 from spot_model.robot.state import SlowState
 from spot_runtime.config import RobotConfig
-from spot_runtime.control.safety.safety import CRITICAL
 from spot_runtime.hal.connection.address import Address, explain_no_connection
 from spot_runtime.hal.connection.credentials import find_credentials
 from spot_runtime.hal.connection.time_sync import SyncedCommandClient, TimeSync
@@ -38,6 +37,7 @@ from spot_runtime.hal.spot.motions import POLL_S
 from spot_runtime.hal.spot.slow_state import pressed_estops, slow_state_from_message
 from spot_runtime.hal.spot.vendor_errors import lease_held, translate
 from spot_runtime.host.clock import HostClock, RobotClockEstimate
+from spot_runtime.stops import CRITICAL
 
 SYNC_ROUND_TRIPS: Final = 12
 SYNC_ATTEMPTS: Final = 40

@@ -7,7 +7,7 @@ from typing import Final
 from bosdyn.api import robot_state_pb2, service_fault_pb2
 
 from spot_model.robot.state import SlowState
-from spot_runtime.control.safety.safety import CRITICAL
+from spot_runtime.stops import CRITICAL
 
 NS_PER_S: Final = 1_000_000_000
 

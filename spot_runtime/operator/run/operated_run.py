@@ -25,7 +25,6 @@ from spot_model.robot.state import RobotState
 from spot_protos import operator_pb2
 from spot_runtime.config import RunConfig
 from spot_runtime.control.loop import ControlLoop
-from spot_runtime.control.stops import Reaction, Stop, StopReason
 from spot_runtime.control.tick import warm_up
 from spot_runtime.hal.base import Hal
 from spot_runtime.host.clock import HostClock
@@ -42,6 +41,7 @@ from spot_runtime.operator.run.steering import Attendance, OperatorSource
 from spot_runtime.session.robot_session import ControlEnd, RobotSession, control_end
 from spot_runtime.session.run import RunRequest, header_of, log_file_name
 from spot_runtime.session.signals import StopSignals
+from spot_runtime.stops import Reaction, Stop, StopReason
 
 HalFactory = Callable[[LogSink], Hal]
 SinkFactory = Callable[[Path, RunHeader], LogSink]

@@ -12,9 +12,9 @@ from spot_log.format.events import EventName
 from spot_model.errors import SpotRlError
 from spot_protos import run_link_pb2
 from spot_runtime.control.modes import Mode
-from spot_runtime.control.stops import Stop, StopReason
 from spot_runtime.control.tick import warm_up
 from spot_runtime.operator.run.run_spec import load_checked
+from spot_runtime.stops import Stop, StopReason
 
 if TYPE_CHECKING:
     from spot_runtime.operator.run.operated_run import OperatedRun

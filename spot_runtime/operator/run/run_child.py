@@ -18,7 +18,6 @@ from spot_log.write.sink import LogSink
 from spot_model.errors import BadInputError, SpotRlError
 from spot_model.io.validation import explain
 from spot_protos import operator_pb2
-from spot_runtime.control.stops import StopReason
 from spot_runtime.hal.base import Hal
 from spot_runtime.hal.connection.address import parse_address
 from spot_runtime.hal.spot.lock_step import LockStep
@@ -30,6 +29,7 @@ from spot_runtime.operator.run.link import RunLink
 from spot_runtime.operator.run.noting_hal import NotingHal
 from spot_runtime.operator.run.operated_run import OperatedRun
 from spot_runtime.operator.run.run_spec import MAX_SPEC_BYTES, RunSpec, load_checked
+from spot_runtime.stops import StopReason
 
 
 def read_spec(data: bytes) -> RunSpec:

@@ -13,7 +13,7 @@ from spot_model.robot.state import Array, RobotState, SlowState
 from spot_protos import operator_pb2
 from spot_runtime.control.loop import ControlLoop
 from spot_runtime.control.loop_stats import LoopStats
-from spot_runtime.control.recent_values import Samples
+from spot_runtime.control.recent_values import RecentValues
 
 STATUS_PERIOD_NS: Final = 200_000_000
 RECENT: Final = 250
@@ -64,8 +64,8 @@ def _add_figures(status: operator_pb2.RunStatus, stats: LoopStats) -> None:
     status.compute_p50_s, status.compute_p99_s = _recent(stats.compute_s)
 
 
-def _recent(samples: Samples) -> tuple[float, float]:
-    newest = samples.newest(RECENT)
+def _recent(values: RecentValues) -> tuple[float, float]:
+    newest = values.newest(RECENT)
     if not newest.size:
         return 0.0, 0.0
     p50, p99 = np.percentile(newest, (50.0, 99.0)).tolist()

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Final
 
 from spot_runtime.control.safety import safety
-from spot_runtime.control.safety.limits import SafetyLimits
-from spot_runtime.control.stops import Stop, StopReason
 from spot_runtime.hal.base import Hal
+from spot_runtime.safety_limits import SafetyLimits
+from spot_runtime.stops import Stop, StopReason
 
 NS_PER_S: Final = 1_000_000_000
 STATE_SILENCE_S: Final = 1.0

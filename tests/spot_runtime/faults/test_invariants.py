@@ -23,16 +23,16 @@ from spot_model.robot.state import RobotState
 from spot_runtime.config import RunConfig
 from spot_runtime.control.loop import ControlLoop
 from spot_runtime.control.modes import Mode
-from spot_runtime.control.stops import Stop, StopReason
 from spot_runtime.hal.base import JointControl
 from spot_runtime.sources.scripted import ScriptedSource
+from spot_runtime.stops import Stop, StopReason
 
 REPOSITORY = Path(__file__).parents[3]
 MS = 1_000_000
 CONFIG = RunConfig.model_validate(
     {
         "handover": {"ramp_in_s": 0.1, "settle_s": 0.1, "ramp_out_s": 0.1, "soft_stop_s": 0.05, "damping_s": 0.3},
-        "control": {"rehearse": False},
+        "control": {"warm_up": False},
     }
 )
 SEED_POLICY = (REPOSITORY / "tests" / "fuzz" / "seeds" / "policy.onnx").read_bytes()
@@ -202,7 +202,7 @@ class Runs(RuleBasedStateMachine):
         before = len(self.robot.sent)
         self.loop.cycle()
         if before == 0 and self.robot.sent:
-            newest = self.loop._watchdogs.newest
+            newest = self.loop.newest
             assert newest is not None
             self.pose_rad = np.clip(newest.position_rad, facts.POSITION_LOW_RAD, facts.POSITION_HIGH_RAD)
         if self.loop.mode is Mode.RELEASED and self.released_at is None:

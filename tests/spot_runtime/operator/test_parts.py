@@ -19,7 +19,6 @@ from spot_model.errors import BadInputError
 from spot_protos import operator_pb2, run_link_pb2
 from spot_runtime.config import RunConfig
 from spot_runtime.control.modes import Mode
-from spot_runtime.control.stops import StopReason
 from spot_runtime.operator.client.client import ctl
 from spot_runtime.operator.listening import SocketFile, default_address, is_loopback, server_credentials
 from spot_runtime.operator.refusal import Refusal
@@ -33,6 +32,7 @@ from spot_runtime.operator.server.mode_texts import MODE_TEXTS
 from spot_runtime.operator.server.policy_folder import PolicyShelf
 from spot_runtime.operator.server.server import request_checks as rules
 from spot_runtime.operator.server.states import State
+from spot_runtime.stops import StopReason
 
 from .conftest import POLICIES
 

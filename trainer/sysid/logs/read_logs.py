@@ -15,7 +15,7 @@ from spot_model.policy.contract import PolicyContract
 from spot_model.policy.observation import is_fallen
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
-from spot_runtime.control.stops import Reaction, StopReason
+from spot_runtime.stops import Reaction, StopReason
 from trainer.sysid.logs.logged_run import Commands, LoggedRun, States, Ticks
 
 MODE: Final = "active"

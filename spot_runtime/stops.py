@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import NamedTuple
+from typing import Final, NamedTuple
+
+CRITICAL: Final = "critical: "
+"""Prefix of a system fault that must end a run."""
 
 
 class Reaction(Enum):

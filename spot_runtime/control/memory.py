@@ -1,0 +1,112 @@
+"""What one step of control remembers and gives. All of it is frozen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from enum import Enum
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from spot_log.format.events import EventName
+from spot_log.format.records import EventRecord
+from spot_model.policy.policy import Policy
+from spot_model.robot import facts
+from spot_model.robot.state import Array, Gains, JointCommand, RobotState
+from spot_runtime.config import HandoverConfig, RunConfig
+from spot_runtime.control.handover import LoadAverage, Setpoint
+from spot_runtime.control.modes import Mode
+from spot_runtime.control.safety.safety import SetpointMemory
+from spot_runtime.control.safety.watchdogs import WatchMemory
+from spot_runtime.control.seen import Phase
+from spot_runtime.control.tick import TickMemory, TickResult, TickSchedule, schedule_for
+from spot_runtime.sources.base import VelocityCommand
+from spot_runtime.stops import Ending
+
+NO_VELOCITY_COMMAND: Final = np.zeros(3)
+NO_VELOCITY_COMMAND.flags.writeable = False
+
+
+class Plan(NamedTuple):
+    """What stays the same from the first step to the last."""
+
+    config: RunConfig
+    policy: Policy
+    policy_gains: Gains
+    velocity_at: Callable[[float, int], VelocityCommand]
+    """The wanted velocity, from seconds in full control and the host's clock."""
+    tick: Callable[[TickMemory, RobotState, Array, Policy], tuple[TickMemory, TickResult]]
+
+
+class Drive(NamedTuple):
+    """What is asked of the joints."""
+
+    hold: Setpoint | None = None
+    """The pose in which the vendor's stand handed over; None before."""
+    current: Setpoint | None = None
+    """What is sent until the next tick."""
+    requested_rad: Array = facts.DEFAULT_POSITION_RAD
+    """What ``current`` would be without limits. Shape (12,)."""
+    limits: SetpointMemory = SetpointMemory()
+    policy: TickMemory = TickMemory()
+    velocity_command: Array = NO_VELOCITY_COMMAND
+    """V_x, V_y (m/s), ω_z (rad/s). Shape (3,)."""
+    fade_from: Array = NO_VELOCITY_COMMAND
+    """The velocity command at which a soft stop began."""
+
+
+class Memory(NamedTuple):
+    """What one step leaves for the next."""
+
+    phase: Phase
+    handover: HandoverConfig
+    schedule: TickSchedule
+    loads: LoadAverage
+    ending: Ending | None = None
+    watch: WatchMemory = WatchMemory()
+    drive: Drive = Drive()
+    told: frozenset[EventName] = frozenset()
+    """Events that are told of once, and were."""
+    key: int = 0
+    """Of the newest command."""
+    sent_ns: int = 0
+    """When it was made, robot clock."""
+
+
+class Act(Enum):
+    """What a step wants done beside sending its command."""
+
+    BEGIN = "open the command stream with this step's command"
+    END = "ask the vendor's stand to take the joints back"
+    RELEASE = "send nothing more"
+    ESTOP = "press the e-stop"
+
+
+class Tick(NamedTuple):
+    """A policy period that has begun."""
+
+    number: int
+    state: RobotState
+    lost: int
+    """Periods that passed without a tick just before."""
+    result: TickResult | None
+    """None where the mode runs no policy."""
+
+
+class Step(NamedTuple):
+    """What one step gives."""
+
+    memory: Memory
+    acts: tuple[Act, ...] = ()
+    events: tuple[EventRecord, ...] = ()
+    command: JointCommand | None = None
+    newest: RobotState | None = None
+    """The newest usable state among those that have arrived."""
+    tick: Tick | None = None
+
+
+def first_memory(plan: Plan, robot_ns: int) -> Memory:
+    """The memory of a robot that stands under the vendor's control."""
+    handover = plan.config.handover
+    schedule = schedule_for(plan.policy.contract.rate_hz)
+    return Memory(Phase(Mode.READY, robot_ns), handover, schedule, LoadAverage.over(handover.settle_s))

@@ -1,0 +1,28 @@
+"""Events that one step writes, gathered while it runs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from spot_log.format.events import EventName
+from spot_log.format.records import EventRecord
+
+
+class Notes:
+    """Lives as long as one step."""
+
+    def __init__(self, told: frozenset[EventName], host_ns: int, robot_ns: int) -> None:
+        """Stamp events with these instants; ``told`` are the events that were told of once already."""
+        self.told, self._host_ns, self._robot_ns = told, host_ns, robot_ns
+        self.events: list[EventRecord] = []
+
+    def event(self, name: EventName, text: str, values: Mapping[str, float] | None = None) -> None:
+        """Write an event."""
+        record = EventRecord(self._host_ns, self._robot_ns, name.severity, name.label, text, dict(values or {}))
+        self.events.append(record)
+
+    def once(self, name: EventName, text: str, values: Mapping[str, float] | None = None) -> None:
+        """Write an event whose repetitions would only flood the log."""
+        if name not in self.told:
+            self.told |= {name}
+            self.event(name, text, values)

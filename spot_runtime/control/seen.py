@@ -1,0 +1,39 @@
+"""What one step of control looks at."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from spot_log.write.sink import SinkHealth
+from spot_model.robot.state import RobotState, SlowState
+from spot_runtime.control.modes import Mode
+from spot_runtime.hal.base import JointControl
+from spot_runtime.stops import Stop
+
+
+class Seen(NamedTuple):
+    """What a step looks at, read once at its begin."""
+
+    host_ns: int
+    robot_ns: int
+    states: Sequence[RobotState] = ()
+    """What has arrived since the last step, oldest first."""
+    joint_control: JointControl = JointControl.OFF
+    problems: Sequence[Stop] = ()
+    """What went wrong beside the streams since the last step."""
+    slow: SlowState | None = None
+    clock_age_s: float = 0.0
+    log: SinkHealth | None = None
+    """How the log is doing; None between two looks at it."""
+
+
+class Phase(NamedTuple):
+    """The mode, and since when; robot clock."""
+
+    mode: Mode
+    since_ns: int
+    control_since_ns: int = 0
+    """When the policy began to tick; 0 before."""
+    active_since_ns: int = 0
+    """When the policy came into full control; 0 before."""

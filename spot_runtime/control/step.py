@@ -1,0 +1,295 @@
+"""One step of control as a pure function: memory and what is seen go in; memory, a command and records come out.
+
+A step judges what has arrived, moves the mode machine, runs the policy where a tick is due, and makes a command.
+Set-points change at ticks only; between them the same ones go out again with a new end time, so that a command lapses
+soon after this process stops.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from spot_log.format.events import EventName
+from spot_model.robot import facts
+from spot_model.robot.state import Array, JointCommand, RobotState
+from spot_runtime.control.handover import Setpoint, hold_setpoint
+from spot_runtime.control.memory import NO_VELOCITY_COMMAND, Act, Drive, Memory, Plan, Step, Tick
+from spot_runtime.control.modes import Mode, ModeInputs, next_mode
+from spot_runtime.control.notes import Notes
+from spot_runtime.control.safety import safety, watchdogs
+from spot_runtime.control.seen import Phase, Seen
+from spot_runtime.control.set_point import asked_setpoint, within_stops
+from spot_runtime.control.tick import TickResult
+from spot_runtime.hal.base import JointControl
+from spot_runtime.hal.errors import HalError
+from spot_runtime.stops import Reaction, Stop, StopReason, ending_after
+
+NS_PER_S: Final = 1_000_000_000
+_EVERY_MODE: Final = tuple(Mode)
+_NO_VELOCITY: Final = np.zeros(facts.N_JOINTS)
+_NO_VELOCITY.flags.writeable = False
+
+
+def control_step(memory: Memory, seen: Seen, plan: Plan) -> Step:
+    """Judge, decide, and make a command.
+
+    Raises:
+        Exception: Whatever the policy or the source raises; :func:`after_failure` is the step to take then.
+    """
+    notes, phase, limits = Notes(memory.told, seen.host_ns, seen.robot_ns), memory.phase, plan.config.safety
+    watch, usable, stops = watchdogs.screen(memory.watch, seen.states, seen.robot_ns, limits, notes)
+    watch, later_stops = watchdogs.look(watch, seen, phase, plan.config, notes)
+    newest = usable[-1] if usable else None
+    schedule, is_tick, lost = memory.schedule, False, 0
+    if newest is not None:
+        schedule, is_tick, lost = schedule.advance(newest.robot_stamp_ns)
+        # Also where no policy ticks: a set-point held through a gap may be far from where the joints are by now.
+        if lost and phase.mode.sends:
+            watch, too_many = watchdogs.lost_ticks(watch, lost, newest.robot_stamp_ns, limits, notes)
+            later_stops += too_many
+    loads = memory.loads.after(usable) if phase.mode is Mode.READY else memory.loads
+    # Whole tuples are made by position: on the hot path that takes a third of what replacing fields takes.
+    memory, acts = _end_and_move(
+        Memory(
+            phase,
+            memory.handover,
+            schedule,
+            loads,
+            memory.ending,
+            watch,
+            memory.drive,
+            memory.told,
+            memory.key,
+            memory.sent_ns,
+        ),
+        (*stops, *later_stops),
+        seen,
+        notes,
+    )
+    result = None
+    if is_tick and newest is not None and memory.phase.mode.runs_policy:
+        memory, result = _run_policy(memory, newest, seen, plan, notes)
+    if (is_tick or memory.phase.mode is Mode.DAMPING) and memory.phase.mode.sends:
+        memory, more = _aim(memory, result, seen, plan, notes)
+        acts += more
+    command = None
+    if _is_command_due(memory, seen, plan, is_tick=is_tick, has_state=newest is not None, acts=acts):
+        command = _command(memory, seen, plan)
+    tick = None
+    if is_tick and newest is not None and memory.phase.mode is not Mode.READY:
+        tick = Tick(schedule.ticks, newest, lost, result)
+    after = Memory(
+        memory.phase,
+        memory.handover,
+        schedule,
+        loads,
+        memory.ending,
+        watch,
+        memory.drive,
+        notes.told,
+        memory.key if command is None else command.key,
+        memory.sent_ns if command is None else seen.robot_ns,
+    )
+    return Step(after, acts, tuple(notes.events), command, newest, tick)
+
+
+def stopped(memory: Memory, stop: Stop, seen: Seen) -> Step:
+    """The step that ends the run for this reason, unless a reaction as strong is already under way."""
+    notes = Notes(memory.told, seen.host_ns, seen.robot_ns)
+    memory, acts = _end(memory, stop, notes)
+    return Step(memory, acts, tuple(notes.events))
+
+
+def after_failure(memory: Memory, error: Exception, seen: Seen) -> Step:
+    """The step in place of one that failed: a defect ends in damping; one while damping, in silence."""
+    if isinstance(error, HalError):
+        stop = Stop(StopReason.LINK_LOST, str(error))
+    else:
+        stop = Stop(StopReason.INTERNAL_ERROR, f"{type(error).__name__}: {error}")
+    notes = Notes(memory.told, seen.host_ns, seen.robot_ns)
+    is_last_resort = memory.phase.mode in (Mode.READY, Mode.DAMPING, Mode.RELEASED)
+    memory, acts = _end(memory, stop, notes)
+    memory, more = _enter(memory, Mode.RELEASED if is_last_resort else Mode.DAMPING, seen, notes)
+    return Step(memory, acts + more, tuple(notes.events))
+
+
+# Modes ---------------------------------------------------------------------------------------------------------------
+
+
+def _end_and_move(memory: Memory, stops: tuple[Stop, ...], seen: Seen, notes: Notes) -> tuple[Memory, tuple[Act, ...]]:
+    """Take every stop, then move the mode machine as far as it goes now."""
+    acts: tuple[Act, ...] = ()
+    for stop in stops:
+        memory, more = _end(memory, stop, notes)
+        acts += more
+    for _ in _EVERY_MODE:
+        phase = memory.phase
+        inputs = ModeInputs(
+            in_mode_s=(seen.robot_ns - phase.since_ns) / NS_PER_S,
+            reaction=None if memory.ending is None else memory.ending.reaction,
+            is_activation_asked=phase.mode is Mode.READY and memory.loads.is_full,
+            is_active=seen.joint_control is JointControl.ACTIVE,
+        )
+        following = next_mode(phase.mode, inputs, memory.handover)
+        if following is phase.mode:
+            break
+        memory, more = _enter(memory, following, seen, notes)
+        acts += more
+    return memory, acts
+
+
+def _end(memory: Memory, stop: Stop, notes: Notes) -> tuple[Memory, tuple[Act, ...]]:
+    ending = ending_after(memory.ending, stop)
+    if ending is memory.ending:
+        return memory, ()
+    name = EventName.STOP if stop.reason.exit_code else EventName.COMPLETED
+    notes.event(name, f"{stop.reason.label}: {stop.sentence()}", stop.values)
+    # A way back that is under way keeps its pace: a ramp must not jump.
+    is_hastened = memory.ending is None and stop.reason.is_urgent
+    handover = memory.handover.hastened() if is_hastened else memory.handover
+    return memory._replace(ending=ending, handover=handover), (
+        (Act.ESTOP,) if ending.reaction is Reaction.ESTOP else ()
+    )
+
+
+def _enter(memory: Memory, mode: Mode, seen: Seen, notes: Notes) -> tuple[Memory, tuple[Act, ...]]:
+    phase, drive = memory.phase, memory.drive
+    notes.event(EventName.MODE, f"{phase.mode.value} → {mode.value}")
+    phase = Phase(mode, seen.robot_ns, phase.control_since_ns, phase.active_since_ns)
+    acts: tuple[Act, ...] = ()
+    if mode is Mode.ACTIVATING:
+        drive, acts = _held(memory), (Act.BEGIN,)
+    elif mode is Mode.RAMPING_IN:
+        phase = phase._replace(control_since_ns=seen.robot_ns)
+    elif mode is Mode.ACTIVE:
+        phase = phase._replace(active_since_ns=seen.robot_ns)
+    elif mode is Mode.SOFT_STOP:
+        drive = drive._replace(fade_from=drive.velocity_command)
+    elif mode is Mode.STANDING:
+        drive, acts = drive._replace(current=drive.hold, velocity_command=NO_VELOCITY_COMMAND), (Act.END,)
+    elif mode is Mode.RELEASED:
+        acts = (Act.RELEASE,)
+    return memory._replace(phase=phase, drive=drive), acts
+
+
+def _held(memory: Memory) -> Drive:
+    """Hold the pose and the load that are measured now."""
+    newest = memory.watch.newest
+    if newest is None:
+        raise RuntimeError("joint control cannot begin without a state")
+    hold = hold_setpoint(within_stops(newest.position_rad), memory.loads.mean_nm())
+    limits = memory.drive.limits._replace(sent_rad=hold.position_rad)
+    return memory.drive._replace(hold=hold, current=hold, requested_rad=hold.position_rad, limits=limits)
+
+
+# Set-points ----------------------------------------------------------------------------------------------------------
+
+
+def _run_policy(memory: Memory, state: RobotState, seen: Seen, plan: Plan, notes: Notes) -> tuple[Memory, TickResult]:
+    velocity_command, is_finished = _velocity_command(memory, state, seen, plan, notes)
+    if is_finished:
+        memory, _ = _end(memory, Stop(StopReason.COMPLETED), notes)
+    after, result = plan.tick(memory.drive.policy, state, velocity_command, plan.policy)
+    drive = memory.drive
+    drive = Drive(
+        drive.hold, drive.current, drive.requested_rad, drive.limits, after, velocity_command, drive.fade_from
+    )
+    return memory._replace(drive=drive), result
+
+
+def _velocity_command(memory: Memory, state: RobotState, seen: Seen, plan: Plan, notes: Notes) -> tuple[Array, bool]:
+    """The velocity command of this tick, and whether the source has nothing more to say."""
+    phase, drive = memory.phase, memory.drive
+    if phase.mode is Mode.SOFT_STOP:
+        in_mode_s, fade_s = max(0.0, (state.robot_stamp_ns - phase.since_ns) / NS_PER_S), memory.handover.soft_stop_s
+        share = max(0.0, 1.0 - in_mode_s / fade_s) if fade_s > 0.0 else 0.0
+        return drive.fade_from * share, False
+    if phase.mode is not Mode.ACTIVE:
+        return NO_VELOCITY_COMMAND, False
+    wanted = plan.velocity_at(max(0.0, (state.robot_stamp_ns - phase.active_since_ns) / NS_PER_S), seen.host_ns)
+    contract, command = plan.policy.contract, wanted.command.tolist()
+    bounds = zip(command, contract.velocity_command_low, contract.velocity_command_high, strict=True)
+    within = [min(max(value, low), high) for value, low, high in bounds]
+    if within == command:
+        return wanted.command, wanted.is_finished
+    notes.once(EventName.COMMAND_CLIPPED, "the velocity command was cut to the policy's range")
+    return np.array(within), wanted.is_finished
+
+
+def _aim(
+    memory: Memory, result: TickResult | None, seen: Seen, plan: Plan, notes: Notes
+) -> tuple[Memory, tuple[Act, ...]]:
+    """Bring the set-point up to date, within all limits; a limit that ends the run turns it into damping."""
+    memory, stop = _limited(memory, result, seen, plan, notes)
+    if stop is None:
+        return memory, ()
+    memory, acts = _end_and_move(memory, (stop,), seen, notes)
+    return _limited(memory, result, seen, plan, notes)[0], acts
+
+
+def _limited(
+    memory: Memory, result: TickResult | None, seen: Seen, plan: Plan, notes: Notes
+) -> tuple[Memory, Stop | None]:
+    phase, drive, limits = memory.phase, memory.drive, plan.config.safety
+    hold, newest = drive.hold, memory.watch.newest
+    if hold is None:
+        raise RuntimeError("there is no held pose; joint control has not begun")
+    asked = asked_setpoint(
+        phase.mode,
+        (seen.robot_ns - phase.since_ns) / NS_PER_S,
+        hold=hold,
+        policy_rad=None if result is None else result.setpoint_rad,
+        policy_gains=plan.policy_gains,
+        measured_rad=hold.position_rad if newest is None else newest.position_rad,
+        config=memory.handover,
+    )
+    if phase.mode is Mode.DAMPING:
+        return memory._replace(drive=drive._replace(current=asked, requested_rad=asked.position_rad)), None
+    after, limited, stop = safety.limit_setpoint(drive.limits, asked.position_rad, limits)
+    if limited.is_cut:
+        names = [name for name, is_cut in zip(facts.JOINT_NAMES, limited.cut, strict=True) if is_cut]
+        notes.once(EventName.SETPOINT_CUT, f"requested set-points were cut: {', '.join(names)}")
+    current = Setpoint(limited.position_rad, asked.load_nm, asked.gains)
+    drive = Drive(hold, current, asked.position_rad, after, drive.policy, drive.velocity_command, drive.fade_from)
+    return memory._replace(drive=drive), stop
+
+
+# Commands ------------------------------------------------------------------------------------------------------------
+
+
+def _is_command_due(
+    memory: Memory, seen: Seen, plan: Plan, *, is_tick: bool, has_state: bool, acts: tuple[Act, ...]
+) -> bool:
+    mode = memory.phase.mode
+    if not mode.sends:
+        return False
+    if mode is Mode.DAMPING:  # needs no state, so it is sent by the clock
+        return has_state or seen.robot_ns - memory.sent_ns >= facts.STATE_PERIOD_NS
+    return Act.BEGIN in acts or (has_state and (is_tick or plan.config.control.resend_on_state))
+
+
+def _command(memory: Memory, seen: Seen, plan: Plan) -> JointCommand:
+    current, robot_ns, limits = memory.drive.current, seen.robot_ns, plan.config.safety
+    if current is None:
+        raise RuntimeError("there is no set-point to send")
+    command = JointCommand(
+        key=memory.key + 1,
+        position_rad=current.position_rad,
+        velocity_rad_s=_NO_VELOCITY,
+        load_nm=_within_torque(current.load_nm, limits.feedforward_nm),
+        gains=current.gains,
+        end_robot_stamp_ns=robot_ns + round(plan.config.control.end_time_ahead_s * NS_PER_S),
+    )
+    wrong = safety.check_command(command, memory.key, robot_ns)
+    if wrong is not None:
+        raise RuntimeError(f"a command was held back: {wrong}")
+    return command
+
+
+def _within_torque(load_nm: Array, bound_nm: float) -> Array:
+    loads_nm = load_nm.tolist()
+    if -bound_nm <= min(loads_nm) and max(loads_nm) <= bound_nm:
+        return load_nm
+    return np.minimum(np.maximum(load_nm, -bound_nm), bound_nm)
