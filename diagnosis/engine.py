@@ -15,7 +15,7 @@ from spot_log.read.run import Run
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import Policy, policy_from_bytes
-from trainer.ppo.ray_cluster import RayCluster
+from trainer.shared.ray_cluster import RayCluster
 
 USUAL_NOISE: Final = SensorNoise()
 Tell = Callable[[float], None]

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from diagnosis.recording import ACTIVE
 from diagnosis.simulated import Script
 from spot_log.read.run import Run, TickTable
+from spot_model.plant.start import StartState
 from spot_model.policy.observation import is_fallen, observed
 from spot_model.policy.policy import Policy
 from trainer.sysid.distance.features import features_of_observations
-from trainer.sysid.simulation.rollout import StartState
 
 MIN_TICKS = 50
 

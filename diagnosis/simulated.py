@@ -16,12 +16,12 @@ from spot_log.read.run import CommandTable, ImuTable, Run, SlowTable, StateTable
 from spot_model.effects.base import CommandEffect, Effect, SoftwareEffect
 from spot_model.io.model_file import RobotModel
 from spot_model.plant.plant import Plant, PlantOptions, ServoCommand
+from spot_model.plant.start import StartState, standing_height_m
 from spot_model.policy.observation import build_observation
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
 from spot_model.robot.mjcf import MjcfOptions
 from spot_model.robot.rotation import rotate_wxyz
-from trainer.sysid.simulation.rollout import StartState, standing_height_m
 
 Array = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Protocol
 
-from trainer.ppo.ray_cluster import RayCluster
+from trainer.shared.ray_cluster import RayCluster
 from withheld.execute import Job, case_folder, execute
 from withheld.ledger import Ledger, read_ledger
 from withheld.outcome import Outcome

@@ -11,7 +11,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from spot_log.format.records import RunHeader
+from spot_log.read.run import run_of_columns
 from spot_model.io.velocity_sequence import VelocitySequence, load_sequence
+from spot_model.plant.start import StartState
 from spot_model.policy.observation import N_OBSERVATION, build_observation, observed
 from spot_model.policy.policy import Policy, load_policy
 from spot_model.robot import facts
@@ -19,12 +22,14 @@ from spot_model.robot.control import pd_torque
 from spot_model.robot.mjcf import MjcfOptions, default_height_m, spot_mjcf
 from spot_model.robot.rotation import rotate_wxyz
 from trainer.collect.plan import USER_SEQUENCE
-from trainer.sysid.logs.logged_run import Array, Commands, LoggedRun, States, Ticks
+from trainer.shared.engine import Place
+from trainer.sysid.logs.logged_run import LoggedRun
 from trainer.sysid.search.config import CONTACT_CHOICES_S, SearchConfig, SimulationConfig, SysidConfig
 from trainer.sysid.search.problem import Problem, build_problem
-from trainer.sysid.simulation.engine import LocalEngine
-from trainer.sysid.simulation.rollout import RolloutCase, RolloutOptions, StartState, roll_out
+from trainer.sysid.search.search import candidates_engine, evaluate
+from trainer.sysid.simulation.rollout import RolloutCase, RolloutOptions, roll_out
 
+Array = NDArray[np.float64]
 BASELINE_S: Final = 10.0
 """Simulated time of the plain loop."""
 
@@ -49,11 +54,11 @@ def bench_sysid(policy_path: Path, *, workers: int, generations: int) -> dict[st
     spread = 0.05 * rng.standard_normal((generations + 1, search.population, problem.space.n))
     centre = problem.space.unit_of_values(problem.space.initial)
     candidates = problem.space.values_of_unit(np.clip(centre + spread, 0.0, 1.0))
-    with LocalEngine(problem, workers) as engine:
-        engine.evaluate(candidates[0])
+    with candidates_engine(problem, Place(workers)) as engine:
+        evaluate(engine, candidates[0])
         began_s = time.perf_counter()
         for population in candidates[1:]:
-            engine.evaluate(population)
+            evaluate(engine, population)
         wall_s = time.perf_counter() - began_s
     began_cpu_s = time.process_time()
     problem.evaluate(candidates[0])
@@ -158,23 +163,21 @@ def _run_of(
     observed(observation, "joint_velocity_rad_s")[...] = features[:, 12:24] / facts.POLICY_KD_NM_S_PER_RAD
     action = (features[:, 24:] / (facts.POLICY_KP_NM_PER_RAD * facts.ACTION_SCALE_RAD)).astype(np.float32)
     stamps = np.arange(n, dtype=np.int64) * 20_000_000
-    none, joints = np.zeros((0, facts.N_JOINTS)), start.position_rad[None, :]
-    return LoggedRun(
-        source=f"{name} {repeat}",
-        sequence=name,
+    header = RunHeader(
+        run_id=f"{name} {repeat}",
+        started_host_stamp_ns=0,
+        command_sequence=name,
         repeat=repeat,
         policy_sha256=policy.sha256,
-        ticks=Ticks(stamps, observation, action, command),
-        commands=Commands(stamps[:0], stamps[:0], stamps[:0], none, none, none),
-        states=States(
-            robot_stamp_ns=stamps[:1],
-            position_rad=joints,
-            velocity_rad_s=0.0 * joints,
-            load_nm=np.nan * joints,
-            odom_from_body_wxyz=start.world_from_body_wxyz[None, :],
-            linear_vel_of_body_in_odom_m_s=np.zeros((1, 3)),
-            angular_vel_of_body_in_odom_rad_s=np.zeros((1, 3)),
-            last_command_key=stamps[:1],
-            last_command_robot_stamp_ns=stamps[:1],
-        ),
     )
+    states = {
+        "robot_stamp_ns": stamps[:1],
+        "position_rad": start.position_rad[None, :],
+        "velocity_rad_s": start.velocity_rad_s[None, :],
+        "odom_from_body_wxyz": start.world_from_body_wxyz[None, :],
+        "linear_vel_of_body_in_odom_m_s": start.linear_vel_of_body_in_world_m_s[None, :],
+        "angular_vel_of_body_in_odom_rad_s": start.angular_vel_of_body_in_world_rad_s[None, :],
+    }
+    ticks = {"robot_stamp_ns": stamps, "observation": observation, "action": action, "velocity_command": command}
+    run = run_of_columns(Path(header.run_id), header, states=states, commands={"key": stamps[:0]}, ticks=ticks)
+    return LoggedRun.of(run)

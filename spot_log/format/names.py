@@ -1,8 +1,11 @@
-"""What the files beside a log are called, for those too that never read one."""
+"""Words of the log that also programs need that never read one."""
 
 from __future__ import annotations
 
 from typing import Final
+
+FOLLOWING_MODE: Final = "active"
+"""Mode of the ticks in which the policy follows the velocity command."""
 
 ASIDE_SUFFIX: Final = ".damaged"
 """Of a leftover while it is recovered, and afterwards where it is damaged inside."""

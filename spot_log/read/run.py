@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spot_log.format import events
 from spot_log.format.records import EventRecord, RunHeader
@@ -68,7 +69,7 @@ class Run:
         return float(stamps[-1] - stamps[0]) * 1e-9 if len(stamps) > 1 else 0.0
 
     @property
-    def policy_rows(self) -> Any:
+    def policy_rows(self) -> NDArray[np.intp]:
         """Numbers of the ticks that ran a policy, shape (k,)."""
         ticks = self.ticks
         return np.flatnonzero(np.isfinite(ticks.observation).all(axis=1) & np.isfinite(ticks.action).all(axis=1))

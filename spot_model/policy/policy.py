@@ -26,7 +26,7 @@ from spot_model.policy.contract import (
     PolicyError,
     sha256_hex,
 )
-from spot_model.policy.observation import N_OBSERVATION, observation_of_one
+from spot_model.policy.observation import N_OBSERVATION, OBSERVATION, observation_of_one, observed
 from spot_model.policy.onnx_head import OnnxHeadError, read_head
 from spot_model.robot import facts
 from spot_model.robot.state import Gains, RobotState
@@ -76,6 +76,10 @@ class Policy:
     def _act_on_one(self) -> _OneRow:
         return _OneRow(self.session)
 
+    @cached_property
+    def _takes_one_row(self) -> bool:
+        return bool(self.session.get_inputs()[0].shape[0] == 1)
+
     def observe(self, state: RobotState, velocity_command: Array, last_action: NDArray[np.float32]) -> Array:
         """The observation for one state.
 
@@ -104,8 +108,19 @@ class Policy:
         batch = np.asarray(observation, dtype=np.float32)
         if batch.ndim == 1:
             return self._act_on_one(batch)
+        if self._takes_one_row and len(batch) != 1:
+            return np.concatenate([self.act(row[None, :]) for row in batch])
         actions: NDArray[np.float32] = self.session.run([OUTPUT_NAME], {INPUT_NAME: batch})[0]
         return actions
+
+    def with_joints_in_policy_order(self, observation: Array) -> Array:
+        """A copy of values laid out as an observation, shape (..., 48), whose joints stood in canonical order."""
+        ordered = np.array(observation)
+        for field in OBSERVATION:
+            if field.is_of_joints:
+                values = observed(observation, field.name)
+                observed(ordered, field.name)[...] = values[..., self.policy_from_canonical]
+        return ordered
 
     def setpoint_rad(self, action: NDArray[Any]) -> Array:
         """Joint position set-points of an action, canonical order. Shape (..., 12), rad."""

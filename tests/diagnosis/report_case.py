@@ -29,9 +29,9 @@ from diagnosis.where import GapMap
 from spot_log.read.run import Run
 from spot_model.effects.drive.coulomb_friction import CoulombFriction
 from spot_model.io.model_file import RobotModel
+from spot_model.plant.start import StartState
 from spot_model.policy.policy import load_policy
 from spot_model.robot import facts
-from trainer.sysid.simulation.rollout import StartState
 
 POLICY = Path(__file__).parents[2] / "policies" / "baseline.onnx"
 REGIMES = ("all", "motoring", "motoring, high speed", "braking", "low speed", "high speed", "stance", "swing")

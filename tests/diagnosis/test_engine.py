@@ -15,7 +15,7 @@ from spot_model.effects.body.payload_mass import PayloadMass
 from spot_model.effects.drive.coulomb_friction import CoulombFriction
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import Policy, load_policy
-from trainer.ppo.ray_cluster import EngineError
+from trainer.shared.ray_cluster import EngineError
 
 from .report_case import POLICY, scripts
 

@@ -13,12 +13,13 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 
-from spot_log.read.run import Run
+from spot_log.format.records import RunHeader
+from spot_log.read.run import Run, run_of_columns
 from spot_model.effects.limits.position_torque_limit import PositionTorqueLimit
 from spot_model.effects.limits.torque_speed_curve import TorqueSpeedCurve
 from spot_model.policy.policy import Policy, load_policy
 from spot_model.robot import facts
-from trainer.sysid.logs.logged_run import Commands, LoggedRun, States, Ticks
+from trainer.sysid.logs.logged_run import LoggedRun
 
 from .sysid.conftest import oscillator_bytes
 from .sysid.test_read_logs import as_log
@@ -65,25 +66,37 @@ def made(policy: Policy, command: np.ndarray, speed: np.ndarray, setpoint_rad: f
     commands[:, 0] = command
     rest = np.tile(facts.DEFAULT_POSITION_RAD, (n, 1))
     one, keys = np.ones((n, 12)), np.arange(1, n + 1)
-    logged = LoggedRun(
-        source="x",
-        sequence="forward",
-        repeat=1,
-        policy_sha256=policy.sha256,
-        ticks=Ticks(stamps, observation, np.zeros((n, 12), dtype=np.float32), commands),
-        commands=Commands(keys, stamps, stamps, rest + setpoint_rad, 60.0 * one, 1.5 * one),
-        states=States(
-            stamps,
-            rest,
-            0.0 * one,
-            3.0 * one,
-            np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)),
-            np.zeros((n, 3)),
-            np.zeros((n, 3)),
-            keys,
-            stamps,
-        ),
+    header = RunHeader(run_id="x", started_host_stamp_ns=0, command_sequence="forward", repeat=1)
+    run = run_of_columns(
+        Path("x"),
+        header,
+        states={
+            "robot_stamp_ns": stamps,
+            "position_rad": rest,
+            "velocity_rad_s": 0.0 * one,
+            "load_nm": 3.0 * one,
+            "odom_from_body_wxyz": np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)),
+            "linear_vel_of_body_in_odom_m_s": np.zeros((n, 3)),
+            "angular_vel_of_body_in_odom_rad_s": np.zeros((n, 3)),
+            "last_command_key": keys,
+            "last_command_robot_stamp_ns": stamps,
+        },
+        commands={
+            "key": keys,
+            "robot_stamp_ns": stamps,
+            "state_robot_stamp_ns": stamps,
+            "position_rad": rest + setpoint_rad,
+            "kp_nm_per_rad": 60.0 * one,
+            "kd_nm_s_per_rad": 1.5 * one,
+        },
+        ticks={
+            "robot_stamp_ns": stamps,
+            "observation": observation,
+            "action": np.zeros((n, 12), dtype=np.float32),
+            "velocity_command": commands,
+        },
     )
+    logged = LoggedRun.of(replace(run, header=replace(header, policy_sha256=policy.sha256)))
     return as_log(logged, policy)
 
 

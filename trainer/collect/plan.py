@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 
 from spot_log import Run, read_run
+from spot_log.format.names import FOLLOWING_MODE
 from spot_model.errors import BadInputError, SpotRlError
 from spot_model.io.velocity_sequence import VelocitySequence, load_sequence
 from spot_model.policy.policy import Policy
@@ -112,7 +113,7 @@ def incomplete(run: Run, sequence: VelocitySequence, policy: Policy) -> str:
     if run.outcome != "completed":
         return f"it ended with {run.outcome}"
     rate_hz = policy.contract.rate_hz
-    active_s = float(np.sum(run.ticks.mode == "active")) / rate_hz
+    active_s = float(np.sum(run.ticks.mode == FOLLOWING_MODE)) / rate_hz
     if active_s < sequence.duration_s - SHORT_BY_S:
         return f"its policy ran for {active_s:.1f} s of the sequence's {sequence.duration_s:g} s"
     dropped = sum(run.footer.dropped.values()) if run.footer is not None else 0

@@ -10,6 +10,7 @@ import typer
 from numpy.typing import NDArray
 
 from spot_log import Run, read_run
+from spot_log.format.names import FOLLOWING_MODE
 from spot_model.errors import BadInputError
 from spot_model.io.velocity_sequence import VelocitySequence, Waypoint, save_sequence
 
@@ -34,7 +35,7 @@ def sequence_of_run(run: Run, name: str) -> VelocitySequence:
     Raises:
         BadInputError: The log has fewer than two of them.
     """
-    rows = run.ticks.mode == "active"
+    rows = run.ticks.mode == FOLLOWING_MODE
     if rows.sum() < 2:
         raise BadInputError(
             f"{run.path} has no ticks under the policy's control; record a run with --keyboard or --gamepad"

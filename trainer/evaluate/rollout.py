@@ -8,15 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from spot_model.plant.plant import Plant, ServoCommand
-from spot_model.policy.observation import build_observation
+from spot_model.plant.closed_loop import ClosedLoop, CommandAt
+from spot_model.plant.plant import Plant
 from spot_model.policy.policy import Policy
-from spot_model.robot import facts
 
 Array = NDArray[np.float64]
 
-CommandAt = Callable[[int], Array]
-"""Velocity commands of all robots at a policy tick, shape (n, 3)."""
 Disturb = Callable[[Plant, int], None]
 """Called before every tick with the plant and the tick's number."""
 
@@ -72,39 +69,31 @@ def roll_out(
     """
     n = plant.n_sims
     substeps = round(1.0 / (policy.contract.rate_hz * plant.timestep_s))
-    order = policy.policy_from_canonical
-    action = np.zeros((n, facts.N_JOINTS), dtype=np.float32)
+    contact: list[NDArray[np.bool_]] = []
+
+    def noisy(_: int, observation: Array) -> Array:
+        if noise_sigma is None or rng is None:
+            return observation
+        return np.asarray(observation + noise_sigma * rng.standard_normal(observation.shape))
+
+    loop = ClosedLoop(
+        plant,
+        policy,
+        see=noisy,
+        before_tick=None if disturb is None else lambda tick: disturb(plant, tick),
+        after_step=lambda: contact.append(plant.foot_contact),
+    )
     rows: list[tuple[Array, Array, NDArray[np.bool_], Array, NDArray[np.bool_]]] = []
     alive = np.ones(n, dtype=np.bool_)
     peak = np.zeros(n)
-    for tick in range(n_ticks):
-        if disturb is not None:
-            disturb(plant, tick)
-        command = np.broadcast_to(command_at(tick), (n, 3))
-        observation = build_observation(
-            world_from_body_wxyz=plant.world_from_body_wxyz,
-            linear_vel_of_body_in_world_m_s=plant.linear_vel_of_body_in_world_m_s,
-            angular_vel_of_body_in_world_rad_s=plant.angular_vel_of_body_in_world_rad_s,
-            velocity_command=command,
-            position_rad=plant.joint_position_rad[:, order],
-            velocity_rad_s=plant.joint_velocity_rad_s[:, order],
-            last_action=action.astype(np.float64),
-            default_position_rad=policy.default_position_rad,
-        )
-        if noise_sigma is not None and rng is not None:
-            observation = observation + noise_sigma * rng.standard_normal(observation.shape)
-        action = policy.act(observation)
-        plant.command(ServoCommand(position_rad=policy.setpoint_rad(action)))
-        contact = np.empty((substeps, n, facts.N_LEGS), dtype=np.bool_)
-        for substep in range(substeps):
-            plant.advance()
-            contact[substep] = plant.foot_contact
+    for tick in loop.run(command_at, [(substeps,)] * n_ticks):
         alive &= ~plant.body_contact
         power = np.maximum(plant.applied_torque_nm * plant.joint_velocity_rad_s, 0.0).sum(axis=-1)
         peak = np.maximum(peak, np.abs(plant.applied_torque_nm).max(axis=-1))
         velocity = np.concatenate(
             [plant.linear_vel_of_body_in_body_m_s[:, :2], plant.angular_vel_of_body_in_body_rad_s[:, 2:]], axis=-1
         )
-        rows.append((np.array(command), velocity, contact, power, alive.copy()))
+        rows.append((np.array(tick.velocity_command), velocity, np.stack(contact), power, alive.copy()))
+        contact.clear()
     commands, velocities, contacts, powers, lives = (np.stack(column) for column in zip(*rows, strict=True))
     return Recording(commands, velocities, contacts, powers, peak, lives, policy.contract.rate_hz)

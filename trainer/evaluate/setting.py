@@ -8,7 +8,6 @@ import numpy as np
 
 from spot_model.io.model_file import RobotModel, load_model
 from spot_model.plant.plant import Plant, PlantOptions
-from spot_model.policy.observation import COLUMNS, OBSERVATION
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
 from spot_model.robot.leg_kinematics import foot_position_in_body_m
@@ -77,11 +76,8 @@ class Setting:
 
     def noise_sigma(self) -> Array:
         """Noise of each observation feature in the policy's joint order, shape (48,)."""
-        sigma = noise_sigmas(self.noise, "cpu").numpy().astype(np.float64)
-        for field_ in OBSERVATION:
-            if field_.is_of_joints:
-                sigma[COLUMNS[field_.name]] = sigma[COLUMNS[field_.name]][self.policy.policy_from_canonical]
-        return sigma
+        canonical = noise_sigmas(self.noise, "cpu").numpy().astype(np.float64)
+        return self.policy.with_joints_in_policy_order(canonical)
 
 
 def set_friction(plant: Plant, friction: Array | float) -> None:

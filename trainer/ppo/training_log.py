@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import torch
 from torch.utils.tensorboard import SummaryWriter
 
+from spot_model.io.progress import Progress
 from trainer.ppo.checkpoint import save_checkpoint
-from trainer.shared.progress import TrainingProgress
 
 if TYPE_CHECKING:
     from trainer.ppo.ppo import PpoRunner
@@ -49,7 +49,7 @@ class TrainingLog:
         self._total = total_iterations
         self._steps_per_iteration = steps_per_iteration
         self._is_first = is_first
-        self._progress = TrainingProgress(total_iterations) if is_first else None
+        self._progress: Progress | None = None
 
     def init_logging_writer(self) -> None:
         """Open the files."""
@@ -79,8 +79,9 @@ class TrainingLog:
             self.writer.add_scalar(key, value, it)
         with (self._folder / "metrics.jsonl").open("a", encoding="utf-8") as file:
             file.write(json.dumps({**metrics, "unix_s": time.time()}) + "\n")
-        if self._progress is not None:
-            self._progress.update(it, metrics)
+        if self._progress is None:
+            self._progress = Progress("iterations", self._total, done=it)
+        self._progress.update(it + 1, _summary(metrics))
 
     def checkpoint(self, runner: PpoRunner, iteration: int) -> None:
         """Save if it is time, or the end; rsl-rl asks after every iteration and once more at the end."""
@@ -104,3 +105,11 @@ class TrainingLog:
         """Finish what is queued on the GPU."""
         if torch.cuda.is_available():
             torch.cuda.synchronize()
+
+
+def _summary(metrics: dict[str, float]) -> str:
+    parts = [f"{metrics['steps_per_s']:,.0f} steps/s"]
+    for key, label in (("reward", "reward"), ("episode_length", "length"), ("fall_share", "falls")):
+        if key in metrics:
+            parts.append(f"{label} {metrics[key]:.2f}")
+    return "  ".join(parts)

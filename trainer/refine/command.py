@@ -5,12 +5,9 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
-
-if TYPE_CHECKING:
-    from trainer.refine.search import Generation
 
 
 def refine(
@@ -26,6 +23,7 @@ def refine(
 ) -> None:
     """Search a trained policy's gains in whole-gait trials: even feet, safe starts, top speed."""
     from spot_model.errors import BadInputError
+    from spot_model.io.progress import Progress
     from spot_model.policy.contract import TrainingRecord, sha256_hex
     from spot_model.policy.policy import load_policy
     from trainer.refine.config import load_refine_config
@@ -33,6 +31,7 @@ def refine(
     from trainer.refine.judge import in_words
     from trainer.refine.network import policy_of, read_layers
     from trainer.refine.search import Problem, compare, search
+    from trainer.shared.engine import Place
     from trainer.shared.run_folder import command_line, git_revision
 
     if out.exists():
@@ -47,10 +46,16 @@ def refine(
     folder = folder or out.with_suffix(".refine")
     folder.mkdir(parents=True, exist_ok=True)
 
-    n_jobs = jobs or len(os.sched_getaffinity(0))
     problem = Problem(data, settings)
-    values = search(problem, folder / "generations.jsonl", jobs=n_jobs, tell=lambda g: _tell(g, settings.generations))
-    before, after = compare(problem, values, jobs=n_jobs)
+    place = Place(workers=jobs or len(os.sched_getaffinity(0)))
+    with Progress("generations", settings.generations) as progress:
+        values = search(
+            problem,
+            folder / "generations.jsonl",
+            place=place,
+            tell=lambda g: progress.update(g.index + 1, f"best {min(g.results):.3f}"),
+        )
+    before, after = compare(problem, values, place=place)
     figures: dict[str, Any] = {
         "policy": in_words(before, settings),
         "refined": in_words(after, settings),
@@ -83,12 +88,3 @@ def refine(
     out.parent.mkdir(parents=True, exist_ok=True)
     out.write_bytes(policy_of(with_gains(layers, gains, values), contract, record)[1])
     typer.echo(f"policy {out} ({out.stat().st_size} bytes)")
-
-
-def _tell(generation: Generation, total: int) -> None:
-    left = int(generation.seconds_left)
-    typer.echo(
-        f"generation {generation.index + 1}/{total}  best {generation.best_score:.3f}  "
-        f"step {generation.sigma:.3f}  left {left // 60}:{left % 60:02d}",
-        err=True,
-    )

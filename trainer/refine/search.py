@@ -1,46 +1,32 @@
-"""CMA-ES over the gains, with several processes and a checkpoint after every generation."""
+"""CMA-ES over the gains, in one or several processes, with a checkpoint after every generation."""
 
 from __future__ import annotations
 
 import multiprocessing
-import signal
-import time
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import torch
 from cmaes import CMA
 from numpy.typing import NDArray
 
-from spot_model.errors import BadInputError
 from spot_model.policy.contract import sha256_hex
 from spot_model.policy.policy import Policy, policy_from_bytes
 from trainer.refine.config import RefineConfig
 from trainer.refine.gains import gains_of, with_gains
 from trainer.refine.judge import Judgement, judge
 from trainer.refine.network import policy_of, read_layers
-from trainer.shared.generations_file import append_line, read_or_begin
+from trainer.shared.engine import IN_THIS_PROCESS, Engine, Place
+from trainer.shared.generations import Generation, Generations
 
 Array = NDArray[np.float64]
 
-SCHEMA: Final = "spot-rl/refine-search/1"
+SCHEMA: Final = "spot-rl/refine-search/2"
 FRESH: Final = 1_000_000
 """First seed of the starts on which the outcome is compared with the policy it came from; no generation sees them."""
-
-
-@dataclass(frozen=True)
-class Generation:
-    """One step of the search, as far as somebody who waits wants to know."""
-
-    index: int
-    best_score: float
-    sigma: float
-    seconds_left: float
 
 
 @dataclass(frozen=True)
@@ -62,15 +48,19 @@ class Problem:
 
 
 def search(
-    problem: Problem, checkpoint: Path, *, jobs: int = 1, tell: Callable[[Generation], None] = lambda _: None
+    problem: Problem,
+    checkpoint: Path,
+    *,
+    place: Place = IN_THIS_PROCESS,
+    tell: Callable[[Generation[float]], None] = lambda _: None,
 ) -> Array:
-    """Search, or go on where the checkpoint ends; the outcome does not depend on where it was cut, or on ``jobs``.
+    """Search, or go on where the checkpoint ends; the outcome does not depend on where it was cut, or on ``place``.
 
     Args:
         problem: What is searched.
         checkpoint: File of finished generations.
-        jobs: Processes.
-        tell: Called after each generation that was run.
+        place: Where candidates are judged.
+        tell: Called after each generation, also for those read from the checkpoint.
 
     Returns:
         The mean of the last search distribution, in units of the gains' scales.
@@ -79,35 +69,29 @@ def search(
         BadInputError: The checkpoint is damaged or belongs to another search.
     """
     config = problem.config
-    searched = config.model_dump(mode="json", exclude={"generations"})
-    done = read_or_begin(checkpoint, {"schema": SCHEMA, "policy": sha256_hex(problem.policy), "search": searched})
     n = len(gains_of(policy_from_bytes(problem.policy, source="policy").contract.joint_names))
     optimiser = CMA(mean=np.zeros(n), sigma=config.sigma, seed=config.seed, population_size=config.population)
-    began, ran = time.monotonic(), 0
-    with _judges(problem, jobs) as judge_all:
-        for index in range(config.generations):
-            values = [optimiser.ask() for _ in range(config.population)]
-            if index < len(done):
-                scores = _scores(done[index], values, checkpoint)
-            else:
-                scores = [j.score for j in judge_all(values, [_seed(config, index)] * len(values))]
-                append_line(checkpoint, {"values": [v.tolist() for v in values], "scores": scores})
-                ran += 1
-            optimiser.tell(list(zip(values, scores, strict=True)))
-            if ran:
-                left = (time.monotonic() - began) / ran * (config.generations - index - 1)
-                tell(Generation(index, min(scores), float(optimiser._sigma), left))
+    searched = config.model_dump(mode="json", exclude={"generations"})
+    with Engine(_judge, problem, place) as engine:
+        Generations[float](
+            path=checkpoint,
+            head={"schema": SCHEMA, "policy": sha256_hex(problem.policy), "search": searched},
+            evaluate=lambda index, points: [j.score for j in engine.map([(p, _seed(config, index)) for p in points])],
+            score=float,
+            to_data=float,
+            from_data=float,
+        ).run(optimiser, config.generations, tell)
     mean: Array = np.asarray(optimiser.mean, dtype=np.float64)
     return mean
 
 
 def compare(
-    problem: Problem, values: Array, *, jobs: int = 1, seeds: int = 5
+    problem: Problem, values: Array, *, place: Place = IN_THIS_PROCESS, seeds: int = 5
 ) -> tuple[list[Judgement], list[Judgement]]:
     """The policy and the candidate on starts that the search did not see, one judgement a seed."""
     both = [np.zeros_like(values)] * seeds + [values] * seeds
-    with _judges(problem, jobs) as judge_all:
-        judged = judge_all(both, [FRESH + 10 * (i % seeds) for i in range(2 * seeds)])
+    with Engine(_judge, problem, place) as engine:
+        judged = engine.map([(point, FRESH + 10 * (i % seeds)) for i, point in enumerate(both)])
     return judged[:seeds], judged[seeds:]
 
 
@@ -115,42 +99,7 @@ def _seed(config: RefineConfig, index: int) -> int:
     return config.seed * 10_000 + 10 * index
 
 
-def _scores(entry: dict[str, Any], values: Sequence[Array], path: Path) -> list[float]:
-    if not np.array_equal(np.array(entry["values"]), np.array(values)):
-        raise BadInputError(
-            f"checkpoint {path}: a generation was drawn differently; it was made by another version of the optimiser "
-            "or of NumPy; search in a new folder"
-        )
-    return [float(s) for s in entry["scores"]]
-
-
-JudgeAll = Callable[[Sequence[Array], Sequence[int]], list[Judgement]]
-"""Judges candidates, each with its seed, in their order."""
-
-
-@contextmanager
-def _judges(problem: Problem, jobs: int) -> Iterator[JudgeAll]:
-    if jobs == 1:
-        yield lambda values, seeds: [problem.judge(v, s) for v, s in zip(values, seeds, strict=True)]
-        return
-    pool = ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _set_problem, (problem,))
-    try:
-        yield lambda values, seeds: list(pool.map(_judge, values, seeds))
-    finally:
-        pool.shutdown(cancel_futures=True)
-
-
-_problem: Problem | None = None
-
-
-def _set_problem(problem: Problem) -> None:
-    global _problem  # noqa: PLW0603 - a worker process keeps its problem for its whole life
-    _problem = problem
-    torch.set_num_threads(1)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to answer
-
-
-def _judge(values: Array, seed: int) -> Judgement:
-    if _problem is None:
-        raise RuntimeError("the worker has no problem; it is set when a worker starts")
-    return _problem.judge(values, seed)
+def _judge(problem: Problem, job: tuple[Array, int]) -> Judgement:
+    if multiprocessing.parent_process() is not None:
+        torch.set_num_threads(1)
+    return problem.judge(*job)

@@ -28,6 +28,7 @@ def sysid(
 ) -> None:
     """Identify a robot's physical parameters from its logs (Wasserstein, MMD and CMA-ES, and measured torques)."""
     from spot_model.policy.policy import load_policy
+    from trainer.shared.engine import Place
     from trainer.sysid.identify.run_identification import run_identification
     from trainer.sysid.logs.read_logs import read_logs
     from trainer.sysid.search.config import SysidConfig, load_config
@@ -43,8 +44,6 @@ def sysid(
         settings,
         out,
         resume=resume,
-        workers=workers,
-        ray=engine is EngineName.RAY,
-        ray_address=ray_address,
+        place=Place(workers, engine is EngineName.RAY, ray_address),
         say=typer.echo,
     )

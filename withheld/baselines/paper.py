@@ -14,9 +14,8 @@ from spot_model.policy.policy import load_policy
 from trainer.sysid.logs.read_logs import read_logs
 from trainer.sysid.search.config import SearchConfig
 from trainer.sysid.search.problem import build_problem
-from trainer.sysid.search.search import run_search
+from trainer.sysid.search.search import candidates_engine, run_search
 from trainer.sysid.search.space import SearchParameter, SearchSpace
-from trainer.sysid.simulation.engine import LocalEngine
 from trainer.sysid.simulation.rollout import RolloutOptions
 from withheld.outcome import Answer
 
@@ -71,7 +70,7 @@ def paper_search(logs: Path, nominal: RobotModel, policy_path: Path, seed: int) 
         robots_per_sequence=1, weights={}, seed=seed,
     )  # fmt: skip
     config = SearchConfig(generations=GENERATIONS, population=POPULATION, seed=seed)
-    with tempfile.TemporaryDirectory() as folder, LocalEngine(problem) as engine:
+    with tempfile.TemporaryDirectory() as folder, candidates_engine(problem) as engine:
         state = run_search(problem, engine, config, Path(folder) / "search.jsonl")
     values = space.values_of_unit(state.mean_unit)
     change = np.array([abs(v - p.initial) / (p.high - p.low) for v, p in zip(values, parameters, strict=True)])

@@ -14,6 +14,7 @@ from spot_model.errors import BadInputError
 from spot_model.io.model_file import load_model
 from spot_model.plant.delay import read_delay_csv
 from spot_model.policy.policy import load_policy
+from trainer.shared.engine import Place
 from trainer.sysid.identify.identify import prepare
 from trainer.sysid.identify.report import summary
 from trainer.sysid.identify.result import ResultData
@@ -40,7 +41,7 @@ def log_set(runs: list[LoggedRun], warnings: tuple[str, ...] = ()) -> LogSet:
 @pytest.fixture(scope="module")
 def out(logs: list[LoggedRun], policy_path: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("sysid") / "out"
-    run_identification(log_set(logs, ("x.mcap: <left> out",)), policy_path, QUICK, folder, workers=1)
+    run_identification(log_set(logs, ("x.mcap: <left> out",)), policy_path, QUICK, folder, place=Place())
     return folder
 
 

@@ -10,7 +10,7 @@ from spot_model.errors import BadInputError
 from spot_model.policy.policy import policy_from_bytes
 from spot_model.robot.facts import PAPER_IDENTIFIED
 from trainer.sysid.logs.noise import NOISY_BLOCKS, noise_sigma, observation_noise, write_noise
-from trainer.sysid.simulation.simulated_log import SensorNoise
+from trainer.sysid.simulation.recorded_loop import SensorNoise
 
 from .conftest import MakeLogs, oscillator_bytes
 

@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spot_log.format.records import RunHeader
-from spot_log.read.run import CommandTable, ImuTable, Run, RunFooter, SlowTable, StateTable, TickTable
+from spot_log.read.run import Run, RunFooter, TickTable
 from spot_model.errors import BadInputError
 from spot_model.policy.policy import Policy, policy_from_bytes
 from trainer.sysid.logs.logged_run import LoggedRun
@@ -18,81 +17,44 @@ from .conftest import MakeLogs, oscillator_bytes
 
 def as_log(logged: LoggedRun, policy: Policy, *, outcome: str = "completed", damage: tuple[str, ...] = ()) -> Run:
     """The run as the log's reader would give it, with two ticks of another mode before and after."""
-    s, c, t = logged.states, logged.commands, logged.ticks
-    n, k, m = len(t.action), len(c.key), len(s.robot_stamp_ns)
-    none, stamps = np.zeros(0, dtype=np.int64), np.zeros(m, dtype=np.int64)
-    blank = np.full((2, 48), np.nan, dtype=np.float32)
-    first, last = int(t.robot_stamp_ns[0]), int(t.robot_stamp_ns[-1])
-    tick_ns = np.concatenate([[first - 40_000_000, first - 20_000_000], t.robot_stamp_ns, [last + 1, last + 2]])
-    imu = ImuTable(none, none, np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 4)))
+    ticks = logged.ticks
+    first, last = int(ticks.robot_stamp_ns[0]), int(ticks.robot_stamp_ns[-1])
+    widths = {"joints": 12, "#": 48}
+    ramp, stop = (
+        TickTable.of(
+            2, widths, robot_stamp_ns=np.array(stamps), mode=np.full(2, mode), velocity_command=np.zeros((2, 3))
+        )
+        for stamps, mode in (
+            ([first - 40_000_000, first - 20_000_000], "ramping_in"),
+            ([last + 1, last + 2], "soft_stop"),
+        )
+    )
+    following = replace(ticks, mode=np.full(len(ticks), "active"))
+    columns = {
+        name: np.concatenate([getattr(part, name) for part in (ramp, following, stop)]) for name in TickTable.columns()
+    }
     return Run(
-        path=Path(logged.source),
-        header=RunHeader(
-            run_id="x",
-            started_host_stamp_ns=0,
-            policy_name=policy.contract.name,
-            policy_sha256=logged.policy_sha256,
-            policy_contract_json=policy.contract.to_json(),
-            command_sequence=logged.sequence,
-            repeat=logged.repeat,
-        ),
-        states=StateTable(
-            robot_stamp_ns=s.robot_stamp_ns,
-            host_stamp_ns=stamps,
-            sequence=np.arange(m),
-            position_rad=s.position_rad,
-            velocity_rad_s=s.velocity_rad_s,
-            load_nm=s.load_nm,
-            position_of_body_in_odom_m=np.zeros((m, 3)),
-            odom_from_body_wxyz=s.odom_from_body_wxyz,
-            linear_vel_of_body_in_odom_m_s=s.linear_vel_of_body_in_odom_m_s,
-            angular_vel_of_body_in_odom_rad_s=s.angular_vel_of_body_in_odom_rad_s,
-            foot_contact=np.zeros((m, 4), dtype=np.bool_),
-            last_command_key=s.last_command_key,
-            last_command_robot_stamp_ns=s.last_command_robot_stamp_ns,
-            imu=imu,
-        ),
-        commands=CommandTable(
-            key=c.key,
-            host_stamp_ns=c.robot_stamp_ns,
-            robot_stamp_ns=c.robot_stamp_ns,
-            state_robot_stamp_ns=c.state_robot_stamp_ns,
-            end_robot_stamp_ns=c.robot_stamp_ns,
-            requested_position_rad=c.position_rad,
-            position_rad=c.position_rad,
-            velocity_rad_s=np.zeros((k, 12)),
-            load_nm=np.zeros((k, 12)),
-            kp_nm_per_rad=c.kp_nm_per_rad,
-            kd_nm_s_per_rad=c.kd_nm_s_per_rad,
-        ),
-        ticks=TickTable(
-            index=np.arange(n + 4),
-            robot_stamp_ns=tick_ns,
-            host_stamp_ns=tick_ns,
-            mode=np.array(["ramping_in"] * 2 + ["active"] * n + ["soft_stop"] * 2),
-            observation=np.concatenate([blank, t.observation, blank]),
-            action=np.concatenate([blank[:, :12], t.action, blank[:, :12]]),
-            velocity_command=np.concatenate([np.zeros((2, 3)), t.velocity_command, np.zeros((2, 3))]),
-            state_age_s=np.zeros(n + 4),
-            inference_s=np.zeros(n + 4),
-            compute_s=np.zeros(n + 4),
-            command_key=np.arange(n + 4),
-            skipped=np.zeros(n + 4, dtype=np.int64),
-        ),
-        slow_states=SlowTable(
-            none, none, none > 0, none > 0, none * 1.0, none * 1.0, none * 1.0, (), np.zeros((0, 12)), (), (), ()
-        ),
+        path=logged.path,
+        header=replace(logged.header, policy_name=policy.contract.name, policy_contract_json=policy.contract.to_json()),
+        states=logged.states,
+        commands=logged.commands,
+        ticks=TickTable(**columns),
+        slow_states=logged.slow_states,
         events=(),
         footer=RunFooter(0, {}, {}, outcome) if outcome else None,
         damage=damage,
     )
 
 
+def of_policy(run: LoggedRun, sha256: str) -> LoggedRun:
+    return replace(run, header=replace(run.header, policy_sha256=sha256))
+
+
 @pytest.fixture(scope="module")
 def long_run(make_logs: MakeLogs, strong_truth: object, policy: Policy) -> LoggedRun:
     calm = policy_from_bytes(oscillator_bytes(swing=0.3, lift=0.5, rate_hz=2.0), source="calm")
     run = make_logs(strong_truth, sequences={"a": 0.0}, n_ticks=400, n_repeats=1, with_policy=calm)[0]  # type: ignore[arg-type]
-    return replace(run, policy_sha256=policy.sha256)
+    return of_policy(run, policy.sha256)
 
 
 def test_the_stretch_under_the_policy_is_taken_as_it_is(long_run: LoggedRun, policy: Policy) -> None:
@@ -105,14 +67,14 @@ def test_the_stretch_under_the_policy_is_taken_as_it_is(long_run: LoggedRun, pol
 
 def test_a_log_of_another_policy_is_refused(long_run: LoggedRun, policy: Policy) -> None:
     other = policy_from_bytes(oscillator_bytes(swing=0.7, name="other"), source="other")
-    log = as_log(replace(long_run, policy_sha256=other.sha256), other)
+    log = as_log(of_policy(long_run, other.sha256), other)
     with pytest.raises(BadInputError, match=rf"made with policy other \(sha256 {other.sha256[:12]}…\), not with stamp"):
         run_from_log(log, policy)
 
 
 def test_the_same_network_at_other_gains_lends_its_torques(long_run: LoggedRun, policy: Policy) -> None:
     contract = policy.contract.model_copy(update={"kp_nm_per_rad": (50.0,) * 12})
-    log = as_log(replace(long_run, policy_sha256="0" * 64), replace(policy, contract=contract))
+    log = as_log(of_policy(long_run, "0" * 64), replace(policy, contract=contract))
     found = run_from_log(log, policy)
     assert not found.has_policy_gains
     assert "made at other gains" in found.notes[0]
@@ -156,18 +118,8 @@ def test_a_log_that_was_cut_short_says_so(long_run: LoggedRun, policy: Policy) -
 
 def test_short_runs_and_other_commands_are_not_compared(long_run: LoggedRun) -> None:
     t = long_run.ticks
-    short = replace(
-        long_run,
-        source="short",
-        ticks=replace(
-            t,
-            robot_stamp_ns=t.robot_stamp_ns[:300],
-            observation=t.observation[:300],
-            action=t.action[:300],
-            velocity_command=t.velocity_command[:300],
-        ),
-    )
-    other = replace(long_run, source="other", ticks=replace(t, velocity_command=t.velocity_command + 1.0))
+    short = replace(long_run, path=Path("short"), ticks=t.rows(slice(300)))
+    other = replace(long_run, path=Path("other"), ticks=replace(t, velocity_command=t.velocity_command + 1.0))
     compared, warnings = choose_compared([long_run, replace(long_run), short, other])
     assert len(compared) == 2
     assert any("short: 300 of 400 ticks" in w for w in warnings)

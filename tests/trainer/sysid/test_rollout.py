@@ -5,16 +5,15 @@ import pytest
 
 from spot_model.effects.command.command_delay import CommandDelay
 from spot_model.effects.drive.coulomb_friction import CoulombFriction
+from spot_model.plant.start import standing_height_m
 from spot_model.policy.policy import Policy
 from trainer.sysid.logs.logged_run import LoggedRun
 from trainer.sysid.search.config import SysidConfig
 from trainer.sysid.simulation.rollout import (
     RolloutCase,
     RolloutOptions,
-    control_substeps,
     in_whole_steps,
     roll_out,
-    standing_height_m,
 )
 
 SPACE = SysidConfig().space()
@@ -58,12 +57,6 @@ def test_the_first_tick_shows_the_start(policy: Policy, cases: list[RolloutCase]
     found = features(policy, cases, SPACE.initial[None])[0, 0, 0]
     assert found[:12] == pytest.approx(60.0 * cases[0].start.position_rad, rel=1e-5)
     assert found[12:24] == pytest.approx(1.5 * cases[0].start.velocity_rad_s, abs=1e-5)
-
-
-def test_the_control_period_follows_an_absolute_schedule() -> None:
-    assert control_substeps(4, 50.0, 0.005).tolist() == [4, 4, 4, 4]
-    assert control_substeps(6, 50.0, 0.003).tolist() == [6, 7, 7, 6, 7, 7]
-    assert control_substeps(300, 50.0, 0.003).sum() == 2000
 
 
 def test_the_lowest_foot_touches_the_ground(cases: list[RolloutCase]) -> None:

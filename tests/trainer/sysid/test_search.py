@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from spot_model.errors import BadInputError
-from trainer.ppo.ray_cluster import EngineError
+from trainer.shared.engine import Place
+from trainer.shared.ray_cluster import EngineError
 from trainer.sysid.logs.logged_run import LoggedRun
 from trainer.sysid.search.config import SearchConfig, SysidConfig
 from trainer.sysid.search.problem import Problem, build_problem
-from trainer.sysid.search.search import SearchState, run_search
-from trainer.sysid.simulation.engine import LocalEngine, RayEngine
+from trainer.sysid.search.search import SearchState, candidates_engine, run_search
 from trainer.sysid.simulation.rollout import RolloutOptions
 
 SEARCH = SearchConfig(generations=4, population=4, seed=3)
@@ -22,13 +22,8 @@ SEARCH = SearchConfig(generations=4, population=4, seed=3)
 def problem(logs: list[LoggedRun], policy_path: Path) -> Problem:
     from dataclasses import replace
 
-    from trainer.sysid.logs.logged_run import Ticks
-
     def first_second(run: LoggedRun) -> LoggedRun:
-        t = run.ticks
-        return replace(
-            run, ticks=Ticks(t.robot_stamp_ns[:50], t.observation[:50], t.action[:50], t.velocity_command[:50])
-        )
+        return replace(run, ticks=run.ticks.rows(slice(50)))
 
     return build_problem(
         SysidConfig().space(),
@@ -41,7 +36,7 @@ def problem(logs: list[LoggedRun], policy_path: Path) -> Problem:
 
 
 def searched(problem: Problem, checkpoint: Path, config: SearchConfig = SEARCH, workers: int = 1) -> SearchState:
-    with LocalEngine(problem, workers) as engine:
+    with candidates_engine(problem, Place(workers)) as engine:
         return run_search(problem, engine, config, checkpoint)
 
 
@@ -104,13 +99,13 @@ def test_each_line_of_a_checkpoint_is_one_generation(problem: Problem, tmp_path:
     path = tmp_path / "search.jsonl"
     searched(problem, path, SEARCH.model_copy(update={"generations": 2}))
     lines = [json.loads(line) for line in path.read_text().splitlines()]
-    assert lines[0]["schema"] == "spot-rl/sysid-search/1"
+    assert lines[0]["schema"] == "spot-rl/sysid-search/2"
     assert [line["generation"] for line in lines[1:]] == [0, 1]
 
 
 def test_ray_gives_the_same_bits_or_says_what_to_install(problem: Problem, whole: SearchState, tmp_path: Path) -> None:
     try:
-        engine = RayEngine(problem)
+        engine = candidates_engine(problem, Place(ray=True))
     except EngineError as error:
         assert "spot-rl[ray]" in str(error)  # noqa: PT017 - Ray is optional
         return

@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import Policy
+from trainer.shared.generations import Generation
 from trainer.sysid.identify.verdict import CONFIDENCE, ParameterVerdict, judge
 from trainer.sysid.logs.delays import MeasuredDelays, measure_delays
 from trainer.sysid.logs.measured import DirectChange, with_measured
 from trainer.sysid.logs.noise import ObservationNoise, observation_noise
 from trainer.sysid.logs.read_logs import LogSet
 from trainer.sysid.search.config import CONTACT_CHOICES_S, SysidConfig
-from trainer.sysid.search.problem import Problem, build_problem
-from trainer.sysid.search.search import Generation, SearchState, run_search
+from trainer.sysid.search.problem import CandidateResult, Problem, build_problem
+from trainer.sysid.search.search import Candidates, SearchState, run_search
 from trainer.sysid.search.surrogate import ScoreIntervals, score_intervals
-from trainer.sysid.simulation.engine import Engine
 from trainer.sysid.simulation.rollout import RolloutOptions
 from trainer.sysid.torque.fit import TorqueFit, fit_torque
 from trainer.sysid.torque.model import TorqueModel
@@ -85,7 +85,7 @@ def prepare(logs: LogSet, policy: Policy, policy_bytes: bytes, config: SysidConf
             options,
             robots_per_sequence=robots_per_sequence,
             weights=config.sequence_weights,
-            noise_sigma=_policy_order(noise, policy) if simulation.sensor_noise else None,
+            noise_sigma=policy.with_joints_in_policy_order(noise.sigma) if simulation.sensor_noise else None,
             seed=config.search.seed,
         )
 
@@ -112,9 +112,9 @@ def with_best_contact(problem: Problem, values: Array) -> tuple[Problem, DirectC
 def identify(
     preparation: Preparation,
     config: SysidConfig,
-    engine: Engine,
+    engine: Candidates,
     checkpoint: Path,
-    on_generation: Callable[[Generation], None] = lambda _: None,
+    on_generation: Callable[[Generation[CandidateResult]], None] = lambda _: None,
 ) -> Identification:
     """Search, fit, judge and score.
 
@@ -141,11 +141,3 @@ def identify(
     results = final.evaluate(np.stack([space.initial, mean, chosen]))
     scores = {name: final.score(result) for name, result in zip(names, results, strict=True)}
     return Identification(preparation, state, intervals, fit, verdicts, space.model_with(chosen), scores)
-
-
-def _policy_order(noise: ObservationNoise, policy: Policy) -> Array:
-    order = policy.policy_from_canonical
-    sigma = noise.sigma.copy()
-    for start in (12, 24):
-        sigma[start : start + 12] = noise.sigma[start : start + 12][order]
-    return sigma

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from spot_model.errors import BadInputError
+from spot_model.io.progress import Progress
 from spot_model.policy.policy import load_policy
+from trainer.shared.engine import IN_THIS_PROCESS, Place
+from trainer.shared.generations import Generation
 from trainer.sysid.identify.identify import identify, prepare
-from trainer.sysid.identify.progress import SearchProgress
 from trainer.sysid.identify.report import summary, text_table, write_report
 from trainer.sysid.identify.result import MODEL_NAME, ResultData, check_out_folder, write_result
 from trainer.sysid.logs.read_logs import LogSet
 from trainer.sysid.search.config import SysidConfig
-from trainer.sysid.search.problem import Problem
-from trainer.sysid.search.search import Generation
-from trainer.sysid.simulation.engine import Engine, LocalEngine, RayEngine
+from trainer.sysid.search.problem import CandidateResult, Problem
+from trainer.sysid.search.search import candidates_engine
 
 CHECKPOINT_NAME = "search.jsonl"
 REPORT_NAME = "report.html"
@@ -28,9 +30,7 @@ def run_identification(
     out: Path,
     *,
     resume: bool = False,
-    workers: int = 2,
-    ray: bool = False,
-    ray_address: str | None = None,
+    place: Place = IN_THIS_PROCESS,
     say: Callable[[str], None] = lambda _: None,
 ) -> ResultData:
     """Identify, and write result, model, noise, delays and report into ``out``.
@@ -47,16 +47,14 @@ def run_identification(
     out.mkdir(parents=True, exist_ok=True)
     preparation = prepare(logs, load_policy(policy), policy.read_bytes(), config)
     problem = preparation.problem
-    progress = SearchProgress(config.search.generations)
+    place = replace(place, workers=min(place.workers, useful_workers(problem)))
+    with Progress("generations", config.search.generations) as progress, candidates_engine(problem, place) as engine:
 
-    def show(generation: Generation) -> None:
-        progress.update(generation.index + 1, min(problem.score(r) for r in generation.results))
+        def show(generation: Generation[CandidateResult]) -> None:
+            best = min(problem.score(result) for result in generation.results)
+            progress.update(generation.index + 1, f"best score of the generation {best:.3f}")
 
-    try:
-        with _engine(problem, workers, ray=ray, ray_address=ray_address) as engine:
-            found = identify(preparation, config, engine, checkpoint, show)
-    finally:
-        progress.stop()
+        found = identify(preparation, config, engine, checkpoint, show)
     data = write_result(found, config, out)
     write_report(found, data, out / REPORT_NAME)
     say(text_table(data.parameters))
@@ -65,12 +63,6 @@ def run_identification(
     return data
 
 
-def _engine(problem: Problem, workers: int, *, ray: bool, ray_address: str | None) -> Engine:
-    if ray:
-        return RayEngine(problem, ray_address)
-    return LocalEngine(problem, min(workers, problem_size(problem)))
-
-
-def problem_size(problem: Problem) -> int:
+def useful_workers(problem: Problem) -> int:
     """How many workers a problem can feed; more than this many would have nothing to do."""
     return max(1, 4 * len(problem.references))

@@ -1,87 +1,50 @@
-"""One real run as the identification sees it: the stretch under the policy, in arrays."""
+"""One real run as the identification sees it: a log cut to the stretch under the policy."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from spot_log.read.run import Run
+from spot_model.plant.start import StartState
 from spot_model.policy.observation import observed
-from trainer.sysid.simulation.rollout import StartState
-
-Array = NDArray[np.float64]
-Stamps = NDArray[np.int64]
-
-
-@dataclass(frozen=True)
-class Ticks:
-    """Policy ticks in order; observation and action in the policy's joint order."""
-
-    robot_stamp_ns: Stamps
-    """Stamp of the state that the tick saw, shape (n,)."""
-    observation: NDArray[np.float32]
-    """Shape (n, 48)."""
-    action: NDArray[np.float32]
-    """Shape (n, 12)."""
-    velocity_command: Array
-    """Shape (n, 3)."""
-
-
-@dataclass(frozen=True)
-class Commands:
-    """Commands in the order of their keys, canonical joint order."""
-
-    key: NDArray[np.int64]
-    """Shape (k,), rising."""
-    robot_stamp_ns: Stamps
-    """When each was handed to the stream, by the estimated robot clock; 0 where unknown. Shape (k,)."""
-    state_robot_stamp_ns: Stamps
-    """Stamp of the state that each answers; 0 for none. Shape (k,)."""
-    position_rad: Array
-    """Set-points as sent, shape (k, 12)."""
-    kp_nm_per_rad: Array
-    kd_nm_s_per_rad: Array
-
-
-@dataclass(frozen=True)
-class States:
-    """Every state message of the stretch, canonical joint order."""
-
-    robot_stamp_ns: Stamps
-    """Shape (m,), rising."""
-    position_rad: Array
-    """Shape (m, 12)."""
-    velocity_rad_s: Array
-    load_nm: Array
-    odom_from_body_wxyz: Array
-    """Shape (m, 4)."""
-    linear_vel_of_body_in_odom_m_s: Array
-    """Shape (m, 3)."""
-    angular_vel_of_body_in_odom_rad_s: Array
-    last_command_key: NDArray[np.int64]
-    """Shape (m,); 0 before the first command."""
-    last_command_robot_stamp_ns: Stamps
 
 
 @dataclass(frozen=True, eq=False)
-class LoggedRun:
-    """One run of one policy through one command sequence."""
+class LoggedRun(Run):
+    """A run of one policy through one command sequence: its policy ticks, its commands by key, its states in order."""
 
-    source: str
-    """The file, for messages."""
-    sequence: str
-    repeat: int
-    policy_sha256: str
-    ticks: Ticks
-    commands: Commands
-    states: States
     notes: tuple[str, ...] = ()
     """What was cut or is missing, in words."""
-    labels: Mapping[str, str] = field(default_factory=dict)
     has_policy_gains: bool = True
     """Whether it ran at the gains of the policy file that was given; otherwise only its torques are of use."""
+
+    @classmethod
+    def of(cls, run: Run, **changes: Any) -> LoggedRun:
+        """The run with some of its fields, or of those that a log does not have, replaced."""
+        return cls(**{**{f.name: getattr(run, f.name) for f in fields(Run)}, **changes})
+
+    @property
+    def source(self) -> str:
+        """The file, for messages."""
+        return str(self.path)
+
+    @property
+    def sequence(self) -> str:
+        """Name of the command sequence."""
+        return self.header.command_sequence or "unnamed"
+
+    @property
+    def repeat(self) -> int:
+        """Which repeat of the sequence."""
+        return self.header.repeat
+
+    @property
+    def policy_sha256(self) -> str:
+        """Digest of the policy's file."""
+        return self.header.policy_sha256
 
     @property
     def duration_s(self) -> float:
@@ -91,14 +54,13 @@ class LoggedRun:
 
     def start(self) -> StartState:
         """The robot at the first policy tick."""
-        stamp = self.ticks.robot_stamp_ns[0]
-        index = min(int(np.searchsorted(self.states.robot_stamp_ns, stamp)), len(self.states.robot_stamp_ns) - 1)
-        s = self.states
+        s, stamps = self.states, self.states.robot_stamp_ns
+        index = min(int(np.searchsorted(stamps, self.ticks.robot_stamp_ns[0])), len(stamps) - 1)
         return StartState(
             position_rad=s.position_rad[index],
             velocity_rad_s=s.velocity_rad_s[index],
             world_from_body_wxyz=s.odom_from_body_wxyz[index],
             linear_vel_of_body_in_world_m_s=s.linear_vel_of_body_in_odom_m_s[index],
             angular_vel_of_body_in_world_rad_s=s.angular_vel_of_body_in_odom_rad_s[index],
-            last_action=observed(self.ticks.observation[0], "last_action"),
+            last_action=np.asarray(observed(self.ticks.observation[0], "last_action")),
         )

@@ -10,16 +10,16 @@ from typing import Final
 import numpy as np
 
 from spot_log import Run, read_run
+from spot_log.format.names import FOLLOWING_MODE
+from spot_log.format.tables import StateTable
 from spot_model.errors import BadInputError, SpotRlError
 from spot_model.policy.contract import PolicyContract
 from spot_model.policy.observation import is_fallen
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
 from spot_runtime.stops import Reaction, StopReason
-from trainer.sysid.logs.logged_run import Commands, LoggedRun, States, Ticks
+from trainer.sysid.logs.logged_run import LoggedRun
 
-MODE: Final = "active"
-"""Mode of the ticks in which the policy follows the velocity command."""
 INCIDENTS: Final = "incidents"
 """Folder of recordings that runs leave beside their logs when something goes wrong."""
 MIN_TICKS: Final = 250
@@ -92,8 +92,8 @@ def run_from_log(run: Run, policy: Policy) -> LoggedRun:
         notes.append(
             f"made at other gains ({header.policy_name}); its torques are used, but it is not compared as a run"
         )
-    good = (ticks.mode == MODE) & np.isfinite(ticks.observation).all(axis=1) & np.isfinite(ticks.action).all(axis=1)
-    rows = np.flatnonzero(good)
+    rows = run.policy_rows
+    rows = rows[ticks.mode[rows] == FOLLOWING_MODE]
     fallen = np.flatnonzero(is_fallen(ticks.observation[rows]))
     if len(fallen):
         margin = round(FALL_MARGIN_S * policy.contract.rate_hz)
@@ -117,24 +117,15 @@ def run_from_log(run: Run, policy: Policy) -> LoggedRun:
     if lost:
         notes.append(f"{lost} of {len(rows)} ticks were skipped; the simulation has none such")
     begin_ns, end_ns = int(ticks.robot_stamp_ns[rows[0]]), int(ticks.robot_stamp_ns[rows[-1]])
-    states = _states(run, begin_ns, end_ns)
+    states = _states_between(run.states, begin_ns, end_ns)
     if not np.isfinite(states.load_nm).any():
         notes.append("it has no measured load; limits and friction are searched by distributions alone")
-    return LoggedRun(
-        source=str(run.path),
-        sequence=header.command_sequence or "unnamed",
-        repeat=header.repeat,
-        policy_sha256=header.policy_sha256,
-        ticks=Ticks(
-            robot_stamp_ns=ticks.robot_stamp_ns[rows],
-            observation=ticks.observation[rows],
-            action=ticks.action[rows],
-            velocity_command=ticks.velocity_command[rows],
-        ),
-        commands=_commands(run),
+    return LoggedRun.of(
+        run,
+        ticks=ticks.rows(rows),
+        commands=run.commands.rows(np.argsort(run.commands.key, kind="stable")),
         states=states,
         notes=tuple(notes),
-        labels=run.labels,
         has_policy_gains=has_policy_gains,
     )
 
@@ -165,14 +156,8 @@ def choose_compared(runs: Sequence[LoggedRun]) -> tuple[tuple[LoggedRun, ...], l
                 f"sequence {name} has one run: there is no real-versus-real floor and no interval from its "
                 "distributions; record at least two, better five repeats"
             )
-        chosen.extend(_cut(run, length) for run in same)
+        chosen.extend(replace(run, ticks=run.ticks.rows(slice(length))) for run in same)
     return tuple(chosen), warnings
-
-
-def _cut(run: LoggedRun, n_ticks: int) -> LoggedRun:
-    t = run.ticks
-    ticks = Ticks(t.robot_stamp_ns[:n_ticks], t.observation[:n_ticks], t.action[:n_ticks], t.velocity_command[:n_ticks])
-    return replace(run, ticks=ticks)
 
 
 def _is_same_network(contract_json: str, policy: Policy) -> bool:
@@ -197,32 +182,7 @@ def _files(paths: Sequence[Path]) -> list[Path]:
     return files
 
 
-def _commands(run: Run) -> Commands:
-    c = run.commands
-    order = np.argsort(c.key, kind="stable")
-    return Commands(
-        key=c.key[order],
-        robot_stamp_ns=c.robot_stamp_ns[order],
-        state_robot_stamp_ns=c.state_robot_stamp_ns[order],
-        position_rad=c.position_rad[order],
-        kp_nm_per_rad=c.kp_nm_per_rad[order],
-        kd_nm_s_per_rad=c.kd_nm_s_per_rad[order],
-    )
-
-
-def _states(run: Run, begin_ns: int, end_ns: int) -> States:
-    s = run.states
-    _, unique = np.unique(s.robot_stamp_ns, return_index=True)
-    stamps = s.robot_stamp_ns[unique]
-    rows = unique[(stamps >= begin_ns) & (stamps <= end_ns)]
-    return States(
-        robot_stamp_ns=s.robot_stamp_ns[rows],
-        position_rad=s.position_rad[rows],
-        velocity_rad_s=s.velocity_rad_s[rows],
-        load_nm=s.load_nm[rows],
-        odom_from_body_wxyz=s.odom_from_body_wxyz[rows],
-        linear_vel_of_body_in_odom_m_s=s.linear_vel_of_body_in_odom_m_s[rows],
-        angular_vel_of_body_in_odom_rad_s=s.angular_vel_of_body_in_odom_rad_s[rows],
-        last_command_key=s.last_command_key[rows],
-        last_command_robot_stamp_ns=s.last_command_robot_stamp_ns[rows],
-    )
+def _states_between(states: StateTable, begin_ns: int, end_ns: int) -> StateTable:
+    """States of an interval in the order of their stamps, each stamp once."""
+    stamps, first = np.unique(states.robot_stamp_ns, return_index=True)
+    return states.rows(first[(stamps >= begin_ns) & (stamps <= end_ns)])

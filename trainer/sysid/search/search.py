@@ -1,44 +1,34 @@
-"""The paper's search: CMA-ES by ask and tell over the unit cube, with a checkpoint after every generation."""
+"""The paper's search: CMA-ES over the unit cube, with a checkpoint after every generation."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from cmaes import CMA
 from numpy.typing import NDArray
 
-from spot_model.errors import BadInputError
-from trainer.shared.generations_file import append_line, read_or_begin
+from trainer.shared.engine import IN_THIS_PROCESS, Engine, Place
+from trainer.shared.generations import Generation, Generations
 from trainer.sysid.search.config import SearchConfig
 from trainer.sysid.search.problem import CandidateResult, Problem
-from trainer.sysid.simulation.engine import Engine
 
 Array = NDArray[np.float64]
+Candidates = Engine[Problem, Array, list[CandidateResult]]
 
-SCHEMA: Final = "spot-rl/sysid-search/1"
+SCHEMA: Final = "spot-rl/sysid-search/2"
 EDGE: Final = 1e-6
 """The search starts at least so far inside the unit cube, which the optimiser's bounds must contain."""
-
-
-@dataclass(frozen=True)
-class Generation:
-    """One iteration: the points of the unit cube that were asked for, and what they gave."""
-
-    index: int
-    unit: Array
-    """Shape (population, n)."""
-    results: tuple[CandidateResult, ...]
 
 
 @dataclass(frozen=True)
 class SearchState:
     """All that has been searched."""
 
-    generations: tuple[Generation, ...]
+    generations: tuple[Generation[CandidateResult], ...]
     mean_unit: Array
     """Mean of the search distribution, shape (n,)."""
     sigma: float
@@ -46,19 +36,30 @@ class SearchState:
 
     def units(self) -> Array:
         """All points, shape (n_evaluations, n)."""
-        return np.concatenate([g.unit for g in self.generations])
+        return np.concatenate([g.points for g in self.generations])
 
     def results(self) -> list[CandidateResult]:
         """All results, in the order of :meth:`units`."""
         return [r for g in self.generations for r in g.results]
 
 
+def candidates_engine(problem: Problem, place: Place = IN_THIS_PROCESS) -> Candidates:
+    """Where candidates of a problem are evaluated."""
+    return Engine(Problem.evaluate, problem, place)
+
+
+def evaluate(engine: Candidates, values: Array) -> list[CandidateResult]:
+    """Results of candidates, shape (k, n_parameters), in their order."""
+    parts = np.array_split(values, engine.parts(len(values)))
+    return [result for part in engine.map(parts) for result in part]
+
+
 def run_search(
     problem: Problem,
-    engine: Engine,
+    engine: Candidates,
     config: SearchConfig,
     checkpoint: Path,
-    on_generation: Callable[[Generation], None] = lambda _: None,
+    on_generation: Callable[[Generation[CandidateResult]], None] = lambda _: None,
 ) -> SearchState:
     """Search, or go on where the checkpoint ends; the outcome is the same bit for bit.
 
@@ -72,43 +73,17 @@ def run_search(
     Raises:
         BadInputError: The checkpoint belongs to another search.
     """
-    head = {"schema": SCHEMA, "problem": problem.digest(), "search": config.model_dump(exclude={"generations"})}
-    done = read_or_begin(checkpoint, head)
-    optimiser = _optimiser(problem, config)
-    generations: list[Generation] = []
-    for index in range(config.generations):
-        unit = np.stack([optimiser.ask() for _ in range(config.population)])
-        if index < len(done):
-            generation = _generation(done[index], unit, checkpoint)
-        else:
-            generation = Generation(index, unit, tuple(engine.evaluate(problem.space.values_of_unit(unit))))
-            append_line(checkpoint, _generation_data(generation))
-        scores = [problem.score(r) for r in generation.results]
-        optimiser.tell(list(zip(unit, scores, strict=True)))
-        generations.append(generation)
-        on_generation(generation)
-    return SearchState(tuple(generations), np.clip(optimiser.mean, 0.0, 1.0), float(optimiser._sigma))
-
-
-def _optimiser(problem: Problem, config: SearchConfig) -> Any:
     n = problem.space.n
     start = np.clip(problem.space.unit_of_values(problem.space.initial), EDGE, 1.0 - EDGE)
     bounds = np.tile([0.0, 1.0], (n, 1))
-    return CMA(mean=start, sigma=config.sigma, bounds=bounds, seed=config.seed, population_size=config.population)
-
-
-def _generation(data: dict[str, Any], unit: Array, path: Path) -> Generation:
-    if not np.array_equal(np.array(data["unit"]), unit):
-        raise BadInputError(
-            f"checkpoint {path}: generation {data['generation']} was drawn differently; it was made by another version "
-            "of the optimiser or of NumPy; search in a new folder"
-        )
-    return Generation(data["generation"], unit, tuple(CandidateResult.from_data(r) for r in data["results"]))
-
-
-def _generation_data(generation: Generation) -> dict[str, Any]:
-    return {
-        "generation": generation.index,
-        "unit": generation.unit.tolist(),
-        "results": [r.to_data() for r in generation.results],
-    }
+    optimiser = CMA(mean=start, sigma=config.sigma, bounds=bounds, seed=config.seed, population_size=config.population)
+    search = Generations(
+        path=checkpoint,
+        head={"schema": SCHEMA, "problem": problem.digest(), "search": config.model_dump(exclude={"generations"})},
+        evaluate=lambda _, unit: evaluate(engine, problem.space.values_of_unit(unit)),
+        score=problem.score,
+        to_data=CandidateResult.to_data,
+        from_data=CandidateResult.from_data,
+    )
+    generations = search.run(optimiser, config.generations, on_generation)
+    return SearchState(generations, np.clip(optimiser.mean, 0.0, 1.0), float(optimiser._sigma))

@@ -10,30 +10,17 @@ from numpy.typing import NDArray
 
 from spot_model.effects.base import Effect
 from spot_model.effects.command.command_delay import CommandDelay
-from spot_model.plant.plant import Plant, PlantOptions, ServoCommand
-from spot_model.policy.observation import N_OBSERVATION, build_observation, is_fallen, observed
+from spot_model.plant.closed_loop import ClosedLoop, schedule_by_rate
+from spot_model.plant.plant import Plant, PlantOptions
+from spot_model.plant.start import StartState, put_at
+from spot_model.policy.observation import N_OBSERVATION, is_fallen, observed
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
-from spot_model.robot.leg_kinematics import foot_position_in_body_m
 from spot_model.robot.mjcf import MjcfOptions
-from spot_model.robot.rotation import rotate_wxyz
-from trainer.sysid.distance.features import control_law_features
+from trainer.sysid.distance.features import features_of_observations
+from trainer.sysid.simulation.recorded_loop import padded
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class StartState:
-    """How a run begins: the robot at its first policy tick."""
-
-    position_rad: Array
-    """Shape (12,), canonical order."""
-    velocity_rad_s: Array
-    world_from_body_wxyz: Array
-    linear_vel_of_body_in_world_m_s: Array
-    angular_vel_of_body_in_world_rad_s: Array
-    last_action: NDArray[np.float32]
-    """Shape (12,), policy order."""
 
 
 @dataclass(frozen=True)
@@ -90,50 +77,25 @@ def roll_out(
     """
     n_cases, n_ticks = len(cases), max(len(c.velocity_command) for c in cases)
     n_sims = n_candidates * n_cases
-    plant = _started_plant(effects, n_candidates, cases, options)
-    commands = np.stack([_padded(c.velocity_command, n_ticks) for c in cases])
+    plant, last_action = _started_plant(effects, n_candidates, cases, options)
+    commands = np.stack([padded(c.velocity_command, n_ticks) for c in cases])
     noise = np.stack([_noise(c, n_ticks) for c in cases])
-    order, gains = policy.policy_from_canonical, policy.gains()
-    last_action = np.tile(np.stack([c.start.last_action for c in cases]), (n_candidates, 1))
-    substeps = control_substeps(n_ticks, policy.contract.rate_hz, options.timestep_s)
-
+    loop = ClosedLoop(
+        plant,
+        policy,
+        see=lambda tick, seen: seen.astype(np.float32) + np.tile(noise[:, tick], (n_candidates, 1)),
+        act=lambda seen: np.concatenate([policy.act(block) for block in np.split(seen, n_candidates)]),
+    )
     features = np.full((n_sims, n_ticks, 3 * facts.N_JOINTS), np.nan, dtype=np.float32)
     torque = np.full((n_sims, n_ticks, facts.N_JOINTS), np.nan, dtype=np.float32)
     velocity = np.full((n_sims, n_ticks, 3), np.nan, dtype=np.float32)
     fallen = np.full(n_sims, n_ticks, dtype=np.intp)
-    for tick in range(n_ticks):
-        position, joint_velocity = plant.joint_position_rad, plant.joint_velocity_rad_s
-        observation = build_observation(
-            world_from_body_wxyz=plant.world_from_body_wxyz,
-            linear_vel_of_body_in_world_m_s=plant.linear_vel_of_body_in_world_m_s,
-            angular_vel_of_body_in_world_rad_s=plant.angular_vel_of_body_in_world_rad_s,
-            velocity_command=np.tile(commands[:, tick], (n_candidates, 1)),
-            position_rad=position[:, order],
-            velocity_rad_s=joint_velocity[:, order],
-            last_action=last_action,
-            default_position_rad=policy.default_position_rad,
-        ).astype(np.float32)
-        observation += np.tile(noise[:, tick], (n_candidates, 1))
-        action = np.concatenate([_act(policy, block) for block in np.split(observation, n_candidates)])
-        features[:, tick] = control_law_features(
-            position_rad=observed(observation, "joint_position_offset_rad")[:, policy.canonical_from_policy]
-            + default_pose_rad(policy),
-            velocity_rad_s=observed(observation, "joint_velocity_rad_s")[:, policy.canonical_from_policy],
-            action=action,
-            contract=policy.contract,
-        )
-        velocity[:, tick] = observed(observation, "linear_vel_of_body_in_body_m_s")
-        fallen = np.where(is_fallen(observation) & (fallen == n_ticks), tick, fallen)
-        last_action = action
-        plant.command(
-            ServoCommand(
-                position_rad=np.clip(policy.setpoint_rad(action), facts.POSITION_LOW_RAD, facts.POSITION_HIGH_RAD),
-                kp_nm_per_rad=gains.kp_nm_per_rad,
-                kd_nm_s_per_rad=gains.kd_nm_s_per_rad,
-            )
-        )
-        plant.advance(int(substeps[tick]))
-        torque[:, tick] = plant.applied_torque_nm
+    schedule = schedule_by_rate(n_ticks, policy.contract.rate_hz, options.timestep_s)
+    for tick in loop.run(lambda t: np.tile(commands[:, t], (n_candidates, 1)), schedule, last_action):
+        features[:, tick.index] = features_of_observations(tick.observation, tick.action, policy)
+        velocity[:, tick.index] = observed(tick.observation, "linear_vel_of_body_in_body_m_s")
+        fallen = np.where(is_fallen(tick.observation) & (fallen == n_ticks), tick.index, fallen)
+        torque[:, tick.index] = plant.applied_torque_nm
     features[plant.diverged] = np.nan
     for i, case in enumerate(cases):
         features.reshape(n_candidates, n_cases, n_ticks, -1)[:, i, len(case.velocity_command) :] = np.nan
@@ -146,12 +108,6 @@ def roll_out(
     )
 
 
-def control_substeps(n_ticks: int, rate_hz: float, timestep_s: float) -> NDArray[np.intp]:
-    """Physics steps in each control period, on an absolute schedule: at 50 Hz, 3 ms steps come as 6, 7, 7 and so on."""
-    ends = np.floor(np.arange(n_ticks + 1) / (rate_hz * timestep_s) + 1e-9)
-    return np.diff(ends).astype(np.intp)
-
-
 def in_whole_steps(effect: Effect, timestep_s: float) -> Effect:
     """A command delay brought to the nearest number of steps: the plant itself would always take the next one."""
     if not isinstance(effect, CommandDelay):
@@ -161,20 +117,9 @@ def in_whole_steps(effect: Effect, timestep_s: float) -> Effect:
     return replace(effect, delay_s=float(delay_s) if delay_s.ndim == 0 else delay_s)
 
 
-def standing_height_m(start: StartState) -> float:
-    """Height of the body's origin at which the lowest foot just touches level ground."""
-    feet = rotate_wxyz(start.world_from_body_wxyz[None, :], foot_position_in_body_m(start.position_rad))
-    return float(facts.FOOT_RADIUS_M - np.min(np.asarray(feet)[..., 2]))
-
-
-def default_pose_rad(policy: Policy) -> Array:
-    """The policy's default joint pose in canonical order, shape (12,)."""
-    return np.asarray(policy.default_position_rad[policy.canonical_from_policy])
-
-
 def _started_plant(
     effects: Sequence[Effect], n_candidates: int, cases: Sequence[RolloutCase], options: RolloutOptions
-) -> Plant:
+) -> tuple[Plant, NDArray[np.float32]]:
     mjcf = MjcfOptions(
         timestep_s=options.timestep_s,
         foot_friction=options.foot_friction,
@@ -187,34 +132,7 @@ def _started_plant(
         n_candidates * len(cases),
         PlantOptions(mjcf=mjcf, n_threads=options.n_threads, on_divergence="flag"),
     )
-    starts = [c.start for c in cases]
-
-    def each(name: str) -> Array:
-        return np.tile(np.stack([getattr(s, name) for s in starts]), (n_candidates, 1))
-
-    height = np.tile([standing_height_m(s) for s in starts], n_candidates)
-    attitude = each("world_from_body_wxyz")
-    attitude /= np.linalg.norm(attitude, axis=1, keepdims=True)
-    inverse = attitude * np.array([1.0, -1.0, -1.0, -1.0])
-    plant.reset(
-        position_of_body_in_world_m=np.stack([0.0 * height, 0.0 * height, height], axis=1),
-        world_from_body_wxyz=attitude,
-        joint_position_rad=each("position_rad"),
-        linear_vel_of_body_in_world_m_s=each("linear_vel_of_body_in_world_m_s"),
-        angular_vel_of_body_in_body_rad_s=np.asarray(rotate_wxyz(inverse, each("angular_vel_of_body_in_world_rad_s"))),
-        joint_velocity_rad_s=each("velocity_rad_s"),
-    )
-    return plant
-
-
-def _act(policy: Policy, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-    if policy.session.get_inputs()[0].shape[0] == 1:
-        return np.concatenate([policy.act(row[None, :]) for row in observation])
-    return policy.act(observation)
-
-
-def _padded(command: Array, n_ticks: int) -> Array:
-    return np.concatenate([command, np.repeat(command[-1:], n_ticks - len(command), axis=0)])
+    return plant, put_at(plant, [c.start for c in cases] * n_candidates)
 
 
 def _noise(case: RolloutCase, n_ticks: int) -> NDArray[np.float32]:

@@ -1,0 +1,80 @@
+"""How far long work is: a bar with the time that is left, or a plain line now and then where there is no terminal."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from types import TracebackType
+from typing import Final
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import Progress as Bar
+from typing_extensions import Self
+
+PLAIN_INTERVAL_S: Final = 15.0
+
+
+class Progress:
+    """Shows how many of ``total`` are done; a context manager that leaves the last state on the screen.
+
+    Args:
+        what: Of which they are, such as ``generations``.
+        total: How many.
+        done: How many are done at the start; work that is resumed begins there, and its time left counts from there.
+        console: Standard error by default.
+        clock: Seconds, for the time left.
+    """
+
+    def __init__(
+        self,
+        what: str,
+        total: int,
+        *,
+        done: int = 0,
+        console: Console | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._console = console or Console(stderr=True)
+        self._what, self._total, self._first, self._clock = what, total, done, clock
+        self._began_s, self._next_line_s = clock(), 0.0
+        self._bar: Bar | None = None
+        if self._console.is_terminal:
+            columns = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+            self._bar = Bar(TextColumn(what), *columns, TextColumn("{task.fields[text]}"), console=self._console)
+            self._bar.add_task(what, total=total, completed=done, text="")
+            self._bar.start()
+
+    def update(self, done: int, text: str = "", *, is_told: bool = False) -> None:
+        """Show that ``done`` are done; ``is_told`` prints the text as a line that stays."""
+        if self._bar is not None:
+            self._bar.update(self._bar.task_ids[0], completed=done, text=text)
+            if is_told:
+                self._console.print(text, markup=False)
+            return
+        now = self._clock()
+        if is_told or now >= self._next_line_s or done == self._total:
+            self._next_line_s = now + PLAIN_INTERVAL_S
+            parts = [f"{self._what} {done}/{self._total}", self._left(now, done), text]
+            self._console.print("  ".join(part for part in parts if part), markup=False, highlight=False)
+
+    def stop(self) -> None:
+        """Leave the last state on the screen."""
+        if self._bar is not None:
+            self._bar.stop()
+            self._bar = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.stop()
+
+    def _left(self, now: float, done: int) -> str:
+        made = done - self._first
+        if made <= 0:
+            return ""
+        left = (now - self._began_s) / made * (self._total - done)
+        return f"left {int(left) // 60}:{int(left) % 60:02d}"

@@ -1,0 +1,154 @@
+"""A policy in closed loop with simulated robots: sense, observe, act, command, move. Whoever runs it records.
+
+One loop serves identification, evaluation and simulated logs. They differ in what is sensed, in what of it the policy
+sees, in the commands' way to the servos, and in what is kept of each tick.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot_model.plant.command_path import CommandPath, PlantPath
+from spot_model.plant.plant import Plant
+from spot_model.policy.observation import build_observation
+from spot_model.policy.policy import Policy
+from spot_model.robot import facts
+from spot_model.robot.facts import Array
+
+Schedule = Sequence[Sequence[int]]
+"""For each tick the physics steps after each of its state messages; the policy runs on a tick's first message."""
+
+CommandAt = Callable[[int], Array]
+"""Velocity commands of all robots at a policy tick, shape (n, 3)."""
+Observed = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Sensed:
+    """What the robots report of themselves; canonical joint order."""
+
+    position_rad: Array
+    """Shape (n, 12)."""
+    velocity_rad_s: Array
+    world_from_body_wxyz: Array
+    """Shape (n, 4)."""
+    linear_vel_of_body_in_world_m_s: Array
+    """Shape (n, 3)."""
+    angular_vel_of_body_in_world_rad_s: Array
+
+
+@dataclass(frozen=True)
+class Tick:
+    """One policy tick, handed out after the robots have moved."""
+
+    index: int
+    velocity_command: Array
+    """Shape (n, 3)."""
+    observation: Observed
+    """What the policy saw, shape (n, 48), policy order."""
+    action: NDArray[np.float32]
+    """Shape (n, 12), policy order."""
+
+
+def true_state(plant: Plant) -> Sensed:
+    """What perfect sensors would report."""
+    return Sensed(
+        plant.joint_position_rad,
+        plant.joint_velocity_rad_s,
+        plant.world_from_body_wxyz,
+        plant.linear_vel_of_body_in_world_m_s,
+        plant.angular_vel_of_body_in_world_rad_s,
+    )
+
+
+@dataclass(frozen=True)
+class ClosedLoop:
+    """What stays the same over a run.
+
+    Args:
+        plant: Robots, already in their initial state.
+        policy: Joint order, default pose and gains are its contract's.
+        path: How set-points reach the servos; the plant's own channel if None.
+        sense: Called at every state message with its number within the tick; None where the policy does not run means
+            that nothing was asked for. The truth by default.
+        see: What the policy sees of an observation, shape (n, 48), at a tick: noise, a type.
+        act: The network on all robots.
+        before_tick: Called with the tick's number: pushes and the like.
+        after_step: Called after every physics step.
+    """
+
+    plant: Plant
+    policy: Policy
+    path: CommandPath | None = None
+    sense: Callable[[int], Sensed | None] | None = None
+    see: Callable[[int, Observed], Observed] | None = None
+    act: Callable[[Observed], NDArray[np.float32]] | None = None
+    before_tick: Callable[[int], None] | None = None
+    after_step: Callable[[], None] | None = None
+
+    def run(
+        self, command_at: CommandAt, schedule: Schedule, last_action: NDArray[np.float32] | None = None
+    ) -> Iterator[Tick]:
+        """Run the schedule; each tick comes after its last physics step.
+
+        Args:
+            command_at: Velocity commands by tick.
+            schedule: When robots are sensed and the policy runs.
+            last_action: The networks' outputs before the first tick, shape (n, 12), policy order; zeros if None.
+        """
+        path = self.path or PlantPath(self.plant, self.policy.gains())
+        act = self.act or self.policy.act
+        n = self.plant.n_sims
+        action = np.zeros((n, facts.N_JOINTS), dtype=np.float32) if last_action is None else last_action
+        for index, messages in enumerate(schedule):
+            if self.before_tick is not None:
+                self.before_tick(index)
+            command = np.broadcast_to(command_at(index), (n, 3))
+            observation: Observed = np.empty(0)
+            for message, n_steps in enumerate(messages):
+                sensed = true_state(self.plant) if self.sense is None else self.sense(message)
+                if message == 0 and sensed is not None:
+                    observation = observe(self.policy, sensed, command, action)
+                    observation = observation if self.see is None else self.see(index, observation)
+                    action = act(observation)
+                    path.send(index + 1, self.policy.setpoint_rad(action))
+                for _ in range(n_steps):
+                    path.step()
+                    if self.after_step is not None:
+                        self.after_step()
+            yield Tick(index, command, observation, action)
+
+
+def observe(
+    policy: Policy, sensed: Sensed, velocity_command: Array, last_action: NDArray[np.float32]
+) -> NDArray[np.float64]:
+    """Observations of many robots, shape (n, 48), policy order."""
+    order = policy.policy_from_canonical
+    return np.asarray(
+        build_observation(
+            world_from_body_wxyz=sensed.world_from_body_wxyz,
+            linear_vel_of_body_in_world_m_s=sensed.linear_vel_of_body_in_world_m_s,
+            angular_vel_of_body_in_world_rad_s=sensed.angular_vel_of_body_in_world_rad_s,
+            velocity_command=velocity_command,
+            position_rad=sensed.position_rad[:, order],
+            velocity_rad_s=sensed.velocity_rad_s[:, order],
+            last_action=last_action,
+            default_position_rad=policy.default_position_rad,
+        )
+    )
+
+
+def schedule_by_rate(n_ticks: int, rate_hz: float, timestep_s: float) -> list[tuple[int]]:
+    """One message a tick, on an absolute schedule: at 50 Hz, 3 ms steps come as 6, 7, 7 and so on."""
+    ends = np.floor(np.arange(n_ticks + 1) / (rate_hz * timestep_s) + 1e-9)
+    return [(int(steps),) for steps in np.diff(ends)]
+
+
+def schedule_by_messages(n_ticks: int, steps_per_message: int) -> list[tuple[int, ...]]:
+    """Every message of the 3 ms state stream under a 50 Hz policy: 7, 7 and 6 of them a tick."""
+    return [(steps_per_message,) * facts.STATES_A_TICK[tick % 3] for tick in range(n_ticks)]

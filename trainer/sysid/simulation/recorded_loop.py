@@ -1,0 +1,208 @@
+"""Closed loops of simulated robots, kept as the log of a real run would be: every state, tick, command and receipt."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot_log.format.names import FOLLOWING_MODE
+from spot_log.format.records import RunHeader
+from spot_log.read.run import Run, run_of_columns
+from spot_model.effects.base import SoftwareEffect
+from spot_model.plant.closed_loop import ClosedLoop, Sensed, Tick, schedule_by_messages
+from spot_model.plant.command_path import ArrivalS, ReceiptPath
+from spot_model.plant.plant import Plant
+from spot_model.policy.policy import Policy
+from spot_model.robot import facts
+from spot_model.robot.rotation import rotate_wxyz
+
+Array = NDArray[np.float64]
+
+START_NS = 1_000_000_000_000
+"""Robot time of a simulated run's first state."""
+TICK_NS = 20_000_000
+COMMAND_VALID_NS = 100_000_000
+
+
+@dataclass(frozen=True)
+class SensorNoise:
+    """Standard deviations of white noise on the state message, which the policy sees and the log holds."""
+
+    position_rad: float = 0.0
+    velocity_rad_s: float = 0.0
+    load_nm: float = 0.0
+    linear_vel_m_s: float = 0.0
+    angular_vel_rad_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class Told:
+    """What one simulated robot is told, and the name of its run."""
+
+    sequence: str
+    repeat: int
+    velocity_command: Array
+    """One a policy tick, shape (n_ticks, 3)."""
+
+
+@dataclass
+class RecordedLoop:
+    """Runs one closed loop of ``len(told)`` robots and gives their logs.
+
+    Args:
+        plant: Robots in their initial state, without command and software effects.
+        policy: What controls.
+        told: One a robot.
+        start_setpoint_rad: In effect until the first command arrives, shape (n, 12), canonical order.
+        last_action: The network's output before the first tick, shape (n, 12), policy order.
+        arrival_s: When a command takes effect.
+        rng: Draws the sensors' noise.
+        noise: Of the sensors.
+        software: Effects of the program that drives the robot.
+        velocity_error_m_s: What the state estimator adds to the body's velocity in the world, shape (n, 3); called at
+            every state message.
+        only_ticks: Keep only the states that the policy saw.
+    """
+
+    plant: Plant
+    policy: Policy
+    told: Sequence[Told]
+    start_setpoint_rad: Array
+    last_action: NDArray[np.float32]
+    arrival_s: ArrivalS
+    rng: np.random.Generator
+    noise: SensorNoise = SensorNoise()
+    software: Sequence[SoftwareEffect] = ()
+    velocity_error_m_s: Callable[[], Array] | None = None
+    only_ticks: bool = False
+    _states: dict[str, list[Any]] = field(default_factory=dict, init=False)
+    _ticks: dict[str, list[Any]] = field(default_factory=dict, init=False)
+
+    def __post_init__(self) -> None:
+        self._path = ReceiptPath(self.plant, self.policy.gains(), self.start_setpoint_rad, self.arrival_s, START_NS)
+
+    def runs(self, tell: Callable[[float], None] = lambda _: None) -> list[Run]:
+        """Simulate; ``tell`` is called with the share that is done."""
+        n_ticks = max(len(t.velocity_command) for t in self.told)
+        commands = np.stack([padded(t.velocity_command, n_ticks) for t in self.told])
+        steps = round(facts.STATE_PERIOD_NS * 1e-9 / self.plant.timestep_s)
+        loop = ClosedLoop(self.plant, self.policy, path=self, sense=self._sense, see=lambda _, o: _as_seen(o))
+        for tick in loop.run(lambda i: commands[:, i], schedule_by_messages(n_ticks, steps), self.last_action):
+            self._keep(tick)
+            tell((tick.index + 1) / n_ticks)
+        states = {name: np.array(rows) for name, rows in self._states.items()}
+        ticks = {name: np.array(rows) for name, rows in self._ticks.items()}
+        return [self._run(i, states, ticks) for i in range(len(self.told))]
+
+    # The loop's command path ------------------------------------------------------------------------------------------
+
+    def send(self, number: int, setpoint_rad: Array) -> None:
+        """Issue a command, changed by the software's effects; both are kept."""
+        sent = setpoint_rad
+        for effect in self.software:
+            sent = np.asarray(effect.setpoint_rad(sent))
+        _append(self._ticks, {"stamp": self._path.now_ns, "requested": setpoint_rad, "sent": sent})
+        self._path.send(number, sent)
+
+    def step(self) -> None:
+        """Move the plant by one physics step."""
+        self._path.step()
+
+    def _sense(self, message: int) -> Sensed | None:
+        error = self.velocity_error_m_s() if self.velocity_error_m_s is not None else None
+        if message and self.only_ticks:
+            return None
+        reading, estimate, noise = self.plant.reading, self.plant.estimate, self.noise
+        attitude = np.array(estimate.world_from_body_wxyz)
+        linear = np.asarray(rotate_wxyz(attitude, estimate.linear_vel_of_body_in_body_m_s))
+        linear = linear if error is None else linear + error
+        angular = np.asarray(rotate_wxyz(attitude, estimate.angular_vel_of_body_in_body_rad_s))
+        position = self._noisy(reading.position_rad, noise.position_rad)
+        velocity = self._noisy(reading.velocity_rad_s, noise.velocity_rad_s)
+        load = self._noisy(reading.load_nm, noise.load_nm)
+        linear = self._noisy(linear, noise.linear_vel_m_s)
+        angular = self._noisy(angular, noise.angular_vel_rad_s)
+        columns = {
+            "robot_stamp_ns": self._path.now_ns,
+            "position_rad": position,
+            "velocity_rad_s": velocity,
+            "load_nm": load,
+            "position_of_body_in_odom_m": self.plant.position_of_body_in_world_m,
+            "odom_from_body_wxyz": attitude,
+            "linear_vel_of_body_in_odom_m_s": linear,
+            "angular_vel_of_body_in_odom_rad_s": angular,
+            "foot_contact": np.asarray(estimate.foot_contact) > 0.5,
+            "last_command_key": self._path.key.copy(),
+            "last_command_robot_stamp_ns": self._path.received_ns.copy(),
+        }
+        _append(self._states, columns)
+        return Sensed(position, velocity, attitude, linear, angular)
+
+    def _noisy(self, value: Array, sigma: float) -> Array:
+        return np.asarray(value + sigma * self.rng.standard_normal(value.shape))
+
+    def _keep(self, tick: Tick) -> None:
+        kept = {"observation": tick.observation, "action": tick.action, "velocity_command": tick.velocity_command}
+        _append(self._ticks, kept)
+
+    def _run(self, i: int, states: dict[str, Any], ticks: dict[str, Any]) -> Run:
+        told, gains = self.told[i], self.policy.gains()
+        m = len(told.velocity_command)
+        stamp = ticks["stamp"][:m]
+        kept = states["robot_stamp_ns"] < stamp[-1] + TICK_NS
+        own = {k: np.ascontiguousarray((v if v.ndim == 1 else v[:, i])[kept]) for k, v in states.items()}
+        key = np.arange(1, m + 1)
+        name = f"simulated-{told.sequence}-{told.repeat}"
+        header = RunHeader(
+            run_id=name,
+            started_host_stamp_ns=START_NS,
+            command_sequence=told.sequence,
+            repeat=told.repeat,
+            policy_sha256=self.policy.sha256,
+            policy_name=self.policy.contract.name,
+        )
+        commands = {
+            "key": key,
+            "host_stamp_ns": stamp,
+            "robot_stamp_ns": stamp,
+            "state_robot_stamp_ns": stamp,
+            "end_robot_stamp_ns": stamp + COMMAND_VALID_NS,
+            "requested_position_rad": ticks["requested"][:m, i],
+            "position_rad": ticks["sent"][:m, i],
+            "velocity_rad_s": np.zeros((m, facts.N_JOINTS)),
+            "load_nm": np.zeros((m, facts.N_JOINTS)),
+            "kp_nm_per_rad": np.broadcast_to(gains.kp_nm_per_rad, (m, facts.N_JOINTS)),
+            "kd_nm_s_per_rad": np.broadcast_to(gains.kd_nm_s_per_rad, (m, facts.N_JOINTS)),
+        }
+        columns = {
+            "index": key - 1,
+            "robot_stamp_ns": stamp,
+            "host_stamp_ns": stamp,
+            "mode": np.full(m, FOLLOWING_MODE),
+            "command_key": key,
+            "state_age_s": np.zeros(m),
+            "inference_s": np.zeros(m),
+            "compute_s": np.zeros(m),
+            **{name: ticks[name][:m, i] for name in ("observation", "action", "velocity_command")},
+        }
+        return run_of_columns(Path(name), header, states=own, commands=commands, ticks=columns)
+
+
+def padded(command: Array, n_ticks: int) -> Array:
+    """Velocity commands, shape (m, 3), of which the last is repeated up to ``n_ticks``."""
+    return np.concatenate([command, np.repeat(command[-1:], n_ticks - len(command), axis=0)])
+
+
+def _as_seen(observation: NDArray[Any]) -> NDArray[np.float32]:
+    """As a program on the robot sees it; a simulation that diverged must not stop the others."""
+    return np.nan_to_num(observation.astype(np.float32))
+
+
+def _append(table: dict[str, list[Any]], row: dict[str, Any]) -> None:
+    for name, value in row.items():
+        table.setdefault(name, []).append(np.array(value))
