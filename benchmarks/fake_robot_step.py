@@ -14,8 +14,8 @@ from bosdyn.api import robot_command_pb2
 from fake_robot.robot.robot import Robot
 from fake_robot.scenario.scenario import Scenario
 from spot_model.robot import facts
+from spot_model.robot.stamps import NS_PER_S
 
-NS_PER_S = 1_000_000_000
 TICK_NS = 20_000_000
 N_TICKS = 1000
 

@@ -6,8 +6,7 @@ import time
 from collections.abc import Callable
 
 from fake_robot.scenario.parts import ClockConfig
-
-NS_PER_S = 1_000_000_000
+from spot_model.robot.stamps import NS_PER_S
 
 
 class RobotClock:

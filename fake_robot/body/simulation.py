@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from fake_robot.body.body import Body
-from fake_robot.body.clock import NS_PER_S, RobotClock
+from fake_robot.body.clock import RobotClock
 from fake_robot.body.energy import Energy
 from fake_robot.body.frames import Frame
 from fake_robot.body.sensing import Sensing
@@ -25,6 +25,7 @@ from fake_robot.scenario.scenario import Scenario
 from spot_model.effects.base import CommandEffect, SoftwareEffect
 from spot_model.plant.command_channel import ServoCommand
 from spot_model.robot.facts import STATE_PERIOD_NS, Array
+from spot_model.robot.stamps import NS_PER_S
 
 
 class Simulation:

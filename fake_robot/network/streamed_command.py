@@ -14,8 +14,8 @@ from fake_robot.network.robot_port import StreamFailure
 from spot_model.plant.command_channel import ServoCommand
 from spot_model.robot import facts
 from spot_model.robot.facts import Array
+from spot_model.robot.stamps import NS_PER_S
 
-NS_PER_S = 1_000_000_000
 INVALID_REQUEST: int = robot_command_pb2.JointControlStreamResponse.STATUS_INVALID_REQUEST
 INACTIVE: int = robot_command_pb2.JointControlStreamResponse.STATUS_INACTIVE
 EXPIRED: int = robot_command_pb2.JointControlStreamResponse.STATUS_EXPIRED

@@ -19,8 +19,7 @@ from fake_robot.network.streamed_command import (
 from fake_robot.scenario.parts import JointControlConfig
 from spot_model.plant.command_channel import ServoCommand
 from spot_model.robot.facts import JOINT_NAMES, Array
-
-NS_PER_S = 1_000_000_000
+from spot_model.robot.stamps import NS_PER_S
 
 
 class Stream:

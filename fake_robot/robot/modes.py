@@ -11,12 +11,13 @@ from fake_robot.body.body import Body
 from fake_robot.body.servo import damping_servo, stand_servo, torque_servo
 from fake_robot.network.robot_port import BehaviorFault, EstopLevel, Mode, MotorPower, StandPose, StreamFailure
 from fake_robot.network.streamed_command import EXPIRED, INACTIVE
-from fake_robot.robot.joint_control import NS_PER_S, Expiry, JointControl
+from fake_robot.robot.joint_control import Expiry, JointControl
 from fake_robot.robot.vendor_motion import SIT_POSITION_RAD, Path, hold_path, sit_path, stand_path
 from fake_robot.scenario.scenario import Scenario
 from spot_model.errors import SpotRlError
 from spot_model.plant.command_channel import ServoCommand
 from spot_model.robot.facts import TOTAL_MASS_KG
+from spot_model.robot.stamps import NS_PER_S
 
 _LOW_BODY_M = 0.32
 """Below it a stand first puts the feet in place."""

@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from fake_robot.body.clock import NS_PER_S, RobotClock
+from fake_robot.body.clock import RobotClock
 from fake_robot.body.simulation import Simulation
 from fake_robot.body.truth import Lateness, Truth
 from fake_robot.faults.active_faults import fault_kinds
@@ -21,6 +21,7 @@ from fake_robot.scenario.scenario import Scenario
 from fake_robot.start.real_time import RealTimeLoop
 from spot_model.errors import SpotRlError
 from spot_model.robot.facts import STATE_PERIOD_NS
+from spot_model.robot.stamps import NS_PER_S
 
 _MAX_WAIT_FOR_STATES_NS = NS_PER_S
 

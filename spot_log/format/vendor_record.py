@@ -7,8 +7,9 @@ from typing import Final
 from bosdyn.api import geometry_pb2, robot_state_pb2
 from google.protobuf.timestamp_pb2 import Timestamp
 
-from spot_log.format.vendor_state import N_JOINTS_WITH_ARM, NS_PER_S, StateMessageError
+from spot_log.format.vendor_state import N_JOINTS_WITH_ARM, StateMessageError
 from spot_model.robot.facts import N_JOINTS
+from spot_model.robot.stamps import NS_PER_S
 from spot_protos import log_pb2
 
 _CONTACT_MADE: Final = robot_state_pb2.FootState.CONTACT_MADE

@@ -11,9 +11,9 @@ from google.protobuf.message import DecodeError
 
 from spot_model.errors import BadInputError
 from spot_model.robot.facts import N_JOINTS, N_LEGS
+from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import Array, ImuPacket, RobotState
 
-NS_PER_S: Final = 1_000_000_000
 _CONTACT_MADE: Final = robot_state_pb2.FootState.CONTACT_MADE
 N_JOINTS_WITH_ARM: Final = 19
 

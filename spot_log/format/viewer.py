@@ -18,9 +18,9 @@ from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.timestamp_pb2 import Timestamp
 
 from spot_log.format.scene import BODY_FRAME, joint_transforms, spot_scene
+from spot_model.robot.stamps import NS_PER_S
 from spot_protos import log_pb2
 
-NS_PER_S: Final = 1_000_000_000
 VIEWER_PERIOD_NS: Final = 20_000_000
 ODOM_FRAME: Final = "odom"
 

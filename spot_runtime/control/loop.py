@@ -16,6 +16,7 @@ from spot_log.format.records import EventRecord
 from spot_log.write.sink import LogSink
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
+from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import Array, RobotState
 from spot_runtime.config import RunConfig
 from spot_runtime.control.loop_stats import LoopStats
@@ -31,7 +32,6 @@ from spot_runtime.host.realtime import let_others_run
 from spot_runtime.sources.base import CommandSource, VelocityCommand
 from spot_runtime.stops import Ending, Stop
 
-NS_PER_S: Final = 1_000_000_000
 RECEIVE_TIMEOUT_S: Final = 0.004
 """Longest wait for a state; watchdogs run at least this often."""
 

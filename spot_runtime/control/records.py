@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot_log.format.records import CommandRecord, TickRecord
+from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import JointCommand
 from spot_runtime.control.memory import Step, Tick
 from spot_runtime.control.seen import Seen
 
-NS_PER_S: Final = 1_000_000_000
 _NOTHING: Final[NDArray[np.float32]] = np.zeros(0, dtype=np.float32)
 
 

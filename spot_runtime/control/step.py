@@ -13,6 +13,7 @@ import numpy as np
 
 from spot_log.format.events import EventName
 from spot_model.robot import facts
+from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import Array, JointCommand, RobotState
 from spot_runtime.control.handover import Setpoint, hold_setpoint
 from spot_runtime.control.memory import NO_VELOCITY_COMMAND, Act, Drive, Memory, Plan, Step, Tick
@@ -26,7 +27,6 @@ from spot_runtime.hal.base import JointControl
 from spot_runtime.hal.errors import HalError
 from spot_runtime.stops import Reaction, Stop, StopReason, ending_after
 
-NS_PER_S: Final = 1_000_000_000
 _EVERY_MODE: Final = tuple(Mode)
 _NO_VELOCITY: Final = np.zeros(facts.N_JOINTS)
 _NO_VELOCITY.flags.writeable = False

@@ -13,6 +13,7 @@ from collections.abc import Callable
 from typing import Final
 
 from spot_model.robot import facts
+from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import RobotState
 from spot_runtime.hal.base import Hal
 from spot_runtime.host.realtime import has_real_time_priority, let_others_run
@@ -27,7 +28,6 @@ JUDGED: Final = 50
 """After so many dry runs in a row, each longer than :data:`LEAD_NS`, there are no more: they delay the tick."""
 
 ARRIVALS: Final = 64
-NS_PER_S: Final = 1_000_000_000
 
 
 class Arrivals:

@@ -6,7 +6,6 @@ import time
 from collections import deque
 from typing import Final, NamedTuple
 
-NS_PER_S: Final = 1_000_000_000
 SLEW_S_PER_S: Final = 0.002
 """How fast the estimate may be bent: far above any crystal's drift, far below what could hurt an end time."""
 

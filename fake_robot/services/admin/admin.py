@@ -12,10 +12,11 @@ from fake_robot.faults.injection import FaultDesk
 from fake_robot.services.admin.step_states import StateTap
 from fake_robot.services.sensors.world import World
 from spot_model.errors import BadInputError
+from spot_model.robot.stamps import NS_PER_S
 from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
 
 DEFAULT_WAIT_S = 5.0
-MAX_STEP_NS = 3600 * 1_000_000_000
+MAX_STEP_NS = 3600 * NS_PER_S
 MAX_STEP_STATES = 1_000_000
 TICK_EVERY_NS = 50_000_000
 TICK_EVERY_STATES = 16

@@ -7,7 +7,7 @@ from typing import Any, TypeAlias
 from google.protobuf.duration_pb2 import Duration
 from google.protobuf.timestamp_pb2 import Timestamp
 
-NS_PER_S = 1_000_000_000
+from spot_model.robot.stamps import NS_PER_S
 
 StatusValue: TypeAlias = Any
 """A value of one of the vendor's status enumerations, whose generated code has no types."""

@@ -7,7 +7,8 @@ from collections.abc import Callable
 import grpc
 from bosdyn.api import license_pb2, license_service_pb2_grpc
 
-from fake_robot.services.calls.stamps import NS_PER_S, timestamp_from_ns
+from fake_robot.services.calls.stamps import timestamp_from_ns
+from spot_model.robot.stamps import NS_PER_S
 
 JOINT_CONTROL_FEATURE = "joint_control"
 _DAY_NS = 86400 * NS_PER_S

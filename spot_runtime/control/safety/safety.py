@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot_model.robot import facts
+from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import Array, JointCommand, RobotState, SlowState
 from spot_runtime.control.safety.body_height import body_height_m, is_body_above
 from spot_runtime.safety_limits import SafetyLimits
@@ -21,7 +22,6 @@ from spot_runtime.stops import CRITICAL, Stop, StopReason
 END_TIME_MAX_S: Final = 0.1
 """No command is ever valid for longer than this."""
 
-NS_PER_S: Final = 1_000_000_000
 _LOWS_RAD: Final = facts.POSITION_LOW_RAD.tolist()
 _HIGHS_RAD: Final = facts.POSITION_HIGH_RAD.tolist()
 _NOTHING_CUT: Final = np.zeros(facts.N_JOINTS, dtype=np.bool_)

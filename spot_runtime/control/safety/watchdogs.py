@@ -7,6 +7,7 @@ from typing import Final, NamedTuple
 
 from spot_log.format.events import EventName
 from spot_log.write.sink import SinkHealth
+from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import RobotState
 from spot_runtime.config import RunConfig
 from spot_runtime.control.modes import Mode
@@ -17,7 +18,6 @@ from spot_runtime.control.seen import Phase, Seen
 from spot_runtime.safety_limits import SafetyLimits
 from spot_runtime.stops import Stop, StopReason
 
-NS_PER_S: Final = 1_000_000_000
 LOG_CHECK_PERIOD_NS: Final = NS_PER_S // 2
 
 _ANSWERS: Final = {

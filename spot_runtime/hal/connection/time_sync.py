@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from typing import Any, Final
+from typing import Any
 
 from bosdyn.api import time_sync_pb2
 from bosdyn.client.common import BaseClient
@@ -11,9 +11,8 @@ from bosdyn.client.lease import add_lease_wallet_processors
 from bosdyn.client.robot_command import RobotCommandClient
 from bosdyn.client.time_sync import TimeSyncClient
 
+from spot_model.robot.stamps import NS_PER_S
 from spot_runtime.host.clock import ClockSample, HostClock
-
-NS_PER_S: Final = 1_000_000_000
 
 
 class TimeSync:

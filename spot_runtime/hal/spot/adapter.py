@@ -11,6 +11,7 @@ from bosdyn.client.robot_command import RobotCommandStreamingClient
 from bosdyn.client.robot_state import RobotStateStreamingClient
 
 from spot_log.write.sink import LogSink
+from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import JointCommand, RobotState, SlowState
 from spot_runtime.config import RunConfig
 from spot_runtime.hal.base import JointControl, RobotInfo
@@ -22,7 +23,7 @@ from spot_runtime.hal.spot.motions import Motions
 from spot_runtime.hal.spot.pace import Pace, RealTime, States, take_all
 from spot_runtime.hal.spot.session import Session
 from spot_runtime.hal.spot.streams import CommandStream, OnEnd, StateReceiver
-from spot_runtime.host.clock import NS_PER_S, HostClock, RobotClockEstimate
+from spot_runtime.host.clock import HostClock, RobotClockEstimate
 from spot_runtime.stops import Stop, StopReason
 
 RETRY_S: Final = 0.5

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 from bosdyn.api import robot_command_pb2
 
+from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import Array, Gains, JointCommand
-
-NS_PER_S: Final = 1_000_000_000
 
 
 class CommandEncoder:

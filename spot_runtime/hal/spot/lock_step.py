@@ -9,6 +9,7 @@ from typing import Any, Final
 import grpc
 
 from spot_model.robot.facts import STATE_PERIOD_NS
+from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import RobotState
 from spot_protos import fake_admin_pb2
 from spot_runtime.hal.errors import LockStepError
@@ -16,7 +17,7 @@ from spot_runtime.hal.spot.jobs import Jobs
 from spot_runtime.hal.spot.pace import StateQueue, States, take_all
 from spot_runtime.hal.spot.streams import FedStates, OnEnd, OnWire
 from spot_runtime.hal.spot.vendor_errors import describe
-from spot_runtime.host.clock import NS_PER_S, ClockSample, RobotClockEstimate
+from spot_runtime.host.clock import ClockSample, RobotClockEstimate
 
 STEP_METHOD: Final = "/spot_rl.fake.v1.FakeAdmin/Step"
 STATUS_METHOD: Final = "/spot_rl.fake.v1.FakeAdmin/GetStatus"

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 from bosdyn.api import robot_state_pb2, service_fault_pb2
 
+from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import SlowState
 from spot_runtime.stops import CRITICAL
-
-NS_PER_S: Final = 1_000_000_000
 
 
 def slow_state_from_message(message: robot_state_pb2.RobotState, host_stamp_ns: int) -> SlowState:

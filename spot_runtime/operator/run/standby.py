@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Final
 
+from spot_model.robot.stamps import NS_PER_S
 from spot_runtime.control.safety import safety
 from spot_runtime.hal.base import Hal
 from spot_runtime.safety_limits import SafetyLimits
 from spot_runtime.stops import Stop, StopReason
 
-NS_PER_S: Final = 1_000_000_000
 STATE_SILENCE_S: Final = 1.0
 """The vendor's controller needs no state of ours, so a short gap is no reason to sit down."""
 

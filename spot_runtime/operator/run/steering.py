@@ -9,13 +9,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import Array
 from spot_runtime.config import RunConfig
 from spot_runtime.sources.base import VelocityCommand
 from spot_runtime.sources.shaping import Shaper
 from spot_runtime.stops import Stop, StopReason
-
-NS_PER_S = 1_000_000_000
 
 
 class OperatorSource:
