@@ -44,6 +44,14 @@ class ServicesConfig(BaseModel):
     time_sync_samples: int = Field(default=3, ge=1, le=25)
     """Round trips before the robot calls a client synchronised."""
 
+    clock_identifier_check: Literal["every_command", "timed_commands", "none"] = "every_command"
+    """Which robot commands are refused with NO_TIMESYNC unless they bear the identifier of a finished time sync: all,
+    or those with an end time alone. The protos say that the identifier verifies time sync, not on which commands."""
+    missing_end_time_refusal: Literal["expired", "invalid_request"] = "expired"
+    """The status with which a timed command without an end time is refused."""
+    max_command_duration_s: float = Field(default=600.0, gt=0, le=86400)
+    """A robot command whose end time lies further ahead is TOO_DISTANT."""
+
     second_command_stream: Literal["refuse", "evict"] = "refuse"
     """What a second joint-control stream does while one is open."""
     max_command_rate_hz: float = Field(default=2000.0, gt=0)

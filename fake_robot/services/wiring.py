@@ -14,10 +14,8 @@ from bosdyn.api import (
     image_service_pb2_grpc,
     lease_service_pb2_grpc,
     license_service_pb2_grpc,
-    local_grid_service_pb2_grpc,
     payload_registration_service_pb2_grpc,
     payload_service_pb2_grpc,
-    point_cloud_service_pb2_grpc,
     power_service_pb2_grpc,
     robot_command_service_pb2_grpc,
     robot_id_service_pb2_grpc,
@@ -25,15 +23,14 @@ from bosdyn.api import (
     time_sync_service_pb2_grpc,
     world_object_service_pb2_grpc,
 )
-from bosdyn.api.docking import docking_service_pb2_grpc
 from bosdyn.api.keepalive import keepalive_service_pb2_grpc
-from bosdyn.api.log_status import log_status_service_pb2_grpc
 
 from fake_robot.services.authority.estop import EstopService
 from fake_robot.services.authority.keepalive import KeepaliveService
 from fake_robot.services.authority.lease import LeaseService
 from fake_robot.services.authority.power import PowerService
 from fake_robot.services.calls.access import UnknownServiceHandler
+from fake_robot.services.calls.canned import CannedServices
 from fake_robot.services.identity.auth import AuthService
 from fake_robot.services.identity.directory import DirectoryRegistrationService, DirectoryService
 from fake_robot.services.identity.license import LicenseService
@@ -41,14 +38,14 @@ from fake_robot.services.identity.payload import PayloadRegistrationService, Pay
 from fake_robot.services.identity.robot_id import RobotIdService
 from fake_robot.services.identity.time_sync import TimeSyncService
 from fake_robot.services.motion.command_streaming import RobotCommandStreamingService
-from fake_robot.services.motion.docking import DockingService, LogStatusService
 from fake_robot.services.motion.robot_command import RobotCommandService
 from fake_robot.services.reports.data_buffer import DataBufferService, DataService
 from fake_robot.services.reports.fault import FaultService
 from fake_robot.services.reports.robot_state import RobotStateService, stream_handler
-from fake_robot.services.sensors import empty_answers as senses
 from fake_robot.services.sensors.cameras import ImageService
 from fake_robot.services.sensors.world import World
+from fake_robot.services.sensors.world_objects import WorldObjectService
+from fake_robot.services.stubs import ANSWERS
 
 
 def add_services(server: grpc.Server, world: World, username: str) -> None:
@@ -79,11 +76,9 @@ def add_services(server: grpc.Server, world: World, username: str) -> None:
     keepalive_service_pb2_grpc.add_KeepaliveServiceServicer_to_server(KeepaliveService(world.keepalive), server)
     data_buffer_service_pb2_grpc.add_DataBufferServiceServicer_to_server(DataBufferService(world.notes), server)
     data_service_pb2_grpc.add_DataServiceServicer_to_server(DataService(world.notes), server)
-    docking_service_pb2_grpc.add_DockingServiceServicer_to_server(DockingService(world.leases), server)
-    log_status_service_pb2_grpc.add_LogStatusServiceServicer_to_server(LogStatusService(), server)
     image_service_pb2_grpc.add_ImageServiceServicer_to_server(ImageService(world), server)
-    point_cloud_service_pb2_grpc.add_PointCloudServiceServicer_to_server(senses.PointCloudService(), server)
-    local_grid_service_pb2_grpc.add_LocalGridServiceServicer_to_server(senses.LocalGridService(), server)
-    world_object_service_pb2_grpc.add_WorldObjectServiceServicer_to_server(senses.WorldObjectService(), server)
-    # The first handler that takes a method wins: the stream of bytes, then whatever nobody took.
-    server.add_generic_rpc_handlers((stream_handler(world), UnknownServiceHandler()))
+    world_object_service_pb2_grpc.add_WorldObjectServiceServicer_to_server(
+        WorldObjectService(world.robot.snapshot), server
+    )
+    # The first handler that takes a method wins: the stream of bytes, the table of answers, then whatever nobody took.
+    server.add_generic_rpc_handlers((stream_handler(world), CannedServices(ANSWERS, world), UnknownServiceHandler()))

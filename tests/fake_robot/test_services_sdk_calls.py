@@ -19,6 +19,7 @@ from bosdyn.client.keepalive import InvalidPolicyError, KeepaliveClient, Policy,
 from bosdyn.client.license import LicenseClient
 from bosdyn.client.local_grid import LocalGridClient
 from bosdyn.client.log_status import LogStatusClient
+from bosdyn.client.math_helpers import Vec3
 from bosdyn.client.payload import PayloadClient
 from bosdyn.client.payload_registration import PayloadRegistrationClient
 from bosdyn.client.point_cloud import PointCloudClient
@@ -227,9 +228,9 @@ def test_keepalive_policy_acts_once_when_its_client_is_silent(robot: Any, stub: 
 def test_a_service_that_a_base_spot_has_and_the_fake_has_not(robot: Any) -> None:
     for name in ("spot-check", "data-acquisition", "recording-service", "map-processing-service", "auto-return"):
         robot.ensure_client(name)
-    client = robot.ensure_client("graph-nav-service")
+    client = robot.ensure_client("ray-cast")
     with pytest.raises(UnimplementedError) as refused:
-        client.get_localization_state()
+        client.raycast(Vec3(0.0, 0.0, 1.0), Vec3(1.0, 0.0, 0.0), [], frame_name="body")
     with pytest.raises(UnregisteredServiceNameError, match="manipulation"):
         robot.ensure_client("manipulation")
-    assert "no service 'bosdyn.api.graph_nav.GraphNavService'" in refused.value.error.details()
+    assert "no service 'bosdyn.api.RayCastService'" in refused.value.error.details()

@@ -53,10 +53,10 @@ class TimeSyncBook:
                 self._samples.popitem(last=False)
             return identifier
 
-    def knows(self, clock_identifier: str) -> bool:
-        """Whether this client has been given the identifier."""
+    def is_established(self, clock_identifier: str) -> bool:
+        """Whether the identifier was given to a client, and that client has reported enough round trips."""
         with self._lock:
-            return clock_identifier in self._samples
+            return len(self._samples.get(clock_identifier, ())) >= self.needed_samples
 
     def add(self, clock_identifier: str, sample: Sample) -> None:
         """Remember a round trip of a known client; one with a negative duration is no measurement and is dropped."""

@@ -38,6 +38,15 @@ class UnsupportedCommandError(Exception):
     """The fake has no such motion; the message says which it has."""
 
 
+TIMED = ("se2_velocity_request", "se2_trajectory_request", "stance_request")
+"""Mobility commands that bear an end time."""
+
+
+def is_timed(command: robot_command_pb2.RobotCommand) -> bool:
+    """Whether the command bears an end time."""
+    return command.synchronized_command.mobility_command.WhichOneof("command") in TIMED
+
+
 def parse(command: robot_command_pb2.RobotCommand) -> Command:
     """Read a command.
 

@@ -38,6 +38,13 @@ class RobotCommandService(robot_command_service_pb2_grpc.RobotCommandServiceServ
             response.status = Response.STATUS_INVALID_REQUEST
             response.message = "the lease is not good: see lease_use_result"
             return response
+        if not self._has_time_sync(request):
+            response.status = Response.STATUS_NO_TIMESYNC
+            response.message = (
+                f"clock_identifier {request.clock_identifier!r} is not that of a client that has finished its time "
+                "sync with this robot; wait for time sync before the first command"
+            )
+            return response
         try:
             command = commands.parse(request.command)
         except InvalidCommandError as error:
@@ -96,6 +103,13 @@ class RobotCommandService(robot_command_service_pb2_grpc.RobotCommandServiceServ
         is_cleared = self._world.robot.clear_behavior_fault(request.behavior_fault_id)
         response.status = response.STATUS_CLEARED if is_cleared else response.STATUS_NOT_CLEARED
         return response
+
+    def _has_time_sync(self, request: robot_command_pb2.RobotCommandRequest) -> bool:
+        """Whether the client is synchronised, or need not be for this command."""
+        check = self._world.config.clock_identifier_check
+        if check == "none" or (check == "timed_commands" and not commands.is_timed(request.command)):
+            return True
+        return self._world.time_sync.is_established(request.clock_identifier)
 
     def _why_not(self, command: Command) -> tuple[int, str] | None:
         """The status and words with which the robot refuses a command now; None if it takes it."""

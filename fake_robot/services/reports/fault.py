@@ -14,6 +14,8 @@ from fake_robot.services.calls.stamps import duration_from_ns, ns_from_timestamp
 
 MAX_FAULTS = 256
 MAX_HISTORY = 32
+LIVENESS_FAULT = "Service Liveness Fault"
+"""The fake's name for it; the vendor publishes none."""
 
 FaultKey = tuple[str, str, str]
 
@@ -94,6 +96,14 @@ class FaultService(fault_service_pb2_grpc.FaultServiceServicer):  # type: ignore
         is_known = self._book.clear(matches) > 0
         response.status = response.STATUS_OK if is_known else response.STATUS_FAULT_NOT_ACTIVE
         return response
+
+
+def liveness_fault(service_name: str) -> service_fault_pb2.ServiceFault:
+    """The fault of a service that no longer refreshes its entry in the directory."""
+    fault = service_fault_pb2.ServiceFault(severity=service_fault_pb2.ServiceFault.SEVERITY_CRITICAL)
+    fault.fault_id.fault_name, fault.fault_id.service_name = LIVENESS_FAULT, service_name
+    fault.error_message = f"service {service_name} has not refreshed its directory entry within its liveness time-out"
+    return fault
 
 
 def _key(fault_id: service_fault_pb2.ServiceFaultId) -> FaultKey:

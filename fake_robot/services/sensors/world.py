@@ -18,7 +18,7 @@ from fake_robot.services.identity.payload import PayloadBook
 from fake_robot.services.identity.time_sync_clients import TimeSyncBook
 from fake_robot.services.identity.tokens import Credentials, TokenMint
 from fake_robot.services.reports.data_buffer import NoteBook
-from fake_robot.services.reports.fault import ServiceFaultBook
+from fake_robot.services.reports.fault import ServiceFaultBook, liveness_fault
 
 _LEVELS = {NONE: EstopLevel.NONE, SETTLE_THEN_CUT: EstopLevel.SETTLE_THEN_CUT, CUT: EstopLevel.CUT}
 
@@ -46,7 +46,7 @@ class World:
             max_failed_logins=config.max_failed_logins,
             lockout_s=config.lockout_s,
         )
-        self.directory = DirectoryBook(self.now_ns())
+        self.directory = DirectoryBook(liveness)
         self.time_sync = TimeSyncBook(config.time_sync_samples, uses_newest=robot.is_lock_step)
         self.leases = LeaseBook(liveness, epoch=secrets.token_hex(8), timeout_s=config.lease_timeout_s)
         self.estop = EstopBook(
@@ -60,6 +60,7 @@ class World:
         self.service_faults = ServiceFaultBook(self.now_ns)
         self.notes = NoteBook(self.now_ns)
         self.license_state: str = config.joint_control_license
+        self._silent_services: frozenset[str] = frozenset()
         self.is_wifi_on = True
         self.are_payload_ports_on = True
 
@@ -78,6 +79,7 @@ class World:
             self._on_lease_expiry()
         for action in self.keepalive.due():
             self._take_action(action)
+        self._watch_services()
 
     def expire_lease(self) -> None:
         """Treat the holder of the lease as one that fell silent."""
@@ -101,6 +103,16 @@ class World:
             self.robot.safe_power_off()
         elif self.config.on_lease_expiry == "stop":
             self.robot.stop_motion()
+
+    def _watch_services(self) -> None:
+        """A client's service that falls silent is a service fault until it is heard again, or unregistered."""
+        silent = self.directory.silent()
+        for name in silent - self._silent_services:
+            self.service_faults.trigger(liveness_fault(name))
+        for name in self._silent_services - silent:
+            fault_id = liveness_fault(name).fault_id
+            self.service_faults.clear(lambda other, wanted=fault_id: other == wanted)  # type: ignore[misc]
+        self._silent_services = silent
 
     def _take_action(self, action: keepalive_pb2.ActionAfter) -> None:
         kind = action.WhichOneof("action")

@@ -1,0 +1,95 @@
+"""WorldObjectService: objects that clients draw, change and delete. The robot itself perceives none."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+
+import grpc
+from bosdyn.api import world_object_pb2, world_object_service_pb2_grpc
+
+from fake_robot.network.robot_port import Snapshot
+from fake_robot.services.calls.stamps import ns_from_timestamp
+from fake_robot.services.reports.robot_state_message import frame_tree
+
+MAX_OBJECTS = 1024
+FIRST_ID = 1
+
+Request = world_object_pb2.MutateWorldObjectRequest
+Response = world_object_pb2.MutateWorldObjectResponse
+_KIND_OF_FIELD = {
+    "drawable_properties": world_object_pb2.WORLD_OBJECT_DRAWABLE,
+    "apriltag_properties": world_object_pb2.WORLD_OBJECT_APRILTAG,
+    "tracked_entity_properties": world_object_pb2.WORLD_OBJECT_TRACKED_ENTITY,
+    "image_properties": world_object_pb2.WORLD_OBJECT_IMAGE_COORDINATES,
+    "dock_properties": world_object_pb2.WORLD_OBJECT_DOCK,
+    "nogo_region_properties": world_object_pb2.WORLD_OBJECT_USER_NOGO,
+    "staircase_properties": world_object_pb2.WORLD_OBJECT_STAIRCASE,
+}
+
+
+class WorldObjectService(world_object_service_pb2_grpc.WorldObjectServiceServicer):  # type: ignore[misc]
+    """Keeps the objects of all clients, numbered by the service.
+
+    Args:
+        snapshot: Gives the robot's frames, which every listed object bears beside its own.
+    """
+
+    def __init__(self, snapshot: Callable[[], Snapshot]) -> None:
+        self._snapshot = snapshot
+        self._objects: dict[int, world_object_pb2.WorldObject] = {}
+        self._next_id = FIRST_ID
+        self._lock = threading.Lock()
+
+    def ListWorldObjects(  # noqa: N802
+        self, request: world_object_pb2.ListWorldObjectRequest, context: grpc.ServicerContext
+    ) -> world_object_pb2.ListWorldObjectResponse:
+        """The objects of the asked kinds that are not older than the filter."""
+        with self._lock:
+            chosen = [o for o in self._objects.values() if _matches(o, request)]
+            response = world_object_pb2.ListWorldObjectResponse(world_objects=chosen)
+        edges = frame_tree(self._snapshot()).child_to_parent_edge_map
+        for listed in response.world_objects:
+            for child, edge in edges.items():
+                if child not in listed.transforms_snapshot.child_to_parent_edge_map:
+                    listed.transforms_snapshot.child_to_parent_edge_map[child].CopyFrom(edge)
+        return response
+
+    def MutateWorldObjects(  # noqa: N802
+        self, request: world_object_pb2.MutateWorldObjectRequest, context: grpc.ServicerContext
+    ) -> world_object_pb2.MutateWorldObjectResponse:
+        """Add, change or delete one object."""
+        action, wanted = request.mutation.action, request.mutation.object
+        with self._lock:
+            if action == Request.ACTION_ADD:
+                if len(self._objects) >= MAX_OBJECTS or not _has_properties(wanted):
+                    return Response(status=Response.STATUS_INVALID_WORLD_OBJECT)
+                number = self._next_id
+                self._next_id += 1
+            elif action in {Request.ACTION_CHANGE, Request.ACTION_DELETE}:
+                number = wanted.id
+                if number not in self._objects:
+                    return Response(status=Response.STATUS_INVALID_MUTATION_ID)
+            else:
+                return Response(status=Response.STATUS_INVALID_WORLD_OBJECT)
+            if action == Request.ACTION_DELETE:
+                del self._objects[number]
+            else:
+                kept = world_object_pb2.WorldObject()
+                kept.CopyFrom(wanted)
+                kept.id = number
+                self._objects[number] = kept
+        return Response(status=Response.STATUS_OK, mutated_object_id=number)
+
+
+def _has_properties(wanted: world_object_pb2.WorldObject) -> bool:
+    return bool(wanted.name) or any(f.name.endswith("_properties") for f, _ in wanted.ListFields())
+
+
+def _matches(candidate: world_object_pb2.WorldObject, request: world_object_pb2.ListWorldObjectRequest) -> bool:
+    if request.HasField("timestamp_filter"):
+        stamp_ns = ns_from_timestamp(candidate.acquisition_time)
+        if stamp_ns < ns_from_timestamp(request.timestamp_filter):
+            return False
+    kinds = {_KIND_OF_FIELD.get(f.name, world_object_pb2.WORLD_OBJECT_UNKNOWN) for f, _ in candidate.ListFields()}
+    return not request.object_type or bool(kinds & set(request.object_type))
