@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 
@@ -21,10 +23,13 @@ from fake_robot.network.state_message import StateMessageBuilder
 from fake_robot.network.streamed_command import StreamedCommand
 from fake_robot.robot.joint_control import JointControl, Stream
 from fake_robot.robot.modes import Modes
+from fake_robot.robot.steering import GroundPose
+from fake_robot.robot.walker import Walker
 from fake_robot.scenario.scenario import Scenario
 from spot_model.effects.base import CommandEffect, SoftwareEffect
 from spot_model.plant.command_channel import ServoCommand
 from spot_model.robot.facts import STATE_PERIOD_NS, Array
+from spot_model.robot.leg_kinematics import foot_position_in_body_m
 from spot_model.robot.stamps import NS_PER_S
 
 
@@ -45,7 +50,14 @@ class Simulation:
         self.body = Body(scenario, rngs[0])
         self.sensing = Sensing(scenario, self.body, rngs[1])
         self.joint_control = JointControl(scenario.joint_control, clock.stamp_ns)
-        self.modes = Modes(scenario, self.body, self.joint_control)
+        self.walker = Walker(
+            None if scenario.motion.walking_policy is None else Path(scenario.motion.walking_policy),
+            lambda: self.report,
+            self._pose_over_feet,
+            clock.stamp_ns,
+            scenario.motion.stand_height_m,
+        )
+        self.modes = Modes(scenario, self.body, self.joint_control, self.walker, self._pose_on_ground)
         self.energy = Energy(scenario.battery, scenario.motors)
         self.faults = FaultBook()
         self.extremes = Extremes()
@@ -200,6 +212,21 @@ class Simulation:
         self.time_powered_s += period_s
         if speed_m_s > 0.05:
             self.time_moving_s += period_s
+
+    def _pose_on_ground(self) -> GroundPose:
+        """Where the body is in odom, as reported."""
+        x_m, y_m, _ = self.odom.point(self.report.position_of_body_in_world_m.tolist())
+        w, x, y, z = self.odom.rotation(self.report.world_from_body_wxyz.tolist())
+        return GroundPose(x_m, y_m, math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
+
+    def _pose_over_feet(self) -> GroundPose:
+        """Where the body would be in odom if it stood over its feet now."""
+        pose = self._pose_on_ground()
+        ahead_m, left_m, _ = foot_position_in_body_m(self.report.position_rad).mean(axis=0).tolist()
+        cos, sin = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
+        return GroundPose(
+            pose.x_m + cos * ahead_m - sin * left_m, pose.y_m + sin * ahead_m + cos * left_m, pose.yaw_rad
+        )
 
     def _turn_knobs(self) -> None:
         knobs = self.faults.knobs

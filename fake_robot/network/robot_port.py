@@ -14,6 +14,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from fake_robot.network.stand_pose import StandPose
+from fake_robot.network.walk_plan import WalkPlan, WalkProgress
+
 Array = NDArray[np.float64]
 
 
@@ -36,6 +39,9 @@ class Mode(enum.Enum):
     STANDING_UP = "standing_up"
     STANDING = "standing"
     SITTING_DOWN = "sitting_down"
+    WALKING = "walking"
+    STEPPING = "stepping"
+    """Putting its feet to given places."""
     FROZEN = "frozen"
     RIGHTING = "righting"
     JOINT_CONTROL = "joint_control"
@@ -50,18 +56,12 @@ class EstopLevel(enum.Enum):
     CUT = "cut"
 
 
-@dataclass(frozen=True)
-class StandPose:
-    """Where a standing body shall be: offsets from the nominal stand over its feet (x forward, y left, z up)."""
+class StanceProgress(enum.Enum):
+    """How far the newest stance has come."""
 
-    forward_m: float = 0.0
-    left_m: float = 0.0
-    height_m: float = 0.0
-    roll_rad: float = 0.0
-    pitch_rad: float = 0.0
-    yaw_rad: float = 0.0
-    after_s: float = 0.0
-    """When it shall be there, from now on; it takes longer where that is too soon."""
+    MOVING = "moving"
+    REACHED = "reached"
+    TOO_FAR = "too_far"
 
 
 @dataclass(frozen=True)
@@ -126,6 +126,8 @@ class Snapshot:
     time_powered_s: float = 0.0
     joint_commands_received: int = 0
     is_joint_control_failed: bool = False
+    walk_progress: WalkProgress = WalkProgress.NONE
+    stance_progress: StanceProgress = StanceProgress.MOVING
     stand_height_m: float = 0.52
     """Height of the body's origin over the ground in the nominal stand."""
     metrics: Mapping[str, float] = field(default_factory=dict)
@@ -218,6 +220,15 @@ class RobotPort(Protocol):
 
     def stand(self, course: Sequence[StandPose] = ()) -> None:
         """Begin to stand, and then to follow a course of poses; without one, the nominal stand."""
+
+    def walk(self, plan: WalkPlan) -> None:
+        """Begin to walk, from a stand if need be, or go on walking with another plan."""
+
+    def place_feet(self, feet_in_odom_m: Array, accuracy_m: float) -> None:
+        """Begin to step until the feet stand at these places, shape (4, 2), legs fl, fr, hl, hr."""
+
+    def why_no_walk(self) -> str | None:
+        """Why the robot cannot walk by itself at all; None if it can."""
 
     def sit(self) -> None:
         """Begin to sit down."""

@@ -3,30 +3,44 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from fake_robot.body.body import Body
 from fake_robot.body.servo import damping_servo, stand_servo, torque_servo
-from fake_robot.network.robot_port import BehaviorFault, EstopLevel, Mode, MotorPower, StandPose, StreamFailure
+from fake_robot.network.robot_port import BehaviorFault, EstopLevel, Mode, MotorPower, StanceProgress, StreamFailure
+from fake_robot.network.stand_pose import StandPose
 from fake_robot.network.streamed_command import EXPIRED, INACTIVE
+from fake_robot.network.walk_plan import WalkPlan
+from fake_robot.robot.falls import FallWatch
 from fake_robot.robot.joint_control import Expiry, JointControl
+from fake_robot.robot.stance import MAX_ROUNDS, REACH_M, stance_path
+from fake_robot.robot.steering import GroundPose
 from fake_robot.robot.vendor_motion import SIT_POSITION_RAD, Path, hold_path, sit_path, stand_path
+from fake_robot.robot.walker import Walker
 from fake_robot.scenario.scenario import Scenario
 from spot_model.errors import SpotRlError
 from spot_model.plant.command_channel import ServoCommand
-from spot_model.robot.facts import TOTAL_MASS_KG
+from spot_model.robot.facts import TOTAL_MASS_KG, Array
+from spot_model.robot.leg_kinematics import foot_position_in_body_m
 from spot_model.robot.stamps import NS_PER_S
 
 _LOW_BODY_M = 0.32
 """Below it a stand first puts the feet in place."""
-_LYING_BODY_M = 0.2
-_LYING_S = 0.25
 _SETTLED_S = 0.2
 _RIGHTING_S = 3.0
 _RIGHTING_NM_PER_RAD, _RIGHTING_NM_S_PER_RAD = 70.0, 15.0
-_UPRIGHT = (Mode.SITTING, Mode.STANDING_UP, Mode.STANDING, Mode.SITTING_DOWN, Mode.FROZEN, Mode.JOINT_CONTROL)
+_MOVING = (
+    Mode.STANDING_UP,
+    Mode.STANDING,
+    Mode.STEPPING,
+    Mode.SITTING_DOWN,
+    Mode.FROZEN,
+    Mode.WALKING,
+    Mode.JOINT_CONTROL,
+)
+"""Modes in which a behaviour fault lets the robot sink to the ground."""
 
 
 class MotionRefusedError(SpotRlError):
@@ -40,12 +54,25 @@ class Modes:
         scenario: Durations, heights and policies.
         body: What moves.
         joint_control: Commands of the streams.
+        walker: What walks by itself.
+        body_on_ground: Where the body is in odom.
     """
 
-    def __init__(self, scenario: Scenario, body: Body, joint_control: JointControl) -> None:
+    def __init__(
+        self,
+        scenario: Scenario,
+        body: Body,
+        joint_control: JointControl,
+        walker: Walker,
+        body_on_ground: Callable[[], GroundPose],
+    ) -> None:
         self._power, self._motion, self._policy = scenario.power, scenario.motion, scenario.joint_control
         self._body = body
-        self._joint_control = joint_control
+        self._joint_control, self._walker = joint_control, walker
+        self._body_on_ground = body_on_ground
+        self.stance_progress = StanceProgress.MOVING
+        self._falls = FallWatch(body, scenario.motion.fall_tilt_rad)
+        self._next: Callable[[], None] | None = None
         self._mass_kg = TOTAL_MASS_KG + scenario.payload.mass_kg
         self.mode = Mode.LIMP
         self.motor_power = MotorPower.OFF
@@ -55,7 +82,6 @@ class Modes:
         self._next_fault_id = 1
         self._until_ns = 0
         self._is_cut_when_down = False
-        self._lying_since_ns: int | None = None
         self._servo: ServoCommand = damping_servo(0.0)
         self._path: Path = hold_path(SIT_POSITION_RAD)
         self._path_start_ns = 0
@@ -86,11 +112,11 @@ class Modes:
         if self.motor_power is not MotorPower.ON:
             self.power_off()
             return
-        if self.mode is not Mode.SITTING:
+        if self.mode is Mode.SITTING:
+            self.power_off()
+        elif not self._is_stopped_first(self.safe_power_off):
             self.sit()
             self._is_cut_when_down = True
-        else:
-            self.power_off()
 
     def give_up(self, reason: str) -> None:
         """Sit down and cut power by itself, unless it is doing so or has no power."""
@@ -105,6 +131,8 @@ class Modes:
     def stand(self, course: Sequence[StandPose] = ()) -> None:
         """Start to stand, or to change the pose of a stand, and then to follow a course of poses."""
         self._check_can_move("stand")
+        if self._is_stopped_first(lambda: self.stand(course)):
+            return
         self._leave_joint_control(None)
         is_low = not self._body.height_m() > _LOW_BODY_M
         duration_s = self._motion.stand_s if is_low else 0.5 * self._motion.stand_s
@@ -118,10 +146,44 @@ class Modes:
         )
         self._follow(Mode.STANDING_UP, path)
 
-    def sit(self) -> None:
-        """Start to sit down."""
-        self._check_powered("sit")
+    def walk(self, plan: WalkPlan) -> None:
+        """Start to walk, from a stand if need be, or go on walking with another plan."""
+        self._check_can_move("walk")
         self._leave_joint_control(None)
+        if self.mode is Mode.WALKING:
+            self._next = None
+            self._walker.follow(plan, self.now_ns)
+        elif self.mode is Mode.STANDING or (self.mode is Mode.STANDING_UP and self._next is not None):
+            self._after_stand(lambda: self._begin_walk(plan))
+        else:
+            self.stand()
+            self._after_stand(lambda: self._begin_walk(plan))
+
+    def place_feet(self, feet_in_odom_m: Array, accuracy_m: float) -> None:
+        """Step until the feet stand at these places, shape (4, 2), from a stand if need be; not if they are too far."""
+        self._check_can_move("stance")
+        if self.mode is Mode.STEPPING:
+            return
+        if self.mode is Mode.STANDING:
+            self._begin_steps(feet_in_odom_m, accuracy_m)
+        else:
+            self.stand()
+            self._next = lambda: self._begin_steps(feet_in_odom_m, accuracy_m)
+
+    def stop(self) -> None:
+        """From a walk, joint control or freezing back to the vendor's stand; else nothing."""
+        if self.mode in (Mode.WALKING, Mode.JOINT_CONTROL, Mode.FROZEN):
+            self.stand()
+
+    def sit(self) -> None:
+        """Start to sit down; a walk comes to a stop first."""
+        self._check_powered("sit")
+        if self._is_stopped_first(self.sit):
+            return
+        self._leave_joint_control(None)
+        self._sit_now()
+
+    def _sit_now(self) -> None:
         start = self._body.joint_position_rad.copy()
         self._follow(Mode.SITTING_DOWN, sit_path(start, duration_s=self._motion.sit_s, mass_kg=self._mass_kg))
 
@@ -168,7 +230,7 @@ class Modes:
         if self.mode in (Mode.DAMPING, Mode.RIGHTING, Mode.LIMP) or self._body.tilt_rad() > self._motion.fall_tilt_rad:
             self._damp()
         else:
-            self.sit()
+            self._sit_now()
         self._is_cut_when_down = True
 
     def add_behavior_fault(self, cause: str, message: str = "") -> BehaviorFault:
@@ -177,7 +239,7 @@ class Modes:
         fault = BehaviorFault(self._next_fault_id, stamp_ns, cause)
         self._next_fault_id += 1
         self.behavior_faults.append(fault)
-        if self.motor_power is MotorPower.ON and self.mode in _UPRIGHT and self.mode is not Mode.SITTING:
+        if self.motor_power is MotorPower.ON and self.mode in _MOVING:
             self._leave_joint_control(StreamFailure(INACTIVE, f"behaviour fault {cause}: {message}".rstrip(": ")))
             self._damp()
         return fault
@@ -202,6 +264,8 @@ class Modes:
                 self._expire(command)
             elif command is not None:
                 return command
+        elif self.mode is Mode.WALKING:
+            return self._walker.servo(now_ns)
         if not self._is_path_done:
             time_s = self._path_time_s()
             self._servo = stand_servo(*self._path.at(time_s))
@@ -234,8 +298,10 @@ class Modes:
 
     def _tick_motion(self) -> None:
         is_settled = self._path_time_s() > self._path.duration_s + _SETTLED_S
-        if self.mode is Mode.STANDING_UP and is_settled:
-            self._enter(Mode.STANDING)
+        if (self.mode is Mode.STANDING_UP and is_settled) or (self.mode is Mode.STEPPING and is_settled):
+            self._stand_is_reached()
+        elif self.mode is Mode.WALKING and self._walker.is_at_rest(self.now_ns):
+            self._end_walk()
         elif self.mode is Mode.SITTING_DOWN and is_settled:
             self._come_to_rest()
         elif self.mode is Mode.DAMPING and self.now_ns >= self._until_ns:
@@ -247,6 +313,54 @@ class Modes:
             self._turn_over()
         elif self.mode is Mode.JOINT_CONTROL and self._joint_control.has_waited_too_long(self.now_ns):
             self.stand()
+
+    def _stand_is_reached(self) -> None:
+        do_next = self._next
+        self._enter(Mode.STANDING)
+        if do_next is not None:
+            do_next()
+
+    def _after_stand(self, do_next: Callable[[], None]) -> None:
+        if self.mode is Mode.STANDING:
+            do_next()
+        else:
+            self._next = do_next
+
+    def _begin_walk(self, plan: WalkPlan) -> None:
+        position, load = self._path.at(self._path_time_s())
+        self._walker.start(plan, self.now_ns, position, load)
+        self._enter(Mode.WALKING)
+
+    def _begin_steps(self, feet_in_odom_m: Array, accuracy_m: float, rounds: int = MAX_ROUNDS) -> None:
+        pose = self._body_on_ground()
+        cos, sin = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
+        goal = (feet_in_odom_m - (pose.x_m, pose.y_m)) @ np.array([[cos, -sin], [sin, cos]])
+        position_rad = self._body.joint_position_rad.copy()
+        distance_m = float(np.linalg.norm(goal - foot_position_in_body_m(position_rad)[:, :2], axis=1).max())
+        if distance_m <= accuracy_m:
+            self.stance_progress = StanceProgress.REACHED
+        elif distance_m > REACH_M or rounds == 0:
+            self.stance_progress = StanceProgress.TOO_FAR
+        else:
+            self.stance_progress = StanceProgress.MOVING
+            self._follow(Mode.STEPPING, stance_path(position_rad, goal, mass_kg=self._mass_kg))
+            self._next = lambda: self._begin_steps(feet_in_odom_m, accuracy_m, rounds - 1)
+
+    def _is_stopped_first(self, do_next: Callable[[], None]) -> bool:
+        """Whether the robot walks, so that it has to come to a stop before it does something else."""
+        if self.mode is not Mode.WALKING:
+            return False
+        self._walker.stop(self.now_ns)
+        self._next = do_next
+        return True
+
+    def _end_walk(self) -> None:
+        do_next = self._next
+        self._enter(Mode.STANDING)
+        if do_next is None:
+            self.stand()
+        else:
+            do_next()
 
     def _come_to_rest(self) -> None:
         is_cut = self._is_cut_when_down
@@ -285,22 +399,9 @@ class Modes:
             if excess is not None:
                 self.add_behavior_fault("command_failure", excess)
                 return
-        if self.mode not in (Mode.STANDING_UP, Mode.STANDING, Mode.FROZEN, Mode.JOINT_CONTROL):
-            self._lying_since_ns = None
-            return
-        tilt = self._body.tilt_rad()
-        if tilt > self._motion.fall_tilt_rad:
-            self._fall(f"the body is tilted by {math.degrees(tilt):.0f} degrees")
-        elif self.mode in (Mode.STANDING, Mode.JOINT_CONTROL) and self._has_lain():
-            self._fall("the body lies on the ground")
-
-    def _has_lain(self) -> bool:
-        if not (self._body.height_m() < _LYING_BODY_M and self._body.is_lying()):
-            self._lying_since_ns = None
-            return False
-        if self._lying_since_ns is None:
-            self._lying_since_ns = self.now_ns
-        return self.now_ns - self._lying_since_ns > _LYING_S * NS_PER_S
+        why = self._falls.why_fallen(self.mode, self.now_ns)
+        if why is not None:
+            self._fall(why)
 
     def _fall(self, message: str) -> None:
         if self.mode is Mode.JOINT_CONTROL and not self._policy.is_stopped_by_fall:
@@ -315,7 +416,8 @@ class Modes:
         self.mode = mode
         self._until_ns = 0
         self._is_cut_when_down = False
-        self._lying_since_ns = None
+        self._next = None
+        self._falls.reset()
 
     def _follow(self, mode: Mode, path: Path) -> None:
         self._enter(mode)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -12,17 +13,20 @@ from fake_robot.body.truth import Lateness, Truth
 from fake_robot.faults.active_faults import fault_kinds
 from fake_robot.faults.registry import make_fault
 from fake_robot.network.malformed import spoil
-from fake_robot.network.robot_port import EstopLevel, FaultKind, Mode, Snapshot, StandPose, StreamFailure
+from fake_robot.network.robot_port import EstopLevel, FaultKind, Snapshot, StreamFailure
+from fake_robot.network.stand_pose import StandPose
 from fake_robot.network.state_stream import StateSubscription
 from fake_robot.network.streamed_command import CommandRefusedError
+from fake_robot.network.walk_plan import WalkPlan
 from fake_robot.robot.joint_control import Stream
 from fake_robot.robot.snapshot import snapshot_of, truth_of
 from fake_robot.scenario.scenario import Scenario
 from fake_robot.start.real_time import RealTimeLoop
 from spot_model.errors import SpotRlError
-from spot_model.robot.facts import STATE_PERIOD_NS
+from spot_model.robot.facts import STATE_PERIOD_NS, Array
 from spot_model.robot.stamps import NS_PER_S
 
+_LOGGER = logging.getLogger(__name__)
 _MAX_WAIT_FOR_STATES_NS = NS_PER_S
 
 
@@ -70,6 +74,9 @@ class Robot:
             max_catch_up_s=self.scenario.real_time.max_catch_up_s,
             on_crash=self._close_states,
         )
+        reason = self.why_no_walk()  # loads the policy before robot time begins to pass
+        if reason is not None:
+            _LOGGER.warning("walking commands will be refused: %s", reason)
         self._loop.start()
 
     def stop(self) -> None:
@@ -147,16 +154,33 @@ class Robot:
         with self._changed:
             self._simulation.modes.stand(course)
 
+    def walk(self, plan: WalkPlan) -> None:
+        """Begin to walk, from a stand if need be, or go on walking with another plan."""
+        with self._changed:
+            self._simulation.modes.walk(plan)
+
+    def place_feet(self, feet_in_odom_m: Array, accuracy_m: float) -> None:
+        """Begin to step until the feet stand at these places, shape (4, 2), legs fl, fr, hl, hr."""
+        with self._changed:
+            self._simulation.modes.place_feet(feet_in_odom_m, accuracy_m)
+
+    def why_no_walk(self) -> str | None:
+        """Why the robot cannot walk by itself at all; None if it can."""
+        try:
+            self._simulation.walker.load()
+        except SpotRlError as error:
+            return str(error)
+        return None
+
     def sit(self) -> None:
         """Begin to sit down."""
         with self._changed:
             self._simulation.modes.sit()
 
     def stop_motion(self) -> None:
-        """Stop: from joint control or freezing back to the vendor's stand; else nothing."""
+        """Stop: from a walk, joint control or freezing back to the vendor's stand; else nothing."""
         with self._changed:
-            if self._simulation.modes.mode in (Mode.JOINT_CONTROL, Mode.FROZEN):
-                self._simulation.modes.stand()
+            self._simulation.modes.stop()
 
     def freeze(self) -> None:
         """Hold every joint where it is."""

@@ -59,6 +59,8 @@ def snapshot_of(simulation: Simulation, clock: RobotClock) -> Snapshot:
         time_powered_s=simulation.time_powered_s,
         joint_commands_received=simulation.joint_control.received,
         is_joint_control_failed=simulation.joint_control.is_failed,
+        walk_progress=simulation.walker.progress,
+        stance_progress=modes.stance_progress,
         stand_height_m=simulation.scenario.motion.stand_height_m,
     )
 

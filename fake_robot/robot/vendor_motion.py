@@ -9,12 +9,13 @@ from itertools import pairwise
 
 import numpy as np
 
-from fake_robot.network.robot_port import StandPose
+from fake_robot.network.stand_pose import StandPose
 from spot_model.robot import facts
 from spot_model.robot.facts import Array
 from spot_model.robot.leg_kinematics import foot_position_and_jacobian, foot_position_in_body_m
 
-_ROWS_PER_S = 100
+ROWS_PER_S = 100
+"""Set-points a second in a path."""
 _TUCK_SHARE = 0.35
 """Part of a stand or sit in which the feet are put in place under a body that lies on the ground."""
 NOMINAL_STAND = StandPose()
@@ -109,16 +110,16 @@ def stand_path(
     if is_low and course[0].after_s > duration_s:
         course = (StandPose(after_s=duration_s), *course)
     time_s = max(duration_s, course[0].after_s)
-    n = max(4, round(time_s * _ROWS_PER_S))
+    n = max(4, round(time_s * ROWS_PER_S))
     rows, bearing = _rise(start_rad, stand_feet_m(body_height_m, course[0]), n, is_low=is_low)
     for before, after in pairwise(course):
-        steps = max(4, round(max(_LEAST_S, after.after_s - time_s) * _ROWS_PER_S))
-        time_s += steps / _ROWS_PER_S
-        weight = _smooth(np.linspace(0.0, 1.0, steps + 1))[1:, np.newaxis]
+        steps = max(4, round(max(_LEAST_S, after.after_s - time_s) * ROWS_PER_S))
+        time_s += steps / ROWS_PER_S
+        weight = smooth(np.linspace(0.0, 1.0, steps + 1))[1:, np.newaxis]
         poses = _row(before) + weight * (_row(after) - _row(before))
         rows = np.concatenate([rows, leg_angles_rad(_feet_of_course(body_height_m, poses))])
     bearing = np.concatenate([bearing, np.ones(len(rows) - len(bearing))])
-    return Path(rows, _weight_load_nm(rows, mass_kg) * bearing[:, np.newaxis], time_s)
+    return Path(rows, weight_load_nm(rows, mass_kg) * bearing[:, np.newaxis], time_s)
 
 
 def _rise(start_rad: Array, target_m: Array, n: int, *, is_low: bool) -> tuple[Array, Array]:
@@ -129,7 +130,7 @@ def _rise(start_rad: Array, target_m: Array, n: int, *, is_low: bool) -> tuple[A
     first = _blend(start_rad, SIT_POSITION_RAD, np.linspace(0.0, 1.0, tuck + 1))
     low = foot_position_in_body_m(SIT_POSITION_RAD)
     part = np.linspace(0.0, 1.0, n - tuck + 1)[1:]
-    rows = np.concatenate([first, leg_angles_rad(low + _smooth(part)[:, np.newaxis, np.newaxis] * (target_m - low))])
+    rows = np.concatenate([first, leg_angles_rad(low + smooth(part)[:, np.newaxis, np.newaxis] * (target_m - low))])
     return rows, np.concatenate([np.zeros(tuck + 1), np.minimum(1.0, 8.0 * part)])
 
 
@@ -157,16 +158,16 @@ def _feet_of_course(body_height_m: float, poses: Array) -> Array:
 
 def sit_path(start_rad: Array, *, duration_s: float, mass_kg: float) -> Path:
     """From a stand straight down until the body lies on the ground, legs folded."""
-    n = max(4, round(duration_s * _ROWS_PER_S))
+    n = max(4, round(duration_s * ROWS_PER_S))
     weight = np.linspace(0.0, 1.0, n + 1)
     feet = foot_position_in_body_m(start_rad)
     low = foot_position_in_body_m(SIT_POSITION_RAD)
-    s = _smooth(weight)[:, np.newaxis, np.newaxis]
+    s = smooth(weight)[:, np.newaxis, np.newaxis]
     rows = leg_angles_rad(feet + s * (low - feet))
     # The first rows lead from the true joints to the path, which may differ at the limits.
-    rows = rows + (1.0 - _smooth(weight))[:, np.newaxis] * (start_rad - rows[0])
+    rows = rows + (1.0 - smooth(weight))[:, np.newaxis] * (start_rad - rows[0])
     bearing = np.clip(8.0 * (1.0 - weight), 0.0, 1.0)[:, np.newaxis]
-    return Path(rows, _weight_load_nm(rows, mass_kg) * bearing, duration_s)
+    return Path(rows, weight_load_nm(rows, mass_kg) * bearing, duration_s)
 
 
 def hold_path(position_rad: Array) -> Path:
@@ -176,19 +177,26 @@ def hold_path(position_rad: Array) -> Path:
 
 
 def _blend(start: Array, goal: Array, weight: Array) -> Array:
-    return np.asarray(start + _smooth(weight)[:, np.newaxis] * (goal - start))
+    return np.asarray(start + smooth(weight)[:, np.newaxis] * (goal - start))
 
 
-def _smooth(weight: Array) -> Array:
-    """Minimum-jerk course from 0 to 1."""
+def smooth(weight: Array) -> Array:
+    """Minimum-jerk course from 0 to 1, any shape."""
     return np.asarray(weight**3 * (10.0 - 15.0 * weight + 6.0 * weight**2))
 
 
-def _weight_load_nm(position_rad: Array, mass_kg: float) -> Array:
-    """Joint torques that bear a quarter of the weight on each foot of a level body, shape (n, 12)."""
+def weight_load_nm(position_rad: Array, mass_kg: float, share: Array | float = 1.0 / facts.N_LEGS) -> Array:
+    """Joint torques that bear the weight of a level body, shape (n, 12).
+
+    Args:
+        position_rad: Shape (n, 12).
+        mass_kg: Mass that the legs bear.
+        share: Each foot's share of the weight, shape (n, 4), or one for all.
+    """
     _, jacobian = foot_position_and_jacobian(position_rad)
+    weight = mass_kg * _GRAVITY_M_S2 * np.broadcast_to(share, (len(position_rad), facts.N_LEGS))
     # The ground pushes the foot up with f; the joints balance it with −Jᵀf.
-    load: Array = -jacobian[..., 2, :] * (mass_kg * _GRAVITY_M_S2 / facts.N_LEGS)
+    load: Array = -jacobian[..., 2, :] * weight[..., np.newaxis]
     rows: Array = load.reshape(position_rad.shape)
     return rows
 

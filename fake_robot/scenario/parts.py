@@ -179,6 +179,9 @@ class MotionConfig(Part):
     """Damping of all joints while the robot sinks to the ground after a fault or an expired command."""
     damping_s: float = Field(default=3.0, gt=0.0, le=60.0)
     """How long it damps before the motors count as at rest (mode sitting, holding where they are)."""
+    walking_policy: str | None = Field(default=None, min_length=1, max_length=4096)
+    """Policy file that walks when a client sends the vendor's walking commands; the shipped one if none is given. A
+    relative path starts at the scenario's file."""
     fall_tilt_rad: float = Field(default=1.05, gt=0.1, le=3.2)
     """A body tilted further, or lying on the ground while it should stand, has fallen."""
 

@@ -52,6 +52,10 @@ class ServicesConfig(BaseModel):
     max_command_duration_s: float = Field(default=600.0, gt=0, le=86400)
     """A robot command whose end time lies further ahead is TOO_DISTANT."""
 
+    max_walking_speed_m_s: float = Field(default=1.6, gt=0, le=10)
+    """Bound of the walking commands, forwards and to the side. Source: the vendor's data sheet."""
+    max_turn_rate_rad_s: float = Field(default=2.0, gt=0, le=10)
+
     second_command_stream: Literal["refuse", "evict"] = "refuse"
     """What a second joint-control stream does while one is open."""
     max_command_rate_hz: float = Field(default=2000.0, gt=0)

@@ -20,10 +20,11 @@ from fake_robot.network.robot_port import (
     Mode,
     MotorPower,
     Snapshot,
-    StandPose,
     StreamFailure,
     SystemFault,
 )
+from fake_robot.network.stand_pose import StandPose
+from fake_robot.network.walk_plan import WalkPlan
 from fake_robot.scenario.services_config import ServicesConfig
 from fake_robot.services.identity.tokens import Credentials
 from fake_robot.start.certificates import ServerCertificates, ensure_certificates
@@ -112,6 +113,7 @@ class StubRobot:
         self.is_lock_step = is_lock_step
         self.calls: list[str] = []
         self.courses: list[tuple[StandPose, ...]] = []
+        self.plans: list[WalkPlan] = []
         self.last_command_key = 0
         self.commands_submitted = 0
         self.last_state_stamp_ns = 0
@@ -176,6 +178,18 @@ class StubRobot:
         self.courses.append(tuple(course))
         self.calls.append("stand" + "".join(f" {p.height_m:.2f} {p.roll_rad:.2f} {p.yaw_rad:.2f}" for p in course))
         self.set(mode=Mode.STANDING_UP)
+
+    def walk(self, plan: WalkPlan) -> None:
+        self.plans.append(plan)
+        self.calls.append("walk")
+        self.set(mode=Mode.WALKING)
+
+    def place_feet(self, feet_in_odom_m: Any, accuracy_m: float) -> None:
+        self.calls.append("place_feet")
+        self.set(mode=Mode.STEPPING)
+
+    def why_no_walk(self) -> str | None:
+        return None
 
     def sit(self) -> None:
         self.calls.append("sit")

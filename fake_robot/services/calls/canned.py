@@ -53,6 +53,6 @@ def _handler(method: Any, answer: Answer, world: object) -> grpc.RpcMethodHandle
 
     return grpc.unary_unary_rpc_method_handler(
         respond,
-        request_deserializer=request_type.FromString,  # type: ignore[attr-defined]
+        request_deserializer=request_type.FromString,
         response_serializer=response_type.SerializeToString,
     )

@@ -1,16 +1,21 @@
-"""What a ``RobotCommand`` asks for, in the robot's own verbs; and its feedback. No gRPC."""
+"""What a ``RobotCommand`` asks for, in the robot's own verbs. No gRPC."""
 
 from __future__ import annotations
 
 import enum
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any, Final
 
-from bosdyn.api import basic_command_pb2, robot_command_pb2
+from bosdyn.api import robot_command_pb2
 
-from fake_robot.network.robot_port import EstopLevel, Mode, MotorPower, RobotPort, Snapshot
-from fake_robot.services.motion.stand_params import BodyCourse, InvalidCommandError, read_course, stand_poses
-
-Feedback = basic_command_pb2.RobotCommandFeedbackStatus
+from fake_robot.network.robot_port import RobotPort, Snapshot
+from fake_robot.network.walk_plan import WalkPlan
+from fake_robot.services.calls.stamps import ns_from_timestamp
+from fake_robot.services.motion.refusals import InvalidCommandError, UnsupportedCommandError
+from fake_robot.services.motion.stance_params import FootTargets, read_stance
+from fake_robot.services.motion.stand_params import BodyCourse, read_course, stand_poses
+from fake_robot.services.motion.walk_params import WalkBounds, read_trajectory, read_velocity
 
 
 class Verb(enum.Enum):
@@ -23,40 +28,43 @@ class Verb(enum.Enum):
     SELFRIGHT = "selfright"
     SAFE_POWER_OFF = "safe_power_off"
     JOINT = "joint"
+    SE2_VELOCITY = "se2_velocity"
+    SE2_TRAJECTORY = "se2_trajectory"
+    STANCE = "stance"
+
+
+WALKS: Final = (Verb.SE2_VELOCITY, Verb.SE2_TRAJECTORY)
+TIMED: Final = (*WALKS, Verb.STANCE)
+"""Commands that must bear an end time."""
+_FULL_BODY: Final = ("stop", "freeze", "selfright", "safe_power_off", "joint")
+_MOBILITY: Final = ("stand", "sit", "stop", "freeze", "se2_velocity", "se2_trajectory", "stance")
 
 
 @dataclass(frozen=True)
 class Command:
-    """One command: the verb, whether it came as a synchronised command, and the body's course in a stand."""
+    """One command: the verb, whether it came as a synchronised command, and what the verb needs."""
 
     verb: Verb
     is_synchronized: bool
     course: BodyCourse = BodyCourse()
+    end_stamp_ns: int | None = None
+    """Robot time; None for a command without an end time, 0 for one that should bear it and does not."""
+    plan: Callable[[Snapshot], WalkPlan] | None = None
+    feet: FootTargets | None = None
+    request: Any = None
+    """The vendor's message of a walk, which its feedback echoes."""
 
 
-class UnsupportedCommandError(Exception):
-    """The fake has no such motion; the message says which it has."""
-
-
-TIMED = ("se2_velocity_request", "se2_trajectory_request", "stance_request")
-"""Mobility commands that bear an end time."""
-
-
-def is_timed(command: robot_command_pb2.RobotCommand) -> bool:
-    """Whether the command bears an end time."""
-    return command.synchronized_command.mobility_command.WhichOneof("command") in TIMED
-
-
-def parse(command: robot_command_pb2.RobotCommand) -> Command:
+def parse(command: robot_command_pb2.RobotCommand, bounds: WalkBounds) -> Command:
     """Read a command.
 
     Raises:
-        InvalidCommandError: It is empty, or its parameters cannot be read.
-        UnsupportedCommandError: It asks for a motion, an arm or a gripper that the fake has not.
+        RefusedCommandError: It is empty, its parameters cannot be read, or it asks for a motion, a frame, an arm or a
+            gripper that the fake has not.
     """
     kind = command.WhichOneof("command")
     if kind == "full_body_command":
-        return Command(_verb(command.full_body_command.WhichOneof("command"), kind), is_synchronized=False)
+        return Command(_verb(command.full_body_command.WhichOneof("command"), kind, _FULL_BODY), is_synchronized=False)
     if kind != "synchronized_command":
         raise InvalidCommandError("the command is empty; set full_body_command or synchronized_command")
     synchronized = command.synchronized_command
@@ -64,84 +72,52 @@ def parse(command: robot_command_pb2.RobotCommand) -> Command:
         if synchronized.HasField(part):
             raise UnsupportedCommandError(f"the robot has no arm, so it cannot follow {part}")
     mobility = synchronized.mobility_command
-    verb = _verb(mobility.WhichOneof("command"), kind)
-    if verb is not Verb.STAND or not mobility.HasField("params"):
-        return Command(verb, is_synchronized=True)
-    return Command(verb, is_synchronized=True, course=read_course(mobility.params))
+    verb = _verb(mobility.WhichOneof("command"), kind, _MOBILITY)
+    params = mobility.params if mobility.HasField("params") else None
+    if verb in TIMED:
+        return _timed(verb, getattr(mobility, f"{verb.value}_request"), params, bounds)
+    if verb is Verb.STAND and params is not None:
+        return Command(verb, is_synchronized=True, course=read_course(params))
+    return Command(verb, is_synchronized=True)
 
 
 def start(command: Command, robot: RobotPort) -> None:
     """Have the robot begin.
 
     Raises:
-        UnknownFrameError: The body's course is in a frame that the robot has not.
+        RefusedCommandError: The body's course is in a frame that the robot has not, or feet are out of reach.
     """
     if command.verb is Verb.STAND:
         robot.stand(stand_poses(command.course, robot.snapshot()))
-        return
-    begin = {
-        Verb.SIT: robot.sit,
-        Verb.STOP: robot.stop_motion,
-        Verb.FREEZE: robot.freeze,
-        Verb.SELFRIGHT: robot.selfright,
-        Verb.SAFE_POWER_OFF: robot.safe_power_off,
-        Verb.JOINT: robot.enter_joint_control,
-    }
-    begin[command.verb]()
-
-
-def feedback(command: Command, snapshot: Snapshot, *, is_current: bool) -> robot_command_pb2.RobotCommandFeedback:
-    """How a command goes.
-
-    One that a newer command replaced is OVERRIDDEN. One that lost the motors to an e-stop or a fault is ROBOT_FROZEN.
-    """
-    message = robot_command_pb2.RobotCommandFeedback()
-    if command.is_synchronized:
-        part = message.synchronized_feedback.mobility_command_feedback
+    elif command.plan is not None:
+        robot.walk(command.plan(robot.snapshot()))
+    elif command.feet is not None:
+        robot.place_feet(command.feet.in_odom_m(robot.snapshot()), command.feet.accuracy_m)
     else:
-        part = message.full_body_feedback
-    part.status = _status(command, snapshot, is_current=is_current)
-    inner = getattr(part, f"{command.verb.value}_feedback")
-    inner.SetInParent()
-    if command.verb is Verb.STAND:
-        is_done = snapshot.mode is Mode.STANDING
-        inner.status = inner.STATUS_IS_STANDING if is_done else inner.STATUS_IN_PROGRESS
-        inner.standing_state = inner.STANDING_CONTROLLED if is_done else inner.STANDING_UNKNOWN
-    elif command.verb is Verb.SIT:
-        is_done = snapshot.mode is Mode.SITTING
-        inner.status = inner.STATUS_IS_SITTING if is_done else inner.STATUS_IN_PROGRESS
-    elif command.verb is Verb.SELFRIGHT:
-        is_done = snapshot.mode is Mode.SITTING
-        inner.status = inner.STATUS_COMPLETED if is_done else inner.STATUS_IN_PROGRESS
-    elif command.verb is Verb.SAFE_POWER_OFF:
-        is_done = snapshot.motor_power is MotorPower.OFF
-        inner.status = inner.STATUS_POWERED_OFF if is_done else inner.STATUS_IN_PROGRESS
-    elif command.verb is Verb.JOINT:
-        is_active = is_current and snapshot.mode is Mode.JOINT_CONTROL and not snapshot.is_joint_control_failed
-        inner.status = inner.STATUS_ACTIVE if is_active else inner.STATUS_ERROR
-        inner.num_messages_received = snapshot.joint_commands_received
-    return message
+        begin = {
+            Verb.SIT: robot.sit,
+            Verb.STOP: robot.stop_motion,
+            Verb.FREEZE: robot.freeze,
+            Verb.SELFRIGHT: robot.selfright,
+            Verb.SAFE_POWER_OFF: robot.safe_power_off,
+            Verb.JOINT: robot.enter_joint_control,
+        }
+        begin[command.verb]()
 
 
-def _status(command: Command, snapshot: Snapshot, *, is_current: bool) -> int:
-    if not is_current:
-        return int(Feedback.STATUS_COMMAND_OVERRIDDEN)
-    is_power_lost = snapshot.motor_power is not MotorPower.ON and command.verb is not Verb.SAFE_POWER_OFF
-    is_stopped = snapshot.estop_level is not EstopLevel.NONE or bool(snapshot.behavior_faults)
-    if is_power_lost or (is_stopped and command.verb is not Verb.SAFE_POWER_OFF):
-        return int(Feedback.STATUS_ROBOT_FROZEN)
-    return int(Feedback.STATUS_PROCESSING)
+def _timed(verb: Verb, request: Any, params: Any, bounds: WalkBounds) -> Command:
+    end_ns = ns_from_timestamp(request.end_time) if request.HasField("end_time") else 0
+    if verb is Verb.STANCE:
+        return Command(verb, is_synchronized=True, end_stamp_ns=end_ns, feet=read_stance(request))
+    read = read_velocity if verb is Verb.SE2_VELOCITY else read_trajectory
+    plan = read(request, params, bounds)
+    return Command(verb, is_synchronized=True, end_stamp_ns=end_ns, plan=plan, request=request)
 
 
-def _verb(field: str | None, kind: str) -> Verb:
+def _verb(field: str | None, kind: str, known: tuple[str, ...]) -> Verb:
     if field is None:
         raise InvalidCommandError(f"{kind} is empty; set one of its commands")
     name = field.removesuffix("_request")
-    known = [verb.value for verb in Verb]
-    is_wrong_kind = kind == "synchronized_command" and name not in {"stand", "sit", "stop", "freeze"}
-    if name not in known or is_wrong_kind:
-        raise UnsupportedCommandError(
-            f"the fake robot does not know {field} of {kind}; it knows {', '.join(known)}. "
-            "To walk, send joint commands: joint, and a stream of set-points"
-        )
+    if name not in known:
+        raise UnsupportedCommandError(f"a base robot does not know {field} of {kind}; it knows {', '.join(known)}")
     return Verb(name)

@@ -11,12 +11,24 @@ from bosdyn.api import lease_pb2, robot_command_pb2, robot_command_service_pb2_g
 from fake_robot.network.robot_port import EstopLevel, MotorPower
 from fake_robot.services.calls.access import refuse_request
 from fake_robot.services.motion import commands
-from fake_robot.services.motion.commands import Command, UnsupportedCommandError, Verb
-from fake_robot.services.motion.stand_params import InvalidCommandError, UnknownFrameError
+from fake_robot.services.motion.commands import WALKS, Command, Verb
+from fake_robot.services.motion.feedback import feedback
+from fake_robot.services.motion.refusals import (
+    BehaviorFaultError,
+    ExpiredCommandError,
+    InvalidCommandError,
+    NotPoweredOnError,
+    RefusedCommandError,
+    TooDistantCommandError,
+    UnsupportedCommandError,
+)
+from fake_robot.services.motion.walk_params import WalkBounds
 from fake_robot.services.reports.robot_state_message import behavior_fault_message
 from fake_robot.services.sensors.world import World
 
 MAX_COMMANDS = 1024
+SETTLING = (Verb.SIT, Verb.STOP, Verb.FREEZE, Verb.SELFRIGHT)
+"""Commands that are taken while a pressed e-stop lets the robot settle."""
 Response = robot_command_pb2.RobotCommandResponse
 
 
@@ -25,6 +37,7 @@ class RobotCommandService(robot_command_service_pb2_grpc.RobotCommandServiceServ
 
     def __init__(self, world: World) -> None:
         self._world = world
+        self._bounds = WalkBounds(world.config.max_walking_speed_m_s, world.config.max_turn_rate_rad_s)
         self._lock = threading.Lock()
         self._commands: OrderedDict[int, Command] = OrderedDict()
         self._last_id = 0
@@ -46,28 +59,19 @@ class RobotCommandService(robot_command_service_pb2_grpc.RobotCommandServiceServ
             )
             return response
         try:
-            command = commands.parse(request.command)
-        except InvalidCommandError as error:
-            response.status, response.message = Response.STATUS_INVALID_REQUEST, str(error)
-            return response
-        except UnsupportedCommandError as error:
-            response.status, response.message = Response.STATUS_UNSUPPORTED, str(error)
-            return response
-        refusal = self._why_not(command)
-        if refusal is not None:
-            response.status, response.message = refusal
-            return response
-        with self._lock:
-            try:
+            command = commands.parse(request.command, self._bounds)
+            self._check_end_time(command)
+            self._check_state(command)
+            with self._lock:
                 commands.start(command, self._world.robot)
-            except UnknownFrameError as error:
-                response.status, response.message = Response.STATUS_UNKNOWN_FRAME, str(error)
-                return response
-            self._last_id += 1
-            self._commands[self._last_id] = command
-            response.robot_command_id = self._last_id
-            while len(self._commands) > MAX_COMMANDS:
-                self._commands.popitem(last=False)
+                self._last_id += 1
+                self._commands[self._last_id] = command
+                response.robot_command_id = self._last_id
+                while len(self._commands) > MAX_COMMANDS:
+                    self._commands.popitem(last=False)
+        except RefusedCommandError as error:
+            response.status, response.message = error.status, str(error)
+            return response
         response.status = Response.STATUS_OK
         return response
 
@@ -84,7 +88,7 @@ class RobotCommandService(robot_command_service_pb2_grpc.RobotCommandServiceServ
             refused: robot_command_pb2.RobotCommandFeedbackResponse = refuse_request(response, told)
             return refused
         snapshot = self._world.robot.snapshot()
-        response.feedback.CopyFrom(commands.feedback(command, snapshot, is_current=is_current))
+        response.feedback.CopyFrom(feedback(command, snapshot, is_current=is_current))
         return response
 
     def ClearBehaviorFault(  # noqa: N802
@@ -107,26 +111,51 @@ class RobotCommandService(robot_command_service_pb2_grpc.RobotCommandServiceServ
     def _has_time_sync(self, request: robot_command_pb2.RobotCommandRequest) -> bool:
         """Whether the client is synchronised, or need not be for this command."""
         check = self._world.config.clock_identifier_check
-        if check == "none" or (check == "timed_commands" and not commands.is_timed(request.command)):
+        field = request.command.synchronized_command.mobility_command.WhichOneof("command") or ""
+        is_timed = field.removesuffix("_request") in {verb.value for verb in commands.TIMED}
+        if check == "none" or (check == "timed_commands" and not is_timed):
             return True
         return self._world.time_sync.is_established(request.clock_identifier)
 
-    def _why_not(self, command: Command) -> tuple[int, str] | None:
-        """The status and words with which the robot refuses a command now; None if it takes it."""
-        world = self._world
+    def _check_end_time(self, command: Command) -> None:
+        """A timed command ends after now, and not in the far future."""
+        if command.end_stamp_ns is None:
+            return
+        config = self._world.config
+        if command.end_stamp_ns == 0 and config.missing_end_time_refusal == "invalid_request":
+            raise InvalidCommandError(f"{command.verb.value}_request has no end_time; it is required")
+        ahead_s = (command.end_stamp_ns - self._world.now_ns()) * 1e-9
+        if ahead_s < 0.0:
+            told = "has no end_time" if command.end_stamp_ns == 0 else f"ended {-ahead_s:.3f} s ago"
+            raise ExpiredCommandError(f"{command.verb.value}_request {told}; give an end_time of the robot's clock")
+        if ahead_s > config.max_command_duration_s:
+            raise TooDistantCommandError(
+                f"end_time lies {ahead_s:.3g} s ahead; allowed: {config.max_command_duration_s:g} s"
+            )
+
+    def _check_state(self, command: Command) -> None:
+        """Motors on, e-stop released, no behaviour fault, and what the command needs beside."""
+        world, verb = self._world, command.verb
         snapshot = world.robot.snapshot()
-        if command.verb is Verb.SAFE_POWER_OFF:
-            return None
+        if verb is Verb.SAFE_POWER_OFF:
+            return
         if snapshot.motor_power is not MotorPower.ON:
-            return Response.STATUS_NOT_POWERED_ON, f"the motors are {snapshot.motor_power.value}; power them on first"
-        if command.verb in {Verb.STAND, Verb.JOINT} and snapshot.estop_level is not EstopLevel.NONE:
+            raise NotPoweredOnError(f"the motors are {snapshot.motor_power.value}; power them on first")
+        if (
+            verb not in {Verb.SIT, Verb.STOP, Verb.FREEZE, Verb.SELFRIGHT}
+            and snapshot.estop_level is not EstopLevel.NONE
+        ):
             told = f"the e-stop is pressed ({snapshot.estop_level.value}), so the motors are about to lose power"
-            return Response.STATUS_NOT_POWERED_ON, told
+            raise NotPoweredOnError(told)
         if snapshot.behavior_faults:
             causes = ", ".join(f"{fault.fault_id} ({fault.cause})" for fault in snapshot.behavior_faults)
-            return Response.STATUS_BEHAVIOR_FAULT, f"behaviour faults must be cleared first: {causes}"
-        if command.verb is Verb.JOINT and world.license_state != "valid":
-            is_invalid = world.config.missing_license_refusal == "invalid_request"
-            status = Response.STATUS_INVALID_REQUEST if is_invalid else Response.STATUS_UNSUPPORTED
-            return status, f"joint control needs a licence, and the robot's is {world.license_state}"
-        return None
+            raise BehaviorFaultError(f"behaviour faults must be cleared first: {causes}")
+        if verb is Verb.JOINT and world.license_state != "valid":
+            refusal = InvalidCommandError if world.config.missing_license_refusal == "invalid_request" else None
+            raise (refusal or UnsupportedCommandError)(
+                f"joint control needs a licence, and the robot's is {world.license_state}"
+            )
+        if verb in WALKS:
+            reason = world.robot.why_no_walk()
+            if reason is not None:
+                raise UnsupportedCommandError(f"this fake robot cannot walk by itself: {reason}")

@@ -11,8 +11,10 @@ from bosdyn.client.frame_helpers import ODOM_FRAME_NAME, get_a_tform_b
 from bosdyn.client.math_helpers import Quat, SE3Pose
 from google.protobuf.message import DecodeError
 
-from fake_robot.network.robot_port import Snapshot, StandPose
+from fake_robot.network.robot_port import Snapshot
+from fake_robot.network.stand_pose import StandPose
 from fake_robot.services.calls.stamps import ns_from_duration, ns_from_timestamp
+from fake_robot.services.motion.refusals import InvalidCommandError, UnknownFrameError
 from fake_robot.services.reports.robot_state_message import frame_tree
 from spot_model.robot.facts import FOOT_RADIUS_M
 
@@ -20,14 +22,6 @@ FOOTPRINT = "footprint"
 """The vendor's pseudo-frame over the feet; it is in no tree of frames."""
 MAX_POINTS = 1000
 MAX_DURATION_S = 600.0
-
-
-class InvalidCommandError(Exception):
-    """The command makes no sense."""
-
-
-class UnknownFrameError(Exception):
-    """The command is in a frame that the robot has not."""
 
 
 @dataclass(frozen=True)

@@ -34,6 +34,8 @@ _SEVERITIES = {
 _BEHAVIOR = {
     Mode.STANDING: robot_state_pb2.BehaviorState.STATE_STANDING,
     Mode.FROZEN: robot_state_pb2.BehaviorState.STATE_STANDING,
+    Mode.STEPPING: robot_state_pb2.BehaviorState.STATE_STEPPING,
+    Mode.WALKING: robot_state_pb2.BehaviorState.STATE_STEPPING,
     Mode.JOINT_CONTROL: robot_state_pb2.BehaviorState.STATE_STEPPING,
     Mode.STANDING_UP: robot_state_pb2.BehaviorState.STATE_TRANSITION,
     Mode.SITTING_DOWN: robot_state_pb2.BehaviorState.STATE_TRANSITION,
