@@ -63,7 +63,7 @@ def test_programs_use_the_sdk_alone(path: Path) -> None:
         (["hello_spot.py", "HOST"], "image True True"),
         (["lease_takeover.py", "HOST"], "refused with STATUS_OLDER"),
         (["sublease.py", "HOST"], "then refused with STATUS_OLDER"),
-        (["inspector.py", "HOST"], "no data acquisition"),
+        (["inspector.py", "HOST"], "can capture [('image', 15)]"),
         (["stream_errors.py", "HOST"], "already over: STATUS_EXPIRED"),
         (["joint_control.py", "HOST", "stream-first"], "verdict STATUS_OK"),
         (["joint_control.py", "HOST", "activate-first"], "verdict STATUS_OK"),

@@ -70,7 +70,8 @@ def test_two_clients_fight_for_the_lease(stub: Any) -> None:
 def test_keep_alive_returns_the_lease(stub: Any) -> None:
     client = stub.sdk_robot().ensure_client("lease")
     with LeaseKeepAlive(client, must_acquire=True, return_at_exit=True):
-        (body, mobility) = client.list_leases(include_full_lease_info=True)
+        (everything, body, mobility) = client.list_leases(include_full_lease_info=True)
+        assert everything.resource == "all-leases"
         assert body.resource == "body"
         assert body.lease_owner.client_name
         assert mobility.resource == "mobility"
@@ -240,7 +241,6 @@ def test_feedback_follows_the_robot(commands: Any, stub: Any) -> None:
 @pytest.mark.parametrize(
     "command",
     [
-        RobotCommandBuilder.synchro_velocity_command(0.5, 0.0, 0.0),
         RobotCommandBuilder.battery_change_pose_command(),
         RobotCommandBuilder.payload_estimation_command(),
         RobotCommandBuilder.arm_stow_command(),

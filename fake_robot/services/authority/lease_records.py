@@ -19,6 +19,11 @@ from fake_robot.services.calls.stamps import StatusValue, timestamp_from_ns
 ROOT_RESOURCE = "body"
 LEAF_RESOURCE = "mobility"
 RESOURCES = (ROOT_RESOURCE, LEAF_RESOURCE)
+LISTED_RESOURCES = ("all-leases", *RESOURCES)
+"""As a base robot lists them. Source: the vendor's "Understanding Spot Programming"."""
+
+NOBODY = "root"
+"""Client name in the lease of a resource that nobody has acquired."""
 
 UseStatus = lease_pb2.LeaseUseResult
 
@@ -67,7 +72,7 @@ class LeaseBook:
     epoch: str
     timeout_s: float
     _claim: Claim | None = None
-    _root: int = 0
+    _root: int = 1
     _lock: threading.RLock = field(default_factory=threading.RLock)
 
     def acquire(self, resource: str, owner: lease_pb2.LeaseOwner) -> tuple[StatusValue, lease_pb2.Lease | None]:
@@ -124,8 +129,12 @@ class LeaseBook:
         """Every resource with its lease and owner, as ``ListLeases`` tells them."""
         with self._lock:
             listed = []
-            for resource in RESOURCES:
+            for resource in LISTED_RESOURCES:
                 entry = lease_pb2.LeaseResource(resource=resource)
+                entry.lease.CopyFrom(
+                    lease_pb2.Lease(resource=resource, epoch=self.epoch, sequence=[self._root], client_names=[NOBODY])
+                )
+                entry.lease_owner.SetInParent()
                 claim = self._claim
                 if claim is not None and (claim.resource in {resource, ROOT_RESOURCE}):
                     entry.lease.CopyFrom(self._latest(claim, resource))
@@ -163,7 +172,7 @@ class LeaseBook:
     def reset(self, epoch: str) -> None:
         """Forget everything and start a new epoch, as a reboot does."""
         with self._lock:
-            self.epoch, self._claim, self._root = epoch, None, 0
+            self.epoch, self._claim, self._root = epoch, None, 1
 
     def _judge(self, lease: lease_pb2.Lease, is_retain: bool) -> StatusValue:
         if not lease.resource or not lease.sequence:

@@ -9,7 +9,6 @@ import bosdyn.client.util
 from bosdyn.api import service_fault_pb2
 from bosdyn.client.data_acquisition import DataAcquisitionClient
 from bosdyn.client.directory import DirectoryClient, NonexistentServiceError
-from bosdyn.client.exceptions import UnimplementedError
 from bosdyn.client.fault import FaultClient, ServiceFaultAlreadyExistsError, ServiceFaultDoesNotExistError
 from bosdyn.client.lease import LeaseClient, LeaseKeepAlive
 from bosdyn.client.robot import UnregisteredServiceNameError
@@ -81,10 +80,8 @@ def main():
         directory.get_entry("no-such-service")
     except NonexistentServiceError:
         print("no such service")
-    try:
-        robot.ensure_client(DataAcquisitionClient.default_service_name).get_service_info()
-    except UnimplementedError:
-        print("no data acquisition")
+    capabilities = robot.ensure_client(DataAcquisitionClient.default_service_name).get_service_info()
+    print("can capture", [(s.service_name, len(s.image_source_names)) for s in capabilities.image_sources])
     try:
         robot.ensure_client("a-payload-of-mine")
     except UnregisteredServiceNameError:
