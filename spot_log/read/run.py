@@ -62,6 +62,19 @@ class Run:
         """How the run ended, as far as the log knows."""
         return self.footer.outcome if self.footer else "unknown: the log ends without a footer"
 
+    def to_pandas(self, topic: str = "state") -> Any:
+        """One topic as a ``pandas.DataFrame``, indexed by seconds since the first state.
+
+        Args:
+            topic: state, imu, command, tick, slow_state or event.
+
+        Raises:
+            FrameError: The topic is unknown, or pandas is not installed.
+        """
+        from spot_log.tools.frames import frame_of
+
+        return frame_of(self, topic)
+
     @property
     def duration_s(self) -> float:
         """From the first to the last state, robot time; 0 with fewer than two."""

@@ -1,0 +1,70 @@
+"""What a diagnosis says about the log: its cause, and the stretches of time that carry the gap."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from compare.errors import CompareError
+from compare.tracks import STEP_S, Track
+from diagnosis.verdict import Verdict, load_verdict
+from spot_log.read.run import Run
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A stretch of the compared time in which a diagnosis sees the cause at work."""
+
+    start_s: float
+    end_s: float
+    text: str
+
+
+def read_verdict(path: Path) -> Verdict:
+    """Read a ``verdict.json``, or the one in a folder that ``spot-rl diagnose`` wrote.
+
+    Raises:
+        CompareError: There is none, or it does not follow its schema.
+    """
+    file = path / "verdict.json" if path.is_dir() else path
+    try:
+        return load_verdict(file)
+    except OSError as error:
+        raise CompareError(
+            f"verdict {file} cannot be read: {error.strerror}; give a folder of 'spot-rl diagnose'"
+        ) from error
+    except (ValidationError, UnicodeDecodeError) as error:
+        raise CompareError(f"{file} is no verdict of 'spot-rl diagnose'") from error
+
+
+def cause_in_words(verdict: Verdict) -> str:
+    """The cause in one phrase; empty where the diagnosis names none."""
+    if verdict.status == "unknown_effect":
+        joints = ", ".join(verdict.unknown.joints) if verdict.unknown else ""
+        return f"an effect outside the library{f' at {joints}' if joints else ''}"
+    if verdict.status not in ("explained", "partly_explained"):
+        return ""
+    return " and ".join(f"{e.title or e.name} at {', '.join(e.joints)}" for e in verdict.effects)
+
+
+def causes(verdict: Verdict, run: Run, track: Track) -> list[Cause]:
+    """Stretches of the log that carry the gap, on the time of the aligned track.
+
+    Args:
+        verdict: What the diagnosis says.
+        run: The reference's log.
+        track: The reference after alignment.
+    """
+    words = cause_in_words(verdict) or "gap"
+    end_s = len(track) * STEP_S
+    # The diagnosis counts time from the log's first state.
+    begin_s = (track.start_ns - int(run.states.robot_stamp_ns[0])) * 1e-9
+    found = []
+    for stretch in verdict.timeline:
+        if stretch.log == run.header.run_id and stretch.kind == "gap":
+            start, end = max(0.0, stretch.start_s - begin_s), min(end_s, stretch.end_s - begin_s)
+            if end > start:
+                found.append(Cause(start, end, f"{words}: {stretch.reason}"))
+    return found

@@ -1,0 +1,45 @@
+"""``spot-rl compare``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def compare(
+    log: Annotated[str, typer.Argument(help="A log (*.mcap): what the others are compared with.", metavar="LOG")],
+    others: Annotated[
+        list[str],
+        typer.Argument(help="Other logs, or models: a model is simulated with LOG's commands.", metavar="OTHER..."),
+    ],
+    out: Annotated[Path, typer.Option("--out", help="Folder for page, ghost log, figures and layout.")],
+    policy: Annotated[
+        Path | None, typer.Option("--policy", help="The policy that ran; without it one in policies/ with its digest.")
+    ] = None,
+    verdict: Annotated[
+        Path | None, typer.Option("--verdict", help="A diagnosis of LOG (its folder): marks the cause on the timeline.")
+    ] = None,
+    beside: Annotated[
+        float, typer.Option("--beside", min=0.0, max=10.0, help="Metres from the robot to its ghost; 0: inside it.")
+    ] = 0.7,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of simulated sensors and delays.")] = 0,
+) -> None:
+    """Set a log beside other logs or simulations: one page, and a ghost Spot in Foxglove."""
+    from compare.cause import read_verdict
+    from compare.compare import LAYOUT_NAME, LOG_NAME, PAGE_NAME, Named, compare_runs, named, write_comparison
+    from compare.sources import is_model, read_other, read_reference
+
+    told = read_verdict(verdict) if verdict is not None else None
+    reference = read_reference(log)
+    runs = [Named(log, reference)]
+    for other in others:
+        if is_model(other):
+            typer.echo(f"simulating {other} with the commands of {log}", err=True)
+        runs.append(Named(other, read_other(other, reference, policy, seed), is_model(other)))
+    found = compare_runs(named(runs), told)
+    paths = write_comparison(found, out, beside)
+    for line in found.sentences:
+        typer.echo(line)
+    typer.echo(f"page {paths[PAGE_NAME]}  Foxglove {paths[LOG_NAME]}  layout {paths[LAYOUT_NAME]}")

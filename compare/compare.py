@@ -1,0 +1,152 @@
+"""One comparison from runs to files."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from compare.align import aligned
+from compare.cause import Cause, cause_in_words, causes
+from compare.differences import SIGNALS, Differences, differences
+from compare.errors import CompareError
+from compare.ghost import write_ghosts
+from compare.page import comparison_page, sentence
+from compare.tracks import STEP_S, Track, track_of
+from diagnosis.verdict import Verdict
+from spot_log.read.run import Run
+from spot_model.robot.facts import JOINT_NAMES
+
+PAGE_NAME: Final = "compare.html"
+LOG_NAME: Final = "compare.mcap"
+DATA_NAME: Final = "compare.json"
+LAYOUT_NAME: Final = "layout.foxglove.json"
+SCHEMA: Final = "spot-rl/compare/1"
+
+
+@dataclass(frozen=True)
+class Named:
+    """A run and what it is called."""
+
+    name: str
+    run: Run
+    is_simulated: bool = False
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Aligned runs and their differences from the first."""
+
+    tracks: tuple[Track, ...]
+    differences: tuple[Differences, ...]
+    causes: tuple[Cause, ...] = ()
+    cause: str = ""
+    notes: tuple[str, ...] = ()
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """What differs most, one sentence for each other run."""
+        return tuple(sentence(self.tracks[0], d) for d in self.differences)
+
+    def to_json(self) -> dict[str, Any]:
+        """The figures as plain data."""
+        return {
+            "schema": SCHEMA,
+            "reference": self.tracks[0].name,
+            "seconds": round(len(self.tracks[0]) * STEP_S, 3),
+            "cause": self.cause,
+            "runs": [_figures(d) for d in self.differences],
+        }
+
+
+def named(runs: Sequence[Named]) -> list[Named]:
+    """The same runs with short names: a log by its policy, sequence and repeat, a model by its file's name.
+
+    Runs that would share a name keep the file's, and where those are equal, too, the whole path.
+    """
+    for shorten in (_title, _file_name):
+        names = [shorten(r) for r in runs]
+        if len(set(names)) == len(names):
+            return [replace(r, name=name) for r, name in zip(runs, names, strict=True)]
+    return [replace(r, name=f"{i}: {r.name}") for i, r in enumerate(runs, start=1)]
+
+
+def _title(run: Named) -> str:
+    header = run.run.header
+    if run.is_simulated or not (header.policy_name and header.command_sequence):
+        return _file_name(run)
+    return f"{header.policy_name} {header.command_sequence} r{header.repeat}"
+
+
+def _file_name(run: Named) -> str:
+    return Path(run.name).name.partition(".mcap")[0].removesuffix(".yaml")
+
+
+def compare_runs(runs: Sequence[Named], verdict: Verdict | None = None) -> Comparison:
+    """Align runs by their velocity commands and take their differences from the first.
+
+    Raises:
+        CompareError: There are fewer than two, or they cannot be compared.
+    """
+    if len(runs) < 2:
+        raise CompareError("a comparison needs two runs: a log, and a log or a model to set beside it")
+    tracks = aligned([track_of(r.run, r.name, is_simulated=r.is_simulated) for r in runs])
+    notes = [f"{r.name}: {text}" for r in runs for text in r.run.damage]
+    found = Comparison(tuple(tracks), tuple(differences(tracks[0], t) for t in tracks[1:]), notes=tuple(notes))
+    if verdict is None:
+        return found
+    marked = tuple(causes(verdict, runs[0].run, tracks[0]))
+    return replace(found, causes=marked, cause=cause_in_words(verdict))
+
+
+def write_comparison(found: Comparison, out: Path, beside_m: float = 0.7) -> dict[str, Path]:
+    """Write page, ghost log, figures and a Foxglove layout into a folder.
+
+    Raises:
+        CompareError: One of them is there.
+        OSError: They cannot be written.
+    """
+    paths = {name: out / name for name in (PAGE_NAME, LOG_NAME, DATA_NAME, LAYOUT_NAME)}
+    taken = [str(p) for p in paths.values() if p.exists()]
+    if taken:
+        raise CompareError(f"{', '.join(taken)} exists; nothing is overwritten: choose another --out")
+    out.mkdir(parents=True, exist_ok=True)
+    write_ghosts(paths[LOG_NAME], found.tracks, found.differences, found.causes, beside_m)
+    page = comparison_page(found.tracks, found.differences, found.causes, found.cause, found.notes)
+    paths[PAGE_NAME].write_text(page, encoding="utf-8")
+    paths[DATA_NAME].write_text(json.dumps(found.to_json(), indent=1) + "\n", encoding="utf-8")
+    layout = files("compare").joinpath("layout.foxglove.json").read_text(encoding="utf-8")
+    paths[LAYOUT_NAME].write_text(layout, encoding="utf-8")
+    return paths
+
+
+def _figures(found: Differences) -> dict[str, Any]:
+    signals = {
+        name: {
+            "unit": unit,
+            "distance": _by_joint(found.signals[name].distance),
+            "rms": _by_joint(found.signals[name].rms),
+            "spread": _by_joint(found.signals[name].spread),
+        }
+        for name, unit in SIGNALS.items()
+    }
+    return {
+        "name": found.name,
+        "forward_speed_m_s": [_number(v) for v in found.forward_speed_m_s],
+        "speed_error_m_s": [_number(v) for v in found.speed_error_m_s],
+        "end_distance_m": _number(found.end_distance_m),
+        "signals": signals,
+    }
+
+
+def _by_joint(values: np.ndarray) -> dict[str, float | None]:
+    return {name: _number(float(v)) for name, v in zip(JOINT_NAMES, values, strict=True)}
+
+
+def _number(value: float) -> float | None:
+    return round(value, 6) if np.isfinite(value) else None

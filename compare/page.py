@@ -1,0 +1,181 @@
+"""The comparison as one page that opens from disk, without a network, light or dark."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from compare.cause import Cause
+from compare.differences import SIGNALS, TITLES, Differences, SignalDifference
+from compare.figures import COLOURS, gait, joint_map, liveliest, over_time
+from compare.tracks import STEP_S, Track
+from diagnosis.report.style import SCRIPT, STYLE
+from diagnosis.report.svg import esc, legend
+from spot_model.robot.facts import JOINT_NAMES
+
+CLOSE: Final = 0.10
+"""Distributions that differ by less than this share of their spread are called close."""
+SPAN_S: Final = 3.0
+_MORE: Final = """
+:root { --cause: #8446a822; } details { margin: 6px 0; } summary { cursor: pointer; font-weight: 500; }
+.close { background: #1f8a5b; } .apart { background: #c8402f; } .unit { color: var(--soft); }
+.joints { display: grid; grid-template-columns: repeat(4, 1fr); gap: 2px 16px; }
+.joints details[open] { grid-column: 1 / -1; } section { overflow-x: auto; }
+@media (max-width: 700px) { section svg { min-width: 900px; } .joints { grid-template-columns: repeat(2, 1fr); } }
+@media print { details > *:not(summary) { display: block; } }
+"""
+
+
+def comparison_page(
+    tracks: Sequence[Track], found: Sequence[Differences], causes: Sequence[Cause], cause: str, notes: Sequence[str]
+) -> str:
+    """The page as text.
+
+    Args:
+        tracks: Aligned runs, the reference first.
+        found: Differences of each other run from the reference.
+        causes: Stretches of the reference that a diagnosis names.
+        cause: What the diagnosis found, in words; empty for none.
+        notes: Sentences for the end of the page.
+    """
+    body = [
+        _head(tracks, found, cause),
+        _velocity(tracks, causes),
+        _by_joint(found),
+        _worst_joint(tracks, found, causes),
+        _gait(tracks),
+        _all_joints(tracks, found, causes),
+        _figures(found),
+    ]
+    if notes:
+        body.append(_section("Notes", "", "<ul>" + "".join(f"<li>{esc(n)}</li>" for n in notes) + "</ul>"))
+    title = esc(f"{tracks[0].name} beside {', '.join(t.name for t in tracks[1:])}")
+    return (
+        f"<!doctype html><html lang='en'><head><meta charset='utf-8'><title>{title}</title>"
+        "<meta name='viewport' content='width=device-width'><link rel='icon' href='data:,'>"
+        f"<style>{STYLE}{_MORE}</style></head><body><main>{''.join(body)}</main><div id='tip'></div>"
+        f"<script>{SCRIPT}</script></body></html>\n"
+    )
+
+
+def sentence(reference: Track, found: Differences) -> str:
+    """What differs most, in one sentence."""
+    signal, joint, share = found.largest
+    speeds = found.forward_speed_m_s
+    told = f"{found.name}: {speeds[1]:.2f} m/s forward, {reference.name} {speeds[0]:.2f} m/s. "
+    if share == 0.0:
+        return told + "Every joint does the same."
+    distance = found.signals[signal].distance[JOINT_NAMES.index(joint)]
+    return told + (
+        f"Largest difference: {TITLES[signal]} of {joint}, {distance:.3g} {SIGNALS[signal]} "
+        f"({100 * share:.0f} % of its spread)."
+    )
+
+
+def _section(title: str, about: str, content: str) -> str:
+    told = f"<p class='note'>{esc(about)}</p>" if about else ""
+    return f"<section><h2>{esc(title)}</h2>{told}{content}</section>" if content else ""
+
+
+def _head(tracks: Sequence[Track], found: Sequence[Differences], cause: str) -> str:
+    reference = tracks[0]
+    worst = max(found, key=lambda d: d.largest[2])
+    is_close = worst.largest[2] < CLOSE
+    badge = "close" if is_close else "apart"
+    lines = "".join(f"<p class='lead'>{esc(sentence(reference, d))}</p>" for d in found)
+    told = f"<p class='lead'>The diagnosis: {esc(cause)}.</p>" if cause else ""
+    names = " and ".join(t.name for t in tracks[1:])
+    return (
+        f"<section><span class='badge {badge}'>{'Close' if is_close else 'Apart'}</span>"
+        f"<h1>{esc(reference.name)} beside {esc(names)}</h1>{lines}{told}"
+        f"<p class='meta' style='margin-top:12px'>{len(reference) * STEP_S:.1f} s under the same velocity commands · "
+        "simulated runs are in closed loop, with the policy that ran</p></section>"
+    )
+
+
+def _key(tracks: Sequence[Track]) -> str:
+    return legend((COLOURS[i % len(COLOURS)], t.name) for i, t in enumerate(tracks))
+
+
+def _velocity(tracks: Sequence[Track], causes: Sequence[Cause]) -> str:
+    figures = []
+    for axis, title in enumerate(("forward, m/s", "left, m/s", "turning, rad/s")):
+        lines = [("var(--other)", 3.0, tracks[0].velocity_command[:, axis])]
+        lines += [(COLOURS[i % len(COLOURS)], 1.4, t.body_velocity[:, axis]) for i, t in enumerate(tracks)]
+        figures.append(over_time(lines, title, height=130, causes=causes))
+    key = legend([("var(--other)", "commanded"), *[(COLOURS[i % len(COLOURS)], t.name) for i, t in enumerate(tracks)]])
+    shaded = " Shaded: where the diagnosis sees the cause at work." if causes else ""
+    return _section("Velocity against command", f"The body's velocity.{shaded}", key + "".join(figures))
+
+
+def _by_joint(found: Sequence[Differences]) -> str:
+    about = (
+        "How far apart the values of each signal lie, whatever the step (1-Wasserstein distance), in per cent of the "
+        "signal's standard deviation in the first run."
+    )
+    parts = [f"<h3>{esc(d.name)}</h3>{joint_map(d)}" for d in found]
+    return _section("Where they differ", about, "".join(parts))
+
+
+def _worst_joint(tracks: Sequence[Track], found: Sequence[Differences], causes: Sequence[Cause]) -> str:
+    signal, joint, _ = max(found, key=lambda d: d.largest[2]).largest
+    rows = liveliest(tracks[0], SPAN_S)
+    j, from_s = JOINT_NAMES.index(joint), rows.start * STEP_S
+    names = dict.fromkeys((signal, "position_rad", "load_nm"))
+    figures = []
+    for name in names:
+        lines = [(COLOURS[i % len(COLOURS)], 1.8, getattr(t, name)[rows, j]) for i, t in enumerate(tracks)]
+        shaded = [c for c in causes if c.end_s > from_s and c.start_s < rows.stop * STEP_S]
+        figures.append(over_time(lines, f"{TITLES[name]}, {SIGNALS[name]}", from_s=from_s, height=150, causes=shaded))
+    about = f"{joint}, {SPAN_S:g} s in which the joints move most. Steps drift apart: each run is its own closed loop."
+    return _section("The joint that differs most", about, _key(tracks) + "".join(figures))
+
+
+def _gait(tracks: Sequence[Track]) -> str:
+    rows = liveliest(tracks[0], SPAN_S)
+    parts = []
+    for i, track in enumerate(tracks):
+        figure = gait(track, COLOURS[i % len(COLOURS)], rows)
+        if figure:
+            parts.append(f"<h3>{esc(track.name)}</h3>{figure}")
+    return _section("Feet on the ground", f"The same {SPAN_S:g} s.", "".join(parts))
+
+
+def _all_joints(tracks: Sequence[Track], found: Sequence[Differences], causes: Sequence[Cause]) -> str:
+    parts = []
+    for j, joint in enumerate(JOINT_NAMES):
+        figures = []
+        for name in ("position_rad", "load_nm"):
+            lines = [
+                (COLOURS[(i + 1) % len(COLOURS)], 1.2, d.signals[name].over_time[:, j]) for i, d in enumerate(found)
+            ]
+            title = f"{TITLES[name]}, {SIGNALS[name]}"
+            figures.append(over_time(lines, title, height=110, causes=causes))
+        parts.append(f"<details><summary>{joint}</summary>{''.join(figures)}</details>")
+    about = f"Difference from {tracks[0].name} over time. A simulated run drifts out of step, so it grows by itself."
+    return _section("Every joint", about, f"<div class='joints'>{''.join(parts)}</div>")
+
+
+def _figures(found: Sequence[Differences]) -> str:
+    rows = []
+    for d in found:
+        rows += [
+            f"<tr><th>{esc(d.name)}: {TITLES[n]}, {u}</th>"
+            + "".join(f"<td>{_pair(s, j)}</td>" for j in range(len(JOINT_NAMES)))
+            + "</tr>"
+            for n, u in SIGNALS.items()
+            for s in (d.signals[n],)
+        ]
+    head = "<tr><th></th>" + "".join(f"<th>{j}</th>" for j in JOINT_NAMES) + "</tr>"
+    table = f"<div style='overflow-x:auto'><table>{head}{''.join(rows)}</table></div>"
+    return _section(
+        "Figures", "", f"<details><summary>Distance by joint (in brackets: rms in step)</summary>{table}</details>"
+    )
+
+
+def _pair(signal: SignalDifference, joint: int) -> str:
+    if not np.isfinite(signal.distance[joint]):
+        return "–"
+    return f"{signal.distance[joint]:.3g} <span class='unit'>({signal.rms[joint]:.3g})</span>"

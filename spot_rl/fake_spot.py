@@ -1,0 +1,169 @@
+"""A fake Spot in a process of its own, for scripts."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any
+
+from typing_extensions import Self
+
+from fake_robot.scenario.scenario import scenario_from_data
+from proof.fake_process import FakeProcess
+from spot_model.errors import BadInputError, SpotRlError
+from spot_rl.paths import AnyPath, existing, to_path
+
+if TYPE_CHECKING:
+    from spot_log.read.run import Run
+
+_LAUNCH = "import sys; from spot_model.io.command_line import main; main(sys.argv[1:])"
+
+
+class WalkError(SpotRlError):
+    """A walk left no log; the message holds the runtime's last words."""
+
+
+class FakeSpot:
+    """A fake Spot that answers Boston Dynamics' services while the block runs.
+
+    ::
+
+        with FakeSpot() as spot:
+            run = spot.walk("policies/walk.onnx", velocity=(0.5, 0.0, 0.0), duration_s=3.0)
+
+    Args:
+        scenario: A scenario file, the name of a shipped one, or its keys as a mapping: what the robot hides.
+        lock_step: Whether robot time passes only when the runtime asks, as fast as the computer can. In real time a
+            busy computer ends runs with ``state_stale``.
+    """
+
+    def __init__(self, scenario: str | AnyPath | Mapping[str, Any] = "default", *, lock_step: bool = True) -> None:
+        if isinstance(scenario, Mapping):
+            scenario_from_data(dict(scenario))  # so that a wrong key is named here
+        self.is_lock_step = lock_step
+        self._scenario = scenario
+        self._stack = ExitStack()
+        self._running: tuple[FakeProcess, Path] | None = None
+        self._n_walks = 0
+
+    def __enter__(self) -> Self:
+        """Start the robot and wait until it serves."""
+        with ExitStack() as stack:
+            folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="spot-rl-")))
+            process = FakeProcess(scenario=_scenario_name(self._scenario, folder), is_lock_step=self.is_lock_step)
+            stack.enter_context(process)
+            self._stack, self._running = stack.pop_all(), (process, folder)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """End the robot."""
+        self._running = None
+        self._stack.close()
+
+    @property
+    def address(self) -> str:
+        """``HOST:PORT``, for ``spot-rl run --robot`` and ``spot-rl serve --robot``."""
+        return self._robot()[0].address.robot
+
+    @property
+    def environment(self) -> dict[str, str]:
+        """Variables with which a program trusts and opens the fake: user name, password, certificate."""
+        return dict(self._robot()[0].address.environment)
+
+    def walk(
+        self,
+        policy: AnyPath,
+        *,
+        velocity: Sequence[float] | None = None,
+        sequence: str | AnyPath | None = None,
+        duration_s: float = 5.0,
+        log_dir: AnyPath | None = None,
+        labels: Mapping[str, str] | None = None,
+    ) -> Run:
+        """Run a policy on the robot, from sitting to sitting, and read the log.
+
+        Args:
+            policy: ONNX file.
+            velocity: V_x, V_y (m/s) and ω_z (rad/s), held for the whole run; standing by default.
+            sequence: In place of ``velocity``: a built-in sequence (``forward``, ``six_directions``, ``random``,
+                ``standing``) or a YAML file.
+            duration_s: How long the policy controls the joints, > 0, s.
+            log_dir: Where the log stays; by default it is read and removed with the robot.
+            labels: Labels of the log.
+
+        Returns:
+            The run. ``run.outcome`` says how it ended: a robot that fell has a log, too.
+
+        Raises:
+            SpotRlError: The policy is not valid, an argument is not allowed, or no log was written.
+        """
+        words = self._words(existing(policy, "policy"), velocity, sequence, duration_s)
+        folder = to_path(log_dir, "log_dir") if log_dir is not None else self._robot()[1] / "logs"
+        before = set(folder.glob("*.mcap"))
+        words += ["--log-dir", str(folder)]
+        words += [w for key, value in (labels or {}).items() for w in ("--label", f"{key}={value}")]
+        told = subprocess.run(  # noqa: S603 - our own command line
+            [sys.executable, "-c", _LAUNCH, *words],
+            env={**os.environ, **self.environment},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        made = sorted(set(folder.glob("*.mcap")) - before)
+        if not made:
+            said = told.stderr.strip().splitlines() or [f"exit code {told.returncode}"]
+            raise WalkError(said[-1])
+        from spot_log.read.reader import read_run
+
+        return read_run(made[-1])
+
+    def _words(
+        self, policy: Path, velocity: Sequence[float] | None, sequence: str | AnyPath | None, duration_s: float
+    ) -> list[str]:
+        process, _ = self._robot()
+        if velocity is not None and sequence is not None:
+            raise BadInputError("velocity and sequence are both given; give one of them")
+        if not 0.0 < duration_s <= 3600.0:
+            raise BadInputError(f"duration_s = {duration_s}; allowed: more than 0 and up to 3600 s")
+        chosen = os.fspath(sequence) if sequence is not None else self._held(velocity or (0.0, 0.0, 0.0), duration_s)
+        words = ["run", "--robot", self.address, "--policy", str(policy), "--sequence", chosen]
+        words += ["--duration", str(duration_s)]
+        return words + (["--lock-step", process.address.admin] if self.is_lock_step else [])
+
+    def _held(self, velocity: Sequence[float], duration_s: float) -> str:
+        """A sequence file that holds one velocity."""
+        from spot_model.io.velocity_sequence import VelocitySequence, Waypoint, save_sequence
+
+        try:
+            v_x, v_y, yaw_rate = (float(v) for v in velocity)
+            waypoint = Waypoint(time_s=0.0, v_x_m_s=v_x, v_y_m_s=v_y, yaw_rate_rad_s=yaw_rate)
+        except (TypeError, ValueError) as error:
+            raise BadInputError(
+                f"velocity = {velocity!r}; allowed: three numbers within ±10, V_x and V_y in m/s and ω_z in rad/s"
+            ) from error
+        self._n_walks += 1
+        path = self._robot()[1] / f"held-{self._n_walks}.yaml"
+        save_sequence(VelocitySequence(name="held", duration_s=duration_s, waypoints=(waypoint,)), path)
+        return str(path)
+
+    def _robot(self) -> tuple[FakeProcess, Path]:
+        if self._running is None:
+            raise BadInputError("the fake robot is not running; use it in a block: with FakeSpot() as spot: ...")
+        return self._running
+
+
+def _scenario_name(scenario: str | AnyPath | Mapping[str, Any], folder: Path) -> str:
+    if not isinstance(scenario, Mapping):
+        return os.fspath(scenario)
+    path = folder / "scenario.yaml"
+    path.write_text(json.dumps(dict(scenario)), encoding="utf-8")  # JSON is YAML
+    return str(path)

@@ -1,0 +1,109 @@
+"""Training, export and evaluation of policies."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from spot_rl.paths import AnyPath, existing, to_path
+
+if TYPE_CHECKING:
+    from spot_model.io.model_file import RobotModel
+    from trainer.ppo.config import TrainConfig
+
+
+def train(
+    config: AnyPath | Mapping[str, Any],
+    out: AnyPath | None = None,
+    *,
+    changes: Mapping[str, Any] | None = None,
+    device: str = "cpu",
+) -> Path:
+    """Train a policy with PPO.
+
+    Args:
+        config: A config file (YAML), or the same keys as a mapping.
+        out: Run folder, empty or new; ``runs/NAME-TIME`` by default.
+        changes: Keys of the config to change, such as ``{"iterations": 2, "rewards.gait": 10.0}``.
+        device: ``cpu``, ``cuda`` or ``cuda:N``.
+
+    Returns:
+        The run folder, for :func:`export`.
+
+    Raises:
+        SpotRlError: The config is not valid (the message lists the allowed keys), the folder is not empty, or the
+            device is not there.
+    """
+    # Spinning threads take the cores from the physics; torch reads this when it is first imported.
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    settings = training_config(config, changes)
+    from trainer.ppo.train import train as run_training
+
+    stamp = datetime.now(tz=timezone.utc).strftime("%Y%m%d-%H%M%S")
+    folder = to_path(out, "out") if out is not None else Path("runs") / f"{settings.name}-{stamp}"
+    run_training(settings, folder, device=device, command="spot_rl.train")
+    return folder
+
+
+def export(run: AnyPath, out: AnyPath, *, name: str | None = None) -> Path:
+    """Write a trained policy as an ONNX file that carries its contract.
+
+    Args:
+        run: A run folder, or a checkpoint.
+        out: The file to write; never overwritten.
+        name: The policy's name; the config's by default.
+
+    Returns:
+        The file.
+
+    Raises:
+        SpotRlError: There is no checkpoint, or the file exists.
+    """
+    from trainer.export.export import export_policy
+
+    return export_policy(existing(run, "run"), to_path(out, "out"), name)
+
+
+def evaluate(
+    policy: AnyPath, *, model: str | AnyPath | RobotModel = "paper_identified", n: int = 100, seed: int = 0
+) -> dict[str, Any]:
+    """Measure a policy in simulation: tracking, top speed, gait, falls, pushes, a slippery patch.
+
+    Args:
+        policy: ONNX file.
+        model: The simulated robot: a built-in name, a model file, or a model.
+        n: Robots in each trial that counts falls; 100 take some minutes on two cores.
+        seed: Of everything drawn.
+
+    Returns:
+        Figures by trial, as in the ``evaluation.json`` of ``spot-rl evaluate``.
+
+    Raises:
+        SpotRlError: A file is missing or not valid.
+    """
+    from spot_model.errors import BadInputError
+    from spot_rl.simulation import load_policy, model_of
+    from trainer.evaluate.report import evaluate as run_trials
+    from trainer.evaluate.setting import Setting
+
+    if n < 1:
+        raise BadInputError(f"n = {n}; allowed: 1 or more robots")
+    return run_trials(Setting(policy=load_policy(policy), model=model_of(model)[0], seed=seed), n=n)
+
+
+def training_config(config: AnyPath | Mapping[str, Any], changes: Mapping[str, Any] | None) -> TrainConfig:
+    """A training config from a file or plain data, with changes."""
+    from spot_model.errors import BadInputError
+    from trainer.ppo.config import config_from_data, load_config
+
+    try:
+        overrides = tuple(f"{key}={json.dumps(value)}" for key, value in (changes or {}).items())
+    except TypeError as error:
+        raise BadInputError(f"changes: {error}; allowed: numbers, text, lists and mappings") from error
+    if isinstance(config, Mapping):
+        return config_from_data(dict(config), source="config", overrides=overrides)
+    return load_config(existing(config, "config"), overrides)

@@ -1,0 +1,147 @@
+"""Logs in Python: read them, explain them, fit a simulator to them."""
+
+from __future__ import annotations
+
+import io
+import sys
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+from spot_rl.paths import AnyPath, existing, existing_all, to_path
+
+if TYPE_CHECKING:
+    from diagnosis.verdict import Verdict
+    from spot_log.read.run import Run
+    from spot_model.io.model_file import RobotModel
+    from trainer.sysid.identify.result import ResultData
+    from trainer.sysid.search.config import SysidConfig
+
+
+def read_run(path: AnyPath) -> Run:
+    """Read one log into NumPy arrays.
+
+    A log that was cut short or damaged is read as far as it goes; ``run.damage`` says what is missing.
+
+    Args:
+        path: A ``*.mcap`` file, or the ``*.mcap.active`` of a crash.
+
+    Returns:
+        The run: ``header``, ``states``, ``commands``, ``ticks``, ``slow_states``, ``events``, ``outcome``, and
+        ``run.to_pandas("state")`` for a data frame. Joints are in the order ``run.header.joint_names``.
+
+    Raises:
+        SpotRlError: The file is not there, or is no log.
+    """
+    from spot_log.read.reader import read_run as read
+
+    return read(existing(path, "log"))
+
+
+def diagnose(
+    logs: AnyPath | Iterable[AnyPath],
+    nominal: str | AnyPath | RobotModel,
+    out: AnyPath,
+    *,
+    policy: AnyPath | None = None,
+    without: Iterable[str] = (),
+    add_effects: Iterable[str] = (),
+    seed: int = 0,
+    progress: bool = False,
+) -> Verdict:
+    """Explain the gap between logs and a simulator: where it is, which effect causes it, how far it shrinks.
+
+    Takes about a minute for a few short logs, several for twenty of half a minute.
+
+    Args:
+        logs: Log files of one robot, or folders of them; best three command sequences, each several times.
+        nominal: The simulator's model: a built-in name (``paper_identified``), a model file, or a model.
+        out: Folder for verdict.json, report.html and corrected_model.yaml; nothing in it is overwritten.
+        policy: The policy that ran; without it one in ``policies/`` with the logs' digest, if there is one.
+        without: Effects to leave out of the library.
+        add_effects: Effects of your own, ``module:Class``.
+        seed: Of simulated sensors, permutations and resamples.
+        progress: Whether to show stage, share and time left on stderr.
+
+    Returns:
+        The verdict: ``status``, ``effects`` (name, joints, probability, parameters), ``shrink``, ``log_advice``.
+
+    Raises:
+        SpotRlError: A file is missing or not valid, or ``out`` holds a diagnosis.
+    """
+    from diagnosis.extra_effect import chosen_library
+    from diagnosis.output import check_free
+    from diagnosis.progress import Progress
+    from diagnosis.session import Request, run_session
+    from spot_rl.simulation import model_of
+
+    folder = to_path(out, "out")
+    paths = existing_all(logs, "logs")
+    model, name = model_of(nominal)
+    check_free(folder)
+    request = Request(
+        logs=tuple(paths),
+        nominal=model,
+        nominal_name=name,
+        out=folder,
+        policy=existing(policy, "policy") if policy is not None else None,
+        library=chosen_library(list(add_effects), list(without)),
+        seed=seed,
+    )
+    result, _ = run_session(request, Progress(sys.stderr if progress else io.StringIO()))
+    return result.verdict
+
+
+def identify(
+    logs: AnyPath | Iterable[AnyPath],
+    policy: AnyPath,
+    out: AnyPath,
+    *,
+    config: AnyPath | Mapping[str, Any] | None = None,
+    generations: int | None = None,
+    workers: int = 2,
+    resume: bool = False,
+) -> ResultData:
+    """Fit physical parameters of the simulator to logs, by the paper's method and from measured torques.
+
+    A hundred generations take some seven minutes on two cores; one is enough to see what the torques say.
+
+    Args:
+        logs: Log files of one policy, or folders of them.
+        policy: The policy that ran, an ONNX file.
+        out: Folder for identified.yaml, result.json and report.html; nothing in it is overwritten.
+        config: What is searched and how: a YAML file, or the same keys as a mapping. Default: the paper's parameters.
+        generations: Generations of the search, in place of the config's.
+        workers: Processes; the result does not depend on them.
+        resume: Go on where an interrupted search in ``out`` ended.
+
+    Returns:
+        The result: ``parameters`` (name, value, low, high, identified, reason), ``score``, ``measured``.
+
+    Raises:
+        SpotRlError: A file is missing or not valid, ``out`` holds a result, or no log can be used.
+    """
+    from spot_model.policy.policy import load_policy
+    from trainer.sysid.identify.run_identification import run_identification
+    from trainer.sysid.logs.read_logs import read_logs
+
+    settings = _sysid_config(config, generations)
+    file = existing(policy, "policy")
+    log_set = read_logs(existing_all(logs, "logs"), load_policy(file))
+    return run_identification(log_set, file, settings, to_path(out, "out"), resume=resume, workers=workers)
+
+
+def _sysid_config(config: AnyPath | Mapping[str, Any] | None, generations: int | None) -> SysidConfig:
+    from spot_model.errors import BadInputError
+    from trainer.sysid.search.config import SysidConfig, config_from_data, load_config
+
+    if config is None:
+        settings = SysidConfig()
+    elif isinstance(config, Mapping):
+        settings = config_from_data(dict(config), source="config")
+    else:
+        settings = load_config(existing(config, "config"))
+    if generations is None:
+        return settings
+    if generations < 1:
+        raise BadInputError(f"generations = {generations}; allowed: 1 or more")
+    return settings.model_copy(update={"search": settings.search.model_copy(update={"generations": generations})})

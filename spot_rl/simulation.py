@@ -1,0 +1,141 @@
+"""Models, policies, simulated runs, and runs side by side."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from spot_rl.paths import AnyPath, existing, to_path
+
+if TYPE_CHECKING:
+    from compare.compare import Comparison
+    from spot_log.read.run import Run
+    from spot_model.io.model_file import RobotModel
+    from spot_model.policy.policy import Policy
+
+
+def load_policy(path: AnyPath) -> Policy:
+    """Load a policy from its ONNX file, and check all that its contract promises.
+
+    Args:
+        path: A file of ``spot-rl export``, or one from ``policies/``.
+
+    Returns:
+        The policy: ``policy.contract`` says rate, gains, command range and training; ``policy.act(observation)``
+        gives the action for an observation of shape (48,) or (n, 48).
+
+    Raises:
+        SpotRlError: The file is not there, is no ONNX model, or its contract does not hold.
+    """
+    from spot_model.policy.policy import load_policy as load
+
+    return load(existing(path, "policy"))
+
+
+def load_model(name_or_path: AnyPath) -> RobotModel:
+    """Load the model of a simulated Spot: the effects that act in it.
+
+    Args:
+        name_or_path: ``ideal``, ``paper_initial``, ``paper_identified``, or a model file (YAML).
+
+    Returns:
+        The model: ``model.effects``, and ``model.with_effects(...)`` for one with more of them.
+
+    Raises:
+        SpotRlError: There is no such model, or the file is not valid.
+    """
+    from spot_model.io.model_file import load_model as load
+
+    return load(os.fspath(name_or_path))
+
+
+def model_of(given: str | AnyPath | RobotModel) -> tuple[RobotModel, str]:
+    """A model and its name, from a model, a built-in name or a file."""
+    from spot_model.io.model_file import RobotModel
+
+    if isinstance(given, RobotModel):
+        return given, "given"
+    return load_model(given), os.fspath(given)
+
+
+def simulate(
+    run: Run, model: str | AnyPath | RobotModel, *, policy: AnyPath | Policy | None = None, seed: int = 0,
+    noise: bool = True,
+) -> Run:  # fmt: skip
+    """Simulate a log's velocity commands: the same start, the same commands, the policy in closed loop.
+
+    Args:
+        run: A log, from :func:`read_run`.
+        model: The simulated robot: a built-in name, a model file, or a model.
+        policy: The policy that controls; without it one in ``policies/`` with the log's digest.
+        seed: Of the sensors' noise and the delays.
+        noise: Whether the sensors are noisy, about as a real Spot's.
+
+    Returns:
+        A run with the same arrays as a log's, for the time under the policy; it has no IMU, polls, events or footer.
+
+    Raises:
+        SpotRlError: The log has less than a second under a policy, or the policy is not found.
+    """
+    import numpy as np
+
+    from compare.sources import simulate_like
+    from diagnosis.read_logs import find_policy
+    from diagnosis.simulated import SensorNoise
+    from spot_model.errors import BadInputError
+    from spot_model.policy.policy import Policy
+
+    _check_run(run)
+    if policy is None:
+        chosen = find_policy(None, [run])
+    else:
+        chosen = policy if isinstance(policy, Policy) else load_policy(policy)
+    if chosen is None:
+        raise BadInputError(
+            f"policies/ has no policy with the log's digest {run.header.policy_sha256[:12] or '(none)'}…; "
+            "give the policy that ran: simulate(run, model, policy=FILE)"
+        )
+    sensors = SensorNoise() if noise else SensorNoise(0.0, 0.0, 0.0, 0.0, 0.0)
+    return simulate_like(run, model_of(model)[0], chosen, np.random.default_rng(seed), sensors)
+
+
+def compare(runs: Sequence[Run], out: AnyPath | None = None, *, names: Sequence[str] | None = None) -> Comparison:
+    """Set runs side by side, aligned by their velocity commands.
+
+    Args:
+        runs: Two or more; the first is the reference.
+        out: Folder for compare.html, compare.mcap (a ghost Spot beside the robot, for Foxglove) and compare.json;
+            nothing is overwritten. Default: nothing is written.
+        names: What the runs are called; their policy, sequence and repeat by default.
+
+    Returns:
+        The comparison: ``sentences``, ``tracks`` (aligned arrays) and ``differences`` by signal and joint.
+
+    Raises:
+        SpotRlError: There are fewer than two runs, they follow different commands, or ``out`` holds a comparison.
+    """
+    from compare.compare import Named, compare_runs, named, write_comparison
+    from spot_model.errors import BadInputError
+
+    for run in runs:
+        _check_run(run)
+    if names is not None and len(names) != len(runs):
+        raise BadInputError(f"{len(names)} names for {len(runs)} runs; give one name a run")
+    simulated = [str(run.path).startswith("simulated-") for run in runs]
+    if names is not None:
+        chosen = [Named(name, run, is_it) for name, run, is_it in zip(names, runs, simulated, strict=True)]
+    else:
+        chosen = named([Named(str(run.path), run, is_it) for run, is_it in zip(runs, simulated, strict=True)])
+    found = compare_runs(chosen)
+    if out is not None:
+        write_comparison(found, to_path(out, "out"))
+    return found
+
+
+def _check_run(run: object) -> None:
+    from spot_log.read.run import Run
+    from spot_model.errors import BadInputError
+
+    if not isinstance(run, Run):
+        raise BadInputError(f"{run!r:.60} is no run; read a log first: run = spot_rl.read_run(PATH)")

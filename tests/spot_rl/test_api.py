@@ -1,0 +1,182 @@
+"""The Python API: what its reference promises, and what it says where it is used wrongly."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+
+import spot_rl
+from spot_log.read.run import Run
+from spot_model.io.command_line import main
+
+from .conftest import REPOSITORY, WALK
+
+
+def test_importing_the_library_loads_nothing_heavy() -> None:
+    told = subprocess.run(
+        [sys.executable, "-c", "import spot_rl, sys; print(sorted({'torch', 'mujoco', 'numpy'} & set(sys.modules)))"],
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert told.stdout.strip() == "[]"
+
+
+def test_every_name_is_there_and_documented() -> None:
+    assert set(spot_rl.__all__) == set(dir(spot_rl)) == set(spot_rl._WHERE)
+    for name in spot_rl.__all__:
+        assert (getattr(spot_rl, name).__doc__ or "").strip(), name
+    with pytest.raises(AttributeError, match=r"no attribute 'reed_run'; it has .*read_run"):
+        _ = spot_rl.reed_run
+
+
+def test_a_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(spot_rl._WHERE, "make_env", ("no_such_module", "gym"))
+    with pytest.raises(ImportError, match=r"make_env needs the module 'no_such_module'.*spot-rl\[gym\]"):
+        _ = spot_rl.make_env
+
+
+def test_a_walk_is_arrays_and_frames(walks: list[Run]) -> None:
+    run = walks[0]
+    assert run.outcome == "completed"
+    assert run.states.position_rad.shape == (len(run.states), 12)
+    frame = run.to_pandas()
+    assert len(frame) == len(run.states)
+    assert frame.index[0] == 0.0
+    np.testing.assert_array_equal(frame["load_nm.fl_kn"], run.states.load_nm[:, 2])
+    ticks = run.to_pandas("tick")
+    assert ticks["velocity_command.x_m_s"].max() == pytest.approx(0.8)
+    with pytest.raises(spot_rl.SpotRlError, match=r"topic 'joints' is not in a log; allowed: state, imu"):
+        run.to_pandas("joints")
+
+
+def test_a_simulated_run_follows_the_same_commands(walks: list[Run], in_project: None) -> None:
+    simulated = spot_rl.simulate(walks[0], "paper_identified", seed=3)
+    again = spot_rl.simulate(walks[0], spot_rl.load_model("paper_identified"), policy=WALK, seed=3)
+    np.testing.assert_array_equal(simulated.states.position_rad, again.states.position_rad)
+    assert simulated.to_pandas("tick")["velocity_command.x_m_s"].iloc[-1] == pytest.approx(0.8)
+    other = spot_rl.simulate(walks[0], "paper_identified", seed=4)
+    assert not np.array_equal(simulated.states.position_rad, other.states.position_rad)
+
+
+def test_a_comparison_is_a_page_and_a_ghost(walks: list[Run], in_project: None, tmp_path: Path) -> None:
+    runs = [*walks, spot_rl.simulate(walks[0], "ideal")]
+    found = spot_rl.compare(runs, tmp_path / "side-by-side", names=["first", "second", "ideal"])
+    assert [s.partition(":")[0] for s in found.sentences] == ["second", "ideal"]
+    # The same robot twice is nearer to itself than to a model without its friction, limits and rotors.
+    assert found.differences[0].largest[2] < found.differences[1].largest[2]
+    page = (tmp_path / "side-by-side" / "compare.html").read_text(encoding="utf-8")
+    assert len(page) < 1_500_000
+    assert "http" not in page.replace("http://www.w3.org", "")
+    with (tmp_path / "side-by-side" / "compare.mcap").open("rb") as file:
+        messages = {}
+        for _, channel, _, message in make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
+            messages.setdefault(channel.topic, []).append(message)
+    frames = {t.child_frame_id for t in messages["/tf"][0].transforms}
+    assert {"body", "fl_kn", "ghost/body", "ghost/fl_kn", "ghost2/hr_hx"} <= frames
+    assert {e.frame_id for e in messages["/scene"][0].entities} <= frames
+    assert len(messages["/ghost/difference"]) == len(messages["/joint_states"])
+    with pytest.raises(spot_rl.SpotRlError, match=r"nothing is overwritten"):
+        spot_rl.compare(runs, tmp_path / "side-by-side")
+
+
+def test_the_command_compares_logs_and_models(
+    walks: list[Run], in_project: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = str(walks[0].path)
+    with pytest.raises(SystemExit) as left:
+        main(["compare", log, "paper_identified", "--out", str(tmp_path / "out")])
+    assert left.value.code in (0, None)
+    assert "paper_identified: 0." in capsys.readouterr().out
+    figures = json.loads((tmp_path / "out" / "compare.json").read_text(encoding="utf-8"))
+    assert figures["reference"] == "walk held r0"
+    for words, told in (
+        (["paper_identified", log], "the first run must be a log"),
+        ([log, "nothing"], "'nothing' is no file; allowed: a log"),
+        ([log, log, "--verdict", str(tmp_path)], "cannot be read"),
+    ):
+        with pytest.raises(SystemExit) as left:
+            main(["compare", *words, "--out", str(tmp_path / "other")])
+        assert left.value.code == 2
+        assert told in capsys.readouterr().err
+        assert not (tmp_path / "other").exists()
+
+
+def test_the_environment_is_seeded_and_ends_once(in_project: None) -> None:
+    env = gymnasium.make("spot_rl.environment:spot_rl/Velocity-v0", changes={"noise.scale": 0.0})
+    still = np.zeros(12, dtype=np.float32)
+
+    def first(seed: int) -> np.ndarray:
+        env.reset(seed=seed, options={"command": (1.0, 0.0, 0.0)})
+        return np.array([env.step(still)[0] for _ in range(3)])
+
+    np.testing.assert_array_equal(first(5), first(5))
+    assert not np.array_equal(first(5), first(6))
+    assert (first(5)[:, 9:12] == [1.0, 0.0, 0.0]).all()
+    env.reset(seed=5)
+    policy_free = np.full(12, 10.0, dtype=np.float32)  # a pose that nobody stands in
+    for _ in range(500):
+        observation, _, fell, timed_out, info = env.step(policy_free)
+        if fell or timed_out:
+            break
+    assert fell
+    assert info["fell"]
+    assert np.isfinite(observation).all()
+    with pytest.raises(spot_rl.SpotRlError, match=r"call reset\(\) first"):
+        env.unwrapped.step(still)
+
+
+def test_the_walking_policy_walks_in_the_environment(in_project: None) -> None:
+    env = spot_rl.make_env(changes={"noise.scale": 0.0})
+    policy = spot_rl.load_policy(WALK)
+    observation, _ = env.reset(seed=1, options={"command": (1.0, 0.0, 0.0)})
+    speeds = []
+    for _ in range(150):
+        observation, _, fell, _, _ = env.step(policy.act(observation))
+        assert not fell
+        speeds.append(observation[0])
+    assert np.mean(speeds[-50:]) == pytest.approx(1.0, abs=0.15)
+
+
+@pytest.mark.parametrize(
+    ("call", "told"),
+    [
+        (lambda: spot_rl.read_run("nowhere.mcap"), r"log nowhere.mcap does not exist"),
+        (lambda: spot_rl.read_run(None), r"log = None is no path"),
+        (lambda: spot_rl.simulate("log.mcap", "ideal"), r"is no run; read a log first"),
+        (lambda: spot_rl.load_model("nothing"), r"allowed: a YAML file, or one of ideal"),
+        (lambda: spot_rl.compare([]), r"needs two runs"),
+        (lambda: spot_rl.diagnose([], "ideal", "out"), r"logs is empty"),
+        (lambda: spot_rl.identify("nowhere", WALK, "out"), r"logs nowhere does not exist"),
+        (lambda: spot_rl.identify("nowhere", WALK, "out", generations=0), r"generations = 0; allowed: 1 or more"),
+        (lambda: spot_rl.identify("nowhere", WALK, "out", config={"serch": {}}), r"serch"),
+        (lambda: spot_rl.evaluate(WALK, n=0), r"n = 0; allowed: 1 or more"),
+        (lambda: spot_rl.train({"name": "x"}, "out"), r"iterations"),
+        (lambda: spot_rl.train("nowhere.yaml", "out"), r"config nowhere.yaml does not exist"),
+        (lambda: spot_rl.export("nowhere", "out.onnx"), r"run nowhere does not exist"),
+        (lambda: spot_rl.make_env(changes={"rewards.gate": 1.0}), r"did you mean 'gait'"),
+        (lambda: spot_rl.make_env().reset(options={"comand": (0, 0, 0)}), r"'comand' is unknown; allowed: command"),
+        (lambda: spot_rl.make_env().reset(options={"command": (0, 0)}), r"allowed: three numbers"),
+        (lambda: spot_rl.FakeSpot({"payloadd": {}}), r"payloadd"),
+        (lambda: spot_rl.FakeSpot().walk(WALK), r"use it in a block"),
+    ],
+)
+def test_what_is_wrong_is_said(call, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(spot_rl.SpotRlError, match=told):
+        call()
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_policy_is_trained_and_exported(in_project: None, tmp_path: Path) -> None:
+    small = {"iterations": 1, "n_envs": 8, "ppo.hidden": [16, 8], "ppo.steps_per_iteration": 6}
+    run = spot_rl.train(REPOSITORY / "policies" / "walk.yaml", tmp_path / "run", changes=small)
+    policy = spot_rl.load_policy(spot_rl.export(run, tmp_path / "mine.onnx", name="mine"))
+    assert policy.contract.name == "mine"
+    assert policy.act(np.zeros(48)).shape == (12,)
