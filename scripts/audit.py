@@ -34,6 +34,7 @@ LICENCES = re.compile(
 )
 KNOWN = {
     # Read by a person, because their metadata name none that a program can judge.
+    "apsw": "any OSI-approved licence, at the user's choice",
     "atheris": "Apache-2.0",
     "bosdyn-api": "Boston Dynamics SDK licence: used, never redistributed",
     "bosdyn-client": "Boston Dynamics SDK licence: used, never redistributed",

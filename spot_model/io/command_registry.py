@@ -23,8 +23,8 @@ from spot_model.errors import SpotRlError
 COMMAND_GROUP = "spot_rl.commands"
 EXTRAS_FOR_PYTHON_3_10 = frozenset({"runtime", "gamepad"})
 OWN_PACKAGES = (
-    *("spot_protos", "spot_model", "spot_log", "spot_runtime", "fake_robot", "trainer", "diagnosis", "compare", "proof"),
-    *("withheld", "spot_rl"),
+    *("spot_protos", "spot_model", "spot_log", "spot_runtime", "fake_robot", "trainer"),
+    *("diagnosis", "compare", "proof", "withheld", "spot_rl"),
 )
 
 
