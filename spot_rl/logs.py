@@ -121,13 +121,14 @@ def identify(
         SpotRlError: A file is missing or not valid, ``out`` holds a result, or no log can be used.
     """
     from spot_model.policy.policy import load_policy
+    from trainer.shared.engine import Place
     from trainer.sysid.identify.run_identification import run_identification
     from trainer.sysid.logs.read_logs import read_logs
 
     settings = _sysid_config(config, generations)
     file = existing(policy, "policy")
     log_set = read_logs(existing_all(logs, "logs"), load_policy(file))
-    return run_identification(log_set, file, settings, to_path(out, "out"), resume=resume, workers=workers)
+    return run_identification(log_set, file, settings, to_path(out, "out"), resume=resume, place=Place(workers))
 
 
 def _sysid_config(config: AnyPath | Mapping[str, Any] | None, generations: int | None) -> SysidConfig:
