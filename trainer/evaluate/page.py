@@ -2,37 +2,20 @@
 
 from __future__ import annotations
 
-import html
 import json
 from typing import Any
 
 import plotly.graph_objects as go
-from plotly.offline import get_plotlyjs
 
-_STYLE = """
-body { font: 15px/1.5 system-ui, sans-serif; margin: 2em auto; max-width: 60em; padding: 0 1em; color: #222; }
-table { border-collapse: collapse; } td, th { padding: .2em .8em; text-align: left; border-bottom: 1px solid #ddd; }
-div.plot { overflow-x: auto; } .plotly-graph-div { min-width: 620px; }
-"""
-_PLAIN = {"displaylogo": False, "responsive": True}
+from spot_log.page.kit import Html, escaped, facts, folded, page, plot, section, styled
 
 
 def evaluation_page(result: dict[str, Any]) -> str:
     """The page's text."""
-    figures = [_speed_figure(result), _error_figure(result), _gait_figure(result), _power_figure(result)]
-    drawn = [f.to_html(full_html=False, include_plotlyjs=False, default_height="380px", config=_PLAIN) for f in figures]
-    plots = "".join(f"<div class='plot'>{plot}</div>" for plot in drawn)
-    rows = "".join(
-        f"<tr><td>{html.escape(label)}</td><td>{html.escape(str(value))}</td></tr>" for label, value in _summary(result)
-    )
-    name = html.escape(result["policy"])
-    return (
-        f"<!doctype html><html lang='en'><head><meta charset='utf-8'><title>Policy {name}</title>"
-        "<meta name='viewport' content='width=device-width, initial-scale=1'>"
-        f"<style>{_STYLE}</style><script>{get_plotlyjs()}</script></head><body><h1>Policy {name}</h1>"
-        f"<table>{rows}</table>{plots}<details><summary>All figures</summary>"
-        f"<pre>{html.escape(json.dumps(result, indent=1))}</pre></details></body></html>"
-    )
+    figures = (_speed_figure(result), _error_figure(result), _gait_figure(result), _power_figure(result))
+    body = [section("Summary", facts(_summary(result))), *(section("", plot(figure)) for figure in figures)]
+    data = Html(f"<pre>{escaped(json.dumps(result, indent=1))}</pre>")
+    return page(f"Policy {result['policy']}", [*body, section("", folded("All figures", data))])
 
 
 def _summary(result: dict[str, Any]) -> list[tuple[str, Any]]:
@@ -72,7 +55,9 @@ def _speed_figure(result: dict[str, Any]) -> Any:
             go.Scatter(x=asked, y=[c[1] if c[2] else None for c in curve], name="measured", mode="lines+markers"),
         ]
     )
-    return _titled(figure, "Forward speed, held for 10 s after a ramp", "commanded V_x, m/s", "mean V_x, m/s")
+    return styled(
+        figure, 380, title="Forward speed, held for 10 s", x="commanded V_x, m/s", y="mean V_x, m/s"
+    )
 
 
 def _error_figure(result: dict[str, Any]) -> Any:
@@ -83,7 +68,7 @@ def _error_figure(result: dict[str, Any]) -> Any:
         points.sort(key=lambda p: float(p["command"][axis]))
         x, y = [p["command"][axis] for p in points], [p["error"][axis] for p in points]
         figure.add_trace(go.Scatter(x=x, y=y, name=label, mode="lines+markers"))
-    return _titled(figure, "Tracking error, one command at a time", "command", "mean error")
+    return styled(figure, 380, title="Tracking error, one command at a time", x="command", y="mean error")
 
 
 def _gait_figure(result: dict[str, Any]) -> Any:
@@ -93,15 +78,12 @@ def _gait_figure(result: dict[str, Any]) -> Any:
     for leg, name in enumerate(("fl", "fr", "hl", "hr")):
         figure.add_trace(go.Scatter(x=x, y=[p["duty_factors"][leg] for p in points], name=f"duty {name}"))
     figure.add_trace(go.Scatter(x=x, y=[p["flight_share"] for p in points], name="flight", line={"dash": "dash"}))
-    return _titled(figure, "Duty factors and flight share", "commanded V_x, m/s", "share of time")
+    return styled(figure, 380, title="Duty factors and flight share", x="commanded V_x, m/s", y="share of time")
 
 
 def _power_figure(result: dict[str, Any]) -> Any:
     points = [p for p in _forward(result) if not p["fell"]]
     figure = go.Figure(go.Scatter(x=[p["command"][0] for p in points], y=[p["power_w"] for p in points]))
-    return _titled(figure, "Mechanical power (positive work of all motors)", "commanded V_x, m/s", "power, W")
-
-
-def _titled(figure: Any, title: str, x: str, y: str) -> Any:
-    figure.update_layout(title=title, xaxis_title=x, yaxis_title=y, template="plotly_white", margin={"t": 50, "b": 40})
-    return figure
+    return styled(
+        figure, 380, title="Power (positive work of all motors)", x="commanded V_x, m/s", y="power, W"
+    )

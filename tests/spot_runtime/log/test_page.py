@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from spot_log import read_run
+from spot_log.page.draw import thin_rows
 from spot_log.page.errors import PlotlyMissingError, ReportError
 from spot_log.page.figures import FIGURES
-from spot_log.page.page import SECTIONS, page_html, write_page
-from spot_log.page.thin import thin_rows
+from spot_log.page.page import page_html, write_page
 
 CHROMIUM = next(
     (found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None
@@ -34,9 +34,9 @@ def page(run, tmp_path_factory):
 
 def test_the_page_is_one_file_with_every_plot(page):
     text = page.read_text(encoding="utf-8")
-    for name, heading, _ in SECTIONS:
+    for name, figure in FIGURES.items():
         assert f'id="figure-{name}"' in text
-        assert f"<h2>{heading}</h2>" in text
+        assert f"<h2>{figure.heading}</h2>" in text
     assert len(text.encode()) < 6_000_000
     own = re.sub(r"<script>.*?</script>", "", text, count=1, flags=re.DOTALL)
     assert not re.findall(r"""(?:src|href)\s*=\s*["']""", own)
@@ -63,8 +63,8 @@ def test_a_log_without_data_gives_a_page_that_says_so(run):
         slow_states=_cut(run.slow_states),
         events=(),
     )
-    assert all(figure(empty) is None for figure in FIGURES.values())
-    assert page_html(empty).count("The log has no data for this.") == len(SECTIONS)
+    assert all(figure.draw(empty) is None for figure in FIGURES.values())
+    assert page_html(empty).count("The log has no data for this.") == len(FIGURES)
 
 
 def _cut(table, skip=()):
@@ -72,7 +72,7 @@ def _cut(table, skip=()):
 
 
 def test_loads_carry_the_robots_limits(run):
-    limits = [trace for trace in FIGURES["loads"](run).data if trace.name == "limit"]
+    limits = [trace for trace in FIGURES["loads"].draw(run).data if trace.name == "limit"]
     assert len(limits) == 24
     np.testing.assert_allclose(np.asarray(limits[0].y), 45.0)
     knee = np.asarray(limits[4].y)
@@ -82,13 +82,13 @@ def test_loads_carry_the_robots_limits(run):
 
 
 def test_velocity_shows_command_and_body(run):
-    traces = {(trace.name, trace.yaxis): trace for trace in FIGURES["velocity"](run).data}
+    traces = {(trace.name, trace.yaxis): trace for trace in FIGURES["velocity"].draw(run).data}
     np.testing.assert_allclose(np.asarray(traces["command", "y"].y), 1.0)
     np.testing.assert_allclose(np.asarray(traces["body", "y"].y), 0.8, rtol=1e-6)
 
 
 def test_contact_bars_cover_the_stance(run):
-    trace = FIGURES["contacts"](run).data[0]
+    trace = FIGURES["contacts"].draw(run).data[0]
     x = [value for value in trace.x if value is not None]
     stance_s = sum(b - a for a, b in zip(x[::2], x[1::2], strict=True))
     bars = len(x) // 2
@@ -140,7 +140,7 @@ def test_a_browser_draws_every_plot(page, tmp_path):
     ]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     drawn = done.stdout.split("<h2>")
-    for heading in [heading for _, heading, _ in SECTIONS]:
+    for heading in [figure.heading for figure in FIGURES.values()]:
         section = next(part for part in drawn if part.startswith(heading))
         assert 'class="main-svg"' in section, heading
     # One line a joint for set-point and position.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -12,6 +11,7 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
+from spot_log.page.kit import Html, bullets, escaped, marked, number, page, plot, section, styled, table
 from spot_model.robot import facts
 from trainer.sysid.identify.identify import Identification
 from trainer.sysid.identify.result import ParameterData, ResultData
@@ -21,36 +21,18 @@ OVERLAY_JOINTS: Final = ("fr_kn", "hr_kn")
 OVERLAY_S: Final = 3.0
 """Length of the stretch that the overlay shows."""
 
-_STYLE: Final = """
-body { font: 15px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 72rem; padding: 0 1rem; color: #1c2430; }
-table { border-collapse: collapse; margin: 1rem 0; display: block; overflow-x: auto; }
-th, td { border-bottom: 1px solid #ccd3dc; padding: .35rem .7rem; text-align: left;
-vertical-align: top; } td.n { text-align: right; font-variant-numeric: tabular-nums; }
-.no { color: #97482f; } .yes { color: #1c6b43; } li { margin: .2rem 0; overflow-wrap: anywhere; }
-div.wide { overflow-x: auto; } .plotly-graph-div { min-width: 620px; }
-"""
-
 
 def write_report(found: Identification, data: ResultData, path: Path) -> None:
     """Write a page that opens from disk, with all it needs inside."""
-    figures = [score_figure(data), *overlay_figures(found)]
-    parts = [
-        "<h1>System identification</h1>",
-        f"<p>{html.escape(summary(data))}</p>",
-        _parameter_table(data),
+    body = [
+        section("Parameters", _parameter_table(data)),
         _not_identified(data),
         _measured(data),
-        _sequence_table(data),
-        *[_figure_html(figure, first=i == 0) for i, figure in enumerate(figures)],
-        _warnings(data),
+        section("Command sequences and their real-versus-real floor", _sequence_table(data)),
+        *[section("", plot(figure)) for figure in (score_figure(data), *overlay_figures(found))],
+        section("What was cut or left out", bullets(data.warnings)) if data.warnings else "",
     ]
-    head = (
-        "<meta charset='utf-8'><meta name='viewport' content='width=device-width, initial-scale=1'>"
-        f"<title>System identification</title><style>{_STYLE}</style>"
-    )
-    body = "\n".join(parts)
-    page = f"<!doctype html><html lang='en'><head>{head}</head><body>{body}</body></html>\n"
-    path.write_text(page, encoding="utf-8")
+    path.write_text(page("System identification", body, note=summary(data)), encoding="utf-8")
 
 
 def summary(data: ResultData) -> str:
@@ -72,8 +54,7 @@ def score_figure(data: ResultData) -> go.Figure:
     figure.add_scatter(y=np.fmin.accumulate(best), mode="lines", name="best so far")
     if data.score_is_over_floor:
         figure.add_hline(y=1.0, line_dash="dot", annotation_text="real versus real")
-    figure.update_layout(title="Score over generations", xaxis_title="generation", yaxis_title="score", height=380)
-    return figure
+    return styled(figure, 380, title="Score over generations", x="generation", y="score")
 
 
 def overlay_figures(found: Identification) -> list[go.Figure]:
@@ -120,9 +101,8 @@ def _overlay(
                     row=row,
                     col=column,
                 )
-    figure.update_layout(title=f"Sequence {sequence}: robot and simulation", height=560)
     figure.update_xaxes(title_text="time, s", row=2)
-    return figure
+    return styled(figure, 560, title=f"Sequence {sequence}: robot and simulation")
 
 
 def _liveliest(command: NDArray[np.float64], n_ticks: int, rate_hz: float) -> slice:
@@ -137,74 +117,40 @@ def _at_ticks(tick_ns: NDArray[np.int64], state_ns: NDArray[np.int64], values: N
     return values[np.minimum(np.searchsorted(state_ns, tick_ns), len(state_ns) - 1)]
 
 
-def _parameter_table(data: ResultData) -> str:
+def _parameter_table(data: ResultData) -> Html:
     head = ("parameter", "unit", "initial", "value", "90 % interval", "identified by", "the paper's search alone")
-    rows = []
-    for p in data.parameters:
-        kind = "yes" if p.identified else "no"
-        cells = (
-            html.escape(p.name),
-            html.escape(p.unit),
-            _n(p.initial),
-            _n(p.value),
-            f"{_n(p.low)} … {_n(p.high)}",
-            f"<span class='{kind}'>{html.escape(p.source)}</span>",
-            f"{_n(p.by_search.value)} ({_n(p.by_search.low)} … {_n(p.by_search.high)})",
+    rows = [
+        (
+            p.name,
+            p.unit,
+            p.initial,
+            p.value,
+            f"{number(p.low)} … {number(p.high)}",
+            marked(p.source, "good" if p.identified else "bad"),
+            f"{number(p.by_search.value)} ({number(p.by_search.low)} … {number(p.by_search.high)})",
         )
-        rows.append("<tr>" + "".join(f"<td{_right(i)}>{c}</td>" for i, c in enumerate(cells)) + "</tr>")
-    return f"<h2>Parameters</h2><table><tr>{''.join(f'<th>{h}</th>' for h in head)}</tr>{''.join(rows)}</table>"
+        for p in data.parameters
+    ]
+    return table(head, rows)
 
 
 def _not_identified(data: ResultData) -> str:
     missing = [p for p in data.parameters if not p.identified]
     if not missing:
         return ""
-    items = [f"<li><b>{html.escape(p.name)}</b>: {html.escape(p.reason)}</li>" for p in missing]
-    return (
-        "<h2>Not identified</h2><p>Their values in the model file are ones that the logs do not contradict, no more."
-        f"</p><ul>{''.join(items)}</ul>"
-    )
+    items = bullets(Html(f"<b>{escaped(p.name)}</b>: {escaped(p.reason)}") for p in missing)
+    note = "Their values in the model file are ones that the logs do not contradict, no more."
+    return section("Not identified", items, note)
 
 
 def _measured(data: ResultData) -> str:
-    items = [
-        f"<li>{html.escape(m.what)}: {_n(m.value)} {html.escape(m.unit)} ({html.escape(m.source)})</li>"
-        for m in data.measured
-    ]
-    return f"<h2>Measured directly, not searched</h2><ul>{''.join(items)}</ul>" if items else ""
+    items = [f"{m.what}: {number(m.value)} {m.unit} ({m.source})" for m in data.measured]
+    return section("Measured directly, not searched", bullets(items)) if items else ""
 
 
-def _sequence_table(data: ResultData) -> str:
-    rows = [
-        f"<tr><td>{html.escape(s.name)}</td><td class='n'>{s.repeats}</td><td class='n'>{_n(s.floor_w1_nm)}</td>"
-        f"<td class='n'>{_n(s.floor_mmd)}</td></tr>"
-        for s in data.sequences
-    ]
-    return (
-        "<h2>Command sequences and their real-versus-real floor</h2><table><tr><th>sequence</th><th>repeats</th>"
-        f"<th>Wasserstein, N·m</th><th>MMD</th></tr>{''.join(rows)}</table>"
-    )
-
-
-def _warnings(data: ResultData) -> str:
-    if not data.warnings:
-        return ""
-    return (
-        "<h2>What was cut or left out</h2><ul>" + "".join(f"<li>{html.escape(w)}</li>" for w in data.warnings) + "</ul>"
-    )
-
-
-def _figure_html(figure: go.Figure, *, first: bool) -> str:
-    config = {"displaylogo": False, "responsive": True}
-    return f"<div class='wide'>{figure.to_html(full_html=False, include_plotlyjs=first, config=config)}</div>"
-
-
-def _n(value: float | None) -> str:
-    return "—" if value is None else f"{value:.4g}"
-
-
-def _right(column: int) -> str:
-    return " class='n'" if column in (2, 3) else ""
+def _sequence_table(data: ResultData) -> Html:
+    rows = [(s.name, s.repeats, s.floor_w1_nm, s.floor_mmd) for s in data.sequences]
+    return table(("sequence", "repeats", "Wasserstein, N·m", "MMD"), rows)
 
 
 def text_table(parameters: Sequence[ParameterData]) -> str:
