@@ -55,9 +55,7 @@ def _speed_figure(result: dict[str, Any]) -> Any:
             go.Scatter(x=asked, y=[c[1] if c[2] else None for c in curve], name="measured", mode="lines+markers"),
         ]
     )
-    return styled(
-        figure, 380, title="Forward speed, held for 10 s", x="commanded V_x, m/s", y="mean V_x, m/s"
-    )
+    return styled(figure, 380, title="Forward speed, held for 10 s", x="commanded V_x, m/s", y="mean V_x, m/s")
 
 
 def _error_figure(result: dict[str, Any]) -> Any:
@@ -84,6 +82,4 @@ def _gait_figure(result: dict[str, Any]) -> Any:
 def _power_figure(result: dict[str, Any]) -> Any:
     points = [p for p in _forward(result) if not p["fell"]]
     figure = go.Figure(go.Scatter(x=[p["command"][0] for p in points], y=[p["power_w"] for p in points]))
-    return styled(
-        figure, 380, title="Power (positive work of all motors)", x="commanded V_x, m/s", y="power, W"
-    )
+    return styled(figure, 380, title="Power (positive work of all motors)", x="commanded V_x, m/s", y="power, W")
