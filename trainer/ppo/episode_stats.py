@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import torch
+from collections.abc import Iterable
 
-from trainer.task.reward_config import RewardWeights
+import torch
 
 Tensor = torch.Tensor
 
@@ -12,8 +12,8 @@ Tensor = torch.Tensor
 class EpisodeStats:
     """Reward sums by term, lengths and falls of episodes."""
 
-    def __init__(self, n: int, device: torch.device | str) -> None:
-        self.terms = tuple(RewardWeights.model_fields)
+    def __init__(self, terms: Iterable[str], n: int, device: torch.device | str) -> None:
+        self.terms = tuple(terms)
         self.running = torch.zeros(n, len(self.terms), device=device)
         self.length = torch.zeros(n, device=device)
         self._finished_terms = torch.zeros(len(self.terms), device=device)

@@ -44,6 +44,8 @@ def resolve_path(path: str, model: type[BaseModel]) -> tuple[str, ...]:
         parts = ("task", *parts)
     for depth, key in enumerate(parts):
         allowed = allowed_keys(model, parts[:depth])
+        if ":" in path and path.endswith(".".join(parts[depth:])) and takes_more_keys(model, parts[:depth]):
+            return (*parts[:depth], ".".join(parts[depth:]))
         if not allowed:
             raise BadInputError(f"key {path!r}: {'.'.join(parts[:depth])} has no keys below it; set it as a whole")
         if key not in allowed:
@@ -55,13 +57,24 @@ def resolve_path(path: str, model: type[BaseModel]) -> tuple[str, ...]:
 
 def allowed_keys(model: type[BaseModel], path: tuple[str, ...]) -> list[str]:
     """Keys below ``path``; empty where a plain value stands."""
+    below = _model_at(model, path)
+    return [] if below is None else [field.alias or name for name, field in below.model_fields.items()]
+
+
+def takes_more_keys(model: type[BaseModel], path: tuple[str, ...]) -> bool:
+    """Whether what stands at ``path`` takes keys of the form ``module:function`` beside its own."""
+    below = _model_at(model, path)
+    return below is not None and below.model_config.get("extra") == "allow"
+
+
+def _model_at(model: type[BaseModel], path: tuple[str, ...]) -> type[BaseModel] | None:
     for key in path:
         field = {f.alias or name: f for name, f in model.model_fields.items()}.get(key)
         annotation = field.annotation if field is not None else None
         if not (isinstance(annotation, type) and issubclass(annotation, BaseModel)):
-            return []
+            return None
         model = annotation
-    return [field.alias or name for name, field in model.model_fields.items()]
+    return model
 
 
 def _set(data: dict[str, Any], path: tuple[str, ...], value: Any) -> None:

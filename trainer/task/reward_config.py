@@ -2,17 +2,39 @@
 
 from __future__ import annotations
 
-from pydantic import Field
+from collections.abc import Iterable
+from importlib.metadata import entry_points
+from typing import Final
+
+from pydantic import ConfigDict, Field, model_validator
 
 from trainer.shared.config_base import Config
+
+ENTRY_POINT_GROUP: Final = "spot_rl.rewards"
+"""Where installed packages name their rewards."""
+
+
+def check_reward_names(names: Iterable[str]) -> None:
+    """Check that each name is ours, installed, or ``module:function``; raises ValueError."""
+    known = [*RewardWeights.model_fields, *(entry.name for entry in entry_points(group=ENTRY_POINT_GROUP))]
+    for name in names:
+        if name not in known and ":" not in name:
+            allowed = f"{', '.join(known)}, or module:function for one of your own"
+            raise ValueError(f"no reward is called {name}; allowed: {allowed}")
 
 
 class RewardWeights(Config):
     """One weight a reward term; each term is weighted, multiplied by the policy period and added up.
 
+    A reward of one's own has the key ``module:function``, or the name under which it is installed in the entry-point
+    group ``spot_rl.rewards``; see :func:`trainer.task.reward_terms.reward_term`.
+
     Source: Isaac Lab's released Spot task (BSD-3-Clause) for the defaults; the paper names foot impact and foot
     distance without weights, so those two are this project's choice.
     """
+
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, float] = Field(init=False)
 
     linear_velocity: float = 5.0
     yaw_rate: float = 5.0
@@ -34,6 +56,15 @@ class RewardWeights(Config):
     joint_velocity: float = -1.0e-2
     joint_position: float = -0.7
     joint_torque: float = -5.0e-4
+
+    @model_validator(mode="after")
+    def _known(self) -> RewardWeights:
+        check_reward_names(self.model_extra or {})
+        return self
+
+    def by_name(self) -> dict[str, float]:
+        """Every weight, those of one's own rewards last."""
+        return {name: float(weight) for name, weight in self.model_dump().items()}
 
 
 class RewardShape(Config):

@@ -17,7 +17,8 @@ from trainer.task.ground import Ground
 from trainer.task.initial_state import draw_initial_state
 from trainer.task.kinematics import FootMotion, foot_motion
 from trainer.task.observation_noise import noise_sigmas
-from trainer.task.rewards import TERMS, Moment
+from trainer.task.reward_terms import reward_term
+from trainer.task.rewards import Moment
 from trainer.task.task_config import TaskConfig
 from trainer.task.velocity_commands import VelocityCommands
 
@@ -52,12 +53,13 @@ class Task:
         self.n_envs, self.device = n, device
         self._draws = Draws(generator)
         self.commands = VelocityCommands(config.commands, n, self._draws)
-        self.stats = EpisodeStats(n, device)
+        first = {**dict.fromkeys(config.late_rewards.weights, 0.0), **config.rewards.by_name()}
+        self._terms = [reward_term(name) for name in first]
+        self.stats = EpisodeStats(first, n, device)
         self.feet = FootTimers(n, device, config.reward_shape.duty_window_s)
         self._ground = Ground(config.terrain, device)
         self._default = torch.tensor(facts.DEFAULT_POSITION_RAD, device=device, dtype=torch.float32)
         self._sigmas = noise_sigmas(config.noise, device)
-        first = {name: getattr(config.rewards, name) for name in self.stats.terms}
         self._first_weights, self._late_weights = (
             PERIOD_S * torch.tensor([weights[name] for name in self.stats.terms], device=device)
             for weights in (first, {**first, **config.late_rewards.weights})
@@ -145,7 +147,7 @@ class Task:
     def _weighted_rewards(self, moment: Moment) -> Tensor:
         """Each term times its weight and the period, shape (n, terms), in the order of the config's fields."""
         shape = self.config.reward_shape
-        values = torch.stack([TERMS[name](moment, shape) for name in self.stats.terms], dim=-1)
+        values = torch.stack([term(moment, shape) for term in self._terms], dim=-1)
         return values * self._weights
 
     def _reset(self, mask: Tensor) -> None:

@@ -7,7 +7,7 @@ from typing import Any, Literal
 from pydantic import Field, field_validator, model_validator
 
 from trainer.shared.config_base import Config, Range
-from trainer.task.reward_config import RewardShape, RewardWeights
+from trainer.task.reward_config import RewardShape, RewardWeights, check_reward_names
 
 
 class CommandConfig(Config):
@@ -92,9 +92,7 @@ class LateRewards(Config):
     @field_validator("weights")
     @classmethod
     def _known(cls, weights: dict[str, float]) -> dict[str, float]:
-        unknown = sorted(set(weights) - set(RewardWeights.model_fields))
-        if unknown:
-            raise ValueError(f"no reward is called {unknown[0]}; allowed: {', '.join(RewardWeights.model_fields)}")
+        check_reward_names(weights)
         return weights
 
     def share(self, iteration: int) -> float:
