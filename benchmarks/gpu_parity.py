@@ -15,9 +15,9 @@ from spot_model.robot import facts
 from trainer.backends.cpu import CpuBackend
 from trainer.backends.random_draws import Draws
 from trainer.backends.warp import WarpBackend
+from trainer.config.task_config import RandomisationConfig, TaskConfig
 from trainer.task.initial_state import draw_initial_state, draw_simulations
 from trainer.task.randomised_effects import training_effects
-from trainer.task.task_config import RandomisationConfig, TaskConfig
 
 RANDOMISATION = RandomisationConfig(
     replaced_effects=("command_delay",),

@@ -18,7 +18,7 @@ from spot_rl.learning import training_config
 from spot_rl.paths import AnyPath
 from trainer.backends.cpu import CpuBackend
 from trainer.backends.random_draws import Draws
-from trainer.ppo.config import TrainConfig
+from trainer.config.train_config import TrainConfig
 from trainer.task.initial_state import draw_simulations
 from trainer.task.randomised_effects import training_effects
 from trainer.task.task import Task

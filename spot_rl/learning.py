@@ -13,7 +13,7 @@ from spot_rl.paths import AnyPath, existing, to_path
 
 if TYPE_CHECKING:
     from spot_model.io.model_file import RobotModel
-    from trainer.ppo.config import TrainConfig
+    from trainer.config.train_config import TrainConfig
 
 
 def train(
@@ -98,7 +98,7 @@ def evaluate(
 def training_config(config: AnyPath | Mapping[str, Any], changes: Mapping[str, Any] | None) -> TrainConfig:
     """A training config from a file or plain data, with changes."""
     from spot_model.errors import BadInputError
-    from trainer.ppo.config import config_from_data, load_config
+    from trainer.config.train_config import config_from_data, load_config
 
     try:
         overrides = tuple(f"{key}={json.dumps(value)}" for key, value in (changes or {}).items())

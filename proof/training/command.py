@@ -20,7 +20,7 @@ def train(
     """Measure the speed of training: physics, task, learning."""
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     from proof.training.speed import bench_train
-    from trainer.ppo.config import config_from_data, load_config
+    from trainer.config.train_config import config_from_data, load_config
     from trainer.ppo.train import is_first_process, local_device
     from trainer.task.make_task import check_device
 

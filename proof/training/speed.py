@@ -13,7 +13,7 @@ from typing import Any
 import torch
 
 from spot_model.robot import facts
-from trainer.ppo.config import TrainConfig
+from trainer.config.train_config import TrainConfig
 from trainer.ppo.ppo import PpoRunner
 from trainer.ppo.train import make_runner
 

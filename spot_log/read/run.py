@@ -71,7 +71,7 @@ class Run:
         Raises:
             FrameError: The topic is unknown, or pandas is not installed.
         """
-        from spot_log.tools.frames import frame_of
+        from spot_log.read.frames import frame_of
 
         return frame_of(self, topic)
 

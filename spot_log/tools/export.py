@@ -11,8 +11,8 @@ from typing import Any, Final
 
 from numpy.typing import NDArray
 
+from spot_log.read.flat_tables import Table, tables_of
 from spot_log.read.run import Run
-from spot_log.tools.tables import Table, tables_of
 from spot_model.errors import BadInputError
 
 FORMATS: Final = ("parquet", "csv")

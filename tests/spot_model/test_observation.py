@@ -117,7 +117,7 @@ def test_fields_cover_the_observation_and_are_named_once():
 
 
 def test_noise_keys_are_those_of_the_training_config():
-    config = pytest.importorskip("trainer.task.task_config").NoiseConfig
+    config = pytest.importorskip("trainer.config.task_config").NoiseConfig
     assert {field.noise for field in OBSERVATION if field.noise} == set(config.model_fields) - {"scale"}
 
 

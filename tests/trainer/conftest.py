@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 import torch
 
-from trainer.ppo.config import TrainConfig, config_from_data
+from trainer.config.train_config import TrainConfig, config_from_data
 
 TINY: dict[str, Any] = {
     "name": "tiny",

@@ -3,8 +3,8 @@ from pathlib import Path
 import pytest
 
 from spot_model.errors import BadInputError
-from trainer.ppo.config import TrainConfig, config_from_data, config_yaml, load_config
-from trainer.shared.overrides import resolve_path
+from trainer.config.overrides import resolve_path
+from trainer.config.train_config import TrainConfig, config_from_data, config_yaml, load_config
 
 MINIMAL = {"name": "t", "iterations": 1}
 

@@ -10,9 +10,9 @@ from spot_model.robot.mjcf import MjcfOptions, spot_mjcf
 from trainer.backends.backend import InitialState, SimulationDraws
 from trainer.backends.cpu import CpuBackend
 from trainer.backends.random_draws import Draws
+from trainer.config.reward_config import RewardWeights
+from trainer.config.task_config import RandomisationConfig, TaskConfig, TerrainConfig
 from trainer.task.initial_state import draw_initial_state
-from trainer.task.reward_config import RewardWeights
-from trainer.task.task_config import RandomisationConfig, TaskConfig, TerrainConfig
 
 N = 3
 PERIODS = 12

@@ -9,8 +9,8 @@ from spot_model.errors import BadInputError
 from spot_model.policy.observation import N_OBSERVATION
 from spot_model.policy.policy import load_policy
 from tests.trainer.conftest import TINY
+from trainer.config.train_config import TrainConfig
 from trainer.export.export import actor_layers, check_agreement, export_policy, run_torch
-from trainer.ppo.config import TrainConfig
 from trainer.ppo.train import train
 
 

@@ -4,10 +4,10 @@ import torch
 from spot_model.plant.plant import Plant
 from trainer.backends.cpu import CpuBackend
 from trainer.backends.random_draws import Draws
+from trainer.config.task_config import RandomisationConfig, TaskConfig, TerrainConfig
 from trainer.task.ground import Ground
 from trainer.task.initial_state import draw_initial_state, draw_simulations
 from trainer.task.kinematics import foot_motion
-from trainer.task.task_config import RandomisationConfig, TaskConfig, TerrainConfig
 
 
 def test_feet_are_where_mujoco_has_them() -> None:

@@ -7,7 +7,7 @@ from torch.utils._python_dispatch import TorchDispatchMode
 
 from spot_model.robot import facts
 from trainer.backends.backend import InitialState, PlantState
-from trainer.ppo.config import TrainConfig, config_from_data
+from trainer.config.train_config import TrainConfig, config_from_data
 from trainer.ppo.vec_env import TaskVecEnv, TrainingDivergedError
 from trainer.task.make_task import make_task
 from trainer.task.task import PERIOD_S, Task

@@ -3,7 +3,7 @@ import dataclasses
 import pytest
 import torch
 
-from trainer.ppo.config import TrainConfig
+from trainer.config.train_config import TrainConfig
 from trainer.task.task import StepResult, make_task
 from trainer.task.task_parts import TaskParts
 

@@ -13,12 +13,12 @@ from spot_model.effects.base import Effect
 from spot_model.errors import BadInputError
 from tests.trainer.conftest import TINY
 from trainer.backends.random_draws import Draws
+from trainer.config.task_config import RandomisationConfig
+from trainer.config.train_config import TrainConfig, load_config
 from trainer.ppo.checkpoint import find_checkpoint, read_checkpoint, save_networks
-from trainer.ppo.config import TrainConfig, load_config
 from trainer.ppo.train import make_runner, resume, train
 from trainer.task.make_task import check_device
 from trainer.task.randomised_effects import training_effects
-from trainer.task.task_config import RandomisationConfig
 
 
 @pytest.fixture(scope="module")
@@ -168,7 +168,7 @@ def test_two_processes_learn_one_network(tmp_path: Path) -> None:
     script.write_text(
         "import hashlib, sys\n"
         "from pathlib import Path\n"
-        "from trainer.ppo.config import TrainConfig\n"
+        "from trainer.config.train_config import TrainConfig\n"
         "from trainer.ppo.train import make_runner\n"
         f"config = TrainConfig.model_validate({TINY!r})\n"
         "runner = make_runner(config, Path(sys.argv[1]), 'cpu')\n"

@@ -17,8 +17,7 @@ from spot_model.robot import facts
 from spot_model.robot.mjcf import MjcfOptions
 from spot_model.robot.rotation import rotate_wxyz
 from trainer.backends.backend import InitialState, PlantState, SimulationDraws
-from trainer.task.ground import terrain_of
-from trainer.task.task_config import TaskConfig
+from trainer.config.task_config import TaskConfig
 
 Tensor = torch.Tensor
 
@@ -140,7 +139,7 @@ class CpuBackend:
 
 def mjcf_options(config: TaskConfig) -> MjcfOptions:
     """The physics model that a task trains on."""
-    return MjcfOptions(timestep_s=1.0 / config.physics_rate_hz, terrain=terrain_of(config.terrain), visuals=False)
+    return MjcfOptions(timestep_s=1.0 / config.physics_rate_hz, terrain=config.terrain.terrain(), visuals=False)
 
 
 def randomise(plant: Plant, draws: SimulationDraws) -> None:

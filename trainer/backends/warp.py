@@ -23,7 +23,7 @@ from trainer.backends.cpu import mjcf_options, randomise
 from trainer.backends.torch_servo import DelayedSetpoints, TorchTorqueChain, refuse_other_effects
 from trainer.backends.warp_contacts import GroundContacts
 from trainer.backends.warp_model import put_plant
-from trainer.task.task_config import TaskConfig
+from trainer.config.task_config import TaskConfig
 
 Tensor = torch.Tensor
 

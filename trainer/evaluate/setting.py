@@ -12,10 +12,10 @@ from spot_model.policy.policy import Policy
 from spot_model.robot import facts
 from spot_model.robot.leg_kinematics import foot_position_in_body_m
 from spot_model.robot.mjcf import MjcfOptions
+from trainer.config.task_config import NoiseConfig, RandomisationConfig
 from trainer.evaluate.rollout import Array
 from trainer.task.initial_state import FREE_HEIGHT_M
 from trainer.task.observation_noise import noise_sigmas
-from trainer.task.task_config import NoiseConfig, RandomisationConfig
 
 FOOT_GEOMS = tuple(f"{leg}_foot" for leg in facts.LEG_NAMES)
 

@@ -17,8 +17,8 @@ from spot_model.policy.contract import INPUT_NAME, METADATA_KEY, OUTPUT_NAME, Po
 from spot_model.policy.observation import N_OBSERVATION
 from spot_model.policy.policy import policy_from_bytes
 from spot_model.robot import facts
+from trainer.config.train_config import TrainConfig
 from trainer.ppo.checkpoint import config_of, find_checkpoint, read_checkpoint
-from trainer.ppo.config import TrainConfig
 from trainer.shared.run_folder import read_run_record
 
 OPSET = 18

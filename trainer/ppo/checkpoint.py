@@ -11,7 +11,7 @@ import yaml
 from spot_model.errors import BadInputError
 from spot_model.policy.observation import OBSERVATION_LAYOUT
 from spot_model.robot import facts
-from trainer.ppo.config import TrainConfig, config_from_data, config_yaml
+from trainer.config.train_config import TrainConfig, config_from_data, config_yaml
 
 if TYPE_CHECKING:
     from trainer.ppo.ppo import PpoRunner

@@ -12,7 +12,7 @@ import torch
 from rsl_rl.algorithms import PPO
 from rsl_rl.runners import OnPolicyRunner
 
-from trainer.ppo.config import PpoConfig, TrainConfig
+from trainer.config.train_config import PpoConfig, TrainConfig
 from trainer.ppo.symmetry import with_mirror_images
 from trainer.ppo.training_log import TrainingLog
 from trainer.ppo.vec_env import TaskVecEnv

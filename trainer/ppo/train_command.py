@@ -21,7 +21,7 @@ def train(
     # Spinning threads take the cores from the physics; torch reads this when it is first imported.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     from spot_model.errors import BadInputError
-    from trainer.ppo.config import load_config
+    from trainer.config.train_config import load_config
 
     overrides = tuple(set_ or ())
     if (config is None) == (resume is None):

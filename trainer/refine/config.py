@@ -12,7 +12,7 @@ from spot_model.io.model_file import RobotModel, load_model, model_from_data
 from spot_model.io.validation import explain
 from spot_model.io.yaml_text import read_yaml
 from spot_model.robot.mjcf import MjcfOptions
-from trainer.shared.config_base import Config, Range
+from trainer.config.base import Config, Range
 
 
 class RobotConfig(Config):

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from spot_model.errors import BadInputError
-from trainer.ppo.config import TrainConfig, config_yaml
+from trainer.config.train_config import TrainConfig, config_yaml
 
 REVISION_VARIABLE: Final = "SPOT_RL_REVISION"
 

@@ -4,20 +4,11 @@ from __future__ import annotations
 
 import torch
 
-from spot_model.robot.mjcf_options import FlatTerrain, NoiseTerrain, Terrain
+from spot_model.robot.mjcf_options import NoiseTerrain
 from spot_model.robot.mjcf_terrain import terrain_heights_m
-from trainer.task.task_config import TerrainConfig
+from trainer.config.task_config import TerrainConfig
 
 Tensor = torch.Tensor
-
-
-def terrain_of(config: TerrainConfig) -> Terrain:
-    """The plant's terrain for a config."""
-    if config.kind == "flat":
-        return FlatTerrain()
-    return NoiseTerrain(
-        seed=config.seed, amplitude_m=config.amplitude_m, cell_m=config.cell_m, half_size_m=config.half_size_m
-    )
 
 
 class Ground:
@@ -25,7 +16,7 @@ class Ground:
 
     def __init__(self, config: TerrainConfig, device: torch.device | str) -> None:
         self.half_size_m = config.half_size_m if config.kind == "noise" else None
-        terrain = terrain_of(config)
+        terrain = config.terrain()
         self._heights: Tensor | None = None
         if isinstance(terrain, NoiseTerrain):
             self._heights = torch.tensor(terrain_heights_m(terrain), device=device, dtype=torch.float32)

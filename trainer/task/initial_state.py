@@ -10,7 +10,7 @@ from spot_model.robot import facts
 from spot_model.robot.leg_kinematics import foot_position_in_body_m
 from trainer.backends.backend import InitialState, SimulationDraws
 from trainer.backends.random_draws import Draws
-from trainer.task.task_config import RandomisationConfig, TerrainConfig
+from trainer.config.task_config import RandomisationConfig, TerrainConfig
 
 FREE_HEIGHT_M = 0.01
 """Room under the lowest foot at the start."""

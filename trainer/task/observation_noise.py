@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 
 from spot_model.policy.observation import OBSERVATION
-from trainer.task.task_config import NoiseConfig
+from trainer.config.task_config import NoiseConfig
 
 
 def noise_sigmas(config: NoiseConfig, device: torch.device | str) -> torch.Tensor:

@@ -12,7 +12,7 @@ from spot_model.effects.registry import effect_class, make_effect
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import load_model
 from trainer.backends.random_draws import Draws
-from trainer.task.task_config import RandomisationConfig
+from trainer.config.task_config import RandomisationConfig
 
 
 def training_effects(model: str, randomisation: RandomisationConfig, n: int, draws: Draws) -> tuple[Effect, ...]:

@@ -7,7 +7,7 @@ from importlib.metadata import entry_points
 from typing import Any
 
 from spot_model.errors import BadInputError
-from trainer.task.reward_config import ENTRY_POINT_GROUP
+from trainer.config.reward_config import ENTRY_POINT_GROUP
 from trainer.task.rewards import TERMS, Term
 
 

@@ -14,7 +14,7 @@ from typing import Final
 
 import torch
 
-from trainer.task.reward_config import RewardShape
+from trainer.config.reward_config import RewardShape
 
 Tensor = torch.Tensor
 
@@ -222,4 +222,4 @@ TERMS: Final[dict[str, Term]] = {
         joint_torque,
     )
 }
-"""Every term by its key in :class:`trainer.task.reward_config.RewardWeights`."""
+"""Every term by its key in :class:`trainer.config.reward_config.RewardWeights`."""

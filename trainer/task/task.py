@@ -11,7 +11,8 @@ from spot_model.policy.observation import N_OBSERVATION, OBSERVATION_LAYOUT, bui
 from spot_model.robot import facts
 from trainer.backends.backend import Backend, PlantState
 from trainer.backends.random_draws import Draws
-from trainer.ppo.episode_stats import EpisodeStats
+from trainer.config.task_config import TaskConfig
+from trainer.task.episode_stats import EpisodeStats
 from trainer.task.feet import FootTimers
 from trainer.task.ground import Ground
 from trainer.task.initial_state import draw_initial_state
@@ -19,7 +20,6 @@ from trainer.task.kinematics import FootMotion, foot_motion
 from trainer.task.observation_noise import noise_sigmas
 from trainer.task.reward_terms import reward_term
 from trainer.task.rewards import Moment
-from trainer.task.task_config import TaskConfig
 from trainer.task.velocity_commands import VelocityCommands
 
 Tensor = torch.Tensor

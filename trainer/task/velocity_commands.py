@@ -7,7 +7,7 @@ from typing import Any
 import torch
 
 from trainer.backends.random_draws import Draws
-from trainer.task.task_config import CommandConfig
+from trainer.config.task_config import CommandConfig
 
 Tensor = torch.Tensor
 

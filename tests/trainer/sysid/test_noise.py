@@ -63,7 +63,7 @@ def test_the_file_holds_what_trainer_and_fake_robot_take(make_logs: MakeLogs, tm
     runs = make_logs(PAPER_IDENTIFIED, sequences={"a": 0.0}, n_ticks=50, n_repeats=1, noise=PLANTED)
     write_noise(observation_noise(runs), tmp_path / "noise.yaml")
     data = yaml.safe_load((tmp_path / "noise.yaml").read_text())
-    from trainer.task.task_config import TaskConfig
+    from trainer.config.task_config import TaskConfig
 
     task = TaskConfig.model_validate(data["task"])
     assert task.noise.joint_position_rad > 0.0

@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Final, Literal
 
-import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import load_model
 from spot_model.io.validation import explain
+from spot_model.io.yaml_text import read_yaml
 from spot_model.robot import facts
 from trainer.sysid.search.space import SearchParameter, SearchSpace, find_parameter
 
@@ -153,12 +153,7 @@ def load_config(path: Path) -> SysidConfig:
     Raises:
         BadInputError: The file cannot be read, or is not valid.
     """
-    try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise BadInputError(f"config {path} cannot be read: {error.strerror}; give a YAML file") from error
-    except (UnicodeDecodeError, yaml.YAMLError) as error:
-        raise BadInputError(f"config {path} is no YAML: {error}") from error
+    data = read_yaml(path, "config")
     return config_from_data(data if data is not None else {}, source=f"config {path}")
 
 

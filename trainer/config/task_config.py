@@ -6,8 +6,9 @@ from typing import Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from trainer.shared.config_base import Config, Range
-from trainer.task.reward_config import RewardShape, RewardWeights, check_reward_names
+from spot_model.robot.mjcf_options import FlatTerrain, NoiseTerrain, Terrain
+from trainer.config.base import Config, Range
+from trainer.config.reward_config import RewardShape, RewardWeights, check_reward_names
 
 
 class CommandConfig(Config):
@@ -78,6 +79,14 @@ class TerrainConfig(Config):
     amplitude_m: float = Field(default=0.03, gt=0.0, le=0.3)
     cell_m: float = Field(default=0.25, gt=0.0)
     half_size_m: float = Field(default=20.0, gt=0.0)
+
+    def terrain(self) -> Terrain:
+        """The plant's terrain."""
+        if self.kind == "flat":
+            return FlatTerrain()
+        return NoiseTerrain(
+            seed=self.seed, amplitude_m=self.amplitude_m, cell_m=self.cell_m, half_size_m=self.half_size_m
+        )
 
 
 class LateRewards(Config):

@@ -8,7 +8,7 @@ from typing import Final
 
 from pydantic import ConfigDict, Field, model_validator
 
-from trainer.shared.config_base import Config
+from trainer.config.base import Config
 
 ENTRY_POINT_GROUP: Final = "spot_rl.rewards"
 """Where installed packages name their rewards."""

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from spot_log.read.flat_tables import tables_of
 from spot_log.read.run import Run
-from spot_log.tools.tables import tables_of
 from spot_model.errors import BadInputError
 
 

@@ -10,9 +10,10 @@ from pydantic import ConfigDict, Field, ValidationError
 
 from spot_model.errors import BadInputError
 from spot_model.io.validation import explain
-from trainer.shared.config_base import Config
-from trainer.shared.overrides import allowed_keys, apply_overrides
-from trainer.task.task_config import TaskConfig
+from spot_model.io.yaml_text import read_yaml
+from trainer.config.base import Config
+from trainer.config.overrides import allowed_keys, apply_overrides
+from trainer.config.task_config import TaskConfig
 
 SCHEMA: Final = "spot-rl/train/1"
 
@@ -88,13 +89,7 @@ def load_config(path: Path, overrides: tuple[str, ...] = ()) -> TrainConfig:
     Raises:
         BadInputError: The file cannot be read, or is not valid.
     """
-    try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise BadInputError(f"config {path} cannot be read: {error.strerror}; give a YAML file") from error
-    except (UnicodeDecodeError, yaml.YAMLError) as error:
-        raise BadInputError(f"config {path} is no YAML: {error}") from error
-    return config_from_data(data, source=f"config {path}", overrides=overrides)
+    return config_from_data(read_yaml(path, "config"), source=f"config {path}", overrides=overrides)
 
 
 def config_yaml(config: TrainConfig) -> str:

@@ -1,0 +1,1 @@
+"""The training config: its fields with their defaults, and changes by key."""
