@@ -1,6 +1,6 @@
 """Write the generated pages of the documentation, or check that they are what would be written.
 
-python scripts/write_docs.py            write docs/commands.md and docs/config.md
+python scripts/write_docs.py            write the pages commands, config, scenario and conformance
 python scripts/write_docs.py --check    write nothing; exit 1 and name the pages that differ
 """
 
@@ -19,6 +19,8 @@ import typer
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
+from fake_robot.conformance.table import markdown
+from fake_robot.scenario.scenario import Scenario, shipped_names
 from spot_model.io.command_line import GROUP_HELP
 from spot_model.io.command_registry import COMMAND_GROUP, load_command
 from spot_runtime.config import RunConfig
@@ -97,6 +99,49 @@ def config_page() -> str:
     return text
 
 
+def scenario_page() -> str:
+    """Every key of a fake robot's scenario."""
+    text = (
+        "# The fake robot's scenario\n\n"
+        + NOTE
+        + "A YAML file, `--scenario FILE` of `spot-rl fake-robot`. Every key may be left out; an unknown one is "
+        "refused. `--scenario NAME` takes a shipped one: "
+        + ", ".join(f"`{name}`" for name in shipped_names())
+        + ".\n\n```yaml\nschema: spot-rl/scenario/1\nterrain: {friction: 0.4}\n```\n"
+        "\n| key | type | default | meaning |\n|---|---|---|---|\n"
+    )
+    parts = {}
+    for name, field in Scenario.model_fields.items():
+        part = field.annotation
+        if isinstance(part, type) and issubclass(part, BaseModel):
+            parts[name] = part
+        else:
+            text += key_row(field.alias or name, field)
+    for name, part in parts.items():
+        text += f"\n## {name}\n\n{cell(part.__doc__ or '')}\n\n| key | type | default | meaning |\n|---|---|---|---|\n"
+        text += "".join(key_row(key, about) for key, about in part.model_fields.items())
+    return text
+
+
+def conformance_page() -> str:
+    """What a robot may refuse."""
+    return (
+        "# What a robot may refuse\n\n"
+        + NOTE
+        + "Every check that the fake robot makes of a client, and every answer that a client may rely on, with how we "
+        "know it. The fake refuses whatever the protos say that a robot may refuse; where nobody outside the vendor "
+        "knows, the row is *our guess*, and the last column names the key of the [scenario](scenario.md) that changes "
+        "the fake's answer.\n\n"
+        "The same table runs against any server that claims to be a Spot:\n\n"
+        "<!-- doc-test: run -->\n```sh\nspot-rl fake-robot exec -- spot-rl fake-robot conformance --robot HOST\n```\n\n"
+        "It logs in with `BOSDYN_CLIENT_USERNAME` and `BOSDYN_CLIENT_PASSWORD`, moves nothing, and never takes a lease "
+        "that somebody holds. `--with-motion` also powers the motors, stands, walks half a metre and sits. A host that "
+        "may be a real robot needs `--i-stand-beside-it`: stand beside it with its e-stop in your hand. The exit code "
+        "is 1 if a rule that is documented or measured is broken; a guess that the server does not share *differs*.\n\n"
+        + markdown()
+    )
+
+
 def key_row(key: str, field: Any) -> str:
     """One key."""
     default = field.default_factory() if field.default is PydanticUndefined and field.default_factory else field.default
@@ -149,7 +194,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--check", action="store_true", help="compare instead of writing")
     is_check = parser.parse_args().check
-    pages = {"commands.md": commands_page(), "config.md": config_page()}
+    pages = {
+        "commands.md": commands_page(),
+        "config.md": config_page(),
+        "scenario.md": scenario_page(),
+        "conformance.md": conformance_page(),
+    }
     different = []
     for name, text in pages.items():
         path = DOCS / name

@@ -17,7 +17,7 @@ JointName = Literal[
 class Part(BaseModel):
     """A part of a scenario: frozen, and a key that it does not know is an error."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
 
 class PhysicsConfig(Part):

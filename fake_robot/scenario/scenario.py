@@ -65,7 +65,7 @@ _DEFAULT_EFFECTS: Final[tuple[dict[str, Any], ...]] = (
 class ModelConfig(BaseModel):
     """The robot's hidden truth, in the format of a model file."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
     robot: Literal["spot"] = "spot"
     effects: tuple[dict[str, Any], ...] = _DEFAULT_EFFECTS
@@ -74,7 +74,7 @@ class ModelConfig(BaseModel):
 class Scenario(BaseModel):
     """A fake robot. Every key has a default, so that an empty file is the default robot."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True, use_attribute_docstrings=True)
 
     schema_name: Literal["spot-rl/scenario/1"] = Field(default=SCHEMA, alias="schema")
     description: str = Field(default="", max_length=2000)

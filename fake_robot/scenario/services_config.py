@@ -14,7 +14,7 @@ class ServicesConfig(BaseModel):
     because a client's keep-alive thread runs on the host's clock (``liveness_clock: both``).
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
     serial_number: str = Field(default="spot-FAKE-00000001", min_length=1, max_length=64)
     nickname: str = Field(default="fake", max_length=64)

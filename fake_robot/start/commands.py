@@ -103,6 +103,33 @@ def exec_program(context: typer.Context) -> None:
     raise typer.Exit(code)
 
 
+@app.command("conformance")
+def conformance(
+    robot: Annotated[str, typer.Option(help="Host of a server that claims to be a Spot.")],
+    i_stand_beside_it: Annotated[
+        bool, typer.Option("--i-stand-beside-it", help="Needed for a host that may be a real robot.")
+    ] = False,
+    with_motion: Annotated[
+        bool, typer.Option("--with-motion", help="Also power the motors, stand and walk half a metre.")
+    ] = False,
+    ca_file: Annotated[Path | None, typer.Option(help="Certificate to trust beside the vendor's.")] = None,
+    check: Annotated[list[str] | None, typer.Option(help="Name of a check to run; may repeat. All if none.")] = None,
+    json_output: Annotated[bool, typer.Option("--json", help="Print the results as JSON.")] = False,
+) -> None:
+    """Check what a server that claims to be a Spot accepts and refuses: conformance --robot HOST."""
+    from fake_robot.conformance.command import run_suite
+
+    code = run_suite(
+        robot,
+        is_attended=i_stand_beside_it,
+        with_motion=with_motion,
+        ca_file=ca_file,
+        names=tuple(check or ()),
+        as_json=json_output,
+    )
+    raise typer.Exit(code)
+
+
 class _signals_end_it:  # noqa: N801 - reads as a phrase where it is used
     """Turn SIGINT and SIGTERM into an event while the block runs."""
 

@@ -54,6 +54,7 @@ ELSEWHERE = {
 FORMS = {
     "spot-rl COMMAND --help": "spot-rl --help",
     "spot-rl run --config": "spot-rl run --robot HOST",
+    "spot-rl fake-robot exec -- python PROGRAM HOST": "spot-rl fake-robot exec --",
     "spot-rl serve --config FILE": "spot-rl serve --robot",
     "spot-rl log import MAPPING.yaml FILE --out LOG.mcap": "spot-rl log import mapping.yaml recording.csv",
     "spot-rl diagnose LOG --nominal MODEL --out DIR --policy POLICY.onnx --robot ROBOT.yaml --synthesis "

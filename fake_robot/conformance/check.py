@@ -1,0 +1,104 @@
+"""A check: what is sent, what a robot must answer, and how we know."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import grpc
+
+from fake_robot.conformance.server import Server, SkippedError
+
+
+class Basis(enum.Enum):
+    """How we know what a robot answers."""
+
+    DOCUMENTED = "documented"
+    """The protos or the SDK's documents say it."""
+    MEASURED = "measured on a robot by others"
+    """Published recordings or programs that run on robots show it."""
+    GUESS = "our guess"
+    """Nobody says it; any of the listed answers is taken, and the fake has a switch where there are several."""
+
+
+class Needs(enum.IntEnum):
+    """What a check does to the robot; each includes the ones before."""
+
+    NOTHING = 0
+    LEASE = 1
+    """Acquires the lease for a moment; the motors stay off."""
+    MOTION = 2
+    """Powers the motors, stands, walks and sits."""
+
+
+class Verdict(enum.Enum):
+    """What became of a check."""
+
+    PASS = "pass"  # noqa: S105 - a verdict
+    FAIL = "fail"
+    DIFFERS = "differs"
+    """A guess of ours that this server does not share."""
+    SKIPPED = "skipped"
+
+
+@dataclass(frozen=True)
+class Check:
+    """One row of the table."""
+
+    rpc: str
+    """Service, method and field."""
+    sends: str
+    expects: tuple[str, ...]
+    """Names of statuses, of gRPC codes, or words; any of them is right."""
+    basis: Basis
+    source: str
+    needs: Needs
+    switch: str
+    """Key of the scenario that changes the fake's answer; empty if there is none."""
+    probe: Callable[[Server], str]
+    """Sends it; returns the answer in the words of ``expects``."""
+
+    @property
+    def name(self) -> str:
+        """The probe's name, by which a check is chosen and named in reports."""
+        return self.probe.__name__
+
+
+@dataclass(frozen=True)
+class Result:
+    """A check and its answer."""
+
+    check: Check
+    verdict: Verdict
+    seen: str
+
+
+def check(
+    rpc: str,
+    sends: str,
+    expects: str | tuple[str, ...],
+    *,
+    source: str,
+    basis: Basis = Basis.DOCUMENTED,
+    needs: Needs = Needs.NOTHING,
+    switch: str = "",
+) -> Callable[[Callable[[Server], str]], Check]:
+    """Make a check of a probe."""
+    accepted = (expects,) if isinstance(expects, str) else expects
+    return lambda probe: Check(rpc, sends, accepted, basis, source, needs, switch, probe)
+
+
+def judge(item: Check, server: Server, allowed: Needs) -> Result:
+    """Run one check, if what it needs is allowed."""
+    if item.needs > allowed:
+        return Result(item, Verdict.SKIPPED, f"needs {item.needs.name.lower()}")
+    try:
+        seen = item.probe(server)
+    except SkippedError as reason:
+        return Result(item, Verdict.SKIPPED, str(reason))
+    except grpc.RpcError as error:
+        seen = error.code().name
+    if seen in item.expects:
+        return Result(item, Verdict.PASS, seen)
+    return Result(item, Verdict.DIFFERS if item.basis is Basis.GUESS else Verdict.FAIL, seen)

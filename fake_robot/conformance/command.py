@@ -1,0 +1,128 @@
+"""``spot-rl fake-robot conformance``: hold a server to the protos."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from pathlib import Path
+
+import typer
+from bosdyn.client.exceptions import Error as SdkError
+from bosdyn.client.sdk import create_standard_sdk
+from rich.console import Console
+from rich.table import Table
+
+from fake_robot.conformance.check import Needs, Result, Verdict
+from fake_robot.conformance.server import CLIENT_NAME, Server
+from fake_robot.conformance.table import CHECKS, has_failed, run_checks, summary
+from spot_model.errors import BadInputError, SpotRlError
+
+SYNC_TIMEOUT_S = 20.0
+_COLOUR = {Verdict.PASS: "green", Verdict.FAIL: "bold red", Verdict.DIFFERS: "yellow", Verdict.SKIPPED: "dim"}
+_LOCAL = ("ipv4:127.", "unix:", "localhost", "127.")
+
+
+class UnreachableError(SpotRlError):
+    """The server cannot be reached, or does not let us in."""
+
+
+def run_suite(
+    robot: str, *, is_attended: bool, with_motion: bool, ca_file: Path | None, names: tuple[str, ...], as_json: bool
+) -> int:
+    """Run the checks and print their table; returns the exit code, 1 if a documented or measured rule is broken.
+
+    Raises:
+        BadInputError: The host may be a real robot, and nobody said that they stand beside it.
+        UnreachableError: The server cannot be reached.
+    """
+    if not robot.startswith(_LOCAL) and not is_attended:
+        raise BadInputError(
+            f"{robot} may be a real robot; stand beside it with its e-stop in your hand and say --i-stand-beside-it"
+        )
+    unknown = set(names) - {item.name for item in CHECKS}
+    if unknown:
+        raise BadInputError(
+            f"there is no check {', '.join(sorted(unknown))}; checks: {', '.join(item.name for item in CHECKS)}"
+        )
+    is_terminal = sys.stdout.isatty()
+    server = connect(robot, ca_file)
+    results: list[Result] = []
+    try:
+        for result in run_checks(server, Needs.MOTION if with_motion else Needs.LEASE, names):
+            results.append(result)
+            if not as_json and not is_terminal:
+                typer.echo(line_of(result))
+            elif not as_json:
+                typer.echo(f"{len(results)} of {len(CHECKS)}: {result.check.name}", err=True)
+    finally:
+        server.robot.stop_time_sync()
+    if as_json:
+        typer.echo(json.dumps([to_data(result) for result in results], indent=2, ensure_ascii=False))
+    else:
+        if is_terminal:
+            Console().print(table_of(results))
+        typer.echo(summary(results))
+    return 1 if has_failed(results) else 0
+
+
+def connect(robot: str, ca_file: Path | None) -> Server:
+    """Log in with ``BOSDYN_CLIENT_USERNAME`` and ``BOSDYN_CLIENT_PASSWORD``, and synchronise the clocks.
+
+    Raises:
+        BadInputError: The variables are not set.
+        UnreachableError: The server cannot be reached, or refuses the login.
+    """
+    username, password = os.environ.get("BOSDYN_CLIENT_USERNAME"), os.environ.get("BOSDYN_CLIENT_PASSWORD")
+    if not username or not password:
+        raise BadInputError("set BOSDYN_CLIENT_USERNAME and BOSDYN_CLIENT_PASSWORD to the robot's login")
+    trusted = ca_file or (Path(os.environ["SPOT_RL_CA_FILE"]) if "SPOT_RL_CA_FILE" in os.environ else None)
+    sdk = create_standard_sdk(CLIENT_NAME, cert_resource_glob=None if trusted is None else str(trusted))
+    try:
+        known = sdk.create_robot(robot)
+        known.authenticate(username, password)
+        known.time_sync.wait_for_sync(timeout_sec=SYNC_TIMEOUT_S)
+        stranger = create_standard_sdk(
+            CLIENT_NAME, cert_resource_glob=None if trusted is None else str(trusted)
+        ).create_robot(robot)
+    except SdkError as error:
+        raise UnreachableError(f"{robot}: {type(error).__name__}: {error}") from error
+    return Server(known, stranger)
+
+
+def line_of(result: Result) -> str:
+    """A result on one line, for pipes and logs."""
+    item = result.check
+    wanted = "" if result.verdict in {Verdict.PASS, Verdict.SKIPPED} else f"; expected {' or '.join(item.expects)}"
+    return f"{result.verdict.value:8}{item.name}: {item.rpc} ({item.sends or 'asked'}): {result.seen}{wanted}"
+
+
+def table_of(results: list[Result]) -> Table:
+    """The results for a terminal."""
+    table = Table("verdict", "call and field", "sent", "expected", "seen", "how we know")
+    for result in results:
+        item = result.check
+        table.add_row(
+            f"[{_COLOUR[result.verdict]}]{result.verdict.value}[/]",
+            item.rpc,
+            item.sends,
+            " or ".join(item.expects),
+            result.seen,
+            f"{item.basis.value}: {item.source}",
+        )
+    return table
+
+
+def to_data(result: Result) -> dict[str, str | list[str]]:
+    """A result for JSON."""
+    item = result.check
+    return {
+        "name": item.name,
+        "verdict": result.verdict.value,
+        "call": item.rpc,
+        "sends": item.sends,
+        "expects": list(item.expects),
+        "seen": result.seen,
+        "basis": item.basis.value,
+        "source": item.source,
+    }

@@ -1,0 +1,202 @@
+"""Checks of login, headers, directory and time sync."""
+
+from __future__ import annotations
+
+import secrets
+
+from bosdyn.api import (
+    auth_pb2,
+    auth_service_pb2_grpc,
+    directory_pb2,
+    directory_registration_pb2,
+    directory_registration_service_pb2_grpc,
+    directory_service_pb2_grpc,
+    robot_id_pb2,
+    robot_id_service_pb2_grpc,
+    robot_state_pb2,
+    robot_state_service_pb2_grpc,
+    time_sync_pb2,
+    time_sync_service_pb2_grpc,
+)
+
+from fake_robot.conformance.check import Basis, check
+from fake_robot.conformance.server import CLIENT_NAME, RPC_TIMEOUT_S, Server, header, status_of
+
+BASE_SERVICES = (
+    "auth",
+    "auto-return",
+    "autowalk-service",
+    "data",
+    "data-acquisition",
+    "data-acquisition-store",
+    "data-buffer",
+    "directory",
+    "directory-registration",
+    "docking",
+    "estop",
+    "fault",
+    "graph-nav-service",
+    "image",
+    "keepalive",
+    "lease",
+    "license",
+    "local-grid-service",
+    "log-status",
+    "map-processing-service",
+    "network-compute-bridge",
+    "payload",
+    "payload-registration",
+    "power",
+    "ray-cast",
+    "recording-service",
+    "robot-command",
+    "robot-id",
+    "robot-mission",
+    "robot-state",
+    "spot-check",
+    "time-sync",
+    "world-objects",
+)
+"""Names of the services for which the SDK has default clients, or that its examples need of any base robot."""
+
+
+@check("Auth.GetAuthToken: password", "a wrong password", "STATUS_INVALID_LOGIN", source="auth.proto")
+def wrong_password(server: Server) -> str:
+    """Log in with a password that is none."""
+    stub = server.stranger_stub(auth_service_pb2_grpc.AuthServiceStub, "auth.spot.robot")
+    request = auth_pb2.GetAuthTokenRequest(header=header(), username=CLIENT_NAME, password=secrets.token_hex(8))
+    return status_of(stub.GetAuthToken(request, timeout=RPC_TIMEOUT_S))
+
+
+@check("Auth.GetAuthToken: token", "a token that is none", "STATUS_INVALID_TOKEN", source="auth.proto")
+def wrong_token(server: Server) -> str:
+    """Renew a token that is none."""
+    stub = server.stranger_stub(auth_service_pb2_grpc.AuthServiceStub, "auth.spot.robot")
+    return status_of(
+        stub.GetAuthToken(auth_pb2.GetAuthTokenRequest(header=header(), token="none"), timeout=RPC_TIMEOUT_S)  # noqa: S106
+    )
+
+
+@check("any call: authorization", "no user token", "UNAUTHENTICATED", source="directory.proto: user_token_required")
+def call_without_token(server: Server) -> str:
+    """List the directory without a token."""
+    stub = server.stranger_stub(directory_service_pb2_grpc.DirectoryServiceStub, "api.spot.robot")
+    stub.ListServiceEntries(directory_pb2.ListServiceEntriesRequest(header=header()), timeout=RPC_TIMEOUT_S)
+    return "OK"
+
+
+@check("RobotId.GetRobotId", "no user token", "OK", source="SDK: robot.get_id() before authenticate()")
+def robot_id_without_token(server: Server) -> str:
+    """Ask who the robot is without a token."""
+    stub = server.stranger_stub(robot_id_service_pb2_grpc.RobotIdServiceStub, "id.spot.robot")
+    answer = stub.GetRobotId(robot_id_pb2.RobotIdRequest(header=header()), timeout=RPC_TIMEOUT_S)
+    return "OK" if answer.robot_id.serial_number else "no serial number"
+
+
+@check("any call: header", "a client's name and time", "echoed", source="header.proto: request_header")
+def header_is_echoed(server: Server) -> str:
+    """The answer bears the request's header, two times of the robot's clock in order, and code OK."""
+    sent = header()
+    stub = server.stub(robot_state_service_pb2_grpc.RobotStateServiceStub, "robot-state")
+    got = stub.GetRobotState(robot_state_pb2.RobotStateRequest(header=sent), timeout=RPC_TIMEOUT_S).header
+    if (got.request_header.client_name, got.request_header.request_timestamp) != (CLIENT_NAME, sent.request_timestamp):
+        return "the request's header is not echoed"
+    received, answered = got.request_received_timestamp.ToNanoseconds(), got.response_timestamp.ToNanoseconds()
+    if not 0 < received <= answered:
+        return "the times of receipt and answer are missing or out of order"
+    return "echoed" if got.error.code == got.error.CODE_OK else "the error code is not CODE_OK"
+
+
+@check("Directory.ListServiceEntries", "", "all there", source="SDK: default service clients; spot_wrapper")
+def base_services_are_listed(server: Server) -> str:
+    """Every service that programs make clients of on a base robot."""
+    stub = server.stub(directory_service_pb2_grpc.DirectoryServiceStub, "directory")
+    answer = stub.ListServiceEntries(directory_pb2.ListServiceEntriesRequest(header=header()), timeout=RPC_TIMEOUT_S)
+    missing = set(BASE_SERVICES) - {entry.name for entry in answer.service_entries}
+    return f"missing: {', '.join(sorted(missing))}" if missing else "all there"
+
+
+@check(
+    "Directory.GetServiceEntry: service_name",
+    "a name that no service has",
+    "STATUS_NONEXISTENT_SERVICE",
+    source="directory.proto",
+)
+def unknown_service(server: Server) -> str:
+    """Look up a service that is none."""
+    stub = server.stub(directory_service_pb2_grpc.DirectoryServiceStub, "directory")
+    request = directory_pb2.GetServiceEntryRequest(header=header(), service_name="no-such-service")
+    return status_of(stub.GetServiceEntry(request, timeout=RPC_TIMEOUT_S))
+
+
+@check(
+    "DirectoryRegistration.UnregisterService",
+    "a name that no service has",
+    "STATUS_NONEXISTENT_SERVICE",
+    source="directory_registration.proto",
+)
+def unregister_unknown(server: Server) -> str:
+    """Unregister a service that is none."""
+    stub = server.stub(
+        directory_registration_service_pb2_grpc.DirectoryRegistrationServiceStub, "directory-registration"
+    )
+    request = directory_registration_pb2.UnregisterServiceRequest(header=header(), service_name="no-such-service")
+    return status_of(stub.UnregisterService(request, timeout=RPC_TIMEOUT_S))
+
+
+@check(
+    "DirectoryRegistration.RegisterService: name",
+    "the name of one of the robot's services",
+    "STATUS_ALREADY_EXISTS",
+    source="directory_registration.proto",
+)
+def register_taken_name(server: Server) -> str:
+    """Register a service under a name that is taken."""
+    stub = server.stub(
+        directory_registration_service_pb2_grpc.DirectoryRegistrationServiceStub, "directory-registration"
+    )
+    request = directory_registration_pb2.RegisterServiceRequest(header=header())
+    request.service_entry.name, request.service_entry.type = "robot-state", "bosdyn.api.RobotStateService"
+    request.service_entry.authority = "robot-state.spot.robot"
+    return status_of(stub.RegisterService(request, timeout=RPC_TIMEOUT_S))
+
+
+@check(
+    "TimeSync.TimeSyncUpdate",
+    "the first request of a client",
+    "an identifier, STATUS_MORE_SAMPLES_NEEDED",
+    source="time_sync.proto: clock_identifier",
+)
+def first_time_sync(server: Server) -> str:
+    """A new client gets an identifier, and is not synchronised yet."""
+    stub = server.stub(time_sync_service_pb2_grpc.TimeSyncServiceStub, "time-sync")
+    answer = stub.TimeSyncUpdate(time_sync_pb2.TimeSyncUpdateRequest(header=header()), timeout=RPC_TIMEOUT_S)
+    return f"{'an' if answer.clock_identifier else 'no'} identifier, {status_of(answer.state)}"
+
+
+@check(
+    "TimeSync.TimeSyncUpdate: previous_round_trip",
+    "round trips, until the state is OK",
+    "STATUS_OK",
+    source="time_sync.proto",
+)
+def time_sync_is_reached(server: Server) -> str:
+    """The SDK's own time sync has finished; its estimate has a skew."""
+    response = server.robot.time_sync.endpoint.response
+    return "no answer" if response is None else status_of(response.state)
+
+
+@check(
+    "TimeSync.TimeSyncUpdate: clock_identifier",
+    "an identifier that was never given",
+    "a new identifier",
+    basis=Basis.GUESS,
+    source="a robot that was rebooted does not know its clients",
+)
+def unknown_clock_identifier(server: Server) -> str:
+    """A client from before a reboot."""
+    stub = server.stub(time_sync_service_pb2_grpc.TimeSyncServiceStub, "time-sync")
+    request = time_sync_pb2.TimeSyncUpdateRequest(header=header(), clock_identifier="no-such-client")
+    answer = stub.TimeSyncUpdate(request, timeout=RPC_TIMEOUT_S)
+    is_new = answer.clock_identifier not in {"", "no-such-client"}
+    return "a new identifier" if is_new else f"identifier {answer.clock_identifier!r}"

@@ -1,0 +1,168 @@
+"""Checks of the joint-control stream, all but one with the motors off: what a robot refuses in one message."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from bosdyn.api import robot_command_pb2, robot_command_service_pb2_grpc
+
+from fake_robot.conformance.check import Basis, Needs, check
+from fake_robot.conformance.server import Server, SkippedError, header, is_off, status_of
+
+_PROTO = "robot_command.proto"
+_JOINT = "basic_command.proto: JointCommand"
+_N = 12
+_STREAM_TIMEOUT_S = 30.0
+Request = robot_command_pb2.JointControlStreamRequest
+
+
+def _request(server: Server, key: int = 1, *, ahead_s: float = 0.1) -> Any:
+    """A message that holds every joint where it is, with weak gains."""
+    request = Request(header=header())
+    command = request.joint_command
+    command.end_time.CopyFrom(server.robot_stamp(ahead_s))
+    command.position.extend([0.0] * _N)
+    command.velocity.extend([0.0] * _N)
+    command.load.extend([0.0] * _N)
+    command.gains.k_q_p.extend([1.0] * _N)
+    command.gains.k_qd_p.extend([0.1] * _N)
+    command.user_command_key = key
+    return request
+
+
+def _stream(server: Server, *requests: Any) -> str:
+    """The verdict of a stream of these messages, with the motors off."""
+    if not is_off(server.state()):
+        raise SkippedError("the motors are on")
+    stub = server.stub(robot_command_service_pb2_grpc.RobotCommandStreamingServiceStub, "robot-command-streaming")
+    return status_of(stub.JointControlStream(iter(requests), timeout=_STREAM_TIMEOUT_S))
+
+
+def _spoilt(server: Server, spoil: Callable[[Any], None]) -> str:
+    request = _request(server)
+    spoil(request.joint_command)
+    return _stream(server, request)
+
+
+@check("JointControlStream: end_time", "an end time that has passed", "STATUS_EXPIRED", source=_PROTO)
+def stream_expired(server: Server) -> str:
+    """A command that ended a second ago."""
+    return _stream(server, _request(server, ahead_s=-1.0))
+
+
+@check(
+    "JointControlStream: end_time",
+    "an end time hours ahead",
+    "STATUS_TOO_DISTANT",
+    source=_PROTO,
+    switch="joint_control.max_end_time_ahead_s",
+)
+def stream_too_distant(server: Server) -> str:
+    """A command that would hold for hours."""
+    return _stream(server, _request(server, ahead_s=1e5))
+
+
+@check("JointControlStream: position", "eleven values", "STATUS_INVALID_REQUEST", source=_JOINT)
+def stream_of_eleven_positions(server: Server) -> str:
+    """One joint is missing."""
+    return _spoilt(server, lambda command: command.position.pop())
+
+
+@check("JointControlStream: velocity", "eleven values", "STATUS_INVALID_REQUEST", source=_JOINT)
+def stream_of_eleven_velocities(server: Server) -> str:
+    """One joint's velocity is missing."""
+    return _spoilt(server, lambda command: command.velocity.pop())
+
+
+@check("JointControlStream: load", "eleven values", "STATUS_INVALID_REQUEST", source=_JOINT)
+def stream_of_eleven_loads(server: Server) -> str:
+    """One joint's load is missing."""
+    return _spoilt(server, lambda command: command.load.pop())
+
+
+@check("JointControlStream: gains", "none in the first message", "STATUS_INVALID_REQUEST", source=_JOINT)
+def stream_without_gains(server: Server) -> str:
+    """The first message has no gains."""
+    return _spoilt(server, lambda command: command.ClearField("gains"))
+
+
+@check("JointControlStream: gains.k_q_p", "eleven values", "STATUS_INVALID_REQUEST", source=_JOINT)
+def stream_of_partial_gains(server: Server) -> str:
+    """One joint's gain is missing."""
+    return _spoilt(server, lambda command: command.gains.k_q_p.pop())
+
+
+@check(
+    "JointControlStream: gains.k_qd_p", "a negative gain", "STATUS_INVALID_REQUEST", basis=Basis.GUESS, source=_JOINT
+)
+def stream_of_negative_gains(server: Server) -> str:
+    """A gain that would drive a joint on."""
+    return _spoilt(server, lambda command: command.gains.k_qd_p.__setitem__(0, -1.0))
+
+
+@check(
+    "JointControlStream: position",
+    "a value that is no number",
+    "STATUS_INVALID_REQUEST",
+    basis=Basis.GUESS,
+    source=_JOINT,
+)
+def stream_of_nan(server: Server) -> str:
+    """A set-point of NaN."""
+    return _spoilt(server, lambda command: command.position.__setitem__(0, float("nan")))
+
+
+@check(
+    "JointControlStream: velocity_safety_limit",
+    "a negative limit",
+    "STATUS_INVALID_REQUEST",
+    basis=Basis.GUESS,
+    source=_JOINT,
+)
+def stream_of_negative_limit(server: Server) -> str:
+    """A limit that nothing can keep."""
+    return _spoilt(server, lambda command: setattr(command.velocity_safety_limit, "value", -1.0))
+
+
+@check(
+    "JointControlStream",
+    "a valid stream, the robot not in joint control",
+    "STATUS_INACTIVE",
+    source=_PROTO,
+    switch="joint_control.activation_wait_s",
+)
+def stream_while_inactive(server: Server) -> str:
+    """Good commands to a robot that nobody has put into joint control, for as long as it lets them come."""
+    if not is_off(server.state()):
+        raise SkippedError("the motors are on")
+    stub = server.stub(robot_command_service_pb2_grpc.RobotCommandStreamingServiceStub, "robot-command-streaming")
+    return status_of(stub.JointControlStream(_many(server), timeout=_STREAM_TIMEOUT_S))
+
+
+@check(
+    "RobotCommand.RobotCommand: joint_request",
+    "joint control, motors off",
+    "STATUS_NOT_POWERED_ON",
+    source=_PROTO,
+    needs=Needs.LEASE,
+)
+def joint_control_without_power(server: Server) -> str:
+    """Ask for joint control before power on."""
+    from bosdyn.client.robot_command import RobotCommandBuilder
+
+    from fake_robot.conformance.commands import send
+
+    if not is_off(server.state()):
+        raise SkippedError("the motors are on")
+    with server.lease() as lease:
+        return status_of(send(server, lease, RobotCommandBuilder.joint_command()))
+
+
+def _many(server: Server) -> Iterator[Any]:
+    """Commands at 50 Hz until the robot ends the stream."""
+    import time
+
+    for key in range(1, round(_STREAM_TIMEOUT_S * 50)):
+        yield _request(server, key)
+        time.sleep(0.02)

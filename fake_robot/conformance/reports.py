@@ -1,0 +1,200 @@
+"""Checks of what the robot says of itself and of the world, and of the services that only answer."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+from bosdyn.api import (
+    fault_service_pb2_grpc,
+    image_pb2,
+    image_service_pb2_grpc,
+    robot_state_pb2,
+    robot_state_service_pb2_grpc,
+    service_fault_pb2,
+    world_object_pb2,
+    world_object_service_pb2_grpc,
+)
+from bosdyn.api.docking import docking_pb2, docking_service_pb2_grpc
+from bosdyn.api.graph_nav import graph_nav_pb2, graph_nav_service_pb2_grpc
+from bosdyn.api.mission import mission_pb2, mission_service_pb2_grpc
+
+from fake_robot.conformance.check import Basis, check
+from fake_robot.conformance.server import RPC_TIMEOUT_S, Server, enum_name, header, status_of
+
+_N_STATES = 200
+_N_JOINTS, _N_ARM_JOINTS = 12, 19
+_RECORDING = "a published recording of a robot"
+
+
+def _states(server: Server) -> list[robot_state_pb2.RobotStateStreamResponse]:
+    stub = server.stub(robot_state_service_pb2_grpc.RobotStateStreamingServiceStub, "robot-state-streaming")
+    call = stub.GetRobotStateStream(robot_state_pb2.RobotStateStreamRequest(header=header()), timeout=RPC_TIMEOUT_S)
+    states = []
+    for state in call:
+        states.append(state)
+        if len(states) == _N_STATES:
+            break
+    call.cancel()
+    return states
+
+
+@check("GetRobotStateStream: joint_states", "200 messages", "complete", source="robot_state.proto")
+def stream_is_complete(server: Server) -> str:
+    """Each message has as many positions, velocities and loads as joints, four feet and both odometry frames."""
+    for state in _states(server):
+        joints = state.joint_states
+        sizes = {len(joints.position), len(joints.velocity), len(joints.load)}
+        if not (sizes <= {_N_JOINTS} or sizes <= {_N_ARM_JOINTS}):
+            return f"joints: {sorted(sizes)}"
+        if len(state.contact_states) != 4:
+            return f"feet: {len(state.contact_states)}"
+        if not (
+            state.kinematic_state.HasField("odom_tform_body") and state.kinematic_state.HasField("vision_tform_body")
+        ):
+            return "a frame is missing"
+    return "complete"
+
+
+@check("GetRobotStateStream: acquisition_timestamp", "200 messages", "rising", source="robot_state.proto")
+def stream_stamps_rise(server: Server) -> str:
+    """The joints' stamps rise, and those of the headers do not fall."""
+    states = _states(server)
+    joints = [state.joint_states.acquisition_timestamp.ToNanoseconds() for state in states]
+    headers = [state.header.response_timestamp.ToNanoseconds() for state in states]
+    is_rising = all(a < b for a, b in pairwise(joints))
+    return "rising" if is_rising and headers == sorted(headers) else "a stamp goes back or stays"
+
+
+@check("GetRobotStateStream", "200 messages", "3 ms apart", basis=Basis.MEASURED, source=_RECORDING)
+def stream_period(server: Server) -> str:
+    """The median distance of two stamps."""
+    stamps = [state.joint_states.acquisition_timestamp.ToNanoseconds() for state in _states(server)]
+    steps = sorted(b - a for a, b in pairwise(stamps))
+    return f"{steps[len(steps) // 2] / 1e6:g} ms apart"
+
+
+@check("GetRobotStateStream: inertial_state", "200 messages", "3 packets", basis=Basis.MEASURED, source=_RECORDING)
+def stream_imu(server: Server) -> str:
+    """Samples of the inertial unit in each message."""
+    counts = {len(state.inertial_state.packets) for state in _states(server)}
+    return f"{counts.pop()} packets" if len(counts) == 1 else f"{sorted(counts)} packets"
+
+
+@check("RobotState.GetRobotState", "", "complete", source="robot_state.proto")
+def polled_state_is_complete(server: Server) -> str:
+    """Power, battery, e-stops, joints, frames and feet."""
+    state = server.state()
+    missing = [
+        name
+        for name, is_there in {
+            "motor power": state.power_state.motor_power_state,
+            "batteries": len(state.battery_states),
+            "e-stops": len(state.estop_states),
+            "joints": len(state.kinematic_state.joint_states) >= _N_JOINTS,
+            "odom": "odom" in state.kinematic_state.transforms_snapshot.child_to_parent_edge_map,
+            "vision": "vision" in state.kinematic_state.transforms_snapshot.child_to_parent_edge_map,
+            "feet": len(state.foot_state) == 4,
+        }.items()
+        if not is_there
+    ]
+    return f"missing: {', '.join(missing)}" if missing else "complete"
+
+
+@check(
+    "RobotState.GetRobotLinkModel: link_name",
+    "a link that is none",
+    "CODE_INVALID_REQUEST",
+    basis=Basis.GUESS,
+    source="header.proto",
+)
+def unknown_link(server: Server) -> str:
+    """Ask for the shape of a link that is none."""
+    stub = server.stub(robot_state_service_pb2_grpc.RobotStateServiceStub, "robot-state")
+    request = robot_state_pb2.RobotLinkModelRequest(header=header(), link_name="no-such-link")
+    return enum_name(stub.GetRobotLinkModel(request, timeout=RPC_TIMEOUT_S).header.error, "code")
+
+
+@check(
+    "Fault.ClearServiceFault: fault_id",
+    "a fault that is not active",
+    "STATUS_FAULT_NOT_ACTIVE",
+    source="service_fault.proto",
+)
+def clear_unknown_service_fault(server: Server) -> str:
+    """Clear a service fault that is none."""
+    stub = server.stub(fault_service_pb2_grpc.FaultServiceStub, "fault")
+    request = service_fault_pb2.ClearServiceFaultRequest(header=header())
+    request.fault_id.fault_name, request.fault_id.service_name = "no-such-fault", "no-such-service"
+    return status_of(stub.ClearServiceFault(request, timeout=RPC_TIMEOUT_S))
+
+
+@check(
+    "Fault.TriggerServiceFault: fault",
+    "a fault that is active",
+    "STATUS_FAULT_ALREADY_ACTIVE",
+    source="service_fault.proto",
+)
+def trigger_twice(server: Server) -> str:
+    """Raise an informative fault twice, and clear it."""
+    stub = server.stub(fault_service_pb2_grpc.FaultServiceStub, "fault")
+    request = service_fault_pb2.TriggerServiceFaultRequest(header=header())
+    request.fault.fault_id.fault_name, request.fault.fault_id.service_name = "conformance", "spot-rl-conformance"
+    request.fault.severity = request.fault.SEVERITY_INFO
+    stub.TriggerServiceFault(request, timeout=RPC_TIMEOUT_S)
+    try:
+        return status_of(stub.TriggerServiceFault(request, timeout=RPC_TIMEOUT_S))
+    finally:
+        clear = service_fault_pb2.ClearServiceFaultRequest(header=header(), fault_id=request.fault.fault_id)
+        stub.ClearServiceFault(clear, timeout=RPC_TIMEOUT_S)
+
+
+@check("Image.GetImage: image_source_name", "a camera that is none", "STATUS_UNKNOWN_CAMERA", source="image.proto")
+def unknown_camera(server: Server) -> str:
+    """Ask a camera that is none for an image."""
+    stub = server.stub(image_service_pb2_grpc.ImageServiceStub, "image")
+    request = image_pb2.GetImageRequest(header=header())
+    request.image_requests.add(image_source_name="no-such-camera")
+    return status_of(stub.GetImage(request, timeout=RPC_TIMEOUT_S).image_responses[0])
+
+
+@check(
+    "WorldObject.MutateWorldObjects: object.id",
+    "a number that is none",
+    "STATUS_INVALID_MUTATION_ID",
+    source="world_object.proto",
+)
+def delete_unknown_object(server: Server) -> str:
+    """Delete an object that is none."""
+    stub = server.stub(world_object_service_pb2_grpc.WorldObjectServiceStub, "world-objects")
+    request = world_object_pb2.MutateWorldObjectRequest(header=header())
+    request.mutation.action, request.mutation.object.id = request.ACTION_DELETE, 0x7FFFFFF0
+    return status_of(stub.MutateWorldObjects(request, timeout=RPC_TIMEOUT_S))
+
+
+@check("Mission.GetState", "no mission loaded", ("STATUS_NONE",), source="mission.proto")
+def no_mission(server: Server) -> str:
+    """The state of a mission that was never loaded."""
+    stub = server.stub(mission_service_pb2_grpc.MissionServiceStub, "robot-mission")
+    return status_of(stub.GetState(mission_pb2.GetStateRequest(header=header()), timeout=RPC_TIMEOUT_S).state)
+
+
+@check("GraphNav.GetLocalizationState", "no map loaded", "no waypoint", source="graph_nav.proto")
+def no_localization(server: Server) -> str:
+    """Where the robot is on a map that it has not."""
+    stub = server.stub(graph_nav_service_pb2_grpc.GraphNavServiceStub, "graph-nav-service")
+    request = graph_nav_pb2.GetLocalizationStateRequest(header=header())
+    answer = stub.GetLocalizationState(request, timeout=RPC_TIMEOUT_S)
+    return "a waypoint" if answer.localization.waypoint_id else "no waypoint"
+
+
+@check(
+    "Docking.GetDockingState",
+    "a robot that is not docked",
+    ("DOCK_STATUS_UNDOCKED", "DOCK_STATUS_DOCKED"),
+    source="docking.proto",
+)
+def docking_state(server: Server) -> str:
+    """Whether the robot is docked."""
+    stub = server.stub(docking_service_pb2_grpc.DockingServiceStub, "docking")
+    answer = stub.GetDockingState(docking_pb2.GetDockingStateRequest(header=header()), timeout=RPC_TIMEOUT_S)
+    return enum_name(answer.dock_state, "status")

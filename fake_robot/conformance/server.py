@@ -1,0 +1,116 @@
+"""The server under test, as the SDK reaches it, and the vendor's stubs on its channels."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Iterator
+from typing import Any
+
+from bosdyn.api import header_pb2, lease_pb2, robot_state_pb2
+from bosdyn.client.robot import Robot
+from google.protobuf.timestamp_pb2 import Timestamp
+
+CLIENT_NAME = "spot-rl-conformance"
+RPC_TIMEOUT_S = 10.0
+MOTION_TIMEOUT_S = 20.0
+POLL_S = 0.1
+
+
+class SkippedError(Exception):
+    """The check cannot be made on this server now; the message says why."""
+
+
+class Server:
+    """One server, logged in and synchronised.
+
+    Args:
+        robot: Authenticated, with a running time sync.
+        stranger: The same host, not logged in.
+    """
+
+    def __init__(self, robot: Robot, stranger: Robot) -> None:
+        self.robot, self.stranger = robot, stranger
+
+    def stub(self, stub_type: Any, service_name: str) -> Any:
+        """The vendor's stub of a service."""
+        return stub_type(self.robot.ensure_channel(service_name))
+
+    def stranger_stub(self, stub_type: Any, authority: str) -> Any:
+        """A stub that sends no token."""
+        return stub_type(self.stranger.ensure_secure_channel(authority))
+
+    @property
+    def clock_identifier(self) -> str:
+        """The identifier of this client's finished time sync."""
+        return str(self.robot.time_sync.endpoint.clock_identifier)
+
+    def robot_stamp(self, ahead_s: float) -> Timestamp:
+        """An instant of the robot's clock."""
+        stamp: Timestamp = self.robot.time_sync.endpoint.robot_timestamp_from_local_secs(time.time() + ahead_s)
+        return stamp
+
+    def state(self) -> robot_state_pb2.RobotState:
+        """The robot's state, polled."""
+        return self.robot.ensure_client("robot-state").get_robot_state()
+
+    @contextlib.contextmanager
+    def lease(self, resource: str = "body") -> Iterator[lease_pb2.Lease]:
+        """The lease for as long as the block runs; somebody else's is never taken.
+
+        Raises:
+            SkippedError: Somebody holds it.
+        """
+        from bosdyn.client.lease import ResourceAlreadyClaimedError
+
+        client = self.robot.ensure_client("lease")
+        try:
+            lease = client.acquire(resource)
+        except ResourceAlreadyClaimedError as error:
+            raise SkippedError("somebody else holds the lease") from error
+        try:
+            yield lease.lease_proto
+        finally:
+            with contextlib.suppress(Exception):
+                client.return_lease(lease)
+
+    def wait_for(self, is_done: Any, what: str) -> None:
+        """Poll until it is so.
+
+        Raises:
+            SkippedError: It does not come.
+        """
+        deadline_s = time.monotonic() + MOTION_TIMEOUT_S
+        while not is_done():
+            if time.monotonic() > deadline_s:
+                raise SkippedError(f"the robot did not {what} within {MOTION_TIMEOUT_S:g} s")
+            time.sleep(POLL_S)
+
+
+def header() -> header_pb2.RequestHeader:
+    """A request's header as the SDK fills it."""
+    filled = header_pb2.RequestHeader(client_name=CLIENT_NAME)
+    filled.request_timestamp.GetCurrentTime()
+    return filled
+
+
+def status_of(response: Any) -> str:
+    """The name of a response's status."""
+    return enum_name(response, "status")
+
+
+def enum_name(message: Any, field: str) -> str:
+    """The name of an enumeration's value in a message."""
+    value = getattr(message, field)
+    found = message.DESCRIPTOR.fields_by_name[field].enum_type.values_by_number.get(value)
+    return str(value) if found is None else str(found.name)
+
+
+def is_on(state: robot_state_pb2.RobotState) -> bool:
+    """Whether the motors have power."""
+    return bool(state.power_state.motor_power_state == robot_state_pb2.PowerState.STATE_ON)
+
+
+def is_off(state: robot_state_pb2.RobotState) -> bool:
+    """Whether the motors have no power."""
+    return bool(state.power_state.motor_power_state == robot_state_pb2.PowerState.STATE_OFF)
