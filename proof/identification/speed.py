@@ -15,7 +15,7 @@ from spot_log.format.records import RunHeader
 from spot_log.read.run import run_of_columns
 from spot_model.io.velocity_sequence import VelocitySequence, load_sequence
 from spot_model.plant.start import StartState
-from spot_model.policy.observation import N_OBSERVATION, build_observation, observed
+from spot_model.policy.observation import N_OBSERVATION, Sensed, observed
 from spot_model.policy.policy import Policy, load_policy
 from spot_model.robot import facts
 from spot_model.robot.control import pd_torque
@@ -97,17 +97,15 @@ def plain_loop_simulated_s_per_s(policy: Policy, velocity_command: Array) -> flo
     substeps = round(1.0 / (policy.contract.rate_hz * timestep_s))
     began_s = time.perf_counter()
     for tick in range(n_ticks):
-        observation = build_observation(
-            world_from_body_wxyz=data.qpos[3:7],
-            linear_vel_of_body_in_world_m_s=data.qvel[:3],
-            angular_vel_of_body_in_world_rad_s=np.asarray(rotate_wxyz(data.qpos[3:7], data.qvel[3:6])),
-            velocity_command=velocity_command[tick % len(velocity_command)],
-            position_rad=data.qpos[7:][policy.policy_from_canonical],
-            velocity_rad_s=data.qvel[6:][policy.policy_from_canonical],
-            last_action=action,
-            default_position_rad=policy.default_position_rad,
+        sensed = Sensed(
+            position_rad=data.qpos[None, 7:],
+            velocity_rad_s=data.qvel[None, 6:],
+            world_from_body_wxyz=data.qpos[None, 3:7],
+            linear_vel_of_body_in_world_m_s=data.qvel[None, :3],
+            angular_vel_of_body_in_world_rad_s=np.asarray(rotate_wxyz(data.qpos[3:7], data.qvel[3:6]))[None],
         )
-        action = policy.act(np.asarray(observation))
+        command = velocity_command[tick % len(velocity_command)][None]
+        action = policy.act(policy.observe_many(sensed, command, action[None])[0])
         setpoint = policy.setpoint_rad(action)
         for _ in range(substeps):
             data.ctrl[:] = pd_torque(

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from spot_model.plant.command_path import CommandPath, PlantPath
 from spot_model.plant.plant import Plant
-from spot_model.policy.observation import build_observation
+from spot_model.policy.observation import Sensed
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
 from spot_model.robot.facts import Array
@@ -26,20 +26,6 @@ Schedule = Sequence[Sequence[int]]
 CommandAt = Callable[[int], Array]
 """Velocity commands of all robots at a policy tick, shape (n, 3)."""
 Observed = NDArray[Any]
-
-
-@dataclass(frozen=True)
-class Sensed:
-    """What the robots report of themselves; canonical joint order."""
-
-    position_rad: Array
-    """Shape (n, 12)."""
-    velocity_rad_s: Array
-    world_from_body_wxyz: Array
-    """Shape (n, 4)."""
-    linear_vel_of_body_in_world_m_s: Array
-    """Shape (n, 3)."""
-    angular_vel_of_body_in_world_rad_s: Array
 
 
 @dataclass(frozen=True)
@@ -113,7 +99,7 @@ class ClosedLoop:
             for message, n_steps in enumerate(messages):
                 sensed = true_state(self.plant) if self.sense is None else self.sense(message)
                 if message == 0 and sensed is not None:
-                    observation = observe(self.policy, sensed, command, action)
+                    observation = self.policy.observe_many(sensed, command, action)
                     observation = observation if self.see is None else self.see(index, observation)
                     action = act(observation)
                     path.send(index + 1, self.policy.setpoint_rad(action))
@@ -122,25 +108,6 @@ class ClosedLoop:
                     if self.after_step is not None:
                         self.after_step()
             yield Tick(index, command, observation, action)
-
-
-def observe(
-    policy: Policy, sensed: Sensed, velocity_command: Array, last_action: NDArray[np.float32]
-) -> NDArray[np.float64]:
-    """Observations of many robots, shape (n, 48), policy order."""
-    order = policy.policy_from_canonical
-    return np.asarray(
-        build_observation(
-            world_from_body_wxyz=sensed.world_from_body_wxyz,
-            linear_vel_of_body_in_world_m_s=sensed.linear_vel_of_body_in_world_m_s,
-            angular_vel_of_body_in_world_rad_s=sensed.angular_vel_of_body_in_world_rad_s,
-            velocity_command=velocity_command,
-            position_rad=sensed.position_rad[:, order],
-            velocity_rad_s=sensed.velocity_rad_s[:, order],
-            last_action=last_action,
-            default_position_rad=policy.default_position_rad,
-        )
-    )
 
 
 def schedule_by_rate(n_ticks: int, rate_hz: float, timestep_s: float) -> list[tuple[int]]:

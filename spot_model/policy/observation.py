@@ -62,6 +62,20 @@ FALLEN_GRAVITY_Z: Final = -0.5
 """A robot has fallen once gravity's z in the body frame exceeds this: it leans by more than 60°."""
 
 
+@dataclass(frozen=True)
+class Sensed:
+    """What many robots report of themselves; canonical joint order."""
+
+    position_rad: AnyArray
+    """Shape (n, 12)."""
+    velocity_rad_s: AnyArray
+    world_from_body_wxyz: AnyArray
+    """Shape (n, 4); odom counts as world."""
+    linear_vel_of_body_in_world_m_s: AnyArray
+    """Shape (n, 3)."""
+    angular_vel_of_body_in_world_rad_s: AnyArray
+
+
 def observed(observation: AnyArray, name: str) -> AnyArray:
     """One field of observations: shape (..., 48) gives (..., width). Raises ``KeyError`` on an unknown name."""
     return observation[..., COLUMNS[name]]

@@ -26,7 +26,14 @@ from spot_model.policy.contract import (
     PolicyError,
     sha256_hex,
 )
-from spot_model.policy.observation import N_OBSERVATION, OBSERVATION, observation_of_one, observed
+from spot_model.policy.observation import (
+    N_OBSERVATION,
+    OBSERVATION,
+    Sensed,
+    build_observation,
+    observation_of_one,
+    observed,
+)
 from spot_model.policy.onnx_head import OnnxHeadError, read_head
 from spot_model.robot import facts
 from spot_model.robot.state import Gains, RobotState
@@ -101,6 +108,22 @@ class Policy:
             velocity_rad_s=state.velocity_rad_s[order],
             last_action=last_action,
             default_position_rad=self.default_position_rad,
+        )
+
+    def observe_many(self, sensed: Sensed, velocity_command: Array, last_action: NDArray[Any]) -> Array:
+        """Observations of many robots, shape (n, 48), float64; commands (n, 3), last actions (n, 12), policy order."""
+        order = self.policy_from_canonical
+        return np.asarray(
+            build_observation(
+                world_from_body_wxyz=sensed.world_from_body_wxyz,
+                linear_vel_of_body_in_world_m_s=sensed.linear_vel_of_body_in_world_m_s,
+                angular_vel_of_body_in_world_rad_s=sensed.angular_vel_of_body_in_world_rad_s,
+                velocity_command=velocity_command,
+                position_rad=sensed.position_rad[:, order],
+                velocity_rad_s=sensed.velocity_rad_s[:, order],
+                last_action=last_action,
+                default_position_rad=self.default_position_rad,
+            )
         )
 
     def act(self, observation: NDArray[Any]) -> NDArray[np.float32]:

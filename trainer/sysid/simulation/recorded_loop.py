@@ -14,9 +14,10 @@ from spot_log.format.names import FOLLOWING_MODE
 from spot_log.format.records import RunHeader
 from spot_log.read.run import Run, run_of_columns
 from spot_model.effects.base import SoftwareEffect
-from spot_model.plant.closed_loop import ClosedLoop, Sensed, Tick, schedule_by_messages
+from spot_model.plant.closed_loop import ClosedLoop, Tick, schedule_by_messages
 from spot_model.plant.command_path import ArrivalS, ReceiptPath
 from spot_model.plant.plant import Plant
+from spot_model.policy.observation import Sensed
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
 from spot_model.robot.rotation import rotate_wxyz
