@@ -88,14 +88,14 @@ class RecordedLoop:
         self._path = ReceiptPath(self.plant, self.policy.gains(), self.start_setpoint_rad, self.arrival_s, START_NS)
 
     def runs(self, tell: Callable[[float], None] = lambda _: None) -> list[Run]:
-        """Simulate; ``tell`` is called with the share that is done."""
+        """Simulate; ``tell`` is called with the share that was done before each tick."""
         n_ticks = max(len(t.velocity_command) for t in self.told)
         commands = np.stack([padded(t.velocity_command, n_ticks) for t in self.told])
         steps = round(facts.STATE_PERIOD_NS * 1e-9 / self.plant.timestep_s)
         loop = ClosedLoop(self.plant, self.policy, path=self, sense=self._sense, see=lambda _, o: _as_seen(o))
         for tick in loop.run(lambda i: commands[:, i], schedule_by_messages(n_ticks, steps), self.last_action):
             self._keep(tick)
-            tell((tick.index + 1) / n_ticks)
+            tell(tick.index / n_ticks)
         states = {name: np.array(rows) for name, rows in self._states.items()}
         ticks = {name: np.array(rows) for name, rows in self._ticks.items()}
         return [self._run(i, states, ticks) for i in range(len(self.told))]
