@@ -94,3 +94,118 @@ def test_no_folder_has_more_entries_than_one_takes_in_at_a_glance(package: str) 
             entries.setdefault(str(parent), set()).add(below.relative_to(parent).parts[0])
     crowded = {folder: len(names - NO_ENTRIES) for folder, names in entries.items()}
     assert {folder: n for folder, n in crowded.items() if n > MOST_ENTRIES} == {}
+
+
+# To change X, open Y --------------------------------------------------------------------------------------------------
+
+EFFECT = '''
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from spot_model.effects.base import ModelEffect, ModelFields, parameter
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drag(ModelEffect):
+    """Thrown away."""
+
+    name: ClassVar[str] = "thrown_away"
+    drag_nm_s_per_rad: Any = parameter(null=0.0, low=0.0, high=5.0, unit="N·m·s/rad", source="made up")
+
+    def edit(self, fields: ModelFields) -> None:
+        fields["dof_damping"][:, fields.joint_dofs] += self.drag_nm_s_per_rad * self.mask
+'''
+
+
+def naming(text: str, *packages: str) -> set[str]:
+    """Files of the product, without tests and generated code, that hold a text."""
+    return {
+        str(path.relative_to(ROOT))
+        for package in packages
+        for path in sources(package)
+        if text in path.read_text(encoding="utf-8")
+    }
+
+
+def test_an_effect_is_one_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import importlib
+
+    from spot_model.effects.registry import BUILT_IN, effects_in
+
+    room = tmp_path / "thrown_away_effects" / "drive"
+    room.mkdir(parents=True)
+    (room.parent / "__init__.py").touch()
+    (room / "__init__.py").touch()
+    (room / "drag.py").write_text(EFFECT)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    package = importlib.import_module("thrown_away_effects")  # noqa: TID251 - a package that exists in this test alone
+    assert list(effects_in(package)) == ["thrown_away"]
+    # And none of ours is named anywhere as one of a list.
+    for name in ("TorqueRipple", "ContactDelay", "JointSwap"):
+        assert len(naming(name, "spot_model", "spot_log", "spot_runtime", "fake_robot", "trainer")) == 1
+    assert {"torque_ripple", "contact_delay", "joint_swap"} <= set(BUILT_IN)
+
+
+def test_a_field_of_the_observation_is_at_most_four_files() -> None:
+    from spot_model.policy.observation import OBSERVATION
+
+    where_it_is_built = naming("build_observation(", "spot_model", "spot_log", "spot_runtime", "fake_robot", "trainer")
+    assert where_it_is_built == {
+        "spot_model/policy/observation.py",
+        "spot_model/policy/policy.py",
+        "trainer/sysid/logs/noise.py",
+        "trainer/task/task.py",
+    }
+    for field in (field for field in OBSERVATION if field.noise):
+        assert len(naming(f'"{field.name}"', "spot_model", "spot_log", "spot_runtime", "trainer")) <= 4
+
+
+def test_a_field_of_the_tick_is_at_most_four_files() -> None:
+    from dataclasses import fields
+
+    from spot_log.format.records import TickRecord
+    from spot_log.format.tables import TickTable
+    from spot_protos import log_pb2
+
+    # The four: the message, the record, the table, and who fills the record.
+    names = set(TickTable.columns())
+    assert names == {field.name for field in fields(TickRecord)} == set(log_pb2.Tick.DESCRIPTOR.fields_by_name)
+    # What carries ticks from the loop to a table, and to a flat file, names none of them.
+    carriers = ("write/hand_off.py", "read/columns.py", "read/reader.py", "read/flat_tables.py", "format/codec.py")
+    own = ("inference_s", "compute_s", "state_age_s", "skipped", "command_key", "velocity_command")
+    for carrier in carriers:
+        text = (ROOT / "spot_log" / carrier).read_text(encoding="utf-8")
+        assert [name for name in own if name in text] == []
+
+
+def test_a_reward_is_one_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("torch")
+    from trainer.config.reward_config import RewardWeights
+    from trainer.task.reward_terms import reward_term
+
+    (tmp_path / "thrown_away_rewards.py").write_text("def calm(moment, shape):\n    return 1.0\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    weights = RewardWeights.model_validate({"thrown_away_rewards:calm": 2.0}).by_name()
+    assert reward_term(list(weights)[-1])(None, None) == 1.0
+
+
+def test_a_figure_of_the_page_is_one_file(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("plotly")
+    from spot_log.page import figures
+
+    monkeypatch.setattr(figures, "FIGURES", dict(figures.FIGURES))
+
+    @figures.figure("Thrown away", "One function.")
+    def thrown_away(run: object) -> None:
+        return None
+
+    assert list(figures.FIGURES)[-1] == "thrown_away"
+    assert naming("def contacts(", "spot_log") == {"spot_log/page/figures.py"}
+
+
+def test_every_command_is_a_module_and_a_line() -> None:
+    from importlib.metadata import entry_points
+
+    for entry in entry_points(group="spot_rl.commands"):
+        path = ROOT / Path(*entry.module.split(".")).with_suffix(".py")
+        assert path.exists(), entry.value
