@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import traceback
 from collections.abc import Callable, Sequence
@@ -14,6 +15,18 @@ from spot_model.errors import SpotRlError
 from spot_model.io.command_registry import describe_command, explain_missing_module, find_commands, load_command
 
 INTERNAL_ERROR_EXIT_CODE = 70
+COMPLETE_VARIABLE = "_SPOT_RL_COMPLETE"
+"""Set by the shell while it asks for completions."""
+SETTINGS = {"help_option_names": ["-h", "--help"]}
+PANELS = {
+    "Walk": ("demo", "play", "fake-robot", "run", "serve", "ctl", "doctor", "make-safe"),
+    "Logs": ("log", "compare", "prune-logs"),
+    "Policies": ("train", "export", "evaluate", "refine", "policy"),
+    "From gap to policy": ("collect", "user-sequence", "sysid", "diagnose"),
+}
+"""Headings of ``spot-rl --help``, and the commands below each."""
+FOR_DEVELOPERS = ("bench", "withheld")
+"""Commands that ``spot-rl --help`` leaves out."""
 GROUP_HELP = {"bench": "Measure one thing on this machine; with --json, print it as one object."}
 
 
@@ -25,8 +38,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
     # Only flags stand before a command's name, so everything up to its first word belongs to the group.
-    named = [word for word in words if not word.startswith("-")][:2]
-    is_debug = "--debug" in (words[: words.index(named[0])] if named else words)
+    named = [word for word in _typed(words) if not word.startswith("-")][:2]
+    is_debug = "--debug" in (words[: words.index(named[0])] if named and named[0] in words else words)
     chosen: str | None = named[0] if named else None
     entry: EntryPoint | None = None
     try:
@@ -45,22 +58,42 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def build_app(commands: dict[str, EntryPoint], chosen: str | None) -> typer.Typer:
     """Build the group: the chosen command loaded, every other one a stand-in that only carries its help line."""
-    app = typer.Typer(callback=_group_options, no_args_is_help=True, add_completion=False)
+    app = typer.Typer(callback=_group_options, no_args_is_help=True, context_settings=SETTINGS)
     groups = {"": app}
-    for name, entry in commands.items():
+    for name in sorted(commands, key=_rank):
+        entry = commands[name]
         group, _, leaf = name.rpartition(".")
         if group not in groups:
             groups[group] = typer.Typer(callback=_stand_in, no_args_is_help=True, help=GROUP_HELP.get(group))
-            app.add_typer(groups[group], name=group)
+            app.add_typer(groups[group], name=group, hidden=group in FOR_DEVELOPERS)
+        place: dict[str, Any] = {"rich_help_panel": _panel(name), "hidden": name in FOR_DEVELOPERS}
         if name != chosen:
-            groups[group].command(leaf, help=describe_command(entry))(_stand_in)
+            groups[group].command(leaf, help=describe_command(entry), **place)(_stand_in)
             continue
         loaded = load_command(entry)
         if isinstance(loaded, typer.Typer):
-            groups[group].add_typer(loaded, name=leaf)
+            groups[group].add_typer(loaded, name=leaf, **place)
         else:
-            groups[group].command(leaf)(cast("Callable[..., Any]", loaded))
+            groups[group].command(leaf, **place)(cast("Callable[..., Any]", loaded))
     return app
+
+
+def _typed(words: Sequence[str]) -> list[str]:
+    """The words of the command line, or, while a shell completes, those that it has so far."""
+    if COMPLETE_VARIABLE not in os.environ:
+        return list(words)
+    line = os.environ.get("COMP_WORDS") or os.environ.get("_TYPER_COMPLETE_ARGS", "")
+    return line.split()[1:]
+
+
+def _rank(name: str) -> int:
+    """Where a command stands in the help: as in :data:`PANELS`, then all others."""
+    placed = [n for names in PANELS.values() for n in names]
+    return placed.index(name) if name in placed else len(placed)
+
+
+def _panel(name: str) -> str | None:
+    return next((panel for panel, names in PANELS.items() if name in names), None)
 
 
 def error_line(error: Exception, command: str | None, *, is_debug: bool) -> str:
@@ -93,7 +126,11 @@ def _group_options(
         typer.Option("--version", help="Print the version and leave.", callback=_print_version, is_eager=True),
     ] = False,
 ) -> None:
-    """Train, run, log and explain reinforcement-learning policies for Boston Dynamics Spot."""
+    """Train, run, log and explain reinforcement-learning policies for Boston Dynamics Spot.
+
+    'spot-rl --install-completion' teaches your shell the commands. For developers: 'spot-rl bench --help' measures
+    this computer, 'spot-rl withheld --help' judges the diagnosis.
+    """
 
 
 def _stand_in() -> None:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Optional
 
 import typer
 
 from spot_model.policy.contract import PolicyError
 from spot_model.policy.policy import Policy, load_policy
+from spot_runtime.policy.card import card_lines, card_of, load_card, write_card
 from spot_runtime.policy.signature import check_signature, private_key, signature_path, signed_line
 
 app = typer.Typer(help="Look at policies, sign them, and check signatures.", no_args_is_help=True, add_completion=False)
@@ -17,12 +18,38 @@ app = typer.Typer(help="Look at policies, sign them, and check signatures.", no_
 
 @app.command()
 def show(policy: Annotated[Path, typer.Argument(help="ONNX file with its contract.")]) -> None:
-    """Load a policy as a run would, and say what its contract promises."""
+    """Load a policy as a run would, and print its card: speeds, gait, gains, training, what it was tried on."""
     loaded = load_policy(policy)
-    contract = loaded.contract
-    typer.echo(f"{contract.name}: {contract.rate_hz:g} Hz, SHA-256 {loaded.sha256}")
-    typer.echo(f"velocity commands {contract.velocity_command_low} to {contract.velocity_command_high}")
+    for line in card_lines(loaded, load_card(policy)):
+        typer.echo(line)
     typer.echo("signature beside it" if signature_path(policy).exists() else "no signature beside it")
+
+
+@app.command()
+def card(
+    policy: Annotated[Path, typer.Argument(help="ONNX file with its contract.")],
+    evaluation: Annotated[Path, typer.Argument(help="evaluation.json of 'spot-rl evaluate' of that file.")],
+    about: Annotated[str, typer.Option(help="One line for whoever chooses a policy.")] = "",
+    gait: Annotated[str, typer.Option(help="Which gait it shows: trot, bound, ...")] = "",
+    tried_on: Annotated[
+        Optional[list[str]],  # noqa: UP045
+        typer.Option(help="A robot or ground that it walked on; may repeat."),
+    ] = None,
+    not_tried_on: Annotated[
+        Optional[list[str]],  # noqa: UP045
+        typer.Option(help="What somebody might take for granted; may repeat."),
+    ] = None,
+) -> None:
+    """Write a policy's card beside it, with the figures of its evaluation."""
+    made = card_of(
+        load_policy(policy),
+        evaluation,
+        about=about,
+        gait=gait,
+        tried_on=tried_on or (),
+        not_tried_on=not_tried_on or (),
+    )
+    typer.echo(write_card(policy, made))
 
 
 @app.command()

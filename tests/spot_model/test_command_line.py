@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from importlib.metadata import EntryPoint, entry_points
@@ -191,3 +192,38 @@ def test_real_help_imports_nothing_heavy() -> None:
     )
     result = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert result.stdout.endswith("heavy: set()\n")
+
+
+class TestCompletion:
+    """What a shell is told while somebody types; it asks by variables of the environment."""
+
+    @staticmethod
+    def complete(words: str) -> list[str]:
+        told = subprocess.run(
+            [sys.executable, "-c", "from spot_model.io.command_line import main; main([])"],
+            env={**os.environ, "_SPOT_RL_COMPLETE": "complete_bash", "COMP_WORDS": words,
+                 "COMP_CWORD": str(len(words.split(" ")) - 1)},
+            capture_output=True, text=True,
+        )  # fmt: skip
+        assert told.stderr == ""
+        return told.stdout.split()
+
+    def test_commands_sub_commands_and_options_are_offered(self) -> None:
+        commands = self.complete("spot-rl ")
+        assert {"run", "ctl", "diagnose"} <= set(commands)
+        assert not {"bench", "withheld"} & set(commands)
+        assert self.complete("spot-rl ctl st") == ["status", "start", "stop", "start-log"]
+        assert "--lock-step" in self.complete("spot-rl run --lo")
+        assert self.complete("spot-rl log inf") == ["info"]
+
+
+def test_the_short_help_is_the_long_one(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("policy", "-h") == 0
+    short = capsys.readouterr().out
+    assert run("policy", "--help") == 0
+    assert short == capsys.readouterr().out
+
+
+def test_every_command_has_a_place_in_the_help() -> None:
+    placed = {name for names in command_line.PANELS.values() for name in names} - {"play"}
+    assert placed <= set(find_commands())
