@@ -1,6 +1,6 @@
 """Write the generated pages of the documentation, or check that they are what would be written.
 
-python scripts/write_docs.py            write the pages commands, config, scenario and conformance
+python scripts/write_docs.py            write them: commands, config, scenario, conformance, and docs/reference/
 python scripts/write_docs.py --check    write nothing; exit 1 and name the pages that differ
 """
 
@@ -17,16 +17,21 @@ from typing import Any
 import click
 import typer
 from pydantic import BaseModel
-from pydantic_core import PydanticUndefined
+from reference.conformance import conformance_page
+from reference.effects import effects_page
+from reference.files import files_page
+from reference.log_schema import log_page
+from reference.python_api import python_page
+from reference.scenario import scenario_page
+from reference.training import training_page
+from reference.verdict import verdict_page
+from reference.words import NOTE, cell, keys_table
 
-from fake_robot.conformance.table import markdown
-from fake_robot.scenario.scenario import Scenario, shipped_names
 from spot_model.io.command_line import GROUP_HELP
 from spot_model.io.command_registry import COMMAND_GROUP, load_command
 from spot_runtime.config import RunConfig
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
-NOTE = "<!-- written by scripts/write_docs.py; change the code, then run 'make docs' -->\n\n"
 
 
 def commands_page() -> str:
@@ -36,7 +41,7 @@ def commands_page() -> str:
         f"{NOTE}Exit codes: 0 done, 1 and 2 bad usage or input; those of runs are in [runtime](runtime.md).\n",
     ]
     for entry in sorted(entry_points(group=COMMAND_GROUP), key=lambda e: e.name):
-        if entry.value.startswith(("spot_", "fake_robot", "trainer", "diagnosis", "withheld")):
+        if entry.value.startswith(("spot_", "fake_robot", "trainer", "diagnosis", "compare", "proof", "withheld")):
             for words, command in walk(f"spot-rl {entry.name.replace('.', ' ')}", click_command(load_command(entry))):
                 parts.append(command_section(words, command))
     return "\n".join(parts)
@@ -92,102 +97,8 @@ def config_page() -> str:
     for name, field in RunConfig.model_fields.items():
         part = field.annotation
         if isinstance(part, type) and issubclass(part, BaseModel):
-            text += (
-                f"\n## {name}\n\n{cell(part.__doc__ or '')}\n\n| key | type | default | meaning |\n|---|---|---|---|\n"
-            )
-            text += "".join(key_row(key, about) for key, about in part.model_fields.items())
+            text += f"\n## {name}\n\n{cell(part.__doc__ or '')}\n\n{keys_table(part)}"
     return text
-
-
-def scenario_page() -> str:
-    """Every key of a fake robot's scenario."""
-    text = (
-        "# The fake robot's scenario\n\n"
-        + NOTE
-        + "A YAML file, `--scenario FILE` of `spot-rl fake-robot`. Every key may be left out; an unknown one is "
-        "refused. `--scenario NAME` takes a shipped one: "
-        + ", ".join(f"`{name}`" for name in shipped_names())
-        + ".\n\n```yaml\nschema: spot-rl/scenario/1\nterrain: {friction: 0.4}\n```\n"
-        "\n| key | type | default | meaning |\n|---|---|---|---|\n"
-    )
-    parts = {}
-    for name, field in Scenario.model_fields.items():
-        part = field.annotation
-        if isinstance(part, type) and issubclass(part, BaseModel):
-            parts[name] = part
-        else:
-            text += key_row(field.alias or name, field)
-    for name, part in parts.items():
-        text += f"\n## {name}\n\n{cell(part.__doc__ or '')}\n\n| key | type | default | meaning |\n|---|---|---|---|\n"
-        text += "".join(key_row(key, about) for key, about in part.model_fields.items())
-    return text
-
-
-def conformance_page() -> str:
-    """What a robot may refuse."""
-    return (
-        "# What a robot may refuse\n\n"
-        + NOTE
-        + "Every check that the fake robot makes of a client, and every answer that a client may rely on, with how we "
-        "know it. The fake refuses whatever the protos say that a robot may refuse; where nobody outside the vendor "
-        "knows, the row is *our guess*, and the last column names the key of the [scenario](scenario.md) that changes "
-        "the fake's answer.\n\n"
-        "The same table runs against any server that claims to be a Spot:\n\n"
-        "<!-- doc-test: run -->\n```sh\nspot-rl fake-robot exec -- spot-rl fake-robot conformance --robot HOST\n```\n\n"
-        "It logs in with `BOSDYN_CLIENT_USERNAME` and `BOSDYN_CLIENT_PASSWORD`, moves nothing, and never takes a lease "
-        "that somebody holds. `--with-motion` also powers the motors, stands, walks half a metre and sits. A host that "
-        "may be a real robot needs `--i-stand-beside-it`: stand beside it with its e-stop in your hand. The exit code "
-        "is 1 if a rule that is documented or measured is broken; a guess that the server does not share *differs*.\n\n"
-        + markdown()
-    )
-
-
-def key_row(key: str, field: Any) -> str:
-    """One key."""
-    default = field.default_factory() if field.default is PydanticUndefined and field.default_factory else field.default
-    shown = (
-        "–" if default in (None, "", (), {}) else f"`{str(default).lower() if isinstance(default, bool) else default}`"
-    )
-    bounds = [bound for word in field.metadata for bound in bound_words(word)]
-    meaning = cell(" ".join([field.description or "", f"({', '.join(bounds)})" if bounds else ""]))
-    return f"| `{key}` | {type_words(field.annotation)} | {shown} | {meaning} |\n"
-
-
-def bound_words(constraint: Any) -> Iterator[str]:
-    """A constraint of pydantic's in signs."""
-    for name, sign in (("gt", ">"), ("ge", "≥"), ("lt", "<"), ("le", "≤")):
-        value = getattr(constraint, name, None)
-        if value is not None:
-            yield f"{sign} {value:g}"
-
-
-def type_words(annotation: Any) -> str:
-    """A type as a person says it."""
-    names = {
-        float: "number",
-        int: "whole number",
-        str: "text",
-        bool: "true, false",
-        Path: "path",
-        type(None): "nothing",
-    }
-    if annotation in names:
-        return names[annotation]
-    if typing.get_origin(annotation) is typing.Annotated:
-        return type_words(typing.get_args(annotation)[0])
-    if typing.get_origin(annotation) is typing.Literal:
-        return ", ".join(map(str, typing.get_args(annotation)))
-    words = [type_words(arg) for arg in typing.get_args(annotation) if arg is not Ellipsis]
-    if typing.get_origin(annotation) in (tuple, list):
-        return f"list of {words[0]}s"
-    if typing.get_origin(annotation) is dict:
-        return "mapping of texts"
-    return " or ".join(words)
-
-
-def cell(text: str) -> str:
-    """Text for one cell of a table."""
-    return " ".join(text.split()).replace("|", "\\|").replace("<", "&lt;")
 
 
 def main() -> None:
@@ -199,6 +110,12 @@ def main() -> None:
         "config.md": config_page(),
         "scenario.md": scenario_page(),
         "conformance.md": conformance_page(),
+        "reference/effects.md": effects_page(),
+        "reference/files.md": files_page(),
+        "reference/training-config.md": training_page(),
+        "reference/log-schema.md": log_page(),
+        "reference/verdict.md": verdict_page(),
+        "reference/python.md": python_page(),
     }
     different = []
     for name, text in pages.items():

@@ -15,7 +15,7 @@ from spot_log.tools.info import log_info
 
 app = typer.Typer(no_args_is_help=True, help=__doc__)
 
-LogFile = Annotated[Path, typer.Argument(help="A log: *.mcap, or *.mcap.active after a crash.", metavar="FILE")]
+LogFile = Annotated[Path, typer.Argument(help="A log: *.mcap, or *.mcap.active after a crash.", metavar="LOG")]
 
 
 @app.command()
@@ -36,14 +36,19 @@ def info(
 @app.command()
 def export(
     file: LogFile,
-    out: Annotated[Path, typer.Option("--out", help="Directory for the tables; nothing in it is overwritten.")],
-    file_format: Annotated[str, typer.Option("--format", help="parquet or csv.")] = "parquet",
+    out: Annotated[Path, typer.Option("--out", help="Folder for the tables, or the bag; nothing is overwritten.")],
+    file_format: Annotated[str, typer.Option("--format", help="parquet, csv, or rosbag2.")] = "parquet",
     topics: Annotated[
         str | None,
         typer.Option("--topics", help="Comma-separated: state,imu,command,tick,slow_state,event. All by default."),
     ] = None,
 ) -> None:
-    """Write a log as flat tables, one file a topic, for data frames and plotting programs."""
+    """Write a log as flat tables, one file a topic, for data frames and plotting programs; or as a ROS 2 bag."""
+    if file_format == "rosbag2":
+        from spot_log.tools.rosbag2 import write_rosbag2
+
+        typer.echo(write_rosbag2(read_run(file), out))
+        return
     chosen = [topic.strip() for topic in topics.split(",") if topic.strip()] if topics else None
     run = read_run(file)
     for text in run.damage:

@@ -1,0 +1,134 @@
+"""Draw docs/reference/effects/NAME.svg: a knee's load and velocity while walking, without an effect and with it.
+
+python scripts/draw_effects.py           those that are missing
+python scripts/draw_effects.py NAME...   these anew
+"""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+from reference.effects import PICTURES
+
+from diagnosis.report.svg import line, nice_ticks, svg, text
+from diagnosis.simulated import Script, SensorNoise, simulate
+from spot_log.read.run import Run
+from spot_model.effects.registry import BUILT_IN, make_effect
+from spot_model.io.model_file import load_model
+from spot_model.policy.policy import load_policy
+from spot_model.robot import facts
+from trainer.sysid.simulation.rollout import StartState
+
+JOINT = facts.JOINT_NAMES.index("fl_kn")
+SECONDS, SHOWN_S = 1.8, 0.6
+SIZES = {
+    "action_scale": {"scale": 1.2},
+    "armature": {"inertia_kg_m2": 0.08},
+    "backlash": {"gap_rad": 0.03, "rotor_inertia_kg_m2": 0.02},
+    "body_inertia": {"scale": 2.0},
+    "bus_sag": {"resistance_ohm": 0.3},
+    "com_offset": {"x_m": 0.06},
+    "command_delay": {"delay_s": 0.02},
+    "command_drop": {"probability": 0.3},
+    "command_jitter": {"mean_s": 0.01},
+    "contact_delay": {"delay_s": 0.05},
+    "coulomb_friction": {"level_nm": 3.0},
+    "default_pose": {"offset_rad": 0.08},
+    "encoder_offset": {"offset_rad": 0.06},
+    "foot_radius": {"change_m": 0.015},
+    "ground_compliance": {"time_constant_s": 0.05},
+    "ground_friction": {"scale": 0.3},
+    "imu_tilt": {"pitch_rad": 0.1},
+    "joint_compliance": {"compliance_rad_per_nm": 0.002},
+    "leg_mass": {"scale": 1.8},
+    "load_friction": {"share": 0.25},
+    "load_sensor_gain": {"gain": 1.3},
+    "payload_mass": {"mass_kg": 10.0},
+    "position_torque_limit": {"motor_torque_nm": 0.5},
+    "power_limit": {"power_w": 200.0},
+    "sensor_noise": {"velocity_rad_s": 1.0},
+    "stribeck_friction": {"level_nm": 5.0, "speed_rad_s": 0.8},
+    "thermal_derating": {"loss_per_k": 0.01, "heating_k_per_nm2_s": 0.05},
+    "torque_bandwidth": {"time_constant_s": 0.01},
+    "torque_gain": {"gain": 0.7},
+    "torque_limit": {"limit_nm": 30.0},
+    "torque_ripple": {"amplitude_nm": 5.0, "cycles_per_rad": 6.0},
+    "velocity_estimate": {"scale": 0.8},
+    "velocity_filter": {"time_constant_s": 0.01},
+    "viscous_friction": {"damping_nm_s_per_rad": 1.5},
+}
+"""Larger than on a robot, so that they can be seen."""
+
+
+def main() -> None:
+    chosen = sys.argv[1:] or [name for name in BUILT_IN if not (PICTURES / f"{name}.svg").is_file()]
+    PICTURES.mkdir(exist_ok=True)
+    plain = walk()
+    for name in chosen:
+        try:
+            drawn = walk(name)
+        except Exception as error:  # noqa: BLE001 - one effect that cannot be drawn spares the others
+            print(f"{name}: {error}", file=sys.stderr)
+            continue
+        (PICTURES / f"{name}.svg").write_text(picture(name, plain, drawn) + "\n", encoding="utf-8")
+
+
+def walk(name: str = "") -> Run:
+    """A second of walking from the default pose, with one more effect."""
+    model = load_model("paper_identified")
+    if name:
+        sizes = SIZES.get(name) or {p.name: 0.5 * (p.null + p.high) for p in BUILT_IN[name].parameters()}
+        joints = ["knees"] if BUILT_IN[name].hook.value in ("torque", "sensor") else ["all"]
+        model = model.with_effects(make_effect(name, {"joints": joints, **sizes}))
+    start = StartState(
+        position_rad=np.array(facts.DEFAULT_POSITION_RAD),
+        velocity_rad_s=np.zeros(12),
+        world_from_body_wxyz=np.array([1.0, 0.0, 0.0, 0.0]),
+        linear_vel_of_body_in_world_m_s=np.zeros(3),
+        angular_vel_of_body_in_world_rad_s=np.zeros(3),
+        last_action=np.zeros(12, dtype=np.float32),
+    )
+    script = Script("walk", 0, start, np.tile([1.0, 0.0, 0.0], (round(SECONDS * 50), 1)))
+    still = SensorNoise(0.0, 0.0, 0.0, 0.0, 0.0)
+    rng, policy = np.random.default_rng(0), load_policy(PICTURES.parents[2] / "policies/walk.onnx")
+    return simulate(model, policy, [script], rng, still)[0]
+
+
+def picture(name: str, plain: Run, drawn: Run) -> str:
+    """Two small plots side by side."""
+    signals = (("load_nm", "load, N·m"), ("velocity_rad_s", "velocity, rad/s"))
+    parts = [panel(plain, drawn, signal, title, 370 * i) for i, (signal, title) in enumerate(signals)]
+    figure = svg(740, 150, parts, f"{name}: load and velocity of a knee, without the effect and with it")
+    style = (
+        "<style>text{fill:#5c6b78;font-family:system-ui,sans-serif}.soft{fill:#5c6b78}"
+        "svg{--line:#d5dce2;--plain:#8fa0ad;--drawn:#c8402f}</style>"
+    )
+    return figure.replace("<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1).replace(">", ">" + style, 1)
+
+
+def panel(plain: Run, drawn: Run, signal: str, title: str, left: float) -> str:
+    """One signal over the last moments."""
+    x0, width, top, height = left + 44, 310, 20, 104
+    lines = []
+    for run, colour in ((plain, "var(--plain)"), (drawn, "var(--drawn)")):
+        time_s = (run.states.robot_stamp_ns - run.states.robot_stamp_ns[0]) * 1e-9
+        rows = time_s >= SECONDS - SHOWN_S
+        lines.append((time_s[rows], getattr(run.states, signal)[rows, JOINT], colour))
+    low = min(float(v.min()) for _, v, _ in lines)
+    high = max(float(v.max()) for _, v, _ in lines)
+    parts = [text(x0, 12, title, size=12)]
+    for tick in nice_ticks(low, high, 3):
+        y = top + height * (high - tick) / (high - low)
+        parts.append(line([(x0, y), (x0 + width, y)], "var(--line)", 1))
+        parts.append(text(x0 - 6, y + 4, f"{tick:g}", size=11, anchor="end"))
+    for time_s, values, colour in lines:
+        x = x0 + (time_s - (SECONDS - SHOWN_S)) / SHOWN_S * width
+        y = top + height * (high - values) / (high - low)
+        parts.append(line(list(zip(x.tolist(), y.tolist(), strict=True)), colour, 1.6))
+    parts.append(text(x0 + width, 144, f"{SHOWN_S:g} s", size=11, anchor="end"))
+    return "".join(parts)
+
+
+if __name__ == "__main__":
+    main()

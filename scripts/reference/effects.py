@@ -1,0 +1,83 @@
+"""docs/reference/effects.md: every effect, as it acts and as it looks."""
+
+from __future__ import annotations
+
+import inspect
+import textwrap
+from pathlib import Path
+
+from diagnosis.library.registry import LIBRARY
+from diagnosis.seam import CHANNEL_TITLES
+from spot_model.effects.base import Effect, Hook
+from spot_model.effects.registry import BUILT_IN
+
+from .words import page, plain, table
+
+HOOKS = {
+    Hook.MODEL: ("edit", "The physics model, once, before the first step"),
+    Hook.TORQUE: ("torque", "The motor torque, at every physics step"),
+    Hook.SOFTWARE: ("setpoint_rad", "The set-point that the program sends"),
+    Hook.COMMAND: ("arrival_s", "The way of a command from the policy to the servos"),
+    Hook.SENSOR: ("read", "What the joints' sensors report"),
+    Hook.ESTIMATE: ("estimate", "What the state estimator reports of the body"),
+}
+PICTURES = Path(__file__).resolve().parents[2] / "docs" / "reference" / "effects"
+ABOUT = """\
+An *effect* is something physical that a simulator may lack: friction, a limit, a delay, play in a gear. These are
+built in; the fake robot, identification, diagnosis and training use the same ones. In a [model file](files.md) an
+effect is one line:
+
+```yaml
+- {effect: coulomb_friction, joints: [knees], level_nm: 0.4}
+```
+
+`joints` takes joint names (`fl_hx` … `hr_kn`), `hips`, `knees`, `all`, or a leg (`fl`, `fr`, `hl`, `hr`). At its
+*null* value a parameter does nothing, bit for bit. *Looks like* says what the effect does to a log, and the
+channels of the diagnosis in which that shows; *confused with* names effects that can look the same, and *told apart
+by* the recording that separates them. Each picture shows the front left knee over 0.6 s of walking in the paper's
+identified model, without the effect (grey) and with it (red), from the same start. An effect of your own: [add an
+effect](../add-an-effect.md)."""
+
+
+def effects_page() -> str:
+    """The page."""
+    rows = []
+    for name, cls in sorted(BUILT_IN.items()):
+        title = LIBRARY[name].title if name in LIBRARY else name.replace("_", " ")
+        rows.append((f"[`{name}`](#{name})", title, cls.hook.value, ", ".join(p.unit for p in cls.parameters())))
+    parts = [table(("effect", "what it is", "hook", "units"), rows)]
+    for hook, (_, about) in HOOKS.items():
+        found = sorted((n, c) for n, c in BUILT_IN.items() if c.hook is hook)
+        if found:
+            parts += [f"\n## Hook: {hook.value}\n\n{about}.\n", *(section(name, cls) for name, cls in found)]
+    return page("Effects", ABOUT, parts)
+
+
+def section(name: str, cls: type[Effect]) -> str:
+    """One effect."""
+    told, _, source = plain(cls.__doc__ or "").partition("Source:")
+    parameters = table(
+        ("parameter", "unit", "null", "range", "source"),
+        [(f"`{p.name}`", p.unit, f"{p.null:g}", f"{p.low:g} to {p.high:g}", p.source) for p in cls.parameters()],
+    )
+    lines = [f"### {name}", told.strip()]
+    if (PICTURES / f"{name}.svg").is_file():
+        lines.append(f"![{name}: a knee without and with it](effects/{name}.svg)")
+    lines += [parameters.rstrip(), _look(name)]
+    if source:
+        lines.append(f"Source: {' '.join(source.split())}")
+    method = HOOKS[cls.hook][0]
+    code = textwrap.dedent(inspect.getsource(getattr(cls, method))).rstrip()
+    lines.append(f"<details><summary>The formula, as it runs</summary>\n\n```python\n{code}\n```\n\n</details>")
+    return "\n\n".join(line for line in lines if line) + "\n"
+
+
+def _look(name: str) -> str:
+    if name not in LIBRARY:
+        return "Not in the diagnosis' library."
+    entry = LIBRARY[name]
+    channels = ", ".join(f"{CHANNEL_TITLES.get(c, c)} ({c})" for c in entry.channels)
+    others = ", ".join(f"[{n.replace('_', ' ')}](#{n})" for n in entry.confused_with) or "nothing"
+    looks = " ".join(plain(entry.__doc__ or "").split())
+    told = f"*Looks like*: {looks} Shows in: {channels}.\n\n*Confused with*: {others}."
+    return f"{told} *Told apart by*: {entry.split_by.text}"

@@ -1,0 +1,58 @@
+"""docs/reference/files.md: the small files that a user writes, key by key."""
+
+from __future__ import annotations
+
+from spot_model.io.model_file import BUILT_IN, ModelFileData
+from spot_model.io.velocity_sequence import BUILT_IN as SEQUENCES
+from spot_model.io.velocity_sequence import VelocitySequence, Waypoint
+from spot_runtime.policy.card import PolicyCard
+from trainer.sysid.search.config import ParameterConfig, SysidConfig
+
+from .words import keys_table, page, plain, sections
+
+ABOUT = """\
+YAML files, each with its `schema` in the first line. An unknown key is refused, and the message lists the allowed
+ones. [Run configurations](../config.md), [scenarios](../scenario.md) and [training configs](training-config.md) have
+pages of their own."""
+
+
+def files_page() -> str:
+    """The page."""
+    return page(
+        "Model, sequence and search files",
+        ABOUT,
+        [
+            (
+                "## Model file\n\nA simulated Spot: a list of [effects](effects.md) with joints and values. Wherever "
+                f"a model is asked for (`--nominal`, `--model`, `model:`), a built-in name does: {_names(BUILT_IN)}.\n"
+            ),
+            (
+                "```yaml\nschema: spot-rl/model/1\neffects:\n"
+                "  - {effect: coulomb_friction, joints: [knees], level_nm: 0.18}\n"
+                "  - {effect: command_delay, delay_s: 0.005}\n```\n"
+            ),
+            keys_table(ModelFileData),
+            (
+                "## Velocity sequence\n\nWhat a robot is told over time: `--sequence FILE`, and built in: "
+                f"{_names(SEQUENCES)}.\n"
+            ),
+            (
+                "```yaml\nschema: spot-rl/velocity-sequence/1\nname: ahead\nduration_s: 5\nwaypoints:\n"
+                "  - {time_s: 0, v_x_m_s: 0.5}\n"
+                "  - {time_s: 2, v_x_m_s: 1.5, ramp: true}\n```\n"
+            ),
+            keys_table(VelocitySequence),
+            f"### waypoints\n\n{plain(Waypoint.__doc__ or '')}\n",
+            keys_table(Waypoint),
+            "## Search of an identification\n\n`spot-rl sysid --config FILE`; without it, the paper's parameters.\n",
+            *sections(SysidConfig, "###"),
+            f"### parameters\n\n{plain(ParameterConfig.__doc__ or '')}\n",
+            keys_table(ParameterConfig),
+            "## Policy card\n\n`NAME.card.yaml` beside `NAME.onnx`, written by `spot-rl policy card`.\n",
+            keys_table(PolicyCard),
+        ],
+    )
+
+
+def _names(names: object) -> str:
+    return ", ".join(f"`{name}`" for name in names)  # type: ignore[attr-defined]

@@ -1,0 +1,105 @@
+"""docs/reference/python.md: every name of the package spot_rl, from its docstring."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import re
+from typing import Any
+
+import spot_rl
+from compare.differences import Differences, SignalDifference
+from compare.tracks import Track
+from diagnosis.verdict import FoundEffect, Number
+from spot_log.format.records import EventRecord, RunHeader
+from spot_log.read import run as tables
+
+from .words import attribute_docs, page, plain, table
+
+ABOUT = """\
+`import spot_rl` and use what you need: every name is imported when it is first asked for. Paths may be text or
+`pathlib.Path`. What is wrong with an input raises `spot_rl.SpotRlError`, whose message says what is allowed. To
+begin with: [Python](../python.md)."""
+SECTION = re.compile(r"^(Args|Returns|Raises):\n", re.MULTILINE)
+ITEM = re.compile(r"^(\w[\w ]*): ", re.MULTILINE)
+ARRAYS = (
+    ("Run.header", RunHeader), ("Run.states", tables.StateTable), ("Run.commands", tables.CommandTable),
+    ("Run.ticks", tables.TickTable), ("Run.slow_states", tables.SlowTable), ("Run.states.imu", tables.ImuTable),
+    ("an entry of Run.events", EventRecord), ("an entry of Comparison.tracks", Track),
+    ("an entry of Comparison.differences", Differences), ("an entry of Differences.signals", SignalDifference),
+    ("an entry of Verdict.effects", FoundEffect), ("a value of FoundEffect.parameters", Number),
+)  # fmt: skip
+
+
+def python_page() -> str:
+    """The page."""
+    named = [(name, getattr(spot_rl, name)) for name in spot_rl.__all__]
+    functions = [_function(name, found) for name, found in named if inspect.isfunction(found)]
+    classes = [_class(name, found) for name, found in named if inspect.isclass(found)]
+    fields = [f"### {where}\n\n{_fields(cls)}" for where, cls in ARRAYS]
+    parts = ["## Functions\n", *functions, "## Classes\n", *classes, "## What they hold\n", *fields]
+    return page("Python reference", ABOUT, parts)
+
+
+def _function(name: str, function: Any, prefix: str = "spot_rl.", level: str = "###") -> str:
+    return f"{level} {name}\n\n```python\n{prefix}{name}{_signature(function)}\n```\n\n{_docstring(function)}"
+
+
+def _signature(function: Any) -> str:
+    parameters = list(inspect.signature(function).parameters.values())
+    shown, is_keyword_only = [], False
+    for p in parameters:
+        if p.name == "self":
+            continue
+        if p.kind is p.KEYWORD_ONLY and not is_keyword_only:
+            shown.append("*")
+            is_keyword_only = True
+        annotation = "" if p.annotation is p.empty else f": {p.annotation}".replace("AnyPath", "path")
+        default = "" if p.default is p.empty else f" = {p.default!r}"
+        shown.append(f"{p.name}{annotation}{default}")
+    result = inspect.signature(function).return_annotation
+    returns = "" if result is inspect.Signature.empty else f" -> {result}"
+    one = f"({', '.join(shown)}){returns}"
+    return one if len(one) < 90 else "(\n    " + ",\n    ".join(shown) + f",\n){returns}"
+
+
+def _docstring(found: Any) -> str:
+    text = plain(found.__doc__ or "")
+    about, *rest = SECTION.split(text)
+    parts = [about.strip().replace("::\n", "\n")]
+    for title, body in zip(rest[::2], rest[1::2], strict=True):
+        lines = inspect.cleandoc(body)
+        items = ITEM.sub(lambda match: f"- `{match[1]}`: ", lines) if title != "Returns" else lines
+        parts.append(f"*{title}*\n\n{items}" if items.startswith("-") else f"*{title}*: {items}")
+    return "\n\n".join(parts) + "\n"
+
+
+def _class(name: str, cls: Any) -> str:
+    lines = [f"### {name}\n\n{_docstring(cls)}"]
+    own = {
+        k: v for base in reversed(cls.__mro__[:-1]) for k, v in vars(base).items() if base.__module__ == cls.__module__
+    }
+    if dataclasses.is_dataclass(cls):
+        lines.append(_fields(cls))
+    properties = [(f"`{k}`", plain(v.__doc__ or "")) for k, v in own.items() if isinstance(v, property)]
+    lines.append(table(("property", "what it is"), properties))
+    lines += [
+        _function(k, v, prefix=f"{name}.", level="####")
+        for k, v in own.items()
+        if inspect.isfunction(v) and not k.startswith("_") and v.__doc__
+    ]
+    return "\n".join(line for line in lines if line)
+
+
+def _fields(cls: Any) -> str:
+    docs = attribute_docs(cls)
+    names = cls.model_fields if hasattr(cls, "model_fields") else cls.__annotations__
+    kinds = {k: str(v).replace("NDArray[np.", "array of ").replace("_]", "").rstrip("]") if "NDArray" in str(v) else v
+             for k, v in cls.__annotations__.items()}  # fmt: skip
+    rows = [(f"`{name}`", _kind(kinds.get(name, "")), docs.get(name, "")) for name in names]
+    return table(("attribute", "type", "what it is"), rows)
+
+
+def _kind(annotation: Any) -> str:
+    text = annotation if isinstance(annotation, str) else getattr(annotation, "__name__", str(annotation))
+    return {"Array": "array of numbers", "Ints": "array of integers", "Flags": "array of booleans"}.get(text, text)
