@@ -8,8 +8,6 @@ import shutil
 import socket
 import subprocess
 import sys
-import tempfile
-from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Final
@@ -18,6 +16,7 @@ from typing_extensions import Self
 
 from spot_log.write.live_tap import SOCKET_VARIABLE
 from spot_model.errors import BadInputError, SpotRlError
+from spot_runtime.host.private_folder import make_private_folder
 
 FOLDER_PREFIX: Final = "spot-rl-live-"
 SOCKET_NAME: Final = "live.sock"
@@ -29,31 +28,6 @@ class LiveViewError(SpotRlError):
     """The live view cannot be served."""
 
     exit_code = 98
-
-
-def _make_folder(environment: Mapping[str, str]) -> Path:
-    """A folder for the socket, where the system clears up by itself if it can be; what a killed service left goes."""
-    base = environment.get("RUNTIME_DIRECTORY", "").partition(":")[0] or environment.get("XDG_RUNTIME_DIR", "")
-    base = base if os.access(base, os.W_OK) else tempfile.gettempdir()
-    for left in Path(base).glob(f"{FOLDER_PREFIX}*"):
-        if _is_left_behind(left / SOCKET_NAME):
-            shutil.rmtree(left, ignore_errors=True)
-    return Path(tempfile.mkdtemp(prefix=FOLDER_PREFIX, dir=base))
-
-
-def _is_left_behind(path: Path) -> bool:
-    """Whether nobody listens at a socket of ours any more."""
-    try:
-        if path.lstat().st_uid != os.getuid():
-            return False
-        with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as probe:
-            probe.setblocking(False)
-            probe.connect(str(path))
-    except ConnectionRefusedError:
-        return True
-    except OSError:
-        return False
-    return False
 
 
 class LiveProcess:
@@ -86,7 +60,7 @@ class LiveProcess:
             raise BadInputError(
                 "the live view needs foxglove-sdk; install the extra: pip install 'spot-rl[live]'"
             ) from error
-        self._folder = _make_folder(os.environ)
+        self._folder = make_private_folder(os.environ, FOLDER_PREFIX, SOCKET_NAME, socket.SOCK_SEQPACKET)
         path = self._folder / SOCKET_NAME
         try:
             with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as listener:

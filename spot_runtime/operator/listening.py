@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import ipaddress
 import os
+import socket
 import stat
 import tempfile
 from collections.abc import Mapping
@@ -44,6 +45,11 @@ def user_socket(environment: Mapping[str, str]) -> Path:
     runtime = environment.get("XDG_RUNTIME_DIR", "")
     folder = Path(runtime) / "spot-rl" if runtime else Path(tempfile.gettempdir()) / f"spot-rl-{os.getuid()}"
     return folder / SOCKET_NAME
+
+
+def stop_path(path: Path) -> Path:
+    """The socket beside a service's own that clients use to stop and damp: a storm on the other does not reach it."""
+    return path.with_name(path.name + ".stop")
 
 
 def is_unix(address: str) -> bool:
@@ -120,22 +126,72 @@ class SocketFile:
         except OSError as error:
             raise ListenError(f"socket {path} cannot be made: {error.strerror}; name another") from error
 
-    def bind(self, server: grpc.Server) -> None:
-        """Let the server listen, so that only this user and group may connect."""
+    def bind(self) -> list[socket.socket]:
+        """The socket and the one for stops beside it, so that only this user and group may connect. Raises OSError."""
+        made: list[socket.socket] = []
         before = os.umask(0o117)
         try:
-            server.add_insecure_port(f"unix:{self.path}")
+            for path in (self.path, stop_path(self.path)):
+                path.unlink(missing_ok=True)  # of a service that was killed: the lock is ours
+                made.append(socket.socket(socket.AF_UNIX, socket.SOCK_STREAM))
+                made[-1].bind(str(path))
+        except OSError:
+            for one in made:
+                one.close()
+            raise
         finally:
             os.umask(before)
+        return made
 
     def close(self) -> None:
         """Remove the socket, the lock, and the folder if it was made for them."""
         self.path.unlink(missing_ok=True)
+        stop_path(self.path).unlink(missing_ok=True)
         self._lock_path.unlink(missing_ok=True)
         os.close(self._descriptor)
         if self._has_made_folder:
             with contextlib.suppress(OSError):  # somebody else uses it
                 self.path.parent.rmdir()
+
+
+class Listener:
+    """The sockets that operators reach: made, but not listening yet."""
+
+    def __init__(self, wanted: str) -> None:
+        """Take an address of the form that :func:`is_loopback` allows; port 0 is any free one.
+
+        Raises:
+            BadInputError: The path is too long for a socket.
+            ListenError: The address is taken or cannot be used.
+        """
+        self._file = SocketFile(Path(wanted.removeprefix("unix:"))) if is_unix(wanted) else None
+        try:
+            self.sockets = [_bound(wanted)] if self._file is None else self._file.bind()
+        except OSError as error:
+            self.close()
+            raise ListenError(f"the service cannot listen on {wanted}: {error}; name another address") from error
+        self.address = wanted
+        if self._file is None:
+            self.address = f"{wanted.rpartition(':')[0]}:{self.sockets[0].getsockname()[1]}"
+
+    def close(self) -> None:
+        """Give the address back."""
+        if self._file is not None:
+            self._file.close()
+
+
+def _bound(address: str) -> socket.socket:
+    host, _, port = address.rpartition(":")
+    found = socket.getaddrinfo(host.strip("[]"), int(port), type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+    family, kind, protocol, _, where = found[0]
+    made = socket.socket(family, kind, protocol)
+    try:
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        made.bind(where)
+    except OSError:
+        made.close()
+        raise
+    return made
 
 
 def _read(path: Path, *, is_secret: bool) -> bytes:

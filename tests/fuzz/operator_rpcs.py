@@ -6,7 +6,7 @@ import contextlib
 from pathlib import Path
 from typing import Any
 
-from rpcs import AbortedError, Context, calls_in, in_a_row
+from rpcs import calls_in, in_a_row
 from support import Target, folder
 
 
@@ -87,9 +87,11 @@ def operator(data: bytes) -> None:
     from google.protobuf.message_factory import GetMessageClass
 
     from spot_protos import operator_pb2
-    from spot_runtime.operator.server.access import Gate
-    from spot_runtime.operator.server.server import service as service_module
-    from spot_runtime.operator.server.server import supervisor as module
+    from spot_runtime.operator.door.access import Gate
+    from spot_runtime.operator.door.callers import Caller, Role
+    from spot_runtime.operator.refusal import Refusal
+    from spot_runtime.operator.server import supervisor as module
+    from spot_runtime.operator.server.methods import work_of
     from spot_runtime.operator.server.service import OperatorService
 
     methods = operator_pb2.DESCRIPTOR.services_by_name["Operator"].methods
@@ -98,8 +100,8 @@ def operator(data: bytes) -> None:
     supervisor = _supervisor()
     stub = StubRun(supervisor, script)
     setattr(module, "RunProcess", type("Started", (), {"start": staticmethod(lambda _: stub)}))  # noqa: B010
-    setattr(service_module, "EVENT_WAIT_S", 0.0)  # noqa: B010 - nobody waits here
-    service = OperatorService(supervisor, Gate(is_tls=False, requests_per_s=1000.0, steering_per_s=1000.0))
+    service = OperatorService(supervisor, Gate(requests_per_s=1000.0, steering_per_s=1000.0))
+    caller = Caller("user 1", "anna", Role.OPERATE)
     for chosen, body in calls:
         number = chosen[0] % (len(methods) + 2)
         if number >= len(methods):
@@ -111,10 +113,12 @@ def operator(data: bytes) -> None:
             request.ParseFromString(body)
         except DecodeError:
             continue
-        with contextlib.suppress(AbortedError):
-            answer = getattr(service, method.name)(request, Context())
-            for message in [answer] if hasattr(answer, "SerializeToString") else answer:
-                message.SerializeToString()
+        with contextlib.suppress(Refusal):
+            answer = work_of(service, method.name)(request, caller)
+            if method.name in ("WatchStatus", "StreamEvents"):
+                answer.aclose().close()
+            else:
+                answer.SerializeToString()
         if (supervisor._run is None) != (supervisor.state.value == "idle"):
             raise AssertionError(f"{supervisor.state.value} with run {supervisor._run}")
 

@@ -18,7 +18,7 @@ from spot_model.policy.policy import load_policy
 from spot_runtime.config import RunConfig
 from spot_runtime.operator.refusal import Refusal
 from spot_runtime.operator.run.run_spec import load_checked
-from spot_runtime.operator.server.policy_folder import PolicyShelf
+from spot_runtime.operator.server.policy_folder import PolicyFolder
 from spot_runtime.policy.admission import admission
 from spot_runtime.policy.commands import app
 from spot_runtime.policy.signature import check_signature, private_key, public_keys, signature_path, signed_line
@@ -134,13 +134,13 @@ def test_keys_are_never_overwritten(signed: tuple[Path, Path, Path]) -> None:
 def test_the_shelf_and_the_control_process_ask_for_the_signature(signed: tuple[Path, Path, Path]) -> None:
     policy, _, public = signed
     config = ServiceConfig(policies=policy.parent, policy_public_key=public)
-    found = PolicyShelf.of(config).find("walk", "")
+    found = PolicyFolder.of(config).find("walk", "")
     whole = RunConfig(service=config)
     assert load_checked(policy, found.sha256, whole).sha256 == found.sha256
     signature_path(policy).write_bytes(bytes(64))
-    assert [p.is_allowed for p in PolicyShelf.of(config).list()] == [False]
+    assert [p.is_allowed for p in PolicyFolder.of(config).list()] == [False]
     with pytest.raises(Refusal, match="does not hold"):
-        PolicyShelf.of(config).find("walk", "")
+        PolicyFolder.of(config).find("walk", "")
     with pytest.raises(PolicyError, match="does not hold"):
         load_checked(policy, found.sha256, whole)
     with pytest.raises(PolicyError, match="replaced just now"):

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Mapping
+from itertools import cycle
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final
@@ -14,11 +16,20 @@ from typing_extensions import Self
 from spot_model.errors import BadInputError, SpotRlError
 from spot_model.io.bounded_file import FileTooLargeError, read_at_most
 from spot_protos import operator_pb2_grpc
-from spot_runtime.operator.listening import MAX_PEM_BYTES, SYSTEM_SOCKET, is_loopback, user_socket
+from spot_runtime.operator.listening import MAX_PEM_BYTES, SYSTEM_SOCKET, is_loopback, is_unix, stop_path, user_socket
 
 ADDRESS_VARIABLE: Final = "SPOT_RL_OPERATOR"
 TIMEOUT_S: Final = 30.0
 ARM_TIMEOUT_S: Final = 120.0
+STOP_TRIED_S: Final = 2.0
+OPTIONS: Final = (
+    ("grpc.keepalive_time_ms", 10_000),
+    ("grpc.enable_retries", 0),
+    ("grpc.use_local_subchannel_pool", 1),
+    ("grpc.initial_reconnect_backoff_ms", 50),
+    ("grpc.min_reconnect_backoff_ms", 50),
+    ("grpc.max_reconnect_backoff_ms", 1_000),
+)
 
 
 class RefusedError(SpotRlError):
@@ -55,17 +66,19 @@ class OperatorClient:
             BadInputError: The address is none, the network is to be used without TLS, or a file cannot be read.
         """
         self.address = address
-        options = [("grpc.keepalive_time_ms", 10_000), ("grpc.enable_retries", 0)]
         if ca is not None and certificate is not None and key is not None:
             credentials = grpc.ssl_channel_credentials(_read(ca), _read(key), _read(certificate))
-            self._channel = grpc.secure_channel(address, credentials, options)
+            self._channels = [grpc.secure_channel(address, credentials, OPTIONS)]
         elif ca or certificate or key:
             raise BadInputError("--ca, --cert and --key go together; name all three")
         elif not is_loopback(address):
             raise BadInputError(f"{address} is reached over a network, which needs --ca, --cert and --key")
         else:
-            self._channel = grpc.insecure_channel(address, options)
-        self._stub: Any = operator_pb2_grpc.OperatorStub(self._channel)  # type: ignore[no-untyped-call]
+            self._channels = [grpc.insecure_channel(address, OPTIONS)]
+        if is_unix(address) and stop_path(Path(address.removeprefix("unix:"))).exists():
+            beside = stop_path(Path(address.removeprefix("unix:")))
+            self._channels.append(grpc.insecure_channel(f"unix:{beside}", OPTIONS))
+        self._stubs: list[Any] = [operator_pb2_grpc.OperatorStub(c) for c in self._channels]  # type: ignore[no-untyped-call]
 
     def __enter__(self) -> Self:
         """Nothing happens."""
@@ -74,31 +87,40 @@ class OperatorClient:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Close the channel."""
-        self._channel.close()
+        """Close the channels."""
+        for channel in self._channels:
+            channel.close()
 
     def call(self, name: str, request: Any, timeout_s: float = TIMEOUT_S) -> Any:
-        """One call.
+        """One call; a stop goes by a socket of its own where there is one, and is tried again where that was cut.
 
         Raises:
             RefusedError: The service refused.
             UnreachableError: It does not answer.
         """
-        try:
-            return getattr(self._stub, name)(request, timeout=timeout_s)
-        except grpc.RpcError as error:
-            raise self._explain(error) from None
+        is_stop = name in ("Stop", "Damp")
+        until_s = time.monotonic() + (STOP_TRIED_S if is_stop else 0.0)
+        for stub in cycle(reversed(self._stubs) if is_stop else self._stubs[:1]):
+            try:
+                return getattr(stub, name)(request, timeout=timeout_s)
+            except grpc.RpcError as error:
+                explained = self._explain(error)
+                was_cut = error.code() is grpc.StatusCode.UNAVAILABLE and isinstance(explained, UnreachableError)
+                if not was_cut or time.monotonic() >= until_s:
+                    raise explained from None
+            time.sleep(0.02)
+        raise AssertionError("unreachable")
 
     def stream(self, name: str, request: Any) -> Any:
         """One call that answers again and again. Raises as :meth:`call` does."""
         try:
-            yield from getattr(self._stub, name)(request)
+            yield from getattr(self._stubs[0], name)(request)
         except grpc.RpcError as error:
             raise self._explain(error) from None
 
     def _explain(self, error: grpc.RpcError) -> SpotRlError:
         code, words = error.code(), error.details() or ""
-        nobody = code is grpc.StatusCode.UNAVAILABLE and not words.partition(":")[0].isalpha()
+        nobody = code is grpc.StatusCode.UNAVAILABLE and not words.partition(":")[0].replace("-", "").isalpha()
         if nobody or code is grpc.StatusCode.DEADLINE_EXCEEDED:
             return UnreachableError(
                 f"no service answers at {self.address} ({words}); start it with 'spot-rl serve', or name its "

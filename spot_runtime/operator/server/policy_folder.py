@@ -21,7 +21,7 @@ MAX_LISTED: Final = 200
 
 
 @dataclass(frozen=True)
-class ShelvedPolicy:
+class OfferedPolicy:
     """One file that is there."""
 
     name: str
@@ -37,7 +37,7 @@ class ShelvedPolicy:
         return not self.refusal
 
 
-class PolicyShelf:
+class PolicyFolder:
     """Looks policies up by name; a name is no path, so nothing outside the folder can be reached."""
 
     def __init__(self, folder: Path, allowed_sha256: tuple[str, ...] = (), public_key: Path | None = None) -> None:
@@ -46,17 +46,17 @@ class PolicyShelf:
         self._config = ServiceConfig(policy_sha256=allowed_sha256, policy_public_key=public_key)
 
     @staticmethod
-    def of(config: ServiceConfig) -> PolicyShelf:
-        """The shelf that a configuration describes."""
-        return PolicyShelf(config.policies, config.policy_sha256, config.policy_public_key)
+    def of(config: ServiceConfig) -> PolicyFolder:
+        """The folder that a configuration describes."""
+        return PolicyFolder(config.policies, config.policy_sha256, config.policy_public_key)
 
-    def list(self) -> list[ShelvedPolicy]:
+    def list(self) -> list[OfferedPolicy]:
         """All that can be named, at most :data:`MAX_LISTED`."""
         paths = sorted(self._folder.glob(f"*{SUFFIX}")) if self._folder.is_dir() else []
         found = [self._read(path) for path in paths[:MAX_LISTED] if NAME.fullmatch(path.stem)]
         return [policy for policy in found if policy is not None]
 
-    def find(self, name: str, sha256: str) -> ShelvedPolicy:
+    def find(self, name: str, sha256: str) -> OfferedPolicy:
         """The policy that may be armed under this name.
 
         Args:
@@ -81,7 +81,7 @@ class PolicyShelf:
             raise Refusal(grpc.StatusCode.PERMISSION_DENIED, policy.refusal)
         return policy
 
-    def _read(self, path: Path) -> ShelvedPolicy | None:
+    def _read(self, path: Path) -> OfferedPolicy | None:
         try:
             if path.is_symlink() or not path.is_file():
                 return None
@@ -93,4 +93,4 @@ class PolicyShelf:
             admission(self._config, path)(digest)
         except PolicyError as error:
             refusal = str(error)
-        return ShelvedPolicy(path.stem, path, digest, len(data), refusal)
+        return OfferedPolicy(path.stem, path, digest, len(data), refusal)

@@ -6,14 +6,13 @@ import os
 import select
 import signal
 import socket
-import subprocess
-import sys
 import time
 from collections.abc import Sequence
 from typing import Final
 
 from google.protobuf.message import DecodeError
 
+from spot_model.io.child_process import ChildProcess
 from spot_protos import run_link_pb2
 from spot_runtime.host.service_manager import PROCESS_VARIABLE
 from spot_runtime.operator.run.link import MAX_DATAGRAM_BYTES
@@ -27,7 +26,7 @@ LAST_WORDS_S: Final = 10.0
 class RunProcess:
     """One arming's process. Nothing here waits for it."""
 
-    def __init__(self, process: subprocess.Popen[bytes], connection: socket.socket) -> None:
+    def __init__(self, process: ChildProcess, connection: socket.socket) -> None:
         """Use a started process and our end of the link."""
         self._process, self._socket = process, connection
         self._socket.setblocking(False)
@@ -45,22 +44,17 @@ class RunProcess:
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         # The watchdog that the service manager meant for us is fed by the control loop while there is one.
         environment = {name: value for name, value in os.environ.items() if name != PROCESS_VARIABLE}
-        command = [sys.executable, "-m", "spot_runtime.operator.run.run_child", str(theirs.fileno())]
         with theirs:
             # A session of its own: Ctrl-C at the service's terminal is for the service, which then asks this process.
-            process = subprocess.Popen(  # noqa: S603 - our own command line
-                command, stdin=subprocess.PIPE, pass_fds=(theirs.fileno(),), env=environment, start_new_session=True
+            process = ChildProcess.start(
+                "spot_runtime.operator.run.run_child",
+                str(theirs.fileno()),
+                told=spec.model_dump_json(by_alias=True).encode(),
+                descriptors=(theirs.fileno(),),
+                environment=environment,
+                has_own_session=True,
             )
-        run = RunProcess(process, ours)
-        try:
-            if process.stdin is not None:
-                with process.stdin as stdin:
-                    stdin.write(spec.model_dump_json(by_alias=True).encode())
-        except OSError:  # it ended before it had read what to do
-            run.kill()
-            run.close()
-            raise
-        return run
+        return RunProcess(process, ours)
 
     def tell(self, message: run_link_pb2.ToRun) -> bool:
         """Hand over a request. Returns whether the socket took it."""
@@ -100,7 +94,7 @@ class RunProcess:
         The system's word alone is no verdict: what a process says last lies in the socket when it is gone, and a status
         that somebody else has taken reads as 0 while the process still runs. The end of its words is what counts.
         """
-        code = self._process.poll()
+        code = self._process.exit_code
         if code is None or self._is_all_told:
             return code
         self._gone_s = time.monotonic() if self._gone_s is None else self._gone_s
@@ -108,16 +102,16 @@ class RunProcess:
 
     def ask_to_stop(self) -> None:
         """Without the socket: the first signal asks it to stop in place, sit and power off; one more to damp."""
-        self._process.send_signal(signal.SIGTERM)
+        self._process.send(signal.SIGTERM)
 
     def ask_to_damp(self) -> None:
         """Without the socket, and whatever was asked before."""
-        self._process.send_signal(signal.SIGTERM)
-        self._process.send_signal(signal.SIGINT)
+        self._process.send(signal.SIGTERM)
+        self._process.send(signal.SIGINT)
 
     def abort(self) -> None:
         """End the process so that it writes every thread's stack, if it is told to (PYTHONFAULTHANDLER)."""
-        self._process.send_signal(signal.SIGABRT)
+        self._process.send(signal.SIGABRT)
 
     def kill(self) -> None:
         """End the process at once; the robot's own time-outs end the motion."""
@@ -126,4 +120,4 @@ class RunProcess:
     def close(self) -> None:
         """Give the socket back and reap the process."""
         self._socket.close()
-        self._process.wait()
+        self._process.end()

@@ -1,44 +1,49 @@
-"""The operator's service on the wire: limits, health and reflection."""
+"""The operator's service on the wire: the door, gRPC behind it, health and reflection, in an event loop of its own."""
 
 from __future__ import annotations
 
+import asyncio
 import os
-from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
-from typing import Any, Final
+import shutil
+import socket
+import threading
+from collections.abc import Coroutine
+from typing import Any, Final, TypeVar
 
 import grpc
+from grpc import aio
 from grpc_health.v1 import health, health_pb2, health_pb2_grpc
-from grpc_reflection.v1alpha import reflection, reflection_pb2_grpc
+from grpc_reflection.v1alpha import reflection
 
-from spot_protos import operator_pb2, operator_pb2_grpc
 from spot_runtime.config import RunConfig
-from spot_runtime.operator.listening import (
-    ListenError,
-    SocketFile,
-    default_address,
-    is_unix,
-    server_credentials,
-)
-from spot_runtime.operator.refusal import Refusal
-from spot_runtime.operator.server.access import Gate
+from spot_runtime.host.private_folder import make_private_folder
+from spot_runtime.operator.door.access import Gate
+from spot_runtime.operator.door.door import Door
+from spot_runtime.operator.door.guard import Guard
+from spot_runtime.operator.door.lanes import Lanes
+from spot_runtime.operator.listening import Listener, default_address, server_credentials
+from spot_runtime.operator.server.methods import RULES, SERVICE_NAME, handlers
 from spot_runtime.operator.server.request_checks import MAX_MESSAGE_BYTES
 from spot_runtime.operator.server.service import OperatorService
 from spot_runtime.operator.server.supervisor import Supervisor
 
-WORKERS: Final = 24
-SERVICE_NAME: Final = operator_pb2.DESCRIPTOR.services_by_name["Operator"].full_name
+FOLDER_PREFIX: Final = "spot-rl-door-"
+INNER_NAME: Final = "grpc.sock"
+START_TIMEOUT_S: Final = 20.0
+MAX_STREAMS: Final = 32
 OPTIONS: Final = (
     ("grpc.so_reuseport", 0),
     ("grpc.max_receive_message_length", MAX_MESSAGE_BYTES),
     ("grpc.max_metadata_size", 8 * 1024),
-    ("grpc.max_concurrent_streams", 32),
+    ("grpc.max_concurrent_streams", MAX_STREAMS),
+    # Half a handshake is not waited for.
+    ("grpc.server_handshake_timeout_ms", 5_000),
     # A client whose computer has vanished is noticed, and its streams end.
     ("grpc.keepalive_time_ms", 10_000),
     ("grpc.keepalive_timeout_ms", 5_000),
     ("grpc.http2.min_ping_interval_without_data_ms", 5_000),
 )
+Answer = TypeVar("Answer")
 
 
 class OperatorServer:
@@ -51,74 +56,56 @@ class OperatorServer:
             BadInputError: The configuration does not say safely where and how.
             ListenError: The address is taken or cannot be used.
         """
-        service_config = config.service
-        wanted = service_config.listen or default_address(os.environ)
-        credentials = server_credentials(service_config, wanted)
-        gate = Gate(
-            is_tls=credentials is not None,
-            requests_per_s=service_config.requests_per_s,
-            steering_per_s=service_config.steering_per_s,
-        )
-        self._service = OperatorService(supervisor, gate)
-        self._socket = SocketFile(_path_of(wanted)) if is_unix(wanted) else None
-        self._server = grpc.server(
-            ThreadPoolExecutor(WORKERS, thread_name_prefix="operator"), options=OPTIONS, maximum_concurrent_rpcs=WORKERS
-        )
-        operator_pb2_grpc.add_OperatorServicer_to_server(self._service, self._server)  # type: ignore[no-untyped-call]
-        self._health = health.HealthServicer()
-        health_pb2_grpc.add_HealthServicer_to_server(self._health, self._server)
-        reflection_pb2_grpc.add_ServerReflectionServicer_to_server(_Reflection(gate), self._server)  # type: ignore[no-untyped-call]
+        wanted = config.service.listen or default_address(os.environ)
+        credentials = server_credentials(config.service, wanted)
+        self._listener = Listener(wanted)
+        self.address = self._listener.address
+        self._folder = make_private_folder(os.environ, FOLDER_PREFIX, INNER_NAME, socket.SOCK_STREAM)
+        gate = Gate(requests_per_s=config.service.requests_per_s, steering_per_s=config.service.steering_per_s)
+        self._guard = Guard(gate, RULES, is_tls=credentials is not None)
+        self._lanes, self._service = Lanes(), OperatorService(supervisor, gate)
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._loop.run_forever, name="operator", daemon=True)
+        self._thread.start()
         try:
-            self.address = self._bind(wanted, credentials)
+            self._call(self._start(credentials))
         except BaseException:
-            self._close_socket()
+            self._clear_up()
             raise
-        self._server.start()
-        for name in ("", SERVICE_NAME):
-            self._health.set(name, health_pb2.HealthCheckResponse.SERVING)
 
     def close(self) -> None:
         """End every call, then stop serving."""
-        self._service.is_closing = True
-        self._health.enter_graceful_shutdown()
-        self._server.stop(1.0).wait(5.0)
-        self._close_socket()
+        self._call(self._stop())
+        self._clear_up()
 
-    def _bind(self, wanted: str, credentials: grpc.ServerCredentials | None) -> str:
-        try:
-            if self._socket is not None:
-                self._socket.bind(self._server)
-                return wanted
-            if credentials is not None:
-                port = self._server.add_secure_port(wanted, credentials)
-            else:
-                port = self._server.add_insecure_port(wanted)
-        except RuntimeError as error:
-            raise ListenError(f"the service cannot listen on {wanted}: {error}; name another address") from error
-        return f"{wanted.rpartition(':')[0]}:{port}"
+    async def _start(self, credentials: grpc.ServerCredentials | None) -> None:
+        server = self._server = aio.server(interceptors=[self._guard], options=OPTIONS)
+        server.add_generic_rpc_handlers((handlers(self._service, self._guard, self._lanes),))
+        self._health = health.aio.HealthServicer()
+        health_pb2_grpc.add_HealthServicer_to_server(self._health, server)
+        reflection.enable_server_reflection((SERVICE_NAME, health.SERVICE_NAME, reflection.SERVICE_NAME), server)
+        inner = self._folder / INNER_NAME
+        if credentials is None:
+            server.add_insecure_port(f"unix:{inner}")
+        else:
+            server.add_secure_port(f"unix:{inner}", credentials)
+        await server.start()
+        await self._health.set(SERVICE_NAME, health_pb2.HealthCheckResponse.SERVING)
+        self._door = self._guard.door = Door(self._listener.sockets, inner)
 
-    def _close_socket(self) -> None:
-        if self._socket is not None:
-            self._socket.close()
+    async def _stop(self) -> None:
+        await self._health.enter_graceful_shutdown()
+        await self._server.stop(0.5)
+        self._door.close()
 
+    def _call(self, work: Coroutine[Any, Any, Answer]) -> Answer:
+        return asyncio.run_coroutine_threadsafe(work, self._loop).result(START_TIMEOUT_S)
 
-class _Reflection(reflection.ReflectionServicer):  # type: ignore[misc,unused-ignore]
-    """One of the open streams: it holds a thread of the service as long as its client likes."""
-
-    def __init__(self, gate: Gate) -> None:
-        super().__init__((SERVICE_NAME, health.SERVICE_NAME, reflection.SERVICE_NAME))
-        self._gate = gate
-
-    def ServerReflectionInfo(self, request_iterator: Any, context: Any) -> Iterator[Any]:  # noqa: N802
-        try:
-            self._gate.open_stream("ServerReflectionInfo")
-        except Refusal as refusal:
-            context.abort(refusal.code, refusal.text)
-        try:
-            yield from super().ServerReflectionInfo(request_iterator, context)
-        finally:
-            self._gate.close_stream()
-
-
-def _path_of(address: str) -> Path:
-    return Path(address.removeprefix("unix:"))
+    def _clear_up(self) -> None:
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join(START_TIMEOUT_S)
+        if not self._thread.is_alive():
+            self._loop.close()
+        self._lanes.close()
+        self._listener.close()
+        shutil.rmtree(self._folder, ignore_errors=True)

@@ -21,7 +21,7 @@ class State(Enum):
 
     @property
     def allows(self) -> tuple[str, ...]:
-        """The calls of an operator that are not refused."""
+        """The commands of ``spot-rl ctl`` that are not refused."""
         return _TABLE[self][1]
 
     @property
@@ -31,15 +31,15 @@ class State(Enum):
 
 
 _TABLE = {
-    State.IDLE: ("no lease is held, nothing is commanded", ("Arm",)),
-    State.ARMING: ("connecting, powering on, standing up by the vendor's controller", ("Stop", "Damp")),
+    State.IDLE: ("no lease is held, nothing is commanded", ("arm",)),
+    State.ARMING: ("connecting, powering on, standing up by the vendor's controller", ("stop", "damp")),
     State.ARMED: (
         "the vendor's controller stands, the lease is ours, the policy waits",
-        ("Start", "Stop", "Damp", "SwitchPolicy", "StartLog", "LabelLog", "Attend"),
+        ("start", "stop", "damp", "switch-policy", "start-log", "label-log", "attend"),
     ),
     State.RUNNING: (
         "the policy has the joints, or takes them over, or hands them back",
-        ("SetVelocity", "Stop", "Damp", "LabelLog", "Attend"),
+        ("velocity", "stop", "damp", "label-log", "attend"),
     ),
-    State.ENDING: ("sitting, powering off, giving the lease back", ("Stop", "Damp")),
+    State.ENDING: ("sitting, powering off, giving the lease back", ("stop", "damp")),
 }

@@ -24,15 +24,15 @@ from spot_runtime.operator.refusal import Refusal, not_now, unavailable
 from spot_runtime.operator.rescue.make_safe import MAY_HAVE_POWER
 from spot_runtime.operator.rescue.rescue_process import Mending, MendingSpec
 from spot_runtime.operator.run.run_spec import RunSpec
-from spot_runtime.operator.server.event_history import EventBook
-from spot_runtime.operator.server.policy_folder import PolicyShelf, ShelvedPolicy
+from spot_runtime.operator.server.event_history import EventHistory
+from spot_runtime.operator.server.policy_folder import OfferedPolicy, PolicyFolder
 from spot_runtime.operator.server.run_process import RunProcess
 from spot_runtime.operator.server.states import State
 
 TURN_S: Final = 0.05
 ANSWER_TIMEOUT_S: Final = 25.0
 """Opening a log may take 20 s on a bad disk."""
-STOP_TIMEOUT_S: Final = 2.0
+STOP_TIMEOUT_S: Final = 0.3
 """After this a stop goes by signals, too; the loop answers within a cycle."""
 
 MAX_WAITING: Final = 8
@@ -42,6 +42,8 @@ KILL_AFTER_S: Final = 15.0
 STEERING_HELD_S: Final = 1.0
 SILENT_S: Final = 5.0
 """A control process that is silent for so long hangs; what it last sent has long lapsed, so it is ended."""
+
+ABORT_TAKES_S: Final = 2.0
 
 _STATES: Final = frozenset(state.value for state in State)
 _SEVERITIES: Final = {number: name.lower() for name, number in log_pb2.Event.Severity.items()}
@@ -78,8 +80,8 @@ class Supervisor:
         """
         self._robot, self._config, self._lock_step = robot, config, lock_step
         self._manager, self._tell = manager, tell
-        self.shelf = PolicyShelf.of(config.service)
-        self.events = EventBook()
+        self.policies = PolicyFolder.of(config.service)
+        self.events = EventHistory()
         self._clock = HostClock()
         self._lock = threading.RLock()
         self._changed = threading.Condition(self._lock)
@@ -93,7 +95,7 @@ class Supervisor:
         self._requests = 0
         self._waiting: dict[int, _Waiting] = {}
         self._seen_s = 0.0
-        self._steered_by, self._steered_s = "", 0.0
+        self._steered_by, self._steered_s = ("", ""), 0.0
         self._is_asked_to_end = False
 
     # Looking ----------------------------------------------------------------------------------------------------------
@@ -122,15 +124,15 @@ class Supervisor:
             if self._state in (State.ARMED, State.RUNNING):
                 status.attendance_left_s = self._config.service.attendance_s - (now_s - self._seen_s)
             if now_s - self._steered_s < STEERING_HELD_S:
-                status.steered_by = self._steered_by
+                status.steered_by = self._steerer()
             return status
 
     # Asking -----------------------------------------------------------------------------------------------------------
 
-    def arm(self, policy: ShelvedPolicy, labels: dict[str, str], operator: str) -> str:
+    def arm(self, policy: OfferedPolicy, labels: dict[str, str], operator: str) -> str:
         """Begin to arm, and wait until the robot stands. Returns what was done. Raises Refusal."""
         with self._lock:
-            self._need("Arm", State.IDLE)
+            self._need("arm", State.IDLE)
             spec = RunSpec(
                 robot=self._robot,
                 config=self._config,
@@ -150,7 +152,9 @@ class Supervisor:
             while self._run is run and self._state in (State.ARMING, State.ENDING):
                 self._changed.wait(1.0)
             if self._run is run:
-                return f"the robot stands under the vendor's control; policy {policy.name} waits for Start"
+                return (
+                    f"the robot stands under the vendor's control; policy {policy.name} waits for 'spot-rl ctl start'"
+                )
             why = self._last.sentence if self._last is not None else "the control process ended"
             raise not_now(f"arming did not succeed: {why}")
 
@@ -198,23 +202,30 @@ class Supervisor:
             run.ask_to_damp() if is_damping else run.ask_to_stop()
             return "the control process did not read the request, so it was sent a signal"
 
-    def steer(self, request: run_link_pb2.ToRun, operator: str) -> None:
-        """Pass a velocity on; no answer is waited for. Raises Refusal."""
+    def steer(self, request: run_link_pb2.ToRun, identity: str, name: str) -> None:
+        """Pass a velocity on; no answer is waited for.
+
+        Args:
+            request: The velocity.
+            identity: Who steers, by certificate or user; whoever steers keeps others out.
+            name: What they call themselves, which tells two of one identity apart.
+
+        Raises:
+            Refusal: The policy is not in full control, or somebody else steers.
+        """
         now_s = time.monotonic()
         with self._lock:
-            self._need("SetVelocity", State.RUNNING)
+            self._need("velocity", State.RUNNING)
             held = now_s - self._steered_s < STEERING_HELD_S
-            if held and operator != self._steered_by:
-                raise not_now(
-                    f"SetVelocity: {self._steered_by or 'somebody without a name'} steers; wait until they stop"
-                )
+            if held and (identity, name) != self._steered_by:
+                raise not_now(f"velocity: {self._steerer()} steers; wait until they stop")
             run, mode = self._run, "" if self._run_status is None else self._run_status.mode
             if mode not in ("active", "ramping_in"):
-                raise not_now(f"SetVelocity: the policy is not in full control, the mode is {mode or 'not known yet'}")
-            self._steered_by, self._steered_s = operator, now_s
+                raise not_now(f"velocity: the policy is not in full control, the mode is {mode or 'not known yet'}")
+            self._steered_by, self._steered_s = (identity, name), now_s
             self._seen()
         if run is None or not run.tell(request):
-            raise unavailable("SetVelocity: the control process takes no requests now; the dead-man ends the motion")
+            raise unavailable("velocity: the control process takes no requests now; the dead-man ends the motion")
 
     def attend(self) -> None:
         """An operator is there."""
@@ -328,12 +339,15 @@ class Supervisor:
         self._set(State.IDLE)
 
     def _keep_times(self, run: RunProcess) -> None:
+        """Abort a control process that hangs, so that it tells where; kill it if that does not end it."""
         if self._state in (State.ARMED, State.RUNNING):
             silent_s = time.monotonic() - max(self._run_told_s, self._state_since_s)
             if silent_s > SILENT_S and not self._is_asked_to_end:
                 self._is_asked_to_end = True
                 self._say("silent", f"the control process has said nothing for {silent_s:.1f} s", severity="error")
                 run.abort()
+            if silent_s > SILENT_S + ABORT_TAKES_S:  # stopped or blocked, it has not even seen the abort
+                run.kill()
             return
         late_s = time.monotonic() - self._state_since_s - self._config.service.arm_timeout_s
         if late_s > 0.0 and not self._is_asked_to_end:
@@ -349,6 +363,10 @@ class Supervisor:
         if self._state not in states:
             wanted = " or ".join(state.value for state in states)
             raise not_now(f"{name} needs the state {wanted}, and it is {self._state.value}; {self._state.advice}")
+
+    def _steerer(self) -> str:
+        identity, name = self._steered_by
+        return name or identity
 
     def _set(self, state: State) -> None:
         with self._changed:

@@ -22,7 +22,8 @@ from spot_log.format.topics import ALL_TOPICS, SCENE, STATE, TICK
 from spot_log.write.live_tap import SOCKET_VARIABLE, LiveTap
 from spot_log.write.logger_process import LoggerProcess
 from spot_protos import log_pb2
-from spot_runtime.live.process import SOCKET_NAME, LiveProcess, LiveViewError, _make_folder
+from spot_runtime.host.private_folder import make_private_folder
+from spot_runtime.live.process import FOLDER_PREFIX, SOCKET_NAME, LiveProcess, LiveViewError
 from tests.spot_runtime.live.viewer import Viewer
 
 MS = 1_000_000
@@ -44,15 +45,16 @@ def test_what_a_killed_service_left_is_cleared_away_and_nothing_else(tmp_path: P
         listener.listen(4)
         return listener
 
+    of = (FOLDER_PREFIX, SOCKET_NAME, socket.SOCK_SEQPACKET)
     listener_in("spot-rl-live-left").close()
     listener_in("another").close()
     (tmp_path / "spot-rl-live-begun").mkdir()
     with listener_in("spot-rl-live-in-use"):
-        made = _make_folder({"XDG_RUNTIME_DIR": str(tmp_path)})
+        made = make_private_folder({"XDG_RUNTIME_DIR": str(tmp_path)}, *of)
     names = sorted(path.name for path in tmp_path.iterdir() if path != made)
     assert names == ["another", "spot-rl-live-begun", "spot-rl-live-in-use"]
     assert made.parent == tmp_path
-    elsewhere = _make_folder({"RUNTIME_DIRECTORY": str(tmp_path / "none")})
+    elsewhere = make_private_folder({"RUNTIME_DIRECTORY": str(tmp_path / "none")}, *of)
     assert elsewhere.parent == Path(tempfile.gettempdir())
     elsewhere.rmdir()
 

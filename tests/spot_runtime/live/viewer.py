@@ -10,6 +10,8 @@ from typing import Any
 
 from websockets.sync.client import connect
 
+TIMEOUT_S = 120.0
+
 
 class Viewer:
     """A client like Foxglove: subscribes to all channels that are advertised."""
@@ -20,7 +22,7 @@ class Viewer:
         self.socket = self._open.enter_context(connection)
         self.channels: dict[int, dict[str, Any]] = {}
         while not self.channels:
-            message = self.socket.recv()
+            message = self.socket.recv(TIMEOUT_S)
             if isinstance(message, str) and json.loads(message)["op"] == "advertise":
                 self.channels = {c["id"]: c for c in json.loads(message)["channels"]}
         wanted = [{"id": number, "channelId": number} for number in self.channels]
@@ -32,7 +34,7 @@ class Viewer:
     def messages(self) -> Iterator[tuple[str, int, bytes]]:
         """Topic, log time and bytes, as they come."""
         while True:
-            message = self.socket.recv()
+            message = self.socket.recv(TIMEOUT_S)
             if isinstance(message, bytes) and message[0] == 1:
                 number, stamp_ns = struct.unpack_from("<IQ", message, 1)
                 yield self.channels[number]["topic"], stamp_ns, message[13:]

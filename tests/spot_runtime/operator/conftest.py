@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -29,6 +30,15 @@ from spot_runtime.operator.run.operated_run import OperatedRun
 from spot_runtime.operator.run.run_spec import RunSpec
 
 POLICIES = Path(__file__).resolve().parents[3] / "policies"
+
+
+def wait_until(condition: Callable[[], bool], what: str, timeout_s: float = 120.0) -> None:
+    """Wait for what another thread or process does; the bound only ends a hang."""
+    until_s = time.monotonic() + timeout_s
+    while not condition():
+        if time.monotonic() > until_s:
+            pytest.fail(f"never: {what}")
+        time.sleep(0.02)
 
 
 class Operator:

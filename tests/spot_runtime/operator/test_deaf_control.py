@@ -15,6 +15,8 @@ from spot_runtime.operator.refusal import Refusal
 from spot_runtime.operator.server.states import State
 from spot_runtime.operator.server.supervisor import MAX_WAITING, STOP_TIMEOUT_S, Supervisor
 
+from .conftest import wait_until
+
 
 class DeafProcess:
     """Its socket takes what is said, and nothing answers; signals are counted."""
@@ -68,8 +70,7 @@ def test_it_is_sent_a_signal_though_others_wait(
     others = [threading.Thread(target=label) for _ in range(MAX_WAITING + 3)]
     for other in others:
         other.start()
-    while len(supervisor._waiting) < MAX_WAITING or len(refused) < 3:
-        time.sleep(0.01)
+    wait_until(lambda: len(supervisor._waiting) >= MAX_WAITING and len(refused) >= 3, "all wait or are refused")
     assert refused == [f"LabelLog: {MAX_WAITING} requests wait for their answers already; wait for one"] * 3
     began_s = time.monotonic()
     said = supervisor.end("Stop", message, "otto", is_damping=is_damping)
@@ -77,7 +78,7 @@ def test_it_is_sent_a_signal_though_others_wait(
     assert process.signals == [sent]
     assert process.told[-1] == sent
     assert time.monotonic() - began_s >= STOP_TIMEOUT_S  # it was given the time to answer
-    assert [e.text for e in supervisor.events.after(0, 0.0) if e.name == "service_asked"] == ["Stop, by otto"]
+    assert [e.text for e in supervisor.events.after(0) if e.name == "service_asked"] == ["Stop, by otto"]
     for waiting in list(supervisor._waiting.values()):
         waiting.done.set()
     for other in others:

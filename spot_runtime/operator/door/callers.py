@@ -1,0 +1,71 @@
+"""Who calls, and in which role: by the certificate's own fields, or by the user at the other end of a local socket.
+
+On a Unix socket whoever may open the file operates; on loopback whoever is logged in to this computer does. Over a
+network only clients with a certificate are heard, and the certificate says the role: a URI among its alternative names,
+``urn:spot-rl:role:observe`` or ``urn:spot-rl:role:operate``. An alternative name of another kind says nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from enum import Enum
+from functools import lru_cache
+from typing import Final, NamedTuple
+
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes
+from cryptography.x509.oid import NameOID
+
+from spot_model.text import plain
+from spot_runtime.operator.door.peers import Peer
+
+ROLE_URI: Final = "urn:spot-rl:role:"
+PEM_PROPERTY: Final = "x509_pem_cert"
+
+
+class Role(Enum):
+    """What a client may do. Whoever has a role may also stop and damp the robot: a stop must not want a permission."""
+
+    OBSERVE = "observe"
+    OPERATE = "operate"
+
+
+class Caller(NamedTuple):
+    """Somebody who calls."""
+
+    identity: str
+    """One certificate, or one user of this computer: what nobody can choose freely."""
+    name: str
+    """For people to read; empty where no certificate gives one."""
+    role: Role | None
+
+
+def caller_of(about: Mapping[str, Sequence[bytes]], peer: Peer, *, is_tls: bool) -> Caller:
+    """Who calls.
+
+    Args:
+        about: What gRPC knows of the connection's security.
+        peer: The other end, as the kernel names it.
+        is_tls: Whether certificates are asked for; without, whoever reaches the service operates.
+    """
+    if not is_tls:
+        return Caller(peer.identity, "", Role.OPERATE)
+    pem = b"".join(about.get(PEM_PROPERTY, ()))
+    return _caller_of_certificate(pem) if pem else Caller(peer.identity, "", None)
+
+
+@lru_cache(maxsize=256)
+def _caller_of_certificate(pem: bytes) -> Caller:
+    certificate = x509.load_pem_x509_certificate(pem)
+    identity = f"certificate {certificate.fingerprint(hashes.SHA256()).hex()}"
+    names = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
+    name = plain(str(names[0].value))[:64] if names else ""
+    try:
+        found = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+        uris = set(found.get_values_for_type(x509.UniformResourceIdentifier))
+    except (x509.ExtensionNotFound, x509.DuplicateExtension, ValueError):
+        uris = set()
+    for role in (Role.OPERATE, Role.OBSERVE):
+        if ROLE_URI + role.value in uris:
+            return Caller(identity, name, role)
+    return Caller(identity, name, None)
