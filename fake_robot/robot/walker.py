@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fake_robot.body.sensing import Report
 from fake_robot.network.stand_pose import StandPose
@@ -73,6 +74,7 @@ class Walker:
         self._start_load_nm = np.zeros(facts.N_JOINTS)
         self._velocity: Velocity = (0.0, 0.0, 0.0)
         self._last_action = np.zeros(facts.N_JOINTS, dtype=np.float32)
+        self._window: NDArray[np.float32] | None = None
         self._pose = np.zeros(3)
         self._servo: ServoCommand | None = None
         self.progress = WalkProgress.NONE
@@ -96,6 +98,7 @@ class Walker:
         self._start_rad, self._start_load_nm = position_rad.copy(), load_nm.copy()
         self._velocity = (0.0, 0.0, 0.0)
         self._last_action = np.zeros(facts.N_JOINTS, dtype=np.float32)
+        self._window = None
         self._pose = np.zeros(3)
         self.follow(plan, now_ns)
 
@@ -136,8 +139,9 @@ class Walker:
         self._velocity = tuple(np.clip(asked, low, high).tolist())
         offset_rad = self._pose_offset_rad(dt_s)
         state = self._state(offset_rad)
-        observation = policy.observe(state, np.array(self._velocity), self._last_action)
-        self._last_action = policy.act(observation)
+        seen = policy.observe(state, np.array(self._velocity), self._last_action).astype(np.float32)
+        self._window = policy.window(seen, self._window)
+        self._last_action = policy.act(self._window)
         setpoint_rad = policy.setpoint_rad(self._last_action) + offset_rad
         gains = policy.gains()
         return ServoCommand(

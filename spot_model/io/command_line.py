@@ -27,7 +27,10 @@ PANELS = {
 """Headings of ``spot-rl --help``, and the commands below each."""
 FOR_DEVELOPERS = ("bench", "withheld")
 """Commands that ``spot-rl --help`` leaves out."""
-GROUP_HELP = {"bench": "Measure one thing on this machine; with --json, print it as one object."}
+GROUP_HELP = {
+    "bench": "Measure one thing on this machine; with --json, print it as one object.",
+    "policy": "Look at policies, sign them, check signatures, and take those of other frameworks.",
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -17,6 +17,8 @@ METADATA_KEY: Final = "spot_rl.contract"
 INPUT_NAME: Final = "observation"
 OUTPUT_NAME: Final = "action"
 MAX_POLICY_BYTES: Final = 16 * 1024 * 1024
+MAX_HISTORY: Final = 50
+"""Ticks of observations that a network may see."""
 
 
 class PolicyError(SpotRlError):
@@ -43,7 +45,7 @@ class StoredPair(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    observation: tuple[float, ...] = Field(min_length=N_OBSERVATION, max_length=N_OBSERVATION)
+    observation: tuple[float, ...] = Field(min_length=N_OBSERVATION, max_length=MAX_HISTORY * N_OBSERVATION)
     action: tuple[float, ...] = Field(min_length=facts.N_JOINTS, max_length=facts.N_JOINTS)
     tolerance: float = Field(default=1e-4, gt=0.0, le=1e-2)
 
@@ -62,6 +64,8 @@ class PolicyContract(BaseModel):
     kd_nm_s_per_rad: tuple[float, ...] = (facts.POLICY_KD_NM_S_PER_RAD,) * facts.N_JOINTS
     rate_hz: float = Field(default=facts.POLICY_RATE_HZ, ge=1.0, le=333.0)
     observation_layout: tuple[tuple[str, int], ...] = OBSERVATION_LAYOUT
+    observation_history: int = Field(default=1, ge=1, le=MAX_HISTORY)
+    """How many ticks of observations the network sees, the newest first."""
     velocity_command_low: tuple[float, float, float]
     """Least V_x, V_y (m/s), ω_z (rad/s) that the policy was trained on."""
     velocity_command_high: tuple[float, float, float]
@@ -87,6 +91,11 @@ class PolicyContract(BaseModel):
         for field in ("default_position_rad", "kp_nm_per_rad", "kd_nm_s_per_rad"):
             if len(getattr(self, field)) != facts.N_JOINTS:
                 raise ValueError(f"{field} has {len(getattr(self, field))} values; 12 are needed")
+        if len(self.stored_pair.observation) != self.observation_history * N_OBSERVATION:
+            raise ValueError(
+                f"stored_pair.observation has {len(self.stored_pair.observation)} values; "
+                f"{self.observation_history} ticks of {N_OBSERVATION} are needed"
+            )
         if min(self.kp_nm_per_rad) < 0.0 or min(self.kd_nm_s_per_rad) < 0.0:
             raise ValueError("kp_nm_per_rad and kd_nm_s_per_rad must be at least 0")
         for low, high in zip(self.velocity_command_low, self.velocity_command_high, strict=True):

@@ -47,9 +47,9 @@ class _OneRow:
     At the pace of a run, when caches are cold, passing new ones costs a third of the whole. The result is the same.
     """
 
-    def __init__(self, session: Any) -> None:
+    def __init__(self, session: Any, width: int) -> None:
         self._run, self._binding, self._lock = session.run_with_iobinding, session.io_binding(), threading.Lock()
-        self._input = np.zeros((1, N_OBSERVATION), dtype=np.float32)
+        self._input = np.zeros((1, width), dtype=np.float32)
         self._output = np.zeros((1, facts.N_JOINTS), dtype=np.float32)
         into, out = self._input, self._output
         self._binding.bind_input(INPUT_NAME, "cpu", 0, np.float32, into.shape, into.ctypes.data)
@@ -81,7 +81,12 @@ class Policy:
 
     @cached_property
     def _act_on_one(self) -> _OneRow:
-        return _OneRow(self.session)
+        return _OneRow(self.session, self.width)
+
+    @property
+    def width(self) -> int:
+        """Numbers that the network sees: 48 a tick of its history."""
+        return self.contract.observation_history * N_OBSERVATION
 
     @cached_property
     def _takes_one_row(self) -> bool:
@@ -126,9 +131,31 @@ class Policy:
             )
         )
 
+    def window(self, observation: NDArray[np.float32], before: NDArray[np.float32] | None) -> NDArray[np.float32]:
+        """What the network sees now: the last observations, the newest first, shape (width,).
+
+        Args:
+            observation: This tick's, shape (48,).
+            before: The window of the tick before; None at the first, which then stands for those before it.
+        """
+        if self.width == N_OBSERVATION:
+            return observation
+        if before is None:
+            return np.tile(observation, self.contract.observation_history)
+        return np.concatenate([observation, before[:-N_OBSERVATION]])
+
     def act(self, observation: NDArray[Any]) -> NDArray[np.float32]:
-        """Run the network. Shape (48,) gives (12,); a batch (n, 48) gives (n, 12)."""
+        """Run the network. Shape (48,) gives (12,), a batch (n, 48) gives (n, 12); with a history, 48 a tick.
+
+        Raises:
+            PolicyError: The observation has another width: whoever asks keeps no history.
+        """
         batch = np.asarray(observation, dtype=np.float32)
+        if batch.shape[-1] != self.width:
+            raise PolicyError(
+                f"policy {self.contract.name} sees {self.contract.observation_history} ticks, {self.width} numbers; "
+                f"this is {batch.shape[-1]}; policies with a history are run, but neither evaluated nor explained"
+            )
         if batch.ndim == 1:
             return self._act_on_one(batch)
         if self._takes_one_row and len(batch) != 1:
@@ -196,7 +223,7 @@ def policy_from_bytes(data: bytes, *, source: str, provider: str = "cpu") -> Pol
     with _words_for(source):
         if session.get_modelmeta().custom_metadata_map.get(METADATA_KEY) != text:
             raise PolicyError(f"policy {source}: ONNX Runtime reads another contract than was checked; export it again")
-        _check_shapes(session, source)
+        _check_shapes(session, source, contract.observation_history * N_OBSERVATION)
     index = {name: i for i, name in enumerate(facts.JOINT_NAMES)}
     policy_from_canonical = np.array([index[name] for name in contract.joint_names], dtype=np.intp)
     policy = Policy(
@@ -240,9 +267,9 @@ def _words_for(source: str) -> Iterator[None]:
         raise PolicyError(f"policy {source} is no readable ONNX model: {reason}; export it again") from error
 
 
-def _check_shapes(session: Any, source: str) -> None:
+def _check_shapes(session: Any, source: str, width: int) -> None:
     for kind, nodes, name, size in (
-        ("input", session.get_inputs(), INPUT_NAME, N_OBSERVATION),
+        ("input", session.get_inputs(), INPUT_NAME, width),
         ("output", session.get_outputs(), OUTPUT_NAME, facts.N_JOINTS),
     ):
         found = [(n.name, list(n.shape), n.type) for n in nodes]

@@ -54,13 +54,15 @@ class TickMemory(NamedTuple):
 
     last_action: NDArray[np.float32] = _NO_ACTION
     """The network's previous output, shape (12,), policy order."""
+    window: NDArray[np.float32] | None = None
+    """What the network saw, for one that sees several ticks; None before the first."""
 
 
 class TickResult(NamedTuple):
     """What one tick gave."""
 
     observation: NDArray[np.float32]
-    """Shape (48,), as the network saw it."""
+    """As the network saw it: shape (48,), or as many times that as it sees ticks, the newest first."""
     action: NDArray[np.float32]
     """Shape (12,), policy order, unscaled."""
     setpoint_rad: Array
@@ -78,9 +80,10 @@ def tick(
         velocity_command: V_x, V_y (m/s), ω_z (rad/s), shape (3,).
         policy: The network with its contract.
     """
-    observation = policy.observe(state, velocity_command, memory.last_action).astype(np.float32)
+    seen = policy.observe(state, velocity_command, memory.last_action).astype(np.float32)
+    observation = policy.window(seen, memory.window)
     action = policy.act(observation)
-    return TickMemory(action), TickResult(observation, action, policy.setpoint_rad(action))
+    return TickMemory(action, observation), TickResult(observation, action, policy.setpoint_rad(action))
 
 
 def warm_up(policy: Policy, ticks: int = 20) -> None:

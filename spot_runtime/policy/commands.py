@@ -13,10 +13,7 @@ from spot_model.policy.policy import Policy, load_policy
 from spot_runtime.policy.card import card_lines, card_of, load_card, write_card
 from spot_runtime.policy.signature import check_signature, private_key, signature_path, signed_line
 
-app = typer.Typer(help="Look at policies, sign them, and check signatures.", no_args_is_help=True, add_completion=False)
 
-
-@app.command()
 def show(policy: Annotated[Path, typer.Argument(help="ONNX file with its contract.")]) -> None:
     """Load a policy as a run would, and print its card: speeds, gait, gains, training, what it was tried on."""
     loaded = load_policy(policy)
@@ -25,7 +22,6 @@ def show(policy: Annotated[Path, typer.Argument(help="ONNX file with its contrac
     typer.echo("signature beside it" if signature_path(policy).exists() else "no signature beside it")
 
 
-@app.command()
 def card(
     policy: Annotated[Path, typer.Argument(help="ONNX file with its contract.")],
     evaluation: Annotated[Path, typer.Argument(help="evaluation.json of 'spot-rl evaluate' of that file.")],
@@ -52,7 +48,6 @@ def card(
     typer.echo(write_card(policy, made))
 
 
-@app.command()
 def key(
     private: Annotated[Path, typer.Argument(help="Where the private key goes; keep it away from robots.")],
     public: Annotated[Path, typer.Argument(help="Where the public key goes; for service.policy_public_key.")],
@@ -67,7 +62,6 @@ def key(
     typer.echo(f"{private} signs; name {public} in service.policy_public_key of the robots that shall trust it")
 
 
-@app.command()
 def sign(
     policy: Annotated[Path, typer.Argument(help="ONNX file; it is loaded first, so that no broken one is signed.")],
     key: Annotated[Path, typer.Option(help="The private key.")],  # noqa: A002, RUF100 - the option's name
@@ -85,7 +79,6 @@ def sign(
     typer.echo(f"{path}: {loaded.contract.name}, SHA-256 {loaded.sha256}")
 
 
-@app.command()
 def verify(
     policy: Annotated[Path, typer.Argument(help="ONNX file.")],
     public_key: Annotated[Path, typer.Option(help="PEM file of the keys that are trusted.")],

@@ -29,6 +29,18 @@ BY_CI = ("make check", "make test", "make safety")
 """Lines of ``.ci/run`` itself."""
 
 ELSEWHERE = {
+    "spot-rl policy import exported/policy.onnx --like isaac-lab": (
+        "trainer/test_foreign_policies.py",
+        '"import", str(path), "--like", "isaac-lab"',
+    ),
+    "spot-rl export policies/walk.onnx --for mjlab --out walk_mjlab.onnx": (
+        "trainer/test_foreign_policies.py",
+        '"--for", "mjlab"',
+    ),
+    "spot-rl export policies/walk.onnx --for spot-rl-example --out walk_example": (
+        "trainer/test_foreign_policies.py",
+        '"--for", "spot-rl-example"',
+    ),
     "make docs": ("docs/test_docs.py", '"mkdocs", "build"'),
     "spot-rl bench loop --json": ("spot_runtime/test_bench_and_demo.py", '"bench", "loop", "--json"'),
     "spot-rl refine FILE --config policies/fast_refine.yaml --out NEW": (

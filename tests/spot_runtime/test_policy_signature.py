@@ -8,6 +8,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
+import typer
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import BestAvailableEncryption, Encoding, PrivateFormat, PublicFormat
 from typer.testing import CliRunner
@@ -20,9 +21,13 @@ from spot_runtime.operator.refusal import Refusal
 from spot_runtime.operator.run.run_spec import load_checked
 from spot_runtime.operator.server.policy_folder import PolicyFolder
 from spot_runtime.policy.admission import admission
-from spot_runtime.policy.commands import app
+from spot_runtime.policy.commands import key, show, sign, verify
 from spot_runtime.policy.signature import check_signature, private_key, public_keys, signature_path, signed_line
 from spot_runtime.service_config import ServiceConfig
+
+app = typer.Typer()
+for command in (show, key, sign, verify):
+    app.command()(command)
 
 SHIPPED = Path(__file__).resolve().parents[2] / "policies" / "walk.onnx"
 

@@ -7,16 +7,29 @@ from typing import Annotated
 
 import typer
 
+from spot_model.errors import BadInputError
+
 
 def export(
-    run: Annotated[Path, typer.Argument(help="Run folder, or a checkpoint.")],
+    run: Annotated[Path, typer.Argument(help="Run folder, a checkpoint, or (with --for) a policy's ONNX file.")],
     out: Annotated[Path, typer.Option("--out", help="ONNX file to write.")] = Path("policy.onnx"),
     networks: Annotated[
         Path | None, typer.Option("--networks", help="Also write the networks alone, for start_from.")
     ] = None,
+    framework: Annotated[
+        str | None, typer.Option("--for", help="Write what mjlab or spot-rl-example reads, of an ONNX policy of ours.")
+    ] = None,
     name: Annotated[str | None, typer.Option("--name", help="The policy's name; the config's by default.")] = None,
 ) -> None:
     """Write a trained policy as ONNX with its contract."""
+    if framework is not None:
+        from trainer.foreign.exporting import FRAMEWORKS, export_for
+
+        if framework not in FRAMEWORKS:
+            raise BadInputError(f"--for {framework}; allowed: {', '.join(FRAMEWORKS)}")
+        for path in export_for(run, framework, out):
+            typer.echo(f"{path} ({path.stat().st_size} bytes)")
+        return
     from trainer.export.export import export_policy
     from trainer.ppo.checkpoint import find_checkpoint, save_networks
 

@@ -1,0 +1,406 @@
+"""Policies of Isaac Lab, mjlab and the vendor's example: each quantity arrives where its own framework would put it.
+
+The foreign side is written anew here, from names and in loops, so that it shares nothing with the maps under test.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+import onnxruntime
+import pytest
+import typer
+import yaml
+from onnx import TensorProto, helper, numpy_helper
+from typer.testing import CliRunner
+
+from spot_model.errors import BadInputError
+from spot_model.policy.contract import PolicyError
+from spot_model.policy.policy import Policy, load_policy
+from spot_model.robot import facts
+from spot_model.robot.rotation import rotate_inverse_wxyz
+from spot_model.robot.state import RobotState
+from trainer.export.export_command import export
+from trainer.foreign.import_command import import_policy
+
+WALK = Path(__file__).parents[2] / "policies" / "walk.onnx"
+ISAAC = [f"{leg}_{joint}" for joint in ("hx", "hy", "kn") for leg in ("fl", "fr", "hl", "hr")]
+POSE = {"[fh]l_hx": 0.1, "[fh]r_hx": -0.1, "f[lr]_hy": 0.9, "h[lr]_hy": 1.1, ".*_kn": -1.5}
+STANDARD = (
+    "base_lin_vel",
+    "base_ang_vel",
+    "projected_gravity",
+    "velocity_commands",
+    "joint_pos",
+    "joint_vel",
+    "actions",
+)
+FUNCTIONS = {
+    "velocity_commands": "generated_commands",
+    "joint_pos": "joint_pos_rel",
+    "joint_vel": "joint_vel_rel",
+    "actions": "last_action",
+}
+WIDTHS = {"joint_pos": 12, "joint_vel": 12, "actions": 12}
+
+app = typer.Typer()
+app.command("import")(import_policy)
+app.command("export")(export)
+
+
+def network(path: Path, width: int, *, seed: int = 3, extra_input: str = "") -> Path:
+    """A small random network: obs (1, width) to actions (1, 12)."""
+    rng = np.random.default_rng(seed)
+    hidden, out = rng.normal(size=(width, 16)) / 8, rng.normal(size=(16, 12))
+    nodes = [
+        helper.make_node("MatMul", ["obs", "w0"], ["h"]),
+        helper.make_node("Elu", ["h"], ["e"]),
+        helper.make_node("MatMul", ["e", "w1"], ["actions"]),
+    ]
+    inputs = [helper.make_tensor_value_info("obs", TensorProto.FLOAT, [1, width])]
+    if extra_input:
+        inputs.append(helper.make_tensor_value_info(extra_input, TensorProto.FLOAT, [1, 8]))
+    weights = [numpy_helper.from_array(w.astype(np.float32), name) for w, name in ((hidden, "w0"), (out, "w1"))]
+    graph = helper.make_graph(
+        nodes, "theirs", inputs, [helper.make_tensor_value_info("actions", TensorProto.FLOAT, [1, 12])], weights
+    )
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)])
+    model.ir_version = 8
+    onnx.save(model, path)
+    return path
+
+
+def environment(**terms: dict[str, Any]) -> dict[str, Any]:
+    """An Isaac Lab environment of Spot; keywords change or add observation terms, None removes one."""
+    policy: dict[str, Any] = {"concatenate_terms": True, "enable_corruption": True, "history_length": None}
+    for name in STANDARD:
+        policy[name] = {"func": f"isaaclab.envs.mdp.observations:{FUNCTIONS.get(name, name)}", "params": {}}
+    for name, change in terms.items():
+        policy[name] = None if change is None else {**(policy.get(name) or {}), **change}
+    return {
+        "sim": {"dt": 0.002},
+        "decimation": 10,
+        "scene": {
+            "robot": {
+                "init_state": {"pos": [0, 0, 0.5], "joint_pos": POSE},
+                "actuators": {
+                    "spot_hip": {"joint_names_expr": [".*_h[xy]"], "stiffness": 60.0, "damping": 1.5},
+                    "spot_knee": {"joint_names_expr": [".*_kn"], "stiffness": {".*": 55.0}, "damping": 1.25},
+                },
+            }
+        },
+        "observations": {"policy": policy},
+        "actions": {"joint_pos": {"joint_names": [".*"], "scale": 0.2, "use_default_offset": True}},
+        "commands": {
+            "base_velocity": {"ranges": {"lin_vel_x": [-2.0, 3.0], "lin_vel_y": [-1.5, 1.5], "ang_vel_z": [-2.0, 2.0]}}
+        },
+    }
+
+
+class TheirRobot:
+    """What a foreign framework would feed its network, by name and joint by joint; keeps its own memory."""
+
+    def __init__(self, path: Path, terms: list[dict[str, Any]], joints: list[str], pose: dict[str, float]) -> None:
+        self.session = onnxruntime.InferenceSession(path.read_bytes(), providers=["CPUExecutionProvider"])
+        self.terms, self.joints, self.pose = terms, joints, pose
+        self.last = dict.fromkeys(joints, 0.0)
+        self.past: list[deque[list[float]]] = [deque(maxlen=term.get("history") or 1) for term in terms]
+
+    def act(self, state: RobotState, command: Any) -> dict[str, float]:
+        measured = dict(zip(facts.JOINT_NAMES, zip(state.position_rad, state.velocity_rad_s, strict=True), strict=True))
+        attitude = state.odom_from_body_wxyz
+        seen: list[float] = []
+        for term, past in zip(self.terms, self.past, strict=True):
+            joints = term.get("joints") or self.joints
+            values = {
+                "base_lin_vel": lambda: rotate_inverse_wxyz(attitude, state.linear_vel_of_body_in_odom_m_s),
+                "base_ang_vel": lambda: rotate_inverse_wxyz(attitude, state.angular_vel_of_body_in_odom_rad_s),
+                "projected_gravity": lambda: rotate_inverse_wxyz(attitude, np.array([0.0, 0.0, -1.0])),
+                "command": lambda: command,
+                "joint_pos": lambda j=joints: [measured[n][0] - self.pose[n] for n in j],
+                "joint_pos_abs": lambda j=joints: [measured[n][0] for n in j],
+                "joint_vel": lambda j=joints: [measured[n][1] for n in j],
+                "actions": lambda: [self.last[n] for n in self.joints],
+            }[term["of"]]()
+            low, high = term.get("clip", (-np.inf, np.inf))
+            row = list(np.clip(np.asarray(values, dtype=float), low, high) * np.asarray(term.get("scale", 1.0)))
+            while len(past) < (past.maxlen or 1) - 1:
+                past.append(row)
+            past.append(row)
+            seen += [value for old in past for value in old]
+        (action,) = self.session.run(["actions"], {"obs": np.array([seen], dtype=np.float32)})
+        self.last = dict(zip(self.joints, action[0].tolist(), strict=True))
+        return dict(self.last)
+
+
+def random_state(rng: np.random.Generator) -> RobotState:
+    attitude = rng.normal(size=4)
+    return RobotState(
+        0,
+        0,
+        facts.DEFAULT_POSITION_RAD + rng.normal(size=12) / 4,
+        rng.normal(size=12),
+        np.zeros(12),
+        np.zeros(3),
+        attitude / np.linalg.norm(attitude),
+        rng.normal(size=3),
+        rng.normal(size=3),
+        np.ones(4, dtype=np.bool_),
+        0,
+        0,
+    )
+
+
+def assert_same_setpoints(policy: Policy, theirs: TheirRobot, scale: dict[str, float], ticks: int = 6) -> None:
+    """Several ticks of a random robot: the set-points of both sides are the same, joint by joint."""
+    rng = np.random.default_rng(1)
+    last, window = np.zeros(12, dtype=np.float32), None
+    for _ in range(ticks):
+        state, command = random_state(rng), rng.normal(size=3)
+        window = policy.window(policy.observe(state, command, last).astype(np.float32), window)
+        last = policy.act(window)
+        asked = theirs.act(state, command)
+        expected = [theirs.pose[name] + scale[name] * asked[name] for name in facts.JOINT_NAMES]
+        np.testing.assert_allclose(policy.setpoint_rad(last), expected, atol=2e-5)
+
+
+def pose_of(joints: list[str]) -> dict[str, float]:
+    import re
+
+    return {name: next(v for e, v in POSE.items() if re.fullmatch(e, name)) for name in joints}
+
+
+def invoke(*words: str, code: int = 0) -> Any:
+    told = CliRunner().invoke(app, list(words))
+    assert told.exit_code == code, (told.output, told.exception)
+    return told
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Callable[..., Path]:
+    """Lay out a training run as Isaac Lab leaves it; returns the exported policy."""
+
+    def lay(env: dict[str, Any], width: int = 48, **keywords: Any) -> Path:
+        (tmp_path / "params").mkdir()
+        (tmp_path / "exported").mkdir()
+        text = yaml.dump(env, sort_keys=False)
+        # As Isaac Lab writes it: tuples bear Python's tag.
+        text = text.replace("lin_vel_x:\n", "lin_vel_x: !!python/tuple\n")
+        (tmp_path / "params" / "env.yaml").write_text(text)
+        return network(tmp_path / "exported" / "policy.onnx", width, **keywords)
+
+    return lay
+
+
+TERMS = [{"of": name.replace("velocity_commands", "command")} for name in STANDARD]
+
+
+def test_isaac_lab_as_it_trains_spot(run: Callable[..., Path]) -> None:
+    path = run(environment())
+    told = invoke("import", str(path), "--like", "isaac-lab", "--yes")
+    assert "breadth first" in told.output
+    made = load_policy(path.with_name("policy.spot.onnx"))
+    contract = made.contract
+    assert contract.joint_names == tuple(ISAAC)
+    assert contract.rate_hz == pytest.approx(50.0)
+    assert (contract.velocity_command_low[0], contract.velocity_command_high[0]) == (-2.0, 3.0)
+    knee = contract.joint_names.index("hl_kn")
+    assert (contract.kp_nm_per_rad[knee], contract.kd_nm_s_per_rad[knee]) == (55.0, 1.25)
+    assert_same_setpoints(made, TheirRobot(path, TERMS, ISAAC, pose_of(ISAAC)), dict.fromkeys(ISAAC, 0.2))
+
+
+def test_another_layout_scales_clips_and_a_history(run: Callable[..., Path]) -> None:
+    terms = {
+        "base_lin_vel": None,
+        "base_ang_vel": {"scale": 0.25},
+        "joint_vel": {"scale": 0.05, "clip": [-2.0, 2.0], "history_length": 3},
+        "joint_pos": {"func": "isaaclab.envs.mdp.observations:joint_pos", "history_length": 3},
+        "actions": {"history_length": 2},
+    }
+    path = run(environment(**terms), width=3 + 3 + 3 + 36 + 36 + 24)
+    invoke("import", str(path), "--like", "isaac-lab", "--yes")
+    made = load_policy(path.with_name("policy.spot.onnx"))
+    assert made.contract.observation_history == 3
+    theirs = [
+        {"of": "base_ang_vel", "scale": 0.25},
+        {"of": "projected_gravity"},
+        {"of": "command"},
+        {"of": "joint_pos_abs", "history": 3},
+        {"of": "joint_vel", "scale": 0.05, "clip": (-2.0, 2.0), "history": 3},
+        {"of": "actions", "history": 2},
+    ]
+    assert_same_setpoints(made, TheirRobot(path, theirs, ISAAC, pose_of(ISAAC)), dict.fromkeys(ISAAC, 0.2))
+    with pytest.raises(PolicyError, match="sees 3 ticks"):
+        made.act(np.zeros(48))
+
+
+def test_joints_in_any_order_with_a_scale_each(run: Callable[..., Path]) -> None:
+    rng = np.random.default_rng(7)
+    robot_order, action_order = ([str(n) for n in rng.permutation(facts.JOINT_NAMES)] for _ in range(2))
+    env = environment()
+    scale = {"hx": 0.1, "hy": 0.3, "kn": 0.25}
+    env["actions"]["joint_pos"] |= {
+        "joint_names": action_order,
+        "preserve_order": True,
+        "scale": {f".*_{end}": v for end, v in scale.items()},
+    }
+    path = run(env)
+    invoke("import", str(path), "--like", "isaac-lab", "--yes", "--joint-order", ",".join(robot_order))
+    made = load_policy(path.with_name("policy.spot.onnx"))
+    assert made.contract.joint_names == tuple(action_order)
+    terms = [t if t["of"] not in {"joint_pos", "joint_vel"} else {**t, "joints": robot_order} for t in TERMS]
+    theirs = TheirRobot(path, terms, action_order, pose_of(action_order))
+    assert_same_setpoints(made, theirs, {name: scale[name[-2:]] for name in facts.JOINT_NAMES})
+
+
+def mjlab_metadata(joints: list[str], **changes: str | None) -> dict[str, str]:
+    pose = pose_of(joints)
+    metadata: dict[str, str | None] = {
+        "run_path": "run",
+        "joint_names": ",".join(joints),
+        "joint_stiffness": ",".join(["60.000"] * 12),
+        "joint_damping": ",".join(["1.500"] * 12),
+        "default_joint_pos": ",".join(f"{pose[name]:.3f}" for name in joints),
+        "command_names": "twist",
+        "observation_names": "base_lin_vel,base_ang_vel,projected_gravity,joint_pos,joint_vel,actions,command",
+        "action_scale": ",".join(["0.250"] * 12),
+        **changes,
+    }
+    return {key: value for key, value in metadata.items() if value is not None}
+
+
+def with_metadata(path: Path, metadata: dict[str, str]) -> Path:
+    model = onnx.load(path)
+    helper.set_model_props(model, metadata)
+    onnx.save(model, path)
+    return path
+
+
+def test_mjlab_before_and_since_it_names_histories(tmp_path: Path) -> None:
+    joints = list(facts.JOINT_NAMES)
+    terms = [{"of": name} for name in ("base_lin_vel", "base_ang_vel", "projected_gravity", "joint_pos", "joint_vel")]
+    terms += [{"of": "actions"}, {"of": "command"}]
+    old = with_metadata(network(tmp_path / "old.onnx", 48), mjlab_metadata(joints))
+    invoke("import", str(old), "--like", "mjlab", "--yes", "--rate-hz", "40", "--commands=-1,-1,-1:2,1,1")
+    made = load_policy(tmp_path / "old.spot.onnx")
+    assert made.contract.rate_hz == 40.0
+    assert made.contract.velocity_command_high == (2.0, 1.0, 1.0)
+    assert_same_setpoints(made, TheirRobot(old, terms, joints, pose_of(joints)), dict.fromkeys(joints, 0.25))
+    new = with_metadata(
+        network(tmp_path / "new.onnx", 48 + 12 + 3),
+        mjlab_metadata(
+            joints,
+            observation_terms_scale="1.000,0.250;0.500;1.000,1.000,1.000,1.000,1.000,2.000",
+            observation_terms_clip=",".join(["-inf;inf"] * 3 + ["-0.100;0.100"] + ["-inf;inf"] * 3),
+            observation_terms_history_length="0,2,0,0,2,0,0",
+            observation_terms_flatten_history_dim=",".join(["True"] * 7),
+        ),
+    )
+    invoke("import", str(new), "--like", "mjlab", "--yes")
+    terms[1] |= {"scale": [0.25, 0.5, 1.0], "history": 2}
+    terms[3] |= {"clip": (-0.1, 0.1)}
+    terms[4] |= {"history": 2}
+    terms[6] |= {"scale": 2.0}
+    made = load_policy(tmp_path / "new.spot.onnx")
+    assert_same_setpoints(made, TheirRobot(new, terms, joints, pose_of(joints)), dict.fromkeys(joints, 0.25))
+
+
+def test_the_vendors_example_and_back(tmp_path: Path) -> None:
+    folder = tmp_path / "theirs"
+    told = invoke("export", str(WALK), "--for", "spot-rl-example", "--out", str(folder))
+    assert "env_cfg.json" in told.output
+    invoke("import", str(folder / "policy.onnx"), "--like", "spot-rl-example", "--yes")
+    ours, back = load_policy(WALK), load_policy(folder / "policy.spot.onnx")
+    assert back.contract.joint_names == tuple(ISAAC)
+    environment_file = json.loads((folder / "env_cfg.json").read_text())
+    assert environment_file["actions"]["joint_pos"]["scale"] == ours.contract.action_scale_rad
+    _assert_same_policy(ours, back)
+    told = invoke("export", str(WALK), "--for", "spot-rl-example", "--out", str(folder), code=1)
+    assert "a folder of one policy" in str(told.exception)
+
+
+def test_mjlab_and_back(tmp_path: Path) -> None:
+    path = tmp_path / "for_mjlab.onnx"
+    invoke("export", str(WALK), "--for", "mjlab", "--out", str(path))
+    metadata = {p.key: p.value for p in onnx.load(path).metadata_props}
+    assert metadata["joint_names"].split(",") == list(load_policy(WALK).contract.joint_names)
+    invoke("import", str(path), "--like", "mjlab", "--yes")
+    _assert_same_policy(load_policy(WALK), load_policy(tmp_path / "for_mjlab.spot.onnx"))
+
+
+def _assert_same_policy(one: Policy, other: Policy) -> None:
+    rng = np.random.default_rng(2)
+    last = [np.zeros(12, dtype=np.float32)] * 2
+    for _ in range(5):
+        state, command = random_state(rng), rng.normal(size=3)
+        last = [p.act(p.observe(state, command, memory)) for p, memory in zip((one, other), last, strict=True)]
+        np.testing.assert_allclose(one.setpoint_rad(last[0]), other.setpoint_rad(last[1]), atol=2e-5)
+    assert one.contract.velocity_command_high == other.contract.velocity_command_high or "mjlab" in str(other)
+
+
+@pytest.mark.filterwarnings("ignore:.*torch.jit.*is deprecated:DeprecationWarning")
+def test_torchscript(tmp_path: Path, run: Callable[..., Path]) -> None:
+    import torch
+
+    path = run(environment())
+    torch.manual_seed(0)
+    net = torch.nn.Sequential(torch.nn.Linear(48, 8), torch.nn.ELU(), torch.nn.Linear(8, 12))
+    script = path.with_suffix(".pt")
+    torch.jit.save(torch.jit.trace(net, torch.zeros(1, 48)), script)
+    invoke("import", str(script), "--like", "isaac-lab", "--yes", "--name", "scripted")
+    made = load_policy(script.with_name("policy.spot.onnx"))
+    assert made.contract.name == "scripted"
+    row = np.random.default_rng(0).normal(size=48).astype(np.float32)
+    with torch.no_grad():
+        np.testing.assert_allclose(made.act(row), net(torch.from_numpy(row)).numpy(), atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"height_scan": {"func": "isaaclab.envs.mdp.observations:height_scan"}}, "'height_scan' is nothing"),
+        ({"joint_pos": {"modifiers": [{"func": "x"}]}}, "modifiers are not supported"),
+        ({"joint_pos": {"params": {"asset_cfg": {"joint_names": [".*_h[xy]"]}}}}, "moves each of fl_hx"),
+        ({"joint_pos": {"history_length": 99}}, "at most 50"),
+    ],
+)
+def test_what_cannot_be_is_refused_by_name(run: Callable[..., Path], change: dict[str, Any], told: str) -> None:
+    path = run(environment(**change))
+    assert told in str(invoke("import", str(path), "--like", "isaac-lab", "--yes", code=1).exception)
+    assert not path.with_name("policy.spot.onnx").exists()
+
+
+def test_networks_that_do_not_fit_are_refused(run: Callable[..., Path]) -> None:
+    path = run(environment(), width=45)
+    assert "sees 45 numbers" in str(invoke("import", str(path), "--like", "isaac-lab", "--yes", code=1).exception)
+    network(path, 48, extra_input="h_in")
+    assert "recurrent" in str(invoke("import", str(path), "--like", "isaac-lab", "--yes", code=1).exception)
+
+
+def test_a_missing_side_file_or_key_is_named(tmp_path: Path) -> None:
+    path = network(tmp_path / "p.onnx", 48)
+    assert "--env" in str(invoke("import", str(path), "--like", "isaac-lab", "--yes", code=1).exception)
+    assert "one beside" in str(invoke("import", str(path), "--like", "spot-rl-example", "--yes", code=1).exception)
+    assert "joint_names" in str(invoke("import", str(path), "--like", "mjlab", "--yes", code=1).exception)
+    with_metadata(path, mjlab_metadata(list(facts.JOINT_NAMES), action_scale="0.2,0.3"))
+    assert "action_scale has 2 values" in str(invoke("import", str(path), "--like", "mjlab", code=1).exception)
+    (tmp_path / "env.yaml").write_text("!!python/object/apply:os.system ['true']\n")
+    assert "no mapping" in str(invoke("import", str(path), "--like", "isaac-lab", "--yes", code=1).exception)
+
+
+def test_nothing_is_written_without_a_yes_and_nothing_overwritten(run: Callable[..., Path]) -> None:
+    path = run(environment())
+    told = CliRunner().invoke(app, ["import", str(path), "--like", "isaac-lab"], input="n\n")
+    assert isinstance(told.exception, BadInputError)
+    assert not path.with_name("policy.spot.onnx").exists()
+    invoke("import", str(path), "--like", "isaac-lab", "--yes")
+    shutil.copy(path, path.with_name("other.onnx"))
+    told = invoke("import", str(path), "--like", "isaac-lab", "--yes", code=1)
+    assert "exists" in str(told.exception)

@@ -1,0 +1,1 @@
+"""Policies of other frameworks, in and out: Isaac Lab, mjlab, spot-rl-example."""

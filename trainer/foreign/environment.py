@@ -1,0 +1,95 @@
+"""An environment's configuration as Isaac Lab dumps it, YAML or JSON, as plain data; and the parts that others share.
+
+Tags of Python objects are read as the plain lists, mappings and texts under them: nothing is constructed.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import yaml
+
+from spot_model.errors import BadInputError
+from spot_model.io.bounded_file import FileTooLargeError, read_at_most
+from trainer.foreign.description import by_joint
+
+MAX_BYTES: Final = 4 * 1024 * 1024
+DEFAULT_COMMANDS: Final = ((-1.0, -0.5, -1.0), (1.0, 0.5, 1.0))
+"""Range of velocity commands where no file names one: V_x, V_y (m/s), ω_z (rad/s)."""
+Ranges = tuple[tuple[float, float, float], tuple[float, float, float]]
+
+
+class _PlainLoader(yaml.SafeLoader):
+    """Reads every tag of Python as the plain value under it."""
+
+
+def _plain(loader: yaml.SafeLoader, _suffix: str, node: yaml.Node) -> Any:
+    if isinstance(node, yaml.MappingNode):
+        return loader.construct_mapping(node, deep=True)
+    if isinstance(node, yaml.SequenceNode):
+        return loader.construct_sequence(node, deep=True)
+    return loader.construct_scalar(node)  # type: ignore[arg-type]
+
+
+_PlainLoader.add_multi_constructor("tag:yaml.org,2002:python/", _plain)
+
+
+def read_environment(path: Path) -> dict[str, Any]:
+    """The environment's configuration as plain data.
+
+    Raises:
+        BadInputError: The file cannot be read, or is no mapping.
+    """
+    try:
+        text = read_at_most(path, MAX_BYTES).decode("utf-8")
+        data = json.loads(text) if path.suffix == ".json" else yaml.load(text, Loader=_PlainLoader)  # noqa: S506 - see it
+    except (OSError, FileTooLargeError, UnicodeDecodeError, ValueError, yaml.YAMLError) as error:
+        raise BadInputError(f"environment file {path} cannot be read: {error}") from error
+    if not isinstance(data, dict):
+        raise BadInputError(f"environment file {path} holds no mapping; give the env.yaml of the training run")
+    return data
+
+
+def gains_of(environment: Mapping[str, Any], key: str, joints: tuple[str, ...]) -> tuple[float, ...]:
+    """``stiffness`` or ``damping`` of each joint, from the groups of actuators.
+
+    Raises:
+        BadInputError: A joint has none; the message names it.
+    """
+    found: dict[str, float] = {}
+    for name, group in get(environment, "scene.robot.actuators").items():
+        expressions = group.get("joint_names_expr") or [".*"]
+        named = [joint for joint in joints if any(re.fullmatch(str(e), joint) for e in expressions)]
+        if group.get(key) is None:
+            raise BadInputError(f"scene.robot.actuators.{name}.{key} is not in the file; give numbers there")
+        found |= dict(zip(named, by_joint(group[key], named, f"actuators.{name}.{key}"), strict=True))
+    missing = [joint for joint in joints if joint not in found]
+    if missing:
+        raise BadInputError(f"scene.robot.actuators has no {key} of {', '.join(missing)}")
+    return tuple(found[joint] for joint in joints)
+
+
+def command_ranges(environment: Mapping[str, Any]) -> tuple[Ranges, tuple[str, ...]]:
+    """Least and largest velocity command, and what was assumed where no command names a range."""
+    commands = environment.get("commands") or {}
+    ranges = next((c["ranges"] for c in commands.values() if isinstance(c, Mapping) and c.get("ranges")), None)
+    if ranges is None:
+        return DEFAULT_COMMANDS, ("velocity commands within ±1 m/s, ±0.5 m/s, ±1 rad/s: no file names a range",)
+    keys = ("lin_vel_x", "lin_vel_y", "ang_vel_z")
+    pairs = [tuple(float(v) for v in get(ranges, key)) for key in keys]
+    (a, b), (c, d), (e, f) = pairs
+    return ((a, c, e), (b, d, f)), ()
+
+
+def get(data: Mapping[str, Any], dotted: str) -> Any:
+    """A value by its path. Raises ``BadInputError`` with the path where it is not there."""
+    value: Any = data
+    for key in dotted.split("."):
+        if not isinstance(value, Mapping) or key not in value:
+            raise BadInputError(f"the environment file has no {dotted}; give the env.yaml of the training run")
+        value = value[key]
+    return value

@@ -1,0 +1,98 @@
+"""``spot-rl policy import``."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from spot_model.errors import BadInputError
+from trainer.foreign.description import ForeignPolicy
+
+
+class Framework(str, enum.Enum):
+    """Whose conventions a policy follows."""
+
+    ISAAC_LAB = "isaac-lab"
+    MJLAB = "mjlab"
+    SPOT_RL_EXAMPLE = "spot-rl-example"
+
+
+def import_policy(
+    policy: Annotated[Path, typer.Argument(help="ONNX file, or a TorchScript file (.pt, .jit).")],
+    like: Annotated[Framework, typer.Option(help="Whose conventions it follows.")],
+    env: Annotated[
+        Path | None, typer.Option(help="The run's env.yaml or JSON; looked for beside the policy if not given.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="File to write; NAME.spot.onnx beside the policy if not given.")
+    ] = None,
+    name: Annotated[str | None, typer.Option(help="Name in the contract; the file's if not given.")] = None,
+    joint_order: Annotated[str, typer.Option(help="The robot's joints in training, comma-separated.")] = "",
+    rate_hz: Annotated[float | None, typer.Option(min=1.0, max=333.0, help="Rate, where no file names one.")] = None,
+    commands: Annotated[
+        str, typer.Option(help="Least and largest V_x,V_y,ω_z as 'a,b,c:d,e,f', where no file names a range.")
+    ] = "",
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask whether what was read is right.")] = False,
+) -> None:
+    """Make a policy of another framework one that runs here, and prove that its network gives the same."""
+    from spot_model.policy.policy import load_policy
+    from trainer.foreign.importing import describe_file, read_network
+    from trainer.foreign.rewrite import ours_from
+
+    target = out or policy.with_name(f"{policy.stem}.spot.onnx")
+    if target.exists():
+        raise BadInputError(f"policy file {target} exists; choose another with --out")
+    order = tuple(word for word in joint_order.split(",") if word)
+    described = describe_file(policy, like.value, env, name or policy.stem, order)
+    described = _with_options(described, rate_hz, commands)
+    typer.echo(text_of(described))
+    if not yes and not typer.confirm("Is this what the policy was trained with?"):
+        raise BadInputError("nothing was written; correct the side file, or name it with --env")
+    network = read_network(policy, described.width)
+    target.write_bytes(ours_from(network, described, revision=f"{like.value}/{policy.name}"))
+    typer.echo(f"policy {target}: SHA-256 {load_policy(target).sha256}; the network's actions are the same")
+
+
+def text_of(policy: ForeignPolicy) -> str:
+    """What was read, for a person to confirm."""
+    lines = [f"{policy.name}: {policy.rate_hz:g} Hz, {policy.width} numbers in, 12 joints out", "", "observation"]
+    for term in policy.terms:
+        parts = [f"  {term.field} ({term.width})"]
+        parts += [f"{term.history} ticks, the oldest first"] if term.history > 1 else []
+        parts += ["absolute"] if term.is_absolute else []
+        parts += [f"× {', '.join(f'{v:g}' for v in term.scale)}"] if set(term.scale) != {1.0} else []
+        parts += [f"clipped to {term.clip[0]:g} … {term.clip[1]:g}"] if term.clip != type(term).clip else []
+        lines.append(", ".join(parts))
+    lines += ["", "joint  default rad  scale rad  k_p N·m/rad  k_d N·m·s/rad"]
+    rows = zip(
+        policy.joint_names,
+        policy.default_position_rad,
+        policy.action_scale_rad,
+        policy.kp_nm_per_rad,
+        policy.kd_nm_s_per_rad,
+        strict=True,
+    )
+    lines += [f"{joint:6} {q:11.4g} {s:10.4g} {kp:12.4g} {kd:14.4g}" for joint, q, s, kp, kd in rows]
+    low, high = policy.command_low, policy.command_high
+    lines += ["", f"velocity commands {low} to {high} m/s, m/s, rad/s"]
+    lines += [f"assumed: {what}" for what in policy.assumed]
+    return "\n".join(lines)
+
+
+def _with_options(policy: ForeignPolicy, rate_hz: float | None, commands: str) -> ForeignPolicy:
+    if rate_hz is not None:
+        assumed = tuple(what for what in policy.assumed if "--rate-hz" not in what)
+        policy = replace(policy, rate_hz=rate_hz, assumed=assumed)
+    if commands:
+        try:
+            low, high = (tuple(float(v) for v in part.split(",")) for part in commands.split(":"))
+            (a, b, c), (d, e, f) = low, high
+        except ValueError as error:
+            raise BadInputError(f"--commands {commands!r}; give it as -1,-0.5,-1:1,0.5,1") from error
+        assumed = tuple(what for what in policy.assumed if not what.startswith("velocity commands"))
+        policy = replace(policy, command_low=(a, b, c), command_high=(d, e, f), assumed=assumed)
+    return policy

@@ -1,0 +1,103 @@
+"""Files of other frameworks: the network's bytes, and what its side files say."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from pathlib import Path
+from typing import Any, Final
+
+from spot_model.errors import BadInputError
+from spot_model.io.bounded_file import FileTooLargeError, read_at_most
+from spot_model.policy.contract import MAX_POLICY_BYTES
+from spot_model.policy.onnx_head import OnnxHeadError, read_head
+from trainer.foreign import isaac_lab, mjlab, spot_rl_example
+from trainer.foreign.description import ForeignPolicy
+from trainer.foreign.environment import read_environment
+
+TORCHSCRIPT: Final = (".pt", ".pth", ".jit", ".torchscript")
+_BESIDE: Final = (
+    "env.yaml",
+    "params/env.yaml",
+    "../params/env.yaml",
+    "../../params/env.yaml",
+    "env.json",
+    "env_cfg.json",
+)
+"""Where Isaac Lab's tools leave the environment, seen from the exported policy."""
+
+
+def describe_file(
+    policy: Path, like: str, env: Path | None, name: str, joint_order: tuple[str, ...] = ()
+) -> ForeignPolicy:
+    """What a policy's side files, or its own metadata, say.
+
+    Raises:
+        BadInputError: A file is missing, or says something that cannot be done here.
+    """
+    if not policy.is_file():
+        raise BadInputError(f"policy {policy} is no file; give an ONNX or a TorchScript file")
+    if like == "mjlab":
+        if env is not None or joint_order:
+            raise BadInputError("mjlab's policies say all in their own metadata; leave out --env and --joint-order")
+        return mjlab.describe(_metadata(policy), name)
+    if like == "spot-rl-example":
+        if joint_order:
+            raise BadInputError("the example has a joint order of its own; leave out --joint-order")
+        return spot_rl_example.describe(read_environment(env or spot_rl_example.find_environment(policy)), name)
+    found = env or next((policy.parent / at for at in _BESIDE if (policy.parent / at).is_file()), None)
+    if found is None:
+        raise BadInputError(f"no env.yaml beside {policy}; name the training run's with --env")
+    return isaac_lab.describe(read_environment(found), name, joint_order=joint_order)
+
+
+def read_network(policy: Path, width: int) -> bytes:
+    """An ONNX file's bytes; a TorchScript file is turned into one.
+
+    Args:
+        policy: The file.
+        width: Numbers that the network sees, by which a TorchScript file is traced.
+
+    Raises:
+        BadInputError: It cannot be read, or converted.
+    """
+    data = _bytes_of(policy)
+    if policy.suffix.lower() not in TORCHSCRIPT:
+        return data
+    import torch
+
+    with warnings.catch_warnings():
+        return _traced(torch, data, width, policy)
+
+
+def _traced(torch: Any, data: bytes, width: int, policy: Path) -> bytes:
+    try:
+        # PyTorch announces that both steps will go; until they do, they are the only way from a script to ONNX.
+        warnings.simplefilter("ignore")
+        network: Any = torch.jit.load(io.BytesIO(data), map_location="cpu").eval()
+        buffer: Any = io.BytesIO()
+        observation = torch.zeros(1, width)
+        with torch.no_grad():
+            network(observation)
+            torch.onnx.export(
+                network, (observation,), buffer, input_names=["obs"], output_names=["actions"], dynamo=False
+            )
+    except Exception as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise BadInputError(f"TorchScript file {policy} cannot be turned into ONNX: {reason}; export ONNX") from error
+    data = buffer.getvalue()
+    return bytes(data)
+
+
+def _metadata(policy: Path) -> dict[str, str]:
+    try:
+        return read_head(_bytes_of(policy)).metadata
+    except OnnxHeadError as error:
+        raise BadInputError(f"policy {policy} is no readable ONNX model: {error}") from error
+
+
+def _bytes_of(policy: Path) -> bytes:
+    try:
+        return read_at_most(policy, MAX_POLICY_BYTES)
+    except (OSError, FileTooLargeError) as error:
+        raise BadInputError(f"policy {policy} cannot be read: {error}") from error

@@ -1,0 +1,117 @@
+"""Isaac Lab's ``env.yaml`` (or the same as JSON): what it says of a policy.
+
+Joint order is not in the file: unless ``preserve_order`` fixes it, it is the articulation's, breadth first.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any, Final
+
+from spot_model.errors import BadInputError
+from trainer.foreign.description import BREADTH_FIRST, MAX_HISTORY, ForeignPolicy, Term, by_joint, canonical_joints
+from trainer.foreign.environment import command_ranges, gains_of, get
+from trainer.foreign.terms import meaning_of
+
+_ABSOLUTE: Final = "joint_pos"
+"""The function that gives joint positions as they are; the term of that name usually calls ``joint_pos_rel``."""
+_NOT_TERMS: Final = frozenset(
+    {"concatenate_terms", "concatenate_dim", "enable_corruption", "history_length", "flatten_history_dim"}
+)
+
+
+def describe(environment: Mapping[str, Any], name: str, *, joint_order: tuple[str, ...] = ()) -> ForeignPolicy:
+    """What the configuration says.
+
+    Args:
+        environment: See :func:`trainer.foreign.environment.read_environment`.
+        name: The policy's name.
+        joint_order: The articulation's joints, where it is not breadth first.
+
+    Raises:
+        BadInputError: Something is missing, or cannot be done here; the message names it.
+    """
+    natural = canonical_joints(joint_order, "--joint-order") if joint_order else BREADTH_FIRST
+    action = get(environment, "actions.joint_pos")
+    joints = _ordered(action, natural, "actions.joint_pos")
+    default = by_joint(get(environment, "scene.robot.init_state.joint_pos"), joints, "init_state.joint_pos")
+    if not action.get("use_default_offset", True):
+        raise BadInputError("actions.joint_pos.use_default_offset is false; set-points must start at the default pose")
+    (low, high), assumed = command_ranges(environment)
+    rate_hz = 1.0 / (float(get(environment, "sim.dt")) * int(get(environment, "decimation")))
+    order = () if joint_order else ("joints breadth first (all hx, all hy, all kn); --joint-order names another order",)
+    return ForeignPolicy(
+        name=name,
+        terms=_terms(get(environment, "observations.policy"), natural, joints),
+        joint_names=joints,
+        default_position_rad=default,
+        action_scale_rad=by_joint(action.get("scale", 1.0), joints, "actions.joint_pos.scale"),
+        kp_nm_per_rad=gains_of(environment, "stiffness", joints),
+        kd_nm_s_per_rad=gains_of(environment, "damping", joints),
+        rate_hz=rate_hz,
+        command_low=low,
+        command_high=high,
+        assumed=(*order, *assumed),
+    )
+
+
+def _terms(group: Mapping[str, Any], natural: tuple[str, ...], acted: tuple[str, ...]) -> tuple[Term, ...]:
+    terms = []
+    of_all = group.get("history_length")
+    for name, config in group.items():
+        if name in _NOT_TERMS or config is None:
+            continue
+        if not isinstance(config, Mapping):
+            raise BadInputError(f"observations.policy.{name} = {config!r:.60} is no observation term")
+        terms.append(_term(name, config, natural, acted, of_all))
+    if not terms:
+        raise BadInputError("observations.policy has no terms")
+    return tuple(terms)
+
+
+def _term(
+    name: str, config: Mapping[str, Any], natural: tuple[str, ...], acted: tuple[str, ...], of_all: int | None
+) -> Term:
+    """One term; the last action has the joints of the action, ``acted``, the others those of the robot, ``natural``."""
+    where = f"observations.policy.{name}"
+    function = str(config.get("func", "")).rpartition(":")[2].rpartition(".")[2]
+    meaning = meaning_of("joint_pos_abs" if function == _ABSOLUTE else function or name, where)
+    asset = (config.get("params") or {}).get("asset_cfg") or {}
+    joints: tuple[str, ...] = acted if meaning.field == "last_action" else ()
+    if meaning.field.startswith("joint_"):
+        joints = _ordered(asset, natural, where)
+    scale = config.get("scale")
+    clip = config.get("clip")
+    history = max(int((config.get("history_length") if of_all is None else of_all) or 1), 1)
+    if history > MAX_HISTORY:
+        raise BadInputError(f"{where}.history_length = {history}; allowed: at most {MAX_HISTORY}")
+    if config.get("modifiers"):
+        raise BadInputError(f"{where}.modifiers are not supported; train without them")
+    return Term(
+        meaning.field,
+        joint_names=joints,
+        is_absolute=meaning.is_absolute,
+        scale=_numbers(1.0 if scale is None else scale, f"{where}.scale"),
+        clip=Term.clip if clip is None else (float(clip[0]), float(clip[1])),
+        history=history,
+    )
+
+
+def _ordered(config: Mapping[str, Any], natural: tuple[str, ...], where: str) -> tuple[str, ...]:
+    """The joints that a term or action names, in its order."""
+    expressions = config.get("joint_names") or [".*"]
+    expressions = [expressions] if isinstance(expressions, str) else list(expressions)
+    matches = [[name for name in natural if re.fullmatch(str(e), name)] for e in expressions]
+    chosen = [name for group in matches for name in group]
+    if not config.get("preserve_order", False):
+        chosen = [name for name in natural if name in chosen]
+    return canonical_joints(chosen, where)
+
+
+def _numbers(value: Any, where: str) -> tuple[float, ...]:
+    values = value if isinstance(value, (list, tuple)) else [value]
+    try:
+        return tuple(float(v) for v in values)
+    except (TypeError, ValueError) as error:
+        raise BadInputError(f"{where} = {value!r:.60}; it must be a number, or a list of them") from error

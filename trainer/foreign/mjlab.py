@@ -1,0 +1,141 @@
+"""mjlab's metadata inside an ONNX file: read, and written.
+
+Lists are comma-separated, with a semicolon inside an entry, and rounded to three decimals. Older files name neither
+scale, clip nor history of the observation's terms; they had none.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Final
+
+from spot_model.errors import BadInputError
+from spot_model.policy.contract import PolicyContract
+from spot_model.robot import facts
+from trainer.foreign.description import MAX_HISTORY, ForeignPolicy, Term, canonical_joints
+from trainer.foreign.environment import DEFAULT_COMMANDS
+from trainer.foreign.terms import meaning_of
+
+REQUIRED: Final = (
+    "joint_names",
+    "joint_stiffness",
+    "joint_damping",
+    "default_joint_pos",
+    "observation_names",
+    "action_scale",
+)
+RATE_HZ: Final = 50.0
+"""mjlab's velocity tasks step at 50 Hz; the file does not say."""
+TERM_NAMES: Final = {
+    "linear_vel_of_body_in_body_m_s": "base_lin_vel",
+    "angular_vel_of_body_in_body_rad_s": "base_ang_vel",
+    "projected_gravity_in_body": "projected_gravity",
+    "velocity_command": "command",
+    "joint_position_offset_rad": "joint_pos",
+    "joint_velocity_rad_s": "joint_vel",
+    "last_action": "actions",
+}
+
+
+def describe(metadata: Mapping[str, str], name: str) -> ForeignPolicy:
+    """What the metadata say.
+
+    Raises:
+        BadInputError: A key is missing, or a value cannot be done here; the message names it.
+    """
+    missing = [key for key in REQUIRED if key not in metadata]
+    if missing:
+        raise BadInputError(f"the ONNX file has no metadata {', '.join(missing)}; export it with mjlab's runner")
+    joints = canonical_joints(metadata["joint_names"].split(","), "joint_names")
+    names = metadata["observation_names"].split(",")
+    rows = zip(names, *(_entries(metadata, key, default, len(names)) for key, default in _OF_TERMS), strict=True)
+    return ForeignPolicy(
+        name=name,
+        terms=tuple(_term(*row, joints=joints) for row in rows),
+        joint_names=joints,
+        default_position_rad=_joint_values(metadata, "default_joint_pos"),
+        action_scale_rad=_joint_values(metadata, "action_scale"),
+        kp_nm_per_rad=_joint_values(metadata, "joint_stiffness"),
+        kd_nm_s_per_rad=_joint_values(metadata, "joint_damping"),
+        rate_hz=RATE_HZ,
+        command_low=DEFAULT_COMMANDS[0],
+        command_high=DEFAULT_COMMANDS[1],
+        assumed=(
+            "50 Hz: mjlab's metadata name no rate; --rate-hz names another",
+            "velocity commands within ±1 m/s, ±0.5 m/s, ±1 rad/s: mjlab's metadata name no range; --commands does",
+            "gains, pose and scale as rounded to three decimals by mjlab",
+        ),
+    )
+
+
+def metadata_of(contract: PolicyContract, run: str) -> dict[str, str]:
+    """The metadata by which mjlab's tools know a policy of ours; the observation is ours, term by term."""
+    n = len(contract.observation_layout)
+    return {
+        "run_path": run,
+        "joint_names": ",".join(contract.joint_names),
+        "joint_stiffness": _csv(contract.kp_nm_per_rad),
+        "joint_damping": _csv(contract.kd_nm_s_per_rad),
+        "default_joint_pos": _csv(contract.default_position_rad),
+        "command_names": "twist",
+        "observation_names": ",".join(TERM_NAMES[field] for field, _ in contract.observation_layout),
+        "observation_terms_scale": _csv([1.0] * n),
+        "observation_terms_flatten_history_dim": ",".join(["True"] * n),
+        "observation_terms_history_length": ",".join(["0"] * n),
+        "observation_terms_clip": ",".join(["-inf;inf"] * n),
+        "action_scale": _csv([contract.action_scale_rad] * facts.N_JOINTS),
+    }
+
+
+_OF_TERMS: Final = (
+    ("observation_terms_scale", "1.0"),
+    ("observation_terms_clip", "-inf;inf"),
+    ("observation_terms_history_length", "0"),
+)
+
+
+def _term(name: str, scale: str, clip: str, history: str, *, joints: tuple[str, ...]) -> Term:
+    meaning = meaning_of(name.strip(), "observation_names")
+    is_of_joints = meaning.field.startswith("joint_") or meaning.field == "last_action"
+    low, high = _floats(clip.split(";"), "observation_terms_clip")
+    length = max(int(float(history)), 1)
+    if length > MAX_HISTORY:
+        raise BadInputError(f"observation_terms_history_length = {length}; allowed: at most {MAX_HISTORY}")
+    return Term(
+        meaning.field,
+        joint_names=joints if is_of_joints else (),
+        is_absolute=meaning.is_absolute,
+        scale=_floats(scale.split(";"), "observation_terms_scale"),
+        clip=(low, high),
+        history=length,
+    )
+
+
+def _entries(metadata: Mapping[str, str], key: str, default: str, count: int) -> list[str]:
+    entries = metadata[key].split(",") if key in metadata else [default] * count
+    if len(entries) != count:
+        raise BadInputError(f"{key} has {len(entries)} entries for {count} observation terms")
+    return entries
+
+
+def _joint_values(metadata: Mapping[str, str], key: str) -> tuple[float, ...]:
+    values = _floats(metadata[key].split(","), key)
+    values = values * facts.N_JOINTS if len(values) == 1 else values
+    if len(values) != facts.N_JOINTS:
+        raise BadInputError(f"{key} has {len(values)} values; {facts.N_JOINTS} are needed, one a joint")
+    return values
+
+
+def _floats(words: list[str], key: str) -> tuple[float, ...]:
+    try:
+        values = tuple(float(word) for word in words)
+    except ValueError as error:
+        raise BadInputError(f"{key}: {error}") from error
+    if any(math.isnan(value) for value in values):
+        raise BadInputError(f"{key} holds a value that is no number")
+    return values
+
+
+def _csv(values: tuple[float, ...] | list[float]) -> str:
+    return ",".join(f"{value:.6g}" for value in values)

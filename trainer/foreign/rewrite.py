@@ -1,0 +1,157 @@
+"""A foreign network between two small maps, as one ONNX file that takes our observation and holds our contract."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+import onnx
+import onnxruntime
+from numpy.typing import NDArray
+from onnx import TensorProto, compose, helper, numpy_helper
+
+from spot_model.errors import BadInputError
+from spot_model.policy.contract import INPUT_NAME, METADATA_KEY, OUTPUT_NAME, PolicyContract, StoredPair, TrainingRecord
+from spot_model.policy.observation import N_OBSERVATION
+from spot_model.policy.policy import policy_from_bytes
+from spot_model.robot import facts
+from trainer.foreign.affine import ObservationMap, common_scale, observation_map
+from trainer.foreign.description import ForeignPolicy
+
+PREFIX: Final = "theirs_"
+PROOFS: Final = 64
+TOLERANCE: Final = 1e-4
+"""Largest difference between the foreign network, asked directly, and the file that is written."""
+
+
+def ours_from(network: bytes, policy: ForeignPolicy, *, revision: str) -> bytes:
+    """The file that our runtime loads.
+
+    Args:
+        network: The foreign ONNX file.
+        policy: What its numbers mean.
+        revision: What the contract says of where it came from.
+
+    Raises:
+        BadInputError: The network is recurrent, has other shapes than the description, or the file that was made does
+            not give the foreign network's actions.
+    """
+    theirs = onnx.load_from_string(network)
+    source, target = _ends(theirs, policy)
+    seen = observation_map(policy)
+    session = onnxruntime.InferenceSession(network, providers=["CPUExecutionProvider"])
+    ours = np.random.default_rng(48).normal(size=(PROOFS, policy.history * N_OBSERVATION)).astype(np.float32)
+    gain = np.array(policy.action_scale_rad) / common_scale(policy)
+    asked = [
+        session.run([target], {source: seen(row[None]).astype(np.float32)})[0][0] for row in ours.astype(np.float64)
+    ]
+    actions = np.array(asked) * gain
+    contract = _contract(policy, ours[0], actions[0], revision)
+    data = _joined(theirs, source, target, seen, gain, contract)
+    made = policy_from_bytes(data, source="the imported policy")
+    error = max(float(np.abs(made.act(row) - action).max()) for row, action in zip(ours, actions, strict=True))
+    if not error <= TOLERANCE:
+        raise BadInputError(f"the file that was made differs from the network by {error:g}; allowed: {TOLERANCE:g}")
+    return data
+
+
+def _ends(model: onnx.ModelProto, policy: ForeignPolicy) -> tuple[str, str]:
+    """Names of the network's one input and of its action."""
+    weights = {tensor.name for tensor in model.graph.initializer}
+    inputs = [value for value in model.graph.input if value.name not in weights]
+    states = [value.name for value in inputs if value.name.startswith(("h_in", "c_in", "hidden", "cell"))]
+    if states:
+        raise BadInputError(
+            f"the network is recurrent (input {', '.join(states)}); only networks without memory are run"
+        )
+    if len(inputs) != 1:
+        raise BadInputError(f"the network has inputs {', '.join(v.name for v in inputs)}; one observation is expected")
+    width = _width(inputs[0])
+    if width != policy.width:
+        raise BadInputError(
+            f"the network sees {width} numbers, and its terms have {policy.width}: "
+            f"{', '.join(f'{t.field} {t.width}×{t.history}' for t in policy.terms)}; the side file is another run's"
+        )
+    action = next((v for v in model.graph.output if v.name in {"actions", "action", "output"}), model.graph.output[0])
+    if _width(action) not in (facts.N_JOINTS, 0):
+        raise BadInputError(f"the network's output {action.name!r} has {_width(action)} numbers; 12 joints are moved")
+    return inputs[0].name, action.name
+
+
+def _width(value: onnx.ValueInfoProto) -> int:
+    shape = value.type.tensor_type.shape.dim
+    return int(shape[-1].dim_value) if shape else 0
+
+
+def _joined(
+    theirs: onnx.ModelProto,
+    source: str,
+    target: str,
+    seen: ObservationMap,
+    gain: NDArray[np.float64],
+    contract: PolicyContract,
+) -> bytes:
+    graph = compose.add_prefix_graph(theirs.graph, PREFIX)
+    before, weights = _observation_nodes(seen, PREFIX + source)
+    after = helper.make_node("Mul", [PREFIX + target, "joint_gain"], [OUTPUT_NAME])
+    weights.append(_tensor("joint_gain", gain[None]))
+    width = contract.observation_history * N_OBSERVATION
+    nodes = [*before, *graph.node, after]
+    joined = helper.make_graph(
+        nodes,
+        "policy",
+        [helper.make_tensor_value_info(INPUT_NAME, TensorProto.FLOAT, [1, width])],
+        [helper.make_tensor_value_info(OUTPUT_NAME, TensorProto.FLOAT, [1, facts.N_JOINTS])],
+        [*weights, *graph.initializer],
+    )
+    model = helper.make_model(joined, opset_imports=theirs.opset_import, producer_name="spot-rl")
+    model.ir_version = min(theirs.ir_version, 10)
+    for node in model.graph.node:
+        node.ClearField("doc_string")
+        node.ClearField("metadata_props")
+    helper.set_model_props(model, {METADATA_KEY: contract.to_json()})
+    onnx.checker.check_model(model, full_check=True)
+    data: bytes = model.SerializeToString()
+    return data
+
+
+def _observation_nodes(seen: ObservationMap, out: str) -> tuple[list[Any], list[Any]]:
+    """Nodes from our observation to theirs; no clip and no scale where there is none."""
+    steps = [("MatMul", "observation_matrix", seen.matrix), ("Add", "observation_offset", seen.offset[None])]
+    if np.isfinite(seen.low).any() or np.isfinite(seen.high).any():
+        bound = np.finfo(np.float32).max
+        steps += [
+            ("Max", "observation_low", np.maximum(seen.low, -bound)[None]),
+            ("Min", "observation_high", np.minimum(seen.high, bound)[None]),
+        ]
+    if (seen.scale != 1.0).any():
+        steps.append(("Mul", "observation_scale", seen.scale[None]))
+    nodes, current = [], INPUT_NAME
+    for i, (operator, name, _) in enumerate(steps):
+        result = out if i + 1 == len(steps) else f"{name}_done"
+        nodes.append(helper.make_node(operator, [current, name], [result]))
+        current = result
+    return nodes, [_tensor(name, value) for _, name, value in steps]
+
+
+def _tensor(name: str, values: NDArray[np.float64]) -> onnx.TensorProto:
+    return numpy_helper.from_array(values.astype(np.float32), name)
+
+
+def _contract(
+    policy: ForeignPolicy, ours: NDArray[np.float32], action: NDArray[np.float64], revision: str
+) -> PolicyContract:
+    return PolicyContract(
+        name=policy.name,
+        joint_names=policy.joint_names,
+        default_position_rad=policy.default_position_rad,
+        action_scale_rad=common_scale(policy),
+        kp_nm_per_rad=policy.kp_nm_per_rad,
+        kd_nm_s_per_rad=policy.kd_nm_s_per_rad,
+        rate_hz=policy.rate_hz,
+        observation_history=policy.history,
+        velocity_command_low=policy.command_low,
+        velocity_command_high=policy.command_high,
+        training=TrainingRecord(run=revision, command="spot-rl policy import"),
+        stored_pair=StoredPair(observation=tuple(map(float, ours)), action=tuple(map(float, action))),
+    )

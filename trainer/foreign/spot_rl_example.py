@@ -1,0 +1,80 @@
+"""The vendor's RL example: an ONNX file beside one JSON file, a fixed observation, a fixed joint order; in and out.
+
+The example reads gains, default pose and scale from the JSON and nothing else. Its input is ``obs``, and its first
+output the action.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from spot_model.errors import BadInputError
+from spot_model.policy.contract import PolicyContract
+from spot_model.policy.observation import OBSERVATION
+from trainer.foreign.description import BREADTH_FIRST, ForeignPolicy, Term, by_joint
+from trainer.foreign.environment import DEFAULT_COMMANDS, command_ranges, gains_of, get
+
+STANDING_HEIGHT_M = 0.5
+
+
+def find_environment(policy: Path) -> Path:
+    """The one JSON file beside the policy.
+
+    Raises:
+        BadInputError: There is none, or more than one.
+    """
+    found = sorted(policy.parent.glob("*.json"))
+    if len(found) != 1:
+        raise BadInputError(f"{policy.parent} holds {len(found)} JSON files; the example wants one beside the policy")
+    return found[0]
+
+
+def describe(environment: Mapping[str, Any], name: str) -> ForeignPolicy:
+    """What the example would do with this file.
+
+    Raises:
+        BadInputError: Something is missing; the message names it.
+    """
+    joints = BREADTH_FIRST
+    rate_hz, assumed = 50.0, ["50 Hz: the file names no rate; --rate-hz names another"]
+    if "decimation" in environment and "dt" in (environment.get("sim") or {}):
+        rate_hz, assumed = 1.0 / (float(environment["sim"]["dt"]) * int(environment["decimation"])), []
+    (low, high), told = command_ranges(environment) if "commands" in environment else (DEFAULT_COMMANDS, ())
+    return ForeignPolicy(
+        name=name,
+        terms=tuple(Term(field.name, joint_names=joints if field.is_of_joints else ()) for field in OBSERVATION),
+        joint_names=joints,
+        default_position_rad=by_joint(get(environment, "scene.robot.init_state.joint_pos"), joints, "joint_pos"),
+        action_scale_rad=by_joint(get(environment, "actions.joint_pos.scale"), joints, "actions.joint_pos.scale"),
+        kp_nm_per_rad=gains_of(environment, "stiffness", joints),
+        kd_nm_s_per_rad=gains_of(environment, "damping", joints),
+        rate_hz=rate_hz,
+        command_low=low,
+        command_high=high,
+        assumed=(*assumed, *told),
+    )
+
+
+def environment_of(contract: PolicyContract) -> dict[str, Any]:
+    """The JSON that the example reads for a policy of ours."""
+    actuators = {
+        name: {"joint_names_expr": [name], "stiffness": kp, "damping": kd}
+        for name, kp, kd in zip(contract.joint_names, contract.kp_nm_per_rad, contract.kd_nm_s_per_rad, strict=True)
+    }
+    pose = dict(zip(contract.joint_names, contract.default_position_rad, strict=True))
+    low, high = contract.velocity_command_low, contract.velocity_command_high
+    ranges = {key: [low[i], high[i]] for i, key in enumerate(("lin_vel_x", "lin_vel_y", "ang_vel_z"))}
+    return {
+        "sim": {"dt": 1.0 / contract.rate_hz},
+        "decimation": 1,
+        "scene": {
+            "robot": {
+                "actuators": actuators,
+                "init_state": {"pos": [0.0, 0.0, STANDING_HEIGHT_M], "joint_pos": pose},
+            }
+        },
+        "actions": {"joint_pos": {"scale": contract.action_scale_rad}},
+        "commands": {"base_velocity": {"ranges": ranges}},
+    }
