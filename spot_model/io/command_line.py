@@ -68,7 +68,7 @@ def build_app(commands: dict[str, EntryPoint], chosen: str | None) -> typer.Type
         group, _, leaf = name.rpartition(".")
         if group not in groups:
             groups[group] = typer.Typer(callback=_stand_in, no_args_is_help=True, help=GROUP_HELP.get(group))
-            app.add_typer(groups[group], name=group, hidden=group in FOR_DEVELOPERS)
+            app.add_typer(groups[group], name=group, rich_help_panel=_panel(group), hidden=group in FOR_DEVELOPERS)
         place: dict[str, Any] = {"rich_help_panel": _panel(name), "hidden": name in FOR_DEVELOPERS}
         if name != chosen:
             groups[group].command(leaf, help=describe_command(entry), **place)(_stand_in)
