@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import os
 import select
-import subprocess
-import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,25 +15,10 @@ from typing import Final
 from typing_extensions import Self
 
 from spot_model.errors import SpotRlError
+from spot_model.io.child_process import ChildProcess
 
 START_TIMEOUT_S: Final = 30.0
 STOP_TIMEOUT_S: Final = 10.0
-
-# A process of its own with the rights that a robot's computer has: it must not compete with what it is driven by.
-_LAUNCH: Final = """
-import os, sys
-cpus = [int(word) for word in sys.argv.pop(2).split(",") if word]
-if cpus:
-    os.sched_setaffinity(0, cpus)
-priority = int(sys.argv.pop(1))
-if priority:
-    try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
-    except OSError:
-        pass
-from spot_model.io.command_line import main
-main(sys.argv[1:])
-"""
 
 
 class FakeProcessError(SpotRlError):
@@ -81,8 +64,8 @@ class FakeProcess:
         words += ["--lock-step"] if is_lock_step else []
         words += [] if state_dir is None else ["--state-dir", str(state_dir)]
         stay = ",".join(str(cpu) for cpu in cpus)
-        self._command = [sys.executable, "-c", _LAUNCH, str(fifo_priority), stay, *words]
-        self._process: subprocess.Popen[bytes] | None = None
+        self._arguments = [str(fifo_priority), stay, *words]
+        self._process: ChildProcess | None = None
 
     def __enter__(self) -> Self:
         """Start it and wait until it serves.
@@ -90,9 +73,7 @@ class FakeProcess:
         Raises:
             FakeProcessError: It does not serve within 30 s; the message holds its last words.
         """
-        self._process = subprocess.Popen(  # noqa: S603 - our own command line
-            self._command, stdin=subprocess.PIPE, stdout=subprocess.PIPE
-        )
+        self._process = ChildProcess.start("proof.fake_launch", *self._arguments, is_heard=True)
         try:
             self.address = _address(json.loads(self._first_line(self._process)))
         except BaseException:
@@ -109,31 +90,21 @@ class FakeProcess:
     def stop(self) -> None:
         """End it; a second call does nothing."""
         process, self._process = self._process, None
-        if process is None:
-            return
-        for pipe in (process.stdin, process.stdout):
-            if pipe is not None:
-                pipe.close()
-        try:
-            process.wait(timeout=STOP_TIMEOUT_S)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
+        if process is not None:
+            process.end(STOP_TIMEOUT_S)
 
     @staticmethod
-    def _first_line(process: subprocess.Popen[bytes]) -> bytes:
-        if process.stdout is None:
-            raise FakeProcessError("the fake robot's output is not readable")
+    def _first_line(process: ChildProcess) -> bytes:
         deadline_s = time.monotonic() + START_TIMEOUT_S
         received = b""
         while b"\n" not in received:
             left_s = deadline_s - time.monotonic()
-            if left_s <= 0.0 or not select.select([process.stdout], [], [], left_s)[0]:
+            if left_s <= 0.0 or not select.select([process.output], [], [], left_s)[0]:
                 raise FakeProcessError(f"the fake robot did not serve within {START_TIMEOUT_S:g} s; run it by itself")
-            chunk = os.read(process.stdout.fileno(), 65536)
+            chunk = os.read(process.output.fileno(), 65536)
             if not chunk:
-                code = process.wait()
-                raise FakeProcessError(f"the fake robot ended with exit code {code} before it served; see above")
+                process.end()
+                raise FakeProcessError(f"the fake robot ended before it served ({process.end_in_words}); see above")
             received += chunk
         return received.partition(b"\n")[0]
 

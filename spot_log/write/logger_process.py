@@ -8,8 +8,6 @@ import re
 import select
 import socket
 import struct
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -21,6 +19,7 @@ from spot_log.format.records import CommandRecord, EventRecord, RunHeader, TickR
 from spot_log.write import hand_off
 from spot_log.write.run_writer import active_path, check_can_start
 from spot_log.write.sink import TOPICS, SinkHealth
+from spot_model.io.child_process import ChildProcess
 from spot_model.robot.state import RobotState, SlowState
 from spot_protos import log_pb2
 
@@ -39,8 +38,8 @@ Record = TypeVar("Record")
 class LoggerProcess:
     """A :class:`~spot_log.write.sink.LogSink` that writes to a file from another process."""
 
-    def __init__(self, process: subprocess.Popen[bytes], connection: socket.socket, path: Path) -> None:
-        self._process = process
+    def __init__(self, child: ChildProcess, connection: socket.socket, path: Path) -> None:
+        self._child = child
         self._socket = connection
         self.path = path
         self._sequence = [0] * len(TOPICS)
@@ -69,19 +68,20 @@ class LoggerProcess:
         with theirs:
             # The kernel grants what its wmem_max allows; the child drains into memory, so little is enough.
             ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
-            command = [sys.executable, "-m", "spot_log.write.logger_child", str(theirs.fileno()), str(path)]
-            process = subprocess.Popen(  # noqa: S603 - our own command line
-                command, stdin=subprocess.PIPE, pass_fds=(theirs.fileno(),), env=without_secrets(os.environ)
+            child = ChildProcess.start(
+                "spot_log.write.logger_child",
+                str(theirs.fileno()),
+                str(path),
+                told=codec.header_to_proto(header).SerializeToString(),
+                descriptors=(theirs.fileno(),),
+                environment=without_secrets(os.environ),
             )
-        sink = LoggerProcess(process, ours, path)
+        sink = LoggerProcess(child, ours, path)
         try:
-            assert process.stdin is not None  # noqa: S101
-            with process.stdin as stdin:
-                stdin.write(codec.header_to_proto(header).SerializeToString())
             sink._wait_ready(timeout_s)
         except (OSError, LogError) as error:
-            process.kill()
-            process.wait()
+            child.kill()
+            child.end()
             ours.close()
             raise error if isinstance(error, LogError) else LogError(f"the log's process: {error}") from error
         return sink
@@ -89,7 +89,7 @@ class LoggerProcess:
     @property
     def process_id(self) -> int:
         """The number of the log's process."""
-        return self._process.pid
+        return self._child.pid
 
     def state(self, wire: bytes, host_stamp_ns: int) -> None:
         """Log one state as wire bytes and receive stamp."""
@@ -123,12 +123,12 @@ class LoggerProcess:
     def health(self) -> SinkHealth:
         """Read the process's reports, without waiting."""
         self._read_status()
-        if self._is_alive and self._process.poll() is not None:
+        if self._is_alive and self._child.exit_code is not None:
             self._is_alive = False
         problem = self._child_problem or self._own_problem
         if not self._is_alive and not self._is_closed:
             problem = (
-                f"the log's process ended ({_exit_text(self._process)}); {active_path(self.path)} holds what it had"
+                f"the log's process ended ({self._child.end_in_words}); {active_path(self.path)} holds what it had"
             )
         elif not problem and any(self._dropped):
             problem = f"the log's process does not keep up: {sum(self._dropped)} messages dropped"
@@ -147,9 +147,7 @@ class LoggerProcess:
                 self._socket.shutdown(socket.SHUT_WR)
             except OSError as error:
                 self._own_problem = f"the log could not be told to close: {error}"
-        try:
-            self._process.wait(max(0.1, deadline_s - time.monotonic()))
-        except subprocess.TimeoutExpired:
+        if self._child.wait(max(0.1, deadline_s - time.monotonic())) is None:
             self._own_problem = f"the log's process has not finished after {CLOSE_TIMEOUT_S:g} s; it goes on by itself"
         self.health()
         self._is_closed, self._is_alive = True, False
@@ -176,7 +174,7 @@ class LoggerProcess:
         readable, _, _ = select.select([self._socket], [], [], timeout_s)
         data = self._socket.recv(hand_off.MAX_DATAGRAM_BYTES) if readable else b""
         if not data:
-            raise LogError(f"the log's process did not start within {timeout_s:g} s ({_exit_text(self._process)})")
+            raise LogError(f"the log's process did not start within {timeout_s:g} s ({self._child.end_in_words})")
         status = json.loads(data)
         if not status["ready"]:
             raise LogError(status["refused"])
@@ -208,10 +206,3 @@ def _check_directory(path: Path) -> None:
         raise
     except OSError as error:
         raise LogError(f"cannot log to {path.parent}: {error}") from error
-
-
-def _exit_text(process: subprocess.Popen[bytes]) -> str:
-    code = process.poll()
-    if code is None:
-        return "it still runs"
-    return f"killed by signal {-code}" if code < 0 else f"exit code {code}"

@@ -6,8 +6,6 @@ import os
 import select
 import shutil
 import socket
-import subprocess
-import sys
 from pathlib import Path
 from types import TracebackType
 from typing import Final
@@ -16,6 +14,7 @@ from typing_extensions import Self
 
 from spot_log.write.live_tap import SOCKET_VARIABLE
 from spot_model.errors import BadInputError, SpotRlError
+from spot_model.io.child_process import ChildProcess
 from spot_runtime.host.private_folder import make_private_folder
 
 FOLDER_PREFIX: Final = "spot-rl-live-"
@@ -37,7 +36,7 @@ class LiveProcess:
         """Serve on ``port``; 0 takes a free one."""
         self.port = port
         self._is_wanted = is_wanted
-        self._process: subprocess.Popen[bytes] | None = None
+        self._process: ChildProcess | None = None
         self._folder: Path | None = None
 
     @staticmethod
@@ -68,9 +67,9 @@ class LiveProcess:
                 listener.bind(f"{path}.new")
                 listener.listen(4)
                 Path(f"{path}.new").rename(path)
-                command = [sys.executable, "-m", "spot_runtime.live.live_child", str(listener.fileno()), str(self.port)]
-                self._process = subprocess.Popen(  # noqa: S603 - our own command line
-                    command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, pass_fds=(listener.fileno(),)
+                arguments = (str(listener.fileno()), str(self.port))
+                self._process = ChildProcess.start(
+                    "spot_runtime.live.live_child", *arguments, descriptors=(listener.fileno(),), is_heard=True
                 )
             self.port = self._wait_ready(self._process)
         except BaseException:
@@ -102,21 +101,12 @@ class LiveProcess:
         if folder is not None:
             os.environ.pop(SOCKET_VARIABLE, None)
             shutil.rmtree(folder, ignore_errors=True)
-        if process is None:
-            return
-        for pipe in (process.stdin, process.stdout):
-            if pipe is not None:
-                pipe.close()
-        try:
-            process.wait(STOP_TIMEOUT_S)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
+        if process is not None:
+            process.end(STOP_TIMEOUT_S)
 
-    def _wait_ready(self, process: subprocess.Popen[bytes]) -> int:
-        assert process.stdout is not None  # noqa: S101
-        readable = select.select([process.stdout], [], [], START_TIMEOUT_S)[0]
-        words = process.stdout.readline().decode(errors="replace").strip() if readable else "no answer"
+    def _wait_ready(self, process: ChildProcess) -> int:
+        readable = select.select([process.output], [], [], START_TIMEOUT_S)[0]
+        words = process.output.readline().decode(errors="replace").strip() if readable else "no answer"
         if not words.isdecimal():
             raise LiveViewError(f"the live view cannot be served on port {self.port}: {words}; name another port")
         return int(words)

@@ -6,7 +6,6 @@ The module is also that process: the specification comes on standard input, what
 from __future__ import annotations
 
 import os
-import subprocess
 import sys
 import time
 from typing import Final
@@ -14,6 +13,7 @@ from typing import Final
 from pydantic import BaseModel, ConfigDict
 
 from spot_model.errors import SpotRlError
+from spot_model.io.child_process import ChildProcess
 from spot_runtime.config import RunConfig
 from spot_runtime.hal.connection.address import parse_address
 from spot_runtime.operator.rescue.lease_note import note_folder, note_path
@@ -37,7 +37,7 @@ class MendingSpec(BaseModel):
 class Mending:
     """One try; nothing here waits for it."""
 
-    def __init__(self, process: subprocess.Popen[bytes]) -> None:
+    def __init__(self, process: ChildProcess) -> None:
         """Use a started process."""
         self._process = process
         self._deadline_s = time.monotonic() + KILL_AFTER_S
@@ -50,25 +50,17 @@ class Mending:
     @staticmethod
     def start(spec: MendingSpec) -> Mending:
         """Begin. Raises OSError where the system cannot start a process."""
-        command = [sys.executable, "-m", "spot_runtime.operator.rescue.rescue_process"]
-        process = subprocess.Popen(  # noqa: S603 - our own command line
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
-        )
-        if process.stdin is not None:
-            with process.stdin as stdin:
-                stdin.write(spec.model_dump_json(by_alias=True).encode())
-        return Mending(process)
+        told = spec.model_dump_json(by_alias=True).encode()
+        return Mending(ChildProcess.start(__name__, told=told, is_heard=True, has_own_session=True))
 
     def result(self) -> tuple[bool, str] | None:
         """Whether the robot is safe, and what was done; None while it is under way."""
-        if self._process.poll() is None:
+        if self._process.exit_code is None:
             if time.monotonic() > self._deadline_s:
                 self._process.kill()
             return None
-        words = b"" if self._process.stdout is None else self._process.stdout.read(4096)
-        if self._process.stdout is not None:
-            self._process.stdout.close()
-        code = self._process.wait()
+        words = self._process.output.read(4096)
+        code = self._process.end()
         return code == 0, words.decode(errors="replace").strip() or f"{MAY_HAVE_POWER}: exit code {code}"
 
 

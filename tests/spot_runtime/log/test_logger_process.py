@@ -81,13 +81,13 @@ def test_a_run_through_the_process_is_whole(synthetic_run, tmp_path, sink):
 def test_a_flood_drops_without_waiting_and_every_drop_is_counted(synthetic_run, sink):
     """A stopped process reads nothing, so the socket fills; what it then gets and the drops add up exactly."""
     wire = synthetic_run().message(0).SerializeToString()
-    os.kill(sink._process.pid, signal.SIGSTOP)
+    os.kill(sink._child.pid, signal.SIGSTOP)
     for i in range(30_000):
         sink.state(wire, i)
     dropped = sink.dropped["state"]
     assert 0 < dropped < 30_000
     assert "does not keep up" in sink.health().problem
-    os.kill(sink._process.pid, signal.SIGCONT)
+    os.kill(sink._child.pid, signal.SIGCONT)
     sink.close("completed")
     run = read_run(sink.path)
     assert run.footer is not None
@@ -126,8 +126,8 @@ def test_a_dead_logger_harms_nobody_and_leaves_a_readable_log(synthetic_run, sin
     made_up = synthetic_run()
     made_up.feed(sink)
     wait_until(lambda: len(read_run(active_path(sink.path)).states) == made_up.n_states, "everything flushed")
-    sink._process.kill()
-    sink._process.wait()
+    sink._child.kill()
+    sink._child.wait(60.0)
     before = sink.dropped["state"]
     for i in range(50):
         sink.state(made_up.message(0).SerializeToString(), i)
@@ -136,7 +136,7 @@ def test_a_dead_logger_harms_nobody_and_leaves_a_readable_log(synthetic_run, sin
     assert sink.dropped["command"] == 1
     health = sink.health()
     assert not health.is_alive
-    assert "killed by signal 9" in health.problem
+    assert "killed by signal SIGKILL" in health.problem
     assert "run.mcap.active" in health.problem
     sink.close("completed")
     run = read_run(active_path(sink.path))
@@ -165,7 +165,7 @@ def test_a_killed_parent_leaves_a_whole_log_that_says_so(synthetic_run, tmp_path
 
 def test_the_process_outlives_the_signals_that_end_the_loop(synthetic_run, sink):
     for number in HANDLED:
-        sink._process.send_signal(number)
+        sink._child.send(number)
     fed = synthetic_run(duration_s=0.3).feed(sink)
     sink.close("stopped by SIGINT")
     run = read_run(sink.path)
