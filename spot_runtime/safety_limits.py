@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 
@@ -25,12 +27,45 @@ class SafetyLimits(BaseModel):
     body_height_m: float = Field(
         default=0.25, ge=0.0, le=0.6, description="Body over its lowest foot's sole; a lower body has collapsed."
     )
+    body_velocity_m_s: float = Field(
+        default=10.0, gt=0.0, le=100.0, description="Measured; half as much again as the quickest gait."
+    )
+    body_turn_rate_rad_s: float = Field(
+        default=20.0, gt=0.0, le=100.0, description="Measured; three turns a second are none of a robot that walks."
+    )
+    load_nm: float = Field(
+        default=400.0, gt=0.0, le=5000.0, description="Measured, any joint: more than three times the knee's limit."
+    )
     joint_velocity_rad_s: float = Field(default=40.0, gt=0.0, le=100.0, description="Measured, any joint.")
     joint_position_margin_rad: float = Field(
-        default=0.15, ge=0.0, le=1.0, description="A joint measured this far beyond its stop is not believed."
+        default=0.25, ge=0.0, le=1.0, description="A joint measured this far beyond its stop is not believed."
+    )
+    signals: Literal["stop", "warn"] = Field(
+        default="stop", description="What follows when signals stand still or contradict each other: a stop, or a word."
     )
     setpoint_step_rad: float = Field(
         default=1.5, gt=0.0, le=10.0, description="A set-point may move this far in a policy period; the rest is cut."
+    )
+    setpoint_speed_rad_s: float = Field(
+        default=75.0,
+        gt=0.0,
+        le=500.0,
+        description="The same as a speed, for policies of another rate than 50 Hz: three times what a knee can do.",
+    )
+    policy_kp_nm_per_rad: float = Field(
+        default=300.0, gt=0.0, le=1000.0, description="Stiffness that a policy's contract may ask for, any joint."
+    )
+    policy_kd_nm_s_per_rad: float = Field(
+        default=15.0, gt=0.0, le=50.0, description="Damping that a policy's contract may ask for, any joint."
+    )
+    policy_action_scale_rad: float = Field(
+        default=1.0, gt=0.0, le=2.0, description="Set-point per unit of action that a contract may ask for."
+    )
+    policy_action_torque_nm: float = Field(
+        default=113.0, gt=0.0, le=1000.0, description="Stiffness times scale: the torque that a unit of action implies."
+    )
+    policy_rate_hz: tuple[float, float] = Field(
+        default=(10.0, 200.0), description="Least and largest rate that a contract may ask for."
     )
     setpoint_step_ticks: int = Field(default=5, ge=1, le=1000, description="Cut steps in a row before the stop.")
     setpoint_overshoot_rad: float = Field(
@@ -61,4 +96,7 @@ class SafetyLimits(BaseModel):
     def _ages_rise(self) -> SafetyLimits:
         if not self.state_age_warn_s < self.state_age_damp_s < self.state_age_stop_s:
             raise ValueError("must rise: state_age_warn_s < state_age_damp_s < state_age_stop_s")
+        low_hz, high_hz = self.policy_rate_hz
+        if not 1.0 <= low_hz <= high_hz <= 333.0:
+            raise ValueError("policy_rate_hz must be two rates, 1 Hz to 333 Hz, the smaller first")
         return self

@@ -71,6 +71,21 @@ class StopReason(Enum):
         Reaction.DAMP, 32, "set-points stay far beyond a joint's stop", "check the policy's scale and joint order"
     )
     TICKS_SKIPPED = StopRule(Reaction.DAMP, 33, "too many policy ticks were lost", "check load and priority")
+    SIGNAL_FROZEN = StopRule(
+        Reaction.DAMP, 34, "a signal stands still though its neighbours move", "check the robot's sensors"
+    )
+    SIGNALS_CONTRADICT = StopRule(
+        Reaction.DAMP, 35, "signals contradict each other", "check the robot's sensors and its joint order"
+    )
+    SIGNAL_DOUBTED = StopRule(
+        Reaction.HAND_BACK, 36, "a signal that control does not need is wrong", "check the robot's sensors"
+    )
+    SIGNAL_OUT_OF_RANGE = StopRule(
+        Reaction.DAMP, 37, "a signal is beyond what any Spot can do", "check the robot's sensors and units"
+    )
+    POLICY_OUT_OF_BOUNDS = StopRule(
+        Reaction.DAMP, 38, "the policy's contract asks for more than is allowed", "check it, or the keys of 'safety'"
+    )
     COMMAND_UNCONFIRMED = StopRule(Reaction.DAMP, 40, "the robot confirms no command", "check the link")
     COMMAND_REFUSED = StopRule(Reaction.EXPIRE, 41, "the robot ended the command stream", "see the robot's message")
     ACTIVATION_FAILED = StopRule(
@@ -90,6 +105,9 @@ class StopReason(Enum):
     BATTERY_LOW = StopRule(Reaction.HAND_BACK, 50, "the battery is low", "charge or change the battery")
     MOTOR_HOT = StopRule(Reaction.HAND_BACK, 51, "a motor is hot", "let the robot cool down")
     SYSTEM_FAULT = StopRule(Reaction.HAND_BACK, 52, "the robot reports a system fault", "see the robot's own page")
+    BATTERY_UNKNOWN = StopRule(
+        Reaction.HAND_BACK, 53, "battery or temperatures are not known", "see the robot's own page"
+    )
     LOG_FAILED = StopRule(Reaction.HAND_BACK, 60, "the log no longer records", "free the disk, then start again")
     INTERNAL_ERROR = StopRule(Reaction.DAMP, 70, "a defect of this program", "report it with the log")
 

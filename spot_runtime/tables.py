@@ -22,7 +22,8 @@ def limits_table() -> str:
     """Every bound of the safety core with its default, as a Markdown table."""
     lines = ["| key | default | meaning |", "|---|---|---|"]
     for name, field in SafetyLimits.model_fields.items():
-        lines.append(f"| `{name}` | {field.default:g} | {field.description or ''} |")
+        default = f"{field.default:g}" if isinstance(field.default, (int, float)) else f"{field.default}"
+        lines.append(f"| `{name}` | {default} | {field.description or ''} |")
     return "\n".join(lines)
 
 

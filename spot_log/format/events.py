@@ -34,6 +34,7 @@ class EventName(Enum):
     LABEL = (Severity.INFO, "the operator labelled the log: key=value")
     POLICY_SWITCHED = (Severity.INFO, "another policy was loaded while standing")
     STAND_FAILED = (Severity.WARNING, "the vendor's stand was not reached at the end; the robot sits down all the same")
+    SIGNAL_DOUBTED = (Severity.WARNING, "a signal stands still or contradicts others, and the configuration lets it")
     POWER_OFF = (Severity.INFO, "the robot sits and its motors are off")
     POWER_OFF_FAILED = (Severity.ERROR, "the robot could not be powered off")
 

@@ -98,6 +98,13 @@ class PolicyContract(BaseModel):
             )
         if min(self.kp_nm_per_rad) < 0.0 or min(self.kd_nm_s_per_rad) < 0.0:
             raise ValueError("kp_nm_per_rad and kd_nm_s_per_rad must be at least 0")
+        if max(self.kp_nm_per_rad) > 1000.0 or max(self.kd_nm_s_per_rad) > 50.0:
+            raise ValueError("kp_nm_per_rad must be at most 1000 (the vendor's stand: 936), kd_nm_s_per_rad at most 50")
+        for name, angle in zip(self.joint_names, self.default_position_rad, strict=True):
+            joint = facts.JOINT_NAMES.index(name)
+            low, high = facts.POSITION_LOW_RAD[joint], facts.POSITION_HIGH_RAD[joint]
+            if not low <= angle <= high:
+                raise ValueError(f"default_position_rad of {name} is {angle:g}; allowed: {low:g} to {high:g}")
         for low, high in zip(self.velocity_command_low, self.velocity_command_high, strict=True):
             if low > high:
                 raise ValueError("velocity_command_low must not exceed velocity_command_high")

@@ -23,8 +23,9 @@ from spot_runtime.control.loop_stats import LoopStats
 from spot_runtime.control.memory import Act, Memory, Plan, Step, first_memory
 from spot_runtime.control.modes import Mode
 from spot_runtime.control.records import command_record, state_age_s, tick_record
+from spot_runtime.control.safety.policy_bounds import check_policy, with_speed_limit
 from spot_runtime.control.seen import Seen
-from spot_runtime.control.step import after_failure, control_step, stopped
+from spot_runtime.control.step import after_failure, check_step, control_step, stopped
 from spot_runtime.control.tick import TickMemory, TickResult, tick
 from spot_runtime.control.warm_up import WarmReceiver
 from spot_runtime.hal.base import Hal, JointControl
@@ -72,7 +73,16 @@ class ControlLoop:
             wall_s: Measures how long computing takes.
         """
         self._hal, self._sink, self._on_event, self._wall_s = hal, sink, on_event, wall_s
-        self._plan = Plan(config, policy, policy.gains(), source.sample, self._timed_tick)
+        contract, pose_rad = policy.contract, policy.default_position_rad[policy.canonical_from_policy]
+        self._plan = Plan(
+            config,
+            policy,
+            policy.gains(),
+            source.sample,
+            self._timed_tick,
+            with_speed_limit(config.safety, contract.rate_hz),
+            check_policy(contract, pose_rad, config.safety),
+        )
         self._receiver = WarmReceiver(hal)
         self._inference_s = 0.0
         self.memory: Memory = first_memory(self._plan, hal.robot_now_ns())
@@ -156,6 +166,8 @@ class ControlLoop:
             stamp_ns = step.tick.state.robot_stamp_ns
             acquisition_age_s = (seen.robot_ns - stamp_ns) / NS_PER_S
             self.stats.ticked(stamp_ns, compute_s, state_age_s(step.tick, seen), acquisition_age_s, step.tick.lost)
+        if step.usable:
+            self.memory = check_step(step)
         self.stats.departures(self._hal.departures())
         if step.newest is not None:
             self._receiver.arrivals.add(step.newest)

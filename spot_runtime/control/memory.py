@@ -17,11 +17,13 @@ from spot_runtime.config import HandoverConfig, RunConfig
 from spot_runtime.control.handover import LoadAverage, Setpoint
 from spot_runtime.control.modes import Mode
 from spot_runtime.control.safety.safety import SetpointMemory
+from spot_runtime.control.safety.signals.check import SignalMemory
 from spot_runtime.control.safety.watchdogs import WatchMemory
 from spot_runtime.control.seen import Phase
 from spot_runtime.control.tick import TickMemory, TickResult, TickSchedule, schedule_for
+from spot_runtime.safety_limits import SafetyLimits
 from spot_runtime.sources.base import VelocityCommand
-from spot_runtime.stops import Ending
+from spot_runtime.stops import Ending, Stop
 
 NO_VELOCITY_COMMAND: Final = np.zeros(3)
 NO_VELOCITY_COMMAND.flags.writeable = False
@@ -36,6 +38,10 @@ class Plan(NamedTuple):
     velocity_at: Callable[[float, int], VelocityCommand]
     """The wanted velocity, from seconds in full control and the host's clock."""
     tick: Callable[[TickMemory, RobotState, Array, Policy], tuple[TickMemory, TickResult]]
+    limits: SafetyLimits
+    """Those of the configuration, for this policy's rate."""
+    refusal: Stop | None = None
+    """Why this policy must not have the joints."""
 
 
 class Drive(NamedTuple):
@@ -71,6 +77,10 @@ class Memory(NamedTuple):
     """Of the newest command."""
     sent_ns: int = 0
     """When it was made, robot clock."""
+    signals: SignalMemory = SignalMemory()
+    """What the checks of the robot's signals remember."""
+    found: tuple[Stop, ...] = ()
+    """What they found since the last step."""
 
 
 class Act(Enum):
@@ -100,9 +110,14 @@ class Step(NamedTuple):
     acts: tuple[Act, ...] = ()
     events: tuple[EventRecord, ...] = ()
     command: JointCommand | None = None
-    newest: RobotState | None = None
-    """The newest usable state among those that have arrived."""
+    usable: tuple[RobotState, ...] = ()
+    """The usable states among those that have arrived, oldest first."""
     tick: Tick | None = None
+
+    @property
+    def newest(self) -> RobotState | None:
+        """The newest usable state."""
+        return self.usable[-1] if self.usable else None
 
 
 def first_memory(plan: Plan, robot_ns: int) -> Memory:

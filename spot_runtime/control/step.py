@@ -20,6 +20,7 @@ from spot_runtime.control.memory import NO_VELOCITY_COMMAND, Act, Drive, Memory,
 from spot_runtime.control.modes import Mode, ModeInputs, next_mode
 from spot_runtime.control.notes import Notes
 from spot_runtime.control.safety import safety, watchdogs
+from spot_runtime.control.safety.signals.check import asked, check_signals
 from spot_runtime.control.seen import Phase, Seen
 from spot_runtime.control.set_point import asked_setpoint, within_stops
 from spot_runtime.control.tick import TickResult
@@ -38,8 +39,9 @@ def control_step(memory: Memory, seen: Seen, plan: Plan) -> Step:
     Raises:
         Exception: Whatever the policy or the source raises; :func:`after_failure` is the step to take then.
     """
-    notes, phase, limits = Notes(memory.told, seen.host_ns, seen.robot_ns), memory.phase, plan.config.safety
+    notes, phase, limits = Notes(memory.told, seen.host_ns, seen.robot_ns), memory.phase, plan.limits
     watch, usable, stops = watchdogs.screen(memory.watch, seen.states, seen.robot_ns, limits, notes)
+    found = _found(memory, plan, notes)
     watch, later_stops = watchdogs.look(watch, seen, phase, plan.config, notes)
     newest = usable[-1] if usable else None
     schedule, is_tick, lost = memory.schedule, False, 0
@@ -63,8 +65,9 @@ def control_step(memory: Memory, seen: Seen, plan: Plan) -> Step:
             memory.told,
             memory.key,
             memory.sent_ns,
+            memory.signals,
         ),
-        (*stops, *later_stops),
+        (*found, *stops, *later_stops),
         seen,
         notes,
     )
@@ -91,8 +94,23 @@ def control_step(memory: Memory, seen: Seen, plan: Plan) -> Step:
         notes.told,
         memory.key if command is None else command.key,
         memory.sent_ns if command is None else seen.robot_ns,
+        memory.signals,
     )
-    return Step(after, acts, tuple(notes.events), command, newest, tick)
+    return Step(after, acts, tuple(notes.events), command, tuple(usable), tick)
+
+
+def check_step(step: Step) -> Memory:
+    """Judge the signals of the states that a step used, once its command has left. What is found counts as of the next.
+
+    Returns:
+        The step's memory with what was found.
+    """
+    memory = step.memory
+    signals, mode = memory.signals, memory.phase.mode
+    if step.command is not None and (step.tick is not None or Act.BEGIN in step.acts):
+        signals = asked(signals, step.command)
+    signals, found = check_signals(signals, step.usable, is_standing=mode is Mode.READY, is_driven=mode.runs_policy)
+    return memory._replace(signals=signals, found=found)
 
 
 def stopped(memory: Memory, stop: Stop, seen: Seen) -> Step:
@@ -113,6 +131,15 @@ def after_failure(memory: Memory, error: Exception, seen: Seen) -> Step:
     memory, acts = _end(memory, stop, notes)
     memory, more = _enter(memory, Mode.RELEASED if is_last_resort else Mode.DAMPING, seen, notes)
     return Step(memory, acts + more, tuple(notes.events))
+
+
+def _found(memory: Memory, plan: Plan, notes: Notes) -> tuple[Stop, ...]:
+    """What stands against this policy, and what the checks of the signals found after the last step."""
+    refused = () if plan.refusal is None else (plan.refusal,)
+    if memory.found and plan.limits.signals == "warn":
+        notes.once(EventName.SIGNAL_DOUBTED, memory.found[0].sentence(), memory.found[0].values)
+        return refused
+    return (*refused, *memory.found)
 
 
 # Modes ---------------------------------------------------------------------------------------------------------------
@@ -232,7 +259,7 @@ def _aim(
 def _limited(
     memory: Memory, result: TickResult | None, seen: Seen, plan: Plan, notes: Notes
 ) -> tuple[Memory, Stop | None]:
-    phase, drive, limits = memory.phase, memory.drive, plan.config.safety
+    phase, drive, limits = memory.phase, memory.drive, plan.limits
     hold, newest = drive.hold, memory.watch.newest
     if hold is None:
         raise RuntimeError("there is no held pose; joint control has not begun")
@@ -271,7 +298,7 @@ def _is_command_due(
 
 
 def _command(memory: Memory, seen: Seen, plan: Plan) -> JointCommand:
-    current, robot_ns, limits = memory.drive.current, seen.robot_ns, plan.config.safety
+    current, robot_ns, limits = memory.drive.current, seen.robot_ns, plan.limits
     if current is None:
         raise RuntimeError("there is no set-point to send")
     command = JointCommand(

@@ -23,6 +23,10 @@ START_NS = 1_700_000_000_000_000_000
 PERIOD_NS = facts.STATE_PERIOD_NS
 
 
+STAND_LOAD_NM = np.array([-19.0, 0.5, 16.0, 19.0, 0.5, 16.0] * 2)
+"""What carries the body of a robot that stands."""
+
+
 def make_state(stamp_ns: int = START_NS, **changes: object) -> RobotState:
     """A robot that stands in the default pose."""
     index = stamp_ns // PERIOD_NS
@@ -31,7 +35,7 @@ def make_state(stamp_ns: int = START_NS, **changes: object) -> RobotState:
         host_stamp_ns=stamp_ns,
         position_rad=facts.DEFAULT_POSITION_RAD + 1e-6 * (index % 7),
         velocity_rad_s=np.zeros(12),
-        load_nm=np.tile([2.0, -3.0, -20.0], 4),
+        load_nm=STAND_LOAD_NM.copy(),
         position_of_body_in_odom_m=np.zeros(3),
         odom_from_body_wxyz=np.array([1.0, 0.0, 0.0, 0.0]),
         linear_vel_of_body_in_odom_m_s=np.zeros(3),

@@ -50,7 +50,17 @@ RANGES = {
     "tilt_rad": (0.785398, None, 3.2),
     "body_height_m": (0.25, 0.0, 0.6),
     "joint_velocity_rad_s": (40.0, None, 100.0),
-    "joint_position_margin_rad": (0.15, 0.0, 1.0),
+    "body_velocity_m_s": (10.0, None, 100.0),
+    "body_turn_rate_rad_s": (20.0, None, 100.0),
+    "load_nm": (400.0, None, 5000.0),
+    "joint_position_margin_rad": (0.25, 0.0, 1.0),
+    "signals": ("stop", None, None),
+    "setpoint_speed_rad_s": (75.0, None, 500.0),
+    "policy_kp_nm_per_rad": (300.0, None, 1000.0),
+    "policy_kd_nm_s_per_rad": (15.0, None, 50.0),
+    "policy_action_scale_rad": (1.0, None, 2.0),
+    "policy_action_torque_nm": (113.0, None, 1000.0),
+    "policy_rate_hz": ([10.0, 200.0], None, None),
     "setpoint_step_rad": (1.5, None, 10.0),
     "setpoint_step_ticks": (5, 1, 1000),
     "setpoint_overshoot_rad": (1.0, None, 20.0),
@@ -69,10 +79,12 @@ RANGES = {
 
 def test_every_bound_has_its_default_and_its_range() -> None:
     properties = SafetyLimits.model_json_schema()["properties"]
-    told = {key: (entry["default"], entry.get("minimum"), entry["maximum"]) for key, entry in properties.items()}
+    told = {key: (entry["default"], entry.get("minimum"), entry.get("maximum")) for key, entry in properties.items()}
     assert told == RANGES
     above = {key for key, entry in properties.items() if entry.get("exclusiveMinimum") == 0.0}
-    assert above == {key for key, (_, least, _) in RANGES.items() if least is None}
+    assert above == {
+        key for key, (_, least, _) in RANGES.items() if least is None and key not in ("signals", "policy_rate_hz")
+    }
 
 
 @pytest.mark.parametrize(
@@ -286,11 +298,11 @@ def test_joint_velocity_counts_joint_by_joint(
 @pytest.mark.parametrize("side", [-1, 1])
 def test_a_joint_beyond_its_stop_by_more_than_the_margin(make_state: MakeState, joint: int, side: int) -> None:
     stops = facts.POSITION_LOW_RAD if side < 0 else facts.POSITION_HIGH_RAD
-    for beyond_rad, is_stop in ((0.149, False), (0.151, True)):
+    for beyond_rad, is_stop in ((0.249, False), (0.251, True)):
         position = facts.DEFAULT_POSITION_RAD.copy()
         position[joint] = stops[joint] + side * beyond_rad
         stop = judged(make_state(position_rad=position))
-        values: dict[str, Any] = {"beyond_rad": pytest.approx(0.151), "bound_rad": 0.15}
+        values: dict[str, Any] = {"beyond_rad": pytest.approx(0.251), "bound_rad": 0.25}
         assert stop == (Stop(StopReason.JOINT_POSITION, facts.JOINT_NAMES[joint], values) if is_stop else None)
 
 

@@ -119,7 +119,7 @@ def test_heading_is_not_tilt(make_state: MakeState) -> None:
 def test_a_joint_that_is_too_fast_or_beyond_its_stop_is_named(make_state: MakeState) -> None:
     velocity, position = np.zeros(12), make_state().position_rad.copy()
     velocity[5] = -41.0
-    position[9] = 1.0
+    position[9] = 1.1
     _, _, fast = safety.screen_state(StateMemory(), make_state(velocity_rad_s=velocity), START_NS, LIMITS)
     _, _, beyond = safety.screen_state(StateMemory(), make_state(position_rad=position), START_NS, LIMITS)
     assert fast is not None

@@ -22,6 +22,12 @@ from spot_runtime.stops import CRITICAL, Stop, StopReason
 END_TIME_MAX_S: Final = 0.1
 """No command is ever valid for longer than this."""
 
+KP_MAX: Final = 1000.0
+"""N·m/rad; the vendor's stand has 936."""
+
+KD_MAX: Final = 50.0
+"""N·m·s/rad; the largest damping that a configuration may ask for."""
+
 _LOWS_RAD: Final = facts.POSITION_LOW_RAD.tolist()
 _HIGHS_RAD: Final = facts.POSITION_HIGH_RAD.tolist()
 _NOTHING_CUT: Final = np.zeros(facts.N_JOINTS, dtype=np.bool_)
@@ -191,6 +197,9 @@ def check_slow_state(slow: SlowState, host_now_ns: int, limits: SafetyLimits) ->
         return Stop(StopReason.BEHAVIOR_FAULT, ", ".join(slow.behavior_faults))
     if not slow.motors_powered:
         return Stop(StopReason.MOTORS_OFF)
+    unknown = _unknown(slow)
+    if unknown:
+        return Stop(StopReason.BATTERY_UNKNOWN, unknown)
     if slow.battery_charge_percent < limits.battery_percent:
         values = {"charge_percent": slow.battery_charge_percent, "bound_percent": limits.battery_percent}
         return Stop(StopReason.BATTERY_LOW, "", values)
@@ -202,6 +211,18 @@ def check_slow_state(slow: SlowState, host_now_ns: int, limits: SafetyLimits) ->
     if critical:
         return Stop(StopReason.SYSTEM_FAULT, ", ".join(critical))
     return None
+
+
+def _unknown(slow: SlowState) -> str:
+    """Names of the values that are no number; unknown is not good."""
+    named = {
+        "charge": slow.battery_charge_percent,
+        "voltage": slow.battery_voltage_v,
+        "current": slow.battery_current_a,
+        **{f"battery temperature {i + 1}": value for i, value in enumerate(slow.battery_temperature_c)},
+        **slow.motor_temperature_c,
+    }
+    return ", ".join(name for name, value in named.items() if not math.isfinite(value))
 
 
 def check_command(command: JointCommand, last_key: int, robot_now_ns: int) -> str | None:
@@ -217,6 +238,10 @@ def check_command(command: JointCommand, last_key: int, robot_now_ns: int) -> st
         return "it holds a value that is no number"
     if not _is_between(command.position_rad, command.position_rad):
         return "a set-point lies beyond a joint's stop"
+    for name, values, bound in (("kp", gains.kp_nm_per_rad, KP_MAX), ("kd", gains.kd_nm_s_per_rad, KD_MAX)):
+        listed = values.tolist()
+        if min(listed) < 0.0 or max(listed) > bound:
+            return f"its {name} lies outside 0 to {bound:g}"
     return None
 
 
@@ -242,14 +267,30 @@ def _broken_values(state: RobotState, limits: SafetyLimits) -> Stop | None:
         return Stop(StopReason.STATE_NOT_FINITE, f"a state holds {state.position_rad.shape} joint values; needed: 12")
     w, x, y, z = state.odom_from_body_wxyz.tolist()
     norm = w * w + x * x + y * y + z * z
-    motion = sum(state.linear_vel_of_body_in_odom_m_s.tolist()) + sum(state.angular_vel_of_body_in_odom_rad_s.tolist())
+    linear, angular = state.linear_vel_of_body_in_odom_m_s.tolist(), state.angular_vel_of_body_in_odom_rad_s.tolist()
+    motion = sum(linear) + sum(angular) + sum(state.position_of_body_in_odom_m.tolist())
     if not math.isfinite(_sum(state.position_rad, state.velocity_rad_s, state.load_nm) + motion + norm):
         return Stop(StopReason.STATE_NOT_FINITE)
     error = abs(math.sqrt(norm) - 1.0)
     if error > limits.quaternion_norm_error:
         values = {"norm_error": error, "bound": limits.quaternion_norm_error}
         return Stop(StopReason.STATE_ATTITUDE, "", values)
-    return None
+    return _out_of_range(linear, angular, state.load_nm.tolist(), limits)
+
+
+def _out_of_range(
+    linear_m_s: list[float], angular_rad_s: list[float], load_nm: list[float], limits: SafetyLimits
+) -> Stop | None:
+    speed, turn_rate, load = math.hypot(*linear_m_s), math.hypot(*angular_rad_s), max(*load_nm, -min(load_nm))
+    if speed > limits.body_velocity_m_s:
+        what, values = "the body's velocity", {"velocity_m_s": speed, "bound_m_s": limits.body_velocity_m_s}
+    elif turn_rate > limits.body_turn_rate_rad_s:
+        what, values = "its turn rate", {"turn_rate_rad_s": turn_rate, "bound_rad_s": limits.body_turn_rate_rad_s}
+    elif load > limits.load_nm:
+        what, values = "a joint's load", {"load_nm": load, "bound_nm": limits.load_nm}
+    else:
+        return None
+    return Stop(StopReason.SIGNAL_OUT_OF_RANGE, what, values)
 
 
 def _body_out_of_bounds(state: RobotState, limits: SafetyLimits) -> Stop | None:

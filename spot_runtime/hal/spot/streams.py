@@ -80,7 +80,7 @@ class StateReceiver:
         try:
             for wire in self._call:
                 stamp_ns = now_ns()
-                put(robot_state_from_wire(wire, stamp_ns, with_imu=False))
+                put(robot_state_from_wire(wire, stamp_ns))
                 # The log can wait until the loop has answered, and the answer has left; each gets a turn.
                 let_others_run()
                 let_others_run()
@@ -111,7 +111,7 @@ class FedStates:
             return
         try:
             for wire in wires:
-                state = robot_state_from_wire(wire, self._receipt_ns, with_imu=False)
+                state = robot_state_from_wire(wire, self._receipt_ns)
                 self.states.put(state)
                 self._on_wire(wire, state.host_stamp_ns)
         except StateMessageError as error:

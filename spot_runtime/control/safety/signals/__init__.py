@@ -1,0 +1,1 @@
+"""Whether the robot's signals can be true: against each other, against what is sent, and against physics."""

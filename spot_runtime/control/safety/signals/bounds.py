@@ -1,0 +1,168 @@
+"""Every threshold of the plausibility checks, with its derivation. None was chosen on a fault that the checks find.
+
+Sizes of ordinary errors are upper ends of what such sensors and estimators do. Figures of the robot are those of
+:mod:`spot_model.robot.facts`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from spot_model.robot import facts
+
+WINDOW_S: Final = 0.018
+"""A window of states spans at least this: one policy period of 20 ms, less a state of 3 ms that may be early."""
+
+GAP_S: Final = 0.0075
+"""Two states further apart than two and a half periods of 3 ms leave a hole in a window, which is then not judged."""
+
+# Signals that stand still ---------------------------------------------------------------------------------------------
+
+MOVING_SHARE: Final = 0.5
+"""A signal is held to move only while half of its neighbours do: six joints of twelve, the legs of a diagonal."""
+
+POSITION_NOISE_RAD: Final = 1e-4
+"""Motion of a neighbour that counts. A joint encoder of 16 bits resolves 2π / 65536 = 1e-4 rad; a signal that moved by
+less may truly repeat its value."""
+
+VELOCITY_NOISE_RAD_S: Final = 0.01
+"""The same for velocities: one step of that encoder within 10 ms, the time over which velocities are formed."""
+
+LOAD_NOISE_NM: Final = 0.05
+"""The same for loads: a 12-bit torque sensor over ±113 N·m, the knee's range, resolves 226 / 4096 = 0.055 N·m."""
+
+STILL_WINDOWS: Final = 10
+"""Windows in a row, 0.2 s. At a probability of one half for each repetition by chance, 1 in 1000 would be wrong; with
+neighbours that move by more than the resolution in each window, a repetition is far less likely than that."""
+
+QUICK_FACTOR: Final = 50.0
+"""Neighbours that move by fifty times the resolution in 20 ms leave no room for repetition by chance, ..."""
+
+QUICK_WINDOWS: Final = 5
+"""... so half the time is enough: a joint that turns round at 3 Hz with 0.05 rad passes 200 steps of its encoder."""
+
+LOAD_WINDOWS_STILL: Final = 25
+"""A load repeats its value while the motor gives all that it can: not for half a second at any gait."""
+
+# A joint's velocity against the slope of its position -----------------------------------------------------------------
+
+SLOPE_MEMORY_S: Final = 0.2
+"""The difference fades with this time constant: about one stride at the quickest gaits (5 Hz)."""
+
+SLOPE_RAD: Final = 0.04
+"""Difference that is always allowed: a velocity biased by 0.1 rad/s over the memory is 0.02 rad, an encoder whose
+eccentricity is ten of its minutes of arc adds 0.003 rad, and backlash of 1° between encoder and joint 0.017 rad."""
+
+SLOPE_LAG_S: Final = 0.015
+"""Velocities are filtered: a lag of two to four state periods (6 to 12 ms), and half a period of the trapezoid rule,
+times the range over which the velocity moved, is the difference that they cause."""
+
+SLOPE_WINDOWS: Final = 2
+"""Windows in a row, so that one state with an impact in it decides nothing."""
+
+# Attitude against turn rate -------------------------------------------------------------------------------------------
+
+TURN_MEMORY_S: Final = 0.5
+"""As above; the body turns more slowly than joints do."""
+
+TURN_RAD: Final = 0.06
+"""A gyro biased by 0.05 rad/s over the memory is 0.025 rad, a scale error of 2 % at 1.5 rad/s 0.015 rad,
+and corrections of an estimator by accelerometer and legs, at most 1° within the memory, 0.017 rad."""
+
+TURN_LAG_S: Final = 0.015
+"""Lag between the estimator's attitude and rate, times the range of the rate."""
+
+TURN_WINDOWS: Final = 3
+
+# Attitude against gravity ---------------------------------------------------------------------------------------------
+
+GRAVITY_M_S2: Final = 9.81
+GRAVITY_MEMORY_S: Final = 1.0
+"""Specific force, less the change of the body's velocity, is averaged over this: several strides of any gait."""
+
+GRAVITY_ANGLE_RAD: Final = 0.25
+"""Between averaged specific force and the attitude's vertical: 3° of estimator, 2° of mounting, and a mean acceleration
+that is not seen in the velocity of 1.5 m/s² (8.7°) are 14°."""
+
+GRAVITY_LEAST_M_S2: Final = 6.0
+"""A shorter average is none of gravity: the robot reports accelerations without it, and nothing can be told."""
+
+IMU_ANGLE_RAD: Final = 0.2
+"""Between the attitude of the body and that of the inertial unit, which is bolted to it: 11°, of which 2° are mounting,
+3° estimators, and 6° a lag of 20 ms at 5 rad/s."""
+
+IMU_TURN_RATE_RAD_S: Final = 1.0
+"""Between the mean turn rates of both over a window: filters' lag of 15 ms at 50 rad/s², 0.75, and biases."""
+
+IMU_TURN_RATE_SHARE: Final = 0.3
+IMU_WINDOWS: Final = 5
+"""In a row, 0.1 s."""
+
+# The body's velocity against feet that stand --------------------------------------------------------------------------
+
+FOOT_SPEED_M_S: Final = 0.5
+"""A foot that stands moves by the sums of errors: 0.1 m/s of the estimator, 0.35 m (hip to foot) times a turn-rate
+error of 0.1 rad/s, 0.65 m of leg times joint-velocity errors of 0.3 rad/s at touch-down, and slip of 0.15 m/s."""
+
+FOOT_SPEED_SHARE: Final = 0.5
+"""The same, for what grows with speed: feet that lose their grip slide at up to half the body's speed; beside that,
+odometry scale, filters' lag and the rolling of the sole are small."""
+
+FOOT_MEMORY_S: Final = 0.5
+FOOT_SHARE: Final = 0.75
+"""Share of the time with contact in which no foot in contact stands. In flight and at touch-down no foot stands; a
+gait that lands on any foot has one that does for at least a quarter of its contact."""
+
+# Contacts -------------------------------------------------------------------------------------------------------------
+
+LEG_M: Final = -(facts.KN_FROM_HY_M[2] + facts.FOOT_FROM_KN_M[2])
+LOWEST_HIP_M: Final = 0.25
+TRAVEL_M: Final = 1.25 * 2.0 * math.sqrt(LEG_M**2 - LOWEST_HIP_M**2)
+"""The body cannot travel further with the same feet on the ground: twice the reach of a stretched leg under a hip at
+its lowest allowed height, and a quarter for feet that slide and odometry that errs."""
+
+AIRBORNE_S: Final = 0.8
+"""No foot on the ground for longer than a jump to twice the height of the hips, 0.8 m: 2·sqrt(2·0.8 m / g)."""
+
+# Load against set-point and motion ------------------------------------------------------------------------------------
+
+LOAD_NM: Final = 30.0
+"""Difference that is always allowed between the measured load and what the servo law asks: friction and gear losses of
+10 N·m, rotor inertia 0.073 kg·m² at 200 rad/s², 15 N·m, and a sensor's offset of 5 N·m."""
+
+LOAD_SHARE: Final = 0.5
+"""The same as a share of what is asked: gains that err by 15 %, a sensor's scale by 10 %, and a torque that is limited
+by speed, temperature or voltage to less than was asked."""
+
+LOAD_LAG_S: Final = 0.012
+"""Position and velocity at which the robot's servo acts are this much older or newer than those reported."""
+
+SETPOINTS: Final = 3
+"""A load may answer any of the newest set-points: 20 ms of link and a period of delay are two that are older."""
+
+LOAD_WINDOWS: Final = 5
+
+# The body at rest, before anything is taken over ----------------------------------------------------------------------
+
+REST_SPEED_M_S: Final = 0.4
+"""A robot that stands in place sways by some 0.05 m/s; a push that the vendor's stand catches is over in 0.2 s."""
+
+REST_TURN_RATE_RAD_S: Final = 0.6
+REST_JOINT_SPEED_RAD_S: Final = 1.5
+REST_WINDOWS: Final = 10
+"""0.2 s."""
+
+CARRIED_LEAST: Final = 0.3
+CARRIED_MOST: Final = 3.0
+"""Force of the ground by the loads of a robot that stands, as a share of its weight: a payload of its own weight and
+gear friction of half the load lie between; a load of the wrong sign or unit does not."""
+
+WEIGHT_N: Final = facts.TOTAL_MASS_KG * GRAVITY_M_S2
+
+SIDEWAYS_SHARE: Final = 0.6
+"""Force along the ground on a foot of a robot that stands, as a share of the upward one: what rubber holds on a smooth
+floor, and the tangent of a slope of 31°. Legs taken for those of the other side seem to press harder."""
+
+FOOT_LEAST_SHARE: Final = 0.1
+"""Of the weight on one foot; the direction of a smaller force says little."""

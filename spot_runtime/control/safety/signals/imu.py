@@ -1,0 +1,62 @@
+"""Attitude and turn rate against the inertial unit, which feels gravity and turns with the body."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from spot_model.robot.state import Array
+from spot_runtime.control.safety.signals import bounds
+from spot_runtime.control.safety.signals.window import Window, turned_rad
+
+_NOTHING = np.zeros(3)
+
+
+class ImuMemory(NamedTuple):
+    """What was felt of late."""
+
+    force_m_s2: Array = _NOTHING
+    """Specific force in odom less the body's acceleration, summed over a time that fades. Shape (3,), m/s² · s."""
+    felt_s: float = 0.0
+    """That time."""
+    angle_windows: int = 0
+    turn_rate_windows: int = 0
+
+    @property
+    def tilt_error_rad(self) -> float:
+        """Angle between what was felt and the vertical; 0 until enough was felt, or where gravity is not reported."""
+        length = math.sqrt(float(self.force_m_s2 @ self.force_m_s2))
+        is_gravity = length >= bounds.GRAVITY_LEAST_M_S2 * self.felt_s
+        if self.felt_s < 0.25 * bounds.GRAVITY_MEMORY_S or not is_gravity:
+            return 0.0
+        return math.acos(max(-1.0, min(1.0, float(self.force_m_s2[2]) / length)))
+
+
+def after_window(memory: ImuMemory, window: Window) -> ImuMemory:
+    """The memory after one more window; without packets nothing is judged."""
+    if not window.imu:
+        return memory
+    packets, first, last = window.imu, window.first, window.last
+    force = np.mean([packet.acceleration_of_imu_in_link_m_s2 for packet in packets], axis=0)
+    turn_rate = np.mean([packet.angular_vel_of_link_in_link_rad_s for packet in packets], axis=0)
+    gained = last.linear_vel_of_body_in_odom_m_s - first.linear_vel_of_body_in_odom_m_s
+    fade = max(0.0, 1.0 - window.duration_s / bounds.GRAVITY_MEMORY_S)
+    felt = memory.force_m_s2 * fade + window.odom_from_body @ force * window.duration_s - gained
+    angle, rate_error = 0.0, 0.0
+    attitude = packets[-1].odom_from_link_wxyz
+    if attitude.any():
+        apart = turned_rad(last.odom_from_body_wxyz, attitude)
+        angle = math.sqrt(float(apart @ apart))
+    expected = window.turn_rad / window.duration_s
+    difference = window.odom_from_body @ turn_rate - expected
+    rate_error = math.sqrt(float(difference @ difference)) - bounds.IMU_TURN_RATE_SHARE * math.sqrt(
+        float(expected @ expected)
+    )
+    return ImuMemory(
+        felt,
+        memory.felt_s * fade + window.duration_s,
+        memory.angle_windows + 1 if angle > bounds.IMU_ANGLE_RAD else 0,
+        memory.turn_rate_windows + 1 if rate_error > bounds.IMU_TURN_RATE_RAD_S else 0,
+    )

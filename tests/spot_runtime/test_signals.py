@@ -1,0 +1,285 @@
+"""Robots that lie, one signal at a time, and robots that do not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from spot_model.robot import facts
+from spot_model.robot.state import Gains, JointCommand, RobotState
+from spot_runtime.control.safety.body_height import body_height_m
+from spot_runtime.control.safety.signals import bounds, check, still
+from spot_runtime.control.safety.signals.legs import feet, ground_forces_n, sole_speeds_m_s
+from spot_runtime.control.safety.signals.window import rotation_matrix, turned_rad, window_of
+from spot_runtime.stops import Stop, StopReason
+from tests.spot_runtime.conftest import STAND_LOAD_NM
+from tests.spot_runtime.walking_robot import WalkingRobot
+
+Lie = Callable[[RobotState], RobotState]
+LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
+
+
+def states_of(robot: WalkingRobot, seconds: float) -> tuple[RobotState, ...]:
+    return tuple(robot.state(index, key=index) for index in range(round(seconds / 0.003)))
+
+
+WALKING = states_of(WalkingRobot(), 6.0)
+STANDING = states_of(WalkingRobot(is_walking=False), 2.0)
+
+
+def seen(
+    states: tuple[RobotState, ...], make_lie: Callable[[], Lie] | None = None, *, begin_s: float = 0.6
+) -> tuple[float, Stop] | None:
+    """The first stop and when it came, s since the lie began; None where there is none."""
+    memory, is_standing = check.SignalMemory(), states is STANDING
+    lie: Lie | None = None
+    for index, true_state in enumerate(states):
+        state, true_rad = true_state, true_state.position_rad
+        if make_lie is not None and index * 0.003 >= begin_s:
+            lie = lie or make_lie()
+            state = lie(state)
+        if index % 7 == 0 and not is_standing:  # set-points that gave these loads where the joints really are
+            wanted = true_rad + STAND_LOAD_NM / facts.POLICY_KP_NM_PER_RAD
+            memory = check.asked(memory, JointCommand(index, wanted, np.zeros(12), np.zeros(12), Gains.policy(), 1))
+        memory, stops = check.check_signals(memory, [state], is_standing=is_standing, is_driven=not is_standing)
+        if stops:
+            return index * 0.003 - begin_s, stops[0]
+    return None
+
+
+def frozen(name: str, index: Any = slice(None)) -> Callable[[], Lie]:
+    def make() -> Lie:
+        kept: list[Any] = []
+
+        def lie(state: RobotState) -> RobotState:
+            values = getattr(state, name).copy()
+            kept.append(values.copy())
+            values[index] = kept[0][index]
+            return replace(state, **{name: values})
+
+        return lie
+
+    return make
+
+
+def changed(**functions: Callable[[Any], Any]) -> Callable[[], Lie]:
+    def lie(state: RobotState) -> RobotState:
+        return replace(state, **{name: change(getattr(state, name)) for name, change in functions.items()})
+
+    return lambda: lie
+
+
+def both(*makers: Callable[[], Lie]) -> Callable[[], Lie]:
+    def make() -> Lie:
+        lies = [maker() for maker in makers]
+
+        def lie(state: RobotState) -> RobotState:
+            for each in lies:
+                state = each(state)
+            return state
+
+        return lie
+
+    return make
+
+
+def exchanged(a: int, b: int) -> Callable[[], Lie]:
+    order = np.arange(12)
+    order[3 * a : 3 * a + 3], order[3 * b : 3 * b + 3] = np.arange(3 * b, 3 * b + 3), np.arange(3 * a, 3 * a + 3)
+    take = lambda values: values[order]  # noqa: E731 - one expression, used three times
+    return changed(position_rad=take, velocity_rad_s=take, load_nm=take)
+
+
+JOINT_SIGNALS = ("position_rad", "velocity_rad_s", "load_nm")
+ATTITUDE, LINEAR, ANGULAR = (
+    "odom_from_body_wxyz",
+    "linear_vel_of_body_in_odom_m_s",
+    "angular_vel_of_body_in_odom_rad_s",
+)
+CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
+
+
+def without_imu(maker: Callable[[], Lie]) -> Callable[[], Lie]:
+    return both(maker, changed(imu=lambda _: ()))
+
+
+def test_a_robot_that_tells_the_truth_is_believed() -> None:
+    assert seen(WALKING) is None
+    assert seen(STANDING) is None
+    assert seen(states_of(WalkingRobot(is_walking=False, noise=0.0), 2.0)) is None
+    assert seen(states_of(WalkingRobot(turn_rate_rad_s=-1.5, noise=3.0), 3.0)) is None
+    assert seen(states_of(WalkingRobot(noise=0.01), 3.0)) is None
+
+
+@pytest.mark.parametrize("name", JOINT_SIGNALS)
+@pytest.mark.parametrize("joint", range(12))
+@pytest.mark.parametrize("is_walking", [True, False])
+def test_one_frozen_signal_of_one_joint(name: str, joint: int, is_walking: bool) -> None:
+    found = seen(WALKING if is_walking else STANDING, frozen(name, joint))
+    assert found is not None
+    after_s, stop = found
+    assert facts.JOINT_NAMES[joint] in stop.detail
+    assert after_s < (0.27 if name != "load_nm" else 0.65)
+    assert stop.reason is (StopReason.SIGNAL_DOUBTED if name == "load_nm" else stop.reason)
+
+
+LIES = {
+    "eleven joints of twelve": (both(*(frozen(name, slice(0, 11)) for name in JOINT_SIGNALS)), 0.3),
+    "all positions": (frozen("position_rad"), 0.3),
+    "all velocities": (frozen("velocity_rad_s"), 0.3),
+    "all loads": (frozen("load_nm"), 0.65),
+    "attitude": (frozen(ATTITUDE), 0.3),
+    "attitude, no inertial unit": (without_imu(frozen(ATTITUDE)), 0.3),
+    "body velocity": (frozen(LINEAR), 0.3),
+    "one component of it": (frozen(LINEAR, 1), 0.3),
+    "turn rate": (frozen(ANGULAR), 0.3),
+    "body velocity reversed": (changed(**{LINEAR: lambda v: -v}), 1.5),
+    "body velocity in another frame": (changed(**{LINEAR: lambda v: np.array([v[1], -v[0], v[2]])}), 1.5),
+    "body velocity 1.5 m/s off": (changed(**{LINEAR: lambda v: v + np.array([1.5, 0.0, 0.0])}), 2.5),
+    "turn rate in degrees": (changed(**{ANGULAR: lambda v: v * 57.3}), 0.3),
+    "turn rate in degrees, no inertial unit": (without_imu(changed(**{ANGULAR: lambda v: v * 57.3})), 0.5),
+    "joint velocity in degrees": (changed(velocity_rad_s=lambda v: v * 57.3), 0.3),
+    "joint velocity reversed": (changed(velocity_rad_s=lambda v: -v), 0.5),
+    "joint velocity zero": (changed(velocity_rad_s=lambda v: v * 0.0), 0.5),
+    "load in another unit": (changed(load_nm=lambda v: v * 10.0), 0.5),
+    "quaternion conjugated": (changed(**{ATTITUDE: lambda q: q * CONJUGATE}), 0.3),
+    "quaternion conjugated, no inertial unit": (without_imu(changed(**{ATTITUDE: lambda q: q * CONJUGATE})), 2.0),
+    "quaternion scalar last": (changed(**{ATTITUDE: lambda q: np.roll(q, -1)}), 0.3),
+    "front legs exchanged": (exchanged(0, 1), 0.5),
+    "left legs exchanged": (exchanged(0, 2), 0.5),
+    "diagonal legs exchanged": (exchanged(0, 3), 0.5),
+    "inertial unit turned": (
+        changed(imu=lambda p: tuple(replace(x, odom_from_link_wxyz=np.array([0.8, 0.6, 0.0, 0.0])) for x in p)),
+        0.3,
+    ),
+    "inertial unit spins": (
+        changed(imu=lambda p: tuple(replace(x, angular_vel_of_link_in_link_rad_s=np.full(3, 3.0)) for x in p)),
+        0.3,
+    ),
+    "gravity from the side": (
+        changed(imu=lambda p: tuple(replace(x, acceleration_of_imu_in_link_m_s2=np.array([0, 9.81, 0])) for x in p)),
+        1.5,
+    ),
+    "contacts": (frozen("foot_contact"), 4.0),
+    "no contact any more": (changed(foot_contact=lambda c: c & False), 1.0),
+}
+
+
+@pytest.mark.parametrize("name", LIES)
+def test_a_robot_that_lies_while_it_walks(name: str) -> None:
+    lie, within_s = LIES[name]
+    found = seen(WALKING, lie)
+    assert found is not None
+    after_s, stop = found
+    assert after_s <= within_s, stop.sentence()
+    doubted = ("loads", "contact")
+    assert (stop.reason is StopReason.SIGNAL_DOUBTED) == any(word in name for word in doubted), stop
+
+
+STANDING_LIES = (
+    "eleven joints of twelve",
+    "all velocities",
+    "all loads",
+    "attitude",
+    "body velocity",
+    "body velocity 1.5 m/s off",
+    "turn rate",
+    "load in another unit",
+    "quaternion conjugated",
+    "quaternion scalar last",
+    "front legs exchanged",
+    "diagonal legs exchanged",
+    "inertial unit turned",
+    "inertial unit spins",
+    "gravity from the side",
+)
+
+
+@pytest.mark.parametrize("name", STANDING_LIES)
+def test_a_robot_that_lies_while_it_stands(name: str) -> None:
+    found = seen(STANDING, LIES[name][0])
+    assert found is not None
+    assert found[0] < (0.8 if name == "all loads" else 0.27)
+
+
+def test_loads_that_are_not_reported_are_no_lie() -> None:
+    assert seen(STANDING, changed(load_nm=lambda v: v * 0.0), begin_s=0.0) is None
+
+
+def test_loads_that_push_the_robot_into_the_ground_are_one() -> None:
+    found = seen(STANDING, changed(load_nm=lambda v: -v))
+    assert found is not None
+    assert found[1].detail == "loads, legs and weight of a robot that stands"
+
+
+# Parts ---------------------------------------------------------------------------------------------------------------
+
+
+def test_feet_move_as_their_positions_do() -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        position = facts.DEFAULT_POSITION_RAD + 0.3 * rng.standard_normal(12)
+        velocity = rng.standard_normal(12)
+        before, after = feet(position - 1e-6 * velocity, velocity), feet(position + 1e-6 * velocity, velocity)
+        slope = (after.position_m - before.position_m) / 2e-6
+        np.testing.assert_allclose(slope, feet(position, velocity).velocity_m_s, atol=1e-6)
+        height = facts.FOOT_RADIUS_M - feet(position, velocity).position_m[:, 2].min()
+        assert height == pytest.approx(body_height_m(position, LEVEL))
+
+
+def test_the_forces_on_the_feet_do_the_work_of_the_loads() -> None:
+    """Virtual work: force · foot velocity + load · joint velocity = 0 for every motion."""
+    rng = np.random.default_rng(4)
+    position, load = facts.DEFAULT_POSITION_RAD + 0.1 * rng.standard_normal(12), 10.0 * rng.standard_normal(12)
+    forces = ground_forces_n(position, load)
+    for _ in range(5):
+        velocity = rng.standard_normal(12)
+        work = (forces * feet(position, velocity).velocity_m_s).sum() + load @ velocity
+        assert work == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_foot_that_stands_under_a_body_that_moves_has_no_speed() -> None:
+    """Without joint motion the sole moves with the body: 0.3 m/s forward, and 0.5 rad/s about the sole's own place."""
+    legs = feet(facts.DEFAULT_POSITION_RAD, np.zeros(12))
+    up = np.array([0.0, 0.0, 1.0])
+    forward = sole_speeds_m_s(legs, velocity_m_s=np.array([0.3, 0.0, 0.0]), turn_rate_rad_s=np.zeros(3), up=up)
+    np.testing.assert_allclose(forward, 0.3)
+    turning = sole_speeds_m_s(legs, velocity_m_s=np.zeros(3), turn_rate_rad_s=np.array([0.0, 0.0, 0.5]), up=up)
+    np.testing.assert_allclose(turning, 0.5 * np.hypot(legs.position_m[:, 0], legs.position_m[:, 1]))
+
+
+def test_a_rotation_between_attitudes_is_the_short_way_round_whatever_the_sign() -> None:
+    half = np.array([np.cos(0.1), 0.0, 0.0, np.sin(0.1)])
+    for sign in (1.0, -1.0):
+        np.testing.assert_allclose(turned_rad(LEVEL, sign * half), [0.0, 0.0, 0.2], atol=1e-12)
+    np.testing.assert_array_equal(turned_rad(half, half), np.zeros(3))
+    np.testing.assert_allclose(rotation_matrix(half) @ [1.0, 0.0, 0.0], [np.cos(0.2), np.sin(0.2), 0.0])
+
+
+def test_a_window_with_a_hole_is_not_judged() -> None:
+    robot = WalkingRobot()
+    assert window_of([robot.state(i) for i in (0, 1, 2, 5, 6)]) is None
+    assert window_of([robot.state(0)]) is None
+    whole = window_of([robot.state(i) for i in range(7)])
+    assert whole is not None
+    assert whole.duration_s == pytest.approx(0.018)
+    assert len(whole.imu) == 18
+
+
+def test_travel_is_the_integral_of_velocity() -> None:
+    """Velocity rises evenly from 0 to 0.6 rad/s within 18 ms: 0.5 · 0.6 · 0.018 = 0.0054 rad."""
+    robot = WalkingRobot(noise=0.0)
+    states = [replace(robot.state(i), velocity_rad_s=np.full(12, 0.1 * i)) for i in range(7)]
+    window = window_of(states)
+    assert window is not None
+    np.testing.assert_allclose(window.travel_rad, 0.0054)
+    np.testing.assert_allclose(window.velocity_range_rad_s, 0.6)
+
+
+def test_names_and_windows_cover_every_signal() -> None:
+    assert len(still.NAMES) == len(still.WINDOWS) == len(still.IS_NEEDED) == still.N_SIGNALS == 55
+    assert set(still.WINDOWS[~still.IS_NEEDED]) == {bounds.LOAD_WINDOWS_STILL}
