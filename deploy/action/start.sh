@@ -14,6 +14,7 @@ fi
 nohup "$folder/venv/bin/spot-rl" fake-robot --scenario "$SCENARIO" --port "$PORT" --json \
   --state-dir "$folder/state" --ready-file "$folder/ready.json" > "$folder/log" 2>&1 &
 robot=$!
+echo "$robot" > "$folder/pid"
 
 for _ in $(seq 600); do
   [ -s "$folder/ready.json" ] && break
@@ -24,7 +25,7 @@ for _ in $(seq 600); do
   sleep 0.1
 done
 
-"$folder/venv/bin/python" - "$folder/ready.json" << 'PYTHON' | tee /dev/stderr > /dev/null
+"$folder/venv/bin/python" - "$folder/ready.json" << 'PYTHON'
 import json
 import os
 import sys

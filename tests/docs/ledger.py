@@ -66,6 +66,7 @@ ELSEWHERE = {
 FORMS = {
     "spot-rl COMMAND --help": "spot-rl --help",
     "spot-rl run --config": "spot-rl run --robot HOST",
+    "spot-rl compare logs/LOG.mcap paper_identified --out first": "spot-rl compare logs/LOG.mcap paper_identified",
     "spot-rl fake-robot exec -- python PROGRAM HOST": "spot-rl fake-robot exec --",
     "spot-rl serve --config FILE": "spot-rl serve --robot",
     "spot-rl log import MAPPING.yaml FILE --out LOG.mcap": "spot-rl log import mapping.yaml recording.csv",
@@ -76,9 +77,16 @@ FORMS = {
 
 SYSTEMD = "needs root and systemd: scripts/try_systemd.py does the like in a container of its own"
 GPU = "needs an NVIDIA GPU"
+CONTAINER = "needs a container's builder: tests/deploy/test_container.py reads the files"
 CORES = "takes many cores many minutes; what it calls runs in other tests"
 
 NOT_RUN = {
+    "spot-rl --install-completion": "changes the shell of whoever calls it; completion itself is tested",
+    "podman build -f deploy/container/fake.Containerfile -t spot-rl-fake .": CONTAINER,
+    "podman build -f deploy/container/train.Containerfile -t spot-rl-train .": CONTAINER,
+    "podman run --rm --network host spot-rl-fake --port 8443": CONTAINER,
+    "podman run --rm --device nvidia.com/gpu=all -v $PWD/runs:/runs spot-rl-train --config policies/walk.yaml "
+    "--device cuda --out /runs/walk": CONTAINER,
     "make lock": "needs a network: it resolves all versions anew",
     "make safety ARGS=--all": "takes an hour; `.ci/run` does the same for 90 s",
     "python deploy/build_wheelhouse.py --python 3.12 --machine aarch64": "runs with 3.10 in the place of 3.12",

@@ -27,7 +27,20 @@ from .blocks import PAGES, REPOSITORY, Block, all_blocks, blocks_of, spans_of
 from .session import Session
 from .shorter import SHORTER, shortened
 
-NOT_RUN_HERE = {"sudo", "systemctl", "journalctl", "ssh", "openssl", "cd", "export", ".", "chmod", "pip", "bash"}
+NOT_RUN_HERE = {
+    "sudo",
+    "systemctl",
+    "journalctl",
+    "ssh",
+    "openssl",
+    "cd",
+    "export",
+    ".",
+    "chmod",
+    "pip",
+    "bash",
+    "podman",
+}
 """Words of the system: that the commands behind them do what a page says is not tested, but for blocks that are run."""
 
 READ = [
@@ -119,7 +132,7 @@ SENTENCES = [
     pytest.param(words, id=f"{page.stem}-{' '.join(words)[:70]}")
     for page in PAGES
     for words in spans_of(page)
-    if words[:2] not in (["spot-rl", "--help"], ["spot-rl", "COMMAND"]) and words[0] not in ("pip", "torchrun")
+    if words[:2] != ["spot-rl", "COMMAND"] and not words[1].startswith("--") and words[0] not in ("pip", "torchrun")
 ]
 
 
@@ -151,11 +164,15 @@ def folder_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]
     @cache
     def played(name: str) -> Path:
         folder = tmp_path_factory.mktemp(name) / "a folder"
-        if name == "log":
+        if name in ("log", "compare", "other-tools"):
             (folder / "logs").mkdir(parents=True)
             log = next((played("sysid") / "logs").glob("*.mcap")).read_bytes()
-            (folder / "logs" / "LOG.mcap").write_bytes(log)
+            for copy in ("LOG", "OTHER"):
+                (folder / "logs" / f"{copy}.mcap").write_bytes(log)
             (folder / "logs" / "LOG.mcap.active").write_bytes(log[: len(log) * 2 // 3])
+            (folder / "policies").symlink_to(REPOSITORY / "policies")
+            if name == "compare":
+                shutil.copytree(played("diagnosis") / "gap", folder / "gap")
         elif name == "diagnosis":
             shutil.copytree(played("sysid"), folder, symlinks=True)
         else:
@@ -239,7 +256,7 @@ def test_sessions_go_as_the_page_says(page: Path, tmp_path: Path) -> None:
 def test_pages_that_are_to_be_run_are_there() -> None:
     assert {page.stem for page in SESSION_PAGES} >= {"first-run-fake", "first-run-spot", "operate"}
     assert {page.stem for page in RUN_PAGES} >= {
-        *("first-run-fake", "add-an-effect", "operate", "training", "sysid", "diagnosis", "log")
+        *("first-run-fake", "add-an-effect", "operate", "training", "sysid", "diagnosis", "log", "compare", "python")
     }
 
 
