@@ -9,22 +9,20 @@ import numpy as np
 
 from compare.cause import Cause
 from compare.differences import SIGNALS, TITLES, Differences, SignalDifference
-from compare.figures import COLOURS, gait, joint_map, liveliest, over_time
+from compare.figures import COLOURS, joint_map, liveliest, over_time
 from compare.tracks import STEP_S, Track
-from diagnosis.report.style import SCRIPT, STYLE
-from diagnosis.report.svg import esc, legend
-from spot_model.robot.facts import JOINT_NAMES
+from spot_log.page.chart import stance
+from spot_log.page.look import boxed, framed, headed
+from spot_log.page.svg import esc, legend
+from spot_model.robot.facts import JOINT_NAMES, LEG_NAMES
 
 CLOSE: Final = 0.10
 """Distributions that differ by less than this share of their spread are called close."""
 SPAN_S: Final = 3.0
 _MORE: Final = """
-:root { --cause: #8446a822; } details { margin: 6px 0; } summary { cursor: pointer; font-weight: 500; }
-.close { background: #1f8a5b; } .apart { background: #c8402f; } .unit { color: var(--soft); }
-.joints { display: grid; grid-template-columns: repeat(4, 1fr); gap: 2px 16px; }
-.joints details[open] { grid-column: 1 / -1; } section { overflow-x: auto; }
-@media (max-width: 700px) { section svg { min-width: 900px; } .joints { grid-template-columns: repeat(2, 1fr); } }
-@media print { details > *:not(summary) { display: block; } }
+.unit { color: var(--soft); } .joints { display: grid; grid-template-columns: repeat(4, 1fr); gap: 2px 16px; }
+.joints details[open] { grid-column: 1 / -1; }
+@media (max-width: 700px) { .joints { grid-template-columns: repeat(2, 1fr); } }
 """
 
 
@@ -50,14 +48,8 @@ def comparison_page(
         _figures(found),
     ]
     if notes:
-        body.append(_section("Notes", "", "<ul>" + "".join(f"<li>{esc(n)}</li>" for n in notes) + "</ul>"))
-    title = esc(f"{tracks[0].name} beside {', '.join(t.name for t in tracks[1:])}")
-    return (
-        f"<!doctype html><html lang='en'><head><meta charset='utf-8'><title>{title}</title>"
-        "<meta name='viewport' content='width=device-width'><link rel='icon' href='data:,'>"
-        f"<style>{STYLE}{_MORE}</style></head><body><main>{''.join(body)}</main><div id='tip'></div>"
-        f"<script>{SCRIPT}</script></body></html>\n"
-    )
+        body.append(boxed("Notes", "", "<ul>" + "".join(f"<li>{esc(n)}</li>" for n in notes) + "</ul>"))
+    return framed(f"{tracks[0].name} beside {', '.join(t.name for t in tracks[1:])}", body, _MORE)
 
 
 def sentence(reference: Track, found: Differences) -> str:
@@ -74,25 +66,16 @@ def sentence(reference: Track, found: Differences) -> str:
     )
 
 
-def _section(title: str, about: str, content: str) -> str:
-    told = f"<p class='note'>{esc(about)}</p>" if about else ""
-    return f"<section><h2>{esc(title)}</h2>{told}{content}</section>" if content else ""
-
-
 def _head(tracks: Sequence[Track], found: Sequence[Differences], cause: str) -> str:
     reference = tracks[0]
-    worst = max(found, key=lambda d: d.largest[2])
-    is_close = worst.largest[2] < CLOSE
-    badge = "close" if is_close else "apart"
-    lines = "".join(f"<p class='lead'>{esc(sentence(reference, d))}</p>" for d in found)
-    told = f"<p class='lead'>The diagnosis: {esc(cause)}.</p>" if cause else ""
-    names = " and ".join(t.name for t in tracks[1:])
-    return (
-        f"<section><span class='badge {badge}'>{'Close' if is_close else 'Apart'}</span>"
-        f"<h1>{esc(reference.name)} beside {esc(names)}</h1>{lines}{told}"
-        f"<p class='meta' style='margin-top:12px'>{len(reference) * STEP_S:.1f} s under the same velocity commands · "
-        "simulated runs are in closed loop, with the policy that ran</p></section>"
+    is_close = max(d.largest[2] for d in found) < CLOSE
+    lines = [sentence(reference, d) for d in found] + ([f"The diagnosis: {cause}."] if cause else [])
+    meta = (
+        f"{len(reference) * STEP_S:.1f} s under the same velocity commands · simulated runs are in closed loop, with "
+        "the policy that ran"
     )
+    headline = f"{reference.name} beside {' and '.join(t.name for t in tracks[1:])}"
+    return headed("Close" if is_close else "Apart", "good" if is_close else "bad", headline, lines, meta)
 
 
 def _key(tracks: Sequence[Track]) -> str:
@@ -107,7 +90,7 @@ def _velocity(tracks: Sequence[Track], causes: Sequence[Cause]) -> str:
         figures.append(over_time(lines, title, height=130, causes=causes))
     key = legend([("var(--other)", "commanded"), *[(COLOURS[i % len(COLOURS)], t.name) for i, t in enumerate(tracks)]])
     shaded = " Shaded: where the diagnosis sees the cause at work." if causes else ""
-    return _section("Velocity against command", f"The body's velocity.{shaded}", key + "".join(figures))
+    return boxed("Velocity against command", f"The body's velocity.{shaded}", key + "".join(figures))
 
 
 def _by_joint(found: Sequence[Differences]) -> str:
@@ -116,7 +99,7 @@ def _by_joint(found: Sequence[Differences]) -> str:
         "signal's standard deviation in the first run."
     )
     parts = [f"<h3>{esc(d.name)}</h3>{joint_map(d)}" for d in found]
-    return _section("Where they differ", about, "".join(parts))
+    return boxed("Where they differ", about, "".join(parts))
 
 
 def _worst_joint(tracks: Sequence[Track], found: Sequence[Differences], causes: Sequence[Cause]) -> str:
@@ -130,17 +113,17 @@ def _worst_joint(tracks: Sequence[Track], found: Sequence[Differences], causes: 
         shaded = [c for c in causes if c.end_s > from_s and c.start_s < rows.stop * STEP_S]
         figures.append(over_time(lines, f"{TITLES[name]}, {SIGNALS[name]}", from_s=from_s, height=150, causes=shaded))
     about = f"{joint}, {SPAN_S:g} s in which the joints move most. Steps drift apart: each run is its own closed loop."
-    return _section("The joint that differs most", about, _key(tracks) + "".join(figures))
+    return boxed("The joint that differs most", about, _key(tracks) + "".join(figures))
 
 
 def _gait(tracks: Sequence[Track]) -> str:
     rows = liveliest(tracks[0], SPAN_S)
     parts = []
     for i, track in enumerate(tracks):
-        figure = gait(track, COLOURS[i % len(COLOURS)], rows)
+        figure = stance(track.foot_contact[rows], LEG_NAMES, COLOURS[i % len(COLOURS)])
         if figure:
             parts.append(f"<h3>{esc(track.name)}</h3>{figure}")
-    return _section("Feet on the ground", f"The same {SPAN_S:g} s.", "".join(parts))
+    return boxed("Feet on the ground", f"The same {SPAN_S:g} s.", "".join(parts))
 
 
 def _all_joints(tracks: Sequence[Track], found: Sequence[Differences], causes: Sequence[Cause]) -> str:
@@ -155,7 +138,7 @@ def _all_joints(tracks: Sequence[Track], found: Sequence[Differences], causes: S
             figures.append(over_time(lines, title, height=110, causes=causes))
         parts.append(f"<details><summary>{joint}</summary>{''.join(figures)}</details>")
     about = f"Difference from {tracks[0].name} over time. A simulated run drifts out of step, so it grows by itself."
-    return _section("Every joint", about, f"<div class='joints'>{''.join(parts)}</div>")
+    return boxed("Every joint", about, f"<div class='joints'>{''.join(parts)}</div>")
 
 
 def _figures(found: Sequence[Differences]) -> str:
@@ -170,7 +153,7 @@ def _figures(found: Sequence[Differences]) -> str:
         ]
     head = "<tr><th></th>" + "".join(f"<th>{j}</th>" for j in JOINT_NAMES) + "</tr>"
     table = f"<div style='overflow-x:auto'><table>{head}{''.join(rows)}</table></div>"
-    return _section(
+    return boxed(
         "Figures", "", f"<details><summary>Distance by joint (in brackets: rms in step)</summary>{table}</details>"
     )
 

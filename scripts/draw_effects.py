@@ -11,8 +11,8 @@ import sys
 import numpy as np
 from reference.effects import PICTURES
 
-from diagnosis.report.svg import line, nice_ticks, svg, text
 from diagnosis.simulated import Script, SensorNoise, simulate
+from spot_log.page.svg import line, nice_ticks, svg, text
 from spot_log.read.run import Run
 from spot_model.effects.registry import BUILT_IN, make_effect
 from spot_model.io.model_file import load_model

@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 import tempfile
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -51,7 +52,7 @@ class FakeSpot:
         self._scenario = scenario
         self._stack = ExitStack()
         self._running: tuple[FakeProcess, Path] | None = None
-        self._n_walks = 0
+        self._walks: Counter[str] = Counter()
 
     def __enter__(self) -> Self:
         """Start the robot and wait until it serves."""
@@ -134,9 +135,11 @@ class FakeSpot:
             raise BadInputError("velocity and sequence are both given; give one of them")
         if not 0.0 < duration_s <= 3600.0:
             raise BadInputError(f"duration_s = {duration_s}; allowed: more than 0 and up to 3600 s")
+        name = str(sequence if sequence is not None else velocity)
         chosen = os.fspath(sequence) if sequence is not None else self._held(velocity or (0.0, 0.0, 0.0), duration_s)
         words = ["run", "--robot", self.address, "--policy", str(policy), "--sequence", chosen]
-        words += ["--duration", str(duration_s)]
+        words += ["--duration", str(duration_s), "--repeat", str(self._walks[name])]
+        self._walks[name] += 1
         return words + (["--lock-step", process.address.admin] if self.is_lock_step else [])
 
     def _held(self, velocity: Sequence[float], duration_s: float) -> str:
@@ -150,9 +153,9 @@ class FakeSpot:
             raise BadInputError(
                 f"velocity = {velocity!r}; allowed: three numbers within ±10, V_x and V_y in m/s and ω_z in rad/s"
             ) from error
-        self._n_walks += 1
-        path = self._robot()[1] / f"held-{self._n_walks}.yaml"
-        save_sequence(VelocitySequence(name="held", duration_s=duration_s, waypoints=(waypoint,)), path)
+        name = f"held_{v_x:g}_{v_y:g}_{yaw_rate:g}"
+        path = self._robot()[1] / f"{len(self._walks)}-{sum(self._walks.values())}.yaml"
+        save_sequence(VelocitySequence(name=name, duration_s=duration_s, waypoints=(waypoint,)), path)
         return str(path)
 
     def _robot(self) -> tuple[FakeProcess, Path]:

@@ -95,7 +95,7 @@ def test_the_command_compares_logs_and_models(
     assert left.value.code in (0, None)
     assert "paper_identified: 0." in capsys.readouterr().out
     figures = json.loads((tmp_path / "out" / "compare.json").read_text(encoding="utf-8"))
-    assert figures["reference"] == "walk held r0"
+    assert figures["reference"] == "walk held_0.8_0_0 r0"
     for words, told in (
         (["paper_identified", log], "the first run must be a log"),
         ([log, "nothing"], "'nothing' is no file; allowed: a log"),

@@ -3,83 +3,155 @@
 from __future__ import annotations
 
 import json
-from typing import Any
+from collections.abc import Iterator, Mapping
+from typing import Any, Final
 
-import plotly.graph_objects as go
+import numpy as np
 
-from spot_log.page.kit import Html, escaped, facts, folded, page, plot, section, styled
+from spot_log.page.chart import HALF, Series, chart, stance
+from spot_log.page.look import boxed, framed, headed
+from spot_log.page.svg import esc, legend
+from spot_model.robot.facts import LEG_NAMES
+
+STEADY: Final = 0.01
+"""Share of randomised episodes that may end in a fall for a policy that is called steady."""
+WALKS: Final = 0.10
+FEET: Final = ("var(--floor)", "var(--group)", "var(--good)", "var(--unknown)")
+STRIDES: Final = 3
+SAMPLES: Final = 60
 
 
 def evaluation_page(result: dict[str, Any]) -> str:
     """The page's text."""
-    figures = (_speed_figure(result), _error_figure(result), _gait_figure(result), _power_figure(result))
-    body = [section("Summary", facts(_summary(result))), *(section("", plot(figure)) for figure in figures)]
-    data = Html(f"<pre>{escaped(json.dumps(result, indent=1))}</pre>")
-    return page(f"Policy {result['policy']}", [*body, section("", folded("All figures", data))])
-
-
-def _summary(result: dict[str, Any]) -> list[tuple[str, Any]]:
-    tracking, top = result["tracking"], result["top_speed"]
-    rows = [
-        ("Highest sustained speed, m/s", top["sustained_m_s"]),
-        ("Flight share there", top["flight_share"]),
-        ("Duty factors there (fl, fr, hl, hr)", top["duty_factors"]),
-        ("Largest spread of duty factors at 0.5 m/s and more", tracking["worst_duty_spread"]),
-        ("Mean forward error up to 5 m/s, m/s", tracking["mean_forward_error_m_s"]),
-        ("Mean lateral error up to 3 m/s, m/s", tracking["mean_lateral_error_m_s"]),
-        ("Mean yaw error up to 3 m/s, rad/s", tracking["mean_yaw_error_rad_s"]),
-        ("Speed when told to stand, m/s", tracking["standing_speed_m_s"]),
-        ("Peak torque, N·m", tracking["peak_torque_nm"]),
+    data = (
+        f"<details><summary>All figures, as in evaluation.json</summary><pre>{esc(json.dumps(result, indent=1))}</pre>"
+    )
+    physics = result["physics"]
+    about = (
+        f"Policy file {result['policy_sha256'][:12]}…, model {result['model_sha256'][:12]}…, physics steps of "
+        f"{1000 * physics['timestep_s']:g} ms ({physics['integrator']}), seed {result['seed']}."
+    )
+    body = [
+        _head(result),
+        "<div class='two'>",
+        boxed("Speed against command", "Forward, held for 10 s. A gap: the robot fell.", _speed(result)),
+        boxed("Tracking error", "One command at a time, from a straight walk.", _errors(result)),
+        "</div>",
+        boxed("Falls and disturbances", "Robots of drawn friction, mass and start.", _trials(result)),
+        _gait(result),
+        boxed("Power", "Positive work of all motors.", _power(result)),
+        boxed("Where this comes from", about, data + "</details>"),
     ]
-    for key in ("episodes_slow", "episodes_fast", "episodes_beyond"):
-        if key in result:
-            label = "at {} to {} m/s".format(*result[key]["v_x_m_s"])
-            rows.append((f"Falls in {result[key]['episodes']} randomised episodes {label}", result[key]["falls"]))
-            rows.append((f"Falls per hour {label}", result[key]["falls_per_hour"]))
-    for key, label in (("pushes", "a push of 1 m/s"), ("slippery_patch", "a patch of μ 0.3")):
-        rows.append((f"Survived {label}", f"{result[key]['survived']} of {result[key]['trials']}"))
-    return rows
+    return framed(f"{result['policy']}: evaluation", body)
 
 
-def _forward(result: dict[str, Any]) -> list[dict[str, Any]]:
-    points = [p for p in result["tracking"]["points"] if p["command"][1] == 0.0 and p["command"][2] == 0.0]
-    return sorted(points, key=lambda p: float(p["command"][0]))
+def _head(result: Mapping[str, Any]) -> str:
+    top, tracking, slow = result["top_speed"], result["tracking"], result["episodes_slow"]
+    share = slow["falls"] / slow["episodes"]
+    badge, kind = ("Steady", "good") if share <= STEADY else ("Walks", "fair") if share <= WALKS else ("Falls", "bad")
+    name = result["policy"]
+    held = top["sustained_m_s"]
+    headline = f"{name} falls at every speed" if held is None else f"{name} runs at {held:.2f} m/s"
+    return headed(badge, kind, headline, _sentences(top, tracking, slow), "simulated; on a robot it may differ")
 
 
-def _speed_figure(result: dict[str, Any]) -> Any:
+def _sentences(top: Mapping[str, Any], tracking: Mapping[str, Any], slow: Mapping[str, Any]) -> Iterator[str]:
+    error = tracking["mean_forward_error_m_s"]
+    follows = "" if error is None else f"It follows a forward command within {error:.3f} m/s on average. "
+    yield f"{follows}{slow['falls']} of {slow['episodes']} randomised episodes up to 3 m/s end in a fall."
+    if top["sustained_m_s"] is not None:
+        named = f"a {top['gait']}, " if top.get("gait") not in (None, "", "none") else ""
+        yield (
+            f"At its highest speed: {named}{top['stride_hz']:.1f} strides a second, no foot on the ground for "
+            f"{100 * top['flight_share']:.0f} % of the time."
+        )
+
+
+def _speed(result: Mapping[str, Any]) -> str:
     curve = result["top_speed"]["curve"]
     asked = [c[0] for c in curve]
-    figure = go.Figure(
-        [
-            go.Scatter(x=asked, y=asked, name="commanded", line={"dash": "dot", "color": "#999"}),
-            go.Scatter(x=asked, y=[c[1] if c[2] else None for c in curve], name="measured", mode="lines+markers"),
-        ]
-    )
-    return styled(figure, 380, title="Forward speed, held for 10 s", x="commanded V_x, m/s", y="mean V_x, m/s")
+    held = [c[1] if c[2] else np.nan for c in curve]
+    lines = [
+        Series("var(--other)", asked, asked, is_dotted=True),
+        Series("var(--found)", asked, held, has_points=True, name="held"),
+    ]
+    key = legend([("var(--other)", "commanded"), ("var(--found)", "held")])
+    return key + chart(lines, "held, m/s", x_title="commanded forward, m/s", width=HALF, height=220)
 
 
-def _error_figure(result: dict[str, Any]) -> Any:
-    figure = go.Figure()
-    for axis, label in enumerate(("V_x, m/s", "V_y, m/s", "ω_z, rad/s")):
+def _errors(result: Mapping[str, Any]) -> str:
+    lines, names = [], []
+    for axis, name in enumerate(("forward, m/s", "sideways, m/s", "turning, rad/s")):
         others = [i for i in range(3) if i != axis]
         points = [p for p in result["tracking"]["points"] if all(p["command"][i] == 0.0 for i in others)]
         points.sort(key=lambda p: float(p["command"][axis]))
-        x, y = [p["command"][axis] for p in points], [p["error"][axis] for p in points]
-        figure.add_trace(go.Scatter(x=x, y=y, name=label, mode="lines+markers"))
-    return styled(figure, 380, title="Tracking error, one command at a time", x="command", y="mean error")
+        errors = [np.nan if p["error"][axis] is None else p["error"][axis] for p in points]
+        lines.append(Series(FEET[axis], [p["command"][axis] for p in points], errors, has_points=True, name=name))
+        names.append((FEET[axis], name))
+    return legend(names) + chart(lines, "mean error", x_title="command", width=HALF, height=220, zero=True)
 
 
-def _gait_figure(result: dict[str, Any]) -> Any:
-    points = [p for p in _forward(result) if not p["fell"]]
+def _trials(result: Mapping[str, Any]) -> str:
+    rows = []
+    for key in ("episodes_slow", "episodes_fast", "episodes_beyond"):
+        if key in result:
+            trial = result[key]
+            low, high = trial["v_x_m_s"]
+            what = f"20 s with noise and a push, {low:g} to {high:g} m/s"
+            rows.append((what, f"{trial['falls']} of {trial['episodes']} fell", f"{trial['falls_per_hour']:g} an hour"))
+    for key, what in (("pushes", "a push of 1 m/s"), ("slippery_patch", "a second on μ 0.3")):
+        trial = result[key]
+        rows.append((f"{what}, at {trial['v_x_m_s']:g} m/s", f"{trial['survived']} of {trial['trials']} walk on", ""))
+    rows.append(("told to stand", f"moves at {result['tracking']['standing_speed_m_s']:.3f} m/s", ""))
+    rows.append(("largest torque", f"{result['tracking']['peak_torque_nm']:g} N·m", ""))
+    cells = "".join(f"<tr><th>{esc(a)}</th><td><b>{esc(b)}</b></td><td>{esc(c)}</td></tr>" for a, b, c in rows)
+    return f"<table>{cells}</table>"
+
+
+def _forward(result: Mapping[str, Any]) -> list[dict[str, Any]]:
+    points = [p for p in result["tracking"]["points"] if p["command"][1] == 0.0 and p["command"][2] == 0.0]
+    return sorted((p for p in points if not p["fell"]), key=lambda p: float(p["command"][0]))
+
+
+def _gait(result: Mapping[str, Any]) -> str:
+    points = _forward(result)
+    if not points:
+        return ""
     x = [p["command"][0] for p in points]
-    figure = go.Figure()
-    for leg, name in enumerate(("fl", "fr", "hl", "hr")):
-        figure.add_trace(go.Scatter(x=x, y=[p["duty_factors"][leg] for p in points], name=f"duty {name}"))
-    figure.add_trace(go.Scatter(x=x, y=[p["flight_share"] for p in points], name="flight", line={"dash": "dash"}))
-    return styled(figure, 380, title="Duty factors and flight share", x="commanded V_x, m/s", y="share of time")
+    duty = [
+        Series(FEET[i], x, [p["duty_factors"][i] for p in points], name=f"{leg} stands")
+        for i, leg in enumerate(LEG_NAMES)
+    ]
+    lines = [*duty, Series("var(--ink)", x, [p["flight_share"] for p in points], is_dotted=True)]
+    key = legend(
+        [
+            *((FEET[i], f"{leg} on the ground") for i, leg in enumerate(LEG_NAMES)),
+            ("var(--ink)", "no foot on the ground"),
+        ]
+    )
+    picture = chart(lines, "share of time", x_title="commanded forward, m/s", height=190, zero=True)
+    diagrams = "".join(_stride(p) for p in _chosen(points))
+    about = "How long each foot stands, and how long none does. Even feet lie on each other."
+    return boxed("Gait", about, key + picture + diagrams)
 
 
-def _power_figure(result: dict[str, Any]) -> Any:
-    points = [p for p in _forward(result) if not p["fell"]]
-    figure = go.Figure(go.Scatter(x=[p["command"][0] for p in points], y=[p["power_w"] for p in points]))
-    return styled(figure, 380, title="Power (positive work of all motors)", x="commanded V_x, m/s", y="power, W")
+def _chosen(points: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """A slow, a middle and a fast walk whose phases are known."""
+    known = [p for p in points if p["command"][0] > 0.0 and all(v is not None for v in p.get("phases", [None]))]
+    return [known[i] for i in sorted({0, len(known) // 2, len(known) - 1})] if known else []
+
+
+def _stride(point: Mapping[str, Any]) -> str:
+    """Feet on the ground over three strides, from phases and duty factors."""
+    at = np.arange(STRIDES * SAMPLES) / SAMPLES
+    since = (at[:, None] - np.array(point["phases"])[None, :]) % 1.0
+    name = f"{point['gait']}, " if point.get("gait") else ""
+    title = f"{point['command'][0]:g} m/s: {name}{point['stride_hz']:.1f} strides a second"
+    picture = stance(since < np.array(point["duty_factors"])[None, :], LEG_NAMES, "var(--found)")
+    return f"<h3>{esc(title)}; three strides</h3>{picture}"
+
+
+def _power(result: Mapping[str, Any]) -> str:
+    points = _forward(result)
+    line = Series("var(--found)", [p["command"][0] for p in points], [p["power_w"] for p in points], has_points=True)
+    return chart([line], "power, W", x_title="commanded forward, m/s", height=150, zero=True) if points else ""

@@ -12,7 +12,8 @@ from spot_model.policy.policy import load_policy
 from trainer.shared.engine import IN_THIS_PROCESS, Place
 from trainer.shared.generations import Generation
 from trainer.sysid.identify.identify import identify, prepare
-from trainer.sysid.identify.report import summary, text_table, write_report
+from trainer.sysid.identify.page import write_report
+from trainer.sysid.identify.report import summary, text_table
 from trainer.sysid.identify.result import MODEL_NAME, ResultData, check_out_folder, write_result
 from trainer.sysid.logs.read_logs import LogSet
 from trainer.sysid.search.config import SysidConfig

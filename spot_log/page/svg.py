@@ -1,0 +1,98 @@
+"""The few pieces of SVG that the figures are made of. Text is escaped here and nowhere else."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+
+def esc(text: object) -> str:
+    """Text for HTML or an attribute."""
+    return html.escape(str(text), quote=True)
+
+
+def svg(width: float, height: float, parts: Iterable[str], label: str) -> str:
+    """A picture that scales to the width of its place; ``label`` is for those who cannot see it."""
+    kind = ' class="wide"' if width > 700 else ""
+    return f'<svg viewBox="0 0 {width:g} {height:g}" role="img" aria-label="{esc(label)}"{kind}>{"".join(parts)}</svg>'
+
+
+def text(
+    x: float, y: float, words: object, *, size: float = 13, anchor: str = "start", css: str = "", weight: int = 400,
+    fill: str = "",
+) -> str:  # fmt: skip
+    """Words at their baseline."""
+    style = f' style="fill:{fill}"' if fill else ""
+    kind = f' class="{css}"' if css else ""
+    look = f'font-size="{size:g}" text-anchor="{anchor}" font-weight="{weight}"{kind}{style}'
+    return f'<text x="{x:.1f}" y="{y:.1f}" {look}>{esc(words)}</text>'
+
+
+def rect(x: float, y: float, width: float, height: float, fill: str, tip: str = "", radius: float = 2) -> str:
+    """A box; ``fill`` is a colour or a variable of the style."""
+    told = f' data-t="{esc(tip)}"' if tip else ""
+    return (
+        f'<rect x="{x:.1f}" y="{y:.1f}" width="{max(width, 0.0):.1f}" height="{max(height, 0.0):.1f}" rx="{radius:g}" '
+        f'style="fill:{fill}"{told}/>'
+    )
+
+
+def line(points: Sequence[tuple[float, float]], stroke: str, width: float = 1.5, more: str = "") -> str:
+    """An open line."""
+    way = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
+    return (
+        f'<polyline points="{way}" style="fill:none;stroke:{stroke};stroke-width:{width:g};'
+        f'stroke-linejoin:round;stroke-linecap:round;{more}"/>'
+    )
+
+
+def disc(x: float, y: float, radius: float, fill: str, tip: str = "", stroke: str = "", width: float = 0.0) -> str:
+    """A circle."""
+    told = f' data-t="{esc(tip)}"' if tip else ""
+    edge = f";stroke:{stroke};stroke-width:{width:g}" if stroke else ""
+    return f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{radius:g}" style="fill:{fill}{edge}"{told}/>'
+
+
+def legend(entries: Iterable[tuple[str, str]]) -> str:
+    """Colours and what they mean, as HTML."""
+    return (
+        "<p class='legend'>"
+        + "".join(f"<span><i style='background:{colour}'></i>{esc(words)}</span>" for colour, words in entries)
+        + "</p>"
+    )
+
+
+def nice_ticks(low: float, high: float, n: int = 5) -> list[float]:
+    """About ``n`` round numbers from low to high."""
+    span = max(high - low, 1e-12)
+    raw = span / max(n, 1)
+    power = 10.0 ** np.floor(np.log10(raw))
+    step = float(min((s for s in (1.0, 2.0, 2.5, 5.0, 10.0) if s * power >= raw), default=10.0) * power)
+    first = float(np.ceil(low / step - 1e-9)) * step
+    return [first + i * step for i in range(int((high - first) / step + 1e-9) + 1)]
+
+
+def thinned(values: ArrayLike, at_most: int) -> np.ndarray:
+    """Rows of a long signal to draw."""
+    n = len(np.asarray(values))
+    return np.arange(n) if n <= at_most else np.linspace(0, n - 1, at_most).astype(np.intp)
+
+
+HEAT = ((255, 246, 219), (254, 217, 118), (253, 141, 60), (227, 26, 28), (128, 0, 38))
+"""Pale to dark red."""
+
+
+def heat(share: float) -> str:
+    """A colour of the scale, share 0 to 1."""
+    at = min(max(share, 0.0), 1.0) * (len(HEAT) - 1)
+    i = min(int(at), len(HEAT) - 2)
+    mixed = [round(a + (b - a) * (at - i)) for a, b in zip(HEAT[i], HEAT[i + 1], strict=True)]
+    return "#" + "".join(f"{c:02x}" for c in mixed)
+
+
+def on_heat(share: float) -> str:
+    """A colour of words that can be read on it."""
+    return "#ffffff" if share > 0.62 else "#1d2730"

@@ -1,0 +1,201 @@
+"""The identification as one page for people: what was identified beside what was not, and robot beside simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot_log.page.chart import HALF, Series, chart
+from spot_log.page.look import boxed, framed, headed
+from spot_log.page.svg import esc, legend
+from spot_model.robot import facts
+from trainer.sysid.identify.identify import Identification
+from trainer.sysid.identify.result import ParameterData, ResultData
+
+OVERLAY_JOINTS: Final = ("fr_kn", "hr_kn")
+"""Joints of the overlay: front and hind right knee, as in the paper's comparison figure."""
+OVERLAY_S: Final = 3.0
+"""Length of the stretch that the overlay shows."""
+RUNS: Final = (("var(--real)", "robot"), ("var(--nominal)", "simulation, before"), ("var(--corrected)", "identified"))
+NEAR: Final = 1.2
+"""Floors up to which the simulated runs count as near to the robot's."""
+
+Traces = Sequence[tuple[NDArray[Any], NDArray[Any]]]
+"""Action and torque, each of shape (ticks, 12), of robot, initial and identified simulation."""
+
+
+def write_report(found: Identification, data: ResultData, path: Path) -> None:
+    """Write a page that opens from disk, with all it needs inside."""
+    path.write_text(identification_page(data, list(_overlays(found))), encoding="utf-8")
+
+
+def identification_page(data: ResultData, overlays: Sequence[tuple[str, slice, float, Traces]] = ()) -> str:
+    """The page's text.
+
+    Args:
+        data: The result.
+        overlays: Sequence, stretch of its ticks, rate in Hz, and traces.
+    """
+    known = [p for p in data.parameters if p.identified]
+    unknown = [p for p in data.parameters if not p.identified]
+    body = [
+        _head(data, known),
+        "<div class='two'>",
+        boxed("Identified", "With 90 % intervals.", _values(known) or "<p>Nothing: see beside, and why.</p>"),
+        boxed(
+            "Not identified",
+            "In the model file stand values that the logs do not contradict, no more.",
+            _reasons(unknown),
+        ),
+        "</div>",
+        boxed("Measured directly", "Read off the logs, not searched.", _measured(data)),
+        *(_overlay(*overlay) for overlay in overlays),
+        boxed("Search", "The score of each generation's best model. 1: as near as two real runs.", _score(data)),
+        boxed("Details", "", _details(data)),
+    ]
+    return framed("Identification", body)
+
+
+def _head(data: ResultData, known: Sequence[ParameterData]) -> str:
+    end = data.score.get("identified")
+    is_near = end is not None and data.score_is_over_floor and end <= NEAR
+    badge, kind = ("Identified", "good") if len(known) == len(data.parameters) else ("In part", "fair")
+    if not known:
+        badge, kind = "Not identified", "bad"
+    headline = f"{len(known)} of {len(data.parameters)} parameters are identified"
+    told = [f"{len(data.logs)} logs of {len(data.sequences)} command sequences."]
+    if end is not None and data.score_is_over_floor:
+        start = data.score.get("initial")
+        before = "" if start is None else f", {start:.2f} before"
+        near = (
+            "as near to the robot as a real run, or nearly"
+            if is_near
+            else "still farther from the robot than a real run"
+        )
+        told.append(f"Simulated runs are {near}: {end:.2f} times the distance of two real runs{before}.")
+    elif not data.score_is_over_floor:
+        told.append("Without repeats there is no floor: record each sequence at least twice to know how near it is.")
+    return headed(badge, kind, headline, told, f"policy {data.policy_sha256[:12]}…")
+
+
+def _values(parameters: Sequence[ParameterData]) -> str:
+    rows = "".join(
+        f"<tr><th>{esc(_plain(p.name))}</th><td class='number'><b>{p.value:.4g}</b> {esc(p.unit)}</td>"
+        f"<td class='number'>{p.low:.4g} to {p.high:.4g}</td><td>{esc(p.source)}</td></tr>"
+        for p in parameters
+    )
+    return f"<table>{rows}</table>" if rows else ""
+
+
+def _reasons(parameters: Sequence[ParameterData]) -> str:
+    items = "".join(f"<li><b>{esc(_plain(p.name))}</b>: {esc(p.reason)}</li>" for p in parameters)
+    return f"<ul>{items}</ul>" if items else "<p>Every parameter is identified.</p>"
+
+
+def _measured(data: ResultData) -> str:
+    items = [f"<li>{esc(m.what)}: <b>{m.value:.4g}</b> {esc(m.unit)} ({esc(m.source)})</li>" for m in data.measured]
+    return f"<ul>{''.join(items)}</ul>" if items else ""
+
+
+def _score(data: ResultData) -> str:
+    best = np.array([np.nan if v is None else v for v in data.score_by_generation])
+    if not np.isfinite(best).any():
+        return ""
+    x = np.arange(1, len(best) + 1)
+    lines = [
+        Series("var(--other)", x, best, width=0.0, has_points=True, name="score"),
+        Series("var(--corrected)", x, np.fmin.accumulate(best), width=2.0),
+    ]
+    if data.score_is_over_floor:
+        lines.append(Series("var(--floor)", x, np.ones(len(x)), is_dotted=True))
+    key = legend(
+        [("var(--other)", "best of the generation"), ("var(--corrected)", "so far"), ("var(--floor)", "floor")]
+    )
+    return key + chart(lines, "score", x_title="generation", height=150)
+
+
+def _details(data: ResultData) -> str:
+    rows = "".join(
+        f"<tr><th>{esc(_plain(p.name))}</th><td>{p.initial:.4g}</td><td>{p.value:.4g} {esc(p.unit)}</td>"
+        f"<td>{p.low:.4g} to {p.high:.4g}</td><td>{p.by_search.value:.4g} ({p.by_search.low:.4g} to "
+        f"{p.by_search.high:.4g})</td></tr>"
+        for p in data.parameters
+    )
+    head = "<tr><th>parameter</th><th>initial</th><th>value</th><th>90 %</th><th>by the search alone</th></tr>"
+    floors = "".join(
+        f"<tr><th>{esc(s.name)}</th><td>{s.repeats}</td><td>{_number(s.floor_w1_nm)}</td><td>{_number(s.floor_mmd)}</td></tr>"
+        for s in data.sequences
+    )
+    floor_head = "<tr><th>sequence</th><th>repeats</th><th>floor: Wasserstein, N·m</th><th>MMD</th></tr>"
+    parts = [
+        _folded("Every parameter", f"<table>{head}{rows}</table>"),
+        _folded("Command sequences, and how far two real runs differ", f"<table>{floor_head}{floors}</table>"),
+        _folded("Logs", "<ul>" + "".join(f"<li>{esc(log)}</li>" for log in data.logs) + "</ul>"),
+    ]
+    if data.warnings:
+        items = "".join(f"<li>{esc(w)}</li>" for w in data.warnings)
+        parts.append(_folded("What was cut or left out", f"<ul>{items}</ul>"))
+    return "".join(parts)
+
+
+def _folded(title: str, content: str) -> str:
+    return f"<details><summary>{esc(title)}</summary>{content}</details>"
+
+
+def _plain(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def _number(value: float | None) -> str:
+    return "–" if value is None else f"{value:.4g}"
+
+
+def _overlays(found: Identification) -> Iterator[tuple[str, slice, float, Traces]]:
+    """For each sequence, action and torque: the robot, and simulations before and after."""
+    problem = found.preparation.problem
+    space = problem.space
+    chosen = space.within_bounds(np.array([v.value for v in found.verdicts]))
+    rollouts = problem.simulate(np.stack([space.initial, chosen]))
+    case, rate_hz = 0, problem.policy.contract.rate_hz
+    scale = problem.policy.contract.action_scale_rad * facts.POLICY_KP_NM_PER_RAD
+    for reference, cases in zip(problem.references, problem.cases, strict=True):
+        run = next(r for r in found.preparation.logs.compared if r.sequence == reference.sequence)
+        stretch = _liveliest(run.ticks.velocity_command, len(run.ticks.action), rate_hz)
+        real_torque = _at_ticks(run.ticks.robot_stamp_ns, run.states.robot_stamp_ns, run.states.load_nm)
+        traces = [
+            (run.ticks.action[:, problem.policy.canonical_from_policy], real_torque),
+            *((rollouts.features[i, case][:, 24:] / scale, rollouts.torque_nm[i, case]) for i in range(2)),
+        ]
+        yield reference.sequence, stretch, rate_hz, traces
+        case += len(cases)
+
+
+def _overlay(sequence: str, stretch: slice, rate_hz: float, traces: Traces) -> str:
+    figures = []
+    for kind, title in enumerate(("action", "torque, N·m")):
+        for joint in OVERLAY_JOINTS:
+            lines = []
+            for (colour, _), pair in zip(RUNS, traces, strict=True):
+                shown = pair[kind][stretch, facts.JOINT_NAMES.index(joint)]
+                x = (stretch.start + np.arange(len(shown))) / rate_hz
+                lines.append(Series(colour, x, shown, width=1.5))
+            figures.append(f"<div>{chart(lines, f'{joint} {title}', x_unit=' s', width=HALF, height=150)}</div>")
+    about = "Two knees, in the seconds with the largest velocities. Steps drift apart: each run is its own closed loop."
+    content = legend(RUNS) + f"<div class='two' style='margin:0'>{''.join(figures)}</div>"
+    return boxed(f"Robot and simulation: {_plain(sequence)}", about, content)
+
+
+def _liveliest(command: NDArray[np.float64], n_ticks: int, rate_hz: float) -> slice:
+    """The stretch in which the largest velocities are commanded."""
+    length = min(n_ticks, round(OVERLAY_S * rate_hz))
+    size = np.cumsum(np.concatenate([[0.0], np.linalg.norm(command, axis=1)]))
+    start = int(np.argmax(size[length:] - size[:-length]))
+    return slice(start, start + length)
+
+
+def _at_ticks(tick_ns: NDArray[np.int64], state_ns: NDArray[np.int64], values: NDArray[Any]) -> NDArray[Any]:
+    return values[np.minimum(np.searchsorted(state_ns, tick_ns), len(state_ns) - 1)]
