@@ -92,7 +92,10 @@ def _values(parameters: Sequence[ParameterData]) -> str:
 
 
 def _reasons(parameters: Sequence[ParameterData]) -> str:
-    items = "".join(f"<li><b>{esc(_plain(p.name))}</b>: {esc(p.reason)}</li>" for p in parameters)
+    by_reason: dict[str, list[str]] = {}
+    for p in parameters:
+        by_reason.setdefault(p.reason, []).append(_plain(p.name))
+    items = "".join(f"<li><b>{esc('; '.join(names))}</b>: {esc(why)}</li>" for why, names in by_reason.items())
     return f"<ul>{items}</ul>" if items else "<p>Every parameter is identified.</p>"
 
 
@@ -147,7 +150,13 @@ def _folded(title: str, content: str) -> str:
 
 
 def _plain(name: str) -> str:
-    return name.replace("_", " ")
+    """``coulomb_friction[hips].level_nm`` as words; the unit stands beside the value."""
+    effect, _, parameter = name.partition("].")
+    if not parameter:
+        return name.replace("_", " ")
+    for unit in ("_nm_s_per_rad", "_kg_m2", "_rad_s", "_nm", "_rad", "_kg", "_m_s", "_m", "_s"):
+        parameter = parameter.removesuffix(unit)
+    return f"{effect.replace('[', ', ')}: {parameter}".replace("_", " ")
 
 
 def _number(value: float | None) -> str:
