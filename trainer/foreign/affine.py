@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from spot_model.policy.observation import COLUMNS, N_OBSERVATION, OBSERVATION
 from trainer.foreign.description import ForeignPolicy, Term
+from trainer.foreign.terms import LAST_ACTION
 
 Array = NDArray[np.float64]
 _FIELDS = {field.name: field for field in OBSERVATION}
@@ -68,6 +69,6 @@ def _rows(term: Term, joint_names: tuple[str, ...]) -> NDArray[np.intp]:
 
 def _weights(term: Term, joint_names: tuple[str, ...], gain: Array) -> Array:
     """Our last action is theirs times each joint's share of the common scale; everything else is the same number."""
-    if term.field != "last_action":
+    if term.field != LAST_ACTION:
         return np.ones(term.width)
     return np.asarray(1.0 / gain[[joint_names.index(name) for name in term.joint_names]])

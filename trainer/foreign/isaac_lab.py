@@ -12,7 +12,7 @@ from typing import Any, Final
 from spot_model.errors import BadInputError
 from trainer.foreign.description import BREADTH_FIRST, MAX_HISTORY, ForeignPolicy, Term, by_joint, canonical_joints
 from trainer.foreign.environment import command_ranges, gains_of, get
-from trainer.foreign.terms import meaning_of
+from trainer.foreign.terms import JOINT_FIELDS, LAST_ACTION, meaning_of
 
 _ABSOLUTE: Final = "joint_pos"
 """The function that gives joint positions as they are; the term of that name usually calls ``joint_pos_rel``."""
@@ -78,8 +78,8 @@ def _term(
     function = str(config.get("func", "")).rpartition(":")[2].rpartition(".")[2]
     meaning = meaning_of("joint_pos_abs" if function == _ABSOLUTE else function or name, where)
     asset = (config.get("params") or {}).get("asset_cfg") or {}
-    joints: tuple[str, ...] = acted if meaning.field == "last_action" else ()
-    if meaning.field.startswith("joint_"):
+    joints: tuple[str, ...] = acted if meaning.field == LAST_ACTION else ()
+    if meaning.field in JOINT_FIELDS - {LAST_ACTION}:
         joints = _ordered(asset, natural, where)
     scale = config.get("scale")
     clip = config.get("clip")

@@ -15,7 +15,7 @@ from spot_model.policy.contract import PolicyContract
 from spot_model.robot import facts
 from trainer.foreign.description import MAX_HISTORY, ForeignPolicy, Term, canonical_joints
 from trainer.foreign.environment import DEFAULT_COMMANDS
-from trainer.foreign.terms import meaning_of
+from trainer.foreign.terms import JOINT_FIELDS, MJLAB_NAMES, meaning_of
 
 REQUIRED: Final = (
     "joint_names",
@@ -27,15 +27,6 @@ REQUIRED: Final = (
 )
 RATE_HZ: Final = 50.0
 """mjlab's velocity tasks step at 50 Hz; the file does not say."""
-TERM_NAMES: Final = {
-    "linear_vel_of_body_in_body_m_s": "base_lin_vel",
-    "angular_vel_of_body_in_body_rad_s": "base_ang_vel",
-    "projected_gravity_in_body": "projected_gravity",
-    "velocity_command": "command",
-    "joint_position_offset_rad": "joint_pos",
-    "joint_velocity_rad_s": "joint_vel",
-    "last_action": "actions",
-}
 
 
 def describe(metadata: Mapping[str, str], name: str) -> ForeignPolicy:
@@ -79,7 +70,7 @@ def metadata_of(contract: PolicyContract, run: str) -> dict[str, str]:
         "joint_damping": _csv(contract.kd_nm_s_per_rad),
         "default_joint_pos": _csv(contract.default_position_rad),
         "command_names": "twist",
-        "observation_names": ",".join(TERM_NAMES[field] for field, _ in contract.observation_layout),
+        "observation_names": ",".join(MJLAB_NAMES[field] for field, _ in contract.observation_layout),
         "observation_terms_scale": _csv([1.0] * n),
         "observation_terms_flatten_history_dim": ",".join(["True"] * n),
         "observation_terms_history_length": ",".join(["0"] * n),
@@ -97,14 +88,13 @@ _OF_TERMS: Final = (
 
 def _term(name: str, scale: str, clip: str, history: str, *, joints: tuple[str, ...]) -> Term:
     meaning = meaning_of(name.strip(), "observation_names")
-    is_of_joints = meaning.field.startswith("joint_") or meaning.field == "last_action"
     low, high = _floats(clip.split(";"), "observation_terms_clip")
     length = max(int(float(history)), 1)
     if length > MAX_HISTORY:
         raise BadInputError(f"observation_terms_history_length = {length}; allowed: at most {MAX_HISTORY}")
     return Term(
         meaning.field,
-        joint_names=joints if is_of_joints else (),
+        joint_names=joints if meaning.field in JOINT_FIELDS else (),
         is_absolute=meaning.is_absolute,
         scale=_floats(scale.split(";"), "observation_terms_scale"),
         clip=(low, high),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 from spot_model.errors import BadInputError
+from spot_model.policy.observation import OBSERVATION
 
 
 class Meaning(NamedTuple):
@@ -14,9 +15,8 @@ class Meaning(NamedTuple):
     is_absolute: bool = False
 
 
-_LINEAR, _ANGULAR = "linear_vel_of_body_in_body_m_s", "angular_vel_of_body_in_body_rad_s"
-_GRAVITY, _COMMAND = "projected_gravity_in_body", "velocity_command"
-_POSITION, _VELOCITY, _ACTION = "joint_position_offset_rad", "joint_velocity_rad_s", "last_action"
+# In the order of our observation: a field more or less fails here.
+_LINEAR, _ANGULAR, _GRAVITY, _COMMAND, _POSITION, _VELOCITY, LAST_ACTION = (field.name for field in OBSERVATION)
 
 MEANINGS: Final = {
     "base_lin_vel": Meaning(_LINEAR),
@@ -26,10 +26,10 @@ MEANINGS: Final = {
     "base_angular_velocity": Meaning(_ANGULAR),
     "imu_ang_vel": Meaning(_ANGULAR),
     "projected_gravity": Meaning(_GRAVITY),
+    "command": Meaning(_COMMAND),
     "velocity_commands": Meaning(_COMMAND),
     "velocity_command": Meaning(_COMMAND),
     "generated_commands": Meaning(_COMMAND),
-    "command": Meaning(_COMMAND),
     "commands": Meaning(_COMMAND),
     "twist": Meaning(_COMMAND),
     "joint_pos": Meaning(_POSITION),
@@ -37,11 +37,16 @@ MEANINGS: Final = {
     "joint_pos_abs": Meaning(_POSITION, is_absolute=True),
     "joint_vel": Meaning(_VELOCITY),
     "joint_vel_rel": Meaning(_VELOCITY),
-    "actions": Meaning(_ACTION),
-    "last_action": Meaning(_ACTION),
-    "action": Meaning(_ACTION),
+    "actions": Meaning(LAST_ACTION),
+    "last_action": Meaning(LAST_ACTION),
+    "action": Meaning(LAST_ACTION),
 }
 """By the name of the term, or of the function that fills it in. A term ``joint_pos`` is relative in both frameworks."""
+
+
+MJLAB_NAMES: Final = {meaning.field: name for name, meaning in reversed(MEANINGS.items())}
+"""mjlab's name of each of our fields: the first above that means it."""
+JOINT_FIELDS: Final = frozenset(field.name for field in OBSERVATION if field.is_of_joints)
 
 
 def meaning_of(name: str, source: str) -> Meaning:
