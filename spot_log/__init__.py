@@ -1,4 +1,4 @@
-"""The log: what the loop hands over, the process that writes it, and what reads it.
+"""The log: the hand-off from the control loop, the process that writes it, and its readers.
 
 What reads is imported when somebody asks for it: the logger's process, one a run, never does, and starts sooner.
 """

@@ -1,4 +1,4 @@
-"""Turn records into the log's protobuf messages; the reader does the way back, whole topics at a time."""
+"""Convert records to the log's protobuf messages; the reader converts back, one topic at a time."""
 
 from __future__ import annotations
 

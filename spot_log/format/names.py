@@ -1,4 +1,4 @@
-"""Words of the log that also programs need that never read one."""
+"""Names that programs share with the log without reading one."""
 
 from __future__ import annotations
 

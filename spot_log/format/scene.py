@@ -1,4 +1,4 @@
-"""Spot as a viewer draws it: boxes, cylinders and balls of our own, each fixed to a frame that moves with a joint.
+"""Spot for a viewer: boxes, cylinders and spheres, each fixed to a frame that moves with a joint.
 
 The frames are ``body``, as the robot's odometry places it, and one for each joint, named like it: the link behind that
 joint. Their transforms need no kinematics: each is a fixed offset and a turn by the measured angle. Sizes are the

@@ -1,4 +1,4 @@
-"""The same data once more in Foxglove's own message types, at 50 Hz, so that a viewer shows it without set-up."""
+"""Copies in Foxglove's message types at 50 Hz, which a viewer shows without set-up."""
 
 from __future__ import annotations
 

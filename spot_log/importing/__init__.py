@@ -1,4 +1,4 @@
-"""Other people's recordings as logs of ours: a mapping file says which array is which signal."""
+"""Import of foreign recordings; a mapping file says which array is which signal."""
 
 from spot_log.importing.importer import import_log
 from spot_log.importing.mapping import Mapping, load_mapping

@@ -1,4 +1,4 @@
-"""Write a recording as a log of ours; what the recording lacks stays empty, and is told."""
+"""Write a foreign recording as a log; signals that it lacks stay empty and are listed."""
 
 from __future__ import annotations
 

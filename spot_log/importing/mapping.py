@@ -1,4 +1,4 @@
-"""The mapping file: where each of our signals is in somebody's recording, in which unit, order and clock.
+"""The mapping file: the array, unit, order and clock of each signal in a foreign recording.
 
 schema: spot-rl/import/1
 joint_names: [hip, knee]

@@ -1,4 +1,4 @@
-"""Take one signal out of a recording: find it, select, convert the unit, put the joints in order."""
+"""Read one signal from a recording: find it, select columns, convert units, reorder joints."""
 
 from __future__ import annotations
 

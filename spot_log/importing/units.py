@@ -1,4 +1,4 @@
-"""Units that a recording may be in, and their factor to ours."""
+"""Units of recordings, with their factors to SI."""
 
 from __future__ import annotations
 

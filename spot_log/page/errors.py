@@ -1,4 +1,4 @@
-"""What can stand in the way of a page."""
+"""Errors of pages."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Reading logs, also those that were cut short."""
+"""Readers of logs, whole or cut short."""

@@ -1,4 +1,4 @@
-"""Read one chunk of an MCAP file by its own head, trusting nothing but its check sum."""
+"""Read one chunk of an MCAP file from its own header, trusting only its checksum."""
 
 from __future__ import annotations
 

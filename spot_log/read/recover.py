@@ -1,4 +1,4 @@
-"""Make a whole log of a cut or damaged one, check the result, and say what is lost."""
+"""Recover a cut or damaged log, check the result, and report what is lost."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Figures of a run: rates, gaps, delays, falls; pure functions of a :class:`Run`, in robot time where possible."""
+"""Measures of a run: rates, gaps, delays, falls. Pure functions of a :class:`Run`, in robot time where possible."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Keep logs within a quota: the oldest closed ones go first."""
+"""Keep logs within a quota by deleting the oldest closed ones."""
 
 from __future__ import annotations
 

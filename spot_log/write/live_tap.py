@@ -1,4 +1,4 @@
-"""The log's process's end of the live view: a socket that never makes it wait.
+"""The live view's end in the logger process: a socket that never blocks.
 
 The loop does not know of the live view at all. The log's process, which has every message in the form that viewers
 read, sends a copy to the live view's process; what does not fit into the socket is dropped and counted. States and

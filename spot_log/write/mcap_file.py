@@ -1,4 +1,4 @@
-"""An MCAP file that is whole after every flush: one write a chunk, taken back if it fails.
+"""An MCAP file that is complete after every flush: one write per chunk, undone if it fails.
 
 The ``mcap`` package's records are used as they are; its writer is not, because it has no public flush, keeps schemas
 and channels in the first chunk only, and leaves half a chunk behind on a full disk.

@@ -1,4 +1,4 @@
-"""Where the loop puts what it logs: one small protocol, a sink that drops all, and one that keeps all in memory."""
+"""Sinks of the log: the protocol, one that discards everything, and one that keeps everything in memory."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class SinkHealth:
 
 
 class LogSink(Protocol):
-    """What the loop sees of the log. No call blocks and none raises, whatever happens to the log.
+    """The log as the control loop sees it. No call blocks or raises, whatever happens to the log.
 
     Each topic is written by one thread at a time; different topics may be written by different threads.
     """

@@ -111,7 +111,7 @@ class LossMotion:
 
 @dataclass(frozen=True)
 class IdleBox:
-    """Where a torque effect surely does nothing: bounds of its joints, each low and high."""
+    """Bounds within which a torque effect certainly does nothing, each low and high."""
 
     torque_nm: tuple[float, float] = (-math.inf, math.inf)
     velocity_rad_s: tuple[float, float] = (-math.inf, math.inf)

@@ -1,4 +1,4 @@
-"""The direction of dry friction, and what a model's joints lose altogether."""
+"""The direction of dry friction, and the total torque loss of a model's joints."""
 
 from __future__ import annotations
 
@@ -31,5 +31,5 @@ def joint_losses_nm(effects: Iterable[Effect], motion: LossMotion) -> NDArray[np
 
 
 def has_joint_loss(effect: Effect) -> bool:
-    """Whether an effect's class says what it takes away between motor and load cell."""
+    """Whether an effect's class defines a torque loss between motor and load cell."""
     return isinstance(effect, ModelEffect) and type(effect).joint_loss_nm is not ModelEffect.joint_loss_nm

@@ -1,4 +1,4 @@
-"""Reading files that somebody names: never more than fits and never waiting, whatever the name leads to."""
+"""Bounded reading of files named by a user: never more than a limit, and never blocking on a pipe."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The one console script, ``spot-rl``: it finds the commands, loads only the one asked for, and words the errors."""
+"""The console script ``spot-rl``: finds the commands, loads only the requested one, and prints errors."""
 
 from __future__ import annotations
 

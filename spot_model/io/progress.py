@@ -1,4 +1,4 @@
-"""How far long work is: a bar with the time that is left, or a plain line now and then where there is no terminal."""
+"""Progress of long work: a bar with the time left, or a plain line now and then without a terminal."""
 
 from __future__ import annotations
 

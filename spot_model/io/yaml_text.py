@@ -1,4 +1,4 @@
-"""YAML from outside: plain data alone, of bounded size, depth and expansion; what is wrong with it is said in words.
+"""Untrusted YAML: plain data of bounded size, depth and expansion, with errors in plain words.
 
 PyYAML's safe loader makes no objects, but a few hundred bytes of nested aliases expand without end once somebody walks
 them, deep nesting ends in the interpreter's recursion limit, and a date that is none raises errors of its own.
@@ -46,7 +46,7 @@ _OLD_NUMBER: Final = re.compile(r"[-+]?(?:0[0-9_]+|[0-9_]+(?::[0-9_.]+)+)")
 
 
 class _Loader(yaml.SafeLoader):
-    """Plain YAML, but for what is never meant.
+    """Plain YAML without constructs that are never intended.
 
     Refused: nesting beyond any use, before the recursion limit does it; a key that comes twice, of which YAML would
     silently take the last; a NUL character, which no name and no path may hold; numbers that YAML 1.1 reads in a way of

@@ -1,4 +1,4 @@
-"""A policy in closed loop with simulated robots: sense, observe, act, command, move. Whoever runs it records.
+"""A policy in closed loop with simulated robots: sense, observe, act, command, step. The caller records.
 
 One loop serves identification, evaluation and simulated logs. They differ in what is sensed, in what of it the policy
 sees, in the commands' way to the servos, and in what is kept of each tick.

@@ -1,4 +1,4 @@
-"""What the servos are told, and its way there: commands take effect late, in order, or never."""
+"""Servo commands and their channel: they take effect late, in order, or never."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How set-points reach the servos in a closed loop: through the plant's own channel, or with receipts for a log."""
+"""How set-points reach the servos in a closed loop: through the plant's channel, or with receipts for a log."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How long a whole message is under way: delay distributions, as data."""
+"""Distributions of message delays, as data."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What effects carry from step to step is a tree of arrays; here it is copied, reset by simulation, and rebuilt."""
+"""Effect memories are trees of arrays; functions to copy, reset and rebuild them."""
 
 from __future__ import annotations
 

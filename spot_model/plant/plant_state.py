@@ -1,4 +1,4 @@
-"""What can be read off a batch of simulated robots: joints, body, feet, contact, torque."""
+"""The state of a batch of simulated robots: joints, body, feet, contacts, torques."""
 
 from __future__ import annotations
 

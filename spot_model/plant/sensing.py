@@ -1,4 +1,4 @@
-"""What the simulated robots report: the truth, changed by sensor and estimator effects in their order."""
+"""What the simulated robots report: the true state after sensor and estimator effects, in order."""
 
 from __future__ import annotations
 

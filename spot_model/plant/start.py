@@ -1,4 +1,4 @@
-"""How a simulated run begins: robots put into the states in which logged ones were."""
+"""Start states of simulated runs, such as those of logged ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From the command in effect to the motor torque: the servo's law, then the torque effects in their order."""
+"""Motor torque of the active command: the servo law, then the torque effects in order."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a policy file promises about itself: stored as JSON inside the ONNX file, checked before the file is used."""
+"""The contract of a policy file: JSON inside the ONNX file, checked before the file is used."""
 
 from __future__ import annotations
 

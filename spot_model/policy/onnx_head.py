@@ -1,4 +1,4 @@
-"""What an ONNX file says about itself, read before ONNX Runtime sees a byte of it.
+"""The head of an ONNX file, checked before ONNX Runtime reads the file.
 
 An ONNX file is a protobuf message. It is walked here by a table of all that a policy may hold, and nothing is computed,
 allocated by the file's word, or fetched. A field that the table does not know is refused, not skipped: so this reader

@@ -1,4 +1,4 @@
-"""The array library of an array, looked up fast: effects ask at every physics step."""
+"""A fast look-up of an array's library, for effects at every physics step."""
 
 from __future__ import annotations
 

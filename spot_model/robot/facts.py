@@ -1,4 +1,4 @@
-"""What a Spot is, in figures; every number carries its source.
+"""Facts about Spot; every number has a source.
 
 Sources: [sdk] Boston Dynamics' SDK 5.2.0, its documents and model; [isaac] Isaac Lab's public Spot asset (BSD-3);
 [paper] Miller et al. 2025, "High-Performance Reinforcement Learning on Spot"; [judo] judo's public Spot model (MIT);

@@ -1,4 +1,4 @@
-"""Where the feet are and how they move, from the joints alone: one formula for NumPy and torch, batched."""
+"""Leg kinematics: foot positions and Jacobians from joint angles, batched, for NumPy and torch."""
 
 from __future__ import annotations
 

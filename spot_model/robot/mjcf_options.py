@@ -1,4 +1,4 @@
-"""Choices that a MuJoCo model of Spot leaves open: solver, contact, terrain and what may collide."""
+"""Options of the MuJoCo model: solver, contacts, terrain and collisions."""
 
 from __future__ import annotations
 

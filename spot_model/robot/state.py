@@ -1,4 +1,4 @@
-"""What one robot says and is told: the state message, the joint command, the slow state."""
+"""Messages of one robot: the state, the joint command, the slow state."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The servo on the GPU: delayed set-points, PD law, torque effects, as torch operations that never wait."""
+"""The servo on the GPU: delayed set-points, PD law and torque effects as torch operations without synchronisation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Who touches the ground, read from ``mujoco_warp``'s list of contacts."""
+"""Ground contacts, read from ``mujoco_warp``'s contact list."""
 
 from __future__ import annotations
 

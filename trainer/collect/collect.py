@@ -1,4 +1,4 @@
-"""``spot-rl collect``: all runs that an identification needs, one after the other, resumed after an interruption."""
+"""``spot-rl collect``: run all sequences that an identification needs, one after another; resumable."""
 
 from __future__ import annotations
 

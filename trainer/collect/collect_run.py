@@ -1,4 +1,4 @@
-"""Making the runs of a collection: each in a process of its own, checked when it is done."""
+"""Run the sequences of a collection, each in its own process, and check the results."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which runs a collection needs, and which of them are already there and whole."""
+"""The runs that a collection needs, and those that are already complete."""
 
 from __future__ import annotations
 

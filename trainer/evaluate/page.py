@@ -1,4 +1,4 @@
-"""The evaluation as one HTML page that needs nothing from a network."""
+"""The evaluation as one self-contained HTML page."""
 
 from __future__ import annotations
 

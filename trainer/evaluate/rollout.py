@@ -20,7 +20,7 @@ Disturb = Callable[[Plant, int], None]
 
 @dataclass(frozen=True)
 class Recording:
-    """What happened, tick by tick (T ticks, n robots); a robot that fell keeps its last row's meaning no more."""
+    """What happened, tick by tick (T ticks, n robots); rows after a robot's fall are meaningless."""
 
     command: Array
     """V_x, V_y (m/s), ω_z (rad/s), shape (T, n, 3)."""

@@ -1,4 +1,4 @@
-"""The trials: what is asked of a policy, and the figures that come out."""
+"""Trials of a policy and their figures."""
 
 from __future__ import annotations
 

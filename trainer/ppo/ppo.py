@@ -1,4 +1,4 @@
-"""rsl-rl's PPO behind one adapter: our config goes in, copied; its quirks stay here."""
+"""An adapter of rsl-rl's PPO: takes a copy of our config and hides rsl-rl's peculiarities."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Left and right exchanged: the mirror image of an observation and of an action."""
+"""Mirror images of observations and actions: left and right exchanged."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""A trained policy made better by a few gains around its network, searched in whole-gait trials."""
+"""Refinement of a trained policy: a search over a few gains around its network, judged by whole-gait trials."""

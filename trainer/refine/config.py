@@ -87,8 +87,15 @@ class RefineConfig(Config):
     seed: int = Field(default=0, ge=0)
     speeds_m_s: tuple[float, ...] = Field(default=(0.5, 1, 1.5, 2, 2.5, 3, 3.5, 4, 4.5, 5, 6, 7), min_length=1)
     others: tuple[tuple[float, float, float], ...] = (
-        (0, 0, 0), (-1.5, 0, 0), (0, 1, 0), (0, 0, 1.5), (2, 0.5, 0), (2, -0.5, 0), (3, 0, 1), (3, 0, -1),
-    )  # fmt: skip
+        (0, 0, 0),
+        (-1.5, 0, 0),
+        (0, 1, 0),
+        (0, 0, 1.5),
+        (2, 0.5, 0),
+        (2, -0.5, 0),
+        (3, 0, 1),
+        (3, 0, -1),
+    )
     """V_x, V_y (m/s), ω_z (rad/s) of the robots that also turn or go sideways or backwards."""
     ramp_s: float = Field(default=4.0, gt=0.0, le=60.0)
     """From rest to the command."""

@@ -1,4 +1,4 @@
-"""The gains: what a network is given and what it answers, scaled and shifted alike on the left and on the right.
+"""The gains: scales and offsets of a network's inputs and outputs, equal on left and right.
 
 They are folded into the first and the last layer, so the refined policy has the same shape and costs the same.
 """

@@ -1,4 +1,4 @@
-"""What one candidate's gait is worth: steady running on every robot, and random starts, as one number."""
+"""The score of a candidate's gait: steady running on every robot, and random starts."""
 
 from __future__ import annotations
 

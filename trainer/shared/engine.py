@@ -1,4 +1,4 @@
-"""Where independent jobs are computed: in this process, in several, or on a Ray cluster; the results are the same."""
+"""Run independent jobs in this process, in several, or on a Ray cluster, with the same results."""
 
 from __future__ import annotations
 

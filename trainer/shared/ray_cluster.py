@@ -1,4 +1,4 @@
-"""A Ray cluster (the extra ``ray``), the running one or one on this machine: joined in one way by all who use it."""
+"""Connection to a Ray cluster (the extra ``ray``): a running one, or one started on this machine."""
 
 from __future__ import annotations
 

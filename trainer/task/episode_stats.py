@@ -1,4 +1,4 @@
-"""Sums over finished episodes, kept on the device and read once an iteration, so that no step waits for them."""
+"""Sums over finished episodes, kept on the device and read once per iteration to avoid synchronisation."""
 
 from __future__ import annotations
 

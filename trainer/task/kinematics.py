@@ -1,4 +1,4 @@
-"""The feet in the world, as the rewards need them; the formula of the legs is spot_model's."""
+"""Foot motion in the world for the rewards, by spot_model's leg kinematics."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Memory that training frees and takes again, hundreds of times an iteration."""
+"""Keep freed memory in the process; training frees and allocates it hundreds of times per iteration."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Finding a reward by the name under which a config weighs it: ours, an installed one, or ``module:function``."""
+"""Find a reward term by its key in the config: built in, installed, or ``module:function``."""
 
 from __future__ import annotations
 

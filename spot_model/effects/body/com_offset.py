@@ -1,4 +1,4 @@
-"""The body's centre of mass lies elsewhere than the model says."""
+"""An offset of the body's centre of mass from the model's."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Feet larger or smaller than the model's: wear, or another tyre."""
+"""Feet larger or smaller than the model's, by wear or a different tyre."""
 
 from __future__ import annotations
 

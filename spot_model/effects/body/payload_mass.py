@@ -1,4 +1,4 @@
-"""Mass on the robot's back that the model does not know, or body mass that it has wrong."""
+"""A payload that the model lacks, or an error of its body mass."""
 
 from __future__ import annotations
 

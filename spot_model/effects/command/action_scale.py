@@ -1,4 +1,4 @@
-"""A program that scales the policy's action by another factor than the one it was trained with."""
+"""A program that scales the policy's action by a different factor than in training."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Commands take effect a constant time after they were issued."""
+"""A constant delay of commands."""
 
 from __future__ import annotations
 

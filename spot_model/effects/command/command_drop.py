@@ -1,4 +1,4 @@
-"""Some commands never arrive; the one before stays in effect."""
+"""Commands that never arrive; the previous one stays in effect."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Commands take effect after a time that varies from one to the next."""
+"""A random delay of commands."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A program that adds the policy's action to another default pose than the one it was trained with."""
+"""A program that adds the policy's action to a different default pose than in training."""
 
 from __future__ import annotations
 

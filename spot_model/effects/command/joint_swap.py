@@ -1,4 +1,4 @@
-"""A program that sends joints in another order: left and right exchanged."""
+"""A program that exchanges left and right joints."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Play in the gear: after a torque reversal the motor crosses a gap before it drives again."""
+"""Backlash: after a torque reversal the motor crosses the play before it drives again."""
 
 from __future__ import annotations
 

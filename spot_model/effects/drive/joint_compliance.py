@@ -1,4 +1,4 @@
-"""A gear that gives way: the encoder sits on the motor's side of a spring."""
+"""Compliance of the gear: the encoder sits on the motor's side of a spring."""
 
 from __future__ import annotations
 

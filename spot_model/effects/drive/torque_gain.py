@@ -1,4 +1,4 @@
-"""The motor gives a constant share of the torque that was asked for."""
+"""A constant gain of the motor torque."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The robot's power distribution gives all motors together only so much."""
+"""A bound on the total power of all motors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Motors that grow hot give less torque."""
+"""Torque derating of hot motors."""
 
 from __future__ import annotations
 

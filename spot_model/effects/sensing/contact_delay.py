@@ -1,4 +1,4 @@
-"""Foot contact flags that come late."""
+"""Delayed foot contact flags."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Joint encoders whose zero is off."""
+"""Zero offsets of the joint encoders."""
 
 from __future__ import annotations
 

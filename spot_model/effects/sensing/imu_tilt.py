@@ -1,4 +1,4 @@
-"""An inertial unit that sits askew: attitude and turn rates are reported in a tilted frame."""
+"""A tilted inertial unit: attitude and turn rates are reported in a tilted frame."""
 
 from __future__ import annotations
 

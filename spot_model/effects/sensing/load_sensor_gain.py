@@ -1,4 +1,4 @@
-"""The torque sensors' scale and zero are off."""
+"""Gain and bias of the torque sensors."""
 
 from __future__ import annotations
 

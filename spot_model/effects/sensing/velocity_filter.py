@@ -1,4 +1,4 @@
-"""The reported joint velocity is low-pass filtered, and so late."""
+"""A low-pass filter on the reported joint velocity."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""For each parameter: is it identified, by what, how closely, and if not, why not."""
+"""The verdict on each parameter: whether it is identified, by what, how closely, or why not."""
 
 from __future__ import annotations
 

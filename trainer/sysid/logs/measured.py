@@ -1,4 +1,4 @@
-"""What logs show directly goes into the nominal model before anything is searched: the delay and the inertia."""
+"""Put what logs show directly into the nominal model before the search: command delay and inertia."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How noisy a logged signal is: the paper's spectral estimate."""
+"""Noise of a logged signal by the paper's spectral estimate."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From log files to runs: what is sound is kept, what is not is cut or left out, and both are said in words."""
+"""Read log files as runs: cut or leave out what is unsound, and report both."""
 
 from __future__ import annotations
 

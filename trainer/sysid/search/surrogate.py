@@ -1,4 +1,4 @@
-"""What the search's evaluations say about each parameter: a quadratic surrogate, refitted over resampled real runs."""
+"""Parameter intervals from the search's evaluations: a quadratic surrogate, refitted over resampled real runs."""
 
 from __future__ import annotations
 

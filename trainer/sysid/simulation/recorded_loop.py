@@ -200,7 +200,7 @@ def padded(command: Array, n_ticks: int) -> Array:
 
 
 def _as_seen(observation: NDArray[Any]) -> NDArray[np.float32]:
-    """As a program on the robot sees it; a simulation that diverged must not stop the others."""
+    """The policy's input as float32; NaN of a diverged simulation becomes 0, so that the others go on."""
     return np.nan_to_num(observation.astype(np.float32))
 
 

@@ -1,4 +1,4 @@
-"""How far the parameters of a torque fit can be trusted: errors that respect runs and legs."""
+"""Standard errors of a torque fit, clustered by runs and by legs."""
 
 from __future__ import annotations
 

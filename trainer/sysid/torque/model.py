@@ -171,7 +171,7 @@ def step_acceleration(samples: TorqueSamples, offset_s: float) -> Array:
 
 
 def friction_direction(velocity_rad_s: Array, acceleration_rad_s2: Array) -> Array:
-    """Sign of the velocity where dry friction surely has its full size against it, 0 elsewhere. Any shape.
+    """Sign of the velocity where dry friction certainly has its full size, 0 elsewhere. Any shape.
 
     Left at 0 are slow joints, and those in an impact or at a reversal, where the friction of a real joint is not
     fully built up, and where a simulator's friction constraint opposes the impact and not the motion. There the

@@ -1,4 +1,4 @@
-"""What the servo was asked for and what the joint's torque sensor said, at every state message."""
+"""Requested and measured torque at every state message."""
 
 from __future__ import annotations
 
