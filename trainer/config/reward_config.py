@@ -40,6 +40,10 @@ class RewardWeights(Config):
     yaw_rate: float = 5.0
     air_time: float = 5.0
     gait: float = 10.0
+    trot: float = 0.0
+    """Not of the paper: the gait term compares times, so that short strides make a hop look like a trot."""
+    short_swing: float = 0.0
+    """Not of the paper."""
     foot_clearance: float = 0.5
     action_smoothness: float = -1.0
     air_time_variance: float = -1.0
@@ -56,6 +60,8 @@ class RewardWeights(Config):
     joint_velocity: float = -1.0e-2
     joint_position: float = -0.7
     joint_torque: float = -5.0e-4
+    power: float = 0.0
+    """Not of the paper."""
 
     @model_validator(mode="after")
     def _known(self) -> RewardWeights:
@@ -81,6 +87,8 @@ class RewardShape(Config):
     """A command whose norm over V_x, V_y (m/s), ω_z (rad/s) is below this means: stand."""
     gait_scale_s2: float = Field(default=0.1, gt=0.0)
     gait_largest_error_s: float = Field(default=0.2, gt=0.0)
+    flight_allowed_m_s: tuple[float, float] = (1.0, 2.0)
+    """Commanded speed at which flight begins to count as part of a trot, and from which on it counts in full."""
     clearance_height_m: float = Field(default=0.1, gt=0.0)
     clearance_scale_m2: float = Field(default=0.05, gt=0.0)
     clearance_speed_factor_s_per_m: float = Field(default=2.0, gt=0.0)

@@ -16,7 +16,7 @@ class FootTimers:
         duty_window_s: Time constant of the mean that :attr:`duty` is.
     """
 
-    NAMES = ("air_time_s", "contact_time_s", "last_air_time_s", "last_contact_time_s", "duty")
+    NAMES = ("air_time_s", "contact_time_s", "last_air_time_s", "last_contact_time_s", "duty", "support")
 
     def __init__(self, n: int, device: torch.device | str, duty_window_s: float = 1.0) -> None:
         self.air_time_s = torch.zeros(n, 4, device=device)
@@ -25,6 +25,8 @@ class FootTimers:
         self.last_contact_time_s = torch.zeros(n, 4, device=device)
         self.duty = torch.zeros(n, 4, device=device)
         """Share of time on the ground, a mean that forgets; starts from 0 for all feet alike."""
+        self.support = torch.zeros(n, 4, dtype=torch.bool, device=device)
+        """The feet on the ground; in flight those that were last."""
         self._duty_window_s = duty_window_s
 
     def update(self, contact: Tensor, dt_s: float, duty: Tensor | None = None) -> Tensor:
@@ -37,6 +39,7 @@ class FootTimers:
         lifted_off = ~contact & (self.contact_time_s > 0)
         self.last_air_time_s.copy_(torch.where(touched_down, self.air_time_s + dt_s, self.last_air_time_s))
         self.last_contact_time_s.copy_(torch.where(lifted_off, self.contact_time_s + dt_s, self.last_contact_time_s))
+        self.support.copy_(torch.where(contact.any(dim=-1, keepdim=True), contact, self.support))
         self.air_time_s.add_(dt_s).mul_(~contact)
         self.contact_time_s.add_(dt_s).mul_(contact)
         self.duty.lerp_(contact.to(self.duty.dtype) if duty is None else duty, min(1.0, dt_s / self._duty_window_s))

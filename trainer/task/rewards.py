@@ -1,7 +1,8 @@
 """The reward terms: pure functions of one moment, each of shape (n,), before its weight.
 
 Source: the paper names the terms; the formulas follow Isaac Lab's released Spot task (BSD-3-Clause). Foot impact and
-foot distance, which the paper names without a formula, are this project's, and so are uneven duty and fall.
+foot distance, which the paper names without a formula, are this project's, and so are trot, short swing, uneven duty
+and fall.
 """
 
 from __future__ import annotations
@@ -51,12 +52,16 @@ class Moment:
     """In the world, shape (n, 4, 2)."""
     contact: Tensor
     """Bool, shape (n, 4)."""
+    support: Tensor
+    """Bool, shape (n, 4): the feet on the ground, in flight those that were last."""
     air_time_s: Tensor
     """Time in the air so far, shape (n, 4)."""
     contact_time_s: Tensor
     last_air_time_s: Tensor
     """Length of the last flight, shape (n, 4)."""
     last_contact_time_s: Tensor
+    touched_down: Tensor
+    """Bool, shape (n, 4): in this period."""
     touchdown_speed_m_s: Tensor
     """Downward speed of a foot just before it touched down in this period, else 0. Shape (n, 4)."""
     duty: Tensor
@@ -98,6 +103,25 @@ def gait(m: Moment, c: RewardShape) -> Tensor:
     first, second = _gait_pairs(times.device)
     error = (times[:, first] - times[:, second]).square().clamp(max=cap).sum(dim=-1)
     return torch.exp(-error / scale) * m.is_moving
+
+
+def trot(m: Moment, c: RewardShape) -> Tensor:
+    """1 on one diagonal alone, a quarter on one or three feet, else 0: the share of the six pairs of feet that are as
+    a trot has them, above the third that standing, pronk, pace and bound have. It knows no time, so strides of any
+    length are paid alike. In flight the last support counts, as far as the commanded speed allows flight.
+    """
+    fl, fr, hl, hr = m.support.unbind(dim=-1)
+    diagonal = (fl == hr) & (fr == hl) & (fl != fr)
+    odd = fl ^ fr ^ hl ^ hr
+    low, high = c.flight_allowed_m_s
+    allowed = ((_norm(m.command[:, :2]) - low) / (high - low)).clamp(0.0, 1.0)
+    paid = torch.where(m.contact.any(dim=-1), torch.ones_like(allowed), allowed)
+    return (diagonal + 0.25 * odd) * paid * m.is_moving
+
+
+def short_swing(m: Moment, c: RewardShape) -> Tensor:
+    """How much shorter than wanted the swings were that end in this period, s."""
+    return ((c.swing_time_s - m.last_air_time_s).clamp(min=0.0) * m.touched_down).sum(dim=-1) * m.is_moving
 
 
 def foot_clearance(m: Moment, c: RewardShape) -> Tensor:
@@ -176,6 +200,11 @@ def joint_torque(m: Moment, _c: RewardShape) -> Tensor:
     return _norm(m.torque_nm)
 
 
+def power(m: Moment, _c: RewardShape) -> Tensor:
+    """Positive mechanical power of the motors, W."""
+    return (m.torque_nm * m.velocity_rad_s).clamp(min=0.0).sum(dim=-1)
+
+
 def _norm(vectors: Tensor) -> Tensor:
     norms: Tensor = torch.linalg.vector_norm(vectors, dim=-1)
     return norms
@@ -206,6 +235,8 @@ TERMS: Final[dict[str, Term]] = {
         yaw_rate,
         air_time,
         gait,
+        trot,
+        short_swing,
         foot_clearance,
         action_smoothness,
         air_time_variance,
@@ -220,6 +251,7 @@ TERMS: Final[dict[str, Term]] = {
         joint_velocity,
         joint_position,
         joint_torque,
+        power,
     )
 }
 """Every term by its key in :class:`trainer.config.reward_config.RewardWeights`."""
