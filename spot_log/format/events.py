@@ -11,6 +11,8 @@ class EventName(Enum):
     """Every event, with its severity and what it means."""
 
     RUN_STARTED = (Severity.INFO, "the run began")
+    GAIT = (Severity.INFO, "the gait that the policy's file states")
+    GAIT_DOUBTFUL = (Severity.WARNING, "the policy's file states that it hops or falls, or states no gait")
     CONNECTED = (Severity.INFO, "the robot answered, and the lease is ours")
     CONNECTION_FAILED = (Severity.ERROR, "the robot cannot be used; the text says why")
     REAL_TIME_REFUSED = (Severity.WARNING, "the system refused real-time settings")

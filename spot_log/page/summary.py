@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 
 from spot_log.read.run import Run
+from spot_log.tools.gaits import gait_line
 from spot_log.tools.info import LogInfo, log_info
 from spot_log.tools.measures import Spread
 
 MAX_EVENTS = 8
+MAX_GAITS = 8
 
 
 def summarise(run: Run) -> str:
@@ -22,6 +24,7 @@ def summary_lines(info: LogInfo) -> list[str]:
     lines += [_row("damaged", text) for text in info.damage]
     lines += [
         _row("motion", _motion_text(info)),
+        *_gait_rows(info),
         _row("falls", _falls_text(info)),
         _row("states", _states_text(info)),
         _row("ticks", _ticks_text(info)),
@@ -59,6 +62,12 @@ def _motion_text(info: LogInfo) -> str:
         vx, vy, wz = motion.tracking_rms
         text += f", velocity error (RMS) {vx:.2f} and {vy:.2f} m/s, {wz:.2f} rad/s"
     return text
+
+
+def _gait_rows(info: LogInfo) -> list[str]:
+    shown = [_row("gait", gait_line(span)) for span in info.gaits[:MAX_GAITS]]
+    more = len(info.gaits) - len(shown)
+    return [*shown, _row("gait", f"and {more} stretches more, in log info --json")] if more else shown
 
 
 def _falls_text(info: LogInfo) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 
 from spot_log.read.run import Run
 from spot_log.tools import measures
+from spot_log.tools.gaits import GaitSpan, gaits
 from spot_log.tools.measures import Fall, Spread, Steps
 from spot_model.robot.rotation import tilt_rad
 from spot_model.robot.state import Array
@@ -123,6 +124,8 @@ class LogInfo:
     commands: CommandInfo
     power: PowerInfo
     motion: MotionInfo
+    gaits: list[GaitSpan]
+    """One for each stretch in which the command stayed the same."""
     events: list[dict[str, Any]]
     event_counts: dict[str, int]
 
@@ -152,6 +155,7 @@ def log_info(run: Run) -> LogInfo:
         commands=_commands(run),
         power=_power(run),
         motion=_motion(run),
+        gaits=gaits(run),
         events=[_event(run, i) for i in range(len(run.events))],
         event_counts=dict(Counter(event.name for event in run.events)),
     )

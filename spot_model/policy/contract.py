@@ -50,6 +50,21 @@ class StoredPair(BaseModel):
     tolerance: float = Field(default=1e-4, gt=0.0, le=1e-2)
 
 
+class StatedGait(BaseModel):
+    """The gait at one forward speed, as :class:`spot_model.robot.gait.Gait` has it, measured in simulation at export."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    v_x_m_s: float
+    """Commanded."""
+    name: str = Field(min_length=1, max_length=40)
+    clarity: float = Field(ge=0.0, le=1.0)
+    stride_hz: float = Field(ge=0.0)
+    diagonals_agree: float = Field(ge=0.0, le=1.0)
+    others_agree: float = Field(ge=0.0, le=1.0)
+    flight_share: float = Field(ge=0.0, le=1.0)
+
+
 class PolicyContract(BaseModel):
     """All that a runtime must know to run a policy. Per-joint values stand in the order of ``joint_names``."""
 
@@ -70,6 +85,8 @@ class PolicyContract(BaseModel):
     """Least V_x, V_y (m/s), ω_z (rad/s) that the policy was trained on."""
     velocity_command_high: tuple[float, float, float]
     training: TrainingRecord = TrainingRecord()
+    gait: tuple[StatedGait, ...] = Field(default=(), max_length=100)
+    """By commanded speed, rising; empty where nobody measured it."""
     stored_pair: StoredPair
 
     @field_validator("joint_names")

@@ -10,6 +10,7 @@ import typer
 
 from spot_model.policy.contract import PolicyError
 from spot_model.policy.policy import Policy, load_policy
+from spot_runtime.policy.admission import gait_sentence
 from spot_runtime.policy.card import card_lines, card_of, load_card, write_card
 from spot_runtime.policy.signature import check_signature, private_key, signature_path, signed_line
 
@@ -19,6 +20,7 @@ def show(policy: Annotated[Path, typer.Argument(help="ONNX file with its contrac
     loaded = load_policy(policy)
     for line in card_lines(loaded, load_card(policy)):
         typer.echo(line)
+    typer.echo(gait_sentence(loaded.contract))
     typer.echo("signature beside it" if signature_path(policy).exists() else "no signature beside it")
 
 

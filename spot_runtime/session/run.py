@@ -24,6 +24,7 @@ from spot_runtime.host.clock import HostClock
 from spot_runtime.host.console import Console
 from spot_runtime.host.realtime import apply_real_time, freeze_garbage_collection
 from spot_runtime.host.service_manager import ServiceManager
+from spot_runtime.policy.admission import gait_event
 from spot_runtime.session.incident import FlightRecorder
 from spot_runtime.session.robot_session import ControlEnd, RobotSession, control_end
 from spot_runtime.session.signals import StopSignals
@@ -141,6 +142,9 @@ class _Attempt:
         """Connect, stand, control, sit, power off."""
         config = self._request.config
         self._event(EventName.RUN_STARTED, f"policy {self._request.policy.contract.name}, {self._request.source.name}")
+        event, told = gait_event(self._request.policy.contract)
+        self._event(event, told)
+        self._say(told)
         self._refusals = tuple(apply_real_time(config.real_time))
         for refusal in self._refusals:
             self._event(EventName.REAL_TIME_REFUSED, refusal)

@@ -87,6 +87,8 @@ class RewardShape(Config):
     """A command whose norm over V_x, V_y (m/s), ω_z (rad/s) is below this means: stand."""
     gait_scale_s2: float = Field(default=0.1, gt=0.0)
     gait_largest_error_s: float = Field(default=0.2, gt=0.0)
+    gait_stride_s: float = Field(default=0.0, ge=0.0)
+    """The gait term's times are scaled as if the last strides had lasted this long; 0: seconds, as in the paper."""
     flight_allowed_m_s: tuple[float, float] = (1.0, 2.0)
     """Commanded speed at which flight begins to count as part of a trot, and from which on it counts in full."""
     clearance_height_m: float = Field(default=0.1, gt=0.0)

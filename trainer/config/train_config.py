@@ -23,6 +23,8 @@ class PpoConfig(Config):
 
     hidden: tuple[int, ...] = Field(default=(512, 256, 128), min_length=1)
     initial_std: float = Field(default=1.0, gt=0.0)
+    start_std: float | None = Field(default=None, gt=0.0)
+    """Deviation of a run that starts from another's networks; None: theirs."""
     steps_per_iteration: int = Field(default=24, ge=1)
     learning_rate: float = Field(default=1.0e-3, gt=0.0)
     schedule: Literal["adaptive", "fixed"] = "adaptive"

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from spot_model.robot import facts
+from spot_model.robot.gait import measure_gait
 from trainer.evaluate.rollout import Array, Recording
 
 
@@ -28,16 +29,23 @@ def mean_velocity(recording: Recording, span: slice) -> Array:
 
 
 def gait(recording: Recording, span: slice, robot: int) -> dict[str, Any]:
-    """Duty factor of each leg, their largest difference, and the share of time with no foot on the ground."""
+    """The gait of one robot; see :class:`spot_model.robot.gait.Gait`."""
     contact = recording.foot_contact[span, :, robot].reshape(-1, facts.N_LEGS)
-    seconds = (span.stop - span.start) / recording.rate_hz
-    duty = contact.mean(axis=0)
-    touchdowns = (~contact[:-1] & contact[1:]).sum(axis=0)
+    descent = recording.foot_descent_m_s[span, :, robot].reshape(-1, facts.N_LEGS)
+    step_s = 1.0 / (recording.rate_hz * recording.foot_contact.shape[1])
+    measured = measure_gait(step_s * np.arange(len(contact)), contact, descent)
     return {
-        "duty_factors": [round(float(d), 3) for d in duty],
-        "duty_spread": round(float(duty.max() - duty.min()), 3),
-        "flight_share": round(float((~contact.any(axis=-1)).mean()), 3),
-        "stride_hz": round(float(touchdowns.mean() / seconds), 2),
+        "gait": measured.name,
+        "clarity": round(measured.clarity, 3),
+        "stride_hz": round(measured.stride_hz, 2),
+        "duty_factors": [round(d, 3) for d in measured.duty],
+        "duty_spread": round(max(measured.duty) - min(measured.duty), 3),
+        "flight_share": round(measured.flight_share, 3),
+        "phases": [None if np.isnan(p) else round(p, 3) for p in measured.phase],
+        "agreement": {name: round(share, 3) for name, share in measured.agreement.items()},
+        "diagonals_agree": round(measured.diagonals_agree, 3),
+        "others_agree": round(measured.others_agree, 3),
+        "touchdown_m_s": None if np.isnan(measured.touchdown_m_s) else round(measured.touchdown_m_s, 3),
     }
 
 

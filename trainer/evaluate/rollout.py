@@ -28,6 +28,8 @@ class Recording:
     """Measured V_x, V_y (m/s) and ω_z (rad/s) in the body frame, shape (T, n, 3)."""
     foot_contact: NDArray[np.bool_]
     """At every physics step, shape (T, steps a tick, n, 4), legs fl, fr, hl, hr: a stance lasts few ticks."""
+    foot_descent_m_s: Array
+    """Downward speed of the feet at the end of every physics step, shape (T, steps a tick, n, 4)."""
     power_w: Array
     """Mechanical power of all motors, shape (T, n); positive work only."""
     torque_peak_nm: Array
@@ -70,20 +72,25 @@ def roll_out(
     n = plant.n_sims
     substeps = round(1.0 / (policy.contract.rate_hz * plant.timestep_s))
     contact: list[NDArray[np.bool_]] = []
+    descent: list[Array] = []
 
     def noisy(_: int, observation: Array) -> Array:
         if noise_sigma is None or rng is None:
             return observation
         return np.asarray(observation + noise_sigma * rng.standard_normal(observation.shape))
 
+    def watch() -> None:
+        contact.append(plant.foot_contact)
+        descent.append(-plant.foot_velocity_in_world_m_s[..., 2])
+
     loop = ClosedLoop(
         plant,
         policy,
         see=noisy,
         before_tick=None if disturb is None else lambda tick: disturb(plant, tick),
-        after_step=lambda: contact.append(plant.foot_contact),
+        after_step=watch,
     )
-    rows: list[tuple[Array, Array, NDArray[np.bool_], Array, NDArray[np.bool_]]] = []
+    rows: list[tuple[Array, Array, NDArray[np.bool_], Array, Array, NDArray[np.bool_]]] = []
     alive = np.ones(n, dtype=np.bool_)
     peak = np.zeros(n)
     for tick in loop.run(command_at, [(substeps,)] * n_ticks):
@@ -93,7 +100,11 @@ def roll_out(
         velocity = np.concatenate(
             [plant.linear_vel_of_body_in_body_m_s[:, :2], plant.angular_vel_of_body_in_body_rad_s[:, 2:]], axis=-1
         )
-        rows.append((np.array(tick.velocity_command), velocity, np.stack(contact), power, alive.copy()))
+        rows.append(
+            (np.array(tick.velocity_command), velocity, np.stack(contact), np.stack(descent), power, alive.copy())
+        )
         contact.clear()
-    commands, velocities, contacts, powers, lives = (np.stack(column) for column in zip(*rows, strict=True))
-    return Recording(commands, velocities, contacts, powers, peak, lives, policy.contract.rate_hz)
+        descent.clear()
+    columns = [np.stack(column) for column in zip(*rows, strict=True)]
+    commands, velocities, contacts, descents, powers, lives = columns
+    return Recording(commands, velocities, contacts, descents, powers, peak, lives, policy.contract.rate_hz)

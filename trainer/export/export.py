@@ -18,6 +18,7 @@ from spot_model.policy.observation import N_OBSERVATION
 from spot_model.policy.policy import policy_from_bytes
 from spot_model.robot import facts
 from trainer.config.train_config import TrainConfig
+from trainer.evaluate.stated_gait import stated_gaits
 from trainer.ppo.checkpoint import config_of, find_checkpoint, read_checkpoint
 from trainer.shared.run_folder import read_run_record
 
@@ -50,7 +51,8 @@ def export_policy(run: Path, out: Path, name: str | None = None) -> Path:
     layers = actor_layers(content["algorithm"]["actor_state_dict"])
     record = read_run_record(path.parent)
     contract = _contract(config, layers, name or config.name, record, path)
-    data = onnx_bytes(layers, contract)
+    measured = stated_gaits(policy_from_bytes(onnx_bytes(layers, contract), source="export"), load_model(config.model))
+    data = onnx_bytes(layers, contract.model_copy(update={"gait": measured}))
     check_agreement(layers, data)
     out.parent.mkdir(parents=True, exist_ok=True)
     out.write_bytes(data)

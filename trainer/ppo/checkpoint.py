@@ -104,6 +104,8 @@ def load_networks(runner: PpoRunner, content: dict[str, Any], source: str) -> No
     Raises:
         BadInputError: The networks have other sizes.
     """
+    if runner.config.ppo.start_std is not None:
+        content["algorithm"]["actor_state_dict"]["distribution.std_param"].fill_(runner.config.ppo.start_std)
     try:
         runner.alg.load(content["algorithm"], {"actor": True, "critic": True}, strict=True)
     except RuntimeError as error:

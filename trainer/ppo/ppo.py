@@ -88,8 +88,12 @@ class PpoRunner(OnPolicyRunner):  # type: ignore[misc]  # rsl_rl has no types
 
     def run(self, iterations: int, *, is_fresh: bool) -> None:
         """Learn for so many iterations; a fresh run spreads the ends of its first episodes."""
-        with contextlib.redirect_stdout(io.StringIO()) if self.is_distributed else contextlib.nullcontext():
-            self.learn(iterations, init_at_random_ep_len=is_fresh)
+        quietly = contextlib.redirect_stdout(io.StringIO()) if self.is_distributed else contextlib.nullcontext()
+        try:
+            with quietly, self.logger.stop_request.listening():
+                self.learn(iterations, init_at_random_ep_len=is_fresh)
+        finally:
+            self.logger.stop_logging_writer()
 
     def save(self, path: str, infos: dict[str, Any] | None = None) -> None:
         """Write a checkpoint through the log, which knows the run's folder; rsl-rl's own path is not used."""

@@ -12,6 +12,7 @@ from torch.utils.tensorboard import SummaryWriter
 
 from spot_model.io.progress import Progress
 from trainer.ppo.checkpoint import save_checkpoint
+from trainer.ppo.interrupt import StopRequest, TrainingInterruptedError
 
 if TYPE_CHECKING:
     from trainer.ppo.ppo import PpoRunner
@@ -50,6 +51,7 @@ class TrainingLog:
         self._steps_per_iteration = steps_per_iteration
         self._is_first = is_first
         self._progress: Progress | None = None
+        self.stop_request = StopRequest()
 
     def init_logging_writer(self) -> None:
         """Open the files."""
@@ -84,11 +86,21 @@ class TrainingLog:
         self._progress.update(it + 1, _summary(metrics))
 
     def checkpoint(self, runner: PpoRunner, iteration: int) -> None:
-        """Save if it is time, or the end; rsl-rl asks after every iteration and once more at the end."""
+        """Save if it is time, or the end; rsl-rl asks after every iteration and once more at the end.
+
+        Raises:
+            TrainingInterruptedError: The user asked to stop; the checkpoint is written.
+        """
         done = iteration + 1
         path = self._folder / f"checkpoint_{done:06d}.pt"
-        if (done % self._save_every == 0 or done == self._total) and not path.exists():
+        is_time = self.stop_request.is_made or done % self._save_every == 0 or done == self._total
+        if is_time and not path.exists():
             save_checkpoint(path, runner, done)
+        if self.stop_request.is_made and done < self._total:
+            raise TrainingInterruptedError(
+                f"stopped after iteration {done} of {self._total}; {path} is saved: go on with "
+                f"spot-rl train --resume {self._folder}"
+            )
 
     def save_model(self, *_: Any) -> None:
         """Nothing to upload."""

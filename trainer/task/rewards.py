@@ -100,6 +100,9 @@ def gait(m: Moment, c: RewardShape) -> Tensor:
     """Diagonal feet in step, neighbouring feet out of step; 0 when standing."""
     cap, scale = c.gait_largest_error_s**2, c.gait_scale_s2
     times = torch.cat([m.air_time_s, m.contact_time_s], dim=-1)
+    if c.gait_stride_s > 0.0:
+        stride_s = (m.last_air_time_s + m.last_contact_time_s).mean(dim=-1, keepdim=True).clamp(min=0.1)
+        times = times * (c.gait_stride_s / stride_s)
     first, second = _gait_pairs(times.device)
     error = (times[:, first] - times[:, second]).square().clamp(max=cap).sum(dim=-1)
     return torch.exp(-error / scale) * m.is_moving

@@ -11,6 +11,9 @@ from trainer.config.task_config import CommandConfig
 
 Tensor = torch.Tensor
 
+SLOW = 0.25
+"""Share of the ranges that slow commands are drawn from."""
+
 
 class VelocityCommands:
     """Commands of n robots; ``command`` has shape (n, 3): V_x, V_y (m/s), ω_z (rad/s), body frame."""
@@ -33,6 +36,9 @@ class VelocityCommands:
             ],
             dim=-1,
         )
+        if c.slow_share > 0.0:
+            slow = self._draws.uniform((0.0, 1.0), n) < c.slow_share
+            command *= torch.where(slow, SLOW, 1.0)[:, None]
         acceleration = (command[:, 0] * command[:, 2]).abs()
         scale = (c.lateral_acceleration_limit_m_s2 / acceleration.clamp(min=1e-6)).clamp(max=1.0)
         chance = self._draws.uniform((0.0, 1.0), n)

@@ -38,6 +38,7 @@ from spot_runtime.operator.run.run_spec import RunSpec
 from spot_runtime.operator.run.run_status import STATUS_PERIOD_NS, status_of
 from spot_runtime.operator.run.standby import check_standing
 from spot_runtime.operator.run.steering import Attendance, OperatorSource
+from spot_runtime.policy.admission import gait_event
 from spot_runtime.session.robot_session import ControlEnd, RobotSession, control_end
 from spot_runtime.session.run import RunRequest, header_of, log_file_name
 from spot_runtime.session.signals import StopSignals
@@ -149,6 +150,7 @@ class OperatedRun:
         request = self._request(labels)
         path = self._desk.begin(request.log_path, header_of(request, self._now_ns()))
         self.event(EventName.RUN_STARTED, f"policy {self.policy.contract.name}, {request.source.name}")
+        self.event(*gait_event(self.policy.contract))
         return path
 
     def event(self, name: EventName, text: str) -> None:

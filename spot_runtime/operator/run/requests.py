@@ -14,6 +14,7 @@ from spot_protos import run_link_pb2
 from spot_runtime.control.modes import Mode
 from spot_runtime.control.tick import warm_up
 from spot_runtime.operator.run.run_spec import load_checked
+from spot_runtime.policy.admission import gait_event
 from spot_runtime.stops import Stop, StopReason
 
 if TYPE_CHECKING:
@@ -126,6 +127,7 @@ class Requests:
                     return
                 run.policy = policy
                 run.event(EventName.POLICY_SWITCHED, f"{policy.contract.name}, SHA-256 {policy.sha256}")
+                run.event(*gait_event(policy.contract))
                 self._done(message, f"policy {policy.contract.name} is loaded")
 
             run.errands.run(load, then)

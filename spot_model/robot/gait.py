@@ -5,7 +5,8 @@ a stride lasts from one touch-down of a foot to its next; a foot's phase is when
 factor is the share of the stride in which it stands. A pair of feet (both front, both hind) is alternate where its two
 touch-downs are half a stride apart and in step where they are together; where both pairs are alternate the gait is
 symmetrical, and how far the fore foot follows the hind foot of its side tells a pace (0), a walk (a quarter or three
-quarters) and a trot (a half) apart. Boundaries lie half-way between these, an eighth of a stride from each.
+quarters) and a trot (a half) apart. Where both pairs are in step it is a pronk (all four together) or a bound; where one
+leads by something between and none alternates, a gallop. Boundaries lie half-way, an eighth of a stride from each.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from spot_model import facts
+from spot_model.robot import facts
 
 Array = NDArray[np.float64]
 Contact = NDArray[np.bool_]
@@ -116,7 +117,7 @@ def measure_gait(time_s: ArrayLike, contact: ArrayLike, descent_m_s: ArrayLike |
     touchdowns = [time[rows] for rows in starts]
     everywhere = share(feet.all(axis=-1))
     flight = share(~feet.any(axis=-1))
-    lags = stride_lags(touchdowns)
+    lags = stride_lags(touchdowns, (float(time[0]), float(time[-1])))
     name, clarity = _most_strides(lags, flight, float(np.mean([share(feet[:, leg]) for leg in range(4)])))
     if everywhere >= STANDING_SHARE and name == "none":
         name, clarity = "stand", everywhere
@@ -145,19 +146,25 @@ def without_chatter(time_s: Array, contact: Contact, shortest_s: float = SHORTES
     return clean
 
 
-def stride_lags(touchdowns: list[Array]) -> Array:
-    """When each foot touches down in each stride of fl, in strides, −0.5 to 0.5, shape (strides, 4).
+def stride_lags(touchdowns: list[Array], span_s: tuple[float, float]) -> Array:
+    """When each foot touches down in each whole stride of fl, in strides, −0.5 to 0.5, shape (strides, 4).
 
     Args:
         touchdowns: Times of each foot, s, rising.
+        span_s: First and last time that was seen.
 
     NaN where a foot does not touch down, or does so twice, within that stride.
     """
     own = touchdowns[0]
-    lags = np.full((max(0, len(own) - 1), facts.N_LEGS), np.nan)
-    for row, (start, end) in enumerate(zip(own[:-1], own[1:], strict=True)):
+    strides = [
+        (start, end)
+        for start, end in zip(own[:-1], own[1:], strict=True)
+        if start - (end - start) / 2 >= span_s[0] and end <= span_s[1]
+    ]
+    lags = np.full((len(strides), facts.N_LEGS), np.nan)
+    for row, (start, end) in enumerate(strides):
         for leg, times in enumerate(touchdowns):
-            # A stride's own length around its start, so that a foot in step with fl may be a little early.
+            # Windows that begin before the stride, so that a foot in step with fl may be a little early.
             lag = (times - start) / (end - start)
             near = lag[(lag >= -0.5) & (lag < 0.5)]
             after = lag[(lag >= -0.25) & (lag < 0.75)]
@@ -178,17 +185,18 @@ def name_of(lag: ArrayLike, flight_share: float = 0.0, duty: float = 0.5) -> str
     if not np.isfinite([fl, fr, hl, hr]).all():
         return "none"
     pairs = abs(_wrapped(fr - fl)), abs(_wrapped(hr - hl))
-    if all(lag >= 0.5 - HALF_WAY for lag in pairs):
-        behind = abs(_mean_lag([fl - hl, fr - hr]))
-        if behind >= 0.5 - HALF_WAY:
+    fore_after_hind = abs(_mean_lag([fl - hl, fr - hr]))
+    alternate = [lag >= 0.5 - HALF_WAY for lag in pairs]
+    in_step = [lag <= HALF_WAY for lag in pairs]
+    if all(alternate):
+        if fore_after_hind >= 0.5 - HALF_WAY:
             return "flying trot" if flight_share > FLYING_FROM else "trot"
-        if behind <= HALF_WAY:
+        if fore_after_hind <= HALF_WAY:
             return "pace"
         return "walk" if duty >= 0.5 else "none"
-    if all(lag <= HALF_WAY for lag in pairs):
-        apart = abs(_mean_lag([fl - hl, fr - hr]))
-        return "pronk" if apart <= HALF_WAY else "bound"
-    return "gallop"
+    if all(in_step):
+        return "pronk" if fore_after_hind <= HALF_WAY else "bound"
+    return "none" if any(alternate) else "gallop"
 
 
 def _most_strides(lags: Array, flight_share: float, duty: float) -> tuple[str, float]:
