@@ -51,7 +51,7 @@ class StoredPair(BaseModel):
 
 
 class StatedGait(BaseModel):
-    """The gait at one forward speed, as :class:`spot_model.robot.gait.Gait` has it, measured in simulation at export."""
+    """The gait at one forward speed, measured in simulation at export; see :class:`spot_model.robot.gait.Gait`."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 

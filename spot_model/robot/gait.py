@@ -5,12 +5,13 @@ a stride lasts from one touch-down of a foot to its next; a foot's phase is when
 factor is the share of the stride in which it stands. A pair of feet (both front, both hind) is alternate where its two
 touch-downs are half a stride apart and in step where they are together; where both pairs are alternate the gait is
 symmetrical, and how far the fore foot follows the hind foot of its side tells a pace (0), a walk (a quarter or three
-quarters) and a trot (a half) apart. Where both pairs are in step it is a pronk (all four together) or a bound; where one
-leads by something between and none alternates, a gallop. Boundaries lie half-way, an eighth of a stride from each.
+quarters) and a trot (a half) apart. Where both pairs are in step it is a pronk (all four together) or a bound; where
+one leads by something between and none alternates, a gallop. Boundaries lie half-way, an eighth of a stride from each.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections import Counter
 from dataclasses import dataclass
 from typing import Final
@@ -86,9 +87,9 @@ class Gait:
         if self.name == "stand":
             return "stand"
         return (
-            f"{self.name} ({self.clarity:.0%} of strides), {self.stride_hz:.1f} strides/s, duty {np.mean(self.duty):.2f}, "
-            f"flight {self.flight_share:.0%}, diagonals agree {self.diagonals_agree:.2f}, "
-            f"other pairs at most {self.others_agree:.2f}"
+            f"{self.name} ({self.clarity:.0%} of strides), {self.stride_hz:.1f} strides/s, "
+            f"duty {np.mean(self.duty):.2f}, flight {self.flight_share:.0%}, "
+            f"diagonals agree {self.diagonals_agree:.2f}, other pairs at most {self.others_agree:.2f}"
         )
 
 
@@ -115,8 +116,8 @@ def measure_gait(time_s: ArrayLike, contact: ArrayLike, descent_m_s: ArrayLike |
 
     starts = [np.flatnonzero(~feet[:-1, leg] & feet[1:, leg]) + 1 for leg in range(facts.N_LEGS)]
     touchdowns = [time[rows] for rows in starts]
-    everywhere = share(feet.all(axis=-1))
-    flight = share(~feet.any(axis=-1))
+    standing = feet.sum(axis=-1)
+    everywhere, flight = share(standing == facts.N_LEGS), share(standing == 0)
     lags = stride_lags(touchdowns, (float(time[0]), float(time[-1])))
     name, clarity = _most_strides(lags, flight, float(np.mean([share(feet[:, leg]) for leg in range(4)])))
     if everywhere >= STANDING_SHARE and name == "none":
@@ -140,7 +141,7 @@ def without_chatter(time_s: Array, contact: Contact, shortest_s: float = SHORTES
         for value in (False, True):
             column = clean[:, leg]
             edges = np.flatnonzero(np.diff(column.astype(np.int8))) + 1
-            for first, last in zip(edges[:-1], edges[1:], strict=True):
+            for first, last in itertools.pairwise(edges):
                 if column[first] == value and time_s[last] - time_s[first] < shortest_s - 1e-9:
                     clean[first:last, leg] = not value
     return clean
@@ -158,7 +159,7 @@ def stride_lags(touchdowns: list[Array], span_s: tuple[float, float]) -> Array:
     own = touchdowns[0]
     strides = [
         (start, end)
-        for start, end in zip(own[:-1], own[1:], strict=True)
+        for start, end in itertools.pairwise(own)
         if start - (end - start) / 2 >= span_s[0] and end <= span_s[1]
     ]
     lags = np.full((len(strides), facts.N_LEGS), np.nan)
@@ -208,9 +209,7 @@ def _most_strides(lags: Array, flight_share: float, duty: float) -> tuple[str, f
 
 
 def _phases(lags: Array) -> list[float]:
-    return [
-        _mean_lag(column[np.isfinite(column)]) if np.isfinite(column).any() else float("nan") for column in lags.T
-    ]
+    return [_mean_lag(column[np.isfinite(column)]) if np.isfinite(column).any() else float("nan") for column in lags.T]
 
 
 def _stride_hz(touchdowns: list[Array]) -> float:

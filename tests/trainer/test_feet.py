@@ -49,3 +49,14 @@ def test_reset_touches_only_the_chosen_robots() -> None:
     feet.reset(torch.tensor([True, False]))
     assert feet.air_time_s[0].sum() == 0.0
     torch.testing.assert_close(feet.air_time_s[1], torch.full((4,), DT))
+
+
+def test_support_is_who_stands_and_in_flight_who_stood_last() -> None:
+    feet = FootTimers(1, "cpu")
+    feet.update(torch.tensor([[True, False, False, True]]), DT)
+    feet.update(torch.tensor([[False, False, False, False]]), DT)
+    assert feet.support.tolist() == [[True, False, False, True]]
+    feet.update(torch.tensor([[False, True, True, False]]), DT)
+    assert feet.support.tolist() == [[False, True, True, False]]
+    feet.reset(torch.tensor([True]))
+    assert not feet.support.any()

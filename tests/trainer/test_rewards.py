@@ -29,6 +29,8 @@ def moment(**changes: torch.Tensor) -> Moment:
         foot_velocity_m_s=torch.zeros(1, 4, 3),
         foot_xy_m=corners,
         contact=torch.ones(1, 4, dtype=torch.bool),
+        support=torch.ones(1, 4, dtype=torch.bool),
+        touched_down=torch.zeros(1, 4, dtype=torch.bool),
         air_time_s=zero4,
         contact_time_s=zero4,
         last_air_time_s=zero4,
@@ -163,3 +165,53 @@ def test_joint_position_weighs_more_when_standing() -> None:
     assert value("joint_position", position_offset_rad=offset) == pytest.approx(2.5)
     got = value("joint_position", position_offset_rad=offset, is_moving=torch.tensor([True]))
     assert got == pytest.approx(0.5)
+
+
+MOVING = torch.tensor([True])
+
+
+def feet(text: str) -> torch.Tensor:
+    """Feet fl, fr, hl, hr by a letter each: d on the ground, u in the air."""
+    return torch.tensor([[letter == "d" for letter in text]])
+
+
+@pytest.mark.parametrize(
+    ("down", "worth"),
+    [("duud", 1.0), ("uddu", 1.0)]
+    + [(text, 0.25) for text in ("duuu", "uudu", "dddu", "uddd")]
+    + [(text, 0.0) for text in ("dddd", "uuuu", "dduu", "uudd", "dudu", "udud")],
+)
+def test_trot_pays_one_diagonal_alone(down: str, worth: float) -> None:
+    here = {"support": feet(down), "contact": feet(down), "command": row(3.0, 0.0, 0.0)}
+    assert value("trot", **here, is_moving=MOVING) == worth
+    assert value("trot", **here) == 0.0  # told to stand
+
+
+@pytest.mark.parametrize(("speed", "worth"), [(0.5, 0.0), (1.0, 0.0), (1.5, 0.5), (2.0, 1.0), (5.0, 1.0)])
+def test_trot_counts_the_last_support_in_flight_as_far_as_the_speed_allows_flight(speed: float, worth: float) -> None:
+    got = value("trot", support=feet("duud"), contact=feet("uuuu"), command=row(speed, 0.0, 0.0), is_moving=MOVING)
+    assert got == pytest.approx(worth)
+
+
+def test_short_swing_is_what_lacks_at_touch_down() -> None:
+    # Wanted 0.3 s: fl lacks 0.2 s; fr swung long enough; hl swung 0.1 s too, but did not touch down now.
+    times = {"last_air_time_s": row(0.1, 0.4, 0.1, 0.0), "touched_down": feet("dduu")}
+    assert value("short_swing", **times, is_moving=MOVING) == pytest.approx(0.2)
+
+
+def test_power_counts_work_that_is_done_alone() -> None:
+    torque, rate = torch.zeros(1, 12), torch.zeros(1, 12)
+    torque[0, :2], rate[0, :2] = torch.tensor([10.0, 10.0]), torch.tensor([2.0, -5.0])
+    assert value("power", torque_nm=torque, velocity_rad_s=rate) == pytest.approx(20.0)
+
+
+def test_gait_in_strides_is_blind_to_their_length() -> None:
+    # A pronk: all feet in the air for half of a phase. In seconds, short strides are paid nearly in full.
+    def pronk(stride_s: float, shape: RewardShape) -> float:
+        time, half = torch.full((1, 4), stride_s / 4), torch.full((1, 4), stride_s / 2)
+        here = moment(air_time_s=time, last_air_time_s=half, last_contact_time_s=half, is_moving=MOVING)
+        return float(TERMS["gait"](here, shape)[0])
+
+    in_strides = RewardShape(gait_stride_s=0.5)
+    assert pronk(0.2, SHAPE) > 0.8 > pronk(0.5, SHAPE)
+    assert pronk(0.2, in_strides) == pytest.approx(pronk(0.5, in_strides)) == pytest.approx(pronk(0.5, SHAPE))

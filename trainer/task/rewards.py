@@ -109,9 +109,11 @@ def gait(m: Moment, c: RewardShape) -> Tensor:
 
 
 def trot(m: Moment, c: RewardShape) -> Tensor:
-    """1 on one diagonal alone, a quarter on one or three feet, else 0: the share of the six pairs of feet that are as
-    a trot has them, above the third that standing, pronk, pace and bound have. It knows no time, so strides of any
-    length are paid alike. In flight the last support counts, as far as the commanded speed allows flight.
+    """1 on one diagonal alone, a quarter on one or three feet, else 0.
+
+    That is the share of the six pairs of feet that are as a trot has them, above the third that standing, pronk, pace
+    and bound have. It knows no time, so strides of any length are paid alike. In flight the last support counts, as far
+    as the commanded speed allows flight.
     """
     fl, fr, hl, hr = m.support.unbind(dim=-1)
     diagonal = (fl == hr) & (fr == hl) & (fl != fr)
