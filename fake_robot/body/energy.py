@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from fake_robot.faults.fault_effects import Knobs
+from fake_robot.faults.fault_effects import FaultEffects
 from fake_robot.scenario.parts import BatteryConfig, MotorConfig
 from spot_model.robot import facts
 from spot_model.robot.facts import Array
@@ -53,14 +53,14 @@ class Energy:
         """State of charge, 0 to 100."""
         return 100.0 * self.energy_j / (self._battery.energy_wh * _J_PER_WH)
 
-    def shown_percent(self, knobs: Knobs) -> float:
+    def shown_percent(self, effects: FaultEffects) -> float:
         """State of charge as reported, faults included."""
-        return self.charge_percent if knobs.battery_percent is None else knobs.battery_percent
+        return self.charge_percent if effects.battery_percent is None else effects.battery_percent
 
-    def shown_temperatures_c(self, knobs: Knobs) -> dict[str, float]:
+    def shown_temperatures_c(self, effects: FaultEffects) -> dict[str, float]:
         """Motor temperatures by joint as reported, faults included."""
         shown = dict(zip(facts.JOINT_NAMES, self.motor_temperature_c.tolist(), strict=True))
-        return {**shown, **knobs.motor_temperature_c}
+        return {**shown, **effects.motor_temperature_c}
 
     def runtime_s(self) -> float:
         """How long the charge lasts at the present power."""

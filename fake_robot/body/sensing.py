@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fake_robot.body.body import Body
-from fake_robot.faults.fault_effects import Knobs
+from fake_robot.faults.fault_effects import FaultEffects
 from fake_robot.scenario.scenario import Scenario
 from spot_model.robot.facts import N_JOINTS, STATE_PERIOD_NS, Array
 
@@ -81,7 +81,7 @@ class Sensing:
         row[3:6] = self._body.base_velocity[3:]
         row[6:] = self._body.base_wxyz
 
-    def report(self, elapsed_ns: int, knobs: Knobs) -> Report:
+    def report(self, elapsed_ns: int, effects: FaultEffects) -> Report:
         """The state now; faults of the sensors included."""
         body, noise = self._body, self._next_noise()
         joints, base = self._read_joints() + noise[_JOINTS], noise[_BODY]
@@ -104,8 +104,8 @@ class Sensing:
             packets[:, 6:],
         )
         self._samples[0] = self._samples[-1]
-        if knobs.has_sensor_fault:
-            return self._faulty(report, knobs)
+        if effects.has_sensor_fault:
+            return self._faulty(report, effects)
         self._frozen = None
         return report
 
@@ -147,16 +147,16 @@ class Sensing:
             np.asarray(estimate.foot_contact[0] > 0.5),
         )
 
-    def _faulty(self, report: Report, knobs: Knobs) -> Report:
-        if knobs.is_frozen:
+    def _faulty(self, report: Report, effects: FaultEffects) -> Report:
+        if effects.is_frozen:
             self._frozen = self._frozen or report
             report = self._frozen._replace(elapsed_ns=report.elapsed_ns)
         else:
             self._frozen = None
         changes: dict[str, Any] = {}
-        if knobs.quaternion_scale != 1.0:
-            changes = {name: getattr(report, name) * knobs.quaternion_scale for name in _QUATERNIONS}
-        for name in knobs.nan_signals:
+        if effects.quaternion_scale != 1.0:
+            changes = {name: getattr(report, name) * effects.quaternion_scale for name in _QUATERNIONS}
+        for name in effects.nan_signals:
             changes[name] = np.full_like(getattr(report, name), np.nan)
         return report._replace(**changes)
 

@@ -14,7 +14,7 @@ from fake_robot.body.energy import Energy
 from fake_robot.body.frames import Frame
 from fake_robot.body.sensing import Sensing
 from fake_robot.body.truth import Extremes
-from fake_robot.faults.active_faults import FaultBook
+from fake_robot.faults.active_faults import ActiveFaults
 from fake_robot.faults.fault import Fault
 from fake_robot.faults.system_faults import active_system_faults
 from fake_robot.network.channel import Channel
@@ -59,7 +59,7 @@ class Simulation:
         )
         self.modes = Modes(scenario, self.body, self.joint_control, self.walker, self._pose_on_ground)
         self.energy = Energy(scenario.battery, scenario.motors)
-        self.faults = FaultBook()
+        self.faults = ActiveFaults()
         self.extremes = Extremes()
         self.odom = Frame(scenario.frames.odom_position_m, scenario.frames.odom_yaw_rad)
         self.vision = Frame(scenario.frames.vision_position_m, scenario.frames.vision_yaw_rad)
@@ -81,7 +81,7 @@ class Simulation:
         like = np.zeros((1, 12))
         self._software = [e.arrays_like(like) for e in effects if isinstance(e, SoftwareEffect)]
         self._command_effects = [e.arrays_like(like) for e in effects if isinstance(e, CommandEffect)]
-        self.report = self.sensing.report(0, self.faults.knobs)
+        self.report = self.sensing.report(0, self.faults.effects)
 
     # Commands ---------------------------------------------------------------------------------------------------------
 
@@ -106,14 +106,14 @@ class Simulation:
         """A fault begins now."""
         until_ns = None if duration_s is None else self.now_ns + round(duration_s * NS_PER_S)
         fault_id = self.faults.add(fault, self._clock.stamp_ns(self.now_ns), until_ns)
-        self._turn_knobs()
+        self._apply_faults()
         fault.start(self)
         return fault_id
 
     def clear_faults(self, fault_ids: tuple[int, ...]) -> list[int]:
         """End faults by number; all, if empty."""
         cleared = self.faults.clear(fault_ids or None)
-        self._turn_knobs()
+        self._apply_faults()
         return cleared
 
     def push(self, linear_velocity_m_s: Array, angular_velocity_rad_s: Array) -> None:
@@ -130,7 +130,7 @@ class Simulation:
 
     def system_faults(self) -> tuple[SystemFault, ...]:
         """System faults that are active now."""
-        return active_system_faults(self.scenario, self.energy, self.faults.knobs, self.has_diverged)
+        return active_system_faults(self.scenario, self.energy, self.faults.effects, self.has_diverged)
 
     # Time passes ------------------------------------------------------------------------------------------------------
 
@@ -176,31 +176,31 @@ class Simulation:
     def _end_period(self) -> None:
         now_ns, body = self.now_ns, self.body
         if self.faults.active and self.faults.end_due(now_ns):
-            self._turn_knobs()
+            self._apply_faults()
         if body.has_diverged():
             self._recover()
         self.modes.tick(now_ns)
-        if self.energy.shown_percent(self.faults.knobs) <= self.scenario.battery.critical_percent:
+        if self.energy.shown_percent(self.faults.effects) <= self.scenario.battery.critical_percent:
             self.modes.give_up("the battery is critically low")
         is_powered = self.modes.motor_power is MotorPower.ON
         period_s = STATE_PERIOD_NS * 1e-9
         self.energy.step(body.motor_torque_nm, body.joint_velocity_rad_s, period_s, is_powered=is_powered)
         self._count(period_s, is_powered=is_powered)
         self.extremes.note(body)
-        self.report = self.sensing.report(now_ns, self.faults.knobs)
+        self.report = self.sensing.report(now_ns, self.faults.effects)
         self._send_state(now_ns)
 
     def _send_state(self, now_ns: int) -> None:
-        knobs, stamp_ns = self.faults.knobs, self._clock.stamp_ns(now_ns)
-        if knobs.has_state_gap:
+        fault_effects, stamp_ns = self.faults.effects, self._clock.stamp_ns(now_ns)
+        if fault_effects.has_state_gap:
             return
-        if knobs.back_date_probability > 0.0 and self._fault_rng.random() < knobs.back_date_probability:
-            stamp_ns -= round(knobs.back_date_s * NS_PER_S)
+        if fault_effects.back_date_probability > 0.0 and self._fault_rng.random() < fault_effects.back_date_probability:
+            stamp_ns -= round(fault_effects.back_date_s * NS_PER_S)
         control = self.joint_control
         last_stamp_ns = self._clock.stamp_ns(control.last_received_ns)
         message = self._messages.build(self.report, stamp_ns, control.last_key, last_stamp_ns)
         self._states.send((stamp_ns, message), now_ns)
-        if knobs.duplicate_probability > 0.0 and self._fault_rng.random() < knobs.duplicate_probability:
+        if fault_effects.duplicate_probability > 0.0 and self._fault_rng.random() < fault_effects.duplicate_probability:
             self._states.send((stamp_ns, message), now_ns)
 
     def _count(self, period_s: float, *, is_powered: bool) -> None:
@@ -228,17 +228,17 @@ class Simulation:
             pose.x_m + cos * ahead_m - sin * left_m, pose.y_m + sin * ahead_m + cos * left_m, pose.yaw_rad
         )
 
-    def _turn_knobs(self) -> None:
-        knobs = self.faults.knobs
+    def _apply_faults(self) -> None:
+        fault_effects = self.faults.effects
         states, commands = self._states, self._commands
-        states.extra_delay_ns = round(knobs.state_delay_s * NS_PER_S)
-        states.extra_jitter_s = knobs.state_jitter_s
-        states.extra_drop_probability = knobs.state_drop_probability
-        commands.extra_delay_ns = round(knobs.command_delay_s * NS_PER_S)
-        commands.extra_jitter_s = knobs.command_jitter_s
-        commands.extra_drop_probability = knobs.command_drop_probability
-        self.body.torque_gain = knobs.motor_gain if (knobs.motor_gain != 1.0).any() else None
-        offset_ns = round(knobs.clock_offset_s * NS_PER_S)
+        states.extra_delay_ns = round(fault_effects.state_delay_s * NS_PER_S)
+        states.extra_jitter_s = fault_effects.state_jitter_s
+        states.extra_drop_probability = fault_effects.state_drop_probability
+        commands.extra_delay_ns = round(fault_effects.command_delay_s * NS_PER_S)
+        commands.extra_jitter_s = fault_effects.command_jitter_s
+        commands.extra_drop_probability = fault_effects.command_drop_probability
+        self.body.torque_gain = fault_effects.motor_gain if (fault_effects.motor_gain != 1.0).any() else None
+        offset_ns = round(fault_effects.clock_offset_s * NS_PER_S)
         if offset_ns != self._clock_offset_ns:
             self._clock.jump(offset_ns - self._clock_offset_ns)
             self._clock_offset_ns = offset_ns

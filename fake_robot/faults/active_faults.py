@@ -6,9 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from fake_robot.faults.fault import Fault
-from fake_robot.faults.fault_effects import Knobs
-from fake_robot.faults.registry import FAULTS
-from fake_robot.network.robot_port import FaultKind
+from fake_robot.faults.fault_effects import FaultEffects
 
 
 @dataclass(frozen=True)
@@ -27,20 +25,20 @@ class ActiveFault:
         return self.fault.name
 
 
-class FaultBook:
-    """The active faults, and the knobs that they turn together."""
+class ActiveFaults:
+    """The active faults, and the effects that they turn together."""
 
     def __init__(self) -> None:
         self._next_id = 1
         self.active: list[ActiveFault] = []
-        self.knobs = Knobs()
+        self.effects = FaultEffects()
 
     def add(self, fault: Fault, onset_robot_stamp_ns: int, until_ns: int | None) -> int:
         """A fault becomes active; returns its number."""
         fault_id = self._next_id
         self._next_id += 1
         self.active.append(ActiveFault(fault_id, fault, onset_robot_stamp_ns, until_ns))
-        self._turn()
+        self._sum_up()
         return fault_id
 
     def end_due(self, now_ns: int) -> bool:
@@ -59,22 +57,10 @@ class FaultBook:
         if len(left) == len(self.active):
             return False
         self.active = left
-        self._turn()
+        self._sum_up()
         return True
 
-    def _turn(self) -> None:
-        self.knobs = Knobs()
+    def _sum_up(self) -> None:
+        self.effects = FaultEffects()
         for active in self.active:
-            active.fault.turn(self.knobs, active.onset_robot_stamp_ns)
-
-
-def fault_kinds() -> tuple[FaultKind, ...]:
-    """All faults of the body, with the meaning of their parameters."""
-    return tuple(
-        FaultKind(
-            name,
-            (fault.__doc__ or "").strip(),
-            {key: info.description or "" for key, info in fault.model_fields.items()},
-        )
-        for name, fault in FAULTS.items()
-    )
+            active.fault.apply(self.effects, active.onset_robot_stamp_ns)

@@ -9,7 +9,7 @@ from pydantic import Field
 from typing_extensions import override
 
 from fake_robot.faults.fault import Fault, Victim
-from fake_robot.faults.fault_effects import Knobs
+from fake_robot.faults.fault_effects import FaultEffects
 from fake_robot.network.robot_port import SystemFault
 from fake_robot.scenario.parts import JointName
 from spot_model.robot.facts import JOINT_NAMES
@@ -22,8 +22,8 @@ class LowBattery(Fault):
     percent: float = Field(default=3.0, ge=0.0, le=100.0, description="state of charge, %")
 
     @override
-    def turn(self, knobs: Knobs, onset_robot_stamp_ns: int) -> None:
-        knobs.battery_percent = self.percent
+    def apply(self, effects: FaultEffects, onset_robot_stamp_ns: int) -> None:
+        effects.battery_percent = self.percent
 
 
 class BatteryFault(Fault):
@@ -32,8 +32,8 @@ class BatteryFault(Fault):
     name: ClassVar[str] = "battery_fault"
 
     @override
-    def turn(self, knobs: Knobs, onset_robot_stamp_ns: int) -> None:
-        knobs.system_faults.append(
+    def apply(self, effects: FaultEffects, onset_robot_stamp_ns: int) -> None:
+        effects.system_faults.append(
             SystemFault("battery_fault", onset_robot_stamp_ns, 1, "battery fault", "critical", ("power",))
         )
 
@@ -46,8 +46,8 @@ class MotorOverTemperature(Fault):
     temperature_c: float = Field(default=110.0, ge=-40.0, le=500.0, description="°C")
 
     @override
-    def turn(self, knobs: Knobs, onset_robot_stamp_ns: int) -> None:
-        knobs.motor_temperature_c[self.joint] = self.temperature_c
+    def apply(self, effects: FaultEffects, onset_robot_stamp_ns: int) -> None:
+        effects.motor_temperature_c[self.joint] = self.temperature_c
 
 
 class WeakMotor(Fault):
@@ -58,8 +58,8 @@ class WeakMotor(Fault):
     gain: float = Field(default=0.0, ge=0.0, le=1.0, description="share of the torque; 0 for a dead motor")
 
     @override
-    def turn(self, knobs: Knobs, onset_robot_stamp_ns: int) -> None:
-        knobs.motor_gain[JOINT_NAMES.index(self.joint)] *= self.gain
+    def apply(self, effects: FaultEffects, onset_robot_stamp_ns: int) -> None:
+        effects.motor_gain[JOINT_NAMES.index(self.joint)] *= self.gain
 
 
 class SystemFaultRaised(Fault):
@@ -71,8 +71,8 @@ class SystemFaultRaised(Fault):
     severity: Literal["info", "warn", "critical"] = Field(default="warn", description="info, warn or critical")
 
     @override
-    def turn(self, knobs: Knobs, onset_robot_stamp_ns: int) -> None:
-        knobs.system_faults.append(
+    def apply(self, effects: FaultEffects, onset_robot_stamp_ns: int) -> None:
+        effects.system_faults.append(
             SystemFault(self.fault_name, onset_robot_stamp_ns, 0, self.message, self.severity, ())
         )
 

@@ -1,17 +1,21 @@
-"""What a fault of the body is: a name, parameters, and what it changes while it is active."""
+"""What a fault is: a name, parameters, and what it does; a class that bears a name is in the registry by that."""
 
 from __future__ import annotations
 
-from typing import ClassVar, Protocol
+from collections.abc import Callable
+from typing import Any, ClassVar, Final, Protocol
 
 from pydantic import BaseModel, ConfigDict
 
-from fake_robot.faults.fault_effects import Knobs
+from fake_robot.faults.fault_effects import FaultEffects
 from spot_model.robot.facts import Array
+
+FAULTS: Final[dict[str, type[Fault]]] = {}
+"""Every fault by its name: those of the body, and those of the services."""
 
 
 class Victim(Protocol):
-    """What a fault may do once."""
+    """What a fault of the body may do once."""
 
     def push(self, linear_velocity_m_s: Array, angular_velocity_rad_s: Array) -> None:
         """Add to the body's velocity."""
@@ -24,13 +28,31 @@ class Victim(Protocol):
 
 
 class Fault(BaseModel):
-    """Base of all faults; the fields are its parameters."""
+    """A fault of the body; the fields are its parameters."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
     name: ClassVar[str]
 
-    def turn(self, knobs: Knobs, onset_robot_stamp_ns: int) -> None:
+    @classmethod
+    def __pydantic_init_subclass__(cls, **_: Any) -> None:
+        if "name" in vars(cls):
+            FAULTS[cls.name] = cls
+
+    def apply(self, effects: FaultEffects, onset_robot_stamp_ns: int) -> None:
         """Add to what is changed, as long as the fault is active."""
 
     def start(self, victim: Victim) -> None:
         """Do something once."""
+
+
+class ServiceFault(Fault):
+    """A fault of the services or the network, which the body does not notice."""
+
+    def begin(self, world: Any, duration_s: float | None) -> Callable[[], None] | None:
+        """Make it happen; returns what ends it, None for one that happens in an instant.
+
+        Args:
+            world: What the services share.
+            duration_s: How long it shall last; None until it is cleared.
+        """
+        raise NotImplementedError

@@ -11,7 +11,7 @@ from spot_model.robot.facts import N_JOINTS, Array
 
 
 @dataclass
-class Knobs:
+class FaultEffects:
     """What active faults change. A fresh one changes nothing."""
 
     # Channels

@@ -8,7 +8,7 @@ from pydantic import Field
 from typing_extensions import override
 
 from fake_robot.faults.fault import Fault
-from fake_robot.faults.fault_effects import Knobs
+from fake_robot.faults.fault_effects import FaultEffects
 
 
 class StateGap(Fault):
@@ -17,8 +17,8 @@ class StateGap(Fault):
     name: ClassVar[str] = "state_gap"
 
     @override
-    def turn(self, knobs: Knobs, onset_robot_stamp_ns: int) -> None:
-        knobs.has_state_gap = True
+    def apply(self, effects: FaultEffects, onset_robot_stamp_ns: int) -> None:
+        effects.has_state_gap = True
 
 
 class StateDelay(Fault):
@@ -28,8 +28,8 @@ class StateDelay(Fault):
     delay_s: float = Field(ge=0.0, le=10.0, description="added delay, s")
 
     @override
-    def turn(self, knobs: Knobs, onset_robot_stamp_ns: int) -> None:
-        knobs.state_delay_s += self.delay_s
+    def apply(self, effects: FaultEffects, onset_robot_stamp_ns: int) -> None:
+        effects.state_delay_s += self.delay_s
 
 
 class CommandDelay(Fault):
@@ -39,8 +39,8 @@ class CommandDelay(Fault):
     delay_s: float = Field(ge=0.0, le=10.0, description="added delay, s")
 
     @override
-    def turn(self, knobs: Knobs, onset_robot_stamp_ns: int) -> None:
-        knobs.command_delay_s += self.delay_s
+    def apply(self, effects: FaultEffects, onset_robot_stamp_ns: int) -> None:
+        effects.command_delay_s += self.delay_s
 
 
 class StateJitter(Fault):
@@ -50,8 +50,8 @@ class StateJitter(Fault):
     mean_s: float = Field(ge=0.0, le=1.0, description="mean of the added delay, s")
 
     @override
-    def turn(self, knobs: Knobs, onset_robot_stamp_ns: int) -> None:
-        knobs.state_jitter_s += self.mean_s
+    def apply(self, effects: FaultEffects, onset_robot_stamp_ns: int) -> None:
+        effects.state_jitter_s += self.mean_s
 
 
 class CommandJitter(Fault):
@@ -61,8 +61,8 @@ class CommandJitter(Fault):
     mean_s: float = Field(ge=0.0, le=1.0, description="mean of the added delay, s")
 
     @override
-    def turn(self, knobs: Knobs, onset_robot_stamp_ns: int) -> None:
-        knobs.command_jitter_s += self.mean_s
+    def apply(self, effects: FaultEffects, onset_robot_stamp_ns: int) -> None:
+        effects.command_jitter_s += self.mean_s
 
 
 class StateDrops(Fault):
@@ -72,8 +72,8 @@ class StateDrops(Fault):
     probability: float = Field(ge=0.0, le=1.0, description="share of messages")
 
     @override
-    def turn(self, knobs: Knobs, onset_robot_stamp_ns: int) -> None:
-        knobs.state_drop_probability = 1.0 - (1.0 - knobs.state_drop_probability) * (1.0 - self.probability)
+    def apply(self, effects: FaultEffects, onset_robot_stamp_ns: int) -> None:
+        effects.state_drop_probability = 1.0 - (1.0 - effects.state_drop_probability) * (1.0 - self.probability)
 
 
 class CommandDrops(Fault):
@@ -83,8 +83,8 @@ class CommandDrops(Fault):
     probability: float = Field(ge=0.0, le=1.0, description="share of messages")
 
     @override
-    def turn(self, knobs: Knobs, onset_robot_stamp_ns: int) -> None:
-        knobs.command_drop_probability = 1.0 - (1.0 - knobs.command_drop_probability) * (1.0 - self.probability)
+    def apply(self, effects: FaultEffects, onset_robot_stamp_ns: int) -> None:
+        effects.command_drop_probability = 1.0 - (1.0 - effects.command_drop_probability) * (1.0 - self.probability)
 
 
 class DuplicatedStates(Fault):
@@ -94,8 +94,8 @@ class DuplicatedStates(Fault):
     probability: float = Field(default=0.2, ge=0.0, le=1.0, description="share of messages")
 
     @override
-    def turn(self, knobs: Knobs, onset_robot_stamp_ns: int) -> None:
-        knobs.duplicate_probability = max(knobs.duplicate_probability, self.probability)
+    def apply(self, effects: FaultEffects, onset_robot_stamp_ns: int) -> None:
+        effects.duplicate_probability = max(effects.duplicate_probability, self.probability)
 
 
 class BackDatedStates(Fault):
@@ -106,8 +106,8 @@ class BackDatedStates(Fault):
     shift_s: float = Field(default=0.03, gt=0.0, le=100.0, description="how much earlier, s")
 
     @override
-    def turn(self, knobs: Knobs, onset_robot_stamp_ns: int) -> None:
-        knobs.back_date_probability, knobs.back_date_s = self.probability, self.shift_s
+    def apply(self, effects: FaultEffects, onset_robot_stamp_ns: int) -> None:
+        effects.back_date_probability, effects.back_date_s = self.probability, self.shift_s
 
 
 class MalformedStates(Fault):
@@ -119,8 +119,8 @@ class MalformedStates(Fault):
     )
 
     @override
-    def turn(self, knobs: Knobs, onset_robot_stamp_ns: int) -> None:
-        knobs.malformed_states = self.kind
+    def apply(self, effects: FaultEffects, onset_robot_stamp_ns: int) -> None:
+        effects.malformed_states = self.kind
 
 
 class ClockJump(Fault):
@@ -130,5 +130,5 @@ class ClockJump(Fault):
     jump_s: float = Field(ge=-1e6, le=1e6, description="forward, or back if negative, s")
 
     @override
-    def turn(self, knobs: Knobs, onset_robot_stamp_ns: int) -> None:
-        knobs.clock_offset_s += self.jump_s
+    def apply(self, effects: FaultEffects, onset_robot_stamp_ns: int) -> None:
+        effects.clock_offset_s += self.jump_s

@@ -8,7 +8,7 @@ from pydantic import Field
 from typing_extensions import override
 
 from fake_robot.faults.fault import Fault
-from fake_robot.faults.fault_effects import Knobs
+from fake_robot.faults.fault_effects import FaultEffects
 
 _SIGNALS: Final = {
     "position": "position_rad",
@@ -28,8 +28,8 @@ class FrozenSensors(Fault):
     name: ClassVar[str] = "frozen_sensors"
 
     @override
-    def turn(self, knobs: Knobs, onset_robot_stamp_ns: int) -> None:
-        knobs.is_frozen = True
+    def apply(self, effects: FaultEffects, onset_robot_stamp_ns: int) -> None:
+        effects.is_frozen = True
 
 
 class NanSensor(Fault):
@@ -41,8 +41,8 @@ class NanSensor(Fault):
     ] = Field(description=f"which: {', '.join(_SIGNALS)}")
 
     @override
-    def turn(self, knobs: Knobs, onset_robot_stamp_ns: int) -> None:
-        knobs.nan_signals = (*knobs.nan_signals, _SIGNALS[self.signal])
+    def apply(self, effects: FaultEffects, onset_robot_stamp_ns: int) -> None:
+        effects.nan_signals = (*effects.nan_signals, _SIGNALS[self.signal])
 
 
 class BadQuaternion(Fault):
@@ -52,5 +52,5 @@ class BadQuaternion(Fault):
     scale: float = Field(default=0.0, ge=0.0, le=100.0, description="its length; 0 for all zeros")
 
     @override
-    def turn(self, knobs: Knobs, onset_robot_stamp_ns: int) -> None:
-        knobs.quaternion_scale = self.scale
+    def apply(self, effects: FaultEffects, onset_robot_stamp_ns: int) -> None:
+        effects.quaternion_scale = self.scale

@@ -10,8 +10,8 @@ from typing import Any
 from fake_robot.body.clock import RobotClock
 from fake_robot.body.simulation import Simulation
 from fake_robot.body.truth import Lateness, Truth
-from fake_robot.faults.active_faults import fault_kinds
-from fake_robot.faults.registry import make_fault
+from fake_robot.faults.fault import ServiceFault
+from fake_robot.faults.registry import fault_kinds, make_fault
 from fake_robot.network.malformed import spoil
 from fake_robot.network.robot_port import EstopLevel, FaultKind, Snapshot, StreamFailure
 from fake_robot.network.stand_pose import StandPose
@@ -22,7 +22,7 @@ from fake_robot.robot.joint_control import Stream
 from fake_robot.robot.snapshot import snapshot_of, truth_of
 from fake_robot.scenario.scenario import Scenario
 from fake_robot.start.real_time import RealTimeLoop
-from spot_model.errors import SpotRlError
+from spot_model.errors import BadInputError, SpotRlError
 from spot_model.robot.facts import STATE_PERIOD_NS, Array
 from spot_model.robot.stamps import NS_PER_S
 
@@ -262,7 +262,7 @@ class Robot:
 
     def fault_kinds(self) -> tuple[FaultKind, ...]:
         """The faults that :meth:`inject` knows."""
-        return fault_kinds()
+        return fault_kinds(of_services=False)
 
     def inject(self, name: str, parameters: Mapping[str, float | str], duration_s: float | None) -> int:
         """Make a fault happen now, for a while or until it is cleared; returns its number.
@@ -270,7 +270,9 @@ class Robot:
         Raises:
             BadInputError: The name or a parameter is unknown, or a value is not allowed.
         """
-        fault = make_fault(name, dict(parameters))
+        fault = make_fault(name, parameters)
+        if isinstance(fault, ServiceFault):
+            raise BadInputError(f"fault {name} is one of the services, not of the body; inject it by the admin service")
         with self._changed:
             return self._simulation.inject(fault, duration_s)
 
@@ -333,7 +335,7 @@ class Robot:
     def _deliver(self, stamp_ns: int, message: bytes) -> None:
         self._states_sent += 1
         self._last_state_stamp_ns = stamp_ns
-        kind = self._simulation.faults.knobs.malformed_states
+        kind = self._simulation.faults.effects.malformed_states
         spoilt = spoil(message, kind) if kind else message
         for subscription in tuple(self._subscriptions):
             subscription.put(spoilt)

@@ -17,7 +17,7 @@ _BATTERY_SPREAD_C = (0.0, 0.4, -0.3, 0.1)
 def snapshot_of(simulation: Simulation, clock: RobotClock) -> Snapshot:
     """The newest report in the shape that the services want."""
     report, modes, energy = simulation.report, simulation.modes, simulation.energy
-    knobs, odom, vision = simulation.faults.knobs, simulation.odom, simulation.vision
+    effects, odom, vision = simulation.faults.effects, simulation.odom, simulation.vision
     position = report.position_of_body_in_world_m.tolist()
     attitude = report.world_from_body_wxyz.tolist()
     linear, angular = (
@@ -44,14 +44,14 @@ def snapshot_of(simulation: Simulation, clock: RobotClock) -> Snapshot:
         foot_contact=report.foot_contact,
         foot_position_in_body_m=foot_position_in_body_m(report.position_rad),
         ground_height_in_odom_m=odom.point(ground)[2],
-        battery_charge_percent=energy.shown_percent(knobs),
+        battery_charge_percent=energy.shown_percent(effects),
         battery_voltage_v=energy.voltage_v,
         battery_current_a=-energy.current_a,
         battery_temperature_c=tuple(simulation.scenario.battery.temperature_c + d for d in _BATTERY_SPREAD_C),
         battery_runtime_s=energy.runtime_s(),
-        is_battery_missing=knobs.battery_missing,
+        is_battery_missing=effects.battery_missing,
         is_on_shore_power=False,
-        motor_temperature_c=energy.shown_temperatures_c(knobs),
+        motor_temperature_c=energy.shown_temperatures_c(effects),
         behavior_faults=tuple(modes.behavior_faults),
         system_faults=simulation.system_faults(),
         distance_m=simulation.distance_m,

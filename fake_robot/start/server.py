@@ -11,7 +11,7 @@ from typing import Self
 
 import grpc
 
-from fake_robot.faults.injection import FaultDesk
+from fake_robot.faults.injection import FaultInjector
 from fake_robot.network.robot_port import RobotPort
 from fake_robot.scenario.services_config import ServicesConfig
 from fake_robot.services.admin.admin import AdminService
@@ -80,7 +80,7 @@ class FakeServer:
         self._certificates = certificates
         self._address, self._port, self._admin_target = address, port, admin
         self._world = World(robot, config, credentials)
-        self._faults = FaultDesk(self._world)
+        self._faults = FaultInjector(self._world)
         self._credentials = credentials
         self._stop_requested = threading.Event()
         self._ticker: threading.Thread | None = None
@@ -92,7 +92,7 @@ class FakeServer:
         return self._world
 
     @property
-    def faults(self) -> FaultDesk:
+    def faults(self) -> FaultInjector:
         """The faults that can be injected."""
         return self._faults
 

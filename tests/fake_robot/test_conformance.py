@@ -20,11 +20,11 @@ from fake_robot.network import state_message, streamed_command
 from fake_robot.robot.joint_control import JointControl
 from fake_robot.robot.robot import Robot
 from fake_robot.scenario.scenario import scenario_from_data
-from fake_robot.services.authority.estop_endpoints import EstopBook
-from fake_robot.services.authority.lease_records import LeaseBook
+from fake_robot.services.authority.estop_endpoints import EstopEndpoints
+from fake_robot.services.authority.lease_records import LeaseRecords
 from fake_robot.services.calls import access
 from fake_robot.services.identity import directory_entries
-from fake_robot.services.identity.time_sync_clients import TimeSyncBook
+from fake_robot.services.identity.time_sync_clients import TimeSyncClients
 from fake_robot.services.identity.tokens import Credentials, LoginResult, TokenMint
 from fake_robot.services.motion.robot_command import RobotCommandService
 from fake_robot.start.commands import app
@@ -108,7 +108,7 @@ PLANTED: dict[str, tuple[Callable[[pytest.MonkeyPatch], None], set[str]]] = {
         {"base_services_are_listed"},
     ),
     "any clock identifier will do": (
-        lambda m: m.setattr(TimeSyncBook, "is_established", _always(True)),
+        lambda m: m.setattr(TimeSyncClients, "is_established", _always(True)),
         {"timed_without_clock", "timed_with_unknown_clock"},
     ),
     "time sync needs no samples": (
@@ -118,15 +118,15 @@ PLANTED: dict[str, tuple[Callable[[pytest.MonkeyPatch], None], set[str]]] = {
         {"first_time_sync"},
     ),
     "any lease will do": (
-        lambda m: m.setattr(LeaseBook, "use", _good_lease),
+        lambda m: m.setattr(LeaseRecords, "use", _good_lease),
         {"empty_lease", "unmanaged_lease", "wrong_epoch", "older_lease", "power_without_lease", "lease_after_sublease"},
     ),
     "a lease can be acquired twice": (
-        lambda m: m.setattr(LeaseBook, "_live_claim", _always(None)),
+        lambda m: m.setattr(LeaseRecords, "_live_claim", _always(None)),
         {"acquire_twice", "granted_lease"},
     ),
     "any e-stop endpoint may check in": (
-        lambda m: m.setattr(EstopBook, "check_in", _always((1, 1))),
+        lambda m: m.setattr(EstopEndpoints, "check_in", _always((1, 1))),
         {"estop_unknown_endpoint"},
     ),
     "end times of commands are not checked": (
@@ -207,7 +207,7 @@ def test_the_command_prints_json_and_fails_for_a_broken_rule(
     told = CliRunner().invoke(app, [*words, "--json"])
     assert told.exit_code == 0, told.output
     assert json.loads(told.stdout)[0]["seen"] == "STATUS_NONEXISTENT_SERVICE"
-    monkeypatch.setattr(directory_entries.DirectoryBook, "entry", lambda self, _name: self.entries()[0])
+    monkeypatch.setattr(directory_entries.DirectoryEntries, "entry", lambda self, _name: self.entries()[0])
     told = CliRunner().invoke(app, words)
     assert told.exit_code == 1
     assert "expected STATUS_NONEXISTENT_SERVICE" in told.stdout

@@ -11,11 +11,11 @@ from bosdyn.client.lease import Lease
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fake_robot.services.authority.estop_endpoints import CUT, NONE, REQUIRED_ROLE, SETTLE_THEN_CUT, EstopBook
-from fake_robot.services.authority.lease_records import LeaseBook, Recency, compare_sequences
+from fake_robot.services.authority.estop_endpoints import CUT, NONE, REQUIRED_ROLE, SETTLE_THEN_CUT, EstopEndpoints
+from fake_robot.services.authority.lease_records import LeaseRecords, Recency, compare_sequences
 from fake_robot.services.authority.liveness import LivenessClock
 from fake_robot.services.calls.stamps import duration_from_ns, ns_from_duration, ns_from_timestamp, timestamp_from_ns
-from fake_robot.services.identity.time_sync_clients import TimeSyncBook, sample_from_round_trip
+from fake_robot.services.identity.time_sync_clients import TimeSyncClients, sample_from_round_trip
 from fake_robot.services.identity.tokens import Credentials, LoginResult, TokenMint
 
 ME, OTHER = (lease_pb2.LeaseOwner(client_name=name) for name in ("me", "other"))
@@ -40,8 +40,8 @@ def clocks() -> TwoClocks:
 
 
 @pytest.fixture
-def leases(clocks: TwoClocks) -> LeaseBook:
-    return LeaseBook(clocks.clock, epoch="epoch", timeout_s=6.0)
+def leases(clocks: TwoClocks) -> LeaseRecords:
+    return LeaseRecords(clocks.clock, epoch="epoch", timeout_s=6.0)
 
 
 sequences = st.lists(st.integers(0, 3), min_size=1, max_size=4).map(tuple)
@@ -68,7 +68,7 @@ def test_stamps_survive_the_wire(stamp_ns: int) -> None:
     assert ns_from_timestamp(timestamp_from_ns(stamp_ns)) == stamp_ns
 
 
-def granted(leases: LeaseBook, owner: Any = ME) -> lease_pb2.Lease:
+def granted(leases: LeaseRecords, owner: Any = ME) -> lease_pb2.Lease:
     status, lease = leases.acquire("body", owner)
     assert status == lease_pb2.AcquireLeaseResponse.STATUS_OK
     assert lease is not None
@@ -79,7 +79,7 @@ def sub_lease(lease: lease_pb2.Lease, *more: int) -> lease_pb2.Lease:
     return lease_pb2.Lease(resource=lease.resource, epoch=lease.epoch, sequence=[*lease.sequence, *more])
 
 
-def test_a_lease_is_granted_once_and_taken_by_force(leases: LeaseBook) -> None:
+def test_a_lease_is_granted_once_and_taken_by_force(leases: LeaseRecords) -> None:
     first = granted(leases)
     assert leases.acquire("body", OTHER)[0] == lease_pb2.AcquireLeaseResponse.STATUS_RESOURCE_ALREADY_CLAIMED
     assert leases.acquire("arm", OTHER)[0] == lease_pb2.AcquireLeaseResponse.STATUS_INVALID_RESOURCE
@@ -94,7 +94,7 @@ def test_a_lease_is_granted_once_and_taken_by_force(leases: LeaseBook) -> None:
     assert leases.use(second).status == Use.STATUS_REVOKED
 
 
-def test_commands_need_the_newest_sub_lease_but_retaining_does_not(leases: LeaseBook) -> None:
+def test_commands_need_the_newest_sub_lease_but_retaining_does_not(leases: LeaseRecords) -> None:
     root = granted(leases)
     assert leases.use(sub_lease(root, 1)).status == Use.STATUS_OK
     assert leases.use(sub_lease(root, 3)).status == Use.STATUS_OK
@@ -115,12 +115,12 @@ def test_commands_need_the_newest_sub_lease_but_retaining_does_not(leases: Lease
         (lease_pb2.Lease(resource="body", epoch="yesterday", sequence=[1]), Use.STATUS_WRONG_EPOCH),
     ],
 )
-def test_leases_that_cannot_be_good(leases: LeaseBook, lease: lease_pb2.Lease, status: int) -> None:
+def test_leases_that_cannot_be_good(leases: LeaseRecords, lease: lease_pb2.Lease, status: int) -> None:
     granted(leases)
     assert leases.use(lease).status == status
 
 
-def test_a_silent_holder_loses_the_lease_once(leases: LeaseBook, clocks: TwoClocks) -> None:
+def test_a_silent_holder_loses_the_lease_once(leases: LeaseRecords, clocks: TwoClocks) -> None:
     lease = granted(leases)
     clocks.pass_s(5.9)
     assert not leases.expire()
@@ -137,7 +137,7 @@ def test_a_silent_holder_loses_the_lease_once(leases: LeaseBook, clocks: TwoCloc
 
 def test_in_lock_step_both_clocks_must_call_a_client_silent() -> None:
     clocks = TwoClocks(needs_both=True)
-    leases = LeaseBook(clocks.clock, epoch="epoch", timeout_s=6.0)
+    leases = LeaseRecords(clocks.clock, epoch="epoch", timeout_s=6.0)
     granted(leases)
     clocks.pass_s(100.0, host_s=1.0)
     assert not leases.expire()
@@ -154,7 +154,7 @@ class EstopBench:
     def __init__(self, *, has_operator: bool = False) -> None:
         self.clocks = TwoClocks()
         self.are_motors_on = False
-        self.book = EstopBook(
+        self.book = EstopEndpoints(
             self.clocks.clock,
             cut_after_settle_s=4.0,
             are_motors_on=lambda: self.are_motors_on,
@@ -262,7 +262,7 @@ def test_skew_and_round_trip_by_hand() -> None:
 
 def test_the_shortest_round_trip_wins_in_real_time_and_the_newest_in_lock_step() -> None:
     for uses_newest, expected_ns in ((False, 50), (True, 70)):
-        book = TimeSyncBook(needed_samples=3, uses_newest=uses_newest)
+        book = TimeSyncClients(needed_samples=3, uses_newest=uses_newest)
         client = book.client("")
         for round_trip_ns, skew_ns in ((9, 60), (1, 50), (5, 70)):
             assert book.best(client) is None

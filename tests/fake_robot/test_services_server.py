@@ -265,8 +265,8 @@ def test_lasting_faults_end_by_time_or_by_hand(stub: Any) -> None:
     ("name", "parameters", "duration_s", "message"),
     [
         ("gremlin", {}, None, r"no fault 'gremlin'; allowed: .*estop_pressed.*stub_fault"),
-        ("lease_stolen", {"thief": "x"}, None, "no parameter 'thief'; allowed: owner"),
-        ("license_invalid", {"state": "eaten"}, None, "state = 'eaten'; allowed: expired, missing"),
+        ("lease_stolen", {"thief": "x"}, None, "thief = 'x': unknown key; allowed: owner"),
+        ("license_invalid", {"state": "eaten"}, None, "state = 'eaten': Input should be 'expired' or 'missing'"),
         ("estop_pressed", {}, -1.0, "duration_s = -1"),
         ("stub_fault", {"weight": 1.0}, None, "allowed: size"),
     ],

@@ -90,7 +90,7 @@ def admin_service() -> Any:
     """The service over a robot in lock-step, in this process."""
     global _admin  # noqa: PLW0603
     if _admin is None:
-        from fake_robot.faults.injection import FaultDesk
+        from fake_robot.faults.injection import FaultInjector
         from fake_robot.robot.robot import Robot
         from fake_robot.scenario.scenario import Scenario
         from fake_robot.services.admin.admin import AdminService
@@ -99,7 +99,7 @@ def admin_service() -> Any:
 
         robot = Robot(Scenario().with_changes(time_mode="lock_step"))
         world = World(robot, robot.scenario.services, Credentials("user", "password"))
-        _admin = AdminService(world, FaultDesk(world), lambda: None)
+        _admin = AdminService(world, FaultInjector(world), lambda: None)
     return _admin
 
 

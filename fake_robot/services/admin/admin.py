@@ -8,7 +8,7 @@ from typing import Any, NoReturn
 
 import grpc
 
-from fake_robot.faults.injection import FaultDesk
+from fake_robot.faults.injection import FaultInjector
 from fake_robot.services.admin.step_states import StateTap
 from fake_robot.services.sensors.world import World
 from spot_model.errors import BadInputError
@@ -31,7 +31,7 @@ class AdminService(fake_admin_pb2_grpc.FakeAdminServicer):
         request_stop: Ends the server, soon.
     """
 
-    def __init__(self, world: World, faults: FaultDesk, request_stop: Callable[[], None]) -> None:
+    def __init__(self, world: World, faults: FaultInjector, request_stop: Callable[[], None]) -> None:
         self._world = world
         self._faults = faults
         self._request_stop = request_stop

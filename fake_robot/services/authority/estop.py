@@ -7,38 +7,40 @@ from collections.abc import Callable
 import grpc
 from bosdyn.api import estop_pb2, estop_service_pb2_grpc
 
-from fake_robot.services.authority.estop_endpoints import EstopBook
+from fake_robot.services.authority.estop_endpoints import EstopEndpoints
 
 
 class EstopService(estop_service_pb2_grpc.EstopServiceServicer):  # type: ignore[misc]
     """Registers endpoints and hears their check-ins.
 
-    ``apply_level`` brings the book's level to the robot; it is called after every change.
+    ``apply_level`` brings the endpoints' level to the robot; it is called after every change.
     """
 
-    def __init__(self, book: EstopBook, apply_level: Callable[[], None]) -> None:
-        self._book = book
+    def __init__(self, records: EstopEndpoints, apply_level: Callable[[], None]) -> None:
+        self._records = records
         self._apply_level = apply_level
 
     def GetEstopConfig(  # noqa: N802
         self, request: estop_pb2.GetEstopConfigRequest, context: grpc.ServicerContext
     ) -> estop_pb2.GetEstopConfigResponse:
         """The active configuration."""
-        return estop_pb2.GetEstopConfigResponse(request=request, active_config=self._book.config())
+        return estop_pb2.GetEstopConfigResponse(request=request, active_config=self._records.config())
 
     def SetEstopConfig(  # noqa: N802
         self, request: estop_pb2.SetEstopConfigRequest, context: grpc.ServicerContext
     ) -> estop_pb2.SetEstopConfigResponse:
         """Replace the configuration; not while the motors are on."""
-        status = self._book.set_config(request.config, request.target_config_id)
+        status = self._records.set_config(request.config, request.target_config_id)
         self._apply_level()
-        return estop_pb2.SetEstopConfigResponse(request=request, active_config=self._book.config(), status=status)
+        return estop_pb2.SetEstopConfigResponse(request=request, active_config=self._records.config(), status=status)
 
     def RegisterEstopEndpoint(  # noqa: N802
         self, request: estop_pb2.RegisterEstopEndpointRequest, context: grpc.ServicerContext
     ) -> estop_pb2.RegisterEstopEndpointResponse:
         """Take over an endpoint of the configuration."""
-        status, endpoint = self._book.register(request.target_config_id, request.target_endpoint, request.new_endpoint)
+        status, endpoint = self._records.register(
+            request.target_config_id, request.target_endpoint, request.new_endpoint
+        )
         self._apply_level()
         return estop_pb2.RegisterEstopEndpointResponse(request=request, new_endpoint=endpoint, status=status)
 
@@ -46,7 +48,7 @@ class EstopService(estop_service_pb2_grpc.EstopServiceServicer):  # type: ignore
         self, request: estop_pb2.DeregisterEstopEndpointRequest, context: grpc.ServicerContext
     ) -> estop_pb2.DeregisterEstopEndpointResponse:
         """Let an endpoint go."""
-        status = self._book.deregister(request.target_config_id, request.target_endpoint)
+        status = self._records.deregister(request.target_config_id, request.target_endpoint)
         self._apply_level()
         return estop_pb2.DeregisterEstopEndpointResponse(request=request, status=status)
 
@@ -54,7 +56,7 @@ class EstopService(estop_service_pb2_grpc.EstopServiceServicer):  # type: ignore
         self, request: estop_pb2.EstopCheckInRequest, context: grpc.ServicerContext
     ) -> estop_pb2.EstopCheckInResponse:
         """Hear an endpoint and give it the next challenge."""
-        status, challenge = self._book.check_in(
+        status, challenge = self._records.check_in(
             request.endpoint, request.challenge, request.response, request.stop_level
         )
         self._apply_level()
@@ -64,4 +66,4 @@ class EstopService(estop_service_pb2_grpc.EstopServiceServicer):  # type: ignore
         self, request: estop_pb2.GetEstopSystemStatusRequest, context: grpc.ServicerContext
     ) -> estop_pb2.GetEstopSystemStatusResponse:
         """The level, the endpoints, and why."""
-        return estop_pb2.GetEstopSystemStatusResponse(status=self._book.status())
+        return estop_pb2.GetEstopSystemStatusResponse(status=self._records.status())

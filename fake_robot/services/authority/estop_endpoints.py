@@ -45,7 +45,7 @@ class Endpoint:
 
 
 @dataclass
-class EstopBook:
+class EstopEndpoints:
     """The e-stop service's memory. Thread-safe."""
 
     clock: LivenessClock

@@ -29,7 +29,7 @@ class LivePolicy:
 
 
 @dataclass
-class KeepaliveBook:
+class KeepalivePolicies:
     """Active policies. Thread-safe."""
 
     clock: LivenessClock
@@ -88,24 +88,24 @@ class KeepaliveBook:
 class KeepaliveService(keepalive_service_pb2_grpc.KeepaliveServiceServicer):  # type: ignore[misc]
     """Adds, removes and lists policies."""
 
-    def __init__(self, book: KeepaliveBook) -> None:
-        self._book = book
+    def __init__(self, records: KeepalivePolicies) -> None:
+        self._records = records
 
     def ModifyPolicy(  # noqa: N802
         self, request: keepalive_pb2.ModifyPolicyRequest, context: grpc.ServicerContext
     ) -> keepalive_pb2.ModifyPolicyResponse:
         """Remove policies, then add one. Nothing happens when one to remove is unknown."""
         response = keepalive_pb2.ModifyPolicyResponse()
-        known = {policy.policy_id for policy in self._book.policies()}
+        known = {policy.policy_id for policy in self._records.policies()}
         if not known.issuperset(request.policy_ids_to_remove):
             response.status = response.STATUS_INVALID_POLICY_ID
             return response
         for policy_id in request.policy_ids_to_remove:
-            removed = self._book.remove(policy_id)
+            removed = self._records.remove(policy_id)
             if removed is not None:
                 response.removed_policies.append(_to_proto(removed))
         if request.HasField("to_add"):
-            response.added_policy.CopyFrom(_to_proto(self._book.add(request.to_add, request.header.client_name)))
+            response.added_policy.CopyFrom(_to_proto(self._records.add(request.to_add, request.header.client_name)))
         response.status = response.STATUS_OK
         return response
 
@@ -114,7 +114,7 @@ class KeepaliveService(keepalive_service_pb2_grpc.KeepaliveServiceServicer):  # 
     ) -> keepalive_pb2.CheckInResponse:
         """Hear a client."""
         response = keepalive_pb2.CheckInResponse()
-        policy = self._book.check_in(request.policy_id)
+        policy = self._records.check_in(request.policy_id)
         if policy is None:
             response.status = response.STATUS_INVALID_POLICY_ID
             return response
@@ -126,7 +126,7 @@ class KeepaliveService(keepalive_service_pb2_grpc.KeepaliveServiceServicer):  # 
         self, request: keepalive_pb2.GetStatusRequest, context: grpc.ServicerContext
     ) -> keepalive_pb2.GetStatusResponse:
         """List the active policies."""
-        return keepalive_pb2.GetStatusResponse(status=[_to_proto(policy) for policy in self._book.policies()])
+        return keepalive_pb2.GetStatusResponse(status=[_to_proto(policy) for policy in self._records.policies()])
 
 
 def _to_proto(policy: LivePolicy) -> keepalive_pb2.LivePolicy:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import grpc
 from bosdyn.api import header_pb2, lease_pb2, lease_service_pb2_grpc
 
-from fake_robot.services.authority.lease_records import LEAF_RESOURCE, ROOT_RESOURCE, LeaseBook
+from fake_robot.services.authority.lease_records import LEAF_RESOURCE, ROOT_RESOURCE, LeaseRecords
 
 
 class LeaseService(lease_service_pb2_grpc.LeaseServiceServicer):  # type: ignore[misc]
     """Grants, retains, lists and takes back the lease of the body."""
 
-    def __init__(self, leases: LeaseBook, user_name: str) -> None:
+    def __init__(self, leases: LeaseRecords, user_name: str) -> None:
         self._leases = leases
         self._user_name = user_name
 

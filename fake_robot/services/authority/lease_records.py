@@ -62,7 +62,7 @@ class Claim:
 
 
 @dataclass
-class LeaseBook:
+class LeaseRecords:
     """The lease service's memory. Thread-safe.
 
     One claim covers the robot: a base Spot has a single leaf (``mobility``) under its root (``body``).

@@ -10,13 +10,13 @@ from bosdyn.api import (
     directory_service_pb2_grpc,
 )
 
-from fake_robot.services.identity.directory_entries import DirectoryBook
+from fake_robot.services.identity.directory_entries import DirectoryEntries
 
 
 class DirectoryService(directory_service_pb2_grpc.DirectoryServiceServicer):  # type: ignore[misc]
     """Lists the services."""
 
-    def __init__(self, directory: DirectoryBook) -> None:
+    def __init__(self, directory: DirectoryEntries) -> None:
         self._directory = directory
 
     def ListServiceEntries(  # noqa: N802
@@ -44,7 +44,7 @@ class DirectoryRegistrationService(
 ):
     """Lets clients list services of their own. They are listed, but calls are not passed on to them."""
 
-    def __init__(self, directory: DirectoryBook) -> None:
+    def __init__(self, directory: DirectoryEntries) -> None:
         self._directory = directory
 
     def RegisterService(  # noqa: N802

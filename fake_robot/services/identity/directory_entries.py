@@ -81,7 +81,7 @@ TOKENLESS_TYPES = frozenset(kind for kind, _, needs_token in OWN_SERVICES.values
 
 
 @dataclass
-class DirectoryBook:
+class DirectoryEntries:
     """The robot's own services, and those that clients registered. Thread-safe."""
 
     clock: LivenessClock

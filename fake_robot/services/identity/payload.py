@@ -24,7 +24,7 @@ MAX_PAYLOADS = 64
 
 
 @dataclass
-class PayloadBook:
+class RegisteredPayloads:
     """Registered payloads and their secrets. Thread-safe. Every payload is authorised at once."""
 
     _payloads: dict[str, payload_pb2.Payload] = field(default_factory=dict)
@@ -58,14 +58,14 @@ class PayloadBook:
 class PayloadService(payload_service_pb2_grpc.PayloadServiceServicer):  # type: ignore[misc]
     """Lists payloads."""
 
-    def __init__(self, book: PayloadBook) -> None:
-        self._book = book
+    def __init__(self, records: RegisteredPayloads) -> None:
+        self._records = records
 
     def ListPayloads(  # noqa: N802
         self, request: payload_pb2.ListPayloadsRequest, context: grpc.ServicerContext
     ) -> payload_pb2.ListPayloadsResponse:
         """Every registered payload; none at start."""
-        return payload_pb2.ListPayloadsResponse(payloads=self._book.payloads())
+        return payload_pb2.ListPayloadsResponse(payloads=self._records.payloads())
 
 
 class PayloadRegistrationService(
@@ -73,8 +73,8 @@ class PayloadRegistrationService(
 ):
     """Registers payloads and gives them tokens. Needs no user token: a payload has its own secret."""
 
-    def __init__(self, book: PayloadBook, tokens: TokenMint) -> None:
-        self._book = book
+    def __init__(self, records: RegisteredPayloads, tokens: TokenMint) -> None:
+        self._records = records
         self._tokens = tokens
 
     def RegisterPayload(  # noqa: N802
@@ -84,7 +84,7 @@ class PayloadRegistrationService(
         response = payload_registration_pb2.RegisterPayloadResponse()
         if not request.payload.GUID or not request.payload_secret:
             return refuse_request(response, "a payload needs a GUID and a secret")
-        is_new = self._book.register(request.payload, request.payload_secret)
+        is_new = self._records.register(request.payload, request.payload_secret)
         response.status = response.STATUS_OK if is_new else response.STATUS_ALREADY_EXISTS
         return response
 
@@ -93,7 +93,7 @@ class PayloadRegistrationService(
     ) -> payload_registration_pb2.UpdatePayloadVersionResponse:
         """Change a payload's software version."""
         response = payload_registration_pb2.UpdatePayloadVersionResponse()
-        payload, is_right = self._book.find(*_credentials(request))
+        payload, is_right = self._records.find(*_credentials(request))
         if payload is None:
             response.status = response.STATUS_DOES_NOT_EXIST
         elif not is_right:
@@ -108,7 +108,7 @@ class PayloadRegistrationService(
     ) -> payload_registration_pb2.GetPayloadAuthTokenResponse:
         """A token for a payload that shows its secret."""
         response = payload_registration_pb2.GetPayloadAuthTokenResponse()
-        payload, is_right = self._book.find(*_credentials(request))
+        payload, is_right = self._records.find(*_credentials(request))
         if payload is None or not is_right:
             response.status = response.STATUS_INVALID_CREDENTIALS
         else:
@@ -120,7 +120,7 @@ class PayloadRegistrationService(
     ) -> payload_registration_pb2.UpdatePayloadAttachedResponse:
         """Attach or detach a payload."""
         response = payload_registration_pb2.UpdatePayloadAttachedResponse()
-        payload, is_right = self._book.find(request.payload_credentials.guid, request.payload_credentials.secret)
+        payload, is_right = self._records.find(request.payload_credentials.guid, request.payload_credentials.secret)
         if payload is None:
             response.status = response.STATUS_DOES_NOT_EXIST
         elif not is_right:

@@ -6,14 +6,14 @@ import grpc
 from bosdyn.api import time_sync_pb2, time_sync_service_pb2_grpc
 
 from fake_robot.services.calls.stamps import duration_from_ns, ns_from_timestamp, timestamp_from_ns
-from fake_robot.services.identity.time_sync_clients import Sample, TimeSyncBook, sample_from_round_trip
+from fake_robot.services.identity.time_sync_clients import Sample, TimeSyncClients, sample_from_round_trip
 
 
 class TimeSyncService(time_sync_service_pb2_grpc.TimeSyncServiceServicer):  # type: ignore[misc]
     """Turns the round trips that a client reports into an estimate of the clock skew."""
 
-    def __init__(self, book: TimeSyncBook) -> None:
-        self._book = book
+    def __init__(self, records: TimeSyncClients) -> None:
+        self._records = records
 
     def TimeSyncUpdate(  # noqa: N802
         self, request: time_sync_pb2.TimeSyncUpdateRequest, context: grpc.ServicerContext
@@ -23,16 +23,16 @@ class TimeSyncService(time_sync_service_pb2_grpc.TimeSyncServiceServicer):  # ty
         A client starts without an identifier. An unknown one (from before a reboot) is replaced by a new one.
         """
         response = time_sync_pb2.TimeSyncUpdateResponse()
-        if not self._book.is_ready:
+        if not self._records.is_ready:
             response.state.status = time_sync_pb2.TimeSyncState.STATUS_SERVICE_NOT_READY
             return response
-        identifier = self._book.client(request.clock_identifier)
+        identifier = self._records.client(request.clock_identifier)
         response.clock_identifier = identifier
         if request.HasField("previous_round_trip") and identifier == request.clock_identifier:
             sample = _sample(request.previous_round_trip)
-            self._book.add(identifier, sample)
+            self._records.add(identifier, sample)
             _fill(response.previous_estimate, sample)
-        best = self._book.best(identifier)
+        best = self._records.best(identifier)
         if best is None:
             response.state.status = time_sync_pb2.TimeSyncState.STATUS_MORE_SAMPLES_NEEDED
             return response

@@ -28,7 +28,7 @@ def sample_from_round_trip(client_tx_ns: int, server_rx_ns: int, server_tx_ns: i
 
 
 @dataclass
-class TimeSyncBook:
+class TimeSyncClients:
     """The time-sync service's memory: the last samples of each client. Thread-safe.
 
     The best estimate is the newest one of the shortest round trip among the last 25. In lock-step, where the robot's

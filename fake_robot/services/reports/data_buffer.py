@@ -24,7 +24,7 @@ MAX_SCHEMAS = 1000
 
 
 @dataclass
-class NoteBook:
+class DataBuffer:
     """Events and comments, oldest first, and how many bytes came in all. Thread-safe."""
 
     robot_now_ns: Callable[[], int]
@@ -38,7 +38,7 @@ class NoteBook:
 class DataBufferService(data_buffer_service_pb2_grpc.DataBufferServiceServicer):  # type: ignore[misc]
     """Accepts text, comments, events, blobs and signals."""
 
-    def __init__(self, notes: NoteBook) -> None:
+    def __init__(self, notes: DataBuffer) -> None:
         self._notes = notes
 
     def RecordTextMessages(  # noqa: N802
@@ -112,7 +112,7 @@ class DataBufferService(data_buffer_service_pb2_grpc.DataBufferServiceServicer):
 class DataService(data_service_pb2_grpc.DataServiceServicer):  # type: ignore[misc]
     """Reads events and comments back. There are no pages to download."""
 
-    def __init__(self, notes: NoteBook) -> None:
+    def __init__(self, notes: DataBuffer) -> None:
         self._notes = notes
 
     def GetEventsComments(  # noqa: N802

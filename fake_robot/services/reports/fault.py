@@ -21,7 +21,7 @@ FaultKey = tuple[str, str, str]
 
 
 @dataclass
-class ServiceFaultBook:
+class ServiceFaults:
     """Active and past service faults. Thread-safe."""
 
     robot_now_ns: Callable[[], int]
@@ -67,15 +67,15 @@ class ServiceFaultBook:
 class FaultService(fault_service_pb2_grpc.FaultServiceServicer):  # type: ignore[misc]
     """Raises and clears service faults."""
 
-    def __init__(self, book: ServiceFaultBook) -> None:
-        self._book = book
+    def __init__(self, records: ServiceFaults) -> None:
+        self._records = records
 
     def TriggerServiceFault(  # noqa: N802
         self, request: service_fault_pb2.TriggerServiceFaultRequest, context: grpc.ServicerContext
     ) -> service_fault_pb2.TriggerServiceFaultResponse:
         """Raise a fault."""
         response = service_fault_pb2.TriggerServiceFaultResponse()
-        is_new = self._book.trigger(request.fault)
+        is_new = self._records.trigger(request.fault)
         response.status = response.STATUS_OK if is_new else response.STATUS_FAULT_ALREADY_ACTIVE
         return response
 
@@ -93,7 +93,7 @@ class FaultService(fault_service_pb2_grpc.FaultServiceServicer):  # type: ignore
                 return True
             return _key(fault) == _key(wanted)
 
-        is_known = self._book.clear(matches) > 0
+        is_known = self._records.clear(matches) > 0
         response.status = response.STATUS_OK if is_known else response.STATUS_FAULT_NOT_ACTIVE
         return response
 

@@ -1,4 +1,4 @@
-"""What the services share: the robot, and the books about who may do what with it."""
+"""What the services share: the robot, and the records of who may do what with it."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from bosdyn.api.keepalive import keepalive_pb2
 
 from fake_robot.network.robot_port import EstopLevel, MotorPower, RobotPort
 from fake_robot.scenario.services_config import ServicesConfig
-from fake_robot.services.authority.estop_endpoints import CUT, NONE, SETTLE_THEN_CUT, EstopBook
-from fake_robot.services.authority.keepalive import KeepaliveBook
-from fake_robot.services.authority.lease_records import LeaseBook
+from fake_robot.services.authority.estop_endpoints import CUT, NONE, SETTLE_THEN_CUT, EstopEndpoints
+from fake_robot.services.authority.keepalive import KeepalivePolicies
+from fake_robot.services.authority.lease_records import LeaseRecords
 from fake_robot.services.authority.liveness import LivenessClock
 from fake_robot.services.calls.link import Link
-from fake_robot.services.identity.directory_entries import DirectoryBook
-from fake_robot.services.identity.payload import PayloadBook
-from fake_robot.services.identity.time_sync_clients import TimeSyncBook
+from fake_robot.services.identity.directory_entries import DirectoryEntries
+from fake_robot.services.identity.payload import RegisteredPayloads
+from fake_robot.services.identity.time_sync_clients import TimeSyncClients
 from fake_robot.services.identity.tokens import Credentials, TokenMint
-from fake_robot.services.reports.data_buffer import NoteBook
-from fake_robot.services.reports.fault import ServiceFaultBook, liveness_fault
+from fake_robot.services.reports.data_buffer import DataBuffer
+from fake_robot.services.reports.fault import ServiceFaults, liveness_fault
 
 _LEVELS = {NONE: EstopLevel.NONE, SETTLE_THEN_CUT: EstopLevel.SETTLE_THEN_CUT, CUT: EstopLevel.CUT}
 
@@ -46,19 +46,19 @@ class World:
             max_failed_logins=config.max_failed_logins,
             lockout_s=config.lockout_s,
         )
-        self.directory = DirectoryBook(liveness)
-        self.time_sync = TimeSyncBook(config.time_sync_samples, uses_newest=robot.is_lock_step)
-        self.leases = LeaseBook(liveness, epoch=secrets.token_hex(8), timeout_s=config.lease_timeout_s)
-        self.estop = EstopBook(
+        self.directory = DirectoryEntries(liveness)
+        self.time_sync = TimeSyncClients(config.time_sync_samples, uses_newest=robot.is_lock_step)
+        self.leases = LeaseRecords(liveness, epoch=secrets.token_hex(8), timeout_s=config.lease_timeout_s)
+        self.estop = EstopEndpoints(
             liveness,
             cut_after_settle_s=config.estop_cut_after_settle_s,
             are_motors_on=self.are_motors_on,
             has_operator=config.operator_estop,
         )
-        self.keepalive = KeepaliveBook(liveness)
-        self.payloads = PayloadBook()
-        self.service_faults = ServiceFaultBook(self.now_ns)
-        self.notes = NoteBook(self.now_ns)
+        self.keepalive = KeepalivePolicies(liveness)
+        self.payloads = RegisteredPayloads()
+        self.service_faults = ServiceFaults(self.now_ns)
+        self.notes = DataBuffer(self.now_ns)
         self.license_state: str = config.joint_control_license
         self._silent_services: frozenset[str] = frozenset()
         self.is_wifi_on = True

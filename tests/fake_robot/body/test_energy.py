@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fake_robot.body.energy import Energy
-from fake_robot.faults.fault_effects import Knobs
+from fake_robot.faults.fault_effects import FaultEffects
 from fake_robot.scenario.parts import BatteryConfig, MotorConfig
 
 REST = np.zeros(12)
@@ -76,8 +76,8 @@ def test_a_loaded_motor_warms_to_its_balance_and_the_others_cool():
 
 def test_faults_change_what_is_shown_and_nothing_else():
     energy = Energy(BatteryConfig(charge_percent=80.0), MotorConfig())
-    knobs = Knobs(battery_percent=3.0, motor_temperature_c={"fl_kn": 120.0})
-    assert energy.shown_percent(knobs) == 3.0
+    effects = FaultEffects(battery_percent=3.0, motor_temperature_c={"fl_kn": 120.0})
+    assert energy.shown_percent(effects) == 3.0
     assert energy.charge_percent == pytest.approx(80.0)
-    assert energy.shown_temperatures_c(knobs)["fl_kn"] == 120.0
-    assert energy.shown_temperatures_c(Knobs())["fl_kn"] == 30.0
+    assert energy.shown_temperatures_c(effects)["fl_kn"] == 120.0
+    assert energy.shown_temperatures_c(FaultEffects())["fl_kn"] == 30.0

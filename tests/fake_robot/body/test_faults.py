@@ -229,7 +229,7 @@ def test_faults_end_by_time_and_by_number(make):
 @pytest.mark.parametrize(
     ("name", "parameters", "parts"),
     [
-        ("earthquake", {}, ["'earthquake' is unknown", "state_gap", "push"]),
+        ("earthquake", {}, ["no fault 'earthquake'", "state_gap", "push"]),
         ("state_delay", {}, ["state_delay", "delay_s", "required"]),
         ("state_delay", {"delay_s": -1.0}, ["delay_s = -1.0", "greater than or equal to 0"]),
         ("state_delay", {"delay": 1.0}, ["delay = 1.0: unknown key; allowed: delay_s"]),
@@ -254,3 +254,32 @@ def test_every_fault_has_been_tried_here(make, request):
     ran_all = len([i for i in request.session.items if i.path == request.path]) >= 25
     if ran_all:
         assert names == TRIED
+
+
+def test_a_new_fault_is_one_class(make) -> None:
+    from typing import ClassVar
+
+    from fake_robot.faults.fault import FAULTS, Fault, ServiceFault
+    from fake_robot.faults.registry import fault_kinds
+
+    class Nudge(Fault):
+        """The body is nudged upwards."""
+
+        name: ClassVar[str] = "thrown_away_nudge"
+
+        def start(self, victim) -> None:
+            victim.push(np.array([0.0, 0.0, 1.0]), np.zeros(3))
+
+    class Chatter(ServiceFault):
+        """Nothing happens."""
+
+        name: ClassVar[str] = "thrown_away_chatter"
+
+    try:
+        driver = make()
+        assert "thrown_away_nudge" in {kind.name for kind in driver.robot.fault_kinds()}
+        assert "thrown_away_chatter" in {kind.name for kind in fault_kinds(of_services=True)}
+        driver.robot.inject("thrown_away_nudge", {}, None)
+        assert driver.robot.truth().linear_vel_of_body_in_world_m_s[2] > 0.9
+    finally:
+        del FAULTS["thrown_away_nudge"], FAULTS["thrown_away_chatter"]

@@ -8,7 +8,7 @@ from bosdyn.api import header_pb2, robot_state_pb2
 
 from fake_robot.body.frames import Frame
 from fake_robot.body.sensing import IMU_PACKETS
-from fake_robot.faults.fault_effects import Knobs
+from fake_robot.faults.fault_effects import FaultEffects
 from fake_robot.network.state_message import StateMessageBuilder
 from spot_model.robot.rotation import multiply_wxyz, rotate_inverse_wxyz, rotate_wxyz
 
@@ -136,7 +136,7 @@ def test_packets_follow_the_turn_between_physics_steps(make, substeps: int):
     # A turn rate that grows evenly over the period: 1, 2, 3 rad/s at 1, 2, 3 ms.
     for row in range(substeps + 1):
         sensing._samples[row, 5] = 3.0 * row / substeps
-    report = sensing.report(0, Knobs())
+    report = sensing.report(0, FaultEffects())
     np.testing.assert_allclose(report.imu_angular_velocity_rad_s[:, 2], [1.0, 2.0, 3.0], atol=1e-9)
     assert report.imu_wxyz.shape == (IMU_PACKETS, 4)
 
