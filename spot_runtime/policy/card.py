@@ -159,12 +159,14 @@ def _figures(told: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     if tracking.get("mean_forward_error_m_s") is not None:
         yield "forward error", f"{tracking['mean_forward_error_m_s']:.3f} m/s on average"
     for name, words in (
-        ("episodes_slow", "falls, up to 3 m/s"),
-        ("episodes_fast", "falls, from 3 m/s"),
-        ("episodes_beyond", "falls, beyond"),
+        ("episodes_slow", "falls, slow"),
+        ("episodes_fast", "falls, fast"),
+        ("episodes_beyond", "falls, fastest"),
     ):
         if name in told:
-            yield words, f"{told[name]['falls']} of {told[name]['episodes']} randomised episodes of 20 s"
+            bounds = told[name].get("v_x_m_s")
+            at = f", {bounds[0]:g} to {bounds[1]:g} m/s" if bounds else ""
+            yield words, f"{told[name]['falls']} of {told[name]['episodes']} randomised episodes of 20 s{at}"
     for name, words in (("pushes", "pushes of 1 m/s"), ("slippery_patch", "a patch of μ 0.3")):
         if name in told:
             yield words, f"{told[name]['survived']} of {told[name]['trials']} walk on"

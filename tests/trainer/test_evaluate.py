@@ -80,7 +80,7 @@ def test_a_whole_evaluation_and_its_page() -> None:
     assert result["top_speed"]["sustained_m_s"] == pytest.approx(0.5, abs=0.15)
     assert result["pushes"]["trials"] == 3
     page = evaluation_page(result)
-    assert f"runs at {result['top_speed']['sustained_m_s']:.2f} m/s" in page
+    assert f"holds {result['top_speed']['sustained_m_s']:.2f} m/s" in page
     assert "Speed against command" in page
     assert "src=" not in page
     assert len(page) < 1_500_000

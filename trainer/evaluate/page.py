@@ -51,14 +51,15 @@ def _head(result: Mapping[str, Any]) -> str:
     badge, kind = ("Steady", "good") if share <= STEADY else ("Walks", "fair") if share <= WALKS else ("Falls", "bad")
     name = result["policy"]
     held = top["sustained_m_s"]
-    headline = f"{name} falls at every speed" if held is None else f"{name} runs at {held:.2f} m/s"
+    headline = f"{name} falls at every speed" if held is None else f"{name} holds {held:.2f} m/s"
     return headed(badge, kind, headline, _sentences(top, tracking, slow), "simulated; on a robot it may differ")
 
 
 def _sentences(top: Mapping[str, Any], tracking: Mapping[str, Any], slow: Mapping[str, Any]) -> Iterator[str]:
     error = tracking["mean_forward_error_m_s"]
     follows = "" if error is None else f"It follows a forward command within {error:.3f} m/s on average. "
-    yield f"{follows}{slow['falls']} of {slow['episodes']} randomised episodes up to 3 m/s end in a fall."
+    high = slow["v_x_m_s"][1]
+    yield f"{follows}{slow['falls']} of {slow['episodes']} randomised episodes up to {high:g} m/s end in a fall."
     if top["sustained_m_s"] is not None:
         named = f"a {top['gait']}, " if top.get("gait") not in (None, "", "none") else ""
         yield (
