@@ -68,7 +68,9 @@ def section(name: str, cls: type[Effect]) -> str:
         lines.append(f"Source: {' '.join(source.split())}")
     method = HOOKS[cls.hook][0]
     code = textwrap.dedent(inspect.getsource(getattr(cls, method))).rstrip()
-    lines.append(f"<details><summary>The formula, as it runs</summary>\n\n```python\n{code}\n```\n\n</details>")
+    lines.append(
+        f"<details markdown='1'><summary>The formula, as it runs</summary>\n\n```python\n{code}\n```\n\n</details>"
+    )
     return "\n\n".join(line for line in lines if line) + "\n"
 
 
