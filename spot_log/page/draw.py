@@ -1,4 +1,4 @@
-"""Parts of plots: thinned lines, histograms with their percentiles, bars of stance."""
+"""Plots of a run's page with plotly: one look, thinned lines, histograms with their percentiles, bars of stance."""
 
 from __future__ import annotations
 
@@ -10,10 +10,46 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
-from spot_log.page.kit import ASKED, FEET, MEASURED, NEUTRAL, styled
+from spot_log.page.cells import Html, note
 
+MEASURED: Final = "#1f6fb2"
+ASKED: Final = "#d1662b"
+LIMIT: Final = "#b03030"
+NEUTRAL: Final = "#7a8794"
+FEET: Final = ("#1f6fb2", "#d1662b", "#3c8d5a", "#8e5aa8")
+"""Colours of what was measured, of what was asked for, of limits, of all else, and of the feet fl, fr, hl, hr."""
+
+_BUTTONS: Final = [["toImage", "zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "autoScale2d", "resetScale2d"]]
+_CONFIG: Final = {"displaylogo": False, "responsive": True, "modeBarButtons": _BUTTONS}
 MAX_POINTS: Final = 1600
 MAX_STANCES: Final = 4000
+
+
+def plot(figure: Any, name: str) -> Html:
+    """A plotly figure as a part of a page, or a word where it is None."""
+    if figure is None:
+        return note("The log has no data for this.")
+    return Html(figure.to_html(full_html=False, include_plotlyjs=False, div_id=f"figure-{name}", config=_CONFIG))
+
+
+def styled(figure: Any, height: int, *, legend: bool = True, title: str = "", x: str = "", y: str = "") -> Any:
+    """The same figure in the look of all pages; ``x`` and ``y`` name its axes."""
+    figure.update_layout(
+        height=height,
+        margin={"l": 62, "r": 18, "t": 56, "b": 44},
+        showlegend=legend,
+        template="plotly_white",
+        hovermode="x",
+        bargap=0,
+        font={"family": "system-ui, sans-serif", "size": 12, "color": "#26313b"},
+        legend={"orientation": "h", "x": 0, "xanchor": "left", "y": 1 + 22 / (height - 90), "yanchor": "bottom"},
+    )
+    if title:
+        figure.update_layout(title={"text": title, "font": {"size": 14}})
+    if x or y:
+        figure.update_layout(xaxis_title=x, yaxis_title=y)
+    figure.update_annotations(font_size=12)
+    return figure
 
 
 def line(

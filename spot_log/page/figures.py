@@ -11,8 +11,7 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
-from spot_log.page.draw import histogram, line, stance_diagram
-from spot_log.page.kit import ASKED, FEET, LIMIT, MEASURED, NEUTRAL, styled
+from spot_log.page.draw import ASKED, FEET, LIMIT, MEASURED, NEUTRAL, histogram, line, stance_diagram, styled
 from spot_log.read.run import Run
 from spot_log.tools import measures
 from spot_model.robot.facts import HIP_TORQUE_LIMIT_NM

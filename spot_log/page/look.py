@@ -69,18 +69,19 @@ document.addEventListener('mousemove', e => {
 """
 
 
-def framed(title: str, body: Iterable[str], style: str = "") -> str:
+def framed(title: str, body: Iterable[str], style: str = "", head: str = "") -> str:
     """A whole page: one file that opens from disk and asks nobody for anything.
 
     Args:
         title: For the browser.
         body: Sections, as HTML.
         style: More CSS.
+        head: More HTML for the page's head.
     """
     return (
         f"<!doctype html><html lang='en'><head><meta charset='utf-8'><title>{esc(title)}</title>"
         "<meta name='viewport' content='width=device-width'><link rel='icon' href='data:,'>"
-        f"<style>{STYLE}{style}</style></head><body><main>{''.join(body)}</main><div id='tip'></div>"
+        f"<style>{STYLE}{style}</style>{head}</head><body><main>{''.join(body)}</main><div id='tip'></div>"
         f"<script>{SCRIPT}</script></body></html>\n"
     )
 

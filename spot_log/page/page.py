@@ -6,14 +6,19 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
+from spot_log.page.cells import Html, escaped, facts, note, table
 from spot_log.page.errors import PlotlyMissingError, ReportError
-from spot_log.page.kit import Html, escaped, facts, marked, page, plot, section, table, told
+from spot_log.page.look import boxed, framed
 from spot_log.page.summary import seconds_text, summary_lines
 from spot_log.read.run import Run
 from spot_log.tools.info import LogInfo, log_info
 
 MAX_EVENT_ROWS: Final = 300
 MAX_HEADER_TEXT: Final = 4000
+STYLE: Final = """
+.alarm, tr.error td { color: var(--bad); } tr.warning td { color: var(--warn); }
+.plotly-graph-div { min-width: 620px; } td { overflow-wrap: anywhere; } pre { max-height: 220px; overflow: auto; }
+"""
 
 
 def write_page(run: Run, path: str | Path) -> Path:
@@ -39,14 +44,18 @@ def page_html(run: Run) -> str:
         PlotlyMissingError: plotly is not installed.
     """
     try:
+        from plotly.offline import get_plotlyjs
+
+        from spot_log.page.draw import plot
         from spot_log.page.figures import FIGURES
     except ModuleNotFoundError as error:
         raise PlotlyMissingError from error
     info = log_info(run)
-    parts = [section("Summary", facts(_summary(info)))]
-    parts += [section(f.heading, plot(f.draw(run), name), f.note) for name, f in FIGURES.items()]
-    parts += [section("Events", _events(info)), section("Header", facts(_header(info)))]
-    return page(f"Run {info.header['run_id'] or run.path.name}", parts, note=run.path.name)
+    title = f"Run {info.header['run_id'] or run.path.name}"
+    parts = [f"<h1>{escaped(title)}</h1>{note(run.path.name)}", boxed("Summary", "", facts(_summary(info)))]
+    parts += [boxed(f.heading, f.note, plot(f.draw(run), name)) for name, f in FIGURES.items()]
+    parts += [boxed("Events", "", _events(info)), boxed("Header", "", facts(_header(info)))]
+    return framed(title, parts, STYLE, f"<script>{get_plotlyjs()}</script>")
 
 
 def _summary(info: LogInfo) -> Iterator[tuple[str, str]]:
@@ -54,19 +63,19 @@ def _summary(info: LogInfo) -> Iterator[tuple[str, str]]:
         label, _, text = line.partition(" ")
         if label != "event":
             is_bad = label == "damaged" or (label == "falls" and bool(info.motion.falls))
-            yield label, marked(text.strip(), "bad") if is_bad else text.strip()
+            yield label, Html(f'<b class="alarm">{escaped(text.strip())}</b>') if is_bad else text.strip()
 
 
 def _events(info: LogInfo) -> str:
     if not info.events:
-        return told("None.")
+        return note("None.")
     shown = info.events[:MAX_EVENT_ROWS]
     rows = []
     for event in shown:
         values = ", ".join(f"{key} {value:g}" for key, value in event["values"].items())
         rows.append((seconds_text(event["time_s"]), event["severity"], event["name"], event["text"], values))
     left = len(info.events) - MAX_EVENT_ROWS
-    more = told(f"{left} more are in the log." if left > 0 else "")
+    more = note(f"{left} more are in the log." if left > 0 else "")
     head = ("time", "severity", "name", "what", "values")
     return table(head, rows, row_classes=[event["severity"] for event in shown]) + more
 

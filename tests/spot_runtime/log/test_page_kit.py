@@ -4,17 +4,23 @@ from __future__ import annotations
 
 import numpy as np
 
-from spot_log.page.draw import stance_diagram
-from spot_log.page.kit import Html, bullets, facts, folded, marked, page, plot, section, table
+from spot_log.page.cells import Html, facts, note, table
+from spot_log.page.draw import plot, stance_diagram
+from spot_log.page.look import boxed, framed, headed
 
 EVIL = "<b>&</b>"
 
 
 def test_text_is_escaped_everywhere_and_html_is_not():
-    parts = [section(EVIL, table([EVIL], [[EVIL]]), EVIL), facts([(EVIL, EVIL)]), bullets([EVIL]), folded(EVIL, "")]
-    text = page(EVIL, [*parts, marked(EVIL, "bad")], note=EVIL, has_plots=False)
+    parts = [
+        boxed(EVIL, EVIL, table([EVIL], [[EVIL]])),
+        facts([(EVIL, EVIL)]),
+        note(EVIL),
+        headed(EVIL, "", EVIL, [EVIL]),
+    ]
+    text = framed(EVIL, parts)
     assert EVIL not in text
-    assert text.count("&lt;b&gt;&amp;&lt;/b&gt;") == 12
+    assert text.count("&lt;b&gt;&amp;&lt;/b&gt;") == 11
     assert EVIL in table([], [[Html(EVIL)]])
 
 
@@ -26,7 +32,7 @@ def test_numbers_of_a_table():
 
 
 def test_a_figure_that_is_not_there_is_said():
-    assert "no data" in plot(None)
+    assert "no data" in plot(None, "x")
 
 
 def test_a_stance_diagram_has_a_bar_for_each_stance():
