@@ -40,7 +40,7 @@ from spot_log.read.reader import read_run
 from spot_log.read.run import Run
 from spot_model.policy.policy import Policy, load_policy
 from withheld.plan import Fault, FaultRequest, RecordingPlan
-from withheld.realities.catalogue import CATALOGUE
+from withheld.realities.calibrating.catalogue import CATALOGUE
 from withheld.realities.reality import make
 
 POLICIES: Final = ("baseline", "walk", "fast")

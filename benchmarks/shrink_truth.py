@@ -40,7 +40,7 @@ from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import Policy, load_policy
 from trainer.sysid.distance.measures import SequenceReference
 from withheld.plan import FaultRequest, Place, RecordingPlan
-from withheld.realities.catalogue import CATALOGUE
+from withheld.realities.calibrating.catalogue import CATALOGUE
 from withheld.realities.reality import make
 
 POLICIES: Final = Path(__file__).parents[1] / "policies"

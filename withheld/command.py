@@ -49,12 +49,12 @@ def run(
 ) -> None:
     """Draw cases, seal their truth, diagnose them behind a wall, open, and score."""
     from spot_model.errors import BadInputError
-    from withheld.execute import Job, case_folder
-    from withheld.jail import MEANING, hide_this_process, strongest_level
-    from withheld.progress import CaseProgress
-    from withheld.run import Ray, processes, run_cases
-    from withheld.run_folder import begin, go_on
-    from withheld.source import source_of
+    from withheld.blind.execute import Job, case_folder
+    from withheld.blind.jail import MEANING, hide_this_process, strongest_level
+    from withheld.blind.progress import CaseProgress
+    from withheld.blind.run import Ray, processes, run_cases
+    from withheld.blind.run_folder import begin, go_on
+    from withheld.cases.source import source_of
 
     hide_this_process()
     source_of(reality)
@@ -63,9 +63,15 @@ def run(
     begun = go_on(out, policies) if resume else None
     level = strongest_level()
     head, secret = begun or begin(
-        out, seed, policies, reality=reality, level=level, cases=cases, search_every=search_every,
+        out,
+        seed,
+        policies,
+        reality=reality,
+        level=level,
+        cases=cases,
+        search_every=search_every,
         pace="quick" if quick else "full",
-    )  # fmt: skip
+    )
     numbers = _part(only, head.cases)
     typer.echo(f"protocol {head.protocol[:16]}, locked in by {MEANING[level]}", err=True)
     job = Job(
@@ -105,7 +111,7 @@ def score(
 @app.command()
 def table(folder: Annotated[Path, typer.Argument(help="Folder of a scored run.")]) -> None:
     """Print a scored run's table as Markdown, with the digest of its protocol."""
-    from withheld.markdown import markdown
+    from withheld.scoring.markdown import markdown
 
     for line in markdown(folder):
         typer.echo(line)
@@ -118,7 +124,7 @@ def pack(
     most_mib: Annotated[float, typer.Option("--most-mib", min=0.1, help="Refuse what is larger.")] = 16.0,
 ) -> None:
     """Put a run into one file, without its reports; unpacked it can be scored."""
-    from withheld.pack import pack as write
+    from withheld.blind.pack import pack as write
 
     typer.echo(f"{write(folder, file, most_mib)} cases in {file}")
 
@@ -128,14 +134,14 @@ def open_case(
     file: Annotated[Path, typer.Argument(help="DIR/NUMBER, a case's folder, or its outcome.json.")],
 ) -> None:
     """Show one case: what was hidden, what was said, what it scores."""
-    from withheld.show import show_case
+    from withheld.scoring.show import show_case
 
     for line in show_case(file):
         typer.echo(line)
 
 
 def _score(folders: list[Path], out: Path) -> None:
-    from withheld.report import write_scores
+    from withheld.scoring.report import write_scores
 
     for line in write_scores(folders, out):
         typer.echo(line)

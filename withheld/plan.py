@@ -14,13 +14,26 @@ from spot_model.io.model_file import RobotModel
 from spot_model.io.velocity_sequence import VelocitySequence
 
 Family = Literal[
-    "friction", "drive", "limits", "supply", "thermal", "transport", "sensing", "estimator", "body", "ground",
-    "software", "learned",
-]  # fmt: skip
+    "friction",
+    "drive",
+    "limits",
+    "supply",
+    "thermal",
+    "transport",
+    "sensing",
+    "estimator",
+    "body",
+    "ground",
+    "software",
+    "learned",
+]
 Place = Literal["joint", "type", "leg", "all", "body"]
 """At which kind of place a fault acts; ``body`` is not a matter of joints."""
-Signal = Literal["battery", "contact", "load", "imu", "temperature"]
-SIGNALS: Final[tuple[Signal, ...]] = ("battery", "contact", "load", "imu", "temperature")
+Signal = Literal["battery", "contact", "load", "imu", "temperature", "receipts"]
+SIGNALS: Final[tuple[Signal, ...]] = ("battery", "contact", "load", "imu", "temperature", "receipts")
+IMPORT_LACKS: Final[frozenset[Signal]] = frozenset({"battery", "contact", "temperature", "receipts"})
+Detail = Literal["stream", "import"]
+"""What a log holds: the whole state stream with ticks, or what a foreign recording has at 50 to 60 Hz."""
 
 
 class _Part(BaseModel):
@@ -47,14 +60,16 @@ class Truth(_Part):
     """What a perfect diagnosis would find."""
 
     faults: tuple[Fault, ...]
-    """Empty: nothing is different beyond the small errors that every reality has."""
+    """Empty: nothing is different beyond the ordinary errors that every reality has."""
+    error_scale: float = Field(default=1.0, gt=0.0)
+    """Of the ordinary errors of this robot."""
 
 
 class FaultRequest(_Part):
     """One fault that a case asks for."""
 
     kind: str
-    """Key of :data:`withheld.realities.catalogue.CATALOGUE`."""
+    """Key of a catalogue."""
     place: Place
     size: float = Field(ge=0.0, le=1.0)
 
@@ -70,7 +85,8 @@ class RecordingPlan:
     seed: int
     """Of all that differs from run to run: starts, noise, delays, opaque names."""
     missing: frozenset[Signal] = field(default_factory=frozenset)
-    """Signals that the logs lack, as an imported log lacks them."""
+    """Signals that the logs lack."""
+    detail: Detail = "stream"
 
 
 Walk = tuple[str, TickTable]

@@ -26,7 +26,7 @@ from spot_protos import log_pb2
 from tests.diagnosis.planted import Truth as Planted
 from tests.diagnosis.planted import planted_runs
 from withheld.plan import Family, Fault, FaultRequest, Place, RecordingPlan, Truth
-from withheld.realities.simulation import RealityDivergedError
+from withheld.simulator.simulation import RealityDivergedError
 
 NOMINAL = RobotModel((CommandDelay(delay_s=0.005), Armature(joints=("knees",), inertia_kg_m2=0.03)))
 """Mean delay of the planted transport; an inertia that logs and model share."""
@@ -81,7 +81,7 @@ class Alone:
             seed = int(rng.integers(2**31))
             for run in planted_runs(planted, plan.repeats, sequence=sequence, actor=lambda: policy, seed=seed):
                 header = replace(run.header, run_id=rng.bytes(8).hex(), policy_name=policy.contract.name,
-                                 policy_sha256=policy.sha256)  # fmt: skip
+                                 policy_sha256=policy.sha256)
                 write(replace(run, header=header), folder / f"{rng.bytes(8).hex()}.mcap")
 
 
@@ -97,7 +97,7 @@ def _made(request: FaultRequest, rng: np.random.Generator) -> tuple[Effect, Faul
         return PayloadMass(mass_kg=mass), Fault(
             names=("payload_mass",), joints=(), parameters={"payload_mass.mass_kg": mass}, family="body",
             size=request.size, kind=request.kind,
-        )  # fmt: skip
+        )
     where = {"type": ("kn",), "joint": ("fl_kn",), "leg": ("hl",), "all": ("all",)}[request.place]
     joints = tuple(n for n, there in zip(JOINT_NAMES, select_joints(where), strict=True) if there)
     if request.kind == "gain":
@@ -105,7 +105,7 @@ def _made(request: FaultRequest, rng: np.random.Generator) -> tuple[Effect, Faul
         return TorqueGain(joints=where, gain=gain), Fault(
             names=("torque_gain",), joints=joints, parameters={"torque_gain.gain": gain}, family="drive",
             size=request.size, kind=request.kind,
-        )  # fmt: skip
+        )
     level = 4.0 * request.size
     if request.kind == "odd":
         return CoulombFriction(joints=where, level_nm=level), Fault(
@@ -114,7 +114,7 @@ def _made(request: FaultRequest, rng: np.random.Generator) -> tuple[Effect, Faul
     return CoulombFriction(joints=where, level_nm=level), Fault(
         names=("coulomb_friction",), joints=joints, parameters={"coulomb_friction.level_nm": level}, family="friction",
         size=request.size, kind=request.kind,
-    )  # fmt: skip
+    )
 
 
 def write(run: Run, path: Path) -> None:
@@ -137,10 +137,10 @@ def write(run: Run, path: Path) -> None:
         records.append((int(s.host_stamp_ns[i]), log_pb2.State(imu=imu, **_row(s, i, skip))))
     records += [(int(c.host_stamp_ns[i]), log_pb2.Command(**_row(c, i, set()))) for i in range(len(c))]
     records += [(int(t.host_stamp_ns[i]), log_pb2.Tick(**(_row(t, i, {"mode"}) | {"mode": "active"})))
-                for i in range(len(t))]  # fmt: skip
+                for i in range(len(t))]
     for i in range(len(b)):
         row = {k: getattr(b, k)[i].item() for k in ("robot_stamp_ns", "host_stamp_ns", "motors_powered", "estopped",
-               "battery_charge_percent", "battery_voltage_v", "battery_current_a")}  # fmt: skip
+               "battery_charge_percent", "battery_voltage_v", "battery_current_a")}
         records.append((row["host_stamp_ns"], log_pb2.SlowState(**row)))
     numbers: dict[type, int] = {}
     for _, message in sorted(records, key=lambda r: r[0]):

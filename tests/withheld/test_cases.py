@@ -8,8 +8,8 @@ import pytest
 from diagnosis.library.registry import LIBRARY
 from spot_model.errors import BadInputError
 from spot_model.policy.policy import load_policy
-from withheld.cases import LADDER, POWER_EFFECTS, RIVALS, SLOTS, Case, draw, kind_of
-from withheld.source import Source, source_of
+from withheld.cases.draw import LADDER, POWER_EFFECTS, RIVALS, SLOTS, Case, draw, kind_of
+from withheld.cases.source import Source, source_of
 
 POLICIES = Path("policies")
 STAND_IN = source_of("tests.withheld.stand_in:StandIn")

@@ -7,7 +7,7 @@ import pytest
 from spot_model.effects.drive.torque_gain import TorqueGain
 from spot_model.io.velocity_sequence import VelocitySequence, Waypoint
 from spot_model.policy.policy import load_policy
-from withheld.distances import moved, read_folder, true_shrink, walks_of
+from withheld.blind.distances import moved, read_folder, true_shrink, walks_of
 from withheld.plan import FaultRequest, RecordingPlan
 
 from .stand_in import StandIn

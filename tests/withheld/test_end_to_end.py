@@ -8,13 +8,13 @@ import pytest
 from typer.testing import CliRunner
 
 from spot_model.errors import BadInputError
-from withheld.cases import draw
+from withheld.cases.draw import draw
 from withheld.command import app
-from withheld.ledger import read_ledger
-from withheld.outcome import load_outcome
-from withheld.run_folder import load_head
-from withheld.source import source_of
-from withheld.verify import check
+from withheld.blind.ledger import read_ledger
+from withheld.scoring.outcome import load_outcome
+from withheld.blind.run_folder import load_head
+from withheld.cases.source import source_of
+from withheld.scoring.verify import check
 
 REALITY = "tests.withheld.stand_in:Brittle"
 SEED = "71"
@@ -69,8 +69,8 @@ def test_a_finished_run_is_resumed_at_once_and_gives_the_same_scores(
     run: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # Sources that are edited while the tests run are none of this test's business.
-    monkeypatch.setattr("withheld.frozen.protocol_digest", lambda: load_head(run).protocol)
-    monkeypatch.setattr("withheld.frozen.generator_digest", lambda: load_head(run).generator)
+    monkeypatch.setattr("withheld.blind.frozen.protocol_digest", lambda: load_head(run).protocol)
+    monkeypatch.setattr("withheld.blind.frozen.generator_digest", lambda: load_head(run).generator)
     before = (run / "scores.json").read_text()
     done = CliRunner().invoke(app, ["run", "--out", str(run), "--resume"])
     assert done.exit_code == 0, done.exception
@@ -103,7 +103,7 @@ def test_a_case_is_shown(run: Path) -> None:
 
 @pytest.mark.slow
 def test_changed_sources_end_a_run(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("withheld.frozen.protocol_digest", lambda: "another")
+    monkeypatch.setattr("withheld.blind.frozen.protocol_digest", lambda: "another")
     done = CliRunner().invoke(app, ["run", "--out", str(run), "--resume"])
     assert isinstance(done.exception, BadInputError)
     assert "start anew" in str(done.exception)

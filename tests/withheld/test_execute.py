@@ -6,11 +6,11 @@ from pathlib import Path
 import pytest
 
 from spot_model.errors import SpotRlError
-from withheld.cases import draw
-from withheld.execute import MAX_ATTEMPTS, MAX_DRAWS, Execution, Job
+from withheld.cases.draw import draw
+from withheld.blind.execute import MAX_ATTEMPTS, MAX_DRAWS, Execution, Job
 from withheld.plan import RecordingPlan, Walk
-from withheld.realities.simulation import RealityDivergedError
-from withheld.source import source_of
+from withheld.simulator.simulation import RealityDivergedError
+from withheld.cases.source import source_of
 
 from .stand_in import StandIn
 

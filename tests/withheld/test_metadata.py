@@ -8,13 +8,13 @@ import pytest
 from spot_log import read_run
 from spot_model.io.model_file import save_model
 from spot_model.io.velocity_sequence import VelocitySequence, Waypoint
-from withheld.distances import read_folder
-from withheld.metadata import PAD_BYTES, features, make_alike
+from withheld.blind.distances import read_folder
+from withheld.blind.metadata import PAD_BYTES, features, make_alike
 from withheld.plan import FaultRequest, RecordingPlan
-from withheld.source import source_of
+from withheld.cases.source import source_of
 
 RANDOM = ("name", "name as number", "run id, mean", "run id, spread", "began, mean", "began, spread",
-          "first state, mean", "first state, spread")  # fmt: skip
+          "first state, mean", "first state, spread")
 """Drawn from the recording's seed, which says nothing of the truth."""
 KINDS = {"none": None, "flux_change": "all", "slow_queue": "body", "encoder_offset": "joint"}
 

@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from withheld.execute import Job, case_folder
-from withheld.ledger import Ledger, read_ledger
-from withheld.outcome import Outcome
-from withheld.run import Ray, run_cases
+from withheld.blind.execute import Job, case_folder
+from withheld.blind.ledger import Ledger, read_ledger
+from withheld.scoring.outcome import Outcome
+from withheld.blind.run import Ray, run_cases
 
 from .made_up import outcome
 

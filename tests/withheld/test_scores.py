@@ -3,9 +3,9 @@
 import pytest
 
 from diagnosis.verdict import Number
-from withheld.outcome import Answer, Said
-from withheld.scores import f1, is_foreign, is_full, is_large, parameters, score, score_answer, stated
-from withheld.table import breakdown, comparison, confusion, power_answer, power_curve, tables
+from withheld.scoring.outcome import Answer, Said
+from withheld.scoring.scores import f1, is_foreign, is_full, is_large, parameters, score, score_answer, stated
+from withheld.scoring.table import breakdown, comparison, confusion, power_answer, power_curve, tables
 
 from .made_up import KNEES, fault, outcome, said
 
@@ -83,7 +83,7 @@ def test_no_effect() -> None:
 def test_an_effect_that_is_not_there_has_to_be_called_unknown() -> None:
     for case in (outcome([fault()], status="unknown_effect", unknown_joints=("fl_kn",)),
                  outcome([COULOMB], status="unknown_effect", unknown_joints=("fl_kn",), kind="left_out",
-                         without=["coulomb_friction"])):  # fmt: skip
+                         without=["coulomb_friction"])):
         assert is_foreign(case)
         s = score(case)
         assert (s.unknown, s.unknown_joints, s.top1) == (True, True, None)

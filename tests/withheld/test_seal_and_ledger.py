@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from withheld.ledger import Ledger, LedgerError, check_order, read_ledger
+from withheld.blind.ledger import Ledger, LedgerError, check_order, read_ledger
 from withheld.plan import Fault, Truth
-from withheld.seal import Seal, SealError, digest_of, opened
+from withheld.blind.seal import Seal, SealError, digest_of, opened
 
 TRUTH = Truth(faults=(Fault(names=("torque_gain",), joints=("fl_kn",), family="drive", size=0.4),))
 

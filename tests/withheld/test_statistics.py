@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from withheld.leak import leaks
-from withheld.statistics import Average, Share, brier, reliability
+from withheld.scoring.leak import leaks
+from withheld.scoring.statistics import Average, Share, brier, reliability
 
 from .made_up import fault, outcome
 

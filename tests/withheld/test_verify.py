@@ -9,15 +9,15 @@ from typer.testing import CliRunner
 
 from spot_model.errors import BadInputError, SpotRlError
 from withheld.command import app
-from withheld.figures import power_curve
-from withheld.ledger import Ledger
-from withheld.outcome import Outcome
+from withheld.scoring.figures import power_curve
+from withheld.blind.ledger import Ledger
+from withheld.scoring.outcome import Outcome
 from withheld.plan import Truth
-from withheld.report import lines, scores, write_scores
-from withheld.run_folder import RunHead, Secret, load_head, load_secret, new_secret, start
-from withheld.seal import Seal, file_digest
-from withheld.show import show_case
-from withheld.verify import check
+from withheld.scoring.report import lines, scores, write_scores
+from withheld.blind.run_folder import RunHead, Secret, load_head, load_secret, new_secret, start
+from withheld.blind.seal import Seal, file_digest
+from withheld.scoring.show import show_case
+from withheld.scoring.verify import check
 
 from .made_up import fault, outcome, said
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from withheld.jail import LEVELS, Ended, JailError, Level, run_locked_in, strongest_level
+from withheld.blind.jail import LEVELS, Ended, JailError, Level, run_locked_in, strongest_level
 
 REFUSED = "withheld check: refused"
 Run = Callable[[str], Ended]
@@ -56,9 +56,9 @@ def test_what_is_honest_works(inside: Run, tmp_path: Path) -> None:
     [
         "import withheld",
         "from fake_robot import robot",
-        "import sys; sys.meta_path.clear(); import withheld.cases",
-        "import sys, importlib.util as u; sys.meta_path.pop(0); u.find_spec('withheld.cases').loader.load_module()",
-        "import runpy; runpy.run_module('withheld.cases')",
+        "import sys; sys.meta_path.clear(); import withheld.cases.draw",
+        "import sys, importlib.util as u; sys.meta_path.pop(0); u.find_spec('withheld.cases.draw').loader.load_module()",
+        "import runpy; runpy.run_module('withheld.cases.draw')",
     ],
 )
 def test_the_generator_cannot_be_imported(inside: Run, program: str) -> None:
@@ -122,7 +122,7 @@ def test_the_hook_cannot_be_taken_off(inside: Run, truth: Path) -> None:
         "import sys, __main__\n"
         "sys.addaudithook(lambda *_: None)\n"
         f"print(open({str(truth)!r}).read())"
-    )  # fmt: skip
+    )
     assert ended.code != 0
     assert "coulomb_friction" not in ended.said
 

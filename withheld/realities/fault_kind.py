@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from spot_model.robot.facts import JOINT_NAMES, JOINT_TYPES, LEG_NAMES, Array
 from withheld.plan import Family, Place
-from withheld.realities.robot import Robot
+from withheld.simulator.robot import Robot
 
 Flags = NDArray[np.bool_]
 JOINT_PLACES: Final[tuple[Place, ...]] = ("joint", "type", "leg", "all")

@@ -1,8 +1,8 @@
-"""Robots from requests: small errors first, then the faults, each from a generator of its own."""
+"""Robots from requests: surroundings and ordinary errors first, then the faults, each from a generator of its own."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import groupby
 from pathlib import Path
@@ -12,16 +12,16 @@ from spot_model.io.model_file import RobotModel
 from spot_model.io.velocity_sequence import VelocitySequence
 from spot_model.policy.policy import Policy, load_policy
 from withheld.plan import Fault, FaultRequest, RecordingPlan, Truth, Walk
-from withheld.realities.catalogue import CATALOGUE
-from withheld.realities.fault_kind import Ask, Built, flags_of
-from withheld.realities.logbook import LogSetting, tick_table, write_log
-from withheld.realities.nominal import NOMINAL
-from withheld.realities.records import RunArrays
-from withheld.realities.robot import Robot
-from withheld.realities.settings import Settings
-from withheld.realities.simulation import RunRequest, simulate
-from withheld.realities.small_errors import add_small_errors
-from withheld.realities.streams import stream
+from withheld.realities.fault_kind import Ask, Built, FaultKind, flags_of
+from withheld.simulator.nominal import NOMINAL
+from withheld.simulator.ordinary_errors import add_ordinary_errors, draw_scale
+from withheld.simulator.random_streams import stream
+from withheld.simulator.recording.log_writer import LogSetting, tick_table, write_log
+from withheld.simulator.recording.run_arrays import RunArrays
+from withheld.simulator.robot import Robot
+from withheld.simulator.settings import Settings
+from withheld.simulator.simulation import RunRequest, simulate
+from withheld.simulator.surroundings import add_surroundings, draw_settings
 
 EPOCH_NS: Final = 1_790_000_000_000_000_000
 SIDE_BY_SIDE: Final = 16
@@ -39,13 +39,14 @@ class ComposedReality:
 
     @property
     def nominal(self) -> RobotModel:
-        """The robot without faults and small errors."""
+        """The robot without faults and ordinary errors."""
         return NOMINAL
 
     def robot(self) -> Robot:
-        """A fresh robot: the same seed gives the same small errors, whatever the faults."""
+        """A fresh robot: the same seed gives the same errors and surroundings, whatever the faults."""
         robot = Robot()
-        add_small_errors(robot, stream(self.seed, "small errors"))
+        add_surroundings(robot, stream(self.seed, "surroundings"))
+        add_ordinary_errors(robot, stream(self.seed, "ordinary errors"), self.truth.error_scale)
         for built in self.built:
             built.install(robot)
         return robot
@@ -116,35 +117,51 @@ class Made:
                 started_host_ns=EPOCH_NS + int(rng.integers(0, 86_400_000_000_000)),
                 skew_ns=int(rng.integers(-300_000_000_000, 300_000_000_000)),
                 first_state_ns=int(rng.integers(500_000_000, 900_000_000)),
+                detail=plan.detail,
+                echoes_last_run=bool(rng.random() < 0.5),
             )
             write_log(run, self.policy, setting, plan.missing, rng, folder / f"{rng.bytes(8).hex()}.mcap")
 
 
-def make(requests: Sequence[FaultRequest], seed: int, settings: Settings | None = None) -> ComposedReality:
-    """A reality with these faults; none for one that differs from the nominal model by small errors alone.
+def make(
+    requests: Sequence[FaultRequest],
+    seed: int,
+    catalogue: Mapping[str, FaultKind],
+    settings: Settings | None = None,
+    error_scale: float | None = None,
+) -> ComposedReality:
+    """A reality with these faults; none for one that differs from the nominal model by ordinary errors alone.
 
     Args:
         requests: What is wrong, and how much.
-        seed: Draws the small errors, the joints, and the numbers of each fault, each by itself: leaving a request out
+        seed: Draws errors, surroundings, joints, and the numbers of each fault, each by itself: leaving a request out
             changes nothing else.
-        settings: How to simulate.
+        catalogue: Kinds by name.
+        settings: How to simulate; drawn by default.
+        error_scale: Of the ordinary errors; drawn by default.
 
     Raises:
         ValueError: A kind is unknown, or cannot act at the place.
     """
     faults, built = [], []
     for number, request in enumerate(requests):
-        if request.kind not in CATALOGUE:
-            raise ValueError(f"fault {request.kind!r} is unknown; allowed: {', '.join(sorted(CATALOGUE))}")
-        kind = CATALOGUE[request.kind]
+        if request.kind not in catalogue:
+            raise ValueError(f"fault {request.kind!r} is unknown; allowed: {', '.join(sorted(catalogue))}")
+        kind = catalogue[request.kind]
         again = sum(r.kind == request.kind for r in requests[:number])
         joints = kind.choose_joints(request.place, stream(seed, "place", kind.name, again))
         made = kind.draw(Ask(stream(seed, "fault", kind.name, again), request.size, flags_of(joints)))
         built.append(made)
         faults.append(
             Fault(
-                names=kind.names, joints=joints, parameters=dict(made.parameters), family=kind.family,
-                size=request.size, kind=kind.name,
+                names=kind.names,
+                joints=joints,
+                parameters=dict(made.parameters),
+                family=kind.family,
+                size=request.size,
+                kind=kind.name,
             )
-        )  # fmt: skip
-    return ComposedReality(seed, Truth(faults=tuple(faults)), tuple(built), settings or Settings())
+        )
+    scale = draw_scale(stream(seed, "error scale")) if error_scale is None else error_scale
+    truth = Truth(faults=tuple(faults), error_scale=scale)
+    return ComposedReality(seed, truth, tuple(built), settings or draw_settings(stream(seed, "settings")))

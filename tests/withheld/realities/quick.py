@@ -11,11 +11,11 @@ import numpy as np
 from spot_model.io.velocity_sequence import VelocitySequence, Waypoint
 from spot_model.policy.policy import Policy, load_policy
 from withheld.plan import FaultRequest
-from withheld.realities.catalogue import CATALOGUE
+from withheld.realities.calibrating.catalogue import CATALOGUE
 from withheld.realities.reality import make
-from withheld.realities.records import RunArrays
-from withheld.realities.settings import Settings
-from withheld.realities.simulation import RunRequest, simulate
+from withheld.simulator.recording.run_arrays import RunArrays
+from withheld.simulator.settings import Settings
+from withheld.simulator.simulation import RunRequest, simulate
 
 POLICIES = Path(__file__).parents[3] / "policies"
 QUICK = Settings(settle_s=0.3, ramp_s=0.25, tail_s=0.05)

@@ -8,12 +8,12 @@ import pytest
 
 from spot_model.robot import facts
 from spot_model.robot.facts import N_JOINTS, TOTAL_MASS_KG
-from withheld.realities.body import build_model
+from withheld.simulator.mechanics.body import build_model
 from withheld.realities.fault_kind import Ask, Draw, flags_of
-from withheld.realities.faults import body, ground, strange_body
-from withheld.realities.robot import Robot
-from withheld.realities.settings import Settings
-from withheld.realities.small_errors import add_small_errors
+from withheld.realities.calibrating import body, ground, strange_body
+from withheld.simulator.robot import Robot
+from withheld.simulator.settings import Settings
+from withheld.simulator.ordinary_errors import add_small_errors
 
 KNEES = tuple(j for j in facts.JOINT_NAMES if j.endswith("kn"))
 
@@ -33,7 +33,7 @@ def model_with(
 def trunk(model: mujoco.MjModel) -> tuple[float, np.ndarray, np.ndarray]:
     """Mass, centre of mass and inertia (body axes) of the body with all that is fixed to it, but the legs."""
     parts = [i for i in range(model.nbody) if i == model.body("body").id or (
-        model.body_parentid[i] == model.body("body").id and not model.body(i).name.endswith("_hip"))]  # fmt: skip
+        model.body_parentid[i] == model.body("body").id and not model.body(i).name.endswith("_hip"))]
     mass = model.body_mass[parts]
     own = [np.zeros(3) if i == model.body("body").id else model.body_pos[i] for i in parts]
     at = np.array([p + model.body_ipos[i] for p, i in zip(own, parts, strict=True)])

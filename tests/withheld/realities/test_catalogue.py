@@ -9,15 +9,15 @@ from diagnosis.library.registry import LIBRARY
 from spot_model.robot.facts import JOINT_NAMES
 from tests.withheld.realities.quick import faulty, healthy, request, short_run
 from withheld.plan import FaultRequest
-from withheld.realities.catalogue import CATALOGUE
+from withheld.realities.calibrating.catalogue import CATALOGUE
 from withheld.realities.reality import make
-from withheld.realities.records import RunArrays
+from withheld.simulator.recording.run_arrays import RunArrays
 
 SIGNALS = (
     "position_rad", "velocity_rad_s", "load_nm", "position_of_body_in_odom_m", "odom_from_body_wxyz",
     "linear_vel_of_body_in_odom_m_s", "angular_vel_of_body_in_odom_rad_s", "foot_contact", "imu_acceleration_m_s2",
     "imu_turn_rad_s", "arrival_ns", "setpoint_rad", "requested_rad", "battery_v", "battery_a", "winding_c",
-)  # fmt: skip
+)
 IN_THE_LIBRARY = [name for name, kind in CATALOGUE.items() if kind.names]
 STRANGE = [name for name, kind in CATALOGUE.items() if not kind.names]
 

@@ -13,10 +13,10 @@ from spot_model.robot.facts import Array
 from spot_model.robot.rotation import matrix_from_wxyz
 from tests.withheld.realities.quick import QUICK, faulty, healthy, policy, request
 from withheld.plan import Fault
-from withheld.realities.catalogue import CATALOGUE
+from withheld.realities.calibrating.catalogue import CATALOGUE
 from withheld.realities.reality import make
-from withheld.realities.records import RunArrays
-from withheld.realities.transport import NEVER_NS
+from withheld.simulator.recording.run_arrays import RunArrays
+from withheld.simulator.recording.transport import NEVER_NS
 
 FIRST: Final = round((QUICK.ramp_s + 0.03) / 0.003)
 """State from which the policy alone walks."""
@@ -181,7 +181,7 @@ DIRECTIONS: Final[dict[str, Callable[[Compared], Any]]] = {
     == pytest.approx(abs(c.stated("default_pose.offset_rad"))),
     "mixed_sides": lambda c: np.abs(asked_change(c.run)).max() > 0.02,
     "headwind": lambda c: np.linalg.norm(way(c.run) - way(c.healthy)) > 0.05,
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", DIRECTIONS)

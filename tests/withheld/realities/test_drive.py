@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from spot_model.robot.facts import N_JOINTS
-from withheld.realities.drive import Drives
+from withheld.simulator.mechanics.drive import Drives
 from withheld.realities.fault_kind import Ask
-from withheld.realities.faults import drive as drive_faults
-from withheld.realities.faults import friction, limits, strange, strange_body
-from withheld.realities.faults.learned import LearnedDrive
-from withheld.realities.hooks import Motion
-from withheld.realities.lugre import PRESLIDING_RAD, LuGre
-from withheld.realities.robot import DriveParameters, Robot
+from withheld.realities.calibrating import drive as drive_faults
+from withheld.realities.calibrating import friction, limits, strange, strange_body
+from withheld.realities.calibrating.learned import LearnedDrive
+from withheld.simulator.parts import Motion
+from withheld.simulator.mechanics.lugre import PRESLIDING_RAD, LuGre
+from withheld.simulator.robot import DriveParameters, Robot
 
 DT_S = 5e-4
 EVERY = np.ones(N_JOINTS, dtype=np.bool_)

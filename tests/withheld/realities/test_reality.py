@@ -14,11 +14,11 @@ from spot_log import read_run
 from spot_log.commands import app
 from spot_model.io.velocity_sequence import VelocitySequence, Waypoint
 from tests.withheld.realities.quick import POLICIES, QUICK, ahead, policy, request, short_run
-from withheld.distances import read_folder, walks_of
+from withheld.blind.distances import read_folder, walks_of
 from withheld.plan import SIGNALS, Reality, RecordingPlan, Signal
 from withheld.realities.reality import make
-from withheld.realities.settings import Settings
-from withheld.realities.simulation import RealityDivergedError, RunRequest, simulate
+from withheld.simulator.settings import Settings
+from withheld.simulator.simulation import RealityDivergedError, RunRequest, simulate
 
 
 def plan(*sequences: VelocitySequence, repeats: int = 1, missing: tuple[Signal, ...] = ()) -> RecordingPlan:
@@ -147,18 +147,18 @@ def test_sensors_are_as_good_as_a_robots() -> None:
 def test_each_policy_walks_its_range_on_a_healthy_robot(name: str) -> None:
     low, high = (np.array(v) for v in (
         policy(name).contract.velocity_command_low, policy(name).contract.velocity_command_high
-    ))  # fmt: skip
+    ))
     top = min(float(high[0]), 2.0)
     there = VelocitySequence(
         name="there", duration_s=3.0,
         waypoints=(Waypoint(time_s=0.0), Waypoint(time_s=1.8, v_x_m_s=top, ramp=True),
                    Waypoint(time_s=3.0, v_x_m_s=top, ramp=True)),
-    )  # fmt: skip
+    )
     around = VelocitySequence(
         name="around", duration_s=3.0,
         waypoints=(Waypoint(time_s=0.0, v_x_m_s=max(float(low[0]), -0.8)), Waypoint(time_s=1.0, v_y_m_s=0.6),
                    Waypoint(time_s=2.0, yaw_rate_rad_s=1.0)),
-    )  # fmt: skip
+    )
     requests = [RunRequest(s, np.random.default_rng(i)) for i, s in enumerate((there, around))]
     settings = Settings(settle_s=0.6, ramp_s=0.6)
     runs = simulate(make([], 1).robot(), policy(name), requests, settings)

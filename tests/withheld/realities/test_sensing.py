@@ -8,18 +8,18 @@ import pytest
 from spot_model.robot import facts
 from spot_model.robot.facts import N_JOINTS
 from spot_model.robot.rotation import rotate_wxyz
-from withheld.realities.contacts import ContactDetector
-from withheld.realities.drive import Drives
-from withheld.realities.estimator import Estimator
+from withheld.simulator.senses.contacts import ContactDetector
+from withheld.simulator.mechanics.drive import Drives
+from withheld.simulator.senses.estimator import Estimator
 from withheld.realities.fault_kind import Ask, flags_of
-from withheld.realities.faults import sensing, thermal
-from withheld.realities.faults import supply as supply_faults
-from withheld.realities.hooks import Motion
-from withheld.realities.inertial_unit import InertialUnit, tilt_wxyz
-from withheld.realities.joint_sensors import JointSensors
-from withheld.realities.robot import DriveParameters, Robot, SensingParameters, SupplyParameters
-from withheld.realities.supply import Battery
-from withheld.realities.thermal import Motors
+from withheld.realities.calibrating import sensing, thermal
+from withheld.realities.calibrating import supply as supply_faults
+from withheld.simulator.parts import Motion
+from withheld.simulator.senses.inertial_unit import InertialUnit, tilt_wxyz
+from withheld.simulator.senses.joint_sensors import JointSensors
+from withheld.simulator.robot import DriveParameters, Robot, SensingParameters, SupplyParameters
+from withheld.simulator.mechanics.supply import Battery
+from withheld.simulator.mechanics.thermal import Motors
 
 STATE_S = 0.003
 LEVEL = np.array([[1.0, 0.0, 0.0, 0.0]])
@@ -79,7 +79,7 @@ def test_an_estimator_with_wrong_lengths_scales_the_legs_velocity() -> None:
             estimator.step(
                 np.zeros((1, 3)), np.array([[0.0, 0.0, 9.81]]), facts.DEFAULT_POSITION_RAD[np.newaxis], rates,
                 np.full((1, 4), 50.0), np.full((1, 4), 100.0),
-            )  # fmt: skip
+            )
         speeds.append(float(estimator.reported_velocity_m_s[0, 0]))
     assert speeds[1] / speeds[0] == pytest.approx(0.9, abs=0.01)
 

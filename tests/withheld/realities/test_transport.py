@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from withheld.realities.fault_kind import Ask, flags_of
-from withheld.realities.faults import transport as faults
-from withheld.realities.robot import Robot
-from withheld.realities.simulation import tick_states
-from withheld.realities.transport import MEAN_DELAY_S, NEVER_NS, Deliveries, deliveries
+from withheld.realities.calibrating import transport as faults
+from withheld.simulator.robot import Robot
+from withheld.simulator.simulation import tick_states
+from withheld.simulator.recording.transport import MEAN_DELAY_S, NEVER_NS, Deliveries, deliveries
 
 PERIOD_NS = 3_000_000
 

@@ -1,0 +1,1 @@
+"""Runs cases blind: the reality records, its truth is sealed, the diagnosis is locked in, then the seal is opened."""

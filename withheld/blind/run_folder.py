@@ -1,0 +1,180 @@
+"""A run's folder: what all its cases have in common, and the seed until it is published."""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+import secrets
+from importlib.metadata import version
+from pathlib import Path
+from typing import Final, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from spot_model.errors import BadInputError
+from spot_model.io.validation import explain
+from withheld import frozen
+from withheld.blind.jail import Level
+from withheld.cases.draw import Pace
+
+SCHEMA: Final = "spot-rl/withheld-run/1"
+RUN: Final = "run.json"
+SEED_FILE: Final = "seed.json"
+NUMBERS: Final = ("mujoco", "numpy", "onnxruntime", "scikit-learn", "scipy")
+
+
+class RunHead(BaseModel):
+    """``run.json``: fixed before the first case."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
+
+    schema_name: Literal["spot-rl/withheld-run/1"] = Field(default=SCHEMA, alias="schema")
+    protocol: str
+    """Digest of diagnosis, calibration and library bounds."""
+    generator: str
+    """Digest of what draws and makes the cases."""
+    seed_digest: str
+    """SHA-256 of the seed and a nonce: the seed was there before the first verdict."""
+    policies: dict[str, str]
+    """Digest of each policy's file."""
+    reality: str
+    locked_in: Level
+    """Where the run was begun; each case says how it was itself."""
+    cases: int
+    search_every: int
+    pace: Pace = "full"
+    versions: dict[str, str] = Field(default_factory=dict)
+    """Of Python and the libraries that decide numbers: with others the last digits, and a close case, may differ."""
+
+    @property
+    def n_searched(self) -> int:
+        """The paper's search, which takes longest, is made in so many cases: the first, so that none waits for it last.
+
+        Cases are drawn alike whatever their number.
+        """
+        return -(-self.cases // self.search_every) if self.search_every else 0
+
+
+class Secret(BaseModel):
+    """``seed.json``: readable by the generator's user alone; cases can be made again from it."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    seed: int
+    nonce: str
+
+    @property
+    def digest(self) -> str:
+        """What ``run.json`` says of it."""
+        return hashlib.sha256(f"{self.nonce}\n{self.seed}".encode()).hexdigest()
+
+
+def new_secret(seed: int | None) -> Secret:
+    """A given seed, or one of the operating system."""
+    return Secret(seed=secrets.randbits(62) if seed is None else seed, nonce=secrets.token_hex(32))
+
+
+def start(out: Path, head: RunHead, secret: Secret) -> None:
+    """Make the folder.
+
+    Raises:
+        BadInputError: It holds a run.
+    """
+    if (out / RUN).exists():
+        raise BadInputError(f"folder {out} holds a run; give --resume to go on, or another --out folder")
+    out.mkdir(parents=True, exist_ok=True)
+    out.chmod(0o700)
+    (out / "cases").mkdir(exist_ok=True)
+    file = out / SEED_FILE
+    file.touch(mode=0o600)
+    file.write_text(secret.model_dump_json(), encoding="utf-8")
+    (out / RUN).write_text(head.model_dump_json(by_alias=True, indent=1) + "\n", encoding="utf-8")
+
+
+def begin(
+    out: Path,
+    seed: int | None,
+    policies: Path,
+    *,
+    reality: str,
+    level: Level,
+    cases: int,
+    search_every: int,
+    pace: Pace,
+) -> tuple[RunHead, Secret]:
+    """Begin a run: everything that decides a verdict is fixed from here on.
+
+    Raises:
+        BadInputError: The folder holds a run.
+    """
+    secret = new_secret(seed)
+    head = RunHead(
+        protocol=frozen.protocol_digest(),
+        generator=frozen.generator_digest(),
+        seed_digest=secret.digest,
+        policies=policy_digests(policies),
+        reality=reality,
+        locked_in=level,
+        cases=cases,
+        search_every=search_every,
+        pace=pace,
+        versions=versions(),
+    )
+    start(out, head, secret)
+    return head, secret
+
+
+def go_on(out: Path, policies: Path) -> tuple[RunHead, Secret]:
+    """Go on with a run.
+
+    Raises:
+        BadInputError: There is none, or sources or policies are no longer what they were.
+    """
+    head = load_head(out)
+    now = (frozen.protocol_digest(), frozen.generator_digest(), policy_digests(policies))
+    if now != (head.protocol, head.generator, head.policies):
+        raise BadInputError(
+            f"{out / RUN} was begun with other sources or policies; a scored run has one protocol: start anew"
+        )
+    return head, load_secret(out, head)
+
+
+def load_head(out: Path) -> RunHead:
+    """Read ``run.json``.
+
+    Raises:
+        BadInputError: There is none, or it is damaged.
+    """
+    try:
+        return RunHead.model_validate_json((out / RUN).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise BadInputError(f"folder {out} holds no run ({RUN}); start one with `spot-rl withheld run`") from error
+    except ValidationError as error:
+        raise BadInputError(f"{out / RUN}:\n{explain(error)}") from error
+
+
+def load_secret(out: Path, head: RunHead) -> Secret:
+    """Read the seed.
+
+    Raises:
+        BadInputError: It is not the one that the run began with.
+    """
+    try:
+        secret = Secret.model_validate_json((out / SEED_FILE).read_text(encoding="utf-8"))
+    except (OSError, ValidationError) as error:
+        raise BadInputError(
+            f"{out / SEED_FILE} cannot be read: {error}; without it no case can be made again"
+        ) from error
+    if secret.digest != head.seed_digest:
+        raise BadInputError(f"{out / SEED_FILE}: its seed is not the one whose digest stands in {RUN}")
+    return secret
+
+
+def versions() -> dict[str, str]:
+    """Of what computes."""
+    return {"python": platform.python_version(), "machine": platform.machine(), **{n: version(n) for n in NUMBERS}}
+
+
+def policy_digests(folder: Path) -> dict[str, str]:
+    """SHA-256 of each policy."""
+    return {p.stem: hashlib.sha256(p.read_bytes()).hexdigest() for p in sorted(folder.glob("*.onnx"))}

@@ -1,0 +1,82 @@
+"""Where realities come from: the package's own catalogue, or ``module:Class`` of a user."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint
+from typing import Any, Protocol
+
+from spot_model.errors import BadInputError
+from withheld.plan import FaultRequest, Reality
+
+
+class Kind(Protocol):
+    """What a draw must know of a kind of fault."""
+
+    @property
+    def family(self) -> str:
+        """As in :class:`withheld.plan.Fault`."""
+        ...
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Library effects that are a right answer."""
+        ...
+
+    @property
+    def places(self) -> tuple[Any, ...]:
+        """Where it may act."""
+        ...
+
+
+@dataclass(frozen=True)
+class Source:
+    """Makes realities."""
+
+    name: str
+    """``module:Class``; empty for the package's own."""
+    kinds: Mapping[str, Kind]
+    """What a case may ask for; empty: the reality chooses by itself."""
+
+    def make(self, requests: Sequence[FaultRequest], seed: int) -> Reality:
+        """A reality with these faults. The same seed without some of them is the same robot without them."""
+        if not self.name:
+            from withheld.realities.reality import make
+
+            own: Reality = make(requests, seed)
+            return own
+        loaded = _load(self.name)
+        made: Reality = loaded(seed, tuple(requests)) if self.kinds else loaded(seed)
+        return made
+
+
+def source_of(name: str) -> Source:
+    """The source of that name.
+
+    A user's class has a constructor ``(seed: int)`` and the methods of :class:`withheld.plan.Reality`. With an
+    attribute ``KINDS``, like the catalogue's, and a constructor ``(seed, requests)`` its cases are drawn as the
+    package's own.
+
+    Raises:
+        BadInputError: It cannot be loaded.
+    """
+    if not name:
+        from withheld.realities.calibrating.catalogue import CATALOGUE
+
+        return Source("", CATALOGUE)
+    kinds: Mapping[str, Kind] = getattr(_load(name), "KINDS", {})
+    return Source(name, kinds)
+
+
+def _load(name: str) -> Any:
+    if name.count(":") != 1:
+        raise BadInputError(f"--reality {name!r}; allowed: module:Class with the methods of withheld.plan.Reality")
+    try:
+        made = EntryPoint(name="reality", value=name, group="spot_rl.realities").load()
+    except (ImportError, AttributeError) as error:
+        raise BadInputError(f"--reality {name!r} cannot be loaded: {error}; is it on the Python path?") from error
+    missing = [m for m in ("record", "truth", "nominal") if not hasattr(made, m)]
+    if missing:
+        raise BadInputError(f"--reality {name!r} lacks {', '.join(missing)}; see withheld.plan.Reality")
+    return made

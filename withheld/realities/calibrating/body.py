@@ -1,0 +1,63 @@
+"""Masses that no model knows: bodies of their own, fixed to the robot; and feet that are worn."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from spot_model.robot import facts
+from spot_model.robot.facts import JOINT_NAMES
+from withheld.realities.fault_kind import Ask, Built
+
+PAYLOAD_KG = 12.0
+PAYLOAD_HALF_M = (0.14, 0.09, 0.06)
+LEG_SHARE = 0.5
+LINK_OF = {"hx": "hip", "hy": "uleg", "kn": "lleg"}
+
+
+def payload(ask: Ask) -> Built:
+    """A box on the back, as a body of its own with its own inertia."""
+    mass = ask.size * PAYLOAD_KG
+    low, high = (-0.15, -0.03, 0.09), (0.15, 0.03, 0.18)
+    place = ask.rng.uniform(low, high)
+    x, y, z = PAYLOAD_HALF_M
+    inertia = mass / 3.0 * np.array([y * y + z * z, x * x + z * z, x * x + y * y])
+
+    def edit(spec: mujoco.MjSpec) -> None:
+        add_mass(spec, "body", "payload", mass, place, inertia)
+
+    return Built(
+        lambda robot: robot.spec_edits.append(edit) if mass > 0.0 else None,
+        {
+            "payload_mass.mass_kg": mass,
+            **{f"payload_mass.{axis}_m": float(v) for axis, v in zip("xyz", place, strict=True)},
+        },
+    )
+
+
+def boots(ask: Ask) -> Built:
+    """Weights strapped to leg links a little outside of their centres."""
+    share = ask.size * LEG_SHARE
+    out = float(ask.rng.uniform(0.9, 1.2))
+    links = {"hx": facts.HIP_FL, "hy": facts.UPPER_LEG_FL, "kn": facts.LOWER_LEG_FL}
+    chosen = [name for name, acts in zip(JOINT_NAMES, ask.joints, strict=True) if acts]
+
+    def edit(spec: mujoco.MjSpec) -> None:
+        for name in chosen:
+            leg, kind = name.split("_")
+            link = f"{leg}_{LINK_OF[kind]}"
+            mass = share * links[kind].mass_kg
+            place = out * np.array(spec.body(link).ipos)
+            spread = 0.5 * share * np.array(links[kind].inertia_kg_m2[:3])
+            add_mass(spec, link, f"{link}_boot", mass, place, spread)
+
+    return Built(lambda robot: robot.spec_edits.append(edit) if share > 0.0 else None, {"leg_mass.scale": 1.0 + share})
+
+
+def add_mass(
+    spec: mujoco.MjSpec, link: str, name: str, mass_kg: float, place_m: np.ndarray, inertia_kg_m2: np.ndarray
+) -> mujoco.MjsBody:
+    """Fix a body of its own to a link."""
+    return spec.body(link).add_body(
+        name=name, pos=place_m, ipos=np.zeros(3), mass=mass_kg, inertia=inertia_kg_m2, explicitinertial=True
+    )

@@ -1,0 +1,114 @@
+"""What a drive does to a torque: flux, rotors, current loops, ripple, play, and a servo's own gains."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import expm
+
+from spot_model.robot import facts
+from spot_model.robot.facts import Array
+from withheld.realities.fault_kind import Ask, Built, at, sign
+from withheld.simulator.parts import Motion
+from withheld.simulator.robot import Robot
+
+FLUX_LOSS = 0.2
+FLUX_GAIN = 0.1
+LAG_S = 0.016
+PLAY_RAD = 0.0105
+SERVO_GAIN = 0.2
+SERVO_DAMPING = 0.3
+
+
+def torque_gain(ask: Ask) -> Built:
+    """Magnets that lost flux: less torque an ampere, and less back-EMF a rad/s."""
+    change = -ask.size * FLUX_LOSS if ask.rng.random() < 0.75 else ask.size * FLUX_GAIN
+    factor = np.where(ask.joints, 1.0 + change, 1.0)
+
+    def install(robot: Robot) -> None:
+        d = robot.drive
+        d.torque_constant = d.torque_constant * factor
+        d.no_load_high_rad_s = d.no_load_high_rad_s / factor
+        d.no_load_low_rad_s = d.no_load_low_rad_s / factor
+
+    return Built(install, {"torque_gain.gain": 1.0 + change})
+
+
+def slow_loop(ask: Ask) -> Built:
+    """A current loop of second order."""
+    time_s, damping = ask.size * LAG_S, float(ask.rng.uniform(0.75, 0.95))
+    part = SecondOrder(np.where(ask.joints, time_s, 0.0), damping)
+    return Built(lambda robot: robot.motors.append(part), {"torque_bandwidth.time_constant_s": time_s})
+
+
+def play(ask: Ask) -> Built:
+    """Teeth that no longer meet: the rotor runs free between them, and hits the other side."""
+    gap = ask.size * PLAY_RAD
+
+    def install(robot: Robot) -> None:
+        robot.drive.play_rad = robot.drive.play_rad + at(ask.joints, gap)
+        robot.drive.is_elastic = robot.drive.is_elastic | (ask.joints & (ask.size > 0.0))
+
+    return Built(install, {"backlash.gap_rad": gap})
+
+
+def servo_gains(ask: Ask) -> Built:
+    """A robot that takes both gains for less, or more, than it was told: a torque scale before any limit."""
+    change = sign(ask.rng) * ask.size * SERVO_GAIN
+    factor = np.where(ask.joints, 1.0 + change, 1.0)
+
+    def install(robot: Robot) -> None:
+        robot.drive.kp_scale = robot.drive.kp_scale * factor
+        robot.drive.kd_scale = robot.drive.kd_scale * factor
+
+    return Built(install, {"torque_gain.gain": 1.0 + change})
+
+
+def servo_damping(ask: Ask) -> Built:
+    """A robot that damps more than it was told: at one set of gains nothing but viscous friction."""
+    factor = np.where(ask.joints, 1.0 + ask.size * SERVO_DAMPING, 1.0)
+
+    def install(robot: Robot) -> None:
+        robot.drive.kd_scale = robot.drive.kd_scale * factor
+
+    more = ask.size * SERVO_DAMPING * facts.POLICY_KD_NM_S_PER_RAD
+    return Built(install, {"viscous_friction.damping_nm_s_per_rad": more})
+
+
+class SecondOrder:
+    """x″ = ω²·(u − x) − 2·ζ·ω·x′, exact for a u that holds over a step; its delay is 2·ζ/ω.
+
+    Args:
+        time_s: 2·ζ/ω of each joint, 0 for none. Shape (12,).
+        damping: ζ.
+    """
+
+    def __init__(self, time_s: Array, damping: float) -> None:
+        self._time_s, self._damping = time_s, damping
+        self._acts = time_s > 0.0
+        self._step: Array | None = None
+        self._x: Array = np.zeros((1, len(time_s)))
+        self._rate: Array = np.zeros((1, len(time_s)))
+
+    def start(self, n_runs: int) -> None:
+        """At rest, without torque."""
+        self._x = np.zeros((n_runs, len(self._time_s)))
+        self._rate = np.zeros_like(self._x)
+
+    def act(self, torque_nm: Array, motion: Motion) -> Array:
+        """What the loop gives."""
+        if self._step is None:
+            self._step = self._matrices(motion.dt_s)
+        a = self._step
+        off = self._x - torque_nm
+        self._x = torque_nm + a[0, 0] * off + a[0, 1] * self._rate
+        self._rate = a[1, 0] * off + a[1, 1] * self._rate
+        return np.where(self._acts, self._x, torque_nm)
+
+    def _matrices(self, dt_s: float) -> Array:
+        """Transition of (x − u, x′) over a step by joint, shape (2, 2, 12)."""
+        out = np.zeros((2, 2, len(self._time_s)))
+        for joint in np.flatnonzero(self._acts):
+            corner = 2.0 * self._damping / self._time_s[joint]
+            system = np.array([[0.0, 1.0], [-(corner**2), -2.0 * self._damping * corner]])
+            out[:, :, joint] = expm(system * dt_s)
+        return out

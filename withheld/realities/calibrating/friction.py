@@ -1,0 +1,92 @@
+"""Friction beyond what a drive should have: bristles, grease, and gears that lose a share of the power they pass."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from spot_model.robot.facts import Array
+from withheld.realities.fault_kind import Ask, Built, at
+from withheld.simulator.parts import Motion
+from withheld.simulator.robot import Robot
+
+COULOMB_NM = 1.5
+VISCOUS_NM_S_PER_RAD = 0.3
+STRIBECK_NM = 2.0
+GEAR_LOSS = 0.22
+
+
+def coulomb(ask: Ask) -> Built:
+    """LuGre bristles whose steady level is a dry friction, a little stickier at rest."""
+    level, extra = ask.size * COULOMB_NM, float(ask.rng.uniform(0.05, 0.15))
+
+    def install(robot: Robot) -> None:
+        robot.drive.coulomb_nm = robot.drive.coulomb_nm + at(ask.joints, level)
+        robot.drive.stiction_nm = robot.drive.stiction_nm + at(ask.joints, extra * level)
+
+    return Built(install, {"coulomb_friction.level_nm": level})
+
+
+def viscous(ask: Ask) -> Built:
+    """Thick grease: it shears thinner the faster it goes, τ = c·v / (1 + |v|/v₀)."""
+    level, thins = ask.size * VISCOUS_NM_S_PER_RAD, float(ask.rng.uniform(25.0, 45.0))
+    # At the 4 rad/s of a walking joint, the straight line of a perfect diagnosis.
+    stated = level / (1.0 + 4.0 / thins)
+    return Built(
+        lambda robot: robot.rotors.append(_Grease(at(ask.joints, level), thins)),
+        {"viscous_friction.damping_nm_s_per_rad": stated},
+    )
+
+
+def stribeck(ask: Ask) -> Built:
+    """Friction near standstill alone: LuGre with a static level and a quick fall."""
+    level, speed = ask.size * STRIBECK_NM, float(ask.rng.uniform(0.25, 0.7))
+
+    def install(robot: Robot) -> None:
+        d = robot.drive
+        d.stiction_nm = d.stiction_nm + at(ask.joints, level)
+        if ask.size > 0.0:
+            d.stribeck_rad_s = np.where(ask.joints, speed, d.stribeck_rad_s)
+
+    return Built(install, {"stribeck_friction.level_nm": level, "stribeck_friction.speed_rad_s": speed})
+
+
+def gear_loss(ask: Ask) -> Built:
+    """A gear that passes a share η of the power on, whichever way it flows."""
+    loss = ask.size * GEAR_LOSS
+    back = float(ask.rng.uniform(0.9, 1.1)) * loss
+    return Built(
+        lambda robot: robot.rotors.append(_GearLoss(at(ask.joints, loss), at(ask.joints, back))),
+        {"load_friction.share": 0.5 * (loss + back)},
+    )
+
+
+class _Grease:
+    def __init__(self, level: Array, thins_rad_s: float) -> None:
+        self._level, self._thins = level, thins_rad_s
+
+    def start(self, n_runs: int) -> None:
+        """Nothing to remember."""
+
+    def act(self, torque_nm: Array, motion: Motion) -> Array:
+        """Less its drag."""
+        v = motion.rotor_rad_s
+        return np.asarray(torque_nm - self._level * v / (1.0 + np.abs(v) / self._thins))
+
+
+class _GearLoss:
+    """Driving, the motor must bring τ/η for a load τ; driven, only η·τ of the load reaches the motor."""
+
+    STILL_RAD_S = 0.03
+
+    def __init__(self, driving: Array, driven: Array) -> None:
+        # As shares of the motor's torque when driving: 1/η − 1 of the load.
+        self._driving, self._driven = driving / (1.0 - driving), driven
+
+    def start(self, n_runs: int) -> None:
+        """Nothing to remember."""
+
+    def act(self, torque_nm: Array, motion: Motion) -> Array:
+        """Less what the teeth take."""
+        v, load = motion.rotor_rad_s, motion.gear_nm
+        share = np.where(load * v > 0.0, self._driving, self._driven)
+        return np.asarray(torque_nm - share * np.abs(load) * v / (np.abs(v) + self.STILL_RAD_S))

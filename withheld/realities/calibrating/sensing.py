@@ -1,0 +1,67 @@
+"""Sensors that are off: encoders, load cells, rates, contacts, the inertial unit."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from withheld.realities.fault_kind import Ask, Built, at, sign
+from withheld.simulator.robot import Robot
+
+OFFSET_RAD = 0.05
+LOAD_GAIN = 0.15
+LOAD_BIAS_NM = 1.0
+NOISE = (1.5e-3, 0.15, 1.8)
+TILT_RAD = 0.052
+
+
+def encoder_offset(ask: Ask) -> Built:
+    """A zero that is off, on a ring that sits a little off centre."""
+    offset = sign(ask.rng) * ask.size * OFFSET_RAD
+    phase = float(ask.rng.uniform(-np.pi, np.pi))
+
+    def install(robot: Robot) -> None:
+        s = robot.sensing
+        s.offset_rad = s.offset_rad + at(ask.joints, offset)
+        s.eccentricity_rad = s.eccentricity_rad + at(ask.joints, 0.04 * abs(offset))
+        if ask.size > 0.0:
+            s.eccentricity_phase_rad = np.where(ask.joints, phase, s.eccentricity_phase_rad)
+
+    return Built(install, {"encoder_offset.offset_rad": offset})
+
+
+def load_cell(ask: Ask) -> Built:
+    """A load cell with a wrong scale and a zero that has crept."""
+    gain, bias = 1.0 + sign(ask.rng) * ask.size * LOAD_GAIN, sign(ask.rng) * ask.size * LOAD_BIAS_NM
+
+    def install(robot: Robot) -> None:
+        s = robot.sensing
+        s.load_gain = np.where(ask.joints, s.load_gain * gain, s.load_gain)
+        s.load_bias_nm = s.load_bias_nm + at(ask.joints, bias)
+
+    return Built(install, {"load_sensor_gain.gain": gain, "load_sensor_gain.bias_nm": bias})
+
+
+def noise(ask: Ask) -> Built:
+    """Bad shielding: all three sensors of a joint are noisy."""
+    more = [ask.size * level for level in NOISE]
+    names = ("position_rad", "velocity_rad_s", "load_nm")
+    fields = ("position_noise_rad", "velocity_noise_rad_s", "load_noise_nm")
+
+    def install(robot: Robot) -> None:
+        for field, level in zip(fields, more, strict=True):
+            now = getattr(robot.sensing, field)
+            setattr(robot.sensing, field, np.hypot(now, at(ask.joints, level)))
+
+    return Built(install, {f"sensor_noise.{n}": level for n, level in zip(names, more, strict=True)})
+
+
+def crooked_imu(ask: Ask) -> Built:
+    """A unit that was mounted askew: all that it feels is turned."""
+    towards = float(ask.rng.uniform(-np.pi, np.pi))
+    tilt = ask.size * TILT_RAD
+    roll, pitch = tilt * np.cos(towards), tilt * np.sin(towards)
+
+    def install(robot: Robot) -> None:
+        robot.sensing.imu_tilt_rpy_rad = robot.sensing.imu_tilt_rpy_rad + np.array([roll, pitch, 0.0])
+
+    return Built(install, {"imu_tilt.roll_rad": float(roll), "imu_tilt.pitch_rad": float(pitch)})

@@ -1,0 +1,1 @@
+"""Kinds of faults that judge; nothing may be calibrated on them."""

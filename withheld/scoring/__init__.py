@@ -1,0 +1,1 @@
+"""What verdicts score, with intervals, tables and pages."""

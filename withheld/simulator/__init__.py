@@ -1,0 +1,1 @@
+"""One robot in simulation: body, drives, sensors, estimator, link, battery; without faults."""

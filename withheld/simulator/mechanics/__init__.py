@@ -1,0 +1,1 @@
+"""Body, drives, friction, heat and supply."""

@@ -1,0 +1,1 @@
+"""Transport, recording, and logs."""

@@ -1,0 +1,1 @@
+"""Joint sensors, inertial unit, contact detector, state estimator."""
