@@ -1,14 +1,19 @@
-"""Where realities come from: the package's own catalogue, or ``module:Class`` of a user."""
+"""Where realities come from: one of the two catalogues, or ``module:Class`` of a user."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
 
 from spot_model.errors import BadInputError
 from withheld.plan import FaultRequest, Reality
+from withheld.realities.calibrating.catalogue import CATALOGUE as CALIBRATING
+from withheld.realities.fault_kind import FaultKind
+from withheld.realities.judging.catalogue import CATALOGUE as JUDGING
+
+CATALOGUES: Final[Mapping[str, Mapping[str, FaultKind]]] = {"judging": JUDGING, "calibrating": CALIBRATING}
 
 
 class Kind(Protocol):
@@ -35,16 +40,16 @@ class Source:
     """Makes realities."""
 
     name: str
-    """``module:Class``; empty for the package's own."""
+    """A catalogue's name, or ``module:Class``."""
     kinds: Mapping[str, Kind]
     """What a case may ask for; empty: the reality chooses by itself."""
 
     def make(self, requests: Sequence[FaultRequest], seed: int) -> Reality:
         """A reality with these faults. The same seed without some of them is the same robot without them."""
-        if not self.name:
+        if self.name in CATALOGUES:
             from withheld.realities.reality import make
 
-            own: Reality = make(requests, seed)
+            own: Reality = make(requests, seed, CATALOGUES[self.name])
             return own
         loaded = _load(self.name)
         made: Reality = loaded(seed, tuple(requests)) if self.kinds else loaded(seed)
@@ -54,24 +59,24 @@ class Source:
 def source_of(name: str) -> Source:
     """The source of that name.
 
-    A user's class has a constructor ``(seed: int)`` and the methods of :class:`withheld.plan.Reality`. With an
-    attribute ``KINDS``, like the catalogue's, and a constructor ``(seed, requests)`` its cases are drawn as the
-    package's own.
+    ``judging`` and ``calibrating`` are the package's own catalogues. A user's class has a constructor ``(seed: int)``
+    and the methods of :class:`withheld.plan.Reality`. With an attribute ``KINDS``, like a catalogue's, and a
+    constructor ``(seed, requests)`` its cases are drawn as the package's own.
 
     Raises:
         BadInputError: It cannot be loaded.
     """
-    if not name:
-        from withheld.realities.calibrating.catalogue import CATALOGUE
-
-        return Source("", CATALOGUE)
+    if name in CATALOGUES:
+        return Source(name, CATALOGUES[name])
     kinds: Mapping[str, Kind] = getattr(_load(name), "KINDS", {})
     return Source(name, kinds)
 
 
 def _load(name: str) -> Any:
     if name.count(":") != 1:
-        raise BadInputError(f"--reality {name!r}; allowed: module:Class with the methods of withheld.plan.Reality")
+        raise BadInputError(
+            f"--reality {name!r}; allowed: judging, calibrating, or module:Class with the methods of withheld.plan.Reality"
+        )
     try:
         made = EntryPoint(name="reality", value=name, group="spot_rl.realities").load()
     except (ImportError, AttributeError) as error:

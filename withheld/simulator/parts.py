@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -64,3 +65,17 @@ class ReadingPart(Protocol):
 
     def act(self, reading: Array, dt_s: float) -> Array:
         """Positions, velocities and loads side by side, shape (n, 36), to the same."""
+
+
+class Law:
+    """A part without memory: one function of torque and motion."""
+
+    def __init__(self, law: Callable[[Array, Motion], Array]) -> None:
+        self._law = law
+
+    def start(self, n_runs: int) -> None:
+        """Nothing to remember."""
+
+    def act(self, torque_nm: Array, motion: Motion) -> Array:
+        """The law's torque."""
+        return np.asarray(self._law(torque_nm, motion))

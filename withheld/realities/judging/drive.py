@@ -1,0 +1,133 @@
+"""Drives: amplifier gain, rotors, current loops, cogging, play and soft gears."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from spot_model.robot.facts import Array
+from withheld.realities.fault_kind import JOINT_PLACES, Ask, Built, FaultKind, at, sign
+from withheld.simulator.parts import Law, Motion
+from withheld.simulator.robot import Robot
+
+GAIN_LOSS, GAIN_MORE = 0.22, 0.12
+ROTOR_KG_M2: Final = 0.06
+LAG_S: Final = 0.016
+COGGING_NM: Final = 1.5
+PLAY_RAD: Final = 0.0175
+"""One degree."""
+COMPLIANCE_RAD_PER_NM: Final = 0.002
+
+
+def gain(ask: Ask) -> Built:
+    """An amplifier whose current sensor is off: every torque is scaled."""
+    change = -ask.size * GAIN_LOSS if ask.rng.random() < 0.7 else ask.size * GAIN_MORE
+    factor = 1.0 + at(ask.joints, change)
+    return Built(
+        lambda robot: robot.motors.append(Law(lambda torque, _: factor * torque)), {"torque_gain.gain": 1.0 + change}
+    )
+
+
+def rotor(ask: Ask) -> Built:
+    """More inertia on the rotor's shaft."""
+    more = ask.size * ROTOR_KG_M2
+
+    def install(robot: Robot) -> None:
+        robot.drive.rotor_inertia_kg_m2 = robot.drive.rotor_inertia_kg_m2 + at(ask.joints, more)
+
+    return Built(install, {"armature.inertia_kg_m2": more})
+
+
+class TwoLags:
+    """Two equal first-order lags in a row, together as late as ``delay_s`` for slow signals."""
+
+    def __init__(self, delay_s: Array) -> None:
+        self._half_s = np.maximum(0.5 * delay_s, 1e-9)
+        self._acts = delay_s > 0.0
+        self._first: Array = np.zeros((1, 12))
+        self._second: Array = np.zeros((1, 12))
+
+    def start(self, n_runs: int) -> None:
+        """Without torque."""
+        self._first, self._second = np.zeros((n_runs, 12)), np.zeros((n_runs, 12))
+
+    def act(self, torque_nm: Array, motion: Motion) -> Array:
+        """The second lag's output."""
+        blend = -np.expm1(-motion.dt_s / self._half_s)
+        self._first = self._first + blend * (torque_nm - self._first)
+        self._second = self._second + blend * (self._first - self._second)
+        return np.where(self._acts, self._second, torque_nm)
+
+
+def lag(ask: Ask) -> Built:
+    """A current loop with a filter behind it."""
+    delay_s = ask.size * LAG_S
+    return Built(
+        lambda robot: robot.motors.append(TwoLags(at(ask.joints, delay_s))),
+        {"torque_bandwidth.time_constant_s": delay_s},
+    )
+
+
+def cogging(ask: Ask) -> Built:
+    """Cogging as a triangle over the angle; stated is its fundamental."""
+    size, order = ask.size * COGGING_NM, float(ask.rng.uniform(9.0, 24.0))
+    phase = float(ask.rng.uniform(-np.pi, np.pi))
+    peak = at(ask.joints, size * np.pi**2 / 8.0)
+
+    def law(torque_nm: Array, m: Motion) -> Array:
+        return torque_nm + peak * (2.0 / np.pi) * np.arcsin(np.sin(order * m.rotor_rad + phase))
+
+    return Built(
+        lambda robot: robot.rotors.append(Law(law)),
+        {"torque_ripple.amplitude_nm": size, "torque_ripple.cycles_per_rad": order},
+    )
+
+
+def play(ask: Ask) -> Built:
+    """Play between the teeth: the rotor runs free and hits the other side."""
+    gap = ask.size * PLAY_RAD
+
+    def install(robot: Robot) -> None:
+        robot.drive.play_rad = robot.drive.play_rad + at(ask.joints, gap)
+        robot.drive.is_elastic = robot.drive.is_elastic | ask.joints
+
+    return Built(install, {"backlash.gap_rad": gap})
+
+
+def soft_gear(ask: Ask) -> Built:
+    """A gear that gives."""
+    compliance = ask.size * COMPLIANCE_RAD_PER_NM
+
+    def install(robot: Robot) -> None:
+        d = robot.drive
+        share = 1.0 / (compliance * d.gear_stiffness_nm_per_rad)
+        d.gear_damping_nm_s_per_rad = np.where(
+            ask.joints, d.gear_damping_nm_s_per_rad * np.sqrt(np.minimum(share, 1.0)), d.gear_damping_nm_s_per_rad
+        )
+        d.gear_stiffness_nm_per_rad = np.where(ask.joints, 1.0 / compliance, d.gear_stiffness_nm_per_rad)
+        d.is_elastic = d.is_elastic | ask.joints
+
+    return Built(install, {"joint_compliance.compliance_rad_per_nm": compliance})
+
+
+def stiff_servo(ask: Ask) -> Built:
+    """A servo that takes both gains for more, or less, than it was told."""
+    change = sign(ask.rng) * ask.size * GAIN_LOSS
+    factor = 1.0 + at(ask.joints, change)
+
+    def install(robot: Robot) -> None:
+        robot.drive.kp_scale, robot.drive.kd_scale = robot.drive.kp_scale * factor, robot.drive.kd_scale * factor
+
+    return Built(install, {"torque_gain.gain": 1.0 + change})
+
+
+KINDS: Final = (
+    FaultKind("amplifier_gain", "drive", ("torque_gain",), JOINT_PLACES, gain),
+    FaultKind("misread_gains", "drive", ("torque_gain",), JOINT_PLACES, stiff_servo),
+    FaultKind("loaded_rotor", "drive", ("armature",), JOINT_PLACES, rotor),
+    FaultKind("filtered_current", "drive", ("torque_bandwidth",), JOINT_PLACES, lag),
+    FaultKind("cogging", "drive", ("torque_ripple",), JOINT_PLACES, cogging),
+    FaultKind("worn_teeth", "drive", ("backlash",), JOINT_PLACES, play),
+    FaultKind("yielding_gear", "drive", ("joint_compliance",), JOINT_PLACES, soft_gear),
+)
