@@ -24,27 +24,32 @@ class EngineName(str, Enum):
 @app.command()
 def run(
     out: Annotated[Path, typer.Option("--out", help="Folder of the run.")],
-    cases: Annotated[int, typer.Option("--cases", min=1, max=100_000, help="How many.")] = 300,
+    cases: Annotated[int, typer.Option("--cases", min=1, max=100_000, help="How many.")] = 800,
     seed: Annotated[int | None, typer.Option("--seed", min=0, help="Draws the cases; published with the run.")] = None,
     seed_from_os: Annotated[
         bool, typer.Option("--seed-from-os", help="A seed that nobody chose; published by `score`.")
     ] = False,
-    only: Annotated[str, typer.Option("--only", help="A part, FIRST:END, such as 0:75; `score` merges folders.")] = "",
+    only: Annotated[
+        str, typer.Option("--only", help="A part, FIRST:END, such as 0:200; kept for --resume; `score` merges folders.")
+    ] = "",
+    kind: Annotated[
+        list[str] | None, typer.Option("--kind", help="Cases of this kind alone; may repeat, and is the order then.")
+    ] = None,
     workers: Annotated[int, typer.Option("--workers", min=1, max=1024, help="Processes.")] = 2,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on where an interrupted run ended.")] = False,
-    reality: Annotated[str, typer.Option("--reality", help="Your own, module:Class.")] = "",
+    resume: Annotated[bool, typer.Option("--resume", help="Go on where an interrupted run, or part, ended.")] = False,
+    reality: Annotated[
+        str,
+        typer.Option("--reality", help="judging, calibrating (its cases judge nothing), or your own, module:Class."),
+    ] = "judging",
     policies: Annotated[Path, typer.Option("--policies", help="Folder of policies (ONNX).")] = Path("policies"),
     engine: Annotated[EngineName, typer.Option("--engine", help="Where cases run.")] = EngineName.LOCAL,
     ray_address: Annotated[str | None, typer.Option("--ray-address", help="A running Ray cluster.")] = None,
     until: Annotated[float, typer.Option("--until", min=1.0, help="Begin no case after so many seconds.")] = 1e9,
     timeout: Annotated[float, typer.Option("--timeout", min=10.0, help="Seconds for one diagnosis.")] = 900.0,
     search_every: Annotated[
-        int,
-        typer.Option("--search-every", min=0, help="The paper's search in one of so many cases, the first; 0: none."),
-    ] = 10,
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Two short runs a sequence: to try it out, no figure.")
-    ] = False,
+        int, typer.Option("--search-every", min=0, help="The paper's search in one of so many cases; 0: none.")
+    ] = 0,
+    quick: Annotated[bool, typer.Option("--quick", help="Short runs: to try it out, no figure.")] = False,
     keep_logs: Annotated[bool, typer.Option("--keep-logs", help="Keep what the diagnosis was given.")] = False,
 ) -> None:
     """Draw cases, seal their truth, diagnose them behind a wall, open, and score."""
@@ -54,32 +59,45 @@ def run(
     from withheld.blind.progress import CaseProgress
     from withheld.blind.run import Ray, processes, run_cases
     from withheld.blind.run_folder import begin, go_on
+    from withheld.cases.draw import chosen
     from withheld.cases.source import source_of
 
     hide_this_process()
     source_of(reality)
     if not resume and (seed is None) != seed_from_os:
         raise BadInputError("give --seed S or --seed-from-os, one of the two")
-    begun = go_on(out, policies) if resume else None
+    part = _part(only) if only else None
     level = strongest_level()
-    head, secret = begun or begin(
-        out,
-        seed,
-        policies,
-        reality=reality,
-        level=level,
-        cases=cases,
-        search_every=search_every,
-        pace="quick" if quick else "full",
-    )
-    numbers = _part(only, head.cases)
+    if resume:
+        head, secret = go_on(out, policies, part)
+    else:
+        head, secret = begin(
+            out,
+            seed,
+            policies,
+            reality=reality,
+            level=level,
+            cases=cases,
+            search_every=search_every,
+            part=part or (0, cases),
+            is_quick=quick,
+        )
     typer.echo(f"protocol {head.protocol[:16]}, locked in by {MEANING[level]}", err=True)
     job = Job(
-        0, secret.seed, out.resolve(), policies.resolve(), level, head.reality, timeout, False, keep_logs, head.pace
+        number=0,
+        seed=secret.seed,
+        out=out.resolve(),
+        policies=policies.resolve(),
+        level=level,
+        reality=head.reality,
+        timeout_s=timeout,
+        keep_logs=keep_logs,
+        is_quick=head.is_quick,
     )
     # In the order of their numbers, whatever they cost: what is done when a run is stopped is then a fair part.
-    jobs = [replace(job, number=n, is_searched=n < head.n_searched) for n in numbers]
-    done = sum((case_folder(out, n) / "outcome.json").exists() for n in numbers)
+    numbers = chosen(secret.seed, range(*head.part), kind or ())
+    jobs = [replace(job, number=n, is_searched=head.is_searched(n)) for n in numbers]
+    done = sum((case_folder(out, job.number) / "outcome.json").exists() for job in jobs)
     progress = CaseProgress(len(jobs), done)
     try:
         if engine is EngineName.RAY:
@@ -89,6 +107,9 @@ def run(
         else:
             with processes(min(workers, len(jobs))) as pool:
                 left = run_cases(jobs, pool, out, until, progress.done)
+    except KeyboardInterrupt:
+        typer.echo(f"interrupted; go on with `spot-rl withheld run --resume --out {out}`", err=True)
+        raise typer.Exit(130) from None
     finally:
         progress.stop()
     if left:
@@ -109,9 +130,23 @@ def score(
 
 
 @app.command()
+def attainable(
+    folder: Annotated[Path, typer.Argument(help="Folder of a run with corner cases.")],
+    policies: Annotated[Path, typer.Option("--policies", help="Folder of policies (ONNX).")] = Path("policies"),
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the simulated robots.")] = 1,
+) -> None:
+    """Compute how well the corner's cases can be told apart at all, and score again beside it."""
+    from withheld.scoring.corner import measure
+    from withheld.scoring.verify import check
+
+    measure(check([folder]).outcomes, policies, folder, seed, lambda line: typer.echo(line, err=True))
+    _score([folder], folder)
+
+
+@app.command()
 def table(folder: Annotated[Path, typer.Argument(help="Folder of a scored run.")]) -> None:
     """Print a scored run's table as Markdown, with the digest of its protocol."""
-    from withheld.scoring.markdown import markdown
+    from withheld.scoring.report import markdown
 
     for line in markdown(folder):
         typer.echo(line)
@@ -147,10 +182,10 @@ def _score(folders: list[Path], out: Path) -> None:
         typer.echo(line)
 
 
-def _part(only: str, cases: int) -> range:
+def _part(only: str) -> tuple[int, int]:
     from spot_model.errors import BadInputError
 
-    first, colon, end = (only or f"0:{cases}").partition(":")
-    if not colon or not first.isdigit() or not end.isdigit() or not 0 <= int(first) < int(end) <= cases:
-        raise BadInputError(f"--only {only!r}; allowed: FIRST:END with 0 <= FIRST < END <= {cases}")
-    return range(int(first), int(end))
+    first, colon, end = only.partition(":")
+    if not colon or not first.isdigit() or not end.isdigit() or not int(first) < int(end):
+        raise BadInputError(f"--only {only!r}; allowed: FIRST:END with 0 <= FIRST < END")
+    return int(first), int(end)

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, Literal, Protocol, runtime_checkable
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from spot_log.read.run import TickTable
 from spot_model.io.model_file import RobotModel
 from spot_model.io.velocity_sequence import VelocitySequence
+from spot_model.policy.policy import Policy
+from withheld.features import Features
 
 Family = Literal[
     "friction",
@@ -89,16 +89,16 @@ class RecordingPlan:
     detail: Detail = "stream"
 
 
-Walk = tuple[str, TickTable]
-"""A run as the headline measure sees it: the name of its sequence, and the policy's ticks."""
+Walk = tuple[str, Features]
+"""A run as the headline measure sees it: the name of its sequence, and features at the policy's ticks."""
 
 
-class Rehearsal(Protocol):
-    """Finished runs that no log holds yet."""
+class Made(Protocol):
+    """Runs that were simulated, and not written yet."""
 
-    @property
-    def walks(self) -> Sequence[Walk]:
+    def walks(self, policy: Policy) -> list[Walk]:
         """In the order of their sequences and repeats."""
+        ...
 
     def write(self, folder: Path) -> None:
         """As :meth:`Reality.record` writes them."""
@@ -124,5 +124,6 @@ class Reality(Protocol):
 class Rehearsing(Reality, Protocol):
     """A reality that can make its runs before it is known whether they are wanted; the package's own can."""
 
-    def rehearse(self, plan: RecordingPlan) -> Rehearsal:
+    def rehearse(self, plan: RecordingPlan) -> Made:
         """The runs that :meth:`Reality.record` would write."""
+        ...

@@ -14,13 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Literal
 
-import diagnosis
-import spot_model
-import spot_protos
-import spot_runtime
-import trainer
 from spot_model.errors import SpotRlError
-from withheld import inside
+from withheld.blind import inside
 
 Level = Literal["namespaces", "other user", "audit hook"]
 LEVELS: Final[tuple[Level, ...]] = ("namespaces", "other user", "audit hook")
@@ -32,7 +27,8 @@ MEANING: Final[dict[Level, str]] = {
 NOBODY: Final = 65534
 BANNED: Final = ("withheld", "fake_robot")
 INSIDE: Final = Path(inside.__file__).parent
-OURS: Final = (diagnosis, trainer, spot_model, spot_runtime, spot_protos)
+OURS: Final = ("diagnosis", "trainer", "spot_model", "spot_log", "spot_runtime", "spot_protos")
+"""What exists inside of our packages."""
 SYSTEM: Final = ("/usr", "/lib", "/lib64", "/bin", "/sbin", "/etc/ld.so.cache", "/etc/localtime")
 HARDWARE: Final = ("/proc/cpuinfo", "/proc/meminfo", "/sys/devices/system/cpu")
 """Read by libraries that look up cores and instruction sets."""
@@ -183,7 +179,7 @@ def _shown() -> tuple[list[tuple[str, str]], list[str]]:
         has_banned = [str(Path(entry) / name) for name in BANNED if (Path(entry) / name).is_dir()]
         hidden += has_banned
         wanted.append(entry)
-    wanted += [f"{_home_of_ours()}/{package.__name__}" for package in OURS]
+    wanted += [f"{_home_of_ours()}/{package}" for package in OURS]
     kept: list[str] = []
     for path in wanted:
         if not any(path == k or path.startswith(k + "/") for k in kept):
@@ -193,7 +189,7 @@ def _shown() -> tuple[list[tuple[str, str]], list[str]]:
 
 def _home_of_ours() -> str:
     """Folder in which our packages lie."""
-    return str(Path(str(diagnosis.__file__)).resolve().parent.parent)
+    return str(Path(__file__).resolve().parent.parent.parent)
 
 
 def _open_up(case: Path, out: Path) -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ctypes
 import multiprocessing
 import os
+import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -15,8 +17,10 @@ from typing import Any, Protocol
 from trainer.shared.ray_cluster import RayCluster
 from withheld.blind.execute import Job, case_folder, execute
 from withheld.blind.ledger import Ledger, read_ledger
-from withheld.scoring.outcome import Outcome
+from withheld.outcome import Outcome
 
+DIE_WITH_PARENT = 1
+"""PR_SET_PDEATHSIG."""
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
@@ -63,14 +67,24 @@ class Processes:
 
 @contextmanager
 def processes(workers: int) -> Iterator[Processes]:
-    """A pool of fresh interpreters, one thread each."""
+    """A pool of fresh interpreters, one thread each; none of them, nor what it started, outlives this process."""
     for name in ONE_THREAD:
         os.environ.setdefault(name, "1")
-    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"))
+    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), die_with_parent)
     try:
         yield Processes(pool, workers)
+    except BaseException:
+        for child in multiprocessing.active_children():
+            child.kill()
+        raise
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
+
+
+def die_with_parent() -> None:
+    """For a worker: an interrupt is the parent's business, and so is when to end."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    ctypes.CDLL(None).prctl(DIE_WITH_PARENT, signal.SIGKILL, 0, 0, 0)
 
 
 class Ray:

@@ -13,11 +13,10 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from spot_model.errors import BadInputError
 from spot_model.io.validation import explain
-from withheld import frozen
+from withheld.blind import frozen
 from withheld.blind.jail import Level
-from withheld.cases.draw import Pace
 
-SCHEMA: Final = "spot-rl/withheld-run/1"
+SCHEMA: Final = "spot-rl/withheld-run/2"
 RUN: Final = "run.json"
 SEED_FILE: Final = "seed.json"
 NUMBERS: Final = ("mujoco", "numpy", "onnxruntime", "scikit-learn", "scipy")
@@ -28,7 +27,7 @@ class RunHead(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
 
-    schema_name: Literal["spot-rl/withheld-run/1"] = Field(default=SCHEMA, alias="schema")
+    schema_name: Literal["spot-rl/withheld-run/2"] = Field(default=SCHEMA, alias="schema")
     protocol: str
     """Digest of diagnosis, calibration and library bounds."""
     generator: str
@@ -42,17 +41,15 @@ class RunHead(BaseModel):
     """Where the run was begun; each case says how it was itself."""
     cases: int
     search_every: int
-    pace: Pace = "full"
+    is_quick: bool = False
+    part: tuple[int, int]
+    """First case and end of the part that this folder is to hold."""
     versions: dict[str, str] = Field(default_factory=dict)
     """Of Python and the libraries that decide numbers: with others the last digits, and a close case, may differ."""
 
-    @property
-    def n_searched(self) -> int:
-        """The paper's search, which takes longest, is made in so many cases: the first, so that none waits for it last.
-
-        Cases are drawn alike whatever their number.
-        """
-        return -(-self.cases // self.search_every) if self.search_every else 0
+    def is_searched(self, number: int) -> bool:
+        """Whether the paper's search, which takes longest, is made on that case's logs."""
+        return self.search_every > 0 and number % self.search_every == 0
 
 
 class Secret(BaseModel):
@@ -88,6 +85,10 @@ def start(out: Path, head: RunHead, secret: Secret) -> None:
     file = out / SEED_FILE
     file.touch(mode=0o600)
     file.write_text(secret.model_dump_json(), encoding="utf-8")
+    _write_head(out, head)
+
+
+def _write_head(out: Path, head: RunHead) -> None:
     (out / RUN).write_text(head.model_dump_json(by_alias=True, indent=1) + "\n", encoding="utf-8")
 
 
@@ -100,13 +101,15 @@ def begin(
     level: Level,
     cases: int,
     search_every: int,
-    pace: Pace,
+    part: tuple[int, int],
+    is_quick: bool,
 ) -> tuple[RunHead, Secret]:
     """Begin a run: everything that decides a verdict is fixed from here on.
 
     Raises:
-        BadInputError: The folder holds a run.
+        BadInputError: The folder holds a run, or the part lies outside of it.
     """
+    _check_part(part, cases)
     secret = new_secret(seed)
     head = RunHead(
         protocol=frozen.protocol_digest(),
@@ -117,15 +120,16 @@ def begin(
         locked_in=level,
         cases=cases,
         search_every=search_every,
-        pace=pace,
+        part=part,
+        is_quick=is_quick,
         versions=versions(),
     )
     start(out, head, secret)
     return head, secret
 
 
-def go_on(out: Path, policies: Path) -> tuple[RunHead, Secret]:
-    """Go on with a run.
+def go_on(out: Path, policies: Path, part: tuple[int, int] | None) -> tuple[RunHead, Secret]:
+    """Go on with the part of a run that its folder was begun with, or from now on with another one.
 
     Raises:
         BadInputError: There is none, or sources or policies are no longer what they were.
@@ -136,7 +140,17 @@ def go_on(out: Path, policies: Path) -> tuple[RunHead, Secret]:
         raise BadInputError(
             f"{out / RUN} was begun with other sources or policies; a scored run has one protocol: start anew"
         )
-    return head, load_secret(out, head)
+    secret = load_secret(out, head)
+    if part is not None and part != head.part:
+        _check_part(part, head.cases)
+        head = head.model_copy(update={"part": part})
+        _write_head(out, head)
+    return head, secret
+
+
+def _check_part(part: tuple[int, int], cases: int) -> None:
+    if part[1] > cases:
+        raise BadInputError(f"part {part[0]}:{part[1]} ends beyond the run's {cases} cases")
 
 
 def load_head(out: Path) -> RunHead:

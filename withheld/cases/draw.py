@@ -95,6 +95,18 @@ def kind_of(seed: int, number: int) -> CaseKind:
     return slots[int(np.random.default_rng([seed, 0, block]).permutation(len(slots))[place])]
 
 
+def chosen(seed: int, numbers: Sequence[int], kinds: Sequence[str]) -> list[int]:
+    """Numbers of the cases of some kinds, kind by kind; all of them if no kind is given.
+
+    Raises:
+        BadInputError: There is no such kind.
+    """
+    unknown = sorted(set(kinds) - set(protocol.WORDS))
+    if unknown:
+        raise BadInputError(f"kind {unknown[0]!r} is unknown; allowed: {', '.join(protocol.SLOTS)}")
+    return [n for kind in kinds for n in numbers if kind_of(seed, n) == kind] if kinds else list(numbers)
+
+
 def _policy(kind: CaseKind, policies: Path, rng: np.random.Generator) -> tuple[str, PolicyContract]:
     """Any policy; for a sprint one that can be told to go fast enough, where there is one."""
     contracts = {p.stem: load_policy(p).contract for p in sorted(policies.glob("*.onnx"))}

@@ -56,4 +56,4 @@ SPRINT_M_S: Final = 4.0
 """A policy that is told to go slower cannot sprint."""
 CORNER_KINDS: Final = ("amplifier_gain", "thick_lubricant", "loaded_rotor", "filtered_current")
 CORNER_PLACE: Final[Place] = "type"
-"""The corner's faults act at the knees: its kinds, its place and nothing else can be hidden there."""
+"""The corner's faults act at one type of joint: its kinds, that place, and nothing else can be hidden there."""

@@ -75,7 +75,8 @@ def source_of(name: str) -> Source:
 def _load(name: str) -> Any:
     if name.count(":") != 1:
         raise BadInputError(
-            f"--reality {name!r}; allowed: judging, calibrating, or module:Class with the methods of withheld.plan.Reality"
+            f"--reality {name!r}; allowed: judging, calibrating, or module:Class with the methods of "
+            "withheld.plan.Reality"
         )
     try:
         made = EntryPoint(name="reality", value=name, group="spot_rl.realities").load()

@@ -11,12 +11,13 @@ from typing import Final
 from spot_model.io.model_file import RobotModel
 from spot_model.io.velocity_sequence import VelocitySequence
 from spot_model.policy.policy import Policy, load_policy
+from withheld.features import features_of_ticks
 from withheld.plan import Fault, FaultRequest, RecordingPlan, Truth, Walk
 from withheld.realities.fault_kind import Ask, Built, FaultKind, flags_of
 from withheld.simulator.nominal import NOMINAL
 from withheld.simulator.ordinary_errors import add_ordinary_errors, draw_scale
 from withheld.simulator.random_streams import stream
-from withheld.simulator.recording.log_writer import LogSetting, tick_table, write_log
+from withheld.simulator.recording.log_writer import LogSetting, write_log
 from withheld.simulator.recording.run_arrays import RunArrays
 from withheld.simulator.robot import Robot
 from withheld.simulator.settings import Settings
@@ -94,11 +95,13 @@ class Made:
     runs: tuple[tuple[int, int, VelocitySequence, RunArrays], ...]
     """Repeat, number of the sequence, sequence, and what came of it."""
 
-    @property
-    def walks(self) -> list[Walk]:
-        """As their logs would have them, in the order of sequences and repeats."""
+    def walks(self, policy: Policy) -> list[Walk]:
+        """As the headline measure sees them, in the order of sequences and repeats."""
         ordered = sorted(self.runs, key=lambda made: (made[2].name, made[0]))
-        return [(sequence.name, tick_table(run)) for _, _, sequence, run in ordered]
+        return [
+            (sequence.name, features_of_ticks(run.observation, run.action, run.is_active, policy))
+            for _, _, sequence, run in ordered
+        ]
 
     def write(self, folder: Path) -> None:
         """Write a log of each.

@@ -11,11 +11,12 @@ from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.metrics import balanced_accuracy_score
 from sklearn.model_selection import StratifiedKFold, cross_val_predict
 
-from withheld.scoring.outcome import Outcome
+from withheld.outcome import Outcome
 
 N_PERMUTATIONS: Final = 99
 FOLDS: Final = 3
 MIN_CASES: Final = 12
+DESIGNED: Final = ("sprint", "short", "corner")
 
 
 @dataclass(frozen=True)
@@ -32,11 +33,11 @@ class Leak:
 
 
 def leaks(outcomes: Sequence[Outcome], n_permutations: int = N_PERMUTATIONS) -> list[Leak]:
-    """Is there an effect, and of which family; cases of the power table, whose motion is given by design, left out."""
-    chosen = [o for o in outcomes if o.case.kind != "power" and o.metadata]
+    """Is there a fault, and of which family; kinds whose motion or logs are given by design are left out."""
+    chosen = [o for o in outcomes if o.case.kind not in DESIGNED and o.metadata]
     questions = {
-        "is there an effect": [str(bool(o.truth.faults)) for o in chosen],
-        "family of the first effect": [o.truth.faults[0].family if o.truth.faults else "none" for o in chosen],
+        "is there a fault": [str(bool(o.truth.faults)) for o in chosen],
+        "family of the first fault": [o.truth.faults[0].family if o.truth.faults else "none" for o in chosen],
     }
     names = sorted({n for o in chosen for n in o.metadata})
     x = np.array([[o.metadata.get(n, 0.0) for n in names] for o in chosen])

@@ -4,36 +4,32 @@ from __future__ import annotations
 
 import html
 import os
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from withheld import figures
-from withheld.baselines import LEAST_SQUARES, PAPER, TITLES, TWO_SAMPLE
-from withheld.cases.draw import WORDS
-from withheld.scoring.outcome import Outcome
-from withheld.scoring.scores import is_large
+from withheld.cases.protocol import WORDS
+from withheld.outcome import Outcome
+from withheld.scoring.scores import causes
 from withheld.scoring.show import fault_words, verdict_words
+from withheld.scoring.sizes import sizes
 from withheld.scoring.verify import Checked
 
 STYLE: Final = """
 :root { color-scheme: light; }
 body { font: 15px/1.45 system-ui, sans-serif; color: #26313b; background: #f4f6f8; margin: 0; }
 main { max-width: 1320px; margin: 0 auto; padding: 20px; }
-h1 { font-size: 24px; margin: 4px 0 2px; } h2 { font-size: 18px; margin: 0 0 6px; }
 section { background: #fff; border: 1px solid #dde3e8; border-radius: 8px; padding: 14px 18px; margin: 14px 0; }
-.two { display: grid; grid-template-columns: 1fr 1fr; gap: 14px; } .two section { margin: 0; min-width: 0; }
+h1 { font-size: 24px; margin: 4px 0 2px; } h2 { font-size: 18px; margin: 0 0 6px; }
 p.note { color: #61707d; margin: 0 0 6px; font-size: 13px; overflow-wrap: anywhere; }
 table { border-collapse: collapse; width: 100%; font-size: 14px; }
 td, th { text-align: left; vertical-align: top; padding: 3px 12px 3px 0; border-bottom: 1px solid #edf0f3; }
-th { color: #61707d; font-weight: 500; } td.n { font-variant-numeric: tabular-nums; white-space: nowrap; }
-.met { color: #1e7d4f; } .not { color: #c0392b; font-weight: 600; } .small { color: #61707d; font-size: 12px; }
-details > summary { cursor: pointer; color: #61707d; } .wide { overflow-x: auto; }
-@media (max-width: 900px) { .two { grid-template-columns: 1fr; } }
+th { color: #61707d; font-weight: 500; }
+.met, .right { color: #1e7d4f; } .not-met, .wrong { color: #c0392b; font-weight: 600; } .not-shown { color: #9a6700; }
 """
-SHOWN: Final = ("issue", "large", "full", "power", "all")
 
 
-def page(data: dict[str, Any], checked: Checked, out: Path) -> str:
+def page(data: Mapping[str, Any], checked: Checked, out: Path) -> str:
     """The page as text.
 
     Args:
@@ -41,61 +37,58 @@ def page(data: dict[str, Any], checked: Checked, out: Path) -> str:
         checked: The cases.
         out: Folder of the page; links are relative to it.
     """
-    from plotly.offline import get_plotlyjs
-
+    shown = [r for r in data["table"] if r["trials"]]
+    empty = [r["title"] for r in data["table"] if not r["trials"]]
+    asked = [r for r in shown if r["met"]]
+    n_met = sum(r["met"] == "met" for r in asked)
+    summary = (
+        f"{data['cases']} of {data['asked_cases']} cases are judged. Of {len(asked)} figures with an aim, {n_met} "
+    )
+    summary += "are met: the whole 95 % interval lies where it is asked to."
     body = [
-        f"<h1>Withheld check: {data['cases']} cases</h1>",
-        _head(data),
-        *(_table(data["tables"][name], is_open=name in ("issue", "power", "all")) for name in SHOWN),
+        "<h1>Withheld check</h1>",
+        f"<p>{summary}</p>",
         _section(
-            "Beside simpler ways",
-            "Shares with 95 % bounds. The paper's search ran in some of the cases; the "
-            "second column is the diagnosis on those.",
-            _baselines(data["baselines"]),
+            "Figures",
+            "<i>Not shown</i>: the interval holds both what is asked and what is not. A fault matters "
+            "if it moves the gap between this robot and the same one without it by twice the gap's floor.",
+            _table(("figure", "measured (cases; 95 % interval)", "asked", ""), [_figure(r) for r in shown])
+            + (f"<p class='note'>Without a case: {_e('; '.join(empty))}.</p>" if empty else ""),
+        ),
+        _section(
+            "Where it is right",
+            "Cases whose truth is clear: faults that matter, or none that does.",
+            _table(("by", "", "right"), _breakdown(data["breakdown"])),
+        ),
+        _section(
+            "Stated probabilities",
+            "Of causes, of no gap and of an unknown effect, in steps of a tenth.",
+            _table(("stated", "was so"), [(f"{b['said']:.2f}", _share(b)) for b in data["reliability"]]),
         ),
         _section(
             "Metadata alone",
             "A classifier on names, sizes, stamps, counts and headers has to be at chance.",
-            _leaks(data["metadata_alone"]),
+            _table(
+                ("question", "balanced accuracy", "by chance", "p"),
+                [
+                    (_e(x["question"]), f"{x['accuracy']:.2f}", f"{x['chance']:.2f}", f"{x['p_value']:.2f}")
+                    for x in data["metadata_alone"]
+                ],
+            ),
         ),
         _section(
-            "What was hidden, what was said",
-            "Counts of cases with at most one effect. Rows: hidden.",
-            figures.confusion(data["confusion"]),
+            "Cases",
+            "Each with its report, where reports were kept.",
+            _table(
+                ("case", "kind", "logs", "hidden", "said", "S", ""),
+                [_case(o, checked.folders[o.case.number], out) for o in checked.outcomes],
+            ),
         ),
-        "<div class='two'>",
-        _section(
-            "Reliability",
-            "Stated probabilities of effects, none and unknown against how often it was so.",
-            figures.reliability(data["reliability"]),
-        ),
-        _section(
-            "Power over size",
-            "Single effects in their library, by their place on the ladder (1: end of the realistic range).",
-            figures.power_curve(data["power_curve"]),
-        ),
-        "</div>",
-        _section(
-            "Where it works",
-            "Single effects in their library, named in a group of at most three.",
-            figures.breakdown(data["breakdown"]),
-        ),
-        _section("Cases", "Each with its report, where reports were kept.", _cases(checked, out)),
+        _section("Protocol", "What was fixed before the first case.", _protocol(data)),
     ]
     return (
         "<!doctype html><html lang='en'><head><meta charset='utf-8'><title>Withheld check</title>"
-        "<link rel='icon' href='data:,'>"
-        f"<style>{STYLE}</style><script>{get_plotlyjs()}</script></head>"
-        f"<body><main>{''.join(body)}</main></body></html>"
-    )
-
-
-def _head(data: dict[str, Any]) -> str:
-    return (
-        f"<p class='note'>protocol {data['protocol']}<br>generator {data['generator']}<br>"
-        f"seed {data['seed']}, its digest before the first case {data['seed_digest']}<br>"
-        f"locked in: {_e(', '.join(data['locked_in']))}; "
-        f"{data['core_seconds_a_case']['mean']:.0f} core-seconds a case</p>"
+        f"<link rel='icon' href='data:,'><style>{STYLE}</style></head><body><main>{''.join(body)}</main></body></html>"
     )
 
 
@@ -104,83 +97,54 @@ def _e(text: object) -> str:
 
 
 def _section(title: str, note: str, content: str) -> str:
-    return f"<section><h2>{_e(title)}</h2><p class='note'>{_e(note)}</p>{content}</section>"
+    return f"<section><h2>{_e(title)}</h2><p class='note'>{note}</p>{content}</section>"
 
 
-def _table(t: dict[str, Any], *, is_open: bool) -> str:
-    rows = "".join(
-        f"<tr><td>{_e(r['title'])}</td><td class='n'>{_value(r)}</td><td class='n'>{_e(r['asked'])}</td>"
-        f"<td>{_met(r['met'])}</td></tr>"
-        for r in t["rows"]
+def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    head = "".join(f"<th>{_e(h)}</th>" for h in heads)
+    return (
+        f"<table><tr>{head}</tr>{''.join('<tr>' + ''.join(f'<td>{c}</td>' for c in r) + '</tr>' for r in rows)}</table>"
     )
-    head = "<tr><th>figure</th><th>value (hits of cases; 95 % bounds)</th><th>asked</th><th></th></tr>"
-    inner = f"<table>{head}{rows}</table>"
-    title = f"<summary><b>{_e(t['title'])}</b>, {t['cases']} cases</summary>"
-    return f"<section><details{' open' if is_open else ''}>{title}{inner}</details></section>"
 
 
-def _met(met: bool | None) -> str:
-    return "" if met is None else "<span class='met'>met</span>" if met else "<span class='not'>not met</span>"
+def _figure(row: Mapping[str, Any]) -> Sequence[str]:
+    met = f"<span class='{row['met'].replace(' ', '-')}'>{row['met']}</span>" if row["met"] else ""
+    return _e(row["title"]), _e(row["text"]), _e(row["asked"]), met
 
 
-def _value(r: dict[str, Any] | None) -> str:
-    if r is None:
-        return "<span class='small'>cannot say</span>"
-    if not r["trials"]:
-        return "<span class='small'>no case</span>"
-    if "hits" in r:
-        of = f"({r['hits']}/{r['trials']}; {100 * r['low']:.0f} to {100 * r['high']:.0f} %)"
-        return f"{100 * r['value']:.0f} % <span class='small'>{of}</span>"
-    return f"{r['value']:.2f} <span class='small'>({r['trials']}; {r['low']:.2f} to {r['high']:.2f})</span>"
+def _share(s: Mapping[str, Any]) -> str:
+    return f"{100 * s['value']:.0f} % ({s['hits']}/{s['trials']}; {100 * s['low']:.0f} to {100 * s['high']:.0f})"
 
 
-def _baselines(data: dict[str, dict[str, Any]]) -> str:
-    columns = (
-        ("diagnosis", "diagnosis"),
-        ("diagnosis_where_paper_ran", "diagnosis, same cases as the paper's way"),
-        *((m, TITLES[m]) for m in (PAPER, TWO_SAMPLE, LEAST_SQUARES)),
-    )
-    head = "<tr><th></th>" + "".join(f"<th>{_e(title)}</th>" for _, title in columns) + "</tr>"
-    rows = "".join(
-        f"<tr><td>{_e(entry['title'])}</td>"
-        + "".join(f"<td class='n'>{_value(entry[key])}</td>" for key, _ in columns)
-        + "</tr>"
-        for entry in data.values()
-    )
-    return f"<div class='wide'><table>{head}{rows}</table></div>"
+def _breakdown(cuts: Mapping[str, Mapping[str, Any]]) -> list[Sequence[str]]:
+    return [(_e(cut), _e(value), _share(s)) for cut, values in cuts.items() for value, s in values.items()]
 
 
-def _leaks(data: list[dict[str, Any]]) -> str:
-    rows = "".join(
-        f"<tr><td>{_e(leak['question'])}</td><td class='n'>{leak['accuracy']:.2f}</td>"
-        f"<td class='n'>{leak['chance']:.2f}</td>"
-        f"<td class='n'>{leak['p_value']:.2f}</td><td>{_met(leak['p_value'] > 0.05)}</td></tr>"
-        for leak in data
-    )
-    head = "<tr><th>question</th><th>balanced accuracy</th><th>by chance</th><th>p</th><th>at chance</th></tr>"
-    return f"<table>{head}{rows}</table>" if data else "<p>Too few cases.</p>"
-
-
-def _cases(checked: Checked, out: Path) -> str:
-    rows = "".join(_case(o, checked.folders[o.case.number], out) for o in checked.outcomes)
-    head = "<tr><th>case</th><th>kind</th><th>logs</th><th>hidden</th><th>said</th><th>S</th><th></th></tr>"
-    return f"<details open><summary>{len(checked.outcomes)} cases</summary><table>{head}{rows}</table></details>"
-
-
-def _case(o: Outcome, folder: Path, out: Path) -> str:
-    report = folder / "report.html"
-    number = str(o.case.number)
+def _case(o: Outcome, folder: Path, out: Path) -> Sequence[str]:
+    report, number = folder / "report.html", str(o.case.number)
     if report.exists():
         number = f"<a href='{_e(os.path.relpath(report, out))}'>{number}</a>"
-    hidden = "<br>".join(_e(fault_words(f)) for f in o.truth.faults) or "nothing"
-    size = " (large)" if is_large(o) else ""
-    said = "; ".join(f"{'/'.join(e.group or (e.name,))} {e.probability:.2f}" for e in o.effects)
-    s = "" if o.shrink is None or o.shrink.s is None else f"{o.shrink.s:.2f}"
+    hidden = [f"{fault_words(f)} ({s.value})" for f, s in zip(o.truth.faults, sizes(o), strict=True)]
+    hidden.append(f"errors {o.truth.error_scale:.2g} times the usual")
+    said = "; ".join(f"{'/'.join(sorted(c.names))} {c.probability:.2f}" for c in causes(o.verdict))
     words = verdict_words(o)
-    colour = "met" if words.startswith("right") else "not"
-    lacks = f", without {', '.join(o.case.missing)}" if o.case.missing else ""
+    logs = f"{o.case.policy}, {len(o.case.sequences)} x {o.case.repeats}"
+    logs += f", without {', '.join(o.case.missing)}" if o.case.missing else ""
     return (
-        f"<tr><td class='n'>{number}</td><td>{_e(WORDS[o.case.kind])}</td><td>{_e(o.case.policy)}, "
-        f"3 x {o.case.repeats}{_e(lacks)}</td><td>{hidden}{size}</td><td>{_e(o.status)}<br>{_e(said)}</td>"
-        f"<td class='n'>{s}</td><td class='{colour}'>{_e(words)}</td></tr>"
+        number,
+        _e(WORDS[o.case.kind]),
+        _e(logs),
+        "<br>".join(map(_e, hidden)),
+        f"{_e(o.status)}<br>{_e(said)}",
+        "" if o.true_s is None else f"{o.true_s:.2f}",
+        f"<span class='{words.split(':')[0].split(',')[0].replace(' ', '-')}'>{_e(words)}</span>",
+    )
+
+
+def _protocol(data: Mapping[str, Any]) -> str:
+    return (
+        f"<p class='note'>diagnosis {data['protocol']}<br>generator {data['generator']}<br>catalogue {data['reality']}"
+        f"<br>seed {data['seed']}, its digest before the first case {data['seed_digest']}<br>"
+        f"locked in: {_e(', '.join(data['locked_in']))}; "
+        f"{data['core_seconds_a_case']['mean']:.0f} core-seconds a case</p>"
     )

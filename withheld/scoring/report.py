@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
+from spot_model.errors import BadInputError
+from withheld.outcome import Outcome
+from withheld.scoring.corner import ATTAINABLE, corner_rows
 from withheld.scoring.leak import leaks
 from withheld.scoring.page import page
-from withheld.scoring.scores import stated
+from withheld.scoring.scores import causes, claims
 from withheld.scoring.statistics import reliability
-from withheld.scoring.table import breakdown, comparison, confusion, power_curve, tables
+from withheld.scoring.table import breakdown, table
 from withheld.scoring.verify import Checked, check
 
-SCHEMA: Final = "spot-rl/withheld-scores/1"
+SCHEMA: Final = "spot-rl/withheld-scores/2"
 SCORES: Final = "scores.json"
 PAGE: Final = "scores.html"
 
@@ -29,73 +32,95 @@ def write_scores(folders: Sequence[Path], out: Path) -> list[str]:
         SpotRlError: The folders cannot be scored together, or something was changed.
     """
     checked = check(folders, Path("policies"))
-    data = scores(checked)
+    data = scores(checked, [f / ATTAINABLE for f in folders])
     (out / SCORES).write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
     (out / PAGE).write_text(page(data, checked, out), encoding="utf-8")
-    return lines(data, out)
+    return [*lines(data), f"page {out / PAGE}  table {out / SCORES}"]
 
 
-def scores(checked: Checked) -> dict[str, Any]:
+def scores(checked: Checked, attainable: Sequence[Path] = ()) -> dict[str, Any]:
     """Everything as data; the same outcomes give the same bytes."""
-    outcomes = checked.outcomes
-    made = stated(outcomes)
+    outcomes, head = checked.outcomes, checked.head
     seconds = [sum(o.seconds.values()) for o in outcomes]
+    stages = sorted({s for o in outcomes for s in o.seconds})
     return {
         "schema": SCHEMA,
-        "protocol": checked.head.protocol,
-        "generator": checked.head.generator,
-        "policies": checked.head.policies,
-        "reality": checked.head.reality or "withheld.realities",
-        "versions": checked.head.versions,
+        "protocol": head.protocol,
+        "generator": head.generator,
+        "policies": head.policies,
+        "reality": head.reality,
+        "versions": head.versions,
         "seed": checked.seed,
-        "seed_digest": checked.head.seed_digest,
+        "seed_digest": head.seed_digest,
         "locked_in": list(checked.locked_in),
         "cases": len(outcomes),
-        "asked_cases": checked.head.cases,
-        "drawn_again": sum(o.case.attempt > 0 for o in outcomes),
+        "asked_cases": head.cases,
+        "is_quick": head.is_quick,
         "core_seconds_a_case": {"mean": float(np.mean(seconds)), "most": float(np.max(seconds))},
-        "core_seconds_by_stage": {
-            stage: float(np.mean([o.seconds.get(stage, 0.0) for o in outcomes]))
-            for stage in sorted({s for o in outcomes for s in o.seconds})
-        },
-        "tables": {name: t.to_data() for name, t in tables(outcomes).items()},
-        "baselines": comparison(outcomes),
-        "breakdown": {
-            cut: {value: share.to_data() for value, share in shares.items()}
-            for cut, shares in breakdown(outcomes).items()
-        },
-        "confusion": confusion(outcomes),
-        "reliability": [{"said": b.said, **b.share.to_data()} for b in reliability(made.said, made.true)],
-        "power_curve": [
-            {"size": size, "named": named.to_data(), "noticed": noticed.to_data()}
-            for size, named, noticed in power_curve(outcomes)
+        "core_seconds_by_stage": {s: float(np.mean([o.seconds.get(s, 0.0) for o in outcomes])) for s in stages},
+        "table": [row.to_data() for row in [*table(outcomes), *corner_rows(outcomes, attainable)]],
+        "paper": _paper(outcomes),
+        "breakdown": {cut: {v: s.to_data() for v, s in of.items()} for cut, of in breakdown(outcomes).items()},
+        "reliability": [
+            {"said": said, **was.to_data()} for said, was in reliability([c for o in outcomes for c in claims(o)])
         ],
         "metadata_alone": [asdict(leak) for leak in leaks(outcomes)],
     }
 
 
-def lines(data: dict[str, Any], out: Path) -> list[str]:
-    """The table in words."""
+def lines(data: Mapping[str, Any]) -> list[str]:
+    """The table for a terminal."""
     made = [f"{data['cases']} of {data['asked_cases']} cases, protocol {data['protocol'][:16]}, seed {data['seed']}"]
-    for name in ("issue", "all"):
-        t = data["tables"][name]
-        made.append(f"-- {t['title']} ({t['cases']} cases)")
-        made += [f"  {words(r)}" for r in t["rows"] if r["trials"]]
-    for leak in data["metadata_alone"]:
-        made.append(
-            f"metadata alone, {leak['question']}: {leak['accuracy']:.2f}, by chance {leak['chance']:.2f}, "
-            f"p {leak['p_value']:.2f}"
-        )
-    made.append(f"page {out / PAGE}  table {out / SCORES}")
+    for row in data["table"]:
+        if row["trials"]:
+            asked = f"; asked: {row['asked']}: {row['met'].upper()}" if row["asked"] else ""
+            made.append(f"  {row['title']}: {row['text']}{asked}")
+    made += [f"  {leak}" for leak in map(_leak, data["metadata_alone"])]
     return made
 
 
-def words(row: dict[str, Any]) -> str:
-    """One figure as text."""
-    if "hits" in row:
-        value = f"{100 * row['value']:.0f} % ({row['hits']}/{row['trials']}, "
-        value += f"{100 * row['low']:.0f} to {100 * row['high']:.0f} %)"
-    else:
-        value = f"{row['value']:.2f} ({row['trials']}, {row['low']:.2f} to {row['high']:.2f})"
-    met = {True: "  met", False: "  NOT met", None: ""}[row["met"]]
-    return f"{row['title']}: {value}" + (f"; asked: {row['asked']}{met}" if row["asked"] else "")
+def markdown(folder: Path) -> list[str]:
+    """A scored run's table as Markdown.
+
+    Raises:
+        BadInputError: The folder was not scored.
+    """
+    file = folder / SCORES
+    if not file.is_file():
+        raise BadInputError(f"{file} is not there; score first: `spot-rl withheld score {folder}`")
+    data = json.loads(file.read_text(encoding="utf-8"))
+    head = (
+        f"{data['cases']} of {data['asked_cases']} cases, seed {data['seed']}, protocol `{data['protocol'][:16]}`, "
+        f"generator `{data['generator'][:16]}`; locked in: {', '.join(data['locked_in'])}; "
+        f"{data['core_seconds_a_case']['mean']:.0f} core-seconds a case."
+    )
+    made = [
+        head,
+        "",
+        "| figure | asked | measured (cases; 95 % interval) | |",
+        "|---|---|---|---|",
+    ]
+    made += [f"| {r['title']} | {r['asked']} | {r['text']} | {r['met']} |" for r in data["table"] if r["trials"]]
+    return [*made, "", *map(_leak, data["metadata_alone"])]
+
+
+def _leak(leak: Mapping[str, Any]) -> str:
+    return (
+        f"From metadata alone, {leak['question']}: balanced accuracy {leak['accuracy']:.2f}, "
+        f"by chance {leak['chance']:.2f}, p {leak['p_value']:.2f}."
+    )
+
+
+def _paper(outcomes: Sequence[Outcome]) -> dict[str, int]:
+    """The paper's way and the diagnosis on the same cases of one fault or none: how many were right."""
+    tried = [o for o in outcomes if o.paper is not None and len(o.truth.faults) < 2]
+
+    def is_said(o: Outcome, name: str | None) -> bool:
+        return name in {n for f in o.truth.faults for n in f.names} if o.truth.faults else not name
+
+    ours = [next((c.name for c in causes(o.verdict)), "") for o in tried]
+    return {
+        "cases": len(tried),
+        "paper": sum(is_said(o, o.paper) for o in tried),
+        "diagnosis": sum(is_said(o, name) for o, name in zip(tried, ours, strict=True)),
+    }

@@ -5,11 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 from spot_model.errors import BadInputError
-from withheld.cases.draw import WORDS
+from withheld.cases.protocol import WORDS
+from withheld.outcome import Outcome, load_outcome
 from withheld.plan import Fault
-from withheld.scoring.outcome import Outcome, load_outcome
-from withheld.scoring.scores import is_foreign, is_large, parameters, score
+from withheld.scoring.scores import is_right, parameters, score
+from withheld.scoring.sizes import sizes
 from withheld.scoring.verify import case_of
+from withheld.verdict import Verdict
 
 
 def folder_of(path: Path) -> Path:
@@ -40,23 +42,13 @@ def show_case(path: Path) -> list[str]:
     lacks = f", without {', '.join(o.case.missing)}" if o.case.missing else ""
     made.append(f"logs    policy {o.case.policy}, {len(o.case.sequences)} sequences x {o.case.repeats} runs{lacks}")
     made += [f"hidden  {fault_words(f)}" for f in o.truth.faults] or ["hidden  nothing"]
-    if o.moved is not None:
-        made.append(f"        moves the headline gap by {o.moved:.1f} times its floor")
-    made.append(f"said    {o.status}; none {o.probability_none:.2f}, unknown {o.probability_unknown:.2f}")
-    for e in o.effects:
-        made.append(f"        {e.name} {e.probability:.2f}, group {', '.join(e.group)}, at {', '.join(e.joints)}")
-        made += [
-            f"          {n} = {v.value:.4g} ({v.low:.4g} to {v.high:.4g}) {v.unit}" for n, v in e.parameters.items()
-        ]
+    scale = f"{o.truth.error_scale:.2g} times the usual"
+    made.append(f"errors  {scale}")
+    made += [f"        fault {i + 1} moves the gap {size.value}" for i, size in enumerate(sizes(o))]
+    for number, r in enumerate(o.rounds):
+        made += [f"round {number}: {r.experiments} experiments, {r.robot_s:.0f} s", *_said(r.verdict)]
     made += [f"        {h.name}: true {h.true:.4g}, off by {100 * h.error:.0f} %" for h in parameters(o)]
-    if o.shrink is not None and o.shrink.s is not None:
-        low, high = o.shrink.low or 0.0, o.shrink.high or 0.0
-        true = "" if o.shrink.true_s is None else f"; true S {o.shrink.true_s:.2f}"
-        made.append(f"shrink  S {o.shrink.s:.2f} ({low:.2f} to {high:.2f}){true}")
     made.append(f"scored  {verdict_words(o)}")
-    for name, answer in o.baselines.items():
-        gap = f"{answer.effect or 'a gap'} at {', '.join(answer.joints)}" if answer.has_gap else "no gap"
-        made.append(f"beside  {name}: {gap}")
     report = folder / "report.html"
     return [*made, f"report  {report}"] if report.exists() else made
 
@@ -71,20 +63,25 @@ def fault_words(f: Fault) -> str:
 
 def verdict_words(o: Outcome) -> str:
     """Right or wrong, in words."""
-    s = score(o)
-    if o.status == "failed":
+    if o.verdict is None:
         return f"wrong: no verdict ({o.problem})"
-    if s.false_alarm is not None:
-        return "wrong: a false alarm" if s.false_alarm else "right: no effect"
-    if is_foreign(o):
-        if s.unknown:
-            return "right: unknown" + ("" if s.unknown_joints is not False else ", at other joints")
-        return "wrong: called no gap" if s.missed else "wrong: named an effect that it is not"
-    size = "" if is_large(o) else "; a small effect"
-    if s.missed:
-        return f"wrong: called no gap{size}"
-    if s.group:
-        return f"right{'' if s.top1 else ', in a group'}{size}"
-    if s.first:
-        return f"wrong: not called explained by it alone, but it is listed first{size}"
-    return f"wrong: {s.found} of {len(o.truth.faults)} named{size}"
+    s, right = score(o), is_right(o)
+    if right is None:
+        return "in between, nothing wrong is named" if s.is_clean else "in between, and something wrong is named"
+    said = "nothing named" if s.is_silent else "called unknown" if s.is_unknown else ""
+    said = said or f"{len(s.named)} of {len(o.truth.faults)} named, {s.n_wrong} wrong"
+    return f"{'right' if right else 'wrong'}: {said}"
+
+
+def _said(verdict: Verdict | None) -> list[str]:
+    if verdict is None:
+        return ["said    nothing: it ended without a verdict"]
+    v = verdict
+    made = [f"said    {v.status}; no gap {v.probability_none:.2f}, unknown {v.probability_unknown:.2f}"]
+    for word, effects in (("cause", v.effects), ("seen", v.seen)):
+        for e in effects:
+            made.append(
+                f"        {word} {e.name} {e.probability:.2f}, group {', '.join(e.group)}, at {', '.join(e.joints)}"
+            )
+            made += [f"          {n} = {x.value:.4g} ({x.low:.4g} to {x.high:.4g})" for n, x in e.parameters.items()]
+    return made

@@ -1,15 +1,20 @@
-"""Shares with exact bounds, Brier score and reliability, area under a curve."""
+"""Shares with exact bounds, means and medians with bootstrap bounds, calibration of stated probabilities."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import beta
 
 LEVEL: Final = 0.95
+N_RESAMPLES: Final = 1000
+N_BINS: Final = 10
+
+Statistic = Callable[[NDArray[np.float64]], float]
 
 
 @dataclass(frozen=True)
@@ -41,70 +46,76 @@ class Share:
             return 1.0
         return float(beta.ppf((1 + LEVEL) / 2, self.hits + 1, self.trials - self.hits))
 
-    def to_data(self) -> dict[str, float | int | None]:
+    def to_data(self) -> dict[str, Any]:
         """For JSON."""
         return {"hits": self.hits, "trials": self.trials, "value": self.value, "low": self.low, "high": self.high}
 
     def __str__(self) -> str:
         if not self.trials:
             return "no case"
-        of = f"{self.hits}/{self.trials}, {100 * self.low:.0f} to {100 * self.high:.0f}"
-        return f"{100 * self.hits / self.trials:.0f} % ({of})"
+        return f"{100 * self.hits / self.trials:.0f} % ({self.hits}/{self.trials}; {_bounds(self.low, self.high, 100)})"
 
 
 @dataclass(frozen=True)
-class Average:
-    """A mean with a bootstrap interval (95 %) over cases."""
+class Estimate:
+    """A statistic of cases with its bootstrap interval (95 %)."""
 
-    values: tuple[float, ...]
+    value: float | None
+    low: float
+    high: float
+    trials: int
 
-    @property
-    def value(self) -> float | None:
-        """None without values."""
-        return float(np.mean(self.values)) if self.values else None
+    @staticmethod
+    def of(values: Sequence[Any], statistic: Statistic) -> Estimate:
+        """Resample whole rows of ``values``; a row is a case."""
+        if not len(values):
+            return Estimate(None, float("-inf"), float("inf"), 0)
+        v, rng = np.asarray(values, dtype=np.float64), np.random.default_rng(0)
+        made = [statistic(v[rng.integers(len(v), size=len(v))]) for _ in range(N_RESAMPLES)]
+        low, high = np.quantile(made, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
+        return Estimate(statistic(v), float(low), float(high), len(v))
 
-    def to_data(self) -> dict[str, float | int | None]:
+    def to_data(self) -> dict[str, Any]:
         """For JSON."""
-        low, high = self.interval()
-        return {"trials": len(self.values), "value": self.value, "low": low, "high": high}
-
-    def interval(self) -> tuple[float | None, float | None]:
-        """Bounds."""
-        if not self.values:
-            return None, None
-        rng = np.random.default_rng(0)
-        v = np.array(self.values)
-        means = v[rng.integers(len(v), size=(1000, len(v)))].mean(axis=1)
-        return float(np.quantile(means, 0.025)), float(np.quantile(means, 0.975))
+        bounds = {"low": self.low, "high": self.high} if self.trials else {"low": None, "high": None}
+        return {"trials": self.trials, "value": self.value, **bounds}
 
     def __str__(self) -> str:
-        low, high = self.interval()
-        if self.value is None or low is None or high is None:
+        if self.value is None:
             return "no case"
-        return f"{self.value:.2f} ({len(self.values)}, {low:.2f} to {high:.2f})"
+        return f"{self.value:.2f} ({self.trials}; {_bounds(self.low, self.high, 1)})"
 
 
-def brier(probabilities: Sequence[float], truths: Sequence[bool]) -> float | None:
-    """Mean squared error of probabilities."""
-    if not probabilities:
-        return None
-    return float(np.mean((np.array(probabilities) - np.array(truths, dtype=np.float64)) ** 2))
+def mean(values: NDArray[np.float64]) -> float:
+    """Of a column."""
+    return float(np.mean(values))
 
 
-@dataclass(frozen=True)
-class Bin:
-    """One bar of a reliability diagram."""
-
-    said: float
-    share: Share
+def median(values: NDArray[np.float64]) -> float:
+    """Of a column."""
+    return float(np.median(values))
 
 
-def reliability(probabilities: Sequence[float], truths: Sequence[bool], n_bins: int = 10) -> list[Bin]:
-    """Stated probability against how often it was so, in equal steps of probability; empty ones are left out."""
-    p, t = np.array(probabilities, dtype=np.float64), np.array(truths, dtype=np.bool_)
-    number = np.minimum((p * n_bins).astype(int), n_bins - 1)
-    return [
-        Bin(float(p[number == b].mean()), Share(int(t[number == b].sum()), int((number == b).sum())))
-        for b in range(n_bins)
-        if (number == b).any()
-    ]
+def calibration_error(claims: NDArray[np.float64]) -> float:
+    """Expected calibration error of rows (stated probability, 0 or 1), in bins of a tenth.
+
+    Source: Naeini, Cooper, Hauskrecht 2015.
+    """
+    said, was = claims[:, 0], claims[:, 1]
+    number = np.minimum((said * N_BINS).astype(int), N_BINS - 1)
+    off = [abs(float(np.sum(said[number == b] - was[number == b]))) for b in range(N_BINS)]
+    return sum(off) / len(claims)
+
+
+def reliability(claims: Sequence[tuple[float, bool]]) -> list[tuple[float, Share]]:
+    """Stated probability and how often it was so, in bins of a tenth; empty bins are left out."""
+    made = []
+    for b in range(N_BINS):
+        inside = [(p, was) for p, was in claims if min(int(p * N_BINS), N_BINS - 1) == b]
+        if inside:
+            made.append((float(np.mean([p for p, _ in inside])), Share.of([was for _, was in inside])))
+    return made
+
+
+def _bounds(low: float, high: float, factor: float) -> str:
+    return f"{factor * low:.0f} to {factor * high:.0f}" if factor > 1 else f"{low:.2f} to {high:.2f}"

@@ -1,332 +1,188 @@
-"""The scored table: every figure of the protocol with its bounds, for the diagnosis and the baselines."""
+"""The scored table: every figure that is asked of the diagnosis, with its interval."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from typing import Any, Final, Literal
+from typing import Final
 
-from withheld.baselines import LEAST_SQUARES, PAPER, TWO_SAMPLE
-from withheld.cases.draw import POWER_EFFECTS, RIVALS
-from withheld.scoring.outcome import Outcome, ShrinkSaid
-from withheld.scoring.scores import (
-    EXPLAINS,
-    MAX_GROUP,
-    PARAMETER_ERROR,
-    CaseScore,
-    ParameterHit,
-    is_foreign,
-    is_full,
-    is_large,
-    parameters,
-    score,
-    score_answer,
-    stated,
-)
-from withheld.scoring.statistics import Average, Share, brier
+from withheld.outcome import Outcome
+from withheld.plan import Fault
+from withheld.scoring.rows import Row, between, estimate, share
+from withheld.scoring.scores import causes, claims, f1, is_right, located, parameters, score, true_joints
+from withheld.scoring.sizes import Size, is_outside, sizes
+from withheld.scoring.statistics import Estimate, Share, calibration_error, mean, median
+from withheld.verdict import Shrink
 
-DIAGNOSIS: Final = "diagnosis"
-METHODS: Final = (DIAGNOSIS, PAPER, TWO_SAMPLE, LEAST_SQUARES)
-SINGLE: Final = ("known", "power", "own")
+PARAMETER_ERROR: Final = 0.20
+SURE: Final = 0.9
+SCALES: Final = ((0.5, 1.0), (1.0, 2.0), (2.0, 4.0), (4.0, 5.0))
+ASKED_SCALES: Final = (1.0, 4.0)
 
 
-@dataclass(frozen=True)
-class Row:
-    """One figure."""
-
-    key: str
-    title: str
-    value: Share | Average
-    asked: str = ""
-    """What the issue asks for."""
-    is_met: bool | None = None
-
-    def to_data(self) -> dict[str, Any]:
-        """For JSON."""
-        return {"key": self.key, "title": self.title, "asked": self.asked, "met": self.is_met, **self.value.to_data()}
-
-
-@dataclass(frozen=True)
-class Table:
-    """Figures on one set of cases."""
-
-    title: str
-    rows: list[Row] = field(default_factory=list)
-    n_cases: int = 0
-
-    def to_data(self) -> dict[str, Any]:
-        """For JSON."""
-        return {"title": self.title, "cases": self.n_cases, "rows": [r.to_data() for r in self.rows]}
-
-
-def table(title: str, outcomes: Sequence[Outcome]) -> Table:
-    """All figures of the diagnosis on these cases."""
-    scored = [(o, score(o)) for o in outcomes]
-    singles = [s for o, s in scored if s.top1 is not None and len(o.truth.faults) == 1]
-    several = [(o, s) for o, s in scored if s.top1 is not None and len(o.truth.faults) > 1]
-    pairs = [s.found == 2 for o, s in several if len(o.truth.faults) == 2]
-    triples = [s.found == 3 for o, s in several if len(o.truth.faults) == 3]
-    alarms = _flags([s for _, s in scored], "false_alarm")
-    hits = [h for o in outcomes for h in parameters(o)]
-    made = stated(outcomes)
-    b = brier(made.said, made.true)
-    rows = [
-        _at_least(
-            "group",
-            "one effect: called explained by it, or by its group of at most three",
-            _flags(singles, "group"),
-            0.90,
-        ),
-        _at_least(
-            "first",
-            "one effect: listed first, or in the first's group, whatever else the verdict says",
-            _flags(singles, "first"),
-            0.90,
-        ),
-        Row("top1", "one effect: named first, no group, and no other", Share.of(_flags(singles, "top1"))),
-        Row("missed", "one effect: called no gap", Share.of(_flags(singles, "missed"))),
-        _mean_at_least("joint_f1", "joint F1", [s.joint_f1 for _, s in scored if s.joint_f1 is not None], 0.9),
-        _at_most("false_alarm", "false alarms where there is no effect", alarms, 0.05),
-        _unknown("unknown", "effect not in its library: answered unknown", scored, None),
-        _unknown("left_out", "of those, left out for the case", scored, True),
-        _unknown("never", "of those, never had", scored, False),
-        Row(
-            "unknown_joints",
-            "of those answered unknown: the right joints",
-            Share.of([s.unknown_joints for _, s in scored if s.unknown_joints is not None]),
-        ),
-        _at_least("two", "two at once: both found", pairs, 0.75),
-        Row("three", "three at once: all found", Share.of(triples)),
-        *_parameter_rows(hits),
-        *_shrink_rows(scored),
-        Row("brier", "Brier score of all stated probabilities", Average(() if b is None else (b,))),
-        Row("failed", "ended without a verdict", Share.of([o.status == "failed" for o in outcomes])),
-    ]
-    return Table(title, rows, len(outcomes))
-
-
-def _parameter_rows(hits: Sequence[ParameterHit]) -> list[Row]:
+def table(outcomes: Sequence[Outcome]) -> list[Row]:
+    """All rows."""
+    long = [o for o in outcomes if o.case.detail == "stream"]
+    short = [o for o in outcomes if o.case.detail == "import"]
     return [
-        _at_least(
-            "parameter",
-            "parameters of a right effect: within 20 % of the truth",
-            [h.error <= PARAMETER_ERROR for h in hits],
-            0.90,
-            named="within 20 %",
-        ),
-        _at_least(
-            "coverage",
-            "parameters of a right effect: 90 % interval holds the truth",
-            [h.covered for h in hits],
-            0.90,
-            named="90 %",
-        ),
+        *_faultless(long),
+        *_named(long),
+        *_quality([o for o in long if o.truth.faults and not is_outside(o) and is_right(o)]),
+        *_probabilities(outcomes, short),
+        *_sprint([o for o in outcomes if o.case.kind == "sprint"]),
+        *_rounds(outcomes),
+        share("failed", "ended without a verdict", [o.verdict is None for o in outcomes]),
     ]
 
 
-def _shrink_rows(scored: Sequence[tuple[Outcome, CaseScore]]) -> list[Row]:
-    right = [o for o, s in scored if s.group and o.shrink is not None and o.shrink.s is not None]
-    shrinks = [o.shrink for o in right if o.shrink is not None]
-    said = [s.s for s in shrinks if s.s is not None]
-    true = [s for s in shrinks if s.true_s is not None and s.low is not None and s.high is not None]
-    held = [
-        s.low <= s.true_s <= s.high for s in true if s.low is not None and s.high is not None and s.true_s is not None
-    ]
-    truths = tuple(s.true_s for s in true if s.true_s is not None)
-    pairs = [(s.placebo, s.s) for s in shrinks if s.placebo is not None and s.s is not None]
-    return [
-        _mean_at_least("s", "held-out S where the diagnosis is right", said, 0.8),
-        Row("s_share", "of those, S at least 0.8", Share.of([s >= 0.8 for s in said])),
-        _at_least("s_coverage", "90 % interval of S holds the true S", held, 0.90, named="90 %"),
-        Row("true_s", "true S of the stated model, new sequences", Average(truths)),
-        Row("placebo", "S of the best wrong effect", Average(tuple(p for p, _ in pairs))),
-        Row("placebo_below", "of those, below S by 0.1 or more", Share.of([p < s - 0.1 for p, s in pairs])),
-    ]
+def _faultless(outcomes: Sequence[Outcome]) -> list[Row]:
+    none = [o for o in outcomes if not o.truth.faults]
 
+    def silent(low: float, high: float) -> list[bool]:
+        return [score(o).is_silent for o in none if low <= o.truth.error_scale <= high]
 
-def _unknown(key: str, title: str, scored: Sequence[tuple[Outcome, CaseScore]], left_out: bool | None) -> Row:
-    flags = [
-        s.unknown
-        for o, s in scored
-        if s.unknown is not None and (left_out is None or any(f.names for f in o.truth.faults) == left_out)
-    ]
-    return _at_least(key, title, flags, 0.80)
-
-
-def comparison(outcomes: Sequence[Outcome]) -> dict[str, dict[str, Any]]:
-    """By figure and method, on the cases where all methods that can answer were run."""
-    made: dict[str, dict[str, Any]] = {}
-    for key, title, pick in _QUESTIONS:
-        entry: dict[str, Any] = {"title": title}
-        for method in METHODS:
-            values = [v for o in outcomes if (s := _scored(o, method)) is not None and (v := pick(s)) is not None]
-            can = not (method == TWO_SAMPLE and key in ("group", "found"))
-            whole: Share | Average = (
-                Average(tuple(float(v) for v in values)) if key == "joint_f1" else Share.of([bool(v) for v in values])
-            )
-            entry[method] = whole.to_data() if can else None
-        same = [o for o in outcomes if PAPER in o.baselines]
-        values = [v for o in same if (v := pick(score(o))) is not None]
-        entry["diagnosis_where_paper_ran"] = (
-            Average(tuple(float(v) for v in values)) if key == "joint_f1" else Share.of([bool(v) for v in values])
-        ).to_data()
-        made[key] = entry
-    return made
-
-
-_QUESTIONS: Final[tuple[tuple[str, str, Callable[[CaseScore], float | bool | None]], ...]] = (
-    ("group", "effect or effects named, in groups of at most three, and no other", lambda s: s.group),
-    ("found", "at least one true effect named", lambda s: None if s.group is None else s.found > 0),
-    ("joint_f1", "joint F1", lambda s: s.joint_f1),
-    ("false_alarm", "false alarms where there is no effect", lambda s: s.false_alarm),
-    ("unknown", "effect not in its library: answered unknown", lambda s: s.unknown),
-)
-
-
-def _scored(o: Outcome, method: str) -> CaseScore | None:
-    if method == DIAGNOSIS:
-        return score(o)
-    return score_answer(o, o.baselines[method]) if method in o.baselines else None
-
-
-def tables(outcomes: Sequence[Outcome]) -> dict[str, Table]:
-    """All sets of cases that are scored by themselves."""
-    large = [o for o in outcomes if not o.truth.faults or is_large(o)]
-    power = [o for o in outcomes if o.case.kind == "power"]
-    full = [o for o in outcomes if is_full(o) and o.case.kind != "power"]
-    fitting = [o for o in full if not o.truth.faults or is_large(o)]
-    return {
-        "all": table("all cases", outcomes),
-        "issue": table("as asked: five repeats, all signals, effects that move the gap by twice its floor", fitting),
-        "large": table("effects that move the gap by twice its floor, any logs", large),
-        "full": table("five repeats of three sequences, all signals, every size", full),
-        "power": _power_table(power),
-    }
-
-
-def _power_table(outcomes: Sequence[Outcome]) -> Table:
-    answers = [power_answer(o) for o in outcomes]
-    right = [o.shrink for o, a in zip(outcomes, answers, strict=True) if a == "named" and o.shrink is not None]
     rows = [
-        Row(
-            "power_named", "the limit of power or bus is named as the cause", Share.of([a == "named" for a in answers])
-        ),
-        Row(
-            "power_told",
-            "or called one of a group that these logs cannot tell apart, with the recording that would",
-            Share.of([a == "told" for a in answers]),
-        ),
-        _at_least("power_answered", "one of the two", [a in ("named", "told") for a in answers], 0.90),
-        Row(
-            "power_listed",
-            "neither, but it is listed among what was thought of",
-            Share.of([a == "listed" for a in answers]),
-        ),
-        Row("rival", "a rival named in its place: armature or friction", Share.of([a == "rival" for a in answers])),
-        Row("power_d0", "where it is named: gap of the nominal model, in floors", Average(_in_floors(right, "d0"))),
-        Row("power_d1", "gap of the model with it, in floors", Average(_in_floors(right, "d1"))),
+        share(
+            "faultless", "no fault, ordinary errors 1 to 4 times the usual: nothing named", silent(*ASKED_SCALES), 0.95
+        )
     ]
-    title = "power-distribution limit at 4 to 6 m/s, armature and friction as rivals"
-    return Table(title, [*table(title, outcomes).rows, *rows], len(outcomes))
+    rows += [
+        share(f"faultless_{low:g}", f"of these, errors {low:g} to {high:g} times the usual", silent(low, high))
+        for low, high in SCALES
+    ]
+    called = [o.status == "no_gap" for o in none]
+    return [*rows, share("no_gap", "no fault: called no gap", called)]
 
 
-PowerAnswer = Literal["named", "told", "listed", "rival", "other"]
+def _named(outcomes: Sequence[Outcome]) -> list[Row]:
+    inside = [o for o in outcomes if o.truth.faults and not is_outside(o)]
+    one = [o for o in inside if sizes(o) == (Size.LARGE,)]
+    two = [o for o in inside if sizes(o) == (Size.LARGE, Size.LARGE)]
+    mixed = [o for o in inside if len(sizes(o)) == 2 and set(sizes(o)) == {Size.LARGE, Size.SMALL}]
+    far = [o for o in outcomes if is_outside(o) and Size.LARGE in sizes(o)]
+    small = [o for o in outcomes if o.truth.faults and set(sizes(o)) == {Size.SMALL}]
+    grey = [o for o in outcomes if Size.BETWEEN in sizes(o)]
+    placed = [o for o in inside if Size.LARGE in sizes(o) and true_joints(o.truth.faults)]
+    return [
+        share("one", "one effect that moves the gap by twice its floor: named, and nothing else", _right(one), 0.90),
+        share("one_named", "of these: named, whatever else is", [bool(score(o).named) for o in one]),
+        share("one_silent", "of these: nothing named", [score(o).is_silent for o in one]),
+        share("two", "two such effects: both named, and nothing else", _right(two), 0.85),
+        share("two_one", "of these: at least one named", [bool(score(o).named) for o in two]),
+        share("mixed", "one such effect and one that does not matter: the first named, nothing wrong", _right(mixed)),
+        estimate(
+            "joints", "joints, F1", Estimate.of([f1(located(o), true_joints(_felt(o))) for o in placed], mean), 0.95
+        ),
+        share("outside", "effect outside the library that moves the gap so: called unknown", _right(far), 0.85),
+        share("small", "effect that does not matter to the gap: nothing named", _right(small)),
+        share("between", "effect in between: nothing wrong named", [score(o).is_clean for o in grey]),
+    ]
 
 
-def power_answer(o: Outcome) -> PowerAnswer:
-    """What a verdict says of a hidden limit of power: POWER_EFFECTS alone count here, no equivalent of theirs."""
-    groups = [set(e.group) | {e.name} for e in o.effects]
-    if o.status in EXPLAINS and any(e.name in POWER_EFFECTS and len(e.group) <= 1 for e in o.effects):
-        return "named"
-    undecided = [e for e, g in zip(o.effects, groups, strict=True) if g & POWER_EFFECTS and 1 < len(g) <= MAX_GROUP]
-    if o.status in (*EXPLAINS, "cannot_tell") and any(e.split_by for e in undecided):
-        return "told"
-    if any(g & POWER_EFFECTS for g in groups):
-        return "listed"
-    return "rival" if o.status in EXPLAINS and any(g & RIVALS for g in groups) else "other"
+def _felt(o: Outcome) -> list[Fault]:
+    """Faults that matter, or may."""
+    return [f for f, size in zip(o.truth.faults, sizes(o), strict=True) if size is not Size.SMALL]
 
 
-def _in_floors(shrinks: Sequence[ShrinkSaid], name: str) -> tuple[float, ...]:
-    return tuple(getattr(s, name) / s.floor for s in shrinks if s.floor > 0.0)
+def _right(outcomes: Sequence[Outcome]) -> list[bool]:
+    return [bool(is_right(o)) for o in outcomes]
+
+
+def _quality(right: Sequence[Outcome]) -> list[Row]:
+    hits = [h for o in right for h in parameters(o)]
+    true_s = [o.true_s for o in right if o.true_s is not None]
+    off = [abs(o.true_s - s.s) for o in right if o.true_s is not None and (s := _shrink(o)) and s.s is not None]
+    return [
+        estimate("true_s", "S of the delivered model on new sequences, where right", Estimate.of(true_s, median), 0.85),
+        estimate("s_off", "difference of that S from the stated one", Estimate.of(off, median)),
+        share("parameter", "parameters of a right effect within 20 %", [h.error <= PARAMETER_ERROR for h in hits], 0.9),
+        between("coverage", "their 90 % intervals hold the truth", [h.is_covered for h in hits], 0.85, 0.95),
+        estimate(
+            "half_width",
+            "half-width of these intervals",
+            Estimate.of([h.half_width for h in hits], median),
+            at_most=0.2,
+        ),
+    ]
+
+
+def _shrink(o: Outcome) -> Shrink | None:
+    return o.verdict.shrink if o.verdict is not None else None
+
+
+def _probabilities(outcomes: Sequence[Outcome], short: Sequence[Outcome]) -> list[Row]:
+    stated = [claim for o in outcomes for claim in claims(o)]
+    sure = [
+        any(cause.names & set(f.names) for f in o.truth.faults)
+        for o in short
+        for cause in causes(o.verdict)
+        if cause.probability >= SURE
+    ]
+    return [
+        estimate(
+            "calibration",
+            "expected calibration error of stated probabilities",
+            Estimate.of(stated, calibration_error),
+            at_most=0.05,
+        ),
+        share("sure", "a cause with P of 0.9 or more from one short foreign run: right", sure, 0.9),
+        share(
+            "sure_any",
+            "short foreign runs from which such a cause is stated",
+            [any(c.probability >= SURE for c in causes(o.verdict)) for o in short],
+        ),
+    ]
+
+
+def _sprint(outcomes: Sequence[Outcome]) -> list[Row]:
+    limits = {"power_limit", "bus_sag"}
+
+    def blames(o: Outcome) -> bool:
+        return any(c.names & limits for c in causes(o.verdict))
+
+    def is_limited(o: Outcome) -> bool:
+        return any(limits & set(f.names) for f in o.truth.faults)
+
+    large = [o for o in outcomes if Size.LARGE in sizes(o)]
+    return [
+        share(
+            "power",
+            "power or bus limit at 4 to 6 m/s that moves the gap: named, alone or in a group",
+            [blames(o) for o in large if is_limited(o)],
+        ),
+        share(
+            "power_blamed",
+            "rotor, friction or heat there: a power or bus limit named instead",
+            [blames(o) for o in outcomes if not is_limited(o)],
+        ),
+    ]
+
+
+def _rounds(outcomes: Sequence[Outcome]) -> list[Row]:
+    """After each number of experiments; nothing where no case has any."""
+    rows: list[Row] = []
+    for number in range(1, max((len(o.rounds) for o in outcomes), default=1)):
+        asked = [o for o in outcomes if len(o.rounds) > number and is_right(o, number) is not None]
+        rows.append(
+            share(f"round_{number}", f"after {number} experiments: right", [bool(is_right(o, number)) for o in asked])
+        )
+        seconds = Estimate.of([o.rounds[number].robot_s for o in asked], mean)
+        rows.append(estimate(f"round_{number}_s", "of these: robot time, s", seconds))
+    return rows
 
 
 def breakdown(outcomes: Sequence[Outcome]) -> dict[str, dict[str, Share]]:
-    """Single effects in their library, named in a group: by repeats, signals, policy, place and family."""
-    singles = [(o, bool(score(o).group)) for o in outcomes if len(o.truth.faults) == 1 and not is_foreign(o)]
+    """Cases with a clear truth that were judged right, by what may make them hard."""
     cuts: dict[str, Callable[[Outcome], str]] = {
-        "repeats": lambda o: str(o.case.repeats),
-        "signals": lambda o: "without " + ", ".join(o.case.missing) if o.case.missing else "all",
+        "kind": lambda o: o.case.kind,
+        "runs of each sequence": lambda o: str(o.case.repeats),
         "policy": lambda o: o.case.policy,
-        "place": lambda o: o.case.requests[0].place if o.case.requests else "own",
-        "family": lambda o: o.truth.faults[0].family,
-        "moves the gap": lambda o: "by twice its floor" if is_large(o) else "by less",
+        "missing": lambda o: ", ".join(o.case.missing) or "nothing",
+        "family": lambda o: o.truth.faults[0].family if o.truth.faults else "none",
+        "place": lambda o: o.case.requests[0].place if o.case.requests else "none",
+        "error scale": lambda o: next(f"{a:g} to {b:g}" for a, b in SCALES if o.truth.error_scale <= b),
     }
-    made: dict[str, dict[str, Share]] = {}
-    for name, cut in cuts.items():
-        values = sorted({cut(o) for o, _ in singles})
-        made[name] = {v: Share.of([hit for o, hit in singles if cut(o) == v]) for v in values}
-    return made
-
-
-def confusion(outcomes: Sequence[Outcome]) -> dict[str, dict[str, int]]:
-    """What was hidden against what was said, one count a case of at most one effect."""
-    made: dict[str, dict[str, int]] = {}
-    for o in outcomes:
-        if len(o.truth.faults) > 1:
-            continue
-        hidden = "none" if not o.truth.faults else _name_of(o)
-        made.setdefault(hidden, {})
-        said = _said(o)
-        made[hidden][said] = made[hidden].get(said, 0) + 1
-    return made
-
-
-def power_curve(outcomes: Sequence[Outcome]) -> list[tuple[float, Share, Share]]:
-    """By size on the ladder, of single effects in their library: named in a group, and not called none."""
-    singles = [(o, score(o)) for o in outcomes if len(o.truth.faults) == 1 and not is_foreign(o)]
-    sizes = sorted({o.truth.faults[0].size for o, _ in singles})
-    return [
-        (
-            size,
-            Share.of([bool(s.group) for o, s in singles if o.truth.faults[0].size == size]),
-            Share.of([not s.missed for o, s in singles if o.truth.faults[0].size == size]),
-        )
-        for size in sizes
-    ]
-
-
-def _name_of(o: Outcome) -> str:
-    fault = o.truth.faults[0]
-    if not fault.names:
-        return "never had"
-    return f"{fault.names[0]} (left out)" if is_foreign(o) else fault.names[0]
-
-
-def _said(o: Outcome) -> str:
-    if o.status == "failed":
-        return "no verdict"
-    if o.status in ("no_gap", "cannot_tell"):
-        return "none"
-    if o.status == "unknown_effect":
-        return "unknown"
-    return o.effects[0].name if len(o.effects) == 1 else "several"
-
-
-def _flags(scores: Sequence[CaseScore], name: str) -> list[bool]:
-    return [getattr(s, name) for s in scores if getattr(s, name) is not None]
-
-
-def _at_least(key: str, title: str, flags: Sequence[bool | None], asked: float, *, named: str = "") -> Row:
-    share = Share.of([bool(f) for f in flags])
-    met = None if share.value is None else share.value >= asked
-    return Row(key, title, share, named or f"at least {100 * asked:.0f} %", met)
-
-
-def _at_most(key: str, title: str, flags: Sequence[bool], asked: float) -> Row:
-    share = Share.of(flags)
-    return Row(key, title, share, f"at most {100 * asked:.0f} %", None if share.value is None else share.value <= asked)
-
-
-def _mean_at_least(key: str, title: str, values: Sequence[float], asked: float) -> Row:
-    mean = Average(tuple(values))
-    return Row(key, title, mean, f"at least {asked:g}", None if mean.value is None else mean.value >= asked)
+    clear = [(o, bool(is_right(o))) for o in outcomes if is_right(o) is not None]
+    return {
+        name: {v: Share.of([hit for o, hit in clear if cut(o) == v]) for v in sorted({cut(o) for o, _ in clear})}
+        for name, cut in cuts.items()
+    }

@@ -1,4 +1,4 @@
-"""Reads a run's folders back and checks them: one protocol, whole ledgers, seals that hold, verdicts unchanged."""
+"""Reads a run's folders back and checks them: one protocol, whole ledgers, seals that hold, unchanged verdicts."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from withheld.blind.run_folder import SEED_FILE, RunHead, load_head, load_secret
 from withheld.blind.seal import SealError, file_digest, opened
 from withheld.cases.draw import draw
 from withheld.cases.source import source_of
-from withheld.scoring.outcome import Outcome, load_outcome
+from withheld.outcome import Outcome, load_outcome
 
 LEDGER: Final = "ledger.jsonl"
 
@@ -80,7 +80,7 @@ def _entered(folder: Path) -> dict[int, str]:
 
 
 def _same(first: Path, one: RunHead, second: Path, other: RunHead) -> None:
-    for name in ("protocol", "generator", "policies", "reality", "cases", "search_every", "pace"):
+    for name in ("protocol", "generator", "policies", "reality", "cases", "search_every", "is_quick"):
         if getattr(one, name) != getattr(other, name):
             raise BadInputError(f"{first} and {second} differ in {name}; only parts of one run are scored together")
 
@@ -116,5 +116,5 @@ def _drawn_again(outcomes: Sequence[Outcome], seed: int, head: RunHead, policies
         return
     for outcome in outcomes:
         case = outcome.case
-        if draw(seed, case.number, source, policies, head.pace, case.attempt) != case:
+        if draw(seed, case.number, source, policies, head.is_quick, case.attempt) != case:
             raise SpotRlError(f"case {case.number} is not the one that seed {seed} draws with these sources")

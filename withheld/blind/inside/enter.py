@@ -124,16 +124,18 @@ def main() -> int:
     except OSError as error:
         sys.stderr.write(f"{error}\n")
         return NOT_ALLOWED
+    # Whoever started this may be killed; what runs inside must not outlive it.
+    libc.prctl(DIE_WITH_PARENT, signal.SIGKILL, 0, 0, 0)
     child = os.fork()
     if child:
-        signal.signal(signal.SIGTERM, lambda *_: os.kill(child, signal.SIGKILL))
         _, status = os.waitpid(child, 0)
         return os.waitstatus_to_exitcode(status) % 256
     code = NOT_ALLOWED
     try:
-        libc.prctl(DIE_WITH_PARENT, signal.SIGKILL, 0, 0, 0)
         build(spec)
         drop(spec["user"])
+        # The kernel forgets this whenever a process changes its user.
+        libc.prctl(DIE_WITH_PARENT, signal.SIGKILL, 0, 0, 0)
         code = 1
         os.execve(spec["words"][0], spec["words"], spec["environment"])  # noqa: S606 - our own program
     except BaseException as error:  # noqa: BLE001 - a forked child must not return into its parent's code

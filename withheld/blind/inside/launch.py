@@ -9,14 +9,17 @@ the interpreter's own (PEP 578) and cannot be taken off; what native code opens 
 
 from __future__ import annotations
 
+import ctypes
 import json
 import os
+import signal
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+DIE_WITH_PARENT = 1
 REFUSED = "withheld check: refused"
 STARTS = (
     "subprocess.Popen",
@@ -95,6 +98,7 @@ def hook(banned: Sequence[str], allowed: Sequence[str]) -> Callable[[str, tuple[
 
 def main() -> None:
     """Do it."""
+    ctypes.CDLL(None).prctl(DIE_WITH_PARENT, signal.SIGKILL, 0, 0, 0)
     spec = json.loads(Path(sys.argv[1]).read_text())
     sys.path[:] = spec["path"]
     sys.meta_path.insert(0, Ban(spec["banned"]))

@@ -10,7 +10,7 @@ from spot_model.robot.facts import JOINT_NAMES, Array, per_joint
 from spot_model.robot.knee_table import KNEE_MOTOR_TORQUE_NM
 from withheld.realities.fault_kind import BODY, JOINT_PLACES, Ask, Built, FaultKind, at
 from withheld.simulator.parameters import HIP_NO_LOAD_RAD_S
-from withheld.simulator.parts import Law, Motion
+from withheld.simulator.parts import Motion
 from withheld.simulator.robot import Robot
 
 KNEES: Final = tuple(j for j in JOINT_NAMES if j.endswith("kn"))
@@ -25,8 +25,7 @@ MAGNET_LOSS_PER_K: Final = 0.03
 POWER_W: Final = (2000.0, 400.0)
 """Bound of the bus at size 0 and 1."""
 COPPER_W_PER_NM2: Final = 0.03
-CABLE_OHM: Final = 0.6
-VOLTS_OF_FULL_TORQUE, VOLTS_OF_NO_TORQUE = 50.0, 28.0
+CABLE_OHM: Final = 0.9
 
 
 def current(ask: Ask) -> Built:
@@ -121,16 +120,11 @@ def budget(ask: Ask) -> Built:
 
 
 def cable(ask: Ask) -> Built:
-    """A corroded cable: the bus falls with the current, and drives give less the lower it is."""
+    """A corroded cable: the bus falls with the current, and with it the speed at which each drive gives out."""
     more_ohm = ask.size * CABLE_OHM
-
-    def law(torque_nm: Array, m: Motion) -> Array:
-        left = (m.bus_v - VOLTS_OF_NO_TORQUE) / (VOLTS_OF_FULL_TORQUE - VOLTS_OF_NO_TORQUE)
-        return np.where(torque_nm * m.rotor_rad_s > 0.0, np.clip(left, 0.2, 1.0) * torque_nm, torque_nm)
 
     def install(robot: Robot) -> None:
         robot.supply.resistance_ohm += more_ohm
-        robot.motors.append(Law(law))
 
     return Built(install, {"bus_sag.resistance_ohm": more_ohm})
 

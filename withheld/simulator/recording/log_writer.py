@@ -15,7 +15,6 @@ import numpy as np
 
 from spot_log.format import codec
 from spot_log.format.records import EventRecord, RunHeader, Severity
-from spot_log.read.run import TickTable
 from spot_log.write.run_writer import RunWriter
 from spot_log.write.sink import TOPICS
 from spot_model.policy.policy import Policy
@@ -114,27 +113,6 @@ def write_log(
             writer.flush()
     add("event", records.event("completed", "completed: the command sequence is done", n_states - 1))
     writer.close(dict.fromkeys(TOPICS, 0), "completed")
-
-
-def tick_table(run: RunArrays) -> TickTable:
-    """A run's ticks as its log has them, but for the host's clock and how long its program took."""
-    n = len(run.tick_state)
-    stamp = STATE_PERIOD_NS * run.tick_state.astype(np.int64)
-    took = np.zeros(n)
-    return TickTable(
-        index=np.arange(n),
-        robot_stamp_ns=stamp,
-        host_stamp_ns=stamp,
-        mode=np.where(run.is_active, ACTIVE, RAMPING),
-        observation=run.observation,
-        action=run.action,
-        velocity_command=run.velocity_command,
-        state_age_s=took,
-        inference_s=took,
-        compute_s=took,
-        command_key=run.tick_state + 1,
-        skipped=np.zeros(n, dtype=np.int64),
-    )
 
 
 class _Records:

@@ -17,7 +17,6 @@ from trainer.sysid.search.problem import build_problem
 from trainer.sysid.search.search import candidates_engine, run_search
 from trainer.sysid.search.space import SearchParameter, SearchSpace
 from trainer.sysid.simulation.rollout import RolloutOptions
-from withheld.scoring.outcome import Answer
 
 GENERATIONS: Final = 25
 POPULATION: Final = 10
@@ -43,8 +42,8 @@ PARAMETERS: Final[tuple[tuple[str, str, str, float, float, float], ...]] = (
 """Effect, joints, parameter, null, bounds: what a simulator's config usually has. Source of the ranges: literature."""
 
 
-def paper_search(logs: Path, nominal: RobotModel, policy_path: Path, seed: int) -> Answer:
-    """Search, and name the parameter that moved furthest in units of its range.
+def paper_search(logs: Path, nominal: RobotModel, policy_path: Path, seed: int) -> str:
+    """Search, and name the effect whose parameter moved furthest in units of its range; empty where none moved far.
 
     Raises:
         BadInputError: No log can be used.
@@ -85,16 +84,4 @@ def paper_search(logs: Path, nominal: RobotModel, policy_path: Path, seed: int) 
     values = space.values_of_unit(state.mean_unit)
     change = np.array([abs(v - p.initial) / (p.high - p.low) for v, p in zip(values, parameters, strict=True)])
     best = int(np.argmax(change))
-    return Answer(
-        has_gap=bool(change[best] > HAS_GAP),
-        effect=parameters[best].effect,
-        joints=_joints(parameters[best].joints),
-        detail={"change": float(change[best])},
-    )
-
-
-def _joints(words: tuple[str, ...]) -> tuple[str, ...]:
-    from spot_model.robot.facts import JOINT_NAMES
-    from spot_model.robot.joints import select_joints
-
-    return tuple(n for n, there in zip(JOINT_NAMES, select_joints(words), strict=True) if there)
+    return parameters[best].effect if change[best] > HAS_GAP else ""
