@@ -68,7 +68,7 @@ def drawn(seed: int, n: int, kinds: tuple[str, ...] = ()) -> Iterator[tuple[int,
 
 def logs_of(seed: int, faults: tuple[FaultRequest, ...], policy: Path, repeats: int) -> tuple[Any, list[Run]]:
     """A reality and its logs."""
-    reality = make(list(faults), seed=seed)
+    reality = make(list(faults), seed, CATALOGUE)
     contract = load_policy(policy).contract
     low, high = np.array(contract.velocity_command_low), np.array(contract.velocity_command_high)
     made = tuple(s.clipped(low, high) for s in sequences())

@@ -59,7 +59,7 @@ def one_case(kind: str, place: Place, seed: int, name: str, size: float, repeats
     began_s = time.process_time()
     path = POLICIES / f"{name}.onnx"
     policy = load_policy(path)
-    reality = make([FaultRequest(kind=kind, place=place, size=size)], seed=seed)
+    reality = make([FaultRequest(kind=kind, place=place, size=size)], seed, CATALOGUE)
     with tempfile.TemporaryDirectory() as folder:
         low, high = (np.array(v) for v in (policy.contract.velocity_command_low, policy.contract.velocity_command_high))
         asked = tuple(s.clipped(low, high) for s in sequences())

@@ -50,7 +50,7 @@ class Fault(_Part):
     parameters: dict[str, float] = Field(default_factory=dict)
     """``effect.parameter`` and the value that a perfect diagnosis would state, where the library's has a meaning."""
     family: Family
-    size: float = Field(ge=0.0, le=1.0)
+    size: float = Field(gt=0.0, le=1.0)
     """Place on the ladder: 0 is nothing, 1 the end of the realistic range."""
     kind: str = ""
     """The catalogue's own name of it."""
@@ -71,7 +71,7 @@ class FaultRequest(_Part):
     kind: str
     """Key of a catalogue."""
     place: Place
-    size: float = Field(ge=0.0, le=1.0)
+    size: float = Field(gt=0.0, le=1.0)
 
 
 @dataclass(frozen=True)

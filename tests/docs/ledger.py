@@ -47,16 +47,13 @@ ELSEWHERE = {
         "trainer/test_refine.py",
         '["refine", str(POLICY), "--config"',
     ),
-    "spot-rl withheld run --cases 300 --seed-from-os --out DIR --workers 2 --only 0:75 --until 3600 --engine ray": (
+    "spot-rl withheld run --cases 800 --seed-from-os --out DIR --workers 2 --only 0:200 --until 3600 --engine ray": (
         "withheld/test_end_to_end.py",
-        '["run", "--out", str(out), "--cases", "2"',
-    ),
-    "spot-rl withheld run --cases 300 --seed-from-os --search-every 20": (
-        "withheld/test_end_to_end.py",
-        '["run", "--out", str(out), "--cases", "2"',
+        '["run", "--out", str(out), "--cases", "9"',
     ),
     "spot-rl withheld run --resume --out DIR": ("withheld/test_end_to_end.py", 'str(run), "--resume"]'),
     "spot-rl withheld case open DIR/17": ("withheld/test_end_to_end.py", '["case", "open", '),
+    "spot-rl withheld attainable DIR": ("withheld/scoring/test_corner.py", "learn(Path("),
     "spot-rl withheld score DIR": ("withheld/test_end_to_end.py", '["score", '),
     "spot-rl withheld table DIR": ("withheld/test_end_to_end.py", '["table", '),
     "spot-rl withheld pack DIR FILE.tar.gz": ("withheld/test_end_to_end.py", '["pack", '),

@@ -5,74 +5,85 @@ from pathlib import Path
 
 import pytest
 
-from diagnosis.library.registry import LIBRARY
+from spot_model.effects.registry import BUILT_IN
 from spot_model.errors import BadInputError
 from spot_model.policy.policy import load_policy
-from withheld.cases.draw import LADDER, POWER_EFFECTS, RIVALS, SLOTS, Case, draw, kind_of
-from withheld.cases.source import Source, source_of
+from withheld.cases import protocol
+from withheld.cases.draw import Case, chosen, draw, kind_of
+from withheld.cases.source import source_of
 
 POLICIES = Path("policies")
-STAND_IN = source_of("tests.withheld.stand_in:StandIn")
-N = sum(SLOTS.values())
+JUDGING = source_of("judging")
+N = protocol.BLOCK
 
 
 @pytest.fixture(scope="module")
 def cases() -> list[Case]:
-    return [draw(11, n, STAND_IN, POLICIES) for n in range(N)]
+    return [draw(11, n, JUDGING, POLICIES) for n in range(N)]
+
+
+def test_a_whole_run_has_the_cases_that_are_asked_for() -> None:
+    whole = {kind: 10 * count for kind, count in protocol.SLOTS.items()}
+    assert whole["single"] + whole["sprint"] >= 300
+    assert whole["double"] >= 150
+    assert whole["faultless"] >= 150
+    assert sum(whole.values()) == protocol.WHOLE_RUN
 
 
 def test_kinds_come_in_their_proportions(cases: list[Case]) -> None:
-    assert Counter(c.kind for c in cases) == SLOTS
+    assert Counter(c.kind for c in cases) == protocol.SLOTS
     assert [kind_of(11, n) for n in range(N)] != [kind_of(12, n) for n in range(N)]
 
 
 def test_a_case_needs_no_other(cases: list[Case]) -> None:
-    assert draw(11, 17, STAND_IN, POLICIES) == cases[17]
-    assert draw(12, 17, STAND_IN, POLICIES) != cases[17]
+    assert draw(11, 17, JUDGING, POLICIES) == cases[17]
+    assert draw(12, 17, JUDGING, POLICIES) != cases[17]
 
 
 def test_every_case_leaves_something_out_and_only_left_out_ones_the_truth(cases: list[Case]) -> None:
     for case in cases:
-        true = {n for r in case.requests for n in STAND_IN.kinds[r.kind].names}
-        assert case.without or case.kind in ("two", "three")
+        true = {n for r in case.requests for n in JUDGING.kinds[r.kind].names}
+        assert case.without
+        assert set(case.without) <= set(BUILT_IN)
         assert (case.kind == "left_out") == bool(true & set(case.without))
 
 
 def test_requests_fit_the_kind(cases: list[Case]) -> None:
-    counts = {"none": 0, "two": 2, "three": 3}
     for case in cases:
-        assert len(case.requests) == counts.get(case.kind, 1)
-        assert all(r.size in LADDER and r.place in STAND_IN.kinds[r.kind].places for r in case.requests)
-        if case.kind == "never":
-            assert not STAND_IN.kinds[case.requests[0].kind].names
+        kinds = [JUDGING.kinds[r.kind] for r in case.requests]
+        assert all(r.place in k.places for r, k in zip(case.requests, kinds, strict=True))
+        if case.kind in ("single", "double", "left_out", "sprint"):
+            assert len(kinds) == (2 if case.kind == "double" else 1)
+            assert all(k.names for k in kinds)
+        if case.kind == "outside":
+            assert not kinds[0].names
+        if case.kind == "faultless":
+            assert not kinds
+
+
+def test_a_sprint_is_fast_and_keeps_all_rivals_in_the_library(cases: list[Case]) -> None:
+    rivals = {n for k in protocol.SPRINT_KINDS for n in JUDGING.kinds[k].names}
+    for case in (c for c in cases if c.kind == "sprint"):
+        assert max(s.sampled(50.0)[:, 0].max() for s in case.sequences) >= 4.0
+        assert not rivals & set(case.without)
+
+
+def test_a_short_case_is_one_run_as_a_foreign_recording_has_it(cases: list[Case]) -> None:
+    for case in (c for c in cases if c.kind == "short"):
+        assert (len(case.sequences), case.repeats, case.detail) == (1, 1, "import")
+        assert {"receipts", "battery", "contact"} <= set(case.missing)
 
 
 def test_a_robot_that_is_drawn_anew_walks_the_same_ways(cases: list[Case]) -> None:
-    again = [draw(11, c.number, STAND_IN, POLICIES, attempt=1) for c in cases]
-    for one, other in zip(cases, again, strict=True):
-        for name in ("kind", "policy", "sequences", "repeats", "missing", "is_asked"):
+    for one in cases[:20]:
+        other = draw(11, one.number, JUDGING, POLICIES, attempt=1)
+        for name in ("kind", "policy", "sequences", "repeats", "missing", "detail"):
             assert getattr(one, name) == getattr(other, name)
         assert one.reality_seed != other.reality_seed
-    assert any(one.requests != other.requests for one, other in zip(cases, again, strict=True))
-
-
-def test_a_quarter_asks_for_whole_logs_with_and_without_effects(cases: list[Case]) -> None:
-    asked = [c for c in cases if c.is_asked]
-    assert N / 8 < len(asked) < N / 2
-    assert all(c.repeats == 5 and not c.missing and c.kind != "power" for c in asked)
-    assert any(c.kind == "none" for c in asked)
-
-
-def test_large_sizes_are_drawn_more_often() -> None:
-    sizes = [r.size for n in range(4 * N) for r in draw(5, n, STAND_IN, POLICIES).requests]
-    counts = Counter(sizes)
-    assert set(counts) == set(LADDER)
-    assert counts[1.0] > 2 * counts[0.2]
 
 
 def test_commands_stay_in_the_policys_range(cases: list[Case]) -> None:
     contracts = {p.stem: load_policy(p).contract for p in POLICIES.glob("*.onnx")}
-    assert {c.policy for c in cases} == set(contracts)
     for case in cases:
         contract = contracts[case.policy]
         for sequence in case.sequences:
@@ -81,42 +92,22 @@ def test_commands_stay_in_the_policys_range(cases: list[Case]) -> None:
             assert (commands <= contract.velocity_command_high).all()
 
 
-def test_the_power_table_runs_fast_with_its_rivals_in_the_library(cases: list[Case]) -> None:
-    power = [c for c in cases if c.kind == "power"]
-    for case in power:
-        assert case.policy == "fast"
-        assert max(s.sampled(50.0)[:, 0].max() for s in case.sequences) >= 4.0
-        assert not RIVALS & set(case.without)
-
-
-def test_signals_are_missing_in_some(cases: list[Case]) -> None:
-    cut = [c for c in cases if c.missing]
-    assert 0 < len(cut) < N / 3
-    assert {c.repeats for c in cases} == {1, 2, 5}
-
-
-def test_the_catalogue_gives_every_kind_of_case() -> None:
-    source = source_of("")
-    assert {n for k in source.kinds.values() for n in k.names} <= set(LIBRARY)
-    made = [draw(3, n, source, POLICIES) for n in range(N)]
-    assert Counter(c.kind for c in made) == SLOTS
-    for case in made:
-        assert set(case.without) <= set(LIBRARY)
-        if case.kind == "power":
-            assert set(source.kinds[case.requests[0].kind].names) & POWER_EFFECTS
-        if case.kind == "never":
-            assert not source.kinds[case.requests[0].kind].names
+def test_cases_are_chosen_kind_by_kind() -> None:
+    numbers = chosen(11, range(N), ["faultless", "double"])
+    kinds = [kind_of(11, n) for n in numbers]
+    assert kinds == ["faultless"] * 15 + ["double"] * 15
+    assert chosen(11, range(3), ()) == [0, 1, 2]
+    with pytest.raises(BadInputError, match="kind 'none' is unknown; allowed: faultless"):
+        chosen(11, range(3), ["none"])
 
 
 def test_without_policies_it_says_so(tmp_path: Path) -> None:
     with pytest.raises(BadInputError, match="give --policies"):
-        draw(1, 0, STAND_IN, tmp_path)
+        draw(1, 0, JUDGING, tmp_path)
 
 
 def test_a_users_reality_draws_its_own_faults() -> None:
-    source = source_of("tests.withheld.stand_in:Alone")
-    assert isinstance(source, Source)
-    assert draw(1, 0, source, POLICIES).kind == "own"
+    assert draw(1, 0, source_of("tests.withheld.stand_in:Alone"), POLICIES).kind == "own"
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from spot_model.io.velocity_sequence import VelocitySequence
 from spot_model.policy.policy import Policy
 from trainer.sysid.distance.measures import SequenceReference
 from withheld.features import Features, features_of_run
-from withheld.measuring.closed_loop import Script, simulate
+from withheld.measuring.closed_loop import STEP_S, simulate
 from withheld.plan import Made, Reality, RecordingPlan, Rehearsing, Walk
 
 MIN_TICKS: Final = 50
@@ -22,7 +22,8 @@ TWIN_REPEATS: Final = 3
 """Runs of each sequence by the robot without a fault; several, so that there is a floor even for a case of one run."""
 SHRINK_REPEATS: Final = 2
 """Runs of each new sequence, real and simulated, for the true S."""
-TICK_S: Final = 0.02
+TAIL_S: Final = 0.1
+"""What realities record after a sequence."""
 SMALLEST_GAP: Final = 0.25
 """In floors. A gap smaller than this above its floor cannot be shrunk by a share that means anything."""
 
@@ -109,8 +110,11 @@ def _distance(
     for sequence in sequences:
         if len(real.get(sequence.name, ())) < 2:
             continue
-        command = np.stack([sequence.at(t) for t in np.arange(0.0, sequence.duration_s, TICK_S)])
-        made = simulate(model, policy, [Script(command)] * SHRINK_REPEATS, np.random.default_rng(seed))
+        # Programs differ in how often they run the policy, and a gait shows it.
+        most = max(len(f) for f in real[sequence.name])
+        tick_steps = round((sequence.duration_s + TAIL_S) / most / STEP_S)
+        command = np.stack([sequence.at(t) for t in np.arange(0.0, sequence.duration_s, tick_steps * STEP_S)])
+        made = simulate(model, policy, command, tick_steps, SHRINK_REPEATS, np.random.default_rng(seed))
         reference = SequenceReference.build(sequence.name, real[sequence.name])
         sound = [f for f in made if len(f) >= MIN_TICKS]
         if not sound:

@@ -37,7 +37,6 @@ _KINDS: Final = (
     FaultKind("stuttering_link", "transport", ("command_jitter",), BODY, transport.jitter),
     FaultKind("lossy_link", "transport", ("command_drop",), BODY, transport.losses),
     FaultKind("encoder_offset", "sensing", ("encoder_offset",), ("joint",), sensing.encoder_offset),
-    FaultKind("worn_load_cell", "sensing", ("load_sensor_gain",), ("joint", "type", "leg"), sensing.load_cell),
     FaultKind("noisy_sensors", "sensing", ("sensor_noise",), JOINT_PLACES, sensing.noise),
     FaultKind("crooked_imu", "sensing", ("imu_tilt",), BODY, sensing.crooked_imu),
     FaultKind("lazy_estimator", "estimator", ("velocity_estimate",), BODY, estimator.lazy),

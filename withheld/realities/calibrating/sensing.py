@@ -8,8 +8,6 @@ from withheld.realities.fault_kind import Ask, Built, at, sign
 from withheld.simulator.robot import Robot
 
 OFFSET_RAD = 0.05
-LOAD_GAIN = 0.15
-LOAD_BIAS_NM = 1.0
 NOISE = (1.5e-3, 0.15, 1.8)
 TILT_RAD = 0.052
 
@@ -27,18 +25,6 @@ def encoder_offset(ask: Ask) -> Built:
             s.eccentricity_phase_rad = np.where(ask.joints, phase, s.eccentricity_phase_rad)
 
     return Built(install, {"encoder_offset.offset_rad": offset})
-
-
-def load_cell(ask: Ask) -> Built:
-    """A load cell with a wrong scale and a zero that has crept."""
-    gain, bias = 1.0 + sign(ask.rng) * ask.size * LOAD_GAIN, sign(ask.rng) * ask.size * LOAD_BIAS_NM
-
-    def install(robot: Robot) -> None:
-        s = robot.sensing
-        s.load_gain = np.where(ask.joints, s.load_gain * gain, s.load_gain)
-        s.load_bias_nm = s.load_bias_nm + at(ask.joints, bias)
-
-    return Built(install, {"load_sensor_gain.gain": gain, "load_sensor_gain.bias_nm": bias})
 
 
 def noise(ask: Ask) -> Built:

@@ -84,7 +84,7 @@ def magnets(ask: Ask) -> Built:
 class SteppedBudget:
     """A supervisor that takes a step off every driving motor's share while the bus draws too much, then gives back."""
 
-    PERIOD_S, DOWN, UP, LEAST = 2.0e-3, 0.06, 0.02, 0.1
+    PERIOD_S, DOWN, UP, LEAST = 1.0e-3, 0.02, 0.01, 0.1
 
     def __init__(self, power_w: float) -> None:
         self._power_w = power_w

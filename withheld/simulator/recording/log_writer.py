@@ -91,8 +91,8 @@ def write_log(
     has_ticks = setting.detail == "stream"
     kept = np.ones(n_states, dtype=np.bool_)
     if not has_ticks:
-        kept[:] = False
-        kept[np.cumsum(rng.choice(IMPORT_STATES, n_states // min(IMPORT_STATES))) % n_states] = True
+        at = np.cumsum(rng.choice(IMPORT_STATES, n_states // min(IMPORT_STATES)))
+        kept = np.isin(np.arange(n_states), at)
     tick_of = {int(state): number for number, state in enumerate(run.tick_state)}
     add("event", records.event("run_started", setting.sequence, -1))
     if has_ticks:

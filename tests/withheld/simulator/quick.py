@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 
@@ -11,7 +11,7 @@ import numpy as np
 from spot_model.io.velocity_sequence import VelocitySequence, Waypoint
 from spot_model.policy.policy import Policy, load_policy
 from withheld.plan import FaultRequest
-from withheld.realities.calibrating.catalogue import CATALOGUE
+from withheld.realities.fault_kind import FaultKind
 from withheld.realities.reality import make
 from withheld.simulator.recording.run_arrays import RunArrays
 from withheld.simulator.settings import Settings
@@ -32,25 +32,21 @@ def ahead(duration_s: float, v_x_m_s: float = 1.0) -> VelocitySequence:
     return VelocitySequence(name="ahead", duration_s=duration_s, waypoints=(Waypoint(time_s=0.0, v_x_m_s=v_x_m_s),))
 
 
-def request(kind: str, size: float = 1.0) -> FaultRequest:
-    """A fault at the widest place that it allows."""
-    places = CATALOGUE[kind].places
-    return FaultRequest(kind=kind, place="all" if "all" in places else places[0], size=size)
+def widest(kind: FaultKind, size: float = 1.0) -> FaultRequest:
+    """A fault at the widest place that its kind allows."""
+    place = next((p for p in ("all", "type") if p in kind.places), kind.places[0])
+    return FaultRequest(kind=kind.name, place=place, size=size)
 
 
-def short_run(requests: Sequence[FaultRequest] = (), duration_s: float = 0.5, settings: Settings = QUICK) -> RunArrays:
+def short_run(
+    requests: Sequence[FaultRequest] = (), catalogue: Mapping[str, FaultKind] | None = None, duration_s: float = 0.5
+) -> RunArrays:
     """One run of the robot of seed 5."""
-    made = make(requests, 5)
-    return simulate(made.robot(), policy(), [RunRequest(ahead(duration_s), np.random.default_rng(2))], settings)[0]
+    made = make(requests, 5, catalogue or {}, error_scale=1.0)
+    return simulate(made.robot(), policy(), [RunRequest(ahead(duration_s), np.random.default_rng(2))], QUICK)[0]
 
 
 @cache
 def healthy() -> RunArrays:
     """The same run without faults."""
     return short_run()
-
-
-@cache
-def faulty(kind: str) -> RunArrays:
-    """The same run with one fault of full size."""
-    return short_run([request(kind)])

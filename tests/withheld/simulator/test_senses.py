@@ -8,18 +8,17 @@ import pytest
 from spot_model.robot import facts
 from spot_model.robot.facts import N_JOINTS
 from spot_model.robot.rotation import rotate_wxyz
-from withheld.simulator.senses.contacts import ContactDetector
-from withheld.simulator.mechanics.drive import Drives
-from withheld.simulator.senses.estimator import Estimator
-from withheld.realities.fault_kind import Ask, flags_of
-from withheld.realities.calibrating import sensing, thermal
 from withheld.realities.calibrating import supply as supply_faults
-from withheld.simulator.parts import Motion
-from withheld.simulator.senses.inertial_unit import InertialUnit, tilt_wxyz
-from withheld.simulator.senses.joint_sensors import JointSensors
-from withheld.simulator.robot import DriveParameters, Robot, SensingParameters, SupplyParameters
+from withheld.realities.calibrating import thermal
+from withheld.realities.fault_kind import Ask, flags_of
 from withheld.simulator.mechanics.supply import Battery
 from withheld.simulator.mechanics.thermal import Motors
+from withheld.simulator.parameters import DriveParameters, SensingParameters, SupplyParameters
+from withheld.simulator.parts import Motion
+from withheld.simulator.robot import Robot
+from withheld.simulator.senses.contacts import ContactDetector
+from withheld.simulator.senses.estimator import Estimator
+from withheld.simulator.senses.inertial_unit import InertialUnit, tilt_wxyz
 
 STATE_S = 0.003
 LEVEL = np.array([[1.0, 0.0, 0.0, 0.0]])
@@ -77,8 +76,12 @@ def test_an_estimator_with_wrong_lengths_scales_the_legs_velocity() -> None:
         rates = np.tile([0.0, -0.5, 0.0], (1, 4))
         for _ in range(400):
             estimator.step(
-                np.zeros((1, 3)), np.array([[0.0, 0.0, 9.81]]), facts.DEFAULT_POSITION_RAD[np.newaxis], rates,
-                np.full((1, 4), 50.0), np.full((1, 4), 100.0),
+                np.zeros((1, 3)),
+                np.array([[0.0, 0.0, 9.81]]),
+                facts.DEFAULT_POSITION_RAD[np.newaxis],
+                rates,
+                np.full((1, 4), 50.0),
+                np.full((1, 4), 100.0),
             )
         speeds.append(float(estimator.reported_velocity_m_s[0, 0]))
     assert speeds[1] / speeds[0] == pytest.approx(0.9, abs=0.01)
@@ -93,21 +96,6 @@ def test_contacts_have_two_thresholds_and_wait() -> None:
     assert flags([10.0, 18.0, 23.0, 18.0, 13.0, 18.0]) == [False, False, True, True, False, False]
     assert flags([0.0, 30.0, 30.0, 30.0, 30.0], hold=2.0) == [False, False, False, True, True]
     assert flags([0.0, 30.0, 0.0, 30.0, 30.0], hold=1.0) == [False, False, False, False, True]
-
-
-def test_filtered_rates_lag_by_the_stated_time() -> None:
-    robot = Robot()
-    stated = sensing.rate_filter(Ask(np.random.default_rng(0), 1.0, flags_of(facts.JOINT_NAMES)))
-    stated.install(robot)
-    robot.sensing.velocity_noise_rad_s = np.zeros(N_JOINTS)
-    robot.sensing.velocity_quantum_rad_s = 1e-9
-    drives = Drives(robot, 1, np.zeros((1, N_JOINTS)), 7.5e-4)
-    sensors = JointSensors(robot, 400, [np.random.default_rng(0)])
-    for state in range(400):
-        drives.motion.rotor_rad_s = np.full((1, N_JOINTS), 10.0 * state * STATE_S)
-        reading = sensors.read(state, drives, STATE_S)
-    late_s = (10.0 * 399 * STATE_S - reading.velocity_rad_s[0, 0]) / 10.0
-    assert late_s == pytest.approx(stated.parameters["velocity_filter.time_constant_s"], abs=5e-4)
 
 
 def test_a_battery_sags_by_its_resistance_and_empties() -> None:

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 import pytest
 
 from spot_model.robot.facts import N_JOINTS
-from withheld.simulator.mechanics.drive import Drives
-from withheld.realities.fault_kind import Ask
 from withheld.realities.calibrating import drive as drive_faults
-from withheld.realities.calibrating import friction, limits, strange, strange_body
-from withheld.realities.calibrating.learned import LearnedDrive
-from withheld.simulator.parts import Motion
+from withheld.realities.calibrating import friction, limits
+from withheld.realities.fault_kind import Ask
+from withheld.simulator.mechanics.drive import Drives
 from withheld.simulator.mechanics.lugre import PRESLIDING_RAD, LuGre
-from withheld.simulator.robot import DriveParameters, Robot
+from withheld.simulator.parameters import DriveParameters
+from withheld.simulator.parts import Motion
+from withheld.simulator.robot import Robot
 
 DT_S = 5e-4
 EVERY = np.ones(N_JOINTS, dtype=np.bool_)
@@ -58,17 +56,6 @@ def test_a_rigid_gears_cell_feels_the_motor_less_what_the_rotor_takes() -> None:
         drives.follow(start, np.full_like(start, 50.0 * DT_S * step))
     # The link is accelerated by 50 rad/s²: 0.0403 and 0.0731 kg·m² take 2.02 and 3.66 N·m of the 6.
     assert drives.motion.gear_nm[0, [0, 2]] == pytest.approx([6.0 - 2.02, 6.0 - 3.66], abs=0.01)
-
-
-def test_a_flywheel_takes_its_inertia_times_the_acceleration() -> None:
-    robot = Robot()
-    drive_faults.rotor_inertia(ask()).install(robot)
-    (part,) = robot.rotors
-    part.start(1)
-    for step in range(1000):
-        now = motion(speed=20.0 * DT_S * step, angle=10.0 * (DT_S * step) ** 2)
-        taken = part.act(np.zeros((1, N_JOINTS)), now)
-    assert taken == pytest.approx(-0.06 * 20.0, rel=0.02)
 
 
 def test_bristles_slip_at_the_coulomb_level_and_spring_before() -> None:
@@ -134,16 +121,6 @@ def test_a_soft_limit_is_never_passed_and_leaves_small_torques_alone() -> None:
     assert held(robot, 0.1).motion.gear_nm[0, 0] == pytest.approx(held(Robot(), 0.1).motion.gear_nm[0, 0], abs=1e-6)
 
 
-def test_volts_bound_driving_and_leave_braking() -> None:
-    robot = Robot()
-    limits.few_volts(ask()).install(robot)
-    drives = Drives(robot, 1, np.tile([0.0, 1.0, -1.5], (1, 4)), DT_S)
-    drives.motion.rotor_rad_s = np.full((1, N_JOINTS), 6.0)
-    high, low = drives._bounds()
-    assert high[0, 2] == pytest.approx(97.0 / (25.03 - 9.48) * 1.0, rel=0.02)
-    assert low[0, 2] < -100.0
-
-
 def test_play_leaves_the_link_without_torque_and_then_hits() -> None:
     robot = Robot()
     drive_faults.play(ask()).install(robot)
@@ -152,84 +129,20 @@ def test_play_leaves_the_link_without_torque_and_then_hits() -> None:
     assert held(robot, 0.2).motion.gear_nm[0, 0] == pytest.approx(12.0 - 60.0 * 0.00525, abs=0.1)
 
 
-def test_a_soft_gear_twists_by_torque_times_compliance() -> None:
+def test_volts_bound_driving_and_leave_braking() -> None:
     robot = Robot()
-    drive_faults.soft_gear(ask()).install(robot)
+    robot.drive.no_load_high_rad_s = np.full(N_JOINTS, 7.0)
+    drives = Drives(robot, 1, np.tile([0.0, 1.0, -1.5], (1, 4)), DT_S)
+    drives.motion.rotor_rad_s = np.full((1, N_JOINTS), 6.0)
+    high, low = drives._bounds()
+    assert high[0, 2] == pytest.approx(97.0 / (25.03 - 9.48) * 1.0, rel=0.02)
+    assert low[0, 2] < -100.0
+
+
+def test_a_soft_gear_twists_by_torque_over_stiffness() -> None:
+    robot = Robot()
+    robot.drive.is_elastic = EVERY
+    robot.drive.gear_stiffness_nm_per_rad = np.full(N_JOINTS, 500.0)
     drives = held(robot, 0.2, 1.0)
     twist = drives.motion.rotor_rad - drives.motion.link_rad
     assert twist[0, 0] / drives.motion.gear_nm[0, 0] == pytest.approx(0.002, rel=1e-3)
-
-
-def test_a_lopsided_motor_gives_less_driving_and_more_braking() -> None:
-    robot = Robot()
-    strange.lopsided(ask()).install(robot)
-    (part,) = robot.motors
-    ten = np.full((1, N_JOINTS), 10.0)
-    assert part.act(ten, motion(speed=1.0))[0, 0] == pytest.approx(7.5)
-    assert part.act(ten, motion(speed=-1.0))[0, 0] == pytest.approx(11.25)
-
-
-def test_a_reversal_sags_and_recovers() -> None:
-    robot = Robot()
-    strange.reversal_sag(ask()).install(robot)
-    (part,) = robot.motors
-    part.start(1)
-    part.act(np.full((1, N_JOINTS), -10.0), motion())
-    for _ in range(1000):
-        settled = part.act(np.full((1, N_JOINTS), -10.0), motion())[0, 0]
-    after = part.act(np.full((1, N_JOINTS), 10.0), motion())[0, 0]
-    assert settled == pytest.approx(-10.0, abs=1e-6)
-    assert after == pytest.approx(4.0)
-
-
-def test_a_cable_does_no_work_around_a_closed_path() -> None:
-    robot = Robot()
-    strange_body.cable_bundle(ask()).install(robot)
-    (part,) = robot.links
-    turn = np.linspace(0.0, 2.0 * np.pi, 2001)
-    work = 0.0
-    for a, b in itertools.pairwise(turn):
-        at_angle = motion()
-        middle = 0.5 * (a + b)
-        at_angle.link_rad = np.tile([0.3 * np.cos(middle), 0.9 + 0.3 * np.sin(middle), -1.5], (1, 4))
-        pull = part.act(np.zeros((1, N_JOINTS)), at_angle)[0]
-        work += pull[0] * 0.3 * (np.cos(b) - np.cos(a)) + pull[1] * 0.3 * (np.sin(b) - np.sin(a))
-    assert work == pytest.approx(0.0, abs=1e-6)
-
-
-def test_a_sleeve_takes_work_around_a_closed_path() -> None:
-    robot = Robot()
-    strange_body.hysteretic_spring(ask()).install(robot)
-    (part,) = robot.links
-    part.start(1)
-    work, previous = 0.0, 0.0
-    for time_s in np.arange(0.0, 2.0, DT_S):
-        angle = 0.4 * np.sin(2.0 * np.pi * time_s)
-        now = motion(speed=0.4 * 2.0 * np.pi * np.cos(2.0 * np.pi * time_s), angle=angle)
-        work += part.act(np.zeros((1, N_JOINTS)), now)[0, 2] * (angle - previous)
-        previous = angle
-    assert work < -1.0
-
-
-def test_a_learned_drive_is_no_gain_no_friction_and_no_bias() -> None:
-    part = LearnedDrive(np.full(N_JOINTS, 5.0), np.random.default_rng(4))
-    rng = np.random.default_rng(1)
-    n = 400
-    part.start(n)
-    for _ in range(20):
-        torque, now = rng.normal(0.0, 20.0, (n, N_JOINTS)), motion()
-        now.rotor_rad_s = rng.normal(0.0, 6.0, (n, N_JOINTS))
-        added = part.act(torque, now) - torque
-    t, v = torque.ravel(), now.rotor_rad_s.ravel()
-    plain = np.stack([np.ones_like(t), t, v, np.sign(v)], axis=1)
-    left = added.ravel() - plain @ np.linalg.lstsq(plain, added.ravel(), rcond=None)[0]
-    assert np.std(added) > 2.0
-    assert np.std(left) > 0.7 * np.std(added)
-
-
-def test_the_same_drive_is_learned_from_the_same_seed() -> None:
-    made = [LearnedDrive(np.ones(N_JOINTS), np.random.default_rng(7)) for _ in range(2)]
-    for part in made:
-        part.start(1)
-    a, b = (part.act(np.full((1, N_JOINTS), 8.0), motion(speed=2.0)) for part in made)
-    assert np.array_equal(a, b)

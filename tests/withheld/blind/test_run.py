@@ -1,6 +1,11 @@
 """Many cases: each once, failures left for later, none begun after the budget; processes and Ray alike."""
 
 import json
+import os
+import signal
+import subprocess
+import sys
+import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -8,12 +13,11 @@ from typing import Any
 
 import pytest
 
+from tests.withheld.scoring.made_up import outcome
 from withheld.blind.execute import Job, case_folder
 from withheld.blind.ledger import Ledger, read_ledger
-from withheld.scoring.outcome import Outcome
 from withheld.blind.run import Ray, run_cases
-
-from .made_up import outcome
+from withheld.outcome import Outcome
 
 JOB = Job(0, 1, Path(), Path(), "audit hook")
 
@@ -86,3 +90,46 @@ def test_cases_run_on_a_ray_cluster(tmp_path: Path) -> None:
     finally:
         cluster.close()
     assert {e.data["case"] for e in read_ledger(tmp_path / "ledger.jsonl")} == {0, 1, 2}
+
+
+SLOW_CASES = """
+import sys, time
+from pathlib import Path
+from withheld.blind.run import processes
+def wait(folder):
+    import os, subprocess
+    Path(folder, str(os.getpid())).touch()
+    subprocess.run([sys.executable, "-c", "import ctypes; ctypes.CDLL(None).prctl(1, 9, 0, 0, 0);"
+                    f"import os, time, pathlib; pathlib.Path({folder!r}, str(os.getpid())).touch(); time.sleep(600)"])
+if __name__ == "__main__":
+    with processes(2) as pool:
+        tickets = [pool._pool.submit(wait, sys.argv[1]) for _ in range(2)]
+        [t.result() for t in tickets]
+"""
+
+
+def is_alive(pid: int) -> bool:
+    try:
+        return "Z" not in Path(f"/proc/{pid}/stat").read_text().split(")")[1].split()[0]
+    except FileNotFoundError:
+        return False
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+def test_no_worker_outlives_the_run(tmp_path: Path, number: signal.Signals) -> None:
+    script, marks = tmp_path / "slow_cases.py", tmp_path / "marks"
+    script.write_text(SLOW_CASES)
+    marks.mkdir()
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[3])}
+    run = subprocess.Popen(
+        [sys.executable, str(script), str(marks)], env=environment, stderr=subprocess.DEVNULL, start_new_session=True
+    )
+    while len(list(marks.iterdir())) < 4:
+        assert run.poll() is None
+        time.sleep(0.1)
+    run.send_signal(number)
+    run.wait()
+    pids = [int(p.name) for p in marks.iterdir()]
+    while any(map(is_alive, pids)):
+        time.sleep(0.1)

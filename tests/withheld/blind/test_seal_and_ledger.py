@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from withheld.blind.ledger import Ledger, LedgerError, check_order, read_ledger
-from withheld.plan import Fault, Truth
 from withheld.blind.seal import Seal, SealError, digest_of, opened
+from withheld.plan import Fault, Truth
 
 TRUTH = Truth(faults=(Fault(names=("torque_gain",), joints=("fl_kn",), family="drive", size=0.4),))
 

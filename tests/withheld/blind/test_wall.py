@@ -56,8 +56,8 @@ def test_what_is_honest_works(inside: Run, tmp_path: Path) -> None:
     [
         "import withheld",
         "from fake_robot import robot",
-        "import sys; sys.meta_path.clear(); import withheld.cases.draw",
-        "import sys, importlib.util as u; sys.meta_path.pop(0); u.find_spec('withheld.cases.draw').loader.load_module()",
+        "import sys; sys.meta_path.clear(); import withheld.plan",
+        "import sys, importlib.util as u; sys.meta_path.pop(0); u.find_spec('withheld.plan').loader.load_module()",
         "import runpy; runpy.run_module('withheld.cases.draw')",
     ],
 )
@@ -118,11 +118,7 @@ def test_other_folders_cannot_be_listed(inside: Run) -> None:
 
 
 def test_the_hook_cannot_be_taken_off(inside: Run, truth: Path) -> None:
-    ended = inside(
-        "import sys, __main__\n"
-        "sys.addaudithook(lambda *_: None)\n"
-        f"print(open({str(truth)!r}).read())"
-    )
+    ended = inside(f"import sys, __main__\nsys.addaudithook(lambda *_: None)\nprint(open({str(truth)!r}).read())")
     assert ended.code != 0
     assert "coulomb_friction" not in ended.said
 

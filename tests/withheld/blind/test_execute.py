@@ -1,0 +1,53 @@
+"""Which robot a case keeps, and how far each of its faults moves the gap."""
+
+from pathlib import Path
+
+import pytest
+
+from spot_model.errors import SpotRlError
+from spot_model.policy.policy import load_policy
+from tests.withheld.stand_in import StandIn
+from withheld.blind.execute import MAX_ATTEMPTS, Job, _Execution
+from withheld.cases.draw import draw
+from withheld.cases.source import source_of
+from withheld.plan import Made, RecordingPlan
+from withheld.simulator.simulation import RealityDivergedError
+
+POLICIES = Path("policies")
+SEED = 11
+
+
+class Broken(StandIn):
+    """Breaks every simulation."""
+
+    def rehearse(self, plan: RecordingPlan) -> Made:
+        raise RealityDivergedError("not a number")
+
+
+def execution(tmp_path: Path, reality: str, kind: str) -> _Execution:
+    name = f"tests.withheld.{reality}"
+    number = next(n for n in range(80) if draw(SEED, n, source_of(name), POLICIES).kind == kind)
+    return _Execution(Job(number, SEED, tmp_path, POLICIES, "audit hook", name, is_quick=True), tmp_path, tmp_path)
+
+
+def test_a_robot_that_breaks_is_drawn_anew(tmp_path: Path) -> None:
+    made = execution(tmp_path, "stand_in:Brittle", "single")
+    made._made(tmp_path)
+    assert made.case.attempt == 1
+    assert made.case == draw(SEED, made.case.number, made.source, POLICIES, True, 1)
+
+
+def test_robots_that_all_break_end_the_case(tmp_path: Path) -> None:
+    made = execution(tmp_path, "blind.test_execute:Broken", "single")
+    with pytest.raises(SpotRlError, match=f"no robot in {MAX_ATTEMPTS} draws"):
+        made._made(tmp_path)
+
+
+def test_each_fault_is_measured_by_leaving_it_out(tmp_path: Path) -> None:
+    made = execution(tmp_path, "stand_in:StandIn", "double")
+    reality, runs = made._made(tmp_path)
+    walks = runs.walks(load_policy(made.policy))
+    moved = made._moved(walks, reality.truth)
+    assert len(moved) == 2
+    assert all(m is not None for m in moved)
+    assert moved[0] != moved[1]
