@@ -58,7 +58,7 @@ def pack(folder: Path, python: str, platform: str) -> None:
     wanted = [f"{name}=={pins[name]}" for name in CARRIED if name in pins]
     words = ["download", "--only-binary=:all:", "--no-deps", "--python-version", python, "--dest", str(folder)]
     words += [w for tag in platform.split(",") for w in ("--platform", tag)]
-    subprocess.run([sys.executable, "-m", "pip", *words, *wanted], check=True)
+    subprocess.run([sys.executable, "-m", "pip", *words, *wanted], check=True)  # noqa: S603 - our own command
     wheels = sorted(folder.glob("*.whl"))
     print(f"{len(wheels)} wheels, {sum(w.stat().st_size for w in wheels) / 2**20:.1f} MiB in {folder}")
 
@@ -77,7 +77,7 @@ def share(
     """Run cases ``first`` to ``end`` of a run, as many as the minutes allow, and pack what is done."""
     site, run = to.parent / "withheld-site", to.parent / f"withheld-{first}-{end}"
     for wheel in sorted(wheels.glob("*.whl")):
-        zipfile.ZipFile(wheel).extractall(site)
+        zipfile.ZipFile(wheel).extractall(site)  # noqa: S202 - pinned wheels
     paths = [str(ROOT), *([str(site)] if site.is_dir() else []), os.environ.get("PYTHONPATH", "")]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
     words = ["run", "--out", str(run), "--workers", str(workers), "--until", str(60.0 * minutes)]
@@ -86,12 +86,12 @@ def share(
             archive.extractall(run, filter="data")
     is_begun = (run / "run.json").exists()
     words += ["--resume"] if is_begun else ["--cases", str(cases), "--seed", str(seed), "--only", f"{first}:{end}"]
-    subprocess.run([sys.executable, "-c", COMMAND, *words], check=True, cwd=ROOT, env=environment)
+    subprocess.run([sys.executable, "-c", COMMAND, *words], check=True, cwd=ROOT, env=environment)  # noqa: S603 - our own command
     to.mkdir(parents=True, exist_ok=True)
     file = to / f"share-{first}-{end}.tar.gz"
     file.unlink(missing_ok=True)
     words = ["pack", str(run), str(file), "--most-mib", str(MOST_MIB)]
-    subprocess.run([sys.executable, "-c", COMMAND, *words], check=True, cwd=ROOT, env=environment)
+    subprocess.run([sys.executable, "-c", COMMAND, *words], check=True, cwd=ROOT, env=environment)  # noqa: S603 - our own command
 
 
 def merge(files: list[Path], out: Path) -> None:
@@ -103,7 +103,7 @@ def merge(files: list[Path], out: Path) -> None:
             archive.extractall(folder, filter="data")
         folders.append(str(folder))
     words = ["score", *folders, "--out", str(out)]
-    subprocess.run([sys.executable, "-c", COMMAND, *words], check=True, cwd=ROOT)
+    subprocess.run([sys.executable, "-c", COMMAND, *words], check=True, cwd=ROOT)  # noqa: S603 - our own command
 
 
 def main() -> None:

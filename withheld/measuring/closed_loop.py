@@ -8,8 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot_model.io.model_file import RobotModel
-from spot_model.plant.plant import Plant, PlantOptions, ServoCommand
-from spot_model.policy.observation import build_observation
+from spot_model.plant.closed_loop import ClosedLoop
+from spot_model.plant.command_path import PlantPath
+from spot_model.plant.plant import Plant, PlantOptions
+from spot_model.policy.observation import Sensed
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
 from spot_model.robot.facts import Array
@@ -43,41 +45,55 @@ def simulate(
     plant = Plant(list(model.effects), n_runs, PlantOptions(mjcf=mjcf, n_threads=1, on_divergence="flag"))
     held = np.tile(facts.DEFAULT_POSITION_RAD, (n_runs, 1))
     plant.reset(joint_position_rad=held + rng.normal(0.0, POSE_SPREAD_RAD, held.shape))
-    gains, action = policy.gains(), np.zeros(held.shape, dtype=np.float32)
-    observed, acted = [], []
-    for tick in range(-2 * STAND_TICKS, len(command)):
-        observation = _observe(plant, policy, command[tick] if tick >= 0 else np.zeros(3), action)
-        action = np.concatenate([policy.act(row[None]) for row in observation])
-        share = float(np.clip(1.0 + tick / STAND_TICKS, 0.0, 1.0))
+    told = np.concatenate([np.zeros((2 * STAND_TICKS, 3)), command])
+    loop = ClosedLoop(
+        plant,
+        policy,
+        path=_FromStand(PlantPath(plant, policy.gains()), held),
+        sense=lambda _: _reported(plant),
+        act=lambda seen: _act(policy, seen),
+    )
+    ticks = list(loop.run(lambda tick: told[tick], [(tick_steps,)] * len(told)))[2 * STAND_TICKS :]
+    observed, acted = (np.stack([getattr(t, name) for t in ticks], axis=1) for name in ("observation", "action"))
+    is_active = np.ones(len(command), dtype=np.bool_)
+    return [features_of_ticks(o.astype(np.float32), a, is_active, policy) for o, a in zip(observed, acted, strict=True)]
+
+
+class _FromStand:
+    """The plant's own channel, behind a blend from the stand's set-points to the policy's."""
+
+    def __init__(self, path: PlantPath, held_rad: Array) -> None:
+        self._path, self._held = path, held_rad
+
+    def send(self, number: int, setpoint_rad: Array) -> None:
+        """Blend by the number of the command, which counts from 1."""
+        share = float(np.clip((number - 1) / STAND_TICKS - 1.0, 0.0, 1.0))
         blend = share * share * (3.0 - 2.0 * share)
-        plant.command(
-            ServoCommand(
-                position_rad=held + blend * (policy.setpoint_rad(action) - held),
-                kp_nm_per_rad=gains.kp_nm_per_rad,
-                kd_nm_s_per_rad=gains.kd_nm_s_per_rad,
+        self._path.send(number, self._held + blend * (setpoint_rad - self._held))
+
+    def step(self) -> None:
+        """One physics step."""
+        self._path.step()
+
+
+def _reported(plant: Plant) -> Sensed:
+    """What the model's sensors and estimator report, numbers alone."""
+    reading, estimate = plant.reading, plant.estimate
+    attitude = estimate.world_from_body_wxyz
+    return Sensed(
+        *(
+            np.nan_to_num(np.asarray(value))
+            for value in (
+                reading.position_rad,
+                reading.velocity_rad_s,
+                attitude,
+                rotate_wxyz(attitude, estimate.linear_vel_of_body_in_body_m_s),
+                rotate_wxyz(attitude, estimate.angular_vel_of_body_in_body_rad_s),
             )
         )
-        plant.advance(tick_steps)
-        if tick >= 0:
-            observed.append(observation)
-            acted.append(action)
-    o, a = np.stack(observed, axis=1), np.stack(acted, axis=1)
-    return [features_of_ticks(o[i], a[i], np.ones(len(command), dtype=np.bool_), policy) for i in range(n_runs)]
+    )
 
 
-def _observe(plant: Plant, policy: Policy, command: Array, last_action: NDArray[np.float32]) -> NDArray[np.float32]:
-    reading, estimate, order = plant.reading, plant.estimate, policy.policy_from_canonical
-    attitude = estimate.world_from_body_wxyz
-    seen: NDArray[np.float32] = np.nan_to_num(
-        build_observation(
-            world_from_body_wxyz=attitude,
-            linear_vel_of_body_in_world_m_s=rotate_wxyz(attitude, estimate.linear_vel_of_body_in_body_m_s),
-            angular_vel_of_body_in_world_rad_s=rotate_wxyz(attitude, estimate.angular_vel_of_body_in_body_rad_s),
-            velocity_command=np.tile(command, (len(last_action), 1)),
-            position_rad=reading.position_rad[:, order],
-            velocity_rad_s=reading.velocity_rad_s[:, order],
-            last_action=last_action,
-            default_position_rad=policy.default_position_rad,
-        )
-    ).astype(np.float32)
-    return seen
+def _act(policy: Policy, observation: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Row by row: a policy file may take one at a time."""
+    return np.concatenate([policy.act(row[None].astype(np.float32)) for row in observation])
