@@ -24,6 +24,12 @@ class _Part(BaseModel):
 class RobotConfig(_Part):
     """How to reach the robot. Passwords never stand here: they come from a file or the environment."""
 
+    hal: str = Field(
+        default="spot",
+        min_length=1,
+        max_length=200,
+        description="Adapter: 'spot', 'replay', the name of an installed one, or module:function.",
+    )
     ca_file: Path | None = Field(default=None, description="PEM file trusted beside the vendor's own certificate.")
     credentials_file: Path | None = Field(
         default=None, description="YAML file with 'username' and 'password', readable by its owner alone."

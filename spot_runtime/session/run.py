@@ -58,7 +58,7 @@ def header_of(request: RunRequest, started_host_stamp_ns: int) -> RunHeader:
         run_id=uuid.uuid4().hex,
         started_host_stamp_ns=started_host_stamp_ns,
         robot_id=request.robot,
-        adapter="bosdyn",
+        adapter=request.config.robot.hal,
         policy_name=contract.name,
         policy_sha256=request.policy.sha256,
         policy_contract_json=contract.to_json(),

@@ -13,16 +13,11 @@ import typer
 from spot_log import recover_leftovers
 from spot_log.write.logger_process import LoggerProcess
 from spot_log.write.run_writer import active_path, make_log_folder
-from spot_log.write.sink import LogSink
 from spot_model.errors import BadInputError
 from spot_model.io.velocity_sequence import load_sequence
 from spot_model.policy.policy import Policy, load_policy
 from spot_runtime.config import RunConfig, for_lock_step, load_config
-from spot_runtime.hal.base import Hal
-from spot_runtime.hal.connection.address import parse_address
-from spot_runtime.hal.spot.adapter import BosdynHal
-from spot_runtime.hal.spot.lock_step import LockStep
-from spot_runtime.host.clock import HostClock
+from spot_runtime.hal.registry import HalRequest, find_adapter
 from spot_runtime.host.console import Console
 from spot_runtime.host.instance_lock import InstanceLock
 from spot_runtime.host.journal import Journal, goes_to_journal
@@ -42,6 +37,9 @@ CA_VARIABLE = "SPOT_RL_CA_FILE"
 def run(
     robot: Annotated[str, typer.Option(help="Address: HOST, HOST:PORT or unix:/path.")],
     policy: Annotated[Path, typer.Option(help="ONNX file with its contract.")],
+    hal: Annotated[
+        Optional[str], typer.Option(help="Adapter: spot, replay (--robot is a log), or one of your own.")  # noqa: UP045
+    ] = None,
     sequence: Annotated[
         Optional[str], typer.Option(help="Velocity commands: a built-in name or a YAML file.")  # noqa: UP045
     ] = None,
@@ -68,9 +66,9 @@ def run(
     ] = None,
 ) -> None:
     """Run a policy on a robot: connect, stand, hand over, follow velocity commands, hand back, sit, power off."""
-    settings = resolve_config(config, ca_file=ca_file, credentials_file=credentials_file, log_dir=log_dir)
+    settings = resolve_config(config, ca_file=ca_file, credentials_file=credentials_file, log_dir=log_dir, hal=hal)
     settings = settings if lock_step is None else for_lock_step(settings)
-    address = parse_address(robot)
+    adapter = find_adapter(HalRequest(robot, settings, lock_step or ""))
     loaded = load_policy(policy, provider=settings.control.inference, admit=admission(settings.service, policy))
     labels = parse_labels(label or [])
     console = Console()
@@ -82,17 +80,13 @@ def run(
     path = _free_path(directory / log_file_name(loaded.contract.name, source.name, repeat))
     request = RunRequest(robot, loaded, source, settings, path, repeat, labels)
 
-    def make_hal(sink: LogSink) -> Hal:
-        pace = None if lock_step is None else LockStep(lock_step, HostClock().now_ns())
-        return BosdynHal(address, settings, sink, pace)
-
     recover_at_start(directory, console)
     manager = ServiceManager.from_environment(os.environ)
     journal = Journal() if goes_to_journal(sys.stderr, os.environ) else None
     tell = (lambda _: False) if journal is None else journal.event
     try:
-        with InstanceLock(str(address)):
-            summary = run_once(request, make_hal, LoggerProcess.start, console, manager=manager, tell=tell)
+        with InstanceLock(adapter.robot):
+            summary = run_once(request, adapter.make, LoggerProcess.start, console, manager=manager, tell=tell)
     finally:
         source.close()
         console.close()
@@ -134,14 +128,23 @@ def recover_at_start(directory: Path, console: Console) -> None:
 
 
 def resolve_config(
-    path: Path | None, *, ca_file: Path | None, credentials_file: Path | None, log_dir: Path | None
+    path: Path | None,
+    *,
+    ca_file: Path | None,
+    credentials_file: Path | None,
+    log_dir: Path | None,
+    hal: str | None = None,
 ) -> RunConfig:
     """The configuration of the file, with what the command line and the environment say in its place."""
     config = RunConfig() if path is None else load_config(path)
     from_environment = os.environ.get(CA_VARIABLE)
     ca = ca_file or config.robot.ca_file or (Path(from_environment) if from_environment else None)
     robot = config.robot.model_copy(
-        update={"ca_file": ca, "credentials_file": credentials_file or config.robot.credentials_file}
+        update={
+            "ca_file": ca,
+            "credentials_file": credentials_file or config.robot.credentials_file,
+            "hal": hal or config.robot.hal,
+        }
     )
     log = config.log.model_copy(update={"directory": log_dir or config.log.directory})
     for path in (robot.ca_file, robot.credentials_file, log.directory):

@@ -18,13 +18,21 @@ from spot_model.robot import facts
 from spot_model.robot.state import Gains, JointCommand, RobotState
 from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
 from spot_runtime.config import RunConfig
-from spot_runtime.hal.base import Hal, JointControl
+from spot_runtime.hal.base import Hal
+from spot_runtime.hal.conformance import (
+    CHECKS,
+    ConformanceError,
+    brings_states_in_order,
+    takes_commands_and_hands_back,
+)
 from spot_runtime.hal.connection.address import parse_address
 from spot_runtime.hal.errors import MotionError
+from spot_runtime.hal.registry import Adapter, HalRequest, find_adapter
 from spot_runtime.hal.replay import ReplayHal
 from spot_runtime.hal.spot.adapter import BosdynHal
 from spot_runtime.hal.spot.lock_step import LockStep
 from spot_runtime.host.clock import HostClock
+from tests.spot_runtime.conftest import HandMadeRobot
 
 MS = 1_000_000
 
@@ -68,49 +76,67 @@ def commands(hal: Hal, state: RobotState) -> Iterator[JointCommand]:
         yield JointCommand(key, state.position_rad, zeros, state.load_nm, Gains.stand(), end_ns)
 
 
-def test_the_life_of_an_adapter(hal: Hal) -> None:
-    info = hal.connect()
-    assert info.adapter
-    assert info.robot_id
-    hal.stand()
-    assert hal.joint_control is JointControl.OFF
-
-    states = receive(hal, 100)
-    stamps = [state.robot_stamp_ns for state in states]
-    assert set(np.diff(stamps)) == {facts.STATE_PERIOD_NS}
-    assert all(
-        state.position_rad.shape == state.velocity_rad_s.shape == state.load_nm.shape == (12,) for state in states
-    )
-    assert all(abs(np.linalg.norm(state.odom_from_body_wxyz) - 1.0) < 1e-6 for state in states)
-    assert hal.robot_now_ns() >= stamps[-1]
-    hosts = [hal.host_now_ns() for _ in range(3)]
-    assert hosts == sorted(hosts)
-
-    following = commands(hal, states[-1])
-    hal.begin_joint_control(next(following))
-    for _ in range(50):
-        receive(hal, 1)
-        hal.send(next(following))
-    assert hal.joint_control is JointControl.ACTIVE
-    assert list(hal.problems()) == []
-
-    hal.end_joint_control()
-    for _ in range(50):
-        if hal.joint_control is JointControl.OFF:
-            break
-        receive(hal, 1)
-        hal.send(next(following))
-    assert hal.joint_control is JointControl.OFF
-    hal.send(next(following))  # nobody listens any more, and that is no error
-    hal.release()
-    hal.release()
-    hal.power_off()
-    hal.close()
-    hal.close()
+@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
+def test_every_adapter_keeps_the_protocol(hal: Hal, check: Callable[[Hal], None]) -> None:
+    check(hal)
 
 
-def test_an_adapter_that_was_never_connected_can_be_closed(hal: Hal) -> None:
-    hal.close()
+class Lazy(HandMadeRobot):
+    """Breaks one promise: states of which none is newer than the last."""
+
+    def receive(self, until_robot_ns: int, timeout_s: float) -> list[RobotState]:
+        return super().receive(until_robot_ns, timeout_s) * 2
+
+
+class Deaf(HandMadeRobot):
+    """Breaks another: it never takes joint control up."""
+
+    activates = False
+
+
+def test_the_suite_finds_adapters_that_break_promises() -> None:
+    with pytest.raises(ConformanceError, match="robot stamps do not rise"):
+        brings_states_in_order(Lazy())
+    with pytest.raises(ConformanceError, match="pending, not active"):
+        takes_commands_and_hands_back(Deaf(activates=False))
+    silent = HandMadeRobot(mutate=lambda _: [])
+    with pytest.raises(ConformanceError, match="only 0 of 100 states came"):
+        brings_states_in_order(silent)
+    assert silent.calls[-4:] == ["release", "power_off", "close", "close"]
+
+
+# By name -------------------------------------------------------------------------------------------------------------
+
+
+def request(hal: str, robot: str = "127.0.0.1:1") -> HalRequest:
+    config = RunConfig.model_validate({"robot": {"hal": hal}})
+    return HalRequest(robot, config)
+
+
+def make_hand_made(request: HalRequest) -> Adapter:
+    """An adapter of a user: this function is all that there is to write beside the class."""
+    return Adapter(request.robot, lambda _: HandMadeRobot())
+
+
+def test_adapters_are_found_by_name() -> None:
+    spot = find_adapter(request("spot", "192.168.80.3"))
+    assert spot.robot == "192.168.80.3:443"
+    assert isinstance(spot.make(MemorySink()), BosdynHal)
+    own = find_adapter(request(f"{__name__}:make_hand_made", "anything at all"))
+    assert own.robot == "anything at all"
+    assert isinstance(own.make(MemorySink()), HandMadeRobot)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("spott", "HAL adapter 'spott' is unknown; allowed: replay, spot, or module:function of your own"),
+        ("nowhere_at_all:make", "cannot be loaded: No module named 'nowhere_at_all'; check module and function"),
+    ],
+)
+def test_an_adapter_that_is_not_there(name: str, words: str) -> None:
+    with pytest.raises(BadInputError, match=words):
+        find_adapter(request(name))
 
 
 def test_the_robot_confirms_the_keys_it_has_received(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,17 +14,31 @@ from spot_log.write.sink import LogSink
 from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import JointCommand, RobotState, SlowState
 from spot_runtime.config import RunConfig
-from spot_runtime.hal.base import JointControl, RobotInfo
-from spot_runtime.hal.connection.address import Address
+from spot_runtime.hal.base import Hal, JointControl, RobotInfo
+from spot_runtime.hal.connection.address import Address, parse_address
 from spot_runtime.hal.errors import EstopError, HalError, LeaseHeldError, NoRobotError
+from spot_runtime.hal.registry import Adapter, HalRequest
 from spot_runtime.hal.spot.command_wire import CommandEncoder
 from spot_runtime.hal.spot.jobs import Jobs
+from spot_runtime.hal.spot.lock_step import LockStep
 from spot_runtime.hal.spot.motions import Motions
 from spot_runtime.hal.spot.pace import Pace, RealTime, States, take_all
 from spot_runtime.hal.spot.session import Session
 from spot_runtime.hal.spot.streams import CommandStream, OnEnd, StateReceiver
 from spot_runtime.host.clock import HostClock, RobotClockEstimate
 from spot_runtime.stops import Stop, StopReason
+
+
+def adapter(request: HalRequest) -> Adapter:
+    """The adapter of a Spot or the fake one at ``HOST``, ``HOST:PORT`` or ``unix:/path``; for ``--hal spot``."""
+    address = parse_address(request.robot)
+
+    def make(sink: LogSink) -> Hal:
+        pace = LockStep(request.lock_step, HostClock().now_ns()) if request.lock_step else None
+        return BosdynHal(address, request.config, sink, pace)
+
+    return Adapter(str(address), make)
+
 
 RETRY_S: Final = 0.5
 """Robot time between two attempts to power off a robot that does not answer."""

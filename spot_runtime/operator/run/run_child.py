@@ -20,6 +20,7 @@ from spot_model.io.validation import explain
 from spot_protos import operator_pb2
 from spot_runtime.hal.base import Hal
 from spot_runtime.hal.connection.address import parse_address
+from spot_runtime.hal.registry import HalRequest, find_adapter
 from spot_runtime.hal.spot.lock_step import LockStep
 from spot_runtime.host.clock import HostClock
 from spot_runtime.host.instance_lock import InstanceLock
@@ -43,17 +44,20 @@ def read_spec(data: bytes) -> RunSpec:
 def drive(spec: RunSpec, link: RunLink) -> int:
     """Carry it out. Returns the exit code. Raises SpotRlError where the robot was never touched."""
     policy = load_checked(spec.policy, spec.policy_sha256, spec.config)
-    address = parse_address(spec.robot)
+    adapter = find_adapter(HalRequest(spec.robot, spec.config, spec.lock_step))
     make_log_folder(spec.config.log.directory)
 
     manager = ServiceManager.from_environment(os.environ)
 
     def make_hal(sink: LogSink) -> Hal:
+        if spec.config.robot.hal != "spot":
+            return adapter.make(sink)
+        address = parse_address(spec.robot)
         pace = LockStep(spec.lock_step, HostClock().now_ns()) if spec.lock_step else None
         # The watchdog is fed while it sits down, too, for the operator's service may be gone.
         return NotingHal(address, spec.config, sink, pace, folder=note_folder(os.environ), on_pause=manager.progressed)
 
-    with InstanceLock(str(address)):
+    with InstanceLock(adapter.robot):
         run = OperatedRun(spec, policy, link, LoggerProcess.start, manager=manager)
         return int(run.drive(make_hal).exit_code)
 
