@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections.abc import Callable
@@ -10,6 +11,7 @@ from fake_robot.body.clock import RobotClock
 from fake_robot.body.simulation import Simulation
 from fake_robot.body.truth import Lateness
 
+_LOGGER = logging.getLogger(__name__)
 _LATE_S = 0.001
 _IDLE_S = 0.003
 
@@ -59,6 +61,8 @@ class RealTimeLoop:
         if self._thread.is_alive() and threading.current_thread() is not self._thread:
             self._thread.join()
         self._clock.halt()
+        if self._lost_ns:
+            _LOGGER.warning("in all, %.2f s of robot time were lost", self._lost_ns * 1e-9)
 
     @property
     def lateness(self) -> Lateness:
@@ -99,5 +103,11 @@ class RealTimeLoop:
         self._max_late_ns = max(self._max_late_ns, late_ns)
         if late_ns > self._max_catch_up_ns:
             lost_ns = late_ns - self._max_catch_up_ns
+            if not self._lost_ns:
+                _LOGGER.warning(
+                    "this computer is too slow or too busy for real time: %.0f ms of robot time are lost, and more may "
+                    "be; the total is told at the end. Use --lock-step, or stop other work",
+                    lost_ns * 1e-6,
+                )
             self._lost_ns += lost_ns
             self._clock.slip(lost_ns)

@@ -86,7 +86,8 @@ class RunWriter:
     """Write a run to ``path``; until :meth:`close` its name is ``path`` + ``.active``.
 
     Log time is the receipt or the instant of the act by the host's clock; publish time is the robot's stamp, mapped to
-    the host's clock by the newest command or event that carries both (before one, by the first state).
+    the host's clock by the newest command or event that carries both (before one, by the first state); on one topic it
+    never goes back.
     ``copy_to`` gets a copy of every message, with the number of its topic and its log time; it must not wait.
     Without ``for_viewers`` the file lacks the copies of the states that only viewers read.
 
@@ -115,6 +116,7 @@ class RunWriter:
         self._robot_minus_host_ns: int | None = None
         self._viewer_slot = -1
         self._sequences: Counter[int] = Counter()
+        self._newest_publish_ns: Counter[int] = Counter()
         self._last_host_stamp_ns = self.message.started_host_stamp_ns
         started_ns = self.message.started_host_stamp_ns
         data = self.message.SerializeToString()
@@ -226,11 +228,14 @@ class RunWriter:
         data = message.SerializeToString()
         if self._copy_to is not None:
             self._copy_to(topic.channel_id, data, log_ns)
+        # A better estimate of the clocks' difference moves the mapping, which must not turn time back for readers.
+        newest_ns = max(self._newest_publish_ns[topic.channel_id], log_ns if publish_ns is None else publish_ns)
+        self._newest_publish_ns[topic.channel_id] = newest_ns
         self._file.add(
             topic.channel_id,
             data,
             log_ns=log_ns,
-            publish_ns=log_ns if publish_ns is None else publish_ns,
+            publish_ns=newest_ns,
             sequence=sequence,
         )
 

@@ -117,3 +117,14 @@ def test_a_crash_of_the_thread_is_kept_and_reported():
     assert crashed.wait(30.0)
     loop.stop()
     assert str(loop.crash) == "broken"
+
+
+def test_lost_time_is_told_once_when_it_begins_and_in_all_at_the_end(bench: Bench, caplog: pytest.LogCaptureFixture):
+    bench.host.now_ns = 2_000 * MS
+    bench.wake_until_idle()
+    bench.host.now_ns += 1_000 * MS
+    bench.wake_until_idle()
+    (told,) = [record.getMessage() for record in caplog.records]
+    assert "1747 ms of robot time are lost" in told
+    bench.loop.stop()
+    assert caplog.records[-1].getMessage() == f"in all, {bench.loop.lateness.lost_s:.2f} s of robot time were lost"

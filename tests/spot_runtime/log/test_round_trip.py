@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from spot_log import read_run
 from spot_log.errors import DiskSpaceError, LogExistsError
 from spot_log.format import codec
 from spot_log.format.vendor_state import robot_state_from_wire
+from spot_log.write import hand_off
 from spot_log.write.run_writer import RunWriter, active_path
 from spot_model.robot.facts import JOINT_NAMES
 from spot_model.robot.state import ImuPacket, RobotState
@@ -112,10 +114,6 @@ def test_every_slow_state_and_event(synthetic_run, synthetic_log):
 
 
 def test_ticks_without_a_policy_are_rows_of_nan(synthetic_run, tmp_path):
-    from dataclasses import replace
-
-    from spot_log.write import hand_off
-
     writer = RunWriter(tmp_path / "run.mcap", synthetic_run().header)
     tick = synthetic_run().tick(0, 0)
     empty = np.zeros(0, dtype=np.float32)
@@ -230,3 +228,24 @@ def test_too_little_room_is_said_with_figures(synthetic_run, tmp_path):
     with pytest.raises(DiskSpaceError, match=r"MB free; a log needs at least 1000000000000 MB"):
         RunWriter(tmp_path / "run.mcap", synthetic_run().header, min_free_bytes=10**18)
     assert not list(Path(tmp_path).iterdir())
+
+
+def test_publish_times_never_go_back_when_the_clocks_difference_becomes_better_known(synthetic_run, tmp_path):
+    run = synthetic_run()
+    path = tmp_path / "clocks.mcap"
+    writer = RunWriter(path, run.header)
+    command = run.command(0, 0)
+    for i in range(6):
+        wire = hand_off.pack_state_wire(i, run.message(i).SerializeToString(), run.received_ns(i))
+        writer.add(hand_off.unpack(wire).message, i)
+        if i == 2:
+            # The robot's clock turns out to be 1 s further ahead of the host's than the first state let one think.
+            later = command._replace(robot_stamp_ns=command.robot_stamp_ns + 1_000_000_000)
+            writer.add(hand_off.unpack(hand_off.pack_command(0, later)).message, 0)
+    writer.close({}, "completed")
+    newest: dict[str, int] = {}
+    with path.open("rb") as file:
+        for _, channel, message in make_reader(file).iter_messages(log_time_order=False):
+            assert message.publish_time >= newest.get(channel.topic, 0), channel.topic
+            newest[channel.topic] = message.publish_time
+    assert "/state" in newest
