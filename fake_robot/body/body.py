@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from fake_robot.body.body_model import FIRST_JOINT_DOF, build_model
 from fake_robot.body.drive import Drive
-from fake_robot.robot.vendor_motion import SIT_POSITION_RAD
 from fake_robot.scenario.scenario import Scenario
 from spot_model.effects.base import BodyEstimate, EstimateEffect, JointReading, Motion, SensorEffect, TorqueEffect
 from spot_model.plant.command_channel import ServoCommand
 from spot_model.plant.sensing import Sensing
+from spot_model.robot import facts
 from spot_model.robot.facts import N_JOINTS, N_LEGS, Array
 from spot_model.robot.rotation import rotate_inverse_wxyz
 
@@ -23,6 +23,10 @@ _TORQUE_AXIS = np.tile([0, 1, 1], N_LEGS)
 _SETTLE_S = 1.2
 _START_HEIGHT_M = 0.2
 _ABSURD_SPEED_SQUARED = 1e8
+
+
+SIT_POSITION_RAD = np.array([v for leg in facts.LEG_NAMES for v in (0.3 * facts.side_sign(leg), 2.2, -2.76)])
+"""Legs folded, feet beside and behind the hips, shape (12,); the body lies, or nearly so."""
 
 
 class Body:

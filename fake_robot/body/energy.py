@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from fake_robot.faults.fault_effects import FaultEffects
+from fake_robot.body.fault_effects import FaultEffects
 from fake_robot.scenario.parts import BatteryConfig, MotorConfig
 from spot_model.robot import facts
 from spot_model.robot.facts import Array

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fake_robot.body.body import Body
-from fake_robot.faults.fault_effects import FaultEffects
+from fake_robot.body.fault_effects import FaultEffects
 from fake_robot.scenario.scenario import Scenario
 from spot_model.robot.facts import N_JOINTS, STATE_PERIOD_NS, Array
 

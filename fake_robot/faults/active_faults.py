@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from fake_robot.body.fault_effects import FaultEffects
 from fake_robot.faults.fault import Fault
-from fake_robot.faults.fault_effects import FaultEffects
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Final, Protocol
 
 from pydantic import BaseModel, ConfigDict
 
-from fake_robot.faults.fault_effects import FaultEffects
+from fake_robot.body.fault_effects import FaultEffects
 from spot_model.robot.facts import Array
 
 FAULTS: Final[dict[str, type[Fault]]] = {}

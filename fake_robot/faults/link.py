@@ -7,8 +7,8 @@ from typing import ClassVar, Literal
 from pydantic import Field
 from typing_extensions import override
 
+from fake_robot.body.fault_effects import FaultEffects
 from fake_robot.faults.fault import Fault
-from fake_robot.faults.fault_effects import FaultEffects
 
 
 class StateGap(Fault):

@@ -7,17 +7,17 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from fake_robot.body.body import Body
+from fake_robot.body.body import SIT_POSITION_RAD, Body
 from fake_robot.body.servo import damping_servo, stand_servo, torque_servo
 from fake_robot.network.robot_port import BehaviorFault, EstopLevel, Mode, MotorPower, StanceProgress, StreamFailure
 from fake_robot.network.stand_pose import StandPose
-from fake_robot.network.streamed_command import EXPIRED, INACTIVE
 from fake_robot.network.walk_plan import WalkPlan
 from fake_robot.robot.falls import FallWatch
 from fake_robot.robot.joint_control import Expiry, JointControl
 from fake_robot.robot.stance import MAX_ROUNDS, REACH_M, stance_path
 from fake_robot.robot.steering import GroundPose
-from fake_robot.robot.vendor_motion import SIT_POSITION_RAD, Path, hold_path, sit_path, stand_path
+from fake_robot.robot.streamed_command import EXPIRED, INACTIVE
+from fake_robot.robot.vendor_motion import Path, hold_path, sit_path, stand_path
 from fake_robot.robot.walker import Walker
 from fake_robot.scenario.scenario import Scenario
 from spot_model.errors import SpotRlError

@@ -8,7 +8,6 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from fake_robot.body.clock import RobotClock
-from fake_robot.body.simulation import Simulation
 from fake_robot.body.truth import Lateness, Truth
 from fake_robot.faults.fault import ServiceFault
 from fake_robot.faults.registry import fault_kinds, make_fault
@@ -16,12 +15,13 @@ from fake_robot.network.malformed import spoil
 from fake_robot.network.robot_port import EstopLevel, FaultKind, Snapshot, StreamFailure
 from fake_robot.network.stand_pose import StandPose
 from fake_robot.network.state_stream import StateSubscription
-from fake_robot.network.streamed_command import CommandRefusedError
 from fake_robot.network.walk_plan import WalkPlan
 from fake_robot.robot.joint_control import Stream
+from fake_robot.robot.real_time import RealTimeLoop
+from fake_robot.robot.simulation import Simulation
 from fake_robot.robot.snapshot import snapshot_of, truth_of
+from fake_robot.robot.streamed_command import CommandRefusedError
 from fake_robot.scenario.scenario import Scenario
-from fake_robot.start.real_time import RealTimeLoop
 from spot_model.errors import BadInputError, SpotRlError
 from spot_model.robot.facts import STATE_PERIOD_NS, Array
 from spot_model.robot.stamps import NS_PER_S

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from fake_robot.body.clock import RobotClock
-from fake_robot.body.simulation import Simulation
 from fake_robot.body.truth import Lateness, Truth
 from fake_robot.network.robot_port import Snapshot
+from fake_robot.robot.simulation import Simulation
 from spot_model.robot.leg_kinematics import foot_position_in_body_m
 
 _FALLEN_TILT_RAD = 1.05

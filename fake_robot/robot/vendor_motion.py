@@ -9,6 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from fake_robot.body.body import SIT_POSITION_RAD
 from fake_robot.network.stand_pose import StandPose
 from spot_model.robot import facts
 from spot_model.robot.facts import Array
@@ -24,8 +25,6 @@ _LEAST_S = 0.3
 _REACH = np.array([0.12, 0.12, 0.25, 0.5, 0.5, 0.5])
 """How far a stand's body shifts (m) and turns (rad): about as far as the legs reach. The vendor publishes no bounds."""
 _GRAVITY_M_S2 = 9.81
-SIT_POSITION_RAD = np.array([v for leg in facts.LEG_NAMES for v in (0.3 * facts.side_sign(leg), 2.2, -2.76)])
-"""Legs folded, feet beside and behind the hips, shape (12,); the body lies, or nearly so."""
 _THIGH_M = math.hypot(*facts.KN_FROM_HY_M)
 _SHANK_M = math.hypot(*facts.FOOT_FROM_KN_M)
 

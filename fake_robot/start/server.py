@@ -11,10 +11,10 @@ from typing import Self
 
 import grpc
 
-from fake_robot.faults.injection import FaultInjector
 from fake_robot.network.robot_port import RobotPort
 from fake_robot.scenario.services_config import ServicesConfig
 from fake_robot.services.admin.admin import AdminService
+from fake_robot.services.admin.injection import FaultInjector
 from fake_robot.services.calls.access import GatekeeperInterceptor
 from fake_robot.services.identity.tokens import Credentials
 from fake_robot.services.sensors.world import World

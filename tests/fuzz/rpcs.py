@@ -90,10 +90,10 @@ def admin_service() -> Any:
     """The service over a robot in lock-step, in this process."""
     global _admin  # noqa: PLW0603
     if _admin is None:
-        from fake_robot.faults.injection import FaultInjector
         from fake_robot.robot.robot import Robot
         from fake_robot.scenario.scenario import Scenario
         from fake_robot.services.admin.admin import AdminService
+        from fake_robot.services.admin.injection import FaultInjector
         from fake_robot.services.identity.tokens import Credentials
         from fake_robot.services.sensors.world import World
 

@@ -46,7 +46,7 @@ def joint_command(data: bytes) -> None:
     from bosdyn.api import robot_command_pb2
     from google.protobuf.message import DecodeError
 
-    from fake_robot.network.streamed_command import CommandRefusedError, StreamGrammar
+    from fake_robot.robot.streamed_command import CommandRefusedError, StreamGrammar
 
     request = robot_command_pb2.JointControlStreamRequest()
     with contextlib.suppress(DecodeError, CommandRefusedError):

@@ -8,7 +8,7 @@ from typing import Any, NoReturn
 
 import grpc
 
-from fake_robot.faults.injection import FaultInjector
+from fake_robot.services.admin.injection import FaultInjector
 from fake_robot.services.admin.step_states import StateTap
 from fake_robot.services.sensors.world import World
 from spot_model.errors import BadInputError

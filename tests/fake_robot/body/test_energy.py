@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fake_robot.body.energy import Energy
-from fake_robot.faults.fault_effects import FaultEffects
+from fake_robot.body.fault_effects import FaultEffects
 from fake_robot.scenario.parts import BatteryConfig, MotorConfig
 
 REST = np.zeros(12)

@@ -12,7 +12,7 @@ from bosdyn.api import robot_command_pb2
 
 from fake_robot.body.servo import LOAD_LIMIT_NM
 from fake_robot.network.robot_port import Mode
-from fake_robot.network.streamed_command import StreamGrammar
+from fake_robot.robot.streamed_command import StreamGrammar
 from spot_model.robot import facts
 
 NS = 1_000_000_000

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import pytest
 
 from fake_robot.body.clock import RobotClock
-from fake_robot.body.simulation import Simulation
+from fake_robot.robot.real_time import RealTimeLoop
+from fake_robot.robot.simulation import Simulation
 from fake_robot.scenario.parts import ClockConfig
 from fake_robot.scenario.scenario import Scenario
-from fake_robot.start.real_time import RealTimeLoop
 
 MS = 1_000_000
 

@@ -8,8 +8,8 @@ import time
 from collections.abc import Callable
 
 from fake_robot.body.clock import RobotClock
-from fake_robot.body.simulation import Simulation
 from fake_robot.body.truth import Lateness
+from fake_robot.robot.simulation import Simulation
 
 _LOGGER = logging.getLogger(__name__)
 _LATE_S = 0.001
