@@ -63,6 +63,7 @@ ELSEWHERE = {
 FORMS = {
     "spot-rl COMMAND --help": "spot-rl --help",
     "spot-rl run --config": "spot-rl run --robot HOST",
+    "spot-rl fake-robot --lock-step --admin unix:$PWD/admin.sock --port 8443": "spot-rl fake-robot --lock-step --admin",
     "spot-rl compare logs/LOG.mcap paper_identified --out first": "spot-rl compare logs/LOG.mcap paper_identified",
     "spot-rl fake-robot exec -- python PROGRAM HOST": "spot-rl fake-robot exec --",
     "spot-rl serve --config FILE": "spot-rl serve --robot",
@@ -88,6 +89,7 @@ NOT_RUN = {
     "make safety ARGS=--all": "takes an hour; `.ci/run` does the same for 90 s",
     "python deploy/build_wheelhouse.py --python 3.12 --machine aarch64": "runs with 3.10 in the place of 3.12",
     "python deploy/check_wheels.py": "needs a network: it asks the package index",
+    "python scripts/draw_effects.py": "draws the pictures of effects that have none; each has one",
     "pip install mjlab==1.6.0": "needs a network, and an environment of its own",
     "sudo systemctl start spot-rl": SYSTEMD,
     "sudo systemctl stop spot-rl": SYSTEMD,
