@@ -16,6 +16,7 @@ from rich.table import Table
 from proof.faults import rows_link, rows_log, rows_more, rows_policy, rows_process, rows_robot, rows_state, rows_twice
 from proof.faults.rig import rig
 from proof.faults.rows import Result, Row, tidy, try_row
+from proof.faults.search.search import searched
 from spot_model.errors import BadInputError
 from spot_model.policy.policy import load_policy
 from spot_runtime.host.termination import unwound_when_ended
@@ -41,9 +42,14 @@ def faults(
     quick: Annotated[bool, typer.Option("--quick", help="Leave out the rows that take minutes.")] = False,
     policy: Annotated[Path, typer.Option(help="ONNX file with its contract.")] = Path("policies/walk.onnx"),
     scenario: Annotated[str, typer.Option(help="Scenario of the fake robot.")] = "default",
+    search: Annotated[bool, typer.Option("--search", help="Draw faults that nobody listed instead.")] = False,
+    minutes: Annotated[float, typer.Option(min=0.1, help="How long to search.")] = 60.0,
+    seed: Annotated[int, typer.Option(min=0, help="Of what the search draws.")] = 0,
 ) -> None:
     """Try every row of the fault matrix on a fake robot, in lock-step: what happens, how soon, and what is left."""
     load_policy(policy)
+    if search:
+        raise typer.Exit(EXIT_FAILED if search_and_tell(seed, minutes, policy, scenario, json_output) else 0)
     rows = chosen(only, is_real_time=real_time, is_quick=quick)
     results: list[Result] = []
     began_s = time.monotonic()
@@ -63,6 +69,28 @@ def faults(
         Console().print(table(results))
         typer.echo(f"{len(results)} rows, {failed} failed")
     raise typer.Exit(EXIT_FAILED if failed else 0)
+
+
+def search_and_tell(seed: int, minutes: float, policy: Path, scenario: str, json_output: bool) -> int:
+    """Search, and tell of each case. Returns how many broke a law."""
+    began_s, count, bad = time.monotonic(), 0, []
+    with tempfile.TemporaryDirectory(prefix="spot-rl-search-") as folder:
+        for verdict in searched(seed, minutes, policy, Path(folder), scenario):
+            count += 1
+            left_min = max(0.0, minutes - (time.monotonic() - began_s) / 60.0)
+            mark, words = ("BAD", "; ".join(verdict.problems)) if verdict.problems else ("ok ", "")
+            typer.echo(
+                f"{count} {mark} {verdict.outcome}: {verdict.case.words} {words} ({left_min:.0f} min left)", err=True
+            )
+            if verdict.problems:
+                bad.append(verdict)
+                typer.echo(f"  case {verdict.case.to_json()}", err=True)
+    if json_output:
+        found = [{"case": verdict.case.to_json(), "problems": verdict.problems} for verdict in bad]
+        typer.echo(json.dumps({"seed": seed, "minutes": minutes, "cases": count, "found": found}, ensure_ascii=False))
+    else:
+        typer.echo(f"{count} cases from seed {seed} in {minutes:g} min, {len(bad)} broke a law")
+    return len(bad)
 
 
 def chosen(only: str, *, is_real_time: bool, is_quick: bool) -> list[Row]:

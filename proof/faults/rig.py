@@ -265,7 +265,8 @@ class Meddler(BosdynHal):
         self.happened_ns, self.power_off_ns = 0, 0
         self.truth: Any = None
         self._due_ns = 0
-        self._later: tuple[int, Callable[[], None]] | None = None
+        self._planned: list[tuple[int, Callable[[], None]]] = []
+        self._spoilt: list[tuple[int, Callable[[RobotState], RobotState]]] = []
         self._at_ns = 0
         self._when: When = "control"
         self.was_off = False
@@ -278,7 +279,16 @@ class Meddler(BosdynHal):
 
     def later(self, seconds: float, happens: Callable[[], None]) -> None:
         """Have something else happen, so much robot time from now."""
-        self._later = (self.robot_now_ns() + round(seconds * 1e9), happens)
+        self.plan(seconds, happens)
+
+    def plan(self, seconds: float, happens: Callable[[], None]) -> None:
+        """As :meth:`later`, for as many things as you like."""
+        self._planned.append((self.robot_now_ns() + round(seconds * 1e9), happens))
+
+    def spoil(self, spoilt: Callable[[RobotState], RobotState], lasts_s: float) -> None:
+        """Change every state from now on before anybody sees it, so long; 0 s: to the end."""
+        until_ns = self.robot_now_ns() + round(lasts_s * 1e9) if lasts_s else 1 << 62
+        self._spoilt.append((until_ns, spoilt))
 
     def begin_joint_control(self, first: JointCommand) -> None:
         """Begin, and count from here."""
@@ -295,10 +305,11 @@ class Meddler(BosdynHal):
     def receive(self, until_robot_ns: int, timeout_s: float) -> list[RobotState]:
         """Let it happen when it is due."""
         self._let_happen()
-        if self._later is not None and self.robot_now_ns() >= self._later[0]:
-            happens, self._later = self._later[1], None
-            happens()
-        return super().receive(until_robot_ns, timeout_s)
+        states = super().receive(until_robot_ns, timeout_s)
+        for until_ns, spoilt in self._spoilt:
+            if self.robot_now_ns() < until_ns:
+                states = [spoilt(state) for state in states]
+        return states
 
     def power_off(self) -> None:
         """Note when."""
@@ -317,6 +328,10 @@ class Meddler(BosdynHal):
         if self._due_ns and not self.happened_ns and self.robot_now_ns() >= self._due_ns:
             self.happened_ns = self.robot_now_ns()
             self._happens(self)
+        due = [planned for planned in self._planned if self.robot_now_ns() >= planned[0]]
+        self._planned = [planned for planned in self._planned if planned not in due]
+        for _, happens in due:
+            happens()
 
     def _pause(self, duration_s: float) -> None:
         if self._when != "control":
