@@ -12,6 +12,7 @@ from spot_log.read.reader import read_run
 from spot_log.read.recover import recover_log
 from spot_log.tools.export import export_run
 from spot_log.tools.info import log_info
+from spot_model.text import plain, plain_lines
 
 app = typer.Typer(no_args_is_help=True, help=__doc__)
 
@@ -30,7 +31,7 @@ def info(
     if as_json:
         typer.echo(json.dumps(told.to_json(), ensure_ascii=False, indent=2))
     else:
-        typer.echo("\n".join(detail_lines(told)))
+        typer.echo(plain_lines("\n".join(detail_lines(told))))
 
 
 @app.command()
@@ -52,7 +53,7 @@ def export(
     chosen = [topic.strip() for topic in topics.split(",") if topic.strip()] if topics else None
     run = read_run(file)
     for text in run.damage:
-        typer.echo(f"{file}: {text}", err=True)
+        typer.echo(plain(f"{file}: {text}"), err=True)
     for path in export_run(run, out, file_format, chosen):
         typer.echo(path)
 
@@ -65,7 +66,7 @@ def recover(
     """Make a whole log of a cut or damaged one, and say what is lost."""
     recovery = recover_log(file, out)
     for text in recovery.damage or ("nothing was damaged",):
-        typer.echo(f"{file}: {text}")
+        typer.echo(plain(f"{file}: {text}"))
     kept = ", ".join(f"{count} of {topic}" for topic, count in recovery.kept.items() if count)
     typer.echo(f"{out}: {kept} kept")
 

@@ -8,10 +8,12 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
+from spot_model.text import plain_lines
+
 
 def esc(text: object) -> str:
-    """Text for HTML or an attribute."""
-    return html.escape(str(text), quote=True)
+    """Text for HTML or an attribute, without what a reader cannot see."""
+    return html.escape(plain_lines(str(text)), quote=True)
 
 
 def svg(width: float, height: float, parts: Iterable[str], label: str) -> str:

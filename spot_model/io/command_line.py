@@ -13,6 +13,7 @@ import typer
 
 from spot_model.errors import SpotRlError
 from spot_model.io.command_registry import describe_command, explain_missing_module, find_commands, load_command
+from spot_model.text import plain_lines
 
 INTERNAL_ERROR_EXIT_CODE = 70
 COMPLETE_VARIABLE = "_SPOT_RL_COMPLETE"
@@ -104,9 +105,9 @@ def error_line(error: Exception, command: str | None, *, is_debug: bool) -> str:
     command = command.replace(".", " ") if command else ""
     prefix = f"spot-rl {command}".rstrip()
     if isinstance(error, (SpotRlError, OSError)):
-        return f"{prefix}: error: {error}"
+        return plain_lines(f"{prefix}: error: {error}")
     hint = "" if is_debug else f"; 'spot-rl --debug {command}' shows where"
-    return f"{prefix}: internal error: {type(error).__name__}: {error}{hint}"
+    return plain_lines(f"{prefix}: internal error: {type(error).__name__}: {error}{hint}")
 
 
 def exit_code_of(error: Exception) -> int:

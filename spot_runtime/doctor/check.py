@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from enum import Enum
 
 from spot_model.errors import SpotRlError
+from spot_model.text import plain
 
 
 class Verdict(Enum):
@@ -82,7 +83,7 @@ def make(check: Check) -> Result:
         finding = fail(found, advice)
     except Exception as error:  # noqa: BLE001 - the other checks are still worth making
         finding = fail(f"the check broke: {type(error).__name__}: {error}", "report it with this line")
-    return Result(check.name, finding.verdict, finding.found, finding.advice)
+    return Result(check.name, finding.verdict, plain(finding.found), plain(finding.advice))
 
 
 def is_fit(results: Iterable[Result]) -> bool:

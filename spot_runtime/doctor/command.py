@@ -10,6 +10,7 @@ from typing import Annotated, Optional
 import typer
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from spot_runtime.doctor.check import Result, Verdict, is_fit, make
 from spot_runtime.doctor.computer import checks_of_computer
@@ -66,5 +67,5 @@ def table_of(results: list[Result]) -> Table:
     table = Table("check", "", "found", "what to do", show_lines=False)
     for result in results:
         colour = _COLOUR[result.verdict]
-        table.add_row(result.name, f"[{colour}]{result.verdict.value}[/]", result.found, result.advice)
+        table.add_row(result.name, Text(result.verdict.value, style=colour), Text(result.found), Text(result.advice))
     return table

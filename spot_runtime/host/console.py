@@ -8,6 +8,8 @@ import threading
 from collections.abc import Callable
 from typing import TextIO
 
+from spot_model.text import plain_lines
+
 PROGRESS_PERIOD_S = 1.0
 
 
@@ -51,7 +53,7 @@ class Console:
 
     def _write(self, line: str) -> None:
         try:
-            self._stream.write(f"{line}\n")
+            self._stream.write(f"{plain_lines(line)}\n")
             self._stream.flush()
         except (OSError, ValueError):
             return  # nobody reads any more; the run goes on

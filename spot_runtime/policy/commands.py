@@ -10,6 +10,7 @@ import typer
 
 from spot_model.policy.contract import PolicyError
 from spot_model.policy.policy import Policy, load_policy
+from spot_model.text import plain
 from spot_runtime.policy.admission import gait_sentence
 from spot_runtime.policy.card import card_lines, card_of, load_card, write_card
 from spot_runtime.policy.signature import check_signature, private_key, signature_path, signed_line
@@ -19,8 +20,8 @@ def show(policy: Annotated[Path, typer.Argument(help="ONNX file with its contrac
     """Load a policy as a run would, and print its card: speeds, gait, gains, training, what it was tried on."""
     loaded = load_policy(policy)
     for line in card_lines(loaded, load_card(policy)):
-        typer.echo(line)
-    typer.echo(gait_sentence(loaded.contract))
+        typer.echo(plain(line))
+    typer.echo(plain(gait_sentence(loaded.contract)))
     typer.echo("signature beside it" if signature_path(policy).exists() else "no signature beside it")
 
 
@@ -78,7 +79,7 @@ def sign(
         partial.replace(path)
     except OSError as error:
         raise PolicyError(f"signature {path} cannot be written: {error.strerror}") from error
-    typer.echo(f"{path}: {loaded.contract.name}, SHA-256 {loaded.sha256}")
+    typer.echo(plain(f"{path}: {loaded.contract.name}, SHA-256 {loaded.sha256}"))
 
 
 def verify(
@@ -87,7 +88,7 @@ def verify(
 ) -> None:
     """Check a policy's signature as a run would; exit code 3 where it does not hold."""
     loaded = load_policy(policy, admit=lambda sha256: check_signature(policy, sha256, public_key))
-    typer.echo(f"{policy} is signed: {loaded.contract.name}, SHA-256 {loaded.sha256}")
+    typer.echo(plain(f"{policy} is signed: {loaded.contract.name}, SHA-256 {loaded.sha256}"))
 
 
 def _write_new(path: Path, data: bytes, mode: int) -> None:

@@ -16,6 +16,7 @@ from spot_log.write.run_writer import active_path, make_log_folder
 from spot_model.errors import BadInputError
 from spot_model.io.velocity_sequence import load_sequence
 from spot_model.policy.policy import Policy, load_policy
+from spot_model.text import plain_lines
 from spot_runtime.config import RunConfig, for_lock_step, load_config
 from spot_runtime.hal.registry import HalRequest, find_adapter
 from spot_runtime.host.console import Console
@@ -111,7 +112,7 @@ def _free_path(path: Path) -> Path:
 def _say_last(text: str) -> None:
     """Print to standard output; that nobody reads any more must not change the exit code."""
     try:
-        typer.echo(text)
+        typer.echo(plain_lines(text))
     except OSError:
         nothing = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nothing, sys.stdout.fileno())

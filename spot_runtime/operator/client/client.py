@@ -15,6 +15,7 @@ from typing_extensions import Self
 
 from spot_model.errors import BadInputError, SpotRlError
 from spot_model.io.bounded_file import FileTooLargeError, read_at_most
+from spot_model.text import plain
 from spot_protos import operator_pb2_grpc
 from spot_runtime.operator.listening import MAX_PEM_BYTES, SYSTEM_SOCKET, is_loopback, is_unix, stop_path, user_socket
 
@@ -102,7 +103,7 @@ class OperatorClient:
         until_s = time.monotonic() + (STOP_TRIED_S if is_stop else 0.0)
         for stub in cycle(reversed(self._stubs) if is_stop else self._stubs[:1]):
             try:
-                return getattr(stub, name)(request, timeout=timeout_s)
+                return plain_message(getattr(stub, name)(request, timeout=timeout_s))
             except grpc.RpcError as error:
                 explained = self._explain(error)
                 was_cut = error.code() is grpc.StatusCode.UNAVAILABLE and isinstance(explained, UnreachableError)
@@ -114,12 +115,12 @@ class OperatorClient:
     def stream(self, name: str, request: Any) -> Any:
         """One call that answers again and again. Raises as :meth:`call` does."""
         try:
-            yield from getattr(self._stubs[0], name)(request)
+            yield from map(plain_message, getattr(self._stubs[0], name)(request))
         except grpc.RpcError as error:
             raise self._explain(error) from None
 
     def _explain(self, error: grpc.RpcError) -> SpotRlError:
-        code, words = error.code(), error.details() or ""
+        code, words = error.code(), plain(error.details() or "")
         nobody = code is grpc.StatusCode.UNAVAILABLE and not words.partition(":")[0].replace("-", "").isalpha()
         if nobody or code is grpc.StatusCode.DEADLINE_EXCEEDED:
             return UnreachableError(
@@ -127,6 +128,22 @@ class OperatorClient:
                 f"address with --address or {ADDRESS_VARIABLE}"
             )
         return RefusedError(words or str(code))
+
+
+def plain_message(message: Any) -> Any:
+    """A message whose texts, which may be a robot's, hold nothing that a terminal obeys; changed in place."""
+    for field, value in message.ListFields():
+        if field.message_type is not None and field.message_type.GetOptions().map_entry:
+            continue  # keys of labels and figures, checked where they come in
+        if field.message_type is not None:
+            for part in value if field.is_repeated else (value,):
+                plain_message(part)
+        elif field.type == field.TYPE_STRING:
+            if field.is_repeated:
+                value[:] = [plain(text) for text in value]
+            else:
+                setattr(message, field.name, plain(value))
+    return message
 
 
 def client_from(

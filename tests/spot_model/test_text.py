@@ -1,0 +1,63 @@
+"""Text from robots, policies and logs reaches terminals and pages without what they would obey."""
+
+from __future__ import annotations
+
+import io
+
+import pytest
+
+from spot_log.page.cells import escaped
+from spot_model.errors import BadInputError
+from spot_model.io.command_line import error_line
+from spot_model.text import plain, plain_lines
+from spot_protos import operator_pb2
+from spot_runtime.doctor.check import Check, make, ok
+from spot_runtime.host.console import Console
+from spot_runtime.operator.client.client import plain_message
+
+ATTACKS = (
+    "\x1b]0;owned\x07",
+    "\x1b[2J\x1b[H",
+    "\x9b31m",
+    "line\rover",
+    "\u202egnp.exe",
+    "a\u2028b",
+    "zero\u200bwidth",
+    "tab\tand\nline",
+)
+
+
+@pytest.mark.parametrize("text", ATTACKS)
+def test_nothing_that_a_terminal_obeys_is_left(text: str) -> None:
+    assert plain(text).isprintable()
+    assert len(plain(text)) == len(text)
+    assert plain_lines(text).replace("\n", "").replace("\t", "").isprintable()
+
+
+def test_ordinary_text_stays_as_it_is() -> None:
+    for text in ("walk", "0.5 m/s → 80 N·m, 12 °C", "Zürich, 東京", "−1 µs"):
+        assert plain(text) == plain_lines(text) == text
+    assert plain_lines("one\n\ttwo") == "one\n\ttwo"
+
+
+@pytest.mark.parametrize("text", ATTACKS[:6])
+def test_every_way_out_uses_it(text: str) -> None:
+    stream = io.StringIO()
+    console = Console(stream)
+    console.say(text)
+    console.close()
+    told = make(Check("name", lambda: ok(text)))
+    status = operator_pb2.Status(robot=text, run=operator_pb2.RunStatus(faults=[text], log_path=text))
+    status.last.sentence = text
+    plain_message(status)
+    for shown in (
+        stream.getvalue().removesuffix("\n"),
+        error_line(BadInputError(text), "run", is_debug=False),
+        escaped(text),
+        told.found,
+        status.robot,
+        status.run.faults[0],
+        status.run.log_path,
+        status.last.sentence,
+    ):
+        assert shown.isprintable()
