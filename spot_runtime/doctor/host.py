@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 from typing import Final
 
-from spot_runtime.operator.rescue.lease_note import note_folder
+from spot_runtime.rescue.lease_note import note_folder
 
 _MUNLOCK_OK: Final = 0
 

@@ -24,6 +24,7 @@ from spot_runtime.host.instance_lock import InstanceLock
 from spot_runtime.host.journal import Journal, goes_to_journal
 from spot_runtime.host.service_manager import ServiceManager
 from spot_runtime.policy.admission import admission
+from spot_runtime.rescue.guarded import guarded
 from spot_runtime.session.labels import parse_labels
 from spot_runtime.session.run import RunRequest, log_file_name
 from spot_runtime.session.run import run as run_once
@@ -69,7 +70,8 @@ def run(
     """Run a policy on a robot: connect, stand, hand over, follow velocity commands, hand back, sit, power off."""
     settings = resolve_config(config, ca_file=ca_file, credentials_file=credentials_file, log_dir=log_dir, hal=hal)
     settings = settings if lock_step is None else for_lock_step(settings)
-    adapter = find_adapter(HalRequest(robot, settings, lock_step or ""))
+    wanted = HalRequest(robot, settings, lock_step or "")
+    adapter = find_adapter(wanted)
     loaded = load_policy(policy, provider=settings.control.inference, admit=admission(settings.service, policy))
     labels = parse_labels(label or [])
     console = Console()
@@ -87,7 +89,9 @@ def run(
     tell = (lambda _: False) if journal is None else journal.event
     try:
         with InstanceLock(adapter.robot):
-            summary = run_once(request, adapter.make, LoggerProcess.start, console, manager=manager, tell=tell)
+            summary = run_once(
+                request, guarded(adapter, wanted), LoggerProcess.start, console, manager=manager, tell=tell
+            )
     finally:
         source.close()
         console.close()

@@ -17,7 +17,7 @@ from spot_runtime.doctor.check import Check, Finding, Result, Verdict, is_fit, m
 from spot_runtime.doctor.command import line_of
 from spot_runtime.doctor.host import Host
 from spot_runtime.doctor.link import judge_expiry, judge_latency
-from spot_runtime.operator.rescue.lease_note import HeldNote, LeaseNote, note_path
+from spot_runtime.rescue.lease_note import HeldNote, LeaseNote, note_path
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 

@@ -139,7 +139,7 @@ def _draw_fault(rng: np.random.Generator) -> Fault:
     name = str(rng.choice(list(INJECTIONS)))
     ranges = INJECTIONS[name]
     drawn: dict[str, float | str] = {
-        key: str(rng.choice(choice)) if isinstance(choice[0], str) else float(rng.uniform(choice[0], choice[1]))  # type: ignore[arg-type]
+        key: str(rng.choice(choice)) if isinstance(choice[0], str) else float(rng.uniform(choice[0], choice[1]))
         for key, choice in ranges.items()
     }
     return Fault(f"inject {name}", at_s, lasts_s, drawn)
@@ -148,6 +148,6 @@ def _draw_fault(rng: np.random.Generator) -> Fault:
 def _within(what: str, values: dict[str, Any]) -> dict[str, Any]:
     ranges = INJECTIONS.get(what.removeprefix("inject "), {})
     return {
-        key: float(np.clip(value, *ranges[key])) if key in ranges and isinstance(value, float) else value  # type: ignore[arg-type]
+        key: float(np.clip(value, *ranges[key])) if key in ranges and isinstance(value, float) else value
         for key, value in values.items()
     }

@@ -28,24 +28,24 @@ class Spoiling(NamedTuple):
     now: np.ndarray
     begun: np.ndarray
     """The value when it began."""
-    index: int
+    which: int
     size: float
 
     def one(self, what: Any, base: np.ndarray | None = None) -> np.ndarray:
         """The signal with one component exchanged."""
         spoilt = (self.now if base is None else base).copy()
-        spoilt[self.index % len(spoilt)] = what
+        spoilt[self.which % len(spoilt)] = what
         return spoilt
 
     @property
     def component(self) -> float:
         """The component of now that is spoilt."""
-        return float(self.now[self.index % len(self.now)])
+        return float(self.now[self.which % len(self.now)])
 
 
 _WAYS: Final[dict[str, Callable[[Spoiling], np.ndarray]]] = {
     "frozen": lambda s: s.begun,
-    "one frozen": lambda s: s.one(s.begun[s.index % len(s.begun)]),
+    "one frozen": lambda s: s.one(s.begun[s.which % len(s.begun)]),
     "all but one frozen": lambda s: s.one(s.component, s.begun),
     "zero": lambda s: s.now * 0,
     "one zero": lambda s: s.one(0),
@@ -53,7 +53,7 @@ _WAYS: Final[dict[str, Callable[[Spoiling], np.ndarray]]] = {
     "scaled": lambda s: s.now * s.size,
     "sign": lambda s: -s.now,
     "one sign": lambda s: s.one(-s.component),
-    "exchanged": lambda s: np.roll(s.now, 1 + s.index % (len(s.now) - 1)),
+    "exchanged": lambda s: np.roll(s.now, 1 + s.which % (len(s.now) - 1)),
     "degrees": lambda s: np.degrees(s.now),
     "huge": lambda s: s.one(1e6 * s.size),
     "NaN": lambda s: s.one(np.nan),
@@ -78,4 +78,5 @@ class SpoiltSignal:
         spoilt = self._way(Spoiling(numbers, self._begun.astype(np.float64), self._index, self._size))
         if now.dtype == np.bool_:
             spoilt = np.nan_to_num(spoilt) > 0.5
-        return replace(state, **{self._signal: spoilt})
+        changed: dict[str, Any] = {self._signal: spoilt}
+        return replace(state, **changed)

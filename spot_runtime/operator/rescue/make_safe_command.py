@@ -8,11 +8,8 @@ from typing import Annotated, Optional
 
 import typer
 
-from spot_runtime.config import RunConfig
-from spot_runtime.hal.connection.address import parse_address
-from spot_runtime.operator.rescue.lease_note import HeldNote, note_folder, note_path
-from spot_runtime.operator.rescue.make_safe import WITHIN_S, NotSafeError, Safety
-from spot_runtime.operator.rescue.make_safe import make_safe as make_one_safe
+from spot_runtime.rescue.lease_note import note_folder
+from spot_runtime.rescue.make_safe import WITHIN_S, make_safe_by_note
 from spot_runtime.session.run_command import resolve_config
 
 
@@ -41,26 +38,4 @@ def make_safe(
     """
     settings = resolve_config(config, ca_file=ca_file, credentials_file=credentials_file, log_dir=None)
     folder = state_dir or note_folder(os.environ)
-    typer.echo(mend(robot, settings, folder, lock_step=lock_step or "", within_s=within))
-
-
-def mend(robot: str, config: RunConfig, folder: Path, *, lock_step: str, within_s: float) -> str:
-    """Make one robot safe if there is a note of it. Returns what was done.
-
-    Raises:
-        NotSafeError: It could not be done; the note stays, for the next try.
-        SpotRlError: The note cannot be read, its writer lives, or an address or a file is not valid.
-    """
-    address = str(parse_address(robot))
-    found = HeldNote.find(note_path(address, folder))
-    if found is None:
-        return f"nothing to do: no process of this computer has left {address} with power"
-    held, note = found
-    try:
-        attempt = make_one_safe(note, config, lock_step=lock_step, within_s=within_s)
-    except NotSafeError:
-        held.let_go()
-        raise
-    held.remove()
-    verb = "was left to its holder" if attempt.safety is Safety.NOT_OURS else "is safe"
-    return f"{address} {verb} after {attempt.took_s:.1f} s: {attempt.safety.value}"
+    typer.echo(make_safe_by_note(robot, settings, folder, lock_step=lock_step or "", within_s=within))

@@ -16,15 +16,14 @@ from spot_model.errors import SpotRlError
 from spot_model.io.child_process import ChildProcess
 from spot_runtime.config import RunConfig
 from spot_runtime.hal.connection.address import parse_address
-from spot_runtime.operator.rescue.lease_note import note_folder, note_path
-from spot_runtime.operator.rescue.make_safe import MAY_HAVE_POWER, WITHIN_S
-from spot_runtime.operator.rescue.make_safe_command import mend
 from spot_runtime.operator.run.run_spec import MAX_SPEC_BYTES
+from spot_runtime.rescue.lease_note import note_folder, note_path
+from spot_runtime.rescue.make_safe import MAY_HAVE_POWER, WITHIN_S, make_safe_by_note
 
 KILL_AFTER_S: Final = WITHIN_S + 35.0
 
 
-class MendingSpec(BaseModel):
+class RescueSpec(BaseModel):
     """Which robot, and how it is reached."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -34,7 +33,7 @@ class MendingSpec(BaseModel):
     lock_step: str = ""
 
 
-class Mending:
+class Rescue:
     """One try; nothing here waits for it."""
 
     def __init__(self, process: ChildProcess) -> None:
@@ -48,10 +47,10 @@ class Mending:
         return note_path(str(parse_address(robot)), note_folder(os.environ)).exists()
 
     @staticmethod
-    def start(spec: MendingSpec) -> Mending:
+    def start(spec: RescueSpec) -> Rescue:
         """Begin. Raises OSError where the system cannot start a process."""
         told = spec.model_dump_json(by_alias=True).encode()
-        return Mending(ChildProcess.start(__name__, told=told, is_heard=True, has_own_session=True))
+        return Rescue(ChildProcess.start(__name__, told=told, is_heard=True, has_own_session=True))
 
     def result(self) -> tuple[bool, str] | None:
         """Whether the robot is safe, and what was done; None while it is under way."""
@@ -67,9 +66,10 @@ class Mending:
 def main() -> None:
     """Run the process."""
     try:
-        spec = MendingSpec.model_validate_json(sys.stdin.buffer.read(MAX_SPEC_BYTES))
+        spec = RescueSpec.model_validate_json(sys.stdin.buffer.read(MAX_SPEC_BYTES))
         folder = note_folder(os.environ)
-        sys.stdout.write(mend(spec.robot, spec.config, folder, lock_step=spec.lock_step, within_s=WITHIN_S) + "\n")
+        words = make_safe_by_note(spec.robot, spec.config, folder, lock_step=spec.lock_step, within_s=WITHIN_S)
+        sys.stdout.write(f"{words}\n")
     except SpotRlError as error:
         sys.stdout.write(f"{error}\n")
         raise SystemExit(error.exit_code) from None

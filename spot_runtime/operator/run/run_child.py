@@ -14,22 +14,16 @@ from pydantic import ValidationError
 
 from spot_log.write.logger_process import LoggerProcess
 from spot_log.write.run_writer import make_log_folder
-from spot_log.write.sink import LogSink
 from spot_model.errors import BadInputError, SpotRlError
 from spot_model.io.validation import explain
 from spot_protos import operator_pb2
-from spot_runtime.hal.base import Hal
-from spot_runtime.hal.connection.address import parse_address
 from spot_runtime.hal.registry import HalRequest, find_adapter
-from spot_runtime.hal.spot.lock_step import LockStep
-from spot_runtime.host.clock import HostClock
 from spot_runtime.host.instance_lock import InstanceLock
 from spot_runtime.host.service_manager import ServiceManager
-from spot_runtime.operator.rescue.lease_note import note_folder
 from spot_runtime.operator.run.link import RunLink
-from spot_runtime.operator.run.noting_hal import NotingHal
 from spot_runtime.operator.run.operated_run import OperatedRun
 from spot_runtime.operator.run.run_spec import MAX_SPEC_BYTES, RunSpec, load_checked
+from spot_runtime.rescue.guarded import guarded
 from spot_runtime.stops import StopReason
 
 
@@ -44,19 +38,12 @@ def read_spec(data: bytes) -> RunSpec:
 def drive(spec: RunSpec, link: RunLink) -> int:
     """Carry it out. Returns the exit code. Raises SpotRlError where the robot was never touched."""
     policy = load_checked(spec.policy, spec.policy_sha256, spec.config)
-    adapter = find_adapter(HalRequest(spec.robot, spec.config, spec.lock_step))
+    request = HalRequest(spec.robot, spec.config, spec.lock_step)
+    adapter = find_adapter(request)
     make_log_folder(spec.config.log.directory)
-
     manager = ServiceManager.from_environment(os.environ)
-
-    def make_hal(sink: LogSink) -> Hal:
-        if spec.config.robot.hal != "spot":
-            return adapter.make(sink)
-        address = parse_address(spec.robot)
-        pace = LockStep(spec.lock_step, HostClock().now_ns()) if spec.lock_step else None
-        # The watchdog is fed while it sits down, too, for the operator's service may be gone.
-        return NotingHal(address, spec.config, sink, pace, folder=note_folder(os.environ), on_pause=manager.progressed)
-
+    # The watchdog is fed while it sits down, too, for the operator's service may be gone.
+    make_hal = guarded(adapter, request, service_pid=os.getppid(), on_pause=manager.progressed)
     with InstanceLock(adapter.robot):
         run = OperatedRun(spec, policy, link, LoggerProcess.start, manager=manager)
         return int(run.drive(make_hal).exit_code)

@@ -21,13 +21,13 @@ from spot_runtime.config import RunConfig
 from spot_runtime.host.clock import HostClock
 from spot_runtime.host.service_manager import ServiceManager
 from spot_runtime.operator.refusal import Refusal, not_now, unavailable
-from spot_runtime.operator.rescue.make_safe import MAY_HAVE_POWER
-from spot_runtime.operator.rescue.rescue_process import Mending, MendingSpec
+from spot_runtime.operator.rescue.rescue_process import Rescue, RescueSpec
 from spot_runtime.operator.run.run_spec import RunSpec
 from spot_runtime.operator.server.event_history import EventHistory
 from spot_runtime.operator.server.policy_folder import OfferedPolicy, PolicyFolder
 from spot_runtime.operator.server.run_process import RunProcess
 from spot_runtime.operator.server.states import State
+from spot_runtime.rescue.make_safe import MAY_HAVE_POWER
 
 TURN_S: Final = 0.05
 ANSWER_TIMEOUT_S: Final = 25.0
@@ -87,7 +87,7 @@ class Supervisor:
         self._changed = threading.Condition(self._lock)
         self._state, self._state_since_s = State.IDLE, time.monotonic()
         self._run: RunProcess | None = None
-        self._mending: Mending | None = None
+        self._rescue: Rescue | None = None
         self._run_status: operator_pb2.RunStatus | None = None
         self._run_told_s = 0.0
         self._ended: operator_pb2.Outcome | None = None
@@ -241,7 +241,7 @@ class Supervisor:
         run = self._run
         if run is None:
             time.sleep(TURN_S)
-            self._see_to_mending()
+            self._look_at_rescue()
         else:
             for message in run.read(TURN_S):
                 self._take(message)
@@ -256,7 +256,7 @@ class Supervisor:
     def begin(self) -> None:
         """Before the first turn: a robot that an earlier service left with power is made safe."""
         with self._lock:
-            self._mend_or_rest()
+            self._rescue_or_rest()
 
     def shut_down(self) -> None:
         """End whatever goes on; returns when the robot is at rest, or whatever should see to it has been killed."""
@@ -267,7 +267,7 @@ class Supervisor:
             if self._state is State.ARMING or (self._state is not State.ENDING and not run.tell(stop)):
                 run.ask_to_stop()
         deadline_s = time.monotonic() + self._config.service.arm_timeout_s
-        while self._run is not None or self._mending is not None:
+        while self._run is not None or self._rescue is not None:
             if self._run is not None and time.monotonic() > deadline_s:
                 self._run.kill()
             self.turn()
@@ -307,32 +307,32 @@ class Supervisor:
                 f"{outcome.outcome}: {outcome.sentence}",
                 severity="info" if outcome.exit_code in (0, 10) else "error",
             )
-            self._mend_or_rest()
+            self._rescue_or_rest()
 
-    def _mend_or_rest(self) -> None:
+    def _rescue_or_rest(self) -> None:
         """Idle, unless somebody died with the robot in hand."""
-        if not Mending.is_due(self._robot):
+        if not Rescue.is_due(self._robot):
             self._set(State.IDLE)
             return
-        spec = MendingSpec(robot=self._robot, config=self._config, lock_step=self._lock_step)
+        spec = RescueSpec(robot=self._robot, config=self._config, lock_step=self._lock_step)
         try:
-            self._mending = Mending.start(spec)
+            self._rescue = Rescue.start(spec)
         except OSError as error:
-            self._mended(is_safe=False, text=f"{MAY_HAVE_POWER}: no process can be started: {error}")
+            self._rescued(is_safe=False, text=f"{MAY_HAVE_POWER}: no process can be started: {error}")
             return
         self._say(
             "make_safe", "a control process died with the robot in hand; the robot is made safe", severity="warning"
         )
         self._set(State.ENDING)
 
-    def _see_to_mending(self) -> None:
-        result = None if self._mending is None else self._mending.result()
+    def _look_at_rescue(self) -> None:
+        result = None if self._rescue is None else self._rescue.result()
         if result is not None:
             with self._lock:
-                self._mending = None
-                self._mended(is_safe=result[0], text=result[1])
+                self._rescue = None
+                self._rescued(is_safe=result[0], text=result[1])
 
-    def _mended(self, *, is_safe: bool, text: str) -> None:
+    def _rescued(self, *, is_safe: bool, text: str) -> None:
         self._say("made_safe" if is_safe else "not_safe", text, severity="warning" if is_safe else "error")
         if self._last is not None:
             self._last.sentence = f"{self._last.sentence}; then: {text}"

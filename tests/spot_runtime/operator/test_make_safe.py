@@ -28,7 +28,8 @@ from spot_runtime.hal.errors import CertificateError, HalError, MotionError
 from spot_runtime.hal.spot.lock_step import LockStep
 from spot_runtime.hal.spot.session import Session
 from spot_runtime.host.clock import HostClock, RobotClockEstimate
-from spot_runtime.operator.rescue.lease_note import (
+from spot_runtime.operator.rescue.rescue_process import Rescue
+from spot_runtime.rescue.lease_note import (
     HeldNote,
     LeaseNote,
     LeaseNoteError,
@@ -36,10 +37,8 @@ from spot_runtime.operator.rescue.lease_note import (
     note_folder,
     note_path,
 )
-from spot_runtime.operator.rescue.make_safe import NotSafeError
-from spot_runtime.operator.rescue.make_safe_command import mend
-from spot_runtime.operator.rescue.rescue_process import Mending
-from spot_runtime.operator.run.noting_hal import NotingHal
+from spot_runtime.rescue.make_safe import NotSafeError, make_safe_by_note
+from spot_runtime.rescue.noting_hal import NotingHal
 
 SPOT_RL = str(Path(sys.executable).with_name("spot-rl"))
 SCENARIO = "services: {on_lease_expiry: nothing}\n"
@@ -89,9 +88,9 @@ class Robot:
         assert self.is_powered()
         return note
 
-    def mend(self, **options: Any) -> str:
+    def make_safe_by_note(self, **options: Any) -> str:
         wanted = {"lock_step": self.fake.admin, "within_s": 0.0, **options}
-        return mend(self.fake.robot, self.config, self.folder, **wanted)
+        return make_safe_by_note(self.fake.robot, self.config, self.folder, **wanted)
 
     def session(self) -> Session:
         session = Session(
@@ -137,7 +136,7 @@ def robot(fake: FakeAddress, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
 
 def test_a_robot_that_stands_by_itself_sits_and_loses_power(robot: Robot) -> None:
     robot.leave_standing()
-    said = robot.mend()
+    said = robot.make_safe_by_note()
     assert "is safe" in said
     assert "sat down" in said
     status = robot.status()
@@ -153,7 +152,7 @@ def test_no_password_is_needed_for_it(robot: Robot, monkeypatch: pytest.MonkeyPa
     assert note.token not in repr(note)
     for name in ("BOSDYN_CLIENT_USERNAME", "BOSDYN_CLIENT_PASSWORD"):
         monkeypatch.delenv(name)
-    assert "sat down" in robot.mend()
+    assert "sat down" in robot.make_safe_by_note()
     for name, value in robot.fake.environment.items():
         monkeypatch.setenv(name, value)
 
@@ -161,13 +160,13 @@ def test_no_password_is_needed_for_it(robot: Robot, monkeypatch: pytest.MonkeyPa
 def test_a_token_that_is_no_longer_taken_is_replaced_by_the_password(robot: Robot) -> None:
     note = robot.leave_standing()
     HeldNote.write(robot.note, replace(note, token="none")).let_go()  # noqa: S106
-    assert "sat down" in robot.mend()
+    assert "sat down" in robot.make_safe_by_note()
 
 
 def test_a_lease_that_went_stale_in_dead_hands_is_taken_up_again(robot: Robot) -> None:
     robot.leave_standing()
     robot.inject("lease_expired")
-    assert "sat down" in robot.mend()
+    assert "sat down" in robot.make_safe_by_note()
     assert not robot.is_powered()
     assert not robot.status().lease_owner
 
@@ -175,7 +174,7 @@ def test_a_lease_that_went_stale_in_dead_hands_is_taken_up_again(robot: Robot) -
 def test_whoever_took_the_robot_meanwhile_keeps_it(robot: Robot) -> None:
     robot.leave_standing()
     robot.inject("lease_stolen", owner="tablet")
-    assert "was left to its holder" in robot.mend()
+    assert "was left to its holder" in robot.make_safe_by_note()
     assert robot.is_powered()
     assert robot.status().lease_owner == "tablet"
     assert not robot.note.exists()
@@ -187,7 +186,7 @@ def test_whoever_had_it_meanwhile_and_gave_it_back_has_left_it_so(robot: Robot) 
     other = robot.session()
     other.acquire_lease()
     other.close()
-    assert "was left to its holder" in robot.mend()
+    assert "was left to its holder" in robot.make_safe_by_note()
     assert robot.is_powered()
     assert not robot.status().lease_owner
 
@@ -197,14 +196,14 @@ def test_a_robot_without_power_is_safe_and_its_lease_free(robot: Robot) -> None:
     robot.inject("estop_pressed")
     robot.step(10.0)
     assert not robot.is_powered()
-    assert "had no power already" in robot.mend()
+    assert "had no power already" in robot.make_safe_by_note()
     assert not robot.status().lease_owner
 
 
 def test_a_note_of_another_start_of_the_robot_is_nobodys(robot: Robot) -> None:
     note = robot.leave_standing()
     HeldNote.write(robot.note, replace(note, epoch="another epoch")).let_go()
-    assert "was left to its holder" in robot.mend()
+    assert "was left to its holder" in robot.make_safe_by_note()
     assert robot.is_powered()
 
 
@@ -221,10 +220,10 @@ def test_a_robot_that_cannot_be_reached_is_tried_again_and_then_told_of(
     with monkeypatch.context() as patched:
         patched.setattr(Session, "log_in", log_in)
         with pytest.raises(NotSafeError, match=r"THE ROBOT MAY HAVE POWER, see to it: nothing answers"):
-            robot.mend(within_s=1.5)
+            robot.make_safe_by_note(within_s=1.5)
     assert len(tries) == 2
     assert robot.note.exists()  # for the next try
-    assert "sat down" in robot.mend()
+    assert "sat down" in robot.make_safe_by_note()
 
 
 def test_what_no_second_try_mends_is_told_of_at_once(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -236,8 +235,8 @@ def test_what_no_second_try_mends_is_told_of_at_once(robot: Robot, monkeypatch: 
     with monkeypatch.context() as patched:
         patched.setattr(Session, "log_in", log_in)
         with pytest.raises(NotSafeError, match="not trusted"):
-            robot.mend(within_s=600.0)
-    assert "sat down" in robot.mend()
+            robot.make_safe_by_note(within_s=600.0)
+    assert "sat down" in robot.make_safe_by_note()
 
 
 def test_a_run_that_ends_well_leaves_no_note(robot: Robot) -> None:
@@ -246,12 +245,12 @@ def test_a_run_that_ends_well_leaves_no_note(robot: Robot) -> None:
     assert not robot.note.exists()
     hal.stand()
     with pytest.raises(NoteHeldError, match="stop that one instead"):
-        robot.mend()
+        robot.make_safe_by_note()
     hal.power_off()
     hal.close()
     assert not robot.note.exists()
     assert not robot.is_powered()
-    assert robot.mend().startswith("nothing to do")
+    assert robot.make_safe_by_note().startswith("nothing to do")
 
 
 def test_each_look_at_a_motion_of_the_vendor_s_is_told(robot: Robot) -> None:
@@ -281,7 +280,7 @@ def test_a_lease_under_which_power_off_failed_is_not_given_back(robot: Robot, mo
             hal.power_off()
         hal.close()
     assert robot.status().lease_owner
-    assert "sat down" in robot.mend()
+    assert "sat down" in robot.make_safe_by_note()
     assert not robot.is_powered()
 
 
@@ -299,7 +298,7 @@ def test_motors_that_are_just_getting_power_are_powered_off_too(robot: Robot) ->
 def test_a_damaged_note_and_a_folder_in_the_way(robot: Robot) -> None:
     robot.note.write_text("{")
     with pytest.raises(LeaseNoteError, match="see to the robot, then delete it"):
-        robot.mend()
+        robot.make_safe_by_note()
     with pytest.raises(LeaseNoteError, match="cannot be opened"):
         HeldNote.write(robot.note / "below", LeaseNote("a", "body", "e", 1, ""))
 
@@ -329,7 +328,7 @@ def test_where_notes_lie(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     assert note_folder({"XDG_STATE_HOME": "/x"}) == Path("/x/spot-rl")
     assert note_folder({"XDG_STATE_HOME": "relative"}) == Path.home() / ".local" / "state" / "spot-rl"
     monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path))
-    assert not Mending.is_due("192.168.50.3")
+    assert not Rescue.is_due("192.168.50.3")
     note = LeaseNote("192.168.50.3:443", "body", "e", 1, "")
     HeldNote.write(note_path(str(parse_address("192.168.50.3")), tmp_path), note).let_go()
-    assert Mending.is_due("192.168.50.3")
+    assert Rescue.is_due("192.168.50.3")

@@ -99,13 +99,7 @@ class Service:
         pytest.fail(f"never {state or mode}: {status}")
 
     def control_pid(self) -> int:
-        children = Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split()
-        others = [Path(f"/proc/{self.process.pid}/task").iterdir()]
-        for task in others[0]:
-            children += (task / "children").read_text().split()
-        named = [int(c) for c in set(children) if "run_child" in Path(f"/proc/{c}/cmdline").read_text()]
-        assert len(named) == 1
-        return named[0]
+        return child_of(self.process.pid, "run_child")
 
     def end(self) -> None:
         if self.process.poll() is None:
@@ -126,6 +120,13 @@ def service(tmp_path: Path, fake_process: FakeAddress) -> Iterator[Service]:
 def admin(fake_process: FakeAddress) -> Iterator[Any]:
     with grpc.insecure_channel(fake_process.admin) as channel:
         yield fake_admin_pb2_grpc.FakeAdminStub(channel)  # type: ignore[no-untyped-call]
+
+
+def child_of(pid: int, module: str) -> int:
+    """The one child of a process that runs this module."""
+    children = {c for task in Path(f"/proc/{pid}/task").iterdir() for c in (task / "children").read_text().split()}
+    (found,) = [int(c) for c in children if module in Path(f"/proc/{c}/cmdline").read_text()]
+    return found
 
 
 def is_alive(pid: int) -> bool:
@@ -222,6 +223,7 @@ def test_when_all_processes_die_the_next_start_makes_the_robot_safe_first(servic
     service.ctl("start")
     service.wait_for(mode="active")
     control = service.control_pid()
+    os.kill(child_of(control, "guardian"), signal.SIGKILL)
     os.kill(control, signal.SIGSTOP)  # or it would see the service die, and let the robot sit
     service.process.kill()
     os.kill(control, signal.SIGKILL)
@@ -231,6 +233,39 @@ def test_when_all_processes_die_the_next_start_makes_the_robot_safe_first(servic
     service.wait_for(state="idle")
     assert at_rest(admin)
     assert "service_made_safe" in service.ctl("events", "--past", "100").stdout
+
+
+def test_when_service_and_control_die_whoever_is_left_makes_the_robot_safe(service: Service, admin: Any) -> None:
+    service.ctl("arm", "walk")
+    service.ctl("start")
+    service.wait_for(mode="active")
+    control = service.control_pid()
+    guardian = child_of(control, "guardian")
+    os.kill(control, signal.SIGSTOP)
+    service.process.kill()
+    os.kill(control, signal.SIGKILL)
+    service.process.communicate()
+    wait_until(lambda: not is_alive(guardian), "the guardian has done its work")
+    assert at_rest(admin)
+    assert not list(service.folder.glob("spot-rl/lease-*"))
+
+
+def test_a_run_from_the_command_line_that_is_killed_leaves_no_power(
+    tmp_path: Path, fake_process: FakeAddress, admin: Any
+) -> None:
+    words = ["run", "--robot", fake_process.robot, "--policy", str(POLICIES / "walk.onnx"), "--duration", "600"]
+    words += ["--log-dir", str(tmp_path), "--lock-step", fake_process.admin, "--sequence", "forward"]
+    environment = {**os.environ, **fake_process.environment, "XDG_STATE_HOME": str(tmp_path)}
+    with subprocess.Popen([*SPOT_RL, *words], env=environment, stderr=subprocess.DEVNULL) as run:
+        wait_until(lambda: "joint_control" in mode_of(admin) or run.poll() is not None, "the robot walks")
+        guardian = child_of(run.pid, "guardian")
+        run.kill()
+    wait_until(lambda: not is_alive(guardian), "the guardian has done its work")
+    assert at_rest(admin)
+
+
+def mode_of(admin: Any) -> str:
+    return str(admin.GetStatus(fake_admin_pb2.GetStatusRequest()).mode).lower()
 
 
 def test_a_service_without_policies_does_not_start(tmp_path: Path) -> None:

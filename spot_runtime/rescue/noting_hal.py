@@ -6,12 +6,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 from spot_log.write.sink import LogSink
+from spot_model.io.child_process import ChildProcess
 from spot_runtime.config import RunConfig
 from spot_runtime.hal.connection.address import Address
 from spot_runtime.hal.errors import HalError
 from spot_runtime.hal.spot.adapter import BosdynHal
 from spot_runtime.hal.spot.pace import Pace
-from spot_runtime.operator.rescue.lease_note import HeldNote, LeaseNote, LeaseNoteError, note_path
+from spot_runtime.rescue.lease_note import HeldNote, LeaseNote, LeaseNoteError, note_path
 
 
 class NotingHal(BosdynHal):
@@ -25,11 +26,23 @@ class NotingHal(BosdynHal):
         pace: Pace | None,
         *,
         folder: Path,
+        guardian: Callable[[], ChildProcess] | None = None,
         on_pause: Callable[[], None] = lambda: None,
     ) -> None:
-        """As its parent; notes lie in ``folder``, and ``on_pause`` is told of each look at a motion of the vendor's."""
+        """As its parent.
+
+        Args:
+            address: The robot's.
+            config: Of the run.
+            sink: The log.
+            pace: Of a fake robot in lock-step mode.
+            folder: Where notes lie.
+            guardian: Starts the process that acts on the note where nobody else is left.
+            on_pause: Told of each look at a motion of the vendor's.
+        """
         super().__init__(address, config, sink, pace)
-        self._on_pause = on_pause
+        self._on_pause, self._start_guardian = on_pause, guardian
+        self._guardian: ChildProcess | None = None
         self._robot, self._path = str(address), note_path(str(address), folder)
         self._note: HeldNote | None = None
         self._is_at_rest = False
@@ -41,7 +54,8 @@ class NotingHal(BosdynHal):
             note = LeaseNote(self._robot, lease.resource, lease.epoch, lease.sequence[0], self._session.token)
             try:
                 self._note = HeldNote.write(self._path, note)
-            except LeaseNoteError as error:
+                self._guardian = None if self._start_guardian is None else self._start_guardian()
+            except (LeaseNoteError, OSError) as error:
                 raise HalError(str(error)) from error
         self._is_at_rest = False
         super().stand()
@@ -66,3 +80,5 @@ class NotingHal(BosdynHal):
         note, self._note = self._note, None
         if note is not None:
             note.remove() if self._is_at_rest else note.let_go()
+        if self._guardian is not None and self._is_at_rest:
+            self._guardian.end(0.0)

@@ -12,6 +12,7 @@ import contextlib
 import time
 from collections.abc import Callable
 from enum import Enum
+from pathlib import Path
 from typing import Final, NamedTuple
 
 from spot_model.errors import SpotRlError
@@ -22,7 +23,7 @@ from spot_runtime.hal.spot.lock_step import LockStep
 from spot_runtime.hal.spot.motions import Motions
 from spot_runtime.hal.spot.session import Session
 from spot_runtime.host.clock import HostClock, RobotClockEstimate
-from spot_runtime.operator.rescue.lease_note import LeaseNote
+from spot_runtime.rescue.lease_note import HeldNote, LeaseNote, note_path
 
 WITHIN_S: Final = 20.0
 """With a last try of some 30 s, less than the unit gives everything that comes after a stop."""
@@ -87,6 +88,28 @@ def make_safe(
             if is_hopeless or now_s() - began_s + RETRY_S > within_s:
                 raise NotSafeError(f"{MAY_HAVE_POWER}: {error}") from error
         time.sleep(RETRY_S)
+
+
+def make_safe_by_note(robot: str, config: RunConfig, folder: Path, *, lock_step: str, within_s: float) -> str:
+    """Make one robot safe if there is a note of it. Returns what was done.
+
+    Raises:
+        NotSafeError: It could not be done; the note stays, for the next try.
+        SpotRlError: The note cannot be read, its writer lives, or an address or a file is not valid.
+    """
+    address = str(parse_address(robot))
+    found = HeldNote.find(note_path(address, folder))
+    if found is None:
+        return f"nothing to do: no process of this computer has left {address} with power"
+    held, note = found
+    try:
+        attempt = make_safe(note, config, lock_step=lock_step, within_s=within_s)
+    except NotSafeError:
+        held.let_go()
+        raise
+    held.remove()
+    verb = "was left to its holder" if attempt.safety is Safety.NOT_OURS else "is safe"
+    return f"{address} {verb} after {attempt.took_s:.1f} s: {attempt.safety.value}"
 
 
 def _try(note: LeaseNote, config: RunConfig, lock_step: str) -> Safety:

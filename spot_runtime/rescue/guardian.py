@@ -1,0 +1,91 @@
+"""A process that outlives the one in control, and makes the robot safe where nobody else is left who would.
+
+It is started before the motors get power, and sleeps. When the control process is gone and its note is still there, it
+lets the operator's service act, if that lives; if that is gone too, it acts itself.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import select
+import signal
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from spot_model.errors import SpotRlError
+from spot_model.io.child_process import ChildProcess
+
+if TYPE_CHECKING:  # it sleeps for as long as all goes well, and should be small
+    from spot_runtime.config import RunConfig
+
+LOOK_PERIOD_S: Final = 0.2
+MODULE: Final = "spot_runtime.rescue.guardian"
+
+
+def start_guardian(robot: str, config: RunConfig, folder: Path, *, service_pid: int, lock_step: str) -> ChildProcess:
+    """Start one for this process. Raises OSError.
+
+    Args:
+        robot: The robot's address.
+        config: How to reach it.
+        folder: Where the note lies.
+        service_pid: The operator's service, which comes first; 0: there is none.
+        lock_step: Admin address of a fake robot in lock-step mode.
+    """
+    told = {
+        "robot": robot,
+        "config": config.model_dump_json(by_alias=True),
+        "folder": str(folder),
+        "control_pid": os.getpid(),
+        "service_pid": service_pid,
+        "lock_step": lock_step,
+    }
+    return ChildProcess.start(MODULE, told=json.dumps(told).encode(), has_own_session=True)
+
+
+def open_process(pid: int) -> int | None:
+    """A descriptor of a process that lives, which no other of that number can be mistaken for; None: it is gone."""
+    with contextlib.suppress(OSError):
+        return os.pidfd_open(pid) if pid else None
+    return None
+
+
+def is_alive(process: int | None) -> bool:
+    """Whether the process of a descriptor lives."""
+    return process is not None and not select.select([process], [], [], 0.0)[0]
+
+
+def main() -> None:
+    """Watch, and act if need be."""
+    # Whoever ends a run ends it for all; this process is for what comes after.
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
+        signal.signal(number, signal.SIG_IGN)
+    told = json.loads(sys.stdin.buffer.read())
+    control, service = open_process(told["control_pid"]), open_process(told["service_pid"])
+    if control is not None:
+        select.select([control], [], [])
+    from spot_runtime.rescue.lease_note import note_path
+
+    note = note_path(told["robot"], Path(told["folder"]))
+    while note.exists() and is_alive(service):
+        time.sleep(LOOK_PERIOD_S)
+    if not note.exists():
+        return
+    from spot_runtime.config import RunConfig
+    from spot_runtime.rescue.make_safe import WITHIN_S, make_safe_by_note
+
+    config = RunConfig.model_validate_json(told["config"])
+    try:
+        words = make_safe_by_note(told["robot"], config, note.parent, lock_step=told["lock_step"], within_s=WITHIN_S)
+    except SpotRlError as error:
+        words = str(error)
+    with contextlib.suppress(OSError):
+        sys.stderr.write(f"{words}\n")
+
+
+if __name__ == "__main__":
+    main()
