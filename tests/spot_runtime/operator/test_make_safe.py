@@ -111,6 +111,7 @@ class Robot:
     def tidy_up(self) -> None:
         """Whoever has the robot: it sits, and nobody has it."""
         session = self.session()
+        session.sync_clocks()
         client = session.calls.client(LeaseClient)
         session.adopt_lease(client.take().lease_proto)
         session.calls.client(RobotCommandClient).robot_command(RobotCommandBuilder.safe_power_off_command())
