@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from compare.errors import CompareError
 from compare.tracks import STEP_S, Track
-from diagnosis.verdict import Verdict, load_verdict
+from diagnosis.document import Verdict, load_verdict
 from spot_log.read.run import Run
 
 

@@ -18,7 +18,7 @@ from compare.errors import CompareError
 from compare.ghost import write_ghosts
 from compare.page import comparison_page, sentence
 from compare.tracks import STEP_S, Track, track_of
-from diagnosis.verdict import Verdict
+from diagnosis.document import Verdict
 from spot_log.read.run import Run
 from spot_model.robot.facts import JOINT_NAMES
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compare.errors import DifferentJointsError, TooShortError
-from diagnosis.logs import policy_ticks
+from diagnosis.read.policy_ticks import policy_ticks
 from spot_log.read.run import Run
 from spot_model.robot import facts
 from spot_model.robot.rotation import rotate_inverse_wxyz

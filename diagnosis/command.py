@@ -44,9 +44,9 @@ def diagnose(
     """Explain a sim-to-real gap: where it lies, which effect causes it, how far it shrinks."""
     import sys
 
-    from diagnosis.extra_effect import chosen_library
-    from diagnosis.output import check_free
+    from diagnosis.library.extra_effect import chosen_library
     from diagnosis.progress import Progress
+    from diagnosis.report.output import check_free
     from diagnosis.session import Request, run_session
     from diagnosis.terminal import twelve_lines
     from spot_model.io.model_file import load_model

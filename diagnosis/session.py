@@ -8,15 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
-from diagnosis.diagnose import Diagnosis, diagnose
-from diagnosis.engine import Engine, LocalEngine, RayEngine
+from diagnosis.closed_loop.engine import Engine, LocalEngine, RayEngine
 from diagnosis.library.base import LibraryEffect
-from diagnosis.output import write_all
-from diagnosis.plausible import check_plausible
-from diagnosis.prepare import prepared
 from diagnosis.progress import Progress
-from diagnosis.read_logs import find_policy, find_policy_file, read_all
-from diagnosis.robot_file import SPOT, load_robot
+from diagnosis.read.log_files import find_policy, find_policy_file, read_all
+from diagnosis.read.prepare import prepared
+from diagnosis.read.robot_file import SPOT, load_robot
+from diagnosis.read.signal_checks import check_plausible
+from diagnosis.report.output import write_all
+from diagnosis.verdict.diagnose import Diagnosis, diagnose
 from spot_model.io.model_file import RobotModel
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from diagnosis.verdict import FoundEffect, Verdict
+from diagnosis.document import FoundEffect, Verdict
 from spot_model.robot.facts import JOINT_NAMES, JOINT_TYPES
 
 GROUPS = {kind: {n for n in JOINT_NAMES if n.endswith(kind)} for kind in JOINT_TYPES}

@@ -11,7 +11,8 @@ import sys
 import numpy as np
 from reference.effects import PICTURES
 
-from diagnosis.simulated import Script, SensorNoise, simulate
+from diagnosis.closed_loop.simulation import SensorNoise, simulate
+from diagnosis.read.policy_ticks import Script
 from spot_log.page.svg import line, nice_ticks, svg, text
 from spot_log.read.run import Run
 from spot_model.effects.registry import BUILT_IN, make_effect

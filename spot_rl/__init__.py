@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from compare.compare import Comparison
-    from diagnosis.verdict import Verdict
+    from diagnosis.document import Verdict
     from spot_log.read.run import Run
     from spot_model.errors import SpotRlError
     from spot_model.io.model_file import RobotModel
@@ -60,7 +60,7 @@ _WHERE = {
     "compare": ("spot_rl.simulation", "diagnosis"),
     "Comparison": ("compare.compare", "diagnosis"),
     "diagnose": ("spot_rl.logs", "diagnosis"),
-    "Verdict": ("diagnosis.verdict", "diagnosis"),
+    "Verdict": ("diagnosis.document", "diagnosis"),
     "identify": ("spot_rl.logs", "sysid"),
     "ResultData": ("trainer.sysid.identify.result", "sysid"),
     "make_env": ("spot_rl.environment", "gym"),

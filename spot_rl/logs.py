@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from spot_rl.paths import AnyPath, existing, existing_all, to_path
 
 if TYPE_CHECKING:
-    from diagnosis.verdict import Verdict
+    from diagnosis.document import Verdict
     from spot_log.read.run import Run
     from spot_model.io.model_file import RobotModel
     from trainer.sysid.identify.result import ResultData
@@ -68,9 +68,9 @@ def diagnose(
     Raises:
         SpotRlError: A file is missing or not valid, or ``out`` holds a diagnosis.
     """
-    from diagnosis.extra_effect import chosen_library
-    from diagnosis.output import check_free
+    from diagnosis.library.extra_effect import chosen_library
     from diagnosis.progress import Progress
+    from diagnosis.report.output import check_free
     from diagnosis.session import Request, run_session
     from spot_rl.simulation import model_of
 

@@ -81,8 +81,8 @@ def simulate(
     import numpy as np
 
     from compare.sources import simulate_like
-    from diagnosis.read_logs import find_policy
-    from diagnosis.simulated import SensorNoise
+    from diagnosis.closed_loop.simulation import SensorNoise
+    from diagnosis.read.log_files import find_policy
     from spot_model.errors import BadInputError
     from spot_model.policy.policy import Policy
 

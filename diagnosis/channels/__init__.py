@@ -1,1 +1,1 @@
-"""Residual channels, one file each; :mod:`diagnosis.seam` says what a channel hands on."""
+"""Residual channels, one file each; :mod:`diagnosis.channels.channel_view` says what a channel hands on."""

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from diagnosis.channels.actuator import ActuatorSignals, actuator_view
-from diagnosis.channels.base_wrench import base_view, calm_rows
-from diagnosis.channels.contact_events import contact_view
-from diagnosis.channels.dynamics import dynamics_signals, missing_for_dynamics
-from diagnosis.channels.inertial import inertial_view
-from diagnosis.channels.joint_rates import rate_view
-from diagnosis.channels.load_alignment import aligned
-from diagnosis.channels.power import power_view
+from diagnosis.channels.body.base_wrench import base_view, calm_rows
+from diagnosis.channels.body.contact_events import contact_view
+from diagnosis.channels.body.dynamics import dynamics_signals, missing_for_dynamics
+from diagnosis.channels.body.inertial import inertial_view
+from diagnosis.channels.body.load_alignment import aligned
+from diagnosis.channels.body.stance import StanceSignals, stance_view
+from diagnosis.channels.body.swing import swing_view, swinging_legs
+from diagnosis.channels.channel_view import CHANNEL_TITLES, Array, ChannelOff, ChannelView
+from diagnosis.channels.drive.actuator import ActuatorSignals, actuator_view
+from diagnosis.channels.drive.joint_rates import rate_view
+from diagnosis.channels.drive.power import power_view
+from diagnosis.channels.drive.sensor_noise import noise_view
 from diagnosis.channels.replay import Actor, replay_view
-from diagnosis.channels.sensor_noise import noise_view
 from diagnosis.channels.stack import Stack
-from diagnosis.channels.stance import StanceSignals, stance_view
-from diagnosis.channels.swing import swing_view, swinging_legs
 from diagnosis.channels.timing import timing_view
-from diagnosis.seam import CHANNEL_TITLES, Array, ChannelOff, ChannelView
 from spot_model.io.model_file import RobotModel
 from spot_model.robot import facts
 
@@ -37,7 +37,7 @@ def build_views(
         limits_rad: Joint stops of a robot other than Spot, low and high; Spot's are known.
 
     Returns:
-        The channels that are on, by name in the order of :data:`~diagnosis.seam.CHANNEL_TITLES`, and those that are
+        The channels that are on, by name in the order of ``CHANNEL_TITLES``, and those that are
         off with their reasons.
     """
     effects = model.effects

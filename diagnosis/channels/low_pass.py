@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.signal import lfilter
 
+from diagnosis.channels.channel_view import Array
 from diagnosis.channels.stack import Stack
-from diagnosis.seam import Array
 
 
 def low_pass(stack: Stack, raw: Array, time_constant_s: float) -> Array:

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
+from diagnosis.channels.channel_view import Array, ChannelOff, ChannelView
 from diagnosis.channels.stack import Stack
-from diagnosis.recording import Recording
-from diagnosis.seam import Array, ChannelOff, ChannelView
+from diagnosis.read.recording import Recording
 from spot_model.policy.contract import PolicyContract
 from spot_model.policy.observation import N_OBSERVATION, build_observation
 from spot_model.robot import facts

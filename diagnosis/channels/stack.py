@@ -9,10 +9,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.recording import Recording
-from diagnosis.seam import Array, Flags, Ints
-from diagnosis.segments import Segmentation, cut
-from diagnosis.smoothing import NOISE_GAIN, REACH, eroded, rate, smooth
+from diagnosis.channels.channel_view import Array, Flags, Ints
+from diagnosis.read.recording import Recording
+from diagnosis.read.segments import Segmentation, cut
+from diagnosis.read.smoothing import NOISE_GAIN, REACH, eroded, rate, smooth
 from spot_model.errors import BadInputError
 
 MIN_NOISE: Final = 1e-6

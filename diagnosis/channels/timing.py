@@ -14,9 +14,9 @@ from typing import Final
 import numpy as np
 from scipy.stats import norm as normal
 
+from diagnosis.channels.channel_view import Array, ChannelOff, ChannelView, Ints
 from diagnosis.channels.stack import Stack
-from diagnosis.recording import NEVER_NS
-from diagnosis.seam import Array, ChannelOff, ChannelView, Ints
+from diagnosis.read.recording import NEVER_NS
 from spot_model.effects.base import Effect
 from spot_model.effects.command.command_delay import CommandDelay
 

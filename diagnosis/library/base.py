@@ -10,8 +10,8 @@ from typing import ClassVar, Final
 
 import numpy as np
 
+from diagnosis.channels.channel_view import Array, ChannelView, Flags, Shape, Views
 from diagnosis.library.experiments import Experiment
-from diagnosis.seam import Array, ChannelView, Flags, Shape, Views
 from spot_model.effects.base import Effect
 from spot_model.io.model_file import RobotModel
 

@@ -5,23 +5,23 @@ from __future__ import annotations
 from typing import Final
 
 from diagnosis.library.base import LibraryEffect
-from diagnosis.library.drive import ArmatureEntry, BandwidthEntry, RippleEntry, ThermalEntry, TorqueGainEntry
-from diagnosis.library.estimator import ContactDelayEntry, ImuTiltEntry, VelocityEstimateEntry
-from diagnosis.library.friction import CoulombEntry, LoadFrictionEntry, StribeckEntry, ViscousEntry
-from diagnosis.library.gap import BacklashEntry
-from diagnosis.library.ground import FootRadiusEntry, GroundComplianceEntry, GroundFrictionEntry
-from diagnosis.library.joint_sensing import (
+from diagnosis.library.effects.backlash import BacklashEntry
+from diagnosis.library.effects.command_link import CommandDelayEntry, CommandDropEntry, CommandJitterEntry
+from diagnosis.library.effects.drive import ArmatureEntry, BandwidthEntry, RippleEntry, ThermalEntry, TorqueGainEntry
+from diagnosis.library.effects.estimator import ContactDelayEntry, ImuTiltEntry, VelocityEstimateEntry
+from diagnosis.library.effects.friction import CoulombEntry, LoadFrictionEntry, StribeckEntry, ViscousEntry
+from diagnosis.library.effects.ground import FootRadiusEntry, GroundComplianceEntry, GroundFrictionEntry
+from diagnosis.library.effects.joint_sensing import (
     EncoderOffsetEntry,
     JointComplianceEntry,
     LoadSensorEntry,
     SensorNoiseEntry,
     VelocityFilterEntry,
 )
-from diagnosis.library.limits import PositionLimitEntry, SpeedCurveEntry, TorqueLimitEntry
-from diagnosis.library.link import CommandDelayEntry, CommandDropEntry, CommandJitterEntry
-from diagnosis.library.rigid_body import ComEntry, InertiaEntry, LegMassEntry, PayloadEntry
-from diagnosis.library.software import ActionScaleEntry, DefaultPoseEntry, JointSwapEntry
-from diagnosis.library.supply import BusSagEntry, PowerLimitEntry
+from diagnosis.library.effects.limits import PositionLimitEntry, SpeedCurveEntry, TorqueLimitEntry
+from diagnosis.library.effects.rigid_body import ComEntry, InertiaEntry, LegMassEntry, PayloadEntry
+from diagnosis.library.effects.software import ActionScaleEntry, DefaultPoseEntry, JointSwapEntry
+from diagnosis.library.effects.supply import BusSagEntry, PowerLimitEntry
 
 LIBRARY: Final[dict[str, LibraryEffect]] = {
     entry.name: entry
@@ -65,4 +65,4 @@ LIBRARY: Final[dict[str, LibraryEffect]] = {
     )
 }
 """36 effects. A leg that differs from the others is any of them at that leg's joints; a robot that does not follow its
-commands is no effect but a cut (:mod:`diagnosis.segments`)."""
+commands is no effect but a cut (:mod:`diagnosis.read.segments`)."""

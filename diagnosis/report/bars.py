@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Final
 
+from diagnosis.document import FoundEffect, Shrink, Verdict
 from diagnosis.report.svg import disc, esc, heat, line, nice_ticks, rect, svg, text
 from diagnosis.report.words import parameter
-from diagnosis.verdict import FoundEffect, Shrink, Verdict
 
 WIDTH: Final = 560
 LABELS: Final = 178

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
+from diagnosis.document import GapCell
 from diagnosis.report.scale import has_floor, share_of, told
 from diagnosis.report.svg import disc, heat, on_heat, rect, svg, text
-from diagnosis.verdict import GapCell
 
 SIGNALS: Final = ("load error", "load", "velocity", "position")
 REGIMES: Final = (

@@ -6,10 +6,10 @@ from typing import Final
 
 import numpy as np
 
-from diagnosis.logs import policy_ticks
+from diagnosis.channels.channel_view import Array
+from diagnosis.document import Dependence
+from diagnosis.read.policy_ticks import policy_ticks
 from diagnosis.report.svg import disc, line, nice_ticks, svg, text, thinned
-from diagnosis.seam import Array
-from diagnosis.verdict import Dependence
 from spot_log.read.run import Run
 
 WIDTH: Final = 1160

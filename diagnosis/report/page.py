@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from diagnosis.diagnose import Diagnosis
+from diagnosis.channels.channel_view import CHANNEL_TITLES
+from diagnosis.document import FoundEffect, GapCell, Verdict
 from diagnosis.report import bars, words
 from diagnosis.report.gap_map import gap_map_figure, note
 from diagnosis.report.lines import dependence
@@ -14,9 +15,8 @@ from diagnosis.report.strips import strips
 from diagnosis.report.style import SCRIPT, STYLE
 from diagnosis.report.svg import esc, legend
 from diagnosis.report.trace_choice import trace_figure
-from diagnosis.seam import CHANNEL_TITLES
 from diagnosis.terminal import joints_in_short
-from diagnosis.verdict import FoundEffect, GapCell, Verdict
+from diagnosis.verdict.diagnose import Diagnosis
 from spot_model.robot.facts import JOINT_NAMES
 
 COLOURS = (
@@ -179,7 +179,7 @@ def _traces(result: Diagnosis, by_joint: dict[str, GapCell], named: frozenset[st
     if found is None:
         return ""
     where, figure = found
-    has_corrected = result.measured is not None and bool(result.measured.corrected)
+    has_corrected = bool(result.simulated.get("corrected"))
     key = legend(COLOURS if has_corrected else COLOURS[:2])
     return _section("Traces", f"{where}. Each run is in closed loop, so steps drift apart.", key + figure)
 

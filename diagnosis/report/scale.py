@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from diagnosis.document import GapCell
 from diagnosis.report.svg import heat, rect, text
-from diagnosis.verdict import GapCell
 
 TOP_RATIO = 16.0
 """The darkest colour: so many times the floor, or more."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
+from diagnosis.document import Stretch
 from diagnosis.report.svg import nice_ticks, rect, svg, text
-from diagnosis.verdict import Stretch
 from spot_log.read.run import Run
 
 WIDTH: Final = 1160

@@ -6,22 +6,21 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from diagnosis.diagnose import Diagnosis
-from diagnosis.logs import policy_ticks
+from diagnosis.read.policy_ticks import policy_ticks
 from diagnosis.report.lines import SPAN_S, traces
+from diagnosis.verdict.diagnose import Diagnosis
 from spot_log.read.run import Run
 
 
 def trace_figure(result: Diagnosis, gaps: Mapping[str, float], named: frozenset[str]) -> tuple[str, str] | None:
     """What is shown in words, and the figure; None where nothing was simulated."""
-    measured = result.measured
-    if measured is None or not measured.nominal:
+    if not result.simulated.get("nominal"):
         return None
     joints = result.board.robot.joint_names
     pool = [j for j in joints if j in named] or list(joints)
     joint = max(pool, key=lambda j: gaps.get(j, 0.0))
     for real in result.runs:
-        nominal, corrected = (_same(real, group) for group in (measured.nominal, measured.corrected))
+        nominal, corrected = (_same(real, result.simulated[name]) for name in ("nominal", "corrected"))
         if nominal is None or len(policy_ticks(real)) == 0:
             continue
         number = joints.index(joint)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
+from diagnosis.document import FoundEffect, Verdict
 from diagnosis.terminal import joints_in_short
-from diagnosis.verdict import FoundEffect, Verdict
 
 BADGES: Final = {
     "explained": "Explained",

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from diagnosis.channels.channel_view import Array, Flags, Ints
 from diagnosis.library.base import LibraryEffect, Location
-from diagnosis.seam import Array, Flags, Ints
 
 
 @dataclass(frozen=True)

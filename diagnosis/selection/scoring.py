@@ -9,17 +9,17 @@ make a formula truer, so D does not grow with them.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from scipy.linalg import cho_solve
 
+from diagnosis.channels.channel_view import Array, Ints, Shape
 from diagnosis.library.base import LibraryEffect
-from diagnosis.seam import Array, Ints, Shape
-from diagnosis.selection.board import Board, Columns
-from diagnosis.selection.solve import solve_bounded
-from diagnosis.selection.sums import OrdinarySums, solved, tried_by_fold
+from diagnosis.selection.bounded_least_squares import solve_bounded
+from diagnosis.selection.evidence import Board, Columns
+from diagnosis.selection.normal_equations import OrdinarySums, solved, tried_by_fold
 
 ROUNDS: Final = 4
 """Rounds of weights and fit: weights follow the residuals."""
@@ -57,14 +57,29 @@ class Scored:
     """Mean square of each block's residual in folds that the fit never saw, units of the noise. Shape (B,)."""
     pulls: Array
     """Ordinary errors in units of their usual sizes. Shape (Q,)."""
+    fold_pulls: Array
+    """The same, fitted without each fold. Shape (F, Q)."""
     explained: Array
     """Mean square of what terms and ordinary errors explain in each block, units of the noise. Shape (B,)."""
+
+
+def without(scored: Scored, which: int) -> Scored:
+    """The same fit with one effect taken out, its ordinary errors as they are beside the effect; scores stay."""
+    sizes = [len(c) for c in scored.coefficients]
+    at = sum(sizes[:which])
+    return replace(
+        scored,
+        terms=scored.terms[:which] + scored.terms[which + 1 :],
+        coefficients=scored.coefficients[:which] + scored.coefficients[which + 1 :],
+        spread=np.delete(scored.spread, slice(at, at + sizes[which]), axis=1),
+    )
 
 
 @dataclass(frozen=True)
 class _Fitted:
     beta: Array
     pulls: Array
+    fold_pulls: Array
     spread: Array
     held_out: Array
     explained: Array
@@ -186,10 +201,11 @@ class Scorer:
         _, explained = sums.squares(sums.total, tried, pulls, beta)
         held_out = np.zeros(len(board.blocks))
         spread = np.zeros((board.n_folds, len(low)))
+        fold_pulls = np.zeros((board.n_folds, sums.size))
         for fold, own in enumerate(by_fold):
-            others, spread[fold] = solved(sums, sums.others[fold], tried - own, weights, low, high)
-            held_out += sums.squares(sums.folds[fold], own, others, spread[fold])[0]
-        return _Fitted(beta, pulls, spread, held_out, explained, weights)
+            fold_pulls[fold], spread[fold] = solved(sums, sums.others[fold], tried - own, weights, low, high)
+            held_out += sums.squares(sums.folds[fold], own, fold_pulls[fold], spread[fold])[0]
+        return _Fitted(beta, pulls, fold_pulls, spread, held_out, explained, weights)
 
     def _scored(self, terms: tuple[Placed, ...], fitted: _Fitted) -> Scored:
         board = self.board
@@ -207,7 +223,15 @@ class Scorer:
             at += size
         score = float(by_block.sum()) - cost
         return Scored(
-            terms, tuple(parts), fitted.spread, score, by_block, fitted.held_out, fitted.pulls, fitted.explained
+            terms,
+            tuple(parts),
+            fitted.spread,
+            score,
+            by_block,
+            fitted.held_out,
+            fitted.pulls,
+            fitted.fold_pulls,
+            fitted.explained,
         )
 
     # ---- many places at once, with weights that are given
@@ -306,6 +330,14 @@ def null_of(board: Board) -> Scored:
         board.kept["null"] = Scorer(board).now
     found: Scored = board.kept["null"]
     return found
+
+
+def posterior_variance(board: Board) -> Array:
+    """Variance of each ordinary error, in its usual size, given the logs and no effect. Shape (Q,)."""
+    sums, null = sums_of(board), null_of(board)
+    left = null.held_out + board.tolerance_square + board.relative_square * null.explained
+    factor = sums.system(sums.total, board.dof / left)
+    return np.asarray(np.diag(cho_solve(factor, np.eye(sums.size), check_finite=False)))
 
 
 def place_columns(columns: Columns, number: int, place: Array) -> Array:

@@ -3,25 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
+from diagnosis.channels.channel_view import Array, Shape
+from diagnosis.decision_constants import EFFECT_PRIOR_NATS, MAX_EFFECTS
 from diagnosis.library.base import LibraryEffect
-from diagnosis.seam import Array, Shape
-from diagnosis.selection.board import Board
+from diagnosis.selection.evidence import Board
 from diagnosis.selection.scoring import Placed, Scored, Scorer
 
-MAX_TERMS: Final = 3
 NEAR_SHARE: Final = 0.1
-SAME_SIGNAL_SHARE: Final = 0.35
-"""In signals that another effect explains, a further one must add this share of that: formulas are never exact."""
-CONFUSED_SHARE: Final = 0.65
-"""An effect for which a stronger one beside it is mistaken must bring this share of its nats to be another cause.
-
-Less is what the stronger one's formula leaves: of 30 such pairs in 414 withheld cases one was two causes, at 0.87.
-"""
+LEAST_NATS: Final = 1.5
 WORTH_SHARE: Final = 0.25
 """An effect whose first try adds less than this share of what the best so far adds is not refined."""
 ROUNDS: Final = 5
@@ -43,8 +37,6 @@ class Rival:
     scored: Scored
     value: float
     """Score less the price of its parameters, nats."""
-    beside: float = 0.0
-    """What the other terms explain already in the signals where it adds something, nats."""
 
 
 @dataclass(frozen=True)
@@ -59,40 +51,37 @@ class Selection:
     """By chosen effect: all effects in its place, best first, itself among them."""
     first: tuple[Rival, ...]
     """All effects alone, best first, whether or not they pass."""
-    doubtful: tuple[Rival, ...] = ()
-    """Effects beside those chosen that add enough, but in signals where the others' formulas may err; best first."""
 
 
-def search(board: Board, library: Mapping[str, LibraryEffect], threshold: float, say: Say) -> Selection:
+def search(board: Board, library: Mapping[str, LibraryEffect], say: Say) -> Selection:
     """Choose effects.
 
     Args:
         board: The channels.
         library: What is tried.
-        threshold: Nats that an effect must add to what is there.
         say: Where progress goes.
     """
     usable = {n: e for n, e in library.items() if e.show(board.views)}
     first = ranked(board, (), usable)
+    # What shows nothing alone, whatever the price of its numbers, is not looked for beside others.
+    promising = {e.name: e for r in first if r.scored.score > LEAST_NATS for e in [r.scored.terms[-1].effect]}
     terms: tuple[Placed, ...] = ()
     best: Scored | None = None
     value = 0.0
     candidates = first
-    while len(terms) < MAX_TERMS and candidates and _passes(candidates[0], value, threshold):
+    while len(terms) < MAX_EFFECTS and candidates and candidates[0].value - value > EFFECT_PRIOR_NATS:
         best, value = candidates[0].scored, candidates[0].value
         terms = best.terms
         say(f"+ {terms[-1].effect.name}: {value:.0f} nats")
         if len(terms) > 1:
-            best, value = _swapped(board, best, value, usable)
+            best, value = _swapped(board, best, value, promising)
             terms = best.terms
         names = {t.effect.name for t in terms}
-        candidates = ranked(board, terms, {n: e for n, e in usable.items() if n not in names})
+        candidates = ranked(board, terms, {n: e for n, e in promising.items() if n not in names})
     if best is None:
         return Selection(None, (), (), first)
-    kept = _pruned(board, best, threshold)
-    # Beside a set that was pruned, nobody looked for more.
-    doubtful = _doubtful(terms, candidates, value, threshold) if kept is best and len(terms) < MAX_TERMS else ()
-    return replace(selection_of(board, kept, first, library), doubtful=doubtful)
+    kept = _pruned(board, best)
+    return selection_of(board, kept, first, library)
 
 
 def selection_of(
@@ -115,7 +104,7 @@ def selection_of(
         ranking = (
             ranked(board, others, {n: e for n, e in usable.items() if n in near - names}) if others else tuple(first)
         )
-        gains.append(best.score - _price(best.terms, board) - _value(board, others))
+        gains.append(best.score - price(best.terms, board) - _value(board, others))
         rivals.append(ranking)
     return Selection(best, tuple(gains), tuple(rivals), tuple(first))
 
@@ -123,15 +112,12 @@ def selection_of(
 def ranked(board: Board, terms: Sequence[Placed], library: Mapping[str, LibraryEffect]) -> tuple[Rival, ...]:
     """Every effect beside the terms at its best place and shape, best first."""
     scorer = Scorer(board, terms)
-    base = scorer.now.by_block if terms else np.zeros(len(board.blocks))
     found: list[Rival] = []
-    top = there = scorer.now.score - _price(terms, board) if terms else 0.0
+    top = there = scorer.now.score - price(terms, board) if terms else 0.0
     for effect in library.values():
         rival = best_of(scorer, effect, there + WORTH_SHARE * (top - there))
         if rival is not None:
-            more = rival.scored.by_block - base
-            same = float(base[more > 0.1 * more.max(initial=0.0)].sum())
-            found.append(replace(rival, beside=same))
+            found.append(rival)
             top = max(top, rival.value)
     return tuple(sorted(found, key=lambda r: -r.value))
 
@@ -161,7 +147,7 @@ def best_of(scorer: Scorer, effect: LibraryEffect, worth: float = -np.inf) -> Ri
         if best is not None:
             place = _grown(scorer, effect, shape, place, weights)
         scored, weights = scorer.with_weights(effect, shape, place)
-        rival = Rival(scored, scored.score - _price(scored.terms, board))
+        rival = Rival(scored, scored.score - price(scored.terms, board))
         if best is not None and rival.value <= best.value:
             break
         best = rival
@@ -240,30 +226,17 @@ def _distance(place: Array, natural: Array) -> float:
     return float(np.abs(natural - place[None]).sum(axis=1).min())
 
 
-def _price(terms: Sequence[Placed], board: Board) -> float:
+def price(terms: Sequence[Placed], board: Board) -> float:
+    """Nats that a set of effects costs: its free numbers, and joints that are no natural set."""
     return sum(
         PER_PARAMETER * t.n_parameters + PER_UNIT * _distance(t.place, board.robot.places(t.effect)) for t in terms
     )
 
 
-def _passes(rival: Rival, value: float, threshold: float) -> bool:
-    return rival.value - value > max(threshold, SAME_SIGNAL_SHARE * rival.beside)
-
-
-def _doubtful(
-    terms: Sequence[Placed], candidates: Sequence[Rival], value: float, threshold: float
-) -> tuple[Rival, ...]:  # fmt: skip
-    """Candidates that add enough, and for which none of the terms is mistaken."""
-    like = {name for t in terms for name in t.effect.confused_with}
-    return tuple(
-        c for c in candidates if c.value - value > threshold and c.scored.terms[-1].effect.name not in like
-    )  # fmt: skip
-
-
 def _value(board: Board, terms: Sequence[Placed]) -> float:
     if not terms:
         return 0.0
-    return Scorer(board, terms).now.score - _price(terms, board)
+    return Scorer(board, terms).now.score - price(terms, board)
 
 
 def _swapped(board: Board, best: Scored, value: float, library: Mapping[str, LibraryEffect]) -> tuple[Scored, float]:
@@ -283,32 +256,13 @@ def _swapped(board: Board, best: Scored, value: float, library: Mapping[str, Lib
     return best, value
 
 
-def remainder_of(effects: Sequence[LibraryEffect], gains: Sequence[float], i: int) -> float:
-    """Nats under which effect i is what the formula of a stronger one that looks like it leaves.
-
-    Args:
-        effects: Those that were chosen.
-        gains: What each adds to the others, nats.
-        i: Which.
-    """
-    like = [
-        gain
-        for other, gain in zip(effects, gains, strict=True)
-        if gain > gains[i] and effects[i].name in other.confused_with
-    ]
-    return CONFUSED_SHARE * max(like, default=0.0)
-
-
-def _pruned(board: Board, best: Scored, threshold: float) -> Scored:
-    """Without effects that no longer add enough, or are what another's formula leaves."""
+def _pruned(board: Board, best: Scored) -> Scored:
+    """Without effects that no longer add enough."""
     while len(best.terms) > 1:
-        value = best.score - _price(best.terms, board)
+        value = best.score - price(best.terms, board)
         losses = [value - _value(board, best.terms[:i] + best.terms[i + 1 :]) for i in range(len(best.terms))]
-        effects = [t.effect for t in best.terms]
-        short = [loss - max(threshold, remainder_of(effects, losses, i)) for i, loss in enumerate(losses)]
-        weakest = int(np.argmin(short))
-        if short[weakest] > 0.0:
+        weakest = int(np.argmin(losses))
+        if losses[weakest] > EFFECT_PRIOR_NATS:
             break
-        left = best.terms[:weakest] + best.terms[weakest + 1 :]
-        best = Scorer(board, left).now
+        best = Scorer(board, best.terms[:weakest] + best.terms[weakest + 1 :]).now
     return best

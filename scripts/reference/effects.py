@@ -6,8 +6,8 @@ import inspect
 import textwrap
 from pathlib import Path
 
+from diagnosis.channels.channel_view import CHANNEL_TITLES
 from diagnosis.library.registry import LIBRARY
-from diagnosis.seam import CHANNEL_TITLES
 from spot_model.effects.base import Effect, Hook
 from spot_model.effects.registry import BUILT_IN
 

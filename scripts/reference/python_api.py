@@ -10,7 +10,7 @@ from typing import Any
 import spot_rl
 from compare.differences import Differences, SignalDifference
 from compare.tracks import Track
-from diagnosis.verdict import FoundEffect, Number
+from diagnosis.document import FoundEffect, Number
 from spot_log.format.records import EventRecord, RunHeader
 from spot_log.read import run as tables
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from diagnosis.verdict import Verdict
+from diagnosis.document import Verdict
 
 from .words import attribute_docs, is_part, page, plain, table, type_words
 

@@ -8,11 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from diagnosis.diagnose import Diagnosis
-from diagnosis.measure import Measured
-from diagnosis.selection.places import Robot
-from diagnosis.simulated import Script, SensorNoise, simulate
-from diagnosis.verdict import (
+from diagnosis.closed_loop.gap_map import GapMap
+from diagnosis.closed_loop.simulation import SensorNoise, simulate
+from diagnosis.document import (
     Dependence,
     FoundEffect,
     GapCell,
@@ -25,7 +23,9 @@ from diagnosis.verdict import (
     UnknownEffect,
     Verdict,
 )
-from diagnosis.where import GapMap
+from diagnosis.read.policy_ticks import Script
+from diagnosis.selection.places import Robot
+from diagnosis.verdict.diagnose import Diagnosis
 from spot_log.read.run import Run
 from spot_model.effects.drive.coulomb_friction import CoulombFriction
 from spot_model.io.model_file import RobotModel
@@ -71,7 +71,7 @@ def verdict(where: tuple[GapCell, ...], **changes: Any) -> Verdict:
     """A verdict with everything in it: long names, a group, an unknown part, a placebo."""
     effect = FoundEffect(
         name="coulomb_friction", title="dry friction", probability=0.71,
-        group=("coulomb_friction", "stribeck_friction"), margin_nats=9.0, joints=("fl_kn",),
+        group=("coulomb_friction", "stribeck_friction"), joints=("fl_kn",),
         split_by="Walk slowly: what acts near standstill grows.",
         split=Split(
             name="slow", text="Walk slowly.", command="spot-rl collect --robot HOST --out MORE",
@@ -115,5 +115,5 @@ def a_diagnosis(joints: tuple[str, ...] = facts.JOINT_NAMES, **changes: Any) -> 
     robot = Robot(joints, np.repeat(np.arange(4), 3)[: len(joints)])
     return Diagnosis(
         told, RobotModel(), GapMap(found, has_floor=True, note=""),
-        Measured(told.shrink, nominal, corrected, ()), tuple(real), SimpleNamespace(robot=robot),  # type: ignore[arg-type]
+        {"nominal": nominal, "corrected": corrected}, tuple(real), SimpleNamespace(robot=robot), None,  # type: ignore[arg-type]
     )  # fmt: skip

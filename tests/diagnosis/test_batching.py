@@ -5,14 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from diagnosis.batching import merged
+from diagnosis.closed_loop.merged_models import merged
+from diagnosis.closed_loop.simulation import SensorNoise, simulate
 from diagnosis.library.registry import LIBRARY
-from diagnosis.simulated import SensorNoise, simulate
 from spot_model.effects.base import Effect
 from spot_model.effects.body.payload_mass import PayloadMass
 from spot_model.effects.command.command_delay import CommandDelay
 from spot_model.effects.drive.armature import Armature
 from spot_model.effects.drive.coulomb_friction import CoulombFriction
+from spot_model.effects.drive.torque_gain import TorqueGain
 from spot_model.effects.sensing.velocity_estimate import VelocityEstimate
 from spot_model.io.model_file import RobotModel
 from spot_model.plant.plant import Plant, PlantOptions
@@ -55,6 +56,14 @@ def test_models_of_other_effects_or_joints_stand_side_by_side() -> None:
     assert merged([knees, knees]) is knees
     per_run = RobotModel((CoulombFriction(level_nm=np.ones((3, 1))),))
     assert merged([per_run, knees]) is None
+
+
+def test_a_number_for_each_joint_stands_beside_one_for_all() -> None:
+    by_joint = RobotModel((TorqueGain(gain=np.linspace(0.9, 1.1, 12)[None]),))
+    both = merged([by_joint, RobotModel((TorqueGain(gain=0.8),)), RobotModel()])
+    assert both is not None
+    gain = both.effects[0].values["gain"]
+    np.testing.assert_allclose(gain, [np.linspace(0.9, 1.1, 12), np.full(12, 0.8), np.ones(12)])
 
 
 def test_effects_keep_their_order() -> None:

@@ -5,12 +5,12 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
+from diagnosis.channels.body.dynamics import DynamicsSignals, residuals
+from diagnosis.channels.body.stance import StanceSignals, feet
+from diagnosis.channels.body.vectors import cross
 from diagnosis.channels.build import build_views
-from diagnosis.channels.dynamics import DynamicsSignals, residuals
 from diagnosis.channels.stack import stack
-from diagnosis.channels.stance import StanceSignals, feet
-from diagnosis.channels.vectors import cross
-from diagnosis.recording import record
+from diagnosis.read.recording import record
 
 from .cases import NOMINAL
 from .planted import Truth, planted_runs, walk_sequence

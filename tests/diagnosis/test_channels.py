@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from diagnosis.channels.build import build_views
+from diagnosis.channels.channel_view import CHANNEL_TITLES
 from diagnosis.channels.stack import stack
-from diagnosis.recording import record
-from diagnosis.seam import CHANNEL_TITLES
+from diagnosis.read.recording import record
 from spot_log.read.run import CommandTable, StateTable
 from spot_model.effects.drive.armature import Armature
 from spot_model.effects.drive.torque_bandwidth import TorqueBandwidth

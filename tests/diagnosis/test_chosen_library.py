@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagnosis.channels.actuator import actuator_view
+from diagnosis.channels.drive.actuator import actuator_view
 from diagnosis.channels.stack import stack
-from diagnosis.extra_effect import chosen_library
+from diagnosis.decision_constants import ERROR_SCALES
 from diagnosis.library.base import LibraryEffect
+from diagnosis.library.extra_effect import chosen_library
 from diagnosis.library.registry import LIBRARY
-from diagnosis.posterior import Calibration
-from diagnosis.recording import record
-from diagnosis.selection.board import Board, lay_out
+from diagnosis.read.recording import record
+from diagnosis.selection.evidence import Board, lay_out
 from diagnosis.selection.places import Robot
 from diagnosis.selection.scoring import Scorer
 from diagnosis.selection.search import search
@@ -81,16 +81,12 @@ def logs() -> Board:
     runs = planted_runs(Truth(effects=(_Drag(joints=("fr_kn",)),)), 2)
     recordings = stack([record(run) for run in runs])
     view = actuator_view(recordings, ())
-    calibration = Calibration.load()
-    return lay_out(
-        {"A": view}, Robot(recordings.recordings[0].joint_names, view.leg_of_joint), [0, 1], ["0", "1"],
-        calibration.tolerance, library=LIBRARY, sizes=calibration.ordinary, dof=calibration.dof,
-        relative=calibration.relative,
-    )  # fmt: skip
+    robot = Robot(recordings.recordings[0].joint_names, view.leg_of_joint)
+    return lay_out({"A": view}, robot, [0, 1], ["0", "1"], library=LIBRARY, scales=ERROR_SCALES)
 
 
 def _found(board: Board, library: dict[str, LibraryEffect]) -> dict[str, tuple[tuple[str, ...], dict[str, float]]]:
-    best = search(board, library, Calibration.load().threshold_nats, lambda _: None).best
+    best = search(board, library, lambda _: None).best
     terms = zip(best.terms, best.coefficients, strict=True) if best is not None else ()
     return {
         t.effect.name: (

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.engine import LocalEngine, RayEngine, Rollout
-from diagnosis.measure import shrink_of
-from diagnosis.simulated import Surroundings
+from diagnosis.closed_loop.engine import LocalEngine, RayEngine, Rollout
+from diagnosis.closed_loop.simulation import Surroundings
+from diagnosis.closed_loop.trials import shrink_of
 from spot_log.read.run import Run
 from spot_model.effects.body.payload_mass import PayloadMass
 from spot_model.effects.drive.coulomb_friction import CoulombFriction

@@ -4,7 +4,10 @@ import math
 
 import pytest
 
-from diagnosis.fitted import FORMULA_ERROR, with_formula_error
+from diagnosis.decision_constants import PARAMETER_SPREAD
+from diagnosis.selection.fitted import Z_90, with_formula_error
+
+FORMULA_ERROR = Z_90 * PARAMETER_SPREAD
 
 
 def test_an_interval_counts_a_formulas_error_from_where_the_effect_vanishes() -> None:

@@ -6,10 +6,10 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from diagnosis.channels.nominal_torque import presliding
-from diagnosis.diagnose import _legs
-from diagnosis.library.link import waits
-from diagnosis.seam import Views
+from diagnosis.channels.channel_view import Views
+from diagnosis.channels.drive.nominal_torque import presliding
+from diagnosis.library.effects.command_link import waits
+from diagnosis.verdict.explain import _legs
 
 
 def test_dry_friction_builds_up_over_its_distance_and_turns_with_the_motion() -> None:

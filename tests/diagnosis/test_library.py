@@ -3,10 +3,9 @@ import pytest
 
 from diagnosis.channels.build import build_views
 from diagnosis.channels.stack import stack
-from diagnosis.library.fit import Term, fit, fit_terms
-from diagnosis.library.order_spectrum import strongest_orders
+from diagnosis.library.effects.order_spectrum import strongest_orders
 from diagnosis.library.registry import LIBRARY
-from diagnosis.recording import record
+from diagnosis.read.recording import record
 from spot_model.effects.command.command_delay import CommandDelay
 from spot_model.effects.limits.torque_limit import TorqueLimit
 from spot_model.effects.registry import BUILT_IN
@@ -16,6 +15,7 @@ from spot_model.robot.joints import select_joints
 
 from .cases import ABSOLUTE, CASES, NOMINAL
 from .planted import Truth, contract_json, planted_runs, walk_sequence
+from .single_fit import Term, fit, fit_terms
 
 ALL_JOINTS = np.ones(12, dtype=bool)
 

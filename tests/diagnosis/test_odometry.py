@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from diagnosis.odometry import LegOdometry
+from diagnosis.closed_loop.odometry import LegOdometry
 from spot_model.plant.plant import Plant, PlantOptions
 from spot_model.robot import facts
 

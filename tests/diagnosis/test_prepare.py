@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import yaml
 
-from diagnosis.plausible import check_plausible
-from diagnosis.prepare import prepared
-from diagnosis.robot_file import SPOT, RobotDescription, load_robot
+from diagnosis.read.prepare import prepared
+from diagnosis.read.robot_file import SPOT, RobotDescription, load_robot
+from diagnosis.read.signal_checks import check_plausible
 from spot_log import read_run
 from spot_log.importing import Mapping, import_log
 from spot_log.read.run import Run

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagnosis.read_logs import find_policy, find_policy_file, read_all
-from diagnosis.recording import record
-from diagnosis.segments import cut
+from diagnosis.read.log_files import find_policy, find_policy_file, read_all
+from diagnosis.read.recording import record
+from diagnosis.read.segments import cut
 from spot_log.importing import Mapping, import_log
 from spot_log.read.run import Run
 from spot_model.errors import BadInputError

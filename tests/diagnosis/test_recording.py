@@ -3,7 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from diagnosis.recording import NEVER_NS, RecordingError, record
+from diagnosis.read.recording import NEVER_NS, RecordingError, record
 from spot_log.read.run import StateTable
 
 from .planted import QUIET, START_NS, Truth, planted_runs, walk_sequence

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from diagnosis.diagnose import Diagnosis
 from diagnosis.library.registry import LIBRARY
-from diagnosis.output import check_free, write_all
+from diagnosis.report.output import check_free, write_all
 from diagnosis.report.page import page
 from diagnosis.report.svg import heat, nice_ticks
+from diagnosis.verdict.diagnose import Diagnosis
 from spot_model.errors import BadInputError
 
 from .report_case import a_diagnosis, verdict
@@ -99,7 +99,7 @@ def test_text_of_a_log_cannot_become_markup(diagnosed: Diagnosis) -> None:
 @pytest.mark.parametrize("status", ["explained", "unknown_effect", "no_gap", "cannot_tell"])
 def test_a_verdict_with_little_in_it_still_makes_a_page(diagnosed: Diagnosis, status: str) -> None:
     bare = verdict((), status=status, effects=(), unknown=None, shrink=None, log_advice=(), invisible=(), timeline=())
-    found = page(replace(diagnosed, verdict=bare, map=None, measured=None))
+    found = page(replace(diagnosed, verdict=bare, map=None, simulated={}))
     assert "Gap map" not in found
     assert "None" not in found
 
@@ -145,7 +145,7 @@ def test_a_diagnosis_is_written_whole_or_not_at_all(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patched:
-        patched.setattr("diagnosis.output.page", stopped)
+        patched.setattr("diagnosis.report.output.page", stopped)
         with pytest.raises(KeyboardInterrupt):
             write_all(diagnosed, out, LIBRARY)
     assert list(out.iterdir()) == []

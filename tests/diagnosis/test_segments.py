@@ -3,8 +3,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from diagnosis.recording import record
-from diagnosis.segments import cut
+from diagnosis.read.recording import record
+from diagnosis.read.segments import cut
 from spot_model.effects.drive.torque_gain import TorqueGain
 from spot_model.io.velocity_sequence import standing_sequence
 

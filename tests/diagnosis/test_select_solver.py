@@ -2,9 +2,8 @@ import numpy as np
 import pytest
 
 from diagnosis.library.registry import LIBRARY
+from diagnosis.selection.bounded_least_squares import solve_bounded
 from diagnosis.selection.places import Robot
-from diagnosis.selection.search import CONFUSED_SHARE, remainder_of
-from diagnosis.selection.solve import solve_bounded
 from spot_model.robot.facts import JOINT_NAMES
 
 ROBOT = Robot(JOINT_NAMES, np.repeat(np.arange(4), 3))
@@ -54,11 +53,3 @@ def test_an_effect_of_the_whole_robot_has_one_place() -> None:
 
 def test_what_is_set_joint_by_joint_is_looked_for_at_one() -> None:
     np.testing.assert_array_equal(ROBOT.places(LIBRARY["encoder_offset"]), np.eye(12))
-
-
-def test_a_small_effect_for_which_a_strong_one_is_mistaken_is_its_remainder() -> None:
-    filters, bandwidth, payload = (LIBRARY[n] for n in ("velocity_filter", "torque_bandwidth", "payload_mass"))
-    assert remainder_of([filters, bandwidth], [100.0, 30.0], 1) == CONFUSED_SHARE * 100.0
-    assert remainder_of([filters, bandwidth], [100.0, 30.0], 0) == 0.0
-    assert remainder_of([filters, bandwidth], [30.0, 100.0], 1) == 0.0
-    assert remainder_of([filters, payload], [100.0, 30.0], 1) == 0.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from diagnosis.selection.sums import OrdinarySums, solved, tried_by_fold
+from diagnosis.selection.normal_equations import OrdinarySums, solved, tried_by_fold
 
 SIZE = 6
 NUMBERS = (np.array([4, 0, 2]), np.array([], dtype=np.intp), np.array([5, 1, 2, 3]))

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from diagnosis.shrink import Compared, _few, compare, shrinkage
+from diagnosis.closed_loop.shrink import Compared, _few, compare, shrinkage
 
 
 def _pairs(n: int, value: float) -> np.ndarray:

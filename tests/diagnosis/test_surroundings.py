@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from typing_extensions import Self
 
-from diagnosis.engine import LocalEngine, Rollout, Tell
-from diagnosis.shrink import features_by_sequence
-from diagnosis.simulated import Surroundings
-from diagnosis.surroundings import OWN, best_surroundings
+from diagnosis.closed_loop.engine import LocalEngine, Rollout, Tell
+from diagnosis.closed_loop.environment import OWN, best_surroundings
+from diagnosis.closed_loop.shrink import features_by_sequence
+from diagnosis.closed_loop.simulation import Surroundings
 from spot_log.read.run import Run
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import Policy, load_policy

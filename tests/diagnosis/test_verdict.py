@@ -3,8 +3,7 @@ import json
 import pytest
 from pydantic import ValidationError
 
-from diagnosis.terminal import joints_in_short, twelve_lines
-from diagnosis.verdict import (
+from diagnosis.document import (
     SCHEMA_FILE,
     FoundEffect,
     GapCell,
@@ -15,6 +14,7 @@ from diagnosis.verdict import (
     json_schema,
     load_verdict,
 )
+from diagnosis.terminal import joints_in_short, twelve_lines
 from spot_model.robot.facts import JOINT_NAMES
 
 CELL = GapCell(signal="load", joint="fl_kn", regime="motoring", gap=2.0, floor=0.5, ratio=4.0, p_value=0.01)

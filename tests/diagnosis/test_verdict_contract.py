@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from diagnosis.verdict import Verdict
+from diagnosis.document import Verdict
 
 EXAMPLE = """
 {"schema": "spot-rl/verdict/1", "status": "explained",

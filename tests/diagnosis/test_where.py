@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from diagnosis.where import benjamini_hochberg
+from diagnosis.closed_loop.gap_map import benjamini_hochberg
 
 
 def test_adjusted_p_values_by_hand() -> None:

@@ -1,0 +1,291 @@
+"""What channels D and B share: inverse dynamics of the logged motion against the measured loads.
+
+The nominal residual is computed at the full rate and then smoothed, since inverse dynamics are not linear; what a
+change of a parameter or a sensor adds to it is small, and computed from smoothed signals at the kept rows.
+
+With a leg's loads τ and the model's joint rows h_leg, the ground's force on its foot is f = J⁻ᵀ(h_leg − τ). Channel D
+looks at τ − h_leg where a leg swings, so f is none; channel B puts the f of all legs into the body's rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.channels.body.base_motion import base_motion, imu_gravity_m_s2, slope
+from diagnosis.channels.body.body_model import FIRST_JOINT_DOF, BodyModel
+from diagnosis.channels.body.vectors import cross
+from diagnosis.channels.channel_view import Array, Flags
+from diagnosis.channels.stack import Stack
+from spot_model.effects.base import Effect
+from spot_model.robot import facts
+from spot_model.robot.leg_kinematics import foot_position_and_jacobian
+from spot_model.robot.rotation import multiply_wxyz, rotate_inverse_wxyz
+
+STRIDE: Final = 4
+"""Every fourth row: inverse dynamics are dear, and smoothed signals change slowly."""
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """What inverse dynamics start from, n rows; a correction of a sensor replaces one of these."""
+
+    world_from_body_wxyz: Array
+    angular_vel_in_body_rad_s: Array
+    linear_acc_in_world_m_s2: Array
+    angular_acc_in_body_rad_s2: Array
+    position_rad: Array
+    velocity_rad_s: Array
+    acceleration_rad_s2: Array
+    load_nm: Array
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """What the model and the loads disagree on."""
+
+    joint_nm: Array
+    """Load less what the model needs if no foot touches. Shape (n, 12)."""
+    base: Array
+    """Force (N) and moment (N·m) by which the feet's forces exceed what the body needs, body frame. Shape (n, 6)."""
+    foot_force_n: Array
+    """Ground's force on each foot by the loads, body frame. Shape (n, 4, 3)."""
+
+
+@dataclass(frozen=True)
+class Known:
+    """What of the smoothed signals a change of some of them leaves as it is: dear, so it is computed once."""
+
+    force: Array
+    """What the motion needs, as :meth:`BodyModel.inverse_dynamics` has it. Shape (n, 18)."""
+    place: tuple[Array, Array]
+    """Contact points and their Jacobians."""
+
+
+@dataclass(frozen=True)
+class DynamicsSignals:
+    """Signals of channels D and B."""
+
+    stack: Stack
+    effects: tuple[Effect, ...]
+    """Of the nominal model."""
+    model: BodyModel
+    rows: NDArray[np.intp]
+    """Rows of the stack that are kept, shape (n,)."""
+    inputs: Inputs
+    load_rate_nm_s: Array
+    """Shape (n, 12)."""
+    position_rate_rad_s: Array
+    """Of the joints' positions, shape (n, 12): their velocity, whatever is reported as such."""
+    position_curvature_rad_s2: Array
+    """Rate of that."""
+    contact: Flags
+    """Flags at the kept rows. Shape (n, 4)."""
+    nominal: Residuals
+    """Smoothed, at the kept rows."""
+    reference: Residuals
+    """Of the smoothed signals: what changed residuals are compared with."""
+    known: Known
+    uses_imu: bool
+    imu_gravity_m_s2: float
+    """In the unit's readings; 0 without a unit."""
+    cache: dict[object, Any] = field(default_factory=dict, compare=False)
+
+    def with_inputs(self, key: object, **changes: Array) -> Residuals:
+        """Residuals of the nominal model for other inputs; kept under ``key``."""
+        if key not in self.cache:
+            self.cache[key] = residuals(
+                self.model,
+                replace(self.inputs, **changes),
+                force=self.known.force if set(changes) <= {"load_nm"} else None,
+                place=self._place(changes),
+            )
+        found: Residuals = self.cache[key]
+        return found
+
+    def _place(self, changes: Mapping[str, Array]) -> tuple[Array, Array] | None:
+        """Contact points and Jacobians, those of legs that do not change as they are known; None where all change."""
+        if "world_from_body_wxyz" in changes:
+            return None
+        position = changes.get("position_rad", self.inputs.position_rad)
+        moved = np.any(position != self.inputs.position_rad, axis=0).reshape(facts.N_LEGS, 3).any(axis=1)
+        if moved.all():
+            return None
+        place = (self.known.place[0].copy(), self.known.place[1].copy()) if moved.any() else self.known.place
+        for leg in np.flatnonzero(moved):
+            legs = slice(int(leg), int(leg) + 1)
+            found = contact_point_and_jacobian(
+                position, self.inputs.world_from_body_wxyz, self.model.foot_radius_m, legs
+            )
+            place[0][:, legs], place[1][:, legs] = found
+        return place
+
+    def shifted_s(self) -> Residuals:
+        """Change of the residuals for each second that positions and attitude were older when the loads acted."""
+        age_s = 1e-3
+        turned = self.inputs.angular_vel_in_body_rad_s * (0.5 * age_s)
+        step = np.concatenate([np.ones((len(turned), 1)), -turned], axis=1)
+        earlier = multiply_wxyz(self.inputs.world_from_body_wxyz, step / np.linalg.norm(step, axis=1, keepdims=True))
+        moved = self.with_inputs(
+            "shifted",
+            position_rad=self.inputs.position_rad - age_s * self.inputs.velocity_rad_s,
+            world_from_body_wxyz=np.asarray(earlier),
+        )
+        return Residuals(
+            *((getattr(moved, f.name) - getattr(self.reference, f.name)) / age_s for f in fields(Residuals))
+        )
+
+    def with_effect(self, key: object, effect: Effect) -> Residuals:
+        """Residuals of the nominal model with one more model effect; kept under ``key``."""
+        if key not in self.cache:
+            model = BodyModel((*self.effects, effect))
+            same = np.array_equal(model.foot_radius_m, self.model.foot_radius_m)
+            self.cache[key] = residuals(model, self.inputs, place=self.known.place if same else None)
+        found: Residuals = self.cache[key]
+        return found
+
+
+def missing_for_dynamics(stack: Stack) -> str:
+    """What logs lack for channels D and B; empty if nothing."""
+    if stack.recordings[0].joint_names != facts.JOINT_NAMES:
+        return "no body model of this robot"
+    for signal, name in (
+        ("load_nm", "joint torques"),
+        ("position_rad", "joint positions"),
+        ("velocity_rad_s", "joint velocities"),
+        ("odom_from_body_wxyz", "attitude"),
+        ("angular_vel_of_body_in_odom_rad_s", "turn rate"),
+    ):
+        if not all(r.has(signal) for r in stack.recordings):
+            return f"no {name}"
+    has_velocity = all(r.has("linear_vel_of_body_in_odom_m_s") for r in stack.recordings)
+    if not has_velocity and not all(r.has("imu.acceleration_m_s2") for r in stack.recordings):
+        return "neither the body's velocity nor an inertial unit"
+    return ""
+
+
+def dynamics_signals(stack: Stack, effects: Sequence[Effect]) -> DynamicsSignals:
+    """Smooth, differentiate and compute the nominal residuals."""
+    usable = stack.inner(stack.used)
+    rows = np.flatnonzero(usable)
+    rows = rows[rows % STRIDE == 0]
+    base = base_motion(stack)
+    velocity = stack.filled(lambda r: r.velocity_rad_s)
+    load = stack.filled(lambda r: r.load_nm)
+    raw = Inputs(
+        world_from_body_wxyz=base.odom_from_body_wxyz,
+        angular_vel_in_body_rad_s=base.angular_vel_in_body_rad_s,
+        linear_acc_in_world_m_s2=base.linear_acc_in_odom_m_s2,
+        angular_acc_in_body_rad_s2=base.angular_acc_in_body_rad_s2,
+        position_rad=stack.filled(lambda r: r.position_rad),
+        velocity_rad_s=velocity,
+        acceleration_rad_s2=slope(velocity, stack.period_s),
+        load_nm=load,
+    )
+    inputs = Inputs(**{f.name: stack.smooth(getattr(raw, f.name))[rows] for f in fields(Inputs)})
+    length = np.linalg.norm(inputs.world_from_body_wxyz, axis=1, keepdims=True)
+    inputs = replace(inputs, world_from_body_wxyz=inputs.world_from_body_wxyz / np.maximum(length, 1e-9))
+    position_rate = stack.rate(raw.position_rad)
+    model = BodyModel(effects)
+    full = residuals(model, raw)
+    nominal = Residuals(*(stack.smooth(getattr(full, f.name))[rows] for f in fields(Residuals)))
+    force = needed_forces(model, inputs)
+    place = contact_point_and_jacobian(inputs.position_rad, inputs.world_from_body_wxyz, model.foot_radius_m)
+    has_contact = all(r.has("foot_contact") for r in stack.recordings)
+    contact = stack.cat(lambda r: r.foot_contact)[rows] if has_contact else np.zeros((len(rows), 0), dtype=np.bool_)
+    return DynamicsSignals(
+        stack=stack,
+        effects=tuple(effects),
+        model=model,
+        rows=rows,
+        inputs=inputs,
+        load_rate_nm_s=stack.rate(load)[rows],
+        position_rate_rad_s=position_rate[rows],
+        position_curvature_rad_s2=stack.rate(position_rate)[rows],
+        contact=contact.astype(np.bool_),
+        nominal=nominal,
+        reference=residuals(model, inputs, force=force, place=place),
+        known=Known(force, place),
+        uses_imu=base.uses_imu,
+        imu_gravity_m_s2=imu_gravity_m_s2(stack) or 0.0,
+    )
+
+
+def needed_forces(model: BodyModel, inputs: Inputs) -> Array:
+    """Generalised forces of the motion, shape (n, 18)."""
+    return model.inverse_dynamics(
+        world_from_body_wxyz=inputs.world_from_body_wxyz,
+        angular_vel_in_body_rad_s=inputs.angular_vel_in_body_rad_s,
+        linear_acc_in_world_m_s2=inputs.linear_acc_in_world_m_s2,
+        angular_acc_in_body_rad_s2=inputs.angular_acc_in_body_rad_s2,
+        position_rad=inputs.position_rad,
+        velocity_rad_s=inputs.velocity_rad_s,
+        acceleration_rad_s2=inputs.acceleration_rad_s2,
+    )
+
+
+def residuals(
+    model: BodyModel, inputs: Inputs, *, force: Array | None = None, place: tuple[Array, Array] | None = None
+) -> Residuals:
+    """Inverse dynamics of the motion against the loads; ``force`` and ``place`` where they are known already."""
+    if force is None:
+        force = needed_forces(model, inputs)
+    joint = inputs.load_nm - force[:, FIRST_JOINT_DOF:]
+    wrench = feet_wrench(inputs, joint, model.foot_radius_m, place)
+    needed = np.concatenate([rotate_inverse_wxyz(inputs.world_from_body_wxyz, force[:, :3]), force[:, 3:6]], axis=1)
+    return Residuals(joint_nm=joint, base=wrench.sum(axis=1)[:, :6] - needed, foot_force_n=wrench[:, :, :3])
+
+
+def feet_wrench(
+    inputs: Inputs, joint_nm: Array, foot_radius_m: Array, place: tuple[Array, Array] | None = None
+) -> Array:
+    """Force and moment on the body of the feet's forces that a joint residual stands for, leg by leg.
+
+    Args:
+        inputs: Where the legs are.
+        joint_nm: Load less what the model needs. Shape (n, 12).
+        foot_radius_m: Shape (4,).
+        place: Contact points and Jacobians, where they are known already.
+
+    Returns:
+        Shape (n, 4, 6), body frame, about the body's origin.
+    """
+    n = len(joint_nm)
+    point, jacobian = place or contact_point_and_jacobian(
+        inputs.position_rad, inputs.world_from_body_wxyz, foot_radius_m
+    )
+    torque = -joint_nm.reshape(n, facts.N_LEGS, 3)
+    # Near a stretched leg the Jacobian is singular, and the force along the leg large but right.
+    transposed = np.swapaxes(jacobian, -1, -2)
+    force = np.linalg.solve(transposed + 1e-6 * np.eye(3), torque[..., None])[..., 0]
+    return np.concatenate([force, cross(point, force)], axis=2)
+
+
+def contact_point_and_jacobian(
+    position_rad: Array, world_from_body_wxyz: Array, foot_radius_m: Array, legs: slice = slice(None)
+) -> tuple[Array, Array]:
+    """Lowest points of the foot spheres in the body frame, and their Jacobians as points of the lower legs.
+
+    Returns:
+        Positions (n, 4, 3), m; Jacobians (n, 4, 3, 3), m/rad; of ``legs`` alone.
+    """
+    centre, jacobian = foot_position_and_jacobian(position_rad, legs)
+    n = len(position_rad)
+    down = rotate_inverse_wxyz(world_from_body_wxyz, np.broadcast_to([0.0, 0.0, -1.0], (n, 3)))
+    arm = foot_radius_m[None, legs, None] * down[:, None, :]
+    axes = leg_axes(position_rad, legs)
+    turned = np.swapaxes(cross(axes, arm[:, :, None, :]), -1, -2)
+    return centre + arm, jacobian + turned
+
+
+def leg_axes(position_rad: Array, legs: slice = slice(None)) -> Array:
+    """Axes of each leg's three joints in the body frame, shape (n, 4, 3 joints, 3)."""
+    hx = position_rad[:, 0::3][:, legs]
+    zero, one = np.zeros_like(hx), np.ones_like(hx)
+    along = np.stack([one, zero, zero], axis=-1)
+    across = np.stack([zero, np.cos(hx), np.sin(hx)], axis=-1)
+    return np.stack([along, across, across], axis=2)

@@ -1,0 +1,64 @@
+"""Channel Q: reported joint velocities against the derivative of reported positions, joint by joint.
+
+Time convention: position and velocity of one state belong to one instant, but for a given offset of the velocity, half
+of the load's lag: over the step that ends at a state, a discrete servo and its motion have one mean velocity.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from diagnosis.channels.channel_view import Array, ChannelOff, ChannelView
+from diagnosis.channels.drive.actuator import leg_of_joint
+from diagnosis.channels.stack import Stack
+
+STRIDE: Final = 2
+FLOOR_RAD_S: Final = 0.02
+
+
+@dataclass(frozen=True)
+class RateSignals:
+    """Signals of channel Q."""
+
+    stack: Stack
+    velocity_rad_s: Array
+    """Shape (N, J)."""
+
+    def finish_rate(self, raw: Array) -> Array:
+        """The derivative of (N, J) as the channel's rows have it."""
+        return self.stack.rate(raw)[::STRIDE]
+
+
+def rate_view(stack: Stack, velocity_age_s: float = 0.0) -> ChannelView | ChannelOff:
+    """Build channel Q.
+
+    Args:
+        stack: The recordings.
+        velocity_age_s: How much older than its stamp a reported velocity is by convention.
+    """
+    for signal, name in (("position_rad", "positions"), ("velocity_rad_s", "velocities")):
+        if not all(r.has(signal) for r in stack.recordings):
+            return ChannelOff("Q", f"no measured joint {name}")
+    velocity = stack.filled(lambda r: r.velocity_rad_s)
+    position = stack.filled(lambda r: r.position_rad)
+    response = (stack.smooth(velocity) + velocity_age_s * stack.rate(velocity) - stack.rate(position))[::STRIDE]
+    n_joints = velocity.shape[1]
+    legs = leg_of_joint(stack.recordings[0].joint_names, stack.recordings[0].foot_names)
+    return ChannelView(
+        name="Q",
+        rows=stack.recordings[0].joint_names,
+        unit="rad/s",
+        response=response,
+        usable=np.repeat(stack.inner(stack.used)[::STRIDE, None], n_joints, axis=1),
+        run=stack.run[::STRIDE],
+        state=stack.state[::STRIDE],
+        noise=np.full(n_joints, FLOOR_RAD_S),
+        nuisance=np.zeros((*response.shape, 0)),
+        row_joint=np.arange(n_joints, dtype=np.intp),
+        row_leg=legs,
+        leg_of_joint=legs,
+        signals=RateSignals(stack, velocity),
+    )

@@ -1,0 +1,101 @@
+"""How much earlier than its stamp a load was asked for: where the steps of new set-points begin to show in it.
+
+A lag cannot be told from viscous friction and inertia by anything smooth, since the servo law itself is smooth in
+position and velocity. A new set-point is a step at a known instant, and before it nothing can show, whatever the joint
+does afterwards. Set-points arrive at all phases of the state stream, so the lag is found more finely than its period.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.channels.channel_view import Array
+from diagnosis.channels.stack import Stack
+from diagnosis.read.smoothing import eroded
+
+STEP_S: Final = 0.1e-3
+MIN_EVENTS: Final = 40
+DEFAULT_SHARE: Final = 0.5
+"""Without an answer the load is taken to be half a period old: what is least wrong for a torque loop within it."""
+WIDE_SHARE: Final = 0.25
+"""Of the period; a lag that may be anything over so much of it is one to be told of."""
+MAX_EVENTS: Final = 2_500
+"""Evenly thinned to so many set-points."""
+
+
+def load_lag_s(stack: Stack) -> tuple[float, str]:
+    """The load's lag, between 0 and one period, s; and a note, empty where it was measured.
+
+    Each new set-point, times its stiffness, is regressed on the change of the load at the first and the second state
+    after it was received, with what came before in the load beside it. The lag is where the first state starts to show
+    it.
+    """
+    steps, phase, first, second, before = _events(stack)
+    period = stack.period_s
+    assumed = DEFAULT_SHARE * period
+    if len(phase) < MIN_EVENTS:
+        return assumed, f"the load's lag is assumed to be {1e3 * assumed:.1f} ms: too few set-points"
+    lags = np.arange(0.0, period + 0.5 * STEP_S, STEP_S)
+    costs = np.array([_cost(steps, phase, first, second, before, float(lag), period) for lag in lags])
+    near = lags[costs <= np.min(costs) + 0.02 * (np.max(costs) - np.min(costs))]
+    # Set-points that always come at one phase leave all lags before it alike.
+    wide = float(near.max() - near.min())
+    note = f"the load's lag is known to {1e3 * wide:.1f} ms only: set-points always come at one phase"
+    return float(np.mean(near)), note if wide > WIDE_SHARE * period else ""
+
+
+def _events(stack: Stack) -> tuple[Array, Array, Array, Array, Array]:
+    """Set-point steps (m, J) in N·m, phases (m,) in s, load changes at two states (m, J), and before (m, J, 2)."""
+    found: list[tuple[Array, Array, Array, Array, Array]] = []
+    for number, recording in enumerate(stack.recordings):
+        load = recording.load_nm
+        used = eroded(stack.used[stack.run == number], 4, 4)
+        order = np.argsort(recording.command_ns, kind="stable")
+        received = (recording.command_ns[order] - recording.start_ns) * 1e-9 / recording.period_s
+        commands = recording.commands
+        size = (commands.kp_nm_per_rad * commands.position_rad)[order]
+        step = np.diff(size, axis=0)
+        state = np.ceil(received[1:] - 1e-9)
+        good = (state > 3) & (state < len(recording) - 4)
+        row = state[good].astype(np.intp)
+        keep = used[row]
+        row, phase = row[keep], (state - received[1:])[good][keep] * recording.period_s
+        change = np.diff(load, axis=0, prepend=load[:1])
+        earlier = np.stack([change[row - 1], change[row - 2]], axis=-1)
+        found.append((step[good][keep], phase, change[row], change[row + 1], earlier))
+    parts = [np.concatenate(p) for p in zip(*found, strict=True)]
+    finite = np.isfinite(np.concatenate([p.reshape(len(p), -1) for p in parts], axis=1)).all(axis=1)
+    thin = max(1, -(-int(finite.sum()) // MAX_EVENTS))
+    steps, phase, first, second, before = (p[finite][::thin] for p in parts)
+    return steps, phase, first, second, before
+
+
+def _cost(
+    steps: Array, phase: Array, first: Array, second: Array, before: Array, lag_s: float, period_s: float
+) -> float:
+    """Robust cost of the best fit with this lag, all joints together."""
+    shows = (phase > lag_s)[:, None]
+    since = ((phase - lag_s) / period_s)[:, None]
+    zero = np.zeros_like(steps)
+    now = [steps * shows, steps * shows * since, zero]
+    later = [steps * ~shows, steps * ~shows * (1.0 + since), steps * shows]
+    x = np.concatenate([np.stack(now, axis=-1), np.stack(later, axis=-1)])
+    past = np.concatenate([before, np.stack([first, before[..., 0]], axis=-1)])
+    x = np.concatenate([x, past], axis=-1)
+    y = np.concatenate([first, second])
+    residual = y - _fitted(x, y, np.ones_like(y))
+    bound = 2.0 * 1.4826 * np.median(np.abs(residual), axis=0) + 1e-9
+    size = np.abs(y - _fitted(x, y, np.minimum(1.0, bound / np.maximum(np.abs(residual), 1e-12))))
+    scale = np.median(np.abs(y), axis=0) + 1e-9
+    return float(np.sum(np.where(size < bound, 0.5 * size**2, bound * (size - 0.5 * bound)) / scale**2))
+
+
+def _fitted(x: Array, y: Array, weight: Array) -> NDArray[np.float64]:
+    """Weighted least-squares fit of y (n, J) by columns x (n, J, p), joint by joint; shape (n, J)."""
+    gram = np.einsum("njp,nj,njq->jpq", x, weight, x, optimize=True)
+    ridge = 1e-9 * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(x.shape[2]) + 1e-12 * np.eye(x.shape[2])
+    right = np.einsum("njp,nj->jp", x, weight * y, optimize=True)
+    return np.asarray(np.einsum("njp,jp->nj", x, np.linalg.solve(gram + ridge, right[..., None])[..., 0]))

@@ -1,0 +1,131 @@
+"""Channel N: noise of the joint sensors, over short blocks, beyond what is usual for a Spot.
+
+Sixth differences leave nothing of a leg's motion; the lower quartile of their squares is blind to impacts and to the
+steps of new set-points: that is the white noise. Knocks of a load, such as a gear's play makes, are what the upper
+quartile has more, while little is asked for. The load's noise is that of the load less the servo law, where channel A
+has it; without it there are no knocks, since nobody knows what was asked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from diagnosis.channels.channel_view import Array, ChannelOff, ChannelView, Flags
+from diagnosis.channels.drive.actuator import ActuatorSignals, leg_of_joint
+from diagnosis.channels.stack import Stack
+from diagnosis.read.recording import Recording
+
+SIGNALS: Final = ("position", "velocity", "load")
+KNOCKS: Final = "knocks"
+"""The fourth group of rows."""
+USUAL: Final = np.array([4e-4, 0.06, 0.5])
+"""Usual standard deviations, rad, rad/s, N·m: an encoder, its derivative with what motion leaks in, a strain gauge."""
+BLOCK: Final = 128
+ORDER: Final = 6
+_BINOMIALS: Final = np.array([1.0, -6.0, 15.0, -20.0, 15.0, -6.0, 1.0])
+GAIN: Final = float(np.sum(_BINOMIALS**2))
+QUARTILE_OF_SQUARE: Final = 0.1015
+UPPER_QUARTILE_OF_SQUARE: Final = 1.3233
+"""Lower and upper quartile of the square of a standard normal number."""
+LITTLE_NM: Final = 8.0
+"""Under so much torque a load's knocks are counted: harder ones are a foot's."""
+STEPS_TOO: Final = 2.0
+"""Times what the steps of set-points leave in the torque that is asked for: the load follows them late."""
+KNOCK_FLOOR: Final = 2.0
+MIN_SAMPLES: Final = 24
+
+
+@dataclass(frozen=True)
+class NoiseSignals:
+    """Signals of channel N."""
+
+    sigma: Array
+    """Standard deviation by block: position, velocity, load and knocks in turn, joints within. Shape (n, 4 J)."""
+
+
+def noise_view(stack: Stack, actuator: ActuatorSignals | None = None) -> ChannelView | ChannelOff:
+    """Build channel N; response and columns are variances in units of the usual ones.
+
+    Args:
+        stack: The recordings.
+        actuator: Channel A's signals, where it is on.
+    """
+    parts: tuple[Callable[[Recording], Array], ...] = (
+        lambda r: r.position_rad,
+        lambda r: r.velocity_rad_s,
+        lambda r: r.load_nm,
+    )
+    if not all(r.has("position_rad") for r in stack.recordings):
+        return ChannelOff("N", "no measured joint positions")
+    n_joints = stack.recordings[0].n_joints
+    groups = (*SIGNALS, KNOCKS)
+    rows = tuple(f"{joint}_{signal}" for signal in groups for joint in stack.recordings[0].joint_names)
+    blocks, runs, states = [], [], []
+    usable = stack.inner(stack.used, ORDER, ORDER)
+    starts = np.arange(0, stack.n - BLOCK, BLOCK)
+    values = np.concatenate([stack.filled(part) for part in parts], axis=1)
+    if actuator is not None:
+        values[:, 2 * n_joints :] = actuator.load_nm - actuator.torque_nm
+    square = _high_squares(values)
+    steps = _high_squares(actuator.torque_nm) if actuator is not None else None
+    for start in starts:
+        block = slice(start, start + BLOCK)
+        good = usable[block]
+        if good.sum() < BLOCK // 2:
+            continue
+        white = np.quantile(square[block][good], 0.25, axis=0) / QUARTILE_OF_SQUARE
+        knocks = np.full(n_joints, np.nan)
+        if actuator is not None and steps is not None:
+            little = np.abs(actuator.torque_nm[block]) < LITTLE_NM
+            load = square[block, 2 * n_joints :]
+            knocks = _knocks(load, steps[block], little & good[:, None], white[2 * n_joints :])
+        blocks.append(np.concatenate([white, knocks]))
+        middle = start + BLOCK // 2
+        runs.append(stack.run[middle])
+        states.append(stack.state[middle])
+    if not blocks:
+        return ChannelOff("N", "no stretch long enough")
+    variance = np.stack(blocks)
+    usual = np.repeat([*USUAL**2, USUAL[2] ** 2], n_joints)
+    names = ("position_rad", "velocity_rad_s", "load_nm", "load_nm")
+    has = np.repeat([all(r.has(name) for r in stack.recordings) for name in names], n_joints) & np.isfinite(variance)
+    legs = leg_of_joint(stack.recordings[0].joint_names, stack.recordings[0].foot_names)
+    # A knock has no usual size: what is left of the steps is taken off already.
+    beyond = np.repeat([1.0, 1.0, 1.0, 0.0], n_joints)
+    response = np.maximum(np.nan_to_num(variance) / usual - beyond, 0.0)
+    return ChannelView(
+        name="N",
+        rows=rows,
+        unit="usual variances",
+        response=response,
+        usable=has,
+        run=np.array(runs, dtype=np.intp),
+        state=np.array(states, dtype=np.intp),
+        noise=np.repeat([1.0, 1.0, 1.0, KNOCK_FLOOR], n_joints),
+        nuisance=np.zeros((*response.shape, 0)),
+        row_joint=np.tile(np.arange(n_joints, dtype=np.intp), len(groups)),
+        row_leg=np.tile(legs, len(groups)),
+        leg_of_joint=legs,
+        signals=NoiseSignals(np.sqrt(variance)),
+        is_robust=False,
+    )
+
+
+def _high_squares(values: Array) -> Array:
+    """Squares of sixth differences, in units of a white signal's variance."""
+    high = np.apply_along_axis(lambda x: np.convolve(x, _BINOMIALS, mode="same"), 0, values)
+    return np.asarray(high**2 / GAIN)
+
+
+def _knocks(load: Array, steps: Array, counted: Flags, white: Array) -> Array:
+    """Variance of each joint's knocks in one block: upper quartile less white noise and the steps of set-points."""
+    out = np.full(load.shape[1], np.nan)
+    for joint, mine in enumerate(counted.T):
+        if mine.sum() >= MIN_SAMPLES:
+            upper, step = np.quantile(load[mine, joint], 0.75), np.quantile(steps[mine, joint], 0.75)
+            out[joint] = max((upper - STEPS_TOO * step) / UPPER_QUARTILE_OF_SQUARE - white[joint], 0.0)
+    return out

@@ -1,0 +1,138 @@
+"""Where closed-loop runs are computed: in this process, or on a Ray cluster. The numbers are the same bits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any, Final, Protocol
+
+import numpy as np
+from typing_extensions import Self
+
+from diagnosis.closed_loop.simulation import SensorNoise, Surroundings, simulate
+from diagnosis.read.policy_ticks import Script
+from spot_log.read.run import Run
+from spot_model.errors import BadInputError
+from spot_model.io.model_file import RobotModel
+from spot_model.policy.policy import Policy, policy_from_bytes
+from trainer.shared.ray_cluster import RayCluster
+
+USUAL_NOISE: Final = SensorNoise()
+Tell = Callable[[float], None]
+"""Called now and then with the share that is done."""
+
+
+@dataclass(frozen=True)
+class Rollout:
+    """One batch of closed-loop runs of one model; its numbers depend on nothing else."""
+
+    model: RobotModel
+    scripts: tuple[Script, ...]
+    seed: int
+    surroundings: tuple[Surroundings, ...] | None = None
+    """One a script; None for the simulator's own."""
+    only_ticks: bool = False
+    """No states between the policy's ticks."""
+
+
+class Engine(Protocol):
+    """Computes rollouts; used as a context manager."""
+
+    def simulate(self, rollouts: Sequence[Rollout], tell: Tell) -> list[list[Run]]:
+        """Runs of each rollout, in their order.
+
+        Raises:
+            BadInputError: A model cannot be simulated.
+        """
+        ...
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...
+
+
+class LocalEngine:
+    """Computes one rollout after the other in this process."""
+
+    def __init__(self, policy: Policy, noise: SensorNoise = USUAL_NOISE) -> None:
+        self._policy, self._noise = policy, noise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        pass
+
+    def simulate(self, rollouts: Sequence[Rollout], tell: Tell) -> list[list[Run]]:
+        """Runs of each rollout."""
+        out = []
+        for i, rollout in enumerate(rollouts):
+
+            def part(share: float, i: int = i) -> None:
+                tell((i + share) / len(rollouts))
+
+            out.append(run_rollout(rollout, self._policy, self._noise, part))
+        return out
+
+
+class RayEngine:
+    """Computes each rollout as a task of a Ray cluster (the extra ``ray``): the running one, or one on this machine.
+
+    Args:
+        policy: The policy file's content.
+        address: Of a running cluster.
+        noise: Of the sensors.
+    """
+
+    def __init__(self, policy: bytes, address: str | None = None, noise: SensorNoise = USUAL_NOISE) -> None:
+        self._cluster = RayCluster(address)
+        self._ray = self._cluster.ray
+        self._policy, self._noise = policy, noise
+        self._shared: Any = None
+        self._task: Any = None
+
+    def __enter__(self) -> Self:
+        self._cluster.join()
+        self._shared = self._ray.put(self._policy)
+        self._task = self._ray.remote(num_cpus=1)(_remote)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._cluster.leave()
+
+    def simulate(self, rollouts: Sequence[Rollout], tell: Tell) -> list[list[Run]]:
+        """Runs of each rollout."""
+        waiting = [self._task.remote(self._shared, r, self._noise) for r in rollouts]
+        left, n = list(waiting), len(waiting)
+        while left:
+            _, left = self._ray.wait(left, num_returns=1)
+            tell(1.0 - len(left) / n)
+        found: list[list[Run] | BadInputError] = self._ray.get(waiting)
+        runs: list[list[Run]] = []
+        for each in found:
+            if isinstance(each, BadInputError):
+                raise each
+            runs.append(each)
+        return runs
+
+
+def run_rollout(rollout: Rollout, policy: Policy, noise: SensorNoise, tell: Tell) -> list[Run]:
+    """One rollout, here."""
+    return simulate(
+        rollout.model, policy, rollout.scripts, np.random.default_rng(rollout.seed), noise, tell=tell,
+        surroundings=rollout.surroundings, only_ticks=rollout.only_ticks,
+    )  # fmt: skip
+
+
+def _remote(policy: bytes, rollout: Rollout, noise: SensorNoise) -> list[Run] | BadInputError:
+    try:
+        return run_rollout(rollout, policy_from_bytes(policy, source="of the cluster"), noise, lambda _: None)
+    except BadInputError as error:
+        return error

@@ -1,0 +1,256 @@
+"""The surroundings of a robot: how soft the ground is, and what the robot's own estimator makes of its velocity.
+
+They are no part of a robot's model, no log shows them directly, and a gait depends on them more than on most effects:
+a tenth of the ground's time constant moves the measure by as much as two real runs differ. So each model gets, for each
+command sequence, the surroundings with the best score on the *other* sequences, the nominal and the corrected model
+alike, so that a gap is the robot's and not the floor's. Where an effect that was found is itself one of the ground or
+of the estimator, the ones that suit the corrected model serve both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.closed_loop.engine import Engine, Rollout, Tell
+from diagnosis.closed_loop.merged_models import merged
+from diagnosis.closed_loop.shrink import Features, compare, features_by_sequence
+from diagnosis.closed_loop.simulation import Surroundings
+from diagnosis.read.policy_ticks import Script
+from spot_log.read.run import Run
+from spot_model.io.model_file import RobotModel
+from spot_model.policy.policy import Policy
+
+OWN: Final = Surroundings()
+"""The simulator's."""
+STEP: Final = 1.3
+TIME_CONSTANTS_S: Final = tuple(OWN.contact_time_constant_s * STEP**k for k in (-4, -2, 0, 2))
+"""From 7 ms, as hard as the physics step can follow, to 34 ms: a foot sinks by a centimetre under Spot's weight."""
+FINER: Final = (STEP**-0.5, STEP**0.5)
+DAMPING_RATIOS: Final = (0.8, 1.25)
+ODOMETRY_S: Final = 0.05
+"""Tried first; which of the other times it is matters little."""
+OTHER_ODOMETRY_S: Final = (0.0, 0.12)
+NEIGHBOURS: Final = 1.01 * STEP**2
+"""Time constants that differ by no more are neighbours of the first choice."""
+BETTER: Final = 0.95
+"""Other surroundings than the simulator's own must score less than this share of them."""
+SMALL: Final = 0.01
+"""No score counts as less."""
+MAX_SEQUENCES: Final = 4
+"""So many command sequences serve to choose; one simulated run of each for each choice."""
+MAX_TICKS: Final = 200
+"""Of a run, from its start."""
+SURROUNDING_EFFECTS: Final = frozenset({
+    "ground_compliance", "ground_friction", "foot_radius", "contact_delay", "velocity_estimate", "imu_tilt",
+})  # fmt: skip
+"""Effects that other surroundings could hide."""
+
+Job = tuple[RobotModel, Script, Surroundings | None]
+"""A run to make; without surroundings in the simulator's own."""
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """The surroundings that suit a model."""
+
+    by_sequence: Mapping[str, Surroundings]
+    """Empty where there is nothing to choose by."""
+    doubt: float = 0.0
+    """Standard error of the model's distance from the choice, in floors."""
+
+
+class _Tried:
+    """Scores of surroundings by sequence: one simulated run of each."""
+
+    def __init__(
+        self, model: RobotModel, scripts: Sequence[Script], real: Mapping[str, Features], policy: Policy
+    ) -> None:
+        names = sorted(name for name in real if any(s.sequence == name for s in scripts))
+        # Without repeats a sequence's distances have another unit.
+        names = [name for name in names if len(real[name]) > 1] or names
+        if len(names) > MAX_SEQUENCES:
+            names = [names[i * len(names) // MAX_SEQUENCES] for i in range(MAX_SEQUENCES)]
+        self.names = names
+        self.model, self._policy = model, policy
+        self._real = {name: [f[:MAX_TICKS] for f in real[name]] for name in names}
+        first = [next(s for s in scripts if s.sequence == name) for name in names]
+        self._scripts = [replace(s, velocity_command=s.velocity_command[:MAX_TICKS]) for s in first]
+        self._costs: dict[Surroundings, NDArray[np.float64]] = {}
+
+    def new(self, some: Sequence[Surroundings]) -> list[Surroundings]:
+        """Those that were not tried yet, each once."""
+        return [s for s in dict.fromkeys(some) if s not in self._costs]
+
+    def add(self, some: Sequence[Surroundings], runs: Sequence[Run]) -> None:
+        """Score runs of :meth:`scripts_for`."""
+        found = features_by_sequence(runs, self._policy)
+        costs = np.full((len(some), len(self.names)), np.inf)
+        for column, name in enumerate(self.names):
+            parts = {str(k): f for k in range(len(some)) if (f := found.get(f"{k}:{name}"))}
+            if parts:
+                for k, distances in compare(name, self._real[name], parts).models.items():
+                    costs[int(k), column] = float(np.mean(distances))
+        self._costs.update(zip(some, np.where(np.isfinite(costs), costs, np.inf), strict=True))
+
+    def scripts_for(self, some: Sequence[Surroundings]) -> list[tuple[Script, Surroundings]]:
+        """One run of each sequence in each of them."""
+        return [
+            (replace(script, sequence=f"{k}:{script.sequence}"), s)
+            for k, s in enumerate(some)
+            for script in self._scripts
+        ]
+
+    def best_without(self, *names: str) -> Surroundings:
+        """With the best geometric mean over all other sequences; over all where there are no others."""
+        total = self._totals(names)
+        best = min(total, key=lambda s: total[s])
+        return best if total[best] < BETTER * total[OWN] else OWN
+
+    def combined(self, centre: Surroundings, names: Sequence[str]) -> Surroundings:
+        """The best time constant and the best odometry beside a centre, judged without some sequences, together."""
+        total = self._totals(names)
+
+        def best(changes: list[Surroundings]) -> Surroundings:
+            return min((s for s in changes if s in total), key=lambda s: total[s], default=centre)
+
+        ground = best([centre, *_nearer(centre)])
+        estimator = best([centre, *_estimators(centre)])
+        return replace(ground, odometry_time_s=estimator.odometry_time_s)
+
+    def _totals(self, names: Sequence[str]) -> dict[Surroundings, float]:
+        keep = [i for i, n in enumerate(self.names) if n not in names] or list(range(len(self.names)))
+        # Of logarithms, so that no sequence outweighs the others.
+        return {s: float(np.exp(np.mean(np.log(np.maximum(cost[keep], SMALL))))) for s, cost in self._costs.items()}
+
+    def doubt(self) -> float:
+        """What the choice adds to the error of a mean distance: a jackknife over the sequences that it is made on."""
+        squares = []
+        for column, name in enumerate(self.names):
+            others = [n for n in self.names if n != name]
+            if len(others) < 2:
+                continue
+            chosen = self._costs[self.best_without(name)][column]
+            moved = [self._costs[self.best_without(name, other)][column] - chosen for other in others]
+            squares.append((len(others) - 1) / len(others) * float(np.sum(np.square(moved))))
+        found = float(np.sqrt(np.mean(squares))) if squares else 0.0
+        # Surroundings in which every run falls have no distance.
+        return found if np.isfinite(found) else 0.0
+
+    def centres(self) -> list[tuple[Surroundings, tuple[str, ...]]]:
+        """Where to look more closely: the best of all, with the sequences that it is chosen without, none.
+
+        Where sequences left out one at a time are neighbours no more, the best without each. More choices than that do
+        not find better ones: they only fit one run's scatter.
+        """
+        apart = {n: self.best_without(n) for n in self.names}
+        times = [s.contact_time_constant_s for s in apart.values()]
+        if max(times) <= NEIGHBOURS * min(times):
+            return [(self.best_without(), ())]
+        return [(s, (name,)) for name, s in apart.items()]
+
+
+def best_surroundings(
+    models: Mapping[str, RobotModel], scripts: Sequence[Script], real: Mapping[str, Features], policy: Policy,
+    engine: Engine, rng: np.random.Generator, tell: Tell,
+) -> dict[str, Chosen]:  # fmt: skip
+    """By model, surroundings for each sequence, chosen on the others; on itself where it is the only one.
+
+    First hard and soft ground, then around the best the ground and the estimator, and around both together the ground
+    finer and how it damps.
+
+    Args:
+        models: Whose runs are compared; all are run side by side.
+        scripts: Of the real runs.
+        real: Real runs' features by sequence.
+        policy: The policy that ran.
+        engine: Computes the runs.
+        rng: Draws seeds.
+        tell: Called with the share that is done.
+    """
+    tried = {name: _Tried(model, scripts, real, policy) for name, model in models.items()}
+    if any(not t.names for t in tried.values()):
+        return {name: Chosen({}) for name in models}
+
+    around: dict[str, list[tuple[Surroundings, tuple[str, ...]]]] = {}
+
+    def coarse(_: str) -> list[Surroundings]:
+        return [OWN, *(replace(OWN, contact_time_constant_s=t, odometry_time_s=ODOMETRY_S) for t in TIME_CONSTANTS_S)]
+
+    def nearer(name: str) -> list[Surroundings]:
+        around[name] = tried[name].centres()
+        return [s for centre, _ in around[name] for s in (*_nearer(centre), *_estimators(centre))]
+
+    def finer(name: str) -> list[Surroundings]:
+        centres = [tried[name].combined(centre, names) for centre, names in around[name]]
+        return [s for c in centres for s in (c, *_finer(c))]
+
+    for done, step in enumerate((coarse, nearer, finer)):
+
+        def part(share: float, done: int = done) -> None:
+            tell((done + share) / 3)
+
+        _try(list(tried.values()), [t.new(step(name)) for name, t in tried.items()], engine, rng, part)
+    every = sorted({s.sequence for s in scripts})
+    return {name: Chosen({s: t.best_without(s) for s in every}, t.doubt()) for name, t in tried.items()}
+
+
+def _nearer(centre: Surroundings) -> list[Surroundings]:
+    times_s = [centre.contact_time_constant_s / STEP, centre.contact_time_constant_s * STEP]
+    # The hardest ground is as hard as the physics step can follow.
+    return [replace(centre, contact_time_constant_s=t) for t in times_s if t > TIME_CONSTANTS_S[0] / STEP**0.5]
+
+
+def _estimators(centre: Surroundings) -> list[Surroundings]:
+    return [replace(centre, odometry_time_s=t) for t in OTHER_ODOMETRY_S if t != centre.odometry_time_s]
+
+
+def _finer(centre: Surroundings) -> list[Surroundings]:
+    ground = [replace(centre, contact_time_constant_s=centre.contact_time_constant_s * f) for f in FINER]
+    return [*ground, *(replace(centre, contact_damping_ratio=d) for d in DAMPING_RATIOS)]
+
+
+def _try(
+    tried: Sequence[_Tried], new: Sequence[Sequence[Surroundings]], engine: Engine, rng: np.random.Generator, tell: Tell
+) -> None:
+    """Run what each model has not tried yet, in one batch where the models allow it."""
+    parts = [(t, some, t.scripts_for(some)) for t, some in zip(tried, new, strict=True) if some]
+    jobs = [(t.model, script, around) for t, _, scripts in parts for script, around in scripts]
+    runs = iter(run_all(jobs, engine, rng, tell, only_ticks=True))
+    for t, some, scripts in parts:
+        t.add(some, [next(runs) for _ in scripts])
+
+
+def run_all(
+    jobs: Sequence[Job], engine: Engine, rng: np.random.Generator, tell: Tell, *, only_ticks: bool = False
+) -> list[Run]:
+    """A run of each job, in their order: in one batch where the models allow it, otherwise in one for each model.
+
+    Raises:
+        BadInputError: A model cannot be simulated.
+    """
+    if not jobs:
+        return []
+    together = merged([model for model, _, _ in jobs])
+    if together is not None:
+        groups = [(together, list(range(len(jobs))))]
+    else:
+        by_model: dict[int, list[int]] = {}
+        for i, (model, _, _) in enumerate(jobs):
+            by_model.setdefault(id(model), []).append(i)
+        groups = [(jobs[rows[0]][0], rows) for rows in by_model.values()]
+    rollouts = []
+    for model, rows in groups:
+        around = [s for i in rows if (s := jobs[i][2]) is not None]
+        chosen = tuple(around) if len(around) == len(rows) else None
+        scripts = tuple(jobs[i][1] for i in rows)
+        rollouts.append(Rollout(model, scripts, int(rng.integers(2**31)), chosen, only_ticks=only_ticks))
+    made: list[Run | None] = [None] * len(jobs)
+    for (_, rows), runs in zip(groups, engine.simulate(rollouts, tell), strict=True):
+        for i, run in zip(rows, runs, strict=True):
+            made[i] = run
+    return [run for run in made if run is not None]

@@ -1,0 +1,131 @@
+"""What a robot's state estimator makes of its velocity: legs that stand tell how fast the body moves, and they err.
+
+A real robot does not know its velocity. Its estimator integrates the accelerometer, and feet that are taken to stand
+still pull the integral back: every give of the ground, every roll and slip of a foot ends up in the velocity that the
+policy sees. A simulation that shows the policy the true velocity is another closed loop.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot_model.plant.plant import Plant
+from spot_model.robot import facts
+
+Array = NDArray[np.float64]
+Vector = tuple[Any, Any, Any]
+"""Three components, each an array of its own: many small arrays cost by the call."""
+
+STANDS_AFTER_S: Final = 0.025
+"""A foot that has just touched down still moves, and estimators leave it out."""
+_HIP_X_M: Final = np.array([facts.end_sign(leg) * facts.HX_FROM_BODY_M[0] for leg in facts.LEG_NAMES])
+_HIP_Y_M: Final = np.array([facts.side_sign(leg) * facts.HX_FROM_BODY_M[1] for leg in facts.LEG_NAMES])
+_OUT_M: Final = np.array([facts.side_sign(leg) * facts.HY_FROM_HX_M[1] for leg in facts.LEG_NAMES])
+_THIGH_X_M, _, _THIGH_Z_M = facts.KN_FROM_HY_M
+_SHANK_X_M, _, _SHANK_Z_M = facts.FOOT_FROM_KN_M
+
+
+class LegOdometry:
+    """The error of a complementary filter: the accelerometer in the short run, standing feet in the long run.
+
+    With v the true velocity and u the mean velocity of the standing feet's lowest points, by joints, gyroscope and
+    attitude as the robot has them, the estimate v + e follows de/dt = −(u + e)/T: where feet truly stand, e vanishes.
+
+    Args:
+        time_s: T of each run, shape (n,); 0 for no error.
+    """
+
+    def __init__(self, time_s: Array) -> None:
+        n = len(time_s)
+        dt_s = facts.STATE_PERIOD_NS * 1e-9
+        self._rows = np.flatnonzero(time_s > 0.0)
+        self._pull = -np.expm1(-dt_s / time_s[self._rows])[:, None]
+        self._after = round(STANDS_AFTER_S / dt_s)
+        self._states_on = np.zeros((len(self._rows), facts.N_LEGS), dtype=np.int64)
+        self._error: Array = np.zeros((n, 3))
+
+    def error_m_s(self, plant: Plant) -> Array:
+        """Take in another state; returns what the reported velocity is off by, world frame, shape (n, 3)."""
+        rows = self._rows
+        self._states_on = np.where(plant.foot_contact[rows], self._states_on + 1, 0)
+        stands = self._states_on > self._after
+        count = stands.sum(axis=1, keepdims=True)
+        velocity = foot_velocity_m_s(
+            plant.world_from_body_wxyz[rows],
+            plant.linear_vel_of_body_in_body_m_s[rows],
+            plant.angular_vel_of_body_in_body_rad_s[rows],
+            np.asarray(plant.reading.position_rad)[rows],
+            np.asarray(plant.reading.velocity_rad_s)[rows],
+        )
+        mean = np.where(stands[..., None], velocity, 0.0).sum(axis=1) / np.maximum(count, 1)
+        self._error[rows] -= np.where(count > 0, self._pull * (mean + self._error[rows]), 0.0)
+        return self._error.copy()
+
+
+def foot_velocity_m_s(
+    world_from_body_wxyz: Array,
+    linear_vel_in_body_m_s: Array,
+    angular_vel_in_body_rad_s: Array,
+    position_rad: Array,
+    velocity_rad_s: Array,
+) -> Array:
+    """Of the feet's lowest points, world frame, by what the robot knows of its joints; shape (n, 4, 3).
+
+    As :func:`diagnosis.channels.body.dynamics.contact_point_and_jacobian` has it, bit for bit, component by component.
+    """
+    w, x, y, z = (world_from_body_wxyz[:, i : i + 1] for i in range(4))
+    attitude = (x, y, z)
+    # The lowest point lies the foot's radius below its centre.
+    down = (-2.0 * (z * x - w * y), -2.0 * (w * x + z * y), -1.0 + 2.0 * (x * x + y * y))
+    arm_x, arm_y, arm_z = (facts.FOOT_RADIUS_M * d for d in down)
+    hx, hy, kn = (position_rad[:, joint::3] for joint in range(3))
+    cos_hx, sin_hx = np.cos(hx), np.sin(hx)
+    thigh_x, thigh_z = _in_plane(hy, _THIGH_X_M, _THIGH_Z_M)
+    shank_x, shank_z = _in_plane(hy + kn, _SHANK_X_M, _SHANK_Z_M)
+    leg_x, leg_z = thigh_x + shank_x, thigh_z + shank_z
+    foot_y, foot_z = _OUT_M * cos_hx - leg_z * sin_hx, _OUT_M * sin_hx + leg_z * cos_hx
+    point = (_HIP_X_M + leg_x + arm_x, _HIP_Y_M + foot_y + arm_y, foot_z + arm_z)
+    # Two joints turn about the same axis, (0, cos hx, sin hx).
+    turned_x, turned_y, turned_z = cos_hx * arm_z - sin_hx * arm_y, sin_hx * arm_x, cos_hx * arm_x
+    rate_hx, rate_hy, rate_kn = (velocity_rad_s[:, joint::3] for joint in range(3))
+    by_joints = (
+        (leg_z + turned_x) * rate_hy + (shank_z + turned_x) * rate_kn,
+        -(foot_z + arm_z) * rate_hx
+        + (leg_x * sin_hx + turned_y) * rate_hy
+        + (shank_x * sin_hx + turned_y) * rate_kn,
+        (foot_y + arm_y) * rate_hx
+        + (-leg_x * cos_hx - turned_z) * rate_hy
+        + (-shank_x * cos_hx - turned_z) * rate_kn,
+    )  # fmt: skip
+    by_turn = _cross(_columns(angular_vel_in_body_rad_s), point)
+    own = _columns(linear_vel_in_body_m_s)
+    in_body = (
+        own[0] + by_turn[0] + by_joints[0],
+        own[1] + by_turn[1] + by_joints[1],
+        own[2] + by_turn[2] + by_joints[2],
+    )
+    return np.stack(_turned(w, attitude, in_body), axis=-1)
+
+
+def _columns(vector: Array) -> Vector:
+    return vector[:, 0:1], vector[:, 1:2], vector[:, 2:3]
+
+
+def _in_plane(angle: Array, x_m: float, z_m: float) -> tuple[Array, Array]:
+    """A link in its leg's plane, turned about +y."""
+    cos, sin = np.cos(angle), np.sin(angle)
+    return x_m * cos + z_m * sin, z_m * cos - x_m * sin
+
+
+def _turned(w: Array, u: Vector, v: Vector) -> Vector:
+    """Components turned by a quaternion (w, u)."""
+    uv = _cross(u, v)
+    uuv = _cross(u, uv)
+    return (v[0] + 2.0 * (w * uv[0] + uuv[0]), v[1] + 2.0 * (w * uv[1] + uuv[1]), v[2] + 2.0 * (w * uv[2] + uuv[2]))
+
+
+def _cross(a: Vector, b: Vector) -> Vector:
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])

@@ -1,0 +1,121 @@
+"""Closed-loop runs of a model under the logs' policy and commands, as logs: for shrink, traces, map and synthesis."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.closed_loop.odometry import LegOdometry
+from diagnosis.read.policy_ticks import Script
+from spot_log.read.run import Run
+from spot_model.effects.base import CommandEffect, SoftwareEffect
+from spot_model.io.model_file import RobotModel
+from spot_model.plant.plant import Plant, PlantOptions
+from spot_model.plant.start import put_at
+from spot_model.policy.policy import Policy
+from spot_model.robot import facts
+from spot_model.robot.mjcf import MjcfOptions
+from trainer.sysid.simulation import recorded_loop
+from trainer.sysid.simulation.recorded_loop import RecordedLoop, Told
+
+Array = NDArray[np.float64]
+
+SUBSTEPS: Final = 2
+"""Physics steps between two states."""
+
+
+@dataclass(frozen=True)
+class SensorNoise(recorded_loop.SensorNoise):
+    """A robot's usual noise."""
+
+    position_rad: float = 3e-4
+    velocity_rad_s: float = 0.03
+    load_nm: float = 0.4
+    linear_vel_m_s: float = 0.015
+    angular_vel_rad_s: float = 0.01
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What a closed loop depends on and no model of a robot holds: the ground, and the robot's own state estimator."""
+
+    contact_time_constant_s: float = MjcfOptions().contact_solref[0]
+    contact_damping_ratio: float = MjcfOptions().contact_solref[1]
+    odometry_time_s: float = 0.0
+    """In which standing legs pull the reported velocity; 0 for one that is true. See ``odometry.py``."""
+
+
+def simulate(
+    model: RobotModel,
+    policy: Policy,
+    scripts: Sequence[Script],
+    rng: np.random.Generator,
+    noise: SensorNoise,
+    *,
+    surroundings: Sequence[Surroundings] | None = None,
+    only_ticks: bool = False,
+    tell: Callable[[float], None] | None = None,
+) -> list[Run]:
+    """Run all scripts in one batch.
+
+    Args:
+        model: With which effects.
+        policy: What controls.
+        scripts: How each run starts and what it is told.
+        rng: Draws the sensors' noise and the delays.
+        noise: Of the sensors.
+        surroundings: Of each run; the simulator's own by default. Effects come on top.
+        only_ticks: Keep no state between the policy's ticks, and no loads of the links: enough to compare gaits.
+        tell: Called with the share that is done.
+
+    Raises:
+        ValueError: There are no scripts.
+    """
+    if not scripts:
+        raise ValueError("no script to simulate")
+    channel = [e for e in model.effects if isinstance(e, CommandEffect)]
+    software = [e for e in model.effects if isinstance(e, SoftwareEffect)]
+    own = [e for e in model.effects if not isinstance(e, (CommandEffect, SoftwareEffect))]
+    step_s = facts.STATE_PERIOD_NS * 1e-9 / SUBSTEPS
+    mjcf = MjcfOptions(
+        timestep_s=step_s, cone="elliptic", collision="all", link_torque_sensors=not only_ticks, visuals=False
+    )
+    plant = Plant(own, len(scripts), PlantOptions(mjcf=mjcf, n_threads=1, on_divergence="flag"))
+    last_action = put_at(plant, [script.start for script in scripts])
+    odometry = None if surroundings is None else _surround(plant, surroundings)
+
+    def arrival_s(issued_s: Array) -> Array:
+        for effect in channel:
+            issued_s = np.broadcast_to(effect.arrival_s(issued_s, rng), (len(scripts),))
+        return issued_s
+
+    loop = RecordedLoop(
+        plant,
+        policy,
+        [Told(script.sequence, script.repeat, script.velocity_command) for script in scripts],
+        start_setpoint_rad=np.asarray(policy.setpoint_rad(last_action)),
+        last_action=last_action,
+        arrival_s=arrival_s,
+        rng=rng,
+        noise=noise,
+        software=software,
+        velocity_error_m_s=None if odometry is None else lambda: odometry.error_m_s(plant),
+        only_ticks=only_ticks,
+    )
+    return loop.runs() if tell is None else loop.runs(tell)
+
+
+def _surround(plant: Plant, surroundings: Sequence[Surroundings]) -> LegOdometry | None:
+    """Give each run its own ground and estimator; what effects changed of the ground stays."""
+    own = np.array(MjcfOptions().contact_solref)
+    wanted = np.array([(s.contact_time_constant_s, s.contact_damping_ratio) for s in surroundings])
+    solref = plant.fields["geom_solref"]
+    for leg in facts.LEG_NAMES:
+        solref[:, plant.fields.geom_id(f"{leg}_foot")] += wanted - own
+    plant.fields.commit()
+    times_s = np.array([s.odometry_time_s for s in surroundings])
+    return LegOdometry(times_s) if times_s.any() else None

@@ -1,0 +1,316 @@
+"""Closed-loop runs of several models on sequences that their fits never saw, their distances, and the shrink."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from diagnosis.channels.channel_view import Array
+from diagnosis.closed_loop.engine import Engine, LocalEngine, Tell
+from diagnosis.closed_loop.environment import SURROUNDING_EFFECTS, Chosen, best_surroundings, run_all
+from diagnosis.closed_loop.shrink import Compared, Features, Shrinkage, compare, features_by_sequence, shrinkage
+from diagnosis.document import OtherGap, Placebo, Shrink
+from diagnosis.read.policy_ticks import Script, policy_ticks, script_of
+from diagnosis.selection.evidence import Board
+from diagnosis.selection.nuisance_model import model_of
+from diagnosis.selection.scoring import Scored
+from spot_log.read.run import Run
+from spot_model.errors import BadInputError
+from spot_model.io.model_file import RobotModel
+from spot_model.policy.observation import observed
+from spot_model.policy.policy import Policy
+
+
+@dataclass(frozen=True)
+class Bench:
+    """What every model is put through."""
+
+    runs: tuple[Run, ...]
+    """Real logs."""
+    scripts: tuple[Script, ...]
+    """Of those that are long enough."""
+    policy: Policy
+    engine: Engine
+    shared: RobotModel | None = None
+    """The model whose surroundings serve all: the corrected one, where the ground or the estimator was found."""
+    surroundings: dict[str, Chosen] = field(default_factory=dict)
+    """Chosen ones, by name of the model."""
+
+    def doubt(self, name: str) -> float:
+        """Standard error of a model's distance from the choice of its surroundings, in floors."""
+        chosen = self.surroundings.get("all" if self.shared is not None else name)
+        return chosen.doubt if chosen is not None else 0.0
+
+    @property
+    def sequences(self) -> list[str]:
+        """Names of the command sequences."""
+        return sorted({s.sequence for s in self.scripts})
+
+    def real(self) -> dict[str, Features]:
+        """Real runs' features by sequence."""
+        return dict(features_by_sequence(self.runs, self.policy))
+
+
+LOWER: Final = 1.0 / 3.0
+"""Of a sequence's simulated runs, the quantile that counts: some stumble where the robot did not."""
+SMALLEST: Final = 0.01
+"""No distance counts as less."""
+Models = Mapping[str, RobotModel]
+"""By command sequence, the model that runs it."""
+
+
+def roll_out(
+    bench: Bench, models: Mapping[str, Models], references: Models, rng: np.random.Generator, tell: Tell,
+    like: Mapping[str, str] | None = None, *, only_ticks: bool = False,
+) -> dict[str, list[Run]]:  # fmt: skip
+    """Runs of all scripts by each model, all side by side, in the surroundings that suit them.
+
+    Args:
+        bench: What to run.
+        models: By name.
+        references: By name, the model for which surroundings are chosen, unless the bench has one for all.
+        like: By name of a model without a reference, the name of the one whose surroundings it shares.
+        rng: Draws seeds.
+        tell: Called with the share that is done.
+        only_ticks: No states between the policy's ticks: enough for distances.
+
+    Raises:
+        BadInputError: A model cannot be simulated.
+    """
+    wanted = references if bench.shared is None else {"all": bench.shared}
+    missing = {name: model for name, model in wanted.items() if name not in bench.surroundings}
+    if missing:
+        bench.surroundings.update(best_surroundings(
+            missing, bench.scripts, bench.real(), bench.policy, bench.engine, rng, lambda share: tell(0.6 * share)
+        ))  # fmt: skip
+    jobs, names = [], []
+    for name, by_sequence in models.items():
+        around = bench.surroundings["all" if bench.shared is not None else (like or {}).get(name, name)]
+        for sequence, model in by_sequence.items():
+            mine = [s for s in bench.scripts if s.sequence == sequence]
+            jobs += [(model, s, around.by_sequence.get(sequence)) for s in mine]
+            names += [name] * len(mine)
+    made: dict[str, list[Run]] = {name: [] for name in models}
+    made_runs = run_all(jobs, bench.engine, rng, lambda share: tell(0.6 + 0.4 * share), only_ticks=only_ticks)
+    for name, run in zip(names, made_runs, strict=True):
+        made[name].append(run)
+    return made
+
+
+@dataclass(frozen=True)
+class Trials:
+    """Closed-loop runs of several models, and how far each is from the robot."""
+
+    runs: Mapping[str, list[Run]]
+    """By name of the model."""
+    compared: tuple[Compared, ...]
+    is_crossed: bool
+    """Whether each sequence's model was fitted without it."""
+    notes: tuple[str, ...]
+
+    def distances(self) -> dict[str, float]:
+        """By model, in floors; empty without repeats, for then a distance has no unit."""
+        repeated = [c for c in self.compared if c.real.shape[0] > 1]
+        names = repeated[0].models if repeated else ()
+        return {name: typical([c.models[name] for c in repeated]) for name in names}
+
+
+def typical(distances: Sequence[Array]) -> float:
+    """One number for a model, in floors, that neither one simulated run that stumbles nor one sequence rules.
+
+    Args:
+        distances: By sequence, from simulated runs to real runs.
+    """
+    return float(np.exp(np.mean([np.log(max(float(np.quantile(d.mean(axis=1), LOWER)), SMALLEST)) for d in distances])))
+
+
+def run_trials(
+    bench: Bench,
+    nominal: RobotModel,
+    board: Board,
+    candidates: Mapping[str, Scored],
+    like: Mapping[str, str],
+    rng: np.random.Generator,
+    tell: Tell = lambda _: None,
+    *,
+    only_ticks: bool = False,
+) -> Trials:
+    """Run the nominal model, and the nominal model with each candidate's ordinary errors and effects.
+
+    Args:
+        bench: Real logs and how to simulate them.
+        nominal: The model.
+        board: The evidence, with its folds.
+        candidates: Fitted sets of effects, by name.
+        like: By name of a candidate, the one whose environment it shares; the others choose their own.
+        rng: Draws seeds.
+        tell: Called with the share that is done.
+        only_ticks: See :func:`roll_out`.
+
+    Raises:
+        BadInputError: The nominal model cannot be simulated.
+    """
+    names, notes = bench.sequences, []
+    crossed = list(board.fold_names) == names and len(names) > 1
+    models: dict[str, Models] = {"nominal": dict.fromkeys(names, nominal)}
+    references = {"nominal": nominal}
+    for name, scored in candidates.items():
+        made, why = _fitted_models(nominal, board, scored, names if crossed else [])
+        if made is None:
+            notes.append(f"{name} cannot be simulated: {why}")
+            continue
+        models[name] = {s: made[k if crossed else -1] for k, s in enumerate(names)}
+        if name not in like:
+            references[name] = made[-1]
+    runs = roll_out(bench, models, references, rng, tell, like, only_ticks=only_ticks)
+    compared, told = compared_by_sequence(bench, runs)
+    return Trials(runs, tuple(compared), crossed, (*notes, *told))
+
+
+def _fitted_models(
+    nominal: RobotModel, board: Board, scored: Scored, folds: Sequence[str]
+) -> tuple[list[RobotModel] | None, str]:
+    """Models fitted without each fold, and last the one fitted to all; None, and why, if a value is out of bounds."""
+    try:
+        without = [model_of(nominal, board, scored, k) for k in range(len(folds))]
+        return [*without, model_of(nominal, board, scored)], ""
+    except BadInputError as error:
+        return None, str(error)
+
+
+def measure_shrink(bench: Bench, trials: Trials, stated: str, wrong: str, rng: np.random.Generator) -> Shrink | None:
+    """How much of the gap the stated model closes, on sequences that its numbers never saw.
+
+    Args:
+        bench: Real logs.
+        trials: Runs of the models.
+        stated: Name of the model that is delivered.
+        wrong: Name of the one that it has to beat: ordinary errors alone.
+        rng: Draws resamples.
+    """
+    compared = trials.compared
+    if not compared or stated not in trials.runs:
+        return None
+    after = shrinkage(compared, "nominal", stated, rng, (bench.doubt("nominal"), bench.doubt(stated)))
+    placebo = shrinkage(compared, "nominal", wrong, rng) if wrong in trials.runs and wrong != stated else None
+    return Shrink(
+        d0=after.d0,
+        d1=after.d1,
+        floor=after.floor,
+        s=after.s,
+        s_low=after.low,
+        s_high=after.high,
+        held_out=tuple(c.sequence for c in compared) if trials.is_crossed else (),
+        placebo=Placebo(name=wrong, s=placebo.s) if placebo is not None and placebo.s is not None else None,
+        beside=tuple(_beside(bench.runs, trials.runs["nominal"], trials.runs[stated])),
+    )
+
+
+def shrink_of(
+    runs: Sequence[Run], nominal: RobotModel, corrected: RobotModel, policy: Policy, rng: np.random.Generator
+) -> Shrinkage | None:
+    """S of a stated model on any runs, as a verdict measures it: both models, each in the surroundings that suit it.
+
+    None where no run can be compared. With many runs of sequences that the diagnosis never saw, this is the true S.
+
+    Args:
+        runs: Real logs.
+        nominal: Before.
+        corrected: After.
+        policy: The policy that ran.
+        rng: Draws seeds and resamples.
+    """
+    scripts = tuple(s for run in runs if (s := script_of(run)) is not None)
+    if not scripts:
+        return None
+    added = {e.name for e in corrected.effects} - {e.name for e in nominal.effects}
+    bench = Bench(tuple(runs), scripts, policy, LocalEngine(policy), corrected if added & SURROUNDING_EFFECTS else None)
+    models = {"nominal": nominal, "corrected": corrected}
+    made = roll_out(
+        bench, {name: dict.fromkeys(bench.sequences, model) for name, model in models.items()}, models, rng,
+        lambda _: None,
+    )  # fmt: skip
+    compared, _ = compared_by_sequence(bench, made)
+    doubt = (bench.doubt("nominal"), bench.doubt("corrected"))
+    return shrinkage(compared, "nominal", "corrected", rng, doubt) if compared else None
+
+
+def compared_by_sequence(bench: Bench, models: Mapping[str, Sequence[Run]]) -> tuple[list[Compared], list[str]]:
+    """Distances by sequence, and what could not be compared."""
+    real = bench.real()
+    parts = {name: features_by_sequence(group, bench.policy) for name, group in models.items()}
+    compared, notes = [], []
+    for sequence in bench.sequences:
+        fallen = [name for name, part in parts.items() if not part.get(sequence)]
+        if fallen:
+            notes.append(f"sequence {sequence}: {', '.join(fallen)} fell at once and is not compared")
+            continue
+        short = sum(s.sequence == sequence for s in bench.scripts) - len(real[sequence])
+        if short:
+            notes.append(f"sequence {sequence}: {short} real runs that fell or were cut short are not compared")
+        compared.append(compare(sequence, real[sequence], {name: part[sequence] for name, part in parts.items()}))
+    repeated = [c for c in compared if c.real.shape[0] > 1]
+    if repeated and len(repeated) < len(compared):
+        # Without a floor of its own, a sequence's distances have another unit.
+        single = ", ".join(c.sequence for c in compared if c.real.shape[0] < 2)
+        notes.append(f"one run alone of {single} is whole: there is no floor, and it does not count for the shrink")
+    return repeated or compared, notes
+
+
+def _beside(runs: Sequence[Run], before: Sequence[Run], after: Sequence[Run]) -> list[OtherGap]:
+    """Gaps of measured torque, joint and body speed: mean Wasserstein distance over the signal's components."""
+    out = []
+    for name, unit, pick in (
+        ("load", "N·m", _load), ("joint velocity", "rad/s", _joint_velocity), ("body velocity", "m/s", _velocity),
+    ):  # fmt: skip
+        pairs = list(_matched(runs, before, after))
+        gaps = [(_w1(pick(a), pick(b)), _w1(pick(a), pick(c))) for a, b, c in pairs]
+        same = [
+            _w1(pick(a), pick(b))
+            for i, a in enumerate(runs) for b in runs[:i]
+            if a.header.command_sequence == b.header.command_sequence and len(policy_ticks(a)) and len(policy_ticks(b))
+        ]  # fmt: skip
+        if gaps and np.isfinite(gaps).all():
+            b, a = np.mean(gaps, axis=0)
+            out.append(
+                OtherGap(
+                    name=name, unit=unit, before=float(b), after=float(a), floor=float(np.mean(same)) if same else 0.0
+                )
+            )
+    return out
+
+
+def _matched(runs: Sequence[Run], before: Sequence[Run], after: Sequence[Run]) -> list[tuple[Run, Run, Run]]:
+    def key(run: Run) -> tuple[str, int]:
+        return (run.header.command_sequence or "unnamed", run.header.repeat)
+
+    first, second = {key(r): r for r in before}, {key(r): r for r in after}
+    return [(r, first[key(r)], second[key(r)]) for r in runs if key(r) in first and key(r) in second]
+
+
+def _load(run: Run) -> np.ndarray:
+    return np.asarray(run.states.load_nm[_active(run)])
+
+
+def _joint_velocity(run: Run) -> np.ndarray:
+    return np.asarray(run.states.velocity_rad_s[_active(run)])
+
+
+def _velocity(run: Run) -> np.ndarray:
+    return np.asarray(
+        observed(run.ticks.observation[policy_ticks(run)], "linear_vel_of_body_in_body_m_s"), dtype=np.float64
+    )
+
+
+def _active(run: Run) -> np.ndarray:
+    rows = policy_ticks(run)
+    stamps = run.ticks.robot_stamp_ns[rows]
+    return np.asarray((run.states.robot_stamp_ns >= stamps[0]) & (run.states.robot_stamp_ns <= stamps[-1]))
+
+
+def _w1(a: np.ndarray, b: np.ndarray) -> float:
+    grid = (np.arange(200) + 0.5) / 200
+    return float(np.mean(np.abs(np.quantile(a, grid, axis=0) - np.quantile(b, grid, axis=0))))

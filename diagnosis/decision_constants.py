@@ -1,0 +1,126 @@
+"""Every number that decides what a diagnosis says, with where it comes from. None is set on a case that judges."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+
+@dataclass(frozen=True)
+class ErrorScale:
+    """How far a nominal model is off in one effect's numbers without anything being wrong: standard deviations.
+
+    The prior before any log is seen. What one robot's units scatter by is learned from its own logs, between
+    :data:`NARROWEST` and once these.
+    """
+
+    scales: Mapping[str, float]
+    """By coefficient of the library's effect."""
+    alike: float = 0.4
+    """Units of a type, or all of them, are off together by this share: a maker's figure is wrong for all of a kind."""
+    at: Mapping[str, float] = field(default_factory=dict)
+    """Shape of an effect whose size is in its shape."""
+    acts_in_closed_loop: bool = True
+    """Whether the robot moves otherwise with it; a load cell's error is seen and changes nothing."""
+
+
+ERROR_SCALES: Final[Mapping[str, ErrorScale]] = {
+    # Set-point to load differs by 5 to 20 % between joints and joint types of real legs, range; a third of it.
+    "torque_gain": ErrorScale({"gain": 0.06}),
+    # Strain-gauge cells are specified to 1 to 3 % of the reading.
+    "load_sensor_gain": ErrorScale({"gain": 0.02, "bias_nm": 0.3}, alike=0.3, acts_in_closed_loop=False),
+    # Joints of legged robots scatter by 0.1 to 0.3 N·m in dry friction, and by several per cent of the load.
+    "coulomb_friction": ErrorScale({"level_nm": 0.15}),
+    "viscous_friction": ErrorScale({"damping_nm_s_per_rad": 0.03}),
+    "load_friction": ErrorScale({"share": 0.02}),
+    "stribeck_friction": ErrorScale({"level_nm": 0.1}, at={"speed_rad_s": 0.4}, acts_in_closed_loop=False),
+    "armature": ErrorScale({"inertia_kg_m2": 0.006}),
+    # Load cells lag by 0 to 6 ms; in the loads alone that cannot be told from a slow torque loop.
+    "torque_bandwidth": ErrorScale({"share": 1.0}, alike=1.0, at={"time_constant_s": 0.002}, acts_in_closed_loop=False),
+    "velocity_filter": ErrorScale({"time_constant_s": 0.0015}),
+    "joint_compliance": ErrorScale({"compliance_rad_per_nm": 2e-4}, acts_in_closed_loop=False),
+    "encoder_offset": ErrorScale({"offset_rad": 0.005}),
+    # CAD masses are off by 3 to 5 %.
+    "leg_mass": ErrorScale({"scale": 0.05}, alike=0.3),
+    "payload_mass": ErrorScale(
+        {"mass_kg": 0.5, "moment_x_kg_m": 0.15, "moment_y_kg_m": 0.1, "moment_z_kg_m": 0.15},
+    ),
+    "body_inertia": ErrorScale({"scale": 0.06}),
+    # A worn foot loses 1 to 2 mm; soft ground looks the same, and is chosen by the closed loop itself.
+    "foot_radius": ErrorScale({"change_m": 0.002}, alike=1.0, acts_in_closed_loop=False),
+    "velocity_estimate": ErrorScale(
+        {"scale": 0.02, "bias_x_m_s": 0.015, "bias_y_m_s": 0.015, "late": 1.0},
+        at={"lag_s": 0.005},
+    ),
+    "imu_tilt": ErrorScale({"roll_rad": 0.008, "pitch_rad": 0.008}, at={"packets_are_tilted": 1.0}),
+    # Contact detectors are late by 5 to 15 ms, and the policy never sees them.
+    "contact_delay": ErrorScale({"delay_s": 0.006}, acts_in_closed_loop=False),
+    # Floors: the closed loop's ground is chosen by its own distance instead.
+    "ground_friction": ErrorScale({"scale": 0.2}, acts_in_closed_loop=False),
+    "ground_compliance": ErrorScale({"time_constant_s": 0.003}, alike=2.0, acts_in_closed_loop=False),
+    # State to command received: 4 ms in the median, 6 ms for 95 %, from published recordings.
+    "command_delay": ErrorScale({"delay_s": 0.0015}),
+    "command_jitter": ErrorScale({"share": 1.0}, at={"mean_s": 0.001}),
+    "command_drop": ErrorScale({"probability": 0.004}, acts_in_closed_loop=False),
+    "sensor_noise": ErrorScale({"position": 3.0, "velocity": 2.0, "load": 3.0}, alike=1.0, acts_in_closed_loop=False),
+}
+"""Published ranges of ordinary errors, by effect of the library."""
+NARROWEST: Final = 0.2
+"""Share of its published range that a scale learned from one robot keeps: twelve joints do not prove a robot exact."""
+CLEARLY_ORDINARY: Final = 2.5
+"""An error counts as ordinary up to so many of its published standard deviations: 99 in 100 lie within.
+
+What is farther off is put back to this bound before a model "with ordinary errors alone" is compared with the robot.
+"""
+
+# ---- evidence in the residuals
+
+DISCREPANCY: Final[Mapping[str, float]] = {
+    "A": 0.7, "B": 1.2, "C": 0.7, "D": 2.0, "I": 1.5, "K": 0.7, "L": 2.0, "N": 1.0, "P": 2.0, "Q": 0.5, "T": 1.0,
+}  # fmt: skip
+"""What formulas leave in a channel, root mean square in units of its noise."""
+DEGREES_OF_FREEDOM: Final = 40.0
+"""Independent ways, at most, in which a formula can be off in one signal: strides times a leg's phases."""
+FORMULA_ERROR: Final = 0.15
+"""Share of what a formula explains by which it is usually off: LuGre against dry friction differ by so much."""
+PARAMETER_SPREAD: Final = 0.1
+"""Standard deviation of a fitted number from the formula that is not the robot's, as a share of the number: dry
+friction fitted to a LuGre joint, a first-order lag to a delay."""
+EFFECT_PRIOR_NATS: Final = 6.0
+"""One robot in a few has a fault, at one of some 36 effects times a dozen places: −log(1/3 · 1/36 · 1/4)."""
+MAX_EFFECTS: Final = 4
+ODD_RUN: Final = 0.1
+"""Share of runs in which something else went on (a rug, a push, a hot day): none tells more than log(0.9/0.1) nats."""
+GROUP_ODDS: Final = 0.1
+"""A rival with at least these odds against the best stays in its group."""
+
+# ---- the gap in closed loops, in floors: distances between repeats of the robot's own runs
+
+ORDINARY_GAP: Final = 2.0
+"""Distance that models with this robot's ordinary errors alone stay under where nothing is wrong, 95 in 100.
+
+``benchmarks/calibrate_diagnosis.py`` with *walk*, robots 1 to 5: 1.14, 1.88, 1.72, 1.42, 1.17, where the plain nominal
+model is at 1.55 to 2.80; their mean and 1.65 standard deviations.
+"""
+GAP_SPREAD: Final = 0.25
+"""Standard deviation of a distance between a robot and its right model, over draws of noise and of environments."""
+MATTERS: Final = 0.5
+"""An effect that brings closed loops nearer by less does not matter here: twice :data:`GAP_SPREAD`."""
+MATTERS_SHARE: Final = 0.15
+"""Nor does one that closes less than this share of what lies above the floor."""
+
+# ---- without closed loops
+
+OPEN_LOOP_MATTERS: Final = 2.0
+"""An effect matters to a prediction if without it some signal is off by so many times what formulas leave there."""
+USUAL_LEFT: Final[Mapping[str, float]] = {
+    "A": 9.0, "B": 7.0, "C": 8.0, "D": 14.0, "I": 6.0, "K": 2.0, "L": 1.0, "N": 12.0, "P": 1.0, "Q": 2.0, "T": 1.0,
+}  # fmt: skip
+"""Nats that trees still predict, by channel, of what is left where nothing is wrong."""
+
+# ---- words
+
+UNKNOWN_IS_LIKELY: Final = 0.5
+PARTLY: Final = 0.3
+"""With this probability of an unknown effect beside those found, they are called a part of the explanation."""

@@ -1,0 +1,207 @@
+"""The verdict: what ``verdict.json`` holds. Its JSON Schema lies beside it and in docs/diagnosis.md."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any, Final, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+SCHEMA: Final = "spot-rl/verdict/1"
+
+Status = Literal["explained", "partly_explained", "unknown_effect", "no_gap", "cannot_tell"]
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True, allow_inf_nan=False)
+
+
+class GapCell(_Part):
+    """The gap of one signal at one joint in one regime."""
+
+    signal: str
+    joint: str
+    regime: str
+    gap: float
+    """Mean Wasserstein distance of real and nominal runs of the same commands, in ``unit``."""
+    floor: float
+    """The same between real runs; 0 where there are no repeats."""
+    ratio: float | None
+    """gap / floor; null without repeats."""
+    p_value: float | None
+    """Of permuting whole runs between real and nominal, adjusted after Benjamini and Hochberg; null without repeats."""
+    low: float | None = None
+    high: float | None = None
+    """Interval of the gap from blocks of one second, where there are no repeats."""
+    unit: str = ""
+    n_samples: int = 0
+
+
+class Number(_Part):
+    """A fitted number with its 90 % interval."""
+
+    value: float
+    low: float
+    high: float
+    unit: str = ""
+
+
+class Split(_Part):
+    """The recording that would tell the members of a group apart."""
+
+    name: str
+    text: str
+    by_hand: str = ""
+    command: str
+    """For a terminal."""
+    sequence_file: str = ""
+    """Velocity sequence written beside the verdict."""
+
+
+class FoundEffect(_Part):
+    """An effect, or a group of effects that these logs cannot tell apart."""
+
+    name: str
+    title: str = ""
+    probability: float = Field(ge=0.0, le=1.0)
+    group: tuple[str, ...]
+    """Names within the margin of the best, best first; the effect alone where nothing else comes near."""
+    joints: tuple[str, ...]
+    split_by: str
+    """What to record to tell the group's members apart; empty for a group of one."""
+    split: Split | None = None
+    parameters: dict[str, Number]
+    rivals: dict[str, float] = Field(default_factory=dict)
+    """Probability of each effect in this place, adding up to ``probability`` with the other members."""
+    gain_nats: float = 0.0
+    """What it adds to the log-likelihood of folds that the fit never saw."""
+    nearer_floors: float | None = None
+    """By how much closed loops come nearer to the robot with it, in distances between the robot's own repeats."""
+    channels: dict[str, float] = Field(default_factory=dict)
+    """Where that gain comes from, nats by channel."""
+
+
+class SeenEffect(_Part):
+    """An effect that residuals show beyond doubt and that does not matter here: closed loops stay where they are."""
+
+    name: str
+    title: str = ""
+    joints: tuple[str, ...]
+    parameters: dict[str, Number]
+    nearer_floors: float | None = None
+
+
+class Dependence(_Part):
+    """A quantity on which an unexplained residual depends, with the fitted curve."""
+
+    quantity: str
+    importance: float
+    at: tuple[float, ...]
+    residual: tuple[float, ...]
+
+
+class UnknownEffect(_Part):
+    """What no effect of the library explains."""
+
+    joints: tuple[str, ...]
+    regime: str
+    depends_on: tuple[str, ...]
+    channel: str = ""
+    unit: str = ""
+    predictable_share: float = 0.0
+    """Share of the remaining residual that is predictable from signals, in runs that the fit never saw."""
+    curves: tuple[Dependence, ...] = ()
+
+
+class Placebo(_Part):
+    """The best wrong effect with as many parameters."""
+
+    name: str
+    s: float
+
+
+class OtherGap(_Part):
+    """A gap of another signal, before and after."""
+
+    name: str
+    unit: str
+    before: float
+    after: float
+    floor: float
+
+
+class Shrink(_Part):
+    """How much of the gap goes away with the effects added, closed loop, on sequences that the fit never saw."""
+
+    metric: Literal["w1_mmd"] = "w1_mmd"
+    d0: float
+    d1: float
+    floor: float
+    s: float | None
+    """(d0 - d1) / (d0 - floor); null where the gap does not exceed its floor."""
+    s_low: float | None
+    s_high: float | None
+    held_out: tuple[str, ...]
+    placebo: Placebo | None
+    beside: tuple[OtherGap, ...] = ()
+
+
+class Stretch(_Part):
+    """A stretch of a log: cut out, or carrying much of the gap."""
+
+    log: str
+    kind: str
+    start_s: float
+    end_s: float
+    reason: str
+
+
+class Verdict(_Part):
+    """All that a diagnosis says."""
+
+    schema_name: Literal["spot-rl/verdict/1"] = Field(default=SCHEMA, alias="schema")
+    status: Status
+    where: tuple[GapCell, ...]
+    effects: tuple[FoundEffect, ...]
+    seen: tuple[SeenEffect, ...] = ()
+    distances: dict[str, float] = Field(default_factory=dict)
+    """Of the models' closed loops to the robot's, in distances between the robot's own repeats: the nominal model, the
+    one with this robot's ordinary errors alone, and each set of effects that was tried; empty where nothing was run."""
+    probability_none: float = Field(ge=0.0, le=1.0)
+    probability_unknown: float = Field(ge=0.0, le=1.0)
+    unknown: UnknownEffect | None
+    channels: dict[str, str]
+    invisible: tuple[str, ...] = ()
+    """Effects of the library that these logs cannot show."""
+    shrink: Shrink | None
+    synthesis: dict[str, Any] | None = None
+    """What the diagnosis says of the nominal simulator with the effects put in; null if it was not asked for."""
+    log_advice: tuple[str, ...]
+    timeline: tuple[Stretch, ...] = ()
+    without: tuple[str, ...] = ()
+    """Effects that were left out of the library (``--without``), and so could not be found."""
+    logs: tuple[str, ...] = ()
+    nominal: str = ""
+    notes: tuple[str, ...] = ()
+
+    def to_json(self) -> str:
+        """As text for ``verdict.json``."""
+        return self.model_dump_json(by_alias=True, indent=1) + "\n"
+
+
+def load_verdict(path: Path) -> Verdict:
+    """Read a ``verdict.json``.
+
+    Raises:
+        pydantic.ValidationError: It does not follow the schema.
+    """
+    return Verdict.model_validate_json(path.read_text(encoding="utf-8"))
+
+
+def json_schema() -> str:
+    """The JSON Schema of ``verdict.json``, as text."""
+    return json.dumps(Verdict.model_json_schema(by_alias=True), indent=1, sort_keys=True) + "\n"
+
+
+SCHEMA_FILE: Final = Path(__file__).with_name("verdict.schema.json")

@@ -1,0 +1,1 @@
+"""The effects that the diagnosis knows, by what they belong to."""

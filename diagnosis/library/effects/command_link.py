@@ -1,0 +1,125 @@
+"""The way of a command to the servos: constant delay, jitter, loss. Counted from stamps and keys."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from typing import ClassVar, Final
+
+import numpy as np
+
+from diagnosis.channels.channel_view import Array, ChannelView, Flags, Shape, Views
+from diagnosis.channels.timing import FAST_QUANTILE, TimingSignals
+from diagnosis.library.base import ALL_OF_IT, Coefficient, LibraryEffect, Location
+from diagnosis.library.experiments import WIRED_LINK, Experiment
+from spot_model.effects.base import Effect
+from spot_model.effects.command.command_delay import CommandDelay
+from spot_model.effects.command.command_drop import CommandDrop
+from spot_model.effects.command.command_jitter import CommandJitter
+from spot_model.io.model_file import RobotModel
+
+DELAY, SPREAD, LOST = 0, 1, 2
+"""Rows of channel T."""
+N_WAITS: Final = 8_000
+
+
+class _LinkEntry(LibraryEffect):
+    channels: ClassVar[tuple[str, ...]] = ("T",)
+    location: ClassVar[Location] = Location.ROBOT
+    split_by: ClassVar[Experiment] = WIRED_LINK
+
+    def rows(self, view: ChannelView, joints: Flags) -> Flags:
+        """All three, so that what one leaves in another's row counts against it."""
+        return np.ones(len(view.rows), dtype=np.bool_)
+
+
+class CommandDelayEntry(_LinkEntry):
+    """All commands later by the same time."""
+
+    name: ClassVar[str] = "command_delay"
+    title: ClassVar[str] = "delay of commands"
+    effect: ClassVar[type[Effect]] = CommandDelay
+    coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("delay_s", "s", -0.2, 0.2),)
+    confused_with: ClassVar[tuple[str, ...]] = ("torque_bandwidth", "command_jitter")
+
+    def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
+        """One, in the delay."""
+        out = np.zeros((view.n, len(view.rows), 1))
+        out[:, DELAY, 0] = 1.0
+        return out
+
+    def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
+        """Delay beyond the nominal one; may be negative."""
+        return {"delay_s": float(coefficients[0])}
+
+    def add_to(self, model: RobotModel, values: Mapping[str, float], joints: tuple[str, ...]) -> RobotModel:
+        """One delay in place of the nominal ones, longer or shorter by what was found, at least none."""
+        nominal_s = sum(float(np.mean(e.delay_s)) for e in model.effects if isinstance(e, CommandDelay))
+        others = tuple(e for e in model.effects if not isinstance(e, CommandDelay))
+        total_s = max(0.0, nominal_s + values["delay_s"])
+        return RobotModel(effects=(*others, CommandDelay(delay_s=total_s)), robot=model.robot)
+
+
+class CommandJitterEntry(_LinkEntry):
+    """Exponentially distributed waits on top; a command that the next one overtakes is never in effect."""
+
+    name: ClassVar[str] = "command_jitter"
+    title: ClassVar[str] = "jitter of commands"
+    effect: ClassVar[type[Effect]] = CommandJitter
+    coefficients: ClassVar[tuple[Coefficient, ...]] = (ALL_OF_IT,)
+    confused_with: ClassVar[tuple[str, ...]] = ("command_delay", "command_drop")
+
+    def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:
+        """Mean waits."""
+        return tuple({"mean_s": m} for m in (0.0005, 0.001, 0.002, 0.004, 0.008, 0.016))
+
+    def neighbours(self, shape: Shape) -> tuple[Shape, ...]:
+        """Mean waits nearby."""
+        return tuple({"mean_s": shape["mean_s"] * f} for f in (0.72, 0.85, 1.19, 1.4))
+
+    def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
+        """What waits do to commands that come one after the other."""
+        s: TimingSignals = view.signals
+        out = np.zeros((view.n, len(view.rows), 1))
+        out[:, :, 0] = waits(float(shape["mean_s"]), s.command_period_s)
+        return out
+
+    def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
+        """Mean of what is added."""
+        return {"mean_s": float(shape["mean_s"])}
+
+
+@cache
+def waits(mean_s: float, period_s: float) -> tuple[float, float, float]:
+    """Mean delay and spread of commands in effect, s, and the share that is overtaken, with exponential waits.
+
+    Args:
+        mean_s: Of the waits.
+        period_s: Between two commands.
+    """
+    sent = period_s * np.arange(N_WAITS)
+    arrival = np.maximum.accumulate(sent + np.random.default_rng(0).exponential(mean_s, N_WAITS))
+    overtaken = arrival[1:] <= arrival[:-1]
+    delay = (arrival - sent)[:-1][~overtaken]
+    spread = float(np.mean(delay - np.quantile(delay, FAST_QUANTILE)))
+    return float(np.mean(delay)), spread, float(np.mean(overtaken))
+
+
+class CommandDropEntry(_LinkEntry):
+    """Commands that never arrive."""
+
+    name: ClassVar[str] = "command_drop"
+    title: ClassVar[str] = "lost commands"
+    effect: ClassVar[type[Effect]] = CommandDrop
+    coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("probability", "1", 0.0, 0.9),)
+    confused_with: ClassVar[tuple[str, ...]] = ("command_jitter",)
+
+    def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
+        """One, in the losses."""
+        out = np.zeros((view.n, len(view.rows), 1))
+        out[:, LOST, 0] = 1.0
+        return out
+
+    def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
+        """Probability."""
+        return {"probability": float(coefficients[0])}

@@ -1,0 +1,97 @@
+"""Lines in the spectrum of a residual over the joint's angle: what repeats with the angle, whatever the speed."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from diagnosis.channels.channel_view import Array, Flags
+
+BIN_RAD: Final = 0.002
+LOWEST_PER_RAD: Final = 36.0
+HIGHEST_PER_RAD: Final = 700.0
+"""Of slower lines the window takes off too much; faster than this the bins cannot follow."""
+STEP_PER_RAD: Final = 0.5
+WINDOW_BINS: Final = 81
+"""What varies more slowly than over this many bins is taken off first."""
+
+
+SLOW_PER_RAD: Final = np.arange(9.0, 36.0)
+"""So near to each other since hips and knees, 2.7 rad apart, share a phase: half a step aside a third of it is lost."""
+MAX_SLOW_SAMPLES: Final = 2000
+
+
+def slow_orders(
+    position_rad: Array, residual: Array, beside: Array, usable: Flags, sets: Flags, n: int = 6
+) -> tuple[float, ...]:
+    """The ``n`` slow orders with the most power, at the set of joints that has most with one phase for all.
+
+    A leg's swing holds a wave or two of such a line, so one joint does not tell it from a trend; several do together.
+
+    Args:
+        position_rad: Shape (m, J).
+        residual: Shape (m, J).
+        beside: What trends go with, and is taken off first. Shape (m, J, k).
+        usable: Shape (m, J).
+        sets: Joints that may share a phase, shape (S, J).
+        n: How many.
+    """
+    step = max(1, len(position_rad) // MAX_SLOW_SAMPLES)
+    joints = position_rad.shape[1]
+    waves, energy = np.zeros((len(SLOW_PER_RAD), joints), dtype=np.complex128), np.full(joints, 1e-12)
+    for joint in range(joints):
+        good = usable[::step, joint]
+        if good.sum() < 50:
+            continue
+        values, x = residual[::step, joint][good], beside[::step, joint][good]
+        values = values - x @ np.linalg.lstsq(x, values, rcond=None)[0]
+        waves[:, joint] = np.exp(-1j * np.outer(SLOW_PER_RAD, position_rad[::step, joint][good])) @ values
+        energy[joint] = float(values @ values)
+    power = np.abs(waves @ sets.T.astype(np.float64)) ** 2 / (sets @ energy)
+    return _strongest(SLOW_PER_RAD, power.max(axis=1), 1.5, n)
+
+
+def strongest_orders(position_rad: Array, residual: Array, usable: Flags, n: int = 4) -> tuple[float, ...]:
+    """The ``n`` orders (cycles of phase per rad of joint) with the most power, joints taken together.
+
+    Args:
+        position_rad: Shape (m, J).
+        residual: Shape (m, J).
+        usable: Shape (m, J).
+        n: How many.
+    """
+    orders = np.arange(LOWEST_PER_RAD, HIGHEST_PER_RAD, STEP_PER_RAD)
+    power = np.zeros(len(orders))
+    for joint in range(position_rad.shape[1]):
+        good = usable[:, joint]
+        if good.sum() < 50:
+            continue
+        # Outliers would be a comb of their own.
+        values = residual[good, joint]
+        values = values - np.median(values)
+        bound = 4.0 * 1.4826 * float(np.median(np.abs(values))) + 1e-9
+        values = np.clip(values, -bound, bound)
+        angle = position_rad[good, joint]
+        first = float(angle.min())
+        number = np.round((angle - first) / BIN_RAD).astype(np.intp)
+        sums, counts = np.bincount(number, values), np.bincount(number)
+        window = np.ones(min(WINDOW_BINS, 2 * ((len(sums) - 1) // 2) + 1))
+        smooth = np.convolve(sums, window, mode="same") / np.maximum(np.convolve(counts, window, mode="same"), 1.0)
+        sums = sums - smooth * counts
+        centres = first + BIN_RAD * np.arange(len(sums))
+        waves = np.exp(-1j * np.outer(orders, centres))
+        power += np.abs(waves @ sums) ** 2 / (float(np.sum(values**2)) * 1.0 + 1e-12)
+    return _strongest(orders, power, 3.0, n)
+
+
+def _strongest(orders: Array, power: Array, apart: float, n: int) -> tuple[float, ...]:
+    """The ``n`` strongest orders that are so far apart."""
+    chosen: list[float] = []
+    for index in np.argsort(power)[::-1]:
+        order = float(orders[index])
+        if all(abs(order - other) > apart for other in chosen):
+            chosen.append(order)
+        if len(chosen) == n:
+            break
+    return tuple(chosen)

@@ -1,0 +1,1 @@
+"""Logs in: files, checks, missing signals completed, one even grid of states."""

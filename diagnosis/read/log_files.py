@@ -1,0 +1,74 @@
+"""Logs from files and folders, and the policy that made them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from pathlib import Path
+
+from diagnosis.read.recording import record
+from spot_log import Run, read_run
+from spot_model.errors import BadInputError, SpotRlError
+from spot_model.policy.policy import Policy, load_policy
+
+
+def read_all(
+    paths: Sequence[Path], tell: Callable[[float], None] = lambda _: None
+) -> tuple[tuple[Run, ...], tuple[str, ...]]:
+    """Read all logs; what cannot be read or says too little is left out, and said.
+
+    Raises:
+        BadInputError: None is left.
+    """
+    runs: list[Run] = []
+    warnings = [f"folder {p} has no .mcap file" for p in paths if p.is_dir() and not any(p.rglob("*.mcap"))]
+    files = [f for p in paths for f in (sorted(p.rglob("*.mcap")) if p.is_dir() else [p])]
+    for i, file in enumerate(files):
+        tell(i / len(files))
+        try:
+            run = read_run(file)
+            record(run)
+        except (SpotRlError, OSError) as error:
+            warnings.append(f"{file.name}: left out: {error}")
+            continue
+        warnings += [f"{file.name}: {text}" for text in run.damage]
+        runs.append(run)
+    if not runs:
+        raise BadInputError("no log can be diagnosed:\n" + "\n".join(f"  {w}" for w in warnings))
+    return tuple(runs), tuple(warnings)
+
+
+def find_policy(path: Path | None, runs: Sequence[Run], folder: Path = Path("policies")) -> Policy | None:
+    """The policy that was given, or the one in ``folder`` whose digest the logs name; None if there is none.
+
+    Raises:
+        BadInputError: The given one is not valid or not the logs', or the logs are of several.
+    """
+    wanted = {run.header.policy_sha256: run for run in runs if run.header.policy_sha256}
+    if len(wanted) > 1:
+        told = "; ".join(f"{run.path.name}: {run.header.policy_name or sha[:8]}" for sha, run in sorted(wanted.items()))
+        raise BadInputError(f"logs of {len(wanted)} policies: {told}; diagnose logs of one policy at a time")
+    if path is not None:
+        given = load_policy(path)
+        if wanted and given.sha256 not in wanted:
+            sha, run = next(iter(wanted.items()))
+            raise BadInputError(
+                f"--policy {path} has SHA-256 {given.sha256[:12]}…; log {run.path.name} was made by "
+                f"{run.header.policy_name or 'a policy'} with {sha[:12]}…; give that policy's file, or leave --policy "
+                "out: then nothing is simulated"
+            )
+        return given
+    return next((p for p in _policies_in(folder).values() if p.sha256 in wanted), None)
+
+
+def find_policy_file(path: Path | None, policy: Policy, folder: Path = Path("policies")) -> Path:
+    """The file of a policy that :func:`find_policy` found."""
+    return path or next(file for file, found in _policies_in(folder).items() if found.sha256 == policy.sha256)
+
+
+def _policies_in(folder: Path) -> dict[Path, Policy]:
+    found: dict[Path, Policy] = {}
+    for file in sorted(folder.glob("*.onnx")) if folder.is_dir() else ():
+        with suppress(SpotRlError):
+            found[file] = load_policy(file)
+    return found

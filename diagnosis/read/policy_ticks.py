@@ -1,0 +1,73 @@
+"""The stretch of a log under the policy: its ticks, how it starts, and the same run for a simulator."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.read.recording import ACTIVE
+from spot_log.read.run import Run, TickTable
+from spot_model.plant.start import StartState
+from spot_model.policy.observation import is_fallen, observed
+from spot_model.policy.policy import Policy
+from trainer.sysid.distance.features import features_of_observations
+
+MIN_TICKS = 50
+
+
+@dataclass(frozen=True)
+class Script:
+    """One run to make: how it starts and what it is told."""
+
+    sequence: str
+    repeat: int
+    start: StartState
+    velocity_command: NDArray[np.float64]
+    """One a policy tick, shape (n_ticks, 3)."""
+
+
+def policy_ticks(run: Run) -> NDArray[np.intp]:
+    """Ticks in which the policy followed the command, before any fall; of a log without modes all that ran a policy."""
+    return _followed(run.ticks)
+
+
+def _followed(t: TickTable) -> NDArray[np.intp]:
+    if len(t) == 0:
+        return np.zeros(0, dtype=np.intp)
+    sound = np.isfinite(t.observation).all(axis=1) & np.isfinite(t.action).all(axis=1)
+    rows = np.flatnonzero(sound & (t.mode == ACTIVE)) if (t.mode == ACTIVE).any() else np.flatnonzero(sound)
+    if len(rows):
+        fallen = np.flatnonzero(is_fallen(t.observation[rows]))
+        rows = rows[: fallen[0]] if len(fallen) else rows
+    return rows
+
+
+def script_of(run: Run) -> Script | None:
+    """The run as a simulator would start it; None where it is too short."""
+    rows = policy_ticks(run)
+    if len(rows) < MIN_TICKS:
+        return None
+    t, s = run.ticks, run.states
+    at = min(int(np.searchsorted(s.robot_stamp_ns, t.robot_stamp_ns[rows[0]])), len(s) - 1)
+    start = StartState(
+        position_rad=s.position_rad[at],
+        velocity_rad_s=s.velocity_rad_s[at],
+        world_from_body_wxyz=s.odom_from_body_wxyz[at],
+        linear_vel_of_body_in_world_m_s=s.linear_vel_of_body_in_odom_m_s[at],
+        angular_vel_of_body_in_world_rad_s=s.angular_vel_of_body_in_odom_rad_s[at],
+        last_action=observed(t.observation[rows[0]], "last_action"),
+    )
+    return Script(run.header.command_sequence or "unnamed", run.header.repeat, start, t.velocity_command[rows])
+
+
+def features(run: Run, policy: Policy) -> NDArray[np.float32]:
+    """The measures' 36 features of the policy's ticks, shape (n, 36)."""
+    return features_of_ticks(run.ticks, policy)
+
+
+def features_of_ticks(ticks: TickTable, policy: Policy) -> NDArray[np.float32]:
+    """The same of a table of ticks alone."""
+    rows = _followed(ticks)
+    return features_of_observations(ticks.observation[rows], ticks.action[rows], policy)

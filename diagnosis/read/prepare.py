@@ -1,0 +1,188 @@
+"""Logs made ready: missing gains from the robot's file, loads from its motion, commands put in step with loads."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import fields, replace
+from typing import Final
+
+import mujoco
+import numpy as np
+
+from diagnosis.read.recording import Array
+from diagnosis.read.robot_file import RobotDescription
+from diagnosis.read.smoothing import rate, smooth
+from spot_log.read.run import CommandTable, ImuTable, Run, StateTable
+from spot_model.errors import BadInputError
+
+MAX_ROWS_APART: Final = 12
+"""A recording may pair a command with a load that comes this many rows earlier or later."""
+MIN_AGREEMENT: Final = 0.6
+"""Correlation of computed loads with the servo law's torque, at least."""
+BETTER: Final = 0.9
+"""Another pairing must leave less than this share of the difference's mean square."""
+STEP_ROWS: Final = 0.25
+
+
+def prepared(runs: Sequence[Run], robot: RobotDescription) -> tuple[tuple[Run, ...], tuple[str, ...]]:
+    """Complete the logs; nothing changes in a log of the runtime on Spot.
+
+    Returns:
+        The logs, and what was done, a sentence each.
+
+    Raises:
+        BadInputError: The robot's MJCF does not fit it.
+    """
+    notes: list[str] = []
+    out = [_without_gaps(run, notes) for run in runs]
+    out = [replace(run, commands=_with_gains(run.commands, robot)) for run in out]
+    if robot.has_load_from_motion:
+        model = _body(robot)
+        out = [_with_load(run, model, robot) for run in out]
+        out = [_checked(run, notes) for run in out]
+        notes.append("loads are computed from the motion by the robot's MJCF: its errors count as the drive's")
+    unstamped = [run for run in out if not (run.states.last_command_key > 0).any() and len(run.commands)]
+    if unstamped and all(np.isfinite(run.states.load_nm).any() for run in unstamped):
+        shift_s = _rows_apart(unstamped) * _period_s(unstamped[0])
+        if shift_s != 0.0:
+            out = [_shifted(run, shift_s) if run in unstamped else run for run in out]
+            notes.append(
+                f"loads follow their commands by {1e3 * shift_s:.1f} ms; without receipts of commands nobody knows how "
+                "much of that is the recording's own order, so it is taken off: a delay of that size cannot be found"
+            )
+    return tuple(out), tuple(notes)
+
+
+def _without_gaps(run: Run, notes: list[str]) -> Run:
+    """Leave out states with a joint signal that is not a number, if the log has the signal at all."""
+    states = run.states
+    bad = np.zeros(len(states), dtype=np.bool_)
+    for values in (states.position_rad, states.velocity_rad_s, states.load_nm):
+        if values.size and np.isfinite(values).any():
+            bad |= ~np.isfinite(values).all(axis=1)
+    if not bad.any():
+        return run
+    notes.append(f"log {run.path.name}: {int(bad.sum())} states with a signal that is not a number are left out")
+    keep = np.flatnonzero(~bad)
+    columns = {f.name: getattr(states, f.name)[keep] for f in fields(StateTable) if f.name != "imu"}
+    place = np.full(len(states), -1, dtype=np.int64)
+    place[keep] = np.arange(len(keep))
+    stays = place[states.imu.state_index] >= 0
+    imu = {f.name: getattr(states.imu, f.name)[stays] for f in fields(ImuTable)}
+    imu["state_index"] = place[imu["state_index"]]
+    return replace(run, states=StateTable(imu=ImuTable(**imu), **columns))
+
+
+def _with_gains(commands: CommandTable, robot: RobotDescription) -> CommandTable:
+    def filled(own: Array, given: Array | None) -> Array:
+        if given is None or np.isfinite(own).any():
+            return own
+        return np.broadcast_to(given, own.shape).copy()
+
+    return replace(
+        commands,
+        kp_nm_per_rad=filled(commands.kp_nm_per_rad, robot.kp_nm_per_rad),
+        kd_nm_s_per_rad=filled(commands.kd_nm_s_per_rad, robot.kd_nm_s_per_rad),
+    )
+
+
+def _body(robot: RobotDescription) -> mujoco.MjModel:
+    try:
+        model = mujoco.MjModel.from_xml_path(str(robot.mjcf))
+    except ValueError as error:
+        raise BadInputError(f"mjcf {robot.mjcf} cannot be read: {str(error).splitlines()[0]}") from error
+    names = [model.joint(i).name for i in range(model.njnt)]
+    lacking = [name for name in robot.joint_names if name not in names]
+    if lacking:
+        raise BadInputError(f"mjcf {robot.mjcf} has no joint {lacking[0]!r}; it has: {', '.join(names)}")
+    if model.nv != len(robot.joint_names):
+        raise BadInputError(
+            f"mjcf {robot.mjcf} has {model.nv} degrees of freedom, robot {robot.name} {len(robot.joint_names)} joints; "
+            "loads come from motion only where the base is fixed: take its free joint out, or use load: measured"
+        )
+    model.dof_frictionloss[:] = 0.0
+    model.dof_damping[:] = 0.0
+    model.dof_armature[:] = 0.0
+    off = mujoco.mjtDisableBit
+    model.opt.disableflags |= off.mjDSBL_CONTACT | off.mjDSBL_CONSTRAINT | off.mjDSBL_ACTUATION | off.mjDSBL_LIMIT
+    return model
+
+
+def _with_load(run: Run, model: mujoco.MjModel, robot: RobotDescription) -> Run:
+    """The load that the links' motion needs, from smoothed signals. Loads of the log itself are not used."""
+    states = run.states
+    period_s = _period_s(run)
+    velocity = (
+        states.velocity_rad_s if np.isfinite(states.velocity_rad_s).any() else rate(states.position_rad, period_s)
+    )
+    position, speed, acceleration = smooth(states.position_rad), smooth(velocity), rate(velocity, period_s)
+    data = mujoco.MjData(model)
+    at = np.array([int(model.joint(name).qposadr[0]) for name in robot.joint_names])
+    dof = np.array([int(model.joint(name).dofadr[0]) for name in robot.joint_names])
+    load = np.empty_like(position)
+    for i in range(len(position)):
+        data.qpos[at], data.qvel[dof], data.qacc[dof] = position[i], speed[i], acceleration[i]
+        mujoco.mj_inverse(model, data)
+        load[i] = data.qfrc_inverse[dof]
+    return replace(run, states=replace(states, load_nm=load, velocity_rad_s=velocity))
+
+
+def _checked(run: Run, notes: list[str]) -> Run:
+    """Take computed loads out again where they have next to nothing in common with what was asked for."""
+    rows_apart = _rows_apart([run]) if len(run.commands) else 0.0
+    pulled, own = _asked(run) if len(run.commands) else (run.states.load_nm, run.states.load_nm)
+    rows = np.arange(len(run.states), dtype=np.float64)
+    asked = smooth(np.stack([np.interp(rows - rows_apart, rows, column) for column in pulled.T], axis=1) - own)
+    load = smooth(run.states.load_nm)
+    agreement = [
+        float(np.corrcoef(asked[:, j], load[:, j])[0, 1]) for j in range(load.shape[1]) if asked[:, j].std() > 0
+    ]
+    if agreement and np.median(agreement) >= MIN_AGREEMENT:
+        return run
+    notes.append(
+        f"log {run.path.name}: loads computed from the motion do not follow the set-points (correlation "
+        f"{np.median(agreement) if agreement else 0.0:.2f}; at least {MIN_AGREEMENT} is needed): velocities are too "
+        "coarse, or the MJCF is of another robot; they are not used"
+    )
+    return replace(run, states=replace(run.states, load_nm=np.full_like(run.states.load_nm, np.nan)))
+
+
+def _period_s(run: Run) -> float:
+    return float(np.median(np.diff(run.states.robot_stamp_ns))) * 1e-9
+
+
+def _rows_apart(runs: Sequence[Run]) -> float:
+    """By how many rows loads come after the servo law's torque of the same row; 0 where another is hardly better."""
+    shifts = np.arange(-MAX_ROWS_APART, MAX_ROWS_APART + STEP_ROWS, STEP_ROWS)
+    costs = np.zeros(len(shifts))
+    for run in runs:
+        pulled, own, load = *_asked(run), run.states.load_nm
+        size = np.maximum(np.nanstd(load, axis=0), 1e-9)
+        inner = slice(MAX_ROWS_APART + 1, len(load) - MAX_ROWS_APART - 1)
+        rows = np.arange(len(load), dtype=np.float64)
+        for i, shift in enumerate(shifts):
+            moved = np.stack([np.interp(rows - shift, rows, column) for column in pulled.T], axis=1)
+            # Smoothed alike: between two rows a straight line is itself a filter.
+            off = smooth((load - moved + own) / size)[inner]
+            costs[i] += float(np.nanvar(off, axis=0).mean())
+    best = int(np.argmin(costs))
+    at_rest = int(np.flatnonzero(shifts == 0.0)[0])
+    return float(shifts[best]) if costs[best] < BETTER * costs[at_rest] else 0.0
+
+
+def _asked(run: Run) -> tuple[Array, Array]:
+    """The servo law at each state in two parts: what the newest command pulls with, and what the joint itself takes."""
+    states, c = run.states, run.commands
+    row = np.clip(np.searchsorted(c.robot_stamp_ns, states.robot_stamp_ns, side="right") - 1, 0, len(c) - 1)
+    kp, kd = np.nan_to_num(c.kp_nm_per_rad[row]), np.nan_to_num(c.kd_nm_s_per_rad[row])
+    pulled = np.nan_to_num(kp * c.position_rad[row]) + np.nan_to_num(kd * c.velocity_rad_s[row])
+    own = kp * states.position_rad + kd * np.nan_to_num(states.velocity_rad_s)
+    return pulled + np.nan_to_num(c.load_nm[row]), own
+
+
+def _shifted(run: Run, shift_s: float) -> Run:
+    shift_ns = round(shift_s * 1e9)
+    c = run.commands
+    end = np.where(c.end_robot_stamp_ns > 0, c.end_robot_stamp_ns + shift_ns, c.end_robot_stamp_ns)
+    moved = replace(c, robot_stamp_ns=c.robot_stamp_ns + shift_ns, end_robot_stamp_ns=end)
+    return replace(run, commands=moved)

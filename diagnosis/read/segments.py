@@ -1,0 +1,150 @@
+"""Cut a recording: where servos do not follow the commands, starts, lost messages, standing; with reasons."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import binary_closing, binary_dilation, binary_opening, uniform_filter1d
+
+from diagnosis.read.recording import NEVER_NS, Recording
+from spot_model.policy.observation import FALLEN_GRAVITY_Z
+from spot_model.robot.control import pd_torque
+from spot_model.robot.rotation import projected_gravity
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+START_S: Final = 0.2
+"""After the first command servos and body settle."""
+WINDOW_S: Final = 0.15
+"""Over this time the load is compared with the servo law."""
+MIN_FOLLOWED: Final = 0.2
+"""Share of the servo law's torque that a load in control explains, at least; a halved torque explains 0.75."""
+MIN_TORQUE_NM: Final = 2.0
+"""With less torque asked for, nothing can be said."""
+SHORTEST_S: Final = 0.06
+"""A shorter loss of control is an outlier, and left to robust fits."""
+STILL_RAD_S: Final = 0.25
+"""Root-mean-square joint speed under which the robot stands."""
+
+
+Kind = Literal["lost", "no_command", "start", "expired", "not_following", "fallen", "standing"]
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A stretch of one recording, rows ``first`` to ``last`` inclusive."""
+
+    kind: Kind
+    first: int
+    last: int
+    reason: str
+    is_cut: bool
+    """Whether it is left out of all channels; a standing stretch is only marked."""
+
+    def duration_s(self, period_s: float) -> float:
+        """Its length, s."""
+        return (self.last - self.first + 1) * period_s
+
+
+@dataclass(frozen=True)
+class Segmentation:
+    """What of a recording is used."""
+
+    used: Flags
+    """Shape (n,)."""
+    standing: Flags
+    """Shape (n,)."""
+    segments: tuple[Segment, ...]
+    """In the order of their first rows."""
+
+
+def cut(recording: Recording) -> Segmentation:
+    """Find what to leave out, and why."""
+    n = len(recording)
+    row = recording.command_row()
+    # A log without any commands was not made by us; what it holds of sensors can be looked at all the same.
+    known = row >= 0 if len(recording.commands) else np.ones(n, dtype=np.bool_)
+    first = int(np.argmax(known)) if known.any() else n
+    start = np.zeros(n, dtype=np.bool_)
+    start[first : first + round(START_S / recording.period_s)] = len(recording.commands) > 0
+    expired = _expired(recording, row)
+    ignored = _not_following(recording, row)
+    standing, fallen = _standing(recording), _fallen(recording)
+    found: list[Segment] = []
+    cuts: tuple[tuple[Kind, Flags, str], ...] = (
+        ("lost", ~recording.present, "state messages are missing"),
+        ("no_command", ~known, "no command has been received yet"),
+        ("start", start & known, f"the first {START_S} s after the first command"),
+        ("expired", expired, "the newest command is past its end time"),
+        ("not_following", ignored & known & ~start, "the load is unrelated to the servo law: not in control"),
+        ("fallen", fallen, "the robot has fallen"),
+    )
+    for kind, flags, reason in cuts:
+        found.extend(_segments(kind, flags, reason, is_cut=True))
+    found.extend(_segments("standing", standing, "the robot stands", is_cut=False))
+    used = recording.present & known & ~start & ~expired & ~ignored & ~fallen
+    return Segmentation(used, standing, tuple(sorted(found, key=lambda s: s.first)))
+
+
+def _expired(recording: Recording, row: NDArray[np.intp]) -> Flags:
+    if len(recording.commands) == 0:
+        return np.zeros(len(recording), dtype=np.bool_)
+    end = recording.commands.end_robot_stamp_ns[np.maximum(row, 0)]
+    return np.asarray((row >= 0) & (end > 0) & (end < NEVER_NS) & (recording.stamp_ns > end))
+
+
+def _not_following(recording: Recording, row: NDArray[np.intp]) -> Flags:
+    """Where the servo law explains next to nothing of the load over a window, all joints together."""
+    if len(recording.commands) == 0 or not recording.has("load_nm"):
+        return np.zeros(len(recording), dtype=np.bool_)
+    c, at = recording.commands, np.maximum(row, 0)
+    asked = np.nan_to_num(
+        pd_torque(
+            position_rad=recording.position_rad,
+            velocity_rad_s=recording.velocity_rad_s,
+            setpoint_position_rad=c.position_rad[at],
+            setpoint_velocity_rad_s=c.velocity_rad_s[at],
+            feedforward_nm=c.load_nm[at],
+            kp_nm_per_rad=c.kp_nm_per_rad[at],
+            kd_nm_s_per_rad=c.kd_nm_s_per_rad[at],
+        )
+    )
+    load = np.nan_to_num(recording.load_nm)
+    size = max(3, round(WINDOW_S / recording.period_s))
+
+    def mean(values: Array) -> Array:
+        return np.asarray(uniform_filter1d(values.mean(axis=1), size, mode="nearest"))
+
+    asked_square = mean(asked**2)
+    followed = mean(asked * load) / np.maximum(asked_square, 1e-9)
+    similar = mean(asked * load) / np.sqrt(np.maximum(asked_square * mean(load**2), 1e-9))
+    lost = ((followed < MIN_FOLLOWED) | (similar < MIN_FOLLOWED)) & (asked_square > MIN_TORQUE_NM**2)
+    shortest = max(2, round(SHORTEST_S / recording.period_s))
+    lost = binary_opening(binary_closing(lost, np.ones(size)), np.ones(shortest))
+    # The window blurs the edges: half of it on either side may not be in control either.
+    return np.asarray(binary_dilation(lost, np.ones(size)) if lost.any() else lost)
+
+
+def _standing(recording: Recording) -> Flags:
+    size = max(3, round(0.5 / recording.period_s))
+    speed = np.sqrt(uniform_filter1d(np.nan_to_num(recording.velocity_rad_s**2).mean(axis=1), size, mode="nearest"))
+    return np.asarray(speed < STILL_RAD_S)
+
+
+def _fallen(recording: Recording) -> Flags:
+    """From 0.3 s before the first time that the body leans too far, to the end."""
+    flags = np.zeros(len(recording), dtype=np.bool_)
+    if recording.has("odom_from_body_wxyz"):
+        leans = np.flatnonzero(projected_gravity(recording.odom_from_body_wxyz)[:, 2] > FALLEN_GRAVITY_Z)
+        if len(leans):
+            flags[max(0, leans[0] - round(0.3 / recording.period_s)) :] = True
+    return flags
+
+
+def _segments(kind: Kind, flags: Flags, reason: str, *, is_cut: bool) -> list[Segment]:
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
+    return [Segment(kind, int(a), int(b) - 1, reason, is_cut) for a, b in zip(edges[::2], edges[1::2], strict=True)]

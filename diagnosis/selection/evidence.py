@@ -1,0 +1,289 @@
+"""The channels laid out for selection: a block a scalar row, thinned, in units of its noise; ordinary errors beside."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Final
+
+import numpy as np
+
+from diagnosis.channels.channel_view import Array, ChannelView, Flags, Ints, Shape, Views
+from diagnosis.decision_constants import DEGREES_OF_FREEDOM, DISCREPANCY, FORMULA_ERROR, ErrorScale
+from diagnosis.library.base import LibraryEffect
+from diagnosis.selection.nuisance import Ordinary, ordinary
+from diagnosis.selection.places import Robot
+
+MAX_SAMPLES: Final = 6_000
+"""Of each channel's samples about so many are used, evenly thinned."""
+MIN_SAMPLES: Final = 30
+COUNTED: Final = ("T",)
+FAR: Final = 20.0
+"""In channels of stamps, what is farther off than this many usual sizes is a hand-over, not a delay."""
+MAX_LAG: Final = 60
+OUTLIER: Final = 3.0
+"""A response counts as no more than so many of its row's scales, by its median size: late flags, impacts, slips."""
+PEAKS: Final = ("A", "L", "P")
+PEAK: Final = 6.0
+"""Where peaks are what an effect cuts off, they count up to so many scales."""
+CACHE_BYTES: Final = 600_000_000
+FOLD_BLOCK_S: Final = 2.0
+EXACT: Final = {"L": 0.02}
+"""Channels whose formulas are no physics: a program's arithmetic is right or wrong."""
+LEAST: Final = 0.05
+"""Least square of a tolerance: noise is not known better."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """One row of one channel."""
+
+    channel: str
+    row: int
+    samples: Ints
+    """Samples of the view, shape (m,)."""
+    y: Array
+    """Response in units of the noise, without what the nuisance columns explain. Shape (m,)."""
+    nuisance: Array
+    """Orthonormal, shape (m, q)."""
+    fold: Ints
+    """Shape (m,)."""
+    noise: float
+    n_independent: float
+    """Number of independent samples, from the response's correlation in time."""
+    tolerance: float
+    """Standard deviation, in units of the noise, that a nominal model of ordinary quality leaves unexplained."""
+    weight: Array
+    """Square root of what a sample counts, less than 1 for outliers. Shape (m,)."""
+
+
+@dataclass(frozen=True)
+class Columns:
+    """What an effect of one shape adds to each block it touches."""
+
+    units: tuple[Ints, ...]
+    """By block: units that touch it, shape (u,); empty where none does."""
+    x: tuple[Array, ...]
+    """By block, shape (m, u, P), in units of the noise, nuisance removed."""
+
+
+@dataclass
+class Board:
+    """All blocks of a set of logs."""
+
+    views: Views
+    robot: Robot
+    blocks: tuple[Block, ...]
+    n_folds: int
+    fold_names: tuple[str, ...]
+    dof: Array
+    """Independent ways in which a formula can be off, by block; at most the number of independent samples."""
+    tolerance_square: Array
+    """By block."""
+    relative_square: Array
+    """By block: mean square that a formula leaves of what it explains."""
+    ordinary: Ordinary = field(init=False)
+    base: list[Array] = field(default_factory=list)
+    """By block and fold the products of [ordinary errors, y], over the block's number of samples."""
+    kept: dict[object, Any] = field(default_factory=dict)
+    """What scoring keeps between calls."""
+    _rows: dict[int, list[Ints]] = field(default_factory=dict)
+    """By block and fold, the rows that belong to it."""
+    _beside: list[Array] = field(default_factory=list)
+    """By block [ordinary errors, y]."""
+    _cache: OrderedDict[tuple[object, ...], Columns] = field(default_factory=OrderedDict)
+    _bytes: int = 0
+
+    def prepare(self, library: Mapping[str, LibraryEffect], scales: Mapping[str, ErrorScale]) -> None:
+        """Lay the ordinary errors out; once, before anything is scored."""
+        made = ordinary(self, library, scales)
+        self._beside = [
+            np.concatenate([z, block.y[:, None]], axis=1) for z, block in zip(made.x, self.blocks, strict=True)
+        ]
+        # The same numbers, kept once.
+        self.ordinary = replace(made, x=tuple(both[:, :-1] for both in self._beside))
+        self.base = [self.products_of(number, both, both) for number, both in enumerate(self._beside)]
+
+    def rescale(self, factors: Array) -> None:
+        """Change the usual sizes of the ordinary errors, by column, shape (Q,); before anything else is scored."""
+        for number, at in enumerate(self.ordinary.numbers):
+            both = np.concatenate([factors[at], [1.0]])
+            self._beside[number] *= both
+            self.base[number] *= both[:, None] * both
+        self.ordinary = replace(
+            self.ordinary, x=tuple(b[:, :-1] for b in self._beside), scale=self.ordinary.scale * factors
+        )
+        self.kept.clear()
+
+    def products_of(self, number: int, left: Array, right: Array) -> Array:
+        """Products of two sets of a block's columns by fold, over its number of samples; shape (F, a, b)."""
+        block = self.blocks[number]
+        out = np.zeros((self.n_folds, left.shape[1], right.shape[1]))
+        if out.size == 0:
+            return out
+        if number not in self._rows:
+            self._rows[number] = [np.flatnonzero(block.fold == fold) for fold in range(self.n_folds)]
+        weighted = left * (block.weight**2)[:, None]
+        for fold, rows in enumerate(self._rows[number]):
+            out[fold] = weighted.take(rows, axis=0).T @ right.take(rows, axis=0)
+        return out / len(block.y)
+
+    def products(self, number: int, x: Array) -> Array:
+        """Products of a block's columns with [ordinary errors, y], shape (F, a, q + 1)."""
+        return self.products_of(number, x, self._beside[number])
+
+    def prepared(self, number: int, raw: Array) -> Array:
+        """A column of the view's row as the block has it: its samples, units of the noise, nuisance taken off."""
+        block = self.blocks[number]
+        x = np.nan_to_num(raw[block.samples]) / block.noise
+        return np.asarray(x - block.nuisance @ (block.nuisance.T @ x))
+
+    @property
+    def by_channel(self) -> dict[str, list[int]]:
+        """Numbers of the blocks of each channel."""
+        found: dict[str, list[int]] = {}
+        for number, block in enumerate(self.blocks):
+            found.setdefault(block.channel, []).append(number)
+        return found
+
+    def columns(self, effect: LibraryEffect, shape: Shape) -> Columns:
+        """Columns of every unit of the effect; cached."""
+        key = (effect.name, *sorted(shape.items()))
+        if key in self._cache:
+            self._cache.move_to_end(key)
+            return self._cache[key]
+        made = self._made(effect, shape)
+        self._cache[key] = made
+        self._bytes += sum(x.nbytes for x in made.x)
+        while self._bytes > CACHE_BYTES and len(self._cache) > 1:
+            _, old = self._cache.popitem(last=False)
+            self._bytes -= sum(x.nbytes for x in old.x)
+        return made
+
+    def _made(self, effect: LibraryEffect, shape: Shape) -> Columns:
+        units = self.robot.units(effect.location)
+        size = len(effect.coefficients)
+        found_units: list[Ints] = [np.zeros(0, dtype=np.intp)] * len(self.blocks)
+        found_x: list[Array] = [np.zeros((len(b.y), 0, size)) for b in self.blocks]
+        for channel, numbers in self.by_channel.items():
+            if channel not in effect.channels:
+                continue
+            view = self.views[channel]
+            if channel in effect.separable or len(units) == 1:
+                whole = effect.columns(view, shape, np.ones(self.robot.n_joints, dtype=np.bool_))
+                for number in numbers:
+                    block = self.blocks[number]
+                    joint = int(view.row_joint[block.row])
+                    unit = 0 if len(units) == 1 else int(np.argmax(units[:, joint])) if joint >= 0 else -1
+                    if unit >= 0:
+                        self._put(found_units, found_x, number, [unit], whole[block.samples, block.row][:, None, :])
+            else:
+                parts = [effect.columns(view, shape, unit > 0.5) for unit in units]
+                for number in numbers:
+                    block = self.blocks[number]
+                    self._put(
+                        found_units, found_x, number, list(range(len(units))),
+                        np.stack([p[block.samples, block.row] for p in parts], axis=1),
+                    )  # fmt: skip
+        return Columns(tuple(found_units), tuple(found_x))
+
+    def _put(self, found_units: list[Ints], found_x: list[Array], number: int, units: list[int], raw: Array) -> None:
+        block = self.blocks[number]
+        x = np.nan_to_num(raw) / block.noise
+        if block.nuisance.shape[1]:
+            flat = x.reshape(len(x), -1)
+            x = (flat - block.nuisance @ (block.nuisance.T @ flat)).reshape(x.shape)
+        there = np.flatnonzero(np.abs(x).max(axis=(0, 2), initial=0.0) > 0.0)
+        found_units[number] = np.asarray(units, dtype=np.intp)[there]
+        found_x[number] = x[:, there].astype(np.float32)
+
+
+def lay_out(
+    views: Views,
+    robot: Robot,
+    fold_of_run: Sequence[int],
+    fold_names: Sequence[str],
+    *,
+    library: Mapping[str, LibraryEffect] | None = None,
+    scales: Mapping[str, ErrorScale] | None = None,
+) -> Board:
+    """Cut the channels into blocks.
+
+    Args:
+        views: The channels that are on.
+        robot: Its joints.
+        fold_of_run: For each recording the fold that it belongs to; with one fold only, time is cut into two.
+        fold_names: Names of the folds.
+        library: Effects that ordinary errors are units of.
+        scales: Published ranges of ordinary errors.
+    """
+    blocks: list[Block] = []
+    n_folds = len(fold_names)
+    for name, view in views.items():
+        step = max(1, round(view.n / MAX_SAMPLES))
+        for row in range(len(view.rows)):
+            block = _block(name, view, row, step, np.asarray(fold_of_run), n_folds, DISCREPANCY.get(name, 0.0))
+            if block is not None:
+                blocks.append(block)
+    board = Board(
+        views, robot, tuple(blocks), max(n_folds, 2), tuple(fold_names),
+        dof=np.minimum(DEGREES_OF_FREEDOM, [b.n_independent for b in blocks]),
+        tolerance_square=np.array([b.tolerance**2 for b in blocks]) + LEAST,
+        relative_square=np.array([EXACT.get(b.channel, FORMULA_ERROR) ** 2 for b in blocks]),
+    )  # fmt: skip
+    board.prepare(library or {}, scales or {})
+    return board
+
+
+def _block(
+    name: str, view: ChannelView, row: int, step: int, fold_of_run: Ints, n_folds: int, tolerance: float
+) -> Block | None:
+    good: Flags = view.usable[:, row] & np.isfinite(view.response[:, row])
+    good &= np.isfinite(view.nuisance[:, row]).all(axis=1)
+    if name in COUNTED:
+        size = np.abs(view.response[:, row])
+        typical = float(np.median(size[good])) if good.any() else 0.0
+        good &= size <= FAR * (typical + float(view.noise[row]))
+    samples = np.flatnonzero(good)
+    samples = samples[::step] if len(samples) > MIN_SAMPLES * step else samples
+    noise = float(view.noise[row])
+    if len(samples) < MIN_SAMPLES // 3 or not np.isfinite(noise) or noise <= 0.0:
+        return None
+    y = view.response[samples, row] / noise
+    q = np.zeros((len(samples), 0))
+    if view.nuisance.shape[2]:
+        raw = view.nuisance[samples, row]
+        q, _ = np.linalg.qr(raw / (np.sqrt(np.mean(raw**2, axis=0)) + 1e-12))
+        y = y - q @ (q.T @ y)
+    run = view.run[samples]
+    fold = fold_of_run[run] if n_folds > 1 else (view.state[samples] // round(FOLD_BLOCK_S / 0.003)) % 2
+    return Block(name, row, samples, y, q, fold, noise, _independent(y, run), tolerance, _weight(name, view, y))
+
+
+def _weight(name: str, view: ChannelView, y: Array) -> Array:
+    """Square root of what a sample counts, shape (m,)."""
+    if not view.is_robust:
+        return np.ones(len(y))
+    scale = max(1.0, 1.4826 * float(np.median(np.abs(y))))
+    bound = (PEAK if name in PEAKS else OUTLIER) * scale
+    # The square of what is farther off counts as the bound's.
+    return np.asarray(np.minimum(1.0, bound / np.maximum(np.abs(y), 1e-12)))
+
+
+def _independent(y: Array, run: Ints) -> float:
+    """Number of independent samples by the integrated correlation within runs, about the mean."""
+    y = y - np.mean(y)
+    spread = float(np.mean(y**2))
+    if spread <= 0.0:
+        return float(len(y))
+    total = 1.0
+    for lag in range(1, min(MAX_LAG, len(y) // 4)):
+        same = run[lag:] == run[:-lag]
+        if not same.any():
+            break
+        share = float(np.mean((y[lag:] * y[:-lag])[same])) / spread
+        if share < 0.05:
+            break
+        total += 2.0 * share
+    return len(y) / total

@@ -1,0 +1,142 @@
+"""The blocks' normal equations laid end to end: to weight and to solve them is a few products, not a loop over blocks.
+
+A block has a column for each ordinary error that shows in it, then those of the effects that are tried, then y. The
+products of the first and the last stay as they are whatever is tried; :class:`OrdinarySums` keeps them, by fold.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+from scipy.sparse import csr_array
+
+from diagnosis.channels.channel_view import Array, Ints
+from diagnosis.selection.bounded_least_squares import solve_bounded
+
+Factor = tuple[Array, bool]
+
+
+@dataclass(frozen=True)
+class OrdinaryPart:
+    """Products of ordinary errors and y, by block, over some folds."""
+
+    pairs: Any
+    """Of two ordinary errors, the first not after the second: sparse, shape (B, Q·Q)."""
+    transposed: Any
+    with_y: Array
+    """Shape (B, Q)."""
+    yy: Array
+    """Shape (B,)."""
+
+
+class OrdinarySums:
+    """What is the same whatever is tried.
+
+    Args:
+        numbers: By block: which of the Q its ordinary errors are.
+        size: Q.
+        base: By block and fold the products of [ordinary errors, y], shape (F, q + 1, q + 1).
+    """
+
+    def __init__(self, numbers: Sequence[Ints], size: int, base: Sequence[Array]) -> None:
+        self.size, self.n_blocks = size, len(numbers)
+        counts = np.array([len(n) for n in numbers], dtype=np.intp)
+        self.rows: Ints = np.concatenate([np.zeros(0, dtype=np.intp), *numbers]).astype(np.intp)
+        """Ordinary error of each of the blocks' columns, end to end, shape (q_all,)."""
+        self.block_of_row: Ints = np.repeat(np.arange(self.n_blocks), counts)
+        ones = np.ones(len(self.rows))
+        places = (self.rows, np.arange(len(self.rows)))
+        self.gather = csr_array((ones, places), shape=(size, len(self.rows)))
+        self.by_block = csr_array((ones, (self.block_of_row, places[1])), shape=(self.n_blocks, len(self.rows)))
+        self._twice = np.triu(np.full((size, size), 2.0)) - np.eye(size)
+        upper = [np.triu_indices(n) for n in counts]
+        flat = [
+            np.minimum(at[i], at[j]) * size + np.maximum(at[i], at[j])
+            for at, (i, j) in zip(numbers, upper, strict=True)
+        ]
+        self._columns = np.concatenate([np.zeros(0, dtype=np.intp), *flat])
+        self._starts = np.concatenate([[0], np.cumsum([len(f) for f in flat])]).astype(np.intp)
+        pairs = np.concatenate([b[:, i, j] for b, (i, j) in zip(base, upper, strict=True)], axis=1)
+        with_y = np.zeros((len(pairs), self.n_blocks, size))
+        for number, (at, b) in enumerate(zip(numbers, base, strict=True)):
+            with_y[:, number, at] = b[:, :-1, -1]
+        yy = np.stack([b[:, -1, -1] for b in base], axis=1)
+        self.total = self._part(pairs.sum(axis=0), with_y.sum(axis=0), yy.sum(axis=0))
+        self.folds = [self._part(*own) for own in zip(pairs, with_y, yy, strict=True)]
+        everything = (self.total.pairs.data, self.total.with_y, self.total.yy)
+        self.others = [
+            self._part(*(whole - one for whole, one in zip(everything, own, strict=True)))
+            for own in zip(pairs, with_y, yy, strict=True)
+        ]
+
+    def _part(self, pairs: Array, with_y: Array, yy: Array) -> OrdinaryPart:
+        sparse = csr_array((pairs, self._columns, self._starts), shape=(self.n_blocks, self.size**2))
+        return OrdinaryPart(sparse, sparse.T, with_y, yy)
+
+    def system(self, part: OrdinaryPart, weights: Array) -> Factor:
+        """The ordinary errors' own weighted problem, with their priors, factored."""
+        system = (part.transposed @ weights).reshape(self.size, self.size)
+        system.flat[:: self.size + 1] += 1.0
+        factored: Factor = cho_factor(system, overwrite_a=True, check_finite=False)
+        return factored
+
+    def mixed(self, by_row: Array, weights: Array) -> Array:
+        """Weighted products of ordinary errors and columns, (q_all, k) to (Q, k)."""
+        return np.asarray(self.gather @ (weights[self.block_of_row][:, None] * by_row))
+
+    def squares(self, part: OrdinaryPart, tried: Tried, pulls: Array, beta: Array) -> tuple[Array, Array]:
+        """By block: sum of squares that is left, and that all columns explain."""
+        by_ordinary = part.pairs @ (np.outer(pulls, pulls) * self._twice).ravel()
+        both = self.by_block @ (pulls[self.rows] * (tried.by_row @ beta))
+        by_tried = np.einsum("bij,i,j->b", tried.own, beta, beta)
+        explained = by_ordinary + 2.0 * both + by_tried
+        left = explained - 2.0 * (part.with_y @ pulls + tried.with_y @ beta) + part.yy
+        return np.maximum(left, 0.0), np.maximum(explained, 0.0)
+
+
+@dataclass(frozen=True)
+class Tried:
+    """Products of the columns that are tried, k of them, over some folds."""
+
+    by_row: Array
+    """With the blocks' ordinary errors, end to end, shape (q_all, k)."""
+    with_y: Array
+    """Shape (B, k)."""
+    own: Array
+    """Shape (B, k, k)."""
+
+    def __sub__(self, other: Tried) -> Tried:
+        return Tried(self.by_row - other.by_row, self.with_y - other.with_y, self.own - other.own)
+
+
+def tried_by_fold(base: Sequence[Array], both: Sequence[Array]) -> tuple[Tried, list[Tried]]:
+    """Over all folds, and over each.
+
+    Args:
+        base: By block, products of the columns with [ordinary errors, y], shape (F, k, q + 1).
+        both: By block, with each other, shape (F, k, k).
+    """
+    by_row = np.concatenate([np.swapaxes(b[:, :, :-1], 1, 2) for b in base], axis=1)
+    with_y, own = np.stack([b[:, :, -1] for b in base], axis=1), np.stack(both, axis=1)
+    total = Tried(by_row.sum(axis=0), with_y.sum(axis=0), own.sum(axis=0))
+    return total, [Tried(*one) for one in zip(by_row, with_y, own, strict=True)]
+
+
+def solved(
+    sums: OrdinarySums, part: OrdinaryPart, tried: Tried, weights: Array, low: Array, high: Array
+) -> tuple[Array, Array]:
+    """Ordinary errors (Q,) and coefficients (k,) of one weighted problem."""
+    k = len(low)
+    factor = sums.system(part, weights)
+    right = weights @ part.with_y
+    if k == 0:
+        return np.asarray(cho_solve(factor, right, check_finite=False)), np.zeros(0)
+    mixed = sums.mixed(tried.by_row, weights)
+    found = cho_solve(factor, np.concatenate([mixed, right[:, None]], axis=1), check_finite=False)
+    reduced = np.tensordot(weights, tried.own, 1) - mixed.T @ found[:, :k]
+    beta = solve_bounded(reduced, weights @ tried.with_y - mixed.T @ found[:, k], low, high)
+    return np.asarray(found[:, k] - found[:, :k] @ beta), beta

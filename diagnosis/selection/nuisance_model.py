@@ -1,0 +1,118 @@
+"""This robot's ordinary errors as effects: what stands in every model that is compared, and in its model file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from diagnosis.channels.channel_view import Array, Shape
+from diagnosis.decision_constants import CLEARLY_ORDINARY, ERROR_SCALES
+from diagnosis.library.base import LibraryEffect, Location
+from diagnosis.selection.evidence import Board
+from diagnosis.selection.fitted import corrected_model, without_fold
+from diagnosis.selection.nuisance import ErrorKind
+from diagnosis.selection.places import Robot
+from diagnosis.selection.scoring import Scored
+from spot_model.effects.base import Effect, ModelEffect
+from spot_model.io.model_file import RobotModel
+
+SMALLEST = 0.02
+"""Errors under this share of their published range are left out of a model: they change nothing."""
+
+
+def with_errors(model: RobotModel, board: Board, pulls: Array) -> RobotModel:
+    """The model with the ordinary errors that change how the robot moves.
+
+    Args:
+        model: Without them.
+        board: Has their columns.
+        pulls: Each in its usual size, shape (Q,); what is beyond :data:`CLEARLY_ORDINARY` is put back to it.
+    """
+    at_most = CLEARLY_ORDINARY * board.ordinary.published
+    size = np.clip(pulls * board.ordinary.scale, -at_most, at_most)
+    for kind in board.ordinary.kinds:
+        if ERROR_SCALES[kind.effect.name].acts_in_closed_loop:
+            model = with_kind(model, board.robot, kind, kind.coefficients(size))
+    return model
+
+
+def model_of(nominal: RobotModel, board: Board, scored: Scored, fold: int | None = None) -> RobotModel:
+    """The nominal model with this robot's ordinary errors and the effects.
+
+    Args:
+        nominal: The model.
+        board: The evidence.
+        scored: Effects, maybe none, fitted beside the errors.
+        fold: Fitted without it; None for everything.
+
+    Raises:
+        BadInputError: A value is out of its effect's bounds.
+    """
+    pulls = scored.pulls if fold is None else scored.fold_pulls[fold]
+    coefficients = None if fold is None else without_fold(scored, fold)
+    return corrected_model(with_errors(nominal, board, pulls), board.robot, scored, coefficients)
+
+
+def with_kind(model: RobotModel, robot: Robot, kind: ErrorKind, coefficients: Array) -> RobotModel:
+    """The model with errors of one kind; coefficients by unit, shape (U, C)."""
+    effect = kind.effect
+    scales = np.array([ERROR_SCALES[effect.name].scales.get(c.name, np.inf) for c in effect.coefficients])
+    values = {}
+    for unit, own in enumerate(coefficients):
+        if np.any(np.abs(own) > SMALLEST * scales):
+            values[unit] = _within(effect, effect.values(*_parts(effect, own, kind.at)))
+    if effect.location is Location.JOINT and not issubclass(effect.effect, ModelEffect) and values:
+        return _side_by_side(model, robot, effect, values)
+    for unit, own_values in values.items():
+        joints = robot.named(robot.units(effect.location)[unit] > 0.5)
+        model = effect.add_to(model, own_values, ("all",) if len(joints) == robot.n_joints else joints)
+    return model
+
+
+def _parts(effect: LibraryEffect, own: Array, at: Shape) -> tuple[Array, Shape]:
+    """Coefficients within their bounds; where the size is in the shape, the shape times the coefficient."""
+    low = np.array([c.low for c in effect.coefficients])
+    high = np.array([c.high for c in effect.coefficients])
+    fixed = low == high
+    shape = dict(at)
+    if fixed.any():
+        shape = {k: v * max(0.0, float(own[fixed][0])) for k, v in at.items()}
+    return np.clip(own, low, high), shape
+
+
+def _within(effect: LibraryEffect, values: Mapping[str, float]) -> dict[str, float]:
+    bounds = {p.name: (p.low, p.high) for p in effect.effect.parameters()}
+    return {k: float(np.clip(v, *bounds[k])) for k, v in values.items()}
+
+
+def _side_by_side(
+    model: RobotModel, robot: Robot, effect: LibraryEffect, values: dict[int, dict[str, float]]
+) -> RobotModel:
+    """One effect with a number for each joint: a step costs no more than one effect's."""
+    some = next(iter(values.values()))
+    made: Effect = effect.effect()
+    nulls = {p.name: p.null for p in made.parameters()}
+    columns: dict[str, Any] = {k: np.full((1, robot.n_joints), nulls[k]) for k in some}
+    for unit, own in values.items():
+        for k, v in own.items():
+            columns[k][0, unit] = v
+    return model.with_effects(replace(made, **columns))
+
+
+def by_joint(model: RobotModel, joint_names: tuple[str, ...]) -> RobotModel:
+    """The same model with plain numbers alone, one effect a joint where numbers differ: what goes into a file."""
+    effects: list[Effect] = []
+    for effect in model.effects:
+        if all(np.ndim(v) == 0 for v in effect.values.values()):
+            effects.append(effect)
+            continue
+        nulls = {p.name: p.null for p in effect.parameters()}
+        for j, name in enumerate(joint_names):
+            row = {k: np.broadcast_to(v, (1, len(joint_names)))[0] for k, v in effect.values.items()}
+            own: dict[str, Any] = {k: float(v[j]) for k, v in row.items()}
+            if any(v != nulls[k] for k, v in own.items()):
+                effects.append(replace(effect, joints=(name,), **own))
+    return replace(model, effects=tuple(effects))

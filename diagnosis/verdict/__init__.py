@@ -1,0 +1,1 @@
+"""What is decided and said: gap, causes, unknown, advice."""

@@ -1,0 +1,79 @@
+"""What these logs cannot tell, and what to record next."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from diagnosis.channels.channel_view import ChannelOff, ChannelView
+from diagnosis.channels.stack import Stack
+from diagnosis.document import FoundEffect, Split, UnknownEffect
+from diagnosis.library.experiments import Experiment
+from spot_model.robot.facts import JOINT_NAMES
+
+MIN_REPEATS = 3
+FAST_M_S = 2.5
+
+
+def split(experiment: Experiment) -> Split:
+    """An experiment as something that can be recorded."""
+    file = f"experiments/{experiment.sequence.name}.yaml"
+    words = f"spot-rl collect --robot HOST --policy POLICY.onnx --out MORE_LOGS --sequences {file} --repeats 3"
+    if experiment.kp_nm_per_rad is not None or experiment.kd_nm_s_per_rad is not None:
+        kp, kd = experiment.kp_nm_per_rad or 60.0, experiment.kd_nm_s_per_rad or 1.5
+        words += f" --other-gains {kp:g},{kd:g}"
+    return Split(
+        name=experiment.name, text=experiment.text, by_hand=experiment.by_hand, command=words, sequence_file=file
+    )
+
+
+def advice(
+    logs: Stack, views: Mapping[str, ChannelView], off: Sequence[ChannelOff], effects: Sequence[FoundEffect],
+    unknown: UnknownEffect | None,
+) -> tuple[str, ...]:  # fmt: skip
+    """Sentences, the most useful first."""
+    out = [
+        f"To tell {', '.join(effect.group)} apart: {effect.split.text} {effect.split.by_hand}".strip()
+        for effect in effects
+        if effect.split is not None
+    ]
+    counts = [sum(r.sequence == s.sequence for r in logs.recordings) for s in logs.recordings]
+    if min(counts) < MIN_REPEATS:
+        times = {1: "once", 2: "twice"}.get(min(counts), f"{min(counts)} times")
+        out.append(f"Some command sequences were run {times}; five repeats give a floor and narrow intervals.")
+    if len({r.sequence for r in logs.recordings}) < 2:
+        out.append(
+            "All logs are of one command sequence; record at least two more, so that a fit can be tested on others."
+        )
+    for reason in dict.fromkeys(c.reason for c in off):
+        names = [c.name for c in off if c.reason == reason]
+        words = f"Channel {names[0]} is" if len(names) == 1 else f"Channels {', '.join(names)} are"
+        out.append(f"{words} off ({reason}).")
+    gains = {
+        (
+            float(np.round(np.median(r.commands.kp_nm_per_rad), 3)),
+            float(np.round(np.median(r.commands.kd_nm_s_per_rad), 3)),
+        )
+        for r in logs.recordings
+        if len(r.commands)
+    }
+    is_spot = logs.recordings[0].joint_names == JOINT_NAMES
+    if len(gains) == 1 and gains != {(0.0, 0.0)} and "A" in views:
+        how = " (spot-rl collect --other-gains 50,1)" if is_spot else ""
+        out.append(
+            "All logs have the same servo gains: a wrong gain cannot be told from friction or a torque gain. "
+            f"Record one short log at others{how}."
+        )
+    speeds = [np.nanmax(np.abs(r.velocity_command[:, 0]), initial=0.0) for r in logs.recordings]
+    if is_spot and max(speeds) < FAST_M_S:
+        out.append(
+            f"The fastest command was {max(speeds):.1f} m/s: limits of torque, speed and power that act only above it "
+            "cannot be seen. Record a sprint."
+        )
+    if unknown is not None and unknown.depends_on:
+        out.append(
+            f"Something unknown acts on {', '.join(unknown.joints)} and depends on "
+            f"{' and '.join(unknown.depends_on)}; write it as an effect and give --add-effect module:Class."
+        )
+    return tuple(out)

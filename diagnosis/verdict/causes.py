@@ -1,0 +1,191 @@
+"""Which of the effects that residuals show are causes: with them closed loops come nearer to the robot, and stay there.
+
+The best set of effects is compared with itself less each effect, with rivals in each place, and with ordinary errors
+alone, each in the environment that suits it best. What an effect is taken out of keeps the ordinary errors that were
+fitted beside it: others, stretched until they stand in for it, are no ordinary ones. The rest is *seen*.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from diagnosis.closed_loop.environment import SURROUNDING_EFFECTS
+from diagnosis.closed_loop.trials import Bench, Trials, run_trials
+from diagnosis.decision_constants import EFFECT_PRIOR_NATS, GROUP_ODDS, OPEN_LOOP_MATTERS, USUAL_LEFT
+from diagnosis.library.base import LibraryEffect
+from diagnosis.selection.nuisance_model import model_of
+from diagnosis.selection.scoring import Placed, Scored, Scorer, null_of, without
+from diagnosis.selection.search import price
+from diagnosis.verdict.explain import Explained
+from diagnosis.verdict.posterior import Belief, Hypothesis, believe, capped
+from spot_model.io.model_file import RobotModel
+
+ERRORS = "ordinary errors alone"
+Tell = Callable[[float], None]
+
+
+@dataclass(frozen=True)
+class Seen:
+    """An effect that residuals show, and that moves nothing here."""
+
+    term: Placed
+    scored: Scored
+    nearer: float | None
+    """Floors by which closed loops come nearer with it; None where nothing was simulated."""
+
+
+@dataclass(frozen=True)
+class Causes:
+    """What was decided."""
+
+    found: Explained
+    """With the causes alone."""
+    belief: Belief
+    seen: tuple[Seen, ...]
+    stated: str
+    """Name of the stated model among the trials."""
+    hypotheses: Mapping[str, Scored]
+    distances: Mapping[str, float]
+    """By name of a hypothesis, and of the nominal model; floors. Empty where nothing can be said."""
+    notes: tuple[str, ...]
+
+
+def candidates_of(found: Explained) -> dict[str, Scored]:
+    """Sets of effects to compare, by name."""
+    best = found.selection.best
+    if best is None:
+        return {ERRORS: null_of(found.board)}
+    out = {name_of(best): best}
+    nothing = best
+    for _ in best.terms:
+        nothing = without(nothing, 0)
+    out[ERRORS] = nothing
+    for i, rivals in enumerate(found.selection.rivals):
+        less = without(best, i)
+        out.setdefault(name_of(less), less)
+        top = rivals[0].value if rivals else 0.0
+        for rival in rivals[1:]:
+            if capped(rival.value - top, found.n_runs) > np.log(GROUP_ODDS):
+                out.setdefault(name_of(rival.scored), rival.scored)
+    return out
+
+
+def _refitted_nats(found: Explained, scored: Scored) -> float:
+    """Evidence of a set of effects beside the ordinary errors that suit it; less the price of numbers and of faults."""
+    n = len(scored.terms)
+    if not n:
+        return 0.0
+    return Scorer(found.board, scored.terms).now.score - price(scored.terms, found.board) - n * EFFECT_PRIOR_NATS
+
+
+def name_of(scored: Scored) -> str:
+    """Of a set of effects."""
+    return " + ".join(sorted(t.effect.name for t in scored.terms)) or ERRORS
+
+
+def decide(
+    found: Explained,
+    nominal: RobotModel,
+    bench: Bench | None,
+    library: Mapping[str, LibraryEffect],
+    rng: np.random.Generator,
+    tell: Tell = lambda _: None,
+) -> Causes:
+    """Compare, and keep what matters.
+
+    Args:
+        found: From the residuals.
+        nominal: The simulator's model.
+        bench: Real logs and how to simulate them; None without a policy: open-loop prediction decides then.
+        library: Where rivals come from.
+        rng: Draws seeds.
+        tell: Called with the share that is done.
+    """
+    candidates = candidates_of(found)
+    trials: Trials | None = None
+    if bench is not None:
+        bench = with_environment(bench, found, nominal)
+        best = name_of(found.selection.best) if found.selection.best is not None else ERRORS
+        full = {name for name in candidates if len(candidates[name].terms) < len(found.effects)} | {best}
+        like = {name: best for name in candidates if name not in full}
+        trials = run_trials(bench, nominal, found.board, candidates, like, rng, tell, only_ticks=True)
+    distances = trials.distances() if trials is not None else {}
+    notes = trials.notes if trials is not None else ()
+    if ERRORS in distances:
+        # A robot that lies where the plain nominal model lies has no gap either.
+        distances[ERRORS] = min(distances[ERRORS], distances["nominal"])
+    else:
+        distances = {}
+    hypotheses = {
+        name: Hypothesis(
+            tuple(t.effect.name for t in s.terms), _refitted_nats(found, s), distances.get(name)
+        )
+        for name, s in candidates.items()
+        if not distances or name in distances
+    }
+    odds = 0.0 if distances else found.remainder().beyond(USUAL_LEFT) / max(sum(USUAL_LEFT.values()), 1e-9)
+    return _kept(found, candidates, hypotheses, distances, library, odds, notes)
+
+
+def _kept(
+    found: Explained,
+    candidates: Mapping[str, Scored],
+    hypotheses: Mapping[str, Hypothesis],
+    distances: Mapping[str, float],
+    library: Mapping[str, LibraryEffect],
+    odds: float,
+    notes: tuple[str, ...],
+) -> Causes:
+    """The likeliest set less what does not matter."""
+    seen: list[Seen] = []
+    stated = _likeliest(found, hypotheses)
+    while True:
+        effects = hypotheses[stated].effects
+        belief = believe(tuple(hypotheses.values()), effects, found.n_runs, odds)
+        scored = candidates[stated]
+        idle = [t for t in scored.terms if not _matters(found, scored, t, belief)]
+        names = [t.effect.name for t in idle]
+        smaller = [name for name, h in hypotheses.items() if _is_less(h.effects, effects, names)]
+        if not idle or not smaller:
+            break
+        nearest = min(smaller, key=lambda name: hypotheses[name].distance or -hypotheses[name].nats)
+        gone = next(t for t in scored.terms if t.effect.name not in hypotheses[nearest].effects)
+        seen.append(Seen(gone, scored, belief.nearer.get(gone.effect.name)))
+        stated = nearest
+    chosen = candidates[stated] if candidates[stated].terms else None
+    return Causes(
+        found.with_effects(chosen, library), belief, tuple(seen), stated, dict(candidates), dict(distances), notes
+    )
+
+
+def _is_less(smaller: tuple[str, ...], larger: tuple[str, ...], idle: list[str]) -> bool:
+    """Whether one set is the other less one effect that does not matter."""
+    gone = set(larger) - set(smaller)
+    return set(smaller) < set(larger) and len(gone) == 1 and gone <= set(idle)
+
+
+def _likeliest(found: Explained, hypotheses: Mapping[str, Hypothesis]) -> str:
+    whole = believe(tuple(hypotheses.values()), found.effects, found.n_runs, 0.0).weights
+    return max(hypotheses, key=lambda name: (whole[hypotheses[name].effects], len(hypotheses[name].effects)))
+
+
+def _matters(found: Explained, scored: Scored, term: Placed, belief: Belief) -> bool:
+    """In closed loops; where there are none, in open-loop prediction."""
+    if belief.nearer:
+        return belief.effects.get(term.effect.name, 0.0) > 0.5
+    others = tuple(t for t in scored.terms if t is not term)
+    less = Scorer(found.board, others).now
+    board = found.board
+    allowed = board.tolerance_square + board.relative_square * less.explained
+    return bool(np.max((less.held_out - scored.held_out) / allowed, initial=0.0) > OPEN_LOOP_MATTERS**2)
+
+
+def with_environment(bench: Bench, found: Explained, nominal: RobotModel) -> Bench:
+    """The bench; where the ground, a foot or the estimator was found, all models share the stated one's environment."""
+    best = found.selection.best
+    if best is None or not any(t.effect.name in SURROUNDING_EFFECTS for t in best.terms):
+        return bench
+    return replace(bench, shared=model_of(nominal, found.board, best), surroundings={})

@@ -1,0 +1,132 @@
+"""From logs and the nominal model to a verdict: where the gap lies, which effect causes it, how far it shrinks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from diagnosis.channels.build import build_views
+from diagnosis.channels.channel_view import Array
+from diagnosis.channels.stack import stack
+from diagnosis.closed_loop.engine import Engine, LocalEngine
+from diagnosis.closed_loop.gap_map import GapMap, Side, gap_map
+from diagnosis.closed_loop.trials import Bench, measure_shrink, run_trials
+from diagnosis.document import Shrink, Verdict
+from diagnosis.library.base import LibraryEffect
+from diagnosis.library.registry import LIBRARY
+from diagnosis.progress import Progress
+from diagnosis.read.policy_ticks import script_of
+from diagnosis.read.recording import record
+from diagnosis.selection.evidence import Board
+from diagnosis.selection.nuisance_model import by_joint, model_of
+from diagnosis.selection.one_thread import one_thread
+from diagnosis.selection.scoring import null_of
+from diagnosis.verdict.assemble import assemble
+from diagnosis.verdict.causes import ERRORS, Causes, decide, with_environment
+from diagnosis.verdict.explain import Say, explain
+from spot_log.read.run import Run
+from spot_model.io.model_file import RobotModel
+from spot_model.policy.policy import Policy
+from spot_model.robot import facts
+
+WITHOUT_RUNS = (
+    "without the policy that ran on Spot nothing can be simulated: the map is that of open-loop prediction, and there "
+    "is no shrink"
+)
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """A verdict and what the report needs beside it."""
+
+    verdict: Verdict
+    corrected: RobotModel
+    """The nominal model with this robot's ordinary errors and the causes, plain numbers alone."""
+    map: GapMap | None
+    simulated: Mapping[str, tuple[Run, ...]]
+    """Closed-loop runs, "nominal" and "corrected"; empty where nothing was simulated."""
+    runs: tuple[Run, ...]
+    board: Board
+    causes: Causes
+
+
+def diagnose(
+    runs: Sequence[Run],
+    nominal: RobotModel,
+    policy: Policy | None,
+    rng: np.random.Generator,
+    say: Say,
+    *,
+    library: Mapping[str, LibraryEffect] = LIBRARY,
+    with_synthesis: bool = False,
+    nominal_name: str = "",
+    limits_rad: tuple[Array, Array] | None = None,
+    engine: Engine | None = None,
+) -> Diagnosis:
+    """Diagnose logs.
+
+    Args:
+        runs: Logs of one robot.
+        nominal: The simulator's model.
+        policy: The policy that ran; without it open-loop prediction decides what matters.
+        rng: Draws noise of simulated sensors, permutations, resamples.
+        say: Where progress goes.
+        library: Effects that are tried.
+        with_synthesis: Also diagnose the nominal simulator with the effects put in.
+        nominal_name: For the verdict.
+        limits_rad: Joint stops of a robot other than Spot, low and high.
+        engine: Computes closed-loop runs; in this process by default.
+    """
+    tell = say.at if isinstance(say, Progress) else _ignore
+    say(f"building channels of {len(runs)} logs")
+    found = explain(runs, nominal, policy, library, say, limits_rad)
+    is_spot = found.board.robot.joint_names == facts.JOINT_NAMES
+    scripts = tuple(s for run in runs if (s := script_of(run)) is not None) if policy is not None and is_spot else ()
+    bench = Bench(tuple(runs), scripts, policy, engine or LocalEngine(policy)) if policy and scripts else None
+    if bench is not None:
+        say("simulating the models through the same commands")
+    with one_thread():
+        causes = decide(found, nominal, bench, library, rng, lambda share: tell(0.7 * share))
+    best = causes.found.selection.best or null_of(causes.found.board)
+    corrected = by_joint(model_of(nominal, causes.found.board, best), facts.JOINT_NAMES) if is_spot else nominal
+    notes = [n for view in found.views.values() for n in view.notes]
+    map_: GapMap | None = None
+    shrink: Shrink | None = None
+    simulated: dict[str, tuple[Run, ...]] = {}
+    if bench is None:
+        notes.append(WITHOUT_RUNS)
+    else:
+        bench = with_environment(bench, causes.found, nominal)
+        models = {ERRORS: null_of(found.board), causes.stated: best}
+        trials = run_trials(bench, nominal, found.board, models, {}, rng, lambda share: tell(0.7 + 0.3 * share))
+        logs = stack([record(run) for run in trials.runs["nominal"]])
+        views, _ = build_views(logs, nominal)
+        legs = found.board.robot.leg_of_joint
+        map_ = gap_map(Side(found.stack, found.views.get("A")), Side(logs, views.get("A")), legs, rng)
+        shrink = measure_shrink(bench, trials, causes.stated, ERRORS, rng)
+        simulated = {"nominal": tuple(trials.runs["nominal"]), "corrected": tuple(trials.runs.get(causes.stated, ()))}
+        notes += [*causes.notes, *trials.notes, *_about(bench, trials.is_crossed), *([map_.note] if map_.note else [])]
+    verdict = assemble(causes, map_, shrink, notes, runs, nominal_name)
+    verdict = verdict.model_copy(update={"without": tuple(n for n in LIBRARY if n not in library)})
+    if with_synthesis and verdict.effects and policy is not None and is_spot:
+        from diagnosis.verdict.synthesis import synthesis_check
+
+        say("synthesis check")
+        check = synthesis_check(runs, nominal, corrected, policy, verdict, rng, library)
+        verdict = verdict.model_copy(update={"synthesis": check})
+    return Diagnosis(verdict, corrected, map_, simulated, tuple(runs), found.board, causes)
+
+
+def _about(bench: Bench, is_crossed: bool) -> list[str]:
+    notes = []
+    if not is_crossed:
+        notes.append("all logs are of one command sequence: the shrink is measured on sequences that the fit saw")
+    if any(len(own) < 2 for own in bench.real().values()):
+        notes.append("each sequence was run once: the floor counts as 0, and S is a lower bound")
+    return notes
+
+
+def _ignore(share: float) -> None:
+    """Progress that nobody watches."""
