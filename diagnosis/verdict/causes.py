@@ -120,9 +120,7 @@ def decide(
     else:
         distances = {}
     hypotheses = {
-        name: Hypothesis(
-            tuple(t.effect.name for t in s.terms), _refitted_nats(found, s), distances.get(name)
-        )
+        name: Hypothesis(tuple(t.effect.name for t in s.terms), _refitted_nats(found, s), distances.get(name))
         for name, s in candidates.items()
         if not distances or name in distances
     }

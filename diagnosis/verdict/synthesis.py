@@ -18,8 +18,13 @@ from spot_model.policy.policy import Policy
 
 
 def synthesis_check(
-    runs: Sequence[Run], nominal: RobotModel, corrected: RobotModel, policy: Policy, verdict: Verdict,
-    rng: np.random.Generator, library: Mapping[str, LibraryEffect],
+    runs: Sequence[Run],
+    nominal: RobotModel,
+    corrected: RobotModel,
+    policy: Policy,
+    verdict: Verdict,
+    rng: np.random.Generator,
+    library: Mapping[str, LibraryEffect],
 ) -> dict[str, Any]:
     """Diagnose the corrected model's own logs.
 
