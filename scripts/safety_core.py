@@ -11,6 +11,11 @@ TESTS_OF = {
     "spot_runtime/safety_limits.py": (_BOUNDS,),
     "spot_runtime/control/safety/body_height.py": ("tests/spot_runtime/test_body_height.py", _BOUNDS),
     "spot_runtime/control/safety/command_loss.py": ("tests/spot_runtime/test_command_loss.py", _BOUNDS),
+    "spot_runtime/control/safety/policy_bounds.py": (_BOUNDS,),
+    **{
+        f"spot_runtime/control/safety/signals/{name}.py": ("tests/spot_runtime/test_signals.py",)
+        for name in ("check", "ground", "imu", "legs", "load", "motion", "still", "window")
+    },
     "spot_runtime/control/modes.py": (_MODES, _BOUNDS),
     "spot_runtime/stops.py": (_MODES, _BOUNDS),
     "spot_runtime/control/safety/watchdogs.py": ("tests/spot_runtime/test_watchdogs.py",),

@@ -8,15 +8,22 @@ nothing does.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from spot_log.format.events import EventName
 from spot_runtime.hal.base import Hal
-from spot_runtime.hal.errors import HalError
+from spot_runtime.hal.errors import FaultError, HalError
 from spot_runtime.session.outcome import Outcome
 from spot_runtime.session.signals import OperatorInterrupt, StopSignals
 from spot_runtime.stops import Ending, Reaction, Stop, StopReason
+
+LOOKS: Final = 10
+"""Waits of 0.1 s for a first state; a stream that brings none is the loop's matter."""
+
+TIPPED_RAD: Final = math.radians(60.0)
+"""Beyond any slope on which a robot stands or sits."""
 
 
 class ControlEnd(NamedTuple):
@@ -34,6 +41,20 @@ def control_end(ending: Ending | None) -> ControlEnd:
         return ControlEnd(Stop(StopReason.COMPLETED), may_stand=True)
     is_mild = ending.reaction is Reaction.HAND_BACK and not ending.cause.reason.is_urgent
     return ControlEnd(ending.cause, may_stand=is_mild)
+
+
+def _refuse_if_tipped(hal: Hal) -> None:
+    """Raise FaultError for a robot that lies on its side or back: neither stand nor policy is asked to right it."""
+    for _ in range(LOOKS):
+        states = hal.receive(0, 0.1)
+        if not states:
+            continue
+        _, x, y, _ = states[-1].odom_from_body_wxyz.tolist()
+        tilt_rad = math.acos(max(-1.0, min(1.0, 1.0 - 2.0 * (x * x + y * y))))
+        # What is no number is left to the loop, which judges every state before it takes over.
+        if tilt_rad > TIPPED_RAD:
+            raise FaultError(f"the body is tilted by {math.degrees(tilt_rad):.0f}°; set the robot on its belly or feet")
+        return
 
 
 class RobotSession:
@@ -125,6 +146,7 @@ class RobotSession:
         round_trip_ms = info.round_trip_s * 1e3
         text = f"{info.robot_id}; clock {info.clock_skew_s:+.3f} s from ours, round trip {round_trip_ms:.1f} ms"
         self._event(EventName.CONNECTED, text)
+        _refuse_if_tipped(hal)
         self._say("powering on and standing …")
         hal.stand()
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from spot_model.policy.contract import PolicyContract, StoredPair
 from spot_model.robot import facts
 from spot_model.robot.state import Gains, JointCommand, RobotState, SlowState
 from spot_runtime.config import HandoverConfig
@@ -23,7 +24,9 @@ from spot_runtime.control.handover import (
 )
 from spot_runtime.control.modes import Mode, ModeInputs
 from spot_runtime.control.safety import safety
+from spot_runtime.control.safety.body_height import body_height_m
 from spot_runtime.control.safety.command_loss import LossMemory
+from spot_runtime.control.safety.policy_bounds import check_policy, with_speed_limit
 from spot_runtime.control.safety.safety import LimitedSetpoint, SetpointMemory, StateMemory
 from spot_runtime.control.set_point import asked_setpoint
 from spot_runtime.safety_limits import SafetyLimits
@@ -304,6 +307,136 @@ def test_a_joint_beyond_its_stop_by_more_than_the_margin(make_state: MakeState, 
         stop = judged(make_state(position_rad=position))
         values: dict[str, Any] = {"beyond_rad": pytest.approx(0.251), "bound_rad": 0.25}
         assert stop == (Stop(StopReason.JOINT_POSITION, facts.JOINT_NAMES[joint], values) if is_stop else None)
+
+
+# Ranges ------
+
+
+@pytest.mark.parametrize(
+    ("changes", "what", "values"),
+    [
+        ({"linear_vel_of_body_in_odom_m_s": np.array([0.0, 6.0, 8.1])}, "the body's velocity", (10.0797, 10.0)),
+        ({"angular_vel_of_body_in_odom_rad_s": np.array([0.0, 0.0, -20.1])}, "its turn rate", (20.1, 20.0)),
+        ({"load_nm": np.array([0.0] * 11 + [401.0])}, "a joint's load", (401.0, 400.0)),
+        ({"load_nm": np.array([-401.0] + [0.0] * 11)}, "a joint's load", (401.0, 400.0)),
+    ],
+)
+def test_what_no_spot_can_do_is_not_used(
+    make_state: MakeState, changes: dict[str, Any], what: str, values: tuple[float, float]
+) -> None:
+    memory, is_usable, stop = safety.screen_state(StateMemory(), make_state(**changes), START_NS, LIMITS)
+    assert (memory.newest, is_usable) == (None, False)
+    assert stop is not None
+    assert (stop.reason, stop.detail) == (StopReason.SIGNAL_OUT_OF_RANGE, what)
+    assert tuple(stop.values.values()) == pytest.approx(values, rel=1e-4)
+    units = {"the body's velocity": "m_s", "its turn rate": "rad_s", "a joint's load": "nm"}
+    assert all(key.endswith(units[what]) for key in stop.values)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"linear_vel_of_body_in_odom_m_s": np.array([0.0, 6.0, 8.0])},
+        {"angular_vel_of_body_in_odom_rad_s": np.array([0.0, 0.0, -20.0])},
+        {"load_nm": np.array([-400.0] + [400.0] * 11)},
+    ],
+)
+def test_what_a_spot_might_just_do_is_used(make_state: MakeState, changes: dict[str, Any]) -> None:
+    _, is_usable, stop = safety.screen_state(StateMemory(), make_state(**changes), START_NS, LIMITS)
+    assert is_usable
+    assert stop is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "names"),
+    [
+        ({"battery_charge_percent": float("nan")}, "charge"),
+        ({"battery_voltage_v": float("inf")}, "voltage"),
+        ({"battery_current_a": float("nan")}, "current"),
+        ({"battery_temperature_c": (30.0, float("nan"))}, "battery temperature 2"),
+        ({"motor_temperature_c": {"fl_hx": 20.0, "hr_kn": float("nan")}}, "hr_kn"),
+    ],
+)
+def test_what_is_no_number_is_unknown_and_unknown_is_not_good(
+    make_slow: MakeSlow, changes: dict[str, Any], names: str
+) -> None:
+    slow = make_slow(START_NS, **changes)
+    assert safety.check_slow_state(slow, START_NS, LIMITS) == Stop(StopReason.BATTERY_UNKNOWN, names)
+
+
+# Policies ------
+
+
+def contract(**changes: Any) -> PolicyContract:
+    pair = StoredPair(observation=(0.0,) * 48, action=(0.0,) * 12)
+    limits = {"velocity_command_low": (-1.0, -1.0, -1.0), "velocity_command_high": (1.0, 1.0, 1.0)}
+    return PolicyContract.model_validate({"name": "p", "stored_pair": pair, **limits, **changes})
+
+
+LOW_POSE_RAD = np.tile([0.0, 1.6, -2.6], 4)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"kp_nm_per_rad": (60.0,) * 11 + (301.0,)}, "kp_nm_per_rad = 301, allowed: up to 300"),
+        ({"kd_nm_s_per_rad": (15.1,) * 12}, "kd_nm_s_per_rad = 15.1, allowed: up to 15"),
+        ({"action_scale_rad": 1.1}, "action_scale_rad = 1.1, allowed: up to 1"),
+        (
+            {"kp_nm_per_rad": (300.0,) * 12, "action_scale_rad": 0.5},
+            "torque of a unit action, N·m = 150, allowed: up to 113",
+        ),
+        ({"rate_hz": 9.0}, "rate_hz = 9, allowed: 10 to 200"),
+        ({"rate_hz": 250.0}, "rate_hz = 250, allowed: 10 to 200"),
+    ],
+)
+def test_a_contract_that_asks_for_too_much(changes: dict[str, Any], words: str) -> None:
+    stop = check_policy(contract(**changes), facts.DEFAULT_POSITION_RAD, LIMITS)
+    assert stop == Stop(StopReason.POLICY_OUT_OF_BOUNDS, words)
+
+
+def test_a_contract_at_its_bounds_and_a_pose_that_lies() -> None:
+    most = contract(kp_nm_per_rad=(300.0,) * 12, kd_nm_s_per_rad=(15.0,) * 12, action_scale_rad=0.376, rate_hz=200.0)
+    assert check_policy(most, facts.DEFAULT_POSITION_RAD, LIMITS) is None
+    assert check_policy(contract(rate_hz=10.0, action_scale_rad=1.0), facts.DEFAULT_POSITION_RAD, LIMITS) is None
+    low = check_policy(contract(), LOW_POSE_RAD, LIMITS)
+    assert low is not None
+    height = body_height_m(LOW_POSE_RAD, LEVEL)
+    assert low.detail == f"body height in the default pose = {height:.3f} m, allowed: from 0.25"
+    two = check_policy(contract(rate_hz=5.0), LOW_POSE_RAD, LIMITS)
+    assert two is not None
+    assert two.detail == f"rate_hz = 5, allowed: 10 to 200; {low.detail}"
+
+
+def test_the_speed_of_set_points_bounds_their_step() -> None:
+    """75 rad/s are 1.5 rad in 20 ms, 0.375 rad in 5 ms; at 10 Hz the step itself is the narrower bound."""
+    for rate_hz, step_rad in ((50.0, 1.5), (200.0, 0.375), (10.0, 1.5)):
+        assert with_speed_limit(LIMITS, rate_hz).setpoint_step_rad == pytest.approx(step_rad)
+    assert with_speed_limit(LIMITS, 200.0).model_copy(update={"setpoint_step_rad": 1.5}) == LIMITS
+
+
+@pytest.mark.parametrize("rates", [(0.5, 50.0), (60.0, 50.0), (10.0, 334.0)])
+def test_two_rates_the_smaller_first(rates: tuple[float, float]) -> None:
+    with pytest.raises(ValidationError, match="policy_rate_hz must be two rates, 1 Hz to 333 Hz, the smaller first"):
+        SafetyLimits(policy_rate_hz=rates)
+    assert SafetyLimits(policy_rate_hz=(1.0, 333.0)).policy_rate_hz == (1.0, 333.0)
+
+
+@pytest.mark.parametrize(
+    ("kp", "kd", "words"),
+    [
+        (1000.0, 50.0, None),
+        (1000.1, 1.0, "its kp lies outside 0 to 1000"),
+        (-0.1, 1.0, "its kp lies outside 0 to 1000"),
+        (60.0, 50.1, "its kd lies outside 0 to 50"),
+        (60.0, -0.1, "its kd lies outside 0 to 50"),
+    ],
+)
+def test_the_last_gate_bounds_the_gains(kp: float, kd: float, words: str | None) -> None:
+    gains = Gains(np.array([60.0] * 11 + [kp]), np.array([1.0] * 11 + [kd]))
+    zeros = np.zeros(12)
+    command = JointCommand(7, facts.DEFAULT_POSITION_RAD, zeros, zeros, gains, START_NS + 50 * MS)
+    assert safety.check_command(command, 6, START_NS) == words
 
 
 # Ages ----------------------------------------------------------------------------------------------------------------

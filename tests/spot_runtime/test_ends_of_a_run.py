@@ -26,7 +26,7 @@ from spot_model.robot.state import Gains, JointCommand
 from spot_runtime.config import HandoverConfig, RobotConfig, RunConfig, for_lock_step
 from spot_runtime.hal.base import JointControl, RobotInfo
 from spot_runtime.hal.connection.address import parse_address
-from spot_runtime.hal.errors import HalError, LeaseHeldError, MotionError
+from spot_runtime.hal.errors import EstopError, HalError, LeaseHeldError, MotionError
 from spot_runtime.hal.spot.adapter import BosdynHal
 from spot_runtime.hal.spot.calls import Calls
 from spot_runtime.hal.spot.estop import OwnEstop
@@ -132,13 +132,26 @@ def test_a_signal_amid_the_answer_to_an_error_still_powers_off(zero_policy: Poli
 def test_a_fault_stays_the_outcome_whatever_signals_follow_it(zero_policy: Policy, tmp_path: Path) -> None:
     for number in (signal.SIGINT, signal.SIGQUIT):
         robot = Troubled(
-            mutate=lambda state: [replace(state, odom_from_body_wxyz=np.array([0.0, 1.0, 0.0, 0.0]))],
+            mutate=lambda state: [replace(state, odom_from_body_wxyz=np.array([0.9, 0.43588989, 0.0, 0.0]))],
             sink=Interrupting(at="stop", number=number),
             troubles={("power_off", 1): lambda number=number: send(number)},
         )
         summary = robot.drive(zero_policy, tmp_path)
         assert summary.outcome == "tilt", summary.sentence
         assert robot.calls[-1] == "close"
+
+
+@pytest.mark.parametrize(("wxyz", "stands"), [([0.0, 1.0, 0.0, 0.0], False), ([0.94, 0.34, 0.0, 0.0], True)])
+def test_a_robot_that_lies_on_its_back_is_not_asked_to_stand(
+    zero_policy: Policy, tmp_path: Path, wxyz: list[float], stands: bool
+) -> None:
+    attitude = np.array(wxyz) / np.linalg.norm(wxyz)
+    robot = Troubled(mutate=lambda state: [replace(state, odom_from_body_wxyz=attitude)])
+    summary = robot.drive(zero_policy, tmp_path)
+    assert ("stand" in robot.calls) is stands
+    assert summary.outcome == ("completed" if stands else "robot_fault"), summary.sentence
+    assert robot.calls[-2:] == ["power_off", "close"]
+    assert not robot.sent or stands
 
 
 def test_a_failure_of_what_is_told_of_shutting_down_keeps_no_power_on() -> None:
@@ -246,6 +259,26 @@ def test_a_press_waits_for_the_check_in_under_way_and_no_other_follows() -> None
         thread.join(30.0)
     own.check_in()
     assert endpoint.calls == ["allow", "press"]
+
+
+# One check-in ------
+
+
+@pytest.mark.parametrize(
+    ("error", "reason"),
+    [(HalError("no answer"), StopReason.LINK_LOST), (EstopError("endpoint unknown"), StopReason.ESTOPPED)],
+)
+def test_one_failed_check_in_is_no_pressed_estop(
+    hal: BosdynHal, monkeypatch: pytest.MonkeyPatch, error: HalError, reason: StopReason
+) -> None:
+    monkeypatch.setattr(hal._session, "check_in_estop", lambda: None)
+    for _ in range(3):
+        hal._job_failed("estop", error)
+        assert list(hal.problems()) == []
+        hal._check_in()
+    hal._job_failed("estop", error)
+    hal._job_failed("estop", error)
+    assert [stop.reason for stop in hal.problems()] == [reason]
 
 
 # What the adapter keeps ----------------------------------------------------------------------------------------------

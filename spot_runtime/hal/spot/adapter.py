@@ -40,6 +40,10 @@ def adapter(request: HalRequest) -> Adapter:
     return Adapter(str(address), make)
 
 
+CHECK_INS_LOST: Final = 2
+"""So many failures in a row are a stop. Three check-ins fall into the endpoint's time-out, so the robot has not cut the
+power yet."""
+
 RETRY_S: Final = 0.5
 """Robot time between two attempts to power off a robot that does not answer."""
 
@@ -65,6 +69,7 @@ class BosdynHal:
         self._problems: deque[Stop] = deque(maxlen=100)
         self._slow: SlowState | None = None
         self._synced_ns = 0
+        self._failed_check_ins = 0
         self._has_powered_on = False
         self._states: States | None = None
         self._commands: CommandStream | None = None
@@ -87,7 +92,7 @@ class BosdynHal:
         now_s = self._pace.chore_now_s()
         self._jobs.add("lease", robot.lease_period_s, session.retain_lease, now_s=now_s)
         if session.set_up_estop():
-            self._jobs.add("estop", robot.estop_timeout_s / 3.0, session.check_in_estop, now_s=now_s)
+            self._jobs.add("estop", robot.estop_timeout_s / 3.0, self._check_in, now_s=now_s)
         self._pace.start(self._jobs)
         session.check_estop(self._pause)
         now_s = self._pace.chore_now_s()
@@ -324,12 +329,24 @@ class BosdynHal:
         self._slow = slow
         self._sink.slow_state(slow)
 
+    def _check_in_failed(self, error: Exception) -> None:
+        """One check-in that failed is no pressed e-stop: a lost answer also makes the robot refuse the next one."""
+        self._failed_check_ins += 1
+        if self._failed_check_ins < CHECK_INS_LOST:
+            return
+        reason = StopReason.ESTOPPED if isinstance(error, EstopError) else StopReason.LINK_LOST
+        self._problems.append(Stop(reason, f"{self._failed_check_ins} e-stop check-ins in a row failed: {error}"))
+
+    def _check_in(self) -> None:
+        self._session.check_in_estop()
+        self._failed_check_ins = 0
+
     def _job_failed(self, name: str, error: Exception) -> None:
         if name == "lease" and isinstance(error, LeaseHeldError):
             self._jobs.remove("lease")
             self._session.has_lease = False
             self._problems.append(Stop(StopReason.LEASE_LOST, str(error)))
         elif name == "estop":
-            self._problems.append(Stop(StopReason.ESTOPPED, str(error)))
+            self._check_in_failed(error)
         elif not isinstance(error, HalError):
             self._problems.append(Stop(StopReason.INTERNAL_ERROR, f"{name}: {type(error).__name__}: {error}"))
