@@ -102,6 +102,11 @@ def test_the_average_of_too_few_states_is_not_full(make_state: Callable[..., Rob
     assert not average.is_full
 
 
+def test_no_new_state_leaves_the_average_as_it_is() -> None:
+    average = LoadAverage.over(0.3)
+    assert average.after([]) is average
+
+
 def test_no_state_has_no_average() -> None:
     with pytest.raises(ValueError, match="no state"):
         LoadAverage.over(0.3).mean_nm()

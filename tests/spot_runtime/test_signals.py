@@ -165,6 +165,10 @@ LIES = {
         1.5,
     ),
     "contacts": (frozen("foot_contact"), 4.0),
+    "body velocity 4 m/s off, and frozen feet": (
+        both(frozen("foot_contact"), changed(**{LINEAR: lambda v: v + np.array([4.0, 0.0, 0.0])})),
+        1.5,
+    ),
     "no contact any more": (changed(foot_contact=lambda c: c & False), 1.0),
 }
 
@@ -204,6 +208,32 @@ def test_a_robot_that_lies_while_it_stands(name: str) -> None:
     found = seen(STANDING, LIES[name][0])
     assert found is not None
     assert found[0] < (0.8 if name == "all loads" else 0.27)
+
+
+def test_joints_that_move_though_the_robot_should_stand() -> None:
+    """The same states that are a good walk are no good stand."""
+    memory = check.SignalMemory()
+    for state in WALKING[:200]:
+        memory, stops = check.check_signals(memory, [state], is_standing=True, is_driven=False)
+        if stops:
+            break
+    assert any(stop.detail == "a robot that stands, and its velocities" for stop in stops), stops
+
+
+def test_states_with_holes_between_them_are_not_judged_and_those_after_are() -> None:
+    memory = check.SignalMemory()
+    holes = [state for index, state in enumerate(WALKING[:400]) if index % 7]
+    for state in holes:
+        memory, stops = check.check_signals(memory, [state], is_standing=False, is_driven=False)
+        assert stops == ()
+    late = [replace(state, robot_stamp_ns=state.robot_stamp_ns + 9_000_000) for state in WALKING[400:414]]
+    memory, stops = check.check_signals(memory, late, is_standing=False, is_driven=False)
+    assert stops == ()
+
+
+def test_an_inertial_unit_without_an_attitude_of_its_own() -> None:
+    bare = changed(imu=lambda p: tuple(replace(x, odom_from_link_wxyz=np.zeros(4)) for x in p))
+    assert seen(WALKING, bare) is None
 
 
 def test_loads_that_are_not_reported_are_no_lie() -> None:

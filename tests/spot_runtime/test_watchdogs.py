@@ -132,6 +132,12 @@ def test_states_are_screened_one_after_the_other(dogs: Dogs, sink: SickSink, mak
     assert len(sink.events) == 1
 
 
+def test_nothing_that_arrives_changes_nothing(dogs: Dogs) -> None:
+    before = dogs.memory
+    assert dogs.screen([], START_NS) == ([], [])
+    assert dogs.memory is before
+
+
 def test_missed_states_are_told_of_once_and_counted(dogs: Dogs, sink: SickSink, make_state: MakeState) -> None:
     dogs.screen([make_state(START_NS + ms * MS) for ms in (0, 3, 12, 15, 21)], START_NS + 21 * MS)
     assert dogs.missed_states == 3
