@@ -63,13 +63,6 @@ def test_the_demo_in_lock_step(project: Path) -> None:
     assert "waypoints over" in bash(f"spot-rl user-sequence '{log}' --out walked.yaml", project)
 
 
-@runs("make test ARGS=tests/spot_runtime/test_hal_conformance.py")
-def test_part_of_the_tests(project: Path) -> None:
-    block = block_with("hal-adapter", "make test")
-    told = bash(block.text, project, PYTEST_WORKERS="0", PYTEST_ADDOPTS="-k 'never_connected and hand-made'")
-    assert " passed" in told
-
-
 @runs("make format", "make protos")
 def test_formatting_and_protos_leave_the_project_as_it_is(project: Path) -> None:
     before = digests(project)
