@@ -57,7 +57,7 @@ def run(
     credentials_file: Annotated[
         Optional[Path], typer.Option(help="File with user name and password.")  # noqa: UP045
     ] = None,
-    log_dir: Annotated[Optional[Path], typer.Option(help="Where the log goes.")] = None,  # noqa: UP045
+    log_dir: Annotated[Optional[Path], typer.Option("--log-dir", "--out", help="Folder of the log.")] = None,  # noqa: UP045
     label: Annotated[Optional[list[str]], typer.Option(help="Label of the log, KEY=VALUE; may repeat.")] = None,  # noqa: UP045
     repeat: Annotated[int, typer.Option(min=0, help="Number of this repetition, for the log.")] = 0,
     lock_step: Annotated[
