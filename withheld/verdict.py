@@ -41,6 +41,13 @@ class Said(_Part):
         return frozenset({self.name, *self.group})
 
 
+class Seen(_Part):
+    """What shows in the logs but does not matter to the gap."""
+
+    name: str
+    joints: tuple[str, ...] = ()
+
+
 class Unknown(_Part):
     """What the library does not explain."""
 
@@ -62,8 +69,7 @@ class Verdict(_Part):
     status: str
     effects: tuple[Said, ...] = ()
     """Causes of the gap."""
-    seen: tuple[Said, ...] = ()
-    """What shows in the logs but does not matter to the gap."""
+    seen: tuple[Seen, ...] = ()
     probability_none: float = 0.0
     probability_unknown: float = 0.0
     unknown: Unknown | None = None

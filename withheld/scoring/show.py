@@ -78,10 +78,7 @@ def _said(verdict: Verdict | None) -> list[str]:
         return ["said    nothing: it ended without a verdict"]
     v = verdict
     made = [f"said    {v.status}; no gap {v.probability_none:.2f}, unknown {v.probability_unknown:.2f}"]
-    for word, effects in (("cause", v.effects), ("seen", v.seen)):
-        for e in effects:
-            made.append(
-                f"        {word} {e.name} {e.probability:.2f}, group {', '.join(e.group)}, at {', '.join(e.joints)}"
-            )
-            made += [f"          {n} = {x.value:.4g} ({x.low:.4g} to {x.high:.4g})" for n, x in e.parameters.items()]
-    return made
+    for e in v.effects:
+        made.append(f"        cause {e.name} {e.probability:.2f}, group {', '.join(e.group)}, at {', '.join(e.joints)}")
+        made += [f"          {n} = {x.value:.4g} ({x.low:.4g} to {x.high:.4g})" for n, x in e.parameters.items()]
+    return [*made, *(f"        seen {e.name} at {', '.join(e.joints)}; it does not matter here" for e in v.seen)]

@@ -49,7 +49,7 @@ def _faultless(outcomes: Sequence[Outcome]) -> list[Row]:
         share(f"faultless_{low:g}", f"of these, errors {low:g} to {high:g} times the usual", silent(low, high))
         for low, high in SCALES
     ]
-    gaps = [s.d0 / s.floor for o in none if (s := _shrink(o)) and s.floor > 0.0]
+    gaps = [s.d0 / s.floor for o in none if o.case.repeats > 1 and (s := _shrink(o)) and s.floor > 0.0]
     rows.append(estimate("faultless_gap", "no fault: gap of the nominal model, in floors", Estimate.of(gaps, median)))
     called = [o.status == "no_gap" for o in none]
     return [*rows, share("no_gap", "no fault: called no gap", called)]

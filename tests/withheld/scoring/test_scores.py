@@ -6,7 +6,7 @@ from withheld.outcome import Outcome, Round
 from withheld.scoring.scores import causes, claims, f1, is_right, located, parameters, score
 from withheld.scoring.sizes import Size, is_outside, size_of, sizes
 from withheld.scoring.table import breakdown, table
-from withheld.verdict import Number
+from withheld.verdict import Number, Seen
 
 from .made_up import KNEES, fault, outcome, said, verdict
 
@@ -63,7 +63,7 @@ def test_right_is_what_a_perfect_diagnosis_says(o: Outcome, right: bool | None) 
 
 
 def test_what_a_verdict_lists_beside_the_gap_names_nothing() -> None:
-    seen = verdict().model_copy(update={"seen": (said("armature"),)})
+    seen = verdict().model_copy(update={"seen": (Seen(name="armature"),)})
     assert causes(seen) == ()
     assert causes(verdict([said("armature")], "unknown_effect")) == ()
 
