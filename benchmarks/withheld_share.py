@@ -73,6 +73,7 @@ def share(
     wheels: Path,
     to: Path,
     begun: Path | None,
+    is_quick: bool,
 ) -> None:
     """Run cases ``first`` to ``end`` of a run, as many as the minutes allow, and pack what is done."""
     site, run = to.parent / "withheld-site", to.parent / f"withheld-{first}-{end}"
@@ -85,6 +86,7 @@ def share(
         with tarfile.open(begun) as archive:
             archive.extractall(run, filter="data")
     is_begun = (run / "run.json").exists()
+    words += ["--quick"] if is_quick else []
     words += ["--resume"] if is_begun else ["--cases", str(cases), "--seed", str(seed), "--only", f"{first}:{end}"]
     subprocess.run([sys.executable, "-c", COMMAND, *words], check=True, cwd=ROOT, env=environment)  # noqa: S603 - our own command
     to.mkdir(parents=True, exist_ok=True)
@@ -120,6 +122,7 @@ def main() -> None:
     two.add_argument("--minutes", type=float, default=8.0)
     two.add_argument("--workers", type=int, default=len(os.sched_getaffinity(0)))
     two.add_argument("--from", dest="begun", type=Path)
+    two.add_argument("--quick", action="store_true", help="short runs: to try it out, no figure")
     two.add_argument("--to", type=Path, required=True)
     for step in (one, two):
         step.add_argument("--wheels", type=Path, default=Path(".whl"))
@@ -140,6 +143,7 @@ def main() -> None:
             given.wheels,
             given.to.resolve(),
             given.begun,
+            given.quick,
         )
     else:
         merge(given.files, given.out)
