@@ -16,7 +16,7 @@ from mcap.opcode import Opcode
 
 from spot_log.format.topics import ALL_TOPICS
 from spot_log.read.mcap_chunk import PARSE_ERRORS, RECORD_HEAD, Budget, Chunk, find_chunk, read_chunk, read_string
-from spot_log.write.mcap_file import MAGIC
+from spot_log.write.mcap_tail import MAGIC
 
 MESSAGE_BYTES: Final = 256
 """What a message costs in memory beside its content."""

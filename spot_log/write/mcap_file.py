@@ -13,12 +13,10 @@ import struct
 import zlib
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 import zstandard
-from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import (
     Attachment,
@@ -26,32 +24,20 @@ from mcap.records import (
     Channel,
     Chunk,
     ChunkIndex,
-    DataEnd,
-    Footer,
     Header,
     McapRecord,
     MessageIndex,
     Schema,
-    Statistics,
-    SummaryOffset,
 )
 
 from spot_log.errors import LogExistsError
 from spot_log.format.topics import Topic
+from spot_log.write.mcap_tail import MAGIC, encode, tail
 
-MAGIC: Final = b"\x89MCAP0\r\n"
 LIBRARY: Final = "spot-rl"
 CHUNK_BYTES: Final = 1 << 20
 _MESSAGE_HEAD: Final = struct.Struct("<BQHIQQ")
 _MESSAGE_FIXED_BYTES: Final = 22
-
-
-@dataclass
-class _Group:
-    """Records of one kind in the summary section."""
-
-    opcode: Opcode
-    records: list[McapRecord]
 
 
 class McapFile:
@@ -92,7 +78,7 @@ class McapFile:
         self._start_ns, self._end_ns = 0, 0
         self._begin_chunk()
         try:
-            self._append(MAGIC + _encode(Header(profile="", library=LIBRARY)))
+            self._append(MAGIC + encode(Header(profile="", library=LIBRARY)))
         except OSError:
             self.give_up()
             raise
@@ -137,7 +123,7 @@ class McapFile:
         """Repeat the channel in every chunk, so that each can be read if the others are lost; the schema once."""
         is_first = not self._counts[channel_id]
         schemas: list[McapRecord] = [self._schemas[channel_id]] if is_first else []
-        self._parts.append(_encode(*schemas, self._channels[channel_id]))
+        self._parts.append(encode(*schemas, self._channels[channel_id]))
         self._offset += len(self._parts[-1])
 
     def flush(self) -> None:
@@ -159,12 +145,12 @@ class McapFile:
             uncompressed_crc=zlib.crc32(data),
             uncompressed_size=len(data),
         )
-        encoded = [_encode(chunk)]
+        encoded = [encode(chunk)]
         offsets: dict[int, int] = {}
         length = len(encoded[0])
         for channel_id, records in times.items():
             offsets[channel_id] = self._size + length
-            encoded.append(_encode(MessageIndex(channel_id, records)))
+            encoded.append(encode(MessageIndex(channel_id, records)))
             length += len(encoded[-1])
         index = ChunkIndex(
             chunk_length=len(encoded[0]),
@@ -193,7 +179,7 @@ class McapFile:
         Raises:
             OSError: The disk is full, or gone.
         """
-        encoded = _encode(Attachment(log_ns, log_ns, name, media_type, data))
+        encoded = encode(Attachment(log_ns, log_ns, name, media_type, data))
         index = AttachmentIndex(self._size, len(encoded), log_ns, log_ns, len(data), name, media_type)
         self._append(encoded)
         self._attachment_indices.append(index)
@@ -243,39 +229,15 @@ class McapFile:
 
     def _tail(self) -> bytes:
         used = sorted(self._counts)
-        statistics = Statistics(
-            attachment_count=len(self._attachment_indices),
-            channel_count=len(used),
-            channel_message_counts=dict(self._counts),
-            chunk_count=len(self._chunk_indices),
-            message_count=sum(self._counts.values()),
-            message_end_time=self._end_ns,
-            message_start_time=self._start_ns,
-            metadata_count=0,
-            schema_count=len(used),
+        return tail(
+            self._size,
+            [self._schemas[i] for i in used],
+            [self._channels[i] for i in used],
+            self._chunk_indices,
+            self._attachment_indices,
+            dict(self._counts),
+            (self._start_ns, self._end_ns),
         )
-        groups = (
-            _Group(Opcode.SCHEMA, [self._schemas[i] for i in used]),
-            _Group(Opcode.CHANNEL, [self._channels[i] for i in used]),
-            _Group(Opcode.STATISTICS, [statistics]),
-            _Group(Opcode.CHUNK_INDEX, list(self._chunk_indices)),
-            _Group(Opcode.ATTACHMENT_INDEX, list(self._attachment_indices)),
-        )
-        data_end = _encode(DataEnd(0))
-        summary_start = self._size + len(data_end)
-        body = b""
-        offsets: list[SummaryOffset] = []
-        for group in groups:
-            encoded = _encode(*group.records)
-            if encoded:
-                offsets.append(SummaryOffset(group.opcode, summary_start + len(body), len(encoded)))
-            body += encoded
-        offset_start = summary_start + len(body)
-        body += _encode(*offsets)
-        # The check sum covers the summary and the footer up to the check sum itself.
-        footer_head = struct.pack("<BQQQ", Opcode.FOOTER, 20, summary_start, offset_start)
-        footer = Footer(summary_start, offset_start, zlib.crc32(footer_head, zlib.crc32(body)))
-        return data_end + body + _encode(footer) + MAGIC
 
     def _append(self, data: bytes) -> None:
         view = memoryview(data)
@@ -288,10 +250,3 @@ class McapFile:
             os.lseek(self._fd, self._size, os.SEEK_SET)
             raise
         self._size += len(data)
-
-
-def _encode(*records: McapRecord) -> bytes:
-    builder = RecordBuilder()
-    for record in records:
-        record.write(builder)
-    return bytes(builder.end())  # type: ignore[no-untyped-call]

@@ -147,7 +147,7 @@ def _mappings() -> tuple[Any, ...]:
 
 def recording(data: bytes) -> None:
     """A foreign recording, by its first byte as CSV or NPZ through one of some mappings, up to a log's records."""
-    from spot_log.importing.importer import records_of
+    from spot_log.importing.rows import records_of
     from spot_log.importing.signals import Recording
 
     first = (data[:1] or b"\0")[0]
