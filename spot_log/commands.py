@@ -11,7 +11,7 @@ import typer
 from spot_log.read.reader import read_run
 from spot_log.read.recover import recover_log
 from spot_log.tools.export import export_run
-from spot_log.tools.info import log_info
+from spot_log.tools.log_info import log_info
 from spot_model.text import plain, plain_lines
 
 app = typer.Typer(no_args_is_help=True, help=__doc__)

@@ -11,7 +11,8 @@ from spot_log.page.errors import PlotlyMissingError, ReportError
 from spot_log.page.look import boxed, framed
 from spot_log.page.summary import seconds_text, summary_lines
 from spot_log.read.run import Run
-from spot_log.tools.info import LogInfo, log_info
+from spot_log.tools.info import LogInfo
+from spot_log.tools.log_info import log_info
 
 MAX_EVENT_ROWS: Final = 300
 MAX_HEADER_TEXT: Final = 4000

@@ -6,7 +6,8 @@ import math
 
 from spot_log.read.run import Run
 from spot_log.tools.gaits import gait_line
-from spot_log.tools.info import LogInfo, log_info
+from spot_log.tools.info import LogInfo
+from spot_log.tools.log_info import log_info
 from spot_log.tools.measures import Spread
 
 MAX_EVENTS = 8

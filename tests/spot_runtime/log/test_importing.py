@@ -15,7 +15,7 @@ from spot_log.errors import LogExistsError
 from spot_log.importing import import_log, load_mapping
 from spot_log.page.page import page_html
 from spot_log.page.summary import summarise
-from spot_log.tools.info import log_info
+from spot_log.tools.log_info import log_info
 from spot_model.errors import BadInputError
 
 N = 50

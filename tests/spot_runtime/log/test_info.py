@@ -12,7 +12,7 @@ from spot_log import read_run
 from spot_log.page.details import histogram_lines
 from spot_log.page.summary import summarise
 from spot_log.tools import measures
-from spot_log.tools.info import histogram, log_info
+from spot_log.tools.log_info import histogram, log_info
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ import pytest
 
 from spot_log import Run, read_run
 from spot_log.page.details import detail_lines
-from spot_log.tools.info import log_info
+from spot_log.tools.log_info import log_info
 from spot_model.policy.contract import sha256_hex
 from spot_protos import operator_pb2, run_link_pb2
 from spot_runtime.hal.spot.adapter import BosdynHal
