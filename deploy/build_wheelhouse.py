@@ -18,6 +18,7 @@ import sys
 import tempfile
 from pathlib import Path
 
+from runtime_wheel import trim
 from wheel_targets import HASHES, MACHINES, PYTHONS, REPOSITORY, hash_file, interpreter, platform_options
 
 DEPLOY = Path(__file__).resolve().parent
@@ -43,7 +44,7 @@ def download(python: str, machine: str, folder: Path) -> None:
 
 
 def build_own_wheel(folder: Path) -> Path:
-    """The newest commit of this project as a wheel, built away from the working tree, whose leftovers would get in."""
+    """The newest commit's runtime as a wheel, built away from the working tree, whose leftovers would get in."""
     with tempfile.TemporaryDirectory() as scratch:
         archive = Path(scratch) / "source.tar"
         subprocess.run(["git", "archive", "--output", str(archive), "HEAD"], cwd=REPOSITORY, check=True)
@@ -51,7 +52,9 @@ def build_own_wheel(folder: Path) -> Path:
         shutil.unpack_archive(archive, source)
         words = ["wheel", "--quiet", "--no-deps", "--no-build-isolation", "--wheel-dir", str(folder), str(source)]
         subprocess.run([sys.executable, "-m", "pip", *words], check=True)
-    return next(folder.glob("spot_rl-*.whl"))
+    wheel = next(folder.glob("spot_rl-*.whl"))
+    trim(wheel)
+    return wheel
 
 
 def write_manifest(folder: Path, python: str, machine: str, version: str) -> None:
