@@ -7,13 +7,15 @@ import resource
 import shutil
 import signal
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
-from proof.faults.rig import Drive, Meddler, Rig
-from proof.faults.rows import Finding, Row, judge, went_on
+from proof.faults.rig import Drive, Meddler, Rig, read_log
+from proof.faults.rows import NS_PER_MS, Finding, Row, judge, went_on
+from proof.faults.rows_robot import first_damping_ns
+from spot_log import LogError
 from spot_log.format.records import RunHeader
 from spot_log.write.logger_process import LoggerProcess
 from spot_log.write.run_writer import active_path
@@ -160,6 +162,78 @@ def _row(fault: str, attempt: Callable[[Rig], Finding], *, real: bool = True) ->
     return Row(fault, 0.0, attempt, is_real_time=real)
 
 
+def no_log(name: Callable[[Rig], Path]) -> Callable[[Rig], Finding]:
+    """A log that cannot be begun: refused before anything is sent to the robot."""
+
+    def attempt(rig: Rig) -> Finding:
+        path = name(rig)
+        calls, finding = rig.status().commands_received, Finding("refused to begin")
+
+        def make_sink(_: Path, header: RunHeader) -> LogSink:
+            return LoggerProcess.start(path, header)
+
+        try:
+            rig.drive(make_sink=make_sink, seconds=0.5)
+        except (LogError, OSError) as error:
+            finding.demand(path.name in str(error) or str(path.parent) in str(error), f"it does not say which: {error}")
+        else:
+            finding.problems.append("it ran without a log")
+        finding.demand(rig.status().commands_received == calls, "the robot was commanded")
+        return finding
+
+    return attempt
+
+
+def _in_a_file(rig: Rig) -> Path:
+    taken = rig.folder / "a-file"
+    taken.write_text("precious", encoding="utf-8")
+    return taken / "run.mcap"
+
+
+def _a_pipe(rig: Rig) -> Path:
+    path = rig.folder / "pipe.mcap"
+    if not path.exists():
+        os.mkfifo(path)
+    return path
+
+
+def full_when_restarted(rig: Rig) -> Finding:
+    """The disk fills up, and the next run's log is whole where there is room again."""
+    logger = Logger()
+    first = rig.drive(lambda _: logger.fill_disk(), make_sink=logger.start, seconds=2.0)
+    finding = went_on(first, judge(first, "completed"))
+    second = rig.drive(seconds=0.5)
+    finding.demand(second.summary.outcome == "completed", f"the next run ended {second.summary.sentence}")
+    finding.demand(read_log(second.log_path)[0] is not None, "the next log does not open")
+    return finding
+
+
+def estop_without_logger(rig: Rig) -> Finding:
+    """The operator's e-stop after the log's process has died: the log is not in its way."""
+    logger = Logger()
+
+    def act(meddler: Meddler) -> None:
+        logger.kill()
+        meddler.later(0.2, lambda: signal.raise_signal(signal.SIGQUIT))
+
+    drive = rig.drive(act, make_sink=logger.start)
+    finding = judge(drive, "operator_estop")
+    return _damped_by_incident(drive, finding, since_ns=drive.happened_ns + 200 * NS_PER_MS)
+
+
+def _damped_by_incident(drive: Drive, finding: Finding, since_ns: int) -> Finding:
+    """When damping began, from the incident file: it does not depend on the log."""
+    kept = drive.incident
+    finding.demand(kept is not None, "there is no incident file")
+    if kept is None:
+        return finding
+    soft_ns = first_damping_ns(replace(drive, log=kept))
+    finding.reaction = f"{finding.reaction} → damping"
+    finding.reaction_ms = (soft_ns - since_ns) / NS_PER_MS
+    finding.demand(finding.reaction_ms >= 0.0, "nothing was damped")
+    return finding
+
+
 ROWS = (
     _row("logger killed", killed),
     _row("logger killed, told to stop then", killed_and_told_to_stop),
@@ -168,4 +242,9 @@ ROWS = (
     _row("disk slow", slow),
     _row("log folder removed", removed, real=False),
     _row("log name taken", taken_name, real=False),
+    Row("no log: its folder is a file", 0.0, no_log(_in_a_file)),
+    Row("no log: its name is a pipe", 0.0, no_log(_a_pipe)),
+    Row("no log: a file system without room", 0.0, no_log(lambda _: Path("/proc/spot-rl.mcap"))),
+    Row("disk full, then another run", 0.0, full_when_restarted),
+    Row("e-stop while the logger is dead", 40.0, estop_without_logger),
 )

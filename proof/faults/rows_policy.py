@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 
 from proof.faults.rig import Meddler, Rig
 from proof.faults.rows import Finding, Row, judge, reacted, went_on
+from spot_model.io.velocity_sequence import standing_sequence
 from spot_model.policy.contract import PolicyError
 from spot_model.policy.policy import Policy, load_policy, policy_from_bytes
+from spot_runtime.sources.scripted import ScriptedSource
 
 Actions = NDArray[np.float32]
 FIVE_TICKS_MS = 125.0
@@ -148,6 +150,36 @@ def replace_by_noise(path: Path) -> None:
 FLUNG = ("setpoint_overshoot", "tilt")
 """Whichever bound is met first: at some instants of a step, four ticks at a stop tilt the robot."""
 
+TWO_TICKS = 2
+FOUR = 4.0
+"""Times the scale of 0.2 rad, that is just beyond the stop of a hip's first joint, 0.785 rad."""
+
+
+def a_short_overshoot(rig: Rig) -> Finding:
+    """One joint beyond its stop for two ticks: cut, told and logged, and the run goes on."""
+    policy = changeable(rig.policy)
+
+    class Twice:
+        left = TWO_TICKS
+
+        def __call__(self, action: Actions) -> Actions:
+            self.left -= 1
+            return np.where(np.arange(action.shape[1]) == 0, np.float32(FOUR), action) if self.left >= 0 else action
+
+    def act(_: Meddler) -> None:
+        policy.change.act = Twice()
+
+    source = ScriptedSource(standing_sequence(), duration_s=3.0)
+    drive = rig.drive(act, policy=policy, source=source)
+    finding = went_on(drive, judge(drive, "completed"))
+    finding.demand(drive.event_ns("setpoint_cut") is not None, "nobody says that it was cut")
+    if drive.log is not None:
+        commands = drive.log.commands
+        asked = np.abs(commands.requested_position_rad - commands.position_rad).max()
+        finding.demand(asked > 0.05, "the log does not hold what was asked")
+    return finding
+
+
 ROWS = (
     Row("policy gives NaN", 45.0, wrong(lambda a: a * np.float32(np.nan), "policy_not_finite")),
     Row("policy gives infinity", 45.0, wrong(lambda a: a * 0 + np.float32(np.inf), "policy_not_finite")),
@@ -168,4 +200,11 @@ ROWS = (
     Row("policy file with a joint named twice", 0.0, not_loaded(with_joints_swapped)),
     Row("policy file cut in half", 0.0, not_loaded(lambda data: data[: len(data) // 2])),
     Row("policy file replaced while running", 0.0, replaced_file),
+    Row("policy beyond the stops for two ticks", 0.0, a_short_overshoot),
+    Row("policy gives 1e38", 125.0, wrong(lambda a: a * 0 + np.float32(1e38), FLUNG, cuts=True)),
+    Row(
+        "policy gives minus infinity for one joint",
+        45.0,
+        wrong(lambda a: np.where(np.arange(a.shape[1]) == 0, np.float32(-np.inf), a), "policy_not_finite"),
+    ),
 )

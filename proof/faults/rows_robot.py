@@ -209,6 +209,8 @@ ROWS = (
     Row("network cut for 5 s", 10_000.0, away("network_cut", CUT), is_host_time=True),
     Row("reboot", 10_000.0, away("reboot", (*CUT, "motors_off")), is_host_time=True),
     Row("dead-man silent", 350.0, dead_man),
+    Row("robot's clock + 1 h", END_TIME_JUMP_MS, clock_jump(3600.0)),
+    Row("robot's clock − 1 h", END_TIME_JUMP_MS, clock_jump(-3600.0)),
 )
 
 

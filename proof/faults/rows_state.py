@@ -75,6 +75,12 @@ def drive_way(drive: Drive) -> str:
     return min(ways)[1] if ways else "damping"
 
 
+def one_bad_message(rig: Rig) -> Finding:
+    """A single state holds no number; the next are sound: damped, and nobody walks on."""
+    drive = rig.drive(happens(lambda: rig.inject("nan_sensor", 0.0031, signal="attitude")))
+    return reacted(drive, judge(drive, "state_not_finite"), "damping")
+
+
 ROWS = (
     Row("position is NaN", TICK_MS, broken("nan_sensor", "state_not_finite", signal="position")),
     Row("velocity is NaN", TICK_MS, broken("nan_sensor", "state_not_finite", signal="velocity")),
@@ -90,4 +96,5 @@ ROWS = (
     Row("states cut mid-message", 80.0, malformed("cut")),
     Row("states that are noise", 80.0, malformed("noise")),
     Row("states that are empty", 80.0, malformed("empty")),
+    Row("NaN in one state", 25.0, one_bad_message),
 )

@@ -1,0 +1,161 @@
+"""Rows by the phase of a run: before the start, standing up, in the ramps, on the way back, sitting down."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable
+
+from proof.faults.rig import Meddler, Rig, When
+from proof.faults.rows import NS_PER_MS, Finding, Row, happens, judge, reacted, settle
+from proof.faults.rows_robot import first_damping_ns
+from proof.faults.rows_state import drive_way
+from spot_runtime.config import RobotConfig
+
+Named = tuple[str, dict[str, float | str]]
+GAP: Named = ("state_gap", {})
+NAN: Named = ("nan_sensor", {"signal": "position"})
+AHEAD: Named = ("clock_jump", {"jump_s": 1.0})
+LOW: Named = ("low_battery", {"percent": 4.0})
+STOLEN: Named = ("lease_stolen", {"owner": "tablet-7"})
+ESTOP: Named = ("estop_pressed", {})
+ASKED_MS = 1e3 / RobotConfig().slow_state_rate_hz
+"""Battery, temperatures and faults are asked for so often: how long it takes until they are known depends on luck."""
+
+EARLY_S = 0.05
+"""Robot time after joint control began at which whatever is asked for so often becomes known before the ramp's end."""
+
+BACK_S = 1.45
+"""Robot time after joint control began at which a run of one second is on its way back."""
+
+
+def cut(rig: Rig) -> None:
+    """The network is away for a second."""
+    rig.inject("network_cut", 1.0)
+
+
+def before_start(fault: str, outcomes: tuple[str, ...], **parameters: float | str) -> Callable[[Rig], Finding]:
+    """Wrong before a run begins: refused in words, the joints are never taken, nobody's lease is."""
+
+    def attempt(rig: Rig) -> Finding:
+        rig.inject(fault, **parameters)
+        owner = rig.status().lease_owner
+        drive = rig.drive(seconds=1.0)
+        finding = Finding(drive.summary.outcome)
+        finding.demand(drive.summary.outcome in outcomes, f"ended {drive.summary.outcome}: {drive.summary.sentence}")
+        finding.demand(0 < drive.summary.exit_code < 100, f"exit code {drive.summary.exit_code}")
+        finding.demand(len(drive.summary.sentence) > 10, "it does not say why")
+        finding.log_ok = drive.log is not None
+        finding.demand(drive.summary.ticks == 0, "the policy ran")
+        finding.demand(rig.status().lease_owner == owner, f"the lease is now {rig.status().lease_owner}'s")
+        return finding
+
+    return attempt
+
+
+def together(
+    *faults: Named, outcomes: tuple[str, ...], at_s: float, seconds: float = 3.0, way: str = ""
+) -> Callable[[Rig], Finding]:
+    """Some faults in one instant, wherever the run then is."""
+
+    def attempt(rig: Rig) -> Finding:
+        acts = [lambda name=name, parameters=parameters: rig.inject(name, **parameters) for name, parameters in faults]
+        drive = rig.drive(happens(*acts), at_s=at_s, seconds=seconds)
+        finding = judge(drive, outcomes)
+        return reacted(drive, finding, way or drive_way(drive))
+
+    return attempt
+
+
+def two_signals(first: signal.Signals, then: signal.Signals, outcome: str) -> Callable[[Rig], Finding]:
+    """Two signals in one instant of the ramp: the stronger counts."""
+
+    def act(_: Meddler) -> None:
+        signal.raise_signal(first)
+        signal.raise_signal(then)
+
+    def attempt(rig: Rig) -> Finding:
+        drive = rig.drive(act, at_s=0.1)
+        finding = judge(drive, outcome)
+        finding.reaction_ms = max(0.0, (first_damping_ns(drive) - drive.happened_ns) / NS_PER_MS)
+        return finding
+
+    return attempt
+
+
+def outside_control(
+    when: When, act: Callable[[Rig], object], outcomes: tuple[str, ...], *, at_s: float = 0.3, cuts: bool = False
+) -> Callable[[Rig], Finding]:
+    """Something happens while the vendor's controller has the joints: it ends without power all the same."""
+
+    def attempt(rig: Rig) -> Finding:
+        drive = rig.drive(happens(lambda: act(rig)), when=when, at_s=at_s, seconds=0.3)
+        finding = judge(drive, outcomes, incident=False)
+        settle(rig)
+        finding.demand(rig.status().motor_power.lower().endswith("off"), "the motors still have power")
+        finding.demand(not cuts or drive.was_off, "power was not cut, the robot was asked to sit")
+        return finding
+
+    return attempt
+
+
+def estop_after_stop(rig: Rig) -> Finding:
+    """SIGTERM while it sits down, and the e-stop right after: that still counts."""
+
+    def act(meddler: Meddler) -> None:
+        meddler.prepare(rig, lambda _: signal.raise_signal(signal.SIGQUIT), 0.1, "down")
+        meddler.happened_ns = 0
+        signal.raise_signal(signal.SIGTERM)
+
+    drive = rig.drive(act, when="down", at_s=0.1, seconds=0.3)
+    finding = judge(drive, "operator_estop")
+    finding.demand(drive.was_off, "power was not cut, the robot was asked to sit")
+    return finding
+
+
+ROWS = (
+    Row("e-stop pressed before the start", 0.0, before_start("estop_pressed", ("estop_pressed",))),
+    Row("lease held by another before the start", 0.0, before_start("lease_stolen", ("lease_held",), owner="tablet-7")),
+    Row("no licence before the start", 0.0, before_start("license_invalid", ("activation_failed",), state="missing")),
+    Row(
+        "battery low in the ramp",
+        ASKED_MS + 25.0,
+        together(LOW, outcomes=("battery_low",), at_s=EARLY_S, way="ramping_out"),
+    ),
+    Row("clock + 1 s on the way back", 100.0, together(AHEAD, outcomes=("clock_jumped",), at_s=BACK_S, seconds=1.0)),
+    Row("NaN on the way back", 25.0, together(NAN, outcomes=("state_not_finite",), at_s=BACK_S, seconds=1.0)),
+    Row("stale on the way back", 100.0, together(GAP, outcomes=("state_stale",), at_s=BACK_S, seconds=1.0)),
+    Row("SIGTERM and SIGQUIT in the ramp", 40.0, two_signals(signal.SIGTERM, signal.SIGQUIT, "operator_estop")),
+    Row("SIGTERM twice in the ramp", 40.0, two_signals(signal.SIGTERM, signal.SIGTERM, "operator_damp")),
+    Row("network cut while it stands up", 0.0, outside_control("up", cut, ("robot_error",))),
+    Row("network cut while it sits down", 0.0, outside_control("down", cut, ("completed",))),
+    Row(
+        "lease revoked while it stands up",
+        0.0,
+        outside_control("up", lambda rig: rig.inject("lease_expired"), ("lease_held", "motion_failed")),
+    ),
+    Row(
+        "lease revoked while it sits down",
+        0.0,
+        outside_control("down", lambda rig: rig.inject("lease_expired"), ("power_off_failed",), at_s=0.1),
+    ),
+    Row(
+        "behaviour fault while it stands up",
+        0.0,
+        outside_control("up", lambda rig: rig.inject("behavior_fault", cause="fall"), ("motion_failed", "robot_fault")),
+    ),
+    Row(
+        "SIGQUIT while it stands up",
+        0.0,
+        outside_control("up", lambda _: signal.raise_signal(signal.SIGQUIT), ("operator_estop",), cuts=True),
+    ),
+    Row(
+        "SIGQUIT while it sits down",
+        0.0,
+        outside_control("down", lambda _: signal.raise_signal(signal.SIGQUIT), ("operator_estop",), cuts=True),
+    ),
+    Row("SIGTERM, then SIGQUIT while it sits down", 0.0, estop_after_stop),
+    Row("lease stolen in the ramp", 100.0, together(STOLEN, outcomes=("lease_lost",), at_s=0.1)),
+    Row("NaN in the ramp", 25.0, together(NAN, outcomes=("state_not_finite",), at_s=0.1)),
+    Row("stale as joint control begins", 80.0, together(GAP, outcomes=("state_stale",), at_s=0.0)),
+    Row("e-stop as joint control begins", 100.0, together(ESTOP, outcomes=("estopped",), at_s=0.0)),
+)
