@@ -15,7 +15,7 @@ WORDS = {
     "explained": "explained: the effects below account for the gap",
     "partly_explained": "partly explained: the effects below, and something else",
     "unknown_effect": "unknown effect: nothing in the library explains the gap",
-    "no_gap": "no gap: the logs show no effect that the nominal model lacks",
+    "no_gap": "no gap: the robot lies where the nominal model with ordinary errors lies",
     "cannot_tell": "cannot tell: these logs lack what would show it",
 }
 
@@ -28,7 +28,7 @@ def twelve_lines(verdict: Verdict, paths: Mapping[str, Path]) -> list[str]:
         f"logs       {len(v.logs)}; channels {' '.join(n for n, s in v.channels.items() if s == 'used') or 'none'}",
         f"where      {_where(v)}",
     ]
-    effects = [f"effect     {_effect(e)}" for e in v.effects[:3]] or ["effect     none found"]
+    effects = [f"effect     {_effect(e)}" for e in v.effects[:3]] or [f"effect     none found{_seen(v)}"]
     lines += effects
     lines.append(f"none       {v.probability_none:.2f}    unknown {v.probability_unknown:.2f}{_unknown(v)}")
     lines.append(f"shrink     {_shrink(v)}")
@@ -57,6 +57,11 @@ def _effect(e: FoundEffect) -> str:
     )
     group = f" [or {', '.join(e.group[1:])}]" if len(e.group) > 1 else ""
     return f"{e.name} {e.probability:.2f}{group} at {joints_in_short(e.joints)}: {values}"
+
+
+def _seen(v: Verdict) -> str:
+    names = ", ".join(f"{s.name} at {joints_in_short(s.joints)}" for s in v.seen)
+    return f"; seen, and moves nothing here: {names}" if names else ""
 
 
 def _where(v: Verdict) -> str:

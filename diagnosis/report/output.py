@@ -15,7 +15,12 @@ from spot_model.io.model_file import save_model
 from spot_model.io.velocity_sequence import save_sequence
 from spot_model.robot.facts import JOINT_NAMES
 
-NAMES = {"verdict": "verdict.json", "report": "report.html", "model": "corrected_model.yaml"}
+NAMES = {
+    "verdict": "verdict.json",
+    "report": "report.html",
+    "model": "corrected_model.yaml",
+    "posterior": "posterior.json",
+}
 
 
 def check_free(out: Path) -> None:
@@ -65,6 +70,11 @@ def _write(result: Diagnosis, part: Path, library: Mapping[str, LibraryEffect]) 
     else:
         # A model file describes Spot; of another robot the verdict's parameters are the result.
         del names["model"]
+    if result.posterior is not None:
+        text = result.posterior.model_dump_json(by_alias=True, indent=1)
+        (part / names["posterior"]).write_text(text + "\n", encoding="utf-8")
+    else:
+        del names["posterior"]
     for effect in result.verdict.effects:
         if effect.split is not None and effect.split.sequence_file and effect.name in library:
             file = part / effect.split.sequence_file

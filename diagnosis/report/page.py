@@ -42,6 +42,7 @@ def page(result: Diagnosis) -> str:
         "</div>",
         _shrink(v),
         _effects(v),
+        _seen(v),
         _unknown(v),
         _traces(result, by_joint, named),
     ]
@@ -172,6 +173,17 @@ def _unknown(v: Verdict) -> str:
     )
     figures = "".join(f"<div>{dependence(c, u.unit)}</div>" for c in u.curves)
     return _section("What no effect explains", about, f"<div class='two' style='margin:0'>{figures}</div>")
+
+
+def _seen(v: Verdict) -> str:
+    if not v.seen:
+        return ""
+    told = []
+    for s in v.seen:
+        values = ", ".join(f"{words.parameter(n)} {p.value:.3g} {p.unit}".strip() for n, p in s.parameters.items())
+        told.append(f"{s.title or words.plain(s.name)} at {joints_in_short(s.joints)}: {values}.")
+    about = "The logs show these beyond doubt, but with them the simulator comes no nearer to the robot."
+    return _section("Seen, does not matter here", about, _list(told))
 
 
 def _traces(result: Diagnosis, by_joint: dict[str, GapCell], named: frozenset[str]) -> str:

@@ -36,9 +36,9 @@ def parameter(name: str) -> str:
 def headline(v: Verdict) -> str:
     """What was found, in one sentence."""
     if v.status == "cannot_tell":
-        return "These logs cannot tell"
+        return "Record more: these logs cannot tell"
     if v.status == "no_gap":
-        return "The logs show no effect that the nominal model lacks"
+        return "Train on this model: the robot lies where it lies, give or take ordinary errors"
     if v.status == "unknown_effect":
         where = f" at {joints_in_short(v.unknown.joints)}" if v.unknown and v.unknown.joints else ""
         return f"Something acts{where} that no effect of the library explains"

@@ -26,6 +26,7 @@ from diagnosis.selection.scoring import null_of
 from diagnosis.verdict.assemble import assemble
 from diagnosis.verdict.causes import ERRORS, Causes, decide, with_environment
 from diagnosis.verdict.explain import Say, explain
+from diagnosis.verdict.posterior_file import Posterior, posterior_of
 from spot_log.read.run import Run
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import Policy
@@ -50,6 +51,8 @@ class Diagnosis:
     runs: tuple[Run, ...]
     board: Board
     causes: Causes
+    posterior: Posterior | None = None
+    """What is still possible, to simulate; None for a robot other than Spot."""
 
 
 def diagnose(
@@ -116,7 +119,8 @@ def diagnose(
         say("synthesis check")
         check = synthesis_check(runs, nominal, corrected, policy, verdict, rng, library)
         verdict = verdict.model_copy(update={"synthesis": check})
-    return Diagnosis(verdict, corrected, map_, simulated, tuple(runs), found.board, causes)
+    posterior = posterior_of(causes, nominal) if is_spot else None
+    return Diagnosis(verdict, corrected, map_, simulated, tuple(runs), found.board, causes, posterior)
 
 
 def _about(bench: Bench, is_crossed: bool) -> list[str]:

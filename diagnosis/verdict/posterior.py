@@ -17,7 +17,15 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.special import expit, ndtr
 
-from diagnosis.decision_constants import GAP_SPREAD, GROUP_ODDS, MATTERS, MATTERS_SHARE, ODD_RUN, ORDINARY_GAP
+from diagnosis.decision_constants import (
+    BEYOND_DOUBT_NATS,
+    GAP_SPREAD,
+    GROUP_ODDS,
+    MATTERS,
+    MATTERS_SHARE,
+    ODD_RUN,
+    ORDINARY_GAP,
+)
 
 NONE = ()
 
@@ -98,10 +106,21 @@ def believe(hypotheses: Sequence[Hypothesis], best: tuple[str, ...], n_runs: int
     above = max(nothing.distance - 1.0, 1e-6)
     least = max(MATTERS, MATTERS_SHARE * above)
     moves = {n: float(ndtr((nearer[n] - least) / (np.sqrt(2.0) * GAP_SPREAD))) if n in nearer else 1.0 for n in names}
-    effects = {n: gap * there[n] * moves[n] for n in names}
+    # Within ordinary distances an effect needs evidence that ordinary errors cannot stand in for.
+    clear = {n: max(gap, _beyond_doubt(by_set, frozenset(best), n, n_runs)) for n in names}
+    effects = {n: clear[n] * there[n] * moves[n] for n in names}
     far = max(float(stated.distance or 0.0) - ORDINARY_GAP, 0.0)
     share = min(1.0, 2.0 * far / max(nothing.distance - ORDINARY_GAP, GAP_SPREAD))
-    return Belief(1.0 - gap, gap * share, effects, weights, nearer)
+    none = (1.0 - gap) * (1.0 - max((effects[n] for n in best), default=0.0))
+    return Belief(none, gap * share, effects, weights, nearer)
+
+
+def _beyond_doubt(by_set: Mapping[frozenset[str], Hypothesis], best: frozenset[str], effect: str, n_runs: int) -> float:
+    """Probability, from residuals alone, that an effect of the best set is there beside the others."""
+    less = by_set.get(best - {effect})
+    if effect not in best or less is None:
+        return 0.0
+    return float(expit((capped(by_set[best].nats - less.nats, n_runs) - BEYOND_DOUBT_NATS) / 2.0))
 
 
 def _distance(by_set: Mapping[frozenset[str], Hypothesis], key: frozenset[str]) -> float:

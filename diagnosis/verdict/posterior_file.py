@@ -1,0 +1,110 @@
+"""The posterior as a file: sets of effects with weights, their numbers with covariances, and models drawn from it.
+
+``posterior.json`` holds what is needed to simulate what is still possible: which experiment parts it, what a robot will
+do on a command that was never run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from diagnosis.channels.channel_view import Array
+from diagnosis.decision_constants import PARAMETER_SPREAD
+from diagnosis.library.base import LibraryEffect
+from diagnosis.selection.fitted import joint_words
+from diagnosis.selection.nuisance_model import by_joint, with_errors
+from diagnosis.selection.scoring import Scored
+from diagnosis.verdict.causes import Causes
+from spot_model.io.model_file import RobotModel, model_from_data
+from spot_model.robot.facts import JOINT_NAMES
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True, allow_inf_nan=False)
+
+
+class Term(_Part):
+    """An effect of a set, and what its numbers may be."""
+
+    effect: str
+    joints: tuple[str, ...]
+    shape: dict[str, float]
+    mean: tuple[float, ...]
+    """Coefficients, in the order of the library's entry."""
+    covariance: tuple[tuple[float, ...], ...]
+
+
+class Possibility(_Part):
+    """A set of effects."""
+
+    weight: float = Field(ge=0.0, le=1.0)
+    distance_floors: float | None
+    model: dict[str, Any]
+    """Model file's data: the nominal model with this robot's ordinary errors, without the effects."""
+    terms: tuple[Term, ...]
+
+
+class Posterior(_Part):
+    """All sets that were compared; weights add up to 1."""
+
+    schema_name: Literal["spot-rl/posterior/1"] = Field(default="spot-rl/posterior/1", alias="schema")
+    possibilities: tuple[Possibility, ...]
+
+    def draw(self, library: Mapping[str, LibraryEffect], rng: np.random.Generator) -> RobotModel:
+        """One robot that the logs allow: a set by its weight, its numbers by their covariance, within bounds."""
+        weights = np.array([p.weight for p in self.possibilities])
+        chosen = self.possibilities[int(rng.choice(len(weights), p=weights / weights.sum()))]
+        model = model_from_data(chosen.model, source="posterior")
+        for term in chosen.terms:
+            effect = library[term.effect]
+            low, high = (np.array([getattr(c, side) for c in effect.coefficients]) for side in ("low", "high"))
+            own = np.clip(rng.multivariate_normal(term.mean, term.covariance, method="eigh"), low, high)
+            model = effect.add_to(model, effect.values(own, term.shape), term.joints)
+        return model
+
+
+def posterior_of(causes: Causes, nominal: RobotModel) -> Posterior:
+    """What was decided, as data; of Spot alone, since only Spot is simulated."""
+    board = causes.found.board
+    found = []
+    for name, scored in causes.hypotheses.items():
+        effects = frozenset(t.effect.name for t in scored.terms)
+        weight = next((w for e, w in causes.belief.weights.items() if frozenset(e) == effects), 0.0)
+        base = by_joint(with_errors(nominal, board, scored.pulls), JOINT_NAMES)
+        terms = tuple(
+            Term(
+                effect=t.effect.name,
+                joints=joint_words(board.robot, t),
+                shape={k: float(v) for k, v in t.shape.items()},
+                mean=tuple(float(v) for v in own),
+                covariance=tuple(tuple(float(v) for v in row) for row in _covariance(scored, i)),
+            )
+            for i, (t, own) in enumerate(zip(scored.terms, scored.coefficients, strict=True))
+        )
+        far = causes.distances.get(name)
+        found.append(Possibility(weight=weight, distance_floors=far, model=base.to_data(), terms=terms))
+    return Posterior(possibilities=tuple(found))
+
+
+def _covariance(scored: Scored, which: int) -> Array:
+    """Of one term's coefficients: a jackknife over the folds, and what formulas are usually wrong by."""
+    sizes = [len(c) for c in scored.coefficients]
+    at = sum(sizes[:which])
+    folds = scored.spread[:, at : at + sizes[which]]
+    n = len(folds)
+    apart = folds - folds.mean(axis=0)
+    return np.asarray((n - 1) / n * apart.T @ apart + np.diag((PARAMETER_SPREAD * scored.coefficients[which]) ** 2))
+
+
+def load_posterior(path: Path) -> Posterior:
+    """Read a ``posterior.json``.
+
+    Raises:
+        pydantic.ValidationError: It does not follow the schema.
+    """
+    return Posterior.model_validate_json(path.read_text(encoding="utf-8"))
