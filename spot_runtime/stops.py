@@ -49,7 +49,12 @@ class StopReason(Enum):
     SERVICE_LOST = StopRule(
         Reaction.HAND_BACK, 14, "the operator's service is gone", "see its journal; it starts again, and idle"
     )
-    STATE_STALE = StopRule(Reaction.DAMP, 20, "the newest state is too old", "check link and load of this computer")
+    STATE_STALE = StopRule(
+        Reaction.DAMP,
+        20,
+        "the newest state is too old",
+        "check link and load; a slower link needs a larger safety.state_age_damp_s",
+    )
     STATE_LOST = StopRule(Reaction.EXPIRE, 21, "no state arrives any more", "check the link to the robot")
     STATE_NOT_FINITE = StopRule(
         Reaction.DAMP, 22, "a state holds a value that is no number", "check the robot's sensors"

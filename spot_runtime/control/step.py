@@ -26,6 +26,7 @@ from spot_runtime.control.set_point import asked_setpoint, within_stops
 from spot_runtime.control.tick import TickResult
 from spot_runtime.hal.base import JointControl
 from spot_runtime.hal.errors import HalError
+from spot_runtime.safety_limits import SafetyLimits
 from spot_runtime.stops import Reaction, Stop, StopReason, ending_after
 
 _EVERY_MODE: Final = tuple(Mode)
@@ -69,6 +70,7 @@ def control_step(memory: Memory, seen: Seen, plan: Plan) -> Step:
         ),
         (*found, *stops, *later_stops),
         seen,
+        limits,
         notes,
     )
     result = None
@@ -145,9 +147,14 @@ def _found(memory: Memory, plan: Plan, notes: Notes) -> tuple[Stop, ...]:
 # Modes ---------------------------------------------------------------------------------------------------------------
 
 
-def _end_and_move(memory: Memory, stops: tuple[Stop, ...], seen: Seen, notes: Notes) -> tuple[Memory, tuple[Act, ...]]:
+def _end_and_move(
+    memory: Memory, stops: tuple[Stop, ...], seen: Seen, limits: SafetyLimits, notes: Notes
+) -> tuple[Memory, tuple[Act, ...]]:
     """Take every stop, then move the mode machine as far as it goes now."""
     acts: tuple[Act, ...] = ()
+    newest = memory.watch.newest
+    # A link on which no state is fresh enough would end the run as soon as it has begun.
+    is_fresh = newest is not None and seen.robot_ns - newest.robot_stamp_ns < limits.state_age_damp_s * NS_PER_S
     for stop in stops:
         memory, more = _end(memory, stop, notes)
         acts += more
@@ -156,7 +163,7 @@ def _end_and_move(memory: Memory, stops: tuple[Stop, ...], seen: Seen, notes: No
         inputs = ModeInputs(
             in_mode_s=(seen.robot_ns - phase.since_ns) / NS_PER_S,
             reaction=None if memory.ending is None else memory.ending.reaction,
-            is_activation_asked=phase.mode is Mode.READY and memory.loads.is_full,
+            is_activation_asked=phase.mode is Mode.READY and memory.loads.is_full and is_fresh,
             is_active=seen.joint_control is JointControl.ACTIVE,
         )
         following = next_mode(phase.mode, inputs, memory.handover)
@@ -252,7 +259,7 @@ def _aim(
     memory, stop = _limited(memory, result, seen, plan, notes)
     if stop is None:
         return memory, ()
-    memory, acts = _end_and_move(memory, (stop,), seen, notes)
+    memory, acts = _end_and_move(memory, (stop,), seen, plan.limits, notes)
     return _limited(memory, result, seen, plan, notes)[0], acts
 
 

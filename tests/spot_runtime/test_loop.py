@@ -358,6 +358,29 @@ def test_a_stand_that_never_takes_over_ends_in_damping(robot: Any, zero_policy: 
     assert modes_of(sink)[-2:] == ["damping", "released"]
 
 
+def test_a_link_too_slow_for_the_bounds_is_refused_with_the_key_that_would_have_to_change(
+    robot: Any, zero_policy: Policy
+) -> None:
+    """Every state is 45 ms old when it comes; 40 ms are allowed."""
+    robot.mutate = lambda state: [replace(state, robot_stamp_ns=state.robot_stamp_ns - 45 * MS)]
+    loop, sink = make_loop(robot, zero_policy)
+    drive(loop)
+    assert robot.sent == []
+    assert modes_of(sink) == ["released"]
+    assert loop.stop is not None
+    assert loop.stop.reason is StopReason.STATE_STALE
+    assert loop.stop.values == {"age_s": 0.045, "bound_s": 0.04}
+    assert "a larger safety.state_age_damp_s" in loop.stop.sentence()
+
+
+def test_a_link_just_within_the_bounds_is_used(robot: Any, zero_policy: Policy) -> None:
+    robot.mutate = lambda state: [replace(state, robot_stamp_ns=state.robot_stamp_ns - 36 * MS)]
+    loop, _ = make_loop(robot, zero_policy)
+    drive(loop)
+    assert loop.stop is not None
+    assert loop.stop.reason is StopReason.COMPLETED
+
+
 def test_a_robot_that_sends_no_state_is_not_driven(robot: Any, zero_policy: Policy) -> None:
     robot.mutate = lambda _: []
     loop, _ = make_loop(robot, zero_policy)

@@ -72,7 +72,7 @@ def look(
     memory: WatchMemory, seen: Seen, phase: Phase, config: RunConfig, notes: Notes
 ) -> tuple[WatchMemory, tuple[Stop, ...]]:
     """Look at everything that is not a new state."""
-    stops = (*seen.problems, *_waited_too_long(phase, seen.robot_ns, config.handover.activation_timeout_s))
+    stops = (*seen.problems, *_waited_too_long(memory, phase, seen.robot_ns, config))
     if phase.mode is not Mode.READY:
         stops += _ages(memory, seen.robot_ns, phase, config.safety, notes)
     if seen.slow is not None:
@@ -127,11 +127,15 @@ def _look_at_log(health: SinkHealth, config: RunConfig, notes: Notes) -> tuple[S
     return (Stop(StopReason.LOG_FAILED, health.problem),)
 
 
-def _waited_too_long(phase: Phase, robot_ns: int, bound_s: float) -> tuple[Stop, ...]:
-    answer = _ANSWERS.get(phase.mode)
+def _waited_too_long(memory: WatchMemory, phase: Phase, robot_ns: int, config: RunConfig) -> tuple[Stop, ...]:
+    answer, bound_s = _ANSWERS.get(phase.mode), config.handover.activation_timeout_s
     waited_s = (robot_ns - phase.since_ns) / NS_PER_S
     if answer is None or waited_s <= bound_s:
         return ()
+    if phase.mode is Mode.READY:
+        stale = safety.check_age(memory.states, robot_ns, config.safety)
+        if stale is not None and stale.reason is StopReason.STATE_STALE:
+            return (Stop(stale.reason, "before joint control", stale.values),)
     reason, detail = answer
     return (Stop(reason, detail, {"waited_s": waited_s, "bound_s": bound_s}),)
 
