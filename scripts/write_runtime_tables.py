@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from spot_runtime.tables import with_tables
+from spot_runtime.doctor.documentation_tables import with_tables
 
 DOCUMENT = Path(__file__).parent.parent / "docs" / "runtime.md"
 

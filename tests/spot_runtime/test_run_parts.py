@@ -27,6 +27,7 @@ from spot_model.policy.policy import Policy
 from spot_runtime.config import RealTimeConfig, RunConfig, for_lock_step
 from spot_runtime.control.loop_stats import PENDING_MAX, LoopStats
 from spot_runtime.control.recent_values import RecentValues
+from spot_runtime.doctor.documentation_tables import with_tables
 from spot_runtime.host import realtime
 from spot_runtime.host.console import Console
 from spot_runtime.host.instance_lock import AlreadyRunningError, InstanceLock
@@ -37,7 +38,6 @@ from spot_runtime.session.signals import OperatorInterrupt, StopSignals
 from spot_runtime.session.summary import RunSummary, figures, resident_mb
 from spot_runtime.sources.gamepad import PygamePad
 from spot_runtime.stops import StopReason
-from spot_runtime.tables import with_tables
 
 ROOT = Path(__file__).parents[2]
 MS = 1_000_000
