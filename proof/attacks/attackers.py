@@ -66,6 +66,12 @@ def ready() -> None:
     sys.stdout.flush()
 
 
+def nothing(_: Attack) -> None:
+    """No attack, for comparison."""
+    ready()
+    threading.Event().wait()
+
+
 def idle_connections(attack: Attack) -> None:
     """Thousands of connections that say nothing; whatever is closed is opened again."""
     for _ in range(IDLE_CONNECTIONS):
@@ -197,6 +203,7 @@ def silent_readers(attack: Attack) -> None:
 
 
 ATTACKS: Final[dict[str, Callable[[Attack], None]]] = {
+    "nothing": nothing,
     "idle connections": idle_connections,
     "hanging calls": hanging_calls,
     "half headers": half_headers,

@@ -43,8 +43,6 @@ class Connection:
         self.name = f"spot-rl-{os.getpid()}-{next(_numbers)}"
         self.is_admitted = False
         """Whether a call of somebody who has a role came through it."""
-        self.denials = 0
-        """Calls of somebody without a role."""
         self.calls_open = 0
         self.stops_open = 0
         """Calls under way that stop the robot."""

@@ -25,8 +25,8 @@ MAX_ADMITTED: Final = 64
 MAX_OF_ONE: Final = 32
 """Admitted connections of one process, one user of loopback, or one certificate."""
 
-MAX_DENIALS: Final = 8
-"""Calls without a role after which a connection is closed."""
+DENIED_HOLD_S: Final = 1.0
+"""Nothing is read from a connection for so long after a call without a role."""
 
 ROLE_TIMEOUT_S: Final = 5.0
 """A connection on which nobody with a role has called by then is closed."""
@@ -73,10 +73,8 @@ class Door:
             min(others, key=lambda other: (other.standing, other.used_s)).close()
 
     def deny(self, connection: Connection) -> None:
-        """Somebody without a role called."""
-        connection.denials += 1
-        if connection.denials >= MAX_DENIALS:
-            self._loop.call_later(0.1, connection.close)  # the refusal goes out first
+        """Somebody without a role called. A connection that waits costs less than the new one after a cut."""
+        connection.hold(DENIED_HOLD_S)
 
     def slow_down(self, connection: Connection) -> None:
         """Calls come too often on it: the more connections there are, the longer it waits."""

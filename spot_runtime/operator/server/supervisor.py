@@ -9,14 +9,12 @@ and otherwise by each turn of this object's own loop.
 
 from __future__ import annotations
 
-import signal
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Final
 
-from spot_protos import log_pb2, operator_pb2, run_link_pb2
+from spot_protos import operator_pb2, run_link_pb2
 from spot_runtime.config import RunConfig
 from spot_runtime.host.clock import HostClock
 from spot_runtime.host.service_manager import ServiceManager
@@ -24,9 +22,11 @@ from spot_runtime.operator.refusal import Refusal, not_now, unavailable
 from spot_runtime.operator.rescue.rescue_process import Rescue, RescueSpec
 from spot_runtime.operator.run.run_spec import RunSpec
 from spot_runtime.operator.server.event_history import EventHistory
+from spot_runtime.operator.server.pending import PendingRequests, SteeringRight
 from spot_runtime.operator.server.policy_folder import OfferedPolicy, PolicyFolder
 from spot_runtime.operator.server.run_process import RunProcess
 from spot_runtime.operator.server.states import State
+from spot_runtime.operator.server.told_events import how_it_died, told_event
 from spot_runtime.rescue.make_safe import MAY_HAVE_POWER
 
 TURN_S: Final = 0.05
@@ -39,22 +39,12 @@ MAX_WAITING: Final = 8
 """Each holds a thread of the service, and one must be left for a stop."""
 
 KILL_AFTER_S: Final = 15.0
-STEERING_HELD_S: Final = 1.0
 SILENT_S: Final = 5.0
 """A control process that is silent for so long hangs; what it last sent has long lapsed, so it is ended."""
 
 ABORT_TAKES_S: Final = 2.0
 
 _STATES: Final = frozenset(state.value for state in State)
-_SEVERITIES: Final = {number: name.lower() for name, number in log_pb2.Event.Severity.items()}
-
-
-@dataclass
-class _Waiting:
-    """A request that waits for its answer."""
-
-    done: threading.Event
-    answer: run_link_pb2.Answer | None = None
 
 
 class Supervisor:
@@ -92,10 +82,8 @@ class Supervisor:
         self._run_told_s = 0.0
         self._ended: operator_pb2.Outcome | None = None
         self._last: operator_pb2.Outcome | None = None
-        self._requests = 0
-        self._waiting: dict[int, _Waiting] = {}
+        self._waiting, self._steering = PendingRequests(), SteeringRight()
         self._seen_s = 0.0
-        self._steered_by, self._steered_s = ("", ""), 0.0
         self._is_asked_to_end = False
 
     # Looking ----------------------------------------------------------------------------------------------------------
@@ -123,8 +111,7 @@ class Supervisor:
                 status.last.CopyFrom(self._last)
             if self._state in (State.ARMED, State.RUNNING):
                 status.attendance_left_s = self._config.service.attendance_s - (now_s - self._seen_s)
-            if now_s - self._steered_s < STEERING_HELD_S:
-                status.steered_by = self._steerer()
+            status.steered_by = self._steering.holder
             return status
 
     # Asking -----------------------------------------------------------------------------------------------------------
@@ -165,9 +152,7 @@ class Supervisor:
             if len(self._waiting) >= MAX_WAITING and not is_stopping:
                 raise unavailable(f"{name}: {MAX_WAITING} requests wait for their answers already; wait for one")
             run = self._run
-            self._requests += 1
-            request.request_id = self._requests
-            waiting = self._waiting[request.request_id] = _Waiting(threading.Event())
+            waiting = self._waiting.add(request)
             self._seen()
         try:
             if run is None or not run.tell(request):
@@ -177,7 +162,7 @@ class Supervisor:
                 raise unavailable(f"{name}: the control process gave no answer; see status and journal")
         finally:
             with self._lock:
-                self._waiting.pop(request.request_id, None)
+                self._waiting.forget(waiting)
         if not waiting.answer.is_done:
             raise not_now(f"{name}: {waiting.answer.text}")
         return waiting.answer.text
@@ -213,16 +198,13 @@ class Supervisor:
         Raises:
             Refusal: The policy is not in full control, or somebody else steers.
         """
-        now_s = time.monotonic()
         with self._lock:
             self._need("velocity", State.RUNNING)
-            held = now_s - self._steered_s < STEERING_HELD_S
-            if held and (identity, name) != self._steered_by:
-                raise not_now(f"velocity: {self._steerer()} steers; wait until they stop")
+            self._steering.check(identity, name)
             run, mode = self._run, "" if self._run_status is None else self._run_status.mode
             if mode not in ("active", "ramping_in"):
                 raise not_now(f"velocity: the policy is not in full control, the mode is {mode or 'not known yet'}")
-            self._steered_by, self._steered_s = (identity, name), now_s
+            self._steering.take(identity, name)
             self._seen()
         if run is None or not run.tell(request):
             raise unavailable("velocity: the control process takes no requests now; the dead-man ends the motion")
@@ -276,15 +258,12 @@ class Supervisor:
         kind = message.WhichOneof("what")
         with self._lock:
             if kind == "answer":
-                waiting = self._waiting.get(message.answer.request_id)
-                if waiting is not None:
-                    waiting.answer = message.answer
-                    waiting.done.set()
+                self._waiting.take(message.answer)
             elif kind == "status":
                 self._run_status, self._run_told_s = message.status, time.monotonic()
                 self._manager.status(f"{self._state.value}: {message.status.mode}, {message.status.policy}")
             elif kind == "event":
-                self._note(message.event)
+                self._record(told_event(message.event))
             elif kind == "state" and message.state in _STATES:
                 if message.state == State.ARMED.value and self._state is State.ARMING:
                     self._seen()
@@ -296,12 +275,11 @@ class Supervisor:
         run.close()
         with self._lock:
             outcome = self._ended or operator_pb2.Outcome(
-                outcome="control_process_died", exit_code=code, sentence=_how_it_died(code)
+                outcome="control_process_died", exit_code=code, sentence=how_it_died(code)
             )
             outcome.host_stamp_ns = self._clock.now_ns()
             self._last, self._run, self._run_status = outcome, None, None
-            for waiting in self._waiting.values():
-                waiting.done.set()
+            self._waiting.let_all_go()
             self._say(
                 "ended",
                 f"{outcome.outcome}: {outcome.sentence}",
@@ -364,10 +342,6 @@ class Supervisor:
             wanted = " or ".join(state.value for state in states)
             raise not_now(f"{name} needs the state {wanted}, and it is {self._state.value}; {self._state.advice}")
 
-    def _steerer(self) -> str:
-        identity, name = self._steered_by
-        return name or identity
-
     def _set(self, state: State) -> None:
         with self._changed:
             if state is not self._state:
@@ -380,32 +354,10 @@ class Supervisor:
         self._seen_s = time.monotonic()
 
     def _say(self, name: str, text: str, *, severity: str = "info") -> None:
-        self._book(
+        self._record(
             operator_pb2.Event(host_stamp_ns=self._clock.now_ns(), severity=severity, name=f"service_{name}", text=text)
         )
 
-    def _note(self, event: log_pb2.Event) -> None:
-        self._book(
-            operator_pb2.Event(
-                host_stamp_ns=event.host_stamp_ns,
-                robot_stamp_ns=event.robot_stamp_ns,
-                severity=_SEVERITIES.get(event.severity, "info"),
-                name=event.name,
-                text=event.text,
-                values=dict(event.values),
-            )
-        )
-
-    def _book(self, event: operator_pb2.Event) -> None:
+    def _record(self, event: operator_pb2.Event) -> None:
         self.events.add(event)
         self._tell(event)
-
-
-def _how_it_died(code: int) -> str:
-    how = f"with signal {signal.Signals(-code).name}" if code < 0 else f"with exit code {code}"
-    if code == 0:
-        how = "with exit code 0, or with one that the system has lost,"
-    return (
-        f"the control process ended {how} and said nothing more; the robot's own time-outs ended the motion; "
-        "see to the robot, then arm again"
-    )

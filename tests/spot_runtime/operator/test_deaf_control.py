@@ -43,8 +43,7 @@ def deaf() -> Iterator[tuple[Supervisor, DeafProcess]]:
     supervisor._run = process  # type: ignore[assignment]
     supervisor._state = State.RUNNING
     yield supervisor, process
-    for waiting in list(supervisor._waiting.values()):  # whoever still waits is let go, as when the process ends
-        waiting.done.set()
+    supervisor._waiting.let_all_go()  # whoever still waits is let go, as when the process ends
 
 
 @pytest.mark.parametrize(
@@ -79,7 +78,6 @@ def test_it_is_sent_a_signal_though_others_wait(
     assert process.told[-1] == sent
     assert time.monotonic() - began_s >= STOP_TIMEOUT_S  # it was given the time to answer
     assert [e.text for e in supervisor.events.after(0) if e.name == "service_asked"] == ["Stop, by otto"]
-    for waiting in list(supervisor._waiting.values()):
-        waiting.done.set()
+    supervisor._waiting.let_all_go()
     for other in others:
         other.join()

@@ -1,0 +1,81 @@
+"""Requests that wait for an answer of the control process, and who holds the right to steer."""
+
+from __future__ import annotations
+
+import threading
+import time
+from dataclasses import dataclass, field
+from typing import Final
+
+from spot_protos import run_link_pb2
+from spot_runtime.operator.refusal import not_now
+
+STEERING_HELD_S: Final = 1.0
+
+
+@dataclass
+class Pending:
+    """One request."""
+
+    request_id: int
+    done: threading.Event = field(default_factory=threading.Event)
+    answer: run_link_pb2.Answer | None = None
+
+
+class PendingRequests:
+    """All that wait, by number. Its owner's lock guards it."""
+
+    def __init__(self) -> None:
+        """Nobody waits."""
+        self._count = 0
+        self._waiting: dict[int, Pending] = {}
+
+    def __len__(self) -> int:
+        """How many wait."""
+        return len(self._waiting)
+
+    def add(self, request: run_link_pb2.ToRun) -> Pending:
+        """Number a request that is about to be sent."""
+        self._count += 1
+        request.request_id = self._count
+        pending = self._waiting[self._count] = Pending(self._count)
+        return pending
+
+    def take(self, answer: run_link_pb2.Answer) -> None:
+        """An answer has come."""
+        pending = self._waiting.get(answer.request_id)
+        if pending is not None:
+            pending.answer = answer
+            pending.done.set()
+
+    def forget(self, pending: Pending) -> None:
+        """Nobody waits for it any more."""
+        self._waiting.pop(pending.request_id, None)
+
+    def let_all_go(self) -> None:
+        """No answer will come."""
+        for pending in self._waiting.values():
+            pending.done.set()
+
+
+class SteeringRight:
+    """Belongs to whoever steered last, for :data:`STEERING_HELD_S`. Its owner's lock guards it."""
+
+    def __init__(self) -> None:
+        """Nobody steers."""
+        self._held_by, self._since_s = ("", ""), -STEERING_HELD_S
+
+    @property
+    def holder(self) -> str:
+        """Who steers; empty: nobody."""
+        identity, name = self._held_by
+        return (name or identity) if time.monotonic() - self._since_s < STEERING_HELD_S else ""
+
+    def check(self, identity: str, name: str) -> None:
+        """Refuse anybody but the holder. Raises Refusal."""
+        if self.holder and (identity, name) != self._held_by:
+            raise not_now(f"velocity: {self.holder} steers; wait until they stop")
+
+    def take(self, identity: str, name: str) -> None:
+        """They steer now."""
+        self._held_by, self._since_s = (identity, name), time.monotonic()
