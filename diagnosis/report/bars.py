@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from diagnosis.document import FoundEffect, Shrink, Verdict
-from diagnosis.report.svg import disc, esc, heat, line, nice_ticks, rect, svg, text
 from diagnosis.report.words import parameter
+from spot_log.page.svg import disc, esc, heat, line, nice_ticks, rect, svg, text
 
 WIDTH: Final = 560
 LABELS: Final = 178

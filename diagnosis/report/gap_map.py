@@ -7,7 +7,7 @@ from typing import Final
 
 from diagnosis.document import GapCell
 from diagnosis.report.scale import has_floor, share_of, told
-from diagnosis.report.svg import disc, heat, on_heat, rect, svg, text
+from spot_log.page.svg import disc, heat, on_heat, rect, svg, text
 
 SIGNALS: Final = ("load error", "load", "velocity", "position")
 REGIMES: Final = (

@@ -9,7 +9,7 @@ import numpy as np
 from diagnosis.channels.channel_view import Array
 from diagnosis.document import Dependence
 from diagnosis.read.policy_ticks import policy_ticks
-from diagnosis.report.svg import disc, line, nice_ticks, svg, text, thinned
+from spot_log.page.svg import disc, line, nice_ticks, svg, text, thinned
 from spot_log.read.run import Run
 
 WIDTH: Final = 1160

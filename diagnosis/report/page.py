@@ -12,11 +12,11 @@ from diagnosis.report.lines import dependence
 from diagnosis.report.robot_picture import picture
 from diagnosis.report.scale import has_floor, share_of, told
 from diagnosis.report.strips import strips
-from diagnosis.report.style import SCRIPT, STYLE
-from diagnosis.report.svg import esc, legend
 from diagnosis.report.trace_choice import trace_figure
 from diagnosis.terminal import joints_in_short
 from diagnosis.verdict.diagnose import Diagnosis
+from spot_log.page.look import boxed, framed
+from spot_log.page.svg import esc, legend
 from spot_model.robot.facts import JOINT_NAMES
 
 COLOURS = (
@@ -38,7 +38,7 @@ def page(result: Diagnosis) -> str:
         _head(result),
         "<div class='two'>",
         _where(result, by_joint, named),
-        _section("Which effect", _which_note(v), bars.ranking(v)),
+        boxed("Which effect", _which_note(v), bars.ranking(v)),
         "</div>",
         _shrink(v),
         _effects(v),
@@ -47,21 +47,11 @@ def page(result: Diagnosis) -> str:
         _traces(result, by_joint, named),
     ]
     if cells:
-        body.append(_section("Gap map", note(cells), gap_map_figure(cells, result.board.robot.joint_names)))
+        body.append(boxed("Gap map", note(cells), gap_map_figure(cells, result.board.robot.joint_names)))
     body += [_limits(v), _channels(v), _timeline(result)]
     if v.notes:
-        body.append(_section("Notes", "", _list(v.notes)))
-    return (
-        "<!doctype html><html lang='en'><head><meta charset='utf-8'><title>Diagnosis</title>"
-        "<meta name='viewport' content='width=device-width'><link rel='icon' href='data:,'>"
-        f"<style>{STYLE}</style></head><body><main>{''.join(body)}</main><div id='tip'></div>"
-        f"<script>{SCRIPT}</script></body></html>\n"
-    )
-
-
-def _section(title: str, about: str, content: str) -> str:
-    told_about = f"<p class='note'>{esc(about)}</p>" if about else ""
-    return f"<section><h2>{esc(title)}</h2>{told_about}{content}</section>"
+        body.append(boxed("Notes", "", _list(v.notes)))
+    return framed("Diagnosis", body)
 
 
 def _list(items: Iterable[str], tag: str = "ul") -> str:
@@ -96,15 +86,15 @@ def _where(result: Diagnosis, by_joint: dict[str, GapCell], named: frozenset[str
     ringed = " A blue ring: the verdict names the joint." if named else ""
     if not by_joint:
         listed = f"<p>The verdict names {esc(joints_in_short(tuple(sorted(named))))}.</p>" if named else ""
-        return _section("Where", "No closed-loop run of the nominal model: no gap in figures.", listed)
+        return boxed("Where", "No closed-loop run of the nominal model: no gap in figures.", listed)
     signal = next(iter(by_joint.values())).signal
     about = f"Gap of the {signal} over all of the motion.{ringed}"
     if tuple(result.board.robot.joint_names) == JOINT_NAMES:
         tips = {j: told(c) for j, c in by_joint.items()}
         figure = picture(shares, tips, named, in_floors=has_floor(tuple(by_joint.values())))
-        return _section("Where", about, figure)
+        return boxed("Where", about, figure)
     gaps = {j: c.ratio if c.ratio is not None else c.gap for j, c in by_joint.items()}
-    return _section("Where", about, bars.by_joint(gaps, shares, named))
+    return boxed("Where", about, bars.by_joint(gaps, shares, named))
 
 
 def _which_note(v: Verdict) -> str:
@@ -136,11 +126,11 @@ def _shrink(v: Verdict) -> str:
         (("var(--nominal)", "nominal"), ("var(--corrected)", "with the effects"), ("var(--floor)", "real–real"))
     )
     content = f"<div class='two' style='margin:0'><div>{left}{placebo}</div><div>{key}{bars.gap_bars(s)}</div></div>"
-    return _section("How far the gap shrinks", about, content)
+    return boxed("How far the gap shrinks", about, content)
 
 
 def _effects(v: Verdict) -> str:
-    return _section("The effects found", "", "".join(_effect(e) for e in v.effects)) if v.effects else ""
+    return boxed("The effects found", "", "".join(_effect(e) for e in v.effects)) if v.effects else ""
 
 
 def _effect(e: FoundEffect) -> str:
@@ -172,7 +162,7 @@ def _unknown(v: Verdict) -> str:
         "--add-effect module:Class (docs/diagnosis.md has a complete example)."
     )
     figures = "".join(f"<div>{dependence(c, u.unit)}</div>" for c in u.curves)
-    return _section("What no effect explains", about, f"<div class='two' style='margin:0'>{figures}</div>")
+    return boxed("What no effect explains", about, f"<div class='two' style='margin:0'>{figures}</div>")
 
 
 def _seen(v: Verdict) -> str:
@@ -193,7 +183,7 @@ def _traces(result: Diagnosis, by_joint: dict[str, GapCell], named: frozenset[st
     where, figure = found
     has_corrected = bool(result.simulated.get("corrected"))
     key = legend(COLOURS if has_corrected else COLOURS[:2])
-    return _section("Traces", f"{where}. Each run is in closed loop, so steps drift apart.", key + figure)
+    return boxed("Traces", f"{where}. Each run is in closed loop, so steps drift apart.", key + figure)
 
 
 def _limits(v: Verdict) -> str:
@@ -201,7 +191,7 @@ def _limits(v: Verdict) -> str:
     if v.invisible:
         chips = "".join(f"<span class='chip off'>{esc(words.plain(n))}</span>" for n in v.invisible)
         content += f"<h3>Invisible in these logs</h3><p class='note'>No signal shows these effects.</p>{chips}"
-    return _section("What these logs cannot tell, and what to record next", "", content) if content else ""
+    return boxed("What these logs cannot tell, and what to record next", "", content) if content else ""
 
 
 def _channels(v: Verdict) -> str:
@@ -212,7 +202,7 @@ def _channels(v: Verdict) -> str:
         mark = "<b style='color:var(--good)'>on</b>" if state == "used" else f"<span>{esc(state)}</span>"
         title = esc(CHANNEL_TITLES.get(name, name))
         rows.append(f"<tr><th>{esc(name)}</th><td>{title}</td><td>{mark}</td><td>{evidence}</td></tr>")
-    return _section("How each channel did", "", f"<table>{''.join(rows)}</table>")
+    return boxed("How each channel did", "", f"<table>{''.join(rows)}</table>")
 
 
 def _timeline(result: Diagnosis) -> str:
@@ -220,4 +210,4 @@ def _timeline(result: Diagnosis) -> str:
         ("var(--corrected)", "used"), ("var(--nominal)", "carries much of the gap"),
         ("var(--empty)", "cut out: no command, start, fall, not following"),
     ))  # fmt: skip
-    return _section("Logs over time", "", key + strips(result.runs, result.verdict.timeline))
+    return boxed("Logs over time", "", key + strips(result.runs, result.verdict.timeline))

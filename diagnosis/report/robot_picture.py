@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from diagnosis.report.scale import scale_bar
-from diagnosis.report.svg import disc, heat, line, on_heat, svg, text
+from spot_log.page.svg import disc, heat, line, on_heat, svg, text
 from spot_model.robot import facts
 
 WIDTH: Final = 620

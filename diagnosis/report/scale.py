@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from diagnosis.document import GapCell
-from diagnosis.report.svg import heat, rect, text
+from spot_log.page.svg import heat, rect, text
 
 TOP_RATIO = 16.0
 """The darkest colour: so many times the floor, or more."""

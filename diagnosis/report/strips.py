@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from diagnosis.document import Stretch
-from diagnosis.report.svg import nice_ticks, rect, svg, text
+from spot_log.page.svg import nice_ticks, rect, svg, text
 from spot_log.read.run import Run
 
 WIDTH: Final = 1160

@@ -13,8 +13,8 @@ import pytest
 from diagnosis.library.registry import LIBRARY
 from diagnosis.report.output import check_free, write_all
 from diagnosis.report.page import page
-from diagnosis.report.svg import heat, nice_ticks
 from diagnosis.verdict.diagnose import Diagnosis
+from spot_log.page.svg import heat, nice_ticks
 from spot_model.errors import BadInputError
 
 from .report_case import a_diagnosis, verdict
