@@ -11,7 +11,7 @@ from spot_log.tools.log_info import log_info
 from spot_log.tools.measures import Spread
 
 MAX_EVENTS = 8
-MAX_GAITS = 8
+MAX_GAITS = 12
 
 
 def summarise(run: Run) -> str:
