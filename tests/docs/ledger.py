@@ -104,7 +104,6 @@ NOT_RUN = {
     "spot-rl bench train --device cuda --set n_envs=N --json": GPU,
     "torchrun --nproc-per-node 2": GPU,
     "python benchmarks/gpu_parity.py": GPU,
-    "spot-rl train --config policies/trot_cpu.yaml": "takes 40 minutes; other tests train for a few iterations",
     "python benchmarks/diagnose_realities.py run --out rows.jsonl --cases 600 --jobs 31 --until 465 --repeats 2 "
     "--seed 6": CORES,
     "python benchmarks/diagnose_realities.py table rows.jsonl": CORES,

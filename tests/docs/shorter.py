@@ -7,7 +7,8 @@ from __future__ import annotations
 
 SHORTER = {
     "spot-rl train --config policies/walk.yaml": "--set n_envs=16 --set iterations=1",
-    "spot-rl train --resume runs/walk-…": "--set iterations=2",
+    "spot-rl train --config policies/walk_cpu.yaml": "--set n_envs=16 --set iterations=1",
+    "spot-rl train --resume runs/walk_cpu-…": "--set iterations=2",
     "spot-rl bench train --json": "--set n_envs=16 --iterations 1",
     # The first try of the page has recorded these runs: none is missing, so no robot is asked.
     "spot-rl collect --sequences all --repeats 5 --robot 192.168.50.3 --credentials-file credentials.yaml "
