@@ -110,13 +110,13 @@ def without_imu(maker: Callable[[], Lie]) -> Callable[[], Lie]:
 def test_a_robot_that_tells_the_truth_is_believed() -> None:
     assert seen(WALKING) is None
     assert seen(STANDING) is None
-    assert seen(states_of(WalkingRobot(is_walking=False, noise=0.0), 2.0)) is None
-    assert seen(states_of(WalkingRobot(turn_rate_rad_s=-1.5, noise=3.0), 3.0)) is None
-    assert seen(states_of(WalkingRobot(noise=0.01), 3.0)) is None
+    assert seen(states_of(WalkingRobot(is_walking=False, noise=0.0), 0.6)) is None
+    assert seen(states_of(WalkingRobot(turn_rate_rad_s=-1.5, noise=3.0), 1.0)) is None
+    assert seen(states_of(WalkingRobot(noise=0.01), 1.0)) is None
 
 
 @pytest.mark.parametrize("name", JOINT_SIGNALS)
-@pytest.mark.parametrize("joint", range(12))
+@pytest.mark.parametrize("joint", [0, 4, 8, 11])
 @pytest.mark.parametrize("is_walking", [True, False])
 def test_one_frozen_signal_of_one_joint(name: str, joint: int, is_walking: bool) -> None:
     found = seen(WALKING if is_walking else STANDING, frozen(name, joint))
