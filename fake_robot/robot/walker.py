@@ -32,6 +32,8 @@ SHIPPED_POLICY: Final = Path(__file__).parent / "walk.onnx"
 
 _HANDOVER_S: Final = 0.5
 """From the gains and set-points of the stand to those of the policy."""
+_RELEASE_S: Final = 0.6
+"""And back again: the last steps end where the feet stand."""
 _PATH_SLEW: Final[Velocity] = (1.5, 1.5, 2.0)
 _STOP_SLEW: Final[Velocity] = (2.0, 2.0, 4.0)
 _STOP_S: Final = (0.5, 2.0)
@@ -70,6 +72,7 @@ class Walker:
         self._plan: WalkPlan | None = None
         self._plan_start_ns = self._start_ns = self._next_ns = 0
         self._stop_ns: int | None = None
+        self._release_ns: int | None = None
         self._start_rad = np.zeros(facts.N_JOINTS)
         self._start_load_nm = np.zeros(facts.N_JOINTS)
         self._velocity: Velocity = (0.0, 0.0, 0.0)
@@ -104,7 +107,7 @@ class Walker:
 
     def follow(self, plan: WalkPlan, now_ns: int) -> None:
         """Go on with another plan."""
-        self._plan, self._plan_start_ns, self._stop_ns = plan, now_ns, None
+        self._plan, self._plan_start_ns, self._stop_ns, self._release_ns = plan, now_ns, None, None
         self.progress = WalkProgress.WALKING
 
     def stop(self, now_ns: int) -> None:
@@ -113,10 +116,15 @@ class Walker:
             self._stop_ns = now_ns
 
     def is_at_rest(self, now_ns: int) -> bool:
-        """Whether a walk that stops has become slow, or has been stopping for long enough."""
-        if self._stop_ns is None:
-            return False
-        stopping_s = (now_ns - self._stop_ns) * 1e-9
+        """Whether a walk that stops has become slow, or has been at it for long enough, and the stand has it again."""
+        if self._release_ns is not None:
+            return (now_ns - self._release_ns) * 1e-9 > _RELEASE_S
+        if self._stop_ns is not None and self._is_slow(now_ns, self._stop_ns):
+            self._release_ns = now_ns
+        return False
+
+    def _is_slow(self, now_ns: int, stop_ns: int) -> bool:
+        stopping_s = (now_ns - stop_ns) * 1e-9
         report = self._report()
         speed = float(np.abs(report.linear_vel_of_body_in_world_m_s[:2]).max())
         turn = abs(float(report.angular_vel_of_body_in_world_rad_s[2]))
@@ -133,6 +141,8 @@ class Walker:
 
     def _step(self, policy: Policy, now_ns: int, dt_s: float) -> ServoCommand:
         share = min((now_ns - self._start_ns) * 1e-9 / _HANDOVER_S, 1.0)
+        if self._release_ns is not None:
+            share = max(1.0 - (now_ns - self._release_ns) * 1e-9 / _RELEASE_S, 0.0)
         wanted, slew = self._wanted(now_ns, share)
         low, high = policy.contract.velocity_command_low, policy.contract.velocity_command_high
         asked = slewed(self._velocity, wanted, slew, dt_s)

@@ -95,8 +95,8 @@ def test_a_goal_is_reached(standing: Callable[..., Any], way: tuple[float, float
     run_until_standing(driver)
     x, y, yaw = place(driver)
     assert driver.robot.snapshot().walk_progress is WalkProgress.ARRIVED
-    assert math.hypot(goal.x_m - x, goal.y_m - y) < 0.12
-    assert abs(math.remainder(goal.yaw_rad - yaw, math.tau)) < 0.15
+    assert math.hypot(goal.x_m - x, goal.y_m - y) < 0.15
+    assert abs(math.remainder(goal.yaw_rad - yaw, math.tau)) < 0.35
 
 
 def test_a_robot_that_sits_stands_up_first(make: Callable[..., Any]) -> None:
