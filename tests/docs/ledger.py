@@ -53,6 +53,10 @@ ELSEWHERE = {
     ),
     "spot-rl withheld run --resume --out DIR": ("withheld/test_end_to_end.py", 'str(run), "--resume"]'),
     "spot-rl withheld case open DIR/17": ("withheld/test_end_to_end.py", '["case", "open", '),
+    "spot-rl withheld run --cases 80 --seed 20261122 --kind faultless": (
+        "withheld/test_end_to_end.py",
+        '["run", "--out", str(out), "--cases", "9"',
+    ),
     "spot-rl withheld attainable DIR": ("withheld/scoring/test_corner.py", "learn(Path("),
     "spot-rl withheld score DIR": ("withheld/test_end_to_end.py", '["score", '),
     "spot-rl withheld table DIR": ("withheld/test_end_to_end.py", '["table", '),

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 from withheld.scoring.statistics import Estimate, Share
 
 Met = Literal["met", "not met", "not shown", ""]
 """*met* and *not met*: the whole interval lies on one side of what is asked. *not shown*: it holds both."""
+
+
+FEWEST: Final = 20
+"""Resampling fewer cases tells nothing of how far a mean or a median may be off."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +64,8 @@ def estimate(
 def _met(value: Share | Estimate, low: float, high: float) -> Met:
     if not value.trials:
         return ""
+    if isinstance(value, Estimate) and value.trials < FEWEST:
+        return "not shown"
     if low <= value.low and value.high <= high:
         return "met"
     return "not met" if value.high < low or value.low > high else "not shown"

@@ -35,8 +35,9 @@ def test_met_is_said_by_the_bound_and_not_by_the_value() -> None:
     assert share("k", "t", [True] * 70 + [False] * 30, 0.9).met == "not met"
     assert between("k", "t", [True] * 900 + [False] * 100, 0.85, 0.95).met == "met"
     assert between("k", "t", [True] * 100, 0.85, 0.95).met == "not met"
-    assert estimate("k", "t", Estimate.of([0.1, 0.11, 0.12], median), at_most=0.2).met == "met"
-    assert estimate("k", "t", Estimate.of([0.1, 0.3], median), at_most=0.2).met == "not shown"
+    assert estimate("k", "t", Estimate.of([0.1, 0.11] * 10, median), at_most=0.2).met == "met"
+    assert estimate("k", "t", Estimate.of([0.1, 0.3] * 10, median), at_most=0.2).met == "not shown"
+    assert estimate("k", "t", Estimate.of([0.1] * 19, median), at_most=0.2).met == "not shown"
 
 
 def test_calibration_error_of_certainty_of_doubt_and_of_conceit() -> None:
