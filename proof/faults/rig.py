@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 import grpc
 from bosdyn.api import power_pb2
@@ -20,6 +20,7 @@ from bosdyn.client.power import PowerClient
 from bosdyn.client.robot_command import RobotCommandBuilder, RobotCommandClient
 
 from proof.fake_process import FakeAddress, FakeProcess
+from proof.faults.meddler import Meddler, When
 from spot_log import LogReadError, Run, read_run
 from spot_log.format.records import RunHeader
 from spot_log.write.logger_process import LoggerProcess
@@ -27,14 +28,11 @@ from spot_log.write.run_writer import active_path
 from spot_log.write.sink import LogSink
 from spot_model.io.velocity_sequence import VelocitySequence, Waypoint
 from spot_model.policy.policy import Policy, load_policy
-from spot_model.robot.state import JointCommand, RobotState
 from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
 from spot_runtime.config import RobotConfig, RunConfig, for_lock_step
 from spot_runtime.hal.base import Hal
-from spot_runtime.hal.connection.address import Address, parse_address
-from spot_runtime.hal.spot.adapter import BosdynHal
+from spot_runtime.hal.connection.address import parse_address
 from spot_runtime.hal.spot.lock_step import LockStep
-from spot_runtime.hal.spot.pace import Pace
 from spot_runtime.hal.spot.session import Session
 from spot_runtime.host.clock import HostClock, RobotClockEstimate
 from spot_runtime.host.console import Console
@@ -58,9 +56,6 @@ CALM: Final[Mapping[str, Mapping[str, Any]]] = {
 """A configuration whose way into motion is short, and which leaves the process that measures as it was."""
 
 WALKING: Final = VelocitySequence(name="fault", duration_s=600.0, waypoints=(Waypoint(time_s=0.0, v_x_m_s=0.4),))
-When = Literal["up", "control", "down"]
-"""Standing up, joint control, or sitting down."""
-
 OVERTURNED_RAD: Final = 0.5
 RUN_PRIORITY: Final = 40
 FAKE_PRIORITY: Final = 35
@@ -253,90 +248,6 @@ class Rig:
         finally:
             os.environ.clear()
             os.environ.update(before)
-
-
-class Meddler(BosdynHal):
-    """The vendor adapter, with something that happens at an instant of robot time."""
-
-    def __init__(self, address: Address, config: RunConfig, sink: LogSink, pace: Pace | None) -> None:
-        super().__init__(address, config, sink, pace)
-        self.sink = sink
-        self.pace = self._pace
-        self.happened_ns, self.power_off_ns = 0, 0
-        self.truth: Any = None
-        self._due_ns = 0
-        self._planned: list[tuple[int, Callable[[], None]]] = []
-        self._spoilt: list[tuple[int, Callable[[RobotState], RobotState]]] = []
-        self._at_ns = 0
-        self._when: When = "control"
-        self.was_off = False
-        self._rig: Rig | None = None
-        self._happens: Callable[[Meddler], None] = lambda _: None
-
-    def prepare(self, rig: Rig, happens: Callable[[Meddler], None], at_s: float, when: When) -> None:
-        """Say what happens, and when."""
-        self._rig, self._happens, self._at_ns, self._when = rig, happens, round(at_s * 1e9), when
-
-    def later(self, seconds: float, happens: Callable[[], None]) -> None:
-        """Have something else happen, so much robot time from now."""
-        self.plan(seconds, happens)
-
-    def plan(self, seconds: float, happens: Callable[[], None]) -> None:
-        """As :meth:`later`, for as many things as you like."""
-        self._planned.append((self.robot_now_ns() + round(seconds * 1e9), happens))
-
-    def spoil(self, spoilt: Callable[[RobotState], RobotState], lasts_s: float) -> None:
-        """Change every state from now on before anybody sees it, so long; 0 s: to the end."""
-        until_ns = self.robot_now_ns() + round(lasts_s * 1e9) if lasts_s else 1 << 62
-        self._spoilt.append((until_ns, spoilt))
-
-    def begin_joint_control(self, first: JointCommand) -> None:
-        """Begin, and count from here."""
-        if self._rig is not None:
-            self._rig.truth(reset_extremes=True)
-        self._begins("control")
-        super().begin_joint_control(first)
-
-    def stand(self) -> None:
-        """Power on and stand, and count from here where that is when it happens."""
-        self._begins("up")
-        super().stand()
-
-    def receive(self, until_robot_ns: int, timeout_s: float) -> list[RobotState]:
-        """Let it happen when it is due."""
-        self._let_happen()
-        states = super().receive(until_robot_ns, timeout_s)
-        for until_ns, spoilt in self._spoilt:
-            if self.robot_now_ns() < until_ns:
-                states = [spoilt(state) for state in states]
-        return states
-
-    def power_off(self) -> None:
-        """Note when."""
-        self.power_off_ns = self.robot_now_ns()
-        if self._rig is not None:
-            self.truth = self._rig.truth()
-            self.was_off = self._rig.status().motor_power.lower().endswith("off")
-        self._begins("down")
-        super().power_off()
-
-    def _begins(self, when: When) -> None:
-        if when == self._when:
-            self._due_ns = self.robot_now_ns() + self._at_ns
-
-    def _let_happen(self) -> None:
-        if self._due_ns and not self.happened_ns and self.robot_now_ns() >= self._due_ns:
-            self.happened_ns = self.robot_now_ns()
-            self._happens(self)
-        due = [planned for planned in self._planned if self.robot_now_ns() >= planned[0]]
-        self._planned = [planned for planned in self._planned if planned not in due]
-        for _, happens in due:
-            happens()
-
-    def _pause(self, duration_s: float) -> None:
-        if self._when != "control":
-            self._let_happen()
-        super()._pause(duration_s)
 
 
 def clear_behavior_faults(robot: str, config: RobotConfig) -> tuple[str, ...]:

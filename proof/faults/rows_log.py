@@ -12,7 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from proof.faults.rig import Drive, Meddler, Rig, read_log
+from proof.faults.meddler import Meddler
+from proof.faults.rig import Drive, Rig, read_log
 from proof.faults.rows import NS_PER_MS, Finding, Row, judge, went_on
 from proof.faults.rows_robot import first_damping_ns
 from spot_log import LogError

@@ -5,7 +5,8 @@ from __future__ import annotations
 import signal
 from collections.abc import Callable
 
-from proof.faults.rig import Meddler, Rig, When
+from proof.faults.meddler import Meddler, When
+from proof.faults.rig import Rig
 from proof.faults.rows import NS_PER_MS, Finding, Row, happens, judge, reacted, settle
 from proof.faults.rows_robot import first_damping_ns
 from proof.faults.rows_state import drive_way

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from proof.faults.rig import Meddler, Rig
+from proof.faults.meddler import Meddler
+from proof.faults.rig import Rig
 from proof.faults.rows import Finding, Row, judge, reacted, went_on
 from spot_model.io.velocity_sequence import standing_sequence
 from spot_model.policy.contract import PolicyError

@@ -9,7 +9,8 @@ from typing import Final
 
 import numpy as np
 
-from proof.faults.rig import Drive, Meddler, Rig
+from proof.faults.meddler import Meddler
+from proof.faults.rig import Drive, Rig
 from proof.faults.rows import NS_PER_MS, Finding, Row, happens, judge, reacted, went_on
 from proof.faults.rows_state import drive_way
 from spot_runtime.hal.errors import HalError

@@ -184,7 +184,7 @@ class StubOperated:
 
         self.link = SimpleNamespace(answer=self._answer)
         self.source = SimpleNamespace(steer=lambda *_: None)
-        self.errands = SimpleNamespace(is_busy=False, run=self._errand)
+        self.background = SimpleNamespace(is_busy=False, run=self._carry_out)
         self.loop: Any = None
         self.stop: Any = None
         self.policy: Any = None
@@ -199,10 +199,10 @@ class StubOperated:
         if not text:
             raise AssertionError("an answer without a word")
 
-    def _errand(self, work: Any, then: Any) -> None:
+    def _carry_out(self, work: Any, then: Any) -> None:
         try:
             result, problem = work(), None
-        except Exception as error:  # noqa: BLE001 - as the errands do
+        except Exception as error:  # noqa: BLE001 - as the background task does
             result, problem = None, error
         then(result, problem)
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import signal
 from collections.abc import Callable
 
-from proof.faults.rig import Meddler, Rig
+from proof.faults.meddler import Meddler
+from proof.faults.rig import Rig
 from proof.faults.search.case import Case, Fault
 from proof.faults.search.signals import SpoiltSignal
 

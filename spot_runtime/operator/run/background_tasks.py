@@ -7,11 +7,11 @@ from collections.abc import Callable
 from typing import Any
 
 
-class Errands:
-    """One errand at a time, in a thread of its own; its result is taken up by the thread that runs the cycles."""
+class BackgroundTask:
+    """One task at a time, in a thread of its own; its result is taken up by the thread that runs the cycles."""
 
     def __init__(self, *, is_sync: bool) -> None:
-        """With ``is_sync`` each errand is done at once: in lock-step the robot waits anyway."""
+        """With ``is_sync`` each task is done at once: in lock-step the robot waits anyway."""
         self._is_sync = is_sync
         self._thread: threading.Thread | None = None
         self._result: tuple[Any, Exception | None] | None = None
@@ -22,20 +22,20 @@ class Errands:
         """Whether one is under way."""
         return self._then is not None
 
-    def run(self, errand: Callable[[], Any], then: Callable[[Any, Exception | None], None]) -> None:
-        """Begin an errand; ``then`` gets its result or its error, called by :meth:`finish`.
+    def run(self, task: Callable[[], Any], then: Callable[[Any, Exception | None], None]) -> None:
+        """Begin a task; ``then`` gets its result or its error, called by :meth:`finish`.
 
         Raises:
             RuntimeError: One is under way.
         """
         if self.is_busy:
-            raise RuntimeError("an errand is under way")
+            raise RuntimeError("a task is under way")
         self._then, self._result = then, None
         if self._is_sync:
-            self._work(errand)
+            self._work(task)
             self.finish()
             return
-        self._thread = threading.Thread(target=self._work, args=(errand,), name="errand", daemon=True)
+        self._thread = threading.Thread(target=self._work, args=(task,), name="background", daemon=True)
         self._thread.start()
 
     def finish(self) -> None:
@@ -46,8 +46,8 @@ class Errands:
         self._result = self._then = self._thread = None
         then(value, error)
 
-    def _work(self, errand: Callable[[], Any]) -> None:
+    def _work(self, task: Callable[[], Any]) -> None:
         try:
-            self._result = (errand(), None)
+            self._result = (task(), None)
         except Exception as error:  # noqa: BLE001 - told to whoever asked
             self._result = (None, error)

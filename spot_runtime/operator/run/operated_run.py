@@ -30,10 +30,10 @@ from spot_runtime.hal.base import Hal
 from spot_runtime.host.clock import HostClock
 from spot_runtime.host.realtime import apply_real_time, freeze_garbage_collection
 from spot_runtime.host.service_manager import ServiceManager
-from spot_runtime.operator.run.background_tasks import Errands
+from spot_runtime.operator.run.background_tasks import BackgroundTask
 from spot_runtime.operator.run.link import RunLink
 from spot_runtime.operator.run.requests import Requests
-from spot_runtime.operator.run.run_logs import LogDesk, SwitchedSink
+from spot_runtime.operator.run.run_logs import RunLogs, SwitchedSink
 from spot_runtime.operator.run.run_spec import RunSpec
 from spot_runtime.operator.run.run_status import STATUS_PERIOD_NS, status_of
 from spot_runtime.operator.run.standby import check_standing
@@ -70,10 +70,10 @@ class OperatedRun:
         self._manager = manager or ServiceManager()
         self._clock = HostClock()
         self._sink = SwitchedSink()
-        self._desk = LogDesk(make_sink, self._sink)
+        self._logs = RunLogs(make_sink, self._sink)
         self._source = OperatorSource(spec.config)
         self._requests = Requests(self)
-        self._errands = Errands(is_sync=bool(spec.lock_step))
+        self._background = BackgroundTask(is_sync=bool(spec.lock_step))
         self.policy = policy
         self.attendance = Attendance(spec.config, self._clock.now_ns())
         self.loop: ControlLoop | None = None
@@ -100,7 +100,7 @@ class OperatedRun:
             outcome=session.outcome.label,
             exit_code=session.outcome.exit_code,
             sentence=session.outcome.sentence,
-            log_paths=[str(path) for path in self._desk.paths],
+            log_paths=[str(path) for path in self._logs.paths],
             host_stamp_ns=self._clock.now_ns(),
         )
         self._link.ended(outcome)
@@ -119,9 +119,9 @@ class OperatedRun:
         return self._source
 
     @property
-    def errands(self) -> Errands:
+    def background(self) -> BackgroundTask:
         """What takes long and must not hold up the robot's cycles."""
-        return self._errands
+        return self._background
 
     @property
     def config(self) -> RunConfig:
@@ -131,7 +131,7 @@ class OperatedRun:
     @property
     def log_path(self) -> str:
         """The log that is being written; empty: none."""
-        return "" if self._desk.path is None else str(self._desk.path)
+        return "" if self._logs.path is None else str(self._logs.path)
 
     def end(self, stop: Stop) -> None:
         """End the arming, or the control that is under way and then the arming."""
@@ -148,7 +148,7 @@ class OperatedRun:
     def begin_log(self, labels: dict[str, str]) -> Path:
         """Open a log. Raises LogError."""
         request = self._request(labels)
-        path = self._desk.begin(request.log_path, header_of(request, self._now_ns()))
+        path = self._logs.begin(request.log_path, header_of(request, self._now_ns()))
         self.event(EventName.RUN_STARTED, f"policy {self.policy.contract.name}, {request.source.name}")
         self.event(*gait_event(self.policy.contract))
         return path
@@ -192,7 +192,7 @@ class OperatedRun:
             wrong = check_standing(hal, newest_ns, self._config.safety)
             if wrong is not None:
                 self.end(wrong)
-            self._errands.finish()
+            self._background.finish()
             self._tell_status(hal, states[-1] if states else None)
             self._manager.progressed()
             if self._spec.lock_step:
@@ -200,7 +200,7 @@ class OperatedRun:
         return self.stop
 
     def _waits(self) -> bool:
-        return self._errands.is_busy or (self.stop is None and not self.is_start_asked)
+        return self._background.is_busy or (self.stop is None and not self.is_start_asked)
 
     def _control(self, hal: Hal, signals: StopSignals) -> ControlEnd:
         self.keeps_standing = False
@@ -241,13 +241,13 @@ class OperatedRun:
     def _end_log(self, label: str) -> None:
         """Close the log; where something went wrong, write what led to it first."""
         try:
-            path = self._desk.write_incident(label)
+            path = self._logs.write_incident(label)
         except SpotRlError as error:
             self.event(EventName.INCIDENT_FAILED, str(error))
         else:
             if path is not None:
                 self.event(EventName.INCIDENT, f"the seconds around the stop are in {path}")
-        self._desk.end(label)
+        self._logs.end(label)
 
     # Details ----------------------------------------------------------------------------------------------------------
 

@@ -69,7 +69,7 @@ class Requests:
         run = self._run
         if run.loop is not None:
             self._refuse(message, "the policy has the joints already")
-        elif run.errands.is_busy:
+        elif run.background.is_busy:
             self._refuse(message, _BUSY)
         elif run.log_path:
             run.is_start_asked = True
@@ -110,7 +110,7 @@ class Requests:
         run, asked = self._run, message.switch_policy
         if run.loop is not None:
             self._refuse(message, _NOT_STANDING)
-        elif run.errands.is_busy:
+        elif run.background.is_busy:
             self._refuse(message, _BUSY)
         elif run.log_path:
             self._refuse(message, "a log is being written, and its header names one policy; start, or sit down first")
@@ -130,13 +130,13 @@ class Requests:
                 run.event(*gait_event(policy.contract))
                 self._done(message, f"policy {policy.contract.name} is loaded")
 
-            run.errands.run(load, then)
+            run.background.run(load, then)
 
     def _start_log(self, message: run_link_pb2.ToRun, host_ns: int) -> None:
         del host_ns
         if self._run.log_path:
             self._refuse(message, f"a log is being written already: {self._run.log_path}; label it instead")
-        elif self._run.errands.is_busy:
+        elif self._run.background.is_busy:
             self._refuse(message, _BUSY)
         else:
             self._open_log(message, dict(message.start_log.labels), lambda m, path: self._done(m, str(path)))
@@ -159,7 +159,7 @@ class Requests:
             else:
                 then(message, path)
 
-        self._run.errands.run(lambda: self._run.begin_log(labels), take_up)
+        self._run.background.run(lambda: self._run.begin_log(labels), take_up)
 
     def _done(self, message: run_link_pb2.ToRun, text: str) -> None:
         self._run.link.answer(message.request_id, is_done=True, text=text)

@@ -79,7 +79,7 @@ class SwitchedSink:
         self.end(outcome)
 
 
-class LogDesk:
+class RunLogs:
     """Opens logs under names of their own and remembers where they are."""
 
     def __init__(self, make_sink: SinkFactory, sink: SwitchedSink) -> None:

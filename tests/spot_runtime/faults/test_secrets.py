@@ -10,7 +10,8 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from proof.faults.rig import Meddler, Rig, rig
+from proof.faults.meddler import Meddler
+from proof.faults.rig import Rig, rig
 from spot_log.page.page import write_page
 from spot_log.page.summary import summarise
 from spot_log.read.mcap_scan import scan_mcap

@@ -25,7 +25,7 @@ from spot_runtime.operator.door.access import Buckets, Gate, Lane
 from spot_runtime.operator.door.callers import Caller, Role
 from spot_runtime.operator.listening import SocketFile, default_address, is_loopback, server_credentials
 from spot_runtime.operator.refusal import Refusal
-from spot_runtime.operator.run.background_tasks import Errands
+from spot_runtime.operator.run.background_tasks import BackgroundTask
 from spot_runtime.operator.run.link import MAX_TAKEN, RunLink
 from spot_runtime.operator.run.run_status import STANDING_BY
 from spot_runtime.operator.run.steering import Attendance, OperatorSource
@@ -230,7 +230,7 @@ def test_too_many_streams_are_refused() -> None:
     gate.open_stream("watch", ANNA)
 
 
-# Policies, events, errands --------------------------------------------------------------------------------------------
+# Policies, events, background tasks -----------------------------------------------------------------------------------
 
 
 def test_policies_are_found_by_name_alone(tmp_path: Path) -> None:
@@ -277,12 +277,12 @@ def test_the_event_history_keeps_the_newest_and_numbers_all() -> None:
     assert not book.after(KEPT + 10)
 
 
-def test_errands() -> None:
+def test_background_tasks() -> None:
     got: list[object] = []
-    sync = Errands(is_sync=True)
+    sync = BackgroundTask(is_sync=True)
     sync.run(lambda: 3, lambda value, error: got.append((value, error)))
     assert got == [(3, None)]
-    beside = Errands(is_sync=False)
+    beside = BackgroundTask(is_sync=False)
     beside.run(lambda: 1 / 0, lambda _, error: got.append(type(error)))
     assert beside.is_busy
     with pytest.raises(RuntimeError):
