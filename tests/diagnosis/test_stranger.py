@@ -1,0 +1,60 @@
+"""Whole diagnoses of robots of another hand: friction, load cells, link and estimator share no formula with ours."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from diagnosis.library.registry import LIBRARY
+from diagnosis.report.output import write_all
+from diagnosis.verdict.diagnose import Diagnosis, diagnose
+from diagnosis.verdict.posterior_file import load_posterior
+from spot_model.effects.command.command_delay import CommandDelay
+from spot_model.io.model_file import RobotModel, load_model
+from spot_model.policy.policy import load_policy
+
+from .stranger import SEQUENCES, Errors, Faults, Stranger
+
+POLICY = Path(__file__).parents[2] / "policies" / "walk.onnx"
+NOMINAL = RobotModel((CommandDelay(delay_s=0.004),))
+EXACT = Errors(gain=0.02, mass=0.03, load_lag_s=(0.001, 0.0011), friction_nm=(0.02, 0.1), estimator_lag_s=(0.0, 0.005))
+"""Nearly as a maker would sign it; what the defaults of :class:`Errors` are is an old robot."""
+SHORT = {name: SEQUENCES[name] for name in ("forward", "turn")}
+
+
+def _diagnosed(robot: Stranger) -> Diagnosis:
+    runs = robot.walk(SHORT, 3, 4.0)
+    return diagnose(runs, NOMINAL, robot.policy, np.random.default_rng(0), lambda _: None)
+
+
+@pytest.mark.slow
+def test_a_robot_with_nothing_wrong_has_no_gap(tmp_path: Path) -> None:
+    found = _diagnosed(Stranger(load_policy(POLICY), 11, errors=EXACT))
+    assert found.verdict.status == "no_gap"
+    assert found.verdict.effects == ()
+    assert found.verdict.where
+    paths = write_all(found, tmp_path / "out", LIBRARY)
+    # The file holds this robot's own gains, joint by joint, as numbers.
+    assert any(e.name == "torque_gain" for e in load_model(str(paths["model"])).effects)
+    posterior = load_posterior(paths["posterior"])
+    assert sum(p.weight for p in posterior.possibilities) == pytest.approx(1.0)
+    assert posterior.draw(LIBRARY, np.random.default_rng(0)).effects
+
+
+@pytest.mark.slow
+def test_one_weak_joint_is_named_and_nothing_else() -> None:
+    found = _diagnosed(Stranger(load_policy(POLICY), 102, Faults(gain={"hl_kn": 0.6}), EXACT))
+    assert [(e.name, e.joints) for e in found.verdict.effects] == [("torque_gain", ("hl_kn",))]
+    gain = found.verdict.effects[0].parameters["gain"]
+    assert gain.low < 0.6 < gain.high
+
+
+@pytest.mark.slow
+def test_one_run_without_the_policy_proves_nothing_and_still_says_where() -> None:
+    robot = Stranger(load_policy(POLICY), 102, Faults(gain={"hl_kn": 0.6}), EXACT)
+    runs = robot.walk({"forward": SEQUENCES["forward"]}, 1, 3.0)
+    found = diagnose(runs, NOMINAL, None, np.random.default_rng(0), lambda _: None)
+    assert all(e.probability <= 0.9 for e in found.verdict.effects)
+    assert found.verdict.where[0].joint == "hl_kn"
