@@ -53,10 +53,18 @@ def diagnose(
 
     check_free(out)
     request = Request(
-        logs=tuple(logs), nominal=load_model(nominal), nominal_name=nominal, out=out, policy=policy, robot=robot,
-        library=chosen_library(add_effect or [], without or []), with_synthesis=synthesis,
-        has_ray=engine is EngineName.RAY, ray_address=ray_address, seed=seed,
-    )  # fmt: skip
+        logs=tuple(logs),
+        nominal=load_model(nominal),
+        nominal_name=nominal,
+        out=out,
+        policy=policy,
+        robot=robot,
+        library=chosen_library(add_effect or [], without or []),
+        with_synthesis=synthesis,
+        has_ray=engine is EngineName.RAY,
+        ray_address=ray_address,
+        seed=seed,
+    )
     progress = Progress(sys.stderr)
     try:
         result, paths = run_session(request, progress)

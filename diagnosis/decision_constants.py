@@ -77,8 +77,18 @@ What is farther off is put back to this bound before a model "with ordinary erro
 # ---- evidence in the residuals
 
 DISCREPANCY: Final[Mapping[str, float]] = {
-    "A": 0.7, "B": 1.2, "C": 0.7, "D": 2.0, "I": 1.5, "K": 0.7, "L": 2.0, "N": 1.0, "P": 2.0, "Q": 0.5, "T": 1.0,
-}  # fmt: skip
+    "A": 0.7,
+    "B": 1.2,
+    "C": 0.7,
+    "D": 2.0,
+    "I": 1.5,
+    "K": 0.7,
+    "L": 2.0,
+    "N": 1.0,
+    "P": 2.0,
+    "Q": 0.5,
+    "T": 1.0,
+}
 """What formulas leave in a channel, root mean square in units of its noise."""
 DEGREES_OF_FREEDOM: Final = 40.0
 """Independent ways, at most, in which a formula can be off in one signal: strides times a leg's phases."""
@@ -119,8 +129,18 @@ MATTERS_SHARE: Final = 0.15
 OPEN_LOOP_MATTERS: Final = 2.0
 """An effect matters to a prediction if without it some signal is off by so many times what formulas leave there."""
 USUAL_LEFT: Final[Mapping[str, float]] = {
-    "A": 9.0, "B": 7.0, "C": 8.0, "D": 14.0, "I": 6.0, "K": 2.0, "L": 1.0, "N": 12.0, "P": 1.0, "Q": 2.0, "T": 1.0,
-}  # fmt: skip
+    "A": 9.0,
+    "B": 7.0,
+    "C": 8.0,
+    "D": 14.0,
+    "I": 6.0,
+    "K": 2.0,
+    "L": 1.0,
+    "N": 12.0,
+    "P": 1.0,
+    "Q": 2.0,
+    "T": 1.0,
+}
 """Nats that trees still predict, by channel, of what is left where nothing is wrong."""
 
 # ---- words

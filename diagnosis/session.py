@@ -60,15 +60,28 @@ def run_session(request: Request, progress: Progress) -> tuple[Diagnosis, dict[s
         engine = RayEngine(file.read_bytes(), request.ray_address) if request.has_ray else LocalEngine(policy)
         with engine:
             result = diagnose(
-                runs, request.nominal, policy, np.random.default_rng(request.seed), progress,
-                library=request.library, with_synthesis=request.with_synthesis, nominal_name=request.nominal_name,
-                limits_rad=robot.limits_rad, engine=engine,
-            )  # fmt: skip
+                runs,
+                request.nominal,
+                policy,
+                np.random.default_rng(request.seed),
+                progress,
+                library=request.library,
+                with_synthesis=request.with_synthesis,
+                nominal_name=request.nominal_name,
+                limits_rad=robot.limits_rad,
+                engine=engine,
+            )
     else:
         result = diagnose(
-            runs, request.nominal, None, np.random.default_rng(request.seed), progress, library=request.library,
-            nominal_name=request.nominal_name, limits_rad=robot.limits_rad,
-        )  # fmt: skip
+            runs,
+            request.nominal,
+            None,
+            np.random.default_rng(request.seed),
+            progress,
+            library=request.library,
+            nominal_name=request.nominal_name,
+            limits_rad=robot.limits_rad,
+        )
     if robot is not SPOT:
         # The library's recordings are walks of Spot: what to do stays, the command that would make Spot do it goes.
         effects = tuple(e.model_copy(update={"split": None}) for e in result.verdict.effects)

@@ -126,9 +126,15 @@ class RayEngine:
 def run_rollout(rollout: Rollout, policy: Policy, noise: SensorNoise, tell: Tell) -> list[Run]:
     """One rollout, here."""
     return simulate(
-        rollout.model, policy, rollout.scripts, np.random.default_rng(rollout.seed), noise, tell=tell,
-        surroundings=rollout.surroundings, only_ticks=rollout.only_ticks,
-    )  # fmt: skip
+        rollout.model,
+        policy,
+        rollout.scripts,
+        np.random.default_rng(rollout.seed),
+        noise,
+        tell=tell,
+        surroundings=rollout.surroundings,
+        only_ticks=rollout.only_ticks,
+    )
 
 
 def _remote(policy: bytes, rollout: Rollout, noise: SensorNoise) -> list[Run] | BadInputError:

@@ -45,9 +45,16 @@ MAX_SEQUENCES: Final = 4
 """So many command sequences serve to choose; one simulated run of each for each choice."""
 MAX_TICKS: Final = 200
 """Of a run, from its start."""
-SURROUNDING_EFFECTS: Final = frozenset({
-    "ground_compliance", "ground_friction", "foot_radius", "contact_delay", "velocity_estimate", "imu_tilt",
-})  # fmt: skip
+SURROUNDING_EFFECTS: Final = frozenset(
+    {
+        "ground_compliance",
+        "ground_friction",
+        "foot_radius",
+        "contact_delay",
+        "velocity_estimate",
+        "imu_tilt",
+    }
+)
 """Effects that other surroundings could hide."""
 
 Job = tuple[RobotModel, Script, Surroundings | None]
@@ -155,9 +162,14 @@ class _Tried:
 
 
 def best_surroundings(
-    models: Mapping[str, RobotModel], scripts: Sequence[Script], real: Mapping[str, Features], policy: Policy,
-    engine: Engine, rng: np.random.Generator, tell: Tell,
-) -> dict[str, Chosen]:  # fmt: skip
+    models: Mapping[str, RobotModel],
+    scripts: Sequence[Script],
+    real: Mapping[str, Features],
+    policy: Policy,
+    engine: Engine,
+    rng: np.random.Generator,
+    tell: Tell,
+) -> dict[str, Chosen]:
     """By model, surroundings for each sequence, chosen on the others; on itself where it is the only one.
 
     First hard and soft ground, then around the best the ground and the estimator, and around both together the ground

@@ -78,18 +78,29 @@ def gap_map(real: Side, simulated: Side, leg_of_joint: Ints, rng: np.random.Gene
         s, j, r = index
         if np.isfinite(gap[index]) and (not repeated or np.isfinite(floor[index])):
             f = float(floor[index]) if repeated else 0.0
-            cells.append(GapCell(
-                signal=signals[s], joint=joints[j], regime=names[r], gap=float(gap[index]), floor=f,
-                ratio=float(gap[index]) / f if repeated and f > 0.0 else None,
-                p_value=float(p_values[index]) if repeated and np.isfinite(p_values[index]) else None,
-                low=float(low[index]) if np.isfinite(low[index]) else None,
-                high=float(high[index]) if np.isfinite(high[index]) else None,
-                unit=UNITS[signals[s]], n_samples=int(total[j, r]),
-            ))  # fmt: skip
-    note = "" if repeated else (
-        "no command sequence was run twice: there is no real-versus-real floor and no p-value; intervals of the gap "
-        "come from blocks of one second"
-    )  # fmt: skip
+            cells.append(
+                GapCell(
+                    signal=signals[s],
+                    joint=joints[j],
+                    regime=names[r],
+                    gap=float(gap[index]),
+                    floor=f,
+                    ratio=float(gap[index]) / f if repeated and f > 0.0 else None,
+                    p_value=float(p_values[index]) if repeated and np.isfinite(p_values[index]) else None,
+                    low=float(low[index]) if np.isfinite(low[index]) else None,
+                    high=float(high[index]) if np.isfinite(high[index]) else None,
+                    unit=UNITS[signals[s]],
+                    n_samples=int(total[j, r]),
+                )
+            )
+    note = (
+        ""
+        if repeated
+        else (
+            "no command sequence was run twice: there is no real-versus-real floor and no p-value; intervals of the "
+            "gap come from blocks of one second"
+        )
+    )
     cells.sort(key=lambda c: -(c.ratio if c.ratio is not None else c.gap))
     return GapMap(tuple(cells), repeated, note)
 
@@ -106,9 +117,12 @@ def _signals(side: Side) -> dict[str, Array]:
 
 
 def _digests(
-    stack: Stack, values: dict[str, Array], flags: dict[str, NDArray[np.bool_]], signals: Sequence[str],
+    stack: Stack,
+    values: dict[str, Array],
+    flags: dict[str, NDArray[np.bool_]],
+    signals: Sequence[str],
     names: Sequence[str],
-) -> tuple[Array, Ints]:  # fmt: skip
+) -> tuple[Array, Ints]:
     n_joints = next(iter(values.values())).shape[1]
     out = np.full((len(stack.recordings), len(signals), n_joints, len(names), len(QUANTILES)), np.nan)
     counts = np.zeros((len(stack.recordings), n_joints, len(names)), dtype=np.intp)
@@ -137,9 +151,13 @@ def _mean(distance: Array, chosen: NDArray[np.bool_]) -> Array:
 
 
 def _p_values(
-    distance: Array, first: Ints, second: Ints, is_real: NDArray[np.bool_], sequences: Sequence[str],
+    distance: Array,
+    first: Ints,
+    second: Ints,
+    is_real: NDArray[np.bool_],
+    sequences: Sequence[str],
     rng: np.random.Generator,
-) -> Array:  # fmt: skip
+) -> Array:
     """Adjusted p-values of the cells: whole runs change sides within their sequence."""
     flat = distance.reshape(len(distance), -1)
     kept = np.isfinite(flat).all(axis=0)
@@ -174,9 +192,13 @@ def benjamini_hochberg(p_values: Array) -> Array:
 
 
 def _block_interval(
-    real: Side, signals: Sequence[str], values_by_signal: dict[str, Array], model: Array, rng: np.random.Generator,
+    real: Side,
+    signals: Sequence[str],
+    values_by_signal: dict[str, Array],
+    model: Array,
+    rng: np.random.Generator,
     names: Sequence[str],
-) -> tuple[Array, Array]:  # fmt: skip
+) -> tuple[Array, Array]:
     """90 % interval of the gap over all joints and regimes, resampling blocks of one second of the real logs."""
     stack = real.stack
     values = np.stack([values_by_signal[s] for s in signals], axis=2)

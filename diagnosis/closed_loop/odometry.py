@@ -93,13 +93,9 @@ def foot_velocity_m_s(
     rate_hx, rate_hy, rate_kn = (velocity_rad_s[:, joint::3] for joint in range(3))
     by_joints = (
         (leg_z + turned_x) * rate_hy + (shank_z + turned_x) * rate_kn,
-        -(foot_z + arm_z) * rate_hx
-        + (leg_x * sin_hx + turned_y) * rate_hy
-        + (shank_x * sin_hx + turned_y) * rate_kn,
-        (foot_y + arm_y) * rate_hx
-        + (-leg_x * cos_hx - turned_z) * rate_hy
-        + (-shank_x * cos_hx - turned_z) * rate_kn,
-    )  # fmt: skip
+        -(foot_z + arm_z) * rate_hx + (leg_x * sin_hx + turned_y) * rate_hy + (shank_x * sin_hx + turned_y) * rate_kn,
+        (foot_y + arm_y) * rate_hx + (-leg_x * cos_hx - turned_z) * rate_hy + (-shank_x * cos_hx - turned_z) * rate_kn,
+    )
     by_turn = _cross(_columns(angular_vel_in_body_rad_s), point)
     own = _columns(linear_vel_in_body_m_s)
     in_body = (

@@ -61,9 +61,7 @@ def features_by_sequence(runs: Sequence[Run], policy: Policy) -> dict[str, list[
         own = features(run, policy)
         if len(own) >= MIN_TICKS:
             found.setdefault(run.header.command_sequence or "unnamed", []).append(own)
-    return {
-        name: [f for f in own if len(f) >= WHOLE * max(len(g) for g in own)] for name, own in found.items()
-    }  # fmt: skip
+    return {name: [f for f in own if len(f) >= WHOLE * max(len(g) for g in own)] for name, own in found.items()}
 
 
 def compare(sequence: str, real: Features, models: Mapping[str, Features], seed: int = 0) -> Compared:
@@ -88,9 +86,12 @@ def compare(sequence: str, real: Features, models: Mapping[str, Features], seed:
 
 
 def shrinkage(
-    compared: Sequence[Compared], before: str, after: str, rng: np.random.Generator,
+    compared: Sequence[Compared],
+    before: str,
+    after: str,
+    rng: np.random.Generator,
     doubt: tuple[float, float] = (0.0, 0.0),
-) -> Shrinkage:  # fmt: skip
+) -> Shrinkage:
     """S = (D0 − D1)/(D0 − floor), averaged over sequences, with a paired hierarchical bootstrap.
 
     Each resample draws sequences, within them real runs, and simulated runs, the same for both models. Without

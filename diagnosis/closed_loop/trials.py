@@ -63,9 +63,15 @@ Models = Mapping[str, RobotModel]
 
 
 def roll_out(
-    bench: Bench, models: Mapping[str, Models], references: Models, rng: np.random.Generator, tell: Tell,
-    like: Mapping[str, str] | None = None, *, only_ticks: bool = False,
-) -> dict[str, list[Run]]:  # fmt: skip
+    bench: Bench,
+    models: Mapping[str, Models],
+    references: Models,
+    rng: np.random.Generator,
+    tell: Tell,
+    like: Mapping[str, str] | None = None,
+    *,
+    only_ticks: bool = False,
+) -> dict[str, list[Run]]:
     """Runs of all scripts by each model, all side by side, in the surroundings that suit them.
 
     Args:
@@ -83,9 +89,11 @@ def roll_out(
     wanted = references if bench.shared is None else {"all": bench.shared}
     missing = {name: model for name, model in wanted.items() if name not in bench.surroundings}
     if missing:
-        bench.surroundings.update(best_surroundings(
-            missing, bench.scripts, bench.real(), bench.policy, bench.engine, rng, lambda share: tell(0.6 * share)
-        ))  # fmt: skip
+        bench.surroundings.update(
+            best_surroundings(
+                missing, bench.scripts, bench.real(), bench.policy, bench.engine, rng, lambda share: tell(0.6 * share)
+            )
+        )
     jobs, names = [], []
     for name, by_sequence in models.items():
         around = bench.surroundings["all" if bench.shared is not None else (like or {}).get(name, name)]
@@ -230,9 +238,12 @@ def shrink_of(
     bench = Bench(tuple(runs), scripts, policy, LocalEngine(policy), corrected if added & SURROUNDING_EFFECTS else None)
     models = {"nominal": nominal, "corrected": corrected}
     made = roll_out(
-        bench, {name: dict.fromkeys(bench.sequences, model) for name, model in models.items()}, models, rng,
+        bench,
+        {name: dict.fromkeys(bench.sequences, model) for name, model in models.items()},
+        models,
+        rng,
         lambda _: None,
-    )  # fmt: skip
+    )
     compared, _ = compared_by_sequence(bench, made)
     doubt = (bench.doubt("nominal"), bench.doubt("corrected"))
     return shrinkage(compared, "nominal", "corrected", rng, doubt) if compared else None
@@ -264,15 +275,18 @@ def _beside(runs: Sequence[Run], before: Sequence[Run], after: Sequence[Run]) ->
     """Gaps of measured torque, joint and body speed: mean Wasserstein distance over the signal's components."""
     out = []
     for name, unit, pick in (
-        ("load", "N·m", _load), ("joint velocity", "rad/s", _joint_velocity), ("body velocity", "m/s", _velocity),
-    ):  # fmt: skip
+        ("load", "N·m", _load),
+        ("joint velocity", "rad/s", _joint_velocity),
+        ("body velocity", "m/s", _velocity),
+    ):
         pairs = list(_matched(runs, before, after))
         gaps = [(_w1(pick(a), pick(b)), _w1(pick(a), pick(c))) for a, b, c in pairs]
         same = [
             _w1(pick(a), pick(b))
-            for i, a in enumerate(runs) for b in runs[:i]
+            for i, a in enumerate(runs)
+            for b in runs[:i]
             if a.header.command_sequence == b.header.command_sequence and len(policy_ticks(a)) and len(policy_ticks(b))
-        ]  # fmt: skip
+        ]
         if gaps and np.isfinite(gaps).all():
             b, a = np.mean(gaps, axis=0)
             out.append(

@@ -31,46 +31,72 @@ def _steps(name: str, duration_s: float, *points: tuple[float, float, float, flo
     )
 
 
-WALK = _steps("walk_and_turn", 20.0, (0, 0, 0, 0), (1, 0.8, 0, 0), (7, 0, 0.5, 0), (11, 0, 0, 1.0), (15, -0.6, 0, 0),
-              (19, 0, 0, 0))  # fmt: skip
+WALK = _steps(
+    "walk_and_turn",
+    20.0,
+    (0, 0, 0, 0),
+    (1, 0.8, 0, 0),
+    (7, 0, 0.5, 0),
+    (11, 0, 0, 1.0),
+    (15, -0.6, 0, 0),
+    (19, 0, 0, 0),
+)
 SLOW = _steps("slow_walk", 20.0, (0, 0, 0, 0), (1, 0.2, 0, 0), (10, -0.2, 0, 0), (19, 0, 0, 0))
 TURN_IN_PLACE = _steps("turn_in_place", 20.0, (0, 0, 0, 0), (2, 0, 0, 1.0), (9, 0, 0, -1.0), (16, 0, 0, 0))
 SIDEWAYS = _steps("mirrored_sideways", 20.0, (0, 0, 0, 0), (1, 0, 0.8, 0), (10, 0, -0.8, 0), (19, 0, 0, 0))
 FAST = forward_sequence(4.0)
 
 OTHER_KD = Experiment(
-    "other_damping", "Walk again with kd 1.0: a change of kd scales with kd, friction does not.", WALK,
+    "other_damping",
+    "Walk again with kd 1.0: a change of kd scales with kd, friction does not.",
+    WALK,
     kd_nm_s_per_rad=1.0,
-)  # fmt: skip
+)
 OTHER_KP = Experiment(
-    "other_stiffness", "Walk again with kp 50: a wrong stiffness scales with kp, a torque gain with all torque.", WALK,
+    "other_stiffness",
+    "Walk again with kp 50: a wrong stiffness scales with kp, a torque gain with all torque.",
+    WALK,
     kp_nm_per_rad=50.0,
-)  # fmt: skip
+)
 SLOW_WALK = Experiment("slow_walk", "Walk slowly: what acts near standstill grows, what needs speed vanishes.", SLOW)
 SPRINT = Experiment("sprint", "Run up to 4 m/s: limits of torque, speed and power act only there.", FAST)
 LOADED_WALK = Experiment(
-    "loaded_walk", "Walk with a known payload: load-dependent friction grows, plain friction does not.", WALK,
+    "loaded_walk",
+    "Walk with a known payload: load-dependent friction grows, plain friction does not.",
+    WALK,
     by_hand="fix a known mass of 5 kg or more to the middle of the back",
-)  # fmt: skip
+)
 STAND = Experiment("stand", "Stand still: loads alone must carry the known weight.", standing_sequence())
 LONG_WALK = Experiment(
-    "long_walk", "Walk for two minutes: heat grows with time, a gain does not.",
+    "long_walk",
+    "Walk for two minutes: heat grows with time, a gain does not.",
     _steps("long_walk", 120.0, (0, 0, 0, 0), (1, 1.0, 0, 0), (119, 0, 0, 0)),
-)  # fmt: skip
+)
 TURN = Experiment(
-    "turn_in_place", "Turn in place by half a turn: a tilted floor turns with the heading, a tilted sensor does not.",
+    "turn_in_place",
+    "Turn in place by half a turn: a tilted floor turns with the heading, a tilted sensor does not.",
     TURN_IN_PLACE,
-)  # fmt: skip
+)
 MIRROR = Experiment(
-    "mirrored_sideways", "Step left, then right: what belongs to one side changes sides.", SIDEWAYS,
-)  # fmt: skip
+    "mirrored_sideways",
+    "Step left, then right: what belongs to one side changes sides.",
+    SIDEWAYS,
+)
 OTHER_GROUND = Experiment(
-    "other_ground", "Walk on hard, grippy ground: what belongs to the ground changes, the robot does not.", WALK,
+    "other_ground",
+    "Walk on hard, grippy ground: what belongs to the ground changes, the robot does not.",
+    WALK,
     by_hand="repeat on bare concrete or rubber flooring",
-)  # fmt: skip
+)
 TAPED_DISTANCE = Experiment(
-    "taped_distance", "Walk along a taped line and compare the odometry with its length.", WALK,
+    "taped_distance",
+    "Walk along a taped line and compare the odometry with its length.",
+    WALK,
     by_hand="mark start and end of the walk and measure the distance",
-)  # fmt: skip
-WIRED_LINK = Experiment("wired_link", "Repeat over a cable: what belongs to the link changes.", WALK,
-                        by_hand="connect by Ethernet in place of wireless")  # fmt: skip
+)
+WIRED_LINK = Experiment(
+    "wired_link",
+    "Repeat over a cable: what belongs to the link changes.",
+    WALK,
+    by_hand="connect by Ethernet in place of wireless",
+)

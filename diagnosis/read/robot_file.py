@@ -83,10 +83,15 @@ class RobotDescription:
 
 
 SPOT: Final = RobotDescription(
-    name="spot", joint_names=facts.JOINT_NAMES, kp_nm_per_rad=None, kd_nm_s_per_rad=None,
+    name="spot",
+    joint_names=facts.JOINT_NAMES,
+    kp_nm_per_rad=None,
+    kd_nm_s_per_rad=None,
     limits_rad=(np.asarray(facts.POSITION_LOW_RAD), np.asarray(facts.POSITION_HIGH_RAD)),
-    torque_limit_nm=None, mjcf=None, has_load_from_motion=False,
-)  # fmt: skip
+    torque_limit_nm=None,
+    mjcf=None,
+    has_load_from_motion=False,
+)
 
 
 def load_robot(path: Path) -> RobotDescription:

@@ -28,8 +28,9 @@ def ranking(verdict: Verdict) -> str:
         if rows[n] >= 0.005 or n in chosen
     ]
     bars += [
-        ("none", verdict.probability_none, "var(--none)"), ("unknown", verdict.probability_unknown, "var(--unknown)"),
-    ]  # fmt: skip
+        ("none", verdict.probability_none, "var(--none)"),
+        ("unknown", verdict.probability_unknown, "var(--unknown)"),
+    ]
     return _bars(bars, 1.0, lambda v: f"{v:.2f}", "Probability of each effect")
 
 
@@ -81,8 +82,9 @@ def shrink_line(shrink: Shrink) -> str:
     parts.append(text(at(shrink.s), y - 18, f"S = {shrink.s:.2f}", size=16, anchor="middle", weight=700))
     if shrink.placebo is not None:
         x = at(shrink.placebo.s)
-        parts.append(disc(x, y, 6, "var(--card)", f"placebo {shrink.placebo.name}: {shrink.placebo.s:.2f}",
-                          "var(--other)", 3))  # fmt: skip
+        parts.append(
+            disc(x, y, 6, "var(--card)", f"placebo {shrink.placebo.name}: {shrink.placebo.s:.2f}", "var(--other)", 3)
+        )
         far = abs(x - at(shrink.s)) > 70
         parts.append(text(x, y - 14 if far else y + 60, "placebo", size=12, anchor="middle", css="soft"))
     return svg(width, 128, parts, told)

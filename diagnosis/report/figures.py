@@ -11,7 +11,10 @@ CONFIG: Final = {"displaylogo": False, "responsive": True}
 def div(figure: Any, height: int) -> str:
     """A figure without the library."""
     figure.update_layout(
-        template="plotly_white", height=height, margin={"l": 60, "r": 20, "t": 30, "b": 45}, font={"size": 12},
+        template="plotly_white",
+        height=height,
+        margin={"l": 60, "r": 20, "t": 30, "b": 45},
+        font={"size": 12},
         legend={"orientation": "h", "y": 1.08},
-    )  # fmt: skip
+    )
     return str(figure.to_html(full_html=False, include_plotlyjs=False, config=CONFIG))

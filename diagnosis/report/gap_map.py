@@ -11,11 +11,27 @@ from spot_log.page.svg import disc, heat, on_heat, rect, svg, text
 
 SIGNALS: Final = ("load error", "load", "velocity", "position")
 REGIMES: Final = (
-    "all", "motoring", "motoring, high speed", "motoring, high torque", "braking", "braking, high speed",
-    "braking, high torque", "low torque", "middle torque", "high torque", "low speed", "middle speed", "high speed",
-    "velocity reversal", "stance", "swing", "low total power", "high total power", "first third of time",
+    "all",
+    "motoring",
+    "motoring, high speed",
+    "motoring, high torque",
+    "braking",
+    "braking, high speed",
+    "braking, high torque",
+    "low torque",
+    "middle torque",
+    "high torque",
+    "low speed",
+    "middle speed",
+    "high speed",
+    "velocity reversal",
+    "stance",
+    "swing",
+    "low total power",
+    "high total power",
+    "first third of time",
     "last third of time",
-)  # fmt: skip
+)
 WIDTH: Final = 1160
 LABELS: Final = 165
 ROW: Final = 18

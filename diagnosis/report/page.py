@@ -20,8 +20,10 @@ from spot_log.page.svg import esc, legend
 from spot_model.robot.facts import JOINT_NAMES
 
 COLOURS = (
-    ("var(--real)", "real"), ("var(--nominal)", "nominal model"), ("var(--corrected)", "with the effects put in"),
-)  # fmt: skip
+    ("var(--real)", "real"),
+    ("var(--nominal)", "nominal model"),
+    ("var(--corrected)", "with the effects put in"),
+)
 
 
 def page(result: Diagnosis) -> str:
@@ -107,9 +109,11 @@ def _shrink(v: Verdict) -> str:
     s = v.shrink
     if s is None:
         return ""
-    held = f"measured on sequences that the fit never saw ({', '.join(s.held_out)})" if s.held_out else (
-        "measured on the sequence that the fit saw"
-    )  # fmt: skip
+    held = (
+        f"measured on sequences that the fit never saw ({', '.join(s.held_out)})"
+        if s.held_out
+        else ("measured on the sequence that the fit saw")
+    )
     about = (
         "The policy runs in closed loop on the nominal model and on the one with the effects put in, "
         f"{held}. S = (before − after)/(before − floor): 1 means that nothing is left but what differs between real "
@@ -206,8 +210,11 @@ def _channels(v: Verdict) -> str:
 
 
 def _timeline(result: Diagnosis) -> str:
-    key = legend((
-        ("var(--corrected)", "used"), ("var(--nominal)", "carries much of the gap"),
-        ("var(--empty)", "cut out: no command, start, fall, not following"),
-    ))  # fmt: skip
+    key = legend(
+        (
+            ("var(--corrected)", "used"),
+            ("var(--nominal)", "carries much of the gap"),
+            ("var(--empty)", "cut out: no command, start, fall, not following"),
+        )
+    )
     return boxed("Logs over time", "", key + strips(result.runs, result.verdict.timeline))

@@ -88,9 +88,11 @@ def _leg(points: list[np.ndarray], opacity: float) -> str:
     screen = [_screen(p) for p in points]
     more = f"opacity:{opacity}"
     return (
-        line(screen[:2], "var(--leg)", 17, more) + line(screen[1:3], "var(--leg)", 14, more)
-        + line(screen[2:], "var(--leg)", 9, more) + disc(*screen[3], 7, "var(--leg)")
-    )  # fmt: skip
+        line(screen[:2], "var(--leg)", 17, more)
+        + line(screen[1:3], "var(--leg)", 14, more)
+        + line(screen[2:], "var(--leg)", 9, more)
+        + disc(*screen[3], 7, "var(--leg)")
+    )
 
 
 def _shadow() -> str:
@@ -115,9 +117,13 @@ def _body() -> str:
 
 
 def _joint(
-    name: str, kind: str, at: tuple[float, float], shares: Mapping[str, float], tips: Mapping[str, str],
+    name: str,
+    kind: str,
+    at: tuple[float, float],
+    shares: Mapping[str, float],
+    tips: Mapping[str, str],
     named: frozenset[str],
-) -> str:  # fmt: skip
+) -> str:
     x, y = at
     share = shares.get(name)
     fill = "var(--empty)" if share is None else heat(share)

@@ -42,8 +42,13 @@ def scale_bar(x: float, y: float, width: float, *, in_floors: bool) -> str:
     """The legend of the colours."""
     n = 40
     parts = [rect(x + i * width / n, y, width / n + 0.5, 10, heat((i + 0.5) / n), radius=0) for i in range(n)]
-    words = [(0.0, "1× floor"), (0.25, "2×"), (0.5, "4×"), (0.75, "8×"), (1.0, "16×")] if in_floors else [
-        (0.0, "0"), (1.0, "largest"),
-    ]  # fmt: skip
+    words = (
+        [(0.0, "1× floor"), (0.25, "2×"), (0.5, "4×"), (0.75, "8×"), (1.0, "16×")]
+        if in_floors
+        else [
+            (0.0, "0"),
+            (1.0, "largest"),
+        ]
+    )
     parts += [text(x + s * width, y + 24, w, size=11, anchor="middle", css="soft") for s, w in words]
     return "".join(parts)

@@ -22,9 +22,28 @@ def plain(name: str) -> str:
 
 
 UNITS: Final = (
-    "_nm_s_per_rad", "_v_s_per_rad", "_k_per_nm2_s", "_rad_per_nm", "_w_per_nm2", "_nm_per_v", "_cycles_per_rad",
-    "_kg_m2", "_rad_s", "_m_s2", "_per_k", "_m_s", "_kg", "_nm", "_rad", "_ohm", "_w", "_v", "_s", "_m", "_k",
-)  # fmt: skip
+    "_nm_s_per_rad",
+    "_v_s_per_rad",
+    "_k_per_nm2_s",
+    "_rad_per_nm",
+    "_w_per_nm2",
+    "_nm_per_v",
+    "_cycles_per_rad",
+    "_kg_m2",
+    "_rad_s",
+    "_m_s2",
+    "_per_k",
+    "_m_s",
+    "_kg",
+    "_nm",
+    "_rad",
+    "_ohm",
+    "_w",
+    "_v",
+    "_s",
+    "_m",
+    "_k",
+)
 
 
 def parameter(name: str) -> str:

@@ -183,9 +183,12 @@ class Board:
                 for number in numbers:
                     block = self.blocks[number]
                     self._put(
-                        found_units, found_x, number, list(range(len(units))),
+                        found_units,
+                        found_x,
+                        number,
+                        list(range(len(units))),
                         np.stack([p[block.samples, block.row] for p in parts], axis=1),
-                    )  # fmt: skip
+                    )
         return Columns(tuple(found_units), tuple(found_x))
 
     def _put(self, found_units: list[Ints], found_x: list[Array], number: int, units: list[int], raw: Array) -> None:
@@ -227,11 +230,15 @@ def lay_out(
             if block is not None:
                 blocks.append(block)
     board = Board(
-        views, robot, tuple(blocks), max(n_folds, 2), tuple(fold_names),
+        views,
+        robot,
+        tuple(blocks),
+        max(n_folds, 2),
+        tuple(fold_names),
         dof=np.minimum(DEGREES_OF_FREEDOM, [b.n_independent for b in blocks]),
         tolerance_square=np.array([b.tolerance**2 for b in blocks]) + LEAST,
         relative_square=np.array([EXACT.get(b.channel, FORMULA_ERROR) ** 2 for b in blocks]),
-    )  # fmt: skip
+    )
     board.prepare(library or {}, scales or {})
     return board
 

@@ -309,9 +309,12 @@ class Scorer:
         if getattr(self, "_key", None) != key:
             sums, tried = sums_of(self.board), self._tried
             self._kept = (
-                sums.system(sums.total, weights), weights @ sums.total.with_y, np.tensordot(weights, tried.own, 1),
-                sums.mixed(tried.by_row, weights).T, weights @ tried.with_y,
-            )  # fmt: skip
+                sums.system(sums.total, weights),
+                weights @ sums.total.with_y,
+                np.tensordot(weights, tried.own, 1),
+                sums.mixed(tried.by_row, weights).T,
+                weights @ tried.with_y,
+            )
             self._key = key
         return self._kept
 

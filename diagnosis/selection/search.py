@@ -84,9 +84,7 @@ def search(board: Board, library: Mapping[str, LibraryEffect], say: Say) -> Sele
     return selection_of(board, kept, first, library)
 
 
-def selection_of(
-    board: Board, best: Scored, first: Sequence[Rival], library: Mapping[str, LibraryEffect]
-) -> Selection:  # fmt: skip
+def selection_of(board: Board, best: Scored, first: Sequence[Rival], library: Mapping[str, LibraryEffect]) -> Selection:
     """What each of a set of effects adds to the others, and its rivals.
 
     Args:

@@ -29,9 +29,12 @@ def split(experiment: Experiment) -> Split:
 
 
 def advice(
-    logs: Stack, views: Mapping[str, ChannelView], off: Sequence[ChannelOff], effects: Sequence[FoundEffect],
+    logs: Stack,
+    views: Mapping[str, ChannelView],
+    off: Sequence[ChannelOff],
+    effects: Sequence[FoundEffect],
     unknown: UnknownEffect | None,
-) -> tuple[str, ...]:  # fmt: skip
+) -> tuple[str, ...]:
     """Sentences, the most useful first."""
     out = [
         f"To tell {', '.join(effect.group)} apart: {effect.split.text} {effect.split.by_hand}".strip()

@@ -186,9 +186,12 @@ def _timeline(found: Explained) -> list[Stretch]:
         times = np.sqrt(energy / typical) if typical > 0.0 else np.zeros(0)
         out += [
             Stretch(
-                log=name, kind="gap", start_s=float(at), end_s=float(at + 1),
+                log=name,
+                kind="gap",
+                start_s=float(at),
+                end_s=float(at + 1),
                 reason=f"the load's error is {times[at]:.1f} times its usual size",
             )
             for at in np.flatnonzero(times > CARRIES)
-        ]  # fmt: skip
+        ]
     return out

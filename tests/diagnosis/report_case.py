@@ -40,10 +40,13 @@ REGIMES = ("all", "motoring", "motoring, high speed", "braking", "low speed", "h
 def scripts(n_ticks: int = 110) -> list[Script]:
     """One standing start of each of two sequences."""
     start = StartState(
-        position_rad=np.asarray(facts.DEFAULT_POSITION_RAD), velocity_rad_s=np.zeros(12),
-        world_from_body_wxyz=np.array([1.0, 0.0, 0.0, 0.0]), linear_vel_of_body_in_world_m_s=np.zeros(3),
-        angular_vel_of_body_in_world_rad_s=np.zeros(3), last_action=np.zeros(12, dtype=np.float32),
-    )  # fmt: skip
+        position_rad=np.asarray(facts.DEFAULT_POSITION_RAD),
+        velocity_rad_s=np.zeros(12),
+        world_from_body_wxyz=np.array([1.0, 0.0, 0.0, 0.0]),
+        linear_vel_of_body_in_world_m_s=np.zeros(3),
+        angular_vel_of_body_in_world_rad_s=np.zeros(3),
+        last_action=np.zeros(12, dtype=np.float32),
+    )
     commands = {"a": np.array([0.6, 0.0, 0.0]), "b": np.zeros(3)}
     return [Script(name, 1, start, np.tile(command, (n_ticks, 1))) for name, command in commands.items()]
 
@@ -60,39 +63,68 @@ def cells(rng: np.random.Generator, joints: tuple[str, ...]) -> tuple[GapCell, .
         for joint in joints:
             for regime in REGIMES:
                 ratio = float(1.0 + rng.exponential(6.0 if joint == "fl_kn" and unit == "N·m" else 0.4))
-                found.append(GapCell(
-                    signal=signal, joint=joint, regime=regime, gap=0.1 * ratio, floor=0.1, ratio=ratio,
-                    p_value=0.01 if ratio > 3.0 else 0.4, unit=unit, n_samples=1200,
-                ))  # fmt: skip
+                found.append(
+                    GapCell(
+                        signal=signal,
+                        joint=joint,
+                        regime=regime,
+                        gap=0.1 * ratio,
+                        floor=0.1,
+                        ratio=ratio,
+                        p_value=0.01 if ratio > 3.0 else 0.4,
+                        unit=unit,
+                        n_samples=1200,
+                    )
+                )
     return tuple(sorted(found, key=lambda c: -(c.ratio or 0.0)))
 
 
 def verdict(where: tuple[GapCell, ...], **changes: Any) -> Verdict:
     """A verdict with everything in it: long names, a group, an unknown part, a placebo."""
     effect = FoundEffect(
-        name="coulomb_friction", title="dry friction", probability=0.71,
-        group=("coulomb_friction", "stribeck_friction"), joints=("fl_kn",),
+        name="coulomb_friction",
+        title="dry friction",
+        probability=0.71,
+        group=("coulomb_friction", "stribeck_friction"),
+        joints=("fl_kn",),
         split_by="Walk slowly: what acts near standstill grows.",
         split=Split(
-            name="slow", text="Walk slowly.", command="spot-rl collect --robot HOST --out MORE",
+            name="slow",
+            text="Walk slowly.",
+            command="spot-rl collect --robot HOST --out MORE",
             sequence_file="experiments/slow_walk.yaml",
         ),
         parameters={"level_nm": Number(value=2.02, low=1.91, high=2.13, unit="N·m")},
         rivals={"coulomb_friction": 0.71, "stribeck_friction": 0.2, "load_friction": 0.05, "torque_gain": 0.01},
-        gain_nats=512.0, channels={"A": 498.0, "D": 14.0},
-    )  # fmt: skip
+        gain_nats=512.0,
+        channels={"A": 498.0, "D": 14.0},
+    )
     curve = Dependence(quantity="velocity", importance=0.6, at=(-4.0, -1.0, 1.0, 4.0), residual=(-1.0, -0.4, 0.5, 1.1))
     data: dict[str, Any] = {
-        "status": "partly_explained", "where": where[:60], "effects": (effect,), "probability_none": 0.001,
+        "status": "partly_explained",
+        "where": where[:60],
+        "effects": (effect,),
+        "probability_none": 0.001,
         "probability_unknown": 0.35,
         "unknown": UnknownEffect(
-            joints=("fl_kn",), regime="motoring", depends_on=("velocity", "torque"), channel="A", unit="N·m",
-            predictable_share=0.4, curves=(curve, curve.model_copy(update={"quantity": "torque"})),
+            joints=("fl_kn",),
+            regime="motoring",
+            depends_on=("velocity", "torque"),
+            channel="A",
+            unit="N·m",
+            predictable_share=0.4,
+            curves=(curve, curve.model_copy(update={"quantity": "torque"})),
         ),
         "channels": {"A": "used", "D": "used", "P": "off: no battery record", "T": "off: no receipts of commands"},
         "invisible": ("power_limit", "bus_sag", "command_delay"),
         "shrink": Shrink(
-            d0=4.1, d1=1.5, floor=1.0, s=0.84, s_low=0.77, s_high=0.9, held_out=("a", "b"),
+            d0=4.1,
+            d1=1.5,
+            floor=1.0,
+            s=0.84,
+            s_low=0.77,
+            s_high=0.9,
+            held_out=("a", "b"),
             placebo=Placebo(name="armature", s=0.21),
             beside=(OtherGap(name="load", unit="N·m", before=1.4, after=0.5, floor=0.3),),
         ),
@@ -101,8 +133,10 @@ def verdict(where: tuple[GapCell, ...], **changes: Any) -> Verdict:
             Stretch(log="simulated-a-1", kind="start", start_s=0.0, end_s=0.2, reason="settling"),
             Stretch(log="simulated-a-1", kind="gap", start_s=1.0, end_s=2.0, reason="the load's error is large"),
         ),
-        "logs": ("a.mcap", "b.mcap"), "nominal": "nominal.yaml", "notes": ("A note with <markup> & more.",),
-    }  # fmt: skip
+        "logs": ("a.mcap", "b.mcap"),
+        "nominal": "nominal.yaml",
+        "notes": ("A note with <markup> & more.",),
+    }
     return Verdict(**(data | changes))
 
 
@@ -114,6 +148,11 @@ def a_diagnosis(joints: tuple[str, ...] = facts.JOINT_NAMES, **changes: Any) -> 
     told = verdict(found, **changes)
     robot = Robot(joints, np.repeat(np.arange(4), 3)[: len(joints)])
     return Diagnosis(
-        told, RobotModel(), GapMap(found, has_floor=True, note=""),
-        {"nominal": nominal, "corrected": corrected}, tuple(real), SimpleNamespace(robot=robot), None,  # type: ignore[arg-type]
-    )  # fmt: skip
+        told,
+        RobotModel(),
+        GapMap(found, has_floor=True, note=""),
+        {"nominal": nominal, "corrected": corrected},
+        tuple(real),
+        SimpleNamespace(robot=robot),
+        None,  # type: ignore[arg-type]
+    )

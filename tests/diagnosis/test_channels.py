@@ -111,8 +111,9 @@ def test_channel_l_replays_set_points_actions_and_observations(null_runs):
 @pytest.mark.skipif(not WALK_POLICY.is_file(), reason="policies/walk.onnx is not there")
 def test_a_committed_policy_replays_and_leaves_noise_alone():
     policy = load_policy(WALK_POLICY)
-    runs = planted_runs(Truth(), 1, sequence=walk_sequence(3.0).clipped([-0.8, -0.5, -1.0], [1.5, 0.5, 1.0]),
-                        actor=lambda: policy)  # fmt: skip
+    runs = planted_runs(
+        Truth(), 1, sequence=walk_sequence(3.0).clipped([-0.8, -0.5, -1.0], [1.5, 0.5, 1.0]), actor=lambda: policy
+    )
     views, _ = views_of(runs, policy=policy)
     assert views["L"].measured["action_error"] < 1e-5
     assert views["L"].measured["observation_error"] < 1e-5

@@ -89,10 +89,9 @@ def _found(board: Board, library: dict[str, LibraryEffect]) -> dict[str, tuple[t
     best = search(board, library, lambda _: None).best
     terms = zip(best.terms, best.coefficients, strict=True) if best is not None else ()
     return {
-        t.effect.name: (
-            board.robot.named(board.robot.joints_of(t.effect, t.place)), dict(t.effect.values(c, t.shape))
-        ) for t, c in terms
-    }  # fmt: skip
+        t.effect.name: (board.robot.named(board.robot.joints_of(t.effect, t.place)), dict(t.effect.values(c, t.shape)))
+        for t, c in terms
+    }
 
 
 def test_the_effect_that_a_person_writes_explains_what_the_library_cannot(

@@ -41,10 +41,15 @@ def _log(folder: Path, **changes: np.ndarray) -> Run:
     np.savez(folder / "data.npz", **arrays)
     units = {"position": ("q", "rad"), "velocity": ("qd", "rad/s"), "load": ("tau", "N·m")}
     units["feedforward"] = ("ff", "N·m")
-    mapping = Mapping.model_validate({
-        "schema": "spot-rl/import/1", "joint_names": ["hip", "knee"], "foot_names": [], "time": {"from": "t"},
-        "signals": {n: {"from": a, "unit": u} for n, (a, u) in units.items()},
-    })  # fmt: skip
+    mapping = Mapping.model_validate(
+        {
+            "schema": "spot-rl/import/1",
+            "joint_names": ["hip", "knee"],
+            "foot_names": [],
+            "time": {"from": "t"},
+            "signals": {n: {"from": a, "unit": u} for n, (a, u) in units.items()},
+        }
+    )
     out = folder / "log.mcap"
     out.unlink(missing_ok=True)
     import_log(mapping, folder / "data.npz", out)
@@ -127,16 +132,26 @@ def test_loads_from_motion_are_those_of_a_pendulum(tmp_path: Path) -> None:
         run,
         header=replace(run.header, joint_names=("hip",)),
         states=replace(
-            run.states, position_rad=POSITION[:, :1], velocity_rad_s=VELOCITY[:, :1],
+            run.states,
+            position_rad=POSITION[:, :1],
+            velocity_rad_s=VELOCITY[:, :1],
             load_nm=np.full((N, 1), np.nan),
         ),
         commands=replace(
-            run.commands, **{n: getattr(run.commands, n)[:, :1] for n in (
-                "requested_position_rad", "position_rad", "velocity_rad_s", "load_nm", "kp_nm_per_rad",
-                "kd_nm_s_per_rad",
-            )}
+            run.commands,
+            **{
+                n: getattr(run.commands, n)[:, :1]
+                for n in (
+                    "requested_position_rad",
+                    "position_rad",
+                    "velocity_rad_s",
+                    "load_nm",
+                    "kp_nm_per_rad",
+                    "kd_nm_s_per_rad",
+                )
+            },
         ),
-    )  # fmt: skip
+    )
     expected = 2.0 * 0.25 * -9.0 * POSITION[:, 0] + 2.0 * 9.81 * 0.5 * np.sin(POSITION[:, 0])
     asked = replace(one, commands=replace(one.commands, load_nm=1.1 * expected[:, None]))
     (made,), notes = prepared([asked], load_robot(file))

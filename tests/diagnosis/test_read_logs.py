@@ -22,10 +22,15 @@ POLICIES = Path(__file__).parents[2] / "policies"
 def _log(folder: Path, name: str, n: int = 400) -> Path:
     time_s = np.arange(n) * 0.005
     np.savez(folder / "data.npz", t=time_s, q=np.sin(time_s)[:, None])
-    mapping = Mapping.model_validate({
-        "schema": "spot-rl/import/1", "joint_names": ["hip"], "foot_names": [], "time": {"from": "t"},
-        "signals": {"position": {"from": "q", "unit": "rad"}},
-    })  # fmt: skip
+    mapping = Mapping.model_validate(
+        {
+            "schema": "spot-rl/import/1",
+            "joint_names": ["hip"],
+            "foot_names": [],
+            "time": {"from": "t"},
+            "signals": {"position": {"from": "q", "unit": "rad"}},
+        }
+    )
     import_log(mapping, folder / "data.npz", folder / name)
     return folder / name
 

@@ -79,10 +79,25 @@ def test_it_asks_for_nothing_from_outside_and_is_small(text: str) -> None:
 
 def test_everything_is_on_it(text: str) -> None:
     for words in (
-        "Partly explained", "Dry friction", "coulomb friction", "0.71", "S = 0.84", "armature", "Gap map", "Traces",
-        "level", "2.02", "1.91 to 2.13", "Record a sprint.", "power limit", "off: no battery record",
-        "spot-rl collect", "What no effect explains", "depends", "A note with &lt;markup&gt; &amp; more.",
-    ):  # fmt: skip
+        "Partly explained",
+        "Dry friction",
+        "coulomb friction",
+        "0.71",
+        "S = 0.84",
+        "armature",
+        "Gap map",
+        "Traces",
+        "level",
+        "2.02",
+        "1.91 to 2.13",
+        "Record a sprint.",
+        "power limit",
+        "off: no battery record",
+        "spot-rl collect",
+        "What no effect explains",
+        "depends",
+        "A note with &lt;markup&gt; &amp; more.",
+    ):
         assert words in text or words.lower() in text, words
     for label in ("Spot, joints coloured", "Probability of each effect", "Gap before and after", "Logs over time"):
         assert label in text
@@ -151,8 +166,11 @@ def test_a_diagnosis_is_written_whole_or_not_at_all(
     assert list(out.iterdir()) == []
     paths = write_all(diagnosed, out, LIBRARY)
     assert sorted(p.name for p in out.iterdir()) == [
-        "corrected_model.yaml", "experiments", "report.html", "verdict.json"
-    ]  # fmt: skip
+        "corrected_model.yaml",
+        "experiments",
+        "report.html",
+        "verdict.json",
+    ]
     assert all(p.is_file() for p in paths.values())
     with pytest.raises(BadInputError, match=r"verdict.json exists; choose another folder with --out"):
         check_free(out)

@@ -37,8 +37,10 @@ def test_one_weighted_problem_is_solved() -> None:
     sums = OrdinarySums(NUMBERS, SIZE, base)
     tried, by_fold = tried_by_fold(ours, both)
     for part, own, folds in (
-        (sums.total, tried, [0, 1]), (sums.folds[0], by_fold[0], [0]), (sums.others[0], tried - by_fold[0], [1]),
-    ):  # fmt: skip
+        (sums.total, tried, [0, 1]),
+        (sums.folds[0], by_fold[0], [0]),
+        (sums.others[0], tried - by_fold[0], [1]),
+    ):
         # One least-squares problem over all columns of all blocks, with a prior on each ordinary error.
         rows, right = [np.eye(SIZE, SIZE + N_TRIED)], [np.zeros(SIZE)]
         for at, x, weight in zip(NUMBERS, columns, WEIGHTS, strict=True):

@@ -39,11 +39,9 @@ def _verdict() -> Verdict:
         probability_unknown=0.02,
         unknown=None,
         channels={"A": "used", "P": "off: no battery record"},
-        shrink=Shrink(
-            d0=5.0, d1=1.5, floor=1.0, s=0.875, s_low=0.8, s_high=0.95, held_out=("a",), placebo=PLACEBO
-        ),
+        shrink=Shrink(d0=5.0, d1=1.5, floor=1.0, s=0.875, s_low=0.8, s_high=0.95, held_out=("a",), placebo=PLACEBO),
         log_advice=("Record more.",),
-    )  # fmt: skip
+    )
 
 
 def test_a_round_trip_changes_nothing(tmp_path) -> None:

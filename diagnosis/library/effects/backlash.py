@@ -39,8 +39,13 @@ class BacklashEntry(LibraryEffect):
         Coefficient("rattle", "usual variances", 0.0, 40.0),
     )
     confused_with: ClassVar[tuple[str, ...]] = (
-        "coulomb_friction", "torque_gain", "torque_bandwidth", "sensor_noise", "joint_compliance", "viscous_friction",
-    )  # fmt: skip
+        "coulomb_friction",
+        "torque_gain",
+        "torque_bandwidth",
+        "sensor_noise",
+        "joint_compliance",
+        "viscous_friction",
+    )
     split_by: ClassVar[Experiment] = SLOW_WALK
 
     def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:

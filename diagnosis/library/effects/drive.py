@@ -29,8 +29,12 @@ class TorqueGainEntry(LibraryEffect):
     channels: ClassVar[tuple[str, ...]] = ("A",)
     coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("gain", "1", -0.9, 2.0),)
     confused_with: ClassVar[tuple[str, ...]] = (
-        "load_sensor_gain", "thermal_derating", "load_friction", "torque_limit", "position_torque_limit",
-    )  # fmt: skip
+        "load_sensor_gain",
+        "thermal_derating",
+        "load_friction",
+        "torque_limit",
+        "position_torque_limit",
+    )
     split_by: ClassVar[Experiment] = OTHER_KP
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:

@@ -169,8 +169,13 @@ class VelocityFilterEntry(LibraryEffect):
     least: ClassVar[Mapping[str, float]] = {"time_constant_s": 5e-4}
     # How feet are stopped, and where they slip, is read off the reported velocities.
     confused_with: ClassVar[tuple[str, ...]] = (
-        "command_delay", "joint_compliance", "armature", "torque_bandwidth", "ground_compliance", "ground_friction",
-    )  # fmt: skip
+        "command_delay",
+        "joint_compliance",
+        "armature",
+        "torque_bandwidth",
+        "ground_compliance",
+        "ground_friction",
+    )
     split_by: ClassVar[Experiment] = OTHER_KP
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:

@@ -77,8 +77,12 @@ class SpeedCurveEntry(_LimitEntry):
     title: ClassVar[str] = "torque limit by speed"
     effect: ClassVar[type[Effect]] = TorqueSpeedCurve
     confused_with: ClassVar[tuple[str, ...]] = (
-        "viscous_friction", "power_limit", "bus_sag", "torque_limit", "backlash",
-    )  # fmt: skip
+        "viscous_friction",
+        "power_limit",
+        "bus_sag",
+        "torque_limit",
+        "backlash",
+    )
     split_by: ClassVar[Experiment] = SPRINT
 
     def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:

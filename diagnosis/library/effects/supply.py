@@ -29,8 +29,12 @@ class PowerLimitEntry(LibraryEffect):
     location: ClassVar[Location] = Location.ROBOT
     coefficients: ClassVar[tuple[Coefficient, ...]] = (ALL_OF_IT,)
     confused_with: ClassVar[tuple[str, ...]] = (
-        "torque_speed_curve", "bus_sag", "armature", "thermal_derating", "backlash",
-    )  # fmt: skip
+        "torque_speed_curve",
+        "bus_sag",
+        "armature",
+        "thermal_derating",
+        "backlash",
+    )
     split_by: ClassVar[Experiment] = SPRINT
 
     def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:
