@@ -51,12 +51,12 @@ ELSEWHERE = {
         "withheld/test_end_to_end.py",
         '["run", "--out", str(out), "--cases", "9"',
     ),
-    "spot-rl withheld run --resume --out DIR": ("withheld/test_end_to_end.py", 'str(run), "--resume"]'),
-    "spot-rl withheld case open DIR/17": ("withheld/test_end_to_end.py", '["case", "open", '),
     "spot-rl withheld run --cases 80 --seed 20261122 --kind faultless": (
         "withheld/test_end_to_end.py",
         '["run", "--out", str(out), "--cases", "9"',
     ),
+    "spot-rl withheld run --resume --out DIR": ("withheld/test_end_to_end.py", 'str(run), "--resume"]'),
+    "spot-rl withheld case open DIR/17": ("withheld/test_end_to_end.py", '["case", "open", '),
     "spot-rl withheld attainable DIR": ("withheld/scoring/test_corner.py", "learn(Path("),
     "spot-rl withheld score DIR": ("withheld/test_end_to_end.py", '["score", '),
     "spot-rl withheld table DIR": ("withheld/test_end_to_end.py", '["table", '),
@@ -108,9 +108,10 @@ NOT_RUN = {
     "spot-rl bench train --device cuda --set n_envs=N --json": GPU,
     "torchrun --nproc-per-node 2": GPU,
     "python benchmarks/gpu_parity.py": GPU,
-    "python benchmarks/diagnose_realities.py run --out rows.jsonl --cases 600 --jobs 31 --until 465 --repeats 2 "
-    "--seed 6": CORES,
-    "python benchmarks/diagnose_realities.py table rows.jsonl": CORES,
+    "spot-rl train --config policies/trot_cpu.yaml": "takes 40 minutes; other tests train for a few iterations",
+    "python benchmarks/calibrate_diagnosis.py": CORES,
+    "python benchmarks/calibrate_diagnosis.py --policy policies/walk.onnx --out ensemble.jsonl --robots 5": CORES,
+    "spot-rl bench stop": "floods a service for minutes in real time; tests/spot_runtime/operator does so for seconds",
     "bash benchmarks/identify_session.sh run inertia --inertia --policy policies/baseline.onnx --config "
     "benchmarks/identify_short.yaml --truths-at-once 6 --runs-at-once 3 --workers 2": CORES,
     "python examples/close_the_loop.py --out OUT --truth harsher --identified "
