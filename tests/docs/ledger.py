@@ -108,9 +108,9 @@ NOT_RUN = {
     "spot-rl bench train --device cuda --set n_envs=N --json": GPU,
     "torchrun --nproc-per-node 2": GPU,
     "python benchmarks/gpu_parity.py": GPU,
-    "spot-rl train --config policies/trot_cpu.yaml": "takes 40 minutes; other tests train for a few iterations",
     "python benchmarks/calibrate_diagnosis.py": CORES,
     "python benchmarks/calibrate_diagnosis.py --policy policies/walk.onnx --out ensemble.jsonl --robots 5": CORES,
+    "python benchmarks/gait_figures.py POLICY": CORES,
     "spot-rl bench stop": "floods a service for minutes in real time; tests/spot_runtime/operator does so for seconds",
     "bash benchmarks/identify_session.sh run inertia --inertia --policy policies/baseline.onnx --config "
     "benchmarks/identify_short.yaml --truths-at-once 6 --runs-at-once 3 --workers 2": CORES,
