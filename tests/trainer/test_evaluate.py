@@ -29,7 +29,8 @@ def recording(ticks: int = 200) -> Recording:
     # Four physics steps a tick, two robots; in the last step of its last tick the fl foot has left.
     contacts = np.tile(contact[:, None, None], (1, 4, 2, 1))
     contacts[phase == 2, 3, :, 0] = False
-    return Recording(command, velocity, contacts, np.zeros((ticks, 2)), np.zeros(2), alive, 50.0)
+    descent = np.where(contacts, 0.0, 0.6)
+    return Recording(command, velocity, contacts, descent, np.zeros((ticks, 2)), np.zeros(2), alive, 50.0)
 
 
 def test_figures_by_hand() -> None:
@@ -43,6 +44,8 @@ def test_figures_by_hand() -> None:
     assert figures["duty_factors"] == [0.275, 0.4, 0.4, 0.3]
     assert figures["duty_spread"] == 0.125
     assert figures["flight_share"] == 0.3
+    assert figures["gait"] == "flying trot"
+    assert figures["touchdown_m_s"] == pytest.approx(0.6)
     assert figures["stride_hz"] == pytest.approx(5.0, abs=0.2)
     assert r.survived.tolist() == [True, False]
 
