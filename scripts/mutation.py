@@ -268,7 +268,7 @@ def main() -> None:
     tried = sum(outcome is not None for outcome in outcomes)
     for mutant in alive:
         print(f"{mutant.file}:{mutant.line}: nobody noticed: {mutant.what}")
-    score = 1.0 - len(alive) / tried
+    score = 1.0 - len(alive) / max(1, tried)
     took_s = time.monotonic() - began_s
     print(f"{tried} of {len(mutants)} mutants, {len(alive)} unnoticed: score {score:.1%} in {took_s:.0f} s")
     if tried < min(FEWEST, len(mutants)):

@@ -215,12 +215,16 @@ def check_slow_state(slow: SlowState, host_now_ns: int, limits: SafetyLimits) ->
 
 def _unknown(slow: SlowState) -> str:
     """Names of the values that are no number; unknown is not good."""
+    motors, battery = slow.motor_temperature_c, slow.battery_temperature_c
+    total = slow.battery_charge_percent + slow.battery_voltage_v + slow.battery_current_a
+    if math.isfinite(total + sum(motors.values()) + sum(battery)):
+        return ""
     named = {
         "charge": slow.battery_charge_percent,
         "voltage": slow.battery_voltage_v,
         "current": slow.battery_current_a,
-        **{f"battery temperature {i + 1}": value for i, value in enumerate(slow.battery_temperature_c)},
-        **slow.motor_temperature_c,
+        **{f"battery temperature {i + 1}": value for i, value in enumerate(battery)},
+        **motors,
     }
     return ", ".join(name for name, value in named.items() if not math.isfinite(value))
 
