@@ -76,10 +76,10 @@ class Door:
         """Somebody without a role called. A connection that waits costs less than the new one after a cut."""
         connection.hold(DENIED_HOLD_S)
 
-    def slow_down(self, connection: Connection) -> None:
-        """Calls come too often on it: the more connections there are, the longer it waits."""
+    def slow_down(self, connection: Connection, hold_s: float = 0.05) -> None:
+        """Calls come too often on it: it waits for ``hold_s`` and each connection that there is."""
         connection.offended_s = time.monotonic()
-        connection.hold(0.05 * min(_count(self._admitted), 16))
+        connection.hold(hold_s * min(_count(self._admitted), 16))
 
     def close(self) -> None:
         """Let nobody in, and cut all."""

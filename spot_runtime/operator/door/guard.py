@@ -155,8 +155,8 @@ class Guard(aio.ServerInterceptor):  # type: ignore[misc,unused-ignore]
             waiting.pop(reading, None)
             if not waiting:
                 self._waiting.pop(connection.name, None)
-        if not done or reading.cancelled():
-            connection.offended_s = time.monotonic()
+        if (not done or reading.cancelled()) and self.door is not None:
+            self.door.slow_down(connection, hold_s=0.02)  # a stop on the same connection must not wait for long
         if not done:
             reading.cancel()
             text = f"{rule.command}: no message came within {MESSAGE_TIMEOUT_S:g} s; send it with the call"
