@@ -36,16 +36,12 @@ class ImuTilt(EstimateEffect):
         about_x = np.concatenate([np.cos(roll), np.sin(roll), zero, zero], axis=1)
         about_y = np.concatenate([np.cos(pitch), zero, np.sin(pitch), zero], axis=1)
         body_from_imu = multiply_wxyz(about_x, about_y)
-        return (
-            dataclasses.replace(
-                estimate,
-                world_from_body_wxyz=multiply_wxyz(estimate.world_from_body_wxyz, body_from_imu),
-                angular_vel_of_body_in_body_rad_s=rotate_inverse_wxyz(
-                    body_from_imu, estimate.angular_vel_of_body_in_body_rad_s
-                ),
-                linear_vel_of_body_in_body_m_s=rotate_inverse_wxyz(
-                    body_from_imu, estimate.linear_vel_of_body_in_body_m_s
-                ),
-            ),
-            memory,
+        linear = rotate_inverse_wxyz(body_from_imu, estimate.linear_vel_of_body_in_body_m_s)
+        angular = rotate_inverse_wxyz(body_from_imu, estimate.angular_vel_of_body_in_body_rad_s)
+        tilted = dataclasses.replace(
+            estimate,
+            world_from_body_wxyz=multiply_wxyz(estimate.world_from_body_wxyz, body_from_imu),
+            angular_vel_of_body_in_body_rad_s=angular,
+            linear_vel_of_body_in_body_m_s=linear,
         )
+        return tilted, memory
