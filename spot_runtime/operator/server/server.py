@@ -30,7 +30,7 @@ from spot_runtime.operator.server.supervisor import Supervisor
 FOLDER_PREFIX: Final = "spot-rl-door-"
 INNER_NAME: Final = "grpc.sock"
 START_TIMEOUT_S: Final = 20.0
-MAX_STREAMS: Final = 64
+MAX_STREAMS: Final = 32
 OPTIONS: Final = (
     ("grpc.so_reuseport", 0),
     ("grpc.max_receive_message_length", MAX_MESSAGE_BYTES),

@@ -46,7 +46,7 @@ def test_hanging_calls_on_the_stops_own_connection_are_shed(running: str) -> Non
 
     released = threading.Event()
     with grpc.insecure_channel(running) as channel:
-        hanging = [channel.stream_unary(f"{PATH}{name}").future(never()) for name in ("Stop", "Arm") for _ in range(24)]
+        hanging = [channel.stream_unary(f"{PATH}{name}").future(never()) for name in ("Stop", "Arm") for _ in range(12)]
         stop = channel.unary_unary(f"{PATH}Stop", response_deserializer=operator_pb2.Done.FromString)
         assert stop(b"", timeout=10.0).text == "stop"
         codes = {call.exception(timeout=20.0).code() for call in hanging}
