@@ -63,7 +63,8 @@ def diagnose(
         progress: Whether to show stage, share and time left on stderr.
 
     Returns:
-        The verdict: ``status``, ``effects`` (name, joints, probability, parameters), ``shrink``, ``log_advice``.
+        The verdict: ``status``, ``effects`` (name, joints, probability, parameters), ``seen``
+        (effects that the logs show and that move the robot no differently), ``shrink``, ``log_advice``.
 
     Raises:
         SpotRlError: A file is missing or not valid, or ``out`` holds a diagnosis.

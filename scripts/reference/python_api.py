@@ -10,7 +10,7 @@ from typing import Any
 import spot_rl
 from compare.differences import Differences, SignalDifference
 from compare.tracks import Track
-from diagnosis.document import FoundEffect, Number
+from diagnosis.document import FoundEffect, Number, SeenEffect
 from spot_log.format.records import EventRecord, RunHeader
 from spot_log.read import run as tables
 
@@ -27,7 +27,8 @@ ARRAYS = (
     ("Run.ticks", tables.TickTable), ("Run.slow_states", tables.SlowTable), ("Run.states.imu", tables.ImuTable),
     ("an entry of Run.events", EventRecord), ("an entry of Comparison.tracks", Track),
     ("an entry of Comparison.differences", Differences), ("an entry of Differences.signals", SignalDifference),
-    ("an entry of Verdict.effects", FoundEffect), ("a value of FoundEffect.parameters", Number),
+    ("an entry of Verdict.effects", FoundEffect),
+    ("an entry of Verdict.seen", SeenEffect), ("a value of FoundEffect.parameters", Number),
 )  # fmt: skip
 
 
