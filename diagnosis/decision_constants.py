@@ -1,4 +1,8 @@
-"""Every number that decides what a diagnosis says, with where it comes from. None is set on a case that judges."""
+"""The numbers that decide what a diagnosis says, with where they come from.
+
+Those marked *not calibrated* come from the previous decision rule, tuned on simulated robots of one generator. They
+await a calibration by simulated ensembles; until then the probabilities of a verdict are indications.
+"""
 
 from __future__ import annotations
 
@@ -89,11 +93,13 @@ DISCREPANCY: Final[Mapping[str, float]] = {
     "Q": 0.5,
     "T": 1.0,
 }
-"""What formulas leave in a channel, root mean square in units of its noise."""
+"""What formulas leave in a channel, root mean square in units of its noise. Not calibrated."""
 DEGREES_OF_FREEDOM: Final = 40.0
-"""Independent ways, at most, in which a formula can be off in one signal: strides times a leg's phases."""
+"""Independent ways, at most, in which a formula can be off in one signal: strides times a leg's phases. Not
+calibrated."""
 FORMULA_ERROR: Final = 0.15
-"""Share of what a formula explains by which it is usually off: LuGre against dry friction differ by so much."""
+"""Share of what a formula explains by which it is usually off: LuGre against dry friction differ by so
+much. Not calibrated."""
 PARAMETER_SPREAD: Final = 0.1
 """Standard deviation of a fitted number from the formula that is not the robot's, as a share of the number: dry
 friction fitted to a LuGre joint, a first-order lag to a delay."""
@@ -120,7 +126,7 @@ GAP_SPREAD: Final = 0.25
 """Standard deviation of a distance between a robot and its right model, over draws of noise and of environments."""
 MATTERS: Final = 0.35
 """An effect that brings closed loops nearer by less does not matter here: the standard deviation of a difference of two
-distances, √2 · :data:`GAP_SPREAD`."""
+distances, √2 · :data:`GAP_SPREAD`. Lowered from 0.5 after a simulated robot with knee friction was missed."""
 MATTERS_SHARE: Final = 0.15
 """Nor does one that closes less than this share of what lies above the floor."""
 
@@ -141,7 +147,7 @@ USUAL_LEFT: Final[Mapping[str, float]] = {
     "Q": 2.0,
     "T": 1.0,
 }
-"""Nats that trees still predict, by channel, of what is left where nothing is wrong."""
+"""Nats that trees still predict, by channel, of what is left where nothing is wrong. Not calibrated."""
 
 # ---- words
 

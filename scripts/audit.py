@@ -39,6 +39,7 @@ KNOWN = {
     "bosdyn-api": "Boston Dynamics SDK licence: used, never redistributed",
     "bosdyn-client": "Boston Dynamics SDK licence: used, never redistributed",
     "bosdyn-core": "Boston Dynamics SDK licence: used, never redistributed",
+    "pytest-timeout": "MIT",
     "pygame": "LGPL-2.1: an optional package of its own",
 }
 
