@@ -107,15 +107,18 @@ class Operator:
 
 
 class AttendedHal(BosdynHal):
-    """The vendor's adapter; each wait for a state is an occasion for the operator."""
+    """The vendor's adapter; once the robot stands, each wait for a state is an occasion for the operator."""
 
     operator: Operator
-    armed_ns: int = 0
+    stood_ns: int = 0
+
+    def stand(self) -> None:
+        super().stand()
+        self.stood_ns = self.stood_ns or self.robot_now_ns()
 
     def receive(self, until_robot_ns: int, timeout_s: float) -> list[RobotState]:
-        self.armed_ns = self.armed_ns or self.robot_now_ns()
-        now_s = (self.robot_now_ns() - self.armed_ns) / 1e9
-        self.operator.live(now_s)
+        if self.stood_ns:  # a state is also read before the robot stands up
+            self.operator.live((self.robot_now_ns() - self.stood_ns) / 1e9)
         return super().receive(until_robot_ns, timeout_s)
 
 
