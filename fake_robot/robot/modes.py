@@ -1,36 +1,24 @@
-"""What the robot is doing: power, stand, sit, joint control, damping, e-stop, and the ways between them."""
+"""What the robot may do: power, e-stop and behaviour faults, and how they begin and end its motions."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 
-import numpy as np
-
-from fake_robot.body.body import SIT_POSITION_RAD, Body
-from fake_robot.body.servo import damping_servo, stand_servo, torque_servo
+from fake_robot.body.body import Body
 from fake_robot.network.robot_port import BehaviorFault, EstopLevel, Mode, MotorPower, StanceProgress, StreamFailure
 from fake_robot.network.stand_pose import StandPose
 from fake_robot.network.walk_plan import WalkPlan
-from fake_robot.robot.falls import FallWatch
-from fake_robot.robot.joint_control import Expiry, JointControl
-from fake_robot.robot.stance import MAX_ROUNDS, REACH_M, stance_path
+from fake_robot.robot.joint_control import JointControl
+from fake_robot.robot.motion_sequence import MotionSequence
 from fake_robot.robot.steering import GroundPose
-from fake_robot.robot.streamed_command import EXPIRED, INACTIVE
-from fake_robot.robot.vendor_motion import Path, hold_path, sit_path, stand_path
+from fake_robot.robot.streamed_command import INACTIVE
 from fake_robot.robot.walker import Walker
 from fake_robot.scenario.scenario import Scenario
 from spot_model.errors import SpotRlError
 from spot_model.plant.command_channel import ServoCommand
-from spot_model.robot.facts import TOTAL_MASS_KG, Array
-from spot_model.robot.leg_kinematics import foot_position_in_body_m
+from spot_model.robot.facts import Array
 from spot_model.robot.stamps import NS_PER_S
 
-_LOW_BODY_M = 0.32
-"""Below it a stand first puts the feet in place."""
-_SETTLED_S = 0.2
-_RIGHTING_S = 3.0
-_RIGHTING_NM_PER_RAD, _RIGHTING_NM_S_PER_RAD = 70.0, 15.0
 _MOVING = (
     Mode.STANDING_UP,
     Mode.STANDING,
@@ -66,26 +54,25 @@ class Modes:
         walker: Walker,
         body_on_ground: Callable[[], GroundPose],
     ) -> None:
-        self._power, self._motion, self._policy = scenario.power, scenario.motion, scenario.joint_control
-        self._body = body
-        self._joint_control, self._walker = joint_control, walker
-        self._body_on_ground = body_on_ground
-        self.stance_progress = StanceProgress.MOVING
-        self._falls = FallWatch(body, scenario.motion.fall_tilt_rad)
-        self._next: Callable[[], None] | None = None
-        self._mass_kg = TOTAL_MASS_KG + scenario.payload.mass_kg
-        self.mode = Mode.LIMP
+        self._power, self._fall_tilt_rad = scenario.power, scenario.motion.fall_tilt_rad
+        self._is_stopped_by_fall = scenario.joint_control.is_stopped_by_fall
+        self._body, self._joint_control = body, joint_control
+        self._motion = MotionSequence(scenario, body, joint_control, walker, body_on_ground)
         self.motor_power = MotorPower.OFF
         self.estop_level = EstopLevel.NONE
         self.behavior_faults: list[BehaviorFault] = []
-        self.now_ns = 0
         self._next_fault_id = 1
-        self._until_ns = 0
-        self._is_cut_when_down = False
-        self._servo: ServoCommand = damping_servo(0.0)
-        self._path: Path = hold_path(SIT_POSITION_RAD)
-        self._path_start_ns = 0
-        self._is_path_done = True
+        self._power_until_ns = 0
+
+    @property
+    def mode(self) -> Mode:
+        """What the robot is doing."""
+        return self._motion.mode
+
+    @property
+    def stance_progress(self) -> StanceProgress:
+        """How far :meth:`place_feet` has come."""
+        return self._motion.stance_progress
 
     # Asked for by services --------------------------------------------------------------------------------------------
 
@@ -96,79 +83,48 @@ class Modes:
         if self.estop_level is not EstopLevel.NONE:
             raise MotionRefusedError(f"the e-stop level is {self.estop_level.value}; release it before power on")
         self.motor_power = MotorPower.POWERING_ON
-        self._until_ns = self._after(self._power.power_on_s)
+        self._power_until_ns = self._after(self._power.power_on_s)
 
     def power_off(self, reason: str = "the motors were powered off") -> None:
         """Cut the motors' power now."""
         if self.motor_power is MotorPower.OFF:
             return
-        self._leave_joint_control(StreamFailure(INACTIVE, reason))
-        self._enter(Mode.LIMP)
+        self._motion.end_joint_control(StreamFailure(INACTIVE, reason))
+        self._motion.go_limp()
         self.motor_power = MotorPower.POWERING_OFF
-        self._until_ns = self._after(self._power.power_off_s)
+        self._power_until_ns = self._after(self._power.power_off_s)
 
     def safe_power_off(self) -> None:
         """Sit down, then cut power."""
-        if self.motor_power is not MotorPower.ON:
+        if self.motor_power is not MotorPower.ON or self.mode is Mode.SITTING:
             self.power_off()
-            return
-        if self.mode is Mode.SITTING:
-            self.power_off()
-        elif not self._is_stopped_first(self.safe_power_off):
-            self.sit()
-            self._is_cut_when_down = True
+        else:
+            self._motion.sit(cuts_power=True)
 
     def give_up(self, reason: str) -> None:
         """Sit down and cut power by itself, unless it is doing so or has no power."""
-        if self.motor_power is not MotorPower.ON or self._is_cut_when_down:
+        if self.motor_power is not MotorPower.ON or self._motion.is_cut_when_down:
             return
-        self._leave_joint_control(StreamFailure(INACTIVE, reason))
+        self._motion.end_joint_control(StreamFailure(INACTIVE, reason))
         if self.mode in (Mode.DAMPING, Mode.RIGHTING):
-            self._is_cut_when_down = True
+            self._motion.is_cut_when_down = True
         else:
             self.safe_power_off()
 
     def stand(self, course: Sequence[StandPose] = ()) -> None:
         """Start to stand, or to change the pose of a stand, and then to follow a course of poses."""
         self._check_can_move("stand")
-        if self._is_stopped_first(lambda: self.stand(course)):
-            return
-        self._leave_joint_control(None)
-        is_low = not self._body.height_m() > _LOW_BODY_M
-        duration_s = self._motion.stand_s if is_low else 0.5 * self._motion.stand_s
-        path = stand_path(
-            self._body.joint_position_rad.copy(),
-            is_low=is_low,
-            duration_s=duration_s,
-            body_height_m=self._motion.stand_height_m,
-            mass_kg=self._mass_kg,
-            course=course or (StandPose(),),
-        )
-        self._follow(Mode.STANDING_UP, path)
+        self._motion.stand(course)
 
     def walk(self, plan: WalkPlan) -> None:
         """Start to walk, from a stand if need be, or go on walking with another plan."""
         self._check_can_move("walk")
-        self._leave_joint_control(None)
-        if self.mode is Mode.WALKING:
-            self._next = None
-            self._walker.follow(plan, self.now_ns)
-        elif self.mode is Mode.STANDING or (self.mode is Mode.STANDING_UP and self._next is not None):
-            self._after_stand(lambda: self._begin_walk(plan))
-        else:
-            self.stand()
-            self._after_stand(lambda: self._begin_walk(plan))
+        self._motion.walk(plan)
 
     def place_feet(self, feet_in_odom_m: Array, accuracy_m: float) -> None:
         """Step until the feet stand at these places, shape (4, 2), from a stand if need be; not if they are too far."""
         self._check_can_move("stance")
-        if self.mode is Mode.STEPPING:
-            return
-        if self.mode is Mode.STANDING:
-            self._begin_steps(feet_in_odom_m, accuracy_m)
-        else:
-            self.stand()
-            self._next = lambda: self._begin_steps(feet_in_odom_m, accuracy_m)
+        self._motion.place_feet(feet_in_odom_m, accuracy_m)
 
     def stop(self) -> None:
         """From a walk, joint control or freezing back to the vendor's stand; else nothing."""
@@ -178,39 +134,22 @@ class Modes:
     def sit(self) -> None:
         """Start to sit down; a walk comes to a stop first."""
         self._check_powered("sit")
-        if self._is_stopped_first(self.sit):
-            return
-        self._leave_joint_control(None)
-        self._sit_now()
-
-    def _sit_now(self) -> None:
-        start = self._body.joint_position_rad.copy()
-        self._follow(Mode.SITTING_DOWN, sit_path(start, duration_s=self._motion.sit_s, mass_kg=self._mass_kg))
+        self._motion.sit()
 
     def freeze(self) -> None:
         """Hold the joints where they are."""
         self._check_powered("freeze")
-        self._leave_joint_control(None)
-        self._follow(Mode.FROZEN, hold_path(self._body.joint_position_rad.copy()))
+        self._motion.freeze()
 
     def right(self) -> None:
         """Turn the body over, legs folded; the turning itself is a torque from outside."""
         self._check_powered("self-right")
-        self._leave_joint_control(None)
-        rows = np.stack([self._body.joint_position_rad.copy(), SIT_POSITION_RAD])
-        self._follow(Mode.RIGHTING, Path(rows, np.zeros_like(rows), 1.0))
-        self._until_ns = self._after(_RIGHTING_S)
+        self._motion.right()
 
     def enter_joint_control(self) -> None:
         """From now on, the newest command of the streams takes effect; until it comes, hold the pose."""
         self._check_can_move("joint control")
-        if self.mode is Mode.JOINT_CONTROL:
-            return
-        position, load = self._path.at(self._path_time_s())
-        keeps = self.mode in (Mode.SITTING, Mode.STANDING, Mode.STANDING_UP, Mode.FROZEN)
-        path = Path(np.stack([position] * 2), np.stack([load] * 2), 1.0)
-        self._follow(Mode.JOINT_CONTROL, path if keeps else hold_path(self._body.joint_position_rad.copy()))
-        self._joint_control.enter(self.now_ns)
+        self._motion.enter_joint_control()
 
     def leave_joint_control(self) -> None:
         """Go back to the vendor's own stand; nothing if joint control is not active."""
@@ -226,22 +165,22 @@ class Modes:
         if level is EstopLevel.CUT or self.motor_power is not MotorPower.ON:
             self.power_off(reason)
             return
-        self._leave_joint_control(StreamFailure(INACTIVE, reason))
-        if self.mode in (Mode.DAMPING, Mode.RIGHTING, Mode.LIMP) or self._body.tilt_rad() > self._motion.fall_tilt_rad:
-            self._damp()
+        self._motion.end_joint_control(StreamFailure(INACTIVE, reason))
+        if self.mode in (Mode.DAMPING, Mode.RIGHTING, Mode.LIMP) or self._body.tilt_rad() > self._fall_tilt_rad:
+            self._motion.damp()
         else:
-            self._sit_now()
-        self._is_cut_when_down = True
+            self._motion.sit_at_once()
+        self._motion.is_cut_when_down = True
 
     def add_behavior_fault(self, cause: str, message: str = "") -> BehaviorFault:
         """Something went wrong while moving: end joint control, sink to the ground."""
-        stamp_ns = self._joint_control.stamp_ns(self.now_ns)
+        stamp_ns = self._joint_control.stamp_ns(self._motion.now_ns)
         fault = BehaviorFault(self._next_fault_id, stamp_ns, cause)
         self._next_fault_id += 1
         self.behavior_faults.append(fault)
         if self.motor_power is MotorPower.ON and self.mode in _MOVING:
-            self._leave_joint_control(StreamFailure(INACTIVE, f"behaviour fault {cause}: {message}".rstrip(": ")))
-            self._damp()
+            self._motion.end_joint_control(StreamFailure(INACTIVE, f"behaviour fault {cause}: {message}".rstrip(": ")))
+            self._motion.damp()
         return fault
 
     def clear_behavior_fault(self, fault_id: int) -> bool:
@@ -255,26 +194,12 @@ class Modes:
 
     def servo(self, now_ns: int) -> ServoCommand | None:
         """What the servos follow in the physics step that starts now; None without power."""
-        self.now_ns = now_ns
-        if self.motor_power is not MotorPower.ON:
-            return None
-        if self.mode is Mode.JOINT_CONTROL:
-            command = self._joint_control.servo(now_ns)
-            if isinstance(command, Expiry):
-                self._expire(command)
-            elif command is not None:
-                return command
-        elif self.mode is Mode.WALKING:
-            return self._walker.servo(now_ns)
-        if not self._is_path_done:
-            time_s = self._path_time_s()
-            self._servo = stand_servo(*self._path.at(time_s))
-            self._is_path_done = time_s >= self._path.duration_s
-        return self._servo
+        self._motion.now_ns = now_ns
+        return self._motion.servo() if self.motor_power is MotorPower.ON else None
 
     def tick(self, now_ns: int) -> None:
         """Once a state message: what is due by itself, and what went wrong."""
-        self.now_ns = now_ns
+        self._motion.now_ns = now_ns
         if not self._joint_control.is_active and self._joint_control.streams:
             self._joint_control.end_idle_streams(now_ns, self.mode.value.replace("_", " "))
         if self.motor_power is MotorPower.OFF:
@@ -282,115 +207,20 @@ class Modes:
         if self.motor_power is not MotorPower.ON:
             self._tick_power()
             return
-        self._tick_motion()
+        if self._motion.tick():
+            self.power_off()
         self._watch()
 
-    # Private: transitions ---------------------------------------------------------------------------------------------
+    # Private ----------------------------------------------------------------------------------------------------------
 
     def _tick_power(self) -> None:
-        if self.now_ns < self._until_ns:
+        if self._motion.now_ns < self._power_until_ns:
             return
         if self.motor_power is MotorPower.POWERING_OFF:
             self.motor_power = MotorPower.OFF
             return
         self.motor_power = MotorPower.ON
-        self._follow(Mode.SITTING, hold_path(self._body.joint_position_rad.copy()))
-
-    def _tick_motion(self) -> None:
-        is_settled = self._path_time_s() > self._path.duration_s + _SETTLED_S
-        if (self.mode is Mode.STANDING_UP and is_settled) or (self.mode is Mode.STEPPING and is_settled):
-            self._stand_is_reached()
-        elif self.mode is Mode.WALKING and self._walker.is_at_rest(self.now_ns):
-            self._end_walk()
-        elif self.mode is Mode.SITTING_DOWN and is_settled:
-            self._come_to_rest()
-        elif self.mode is Mode.DAMPING and self.now_ns >= self._until_ns:
-            self._follow(Mode.SITTING, hold_path(self._body.joint_position_rad.copy()))
-            self._come_to_rest()
-        elif self.mode is Mode.FROZEN and self._until_ns and self.now_ns >= self._until_ns:
-            self._damp()
-        elif self.mode is Mode.RIGHTING:
-            self._turn_over()
-        elif self.mode is Mode.JOINT_CONTROL and self._joint_control.has_waited_too_long(self.now_ns):
-            self.stand()
-
-    def _stand_is_reached(self) -> None:
-        do_next = self._next
-        self._enter(Mode.STANDING)
-        if do_next is not None:
-            do_next()
-
-    def _after_stand(self, do_next: Callable[[], None]) -> None:
-        if self.mode is Mode.STANDING:
-            do_next()
-        else:
-            self._next = do_next
-
-    def _begin_walk(self, plan: WalkPlan) -> None:
-        position, load = self._path.at(self._path_time_s())
-        self._walker.start(plan, self.now_ns, position, load)
-        self._enter(Mode.WALKING)
-
-    def _begin_steps(self, feet_in_odom_m: Array, accuracy_m: float, rounds: int = MAX_ROUNDS) -> None:
-        pose = self._body_on_ground()
-        cos, sin = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
-        goal = (feet_in_odom_m - (pose.x_m, pose.y_m)) @ np.array([[cos, -sin], [sin, cos]])
-        position_rad = self._body.joint_position_rad.copy()
-        distance_m = float(np.linalg.norm(goal - foot_position_in_body_m(position_rad)[:, :2], axis=1).max())
-        if distance_m <= accuracy_m:
-            self.stance_progress = StanceProgress.REACHED
-        elif distance_m > REACH_M or rounds == 0:
-            self.stance_progress = StanceProgress.TOO_FAR
-        else:
-            self.stance_progress = StanceProgress.MOVING
-            self._follow(Mode.STEPPING, stance_path(position_rad, goal, mass_kg=self._mass_kg))
-            self._next = lambda: self._begin_steps(feet_in_odom_m, accuracy_m, rounds - 1)
-
-    def _is_stopped_first(self, do_next: Callable[[], None]) -> bool:
-        """Whether the robot walks, so that it has to come to a stop before it does something else."""
-        if self.mode is not Mode.WALKING:
-            return False
-        self._walker.stop(self.now_ns)
-        self._next = do_next
-        return True
-
-    def _end_walk(self) -> None:
-        do_next = self._next
-        self._enter(Mode.STANDING)
-        if do_next is None:
-            self.stand()
-        else:
-            do_next()
-
-    def _come_to_rest(self) -> None:
-        is_cut = self._is_cut_when_down
-        self._enter(Mode.SITTING)
-        if is_cut:
-            self.power_off()
-
-    def _turn_over(self) -> None:
-        # About z × up, in proportion to the tilt; a body on its back is turned about its x axis.
-        x, y = _up_in_body(self._body)
-        sine = math.hypot(x, y)
-        axis = np.array([-y / sine, x / sine, 0.0]) if sine > 0.05 else np.array([1.0, 0.0, 0.0])
-        torque_in_body = _RIGHTING_NM_PER_RAD * self._body.tilt_rad() * axis
-        torque_in_body -= _RIGHTING_NM_S_PER_RAD * self._body.base_velocity[3:]
-        is_over = self.now_ns >= self._until_ns
-        self._body.set_external_torque_in_body(np.zeros(3) if is_over else torque_in_body)
-        if is_over:
-            self._follow(Mode.SITTING, hold_path(self._body.joint_position_rad.copy()))
-
-    def _expire(self, expiry: Expiry) -> None:
-        self._leave_joint_control(StreamFailure(EXPIRED, expiry.message))
-        policy = self._policy.on_command_expiry
-        if policy == "hold_vendor_stand":
-            self.stand()
-        elif policy == "freeze_torque":
-            self._enter(Mode.FROZEN)
-            self._servo, self._is_path_done = torque_servo(self._body.motor_torque_nm), True
-            self._until_ns = self._after(self._policy.freeze_torque_s)
-        else:
-            self._damp()
+        self._motion.hold()
 
     def _watch(self) -> None:
         """Falls, and joints beyond the velocity safety limit."""
@@ -399,42 +229,9 @@ class Modes:
             if excess is not None:
                 self.add_behavior_fault("command_failure", excess)
                 return
-        why = self._falls.why_fallen(self.mode, self.now_ns)
-        if why is not None:
-            self._fall(why)
-
-    def _fall(self, message: str) -> None:
-        if self.mode is Mode.JOINT_CONTROL and not self._policy.is_stopped_by_fall:
-            return
-        self.add_behavior_fault("fall", message)
-
-    # Private: means ---------------------------------------------------------------------------------------------------
-
-    def _enter(self, mode: Mode) -> None:
-        if self.mode is Mode.RIGHTING:
-            self._body.set_external_torque_in_body(np.zeros(3))
-        self.mode = mode
-        self._until_ns = 0
-        self._is_cut_when_down = False
-        self._next = None
-        self._falls.reset()
-
-    def _follow(self, mode: Mode, path: Path) -> None:
-        self._enter(mode)
-        self._path, self._path_start_ns, self._is_path_done = path, self.now_ns, False
-
-    def _damp(self) -> None:
-        is_cut = self._is_cut_when_down
-        self._enter(Mode.DAMPING)
-        self._is_cut_when_down = is_cut
-        self._servo, self._is_path_done = damping_servo(self._motion.damping_nm_s_per_rad), True
-        self._until_ns = self._after(self._motion.damping_s)
-
-    def _leave_joint_control(self, failure: StreamFailure | None) -> None:
-        if self._joint_control.is_active:
-            self._joint_control.leave(self.now_ns, failure)
-        elif failure is not None:
-            self._joint_control.fail_streams(failure)
+        why = self._motion.why_fallen()
+        if why is not None and (self.mode is not Mode.JOINT_CONTROL or self._is_stopped_by_fall):
+            self.add_behavior_fault("fall", why)
 
     def _check_powered(self, verb: str) -> None:
         if self.motor_power is not MotorPower.ON:
@@ -449,13 +246,4 @@ class Modes:
             raise MotionRefusedError(f"{verb}: the e-stop level is {self.estop_level.value}; release it first")
 
     def _after(self, seconds: float) -> int:
-        return self.now_ns + round(seconds * NS_PER_S)
-
-    def _path_time_s(self) -> float:
-        return (self.now_ns - self._path_start_ns) * 1e-9
-
-
-def _up_in_body(body: Body) -> tuple[float, float]:
-    """The x and y components of the world's upward direction in the body frame."""
-    w, x, y, z = body.base_wxyz.tolist()
-    return 2.0 * (x * z - w * y), 2.0 * (y * z + w * x)
+        return self._motion.now_ns + round(seconds * NS_PER_S)
