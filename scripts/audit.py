@@ -40,6 +40,7 @@ KNOWN = {
     "bosdyn-client": "Boston Dynamics SDK licence: used, never redistributed",
     "bosdyn-core": "Boston Dynamics SDK licence: used, never redistributed",
     "pytest-timeout": "MIT",
+    "imageio-ffmpeg": "BSD-2-Clause; the ffmpeg program that it carries is GPL-3.0, run as a process of its own",
     "pygame": "LGPL-2.1: an optional package of its own",
 }
 

@@ -6,7 +6,7 @@ sees, in the commands' way to the servos, and in what is kept of each tick.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -78,13 +78,13 @@ class ClosedLoop:
     after_step: Callable[[], None] | None = None
 
     def run(
-        self, command_at: CommandAt, schedule: Schedule, last_action: NDArray[np.float32] | None = None
+        self, command_at: CommandAt, schedule: Iterable[Sequence[int]], last_action: NDArray[np.float32] | None = None
     ) -> Iterator[Tick]:
         """Run the schedule; each tick comes after its last physics step.
 
         Args:
             command_at: Velocity commands by tick.
-            schedule: When robots are sensed and the policy runs.
+            schedule: When robots are sensed and the policy runs; it may be endless.
             last_action: The networks' outputs before the first tick, shape (n, 12), policy order; zeros if None.
         """
         path = self.path or PlantPath(self.plant, self.policy.gains())

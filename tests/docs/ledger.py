@@ -41,6 +41,10 @@ ELSEWHERE = {
         "trainer/test_foreign_policies.py",
         '"--for", "spot-rl-example"',
     ),
+    "spot-rl play policies/walk.onnx --video walk.mp4 --velocity 1,0,0": (
+        "trainer/test_play.py",
+        '"--video", str(film), "--seconds", "0.4", "--velocity", "1,0,0"',
+    ),
     "make docs": ("docs/test_docs.py", '"mkdocs", "build"'),
     "spot-rl bench loop --json": ("spot_runtime/test_bench_and_demo.py", '"bench", "loop", "--json"'),
     "spot-rl refine FILE --config policies/fast_refine.yaml --out NEW": (
@@ -89,6 +93,7 @@ NOT_RUN = {
     "podman run --rm --network host spot-rl-fake --port 8443": CONTAINER,
     "podman run --rm --device nvidia.com/gpu=all -v $PWD/runs:/runs spot-rl-train --config policies/walk.yaml "
     "--device cuda --out /runs/walk": CONTAINER,
+    "spot-rl play policies/walk.onnx": "needs a display; films of the same walk are made in tests/trainer/test_play.py",
     "make lock": "needs a network: it resolves all versions anew",
     "make safety ARGS=--all": "takes an hour; `.ci/run` does the same for 90 s",
     "python deploy/build_wheelhouse.py --python 3.12 --machine aarch64": "runs with 3.10 in the place of 3.12",

@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spot_model.errors import BadInputError
 from spot_model.policy.policy import load_policy
 from trainer.evaluate.figures import gait, mean_velocity, tracking_error
 from trainer.evaluate.page import evaluation_page
@@ -13,7 +12,6 @@ from trainer.evaluate.report import evaluate
 from trainer.evaluate.rollout import Recording, roll_out
 from trainer.evaluate.setting import Setting
 from trainer.evaluate.trials import _grid
-from trainer.evaluate.video import check_video
 
 POLICY = Path(__file__).parents[2] / "policies" / "walk.onnx"
 
@@ -87,9 +85,3 @@ def test_a_whole_evaluation_and_its_page() -> None:
     assert "Speed against command" in page
     assert "src=" not in page
     assert len(page) < 1_500_000
-
-
-def test_a_video_without_ffmpeg_is_refused_before_the_trials(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("PATH", "/nowhere")
-    with pytest.raises(BadInputError, match="--video needs the program ffmpeg"):
-        check_video()

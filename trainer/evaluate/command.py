@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+FILM_S = 12.0
 
 
 def evaluate(
@@ -20,14 +21,12 @@ def evaluate(
     seed: Annotated[int, typer.Option("--seed", help="Of everything drawn.", min=0)] = 0,
     timestep: Annotated[float, typer.Option("--timestep", help="Physics step, s; must divide 0.02.")] = 0.005,
     integrator: Annotated[str, typer.Option("--integrator", help="Euler or implicitfast.")] = "Euler",
-    video: Annotated[
-        bool, typer.Option("--video", help="Also write video.mp4 (needs ffmpeg and EGL or OSMesa).")
-    ] = False,
+    video: Annotated[bool, typer.Option("--video", help="Also write video.mp4 (needs EGL or OSMesa).")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
 ) -> None:
     """Measure a policy in simulation: tracking, top speed, gait, falls, pushes, a slippery patch, power."""
-    # MuJoCo reads this when it is imported; without a display only egl and osmesa work.
-    os.environ.setdefault("MUJOCO_GL", "egl")
+    import numpy as np
+
     from spot_model.errors import BadInputError
     from spot_model.io.model_file import load_model
     from spot_model.policy.policy import load_policy
@@ -35,10 +34,11 @@ def evaluate(
     from trainer.evaluate.page import evaluation_page
     from trainer.evaluate.report import evaluate as run_trials
     from trainer.evaluate.setting import Setting
-    from trainer.evaluate.video import check_video, write_video
+    from trainer.play.film import check_film, top_speed_ramp, write_film
+    from trainer.play.walk import Walk
 
     if video:
-        check_video()
+        check_film(out / "video.mp4")
     loaded = load_policy(policy)
     period = 1.0 / loaded.contract.rate_hz
     if timestep <= 0.0 or abs(period / timestep - round(period / timestep)) > 1e-6:
@@ -53,7 +53,8 @@ def evaluate(
     (out / "evaluation.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
     (out / "evaluation.html").write_text(evaluation_page(result), encoding="utf-8")
     if video:
-        write_video(setting, out / "video.mp4")
+        walk = Walk(loaded, setting.plant(1), np.random.default_rng(seed))
+        write_film(walk, top_speed_ramp(loaded, FILM_S), out / "video.mp4", FILM_S)
     if as_json:
         typer.echo(json.dumps(result))
     else:

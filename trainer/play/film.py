@@ -1,0 +1,133 @@
+"""A film of a walk, drawn without a display and encoded by the ffmpeg of the package imageio-ffmpeg."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from spot_model.errors import BadInputError
+from spot_model.io.progress import Progress
+from spot_model.policy.policy import Policy
+from trainer.play.drawing import columns, gait_diagram
+from trainer.play.walk import VelocityAt, Walk
+
+WIDTH, HEIGHT = 800, 448
+FRAME_RATE_HZ = 25.0
+GIF_RATE_HZ = 12.5
+FORMATS: Final = (".mp4", ".gif")
+_GIF: Final = ["-filter_complex", "split[a][b];[a]palettegen=stats_mode=diff[p];[b][p]paletteuse=dither=bayer"]
+
+
+def check_film(out: Path) -> None:
+    """See that a film can be made here, before it is walked.
+
+    Raises:
+        BadInputError: The file has another ending than ``.mp4`` or ``.gif``, the encoder is not installed, or MuJoCo
+            finds no OpenGL that works without a display.
+    """
+    if out.suffix not in FORMATS:
+        raise BadInputError(f"--video {out}: name a file that ends in {' or '.join(FORMATS)}")
+    try:
+        import imageio_ffmpeg  # noqa: F401
+    except ModuleNotFoundError as error:
+        raise BadInputError("--video needs imageio-ffmpeg; install the extra: pip install 'spot-rl[train]'") from error
+    try:
+        with gl_context():
+            mujoco.MjrContext(mujoco.MjModel.from_xml_string("<mujoco/>"), mujoco.mjtFontScale.mjFONTSCALE_100.value)
+    except Exception as error:
+        raise BadInputError(
+            f"--video: MuJoCo cannot draw with MUJOCO_GL={os.environ.get('MUJOCO_GL', 'egl')} "
+            f"({type(error).__name__}: {error}); install the packages libegl1 or libosmesa6, "
+            "and set MUJOCO_GL to egl or osmesa"
+        ) from error
+
+
+def top_speed_ramp(policy: Policy, seconds: float) -> VelocityAt:
+    """Speed up to the policy's top forward command over seven tenths of the time, then hold it."""
+    top = np.array([policy.contract.velocity_command_high[0], 0.0, 0.0])
+    return lambda time_s: top * min(1.0, time_s / (0.7 * seconds))
+
+
+@contextlib.contextmanager
+def gl_context() -> Iterator[None]:
+    """OpenGL without a display: OSMesa where MUJOCO_GL says so, otherwise EGL."""
+    if os.environ.get("MUJOCO_GL") == "osmesa":
+        from mujoco.osmesa import GLContext
+    else:
+        from mujoco.egl import GLContext
+    context = GLContext(WIDTH, HEIGHT)
+    try:
+        context.make_current()
+        yield
+    finally:
+        context.free()
+
+
+def write_film(walk: Walk, velocity_at: VelocityAt, out: Path, seconds: float) -> None:
+    """Film a walk of ``seconds``; the file appears under its name when it is whole."""
+    import imageio_ffmpeg
+
+    is_gif = out.suffix == ".gif"
+    rate = GIF_RATE_HZ if is_gif else FRAME_RATE_HZ
+    out.parent.mkdir(parents=True, exist_ok=True)
+    part = out.with_name(f"{out.stem}.part{out.suffix}")
+    how = {"codec": "gif", "pix_fmt_out": "pal8", "output_params": _GIF} if is_gif else {"quality": 7}
+    encoder = imageio_ffmpeg.write_frames(part, (WIDTH, HEIGHT), fps=rate, ffmpeg_log_level="error", **how)
+    try:
+        encoder.send(None)
+        with Progress("frames", frames_in(seconds, rate)) as progress:
+            for number, frame in enumerate(frames(walk, velocity_at, seconds, rate), 1):
+                encoder.send(frame)
+                progress.update(number)
+        encoder.close()
+        part.replace(out)
+    except OSError as error:
+        raise BadInputError(f"--video {out}: ffmpeg could not write it: {error}") from error
+    finally:
+        encoder.close()
+        part.unlink(missing_ok=True)
+
+
+def frames(walk: Walk, velocity_at: VelocityAt, seconds: float, rate_hz: float) -> Iterator[NDArray[np.uint8]]:
+    """Walk, and draw at a rate; images of shape (HEIGHT, WIDTH, 3), seen from the side."""
+    model = walk.plant.model
+    data = mujoco.MjData(model)
+    camera, option, perturb = mujoco.MjvCamera(), mujoco.MjvOption(), mujoco.MjvPerturb()
+    camera.distance, camera.azimuth, camera.elevation = 2.6, 120.0, -14.0
+    whole, corner = mujoco.MjrRect(0, 0, WIDTH, HEIGHT), mujoco.MjrRect(WIDTH - 330, 10, 320, 140)
+    font, place = mujoco.mjtFont.mjFONT_NORMAL.value, mujoco.mjtGridPos.mjGRID_TOPLEFT.value
+    category = mujoco.mjtCatBit.mjCAT_ALL.value
+    image = np.empty((HEIGHT, WIDTH, 3), dtype=np.uint8)
+    with gl_context():
+        context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, context)
+        scene = mujoco.MjvScene(model, 1000)
+        # Software rendering spends most of its time on these two.
+        for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
+            scene.flags[flag] = 0
+        ticks = walk.ticks(velocity_at)
+        for number in range(1, frames_in(seconds, rate_hz) + 1):
+            while walk.time_s < number / rate_hz - 1e-9:
+                next(ticks)
+            data.qpos[:] = walk.qpos
+            mujoco.mj_forward(model, data)
+            camera.lookat[:] = data.qpos[:3]
+            mujoco.mjv_updateScene(model, data, option, perturb, camera, category, scene)
+            mujoco.mjr_render(whole, scene, context)
+            mujoco.mjr_overlay(font, place, whole, *columns(walk), context)
+            mujoco.mjr_figure(corner, gait_diagram(walk), context)
+            mujoco.mjr_readPixels(image, None, whole, context)
+            yield np.ascontiguousarray(image[::-1])
+
+
+def frames_in(seconds: float, rate_hz: float) -> int:
+    """Frames in a film."""
+    return math.floor(seconds * rate_hz + 1e-9)
