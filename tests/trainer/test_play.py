@@ -1,4 +1,5 @@
 import itertools
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -133,6 +134,12 @@ def test_without_a_display_the_error_names_the_film(monkeypatch: pytest.MonkeyPa
         monkeypatch.delenv(name, raising=False)
     with pytest.raises(BadInputError, match=r"no display.*--video walk\.mp4"):
         check_display()
+
+
+@pytest.mark.skipif(not os.environ.get("DISPLAY"), reason="needs a display")
+def test_a_window(capsys: pytest.CaptureFixture[str]) -> None:
+    play(POLICY, seconds=0.5)
+    assert "0.5 s, 0 falls" in capsys.readouterr().out
 
 
 def test_a_film_of_that_name_stays(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -30,6 +31,14 @@ def play(
     import numpy as np
 
     from spot_model.errors import BadInputError
+
+    try:
+        import mujoco  # noqa: F401 - it loads the OpenGL that MUJOCO_GL names
+    except Exception as error:
+        raise BadInputError(
+            f"MuJoCo cannot be loaded with MUJOCO_GL={os.environ.get('MUJOCO_GL', '')} "
+            f"({type(error).__name__}: {error}); unset it, or install the package libegl1 (egl) or libosmesa6 (osmesa)"
+        ) from error
     from spot_model.io.model_file import load_model
     from spot_model.plant.plant import Plant, PlantOptions
     from spot_model.policy.policy import load_policy

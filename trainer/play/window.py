@@ -13,8 +13,10 @@ from spot_model.errors import BadInputError
 from trainer.play.drawing import columns, gait_diagram
 from trainer.play.walk import VelocityAt, Walk
 
-LATE_S = 0.2
+LATE_S = 1.0
 """A computer that is later than this is no longer waited for: the walk slows down instead, s."""
+DRAWN_WITHIN_S = 1.0
+"""A late computer leaves out drawings, but never for longer than this, s."""
 
 
 def check_display() -> None:
@@ -53,18 +55,21 @@ def show(walk: Walk, velocity_at: VelocityAt, press: Callable[[int], None], seco
             viewer.cam.type = mujoco.mjtCamera.mjCAMERA_TRACKING.value
             viewer.cam.trackbodyid = model.body("body").id
             viewer.cam.distance, viewer.cam.azimuth, viewer.cam.elevation = 2.6, 120.0, -14.0
-        due_s = time.monotonic()
-        for number, _ in enumerate(walk.ticks(velocity_at)):
+        due_s = drawn_s = time.monotonic()
+        for _ in walk.ticks(velocity_at):
             if not viewer.is_running() or (seconds is not None and walk.time_s > seconds):
                 return
+            due_s = max(due_s + period_s, time.monotonic() - LATE_S)
+            if due_s < time.monotonic() < drawn_s + DRAWN_WITHIN_S:
+                continue
             with viewer.lock():
                 data.qpos[:] = walk.qpos
                 data.time = walk.time_s
                 mujoco.mj_forward(model, data)
-            viewer.sync()
-            if number % 5 == 0 and viewer.viewport is not None:
+            if viewer.viewport is not None:
                 viewer.set_texts((None, None, *columns(walk)))
                 corner = mujoco.MjrRect(viewer.viewport.width - 370, 10, 360, 150)
                 viewer.set_figures((corner, gait_diagram(walk)))
-            due_s = max(due_s + period_s, time.monotonic() - LATE_S)
-            time.sleep(max(0.0, due_s - time.monotonic()))
+            viewer.sync()
+            drawn_s = time.monotonic()
+            time.sleep(max(0.0, due_s - drawn_s))
