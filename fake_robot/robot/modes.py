@@ -9,10 +9,10 @@ from fake_robot.network.robot_port import BehaviorFault, EstopLevel, Mode, Motor
 from fake_robot.network.stand_pose import StandPose
 from fake_robot.network.walk_plan import WalkPlan
 from fake_robot.robot.joint_control import JointControl
-from fake_robot.robot.motion_sequence import MotionSequence
-from fake_robot.robot.steering import GroundPose
+from fake_robot.robot.motion.motion_sequence import MotionSequence
+from fake_robot.robot.motion.steering import GroundPose
+from fake_robot.robot.motion.walker import Walker
 from fake_robot.robot.streamed_command import INACTIVE
-from fake_robot.robot.walker import Walker
 from fake_robot.scenario.scenario import Scenario
 from spot_model.errors import SpotRlError
 from spot_model.plant.command_channel import ServoCommand

@@ -21,10 +21,10 @@ from fake_robot.network.channel import Channel
 from fake_robot.network.robot_port import MotorPower, SystemFault
 from fake_robot.robot.joint_control import JointControl, Stream
 from fake_robot.robot.modes import Modes
+from fake_robot.robot.motion.steering import GroundPose
+from fake_robot.robot.motion.walker import Walker
 from fake_robot.robot.state_message import StateMessageBuilder
-from fake_robot.robot.steering import GroundPose
 from fake_robot.robot.streamed_command import StreamedCommand
-from fake_robot.robot.walker import Walker
 from fake_robot.scenario.scenario import Scenario
 from spot_model.effects.base import CommandEffect, SoftwareEffect
 from spot_model.plant.command_channel import ServoCommand

@@ -108,6 +108,7 @@ def test_params_of_another_kind_and_a_pose_without_a_frame_are_refused() -> None
 def test_an_unknown_frame_is_the_sdks_error(stub: Any) -> None:
     robot = stub.sdk_robot()
     robot.ensure_client("lease").acquire()
+    robot.time_sync.wait_for_sync()
     stub.robot.set(motor_power=MotorPower.ON)
     pose = RobotCommandBuilder.body_pose("the moon", SE3Pose.from_identity().to_proto())
     params = spot_command_pb2.MobilityParams(body_control=BodyControl(body_pose=pose))

@@ -10,8 +10,8 @@ import pytest
 from fake_robot.network.robot_port import EstopLevel, Mode, MotorPower
 from fake_robot.network.stand_pose import StandPose
 from fake_robot.robot.modes import MotionRefusedError
+from fake_robot.robot.motion.vendor_motion import leg_angles_rad, sit_path, stand_feet_m, stand_path
 from fake_robot.robot.robot import Robot, TimeModeError
-from fake_robot.robot.vendor_motion import leg_angles_rad, sit_path, stand_feet_m, stand_path
 from fake_robot.scenario.scenario import Scenario
 from spot_model.robot import facts
 from spot_model.robot.leg_kinematics import foot_position_in_body_m

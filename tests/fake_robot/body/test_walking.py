@@ -15,8 +15,8 @@ from fake_robot.network.robot_port import EstopLevel, Mode, MotorPower, StancePr
 from fake_robot.network.stand_pose import StandPose
 from fake_robot.network.walk_plan import PathPlan, PathPoint, Velocity, VelocityPlan, WalkLimits, WalkProgress
 from fake_robot.robot.modes import MotionRefusedError
-from fake_robot.robot.stance import load_shares
-from fake_robot.robot.steering import GroundPose, slewed, steer
+from fake_robot.robot.motion.stance import load_shares
+from fake_robot.robot.motion.steering import GroundPose, slewed, steer
 
 NS = 1_000_000_000
 FAST = ((-1.6, -1.6, -2.0), (1.6, 1.6, 2.0))

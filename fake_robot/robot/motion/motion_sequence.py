@@ -12,13 +12,13 @@ from fake_robot.body.servo import damping_servo, stand_servo, torque_servo
 from fake_robot.network.robot_port import Mode, StanceProgress, StreamFailure
 from fake_robot.network.stand_pose import StandPose
 from fake_robot.network.walk_plan import WalkPlan
-from fake_robot.robot.falls import FallWatch
 from fake_robot.robot.joint_control import Expiry, JointControl
-from fake_robot.robot.stance import MAX_ROUNDS, REACH_M, stance_path
-from fake_robot.robot.steering import GroundPose
+from fake_robot.robot.motion.falls import FallWatch
+from fake_robot.robot.motion.stance import MAX_ROUNDS, REACH_M, stance_path
+from fake_robot.robot.motion.steering import GroundPose
+from fake_robot.robot.motion.vendor_motion import Path, hold_path, sit_path, stand_path
+from fake_robot.robot.motion.walker import Walker
 from fake_robot.robot.streamed_command import EXPIRED
-from fake_robot.robot.vendor_motion import Path, hold_path, sit_path, stand_path
-from fake_robot.robot.walker import Walker
 from fake_robot.scenario.scenario import Scenario
 from spot_model.plant.command_channel import ServoCommand
 from spot_model.robot.facts import TOTAL_MASS_KG, Array

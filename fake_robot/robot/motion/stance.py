@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fake_robot.robot.vendor_motion import ROWS_PER_S, Path, leg_angles_rad, smooth, weight_load_nm
+from fake_robot.robot.motion.vendor_motion import ROWS_PER_S, Path, leg_angles_rad, smooth, weight_load_nm
 from spot_model.robot.facts import N_LEGS, Array
 from spot_model.robot.leg_kinematics import foot_position_in_body_m
 
