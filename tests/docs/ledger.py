@@ -118,7 +118,7 @@ NOT_RUN = {
     "python benchmarks/gait_figures.py POLICY": CORES,
     "spot-rl bench stop": "floods a service for minutes in real time; tests/spot_runtime/operator does so for seconds",
     "spot-rl bench stop --stops 4": "floods a service for minutes in real time, as the line above",
-    "spot-rl bench faults --search --minutes 15 --seed 1": "searches for a quarter of an hour; its test does for seconds",
+    "spot-rl bench faults --search --minutes 15 --seed 1": "searches for a quarter of an hour; its test for seconds",
     "bash benchmarks/identify_session.sh run inertia --inertia --policy policies/baseline.onnx --config "
     "benchmarks/identify_short.yaml --truths-at-once 6 --runs-at-once 3 --workers 2": CORES,
     "python examples/close_the_loop.py --out OUT --truth harsher --identified "
