@@ -168,14 +168,15 @@ def test_a_run_is_ready_when_the_loop_begins_and_stopping_when_it_ends(
     assert a_run(robot, zero_policy, manager)[0] == 0
     assert manager.lost == 0
     told = listener.messages()
-    assert told[:4] == [
+    assert told[0].startswith(b"STATUS=policy test states no gait")
+    assert told[1:5] == [
         "STATUS=connecting to by hand …".encode(),
         "STATUS=powering on and standing …".encode(),
         b"READY=1",
         b"WATCHDOG=1",
     ]
     assert told[-2:] == [b"STOPPING=1", "STATUS=sitting and powering off …".encode()]
-    assert set(told[3:-2]) == {b"WATCHDOG=1"}
+    assert set(told[4:-2]) == {b"WATCHDOG=1"}
 
 
 def test_a_run_that_never_stands_is_never_ready(
@@ -197,7 +198,7 @@ def test_a_run_that_never_stands_is_never_ready(
     told = listener.messages()
     assert b"READY=1" not in told
     assert b"WATCHDOG=1" not in told
-    assert told[-1] == b"STOPPING=1"
+    assert told[-2:] == [b"STOPPING=1", "STATUS=sitting and powering off …".encode()]
 
 
 def test_events_go_where_they_are_taken_and_else_to_the_console(robot: Any, zero_policy: Policy) -> None:

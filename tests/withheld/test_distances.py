@@ -14,9 +14,9 @@ from .stand_in import Alone, StandIn
 
 POLICY = Path("policies/walk.onnx")
 SEQUENCE = VelocitySequence(
-    name="ahead", duration_s=2.0, waypoints=(Waypoint(time_s=0.0), Waypoint(time_s=0.2, v_x_m_s=1.0))
+    name="ahead", duration_s=3.0, waypoints=(Waypoint(time_s=0.0), Waypoint(time_s=0.2, v_x_m_s=1.5))
 )
-SHORT_DRIVE = (FaultRequest(kind="flux_change", place="type", size=1.0),)
+SHORT_DRIVE = (FaultRequest(kind="flux_change", place="all", size=1.0),)
 
 
 def _walks(requests: tuple[FaultRequest, ...], seed: int) -> list[Walk]:

@@ -27,8 +27,8 @@ EVERY = [
     for kind in catalogue.values()
 ]
 SIGNALS = ("load_nm", "position_rad", "velocity_rad_s", "foot_contact", "odom_from_body_wxyz", "battery_v")
-RARE = ("motor_drop_outs",)
-"""Half a second may pass without one."""
+RARE = ("motor_drop_outs", "power_budget", "bus_current_limiter")
+"""Half a second of a slow walk may pass without one, or draw too little power for it."""
 FORMULA = 600
 """Characters of a syntax tree; a shorter one is an assignment and no formula."""
 
