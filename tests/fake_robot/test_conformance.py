@@ -16,7 +16,7 @@ from fake_robot.conformance.check import Basis, Needs, Verdict
 from fake_robot.conformance.command import run_suite
 from fake_robot.conformance.server import Server
 from fake_robot.conformance.table import CHECKS, markdown, run_checks
-from fake_robot.network import state_message, streamed_command
+from fake_robot.robot import state_message, streamed_command
 from fake_robot.robot.joint_control import JointControl
 from fake_robot.robot.robot import Robot
 from fake_robot.scenario.scenario import scenario_from_data
