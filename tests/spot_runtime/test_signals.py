@@ -12,7 +12,7 @@ import pytest
 from spot_model.robot import facts
 from spot_model.robot.state import Gains, JointCommand, RobotState
 from spot_runtime.control.safety.body_height import body_height_m
-from spot_runtime.control.safety.signals import bounds, check, still
+from spot_runtime.control.safety.signals import bounds, check, ground, still
 from spot_runtime.control.safety.signals.legs import feet, ground_forces_n, sole_speeds_m_s
 from spot_runtime.control.safety.signals.window import rotation_matrix, turned_rad, window_of
 from spot_runtime.stops import Stop, StopReason
@@ -229,6 +229,19 @@ def test_states_with_holes_between_them_are_not_judged_and_those_after_are() -> 
     late = [replace(state, robot_stamp_ns=state.robot_stamp_ns + 9_000_000) for state in WALKING[400:414]]
     memory, stops = check.check_signals(memory, late, is_standing=False, is_driven=False)
     assert stops == ()
+
+
+def test_feet_of_which_none_stands_contradict_the_bodys_velocity() -> None:
+    for share, expected in ((1.0, 1), (0.9 * bounds.FOOT_SHARE, 0)):
+        of_late = ground.GroundMemory(bounds.FOOT_MEMORY_S, share * bounds.FOOT_MEMORY_S, has_touched=True)
+        memory, stops = check.check_signals(
+            check.SignalMemory(ground=of_late), WALKING[:8], is_standing=False, is_driven=False
+        )
+        assert len(stops) == expected
+        for stop in stops:
+            assert stop.reason is StopReason.SIGNALS_CONTRADICT
+            assert "the body's velocity and feet that stand" in stop.detail
+            assert stop.values == {"foot_speed_m_s": memory.ground.speed_m_s, "share": memory.ground.sliding_share}
 
 
 def test_an_inertial_unit_without_an_attitude_of_its_own() -> None:

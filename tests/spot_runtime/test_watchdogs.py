@@ -264,3 +264,14 @@ def test_the_newest_state_is_the_last_that_may_be_used(dogs: Dogs, make_state: M
     state = make_state(START_NS)
     dogs.screen([state], START_NS)
     assert dogs.newest is state
+
+
+def test_a_state_that_is_too_old_to_begin_with_is_named(dogs: Dogs, make_state: MakeState) -> None:
+    late_ns = START_NS + 3 * S + MS
+    dogs.screen([make_state(late_ns - 60 * MS)], late_ns)
+    (stop,) = look(dogs, Mode.READY, late_ns, mode_since_ns=START_NS)
+    assert (stop.reason, stop.detail) == (StopReason.STATE_STALE, "before joint control")
+    assert stop.values["age_s"] == pytest.approx(0.06)
+    dogs.screen([make_state(late_ns + 3 * MS)], late_ns + 3 * MS)
+    (stop,) = look(dogs, Mode.READY, late_ns + 3 * MS, mode_since_ns=START_NS)
+    assert stop.reason is StopReason.STATE_LOST

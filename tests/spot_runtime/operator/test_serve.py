@@ -124,9 +124,17 @@ def admin(fake_process: FakeAddress) -> Iterator[Any]:
 
 def child_of(pid: int, module: str) -> int:
     """The one child of a process that runs this module."""
-    children = {c for task in Path(f"/proc/{pid}/task").iterdir() for c in (task / "children").read_text().split()}
-    (found,) = [int(c) for c in children if module in Path(f"/proc/{c}/cmdline").read_text()]
+    children = [c for task in Path(f"/proc/{pid}/task").iterdir() for c in text_of(task / "children").split()]
+    (found,) = {int(c) for c in children if module in text_of(Path(f"/proc/{c}/cmdline"))}
     return found
+
+
+def text_of(file: Path) -> str:
+    """What a file of /proc says; nothing where its thread or process has just ended."""
+    try:
+        return file.read_text()
+    except OSError:
+        return ""
 
 
 def is_alive(pid: int) -> bool:
