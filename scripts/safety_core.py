@@ -13,7 +13,10 @@ TESTS_OF = {
     "spot_runtime/control/safety/command_loss.py": ("tests/spot_runtime/test_command_loss.py", _BOUNDS),
     "spot_runtime/control/safety/policy_bounds.py": (_BOUNDS,),
     **{
-        f"spot_runtime/control/safety/signals/{name}.py": ("tests/spot_runtime/test_signals.py",)
+        f"spot_runtime/control/safety/signals/{name}.py": (
+            "tests/spot_runtime/test_signal_memories.py",
+            "tests/spot_runtime/test_signals.py",
+        )
         for name in ("check", "ground", "imu", "legs", "load", "motion", "still", "window")
     },
     "spot_runtime/control/modes.py": (_MODES, _BOUNDS),

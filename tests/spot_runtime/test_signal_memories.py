@@ -1,0 +1,145 @@
+"""The arithmetic of the plausibility checks, computed a second way."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from spot_model.robot.state import ImuPacket, RobotState
+from spot_runtime.control.safety.signals import bounds, ground, imu, motion
+from spot_runtime.control.safety.signals.window import Window, rotation_matrix, turned_rad, window_of
+from tests.spot_runtime.walking_robot import WalkingRobot
+
+LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
+ZERO = np.zeros(12)
+
+
+def wxyz(rotation: Rotation) -> np.ndarray:
+    return np.roll(rotation.as_quat(), 1)
+
+
+def window(**changes: object) -> Window:
+    """18 ms of a robot at rest whose last state differs by these."""
+    still = {"position_rad": ZERO, "velocity_rad_s": ZERO, "odom_from_body_wxyz": LEVEL, "imu": ()}
+    still |= {"linear_vel_of_body_in_odom_m_s": np.zeros(3), "angular_vel_of_body_in_odom_rad_s": np.zeros(3)}
+    still |= {"foot_contact": np.ones(4, dtype=np.bool_)}
+    states: list[RobotState] = [replace(WalkingRobot(noise=0.0).state(i), **still) for i in range(7)]
+    states[-1] = replace(states[-1], **changes)
+    found = window_of(states)
+    assert found is not None
+    return found
+
+
+def test_rotations_are_those_of_another_library() -> None:
+    rng = np.random.default_rng(7)
+    for before, step in zip(Rotation.random(20, rng=rng), rng.uniform(-1.5, 1.5, (20, 3)), strict=True):
+        after = Rotation.from_rotvec(step) * before
+        np.testing.assert_allclose(rotation_matrix(wxyz(after)), after.as_matrix(), atol=1e-12)
+        for sign in (1.0, -1.0):
+            np.testing.assert_allclose(turned_rad(wxyz(before), sign * wxyz(after)), step, atol=1e-9)
+
+
+def test_a_window_keeps_the_widest_of_the_turn_rates_and_counts_two_states_as_enough() -> None:
+    seen = window(angular_vel_of_body_in_odom_rad_s=np.array([0.2, -0.5, 0.1]))
+    assert seen.turn_rate_range_rad_s == pytest.approx(0.5)
+    np.testing.assert_allclose(seen.turn_rad, 0.0015 * np.array([0.2, -0.5, 0.1]))
+    assert window_of([WalkingRobot().state(0), WalkingRobot().state(1)]) is not None
+
+
+def test_differences_of_motion_fade_and_add_up() -> None:
+    before = motion.MotionMemory(np.full(12, 0.01), np.full(12, 2.0), turn_rad=np.array([0.01, 0.02, -0.03]))
+    before = before._replace(turn_rate_range_rad_s=1.0)
+    seen = window(
+        position_rad=np.full(12, 0.02),
+        velocity_rad_s=np.full(12, 1.0),
+        odom_from_body_wxyz=wxyz(Rotation.from_rotvec([0.0, 0.0, 0.05])),
+        angular_vel_of_body_in_odom_rad_s=np.array([0.0, 0.0, 2.0]),
+    )
+    after = motion.after_window(before, seen)
+    np.testing.assert_allclose(after.slope_rad, 0.01 * (1.0 - 0.018 / 0.2) + 0.02 - 0.0015)
+    np.testing.assert_allclose(after.range_rad_s, 2.0 * 0.91)
+    fade = 1.0 - 0.018 / 0.5
+    np.testing.assert_allclose(after.turn_rad, np.array([0.01, 0.02, -0.03]) * fade + [0.0, 0.0, 0.05 - 0.003])
+    assert after.turn_rate_range_rad_s == pytest.approx(2.0)
+    long = motion.after_window(before, seen._replace(duration_s=3.0))
+    np.testing.assert_allclose(long.slope_rad, 0.02 - 0.0015)
+    np.testing.assert_allclose(long.turn_rad, [0.0, 0.0, 0.05 - 0.003], atol=1e-12)
+
+
+@pytest.mark.parametrize(("slope_rad", "speed_rad_s", "counted"), [(0.04, 0.0, 0), (0.0401, 0.0, 1), (0.05, 1.0, 0)])
+def test_a_slope_counts_beyond_its_bound_which_grows_with_the_velocitys_range(
+    slope_rad: float, speed_rad_s: float, counted: int
+) -> None:
+    travel_rad = 0.0015 * speed_rad_s
+    seen = window(position_rad=np.full(12, slope_rad + travel_rad), velocity_rad_s=np.full(12, speed_rad_s))
+    before = motion.MotionMemory(slope_windows=np.full(12, 3))
+    assert set(motion.after_window(before, seen).slope_windows) == {4 * counted}
+
+
+@pytest.mark.parametrize(("turn_rad", "rate_rad_s", "counted"), [(0.0599, 0.0, 0), (0.061, 0.0, 1), (0.08, 2.0, 0)])
+def test_a_turn_counts_beyond_its_bound(turn_rad: float, rate_rad_s: float, counted: int) -> None:
+    seen = window(
+        odom_from_body_wxyz=wxyz(Rotation.from_rotvec([0.0, turn_rad + 0.0015 * rate_rad_s, 0.0])),
+        angular_vel_of_body_in_odom_rad_s=np.array([0.0, rate_rad_s, 0.0]),
+    )
+    assert motion.after_window(motion.MotionMemory(turn_windows=3), seen).turn_windows == 4 * counted
+
+
+def test_what_feet_did_fades_and_adds_up() -> None:
+    before = ground.GroundMemory(0.4, 0.2, travel_m=0.3, airborne_s=0.1, has_touched=False)
+    fade = 1.0 - 0.018 / 0.5
+    slow = ground.after_window(before, window(linear_vel_of_body_in_odom_m_s=np.array([0.6, 0.0, 0.8])))
+    assert slow.touching_s == pytest.approx(0.4 * fade + 0.018)
+    assert slow.sliding_s == pytest.approx(0.2 * fade)
+    assert slow.travel_m == pytest.approx(0.3 + 1.0 * 0.018)
+    assert slow.airborne_s == 0.0
+    assert slow.has_touched
+    fast = ground.after_window(before, window(linear_vel_of_body_in_odom_m_s=np.array([1.2, 0.0, 0.0])))
+    assert fast.speed_m_s == pytest.approx(1.2)
+    assert fast.sliding_s == pytest.approx(0.2 * fade + 0.018)
+    at_bound = ground.after_window(before, window(linear_vel_of_body_in_odom_m_s=np.array([1.0, 0.0, 0.0])))
+    assert at_bound.sliding_s == pytest.approx(0.2 * fade)
+    flying = ground.after_window(before, window(foot_contact=np.zeros(4, dtype=np.bool_)))
+    assert (flying.travel_m, flying.speed_m_s, flying.has_touched) == (0.0, 0.0, False)
+    assert flying.airborne_s == pytest.approx(0.118)
+    forgotten = ground.after_window(before, window()._replace(duration_s=1.0))
+    assert (forgotten.touching_s, forgotten.sliding_s) == (1.0, 0.0)
+
+
+def test_sliding_is_a_share_of_time_once_half_the_memory_is_filled() -> None:
+    half = 0.5 * bounds.FOOT_MEMORY_S
+    assert ground.GroundMemory(half, 0.1).sliding_share == pytest.approx(0.1 / half)
+    assert ground.GroundMemory(0.999 * half, 0.1).sliding_share == 0.0
+
+
+def test_what_the_inertial_unit_felt_fades_and_adds_up() -> None:
+    packet = ImuPacket(
+        robot_stamp_ns=0,
+        acceleration_of_imu_in_link_m_s2=np.array([1.0, 2.0, 9.0]),
+        angular_vel_of_link_in_link_rad_s=np.array([0.0, 0.0, 3.0]),
+        odom_from_link_wxyz=wxyz(Rotation.from_rotvec([0.3, 0.0, 0.0])),
+    )
+    before = imu.ImuMemory(np.array([0.1, 0.2, 4.0]), 0.5, 2, 3)
+    seen = window(imu=(packet,), linear_vel_of_body_in_odom_m_s=np.array([0.01, 0.0, 0.02]))
+    after = imu.after_window(before, seen)
+    fade = 1.0 - 0.018 / 1.0
+    felt = np.array([0.1, 0.2, 4.0]) * fade + np.array([1.0, 2.0, 9.0]) * 0.018 - [0.01, 0.0, 0.02]
+    np.testing.assert_allclose(after.force_m_s2, felt)
+    assert after.felt_s == pytest.approx(0.5 * fade + 0.018)
+    assert (after.angle_windows, after.turn_rate_windows) == (3, 4)
+    assert imu.after_window(before, window()) is before
+    forgotten = imu.after_window(before, seen._replace(duration_s=2.0))
+    assert forgotten.felt_s == pytest.approx(2.0)
+
+
+def test_a_tilt_is_told_once_enough_is_felt_and_gravity_is_there() -> None:
+    quarter = 0.25 * bounds.GRAVITY_MEMORY_S
+    force = 9.81 * quarter * np.array([np.sin(0.4), 0.0, np.cos(0.4)])
+    assert imu.ImuMemory(force, quarter).tilt_error_rad == pytest.approx(0.4)
+    assert imu.ImuMemory(force, 0.999 * quarter).tilt_error_rad == 0.0
+    least = bounds.GRAVITY_LEAST_M_S2 * quarter * np.array([0.0, 1.0, 0.0])
+    assert imu.ImuMemory(least, quarter).tilt_error_rad == pytest.approx(np.pi / 2.0)
+    assert imu.ImuMemory(0.999 * least, quarter).tilt_error_rad == 0.0
