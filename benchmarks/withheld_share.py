@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import os
 import re
+import shutil
 import subprocess
 import sys
 import tarfile
@@ -48,6 +49,8 @@ CARRIED: Final = (
     "shellingham",
 )
 """What such a machine lacks, or has in another version."""
+DIAGNOSING: Final = ("diagnosis", "trainer", "spot_model", "spot_log", "spot_runtime", "spot_protos")
+"""Of the repository: what ``withheld.blind.jail`` shows to the diagnosis."""
 COMMAND: Final = "from withheld.command import app; app()"
 MOST_MIB: Final = 15.0
 
@@ -79,6 +82,9 @@ def share(
     site, run = to.parent / "withheld-site", to.parent / f"withheld-{first}-{end}"
     for wheel in sorted(wheels.glob("*.whl")):
         zipfile.ZipFile(wheel).extractall(site)  # noqa: S202 - pinned wheels
+    # The locked-in diagnosis finds only installed packages: it may not list the repository's folder.
+    for package in DIAGNOSING:
+        shutil.copytree(ROOT / package, site / package, dirs_exist_ok=True)
     paths = [str(ROOT), *([str(site)] if site.is_dir() else []), os.environ.get("PYTHONPATH", "")]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
     words = ["run", "--out", str(run), "--workers", str(workers), "--until", str(60.0 * minutes)]

@@ -138,11 +138,16 @@ def _effects(causes: Causes) -> list[FoundEffect]:
                 parameters=numbers(scorer, scored),
                 rivals={n: min(1.0, probability * w / max(share, 1e-9)) for n, w in group.items()},
                 gain_nats=float(gain),
-                nearer_floors=belief.nearer.get(term.effect.name),
+                nearer_floors=finite(belief.nearer.get(term.effect.name)),
                 channels={c: v for c, v in by_channel.items() if abs(v) >= 1.0},
             )
         )
     return sorted(out, key=lambda e: -e.gain_nats)
+
+
+def finite(floors: float | None) -> float | None:
+    """None also where the set without the effect was not simulated: its distance is infinite then."""
+    return floors if floors is not None and np.isfinite(floors) else None
 
 
 def _seen(causes: Causes) -> list[SeenEffect]:
@@ -158,7 +163,7 @@ def _seen(causes: Causes) -> list[SeenEffect]:
                 title=seen.term.effect.title,
                 joints=board.robot.named(board.robot.joints_of(seen.term.effect, seen.term.place)),
                 parameters=numbers(scorer, scored),
-                nearer_floors=seen.nearer if seen.nearer is not None and np.isfinite(seen.nearer) else None,
+                nearer_floors=finite(seen.nearer),
             )
         )
     return out

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from diagnosis.decision_constants import GAP_SPREAD, MATTERS, ODD_RUN, ORDINARY_GAP
+from diagnosis.verdict.assemble import finite
 from diagnosis.verdict.posterior import Hypothesis, believe, capped
 
 FAR = ORDINARY_GAP + 3.0
@@ -81,3 +82,14 @@ def test_rivals_that_come_as_near_share_a_place() -> None:
     group = believe(hypotheses, ("coulomb_friction",), 9, 0.0).group(("coulomb_friction",), "coulomb_friction")
     assert list(group) == ["coulomb_friction", "stribeck_friction"]
     assert group["stribeck_friction"] > 0.2
+
+
+@pytest.mark.parametrize(("nearer", "told"), [(1.5, 1.5), (-0.2, -0.2), (None, None), (float("inf"), None)])
+def test_a_set_that_was_not_simulated_gives_no_distance(nearer: float | None, told: float | None) -> None:
+    assert finite(nearer) == told
+
+
+def test_without_the_smaller_set_nearer_is_infinite() -> None:
+    both = ("armature", "coulomb_friction")
+    found = believe((Hypothesis((), 0.0, FAR), Hypothesis(both, 60.0, 1.0)), both, 9, 0.0)
+    assert found.nearer == dict.fromkeys(both, float("inf"))

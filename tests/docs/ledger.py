@@ -59,6 +59,10 @@ ELSEWHERE = {
         "withheld/test_end_to_end.py",
         '["run", "--out", str(out), "--cases", "9"',
     ),
+    "spot-rl withheld run --cases 800 --seed 7340126551 --only 0:79 --out DIR": (
+        "withheld/test_end_to_end.py",
+        '["run", "--out", str(out), "--cases", "9"',
+    ),
     "spot-rl withheld run --resume --out DIR": ("withheld/test_end_to_end.py", 'str(run), "--resume"]'),
     "spot-rl withheld case open DIR/17": ("withheld/test_end_to_end.py", '["case", "open", '),
     "spot-rl withheld attainable DIR": ("withheld/scoring/test_corner.py", "learn(Path("),
