@@ -6,6 +6,8 @@ _BOUNDS = "tests/spot_runtime/test_core_bounds.py"
 _MODES = "tests/spot_runtime/test_modes_and_stops.py"
 _SET_POINT = "tests/spot_runtime/test_set_point.py"
 
+_SIGNALS = ("tests/spot_runtime/test_signal_memories.py", "tests/spot_runtime/test_signals.py")
+
 TESTS_OF = {
     "spot_runtime/control/safety/safety.py": (_BOUNDS, "tests/spot_runtime/test_safety.py"),
     "spot_runtime/safety_limits.py": (_BOUNDS,),
