@@ -127,13 +127,34 @@ def sequences() -> tuple[VelocitySequence, ...]:
         )
 
     return (
-        made("ahead", (0, 0, 0, 0, False), (0.5, 0, 0, 0, False), (4, 2.0, 0, 0, True), (6.5, 2.0, 0, 0, True),
-             (7.5, 0, 0, 0, True)),
-        made("around", (0, 0, 0, 0, False), (0.5, 0.8, 0, 0, False), (2, -0.8, 0, 0, False), (3.5, 0, 0.6, 0, False),
-             (5, 0, -0.6, 0, False), (6, 0, 0, 1.0, False), (7.2, 0, 0, 0, False)),
-        made("mixed", (0, 0, 0, 0, False), (0.5, 1.4, 0.3, 0.4, False), (2.3, 0.3, -0.4, -0.8, False),
-             (4, 1.8, 0, 0.6, False), (5.8, -0.5, 0.3, 0.2, False), (7.2, 0, 0, 0, False)),
-    )  # fmt: skip
+        made(
+            "ahead",
+            (0, 0, 0, 0, False),
+            (0.5, 0, 0, 0, False),
+            (4, 2.0, 0, 0, True),
+            (6.5, 2.0, 0, 0, True),
+            (7.5, 0, 0, 0, True),
+        ),
+        made(
+            "around",
+            (0, 0, 0, 0, False),
+            (0.5, 0.8, 0, 0, False),
+            (2, -0.8, 0, 0, False),
+            (3.5, 0, 0.6, 0, False),
+            (5, 0, -0.6, 0, False),
+            (6, 0, 0, 1.0, False),
+            (7.2, 0, 0, 0, False),
+        ),
+        made(
+            "mixed",
+            (0, 0, 0, 0, False),
+            (0.5, 1.4, 0.3, 0.4, False),
+            (2.3, 0.3, -0.4, -0.8, False),
+            (4, 1.8, 0, 0.6, False),
+            (5.8, -0.5, 0.3, 0.2, False),
+            (7.2, 0, 0, 0, False),
+        ),
+    )
 
 
 def record(case: Case, folder: Path, policy: Path, repeats: int) -> None:
@@ -195,8 +216,10 @@ def score(work: Path) -> None:
         found = verdict["effects"]
         listed = ", ".join(f"{e['name']} {e['probability']:.2f} {'/'.join(e['joints'])[:40]}" for e in found)
         s = verdict["shrink"]["s"] if verdict.get("shrink") else None
-        print(f"{case.name:20s} {verdict['status']:17s} {listed or '-'}  none {verdict['probability_none']:.2f} "
-              f"unknown {verdict['probability_unknown']:.2f} S {'-' if s is None else f'{s:.2f}'}")  # fmt: skip
+        print(
+            f"{case.name:20s} {verdict['status']:17s} {listed or '-'}  none {verdict['probability_none']:.2f} "
+            f"unknown {verdict['probability_unknown']:.2f} S {'-' if s is None else f'{s:.2f}'}"
+        )
         truth = {e["effect"] for e in case.effects}
         if not truth:
             controls += 1
@@ -211,8 +234,10 @@ def score(work: Path) -> None:
         true = joints_of(case)
         hit = len(said & true)
         f1s.append(2 * hit / max(1, len(said) + len(true)))
-    print(f"exact {top}/{effects}, in group {grouped}/{effects}, joint F1 {np.mean(f1s) if f1s else 0:.2f}, "
-          f"false alarms {alarms}/{controls}")  # fmt: skip
+    print(
+        f"exact {top}/{effects}, in group {grouped}/{effects}, joint F1 {np.mean(f1s) if f1s else 0:.2f}, "
+        f"false alarms {alarms}/{controls}"
+    )
 
 
 def main() -> None:

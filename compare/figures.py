@@ -20,9 +20,13 @@ FULL_SHARE: Final = 1.0
 
 
 def over_time(
-    lines: Sequence[tuple[str, float, Array]], title: str, *, from_s: float = 0.0, height: float = 190,
+    lines: Sequence[tuple[str, float, Array]],
+    title: str,
+    *,
+    from_s: float = 0.0,
+    height: float = 190,
     causes: Sequence[Cause] = (),
-) -> str:  # fmt: skip
+) -> str:
     """Lines on one axis of time.
 
     Args:

@@ -15,7 +15,7 @@ import typer
 
 from proof.fake_process import FakeAddress, FakeProcess
 from spot_model.errors import SpotRlError
-from spot_runtime.host.termination import unwound_when_ended
+from spot_runtime.host.termination import exit_on_termination
 
 app = typer.Typer(no_args_is_help=True, add_completion=False)
 
@@ -83,7 +83,7 @@ def measure(*, seconds: float, policy: Path, scenario: str, sequence: str, busy:
         BenchError: The run did not complete; the message holds its last words.
     """
     fake_cpus, loop_cpus = share_cpus(sorted(os.sched_getaffinity(0)))
-    with unwound_when_ended(), ExitStack() as stack:
+    with exit_on_termination(), ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="spot-rl-bench-")))
         config = folder / "run.yaml"
         config.write_text(f"real_time: {{cpu_affinity: {loop_cpus}}}\n", encoding="utf-8")

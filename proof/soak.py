@@ -28,7 +28,7 @@ from spot_runtime.hal.spot.adapter import BosdynHal
 from spot_runtime.hal.spot.lock_step import LockStep
 from spot_runtime.host.clock import HostClock
 from spot_runtime.host.console import Console
-from spot_runtime.host.termination import unwound_when_ended
+from spot_runtime.host.termination import exit_on_termination
 from spot_runtime.session.run import RunRequest, run
 from spot_runtime.session.summary import resident_mb
 from spot_runtime.sources.scripted import ScriptedSource
@@ -102,7 +102,7 @@ def measure(*, minutes: float, policy: Path, sequence: str, scenario: str) -> di
     """One run, and what grew."""
     samples, began_s = Samples(), time.monotonic()
     with (
-        unwound_when_ended(),
+        exit_on_termination(),
         tempfile.TemporaryDirectory(prefix="spot-rl-soak-") as folder,
         FakeProcess(scenario=scenario, is_lock_step=True, state_dir=Path(folder) / "state") as fake,
     ):

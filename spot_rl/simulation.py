@@ -60,9 +60,13 @@ def model_of(given: str | AnyPath | RobotModel) -> tuple[RobotModel, str]:
 
 
 def simulate(
-    run: Run, model: str | AnyPath | RobotModel, *, policy: AnyPath | Policy | None = None, seed: int = 0,
+    run: Run,
+    model: str | AnyPath | RobotModel,
+    *,
+    policy: AnyPath | Policy | None = None,
+    seed: int = 0,
     noise: bool = True,
-) -> Run:  # fmt: skip
+) -> Run:
     """Simulate a log's velocity commands: the same start, the same commands, the policy in closed loop.
 
     Args:

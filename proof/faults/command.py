@@ -19,7 +19,7 @@ from proof.faults.rows import Result, Row, tidy, try_row
 from proof.faults.search.search import searched
 from spot_model.errors import BadInputError
 from spot_model.policy.policy import load_policy
-from spot_runtime.host.termination import unwound_when_ended
+from spot_runtime.host.termination import exit_on_termination
 
 ROWS: Final[tuple[Row, ...]] = (
     *rows_link.ROWS,
@@ -111,7 +111,7 @@ def tried(rows: Iterable[Row], policy: Path, scenario: str, *, is_real_time: boo
     left = list(rows)
     while left:
         with (
-            unwound_when_ended(),
+            exit_on_termination(),
             tempfile.TemporaryDirectory(prefix="spot-rl-faults-") as folder,
             rig(Path(folder), policy, is_lock_step=not is_real_time, scenario=scenario) as robot,
         ):

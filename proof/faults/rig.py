@@ -20,7 +20,7 @@ from bosdyn.client.power import PowerClient
 from bosdyn.client.robot_command import RobotCommandBuilder, RobotCommandClient
 
 from proof.fake_process import FakeAddress, FakeProcess
-from proof.faults.meddler import Meddler, When
+from proof.faults.faulty_hal import FaultyHal, When
 from spot_log import LogReadError, Run, read_run
 from spot_log.format.records import RunHeader
 from spot_log.write.logger_process import LoggerProcess
@@ -36,7 +36,7 @@ from spot_runtime.hal.spot.lock_step import LockStep
 from spot_runtime.hal.spot.session import Session
 from spot_runtime.host.clock import HostClock, RobotClockEstimate
 from spot_runtime.host.console import Console
-from spot_runtime.session.incident import incident_path
+from spot_runtime.session.flight_recorder import flight_record_path
 from spot_runtime.session.run import RunRequest, run
 from spot_runtime.session.summary import RunSummary
 from spot_runtime.sources.base import CommandSource
@@ -85,7 +85,7 @@ class Drive:
     @property
     def incident(self) -> Run | None:
         """The incident file; None where there is none."""
-        path = incident_path(self.log_path)
+        path = flight_record_path(self.log_path)
         return read_run(path) if path.exists() else None
 
     def event_ns(self, text: str) -> int | None:
@@ -193,7 +193,7 @@ class Rig:
 
     def drive(
         self,
-        happens: Callable[[Meddler], None] = lambda _: None,
+        happens: Callable[[FaultyHal], None] = lambda _: None,
         *,
         at_s: float = AT_S,
         when: When = "control",
@@ -207,11 +207,11 @@ class Rig:
         config, path = self.config(**changes), self.new_log_path()
         wanted = source or ScriptedSource(WALKING, duration_s=seconds)
         request = RunRequest(self.address.robot, policy or self.policy, wanted, config, path)
-        meddlers: list[Meddler] = []
+        meddlers: list[FaultyHal] = []
 
         def make_hal(sink: LogSink) -> Hal:
             pace = self._pace()
-            hal = Meddler(parse_address(self.address.robot), config, sink, pace)
+            hal = FaultyHal(parse_address(self.address.robot), config, sink, pace)
             hal.prepare(self, happens, at_s, when)
             meddlers.append(hal)
             return hal

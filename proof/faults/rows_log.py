@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from proof.faults.meddler import Meddler
+from proof.faults.faulty_hal import FaultyHal
 from proof.faults.rig import Drive, Rig, read_log
 from proof.faults.rows import NS_PER_MS, Finding, Row, judge, went_on
 from proof.faults.rows_robot import first_damping_ns
@@ -111,9 +111,9 @@ def slow(rig: Rig) -> Finding:
     """The disk does not answer for a while."""
     logger = Logger()
 
-    def act(meddler: Meddler) -> None:
+    def act(hal: FaultyHal) -> None:
         logger.hold()
-        meddler.later(1.5, logger.go_on)
+        hal.later(1.5, logger.go_on)
 
     drive = rig.drive(act, make_sink=logger.start, seconds=SECONDS)
     finding = went_on(drive, judge(drive, "completed"))
@@ -213,9 +213,9 @@ def estop_without_logger(rig: Rig) -> Finding:
     """The operator's e-stop after the log's process has died: the log is not in its way."""
     logger = Logger()
 
-    def act(meddler: Meddler) -> None:
+    def act(hal: FaultyHal) -> None:
         logger.kill()
-        meddler.later(0.2, lambda: signal.raise_signal(signal.SIGQUIT))
+        hal.later(0.2, lambda: signal.raise_signal(signal.SIGQUIT))
 
     drive = rig.drive(act, make_sink=logger.start)
     finding = judge(drive, "operator_estop")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 from collections.abc import Callable
 
-from proof.faults.meddler import Meddler, When
+from proof.faults.faulty_hal import FaultyHal, When
 from proof.faults.rig import Rig
 from proof.faults.rows import NS_PER_MS, Finding, Row, happens, judge, reacted, settle
 from proof.faults.rows_robot import first_damping_ns
@@ -70,7 +70,7 @@ def together(
 def two_signals(first: signal.Signals, then: signal.Signals, outcome: str) -> Callable[[Rig], Finding]:
     """Two signals in one instant of the ramp: the stronger counts."""
 
-    def act(_: Meddler) -> None:
+    def act(_: FaultyHal) -> None:
         signal.raise_signal(first)
         signal.raise_signal(then)
 
@@ -102,9 +102,9 @@ def outside_control(
 def estop_after_stop(rig: Rig) -> Finding:
     """SIGTERM while it sits down, and the e-stop right after: that still counts."""
 
-    def act(meddler: Meddler) -> None:
-        meddler.prepare(rig, lambda _: signal.raise_signal(signal.SIGQUIT), 0.1, "down")
-        meddler.happened_ns = 0
+    def act(hal: FaultyHal) -> None:
+        hal.prepare(rig, lambda _: signal.raise_signal(signal.SIGQUIT), 0.1, "down")
+        hal.happened_ns = 0
         signal.raise_signal(signal.SIGTERM)
 
     drive = rig.drive(act, when="down", at_s=0.1, seconds=0.3)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from proof.faults.meddler import Meddler
+from proof.faults.faulty_hal import FaultyHal
 from proof.faults.rig import Rig
 from proof.faults.rows import Finding, Row, judge, reacted, went_on
 from spot_model.io.velocity_sequence import standing_sequence
@@ -83,9 +83,9 @@ def slow(rig: Rig) -> Finding:
     """The network takes 45 ms of robot time a tick."""
     policy = changeable(rig.policy)
 
-    def act(meddler: Meddler) -> None:
+    def act(hal: FaultyHal) -> None:
         def change(action: Actions) -> Actions:
-            meddler.pace.pause(0.045)
+            hal.pace.pause(0.045)
             return action
 
         policy.change.act = change
@@ -167,7 +167,7 @@ def a_short_overshoot(rig: Rig) -> Finding:
             self.left -= 1
             return np.where(np.arange(action.shape[1]) == 0, np.float32(FOUR), action) if self.left >= 0 else action
 
-    def act(_: Meddler) -> None:
+    def act(_: FaultyHal) -> None:
         policy.change.act = Twice()
 
     source = ScriptedSource(standing_sequence(), duration_s=3.0)

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from proof.faults.meddler import Meddler
+from proof.faults.faulty_hal import FaultyHal
 from proof.faults.rig import Drive, Rig
 from proof.faults.rows import NS_PER_MS, Finding, Row, happens, judge, reacted, went_on
 from proof.faults.rows_state import drive_way
@@ -175,9 +175,9 @@ def dead_man(rig: Rig) -> Finding:
     pad = SilentPad()
     source = GamepadSource(rig.config().operator, pad)
 
-    def act(meddler: Meddler) -> None:
+    def act(hal: FaultyHal) -> None:
         pad.is_attached = False
-        meddler.later(1.0, lambda: signal.raise_signal(signal.SIGTERM))
+        hal.later(1.0, lambda: signal.raise_signal(signal.SIGTERM))
 
     drive = rig.drive(act, at_s=1.5, source=source)
     finding = judge(drive, "operator_stop")

@@ -23,13 +23,20 @@ begin with: [Python](../python.md)."""
 SECTION = re.compile(r"^(Args|Returns|Raises):\n", re.MULTILINE)
 ITEM = re.compile(r"^(\w[\w ]*): ", re.MULTILINE)
 ARRAYS = (
-    ("Run.header", RunHeader), ("Run.states", tables.StateTable), ("Run.commands", tables.CommandTable),
-    ("Run.ticks", tables.TickTable), ("Run.slow_states", tables.SlowTable), ("Run.states.imu", tables.ImuTable),
-    ("an entry of Run.events", EventRecord), ("an entry of Comparison.tracks", Track),
-    ("an entry of Comparison.differences", Differences), ("an entry of Differences.signals", SignalDifference),
+    ("Run.header", RunHeader),
+    ("Run.states", tables.StateTable),
+    ("Run.commands", tables.CommandTable),
+    ("Run.ticks", tables.TickTable),
+    ("Run.slow_states", tables.SlowTable),
+    ("Run.states.imu", tables.ImuTable),
+    ("an entry of Run.events", EventRecord),
+    ("an entry of Comparison.tracks", Track),
+    ("an entry of Comparison.differences", Differences),
+    ("an entry of Differences.signals", SignalDifference),
     ("an entry of Verdict.effects", FoundEffect),
-    ("an entry of Verdict.seen", SeenEffect), ("a value of FoundEffect.parameters", Number),
-)  # fmt: skip
+    ("an entry of Verdict.seen", SeenEffect),
+    ("a value of FoundEffect.parameters", Number),
+)
 
 
 def python_page() -> str:
@@ -95,8 +102,10 @@ def _class(name: str, cls: Any) -> str:
 def _fields(cls: Any) -> str:
     docs = attribute_docs(cls)
     names = cls.model_fields if hasattr(cls, "model_fields") else cls.__annotations__
-    kinds = {k: str(v).replace("NDArray[np.", "array of ").replace("_]", "").rstrip("]") if "NDArray" in str(v) else v
-             for k, v in cls.__annotations__.items()}  # fmt: skip
+    kinds = {
+        k: str(v).replace("NDArray[np.", "array of ").replace("_]", "").rstrip("]") if "NDArray" in str(v) else v
+        for k, v in cls.__annotations__.items()
+    }
     rows = [(f"`{name}`", _kind(kinds.get(name, "")), docs.get(name, "")) for name in names]
     return table(("attribute", "type", "what it is"), rows)
 

@@ -49,9 +49,16 @@ class Shade:
 
 
 def chart(
-    lines: Sequence[Series], y_title: str, *, x_title: str = "", x_unit: str = "", width: float = WIDE,
-    height: float = 190, shades: Sequence[Shade] = (), zero: bool = False,
-) -> str:  # fmt: skip
+    lines: Sequence[Series],
+    y_title: str,
+    *,
+    x_title: str = "",
+    x_unit: str = "",
+    width: float = WIDE,
+    height: float = 190,
+    shades: Sequence[Shade] = (),
+    zero: bool = False,
+) -> str:
     """Draw lines on common axes; an empty text where nothing is finite.
 
     Args:

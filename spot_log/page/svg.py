@@ -23,9 +23,16 @@ def svg(width: float, height: float, parts: Iterable[str], label: str) -> str:
 
 
 def text(
-    x: float, y: float, words: object, *, size: float = 13, anchor: str = "start", css: str = "", weight: int = 400,
+    x: float,
+    y: float,
+    words: object,
+    *,
+    size: float = 13,
+    anchor: str = "start",
+    css: str = "",
+    weight: int = 400,
     fill: str = "",
-) -> str:  # fmt: skip
+) -> str:
     """Words at their baseline."""
     style = f' style="fill:{fill}"' if fill else ""
     kind = f' class="{css}"' if css else ""

@@ -113,31 +113,37 @@ class _Maker:
     def joint_state(self, stamp_ns: int, names: list[str], position: Any, velocity: Any, load: Any) -> Any:
         """Joints by name; a signal that is missing is left out, as ROS wants it."""
         return self._new(
-            "sensor_msgs/JointState", header=self._header(stamp_ns, ""), name=names,
-            position=_known(position), velocity=_known(velocity), effort=_known(load),
-        )  # fmt: skip
+            "sensor_msgs/JointState",
+            header=self._header(stamp_ns, ""),
+            name=names,
+            position=_known(position),
+            velocity=_known(velocity),
+            effort=_known(load),
+        )
 
     def odometry(self, stamp_ns: int, place: Any, turn: Any, linear: Any, angular: Any) -> Any:
         """The body in odom; velocities in the body frame."""
-        pose = self._new(
-            "geometry_msgs/Pose", position=self._vector(place, "Point"), orientation=self._rotation(turn)
-        )  # fmt: skip
+        pose = self._new("geometry_msgs/Pose", position=self._vector(place, "Point"), orientation=self._rotation(turn))
         unknown = np.zeros(36)
         return self._new(
-            "nav_msgs/Odometry", header=self._header(stamp_ns, "odom"), child_frame_id="body",
+            "nav_msgs/Odometry",
+            header=self._header(stamp_ns, "odom"),
+            child_frame_id="body",
             pose=self._new("geometry_msgs/PoseWithCovariance", pose=pose, covariance=unknown),
             twist=self._new(
                 "geometry_msgs/TwistWithCovariance", twist=self._twist(linear, angular), covariance=unknown
             ),
-        )  # fmt: skip
+        )
 
     def transform(self, stamp_ns: int, place: Any, turn: Any) -> Any:
         """The body's frame in odom."""
         moved = self._new("geometry_msgs/Transform", translation=self._vector(place), rotation=self._rotation(turn))
         stamped = self._new(
-            "geometry_msgs/TransformStamped", header=self._header(stamp_ns, "odom"), child_frame_id="body",
+            "geometry_msgs/TransformStamped",
+            header=self._header(stamp_ns, "odom"),
+            child_frame_id="body",
             transform=moved,
-        )  # fmt: skip
+        )
         return self._new("tf2_msgs/TFMessage", transforms=[stamped])
 
     def command(self, stamp_ns: int, velocity: Any) -> Any:
@@ -148,9 +154,15 @@ class _Maker:
     def log(self, stamp_ns: int, severity: Severity, name: str, text: str) -> Any:
         """An event as a line of the log."""
         return self._new(
-            "rcl_interfaces/Log", stamp=self._time(stamp_ns), level=_LEVELS[severity], name=name, msg=text, file="",
-            function="", line=0,
-        )  # fmt: skip
+            "rcl_interfaces/Log",
+            stamp=self._time(stamp_ns),
+            level=_LEVELS[severity],
+            name=name,
+            msg=text,
+            file="",
+            function="",
+            line=0,
+        )
 
 
 def _known(values: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -24,7 +24,7 @@ from spot_runtime.control.memory import Act, Memory, Plan, Step, first_memory
 from spot_runtime.control.modes import Mode
 from spot_runtime.control.records import command_record, state_age_s, tick_record
 from spot_runtime.control.safety.policy_bounds import check_policy, with_speed_limit
-from spot_runtime.control.seen import Seen
+from spot_runtime.control.snapshot import Snapshot
 from spot_runtime.control.step import after_failure, check_step, control_step, stopped
 from spot_runtime.control.tick import TickMemory, TickResult, tick
 from spot_runtime.control.warm_up import WarmReceiver
@@ -146,8 +146,8 @@ class ControlLoop:
         states = self._receive()
         begin_s = self._wall_s()
         self._inference_s = 0.0
-        seen = self._look(states)
-        step = control_step(self.memory, seen, self._plan)
+        now = self._look(states)
+        step = control_step(self.memory, now, self._plan)
         self._take_up(step)
         command = step.command
         if command is not None and Act.BEGIN not in step.acts:
@@ -161,11 +161,11 @@ class ControlLoop:
         if step.tick is not None:
             if command is not None:
                 self.stats.sent(command.key, step.tick.state.host_stamp_ns)
-            record = tick_record(step, step.tick, seen, inference_s=self._inference_s, compute_s=compute_s)
+            record = tick_record(step, step.tick, now, inference_s=self._inference_s, compute_s=compute_s)
             self._sink.tick(record)
             stamp_ns = step.tick.state.robot_stamp_ns
-            acquisition_age_s = (seen.robot_ns - stamp_ns) / NS_PER_S
-            self.stats.ticked(stamp_ns, compute_s, state_age_s(step.tick, seen), acquisition_age_s, step.tick.lost)
+            acquisition_age_s = (now.robot_ns - stamp_ns) / NS_PER_S
+            self.stats.ticked(stamp_ns, compute_s, state_age_s(step.tick, now), acquisition_age_s, step.tick.lost)
         if step.usable:
             self.memory = check_step(step)
         self.stats.departures(self._hal.departures())
@@ -202,14 +202,16 @@ class ControlLoop:
         state = replace(newest, robot_stamp_ns=newest.robot_stamp_ns + facts.STATE_PERIOD_NS)
         control_step(self.memory, self._now()._replace(states=(state,)), plan)
 
-    def _look(self, states: list[RobotState]) -> Seen:
+    def _look(self, states: list[RobotState]) -> Snapshot:
         hal, watch = self._hal, self.memory.watch
         host_ns, robot_ns = hal.host_now_ns(), hal.robot_now_ns()
         log = self._sink.health() if robot_ns >= watch.next_log_check_ns else None
-        return Seen(host_ns, robot_ns, states, hal.joint_control, hal.problems(), hal.slow_state, hal.clock_age_s, log)
+        return Snapshot(
+            host_ns, robot_ns, states, hal.joint_control, hal.problems(), hal.slow_state, hal.clock_age_s, log
+        )
 
-    def _now(self) -> Seen:
-        return Seen(self._hal.host_now_ns(), self._hal.robot_now_ns(), joint_control=self._hal.joint_control)
+    def _now(self) -> Snapshot:
+        return Snapshot(self._hal.host_now_ns(), self._hal.robot_now_ns(), joint_control=self._hal.joint_control)
 
     def _timed_tick(
         self, memory: TickMemory, state: RobotState, velocity_command: Array, policy: Policy

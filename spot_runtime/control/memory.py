@@ -19,7 +19,7 @@ from spot_runtime.control.modes import Mode
 from spot_runtime.control.safety.safety import SetpointMemory
 from spot_runtime.control.safety.signals.check import SignalMemory
 from spot_runtime.control.safety.watchdogs import WatchMemory
-from spot_runtime.control.seen import Phase
+from spot_runtime.control.snapshot import Phase
 from spot_runtime.control.tick import TickMemory, TickResult, TickSchedule, schedule_for
 from spot_runtime.safety_limits import SafetyLimits
 from spot_runtime.sources.base import VelocityCommand

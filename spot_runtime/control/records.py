@@ -11,7 +11,7 @@ from spot_log.format.records import CommandRecord, TickRecord
 from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import JointCommand
 from spot_runtime.control.memory import Step, Tick
-from spot_runtime.control.seen import Seen
+from spot_runtime.control.snapshot import Snapshot
 
 _NOTHING: Final[NDArray[np.float32]] = np.zeros(0, dtype=np.float32)
 
@@ -23,23 +23,23 @@ def command_record(step: Step, command: JointCommand, host_ns: int) -> CommandRe
     return CommandRecord(command, memory.drive.requested_rad, host_ns, memory.sent_ns, state_ns)
 
 
-def state_age_s(tick: Tick, seen: Seen) -> float:
+def state_age_s(tick: Tick, now: Snapshot) -> float:
     """Receipt of a tick's state to the begin of the step, s."""
-    return (seen.host_ns - tick.state.host_stamp_ns) / NS_PER_S
+    return (now.host_ns - tick.state.host_stamp_ns) / NS_PER_S
 
 
-def tick_record(step: Step, tick: Tick, seen: Seen, *, inference_s: float, compute_s: float) -> TickRecord:
+def tick_record(step: Step, tick: Tick, now: Snapshot, *, inference_s: float, compute_s: float) -> TickRecord:
     """The tick with all that the policy saw and gave."""
     memory, result = step.memory, tick.result
     return TickRecord(
         index=tick.number,
         robot_stamp_ns=tick.state.robot_stamp_ns,
-        host_stamp_ns=seen.host_ns,
+        host_stamp_ns=now.host_ns,
         mode=memory.phase.mode.value,
         observation=_NOTHING if result is None else result.observation,
         action=_NOTHING if result is None else result.action,
         velocity_command=memory.drive.velocity_command,
-        state_age_s=state_age_s(tick, seen),
+        state_age_s=state_age_s(tick, now),
         inference_s=inference_s,
         compute_s=compute_s,
         command_key=memory.key,

@@ -1,4 +1,4 @@
-"""One step of control as a pure function: memory and what is seen go in; memory, a command and records come out.
+"""One step of control as a pure function: memory and a snapshot go in; memory, a command and records come out.
 
 A step judges what has arrived, moves the mode machine, runs the policy where a tick is due, and makes a command.
 Set-points change at ticks only; between them the same ones go out again with a new end time, so that a command lapses
@@ -21,8 +21,8 @@ from spot_runtime.control.modes import Mode, ModeInputs, next_mode
 from spot_runtime.control.notes import Notes
 from spot_runtime.control.safety import safety, watchdogs
 from spot_runtime.control.safety.signals.check import asked, check_signals
-from spot_runtime.control.seen import Phase, Seen
 from spot_runtime.control.set_point import asked_setpoint, within_stops
+from spot_runtime.control.snapshot import Phase, Snapshot
 from spot_runtime.control.tick import TickResult
 from spot_runtime.hal.base import JointControl
 from spot_runtime.hal.errors import HalError
@@ -34,16 +34,16 @@ _NO_VELOCITY: Final = np.zeros(facts.N_JOINTS)
 _NO_VELOCITY.flags.writeable = False
 
 
-def control_step(memory: Memory, seen: Seen, plan: Plan) -> Step:
+def control_step(memory: Memory, now: Snapshot, plan: Plan) -> Step:
     """Judge, decide, and make a command.
 
     Raises:
         Exception: Whatever the policy or the source raises; :func:`after_failure` is the step to take then.
     """
-    notes, phase, limits = Notes(memory.told, seen.host_ns, seen.robot_ns), memory.phase, plan.limits
-    watch, usable, stops = watchdogs.screen(memory.watch, seen.states, seen.robot_ns, limits, notes)
+    notes, phase, limits = Notes(memory.told, now.host_ns, now.robot_ns), memory.phase, plan.limits
+    watch, usable, stops = watchdogs.screen(memory.watch, now.states, now.robot_ns, limits, notes)
     found = _found(memory, plan, notes)
-    watch, later_stops = watchdogs.look(watch, seen, phase, plan.config, notes)
+    watch, later_stops = watchdogs.look(watch, now, phase, plan.config, notes)
     newest = usable[-1] if usable else None
     schedule, is_tick, lost = memory.schedule, False, 0
     if newest is not None:
@@ -69,19 +69,19 @@ def control_step(memory: Memory, seen: Seen, plan: Plan) -> Step:
             memory.signals,
         ),
         (*found, *stops, *later_stops),
-        seen,
+        now,
         limits,
         notes,
     )
     result = None
     if is_tick and newest is not None and memory.phase.mode.runs_policy:
-        memory, result = _run_policy(memory, newest, seen, plan, notes)
+        memory, result = _run_policy(memory, newest, now, plan, notes)
     if (is_tick or memory.phase.mode is Mode.DAMPING) and memory.phase.mode.sends:
-        memory, more = _aim(memory, result, seen, plan, notes)
+        memory, more = _aim(memory, result, now, plan, notes)
         acts += more
     command = None
-    if _is_command_due(memory, seen, plan, is_tick=is_tick, has_state=newest is not None, acts=acts):
-        command = _command(memory, seen, plan)
+    if _is_command_due(memory, now, plan, is_tick=is_tick, has_state=newest is not None, acts=acts):
+        command = _command(memory, now, plan)
     tick = None
     if is_tick and newest is not None and memory.phase.mode is not Mode.READY:
         tick = Tick(schedule.ticks, newest, lost, result)
@@ -95,7 +95,7 @@ def control_step(memory: Memory, seen: Seen, plan: Plan) -> Step:
         memory.drive,
         notes.told,
         memory.key if command is None else command.key,
-        memory.sent_ns if command is None else seen.robot_ns,
+        memory.sent_ns if command is None else now.robot_ns,
         memory.signals,
     )
     return Step(after, acts, tuple(notes.events), command, tuple(usable), tick)
@@ -115,23 +115,23 @@ def check_step(step: Step) -> Memory:
     return memory._replace(signals=signals, found=found)
 
 
-def stopped(memory: Memory, stop: Stop, seen: Seen) -> Step:
+def stopped(memory: Memory, stop: Stop, now: Snapshot) -> Step:
     """The step that ends the run for this reason, unless a reaction as strong is already under way."""
-    notes = Notes(memory.told, seen.host_ns, seen.robot_ns)
+    notes = Notes(memory.told, now.host_ns, now.robot_ns)
     memory, acts = _end(memory, stop, notes)
     return Step(memory, acts, tuple(notes.events))
 
 
-def after_failure(memory: Memory, error: Exception, seen: Seen) -> Step:
+def after_failure(memory: Memory, error: Exception, now: Snapshot) -> Step:
     """The step in place of one that failed: a defect ends in damping; one while damping, in silence."""
     if isinstance(error, HalError):
         stop = Stop(StopReason.LINK_LOST, str(error))
     else:
         stop = Stop(StopReason.INTERNAL_ERROR, f"{type(error).__name__}: {error}")
-    notes = Notes(memory.told, seen.host_ns, seen.robot_ns)
+    notes = Notes(memory.told, now.host_ns, now.robot_ns)
     is_last_resort = memory.phase.mode in (Mode.READY, Mode.DAMPING, Mode.RELEASED)
     memory, acts = _end(memory, stop, notes)
-    memory, more = _enter(memory, Mode.RELEASED if is_last_resort else Mode.DAMPING, seen, notes)
+    memory, more = _enter(memory, Mode.RELEASED if is_last_resort else Mode.DAMPING, now, notes)
     return Step(memory, acts + more, tuple(notes.events))
 
 
@@ -148,28 +148,28 @@ def _found(memory: Memory, plan: Plan, notes: Notes) -> tuple[Stop, ...]:
 
 
 def _end_and_move(
-    memory: Memory, stops: tuple[Stop, ...], seen: Seen, limits: SafetyLimits, notes: Notes
+    memory: Memory, stops: tuple[Stop, ...], now: Snapshot, limits: SafetyLimits, notes: Notes
 ) -> tuple[Memory, tuple[Act, ...]]:
     """Take every stop, then move the mode machine as far as it goes now."""
     acts: tuple[Act, ...] = ()
     newest = memory.watch.newest
     # A link on which no state is fresh enough would end the run as soon as it has begun.
-    is_fresh = newest is not None and seen.robot_ns - newest.robot_stamp_ns < limits.state_age_damp_s * NS_PER_S
+    is_fresh = newest is not None and now.robot_ns - newest.robot_stamp_ns < limits.state_age_damp_s * NS_PER_S
     for stop in stops:
         memory, more = _end(memory, stop, notes)
         acts += more
     for _ in _EVERY_MODE:
         phase = memory.phase
         inputs = ModeInputs(
-            in_mode_s=(seen.robot_ns - phase.since_ns) / NS_PER_S,
+            in_mode_s=(now.robot_ns - phase.since_ns) / NS_PER_S,
             reaction=None if memory.ending is None else memory.ending.reaction,
             is_activation_asked=phase.mode is Mode.READY and memory.loads.is_full and is_fresh,
-            is_active=seen.joint_control is JointControl.ACTIVE,
+            is_active=now.joint_control is JointControl.ACTIVE,
         )
         following = next_mode(phase.mode, inputs, memory.handover)
         if following is phase.mode:
             break
-        memory, more = _enter(memory, following, seen, notes)
+        memory, more = _enter(memory, following, now, notes)
         acts += more
     return memory, acts
 
@@ -188,17 +188,17 @@ def _end(memory: Memory, stop: Stop, notes: Notes) -> tuple[Memory, tuple[Act, .
     )
 
 
-def _enter(memory: Memory, mode: Mode, seen: Seen, notes: Notes) -> tuple[Memory, tuple[Act, ...]]:
+def _enter(memory: Memory, mode: Mode, now: Snapshot, notes: Notes) -> tuple[Memory, tuple[Act, ...]]:
     phase, drive = memory.phase, memory.drive
     notes.event(EventName.MODE, f"{phase.mode.value} → {mode.value}")
-    phase = Phase(mode, seen.robot_ns, phase.control_since_ns, phase.active_since_ns)
+    phase = Phase(mode, now.robot_ns, phase.control_since_ns, phase.active_since_ns)
     acts: tuple[Act, ...] = ()
     if mode is Mode.ACTIVATING:
         drive, acts = _held(memory), (Act.BEGIN,)
     elif mode is Mode.RAMPING_IN:
-        phase = phase._replace(control_since_ns=seen.robot_ns)
+        phase = phase._replace(control_since_ns=now.robot_ns)
     elif mode is Mode.ACTIVE:
-        phase = phase._replace(active_since_ns=seen.robot_ns)
+        phase = phase._replace(active_since_ns=now.robot_ns)
     elif mode is Mode.SOFT_STOP:
         drive = drive._replace(fade_from=drive.velocity_command)
     elif mode is Mode.STANDING:
@@ -221,8 +221,10 @@ def _held(memory: Memory) -> Drive:
 # Set-points ----------------------------------------------------------------------------------------------------------
 
 
-def _run_policy(memory: Memory, state: RobotState, seen: Seen, plan: Plan, notes: Notes) -> tuple[Memory, TickResult]:
-    velocity_command, is_finished = _velocity_command(memory, state, seen, plan, notes)
+def _run_policy(
+    memory: Memory, state: RobotState, now: Snapshot, plan: Plan, notes: Notes
+) -> tuple[Memory, TickResult]:
+    velocity_command, is_finished = _velocity_command(memory, state, now, plan, notes)
     if is_finished:
         memory, _ = _end(memory, Stop(StopReason.COMPLETED), notes)
     after, result = plan.tick(memory.drive.policy, state, velocity_command, plan.policy)
@@ -233,7 +235,7 @@ def _run_policy(memory: Memory, state: RobotState, seen: Seen, plan: Plan, notes
     return memory._replace(drive=drive), result
 
 
-def _velocity_command(memory: Memory, state: RobotState, seen: Seen, plan: Plan, notes: Notes) -> tuple[Array, bool]:
+def _velocity_command(memory: Memory, state: RobotState, now: Snapshot, plan: Plan, notes: Notes) -> tuple[Array, bool]:
     """The velocity command of this tick, and whether the source has nothing more to say."""
     phase, drive = memory.phase, memory.drive
     if phase.mode is Mode.SOFT_STOP:
@@ -242,7 +244,7 @@ def _velocity_command(memory: Memory, state: RobotState, seen: Seen, plan: Plan,
         return drive.fade_from * share, False
     if phase.mode is not Mode.ACTIVE:
         return NO_VELOCITY_COMMAND, False
-    wanted = plan.velocity_at(max(0.0, (state.robot_stamp_ns - phase.active_since_ns) / NS_PER_S), seen.host_ns)
+    wanted = plan.velocity_at(max(0.0, (state.robot_stamp_ns - phase.active_since_ns) / NS_PER_S), now.host_ns)
     contract, command = plan.policy.contract, wanted.command.tolist()
     bounds = zip(command, contract.velocity_command_low, contract.velocity_command_high, strict=True)
     within = [min(max(value, low), high) for value, low, high in bounds]
@@ -253,18 +255,18 @@ def _velocity_command(memory: Memory, state: RobotState, seen: Seen, plan: Plan,
 
 
 def _aim(
-    memory: Memory, result: TickResult | None, seen: Seen, plan: Plan, notes: Notes
+    memory: Memory, result: TickResult | None, now: Snapshot, plan: Plan, notes: Notes
 ) -> tuple[Memory, tuple[Act, ...]]:
     """Bring the set-point up to date, within all limits; a limit that ends the run turns it into damping."""
-    memory, stop = _limited(memory, result, seen, plan, notes)
+    memory, stop = _limited(memory, result, now, plan, notes)
     if stop is None:
         return memory, ()
-    memory, acts = _end_and_move(memory, (stop,), seen, plan.limits, notes)
-    return _limited(memory, result, seen, plan, notes)[0], acts
+    memory, acts = _end_and_move(memory, (stop,), now, plan.limits, notes)
+    return _limited(memory, result, now, plan, notes)[0], acts
 
 
 def _limited(
-    memory: Memory, result: TickResult | None, seen: Seen, plan: Plan, notes: Notes
+    memory: Memory, result: TickResult | None, now: Snapshot, plan: Plan, notes: Notes
 ) -> tuple[Memory, Stop | None]:
     phase, drive, limits = memory.phase, memory.drive, plan.limits
     hold, newest = drive.hold, memory.watch.newest
@@ -272,7 +274,7 @@ def _limited(
         raise RuntimeError("there is no held pose; joint control has not begun")
     asked = asked_setpoint(
         phase.mode,
-        (seen.robot_ns - phase.since_ns) / NS_PER_S,
+        (now.robot_ns - phase.since_ns) / NS_PER_S,
         hold=hold,
         policy_rad=None if result is None else result.setpoint_rad,
         policy_gains=plan.policy_gains,
@@ -294,18 +296,18 @@ def _limited(
 
 
 def _is_command_due(
-    memory: Memory, seen: Seen, plan: Plan, *, is_tick: bool, has_state: bool, acts: tuple[Act, ...]
+    memory: Memory, now: Snapshot, plan: Plan, *, is_tick: bool, has_state: bool, acts: tuple[Act, ...]
 ) -> bool:
     mode = memory.phase.mode
     if not mode.sends:
         return False
     if mode is Mode.DAMPING:  # needs no state, so it is sent by the clock
-        return has_state or seen.robot_ns - memory.sent_ns >= facts.STATE_PERIOD_NS
+        return has_state or now.robot_ns - memory.sent_ns >= facts.STATE_PERIOD_NS
     return Act.BEGIN in acts or (has_state and (is_tick or plan.config.control.resend_on_state))
 
 
-def _command(memory: Memory, seen: Seen, plan: Plan) -> JointCommand:
-    current, robot_ns, limits = memory.drive.current, seen.robot_ns, plan.limits
+def _command(memory: Memory, now: Snapshot, plan: Plan) -> JointCommand:
+    current, robot_ns, limits = memory.drive.current, now.robot_ns, plan.limits
     if current is None:
         raise RuntimeError("there is no set-point to send")
     command = JointCommand(

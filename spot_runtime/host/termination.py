@@ -10,7 +10,7 @@ from typing import NoReturn
 
 
 @contextmanager
-def unwound_when_ended() -> Iterator[None]:
+def exit_on_termination() -> Iterator[None]:
     """Let SIGTERM and SIGHUP end the block as Ctrl-C does; only in the main thread.
 
     Raises:

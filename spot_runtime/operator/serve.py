@@ -20,7 +20,7 @@ from spot_runtime.hal.connection.address import parse_address
 from spot_runtime.host.console import Console
 from spot_runtime.host.journal import Journal, goes_to_journal
 from spot_runtime.host.service_manager import ServiceManager
-from spot_runtime.host.termination import unwound_when_ended
+from spot_runtime.host.termination import exit_on_termination
 from spot_runtime.live.process import LiveProcess
 from spot_runtime.operator.server.server import OperatorServer
 from spot_runtime.operator.server.supervisor import Supervisor
@@ -66,7 +66,7 @@ def serve(
     console = Console()
     try:
         recover_at_start(settings.log.directory, console)
-        with unwound_when_ended(), LiveProcess.if_wanted(service.live_port) as live:
+        with exit_on_termination(), LiveProcess.if_wanted(service.live_port) as live:
             if live.url:
                 console.say(f"live view: open {live.url} in Foxglove, with the layout deploy/spot-rl.foxglove.json")
             _serve(robot, settings, console, lock_step or "")

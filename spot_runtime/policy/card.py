@@ -76,9 +76,14 @@ def write_card(policy: Path, card: PolicyCard) -> Path:
 
 
 def card_of(
-    policy: Policy, evaluation: Path, *, about: str = "", gait: str = "", tried_on: Sequence[str] = (),
+    policy: Policy,
+    evaluation: Path,
+    *,
+    about: str = "",
+    gait: str = "",
+    tried_on: Sequence[str] = (),
     not_tried_on: Sequence[str] = (),
-) -> PolicyCard:  # fmt: skip
+) -> PolicyCard:
     """A card with the figures of an ``evaluation.json``.
 
     Raises:

@@ -25,7 +25,7 @@ from spot_runtime.host.console import Console
 from spot_runtime.host.realtime import apply_real_time, freeze_garbage_collection
 from spot_runtime.host.service_manager import ServiceManager
 from spot_runtime.policy.admission import gait_event
-from spot_runtime.session.incident import FlightRecorder
+from spot_runtime.session.flight_recorder import FlightRecorder
 from spot_runtime.session.robot_session import ControlEnd, RobotSession, control_end
 from spot_runtime.session.signals import StopSignals
 from spot_runtime.session.summary import RunSummary, figures, resident_mb
@@ -152,7 +152,7 @@ class _Attempt:
         try:
             self.session.drive(lambda: make_hal(self._sink), self._control)
         finally:
-            self._write_incident()
+            self._write_flight_record()
 
     def summary(self) -> RunSummary:
         """What a person and a program want to know."""
@@ -201,10 +201,10 @@ class _Attempt:
 
     def _shutting_down(self) -> None:
         self._manager.stopping()
-        self._write_incident()
+        self._write_flight_record()
         self._say("sitting and powering off …")
 
-    def _write_incident(self) -> None:
+    def _write_flight_record(self) -> None:
         """What led to the stop, on disk; once."""
         if self._is_incident_written or not self._sink.cause:
             return

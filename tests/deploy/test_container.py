@@ -68,9 +68,14 @@ def test_the_action_starts_a_robot_and_tells_the_job(tmp_path: Path) -> None:
         (programs / name).write_text(f'#!/bin/sh\nexec "{Path(sys.executable).parent / name}" "$@"\n')
         (programs / name).chmod(0o755)
     given = {
-        "PYTHON": sys.executable, "SOURCE": str(REPOSITORY), "SCENARIO": "default", "PORT": "0",
-        "RUNNER_TEMP": str(tmp_path), "GITHUB_ENV": str(tmp_path / "env"), "GITHUB_OUTPUT": str(tmp_path / "output"),
-    }  # fmt: skip
+        "PYTHON": sys.executable,
+        "SOURCE": str(REPOSITORY),
+        "SCENARIO": "default",
+        "PORT": "0",
+        "RUNNER_TEMP": str(tmp_path),
+        "GITHUB_ENV": str(tmp_path / "env"),
+        "GITHUB_OUTPUT": str(tmp_path / "output"),
+    }
     try:
         told = subprocess.run(
             ["bash", str(ACTION / "start.sh")], env={**os.environ, **given}, capture_output=True, text=True
@@ -101,8 +106,10 @@ def test_a_robot_that_does_not_start_fails_the_step(tmp_path: Path) -> None:
     (programs / "spot-rl").chmod(0o755)
     given = {"PYTHON": sys.executable, "SOURCE": str(REPOSITORY), "SCENARIO": "none", "PORT": "0"}
     told = subprocess.run(
-        ["bash", str(ACTION / "start.sh")], env={**os.environ, **given, "RUNNER_TEMP": str(tmp_path)},
-        capture_output=True, text=True,
-    )  # fmt: skip
+        ["bash", str(ACTION / "start.sh")],
+        env={**os.environ, **given, "RUNNER_TEMP": str(tmp_path)},
+        capture_output=True,
+        text=True,
+    )
     assert told.returncode == 1
     assert "no such scenario" in told.stderr

@@ -87,6 +87,8 @@ def test_benchmarks_at_their_smallest(tmp_path: Path) -> None:
 def test_another_provider_is_refused_where_it_is_not(tmp_path: Path) -> None:
     told = subprocess.run(
         [sys.executable, "benchmarks/inference_pace.py", "--provider", "CUDAExecutionProvider", "--seconds", "0.1"],
-        cwd=REPOSITORY, capture_output=True, text=True,
-    )  # fmt: skip
+        cwd=REPOSITORY,
+        capture_output=True,
+        text=True,
+    )
     assert told.returncode == 0 or "CUDAExecutionProvider is not here" in told.stderr

@@ -201,10 +201,15 @@ class TestCompletion:
     def complete(words: str) -> list[str]:
         told = subprocess.run(
             [sys.executable, "-c", "from spot_model.io.command_line import main; main([])"],
-            env={**os.environ, "_SPOT_RL_COMPLETE": "complete_bash", "COMP_WORDS": words,
-                 "COMP_CWORD": str(len(words.split(" ")) - 1)},
-            capture_output=True, text=True,
-        )  # fmt: skip
+            env={
+                **os.environ,
+                "_SPOT_RL_COMPLETE": "complete_bash",
+                "COMP_WORDS": words,
+                "COMP_CWORD": str(len(words.split(" ")) - 1),
+            },
+            capture_output=True,
+            text=True,
+        )
         assert told.stderr == ""
         return told.stdout.split()
 

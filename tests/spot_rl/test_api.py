@@ -23,8 +23,10 @@ from .conftest import REPOSITORY, WALK
 def test_importing_the_library_loads_nothing_heavy() -> None:
     told = subprocess.run(
         [sys.executable, "-c", "import spot_rl, sys; print(sorted({'torch', 'mujoco', 'numpy'} & set(sys.modules)))"],
-        capture_output=True, text=True, check=True,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     assert told.stdout.strip() == "[]"
 
 

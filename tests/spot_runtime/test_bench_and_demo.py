@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from proof.loop_bench import KEYS
-from spot_runtime.host.termination import unwound_when_ended
+from spot_runtime.host.termination import exit_on_termination
 
 COMMAND = [sys.executable, "-c", "from spot_model.io.command_line import main; main()"]
 
@@ -68,7 +68,7 @@ def test_a_command_that_is_ended_clears_away_what_it_began(tmp_path: Path) -> No
 
 def test_signals_that_end_a_block_do_what_they_did_once_it_is_over() -> None:
     before = signal.getsignal(signal.SIGTERM)
-    with pytest.raises(SystemExit) as ended, unwound_when_ended():
+    with pytest.raises(SystemExit) as ended, exit_on_termination():
         signal.raise_signal(signal.SIGHUP)
     assert ended.value.code == 129
     assert signal.getsignal(signal.SIGTERM) is before

@@ -32,9 +32,9 @@ from spot_runtime.config import RunConfig
 from spot_runtime.hal.base import Hal
 from spot_runtime.hal.connection.address import Address, parse_address
 from spot_runtime.hal.spot.adapter import BosdynHal
+from spot_runtime.hal.spot.command_stream import CommandStream
 from spot_runtime.hal.spot.lock_step import LockStep
 from spot_runtime.hal.spot.pace import Pace
-from spot_runtime.hal.spot.streams import CommandStream
 from spot_runtime.host.clock import HostClock
 from spot_runtime.host.console import Console
 from spot_runtime.session.run import RunRequest, run

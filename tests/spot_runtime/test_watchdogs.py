@@ -18,7 +18,7 @@ from spot_runtime.control.notes import Notes
 from spot_runtime.control.safety.command_loss import WINDOW_KEYS
 from spot_runtime.control.safety.watchdogs import WatchMemory, lost_ticks, screen
 from spot_runtime.control.safety.watchdogs import look as watch
-from spot_runtime.control.seen import Phase, Seen
+from spot_runtime.control.snapshot import Phase, Snapshot
 from spot_runtime.stops import Stop, StopReason
 
 MS = 1_000_000
@@ -71,8 +71,10 @@ class Dogs:
     def look(self, phase: Phase, now_ns: int) -> list[Stop]:
         notes, robot = self._notes(now_ns), self.robot
         log = self.sink.health() if now_ns >= self.memory.next_log_check_ns else None
-        seen = Seen(now_ns, now_ns, (), robot.joint_control, robot.problems(), robot.slow_state, robot.clock_age_s, log)
-        self.memory, stops = watch(self.memory, seen, phase, self.config, notes)
+        now = Snapshot(
+            now_ns, now_ns, (), robot.joint_control, robot.problems(), robot.slow_state, robot.clock_age_s, log
+        )
+        self.memory, stops = watch(self.memory, now, phase, self.config, notes)
         self._keep(notes)
         return list(stops)
 

@@ -38,9 +38,17 @@ class StillBackend:
         n = self.n_envs
         zero = torch.zeros(n, 3)
         return PlantState(
-            self.position_rad, self.velocity_rad_s, torch.zeros(n, 12), zero, self.level, zero, zero,
-            self.foot_contact, self.body_contact, self.foot_contact.float(),
-        )  # fmt: skip
+            self.position_rad,
+            self.velocity_rad_s,
+            torch.zeros(n, 12),
+            zero,
+            self.level,
+            zero,
+            zero,
+            self.foot_contact,
+            self.body_contact,
+            self.foot_contact.float(),
+        )
 
     def read_reported(self, truth: PlantState) -> PlantState:
         return truth

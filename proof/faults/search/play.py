@@ -5,29 +5,29 @@ from __future__ import annotations
 import signal
 from collections.abc import Callable
 
-from proof.faults.meddler import Meddler
+from proof.faults.faulty_hal import FaultyHal
 from proof.faults.rig import Rig
 from proof.faults.search.case import Case, Fault
 from proof.faults.search.signals import SpoiltSignal
 
 
-def play(rig: Rig, case: Case) -> tuple[Callable[[Meddler], None]]:
+def play(rig: Rig, case: Case) -> tuple[Callable[[FaultyHal], None]]:
     """What :meth:`Rig.drive` calls when the case's phase begins."""
 
-    def begin(meddler: Meddler) -> None:
+    def begin(hal: FaultyHal) -> None:
         for fault in case.faults:
-            _plan(rig, meddler, fault)
+            _plan(rig, hal, fault)
 
     return (begin,)
 
 
-def _plan(rig: Rig, meddler: Meddler, fault: Fault) -> None:
+def _plan(rig: Rig, hal: FaultyHal, fault: Fault) -> None:
     kind, _, rest = fault.what.partition(" ")
     if kind == "inject":
-        meddler.plan(fault.at_s, lambda: rig.inject(rest, fault.lasts_s, **fault.values))
+        hal.plan(fault.at_s, lambda: rig.inject(rest, fault.lasts_s, **fault.values))
     elif kind == "signal":
-        meddler.plan(fault.at_s, lambda: signal.raise_signal(signal.Signals[rest]))
+        hal.plan(fault.at_s, lambda: signal.raise_signal(signal.Signals[rest]))
     else:
         name, _, way = rest.partition(" ")
         spoilt = SpoiltSignal(name, way, int(float(fault.values["index"])), float(fault.values["size"]))
-        meddler.plan(fault.at_s, lambda: meddler.spoil(spoilt, fault.lasts_s))
+        hal.plan(fault.at_s, lambda: hal.spoil(spoilt, fault.lasts_s))

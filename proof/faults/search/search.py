@@ -12,7 +12,7 @@ import numpy as np
 from proof.faults.rig import Rig, rig
 from proof.faults.search.case import Case, draw, vary
 from proof.faults.search.laws import Verdict, judge_case
-from spot_runtime.host.termination import unwound_when_ended
+from spot_runtime.host.termination import exit_on_termination
 
 KEPT: Final = 12
 """Of the worst so far, from which others are varied."""
@@ -35,7 +35,7 @@ def searched(seed: int, minutes: float, policy: Path, folder: Path, scenario: st
     number = 0
     while time.monotonic() < until_s:
         number += 1
-        with unwound_when_ended(), rig(folder / f"robot{number}", policy, scenario=scenario) as robot:
+        with exit_on_termination(), rig(folder / f"robot{number}", policy, scenario=scenario) as robot:
             is_usable = True
             while is_usable and time.monotonic() < until_s:
                 verdict = judge_case(robot, _next(worst, rng))

@@ -14,7 +14,7 @@ from spot_runtime.control.modes import Mode
 from spot_runtime.control.notes import Notes
 from spot_runtime.control.safety import safety
 from spot_runtime.control.safety.command_loss import LossMemory, confirm
-from spot_runtime.control.seen import Phase, Seen
+from spot_runtime.control.snapshot import Phase, Snapshot
 from spot_runtime.safety_limits import SafetyLimits
 from spot_runtime.stops import Stop, StopReason
 
@@ -69,18 +69,18 @@ def screen(
 
 
 def look(
-    memory: WatchMemory, seen: Seen, phase: Phase, config: RunConfig, notes: Notes
+    memory: WatchMemory, now: Snapshot, phase: Phase, config: RunConfig, notes: Notes
 ) -> tuple[WatchMemory, tuple[Stop, ...]]:
     """Look at everything that is not a new state."""
-    stops = (*seen.problems, *_waited_too_long(memory, phase, seen.robot_ns, config))
+    stops = (*now.problems, *_waited_too_long(memory, phase, now.robot_ns, config))
     if phase.mode is not Mode.READY:
-        stops += _ages(memory, seen.robot_ns, phase, config.safety, notes)
-    if seen.slow is not None:
-        stops += _some(safety.check_slow_state(seen.slow, seen.host_ns, config.safety))
-    if seen.log is not None:
-        memory = memory._replace(next_log_check_ns=seen.robot_ns + LOG_CHECK_PERIOD_NS)
-        _look_at_clock(seen.clock_age_s, config, notes)
-        stops += _look_at_log(seen.log, config, notes)
+        stops += _ages(memory, now.robot_ns, phase, config.safety, notes)
+    if now.slow is not None:
+        stops += _some(safety.check_slow_state(now.slow, now.host_ns, config.safety))
+    if now.log is not None:
+        memory = memory._replace(next_log_check_ns=now.robot_ns + LOG_CHECK_PERIOD_NS)
+        _look_at_clock(now.clock_age_s, config, notes)
+        stops += _look_at_log(now.log, config, notes)
     return memory, stops
 
 

@@ -18,13 +18,14 @@ from spot_runtime.hal.base import Hal, JointControl, RobotInfo
 from spot_runtime.hal.connection.address import Address, parse_address
 from spot_runtime.hal.errors import EstopError, HalError, LeaseHeldError, NoRobotError
 from spot_runtime.hal.registry import Adapter, HalRequest
+from spot_runtime.hal.spot.command_stream import CommandStream
 from spot_runtime.hal.spot.command_wire import CommandEncoder
 from spot_runtime.hal.spot.jobs import Jobs
 from spot_runtime.hal.spot.lock_step import LockStep
 from spot_runtime.hal.spot.motions import Motions
 from spot_runtime.hal.spot.pace import Pace, RealTime, States, take_all
 from spot_runtime.hal.spot.session import Session
-from spot_runtime.hal.spot.streams import CommandStream, OnEnd, StateReceiver
+from spot_runtime.hal.spot.state_receiver import OnEnd, StateReceiver
 from spot_runtime.host.clock import HostClock, RobotClockEstimate
 from spot_runtime.stops import Stop, StopReason
 

@@ -15,7 +15,7 @@ from spot_protos import fake_admin_pb2
 from spot_runtime.hal.errors import LockStepError
 from spot_runtime.hal.spot.jobs import Jobs
 from spot_runtime.hal.spot.pace import StateQueue, States, take_all
-from spot_runtime.hal.spot.streams import FedStates, OnEnd, OnWire
+from spot_runtime.hal.spot.state_receiver import OnEnd, OnWire, PolledStates
 from spot_runtime.hal.spot.vendor_errors import describe
 from spot_runtime.host.clock import ClockSample, RobotClockEstimate
 
@@ -65,7 +65,7 @@ class LockStep:
         self._sample()
         self._newest_ns = 0
         self._is_silent, self._every_state = False, every_state
-        self._states: FedStates | None = None
+        self._states: PolledStates | None = None
         self._jobs: Jobs | None = None
         self._key = 0
 
@@ -96,7 +96,7 @@ class LockStep:
         A state counts as received when it was sampled: while a step is under way, no clock runs here.
         """
         del open_stream
-        self._states = FedStates(self._receipt_ns, on_wire, on_end)
+        self._states = PolledStates(self._receipt_ns, on_wire, on_end)
         return self._states
 
     def begin(self, activate: Callable[[], None]) -> None:

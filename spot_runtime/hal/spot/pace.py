@@ -10,7 +10,7 @@ from typing import Protocol
 
 from spot_model.robot.state import RobotState
 from spot_runtime.hal.spot.jobs import Jobs
-from spot_runtime.hal.spot.streams import OnEnd, OnWire
+from spot_runtime.hal.spot.state_receiver import OnEnd, OnWire
 from spot_runtime.host.clock import HostClock, RobotClockEstimate
 
 StateQueue = queue.SimpleQueue[RobotState | None]

@@ -241,7 +241,7 @@ class OperatedRun:
     def _end_log(self, label: str) -> None:
         """Close the log; where something went wrong, write what led to it first."""
         try:
-            path = self._logs.write_incident(label)
+            path = self._logs.write_flight_record(label)
         except SpotRlError as error:
             self.event(EventName.INCIDENT_FAILED, str(error))
         else:

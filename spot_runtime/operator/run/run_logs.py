@@ -11,7 +11,7 @@ from pathlib import Path
 from spot_log.format.records import CommandRecord, EventRecord, RunHeader, TickRecord
 from spot_log.write.sink import TOPICS, LogSink, NullSink, SinkHealth
 from spot_model.robot.state import RobotState, SlowState
-from spot_runtime.session.incident import FlightRecorder
+from spot_runtime.session.flight_recorder import FlightRecorder
 
 SinkFactory = Callable[[Path, RunHeader], LogSink]
 
@@ -106,7 +106,7 @@ class RunLogs:
         self.paths.append(free)
         return free
 
-    def write_incident(self, outcome: str) -> Path | None:
+    def write_flight_record(self, outcome: str) -> Path | None:
         """Write what led to a stop, if there was one in the log of the moment. Returns where. Raises SpotRlError."""
         flight, header = self._flight, self._header
         if flight is None or header is None or not self._sink.is_logging:

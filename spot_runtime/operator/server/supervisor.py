@@ -22,11 +22,11 @@ from spot_runtime.operator.refusal import Refusal, not_now, unavailable
 from spot_runtime.operator.rescue.rescue_process import Rescue, RescueSpec
 from spot_runtime.operator.run.run_spec import RunSpec
 from spot_runtime.operator.server.event_history import EventHistory
+from spot_runtime.operator.server.operator_events import how_it_died, operator_event
 from spot_runtime.operator.server.pending import PendingRequests, SteeringRight
 from spot_runtime.operator.server.policy_folder import OfferedPolicy, PolicyFolder
 from spot_runtime.operator.server.run_process import RunProcess
 from spot_runtime.operator.server.states import State
-from spot_runtime.operator.server.told_events import how_it_died, told_event
 from spot_runtime.rescue.make_safe import MAY_HAVE_POWER
 
 TURN_S: Final = 0.05
@@ -263,7 +263,7 @@ class Supervisor:
                 self._run_status, self._run_told_s = message.status, time.monotonic()
                 self._manager.status(f"{self._state.value}: {message.status.mode}, {message.status.policy}")
             elif kind == "event":
-                self._record(told_event(message.event))
+                self._record(operator_event(message.event))
             elif kind == "state" and message.state in _STATES:
                 if message.state == State.ARMED.value and self._state is State.ARMING:
                     self._seen()

@@ -10,7 +10,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from proof.faults.meddler import Meddler
+from proof.faults.faulty_hal import FaultyHal
 from proof.faults.rig import Rig, rig
 from spot_log.page.page import write_page
 from spot_log.page.summary import summarise
@@ -18,7 +18,7 @@ from spot_log.read.mcap_scan import scan_mcap
 from spot_log.write.logger_process import without_secrets
 from spot_model.policy.contract import PolicyError
 from spot_runtime.policy.admission import check_allowed
-from spot_runtime.session.incident import incident_path
+from spot_runtime.session.flight_recorder import flight_record_path
 
 WALK = Path(__file__).parents[3] / "policies" / "walk.onnx"
 
@@ -55,8 +55,8 @@ def test_a_canary_is_found_nowhere(fake: Rig, capfd: pytest.CaptureFixture[str],
     secrets: dict[str, bytes] = {"password": fake.address.environment["BOSDYN_CLIENT_PASSWORD"].encode()}
     seen: dict[str, bytes] = {}
 
-    def act(meddler: Meddler) -> None:
-        robot: Any = meddler._session._robot
+    def act(hal: FaultyHal) -> None:
+        robot: Any = hal._session._robot
         secrets["token"] = robot.user_token.encode()
         seen.update(processes())
         fake.inject("token_expired")
@@ -72,7 +72,7 @@ def test_a_canary_is_found_nowhere(fake: Rig, capfd: pytest.CaptureFixture[str],
     said = capfd.readouterr()
     seen |= {
         "log": unpacked(drive.log_path),
-        "incident": unpacked(incident_path(drive.log_path)),
+        "incident": unpacked(flight_record_path(drive.log_path)),
         "summary": (drive.summary.to_json() + drive.summary.to_text() + summarise(drive.log)).encode(),
         "page": page.read_bytes(),
         "output": (said.out + said.err).encode(),

@@ -128,8 +128,14 @@ def test_ticks_power_imu_select_and_rate(do):
     history = np.zeros((N, 5, 2))
     history[:, 4] = np.column_stack([HIP, KNEE])
     run, imported = do(
-        {"h": history, "a": np.full((N, 2), 0.5), "cmd": np.tile([1, 0, 0.2], (N, 1)), "volt": np.full(N, 54.0),
-         "w": np.tile([0, 0, 90.0], (N, 1)), "temp": np.full((N, 2), 41.0)},
+        {
+            "h": history,
+            "a": np.full((N, 2), 0.5),
+            "cmd": np.tile([1, 0, 0.2], (N, 1)),
+            "volt": np.full(N, 54.0),
+            "w": np.tile([0, 0, 90.0], (N, 1)),
+            "temp": np.full((N, 2), 41.0),
+        },
         time={"rate_hz": 50},
         signals={
             "position": {"from": "h", "select": [4, None], "unit": "rad"},
@@ -139,7 +145,7 @@ def test_ticks_power_imu_select_and_rate(do):
             "motor_temperature": {"from": "temp", "unit": "°C"},
             "angular_vel_of_link_in_link": {"from": "w", "unit": "deg/s"},
         },
-    )  # fmt: skip
+    )
     assert imported.rate_hz == pytest.approx(50.0)
     np.testing.assert_array_equal(run.states.position_rad[:, 1], KNEE)
     np.testing.assert_array_equal(run.ticks.action, 0.5)
@@ -218,7 +224,7 @@ def test_a_log_exported_and_imported_again_is_the_same(synthetic_run, synthetic_
         ({"source_joint_names": ["hip", "ankle"]}, r"source_joint_names must hold the same names"),
         ({"schema": "spot-rl/import/9"}, r"schema = 'spot-rl/import/9'"),
     ],
-)  # fmt: skip
+)
 def test_refusals(do, tmp_path, changes, text):
     with pytest.raises(BadInputError, match=text):
         do(**changes)

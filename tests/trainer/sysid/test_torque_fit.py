@@ -11,7 +11,7 @@ from trainer.sysid.logs.logged_run import LoggedRun
 from trainer.sysid.search.config import SysidConfig
 from trainer.sysid.torque.fit import TorqueFit, fit_torque
 from trainer.sysid.torque.model import NUISANCE_NAMES, TorqueModel, friction_direction, is_memoryless
-from trainer.sysid.torque.samples import TorqueSamples, torque_samples
+from trainer.sysid.torque.torque_samples import TorqueSamples, torque_samples
 
 from .conftest import OTHER_PHYSICS, MakeLogs
 

@@ -11,7 +11,7 @@ from trainer.sysid.search.config import SysidConfig
 from trainer.sysid.torque.fit import fit_torque
 from trainer.sysid.torque.losses import SIMPSON, fit_losses, window_starts
 from trainer.sysid.torque.model import TorqueModel
-from trainer.sysid.torque.samples import TorqueSamples, torque_samples
+from trainer.sysid.torque.torque_samples import TorqueSamples, torque_samples
 
 from .conftest import OTHER_PHYSICS, MakeLogs
 

@@ -24,7 +24,7 @@ from trainer.sysid.search.surrogate import ScoreIntervals, score_intervals
 from trainer.sysid.simulation.rollout import RolloutOptions
 from trainer.sysid.torque.fit import TorqueFit, fit_torque
 from trainer.sysid.torque.model import TorqueModel
-from trainer.sysid.torque.samples import TorqueSamples, torque_samples
+from trainer.sysid.torque.torque_samples import TorqueSamples, torque_samples
 
 Array = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from trainer.sysid.search.space import SearchParameter, SearchSpace
 from trainer.sysid.search.surrogate import ScoreIntervals
 from trainer.sysid.torque.fit import TorqueFit, usable
 from trainer.sysid.torque.model import TorqueModel
-from trainer.sysid.torque.samples import TorqueSamples
+from trainer.sysid.torque.torque_samples import TorqueSamples
 
 Array = NDArray[np.float64]
 

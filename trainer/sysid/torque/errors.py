@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from spot_model.robot import facts
 from trainer.sysid.search.space import SearchSpace
 from trainer.sysid.torque.model import NUISANCE_NAMES, TorqueModel
-from trainer.sysid.torque.samples import TorqueSamples
+from trainer.sysid.torque.torque_samples import TorqueSamples
 
 Array = NDArray[np.float64]
 

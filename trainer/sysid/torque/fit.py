@@ -18,7 +18,7 @@ from spot_model.robot import facts
 from trainer.sysid.torque.errors import FitErrors, effective_freedom, fit_errors
 from trainer.sysid.torque.losses import LossFit, fit_losses
 from trainer.sysid.torque.model import MIN_SPEED_RAD_S, NUISANCE_NAMES, NUISANCE_SCALE, TorqueModel
-from trainer.sysid.torque.samples import TorqueSamples
+from trainer.sysid.torque.torque_samples import TorqueSamples
 
 Array = NDArray[np.float64]
 

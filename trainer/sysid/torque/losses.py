@@ -21,7 +21,7 @@ from spot_model.robot.joints import select_joints
 from trainer.sysid.search.space import SearchSpace
 from trainer.sysid.torque.errors import cluster_covariances
 from trainer.sysid.torque.model import MIN_SPEED_RAD_S, TURNING_TIME_S, TorqueModel, shifted_motion
-from trainer.sysid.torque.samples import BEND_WEIGHTS, TorqueSamples
+from trainer.sysid.torque.torque_samples import BEND_WEIGHTS, TorqueSamples
 
 Array = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ from spot_model.effects.friction import has_joint_loss, joint_losses_nm
 from spot_model.robot import facts
 from spot_model.robot.joints import select_joints
 from trainer.sysid.search.space import SearchSpace
-from trainer.sysid.torque.samples import TorqueSamples
+from trainer.sysid.torque.torque_samples import TorqueSamples
 
 Array = NDArray[np.float64]
 

@@ -1,4 +1,4 @@
-"""What one step of control looks at."""
+"""What one step of control looks at: one snapshot of the robot and this computer."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from spot_runtime.hal.base import JointControl
 from spot_runtime.stops import Stop
 
 
-class Seen(NamedTuple):
+class Snapshot(NamedTuple):
     """What a step looks at, read once at its begin."""
 
     host_ns: int

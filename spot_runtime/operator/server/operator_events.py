@@ -10,7 +10,7 @@ from spot_protos import log_pb2, operator_pb2
 _SEVERITIES: Final = {number: name.lower() for name, number in log_pb2.Event.Severity.items()}
 
 
-def told_event(event: log_pb2.Event) -> operator_pb2.Event:
+def operator_event(event: log_pb2.Event) -> operator_pb2.Event:
     """An event of a run's log, for operators."""
     return operator_pb2.Event(
         host_stamp_ns=event.host_stamp_ns,

@@ -19,7 +19,7 @@ When = Literal["up", "control", "down"]
 """Standing up, joint control, or sitting down."""
 
 
-class Meddler(BosdynHal):
+class FaultyHal(BosdynHal):
     """The vendor adapter, with something that happens at an instant of robot time."""
 
     def __init__(self, address: Address, config: RunConfig, sink: LogSink, pace: Pace | None) -> None:
@@ -35,9 +35,9 @@ class Meddler(BosdynHal):
         self._when: When = "control"
         self.was_off = False
         self._rig: Rig | None = None
-        self._happens: Callable[[Meddler], None] = lambda _: None
+        self._happens: Callable[[FaultyHal], None] = lambda _: None
 
-    def prepare(self, rig: Rig, happens: Callable[[Meddler], None], at_s: float, when: When) -> None:
+    def prepare(self, rig: Rig, happens: Callable[[FaultyHal], None], at_s: float, when: When) -> None:
         """Say what happens, and when."""
         self._rig, self._happens, self._at_ns, self._when = rig, happens, round(at_s * 1e9), when
 

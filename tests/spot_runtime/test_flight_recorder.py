@@ -13,7 +13,7 @@ from spot_log.format.records import CommandRecord, EventRecord, RunHeader, Sever
 from spot_log.write.sink import MemorySink
 from spot_model.errors import SpotRlError
 from spot_model.robot.state import Gains, JointCommand, RobotState, SlowState
-from spot_runtime.session.incident import KEPT, FlightRecorder, incident_path
+from spot_runtime.session.flight_recorder import KEPT, FlightRecorder, flight_record_path
 
 MS = 1_000_000
 START_NS = 1_700_000_000_000_000_000
@@ -63,7 +63,7 @@ def test_two_seconds_before_and_after_the_stop(make_state: MakeState, make_slow:
     feed(recorder, make_state, 2000, 2000)
     log = tmp_path / "logs" / "run.mcap"
     path = recorder.write(log, HEADER, "tilt")
-    assert path == incident_path(log) == tmp_path / "logs" / "incidents" / "run.mcap"
+    assert path == flight_record_path(log) == tmp_path / "logs" / "incidents" / "run.mcap"
     run = read_run(path)
     assert not run.damage
     assert (run.header.run_id, run.outcome) == ("run-1", "tilt")
@@ -104,11 +104,11 @@ def test_what_is_there_already_is_not_overwritten(make_state: MakeState, tmp_pat
     feed(recorder, make_state, 0, 1)
     recorder.event(stop("tilt: x"))
     log = tmp_path / "run.mcap"
-    incident_path(log).parent.mkdir()
-    incident_path(log).write_text("precious")
+    flight_record_path(log).parent.mkdir()
+    flight_record_path(log).write_text("precious")
     with pytest.raises(SpotRlError, match="exists already"):
         recorder.write(log, HEADER, "tilt")
-    assert incident_path(log).read_text() == "precious"
+    assert flight_record_path(log).read_text() == "precious"
 
 
 def test_a_folder_that_cannot_be_made_is_said(make_state: MakeState, tmp_path: Path) -> None:

@@ -35,7 +35,7 @@ NOT_INCIDENTS: Final = frozenset({StopReason.OPERATOR_STOP.label, StopReason.COM
 _Kept = tuple[str, int, Callable[..., bytes], tuple[Any, ...]]
 
 
-def incident_path(log_path: Path) -> Path:
+def flight_record_path(log_path: Path) -> Path:
     """Where the incident of a run goes."""
     return log_path.parent / FOLDER / log_path.name
 
@@ -108,7 +108,7 @@ class FlightRecorder:
         """
         if not self.cause:
             return None
-        path = incident_path(log_path)
+        path = flight_record_path(log_path)
         kept = [*self._before, *(entry for ring in self._rings.values() for entry in list(ring))]
         try:
             path.parent.mkdir(mode=0o750, parents=True, exist_ok=True)
