@@ -41,7 +41,6 @@ CARRIED: Final = (
     "zstandard",
     "array-api-compat",
     "cmaes",
-    "plotly",
     "narwhals",
     "cloudpickle",
     "typer",

@@ -188,14 +188,13 @@ def test_a_reward_is_one_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_a_figure_of_the_page_is_one_file(monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("plotly")
     from spot_log.page import figures
 
     monkeypatch.setattr(figures, "FIGURES", dict(figures.FIGURES))
 
     @figures.figure("Thrown away", "One function.")
-    def thrown_away(run: object) -> None:
-        return None
+    def thrown_away(run: object) -> str:
+        return ""
 
     assert list(figures.FIGURES)[-1] == "thrown_away"
     assert naming("def contacts(", "spot_log") == {"spot_log/page/figures.py"}

@@ -2,24 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from spot_log.page.svg import disc, line, nice_ticks, rect, svg, text, thinned
+from spot_log.page.frame import WIDE, Frame
+from spot_log.page.svg import disc, line, rect, svg, text, thinned
 
-WIDE: Final = 1160
-HALF: Final = 560
 MAX_POINTS: Final = 600
-_LEFT: Final = 62
-_RIGHT: Final = 12
-_TOP: Final = 8.0
-
-At = Callable[[float, float], tuple[float, float]]
-"""Where a point of the axes lies in the picture."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +27,8 @@ class Series:
     """Shape (n,)."""
     width: float = 1.6
     is_dotted: bool = False
+    is_stepped: bool = False
+    """Whether each value holds until the next."""
     has_points: bool = False
     name: str = ""
     """For the tips of points."""
@@ -46,115 +41,87 @@ class Shade:
     start: float
     end: float
     tip: str
+    colour: str = "var(--cause)"
 
 
 def chart(
     lines: Sequence[Series],
-    y_title: str,
+    y_title: str = "",
     *,
+    title: str = "",
     x_title: str = "",
     x_unit: str = "",
     width: float = WIDE,
     height: float = 190,
     shades: Sequence[Shade] = (),
     zero: bool = False,
+    least_span: float = 0.0,
 ) -> str:
     """Draw lines on common axes; an empty text where nothing is finite.
 
     Args:
         lines: What to draw; later ones lie on top.
-        y_title: Of the vertical axis, with its unit.
+        y_title: Beside the vertical axis, with its unit.
+        title: Above the plot.
         x_title: Below the horizontal axis.
         x_unit: Behind each of its numbers.
         width: Of the picture.
         height: Of the plot.
         shades: Stretches behind the lines.
         zero: Whether the vertical axis begins at 0.
+        least_span: What the vertical axis shows at least.
     """
     drawn = [(s, np.asarray(s.x, dtype=np.float64), np.asarray(s.y, dtype=np.float64)) for s in lines]
     drawn = [(s, x, y) for s, x, y in drawn if np.isfinite(y).any()]
     if not drawn:
         return ""
     low, high = (float(f([f(y[np.isfinite(y)]) for _, _, y in drawn])) for f in (np.min, np.max))
-    pad = 0.06 * max(high - low, 1e-6)
+    pad = max(0.06 * max(high - low, 1e-6), 0.5 * (least_span - (high - low)))
     low, high = (0.0 if zero else low - pad), high + pad
     first, last = min(float(x.min()) for _, x, _ in drawn), max(float(x.max()) for _, x, _ in drawn)
-    span = max(last - first, 1e-9)
-
-    def at(x: float, y: float) -> tuple[float, float]:
-        return (
-            _LEFT + (x - first) / span * (width - _LEFT - _RIGHT),
-            _TOP + height * (high - y) / (high - low),
-        )
-
-    parts = [_shade(s, at(s.start, high), at(s.end, low)) for s in shades]
-    parts += _axes(at, (first, last), (low, high), width, height, x_unit)
+    frame = Frame((first, last), (low, high), width, height, left=62 if y_title else 44, top=26 if title else 8)
+    parts = [_shade(s, frame) for s in shades] + frame.axes(x_unit=x_unit)
     for s, x, y in drawn:
-        parts += _drawn(s, x, y, at)
-    name = text(0, 0, y_title, size=12.5, anchor="middle")
-    parts.append(f'<g transform="translate(14 {_TOP + height / 2:.0f}) rotate(-90)">{name}</g>')
-    bottom = _TOP + height + 24
+        parts += _drawn(s, x, y, frame)
+    if title:
+        parts.append(text(frame.left, 16, title, size=13, weight=500))
+    if y_title:
+        name = text(0, 0, y_title, size=12.5, anchor="middle")
+        parts.append(f'<g transform="translate(14 {frame.top + height / 2:.0f}) rotate(-90)">{name}</g>')
+    bottom = frame.total_height
     if x_title:
-        parts.append(text((width + _LEFT) / 2, bottom + 12, x_title, size=12.5, anchor="middle", css="soft"))
+        parts.append(text((width + frame.left) / 2, bottom + 12, x_title, size=12.5, anchor="middle", css="soft"))
         bottom += 20
-    return svg(width, bottom, parts, f"{y_title} over {x_title or 'time'}")
+    return svg(width, bottom, parts, f"{y_title or title} over {x_title or 'time'}")
 
 
-def stance(contact: ArrayLike, names: Sequence[str], colour: str, *, width: float = WIDE) -> str:
-    """Feet on the ground over a stretch of time, one row a foot.
+def _shade(s: Shade, frame: Frame) -> str:
+    left, right = (frame.at(min(max(x, frame.x[0]), frame.x[1]), 0.0)[0] for x in (s.start, s.end))
+    return rect(left, frame.top, max(right - left, 1.5), frame.height, s.colour, s.tip, radius=0)
 
-    Args:
-        contact: Whether each foot is down, samples at even times. Shape (n, feet).
-        names: Of the feet.
-        colour: Of the bars.
-        width: Of the picture.
-    """
-    down = np.asarray(contact, dtype=np.bool_)
-    if down.ndim != 2 or down.shape[1] != len(names) or not len(down):
-        return ""
-    row, scale = 18, (width - _LEFT - _RIGHT) / len(down)
+
+def _drawn(s: Series, x: np.ndarray, y: np.ndarray, frame: Frame) -> list[str]:
+    rows = thinned(y, MAX_POINTS)
+    x, y = x[rows], y[rows]
+    good = np.isfinite(y)
     parts = []
-    for foot, name in enumerate(names):
-        y = 4 + row * foot
-        parts.append(text(_LEFT - 8, y + 12, name, size=12, anchor="end"))
-        parts.append(rect(_LEFT, y, width - _LEFT - _RIGHT, row - 4, "var(--empty)", radius=0))
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], down[:, foot].astype(int), [0]])))
-        parts += [
-            rect(_LEFT + scale * a, y, scale * (b - a), row - 4, colour, f"{name} on the ground", radius=0)
-            for a, b in edges.reshape(-1, 2)
-        ]
-    return svg(width, 4 + row * len(names), parts, "Feet on the ground")
-
-
-def _shade(s: Shade, upper: tuple[float, float], lower: tuple[float, float]) -> str:
-    return rect(upper[0], upper[1], lower[0] - upper[0], lower[1] - upper[1], "var(--cause)", s.tip, radius=0)
-
-
-def _axes(
-    at: At, x_range: tuple[float, float], y_range: tuple[float, float], width: float, height: float, x_unit: str
-) -> list[str]:
-    parts = []
-    for tick in nice_ticks(*y_range, 4):
-        y = at(x_range[0], tick)[1]
-        parts.append(line([(_LEFT, y), (width - _RIGHT, y)], "var(--line)", 1))
-        parts.append(text(_LEFT - 8, y + 4, f"{tick:g}", size=12, anchor="end", css="soft"))
-    for tick in nice_ticks(*x_range, 8 if width > 700 else 5):
-        words = f"{tick:g}{x_unit}"
-        parts.append(text(at(tick, y_range[0])[0], _TOP + height + 16, words, size=12, anchor="middle", css="soft"))
-    return parts
-
-
-def _drawn(s: Series, x: np.ndarray, y: np.ndarray, at: At) -> list[str]:
-    rows = thinned(x, MAX_POINTS)
-    good = np.isfinite(y[rows])
-    parts = []
-    for part in np.split(rows, np.flatnonzero(np.diff(good.astype(int))) + 1):
-        if len(part) > 1 and np.isfinite(y[part]).all():
-            points = [at(float(a), float(b)) for a, b in zip(x[part], y[part], strict=True)]
-            parts.append(line(points, s.colour, s.width, "stroke-dasharray:4 5;" if s.is_dotted else ""))
+    for part in np.split(np.arange(len(x)), np.flatnonzero(np.diff(good.astype(int))) + 1):
+        if len(part) > 1 and good[part].all():
+            points = [frame.at(float(a), float(b)) for a, b in zip(x[part], y[part], strict=True)]
+            corners = _stepped(points) if s.is_stepped else points
+            parts.append(line(corners, s.colour, s.width, "stroke-dasharray:4 5;" if s.is_dotted else ""))
     if s.has_points:
         parts += [
-            disc(*at(float(a), float(b)), 4, s.colour, f"{s.name} {b:.4g} at {a:.4g}".strip())
-            for a, b in zip(x[rows][good], y[rows][good], strict=True)
+            disc(*frame.at(float(a), float(b)), 4, s.colour, f"{s.name} {b:.4g} at {a:.4g}".strip())
+            for a, b in zip(x[good], y[good], strict=True)
         ]
     return parts
+
+
+def _stepped(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    """The corners of a line that holds each height until the next point; level stretches need no points between."""
+    corners = [points[0]]
+    for x, y in points[1:]:
+        if y != corners[-1][1]:
+            corners += [(x, corners[-1][1]), (x, y)]
+    return [*corners, (points[-1][0], corners[-1][1])]

@@ -1,4 +1,4 @@
-"""The plots of a run's page, in its order: each function takes a run and gives one plotly figure."""
+"""The plots of a run's page, in its order: each function takes a run and gives one plot as HTML."""
 
 from __future__ import annotations
 
@@ -7,21 +7,31 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-import plotly.graph_objects as go
 from numpy.typing import NDArray
-from plotly.subplots import make_subplots
 
-from spot_log.page.draw import ASKED, FEET, LIMIT, MEASURED, NEUTRAL, histogram, line, stance_diagram, styled
+from spot_log.page.chart import Series, Shade, chart
+from spot_log.page.frame import QUARTER
+from spot_log.page.histogram import histogram
+from spot_log.page.look import panels
+from spot_log.page.stance import stance
+from spot_log.page.svg import legend
 from spot_log.read.run import Run
 from spot_log.tools import measures
 from spot_model.robot.facts import HIP_TORQUE_LIMIT_NM
 from spot_model.robot.knee_table import KNEE_TABLE_POSITION_RAD, KNEE_TABLE_TORQUE_NM
 
+MEASURED: Final = "var(--floor)"
+ASKED: Final = "var(--group)"
+LIMIT: Final = "var(--bad)"
+FEET: Final = ("var(--floor)", "var(--group)", "var(--good)", "var(--unknown)")
+"""Colours of what was measured, of what was asked for, of limits, and of the feet fl, fr, hl, hr."""
 WINDOW_S: Final = 4.0
-"""What joints and contacts show at first: the gait is not to be seen in a longer stretch."""
-_WINDOW: Final = "Four seconds of the run; double-click for all of it."
+"""What joints and contacts show: the gait is not to be seen in a longer stretch."""
+_WINDOW: Final = "Four seconds of the run; Foxglove shows all of it."
+_STEP_S: Final = 0.003
+"""Of the gait diagram."""
 
-Draw = Callable[[Run], "go.Figure | None"]
+Draw = Callable[[Run], str]
 
 
 @dataclass(frozen=True)
@@ -38,7 +48,7 @@ FIGURES: Final[dict[str, Figure]] = {}
 
 
 def figure(heading: str, note: str) -> Callable[[Draw], Draw]:
-    """Put a function that draws a run into the page; it gives None where the run has no data for it."""
+    """Put a function that draws a run into the page; it gives an empty text where the run has no data for it."""
 
     def add(draw: Draw) -> Draw:
         FIGURES[draw.__name__] = Figure(heading, note, draw)
@@ -47,148 +57,106 @@ def figure(heading: str, note: str) -> Callable[[Draw], Draw]:
     return add
 
 
-@figure("Velocity", "What was commanded and what the body did, in the body frame. Dotted: warnings, errors.")
-def velocity(run: Run) -> go.Figure | None:
+@figure("Velocity", "What was commanded and what the body did, in the body frame. Thin stripes: warnings and errors.")
+def velocity(run: Run) -> str:
     """Velocity command against the body's velocity, both in the body frame."""
     if not np.isfinite(run.states.linear_vel_of_body_in_odom_m_s).any() and not len(run.ticks):
-        return None
+        return ""
     linear, angular = measures.body_velocity(run)
     measured = np.column_stack([linear[:, :2], angular[:, 2]])
     time_s = measures.seconds(run, run.states.robot_stamp_ns)
     tick_s = measures.seconds(run, run.ticks.robot_stamp_ns)
-    titles = ("forward, m/s", "to the left, m/s", "turning left, rad/s")
-    drawn = make_subplots(rows=3, cols=1, shared_xaxes=True, vertical_spacing=0.06, subplot_titles=titles)
-    for axis in range(3):
-        line(drawn, time_s, measured[:, axis], "body", MEASURED, row=axis + 1, first=axis == 0)
+    drawn = []
+    for axis, title in enumerate(("forward, m/s", "to the left, m/s", "turning left, rad/s")):
+        lines = [Series(MEASURED, time_s, measured[:, axis])]
         if len(tick_s):
-            wanted = run.ticks.velocity_command[:, axis]
-            line(drawn, tick_s, wanted, "command", ASKED, row=axis + 1, first=axis == 0, step=True, width=2)
-    _mark_events(drawn, run)
-    drawn.update_xaxes(title_text="time, s", row=3, col=1)
-    return styled(drawn, 520)
+            lines.append(Series(ASKED, tick_s, run.ticks.velocity_command[:, axis], width=2, is_stepped=True))
+        drawn.append(chart(lines, title, x_unit=" s", height=120, shades=_events(run), least_span=0.2))
+    return legend([(MEASURED, "the body"), (ASKED, "command")]) + "".join(drawn)
 
 
-@figure("Joints", f"Measured position and the set-point that was sent. {_WINDOW}")
-def joints(run: Run) -> go.Figure | None:
+@figure("Feet on the ground", f"A bar while the foot stands. {_WINDOW}")
+def contacts(run: Run) -> str:
+    """When each foot was on the ground."""
+    down = run.states.foot_contact
+    if not len(down) or not down.shape[1]:
+        return ""
+    first_s, last_s = _window(run)
+    at_s = np.arange(first_s, last_s, _STEP_S)
+    rows = np.searchsorted(measures.seconds(run, run.states.robot_stamp_ns), at_s, side="right") - 1
+    return stance(down[np.maximum(rows, 0)], run.header.foot_names, MEASURED, span_s=(first_s, last_s))
+
+
+@figure("Joints", f"Measured position and the set-point that was sent, rad. {_WINDOW}")
+def joints(run: Run) -> str:
     """Position and set-point of every joint: a column a leg, a row a joint."""
     if not len(run.states):
-        return None
-    drawn, places = _joint_grid(run)
-    time_s = measures.seconds(run, run.states.robot_stamp_ns)
+        return ""
+    measured_s = measures.seconds(run, run.states.robot_stamp_ns)
     sent_s = measures.seconds(run, run.commands.robot_stamp_ns)
-    window = _window(run)
-    for j, (row, col) in enumerate(places):
-        if len(sent_s):
-            sent = run.commands.position_rad[:, j]
-            line(drawn, sent_s, sent, "set-point", ASKED, row=row, col=col, first=j == 0, step=True)
-        measured = run.states.position_rad[:, j]
-        line(drawn, time_s, measured, "position", MEASURED, row=row, col=col, first=j == 0)
-        shown = [_within(window, time_s, measured)]
-        if len(sent_s):
-            shown.append(_within(window, sent_s, sent))
-        drawn.update_yaxes(range=_span(np.concatenate(shown)), row=row, col=col)
-    drawn.update_yaxes(title_text="rad", col=1)
-    drawn.update_xaxes(range=window)
-    return styled(drawn, 210 * _n_rows(places) + 60)
+    seen, sent = (_within(_window(run), time_s) for time_s in (measured_s, sent_s))
+    drawn = []
+    for j in _by_row(run):
+        lines = [Series(MEASURED, measured_s[seen], run.states.position_rad[seen, j])]
+        if sent.any():
+            lines.insert(0, Series(ASKED, sent_s[sent], run.commands.position_rad[sent, j], is_stepped=True))
+        drawn.append(_panel(lines, run.header.joint_names[j], least_span=0.1))
+    return legend([(MEASURED, "position"), (ASKED, "set-point")]) + panels(drawn)
 
 
-@figure("Loads", "Measured torque of each joint; red: what the joint can give, for the knee at its position.")
-def loads(run: Run) -> go.Figure | None:
+@figure("Loads", "Measured torque of each joint, N·m, over the whole run; red: what the joint can give.")
+def loads(run: Run) -> str:
     """Measured load of every joint with the robot's limits, where they are known."""
     if not np.isfinite(run.states.load_nm).any():
-        return None
-    drawn, places = _joint_grid(run)
+        return ""
     time_s = measures.seconds(run, run.states.robot_stamp_ns)
-    for j, (row, col) in enumerate(places):
-        load = run.states.load_nm[:, j]
-        line(drawn, time_s, load, "load", MEASURED, row=row, col=col, first=j == 0)
-        limit = _torque_limit_nm(run, j)
-        if limit is None:
-            continue
-        for sign in (1.0, -1.0):
-            shown = j == 0 and sign > 0
-            line(drawn, time_s, sign * limit, "limit", LIMIT, row=row, col=col, first=shown, width=1, points=200)
-    drawn.update_yaxes(title_text="N·m", col=1)
-    return styled(drawn, 210 * _n_rows(places) + 60)
+    drawn = []
+    for j in _by_row(run):
+        lines = [Series(MEASURED, time_s, run.states.load_nm[:, j], width=1)]
+        limit = torque_limit_nm(run, j)
+        lines += [] if limit is None else [Series(LIMIT, time_s, sign * limit, width=1) for sign in (1.0, -1.0)]
+        drawn.append(_panel(lines, run.header.joint_names[j], least_span=1.0))
+    return legend([(MEASURED, "load"), (LIMIT, "limit (a knee's depends on its position)")]) + panels(drawn)
 
 
-@figure("Timing", "One count a tick or command. Dotted: median and 99th percentile.")
-def timing(run: Run) -> go.Figure | None:
+@figure("Timing", "How many ticks or commands; the dotted lines are the median and the 99th percentile.")
+def timing(run: Run) -> str:
     """Histograms of compute time, state age, state to command, and the command's way to the robot."""
     _, delay_s = measures.command_delay_s(run)
-    panels = (
-        ("tick's compute time, µs", run.ticks.compute_s * 1e6),
+    counted = (
+        ("compute time of a tick, µs", run.ticks.compute_s * 1e6),
         ("age of the state at the tick, ms", run.ticks.state_age_s * 1e3),
         ("state received to command sent, ms", measures.state_to_command_s(run) * 1e3),
-        ("command sent to received by the robot, ms", delay_s * 1e3),
+        ("command sent to received by robot, ms", delay_s * 1e3),
     )
-    if not any(np.isfinite(values).any() for _, values in panels):
-        return None
-    drawn = make_subplots(rows=1, cols=4, subplot_titles=[title for title, _ in panels], horizontal_spacing=0.05)
-    for col, (_, values) in enumerate(panels, start=1):
-        histogram(drawn, values[np.isfinite(values)], col)
-    drawn.update_yaxes(title_text="count", col=1)
-    return styled(drawn, 300, legend=False)
-
-
-@figure("Contacts", f"A bar while the foot is on the ground. {_WINDOW}")
-def contacts(run: Run) -> go.Figure | None:
-    """When each foot was on the ground."""
-    stance = run.states.foot_contact
-    if not stance.shape[1] or not len(stance):
-        return None
-    drawn = stance_diagram(measures.seconds(run, run.states.robot_stamp_ns), stance, run.header.foot_names)
-    drawn.update_xaxes(range=_window(run))
-    return drawn
+    if not any(np.isfinite(values).any() for _, values in counted):
+        return ""
+    return panels([histogram(values, title) for title, values in counted])
 
 
 @figure("Battery and temperatures", "Polled a few times a second.")
-def power(run: Run) -> go.Figure | None:
+def power(run: Run) -> str:
     """Battery and motor temperatures."""
     slow = run.slow_states
     if not len(slow):
-        return None
+        return ""
     time_s = measures.seconds(run, slow.robot_stamp_ns)
-    titles = ("battery voltage, V", "battery current, A", "battery charge, %", "motor temperature, °C")
-    drawn = make_subplots(rows=1, cols=4, subplot_titles=titles, horizontal_spacing=0.05)
-    for col, values in enumerate((slow.battery_voltage_v, slow.battery_current_a, slow.battery_charge_percent), 1):
-        line(drawn, time_s, values, titles[col - 1], MEASURED, col=col, first=False, width=2)
-    for j, name in enumerate(run.header.joint_names):
-        temperature = slow.motor_temperature_c[:, j]
-        if np.isfinite(temperature).any():
-            line(drawn, time_s, temperature, name, FEET[(j // 3) % 4], col=4, first=False)
-    drawn.update_xaxes(title_text="time, s")
-    return styled(drawn, 300, legend=False)
+    drawn = [
+        _panel([Series(MEASURED, time_s, values, width=2)], title, least_span=1.0)
+        for title, values in (
+            ("battery voltage, V", slow.battery_voltage_v),
+            ("battery current, A", slow.battery_current_a),
+            ("battery charge, %", slow.battery_charge_percent),
+        )
+    ]
+    temperatures = [
+        Series(FEET[(j // 3) % 4], time_s, slow.motor_temperature_c[:, j]) for j in range(len(run.header.joint_names))
+    ]
+    drawn.append(_panel(temperatures, "motor temperatures, °C", least_span=1.0))
+    return panels(drawn)
 
 
-def _joint_grid(run: Run) -> tuple[go.Figure, list[tuple[int, int]]]:
-    """A drawn with a panel a joint (Spot: a column a leg; others: rows of four), and each joint's row and column."""
-    names = run.header.joint_names
-    n = len(names)
-    by_leg = n == 3 * len(run.header.foot_names)
-    n_cols = n // 3 if by_leg else min(4, n)
-    n_rows = 3 if by_leg else -(-n // n_cols)
-    places = [(j % 3 + 1, j // 3 + 1) if by_leg else (j // n_cols + 1, j % n_cols + 1) for j in range(n)]
-    titles = [""] * (n_rows * n_cols)
-    for name, (row, col) in zip(names, places, strict=True):
-        titles[(row - 1) * n_cols + col - 1] = name
-    drawn = make_subplots(
-        rows=n_rows,
-        cols=n_cols,
-        shared_xaxes="all",
-        subplot_titles=titles,
-        vertical_spacing=0.07,
-        horizontal_spacing=0.045,
-    )
-    drawn.update_xaxes(title_text="time, s", row=n_rows)
-    return drawn, places
-
-
-def _n_rows(places: list[tuple[int, int]]) -> int:
-    return max(row for row, _ in places)
-
-
-def _torque_limit_nm(run: Run, joint: int) -> NDArray[Any] | None:
+def torque_limit_nm(run: Run, joint: int) -> NDArray[Any] | None:
     """Spot's torque limit at every state, shape (n,); None for a joint of another robot."""
     name = run.header.joint_names[joint]
     position = run.states.position_rad[:, joint]
@@ -197,6 +165,17 @@ def _torque_limit_nm(run: Run, joint: int) -> NDArray[Any] | None:
     if name.endswith("_kn"):
         return np.interp(position, KNEE_TABLE_POSITION_RAD, KNEE_TABLE_TORQUE_NM)
     return None
+
+
+def _panel(lines: list[Series], title: str, *, least_span: float) -> str:
+    return chart(lines, title=title, x_unit=" s", width=QUARTER, height=110, least_span=least_span)
+
+
+def _by_row(run: Run) -> list[int]:
+    """Joints row by row of a grid of four columns: a column a leg where legs have three joints, else as they come."""
+    n = len(run.header.joint_names)
+    is_by_leg = n == 12 and len(run.header.foot_names) == 4
+    return [3 * leg + row for row in range(3) for leg in range(4)] if is_by_leg else list(range(n))
 
 
 def _window(run: Run) -> tuple[float, float]:
@@ -208,27 +187,18 @@ def _window(run: Run) -> tuple[float, float]:
     return middle - half, middle + half
 
 
-def _within(window: tuple[float, float], time_s: NDArray[Any], values: NDArray[Any]) -> NDArray[Any]:
-    inside = values[(time_s >= window[0]) & (time_s <= window[1])]
-    return np.asarray(inside[np.isfinite(inside)])
+def _within(window: tuple[float, float], time_s: NDArray[Any]) -> NDArray[np.bool_]:
+    return (time_s >= window[0]) & (time_s <= window[1])
 
 
-def _span(values: NDArray[Any]) -> list[float] | None:
-    """Range of an axis that shows these values with some air, at least 0.1 wide; None leaves it to the plot."""
-    if not len(values):
-        return None
-    low, high = float(values.min()), float(values.max())
-    air = max(0.05 * (high - low), 0.5 * (0.1 - (high - low)))
-    return [low - air, high + air]
-
-
-def _mark_events(drawn: go.Figure, run: Run) -> None:
-    """A dotted line at every warning and error, at most 40."""
+def _events(run: Run) -> list[Shade]:
+    """A stripe at every warning and error, at most 40."""
     if not len(run.states):
-        return
+        return []
     first_ns = int(run.states.host_stamp_ns[0])
     marked = [event for event in run.events if event.severity > 1][:40]
-    for event in marked:
-        color = LIMIT if event.severity > 2 else NEUTRAL
-        at = (event.host_stamp_ns - first_ns) * 1e-9
-        drawn.add_vline(x=at, line={"color": color, "width": 1, "dash": "dot"})
+    at = [(event.host_stamp_ns - first_ns) * 1e-9 for event in marked]
+    return [
+        Shade(t, t, f"{event.text} ({t:.2f} s)", LIMIT if event.severity > 2 else "var(--warn)")
+        for t, event in zip(at, marked, strict=True)
+    ]

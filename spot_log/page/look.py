@@ -12,10 +12,11 @@ STYLE: Final = """
   --chip: #eaeff3; --real: #1d2730; --nominal: #c8402f; --corrected: #1f8a5b; --floor: #2f6fb5; --found: #c8402f;
   --group: #e2915c; --other: #9aa7b2; --none: #2f6fb5; --unknown: #8446a8; --body: #f2c21b; --edge: #86690a;
   --leg: #46535e; --empty: #e6ebef; --good: #1f8a5b; --warn: #b7791f; --bad: #c8402f; --cause: #8446a826; }
-@media (prefers-color-scheme: dark) { :root { --ink: #e6ecf1; --soft: #9fb0bd; --line: #34414c; --card: #1c242b;
-  --page: #12181d; --chip: #2a353f; --real: #f1f5f8; --nominal: #ff7a66; --corrected: #4fd39a; --floor: #6db0f2;
-  --found: #ff7a66; --group: #eaa678; --other: #6d7c88; --none: #6db0f2; --unknown: #c791ea; --body: #d8ad18;
-  --edge: #f3d568; --leg: #93a3b0; --empty: #2a353f; --good: #4fd39a; --warn: #eeb24e; --bad: #ff7a66; } }
+@media screen and (prefers-color-scheme: dark) { :root { --ink: #e6ecf1; --soft: #9fb0bd; --line: #34414c;
+  --card: #1c242b; --page: #12181d; --chip: #2a353f; --real: #f1f5f8; --nominal: #ff7a66; --corrected: #4fd39a;
+  --floor: #6db0f2; --found: #ff7a66; --group: #eaa678; --other: #6d7c88; --none: #6db0f2; --unknown: #c791ea;
+  --body: #d8ad18; --edge: #f3d568; --leg: #93a3b0; --empty: #2a353f; --good: #4fd39a; --warn: #eeb24e;
+  --bad: #ff7a66; } }
 * { box-sizing: border-box; }
 body { font: 15px/1.5 system-ui, "Segoe UI", sans-serif; color: var(--ink); background: var(--page); margin: 0; }
 main { max-width: 1240px; margin: 0 auto; padding: 24px 20px 60px; }
@@ -51,9 +52,10 @@ svg .soft { fill: var(--soft); } svg .grid { stroke: var(--line); stroke-width: 
 .good { background: #1f8a5b; } .fair { background: #b7791f; } .bad { background: #c8402f; }
 td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
 details { margin: 6px 0; } summary { cursor: pointer; font-weight: 500; }
+.panels { display: grid; grid-template-columns: repeat(4, 1fr); gap: 6px 8px; }
 section { overflow-x: auto; } h1 { overflow-wrap: anywhere; }
-@media (max-width: 700px) { section svg.wide { min-width: 820px; } main { padding: 12px 10px 40px; } }
-@media print { section { break-inside: avoid; } body { background: #fff; } details > * { display: block; } }
+@media (max-width: 700px) { section svg.wide, .panels { min-width: 820px; } main { padding: 12px 10px 40px; } }
+@media print { section { break-inside: avoid; } body { background: #fff; } h1 { font-size: 22px; } }
 """
 
 SCRIPT: Final = """
@@ -90,6 +92,11 @@ def boxed(title: str, about: str, content: str) -> str:
     """A box with a heading and a line of explanation; nothing where there is no content."""
     told = f"<p class='note'>{esc(about)}</p>" if about else ""
     return f"<section><h2>{esc(title)}</h2>{told}{content}</section>" if content else ""
+
+
+def panels(drawn: Iterable[str]) -> str:
+    """Small plots in four columns."""
+    return f"<div class='panels'>{''.join(f'<div>{d}</div>' for d in drawn if d)}</div>"
 
 
 def headed(badge: str, kind: str, headline: str, lines: Iterable[str], meta: str = "") -> str:

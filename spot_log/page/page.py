@@ -1,14 +1,16 @@
-"""One self-contained page of a run: opens from disk, needs no network, plotly.js inside once."""
+"""One self-contained page of a run: opens from disk, needs no network, light or dark."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
 from spot_log.page.cells import Html, escaped, facts, note, table
-from spot_log.page.errors import PlotlyMissingError, ReportError
-from spot_log.page.look import boxed, framed
+from spot_log.page.errors import ReportError
+from spot_log.page.figures import FIGURES, Figure
+from spot_log.page.look import boxed, framed, headed
 from spot_log.page.summary import seconds_text, summary_lines
 from spot_log.read.run import Run
 from spot_log.tools.info import LogInfo
@@ -16,9 +18,9 @@ from spot_log.tools.log_info import log_info
 
 MAX_EVENT_ROWS: Final = 300
 MAX_HEADER_TEXT: Final = 4000
-STYLE: Final = """
-.alarm, tr.error td { color: var(--bad); } tr.warning td { color: var(--warn); }
-.plotly-graph-div { min-width: 620px; } td { overflow-wrap: anywhere; } pre { max-height: 220px; overflow: auto; }
+_MORE: Final = """
+tr.error td { color: var(--bad); } tr.warning td { color: var(--warn); } pre { max-height: 220px; overflow: auto; }
+td { overflow-wrap: anywhere; min-width: 70px; }
 """
 
 
@@ -26,7 +28,7 @@ def write_page(run: Run, path: str | Path) -> Path:
     """Write the page of a run.
 
     Raises:
-        ReportError: The page exists already, or plotly is not installed.
+        ReportError: The page exists already.
         OSError: The page cannot be written.
     """
     path = Path(path)
@@ -39,32 +41,59 @@ def write_page(run: Run, path: str | Path) -> Path:
 
 
 def page_html(run: Run) -> str:
-    """The whole page as text.
-
-    Raises:
-        PlotlyMissingError: plotly is not installed.
-    """
-    try:
-        from plotly.offline import get_plotlyjs
-
-        from spot_log.page.draw import plot
-        from spot_log.page.figures import FIGURES
-    except ModuleNotFoundError as error:
-        raise PlotlyMissingError from error
+    """The whole page as text."""
     info = log_info(run)
-    title = f"Run {info.header['run_id'] or run.path.name}"
-    parts = [f"<h1>{escaped(title)}</h1>{note(run.path.name)}", boxed("Summary", "", facts(_summary(info)))]
-    parts += [boxed(f.heading, f.note, plot(f.draw(run), name)) for name, f in FIGURES.items()]
-    parts += [boxed("Events", "", _events(info)), boxed("Header", "", facts(_header(info)))]
-    return framed(title, parts, STYLE, f"<script>{get_plotlyjs()}</script>")
+    told = dict(_summary(info))
+    parts = [_head(info, told)]
+    parts += [_section(f, run) for f in FIGURES.values()]
+    parts += [
+        boxed("Events", "", _events(info)),
+        boxed("Summary", "The same as 'spot-rl log info'.", facts(told.items())),
+        boxed("Header", "", f"<details><summary>What the log says of itself</summary>{facts(_header(info))}</details>"),
+    ]
+    return framed(_title(info), parts, _MORE)
+
+
+def _title(info: LogInfo) -> str:
+    header, distance = info.header, info.motion.distance_m
+    what = f"{header['policy_name'] or 'No policy'}, {header['command_sequence'] or 'steered by hand'}"
+    walked = f"{distance:.1f} m in {info.duration_s:.0f} s" if math.isfinite(distance) else f"{info.duration_s:.0f} s"
+    return f"{what}: {walked}"
+
+
+def _head(info: LogInfo, told: dict[str, str]) -> str:
+    falls = info.motion.falls or []
+    if info.damage:
+        badge, kind = "Log damaged", "bad"
+    elif falls:
+        badge, kind = "Fell", "bad"
+    elif any(event["severity"] == "error" for event in info.events):
+        badge, kind = "Errors", "bad"
+    else:
+        badge, kind = "No fault", "good"
+    lines = [f"Ended: {info.outcome}.", *info.damage, f"{told['motion'][:1].upper()}{told['motion'][1:]}."]
+    lines += [f"Falls: {told['falls']}."] if falls else []
+    header = info.header
+    meta = (
+        f"robot {header['robot_id'] or 'unnamed'} · repeat {header['repeat']} · {Path(info.file).name} · "
+        f"run {header['run_id'] or 'unnamed'}"
+    )
+    return headed(badge, kind, _title(info), lines, meta)
+
+
+def _section(figure: Figure, run: Run) -> str:
+    return boxed(figure.heading, figure.note, figure.draw(run) or note("The log has no data for this."))
 
 
 def _summary(info: LogInfo) -> Iterator[tuple[str, str]]:
+    """Labels and what there is to say; the gait's rows under one label."""
+    rows: dict[str, list[str]] = {}
     for line in summary_lines(info):
         label, _, text = line.partition(" ")
         if label != "event":
-            is_bad = label == "damaged" or (label == "falls" and bool(info.motion.falls))
-            yield label, Html(f'<b class="alarm">{escaped(text.strip())}</b>') if is_bad else text.strip()
+            rows.setdefault(label, []).append(text.strip())
+    for label, texts in rows.items():
+        yield label, texts[0] if len(texts) == 1 else Html("<br>".join(map(escaped, texts)))
 
 
 def _events(info: LogInfo) -> str:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import html
 from collections.abc import Iterable, Sequence
+from itertools import pairwise
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from spot_model.text import plain_lines
 
@@ -84,10 +85,24 @@ def nice_ticks(low: float, high: float, n: int = 5) -> list[float]:
     return [first + i * step for i in range(int((high - first) / step + 1e-9) + 1)]
 
 
-def thinned(values: ArrayLike, at_most: int) -> np.ndarray:
-    """Rows of a long signal to draw."""
-    n = len(np.asarray(values))
-    return np.arange(n) if n <= at_most else np.linspace(0, n - 1, at_most).astype(np.intp)
+def thinned(values: ArrayLike, at_most: int) -> NDArray[np.intp]:
+    """Rows of a long signal to draw: the smallest and the largest of each of ``at_most``/2 equal stretches.
+
+    Args:
+        values: Signal, shape (n,); NaN is never chosen as a peak.
+        at_most: How many rows, >= 4.
+
+    Returns:
+        Rising row numbers, all of them where there are no more; first and last are always among them.
+    """
+    signal = np.asarray(values, dtype=np.float64)
+    n = len(signal)
+    if n <= at_most:
+        return np.arange(n)
+    edges = np.linspace(0, n, at_most // 2, dtype=np.intp)
+    low, high = np.where(np.isnan(signal), np.inf, signal), np.where(np.isnan(signal), -np.inf, signal)
+    peaks = [int(a + f) for a, b in pairwise(edges) for f in (low[a:b].argmin(), high[a:b].argmax())]
+    return np.unique([0, *peaks, n - 1])
 
 
 HEAT = ((255, 246, 219), (254, 217, 118), (253, 141, 60), (227, 26, 28), (128, 0, 38))

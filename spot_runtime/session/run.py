@@ -144,7 +144,7 @@ class _Attempt:
         self._event(EventName.RUN_STARTED, f"policy {self._request.policy.contract.name}, {self._request.source.name}")
         event, told = gait_event(self._request.policy.contract)
         self._event(event, told)
-        self._say(told)
+        self._manager.status(told)
         self._refusals = tuple(apply_real_time(config.real_time))
         for refusal in self._refusals:
             self._event(EventName.REAL_TIME_REFUSED, refusal)
@@ -238,7 +238,7 @@ class _Attempt:
         if self._tell_elsewhere(record):
             return
         mark = {Severity.INFO: "", Severity.WARNING: "warning: ", Severity.ERROR: "error: "}[record.severity]
-        self._console.say(f"{mark}{record.name}: {record.text}")
+        self._console.say(f"{mark}{record.name}: {record.text.removeprefix(f'{record.name}: ')}")
 
 
 def _progress(loop: ControlLoop) -> str:

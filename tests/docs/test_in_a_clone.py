@@ -102,6 +102,6 @@ def test_pip_installs_the_project_and_all_extras_are_in_the_lock(project: Path, 
     told = bash('python -c "import spot_runtime; print(spot_runtime.__file__)"', tmp_path, PATH=path, PYTHONPATH="")
     assert told.startswith(str(site))
     table = (REPOSITORY / "README.md").read_text(encoding="utf-8")
-    extras = ("fake", "live", "demo", "train", "sysid", "diagnosis", "gamepad", "gym", "ros", "all")
+    extras = ("fake", "live", "train", "sysid", "diagnosis", "gamepad", "gym", "ros", "all")
     assert all(f"'.[{name}]'" in table for name in extras if name != "live")
     bash(f"pip install --dry-run -c requirements.lock '.[{','.join(extras)}]'", project, PATH=path, **OFFLINE)

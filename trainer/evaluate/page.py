@@ -8,8 +8,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from spot_log.page.chart import HALF, Series, chart, stance
+from spot_log.page.chart import Series, chart
+from spot_log.page.frame import HALF
 from spot_log.page.look import boxed, framed, headed
+from spot_log.page.stance import stance
 from spot_log.page.svg import esc, legend
 from spot_model.robot.facts import LEG_NAMES
 

@@ -9,7 +9,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from spot_log.page.chart import HALF, Series, chart
+from spot_log.page.chart import Series, chart
+from spot_log.page.frame import HALF
 from spot_log.page.look import boxed, framed, headed
 from spot_log.page.svg import esc, legend
 from spot_model.robot import facts
