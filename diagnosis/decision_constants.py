@@ -10,6 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
+from diagnosis.channels.channel import Channel
+
 
 @dataclass(frozen=True)
 class ErrorScale:
@@ -81,17 +83,17 @@ What is farther off is put back to this bound before a model "with ordinary erro
 # ---- evidence in the residuals
 
 DISCREPANCY: Final[Mapping[str, float]] = {
-    "A": 0.7,
-    "B": 1.2,
-    "C": 0.7,
-    "D": 2.0,
-    "I": 1.5,
-    "K": 0.7,
-    "L": 2.0,
-    "N": 1.0,
-    "P": 2.0,
-    "Q": 0.5,
-    "T": 1.0,
+    Channel.SET_POINT_TO_LOAD: 0.7,
+    Channel.BASE_WRENCH: 1.2,
+    Channel.CONTACT_EVENTS: 0.7,
+    Channel.LOAD_TO_MOTION: 2.0,
+    Channel.INERTIAL_UNIT: 1.5,
+    Channel.STANCE_KINEMATICS: 0.7,
+    Channel.POLICY_REPLAY: 2.0,
+    Channel.SENSOR_NOISE: 1.0,
+    Channel.BATTERY_POWER: 2.0,
+    Channel.JOINT_RATES: 0.5,
+    Channel.TIME_STAMPS: 1.0,
 }
 """What formulas leave in a channel, root mean square in units of its noise. Not calibrated."""
 DEGREES_OF_FREEDOM: Final = 40.0
@@ -135,17 +137,17 @@ MATTERS_SHARE: Final = 0.15
 OPEN_LOOP_MATTERS: Final = 2.0
 """An effect matters to a prediction if without it some signal is off by so many times what formulas leave there."""
 USUAL_LEFT: Final[Mapping[str, float]] = {
-    "A": 9.0,
-    "B": 7.0,
-    "C": 8.0,
-    "D": 14.0,
-    "I": 6.0,
-    "K": 2.0,
-    "L": 1.0,
-    "N": 12.0,
-    "P": 1.0,
-    "Q": 2.0,
-    "T": 1.0,
+    Channel.SET_POINT_TO_LOAD: 9.0,
+    Channel.BASE_WRENCH: 7.0,
+    Channel.CONTACT_EVENTS: 8.0,
+    Channel.LOAD_TO_MOTION: 14.0,
+    Channel.INERTIAL_UNIT: 6.0,
+    Channel.STANCE_KINEMATICS: 2.0,
+    Channel.POLICY_REPLAY: 1.0,
+    Channel.SENSOR_NOISE: 12.0,
+    Channel.BATTERY_POWER: 1.0,
+    Channel.JOINT_RATES: 2.0,
+    Channel.TIME_STAMPS: 1.0,
 }
 """Nats that trees still predict, by channel, of what is left where nothing is wrong. Not calibrated."""
 

@@ -172,6 +172,7 @@ class Verdict(_Part):
     probability_unknown: float = Field(ge=0.0, le=1.0)
     unknown: UnknownEffect | None
     channels: dict[str, str]
+    """``used``, or ``off`` and why, by channel; verdicts of before the names had a letter each."""
     invisible: tuple[str, ...] = ()
     """Effects of the library that these logs cannot show."""
     shrink: Shrink | None

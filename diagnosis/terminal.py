@@ -25,7 +25,7 @@ def twelve_lines(verdict: Verdict, paths: Mapping[str, Path]) -> list[str]:
     v = verdict
     lines = [
         f"verdict    {WORDS[v.status]}",
-        f"logs       {len(v.logs)}; channels {' '.join(n for n, s in v.channels.items() if s == 'used') or 'none'}",
+        f"logs       {len(v.logs)}; {sum(s == 'used' for s in v.channels.values())} of {len(v.channels)} channels can be used",
         f"where      {_where(v)}",
     ]
     effects = [f"effect     {_effect(e)}" for e in v.effects[:3]] or [f"effect     none found{_seen(v)}"]

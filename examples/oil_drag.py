@@ -8,6 +8,7 @@ A diagnosis said *unknown effect*, at the hips, depending on velocity, and its c
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from diagnosis.channels.channel import Channel
 from diagnosis.library.base import Coefficient, LibraryEffect, on_joints
 from diagnosis.library.experiments import SPRINT
 from spot_model.effects.base import TorqueEffect, parameter
@@ -26,9 +27,9 @@ class OilDrag(TorqueEffect):
 
 
 class OilDragEntry(LibraryEffect):
-    """What it looks like in logs: in channel A (set-point to load) a column −q̇·|q̇|, times the drag."""
+    """What it looks like in logs: in channel *set-point to load* a column −q̇·|q̇|, times the drag."""
 
-    name, title, effect, channels = "oil_drag", "drag of gear oil", OilDrag, ("A",)
+    name, title, effect, channels = "oil_drag", "drag of gear oil", OilDrag, (Channel.SET_POINT_TO_LOAD,)
     coefficients = (Coefficient("drag", "N·m·s²/rad²", 0.0, 1.0),)
     confused_with, split_by = ("viscous_friction",), SPRINT
 

@@ -9,7 +9,8 @@ from diagnosis.channels.body.inertial import inertial_view
 from diagnosis.channels.body.load_alignment import aligned
 from diagnosis.channels.body.stance import StanceSignals, stance_view
 from diagnosis.channels.body.swing import swing_view, swinging_legs
-from diagnosis.channels.channel_view import CHANNEL_TITLES, Array, ChannelOff, ChannelView
+from diagnosis.channels.channel import Channel
+from diagnosis.channels.channel_view import Array, ChannelOff, ChannelView
 from diagnosis.channels.drive.actuator import ActuatorSignals, actuator_view
 from diagnosis.channels.drive.joint_rates import rate_view
 from diagnosis.channels.drive.power import power_view
@@ -27,7 +28,7 @@ def build_views(
     *,
     policy: Actor | None = None,
     limits_rad: tuple[Array, Array] | None = None,
-) -> tuple[dict[str, ChannelView], tuple[ChannelOff, ...]]:
+) -> tuple[dict[Channel, ChannelView], tuple[ChannelOff, ...]]:
     """Build every channel.
 
     Args:
@@ -37,7 +38,7 @@ def build_views(
         limits_rad: Joint stops of a robot other than Spot, low and high; Spot's are known.
 
     Returns:
-        The channels that are on, by name in the order of ``CHANNEL_TITLES``, and those that are
+        The channels that are on, by name in the order of ``Channel``, and those that are
         off with their reasons.
     """
     effects = model.effects
@@ -60,15 +61,17 @@ def build_views(
     stance = stance_view(stack, effects, dynamics)
     found.append(stance)
     if dynamics is None:
-        found += [ChannelOff(name, missing) for name in ("D", "B", "C")]
+        found += [
+            ChannelOff(name, missing) for name in (Channel.LOAD_TO_MOTION, Channel.BASE_WRENCH, Channel.CONTACT_EVENTS)
+        ]
     else:
         alignment = aligned(dynamics, swinging_legs(dynamics), calm_rows(dynamics), lag_s)
         found += [swing_view(dynamics, alignment), base_view(dynamics, alignment)]
         if isinstance(stance, ChannelView) and isinstance(stance.signals, StanceSignals):
             found.append(contact_view(dynamics, stance.signals, effects))
         else:
-            found.append(ChannelOff("C", "channel K is off"))
+            found.append(ChannelOff(Channel.CONTACT_EVENTS, f"{Channel.STANCE_KINEMATICS} is off"))
     by_name = {view.name: view for view in found}
-    on = {name: view for name in CHANNEL_TITLES if isinstance(view := by_name[name], ChannelView)}
-    off = tuple(view for name in CHANNEL_TITLES if isinstance(view := by_name[name], ChannelOff))
+    on = {name: view for name in Channel if isinstance(view := by_name[name], ChannelView)}
+    off = tuple(view for name in Channel if isinstance(view := by_name[name], ChannelOff))
     return on, off

@@ -9,29 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis.channels.channel import Channel
+
 Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
 Flags = NDArray[np.bool_]
-
-CHANNEL_TITLES: Final[Mapping[str, str]] = {
-    "L": "policy replay",
-    "T": "time stamps",
-    "N": "noise of the joint sensors",
-    "Q": "joint velocities against positions",
-    "A": "set-point to load",
-    "D": "load to motion of swinging legs",
-    "B": "base motion against the loads of all legs",
-    "C": "contact flags and slips against the legs' forces",
-    "K": "kinematics of standing feet",
-    "I": "inertial unit against the estimator",
-    "P": "battery power and voltage",
-}
-"""Channels in the order in which they are looked at."""
 
 Shape = Mapping[str, float]
 """Values of the parameters that do not enter linearly, by name; empty where there are none."""
@@ -41,7 +28,7 @@ Shape = Mapping[str, float]
 class ChannelOff:
     """A channel that these logs cannot feed."""
 
-    name: str
+    name: Channel
     reason: str
 
 
@@ -49,11 +36,10 @@ class ChannelOff:
 class ChannelView:
     """One channel over all recordings, stacked: n samples of R rows.
 
-    A row is one scalar signal: a joint in A, D and Q; a component of force or moment in B; a foot's component in K.
+    A row is one scalar signal: a joint, a component of the base's force or moment, a foot's component.
     """
 
-    name: str
-    """Key of :data:`CHANNEL_TITLES`."""
+    name: Channel
     rows: tuple[str, ...]
     """Names of the R rows."""
     unit: str
@@ -94,7 +80,7 @@ class ChannelView:
         return np.asarray(self.run == run)
 
 
-Views = Mapping[str, ChannelView]
+Views = Mapping[Channel, ChannelView]
 """The channels that are on, by name."""
 
 

@@ -1,4 +1,4 @@
-"""Channel L: does the program do what the policy's contract says?
+"""Channel *policy replay*: does the program do what the policy's contract says?
 
 Three checks: set-points recomputed from the logged action, actions recomputed from the logged observation by the
 policy itself, and observations recomputed from the logged state. The first is the channel's response, rad, joint by
@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
+from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelOff, ChannelView
 from diagnosis.channels.stack import Stack
 from diagnosis.read.recording import Recording
@@ -40,7 +41,7 @@ class Actor(Protocol):
 
 @dataclass(frozen=True)
 class ReplaySignals:
-    """Signals of channel L, one row a policy tick."""
+    """Signals of channel *policy replay*, one row a policy tick."""
 
     intended_rad: Array
     """Set-points that the action stands for, canonical order. Shape (n, J)."""
@@ -48,7 +49,7 @@ class ReplaySignals:
 
 
 def replay_view(stack: Stack, policy: Actor | None = None) -> ChannelView | ChannelOff:
-    """Build channel L.
+    """Build the channel *policy replay*.
 
     Args:
         stack: The recordings.
@@ -61,14 +62,14 @@ def replay_view(stack: Stack, policy: Actor | None = None) -> ChannelView | Chan
         contract = contract_of(recording)
         scale = policy if policy is not None else contract
         if scale is None:
-            return ChannelOff("L", f"log {recording.run_id} has no policy contract; give the policy")
+            return ChannelOff(Channel.POLICY_REPLAY, f"log {recording.run_id} has no policy contract; give the policy")
         ticks = recording.ticks
         ran = np.isfinite(ticks.action).all(axis=1) & recording.in_control()
         place = {int(key): i for i, key in enumerate(recording.commands.key)}
         at = np.array([place.get(int(key), -1) for key in ticks.command_key], dtype=np.intp)
         chosen = np.flatnonzero(ran & (at >= 0))
         if len(chosen) == 0:
-            return ChannelOff("L", f"log {recording.run_id} has no policy ticks")
+            return ChannelOff(Channel.POLICY_REPLAY, f"log {recording.run_id} has no policy ticks")
         intended.append(scale.setpoint_rad(ticks.action[chosen]))
         sent.append(recording.commands.requested_position_rad[at[chosen]])
         runs.append(np.full(len(chosen), number, dtype=np.intp))
@@ -83,7 +84,7 @@ def replay_view(stack: Stack, policy: Actor | None = None) -> ChannelView | Chan
     n_joints = response.shape[1]
     legs = np.full(n_joints, -1, dtype=np.intp)
     return ChannelView(
-        name="L",
+        name=Channel.POLICY_REPLAY,
         rows=stack.recordings[0].joint_names,
         unit="rad",
         response=response,

@@ -1,4 +1,4 @@
-"""Channel T: how long commands take, how evenly they come, and which are lost; by the robot's own stamps and keys.
+"""Channel *time stamps*: how long commands take, how evenly they come, and which are lost; by the robot's stamps.
 
 A sample is the mean of a window's commands. Time convention: a command's delay runs from the stamp of the state that
 it answers to the robot's stamp of its receipt, both on the robot's clock. The nominal model's constant delay is taken
@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 from scipy.stats import norm as normal
 
+from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelOff, ChannelView, Ints
 from diagnosis.channels.stack import Stack
 from diagnosis.read.recording import NEVER_NS
@@ -35,7 +36,7 @@ LONGEST_S: Final = 1.0
 
 @dataclass(frozen=True)
 class TimingSignals:
-    """Signals of channel T."""
+    """Signals of channel *time stamps*."""
 
     delay_s: Array
     """Of every command; not a number for lost ones."""
@@ -44,11 +45,11 @@ class TimingSignals:
 
 
 def timing_view(stack: Stack, effects: Sequence[Effect]) -> ChannelView | ChannelOff:
-    """Build channel T."""
+    """Build the channel *time stamps*."""
     if not all(r.has_receipts for r in stack.recordings):
-        return ChannelOff("T", "the robot's receipts of commands were not recorded")
+        return ChannelOff(Channel.TIME_STAMPS, "the robot's receipts of commands were not recorded")
     if not all(np.any(r.commands.state_robot_stamp_ns > 0) for r in stack.recordings):
-        return ChannelOff("T", "commands do not say which state they answer")
+        return ChannelOff(Channel.TIME_STAMPS, "commands do not say which state they answer")
     nominal_s = sum(float(np.mean(e.delay_s)) for e in effects if isinstance(e, CommandDelay))
     delays, lost, runs, states = [], [], [], []
     for number, recording in enumerate(stack.recordings):
@@ -80,7 +81,7 @@ def timing_view(stack: Stack, effects: Sequence[Effect]) -> ChannelView | Channe
     finite = np.isfinite(response)
     none = np.full(len(ROWS), -1, dtype=np.intp)
     return ChannelView(
-        name="T",
+        name=Channel.TIME_STAMPS,
         rows=ROWS,
         unit="s, s, 1",
         response=np.nan_to_num(response),

@@ -34,7 +34,7 @@ class GapMap:
 
 @dataclass(frozen=True)
 class Side:
-    """Real or simulated logs, with the load's error against the servo law where channel A is on."""
+    """Real or simulated logs, with the load's error against the servo law where channel *set-point to load* is on."""
 
     stack: Stack
     actuator: ChannelView | None

@@ -10,10 +10,14 @@ from typing import ClassVar, Final
 
 import numpy as np
 
+from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelView, Flags, Shape, Views
 from diagnosis.library.experiments import Experiment
 from spot_model.effects.base import Effect
 from spot_model.io.model_file import RobotModel
+
+BY_JOINT: Final = frozenset({Channel.SET_POINT_TO_LOAD, Channel.JOINT_RATES, Channel.POLICY_REPLAY})
+"""Channels whose rows are joints that do not touch each other."""
 
 
 class Location(enum.Enum):
@@ -54,9 +58,11 @@ class LibraryEffect(ABC):
     title: ClassVar[str]
     """For a person."""
     effect: ClassVar[type[Effect]]
-    channels: ClassVar[tuple[str, ...]]
+    channels: ClassVar[tuple[Channel, ...]]
     """Where it shows; a missing channel makes it weaker, missing all makes it invisible."""
-    separable: ClassVar[frozenset[str]] = frozenset({"A", "Q", "L"})
+    separable: ClassVar[frozenset[Channel]] = frozenset(
+        {Channel.SET_POINT_TO_LOAD, Channel.JOINT_RATES, Channel.POLICY_REPLAY}
+    )
     location: ClassVar[Location] = Location.JOINT
     singly: ClassVar[bool] = False
     """Each unit has its own size by nature, so that several of one size are no fault but a coincidence."""
@@ -123,7 +129,7 @@ class LibraryEffect(ABC):
         """The nominal model with the effect. Default: added at the end; a correction of what is there replaces it."""
         return model.with_effects(self.make(values, joints))
 
-    def show(self, views: Views) -> tuple[str, ...]:
+    def show(self, views: Views) -> tuple[Channel, ...]:
         """Channels in which the effect can be seen in these logs."""
         return tuple(c for c in self.channels if c in views)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from diagnosis.channels.channel_view import CHANNEL_TITLES
+from diagnosis.channels.channel import CHANNEL_TITLES
 from diagnosis.document import FoundEffect, GapCell, Verdict
 from diagnosis.report import bars, words
 from diagnosis.report.gap_map import gap_map_figure, note

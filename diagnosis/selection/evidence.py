@@ -9,6 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelView, Flags, Ints, Shape, Views
 from diagnosis.decision_constants import DEGREES_OF_FREEDOM, DISCREPANCY, FORMULA_ERROR, ErrorScale
 from diagnosis.library.base import LibraryEffect
@@ -18,18 +19,18 @@ from diagnosis.selection.places import Robot
 MAX_SAMPLES: Final = 6_000
 """Of each channel's samples about so many are used, evenly thinned."""
 MIN_SAMPLES: Final = 30
-COUNTED: Final = ("T",)
+COUNTED: Final = (Channel.TIME_STAMPS,)
 FAR: Final = 20.0
 """In channels of stamps, what is farther off than this many usual sizes is a hand-over, not a delay."""
 MAX_LAG: Final = 60
 OUTLIER: Final = 3.0
 """A response counts as no more than so many of its row's scales, by its median size: late flags, impacts, slips."""
-PEAKS: Final = ("A", "L", "P")
+PEAKS: Final = (Channel.SET_POINT_TO_LOAD, Channel.POLICY_REPLAY, Channel.BATTERY_POWER)
 PEAK: Final = 6.0
 """Where peaks are what an effect cuts off, they count up to so many scales."""
 CACHE_BYTES: Final = 600_000_000
 FOLD_BLOCK_S: Final = 2.0
-EXACT: Final = {"L": 0.02}
+EXACT: Final = {Channel.POLICY_REPLAY: 0.02}
 """Channels whose formulas are no physics: a program's arithmetic is right or wrong."""
 LEAST: Final = 0.05
 """Least square of a tolerance: noise is not known better."""
@@ -39,7 +40,7 @@ LEAST: Final = 0.05
 class Block:
     """One row of one channel."""
 
-    channel: str
+    channel: Channel
     row: int
     samples: Ints
     """Samples of the view, shape (m,)."""
@@ -140,9 +141,9 @@ class Board:
         return np.asarray(x - block.nuisance @ (block.nuisance.T @ x))
 
     @property
-    def by_channel(self) -> dict[str, list[int]]:
+    def by_channel(self) -> dict[Channel, list[int]]:
         """Numbers of the blocks of each channel."""
-        found: dict[str, list[int]] = {}
+        found: dict[Channel, list[int]] = {}
         for number, block in enumerate(self.blocks):
             found.setdefault(block.channel, []).append(number)
         return found
@@ -244,7 +245,7 @@ def lay_out(
 
 
 def _block(
-    name: str, view: ChannelView, row: int, step: int, fold_of_run: Ints, n_folds: int, tolerance: float
+    name: Channel, view: ChannelView, row: int, step: int, fold_of_run: Ints, n_folds: int, tolerance: float
 ) -> Block | None:
     good: Flags = view.usable[:, row] & np.isfinite(view.response[:, row])
     good &= np.isfinite(view.nuisance[:, row]).all(axis=1)
@@ -268,7 +269,7 @@ def _block(
     return Block(name, row, samples, y, q, fold, noise, _independent(y, run), tolerance, _weight(name, view, y))
 
 
-def _weight(name: str, view: ChannelView, y: Array) -> Array:
+def _weight(name: Channel, view: ChannelView, y: Array) -> Array:
     """Square root of what a sample counts, shape (m,)."""
     if not view.is_robust:
         return np.ones(len(y))

@@ -14,6 +14,7 @@ from typing import Any, Final, Protocol
 
 import numpy as np
 
+from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, Flags, Ints, Shape
 from diagnosis.channels.drive.actuator import ActuatorSignals
 from diagnosis.channels.drive.nominal_torque import direction, nominal_torque_nm, presliding
@@ -123,7 +124,7 @@ def ordinary(board: Any, library: Mapping[str, LibraryEffect], scales: Mapping[s
         names += ["nominal"] * board.robot.n_joints
         sizes += [1.0] * board.robot.n_joints
         for number, block in enumerate(board.blocks):
-            if block.channel == "A":
+            if block.channel == Channel.SET_POINT_TO_LOAD:
                 x = board.prepared(number, own[:, block.row])
                 if np.any(x):
                     parts[number].append(x)
@@ -153,11 +154,11 @@ def error_sets(robot: Robot, effect: LibraryEffect) -> list[Flags]:
 
 
 def _own_numbers(board: Any) -> list[Array]:
-    """What the usual error of each number of the nominal torque effects changes in channel A; each shape (n, J).
+    """What the usual error of each number of the nominal torque effects changes in the load; each shape (n, J).
 
     Dry friction, moreover, builds up over a distance that no model file holds.
     """
-    view = board.views.get("A")
+    view = board.views.get(Channel.SET_POINT_TO_LOAD)
     if view is None:
         return []
     s: ActuatorSignals = view.signals

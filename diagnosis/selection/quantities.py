@@ -7,6 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelView, Ints
 from diagnosis.channels.drive.actuator import STRIDE
 from diagnosis.channels.stack import Stack
@@ -30,9 +31,15 @@ class Quantities:
 
     def of(self, view: ChannelView, row: int, samples: Ints) -> Table:
         """Quantities at the samples of one row; none for channels whose samples are events or stamps."""
-        if view.name == "A":
+        if view.name == Channel.SET_POINT_TO_LOAD:
             return self._actuator(view, row, samples)
-        if view.name not in ("D", "Q", "B", "K", "I"):
+        if view.name not in (
+            Channel.LOAD_TO_MOTION,
+            Channel.JOINT_RATES,
+            Channel.BASE_WRENCH,
+            Channel.STANCE_KINEMATICS,
+            Channel.INERTIAL_UNIT,
+        ):
             return (), np.zeros((len(samples), 0))
         at = self._first[view.run[samples]] + view.state[samples]
         joint, leg = int(view.row_joint[row]), int(view.row_leg[row])

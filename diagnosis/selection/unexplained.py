@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 from sklearn.ensemble import HistGradientBoostingRegressor
 
+from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, Flags, Ints
 from diagnosis.channels.stack import Stack
 from diagnosis.document import Dependence, UnknownEffect
@@ -29,7 +30,7 @@ CARRIES: Final = 0.25
 class Remainder:
     """What is left in each block, and how much of it signals predict."""
 
-    channels: tuple[str, ...]
+    channels: tuple[Channel, ...]
     """By block."""
     nats: Array
     """By block: what explaining the predictable part would bring. Shape (B,)."""

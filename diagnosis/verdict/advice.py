@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from diagnosis.channels.channel_view import ChannelOff, ChannelView
+from diagnosis.channels.channel import Channel
+from diagnosis.channels.channel_view import ChannelOff, Views
 from diagnosis.channels.stack import Stack
 from diagnosis.document import FoundEffect, Split, UnknownEffect
 from diagnosis.library.experiments import Experiment
@@ -30,7 +31,7 @@ def split(experiment: Experiment) -> Split:
 
 def advice(
     logs: Stack,
-    views: Mapping[str, ChannelView],
+    views: Views,
     off: Sequence[ChannelOff],
     effects: Sequence[FoundEffect],
     unknown: UnknownEffect | None,
@@ -62,7 +63,7 @@ def advice(
         if len(r.commands)
     }
     is_spot = logs.recordings[0].joint_names == JOINT_NAMES
-    if len(gains) == 1 and gains != {(0.0, 0.0)} and "A" in views:
+    if len(gains) == 1 and gains != {(0.0, 0.0)} and Channel.SET_POINT_TO_LOAD in views:
         how = " (spot-rl collect --other-gains 50,1)" if is_spot else ""
         out.append(
             "All logs have the same servo gains: a wrong gain cannot be told from friction or a torque gain. "

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from diagnosis.channels.channel import Channel
 from diagnosis.closed_loop.gap_map import GapMap
 from diagnosis.decision_constants import PARTLY, UNKNOWN_IS_LIKELY
 from diagnosis.document import FoundEffect, SeenEffect, Shrink, Status, Stretch, Verdict
@@ -40,7 +41,7 @@ WIDER = 0.5
 def status_of(causes: Causes) -> Status:
     """The verdict in a word."""
     found, belief = causes.found, causes.belief
-    if not found.views.keys() & {"A", "B", "D"}:
+    if not found.views.keys() & {Channel.SET_POINT_TO_LOAD, Channel.BASE_WRENCH, Channel.LOAD_TO_MOTION}:
         return "cannot_tell"
     if belief.unknown > UNKNOWN_IS_LIKELY:
         return "unknown_effect"
@@ -74,7 +75,7 @@ def assemble(
     unknown = None
     if status in ("unknown_effect", "partly_explained"):
         unknown = describe(found.board, found.stack, found.left_over(), found.remainder())
-    off = {c.name: f"off: {c.reason}" for c in found.off}
+    off = {str(c.name): f"off: {c.reason}" for c in found.off}
     cells = map_.cells if map_ is not None else open_loop_cells(found)
     # Channels that cannot tell say nothing for or against either.
     none, unknown_too = (0.5, 0.5) if status == "cannot_tell" else (belief.none, belief.unknown)
@@ -87,7 +88,7 @@ def assemble(
         probability_none=none,
         probability_unknown=unknown_too,
         unknown=unknown,
-        channels={**dict.fromkeys(found.views, "used"), **off},
+        channels={**{str(name): "used" for name in found.views}, **off},
         invisible=tuple(sorted(n for n, e in LIBRARY.items() if not e.show(found.views))),
         shrink=shrink if effects else None,
         log_advice=advice(found.stack, found.views, found.off, effects, unknown),
@@ -170,7 +171,7 @@ def _seen(causes: Causes) -> list[SeenEffect]:
 
 
 def _timeline(found: Explained) -> list[Stretch]:
-    """What was cut, and the seconds of each log that carry the most of channel A's residual."""
+    """What was cut, and the seconds of each log that carry the most of channel *set-point to load*'s residual."""
     out: list[Stretch] = []
     period = found.stack.period_s
     for run, (recording, cut) in enumerate(zip(found.stack.recordings, found.stack.segmentations, strict=True)):
@@ -180,7 +181,7 @@ def _timeline(found: Explained) -> list[Stretch]:
             for s in cut.segments
             if s.is_cut
         ]
-        view = found.views.get("A")
+        view = found.views.get(Channel.SET_POINT_TO_LOAD)
         if view is None:
             continue
         mine = view.of_run(run)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from diagnosis.channels.build import build_views
+from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array
 from diagnosis.channels.stack import stack
 from diagnosis.closed_loop.engine import Engine, LocalEngine
@@ -107,7 +108,12 @@ def diagnose(
         logs = stack([record(run) for run in trials.runs["nominal"]])
         views, _ = build_views(logs, nominal)
         legs = found.board.robot.leg_of_joint
-        map_ = gap_map(Side(found.stack, found.views.get("A")), Side(logs, views.get("A")), legs, rng)
+        map_ = gap_map(
+            Side(found.stack, found.views.get(Channel.SET_POINT_TO_LOAD)),
+            Side(logs, views.get(Channel.SET_POINT_TO_LOAD)),
+            legs,
+            rng,
+        )
         shrink = measure_shrink(bench, trials, causes.stated, ERRORS, rng)
         simulated = {"nominal": tuple(trials.runs["nominal"]), "corrected": tuple(trials.runs.get(causes.stated, ()))}
         notes += [*causes.notes, *trials.notes, *_about(bench, trials.is_crossed), *([map_.note] if map_.note else [])]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from diagnosis.channels.build import build_views
-from diagnosis.channels.channel_view import Array, ChannelOff, ChannelView, Ints, Views
+from diagnosis.channels.channel_view import Array, ChannelOff, Ints, Views
 from diagnosis.channels.stack import Stack, stack
 from diagnosis.decision_constants import CLEARLY_ORDINARY, ERROR_SCALES
 from diagnosis.library.base import LibraryEffect
@@ -34,7 +34,7 @@ class Explained:
     """Evidence and what was chosen from it."""
 
     stack: Stack
-    views: Mapping[str, ChannelView]
+    views: Views
     off: tuple[ChannelOff, ...]
     board: Board
     selection: Selection
@@ -93,7 +93,7 @@ def evidence_of(
     policy: Policy | None,
     library: Mapping[str, LibraryEffect],
     limits_rad: tuple[Array, Array] | None = None,
-) -> tuple[Stack, Mapping[str, ChannelView], tuple[ChannelOff, ...], Board]:
+) -> tuple[Stack, Views, tuple[ChannelOff, ...], Board]:
     """Logs on one grid, channels that are on and off, and the evidence with this robot's scales of ordinary errors.
 
     Raises:

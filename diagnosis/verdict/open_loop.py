@@ -6,11 +6,12 @@ from typing import Any, Final
 
 import numpy as np
 
+from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Views
 from diagnosis.document import GapCell
 from diagnosis.verdict.explain import Explained
 
-SIGNALS: Final = {"A": "load error", "D": "torque error of swinging legs"}
+SIGNALS: Final = {Channel.SET_POINT_TO_LOAD: "load error", Channel.LOAD_TO_MOTION: "torque error of swinging legs"}
 MEAN_OF_NORMAL: Final = float(np.sqrt(2.0 / np.pi))
 """Mean size of a normal variable over its standard deviation."""
 
@@ -45,8 +46,8 @@ def open_loop_cells(found: Explained) -> tuple[GapCell, ...]:
 
 
 def load_error_share(views: Views) -> float:
-    """Channel A's residual over the load, root mean square, the median joint's; 0 without the channel."""
-    view = views.get("A")
+    """Load error over load, root mean square, the median joint's; 0 without *set-point to load*."""
+    view = views.get(Channel.SET_POINT_TO_LOAD)
     if view is None:
         return 0.0
     signals: Any = view.signals

@@ -6,7 +6,7 @@ import inspect
 import textwrap
 from pathlib import Path
 
-from diagnosis.channels.channel_view import CHANNEL_TITLES
+from diagnosis.channels.channel import CHANNEL_TITLES
 from diagnosis.library.registry import LIBRARY
 from spot_model.effects.base import Effect, Hook
 from spot_model.effects.registry import BUILT_IN
@@ -78,7 +78,7 @@ def _look(name: str) -> str:
     if name not in LIBRARY:
         return "Not in the diagnosis' library."
     entry = LIBRARY[name]
-    channels = ", ".join(f"{CHANNEL_TITLES.get(c, c)} ({c})" for c in entry.channels)
+    channels = ", ".join(f"{CHANNEL_TITLES[c]} (`{c}`)" for c in entry.channels)
     others = ", ".join(f"[{n.replace('_', ' ')}](#{n})" for n in entry.confused_with) or "nothing"
     looks = " ".join(plain(entry.__doc__ or "").split())
     told = f"*Looks like*: {looks} Shows in: {channels}.\n\n*Confused with*: {others}."

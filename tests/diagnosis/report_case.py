@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from diagnosis.channels.channel import Channel
 from diagnosis.closed_loop.gap_map import GapMap
 from diagnosis.closed_loop.simulation import SensorNoise, simulate
 from diagnosis.document import (
@@ -97,7 +98,7 @@ def verdict(where: tuple[GapCell, ...], **changes: Any) -> Verdict:
         parameters={"level_nm": Number(value=2.02, low=1.91, high=2.13, unit="N·m")},
         rivals={"coulomb_friction": 0.71, "stribeck_friction": 0.2, "load_friction": 0.05, "torque_gain": 0.01},
         gain_nats=512.0,
-        channels={"A": 498.0, "D": 14.0},
+        channels={Channel.SET_POINT_TO_LOAD: 498.0, Channel.LOAD_TO_MOTION: 14.0},
     )
     curve = Dependence(quantity="velocity", importance=0.6, at=(-4.0, -1.0, 1.0, 4.0), residual=(-1.0, -0.4, 0.5, 1.1))
     data: dict[str, Any] = {
@@ -110,12 +111,17 @@ def verdict(where: tuple[GapCell, ...], **changes: Any) -> Verdict:
             joints=("fl_kn",),
             regime="motoring",
             depends_on=("velocity", "torque"),
-            channel="A",
+            channel=Channel.SET_POINT_TO_LOAD,
             unit="N·m",
             predictable_share=0.4,
             curves=(curve, curve.model_copy(update={"quantity": "torque"})),
         ),
-        "channels": {"A": "used", "D": "used", "P": "off: no battery record", "T": "off: no receipts of commands"},
+        "channels": {
+            Channel.SET_POINT_TO_LOAD: "used",
+            Channel.LOAD_TO_MOTION: "used",
+            Channel.BATTERY_POWER: "off: no battery record",
+            Channel.TIME_STAMPS: "off: no receipts of commands",
+        },
         "invisible": ("power_limit", "bus_sag", "command_delay"),
         "shrink": Shrink(
             d0=4.1,

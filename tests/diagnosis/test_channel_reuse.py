@@ -1,4 +1,4 @@
-"""What channels D, B and K compute once and use again has the bits of what is computed from nothing."""
+"""What the body's channels compute once and use again has the bits of what is computed from nothing."""
 
 from dataclasses import fields, replace
 
@@ -9,6 +9,7 @@ from diagnosis.channels.body.dynamics import DynamicsSignals, residuals
 from diagnosis.channels.body.stance import StanceSignals, feet
 from diagnosis.channels.body.vectors import cross
 from diagnosis.channels.build import build_views
+from diagnosis.channels.channel import Channel
 from diagnosis.channels.stack import stack
 from diagnosis.read.recording import record
 
@@ -21,7 +22,7 @@ def signals() -> tuple[DynamicsSignals, StanceSignals]:
     views, _ = build_views(
         stack([record(run) for run in planted_runs(Truth(), 1, sequence=walk_sequence(3.0))]), NOMINAL
     )
-    return views["D"].signals, views["K"].signals
+    return views[Channel.LOAD_TO_MOTION].signals, views[Channel.STANCE_KINEMATICS].signals
 
 
 @pytest.mark.parametrize("name", ["load_nm", "position_rad", "velocity_rad_s", "acceleration_rad_s2"])

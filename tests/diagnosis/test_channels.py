@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from diagnosis.channels.build import build_views
-from diagnosis.channels.channel_view import CHANNEL_TITLES
+from diagnosis.channels.channel import Channel
 from diagnosis.channels.stack import stack
 from diagnosis.read.recording import record
 from spot_log.read.run import CommandTable, StateTable
@@ -56,10 +56,21 @@ def null(null_runs):
 
 
 def test_every_channel_is_on_and_in_order(null):
-    assert tuple(null) == tuple(CHANNEL_TITLES)
+    assert tuple(null) == tuple(Channel)
 
 
-@pytest.mark.parametrize("name", ["L", "T", "N", "A", "D", "B", "I"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        Channel.POLICY_REPLAY,
+        Channel.TIME_STAMPS,
+        Channel.SENSOR_NOISE,
+        Channel.SET_POINT_TO_LOAD,
+        Channel.LOAD_TO_MOTION,
+        Channel.BASE_WRENCH,
+        Channel.INERTIAL_UNIT,
+    ],
+)
 def test_a_nominal_reality_leaves_noise_alone(null, name):
     assert np.max(robust_scale(null[name])) < 2.0
 
@@ -78,18 +89,18 @@ def test_channel_a_finds_the_loads_lag_whatever_else_acts(step_s, effects):
     mjcf = dataclasses.replace(Truth().mjcf, timestep_s=step_s)
     runs = planted_runs(Truth(effects=effects, mjcf=mjcf), 2, sequence=walk_sequence(1.5))
     views, _ = views_of(runs)
-    assert views["A"].measured["load_lag_s"] == pytest.approx(step_s, abs=0.25e-3)
+    assert views[Channel.SET_POINT_TO_LOAD].measured["load_lag_s"] == pytest.approx(step_s, abs=0.25e-3)
 
 
 def test_channel_a_says_when_the_lag_cannot_be_found():
     truth = Truth(transport=ConstantDelay(delay_s=0.005))
     views, _ = views_of(planted_runs(truth, 1, sequence=walk_sequence(2.0)))
-    assert "always come at one phase" in views["A"].notes[0]
+    assert "always come at one phase" in views[Channel.SET_POINT_TO_LOAD].notes[0]
 
 
 def test_channel_t_reads_delays_from_the_robots_stamps():
     runs = planted_runs(Truth(transport=ConstantDelay(delay_s=0.0093)), 1, sequence=walk_sequence(1.0))
-    view = views_of(runs)[0]["T"]
+    view = views_of(runs)[0][Channel.TIME_STAMPS]
     assert view.measured["delay_s"] == pytest.approx(0.0093, abs=1e-6)
     assert median(view, "delay") == pytest.approx(0.0043, abs=1e-6)
     assert view.measured["lost_share"] == 0.0
@@ -97,15 +108,15 @@ def test_channel_t_reads_delays_from_the_robots_stamps():
 
 def test_channel_l_replays_set_points_actions_and_observations(null_runs):
     views, _ = views_of(null_runs)
-    assert np.max(np.abs(views["L"].response)) < 1e-6
-    assert views["L"].measured["observation_error"] < 1e-5
+    assert np.max(np.abs(views[Channel.POLICY_REPLAY].response)) < 1e-6
+    assert views[Channel.POLICY_REPLAY].measured["observation_error"] < 1e-5
 
     class Constant(ScriptedGait):
         def act(self, observation):
             return np.zeros((len(observation), 12), dtype=np.float32)
 
     other, _ = views_of(null_runs, policy=Constant())
-    assert other["L"].measured["action_error"] > 0.1
+    assert other[Channel.POLICY_REPLAY].measured["action_error"] > 0.1
 
 
 @pytest.mark.skipif(not WALK_POLICY.is_file(), reason="policies/walk.onnx is not there")
@@ -115,10 +126,10 @@ def test_a_committed_policy_replays_and_leaves_noise_alone():
         Truth(), 1, sequence=walk_sequence(3.0).clipped([-0.8, -0.5, -1.0], [1.5, 0.5, 1.0]), actor=lambda: policy
     )
     views, _ = views_of(runs, policy=policy)
-    assert views["L"].measured["action_error"] < 1e-5
-    assert views["L"].measured["observation_error"] < 1e-5
-    assert np.max(robust_scale(views["A"])) < 1.5
-    assert np.max(robust_scale(views["B"])) < 2.0
+    assert views[Channel.POLICY_REPLAY].measured["action_error"] < 1e-5
+    assert views[Channel.POLICY_REPLAY].measured["observation_error"] < 1e-5
+    assert np.max(robust_scale(views[Channel.SET_POINT_TO_LOAD])) < 1.5
+    assert np.max(robust_scale(views[Channel.BASE_WRENCH])) < 2.0
 
 
 def test_channel_q_sees_a_velocity_that_is_one_state_late(null_runs):
@@ -127,7 +138,7 @@ def test_channel_q_sees_a_velocity_that_is_one_state_late(null_runs):
         dataclasses.replace(r, states=dataclasses.replace(s, velocity_rad_s=np.roll(s.velocity_rad_s, 1, axis=0)))
         for r, s in zip(null_runs, states, strict=True)
     ]
-    now, then = views_of(null_runs)[0]["Q"], views_of(late)[0]["Q"]
+    now, then = views_of(null_runs)[0][Channel.JOINT_RATES], views_of(late)[0][Channel.JOINT_RATES]
     signals = now.signals
     column = signals.finish_rate(signals.velocity_rad_s)
 
@@ -141,26 +152,26 @@ def test_channel_q_sees_a_velocity_that_is_one_state_late(null_runs):
 
 def test_channels_d_and_b_find_when_the_loads_acted(null):
     # The simulator's torque acts from the start of a step of 1.5 ms, and accelerates over it.
-    assert null["D"].measured["load_age_s"] == pytest.approx(0.75e-3, abs=0.1e-3)
-    assert null["B"].measured["position_age_s"] == pytest.approx(1.5e-3, abs=0.1e-3)
+    assert null[Channel.LOAD_TO_MOTION].measured["load_age_s"] == pytest.approx(0.75e-3, abs=0.1e-3)
+    assert null[Channel.BASE_WRENCH].measured["position_age_s"] == pytest.approx(1.5e-3, abs=0.1e-3)
 
 
 def test_channel_b_weighs_the_robot(null):
     weight_n = 31.6 * 9.81
-    assert abs(median(null["B"], "force_z")) < 0.005 * weight_n
+    assert abs(median(null[Channel.BASE_WRENCH], "force_z")) < 0.005 * weight_n
     for row in ("force_x", "force_y", "moment_x", "moment_y", "moment_z"):
-        assert abs(median(null["B"], row)) < 0.8
+        assert abs(median(null[Channel.BASE_WRENCH], row)) < 0.8
 
 
 def test_channel_k_standing_feet_stand(null):
     for leg in ("fl", "fr", "hl", "hr"):
-        assert abs(median(null["K"], f"{leg}_velocity_x")) < 0.02
-        assert abs(median(null["K"], f"{leg}_velocity_y")) < 0.015
-        assert abs(median(null["K"], f"{leg}_height")) < 0.001
+        assert abs(median(null[Channel.STANCE_KINEMATICS], f"{leg}_velocity_x")) < 0.02
+        assert abs(median(null[Channel.STANCE_KINEMATICS], f"{leg}_velocity_y")) < 0.015
+        assert abs(median(null[Channel.STANCE_KINEMATICS], f"{leg}_height")) < 0.001
 
 
 def test_channel_i_knows_gravity_and_the_age_of_packets(null, null_runs):
-    assert null["I"].measured["gravity_in_reading_m_s2"] == 9.81
+    assert null[Channel.INERTIAL_UNIT].measured["gravity_in_reading_m_s2"] == 9.81
     wrong = [
         dataclasses.replace(
             r,
@@ -171,9 +182,9 @@ def test_channel_i_knows_gravity_and_the_age_of_packets(null, null_runs):
         )
         for r in null_runs
     ]
-    aged = views_of(wrong)[0]["I"]
+    aged = views_of(wrong)[0][Channel.INERTIAL_UNIT]
     vertical = aged.rows.index("acceleration_z")
-    assert np.std(aged.response[:, vertical]) > 2.0 * np.std(null["I"].response[:, vertical])
+    assert np.std(aged.response[:, vertical]) > 2.0 * np.std(null[Channel.INERTIAL_UNIT].response[:, vertical])
 
 
 def test_channel_i_takes_a_unit_without_gravity_for_what_it_is(null_runs):
@@ -188,14 +199,14 @@ def test_channel_i_takes_a_unit_without_gravity_for_what_it_is(null_runs):
         return dataclasses.replace(run, states=dataclasses.replace(run.states, imu=changed))
 
     views, _ = views_of([without(r) for r in null_runs])
-    assert views["I"].measured["gravity_in_reading_m_s2"] == 0.0
-    assert np.max(robust_scale(views["I"])) < 1.6
-    assert abs(median(views["B"], "force_z")) < 2.0
+    assert views[Channel.INERTIAL_UNIT].measured["gravity_in_reading_m_s2"] == 0.0
+    assert np.max(robust_scale(views[Channel.INERTIAL_UNIT])) < 1.6
+    assert abs(median(views[Channel.BASE_WRENCH], "force_z")) < 2.0
 
 
 def test_channel_p_recovers_the_supply():
     runs = planted_runs(Truth(noise=Noise()), 3, sequence=walk_sequence(4.0))
-    measured = views_of(runs)[0]["P"].measured
+    measured = views_of(runs)[0][Channel.BATTERY_POWER].measured
     assert measured["open_voltage_v"] == pytest.approx(55.0, abs=0.1)
     assert measured["resistance_ohm"] == pytest.approx(0.045, rel=0.05)
     assert measured["idle_power_w"] == pytest.approx(150.0, abs=12.0)
@@ -204,7 +215,7 @@ def test_channel_p_recovers_the_supply():
 
 def test_channel_c_flags_change_with_the_force(null):
     for leg in ("fl", "fr", "hl", "hr"):
-        assert abs(median(null["C"], f"{leg}_flag")) < 4e-3
+        assert abs(median(null[Channel.CONTACT_EVENTS], f"{leg}_flag")) < 4e-3
 
 
 def cropped(run, joints, names):
@@ -237,12 +248,12 @@ def cropped(run, joints, names):
 def test_another_robot_keeps_what_needs_no_body(null_runs):
     runs = [cropped(r, (1, 2, 5), ("shoulder", "elbow", "wrist")) for r in null_runs]
     views, off = views_of(runs, RobotModel())
-    assert {"A", "T", "N", "Q"} <= set(views)
-    assert views["A"].rows == ("shoulder", "elbow", "wrist")
-    assert np.max(robust_scale(views["A"])) < 1.6
+    assert {Channel.SET_POINT_TO_LOAD, Channel.TIME_STAMPS, Channel.SENSOR_NOISE, Channel.JOINT_RATES} <= set(views)
+    assert views[Channel.SET_POINT_TO_LOAD].rows == ("shoulder", "elbow", "wrist")
+    assert np.max(robust_scale(views[Channel.SET_POINT_TO_LOAD])) < 1.6
     reasons = {o.name: o.reason for o in off}
-    assert reasons["D"] == reasons["B"] == "no body model of this robot"
-    assert "no policy contract" in reasons["L"]
+    assert reasons[Channel.LOAD_TO_MOTION] == reasons[Channel.BASE_WRENCH] == "no body model of this robot"
+    assert "no policy contract" in reasons[Channel.POLICY_REPLAY]
 
 
 def test_missing_signals_switch_off_the_channels_that_need_them(null_runs):
@@ -253,8 +264,14 @@ def test_missing_signals_switch_off_the_channels_that_need_them(null_runs):
 
     _, off = views_of([without_load(r) for r in null_runs])
     reasons = {o.name: o.reason for o in off}
-    assert set(reasons) == {"A", "D", "B", "C", "P"}
-    assert reasons["A"] == "no measured joint torque"
+    assert set(reasons) == {
+        Channel.SET_POINT_TO_LOAD,
+        Channel.LOAD_TO_MOTION,
+        Channel.BASE_WRENCH,
+        Channel.CONTACT_EVENTS,
+        Channel.BATTERY_POWER,
+    }
+    assert reasons[Channel.SET_POINT_TO_LOAD] == "no measured joint torque"
 
 
 def test_logs_of_two_robots_are_refused(null_runs):

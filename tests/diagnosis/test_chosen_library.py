@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from diagnosis.channels.channel import Channel
 from diagnosis.channels.drive.actuator import actuator_view
 from diagnosis.channels.stack import stack
 from diagnosis.decision_constants import ERROR_SCALES
@@ -82,7 +83,7 @@ def logs() -> Board:
     recordings = stack([record(run) for run in runs])
     view = actuator_view(recordings, ())
     robot = Robot(recordings.recordings[0].joint_names, view.leg_of_joint)
-    return lay_out({"A": view}, robot, [0, 1], ["0", "1"], library=LIBRARY, scales=ERROR_SCALES)
+    return lay_out({Channel.SET_POINT_TO_LOAD: view}, robot, [0, 1], ["0", "1"], library=LIBRARY, scales=ERROR_SCALES)
 
 
 def _found(board: Board, library: dict[str, LibraryEffect]) -> dict[str, tuple[tuple[str, ...], dict[str, float]]]:
@@ -110,14 +111,14 @@ def test_the_effect_that_a_person_writes_explains_what_the_library_cannot(
 
 def test_what_is_left_points_at_the_joint_and_its_speed(logs: Board) -> None:
     residual = Scorer(logs, ()).residuals()
-    by_joint = [float(np.mean(residual[n] ** 2)) for n in logs.by_channel["A"]]
+    by_joint = [float(np.mean(residual[n] ** 2)) for n in logs.by_channel[Channel.SET_POINT_TO_LOAD]]
     worst = int(np.argmax(by_joint))
     assert logs.robot.joint_names[worst] == "fr_kn"
-    block = logs.blocks[logs.by_channel["A"][worst]]
-    signals = logs.views["A"].signals
+    block = logs.blocks[logs.by_channel[Channel.SET_POINT_TO_LOAD][worst]]
+    signals = logs.views[Channel.SET_POINT_TO_LOAD].signals
     speed = np.abs(signals.finish(signals.velocity_rad_s))[block.samples, worst]
     fast = speed > np.quantile(speed, 2 / 3)
-    assert np.mean(residual[logs.by_channel["A"][worst]][fast] ** 2) > 5.0 * by_joint[worst] / 3.0
+    assert np.mean(residual[logs.by_channel[Channel.SET_POINT_TO_LOAD][worst]][fast] ** 2) > 5.0 * by_joint[worst] / 3.0
 
 
 def test_the_document_shows_the_example_as_it_is() -> None:

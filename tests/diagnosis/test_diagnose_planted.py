@@ -1,8 +1,9 @@
-"""Selection on logs with a planted truth, channel A alone: the effect, its joints and its size come back."""
+"""Selection on logs with a planted truth, *set-point to load* alone: the effect, its joints and its size come back."""
 
 import numpy as np
 import pytest
 
+from diagnosis.channels.channel import Channel
 from diagnosis.channels.drive.actuator import actuator_view
 from diagnosis.channels.stack import Stack, stack
 from diagnosis.decision_constants import ERROR_SCALES
@@ -39,7 +40,7 @@ def _logs_and_board(truth: Truth) -> tuple[Stack, Board]:
     logs = stack([record(run) for run in planted_runs(truth, 2)])
     view = actuator_view(logs, ())
     robot = Robot(logs.recordings[0].joint_names, view.leg_of_joint)
-    board = lay_out({"A": view}, robot, [0, 1], ["0", "1"], library=LIBRARY, scales=ERROR_SCALES)
+    board = lay_out({Channel.SET_POINT_TO_LOAD: view}, robot, [0, 1], ["0", "1"], library=LIBRARY, scales=ERROR_SCALES)
     return logs, board
 
 
@@ -114,7 +115,7 @@ def test_what_the_library_lacks_is_left_over_at_its_joints_and_found_to_depend_o
     told = describe(board, logs, residuals, left)
     assert told.joints == ("fl_kn", "fr_kn", "hl_kn", "hr_kn")
     assert "torque" in told.depends_on
-    assert told.channel == "A"
+    assert told.channel == Channel.SET_POINT_TO_LOAD
 
 
 def test_scores_come_from_folds_that_the_fit_never_saw(two_effects: Board) -> None:

@@ -6,6 +6,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Views
 from diagnosis.channels.drive.nominal_torque import presliding
 from diagnosis.library.effects.command_link import waits
@@ -46,5 +47,10 @@ def test_legs_come_from_a_channel_that_knows_them() -> None:
         return SimpleNamespace(leg_of_joint=np.array(legs))
 
     unknown, known = view([-1, -1, -1, -1]), view([0, 0, 1, 1])
-    assert _legs(cast("Views", {"L": unknown, "A": known})).tolist() == [0, 0, 1, 1]
-    assert _legs(cast("Views", {"L": unknown})).tolist() == [-1, -1, -1, -1]
+    assert _legs(cast("Views", {Channel.POLICY_REPLAY: unknown, Channel.SET_POINT_TO_LOAD: known})).tolist() == [
+        0,
+        0,
+        1,
+        1,
+    ]
+    assert _legs(cast("Views", {Channel.POLICY_REPLAY: unknown})).tolist() == [-1, -1, -1, -1]

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from diagnosis.channels.build import build_views
+from diagnosis.channels.channel import Channel
 from diagnosis.channels.stack import stack
 from diagnosis.library.effects.order_spectrum import strongest_orders
 from diagnosis.library.registry import LIBRARY
@@ -100,7 +101,7 @@ def test_two_effects_fitted_together_keep_apart(null_views):
 
 def test_an_effect_without_its_channel_cannot_be_fitted(null_views):
     with pytest.raises(ValueError, match="command_delay: fewer than 10 usable samples in channels A"):
-        fit(LIBRARY["command_delay"], {"A": null_views["A"]}, ALL_JOINTS)
+        fit(LIBRARY["command_delay"], {Channel.SET_POINT_TO_LOAD: null_views[Channel.SET_POINT_TO_LOAD]}, ALL_JOINTS)
 
 
 def test_a_found_delay_replaces_the_nominal_one():

@@ -3,6 +3,7 @@ import json
 import pytest
 from pydantic import ValidationError
 
+from diagnosis.channels.channel import Channel
 from diagnosis.document import (
     SCHEMA_FILE,
     FoundEffect,
@@ -38,7 +39,7 @@ def _verdict() -> Verdict:
         probability_none=0.01,
         probability_unknown=0.02,
         unknown=None,
-        channels={"A": "used", "P": "off: no battery record"},
+        channels={Channel.SET_POINT_TO_LOAD: "used", Channel.BATTERY_POWER: "off: no battery record"},
         shrink=Shrink(d0=5.0, d1=1.5, floor=1.0, s=0.875, s_low=0.8, s_high=0.95, held_out=("a",), placebo=PLACEBO),
         log_advice=("Record more.",),
     )

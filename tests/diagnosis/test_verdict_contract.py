@@ -14,7 +14,7 @@ EXAMPLE = """
               "parameters": {"level_nm": {"value": 0.0, "low": 0.0, "high": 0.0}}}],
  "probability_none": 0.0, "probability_unknown": 0.0,
  "unknown": {"joints": [], "regime": "", "depends_on": []},
- "channels": {"A": "used", "P": "off: no battery record"},
+ "channels": {"set_point_to_load": "used", "battery_power": "off: no battery record"},
  "shrink": {"metric": "w1_mmd", "d0": 0.0, "d1": 0.0, "floor": 0.0, "s": 0.0, "s_low": 0.0, "s_high": 0.0, "held_out": [], "placebo": {"name": "", "s": 0.0}},
  "log_advice": []}
 """  # noqa: E501 - as it was written

@@ -1,7 +1,7 @@
-"""Channel B: the body's rows of the equations of motion, the feet's forces taken from the legs' loads.
+"""Channel *base wrench*: the body's rows of the equations of motion, the feet's forces taken from the legs' loads.
 
 All four legs count, whatever their contact flags say. Force and moment are in the body's frame, about its origin.
-Time convention as in channel D.
+Time convention as in channel *load to motion*.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import numpy as np
 
 from diagnosis.channels.body.dynamics import DynamicsSignals
 from diagnosis.channels.body.load_alignment import Alignment
+from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import ChannelView, Flags
 from diagnosis.channels.stack import white_noise
 from spot_model.robot import facts
@@ -24,13 +25,13 @@ EDGE: Final = 4
 
 
 def base_view(signals: DynamicsSignals, alignment: Alignment) -> ChannelView:
-    """Build channel B."""
+    """Build the channel *base wrench*."""
     response = alignment.residuals.base
     calm = calm_rows(signals)
     usable = np.repeat(calm[:, None], len(ROWS), axis=1)
     none = np.full(len(ROWS), -1, dtype=np.intp)
     return ChannelView(
-        name="B",
+        name=Channel.BASE_WRENCH,
         rows=ROWS,
         unit="N, N·m",
         response=response,

@@ -1,4 +1,4 @@
-"""Channel C: contact flags and slips against the forces that the legs' loads say the feet carry.
+"""Channel *contact events*: contact flags and slips against the forces that the legs' loads say the feet carry.
 
 Rows, leg by leg: how late a flag changes after the force does, s, one sample a touch-down or lift-off; the friction
 coefficient at which a foot slips less the nominal model's, one sample a slipping state; and how long the ground takes
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from diagnosis.channels.body.body_model import BodyModel
 from diagnosis.channels.body.dynamics import DynamicsSignals
 from diagnosis.channels.body.stance import StanceSignals, feet
+from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelOff, ChannelView
 from spot_model.effects.base import Effect
 from spot_model.robot import facts
@@ -63,7 +64,7 @@ SLIP_FLOOR: Final = 0.05
 
 @dataclass(frozen=True)
 class ContactSignals:
-    """Signals of channel C."""
+    """Signals of channel *contact events*."""
 
     friction: Array
     """Nominal coefficient of each foot, shape (4,)."""
@@ -72,9 +73,9 @@ class ContactSignals:
 def contact_view(
     dynamics: DynamicsSignals, stance: StanceSignals, effects: Sequence[Effect]
 ) -> ChannelView | ChannelOff:
-    """Build channel C."""
+    """Build the channel *contact events*."""
     if dynamics.contact.shape[1] == 0:
-        return ChannelOff("C", "no contact flags")
+        return ChannelOff(Channel.CONTACT_EVENTS, "no contact flags")
     stack = dynamics.stack
     normal = vertical_force_n(dynamics)
     rows, legs, late = _flag_delays(dynamics, normal)
@@ -84,7 +85,7 @@ def contact_view(
     n_flags, n_slips, n_stops = len(rows), len(slip_rows), len(stop_rows)
     n = n_flags + n_slips + n_stops
     if n == 0:
-        return ChannelOff("C", "no foot ever lifts off or touches down")
+        return ChannelOff(Channel.CONTACT_EVENTS, "no foot ever lifts off or touches down")
     response = np.zeros((n, len(ROWS)))
     usable = np.zeros(response.shape, dtype=np.bool_)
     response[np.arange(n_flags), legs] = late
@@ -98,7 +99,7 @@ def contact_view(
     every = np.concatenate([rows, slip_rows, stop_rows])
     numbers = np.arange(facts.N_LEGS, dtype=np.intp)
     return ChannelView(
-        name="C",
+        name=Channel.CONTACT_EVENTS,
         rows=ROWS,
         unit="s, 1, s",
         response=response,

@@ -1,10 +1,11 @@
-"""What channels D and B share: inverse dynamics of the logged motion against the measured loads.
+"""Inverse dynamics of the logged motion against the measured loads, for channels *load to motion* and *base wrench*.
 
 The nominal residual is computed at the full rate and then smoothed, since inverse dynamics are not linear; what a
 change of a parameter or a sensor adds to it is small, and computed from smoothed signals at the kept rows.
 
-With a leg's loads τ and the model's joint rows h_leg, the ground's force on its foot is f = J⁻ᵀ(h_leg − τ). Channel D
-looks at τ − h_leg where a leg swings, so f is none; channel B puts the f of all legs into the body's rows.
+With a leg's loads τ and the model's joint rows h_leg, the ground's force on its foot is f = J⁻ᵀ(h_leg − τ). Channel
+*load to motion* looks at τ − h_leg where a leg swings, so f is none; channel *base wrench* puts the f of all legs into
+the body's rows.
 """
 
 from __future__ import annotations
@@ -68,7 +69,7 @@ class Known:
 
 @dataclass(frozen=True)
 class DynamicsSignals:
-    """Signals of channels D and B."""
+    """Signals of channels *load to motion* and *base wrench*."""
 
     stack: Stack
     effects: tuple[Effect, ...]
@@ -150,7 +151,7 @@ class DynamicsSignals:
 
 
 def missing_for_dynamics(stack: Stack) -> str:
-    """What logs lack for channels D and B; empty if nothing."""
+    """What logs lack for channels *load to motion* and *base wrench*; empty if nothing."""
     if stack.recordings[0].joint_names != facts.JOINT_NAMES:
         return "no body model of this robot"
     for signal, name in (

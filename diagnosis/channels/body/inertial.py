@@ -1,4 +1,4 @@
-"""Channel I: the inertial unit against the estimator: accelerations against velocities, turn rates against attitude.
+"""Channel *inertial unit*: accelerations against velocities, turn rates against attitude.
 
 Time convention: packets are brought forward by their own age to the state's stamp. Both sides are smoothed twice, so
 that lags, which need a second derivative, keep their size.
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.channels.body.base_motion import imu_gravity_m_s2
+from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelOff, ChannelView
 from diagnosis.channels.stack import Stack, white_noise
 from diagnosis.read.smoothing import REACH
@@ -26,7 +27,7 @@ FLOOR: Final = np.array([0.3, 0.3, 0.5, 0.03, 0.03, 0.03])
 
 @dataclass(frozen=True)
 class InertialSignals:
-    """Signals of channel I, N rows at the full rate."""
+    """Signals of channel *inertial unit*, N rows at the full rate."""
 
     stack: Stack
     rows: NDArray[np.intp]
@@ -56,17 +57,17 @@ class InertialSignals:
 
 
 def inertial_view(stack: Stack) -> ChannelView | ChannelOff:
-    """Build channel I."""
+    """Build the channel *inertial unit*."""
     for signal, name in (
         ("imu.acceleration_m_s2", "inertial unit"),
         ("odom_from_body_wxyz", "attitude"),
         ("linear_vel_of_body_in_odom_m_s", "body velocity"),
     ):
         if not all(r.has(signal) for r in stack.recordings):
-            return ChannelOff("I", f"no {name}")
+            return ChannelOff(Channel.INERTIAL_UNIT, f"no {name}")
     gravity = imu_gravity_m_s2(stack)
     if gravity is None:
-        return ChannelOff("I", "the inertial unit's mean reading is neither gravity nor none")
+        return ChannelOff(Channel.INERTIAL_UNIT, "the inertial unit's mean reading is neither gravity nor none")
     attitude = stack.filled(lambda r: r.odom_from_body_wxyz)
     usable_rows = stack.inner(stack.used, 2 * REACH, 2 * REACH)
     rows = np.flatnonzero(usable_rows)
@@ -95,7 +96,7 @@ def inertial_view(stack: Stack) -> ChannelView | ChannelOff:
     response = acceleration + _turns(signals, age_s)
     none = np.full(len(ROWS), -1, dtype=np.intp)
     return ChannelView(
-        name="I",
+        name=Channel.INERTIAL_UNIT,
         rows=ROWS,
         unit="m/s², rad/s",
         response=response,

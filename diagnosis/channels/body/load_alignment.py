@@ -3,7 +3,7 @@
 A sampled torque loop, or a simulator, computes a load from positions at the start of its step, and the step's mean
 acceleration lies in the middle. Left alone, such an offset looks like a displaced weight or a wrong encoder; fitted
 freely, it takes part of real effects with it. So the choice is between conventions only: all of one instant, or a load
-that is older by the lag that channel A measured.
+that is older by the lag that channel *set-point to load* measured.
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ def aligned(signals: DynamicsSignals, swinging: Flags, calm: Flags, lag_s: float
     """Choose the convention that leaves least over swinging joints and the body's rows, and take its offsets off.
 
     Args:
-        signals: Of channels D and B.
+        signals: Of channels *load to motion* and *base wrench*.
         swinging: Legs in the air at the kept rows. Shape (n, 4), or (n, 0).
         calm: Rows away from changes of contact. Shape (n,).
-        lag_s: The load's lag, by channel A; 0 where it is unknown.
+        lag_s: The load's lag, by channel *set-point to load*; 0 where it is unknown.
     """
     drift = feet_wrench(signals.inputs, signals.load_rate_nm_s, signals.model.foot_radius_m).sum(axis=1)
     shifted, nominal = signals.shifted_s(), signals.nominal

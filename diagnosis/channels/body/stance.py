@@ -1,4 +1,4 @@
-"""Channel K: feet that stand do not move, and stand on one level.
+"""Channel *stance kinematics*: feet that stand do not move, and stand on one level.
 
 Rows: velocity of each standing foot's contact point along the heading, to its left and up, m/s; then each standing
 foot's height less the mean of all that stand, m. Both from joints, attitude and the estimator's velocity; the body's
@@ -18,6 +18,7 @@ from diagnosis.channels.body.base_motion import imu_gravity_m_s2
 from diagnosis.channels.body.body_model import BodyModel
 from diagnosis.channels.body.dynamics import DynamicsSignals, contact_point_and_jacobian
 from diagnosis.channels.body.vectors import cross
+from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelOff, ChannelView, Flags
 from diagnosis.channels.stack import Stack, white_noise
 from spot_model.effects.base import Effect
@@ -52,7 +53,7 @@ class Kinematics:
 
 @dataclass(frozen=True)
 class StanceSignals:
-    """Signals of channel K."""
+    """Signals of channel *stance kinematics*."""
 
     stack: Stack
     rows: NDArray[np.intp]
@@ -117,9 +118,9 @@ class StanceSignals:
 def stance_view(
     stack: Stack, effects: Sequence[Effect], dynamics: DynamicsSignals | None = None
 ) -> ChannelView | ChannelOff:
-    """Build channel K; ``dynamics`` gives the feet's forces to what depends on them."""
+    """Build the channel *stance kinematics*; ``dynamics`` gives the feet's forces to what depends on them."""
     if stack.recordings[0].joint_names != facts.JOINT_NAMES:
-        return ChannelOff("K", "no body model of this robot")
+        return ChannelOff(Channel.STANCE_KINEMATICS, "no body model of this robot")
     for signal, name in (
         ("position_rad", "joint positions"),
         ("velocity_rad_s", "joint velocities"),
@@ -129,7 +130,7 @@ def stance_view(
         ("angular_vel_of_body_in_odom_rad_s", "turn rate"),
     ):
         if not all(r.has(signal) for r in stack.recordings):
-            return ChannelOff("K", f"no {name}")
+            return ChannelOff(Channel.STANCE_KINEMATICS, f"no {name}")
     attitude = stack.filled(lambda r: r.odom_from_body_wxyz)
     attitude = np.where(np.abs(attitude).sum(axis=1, keepdims=True) > 0.5, attitude, np.array([1.0, 0.0, 0.0, 0.0]))
     kinematics = Kinematics(
@@ -164,7 +165,7 @@ def stance_view(
     )
     floor = np.concatenate([np.tile(VELOCITY_FLOOR_M_S, facts.N_LEGS), np.full(4, HEIGHT_FLOOR_M)])
     return ChannelView(
-        name="K",
+        name=Channel.STANCE_KINEMATICS,
         rows=ROWS,
         unit="m/s, m",
         response=response,

@@ -1,4 +1,4 @@
-"""Channel D: the loads of swinging legs against what their motion needs, joint by joint.
+"""Channel *load to motion*: the loads of swinging legs against what their motion needs, joint by joint.
 
 Time convention: motion, positions and loads of one state belong together up to two small offsets, which
 :mod:`diagnosis.channels.body.load_alignment` chooses for all joints at once and takes off.
@@ -12,6 +12,7 @@ import numpy as np
 
 from diagnosis.channels.body.dynamics import DynamicsSignals
 from diagnosis.channels.body.load_alignment import Alignment
+from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import ChannelOff, ChannelView, Flags
 from diagnosis.channels.drive.chatter import rattling
 from diagnosis.channels.stack import white_noise
@@ -29,11 +30,11 @@ SHARE: Final = 0.03
 
 
 def swing_view(signals: DynamicsSignals, alignment: Alignment) -> ChannelView | ChannelOff:
-    """Build channel D."""
+    """Build the channel *load to motion*."""
     swinging = swinging_legs(signals)
     rattles = rattling(signals.stack)[signals.rows]
     if swinging.shape[1] == 0:
-        return ChannelOff("D", "no contact flags")
+        return ChannelOff(Channel.LOAD_TO_MOTION, "no contact flags")
     # A foot that skips over the ground is carried by no flag, and shakes its whole leg.
     calm = ~rattles.reshape(len(rattles), facts.N_LEGS, 3).any(axis=2)
     usable = np.repeat(swinging & calm, 3, axis=1)
@@ -46,7 +47,7 @@ def swing_view(signals: DynamicsSignals, alignment: Alignment) -> ChannelView | 
         [float(np.sqrt(np.mean(load[rows, i] ** 2))) if rows.any() else 0.0 for i, rows in enumerate(usable.T)]
     )
     return ChannelView(
-        name="D",
+        name=Channel.LOAD_TO_MOTION,
         rows=facts.JOINT_NAMES,
         unit="N·m",
         response=response,

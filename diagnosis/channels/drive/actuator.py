@@ -1,4 +1,4 @@
-"""Channel A: what the servo law asks against the load that is measured, joint by joint.
+"""Channel *set-point to load*: what the servo law asks against the load that is measured, joint by joint.
 
 Time convention: the load at a state's stamp was asked for a short time earlier, the load's lag. The lag is found from
 the steps that new set-points make, of which the log knows the instant, and the servo law is evaluated at the stamp
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 from scipy.signal import lfilter
 
+from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelOff, ChannelView, Flags, Ints
 from diagnosis.channels.drive.chatter import rattling
 from diagnosis.channels.drive.load_lag import load_lag_s
@@ -91,7 +92,7 @@ class ActuatorSignals:
 def actuator_view(
     stack: Stack, effects: Sequence[Effect], limits_rad: tuple[Array, Array] | None = None
 ) -> ChannelView | ChannelOff:
-    """Build channel A.
+    """Build the channel *set-point to load*.
 
     Args:
         stack: The recordings.
@@ -100,9 +101,9 @@ def actuator_view(
     """
     for signal, name in (("load_nm", "torque"), ("position_rad", "position"), ("velocity_rad_s", "velocity")):
         if not all(r.has(signal) for r in stack.recordings):
-            return ChannelOff("A", f"no measured joint {name}")
+            return ChannelOff(Channel.SET_POINT_TO_LOAD, f"no measured joint {name}")
     if any(len(r.commands) == 0 for r in stack.recordings):
-        return ChannelOff("A", "no commands")
+        return ChannelOff(Channel.SET_POINT_TO_LOAD, "no commands")
     lag_s, note = load_lag_s(stack)
     signals = _signals(stack, effects, lag_s)
     predicted = nominal_load_nm(effects, signals.torque_nm, signals.still_velocity_rad_s)
@@ -118,7 +119,7 @@ def actuator_view(
     n_joints = raw.shape[1]
     legs = leg_of_joint(stack.recordings[0].joint_names, stack.recordings[0].foot_names)
     return ChannelView(
-        name="A",
+        name=Channel.SET_POINT_TO_LOAD,
         rows=stack.recordings[0].joint_names,
         unit="N·m",
         response=response,

@@ -1,4 +1,4 @@
-"""Channel Q: reported joint velocities against the derivative of reported positions, joint by joint.
+"""Channel *joint rates*: reported joint velocities against the derivative of reported positions, joint by joint.
 
 Time convention: position and velocity of one state belong to one instant, but for a given offset of the velocity, half
 of the load's lag: over the step that ends at a state, a discrete servo and its motion have one mean velocity.
@@ -11,6 +11,7 @@ from typing import Final
 
 import numpy as np
 
+from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelOff, ChannelView
 from diagnosis.channels.drive.actuator import leg_of_joint
 from diagnosis.channels.stack import Stack
@@ -21,7 +22,7 @@ FLOOR_RAD_S: Final = 0.02
 
 @dataclass(frozen=True)
 class RateSignals:
-    """Signals of channel Q."""
+    """Signals of channel *joint rates*."""
 
     stack: Stack
     velocity_rad_s: Array
@@ -33,7 +34,7 @@ class RateSignals:
 
 
 def rate_view(stack: Stack, velocity_age_s: float = 0.0) -> ChannelView | ChannelOff:
-    """Build channel Q.
+    """Build the channel *joint rates*.
 
     Args:
         stack: The recordings.
@@ -41,14 +42,14 @@ def rate_view(stack: Stack, velocity_age_s: float = 0.0) -> ChannelView | Channe
     """
     for signal, name in (("position_rad", "positions"), ("velocity_rad_s", "velocities")):
         if not all(r.has(signal) for r in stack.recordings):
-            return ChannelOff("Q", f"no measured joint {name}")
+            return ChannelOff(Channel.JOINT_RATES, f"no measured joint {name}")
     velocity = stack.filled(lambda r: r.velocity_rad_s)
     position = stack.filled(lambda r: r.position_rad)
     response = (stack.smooth(velocity) + velocity_age_s * stack.rate(velocity) - stack.rate(position))[::STRIDE]
     n_joints = velocity.shape[1]
     legs = leg_of_joint(stack.recordings[0].joint_names, stack.recordings[0].foot_names)
     return ChannelView(
-        name="Q",
+        name=Channel.JOINT_RATES,
         rows=stack.recordings[0].joint_names,
         unit="rad/s",
         response=response,

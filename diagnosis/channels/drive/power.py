@@ -1,4 +1,4 @@
-"""Channel P: the battery's power against what the joints' loads and speeds account for.
+"""Channel *battery power*: the battery's power against what the joints' loads and speeds account for.
 
 Time convention: voltage and current are means over a short time before the poll; the joints' power is averaged over the
 same. Fitted beside any effect: the power of all but the motors, the mechanical power's efficiency, and copper loss.
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelOff, ChannelView
 from diagnosis.channels.stack import Stack
 
@@ -23,7 +24,7 @@ MIN_POLLS: Final = 15
 
 @dataclass(frozen=True)
 class PowerSignals:
-    """Signals of channel P."""
+    """Signals of channel *battery power*."""
 
     stack: Stack
     rows: NDArray[np.intp]
@@ -37,11 +38,11 @@ class PowerSignals:
 
 
 def power_view(stack: Stack) -> ChannelView | ChannelOff:
-    """Build channel P."""
+    """Build the channel *battery power*."""
     if any(len(r.slow_states) == 0 for r in stack.recordings):
-        return ChannelOff("P", "no battery record")
+        return ChannelOff(Channel.BATTERY_POWER, "no battery record")
     if not all(r.has("load_nm") and r.has("velocity_rad_s") for r in stack.recordings):
-        return ChannelOff("P", "no joint torques or velocities")
+        return ChannelOff(Channel.BATTERY_POWER, "no joint torques or velocities")
     first = stack.starts()
     rows, volts, amps, runs = [], [], [], []
     for number, recording in enumerate(stack.recordings):
@@ -54,7 +55,7 @@ def power_view(stack: Stack) -> ChannelView | ChannelOff:
         runs.append(np.full(int(good.sum()), number, dtype=np.intp))
     at, volt, ampere = np.concatenate(rows), np.concatenate(volts), np.concatenate(amps)
     if len(at) < MIN_POLLS or np.ptp(ampere) == 0.0:
-        return ChannelOff("P", f"{len(at)} polls of the battery; {MIN_POLLS} that differ are needed")
+        return ChannelOff(Channel.BATTERY_POWER, f"{len(at)} polls of the battery; {MIN_POLLS} that differ are needed")
     velocity, load = stack.filled(lambda r: r.velocity_rad_s), stack.filled(lambda r: r.load_nm)
     signals = PowerSignals(stack, at, velocity, load)
     mechanical = signals.finish(np.maximum(load * velocity, 0.0).sum(axis=1))
@@ -65,7 +66,7 @@ def power_view(stack: Stack) -> ChannelView | ChannelOff:
     (open_v, slope), *_ = np.linalg.lstsq(np.stack([np.ones_like(ampere), ampere], axis=1), volt, rcond=None)
     none = np.full(1, -1, dtype=np.intp)
     return ChannelView(
-        name="P",
+        name=Channel.BATTERY_POWER,
         rows=("power",),
         unit="W",
         response=power[:, None],

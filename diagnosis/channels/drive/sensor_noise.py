@@ -1,9 +1,9 @@
-"""Channel N: noise of the joint sensors, over short blocks, beyond what is usual for a Spot.
+"""Channel *sensor noise*: noise of the joint sensors, over short blocks, beyond what is usual for a Spot.
 
 Sixth differences leave nothing of a leg's motion; the lower quartile of their squares is blind to impacts and to the
 steps of new set-points: that is the white noise. Knocks of a load, such as a gear's play makes, are what the upper
-quartile has more, while little is asked for. The load's noise is that of the load less the servo law, where channel A
-has it; without it there are no knocks, since nobody knows what was asked for.
+quartile has more, while little is asked for. The load's noise is that of the load less the servo law, where channel
+*set-point to load* has it; without it there are no knocks, since nobody knows what was asked for.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from typing import Final
 
 import numpy as np
 
+from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelOff, ChannelView, Flags
 from diagnosis.channels.drive.actuator import ActuatorSignals, leg_of_joint
 from diagnosis.channels.stack import Stack
@@ -41,18 +42,18 @@ MIN_SAMPLES: Final = 24
 
 @dataclass(frozen=True)
 class NoiseSignals:
-    """Signals of channel N."""
+    """Signals of channel *sensor noise*."""
 
     sigma: Array
     """Standard deviation by block: position, velocity, load and knocks in turn, joints within. Shape (n, 4 J)."""
 
 
 def noise_view(stack: Stack, actuator: ActuatorSignals | None = None) -> ChannelView | ChannelOff:
-    """Build channel N; response and columns are variances in units of the usual ones.
+    """Build the channel *sensor noise*; response and columns are variances in units of the usual ones.
 
     Args:
         stack: The recordings.
-        actuator: Channel A's signals, where it is on.
+        actuator: Channel *set-point to load*'s signals, where it is on.
     """
     parts: tuple[Callable[[Recording], Array], ...] = (
         lambda r: r.position_rad,
@@ -60,7 +61,7 @@ def noise_view(stack: Stack, actuator: ActuatorSignals | None = None) -> Channel
         lambda r: r.load_nm,
     )
     if not all(r.has("position_rad") for r in stack.recordings):
-        return ChannelOff("N", "no measured joint positions")
+        return ChannelOff(Channel.SENSOR_NOISE, "no measured joint positions")
     n_joints = stack.recordings[0].n_joints
     groups = (*SIGNALS, KNOCKS)
     rows = tuple(f"{joint}_{signal}" for signal in groups for joint in stack.recordings[0].joint_names)
@@ -88,7 +89,7 @@ def noise_view(stack: Stack, actuator: ActuatorSignals | None = None) -> Channel
         runs.append(stack.run[middle])
         states.append(stack.state[middle])
     if not blocks:
-        return ChannelOff("N", "no stretch long enough")
+        return ChannelOff(Channel.SENSOR_NOISE, "no stretch long enough")
     variance = np.stack(blocks)
     usual = np.repeat([*USUAL**2, USUAL[2] ** 2], n_joints)
     names = ("position_rad", "velocity_rad_s", "load_nm", "load_nm")
@@ -98,7 +99,7 @@ def noise_view(stack: Stack, actuator: ActuatorSignals | None = None) -> Channel
     beyond = np.repeat([1.0, 1.0, 1.0, 0.0], n_joints)
     response = np.maximum(np.nan_to_num(variance) / usual - beyond, 0.0)
     return ChannelView(
-        name="N",
+        name=Channel.SENSOR_NOISE,
         rows=rows,
         unit="usual variances",
         response=response,

@@ -7,6 +7,7 @@ from typing import ClassVar, Final
 
 import numpy as np
 
+from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelView, Flags, Ints, Shape, Views
 from diagnosis.channels.drive.actuator import ActuatorSignals
 from diagnosis.library.base import ALL_OF_IT, Coefficient, LibraryEffect, on_joints
@@ -27,12 +28,12 @@ SUBSTEPS: Final = 2
 
 
 class BacklashEntry(LibraryEffect):
-    """Torque missing while the motor crosses a gap after each reversal; knocks and a load that rattles in channel N."""
+    """Torque missing while the motor crosses a gap after each reversal; knocks, and a load that rattles."""
 
     name: ClassVar[str] = "backlash"
     title: ClassVar[str] = "play in the gear"
     effect: ClassVar[type[Effect]] = Backlash
-    channels: ClassVar[tuple[str, ...]] = ("A", "N")
+    channels: ClassVar[tuple[Channel, ...]] = (Channel.SET_POINT_TO_LOAD, Channel.SENSOR_NOISE)
     coefficients: ClassVar[tuple[Coefficient, ...]] = (
         ALL_OF_IT,
         Coefficient("knocks", "usual variances", 0.0, 40.0),
@@ -61,7 +62,7 @@ class BacklashEntry(LibraryEffect):
         """The torque that does not come through, by the simulator's own formula; knocks and noise of the load."""
         n_joints = len(joints)
         out = np.zeros((view.n, len(view.rows), 3))
-        if view.name == "N":
+        if view.name == Channel.SENSOR_NOISE:
             out[:, 3 * n_joints :, 1] = joints
             out[:, 2 * n_joints : 3 * n_joints, 2] = joints
             return out
@@ -76,9 +77,9 @@ class BacklashEntry(LibraryEffect):
         """The joints' own, in both channels."""
         return np.asarray(joints[view.row_joint])
 
-    def show(self, views: Views) -> tuple[str, ...]:
-        """Without channel A nobody knows what a load should be."""
-        return super().show(views) if "A" in views else ()
+    def show(self, views: Views) -> tuple[Channel, ...]:
+        """Without channel *set-point to load* nobody knows what a load should be."""
+        return super().show(views) if Channel.SET_POINT_TO_LOAD in views else ()
 
     def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
         """Gap: from the missing torque, or from the knocks where they speak of a wider one."""

@@ -8,6 +8,7 @@ from typing import ClassVar, Final
 
 import numpy as np
 
+from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelView, Flags, Shape, Views
 from diagnosis.channels.timing import FAST_QUANTILE, TimingSignals
 from diagnosis.library.base import ALL_OF_IT, Coefficient, LibraryEffect, Location
@@ -19,12 +20,12 @@ from spot_model.effects.command.command_jitter import CommandJitter
 from spot_model.io.model_file import RobotModel
 
 DELAY, SPREAD, LOST = 0, 1, 2
-"""Rows of channel T."""
+"""Rows of channel *time stamps*."""
 N_WAITS: Final = 8_000
 
 
 class _LinkEntry(LibraryEffect):
-    channels: ClassVar[tuple[str, ...]] = ("T",)
+    channels: ClassVar[tuple[Channel, ...]] = (Channel.TIME_STAMPS,)
     location: ClassVar[Location] = Location.ROBOT
     split_by: ClassVar[Experiment] = WIRED_LINK
 

@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelView, Flags, Shape, Views
 from diagnosis.channels.drive.actuator import STRIDE, ActuatorSignals
 from diagnosis.library.base import ALL_OF_IT, Coefficient, LibraryEffect, on_joints
@@ -26,7 +27,7 @@ class TorqueGainEntry(LibraryEffect):
     name: ClassVar[str] = "torque_gain"
     title: ClassVar[str] = "torque gain"
     effect: ClassVar[type[Effect]] = TorqueGain
-    channels: ClassVar[tuple[str, ...]] = ("A",)
+    channels: ClassVar[tuple[Channel, ...]] = (Channel.SET_POINT_TO_LOAD,)
     coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("gain", "1", -0.9, 2.0),)
     confused_with: ClassVar[tuple[str, ...]] = (
         "load_sensor_gain",
@@ -53,7 +54,7 @@ class ArmatureEntry(LibraryEffect):
     name: ClassVar[str] = "armature"
     title: ClassVar[str] = "reflected rotor inertia"
     effect: ClassVar[type[Effect]] = Armature
-    channels: ClassVar[tuple[str, ...]] = ("A",)
+    channels: ClassVar[tuple[Channel, ...]] = (Channel.SET_POINT_TO_LOAD,)
     coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("inertia_kg_m2", "kg·m²", 0.0, 0.5),)
     confused_with: ClassVar[tuple[str, ...]] = ("torque_bandwidth", "power_limit")
     split_by: ClassVar[Experiment] = SLOW_WALK
@@ -74,7 +75,7 @@ class BandwidthEntry(LibraryEffect):
     name: ClassVar[str] = "torque_bandwidth"
     title: ClassVar[str] = "slow torque loop"
     effect: ClassVar[type[Effect]] = TorqueBandwidth
-    channels: ClassVar[tuple[str, ...]] = ("A",)
+    channels: ClassVar[tuple[Channel, ...]] = (Channel.SET_POINT_TO_LOAD,)
     coefficients: ClassVar[tuple[Coefficient, ...]] = (ALL_OF_IT,)
     confused_with: ClassVar[tuple[str, ...]] = ("command_delay", "armature", "viscous_friction")
     split_by: ClassVar[Experiment] = OTHER_KP
@@ -103,7 +104,7 @@ class ThermalEntry(LibraryEffect):
     name: ClassVar[str] = "thermal_derating"
     title: ClassVar[str] = "loss of torque with heat"
     effect: ClassVar[type[Effect]] = ThermalDerating
-    channels: ClassVar[tuple[str, ...]] = ("A",)
+    channels: ClassVar[tuple[Channel, ...]] = (Channel.SET_POINT_TO_LOAD,)
     coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("loss_per_k", "1/K", 0.0, 0.1),)
     confused_with: ClassVar[tuple[str, ...]] = ("torque_gain", "bus_sag")
     split_by: ClassVar[Experiment] = LONG_WALK
@@ -126,7 +127,7 @@ class RippleEntry(LibraryEffect):
     name: ClassVar[str] = "torque_ripple"
     title: ClassVar[str] = "torque ripple"
     effect: ClassVar[type[Effect]] = TorqueRipple
-    channels: ClassVar[tuple[str, ...]] = ("A",)
+    channels: ClassVar[tuple[Channel, ...]] = (Channel.SET_POINT_TO_LOAD,)
     coefficients: ClassVar[tuple[Coefficient, ...]] = (
         Coefficient("sine_nm", "N·m", -10.0, 10.0),
         Coefficient("cosine_nm", "N·m", -10.0, 10.0),
@@ -138,7 +139,7 @@ class RippleEntry(LibraryEffect):
 
     def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:
         """The strongest slow lines, of which a leg's swing holds a wave or two, and those of the order spectrum."""
-        view = views["A"]
+        view = views[Channel.SET_POINT_TO_LOAD]
         s: ActuatorSignals = view.signals
         at, usable = s.position_rad[::STRIDE], view.usable & joints
         trends = (s.finish(s.torque_nm), s.finish(s.velocity_rad_s), s.finish_rate(s.velocity_rad_s))

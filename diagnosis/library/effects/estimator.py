@@ -11,6 +11,7 @@ from diagnosis.channels.body.contact_events import ContactSignals
 from diagnosis.channels.body.dynamics import DynamicsSignals
 from diagnosis.channels.body.inertial import InertialSignals
 from diagnosis.channels.body.stance import StanceSignals
+from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelView, Flags, Shape, Views
 from diagnosis.channels.low_pass import low_pass
 from diagnosis.library.base import Coefficient, LibraryEffect, Location, legs_of
@@ -32,7 +33,7 @@ class VelocityEstimateEntry(LibraryEffect):
     name: ClassVar[str] = "velocity_estimate"
     title: ClassVar[str] = "estimated body velocity"
     effect: ClassVar[type[Effect]] = VelocityEstimate
-    channels: ClassVar[tuple[str, ...]] = ("K", "I")
+    channels: ClassVar[tuple[Channel, ...]] = (Channel.STANCE_KINEMATICS, Channel.INERTIAL_UNIT)
     location: ClassVar[Location] = Location.ROBOT
     coefficients: ClassVar[tuple[Coefficient, ...]] = (
         Coefficient("scale", "1", -0.7, 1.0),
@@ -62,7 +63,7 @@ class VelocityEstimateEntry(LibraryEffect):
 
         The true velocity's rate is the inertial unit's acceleration where there is one, which is far less noisy.
         """
-        if view.name == "I":
+        if view.name == Channel.INERTIAL_UNIT:
             s: InertialSignals = view.signals
             scale = -s.finish_rate(s.linear_vel_in_odom_m_s)
             # The estimator's filter works on the components in the body frame.
@@ -94,7 +95,7 @@ class ImuTiltEntry(LibraryEffect):
     name: ClassVar[str] = "imu_tilt"
     title: ClassVar[str] = "tilted inertial unit"
     effect: ClassVar[type[Effect]] = ImuTilt
-    channels: ClassVar[tuple[str, ...]] = ("B", "K", "I")
+    channels: ClassVar[tuple[Channel, ...]] = (Channel.BASE_WRENCH, Channel.STANCE_KINEMATICS, Channel.INERTIAL_UNIT)
     location: ClassVar[Location] = Location.ROBOT
     coefficients: ClassVar[tuple[Coefficient, ...]] = (
         Coefficient("roll_rad", "rad", -0.3, 0.3),
@@ -120,7 +121,7 @@ class ImuTiltEntry(LibraryEffect):
         back = np.array([np.cos(half), 0.0, 0.0, 0.0])
         back[1 + axis] = -np.sin(half)
         packets_are_tilted = bool(shape["packets_are_tilted"])
-        if view.name == "I":
+        if view.name == Channel.INERTIAL_UNIT:
             i: InertialSignals = view.signals
             if packets_are_tilted:
                 return np.zeros((view.n, len(view.rows)))
@@ -128,7 +129,7 @@ class ImuTiltEntry(LibraryEffect):
             tilted = rotate_wxyz(i.odom_from_body_wxyz, i.reading_m_s2)
             return i.finish(tilted - rotate_wxyz(right, i.reading_m_s2)) / TILT_STEP_RAD
         # Vectors in odom are reported right; those in the body frame turn with it.
-        if view.name == "K":
+        if view.name == Channel.STANCE_KINEMATICS:
             k: StanceSignals = view.signals
             into = np.broadcast_to(back * np.array([1.0, -1.0, -1.0, -1.0]), (k.stack.n, 4))
             believed = k.kinematics
@@ -175,7 +176,7 @@ class ContactDelayEntry(LibraryEffect):
     name: ClassVar[str] = "contact_delay"
     title: ClassVar[str] = "late contact flags"
     effect: ClassVar[type[Effect]] = ContactDelay
-    channels: ClassVar[tuple[str, ...]] = ("C",)
+    channels: ClassVar[tuple[Channel, ...]] = (Channel.CONTACT_EVENTS,)
     location: ClassVar[Location] = Location.LEG
     coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("delay_s", "s", 0.0, 0.3),)
     confused_with: ClassVar[tuple[str, ...]] = ("ground_compliance",)

@@ -7,6 +7,7 @@ from typing import ClassVar, Final
 
 import numpy as np
 
+from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelView, Flags, Shape, Views
 from diagnosis.channels.drive.actuator import ActuatorSignals
 from diagnosis.channels.drive.nominal_torque import FRICTION_SPEED_RAD_S, presliding
@@ -30,7 +31,7 @@ class CoulombEntry(LibraryEffect):
     name: ClassVar[str] = "coulomb_friction"
     title: ClassVar[str] = "dry friction"
     effect: ClassVar[type[Effect]] = CoulombFriction
-    channels: ClassVar[tuple[str, ...]] = ("A",)
+    channels: ClassVar[tuple[Channel, ...]] = (Channel.SET_POINT_TO_LOAD,)
     coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("level_nm", "N·m", 0.0, 5.0),)
     confused_with: ClassVar[tuple[str, ...]] = ("stribeck_friction", "load_friction", "viscous_friction")
     split_by: ClassVar[Experiment] = LOADED_WALK
@@ -70,7 +71,7 @@ class ViscousEntry(LibraryEffect):
     name: ClassVar[str] = "viscous_friction"
     title: ClassVar[str] = "viscous friction"
     effect: ClassVar[type[Effect]] = ViscousFriction
-    channels: ClassVar[tuple[str, ...]] = ("A",)
+    channels: ClassVar[tuple[Channel, ...]] = (Channel.SET_POINT_TO_LOAD,)
     coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("damping_nm_s_per_rad", "N·m·s/rad", 0.0, 5.0),)
     confused_with: ClassVar[tuple[str, ...]] = ("coulomb_friction", "torque_bandwidth", "torque_speed_curve")
     split_by: ClassVar[Experiment] = OTHER_KD
@@ -91,7 +92,7 @@ class StribeckEntry(LibraryEffect):
     name: ClassVar[str] = "stribeck_friction"
     title: ClassVar[str] = "friction near standstill (Stribeck)"
     effect: ClassVar[type[Effect]] = StribeckFriction
-    channels: ClassVar[tuple[str, ...]] = ("A",)
+    channels: ClassVar[tuple[Channel, ...]] = (Channel.SET_POINT_TO_LOAD,)
     coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("level_nm", "N·m", 0.0, 10.0),)
     confused_with: ClassVar[tuple[str, ...]] = ("coulomb_friction", "backlash")
     split_by: ClassVar[Experiment] = SLOW_WALK
@@ -124,7 +125,7 @@ class LoadFrictionEntry(LibraryEffect):
     name: ClassVar[str] = "load_friction"
     title: ClassVar[str] = "friction that grows with load"
     effect: ClassVar[type[Effect]] = LoadFriction
-    channels: ClassVar[tuple[str, ...]] = ("A",)
+    channels: ClassVar[tuple[Channel, ...]] = (Channel.SET_POINT_TO_LOAD,)
     coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("share", "1", 0.0, 0.9),)
     confused_with: ClassVar[tuple[str, ...]] = ("coulomb_friction", "torque_gain", "backlash")
     split_by: ClassVar[Experiment] = LOADED_WALK

@@ -9,6 +9,7 @@ import numpy as np
 
 from diagnosis.channels.body.contact_events import STOP_PER_TIME_CONSTANT, ContactSignals, vertical_force_n
 from diagnosis.channels.body.stance import StanceSignals
+from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelView, Flags, Shape
 from diagnosis.library.base import Coefficient, LibraryEffect, Location, legs_of
 from diagnosis.library.experiments import OTHER_GROUND, STAND, Experiment
@@ -28,7 +29,7 @@ class FootRadiusEntry(LibraryEffect):
     name: ClassVar[str] = "foot_radius"
     title: ClassVar[str] = "size of the feet"
     effect: ClassVar[type[Effect]] = FootRadius
-    channels: ClassVar[tuple[str, ...]] = ("K",)
+    channels: ClassVar[tuple[Channel, ...]] = (Channel.STANCE_KINEMATICS,)
     location: ClassVar[Location] = Location.LEG
     coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("change_m", "m", -0.012, 0.012),)
     confused_with: ClassVar[tuple[str, ...]] = ("encoder_offset", "velocity_estimate", "ground_compliance")
@@ -54,7 +55,7 @@ class GroundFrictionEntry(LibraryEffect):
     name: ClassVar[str] = "ground_friction"
     title: ClassVar[str] = "grip of the ground"
     effect: ClassVar[type[Effect]] = GroundFriction
-    channels: ClassVar[tuple[str, ...]] = ("C",)
+    channels: ClassVar[tuple[Channel, ...]] = (Channel.CONTACT_EVENTS,)
     location: ClassVar[Location] = Location.LEG
     coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("scale", "1", -0.95, 2.0),)
     confused_with: ClassVar[tuple[str, ...]] = ("velocity_estimate", "encoder_offset")
@@ -82,7 +83,7 @@ class GroundComplianceEntry(LibraryEffect):
     name: ClassVar[str] = "ground_compliance"
     title: ClassVar[str] = "soft ground"
     effect: ClassVar[type[Effect]] = GroundCompliance
-    channels: ClassVar[tuple[str, ...]] = ("C", "K")
+    channels: ClassVar[tuple[Channel, ...]] = (Channel.CONTACT_EVENTS, Channel.STANCE_KINEMATICS)
     location: ClassVar[Location] = Location.LEG
     coefficients: ClassVar[tuple[Coefficient, ...]] = (
         Coefficient("time_constant_s", "s", 0.0, 0.19),
@@ -95,7 +96,7 @@ class GroundComplianceEntry(LibraryEffect):
 
     def rows(self, view: ChannelView, joints: Flags) -> Flags:
         """Rows of the stops, and all of the stance: heights count from the mean of those that stand."""
-        if view.name == "K":
+        if view.name == Channel.STANCE_KINEMATICS:
             return np.ones(len(view.rows), dtype=np.bool_)
         return np.array([name.endswith("_stop") for name in view.rows]) & legs_of(joints, view)[view.row_leg]
 
@@ -106,7 +107,7 @@ class GroundComplianceEntry(LibraryEffect):
         """
         out = np.zeros((view.n, len(view.rows), 3))
         legs = legs_of(joints, view)
-        if view.name == "K":
+        if view.name == Channel.STANCE_KINEMATICS:
             out[:, :, 1], out[:, :, 2] = _sunk(view.signals, legs & FRONT), _sunk(view.signals, legs & ~FRONT)
             return out
         out[:, 2 * facts.N_LEGS :, 0] = STOP_PER_TIME_CONSTANT * legs

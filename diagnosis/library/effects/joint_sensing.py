@@ -13,6 +13,7 @@ import numpy as np
 
 from diagnosis.channels.body.dynamics import DynamicsSignals
 from diagnosis.channels.body.stance import StanceSignals
+from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelView, Flags, Shape, Views
 from diagnosis.channels.drive.actuator import ActuatorSignals
 from diagnosis.channels.drive.joint_rates import RateSignals
@@ -33,7 +34,7 @@ VELOCITY_OF_MOTOR: Final = "velocity_of_motor"
 
 
 class EncoderOffsetEntry(LibraryEffect):
-    """A constant on the reported position; the servo follows it, so channel A sees nothing.
+    """A constant on the reported position; the servo follows it, so channel *set-point to load* sees nothing.
 
     Zeros are set joint by joint: four hips that are off by the same angle are a body that stands askew.
     """
@@ -41,7 +42,7 @@ class EncoderOffsetEntry(LibraryEffect):
     name: ClassVar[str] = "encoder_offset"
     title: ClassVar[str] = "joint encoder's zero"
     effect: ClassVar[type[Effect]] = EncoderOffset
-    channels: ClassVar[tuple[str, ...]] = ("D", "B", "K")
+    channels: ClassVar[tuple[Channel, ...]] = (Channel.LOAD_TO_MOTION, Channel.BASE_WRENCH, Channel.STANCE_KINEMATICS)
     singly: ClassVar[bool] = True
     coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("offset_rad", "rad", -0.3, 0.3),)
     confused_with: ClassVar[tuple[str, ...]] = ("joint_compliance", "foot_radius", "imu_tilt", "leg_mass", "com_offset")
@@ -51,7 +52,7 @@ class EncoderOffsetEntry(LibraryEffect):
         """What positions that are right would change."""
         key = ("encoder_offset", tuple(np.flatnonzero(joints)))
         step = OFFSET_STEP_RAD * joints
-        if view.name == "K":
+        if view.name == Channel.STANCE_KINEMATICS:
             k: StanceSignals = view.signals
             changed = k.corrected(key, position_rad=k.kinematics.position_rad - step)
             return (k.nominal - changed)[:, :, None] / OFFSET_STEP_RAD
@@ -73,7 +74,12 @@ class JointComplianceEntry(LibraryEffect):
     name: ClassVar[str] = "joint_compliance"
     title: ClassVar[str] = "gear that gives way"
     effect: ClassVar[type[Effect]] = JointCompliance
-    channels: ClassVar[tuple[str, ...]] = ("Q", "D", "B", "K")
+    channels: ClassVar[tuple[Channel, ...]] = (
+        Channel.JOINT_RATES,
+        Channel.LOAD_TO_MOTION,
+        Channel.BASE_WRENCH,
+        Channel.STANCE_KINEMATICS,
+    )
     coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("compliance_rad_per_nm", "rad/(N·m)", 0.0, 0.02),)
     confused_with: ClassVar[tuple[str, ...]] = ("encoder_offset", "ground_compliance", "velocity_filter", "backlash")
     split_by: ClassVar[Experiment] = LOADED_WALK
@@ -87,11 +93,11 @@ class JointComplianceEntry(LibraryEffect):
         moves = shape.get(VELOCITY_OF_MOTOR, 0.0)
         key = ("joint_compliance", moves, tuple(np.flatnonzero(joints)))
         step = COMPLIANCE_STEP * joints
-        if view.name == "Q":
+        if view.name == Channel.JOINT_RATES:
             q: RateSignals = view.signals
             load = q.stack.filled(lambda r: r.load_nm)
             return on_joints((1.0 - moves) * q.finish_rate(-load), joints)
-        if view.name == "K":
+        if view.name == Channel.STANCE_KINEMATICS:
             k: StanceSignals = view.signals
             load = k.stack.filled(lambda r: r.load_nm)
             changed = k.corrected(
@@ -119,7 +125,7 @@ class LoadSensorEntry(LibraryEffect):
     name: ClassVar[str] = "load_sensor_gain"
     title: ClassVar[str] = "torque sensor's scale and zero"
     effect: ClassVar[type[Effect]] = LoadSensorGain
-    channels: ClassVar[tuple[str, ...]] = ("A", "D", "B")
+    channels: ClassVar[tuple[Channel, ...]] = (Channel.SET_POINT_TO_LOAD, Channel.LOAD_TO_MOTION, Channel.BASE_WRENCH)
     coefficients: ClassVar[tuple[Coefficient, ...]] = (
         Coefficient("gain", "1", -0.8, 2.0),
         Coefficient("bias_nm", "N·m", -20.0, 20.0),
@@ -129,7 +135,7 @@ class LoadSensorEntry(LibraryEffect):
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
         """The true load and one; in A the torque that is asked for stands for the load."""
-        if view.name == "A":
+        if view.name == Channel.SET_POINT_TO_LOAD:
             a: ActuatorSignals = view.signals
             # What was measured less what explains nothing of it: the load that the model predicts.
             predicted = a.finish(a.load_nm) - view.response
@@ -158,7 +164,13 @@ class VelocityFilterEntry(LibraryEffect):
     name: ClassVar[str] = "velocity_filter"
     title: ClassVar[str] = "lag of the joint velocity"
     effect: ClassVar[type[Effect]] = VelocityFilter
-    channels: ClassVar[tuple[str, ...]] = ("Q", "A", "D", "B", "K")
+    channels: ClassVar[tuple[Channel, ...]] = (
+        Channel.JOINT_RATES,
+        Channel.SET_POINT_TO_LOAD,
+        Channel.LOAD_TO_MOTION,
+        Channel.BASE_WRENCH,
+        Channel.STANCE_KINEMATICS,
+    )
     coefficients: ClassVar[tuple[Coefficient, ...]] = (
         Coefficient("time_constant_s", "s", 0.0, 0.2),
         Coefficient("square_s2", "s²", 0.0, 1e-3),
@@ -180,16 +192,16 @@ class VelocityFilterEntry(LibraryEffect):
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
         """What velocities that are not late would change."""
-        if view.name == "Q":
+        if view.name == Channel.JOINT_RATES:
             q: RateSignals = view.signals
             rate = q.stack.rate(q.velocity_rad_s)
             return _as_coefficients({0: q.finish_rate(-q.velocity_rad_s) * joints, 1: q.finish_rate(-rate) * joints}, 4)
-        if view.name == "A":
+        if view.name == Channel.SET_POINT_TO_LOAD:
             a: ActuatorSignals = view.signals
             ahead = a.stack.rate(a.position_rad) - a.stack.smooth(a.velocity_rad_s)
             return _as_coefficients({2: a.finish(-a.kd_nm_s_per_rad * ahead) * joints}, 4)
         key = ("velocity_filter", tuple(np.flatnonzero(joints)))
-        if view.name == "K":
+        if view.name == Channel.STANCE_KINEMATICS:
             k: StanceSignals = view.signals
             position, velocity = k.kinematics.position_rad, k.kinematics.velocity_rad_s
             changed = k.corrected(key, velocity_rad_s=velocity + joints * (k.stack.rate(position) - velocity))
@@ -224,7 +236,7 @@ class SensorNoiseEntry(LibraryEffect):
     name: ClassVar[str] = "sensor_noise"
     title: ClassVar[str] = "noise of the joint sensors"
     effect: ClassVar[type[Effect]] = SensorNoise
-    channels: ClassVar[tuple[str, ...]] = ("N",)
+    channels: ClassVar[tuple[Channel, ...]] = (Channel.SENSOR_NOISE,)
     coefficients: ClassVar[tuple[Coefficient, ...]] = (
         Coefficient("position", "usual variances", 0.0, 1e5),
         Coefficient("velocity", "usual variances", 0.0, 1e5),

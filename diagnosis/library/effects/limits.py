@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelView, Flags, Shape, Views
 from diagnosis.channels.drive.actuator import ActuatorSignals
 from diagnosis.library.base import ALL_OF_IT, Coefficient, LibraryEffect, on_joints
@@ -20,7 +21,7 @@ from spot_model.robot.knee_table import KNEE_TABLE_POSITION_RAD, KNEE_TABLE_RATI
 
 
 class _LimitEntry(LibraryEffect):
-    channels: ClassVar[tuple[str, ...]] = ("A",)
+    channels: ClassVar[tuple[Channel, ...]] = (Channel.SET_POINT_TO_LOAD,)
     coefficients: ClassVar[tuple[Coefficient, ...]] = (ALL_OF_IT,)
 
     def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
@@ -36,7 +37,7 @@ class _LimitEntry(LibraryEffect):
 
 def largest_nm(views: Views, joints: Flags) -> tuple[Array, float]:
     """Upper quantiles of the motor torque's size over usable samples of the joints, and the largest, N·m."""
-    view = views["A"]
+    view = views[Channel.SET_POINT_TO_LOAD]
     s: ActuatorSignals = view.signals
     good = s.stack.used
     size = np.abs(s.torque_nm[good][:, joints]).ravel()
@@ -87,7 +88,7 @@ class SpeedCurveEntry(_LimitEntry):
 
     def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:
         """Stall torque, no-load speed and corner, over what occurs."""
-        view = views["A"]
+        view = views[Channel.SET_POINT_TO_LOAD]
         s: ActuatorSignals = view.signals
         speeds = np.abs(s.still_velocity_rad_s[s.stack.used][:, joints])
         fastest = float(np.quantile(speeds, 0.999)) if speeds.size else 1.0
@@ -158,7 +159,7 @@ class PositionLimitEntry(_LimitEntry):
 
     def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:
         """Motor torques within what occurs, over the transmission ratio."""
-        s: ActuatorSignals = views["A"].signals
+        s: ActuatorSignals = views[Channel.SET_POINT_TO_LOAD].signals
         ratio = np.abs(np.interp(s.position_rad, KNEE_TABLE_POSITION_RAD, KNEE_TABLE_RATIO))
         motor = (np.abs(s.torque_nm) / ratio)[s.stack.used][:, joints].ravel()
         if motor.size == 0:

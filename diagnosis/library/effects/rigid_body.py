@@ -1,4 +1,4 @@
-"""Masses, centres of mass and inertias: what inverse dynamics of channels D and B see, by their own derivatives."""
+"""Masses, centres of mass and inertias: inverse dynamics by their own derivatives."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from diagnosis.channels.body.dynamics import DynamicsSignals, Residuals
+from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelView, Flags, Shape
 from diagnosis.library.base import Coefficient, LibraryEffect, Location
 from diagnosis.library.experiments import MIRROR, STAND, WALK, Experiment
@@ -25,8 +26,8 @@ def joint_names(joints: Flags) -> tuple[str, ...]:
 
 
 def channel_part(residuals: Residuals, view: ChannelView) -> Array:
-    """The rows of the residuals that channel D or B shows."""
-    return residuals.joint_nm if view.name == "D" else residuals.base
+    """The rows of the residuals that channel *load to motion* or *base wrench* shows."""
+    return residuals.joint_nm if view.name == Channel.LOAD_TO_MOTION else residuals.base
 
 
 def derivative(view: ChannelView, effect: Effect, step: float) -> Array:
@@ -40,7 +41,7 @@ def derivative(view: ChannelView, effect: Effect, step: float) -> Array:
 
 
 class _BodyEntry(LibraryEffect):
-    channels: ClassVar[tuple[str, ...]] = ("B",)
+    channels: ClassVar[tuple[Channel, ...]] = (Channel.BASE_WRENCH,)
     location: ClassVar[Location] = Location.ROBOT
 
     def rows(self, view: ChannelView, joints: Flags) -> Flags:
@@ -54,7 +55,7 @@ class LegMassEntry(LibraryEffect):
     name: ClassVar[str] = "leg_mass"
     title: ClassVar[str] = "mass of leg links"
     effect: ClassVar[type[Effect]] = LegMass
-    channels: ClassVar[tuple[str, ...]] = ("D", "B")
+    channels: ClassVar[tuple[Channel, ...]] = (Channel.LOAD_TO_MOTION, Channel.BASE_WRENCH)
     coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("scale", "1", -0.6, 0.6),)
     confused_with: ClassVar[tuple[str, ...]] = ("payload_mass", "encoder_offset", "load_sensor_gain")
     split_by: ClassVar[Experiment] = Experiment("swing_legs", "Walk fast: swinging legs weigh their links.", WALK)

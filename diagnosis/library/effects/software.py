@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelView, Flags, Shape
 from diagnosis.channels.replay import ReplaySignals
 from diagnosis.library.base import Coefficient, LibraryEffect, on_joints
@@ -24,7 +25,7 @@ class ActionScaleEntry(LibraryEffect):
     name: ClassVar[str] = "action_scale"
     title: ClassVar[str] = "wrong action scale in the program"
     effect: ClassVar[type[Effect]] = ActionScale
-    channels: ClassVar[tuple[str, ...]] = ("L",)
+    channels: ClassVar[tuple[Channel, ...]] = (Channel.POLICY_REPLAY,)
     coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("scale", "1", -0.9, 9.0),)
     confused_with: ClassVar[tuple[str, ...]] = ("default_pose",)
     split_by: ClassVar[Experiment] = STAND
@@ -45,7 +46,7 @@ class DefaultPoseEntry(LibraryEffect):
     name: ClassVar[str] = "default_pose"
     title: ClassVar[str] = "wrong default pose in the program"
     effect: ClassVar[type[Effect]] = DefaultPose
-    channels: ClassVar[tuple[str, ...]] = ("L",)
+    channels: ClassVar[tuple[Channel, ...]] = (Channel.POLICY_REPLAY,)
     coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("offset_rad", "rad", -1.0, 1.0),)
     confused_with: ClassVar[tuple[str, ...]] = ("action_scale",)
     split_by: ClassVar[Experiment] = STAND
@@ -65,7 +66,7 @@ class JointSwapEntry(LibraryEffect):
     name: ClassVar[str] = "joint_swap"
     title: ClassVar[str] = "joints exchanged in the program"
     effect: ClassVar[type[Effect]] = JointSwap
-    channels: ClassVar[tuple[str, ...]] = ("L",)
+    channels: ClassVar[tuple[Channel, ...]] = (Channel.POLICY_REPLAY,)
     coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("share", "1", 0.0, 1.0),)
     confused_with: ClassVar[tuple[str, ...]] = ("default_pose",)
     split_by: ClassVar[Experiment] = STAND

@@ -7,6 +7,7 @@ from typing import ClassVar, Final
 
 import numpy as np
 
+from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelView, Flags, Shape, Views
 from diagnosis.channels.drive.actuator import ActuatorSignals
 from diagnosis.library.base import ALL_OF_IT, Coefficient, LibraryEffect, Location, on_joints
@@ -25,7 +26,7 @@ class PowerLimitEntry(LibraryEffect):
     name: ClassVar[str] = "power_limit"
     title: ClassVar[str] = "limit of the total power"
     effect: ClassVar[type[Effect]] = PowerLimit
-    channels: ClassVar[tuple[str, ...]] = ("A",)
+    channels: ClassVar[tuple[Channel, ...]] = (Channel.SET_POINT_TO_LOAD,)
     location: ClassVar[Location] = Location.ROBOT
     coefficients: ClassVar[tuple[Coefficient, ...]] = (ALL_OF_IT,)
     confused_with: ClassVar[tuple[str, ...]] = (
@@ -39,11 +40,11 @@ class PowerLimitEntry(LibraryEffect):
 
     def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:
         """Bounds within the total power that is asked for, without and with copper loss."""
-        s: ActuatorSignals = views["A"].signals
+        s: ActuatorSignals = views[Channel.SET_POINT_TO_LOAD].signals
         found: list[Shape] = []
         coppers = {0.0, DEFAULT_COPPER_W_PER_NM2}
-        if "P" in views and "copper_w_per_nm2" in views["P"].measured:
-            coppers.add(round(max(0.0, views["P"].measured["copper_w_per_nm2"]), 4))
+        if Channel.BATTERY_POWER in views and "copper_w_per_nm2" in views[Channel.BATTERY_POWER].measured:
+            coppers.add(round(max(0.0, views[Channel.BATTERY_POWER].measured["copper_w_per_nm2"]), 4))
         for copper in sorted(coppers):
             total = _asked_w(s, copper)[s.stack.used]
             quantiles = np.quantile(total, (0.5, 0.7, 0.8, 0.87, 0.92, 0.96, 0.98, 0.99, 0.995))
@@ -96,7 +97,7 @@ class BusSagEntry(LibraryEffect):
     name: ClassVar[str] = "bus_sag"
     title: ClassVar[str] = "sagging bus voltage"
     effect: ClassVar[type[Effect]] = BusSag
-    channels: ClassVar[tuple[str, ...]] = ("A",)
+    channels: ClassVar[tuple[Channel, ...]] = (Channel.SET_POINT_TO_LOAD,)
     location: ClassVar[Location] = Location.ROBOT
     coefficients: ClassVar[tuple[Coefficient, ...]] = (ALL_OF_IT,)
     confused_with: ClassVar[tuple[str, ...]] = ("power_limit", "torque_speed_curve", "backlash")
@@ -104,7 +105,7 @@ class BusSagEntry(LibraryEffect):
 
     def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:
         """No-load speeds and stall torques around what occurs, and resistances."""
-        s: ActuatorSignals = views["A"].signals
+        s: ActuatorSignals = views[Channel.SET_POINT_TO_LOAD].signals
         open_v, measured_ohm = supply(views)
         fastest = float(np.quantile(np.abs(s.velocity_rad_s[s.stack.used]), 0.9995))
         largest = float(np.quantile(np.abs(s.torque_nm[s.stack.used]), 0.999))
@@ -153,9 +154,9 @@ class BusSagEntry(LibraryEffect):
 
 
 def supply(views: Views) -> tuple[float, float]:
-    """The battery's open voltage (V) and resistance (Ω) where channel P found them, else the simulator's and 0.1 Ω."""
-    if "P" in views and "open_voltage_v" in views["P"].measured:
-        measured = views["P"].measured
+    """The battery's open voltage (V) and resistance (Ω) where the battery told them, else the simulator's and 0.1 Ω."""
+    if Channel.BATTERY_POWER in views and "open_voltage_v" in views[Channel.BATTERY_POWER].measured:
+        measured = views[Channel.BATTERY_POWER].measured
         return measured["open_voltage_v"], max(measured["resistance_ohm"], 0.0)
     return BusSag().open_voltage_v, 0.1
 
