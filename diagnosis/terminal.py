@@ -23,9 +23,10 @@ WORDS = {
 def twelve_lines(verdict: Verdict, paths: Mapping[str, Path]) -> list[str]:
     """Twelve lines for a terminal."""
     v = verdict
+    used = sum(s == "used" for s in v.channels.values())
     lines = [
         f"verdict    {WORDS[v.status]}",
-        f"logs       {len(v.logs)}; {sum(s == 'used' for s in v.channels.values())} of {len(v.channels)} channels can be used",
+        f"logs       {len(v.logs)}; {used} of {len(v.channels)} channels can be used",
         f"where      {_where(v)}",
     ]
     effects = [f"effect     {_effect(e)}" for e in v.effects[:3]] or [f"effect     none found{_seen(v)}"]
