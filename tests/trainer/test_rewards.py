@@ -199,6 +199,13 @@ def test_short_swing_is_what_lacks_at_touch_down() -> None:
     assert value("short_swing", **times, is_moving=MOVING) == pytest.approx(0.2)
 
 
+def test_long_phase_counts_the_feet_that_are_late() -> None:
+    # Wanted at most 0.3 s: fl has been up for 0.32 s and hr down for 0.5 s; fr is up for 0.3 s, hl down for 0.1 s.
+    times = {"air_time_s": row(0.32, 0.3, 0.0, 0.0), "contact_time_s": row(0.0, 0.0, 0.1, 0.5)}
+    assert value("long_phase", **times, is_moving=MOVING) == 2.0
+    assert value("long_phase", **times, is_moving=~MOVING) == 0.0
+
+
 def test_power_counts_work_that_is_done_alone() -> None:
     torque, rate = torch.zeros(1, 12), torch.zeros(1, 12)
     torque[0, :2], rate[0, :2] = torch.tensor([10.0, 10.0]), torch.tensor([2.0, -5.0])

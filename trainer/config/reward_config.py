@@ -44,6 +44,8 @@ class RewardWeights(Config):
     """Not of the paper: the gait term compares times, so that short strides make a hop look like a trot."""
     short_swing: float = 0.0
     """Not of the paper."""
+    long_phase: float = 0.0
+    """Not of the paper: a price on phases that air_time merely ceases to pay, which keeps strides from growing long."""
     foot_clearance: float = 0.5
     action_smoothness: float = -1.0
     air_time_variance: float = -1.0

@@ -1,8 +1,8 @@
 """The reward terms: pure functions of one moment, each of shape (n,), before its weight.
 
 Source: the paper names the terms; the formulas follow Isaac Lab's released Spot task (BSD-3-Clause). Foot impact and
-foot distance, which the paper names without a formula, are this project's, and so are trot, short swing, uneven duty
-and fall.
+foot distance, which the paper names without a formula, are this project's, and so are trot, short swing, long phase,
+uneven duty, power and fall.
 """
 
 from __future__ import annotations
@@ -129,6 +129,12 @@ def short_swing(m: Moment, c: RewardShape) -> Tensor:
     return ((c.swing_time_s - m.last_air_time_s).clamp(min=0.0) * m.touched_down).sum(dim=-1) * m.is_moving
 
 
+def long_phase(m: Moment, c: RewardShape) -> Tensor:
+    """How many feet have been in the air, or on the ground, for longer than a swing should last."""
+    longest = torch.maximum(m.air_time_s, m.contact_time_s)
+    return (longest > c.swing_time_s).sum(dim=-1) * m.is_moving
+
+
 def foot_clearance(m: Moment, c: RewardShape) -> Tensor:
     """Feet that move are at the wanted height."""
     speed = _norm(m.foot_velocity_m_s[..., :2])
@@ -242,6 +248,7 @@ TERMS: Final[dict[str, Term]] = {
         gait,
         trot,
         short_swing,
+        long_phase,
         foot_clearance,
         action_smoothness,
         air_time_variance,
