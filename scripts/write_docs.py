@@ -22,6 +22,7 @@ from reference.effects import effects_page
 from reference.files import files_page
 from reference.log_schema import log_page
 from reference.python_api import python_page
+from reference.runtime_tables import runtime_page
 from reference.scenario import scenario_page
 from reference.training import training_page
 from reference.verdict import verdict_page
@@ -108,6 +109,7 @@ def main() -> None:
     pages = {
         "commands.md": commands_page(),
         "config.md": config_page(),
+        "runtime.md": runtime_page((DOCS / "runtime.md").read_text(encoding="utf-8")),
         "scenario.md": scenario_page(),
         "conformance.md": conformance_page(),
         "reference/effects.md": effects_page(),

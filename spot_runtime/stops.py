@@ -180,14 +180,3 @@ def ending_after(ending: Ending | None, stop: Stop) -> Ending:
     if not is_stronger and not (gives_way and stop.reason.is_fault):
         return ending
     return Ending(stop if gives_way else ending.cause, reaction if is_stronger else ending.reaction)
-
-
-def stops_table() -> str:
-    """All reasons as a Markdown table, for the documentation."""
-    lines = ["| reason | exit code | meaning | reaction | next step |", "|---|---|---|---|---|"]
-    for reason in StopReason:
-        rule = reason.value
-        lines.append(
-            f"| `{reason.label}` | {rule.exit_code} | {rule.text} | {rule.reaction.value} | {rule.next_step or '–'} |"
-        )
-    return "\n".join(lines)

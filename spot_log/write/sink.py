@@ -1,4 +1,4 @@
-"""Sinks of the log: the protocol, one that discards everything, and one that keeps everything in memory."""
+"""Sinks of the log: the protocol, and those that discard, pass on, or keep everything in memory."""
 
 from __future__ import annotations
 
@@ -93,6 +93,50 @@ class NullSink:
 
     def close(self, outcome: str) -> None:
         """Nothing to end."""
+
+
+class ForwardingSink:
+    """A log that passes everything on to another one."""
+
+    def __init__(self, to: LogSink) -> None:
+        self._to = to
+
+    def state(self, wire: bytes, host_stamp_ns: int) -> None:
+        """Pass it on."""
+        self._to.state(wire, host_stamp_ns)
+
+    def decoded_state(self, state: RobotState) -> None:
+        """Pass it on."""
+        self._to.decoded_state(state)
+
+    def command(self, record: CommandRecord) -> None:
+        """Pass it on."""
+        self._to.command(record)
+
+    def tick(self, record: TickRecord) -> None:
+        """Pass it on."""
+        self._to.tick(record)
+
+    def slow_state(self, state: SlowState) -> None:
+        """Pass it on."""
+        self._to.slow_state(state)
+
+    def event(self, record: EventRecord) -> None:
+        """Pass it on."""
+        self._to.event(record)
+
+    @property
+    def dropped(self) -> Mapping[str, int]:
+        """As of the log behind."""
+        return self._to.dropped
+
+    def health(self) -> SinkHealth:
+        """As of the log behind."""
+        return self._to.health()
+
+    def close(self, outcome: str) -> None:
+        """Close the log behind."""
+        self._to.close(outcome)
 
 
 @dataclass

@@ -12,6 +12,7 @@ from typing import Annotated, Optional
 import typer
 
 from spot_log.format.records import EventRecord, Severity
+from spot_log.live.process import LiveProcess
 from spot_log.write.run_writer import make_log_folder
 from spot_model.errors import BadInputError
 from spot_protos import operator_pb2
@@ -21,7 +22,6 @@ from spot_runtime.host.console import Console
 from spot_runtime.host.journal import Journal, goes_to_journal
 from spot_runtime.host.service_manager import ServiceManager
 from spot_runtime.host.termination import exit_on_termination
-from spot_runtime.live.process import LiveProcess
 from spot_runtime.operator.server.server import OperatorServer
 from spot_runtime.operator.server.supervisor import Supervisor
 from spot_runtime.session.run_command import check_encodable, recover_at_start, resolve_config

@@ -8,12 +8,12 @@ from typing import Annotated, Optional
 
 import typer
 
+from spot_model.policy.card import card_lines, card_of, load_card, write_card
 from spot_model.policy.contract import PolicyError
+from spot_model.policy.gait_sentence import gait_sentence
 from spot_model.policy.policy import Policy, load_policy
+from spot_model.policy.signature import check_signature, private_key, signature_path, signed_line
 from spot_model.text import plain
-from spot_runtime.policy.admission import gait_sentence
-from spot_runtime.policy.card import card_lines, card_of, load_card, write_card
-from spot_runtime.policy.signature import check_signature, private_key, signature_path, signed_line
 
 
 def show(policy: Annotated[Path, typer.Argument(help="ONNX file with its contract.")]) -> None:

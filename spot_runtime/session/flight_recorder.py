@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import struct
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
@@ -19,7 +19,7 @@ from spot_log.format.events import EventName
 from spot_log.format.records import CommandRecord, EventRecord, RunHeader, TickRecord
 from spot_log.write import hand_off
 from spot_log.write.run_writer import RunWriter
-from spot_log.write.sink import LogSink, SinkHealth
+from spot_log.write.sink import ForwardingSink, LogSink
 from spot_model.errors import SpotRlError
 from spot_model.robot.state import RobotState, SlowState
 from spot_runtime.stops import StopReason
@@ -40,12 +40,11 @@ def flight_record_path(log_path: Path) -> Path:
     return log_path.parent / FOLDER / log_path.name
 
 
-class FlightRecorder:
-    """A log sink that passes everything on and remembers the newest of it; keeps :class:`LogSink`'s promises."""
+class FlightRecorder(ForwardingSink):
+    """A log that passes everything on and remembers the newest of it."""
 
     def __init__(self, sink: LogSink) -> None:
-        """Pass on to ``sink``."""
-        self._sink = sink
+        super().__init__(sink)
         self._rings: dict[str, deque[_Kept]] = {topic: deque(maxlen=count) for topic, count in KEPT.items()}
         self._before: list[_Kept] = []
         self.cause = ""
@@ -53,32 +52,32 @@ class FlightRecorder:
 
     def state(self, wire: bytes, host_stamp_ns: int) -> None:
         """Pass it on, and keep it."""
-        self._sink.state(wire, host_stamp_ns)
+        super().state(wire, host_stamp_ns)
         self._keep("state", host_stamp_ns, hand_off.pack_state_wire, wire, host_stamp_ns)
 
     def decoded_state(self, state: RobotState) -> None:
         """Pass it on, and keep it."""
-        self._sink.decoded_state(state)
+        super().decoded_state(state)
         self._keep("state", state.host_stamp_ns, hand_off.pack_state, state)
 
     def command(self, record: CommandRecord) -> None:
         """Pass it on, and keep it."""
-        self._sink.command(record)
+        super().command(record)
         self._keep("command", record.host_stamp_ns, hand_off.pack_command, record)
 
     def tick(self, record: TickRecord) -> None:
         """Pass it on, and keep it."""
-        self._sink.tick(record)
+        super().tick(record)
         self._keep("tick", record.host_stamp_ns, hand_off.pack_tick, record)
 
     def slow_state(self, state: SlowState) -> None:
         """Pass it on, and keep it."""
-        self._sink.slow_state(state)
+        super().slow_state(state)
         self._keep("slow_state", state.host_stamp_ns, hand_off.pack_slow_state, state)
 
     def event(self, record: EventRecord) -> None:
         """Pass it on, and keep it; a stop ends the time before."""
-        self._sink.event(record)
+        super().event(record)
         reason = record.text.partition(":")[0]
         if record.name == EventName.STOP.label and not self.cause and reason not in NOT_INCIDENTS:
             self.cause = reason
@@ -86,19 +85,6 @@ class FlightRecorder:
             # From now on the first records count, not the newest.
             self._rings = {topic: deque() for topic in KEPT}
         self._keep("event", record.host_stamp_ns, hand_off.pack_event, record)
-
-    @property
-    def dropped(self) -> Mapping[str, int]:
-        """As of the sink behind."""
-        return self._sink.dropped
-
-    def health(self) -> SinkHealth:
-        """As of the sink behind."""
-        return self._sink.health()
-
-    def close(self, outcome: str) -> None:
-        """Close the sink behind."""
-        self._sink.close(outcome)
 
     def write(self, log_path: Path, header: RunHeader, outcome: str) -> Path | None:
         """Write the incident to disk and return where; None where there was none. Call it once the joints are at rest.

@@ -58,7 +58,7 @@ def contract_seeds() -> list[bytes]:
 def signature(data: bytes) -> None:
     """A signature, the first 64 bytes, and the file of keys, the rest."""
     from spot_model.policy.contract import PolicyError
-    from spot_runtime.policy.signature import is_signed, public_keys
+    from spot_model.policy.signature import is_signed, public_keys
 
     with contextlib.suppress(PolicyError):
         keys = public_keys(data[64:], Path("keys.pem"))
@@ -78,6 +78,6 @@ NATIVE = "what passes the contract goes to ONNX Runtime: a session costs some 0.
 POLICIES = {
     "policy": Target(policy, policy_seeds, max_len=4096, why_slow=NATIVE),
     "onnx_head": Target(onnx_head, onnx_head_seeds),
-    "signature": Target(signature, signature_seeds, ("spot_runtime.policy.signature",), 512, PEM_WORDS),
+    "signature": Target(signature, signature_seeds, ("spot_model.policy.signature",), 512, PEM_WORDS),
     "contract": Target(contract, contract_seeds, max_len=1500),
 }

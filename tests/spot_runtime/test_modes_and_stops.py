@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from spot_runtime.config import HandoverConfig
 from spot_runtime.control.modes import Mode, ModeInputs, next_mode
-from spot_runtime.stops import Ending, Reaction, Stop, StopReason, ending_after, stops_table
+from spot_runtime.stops import Ending, Reaction, Stop, StopReason, ending_after
 
 CONFIG = HandoverConfig()
 HAND_BACK, DAMP, EXPIRE, ESTOP = Reaction
@@ -196,9 +196,3 @@ def test_a_stop_says_what_happened_with_figures_and_what_to_do() -> None:
     assert stop.sentence() == (
         "a joint moves too fast: fr_kn (velocity_rad_s = 41, bound_rad_s = 40); check policy and ground"
     )
-
-
-def test_the_table_has_a_row_for_every_reason() -> None:
-    rows = stops_table().splitlines()
-    assert len(rows) == 2 + len(StopReason)
-    assert all(f"`{reason.label}` | {reason.exit_code} |" in stops_table() for reason in StopReason)

@@ -76,7 +76,7 @@ def test_what_is_no_evaluation_is_refused(policy: Path, tmp_path: Path, capsys: 
 
 
 def test_every_card_that_is_shipped_is_of_its_policy() -> None:
-    from spot_runtime.policy.card import load_card
+    from spot_model.policy.card import load_card
 
     for path in sorted((REPOSITORY / "policies").glob("*.onnx")):
         card = load_card(path)

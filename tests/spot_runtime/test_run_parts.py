@@ -27,7 +27,6 @@ from spot_model.policy.policy import Policy
 from spot_runtime.config import RealTimeConfig, RunConfig, for_lock_step
 from spot_runtime.control.loop_stats import PENDING_MAX, LoopStats
 from spot_runtime.control.recent_values import RecentValues
-from spot_runtime.doctor.documentation_tables import with_tables
 from spot_runtime.host import realtime
 from spot_runtime.host.console import Console
 from spot_runtime.host.instance_lock import AlreadyRunningError, InstanceLock
@@ -335,13 +334,6 @@ def test_a_log_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(LogError, match=r"folder .*file/logs for logs cannot be made: Not a directory; name another"):
         make_log_folder(tmp_path / "file" / "logs")
-
-
-def test_the_tables_of_the_documentation_are_up_to_date() -> None:
-    text = (ROOT / "docs" / "runtime.md").read_text(encoding="utf-8")
-    assert text == with_tables(text), "run: python scripts/write_runtime_tables.py"
-    assert "| `tilt` | 26 |" in text
-    assert "| `lease_held` | 84 |" in text
 
 
 @pytest.mark.parametrize(

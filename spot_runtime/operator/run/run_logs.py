@@ -8,20 +8,18 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from spot_log.format.records import CommandRecord, EventRecord, RunHeader, TickRecord
-from spot_log.write.sink import TOPICS, LogSink, NullSink, SinkHealth
-from spot_model.robot.state import RobotState, SlowState
+from spot_log.format.records import RunHeader
+from spot_log.write.sink import TOPICS, ForwardingSink, LogSink, NullSink
 from spot_runtime.session.flight_recorder import FlightRecorder
 
 SinkFactory = Callable[[Path, RunHeader], LogSink]
 
 
-class SwitchedSink:
-    """A :class:`~spot_log.write.sink.LogSink` that passes everything on to the log of the moment, if there is one."""
+class SwitchedSink(ForwardingSink):
+    """Passes everything on to the log of the moment, if there is one."""
 
     def __init__(self) -> None:
-        """Begin without a log."""
-        self._to: LogSink = NullSink()
+        super().__init__(NullSink())
         self._dropped_before = dict.fromkeys(TOPICS, 0)
 
     @property
@@ -33,50 +31,18 @@ class SwitchedSink:
         """Pass on to this log from now on."""
         self._to = sink
 
-    def end(self, outcome: str) -> None:
-        """Close the log of the moment, if there is one."""
-        before, self._to = self._to, NullSink()
-        before.close(outcome)
-        for topic, count in before.dropped.items():
-            self._dropped_before[topic] += count
-
-    def state(self, wire: bytes, host_stamp_ns: int) -> None:
-        """Pass it on."""
-        self._to.state(wire, host_stamp_ns)
-
-    def decoded_state(self, state: RobotState) -> None:
-        """Pass it on."""
-        self._to.decoded_state(state)
-
-    def command(self, record: CommandRecord) -> None:
-        """Pass it on."""
-        self._to.command(record)
-
-    def tick(self, record: TickRecord) -> None:
-        """Pass it on."""
-        self._to.tick(record)
-
-    def slow_state(self, state: SlowState) -> None:
-        """Pass it on."""
-        self._to.slow_state(state)
-
-    def event(self, record: EventRecord) -> None:
-        """Pass it on."""
-        self._to.event(record)
-
     @property
     def dropped(self) -> Mapping[str, int]:
         """Of all logs so far."""
         now = self._to.dropped
         return {topic: self._dropped_before[topic] + now[topic] for topic in TOPICS}
 
-    def health(self) -> SinkHealth:
-        """Of the log of the moment."""
-        return self._to.health()
-
     def close(self, outcome: str) -> None:
-        """See the protocol."""
-        self.end(outcome)
+        """Close the log of the moment, if there is one; another may be opened."""
+        before, self._to = self._to, NullSink()
+        before.close(outcome)
+        for topic, count in before.dropped.items():
+            self._dropped_before[topic] += count
 
 
 class RunLogs:
@@ -115,7 +81,7 @@ class RunLogs:
 
     def end(self, outcome: str) -> None:
         """Close the log of the moment."""
-        self._sink.end(outcome)
+        self._sink.close(outcome)
 
 
 def _numbered(path: Path) -> list[Path]:

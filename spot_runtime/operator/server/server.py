@@ -15,8 +15,8 @@ from grpc import aio
 from grpc_health.v1 import health, health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection
 
+from spot_model.io.private_folder import make_private_folder
 from spot_runtime.config import RunConfig
-from spot_runtime.host.private_folder import make_private_folder
 from spot_runtime.operator.door.access import Gate
 from spot_runtime.operator.door.door import Door
 from spot_runtime.operator.door.guard import Guard

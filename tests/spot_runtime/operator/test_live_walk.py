@@ -18,9 +18,9 @@ from mcap.reader import make_reader
 from websockets.exceptions import ConnectionClosed
 
 from spot_log.format.topics import ALL_TOPICS
+from spot_log.live.process import LiveProcess
 from spot_model.robot.facts import JOINT_NAMES
 from spot_protos import operator_pb2
-from spot_runtime.live.process import LiveProcess
 from tests.spot_runtime.live.viewer import Viewer
 
 from .conftest import Arming

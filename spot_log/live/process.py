@@ -15,7 +15,7 @@ from typing_extensions import Self
 from spot_log.write.live_tap import SOCKET_VARIABLE
 from spot_model.errors import BadInputError, SpotRlError
 from spot_model.io.child_process import ChildProcess
-from spot_runtime.host.private_folder import make_private_folder
+from spot_model.io.private_folder import make_private_folder
 
 FOLDER_PREFIX: Final = "spot-rl-live-"
 SOCKET_NAME: Final = "live.sock"
@@ -69,7 +69,7 @@ class LiveProcess:
                 Path(f"{path}.new").rename(path)
                 arguments = (str(listener.fileno()), str(self.port))
                 self._process = ChildProcess.start(
-                    "spot_runtime.live.live_child", *arguments, descriptors=(listener.fileno(),), is_heard=True
+                    "spot_log.live.live_child", *arguments, descriptors=(listener.fileno(),), is_heard=True
                 )
             self.port = self._wait_ready(self._process)
         except BaseException:

@@ -1,0 +1,49 @@
+"""The tables within docs/runtime.md: stops of a run, reasons for which none begins, bounds of the safety core."""
+
+from __future__ import annotations
+
+import inspect
+
+from spot_runtime.hal import errors
+from spot_runtime.safety_limits import SafetyLimits
+from spot_runtime.stops import StopReason
+
+from .words import table
+
+MARKER = "written by scripts/write_docs.py"
+
+
+def runtime_page(text: str) -> str:
+    """The page with its tables as they should be now, between the markers of each."""
+    for name, made in (("stops", stops_table()), ("errors", errors_table()), ("limits", limits_table())):
+        begin, end = f"<!-- {name}: {MARKER} -->", f"<!-- end of {name} -->"
+        head, _, rest = text.partition(begin)
+        tail = rest.partition(end)[2]
+        text = f"{head}{begin}\n\n{made}\n{end}{tail}"
+    return text
+
+
+def stops_table() -> str:
+    """Every reason for which a run ends."""
+    rules = [(reason.label, reason.value) for reason in StopReason]
+    return table(
+        ("reason", "exit code", "meaning", "reaction", "next step"),
+        [(f"`{n}`", str(r.exit_code), r.text, r.reaction.value, r.next_step or "–") for n, r in rules],
+    )
+
+
+def errors_table() -> str:
+    """Every reason for which a run does not begin."""
+    kinds = [kind for _, kind in inspect.getmembers(errors, inspect.isclass) if issubclass(kind, errors.HalError)]
+    kinds = sorted((kind for kind in kinds if kind is not errors.HalError), key=lambda kind: kind.exit_code)
+    rows = [(f"`{kind.label}`", str(kind.exit_code), (kind.__doc__ or "").strip()) for kind in kinds]
+    return table(("reason", "exit code", "meaning"), rows)
+
+
+def limits_table() -> str:
+    """Every bound of the safety core with its default."""
+    rows = []
+    for name, field in SafetyLimits.model_fields.items():
+        default = f"{field.default:g}" if isinstance(field.default, (int, float)) else f"{field.default}"
+        rows.append((f"`{name}`", default, field.description or ""))
+    return table(("key", "default", "meaning"), rows)
