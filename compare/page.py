@@ -56,13 +56,13 @@ def sentence(reference: Track, found: Differences) -> str:
     """What differs most, in one sentence."""
     signal, joint, share = found.largest
     speeds = found.forward_speed_m_s
-    told = f"{found.name}: {speeds[1]:.2f} m/s forward, {reference.name} {speeds[0]:.2f} m/s. "
+    told = f"{reference.name} walks at {speeds[0]:.2f} m/s, {found.name} at {speeds[1]:.2f} m/s. "
     if share == 0.0:
         return told + "Every joint does the same."
     distance = found.signals[signal].distance[JOINT_NAMES.index(joint)]
     return told + (
-        f"Largest difference: {TITLES[signal]} of {joint}, {distance:.3g} {SIGNALS[signal]} "
-        f"({100 * share:.0f} % of its spread)."
+        f"They differ most in the {TITLES[signal]} of {joint}: by {distance:.3g} {SIGNALS[signal]}, "
+        f"{100 * share:.0f} % of its spread."
     )
 
 

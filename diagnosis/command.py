@@ -40,7 +40,7 @@ def diagnose(
     ] = EngineName.LOCAL,
     ray_address: Annotated[str | None, typer.Option("--ray-address", help="A running Ray cluster.")] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of simulated sensors, permutations, resamples.")] = 0,
-) -> None:
+) -> object:  # A Diagnosis: naming it would make --help import it.
     """Explain a sim-to-real gap: where it lies, which effect causes it, how far it shrinks."""
     import sys
 
@@ -75,3 +75,4 @@ def diagnose(
     progress.close()
     for line in twelve_lines(result.verdict, paths):
         typer.echo(line)
+    return result

@@ -8,7 +8,10 @@ from pathlib import Path
 from diagnosis.document import FoundEffect, Verdict
 from spot_model.robot.facts import JOINT_NAMES, JOINT_TYPES
 
-GROUPS = {kind: {n for n in JOINT_NAMES if n.endswith(kind)} for kind in JOINT_TYPES}
+GROUPS = {
+    told: {n for n in JOINT_NAMES if n.endswith(kind)}
+    for kind, told in zip(JOINT_TYPES, ("all sideways hips (hx)", "all forward hips (hy)", "all knees"), strict=True)
+}
 """Joints of one type."""
 
 WORDS = {
@@ -49,7 +52,7 @@ def joints_in_short(joints: tuple[str, ...]) -> str:
         return "all joints"
     whole = [g for g, members in GROUPS.items() if members <= set(joints)]
     rest = [j for j in joints if not any(j in GROUPS[g] for g in whole)]
-    return ", ".join([f"all {g}" for g in whole] + rest)
+    return ", ".join(whole + rest)
 
 
 def _effect(e: FoundEffect) -> str:

@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from diagnosis.document import FoundEffect, Shrink, Verdict
-from diagnosis.report.words import parameter
+from diagnosis.report.words import parameter, plain
 from spot_log.page.svg import disc, esc, heat, line, nice_ticks, rect, svg, text
 
 WIDTH: Final = 560
-LABELS: Final = 178
+LABELS: Final = 250
 MAX_EFFECTS: Final = 9
 
 
@@ -46,10 +46,10 @@ def _bars(bars: Sequence[tuple[str, float, str]], top: float, say: object, label
     parts = []
     for i, (name, value, colour) in enumerate(bars):
         y = 8 + row * i
-        parts.append(text(LABELS - 10, y + 16, name.replace("_", " "), size=13.5, anchor="end"))
+        parts.append(text(LABELS - 10, y + 16, plain(name), size=13.5, anchor="end"))
         parts.append(rect(LABELS, y + 3, width, 18, "var(--empty)", radius=4))
         words = say(value) if callable(say) else str(value)
-        parts.append(rect(LABELS, y + 3, width * value / top, 18, colour, f"{name}: {words}", radius=4))
+        parts.append(rect(LABELS, y + 3, width * value / top, 18, colour, f"{plain(name)}: {words}", radius=4))
         parts.append(text(LABELS + width + 8, y + 17, words, size=13.5, weight=600))
     return svg(WIDTH, 16 + row * len(bars), parts, label)
 
@@ -83,7 +83,15 @@ def shrink_line(shrink: Shrink) -> str:
     if shrink.placebo is not None:
         x = at(shrink.placebo.s)
         parts.append(
-            disc(x, y, 6, "var(--card)", f"placebo {shrink.placebo.name}: {shrink.placebo.s:.2f}", "var(--other)", 3)
+            disc(
+                x,
+                y,
+                6,
+                "var(--card)",
+                f"placebo, {plain(shrink.placebo.name)}: {shrink.placebo.s:.2f}",
+                "var(--other)",
+                3,
+            )
         )
         far = abs(x - at(shrink.s)) > 70
         parts.append(text(x, y - 14 if far else y + 60, "placebo", size=12, anchor="middle", css="soft"))

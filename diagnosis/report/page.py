@@ -123,7 +123,7 @@ def _shrink(v: Verdict) -> str:
     placebo = ""
     if s.placebo is not None:
         placebo = (
-            f"<p class='note'>Placebo: {esc(s.placebo.name.replace('_', ' '))}, the best wrong effect with as many "
+            f"<p class='note'>Placebo: {esc(words.plain(s.placebo.name))}, the best wrong effect with as many "
             f"parameters, S = {s.placebo.s:.2f}.</p>"
         )
     key = legend(

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from typing import Final
 
-from diagnosis.document import FoundEffect, Verdict
+from diagnosis.document import FoundEffect, Shrink, Verdict
+from diagnosis.library.registry import LIBRARY
 from diagnosis.terminal import joints_in_short
 
+WIDEST: Final = 1.0
+"""An interval of S wider than this tells nothing: from no change at all to the whole gap."""
 BADGES: Final = {
     "explained": "Explained",
     "partly_explained": "Partly explained",
@@ -17,8 +20,8 @@ BADGES: Final = {
 
 
 def plain(name: str) -> str:
-    """An effect's name as words."""
-    return name.replace("_", " ")
+    """What an effect is called among people; the name as words where it is none of the library's."""
+    return LIBRARY[name].title if name in LIBRARY else name.replace("_", " ")
 
 
 UNITS: Final = (
@@ -49,7 +52,7 @@ UNITS: Final = (
 def parameter(name: str) -> str:
     """A parameter's name as words, without the unit at its end: that stands beside the value."""
     end = next((u for u in UNITS if name.endswith(u) and len(name) > len(u)), "")
-    return plain(name.removesuffix(end))
+    return name.removesuffix(end).replace("_", " ")
 
 
 def headline(v: Verdict) -> str:
@@ -82,12 +85,23 @@ def second_line(v: Verdict) -> str:
     if v.unknown is not None and v.unknown.depends_on:
         parts.append(f"What is left depends most on {' and '.join(v.unknown.depends_on)}.")
     s = v.shrink
-    if s is not None and s.s is not None and s.s_low is not None and s.s_high is not None and v.effects:
+    if s is not None and s.s is not None and v.effects:
         what = "Put into the simulator, it closes"
         if v.status == "unknown_effect":
             what = f"The best that the library has, {_found(v.effects[0])}, closes"
         elif len(v.effects) > 1:
             what = "Put into the simulator, they close"
-        parts.append(f"{what} {100 * s.s:.0f} % of the gap (90 %: {100 * s.s_low:.0f} to {100 * s.s_high:.0f} %).")
+        parts.append(f"{what} {_share(s)}.")
     parts.append(f"Probability of no effect {v.probability_none:.2f}, of an unknown one {v.probability_unknown:.2f}.")
     return " ".join(parts)
+
+
+def _share(shrink: Shrink) -> str:
+    """How much of the gap goes; an interval as wide as the gap itself is told as what it is."""
+    assert shrink.s is not None  # noqa: S101  (the caller asks)
+    told = f"{100 * shrink.s:.0f} % of the gap"
+    if shrink.s_low is None or shrink.s_high is None:
+        return told
+    if shrink.s_high - shrink.s_low > WIDEST:
+        return f"{told}, which so few runs leave uncertain"
+    return f"{told} (90 %: {100 * shrink.s_low:.0f} to {100 * shrink.s_high:.0f} %)"

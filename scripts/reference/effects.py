@@ -43,8 +43,7 @@ def effects_page() -> str:
     """The page."""
     rows = []
     for name, cls in sorted(BUILT_IN.items()):
-        title = LIBRARY[name].title if name in LIBRARY else name.replace("_", " ")
-        rows.append((f"[`{name}`](#{name})", title, cls.hook.value, ", ".join(p.unit for p in cls.parameters())))
+        rows.append((f"[`{name}`](#{name})", _title(name), cls.hook.value, ", ".join(p.unit for p in cls.parameters())))
     parts = [table(("effect", "what it is", "hook", "units"), rows)]
     for hook, (_, about) in HOOKS.items():
         found = sorted((n, c) for n, c in BUILT_IN.items() if c.hook is hook)
@@ -60,7 +59,7 @@ def section(name: str, cls: type[Effect]) -> str:
         ("parameter", "unit", "null", "range", "source"),
         [(f"`{p.name}`", p.unit, f"{p.null:g}", f"{p.low:g} to {p.high:g}", p.source) for p in cls.parameters()],
     )
-    lines = [f"### {name}", told.strip()]
+    lines = [f"### {name}", f"*{_title(name).capitalize()}.* {told.strip()}"]
     if (PICTURES / f"{name}.svg").is_file():
         lines.append(f"![{name}: a knee without and with it](effects/{name}.svg)")
     lines += [parameters.rstrip(), _look(name)]
@@ -74,12 +73,16 @@ def section(name: str, cls: type[Effect]) -> str:
     return "\n\n".join(line for line in lines if line) + "\n"
 
 
+def _title(name: str) -> str:
+    return LIBRARY[name].title if name in LIBRARY else name.replace("_", " ")
+
+
 def _look(name: str) -> str:
     if name not in LIBRARY:
         return "Not in the diagnosis' library."
     entry = LIBRARY[name]
     channels = ", ".join(f"{CHANNEL_TITLES[c]} (`{c}`)" for c in entry.channels)
-    others = ", ".join(f"[{n.replace('_', ' ')}](#{n})" for n in entry.confused_with) or "nothing"
+    others = ", ".join(f"[{_title(n)}](#{n})" for n in entry.confused_with) or "nothing"
     looks = " ".join(plain(entry.__doc__ or "").split())
     told = f"*Looks like*: {looks} Shows in: {channels}.\n\n*Confused with*: {others}."
     return f"{told} *Told apart by*: {entry.split_by.text}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 import uuid
 from collections.abc import Callable
@@ -243,6 +244,8 @@ class _Attempt:
 
 def _progress(loop: ControlLoop) -> str:
     status, stats = loop.status, loop.stats
+    if math.isnan(stats.rate_hz):
+        return status.mode.value  # no tick yet
     v_x, v_y, yaw = status.velocity_command.tolist()
     return (
         f"{status.mode.value:<11} {status.active_s:6.1f} s  command {v_x:+.2f} {v_y:+.2f} m/s {yaw:+.2f} rad/s  "

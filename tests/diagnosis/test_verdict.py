@@ -87,6 +87,6 @@ def test_the_terminal_says_it_in_twelve_lines() -> None:
 
 def test_joints_in_few_words() -> None:
     assert joints_in_short(JOINT_NAMES) == "all joints"
-    assert joints_in_short(("fl_hy", "fr_hy", "hl_hy", "hr_hy", "fl_kn")) == "all hy, fl_kn"
+    assert joints_in_short(("fl_hy", "fr_hy", "hl_hy", "hr_hy", "fl_kn")) == "all forward hips (hy), fl_kn"
     assert joints_in_short(("hip",)) == "hip"
     assert joints_in_short(()) == ""

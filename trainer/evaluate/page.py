@@ -39,7 +39,11 @@ def evaluation_page(result: dict[str, Any]) -> str:
         boxed("Speed against command", "Forward, held for 10 s. A gap: the robot fell.", _speed(result)),
         boxed("Tracking error", "One command at a time, from a straight walk.", _errors(result)),
         "</div>",
-        boxed("Falls and disturbances", "Robots of drawn friction, mass and start.", _trials(result)),
+        boxed(
+            "Falls and disturbances",
+            "Friction, masses and starts are drawn at random, one robot a trial.",
+            _trials(result),
+        ),
         _gait(result),
         boxed("Power", "Positive work of all motors.", _power(result)),
         boxed("Where this comes from", about, data + "</details>"),
@@ -53,8 +57,8 @@ def _head(result: Mapping[str, Any]) -> str:
     badge, kind = ("Steady", "good") if share <= STEADY else ("Walks", "fair") if share <= WALKS else ("Falls", "bad")
     name = result["policy"]
     held = top["sustained_m_s"]
-    headline = f"{name} falls at every speed" if held is None else f"{name} holds {held:.2f} m/s"
-    return headed(badge, kind, headline, _sentences(top, tracking, slow), "simulated; on a robot it may differ")
+    headline = f"Policy {name} falls at every speed" if held is None else f"Policy {name} holds {held:.2f} m/s"
+    return headed(badge, kind, headline, _sentences(top, tracking, slow), "simulated; a robot may differ")
 
 
 def _sentences(top: Mapping[str, Any], tracking: Mapping[str, Any], slow: Mapping[str, Any]) -> Iterator[str]:
@@ -76,9 +80,9 @@ def _speed(result: Mapping[str, Any]) -> str:
     held = [c[1] if c[2] else np.nan for c in curve]
     lines = [
         Series("var(--other)", asked, asked, is_dotted=True),
-        Series("var(--found)", asked, held, has_points=True, name="held"),
+        Series("var(--floor)", asked, held, has_points=True, name="held"),
     ]
-    key = legend([("var(--other)", "commanded"), ("var(--found)", "held")])
+    key = legend([("var(--other)", "commanded"), ("var(--floor)", "held")])
     return key + chart(lines, "held, m/s", x_title="commanded forward, m/s", width=HALF, height=220)
 
 
@@ -102,9 +106,11 @@ def _trials(result: Mapping[str, Any]) -> str:
             low, high = trial["v_x_m_s"]
             what = f"20 s with noise and a push, {low:g} to {high:g} m/s"
             rows.append((what, f"{trial['falls']} of {trial['episodes']} fell", f"{trial['falls_per_hour']:g} an hour"))
-    for key, what in (("pushes", "a push of 1 m/s"), ("slippery_patch", "a second on μ 0.3")):
+    for key, what in (("pushes", "a push of 1 m/s"), ("slippery_patch", "a second on slippery ground (μ = 0.3)")):
         trial = result[key]
-        rows.append((f"{what}, at {trial['v_x_m_s']:g} m/s", f"{trial['survived']} of {trial['trials']} walk on", ""))
+        rows.append(
+            (f"{what}, at {trial['v_x_m_s']:g} m/s", f"{trial['survived']} of {trial['trials']} kept walking", "")
+        )
     rows.append(("told to stand", f"moves at {result['tracking']['standing_speed_m_s']:.3f} m/s", ""))
     rows.append(("largest torque", f"{result['tracking']['peak_torque_nm']:g} N·m", ""))
     cells = "".join(f"<tr><th>{esc(a)}</th><td><b>{esc(b)}</b></td><td>{esc(c)}</td></tr>" for a, b, c in rows)
@@ -150,11 +156,11 @@ def _stride(point: Mapping[str, Any]) -> str:
     since = (at[:, None] - np.array(point["phases"])[None, :]) % 1.0
     name = f"{point['gait']}, " if point.get("gait") else ""
     title = f"{point['command'][0]:g} m/s: {name}{point['stride_hz']:.1f} strides a second"
-    picture = stance(since < np.array(point["duty_factors"])[None, :], LEG_NAMES, "var(--found)")
+    picture = stance(since < np.array(point["duty_factors"])[None, :], LEG_NAMES, "var(--floor)")
     return f"<h3>{esc(title)}; three strides</h3>{picture}"
 
 
 def _power(result: Mapping[str, Any]) -> str:
     points = _forward(result)
-    line = Series("var(--found)", [p["command"][0] for p in points], [p["power_w"] for p in points], has_points=True)
+    line = Series("var(--floor)", [p["command"][0] for p in points], [p["power_w"] for p in points], has_points=True)
     return chart([line], "power, W", x_title="commanded forward, m/s", height=150, zero=True) if points else ""
