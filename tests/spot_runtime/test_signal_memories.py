@@ -50,8 +50,14 @@ def test_a_window_keeps_the_widest_of_the_turn_rates_and_counts_two_states_as_en
 
 
 def test_differences_of_motion_fade_and_add_up() -> None:
-    before = motion.MotionMemory(np.full(12, 0.01), np.full(12, 2.0), turn_rad=np.array([0.01, 0.02, -0.03]))
-    before = before._replace(turn_rate_range_rad_s=1.0)
+    before = motion.MotionMemory(
+        slope_rad=np.full(12, 0.01),
+        change_rad_s=np.full(12, -3.0),
+        range_rad_s=np.full(12, 2.0),
+        turn_rad=np.array([0.01, 0.02, -0.03]),
+        turn_change_rad_s=np.array([1.0, 0.0, -1.0]),
+        turn_rate_range_rad_s=1.0,
+    )
     seen = window(
         position_rad=np.full(12, 0.02),
         velocity_rad_s=np.full(12, 1.0),
@@ -60,9 +66,11 @@ def test_differences_of_motion_fade_and_add_up() -> None:
     )
     after = motion.after_window(before, seen)
     np.testing.assert_allclose(after.slope_rad, 0.01 * (1.0 - 0.018 / 0.2) + 0.02 - 0.0015)
+    np.testing.assert_allclose(after.change_rad_s, -3.0 * 0.91 + 1.0)
     np.testing.assert_allclose(after.range_rad_s, 2.0 * 0.91)
     fade = 1.0 - 0.018 / 0.5
     np.testing.assert_allclose(after.turn_rad, np.array([0.01, 0.02, -0.03]) * fade + [0.0, 0.0, 0.05 - 0.003])
+    np.testing.assert_allclose(after.turn_change_rad_s, np.array([1.0, 0.0, -1.0]) * fade + [0.0, 0.0, 2.0])
     assert after.turn_rate_range_rad_s == pytest.approx(2.0)
     long = motion.after_window(before, seen._replace(duration_s=3.0))
     np.testing.assert_allclose(long.slope_rad, 0.02 - 0.0015)
@@ -77,6 +85,30 @@ def test_a_slope_counts_beyond_its_bound_which_grows_with_the_velocitys_range(
     seen = window(position_rad=np.full(12, slope_rad + travel_rad), velocity_rad_s=np.full(12, speed_rad_s))
     before = motion.MotionMemory(slope_windows=np.full(12, 3))
     assert set(motion.after_window(before, seen).slope_windows) == {4 * counted}
+
+
+@pytest.mark.parametrize(("lag_s", "is_believed"), [(0.012, True), (0.0, True), (0.06, False)])
+def test_a_lag_of_the_velocity_is_no_contradiction_however_quickly_the_joint_turns_round(
+    lag_s: float, is_believed: bool
+) -> None:
+    """A knee that swings by 0.7 rad at 3 Hz passes 13 rad/s; 12 ms of lag are 0.16 rad, 60 ms are 0.8 rad."""
+    memory, rate = motion.MotionMemory(), 2.0 * np.pi * 3.0
+    robot, worst = WalkingRobot(noise=0.0), 0
+    for start in range(0, 300, 6):
+        times = [0.003 * (start + i) for i in range(7)]
+        states = [
+            replace(
+                robot.state(start + i),
+                position_rad=np.full(12, 0.7 * np.sin(rate * t)),
+                velocity_rad_s=np.full(12, 0.7 * rate * np.cos(rate * (t - lag_s))),
+            )
+            for i, t in enumerate(times)
+        ]
+        seen = window_of(states)
+        assert seen is not None
+        memory = motion.after_window(memory, seen)
+        worst = max(worst, int(memory.slope_windows.max()))
+    assert (worst < bounds.SLOPE_WINDOWS) == is_believed
 
 
 @pytest.mark.parametrize(("turn_rad", "rate_rad_s", "counted"), [(0.0599, 0.0, 0), (0.061, 0.0, 1), (0.08, 2.0, 0)])

@@ -57,8 +57,12 @@ SLOPE_RAD: Final = 0.04
 eccentricity is ten of its minutes of arc adds 0.003 rad, and backlash of 1° between encoder and joint 0.017 rad."""
 
 SLOPE_LAG_S: Final = 0.015
-"""Velocities are filtered: a lag of two to four state periods (6 to 12 ms), and half a period of the trapezoid rule,
-times the range over which the velocity moved, is the difference that they cause."""
+"""Velocities are filtered: a lag of two to four state periods (6 to 12 ms), and half a period of the trapezoid rule. A
+lag of τ makes a difference of τ times the change of the velocity, summed and faded as the difference itself is."""
+
+SLOPE_BEND_S: Final = SLOPE_LAG_S**2 / (2.0 * WINDOW_S)
+"""What a lag leaves beyond that is its square times half the change of the acceleration: this, times the range of the
+velocity within a window."""
 
 SLOPE_WINDOWS: Final = 2
 """Windows in a row, so that one state with an impact in it decides nothing."""
@@ -73,7 +77,9 @@ TURN_RAD: Final = 0.06
 and corrections of an estimator by accelerometer and legs, at most 1° within the memory, 0.017 rad."""
 
 TURN_LAG_S: Final = 0.015
-"""Lag between the estimator's attitude and rate, times the range of the rate."""
+"""Lag between the estimator's attitude and rate, either way; it acts as in joints."""
+
+TURN_BEND_S: Final = TURN_LAG_S**2 / (2.0 * WINDOW_S)
 
 TURN_WINDOWS: Final = 3
 

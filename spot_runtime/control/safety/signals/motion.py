@@ -18,37 +18,51 @@ _NO_TURN = np.zeros(3)
 
 
 class MotionMemory(NamedTuple):
-    """Differences between measured and integrated motion, which fade."""
+    """Differences between measured and integrated motion, and what a lag makes of them. All of it fades."""
 
     slope_rad: Array = _NO_JOINTS
     """Shape (12,)."""
+    change_rad_s: Array = _NO_JOINTS
+    """Of each joint's velocity. Shape (12,)."""
     range_rad_s: Array = _NO_JOINTS
-    """Over which each velocity has moved of late. Shape (12,)."""
+    """The widest over which each velocity moved within a window. Shape (12,)."""
     slope_windows: NDArray[np.int64] = _NO_COUNTS
     """In a row, beyond the bound."""
     turn_rad: Array = _NO_TURN
     """Shape (3,), odom."""
+    turn_change_rad_s: Array = _NO_TURN
+    """Of the turn rate. Shape (3,), odom."""
     turn_rate_range_rad_s: float = 0.0
     turn_windows: int = 0
 
 
 def after_window(memory: MotionMemory, window: Window) -> MotionMemory:
     """The memory after one more window."""
+    first, last = window.first, window.last
     fade = max(0.0, 1.0 - window.duration_s / bounds.SLOPE_MEMORY_S)
-    moved = window.last.position_rad - window.first.position_rad
+    moved = last.position_rad - first.position_rad
     slope = memory.slope_rad * fade + (moved - window.travel_rad)
+    change = memory.change_rad_s * fade + (last.velocity_rad_s - first.velocity_rad_s)
     ranges = np.maximum(memory.range_rad_s * fade, window.velocity_range_rad_s)
-    is_beyond = np.abs(slope) > bounds.SLOPE_RAD + bounds.SLOPE_LAG_S * ranges
+    allowed = bounds.SLOPE_RAD + bounds.SLOPE_LAG_S * np.abs(change) + bounds.SLOPE_BEND_S * ranges
     fade = max(0.0, 1.0 - window.duration_s / bounds.TURN_MEMORY_S)
-    turn = turned_rad(window.first.odom_from_body_wxyz, window.last.odom_from_body_wxyz) - window.turn_rad
+    turn = turned_rad(first.odom_from_body_wxyz, last.odom_from_body_wxyz) - window.turn_rad
     turn = memory.turn_rad * fade + turn
+    turn_change = memory.turn_change_rad_s * fade
+    turn_change = turn_change + (last.angular_vel_of_body_in_odom_rad_s - first.angular_vel_of_body_in_odom_rad_s)
     turn_range = max(memory.turn_rate_range_rad_s * fade, window.turn_rate_range_rad_s)
-    is_turned = float(np.sqrt(turn @ turn)) > bounds.TURN_RAD + bounds.TURN_LAG_S * turn_range
+    turn_allowed = bounds.TURN_RAD + bounds.TURN_LAG_S * _length(turn_change) + bounds.TURN_BEND_S * turn_range
     return MotionMemory(
         slope,
+        change,
         ranges,
-        np.where(is_beyond, memory.slope_windows + 1, 0),
+        np.where(np.abs(slope) > allowed, memory.slope_windows + 1, 0),
         turn,
+        turn_change,
         turn_range,
-        memory.turn_windows + 1 if is_turned else 0,
+        memory.turn_windows + 1 if _length(turn) > turn_allowed else 0,
     )
+
+
+def _length(vector: Array) -> float:
+    return float(np.sqrt(vector @ vector))

@@ -1,0 +1,88 @@
+"""How often an ordinary run is stopped though its robot does not fall."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+import time
+from collections import Counter
+from pathlib import Path
+from typing import Annotated, Final
+
+import typer
+
+from proof.ordinary.trial import Outcome, tried
+from spot_model.errors import BadInputError
+from spot_model.io.progress import Progress
+from spot_model.policy.policy import load_policy
+
+EXIT_FAILED: Final = 1
+POLICIES: Final = [Path(f"policies/{name}.onnx") for name in ("walk", "baseline", "fast", "bound")]
+_WRONG: Final = ("false stop", "fell unseen")
+
+
+def ordinary(
+    out: Annotated[Path, typer.Option(help="File of the outcomes, a line each; an old one is gone on with.")],
+    json_output: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    runs: Annotated[int, typer.Option(min=1, help="Runs of each policy, each on another robot.")] = 100,
+    policy: Annotated[list[Path] | None, typer.Option(help="ONNX file with its contract; may repeat.")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Of the robots and the commands.")] = 0,
+    minutes: Annotated[float, typer.Option(min=0.1, help="Begin no robot after so long.")] = 1e6,
+) -> None:
+    """Walk robots drawn anew each time: ground, pushes, payload, sensors, delays. None may be stopped that stands."""
+    policies = policy or POLICIES
+    for path in policies:
+        load_policy(path)
+    done = _done(out, seed)
+    left = [n for n in range(runs) if any((n, path.stem) not in done for path in policies)]
+    total, began_s = runs * len(policies), time.monotonic()
+    with Progress("runs", total, done=len(done)) as progress, out.open("a") as file:
+        for number in left:
+            if time.monotonic() - began_s > 60.0 * minutes:
+                break
+            missing = [path for path in policies if (number, path.stem) not in done]
+            with tempfile.TemporaryDirectory(prefix="spot-rl-ordinary-") as folder:
+                for outcome in tried(number, seed, missing, Path(folder)):
+                    done[number, outcome.policy] = outcome
+                    file.write(outcome.to_json() + "\n")
+                    file.flush()
+                    is_told = outcome.verdict in _WRONG
+                    text = f"{number} {outcome.policy}: {outcome.verdict} {outcome.sentence}"
+                    progress.update(len(done), text, is_told=is_told)
+    _tell(done, policies, seed, json_output)
+    raise typer.Exit(EXIT_FAILED if any(outcome.verdict in _WRONG for outcome in done.values()) else 0)
+
+
+def _done(out: Path, seed: int) -> dict[tuple[int, str], Outcome]:
+    """What an earlier part has written.
+
+    Raises:
+        BadInputError: The file is of another seed, or not of this command.
+    """
+    if not out.exists():
+        out.parent.mkdir(parents=True, exist_ok=True)
+        out.write_text(json.dumps({"seed": seed}) + "\n")
+    head, *lines = out.read_text().splitlines() or ["{}"]
+    try:
+        if json.loads(head) != {"seed": seed}:
+            raise BadInputError(f"{out} begins with {head:.80}; allowed: seed {seed}; give another --out or its --seed")
+        outcomes = [Outcome(**json.loads(line)) for line in lines]
+    except (ValueError, TypeError) as error:
+        raise BadInputError(f"{out} holds no outcomes of this command ({error}); give another --out") from error
+    return {(outcome.number, outcome.policy): outcome for outcome in outcomes}
+
+
+def _tell(done: dict[tuple[int, str], Outcome], policies: list[Path], seed: int, json_output: bool) -> None:
+    counts = {
+        path.stem: Counter(outcome.verdict for outcome in done.values() if outcome.policy == path.stem)
+        for path in policies
+    }
+    if json_output:
+        wrong = [json.loads(outcome.to_json()) for outcome in done.values() if outcome.verdict in _WRONG]
+        typer.echo(json.dumps({"seed": seed, "runs": counts, "wrong": wrong}, ensure_ascii=False))
+        return
+    for name, count in counts.items():
+        typer.echo(f"{name:<10} " + ", ".join(f"{n} {verdict}" for verdict, n in sorted(count.items())))
+    for outcome in done.values():
+        if outcome.verdict in _WRONG:
+            typer.echo(f"{outcome.number} {outcome.policy}: {outcome.verdict}: {outcome.outcome}: {outcome.sentence}")

@@ -1,0 +1,190 @@
+"""One drawn robot, and a run of each policy on it, judged by what the simulated body really did."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import yaml
+
+from proof.faults.meddler import Meddler
+from proof.faults.rig import Rig, rig, tilt_rad
+from proof.ordinary.draw import Reality, Sensors, draw_reality, draw_walk
+from spot_log.format.events import EventName
+from spot_log.write.sink import LogSink, MemorySink
+from spot_model.policy.policy import load_policy
+from spot_model.robot.facts import STATE_PERIOD_NS
+from spot_model.robot.stamps import NS_PER_S
+from spot_model.robot.state import JointCommand, RobotState
+from spot_runtime.hal.base import Hal
+from spot_runtime.hal.connection.address import parse_address
+from spot_runtime.hal.spot.lock_step import LockStep
+from spot_runtime.host.clock import HostClock
+from spot_runtime.host.console import Console
+from spot_runtime.host.termination import unwound_when_ended
+from spot_runtime.session.run import RunRequest, run
+from spot_runtime.session.summary import RunSummary
+from spot_runtime.sources.scripted import ScriptedSource
+
+TIPPED_RAD: Final = 0.7
+SUNK_M: Final = 0.27
+"""A body that tilts further, or is lower, at the instant of a stop, was falling by itself."""
+
+FASTEST_RAD_S: Final = 38.0
+BEFORE_FALL_S: Final = 2.0
+"""What is doubted so shortly before the robot itself falls was rightly doubted."""
+
+EDGE_M: Final = 15.0
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How one run ended."""
+
+    number: int
+    policy: str
+    outcome: str
+    sentence: str
+    """Of what was doubted first; otherwise of the stop."""
+    verdict: str
+    """``completed``, ``fell`` (the robot itself did, so that a stop was right), ``false stop`` or ``fell unseen``."""
+    control_s: float
+
+    def to_json(self) -> str:
+        """As one line."""
+        return json.dumps(asdict(self), ensure_ascii=False)
+
+
+class SensorModel:
+    """States as these sensors would have shown them."""
+
+    def __init__(self, sensors: Sensors) -> None:
+        """Begin with the next state."""
+        self._sensors = sensors
+        self._load: Any = None
+
+    def __call__(self, state: RobotState) -> RobotState:
+        """The state as it arrives."""
+        s = self._sensors
+        gain = 1.0 - np.exp(-STATE_PERIOD_NS / NS_PER_S / s.load_lag_s) if s.load_lag_s > 0.0 else 1.0
+        self._load = state.load_nm if self._load is None else self._load + gain * (state.load_nm - self._load)
+        return replace(
+            state,
+            position_rad=_stepped(state.position_rad, s.position_step_rad),
+            velocity_rad_s=_stepped(state.velocity_rad_s, s.velocity_step_rad_s),
+            load_nm=_stepped(self._load, s.load_step_nm),
+        )
+
+
+class Watched(Meddler):
+    """The adapter with other sensors, which looks at the body when the run is about to stop."""
+
+    sensor_model: SensorModel
+    rig: Rig
+    at_stop: Any = None
+    stopped_ns: int = 0
+
+    def receive(self, until_robot_ns: int, timeout_s: float) -> list[RobotState]:
+        """As the sensors show it."""
+        return [self.sensor_model(state) for state in super().receive(until_robot_ns, timeout_s)]
+
+    def send(self, command: JointCommand) -> None:
+        """Look at the body before the first command that holds nothing."""
+        if not command.gains.kp_nm_per_rad.any():
+            self._look()
+        super().send(command)
+
+    def end_joint_control(self) -> None:
+        """Look."""
+        self._look()
+        super().end_joint_control()
+
+    def release(self) -> None:
+        """Look."""
+        self._look()
+        super().release()
+
+    def _look(self) -> None:
+        if self.at_stop is None:
+            self.at_stop, self.stopped_ns = self.rig.truth(), self.robot_now_ns()
+
+
+def tried(number: int, seed: int, policies: Sequence[Path], folder: Path) -> Iterator[Outcome]:
+    """A robot that follows from seed and number, and a run of each policy on it.
+
+    One that has fallen, or left the ground that was made for it, is replaced by its like.
+    """
+    reality = draw_reality(np.random.default_rng([seed, number]))
+    folder.mkdir(parents=True, exist_ok=True)
+    scenario = folder / "scenario.yaml"
+    scenario.write_text(yaml.safe_dump({"schema": "spot-rl/scenario/1", **reality.scenario}))
+    left = list(policies)
+    while left:
+        with unwound_when_ended(), ExitStack() as stack:
+            robot = stack.enter_context(rig(folder / left[0].stem, left[0], scenario=str(scenario)))
+            is_good = True
+            while left and is_good:
+                policy = left.pop(0)
+                outcome = _walked(robot, policy, reality, number, np.random.default_rng([seed, number, 1]))
+                yield outcome
+                x, y, _ = robot.truth().position_of_body_in_world_m
+                is_good = outcome.verdict == "completed" and max(abs(x), abs(y)) < EDGE_M and not robot.restore()
+
+
+def _walked(robot: Rig, policy: Path, reality: Reality, number: int, rng: np.random.Generator) -> Outcome:
+    """One run. What the checks of the signals find is told, and ends nothing, so that it is seen what comes of it."""
+    config, sink, made = robot.config(safety={"signals": "warn"}), MemorySink(), list[Watched]()
+    walks = load_policy(policy)
+    source = ScriptedSource(draw_walk(rng, walks.contract))
+    request = RunRequest(robot.address.robot, walks, source, config, robot.new_log_path())
+
+    def begin(meddler: Meddler) -> None:
+        for push in reality.pushes:
+            values = {"forward_m_s": push.forward_m_s, "left_m_s": push.left_m_s, "yaw_rad_s": push.yaw_rad_s}
+            meddler.plan(push.at_s, partial(robot.inject, "push", 0.01, **values))
+
+    def make_hal(sink: LogSink) -> Hal:
+        pace = LockStep(robot.address.admin, HostClock().now_ns())
+        hal = Watched(parse_address(robot.address.robot), config, sink, pace)
+        hal.prepare(robot, begin, 0.0, "control")
+        hal.sensor_model, hal.rig = SensorModel(reality.sensors), robot
+        made.append(hal)
+        return hal
+
+    console = Console(io.StringIO())
+    with robot.environment():
+        try:
+            summary = run(request, make_hal, lambda _path, _header: sink, console)
+        finally:
+            console.close()
+    doubts = [event for event in sink.events if event.name == EventName.SIGNAL_DOUBTED.label]
+    verdict = _verdict(summary, made[0], doubts[0].robot_stamp_ns if doubts else None, robot)
+    sentence = doubts[0].text if doubts else "" if summary.outcome == "completed" else summary.sentence
+    return Outcome(number, policy.stem, summary.outcome, sentence, verdict, round(summary.control_robot_s, 2))
+
+
+def _verdict(summary: RunSummary, hal: Watched, doubted_ns: int | None, robot: Rig) -> str:
+    is_down = _is_down(hal.at_stop or robot.truth())
+    if summary.outcome == "completed" and is_down:
+        return "fell unseen"
+    if doubted_ns is not None and not (is_down and hal.stopped_ns - doubted_ns < BEFORE_FALL_S * NS_PER_S):
+        return "false stop"
+    if summary.outcome == "completed":
+        return "completed"
+    return "fell" if is_down else "false stop"
+
+
+def _is_down(truth: Any) -> bool:
+    is_racing = max(abs(v) for v in truth.joint_velocity_rad_s) > FASTEST_RAD_S
+    return bool(truth.has_fallen or tilt_rad(truth) > TIPPED_RAD or truth.body_height_m < SUNK_M or is_racing)
+
+
+def _stepped(values: Any, step: float) -> Any:
+    return np.round(values / step) * step
