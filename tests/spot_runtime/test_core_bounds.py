@@ -324,13 +324,28 @@ def test_a_joint_beyond_its_stop_by_more_than_the_margin(make_state: MakeState, 
 def test_what_no_spot_can_do_is_not_used(
     make_state: MakeState, changes: dict[str, Any], what: str, values: tuple[float, float]
 ) -> None:
-    memory, is_usable, stop = safety.screen_state(StateMemory(), make_state(**changes), START_NS, LIMITS)
+    before = StateMemory(overloaded_in_row=safety.OVERLOADED_STATES - 1)
+    memory, is_usable, stop = safety.screen_state(before, make_state(**changes), START_NS, LIMITS)
     assert (memory.newest, is_usable) == (None, False)
     assert stop is not None
     assert (stop.reason, stop.detail) == (StopReason.SIGNAL_OUT_OF_RANGE, what)
     assert tuple(stop.values.values()) == pytest.approx(values, rel=1e-4)
     units = {"the body's velocity": "m_s", "its turn rate": "rad_s", "a joint's load": "nm"}
     assert all(key.endswith(units[what]) for key in stop.values)
+
+
+def test_an_impact_on_a_joint_is_not_used_and_ends_nothing_unless_it_lasts(make_state: MakeState) -> None:
+    memory, stops = StateMemory(), []
+    loads = [500.0, 500.0, 0.0, 500.0, 500.0, 500.0]
+    for i, load_nm in enumerate(loads):
+        state = make_state(START_NS + 3 * i * MS, load_nm=np.array([0.0] * 11 + [load_nm]))
+        memory, is_usable, stop = safety.screen_state(memory, state, START_NS + 3 * i * MS, LIMITS)
+        assert is_usable == (load_nm == 0.0)
+        assert memory.arrived_robot_stamp_ns == state.robot_stamp_ns
+        stops.append(stop is not None)
+    assert stops == [False] * 5 + [True]
+    assert memory.newest is not None
+    assert memory.newest.robot_stamp_ns == START_NS + 6 * MS
 
 
 @pytest.mark.parametrize(
