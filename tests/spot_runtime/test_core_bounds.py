@@ -26,6 +26,7 @@ from spot_runtime.control.modes import Mode, ModeInputs
 from spot_runtime.control.safety import safety
 from spot_runtime.control.safety.body_height import body_height_m
 from spot_runtime.control.safety.command_loss import LossMemory
+from spot_runtime.control.safety.leaps import DOUBTFUL_STATES
 from spot_runtime.control.safety.policy_bounds import check_policy, with_speed_limit
 from spot_runtime.control.safety.safety import LimitedSetpoint, SetpointMemory, StateMemory
 from spot_runtime.control.set_point import asked_setpoint
@@ -324,7 +325,7 @@ def test_a_joint_beyond_its_stop_by_more_than_the_margin(make_state: MakeState, 
 def test_what_no_spot_can_do_is_not_used(
     make_state: MakeState, changes: dict[str, Any], what: str, values: tuple[float, float]
 ) -> None:
-    before = StateMemory(overloaded_in_row=safety.OVERLOADED_STATES - 1)
+    before = StateMemory(doubtful_in_row=DOUBTFUL_STATES - 1)
     memory, is_usable, stop = safety.screen_state(before, make_state(**changes), START_NS, LIMITS)
     assert (memory.newest, is_usable) == (None, False)
     assert stop is not None

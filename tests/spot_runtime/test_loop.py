@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -159,8 +160,18 @@ def nan_state(state: RobotState) -> list[RobotState]:
     return [replace(state, position_rad=np.full(12, np.nan))]
 
 
-def tilted(state: RobotState) -> list[RobotState]:
+def on_its_side(state: RobotState) -> list[RobotState]:
     return [replace(state, odom_from_body_wxyz=np.array([0.7, 0.714142842854285, 0.0, 0.0]))]
+
+
+def tipping(rad_s: float) -> Callable[[RobotState], list[RobotState]]:
+    angles = itertools.count(0.003 * rad_s, 0.003 * rad_s)
+
+    def mutate(state: RobotState) -> list[RobotState]:
+        half = 0.5 * next(angles)
+        return [replace(state, odom_from_body_wxyz=np.array([np.cos(half), np.sin(half), 0.0, 0.0]))]
+
+    return mutate
 
 
 def frozen(state: RobotState) -> list[RobotState]:
@@ -183,7 +194,8 @@ def unanswered(state: RobotState) -> list[RobotState]:
     ("mutate", "reason", "within_ms"),
     [
         (nan_state, StopReason.STATE_NOT_FINITE, 3),
-        (tilted, StopReason.TILT, 3),
+        (tipping(19.0), StopReason.TILT, 42),  # 45° are 0.785 rad
+        (on_its_side, StopReason.SIGNAL_OUT_OF_RANGE, 9),  # within 3 ms: no body turns so quickly
         (frozen, StopReason.STATE_FROZEN, 48),
         (back_dated, StopReason.STATE_REJECTED, 42),
         (from_the_future, StopReason.CLOCK_JUMPED, 3),

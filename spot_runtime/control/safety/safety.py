@@ -16,6 +16,7 @@ from spot_model.robot import facts
 from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import Array, JointCommand, RobotState, SlowState
 from spot_runtime.control.safety.body_height import body_height_m, is_body_above
+from spot_runtime.control.safety.leaps import DOUBTFUL_STATES, leap, overload
 from spot_runtime.safety_limits import SafetyLimits
 from spot_runtime.stops import CRITICAL, Stop, StopReason
 
@@ -27,10 +28,6 @@ KP_MAX: Final = 1000.0
 
 KD_MAX: Final = 50.0
 """N·m·s/rad; the largest damping that a configuration may ask for."""
-
-OVERLOADED_STATES: Final = 3
-"""Loads beyond their bound in so many states in a row are not believed; fewer are an impact on the rotor. 300 N·m more than
-the motor gives change the speed of its 0.073 kg·m² by 12 rad/s in 3 ms, and no joint has three times that to lose."""
 
 _LOWS_RAD: Final = facts.POSITION_LOW_RAD.tolist()
 _HIGHS_RAD: Final = facts.POSITION_HIGH_RAD.tolist()
@@ -54,8 +51,8 @@ class StateMemory(NamedTuple):
     """Stamp of the last state whose joint values differed from the one before."""
     echo_robot_stamp_ns: int = 0
     """Stamp of the last state in which the confirmed command key rose; 0 before any."""
-    overloaded_in_row: int = 0
-    """States that were not used because of a load beyond its bound."""
+    doubtful_in_row: int = 0
+    """States that were not used because of a load beyond its bound, or a leap."""
 
 
 class SetpointMemory(NamedTuple):
@@ -90,7 +87,7 @@ def screen_state(
 
     Returns:
         The new memory, whether the state may be used, and a stop where one is due. A duplicated or back-dated state is
-        never used; neither is one with an impossible load, or one that causes a stop.
+        never used; neither is one with an impossible load or a leap, or one that causes a stop.
     """
     newest = memory.newest
     if newest is not None and state.robot_stamp_ns <= newest.robot_stamp_ns:
@@ -101,9 +98,11 @@ def screen_state(
     if stop is not None:
         arrived_ns = max(memory.arrived_robot_stamp_ns, state.robot_stamp_ns)
         return memory._replace(arrived_robot_stamp_ns=arrived_ns), False, stop
-    load_nm = max(*state.load_nm.tolist(), -state.load_nm.min())
-    if load_nm > limits.load_nm:
-        return _overloaded(memory, state, float(load_nm), limits)
+    doubt = overload(state, limits) or leap(newest, state, limits)
+    if doubt is not None:
+        in_row = memory.doubtful_in_row + 1
+        memory = memory._replace(arrived_robot_stamp_ns=state.robot_stamp_ns, doubtful_in_row=in_row)
+        return memory, False, doubt if in_row >= DOUBTFUL_STATES else None
     has_changed = newest is None or not _same_joints(newest, state)
     echo_rose = state.last_command_key != (0 if newest is None else newest.last_command_key)
     memory = StateMemory(
@@ -300,17 +299,6 @@ def _out_of_range(linear_m_s: list[float], angular_rad_s: list[float], limits: S
     else:
         return None
     return Stop(StopReason.SIGNAL_OUT_OF_RANGE, what, values)
-
-
-def _overloaded(
-    memory: StateMemory, state: RobotState, load_nm: float, limits: SafetyLimits
-) -> tuple[StateMemory, bool, Stop | None]:
-    in_row = memory.overloaded_in_row + 1
-    memory = memory._replace(arrived_robot_stamp_ns=state.robot_stamp_ns, overloaded_in_row=in_row)
-    if in_row < OVERLOADED_STATES:
-        return memory, False, None
-    values = {"load_nm": load_nm, "bound_nm": limits.load_nm}
-    return memory, False, Stop(StopReason.SIGNAL_OUT_OF_RANGE, "a joint's load", values)
 
 
 def _body_out_of_bounds(state: RobotState, limits: SafetyLimits) -> Stop | None:

@@ -174,3 +174,11 @@ floor, and the tangent of a slope of 31°. Legs taken for those of the other sid
 
 FOOT_LEAST_SHARE: Final = 0.1
 """Of the weight on one foot; the direction of a smaller force says little."""
+
+WEIGHT_MEMORY_S: Final = 1.0
+"""Mean force of the ground while it walks: over several strides, the weight and what the body's momentum gained."""
+
+WEIGHT_LEAST_S: Final = 0.75 * WEIGHT_MEMORY_S
+
+PULL_SHARE: Final = (facts.TOTAL_MASS_KG - facts.BODY.mass_kg) / facts.N_LEGS / facts.TOTAL_MASS_KG
+"""No foot pulls at the ground; a leg that is held up hangs its own weight, 12 % of the robot's, on its joints."""

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from spot_model.robot import facts
 from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import JointCommand, RobotState
-from spot_runtime.control.safety.signals import bounds, ground, imu, load, motion, still
-from spot_runtime.control.safety.signals.legs import ground_forces_n
+from spot_runtime.control.safety.signals import bounds, ground, imu, load, motion, still, weight
 from spot_runtime.control.safety.signals.window import Window, window_of
 from spot_runtime.stops import Stop, StopReason
 
@@ -32,6 +31,7 @@ class SignalMemory(NamedTuple):
     motion: motion.MotionMemory = motion.MotionMemory()
     ground: ground.GroundMemory = ground.GroundMemory()
     imu: imu.ImuMemory = imu.ImuMemory()
+    weight: weight.WeightMemory = weight.WeightMemory()
     still: still.Counts = still.NO_COUNTS
     load_windows: NDArray[np.int64] = _NO_COUNTS
     """In a row in which each joint's load disagreed. Shape (12,)."""
@@ -85,10 +85,11 @@ def _after_window(memory: SignalMemory, window: Window, *, is_standing: bool, is
         motion.after_window(memory.motion, window),
         ground.after_window(memory.ground, window),
         imu.after_window(memory.imu, window),
+        weight.after_window(memory.weight, window) if is_driven else weight.WeightMemory(),
         still.still_windows(memory.still, window.first, window.last),
         load_windows,
         memory.restless_windows + 1 if is_standing and _is_restless(window) else 0,
-        memory.burdened_windows + 1 if is_standing and _is_burden_wrong(window) else 0,
+        memory.burdened_windows + 1 if is_standing and weight.is_burden_wrong(window) else 0,
     )
 
 
@@ -105,20 +106,6 @@ def _is_restless(window: Window) -> bool:
         or _length(window.turn_rad) > bounds.REST_TURN_RATE_RAD_S * window.duration_s
         or np.abs(window.travel_rad).max() > bounds.REST_JOINT_SPEED_RAD_S * window.duration_s
     )
-
-
-def _is_burden_wrong(window: Window) -> bool:
-    state = window.last
-    if not state.load_nm.any():  # not reported
-        return False
-    forces, up = ground_forces_n(state.position_rad, state.load_nm), window.odom_from_body[2]
-    carried = forces @ up
-    share = float(carried.sum()) / bounds.WEIGHT_N
-    if not bounds.CARRIED_LEAST <= share <= bounds.CARRIED_MOST:
-        return True
-    sideways = np.sqrt(np.maximum((forces * forces).sum(axis=1) - carried * carried, 0.0))
-    is_pressing = sideways > bounds.SIDEWAYS_SHARE * carried
-    return bool((is_pressing & (carried > bounds.FOOT_LEAST_SHARE * bounds.WEIGHT_N)).any())
 
 
 def _stops(memory: SignalMemory, *, is_standing: bool) -> Iterator[Stop]:
@@ -141,6 +128,8 @@ def _stops(memory: SignalMemory, *, is_standing: bool) -> Iterator[Stop]:
         yield _contradiction("attitude of the body and of its inertial unit")
     if memory.imu.turn_rate_windows >= bounds.IMU_WINDOWS:
         yield _contradiction("turn rate of the body and of its inertial unit")
+    if memory.imu.unknown_windows >= bounds.IMU_WINDOWS:
+        yield Stop(StopReason.SIGNAL_DOUBTED, "the inertial unit reports what is no number")
     if memory.ground.sliding_share > bounds.FOOT_SHARE:
         values = {"foot_speed_m_s": memory.ground.speed_m_s, "share": memory.ground.sliding_share}
         yield _contradiction("the body's velocity and feet that stand", values)
@@ -155,6 +144,9 @@ def _stops(memory: SignalMemory, *, is_standing: bool) -> Iterator[Stop]:
     loads = memory.load_windows >= bounds.LOAD_WINDOWS
     if loads.any():
         yield _contradiction(f"load and set-point of {_names(loads, facts.JOINT_NAMES)}")
+    if memory.weight.is_wrong:
+        values = {f"{leg}_share": float(s) for leg, s in zip(facts.LEG_NAMES, memory.weight.legs_share, strict=True)}
+        yield Stop(StopReason.SIGNAL_DOUBTED, "loads do not carry the robot's weight", values)
     if is_standing and memory.restless_windows >= bounds.REST_WINDOWS:
         yield _contradiction("a robot that stands, and its velocities")
     if is_standing and memory.burdened_windows >= bounds.REST_WINDOWS:

@@ -23,6 +23,8 @@ class ImuMemory(NamedTuple):
     """That time."""
     angle_windows: int = 0
     turn_rate_windows: int = 0
+    unknown_windows: int = 0
+    """In a row with a packet that holds what is no number."""
 
     @property
     def tilt_error_rad(self) -> float:
@@ -41,11 +43,13 @@ def after_window(memory: ImuMemory, window: Window) -> ImuMemory:
     packets, first, last = window.imu, window.first, window.last
     force = np.mean([packet.acceleration_of_imu_in_link_m_s2 for packet in packets], axis=0)
     turn_rate = np.mean([packet.angular_vel_of_link_in_link_rad_s for packet in packets], axis=0)
+    attitude = packets[-1].odom_from_link_wxyz
+    if not math.isfinite(float(force.sum() + turn_rate.sum() + attitude.sum())):
+        return memory._replace(unknown_windows=memory.unknown_windows + 1)
     gained = last.linear_vel_of_body_in_odom_m_s - first.linear_vel_of_body_in_odom_m_s
     fade = max(0.0, 1.0 - window.duration_s / bounds.GRAVITY_MEMORY_S)
     felt = memory.force_m_s2 * fade + window.odom_from_body @ force * window.duration_s - gained
     angle, rate_error = 0.0, 0.0
-    attitude = packets[-1].odom_from_link_wxyz
     if attitude.any():
         apart = turned_rad(last.odom_from_body_wxyz, attitude)
         angle = math.sqrt(float(apart @ apart))

@@ -31,30 +31,42 @@ class Feet(NamedTuple):
     """Of the lower legs relative to the body. Shape (4, 3)."""
 
 
-def feet(position_rad: Array, velocity_rad_s: Array) -> Feet:
-    """Forward kinematics of positions and velocities.
+def foot_jacobians(position_rad: Array) -> tuple[Array, Array]:
+    """Where the feet's centres are, and how they move with each joint, in the body's frame.
 
     A leg turns by hx about x at its hip, by hy about y at the upper leg's end, and by kn about y at the knee.
 
     Args:
         position_rad: Joint positions, shape (12,), canonical order.
+
+    Returns:
+        Positions of shape (4, 3), m, and their derivatives by hx, hy and kn of the leg, in columns: (4, 3, 3), m/rad.
+    """
+    hx, hy, kn = position_rad.reshape(facts.N_LEGS, 3).T
+    shank = hy + kn
+    sin_hx, cos_hx, sin_hy, cos_hy = np.sin(hx), np.cos(hx), np.sin(hy), np.cos(hy)
+    # In the leg's plane, from the hy joint; x forward, z along the leg.
+    shank_x, shank_z = _SHANK_Z_M * np.sin(shank), _SHANK_Z_M * np.cos(shank)
+    x = _THIGH_X_M * cos_hy + _THIGH_Z_M * sin_hy + shank_x
+    z = _THIGH_Z_M * cos_hy - _THIGH_X_M * sin_hy + shank_z
+    y, down = _OUT_M * cos_hx - z * sin_hx, _OUT_M * sin_hx + z * cos_hx
+    # By hy, (x, z) turns into (z, -x); by kn, its lower part alone does.
+    columns = [0.0 * x, z, shank_z, -down, x * sin_hx, shank_x * sin_hx, y, -x * cos_hx, -shank_x * cos_hx]
+    return np.stack([x, y, down], axis=1) + _HIPS_M, np.stack(columns, axis=1).reshape(facts.N_LEGS, 3, 3)
+
+
+def feet(position_rad: Array, velocity_rad_s: Array) -> Feet:
+    """Forward kinematics of positions and velocities.
+
+    Args:
+        position_rad: Joint positions, shape (12,), canonical order.
         velocity_rad_s: Joint velocities, as above.
     """
-    hx, hy, kn = position_rad.reshape(4, 3).T
-    hx_rate, hy_rate, kn_rate = velocity_rad_s.reshape(4, 3).T
-    shank, shank_rate = hy + kn, hy_rate + kn_rate
-    sin_hy, cos_hy, sin_shank, cos_shank = np.sin(hy), np.cos(hy), np.sin(shank), np.cos(shank)
-    # In the leg's plane, from the hy joint; x forward, z along the leg.
-    x = _THIGH_X_M * cos_hy + _THIGH_Z_M * sin_hy + _SHANK_Z_M * sin_shank
-    z = _THIGH_Z_M * cos_hy - _THIGH_X_M * sin_hy + _SHANK_Z_M * cos_shank
-    x_rate = (_THIGH_Z_M * cos_hy - _THIGH_X_M * sin_hy) * hy_rate + _SHANK_Z_M * cos_shank * shank_rate
-    z_rate = -(_THIGH_Z_M * sin_hy + _THIGH_X_M * cos_hy) * hy_rate - _SHANK_Z_M * sin_shank * shank_rate
-    sin_hx, cos_hx = np.sin(hx), np.cos(hx)
-    y, down = _OUT_M * cos_hx - z * sin_hx, _OUT_M * sin_hx + z * cos_hx
-    position = np.stack([x, y, down], axis=1) + _HIPS_M
-    velocity = np.stack([x_rate, -down * hx_rate - z_rate * sin_hx, y * hx_rate + z_rate * cos_hx], axis=1)
-    turn_rate = np.stack([hx_rate, shank_rate * cos_hx, shank_rate * sin_hx], axis=1)
-    return Feet(position, velocity, turn_rate)
+    position, jacobians = foot_jacobians(position_rad)
+    rates, hx = velocity_rad_s.reshape(facts.N_LEGS, 3), position_rad[::3]
+    shank_rate = rates[:, 1] + rates[:, 2]
+    turn_rate = np.stack([rates[:, 0], shank_rate * np.cos(hx), shank_rate * np.sin(hx)], axis=1)
+    return Feet(position, (jacobians @ rates[:, :, np.newaxis])[..., 0], turn_rate)
 
 
 def ground_forces_n(position_rad: Array, load_nm: Array) -> Array:
@@ -68,8 +80,7 @@ def ground_forces_n(position_rad: Array, load_nm: Array) -> Array:
         position_rad: Joint positions, shape (12,), canonical order.
         load_nm: Measured loads, as above.
     """
-    columns = [feet(position_rad, np.tile(unit, facts.N_LEGS)).velocity_m_s for unit in np.eye(3)]
-    jacobians = np.stack(columns, axis=2)
+    _, jacobians = foot_jacobians(position_rad)
     forces = np.linalg.solve(jacobians.transpose(0, 2, 1), load_nm.reshape(facts.N_LEGS, 3, 1))[..., 0]
     return np.asarray(-forces, dtype=np.float64)
 
