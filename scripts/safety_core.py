@@ -11,6 +11,8 @@ _SIGNALS = ("tests/spot_runtime/test_signal_memories.py", "tests/spot_runtime/te
 TESTS_OF = {
     "spot_runtime/control/safety/safety.py": (_BOUNDS, "tests/spot_runtime/test_safety.py"),
     "spot_runtime/safety_limits.py": (_BOUNDS,),
+    "spot_runtime/control/safety/battery.py": (_BOUNDS, "tests/spot_runtime/test_watchdogs.py"),
+    "spot_runtime/control/safety/leaps.py": (_BOUNDS,),
     "spot_runtime/control/safety/body_height.py": ("tests/spot_runtime/test_body_height.py", _BOUNDS),
     "spot_runtime/control/safety/command_loss.py": ("tests/spot_runtime/test_command_loss.py", _BOUNDS),
     "spot_runtime/control/safety/policy_bounds.py": (_BOUNDS,),
@@ -19,7 +21,7 @@ TESTS_OF = {
             "tests/spot_runtime/test_signal_memories.py",
             "tests/spot_runtime/test_signals.py",
         )
-        for name in ("check", "ground", "imu", "legs", "load", "motion", "still", "window")
+        for name in ("check", "ground", "imu", "legs", "load", "motion", "still", "weight", "window")
     },
     "spot_runtime/control/modes.py": (_MODES, _BOUNDS),
     "spot_runtime/stops.py": (_MODES, _BOUNDS),

@@ -24,6 +24,7 @@ from spot_runtime.control.handover import (
 )
 from spot_runtime.control.modes import Mode, ModeInputs
 from spot_runtime.control.safety import safety
+from spot_runtime.control.safety.battery import BatteryMemory, watch_current
 from spot_runtime.control.safety.body_height import body_height_m
 from spot_runtime.control.safety.command_loss import LossMemory
 from spot_runtime.control.safety.leaps import DOUBTFUL_STATES
@@ -349,6 +350,47 @@ def test_an_impact_on_a_joint_is_not_used_and_ends_nothing_unless_it_lasts(make_
     assert memory.newest.robot_stamp_ns == START_NS + 6 * MS
 
 
+def about_x(angle_rad: float) -> np.ndarray:
+    return np.array([np.cos(0.5 * angle_rad), np.sin(0.5 * angle_rad), 0.0, 0.0])
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("periods", [1, 3])
+def test_a_joint_moves_no_further_than_its_speed_allows(make_state: MakeState, sign: float, periods: int) -> None:
+    """40 rad/s in 3 ms are 0.12 rad, and 0.1 rad are the sensors'."""
+    first = make_state(START_NS)
+    memory, _, _ = safety.screen_state(StateMemory(), first, START_NS, LIMITS)
+    memory = memory._replace(doubtful_in_row=DOUBTFUL_STATES - 1)
+    later_ns, bound_rad = START_NS + 3 * periods * MS, 0.12 * periods + 0.1
+    for moved_rad, is_leap in ((0.999 * bound_rad, False), (1.001 * bound_rad, True)):
+        position = first.position_rad.copy()
+        position[7] += sign * moved_rad
+        after, is_usable, stop = safety.screen_state(
+            memory, make_state(later_ns, position_rad=position), later_ns, LIMITS
+        )
+        assert is_usable != is_leap
+        assert after.doubtful_in_row == (DOUBTFUL_STATES if is_leap else 0)
+        if is_leap:
+            values: dict[str, Any] = {"moved_rad": pytest.approx(moved_rad), "bound_rad": pytest.approx(bound_rad)}
+            assert stop == Stop(StopReason.SIGNAL_OUT_OF_RANGE, "position of hl_hy", values)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_body_turns_no_further_than_its_rate_allows(make_state: MakeState, sign: float) -> None:
+    """20 rad/s in 3 ms are 0.06 rad, and 0.1 rad are the sensors'; a quaternion and its negative are one attitude."""
+    first = make_state(START_NS, odom_from_body_wxyz=about_x(0.3))
+    memory, _, _ = safety.screen_state(StateMemory(), first, START_NS, LIMITS)
+    memory = memory._replace(doubtful_in_row=DOUBTFUL_STATES - 1)
+    later_ns = START_NS + 3 * MS
+    for turned_rad, is_leap in ((0.0, False), (-0.159, False), (0.159, False), (0.161, True), (-0.161, True)):
+        state = make_state(later_ns, odom_from_body_wxyz=sign * about_x(0.3 + turned_rad))
+        _, is_usable, stop = safety.screen_state(memory, state, later_ns, LIMITS)
+        assert is_usable != is_leap
+        if is_leap:
+            values: dict[str, Any] = {"turned_rad": pytest.approx(0.161), "bound_rad": pytest.approx(0.16)}
+            assert stop == Stop(StopReason.SIGNAL_OUT_OF_RANGE, "the attitude", values)
+
+
 @pytest.mark.parametrize(
     "changes",
     [
@@ -371,6 +413,14 @@ def test_what_a_spot_might_just_do_is_used(make_state: MakeState, changes: dict[
         ({"battery_current_a": float("nan")}, "current"),
         ({"battery_temperature_c": (30.0, float("nan"))}, "battery temperature 2"),
         ({"motor_temperature_c": {"fl_hx": 20.0, "hr_kn": float("nan")}}, "hr_kn"),
+        ({"battery_charge_percent": 100.1, "battery_voltage_v": 27.9}, "charge, voltage"),
+        ({"battery_charge_percent": -0.1, "battery_voltage_v": 65.1}, "charge, voltage"),
+        ({"battery_voltage_v": -55.0, "battery_current_a": 200.1}, "voltage, current"),
+        (
+            {"battery_current_a": -200.1, "battery_temperature_c": (200.1, -60.1)},
+            "current, battery temperature 1, battery temperature 2",
+        ),
+        ({"motor_temperature_c": {"fl_hx": 310.0, "hr_kn": -61.0}}, "fl_hx, hr_kn"),
     ],
 )
 def test_what_is_no_number_is_unknown_and_unknown_is_not_good(
@@ -378,6 +428,39 @@ def test_what_is_no_number_is_unknown_and_unknown_is_not_good(
 ) -> None:
     slow = make_slow(START_NS, **changes)
     assert safety.check_slow_state(slow, START_NS, LIMITS) == Stop(StopReason.BATTERY_UNKNOWN, names)
+
+
+def test_the_ends_of_what_a_battery_does_are_believed_and_so_is_one_that_reports_neither_voltage_nor_current(
+    make_slow: MakeSlow,
+) -> None:
+    for changes in (
+        {"battery_charge_percent": 100.0, "battery_voltage_v": 28.0, "battery_current_a": -200.0},
+        {"battery_voltage_v": 65.0, "battery_current_a": 200.0, "battery_temperature_c": (-60.0, 200.0)},
+        {"battery_voltage_v": 0.0, "battery_current_a": 0.0},
+    ):
+        assert safety.check_slow_state(make_slow(START_NS, **changes), START_NS, LIMITS) is None
+
+
+def test_a_battery_does_not_charge_for_long_while_the_motors_have_power(make_slow: MakeSlow) -> None:
+    def ends_after(currents: list[float], **changes: Any) -> int | None:
+        """Seconds, at one poll a second."""
+        memory = BatteryMemory()
+        for second, current_a in enumerate(currents):
+            slow = make_slow(START_NS + second * 1000 * MS, battery_current_a=current_a, **changes)
+            memory, stop = watch_current(memory, slow)
+            if stop is not None:
+                values = {"charging_s": 10.0, "bound_s": 10.0}
+                assert stop == Stop(
+                    StopReason.BATTERY_UNKNOWN, "current: it charges though the motors have power", values
+                )
+                return second
+        return None
+
+    assert ends_after([-5.0, *[5.0] * 20]) == 11
+    assert ends_after([-5.0, *[5.0] * 10, -1.0, *[5.0] * 10]) is None
+    assert ends_after([-5.0, *[5.0] * 10, 0.0, *[5.0] * 11]) == 22
+    assert ends_after([5.0] * 30) is None
+    assert ends_after([-5.0, *[5.0] * 30], motors_powered=False) is None
 
 
 # Policies ------

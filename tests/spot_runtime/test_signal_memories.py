@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from spot_model.robot import facts
 from spot_model.robot.state import ImuPacket, RobotState
-from spot_runtime.control.safety.signals import bounds, ground, imu, motion
+from spot_runtime.control.safety.signals import bounds, ground, imu, motion, weight
+from spot_runtime.control.safety.signals.legs import feet
 from spot_runtime.control.safety.signals.window import Window, rotation_matrix, turned_rad, window_of
 from tests.spot_runtime.walking_robot import WalkingRobot
 
@@ -175,3 +177,83 @@ def test_a_tilt_is_told_once_enough_is_felt_and_gravity_is_there() -> None:
     least = bounds.GRAVITY_LEAST_M_S2 * quarter * np.array([0.0, 1.0, 0.0])
     assert imu.ImuMemory(least, quarter).tilt_error_rad == pytest.approx(np.pi / 2.0)
     assert imu.ImuMemory(0.999 * least, quarter).tilt_error_rad == 0.0
+
+
+def test_an_inertial_unit_that_reports_what_is_no_number_is_counted_and_leaves_the_memory_good() -> None:
+    good = ImuPacket(0, np.array([0.0, 0.0, 9.81]), np.zeros(3), LEVEL)
+    before = imu.ImuMemory(np.array([0.1, 0.2, 4.0]), 0.5, 2, 3, 1)
+    for changes in (
+        {"acceleration_of_imu_in_link_m_s2": np.array([0.0, np.nan, 9.81])},
+        {"angular_vel_of_link_in_link_rad_s": np.array([0.0, 0.0, np.inf])},
+        {"odom_from_link_wxyz": np.full(4, np.nan)},
+    ):
+        after = imu.after_window(before, window(imu=(good, replace(good, **changes))))
+        assert after == before._replace(unknown_windows=2)
+    assert imu.after_window(before, window(imu=(good,))).unknown_windows == 0
+
+
+# Weight ---------------------------------------------------------------------------------------------------------------
+
+WEIGHT_N = 31.60 * 9.81
+
+
+def carrying(shares: list[float]) -> np.ndarray:
+    """Loads by which the ground pushes each foot up by this share of the weight: -Jᵀ·f, J by finite differences."""
+    loads = []
+    for leg, share in enumerate(shares):
+        rises = []
+        for joint in range(3 * leg, 3 * leg + 3):
+            step = np.zeros(12)
+            step[joint] = 1e-6
+            rise = (
+                feet(facts.DEFAULT_POSITION_RAD + step, ZERO).position_m
+                - feet(facts.DEFAULT_POSITION_RAD - step, ZERO).position_m
+            )
+            rises.append(rise[leg, 2] / 2e-6)
+        loads += [-share * WEIGHT_N * rise for rise in rises]
+    return np.array(loads)
+
+
+def standing(shares: list[float]) -> Window:
+    return window(position_rad=facts.DEFAULT_POSITION_RAD, load_nm=carrying(shares))
+
+
+def test_what_legs_carry_fades_and_adds_up() -> None:
+    before = weight.WeightMemory(np.array([10.0, 20.0, 30.0, 40.0]), 3.0, 0.9)
+    seen = standing([0.1, 0.2, 0.3, 0.4])
+    after = weight.after_window(before, seen)
+    fade = 1.0 - 0.018 / 1.0
+    pushed = np.array([10.0, 20.0, 30.0, 40.0]) * fade + np.array([0.1, 0.2, 0.3, 0.4]) * WEIGHT_N * 0.018
+    np.testing.assert_allclose(after.pushed_n_s, pushed, rtol=1e-4)
+    assert after.gained_n_s == pytest.approx(3.0 * fade)
+    assert after.felt_s == pytest.approx(0.9 * fade + 0.018)
+    assert after.has_loads
+    rising = weight.after_window(before, window(linear_vel_of_body_in_odom_m_s=np.array([5.0, 5.0, 0.2]), load_nm=ZERO))
+    assert rising.gained_n_s == pytest.approx(3.0 * fade + 31.60 * 0.2, rel=1e-3)
+    assert not rising.has_loads
+    assert weight.after_window(before, seen._replace(duration_s=2.0)).felt_s == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize(
+    ("shares", "gained_n_s", "is_wrong"),
+    [
+        ([0.25, 0.25, 0.25, 0.25], 0.0, False),
+        ([0.5, 0.5, -0.11, -0.11], 0.0, False),
+        ([0.5, 0.5, 0.5, -0.12], 0.0, True),
+        ([0.08, 0.08, 0.08, 0.05], 0.0, True),
+        ([0.08, 0.08, 0.08, 0.07], 0.0, False),
+        ([0.7, 0.7, 0.7, 0.89], 0.0, False),
+        ([0.7, 0.7, 0.7, 0.91], 0.0, True),
+        ([-0.25, -0.25, -0.25, -0.25], 0.0, True),
+        ([0.0, 0.0, 0.0, 0.0], -1.0 * WEIGHT_N, False),  # it falls freely
+        ([0.08, 0.08, 0.08, 0.07], 0.1 * WEIGHT_N, True),
+    ],
+)
+def test_loads_that_do_not_carry_the_robot(shares: list[float], gained_n_s: float, is_wrong: bool) -> None:
+    memory = weight.WeightMemory(np.array(shares) * bounds.WEIGHT_N, gained_n_s, 1.0, has_loads=True)
+    assert memory.is_wrong == is_wrong
+    assert not memory._replace(has_loads=False).is_wrong
+    short = weight.WeightMemory(0.75 * np.array(shares) * bounds.WEIGHT_N, 0.75 * gained_n_s, 0.75, has_loads=True)
+    assert short.is_wrong == is_wrong
+    assert not short._replace(felt_s=0.749).is_wrong
+    np.testing.assert_allclose(short.legs_share, shares)

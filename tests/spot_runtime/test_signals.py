@@ -169,6 +169,9 @@ LIES = {
         both(frozen("foot_contact"), changed(**{LINEAR: lambda v: v + np.array([4.0, 0.0, 0.0])})),
         1.5,
     ),
+    "loads of the wrong sign": (changed(load_nm=lambda v: -v), 1.0),
+    "loads that are zero": (changed(load_nm=lambda v: 0.0 * v), 1.0),
+    "loads of a knee of the wrong sign": (changed(load_nm=lambda v: v * np.where(np.arange(12) == 5, -1.0, 1.0)), 1.5),
     "no contact any more": (changed(foot_contact=lambda c: c & False), 1.0),
 }
 

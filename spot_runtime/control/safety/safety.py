@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from spot_model.robot import facts
 from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import Array, JointCommand, RobotState, SlowState
+from spot_runtime.control.safety.battery import unknown
 from spot_runtime.control.safety.body_height import body_height_m, is_body_above
 from spot_runtime.control.safety.leaps import DOUBTFUL_STATES, leap, overload
 from spot_runtime.safety_limits import SafetyLimits
@@ -205,9 +206,9 @@ def check_slow_state(slow: SlowState, host_now_ns: int, limits: SafetyLimits) ->
         return Stop(StopReason.BEHAVIOR_FAULT, ", ".join(slow.behavior_faults))
     if not slow.motors_powered:
         return Stop(StopReason.MOTORS_OFF)
-    unknown = _unknown(slow)
-    if unknown:
-        return Stop(StopReason.BATTERY_UNKNOWN, unknown)
+    names = unknown(slow)
+    if names:
+        return Stop(StopReason.BATTERY_UNKNOWN, names)
     if slow.battery_charge_percent < limits.battery_percent:
         values = {"charge_percent": slow.battery_charge_percent, "bound_percent": limits.battery_percent}
         return Stop(StopReason.BATTERY_LOW, "", values)
@@ -219,22 +220,6 @@ def check_slow_state(slow: SlowState, host_now_ns: int, limits: SafetyLimits) ->
     if critical:
         return Stop(StopReason.SYSTEM_FAULT, ", ".join(critical))
     return None
-
-
-def _unknown(slow: SlowState) -> str:
-    """Names of the values that are no number; unknown is not good."""
-    motors, battery = slow.motor_temperature_c, slow.battery_temperature_c
-    total = slow.battery_charge_percent + slow.battery_voltage_v + slow.battery_current_a
-    if math.isfinite(total + sum(motors.values()) + sum(battery)):
-        return ""
-    named = {
-        "charge": slow.battery_charge_percent,
-        "voltage": slow.battery_voltage_v,
-        "current": slow.battery_current_a,
-        **{f"battery temperature {i + 1}": value for i, value in enumerate(battery)},
-        **motors,
-    }
-    return ", ".join(name for name, value in named.items() if not math.isfinite(value))
 
 
 def check_command(command: JointCommand, last_key: int, robot_now_ns: int) -> str | None:

@@ -13,6 +13,7 @@ from spot_runtime.config import RunConfig
 from spot_runtime.control.modes import Mode
 from spot_runtime.control.notes import Notes
 from spot_runtime.control.safety import safety
+from spot_runtime.control.safety.battery import BatteryMemory, watch_current
 from spot_runtime.control.safety.command_loss import LossMemory, confirm
 from spot_runtime.control.snapshot import Phase, Snapshot
 from spot_runtime.safety_limits import SafetyLimits
@@ -36,6 +37,7 @@ class WatchMemory(NamedTuple):
     lost_at_ns: tuple[int, ...] = ()
     """Stamps of the states before which a policy tick was lost, within the last second."""
     next_log_check_ns: int = 0
+    battery: BatteryMemory = BatteryMemory()
 
     @property
     def newest(self) -> RobotState | None:
@@ -65,7 +67,8 @@ def screen(
     if losses.share > limits.command_loss_share:
         values = {"share": losses.share, "bound": limits.command_loss_share}
         notes.once(EventName.COMMANDS_LOST, f"about {losses.share:.0%} of commands are lost", values)
-    return WatchMemory(screened, losses, memory.lost_at_ns, memory.next_log_check_ns), usable, tuple(stops)
+    memory = WatchMemory(screened, losses, memory.lost_at_ns, memory.next_log_check_ns, memory.battery)
+    return memory, usable, tuple(stops)
 
 
 def look(
@@ -76,7 +79,9 @@ def look(
     if phase.mode is not Mode.READY:
         stops += _ages(memory, now.robot_ns, phase, config.safety, notes)
     if now.slow is not None:
-        stops += _some(safety.check_slow_state(now.slow, now.host_ns, config.safety))
+        battery, charging = watch_current(memory.battery, now.slow)
+        memory = memory._replace(battery=battery)
+        stops += _some(safety.check_slow_state(now.slow, now.host_ns, config.safety) or charging)
     if now.log is not None:
         memory = memory._replace(next_log_check_ns=now.robot_ns + LOG_CHECK_PERIOD_NS)
         _look_at_clock(now.clock_age_s, config, notes)
