@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 import yaml
 
-from proof.faults.meddler import Meddler
+from proof.faults.faulty_hal import FaultyHal
 from proof.faults.rig import Rig, rig, tilt_rad
 from proof.ordinary.draw import Reality, Sensors, draw_reality, draw_walk
 from spot_log.format.events import EventName
@@ -28,7 +28,7 @@ from spot_runtime.hal.connection.address import parse_address
 from spot_runtime.hal.spot.lock_step import LockStep
 from spot_runtime.host.clock import HostClock
 from spot_runtime.host.console import Console
-from spot_runtime.host.termination import unwound_when_ended
+from spot_runtime.host.termination import exit_on_termination
 from spot_runtime.session.run import RunRequest, run
 from spot_runtime.session.summary import RunSummary
 from spot_runtime.sources.scripted import ScriptedSource
@@ -83,7 +83,7 @@ class SensorModel:
         )
 
 
-class Watched(Meddler):
+class Watched(FaultyHal):
     """The adapter with other sensors, which looks at the body when the run is about to stop."""
 
     sensor_model: SensorModel
@@ -127,7 +127,7 @@ def tried(number: int, seed: int, policies: Sequence[Path], folder: Path) -> Ite
     scenario.write_text(yaml.safe_dump({"schema": "spot-rl/scenario/1", **reality.scenario}))
     left = list(policies)
     while left:
-        with unwound_when_ended(), ExitStack() as stack:
+        with exit_on_termination(), ExitStack() as stack:
             robot = stack.enter_context(rig(folder / left[0].stem, left[0], scenario=str(scenario)))
             is_good = True
             while left and is_good:
@@ -145,10 +145,10 @@ def _walked(robot: Rig, policy: Path, reality: Reality, number: int, rng: np.ran
     source = ScriptedSource(draw_walk(rng, walks.contract))
     request = RunRequest(robot.address.robot, walks, source, config, robot.new_log_path())
 
-    def begin(meddler: Meddler) -> None:
+    def begin(faulty: FaultyHal) -> None:
         for push in reality.pushes:
             values = {"forward_m_s": push.forward_m_s, "left_m_s": push.left_m_s, "yaw_rad_s": push.yaw_rad_s}
-            meddler.plan(push.at_s, partial(robot.inject, "push", 0.01, **values))
+            faulty.plan(push.at_s, partial(robot.inject, "push", 0.01, **values))
 
     def make_hal(sink: LogSink) -> Hal:
         pace = LockStep(robot.address.admin, HostClock().now_ns())
