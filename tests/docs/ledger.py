@@ -45,6 +45,10 @@ ELSEWHERE = {
         "trainer/test_play.py",
         '"--video", str(film), "--seconds", "0.4", "--velocity", "1,0,0"',
     ),
+    "spot-rl train --config policies/walk.yaml --set logger=wandb": (
+        "trainer/test_logger.py",
+        'make_log("wandb")',
+    ),
     "make docs": ("docs/test_docs.py", '"mkdocs", "build"'),
     "spot-rl bench loop --json": ("spot_runtime/test_bench_and_demo.py", '"bench", "loop", "--json"'),
     "spot-rl refine FILE --config policies/fast_refine.yaml --out NEW": (

@@ -62,6 +62,8 @@ class TrainConfig(Config):
     n_envs: int = Field(default=4096, ge=1)
     iterations: int = Field(ge=1)
     save_every: int = Field(default=100, ge=1)
+    logger: Literal["tensorboard", "wandb"] = "tensorboard"
+    """Where metrics go beside metrics.jsonl; ``wandb`` is rsl-rl's writer for Weights & Biases."""
     start_from: str = ""
     """A checkpoint whose networks this run starts from; empty: from nothing."""
     task: TaskConfig = TaskConfig()

@@ -80,6 +80,7 @@ def make_runner(config: TrainConfig, folder: Path, device: str) -> PpoRunner:
         total_iterations=config.iterations,
         steps_per_iteration=config.n_envs * config.ppo.steps_per_iteration * world,
         is_first=is_first_process(),
+        logger=config.logger,
     )
     return PpoRunner(env, config, log, device)
 

@@ -8,8 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import torch
+from rsl_rl.utils import WandbLogWriter
 from torch.utils.tensorboard import SummaryWriter
 
+from spot_model.errors import BadInputError
 from spot_model.io.progress import Progress
 from trainer.ppo.checkpoint import save_checkpoint
 from trainer.ppo.interrupt import StopRequest, TrainingInterruptedError
@@ -29,6 +31,7 @@ class TrainingLog:
         total_iterations: Of the whole run.
         steps_per_iteration: Over all environments and processes.
         is_first: Whether this process writes.
+        logger: ``tensorboard`` or ``wandb``.
     """
 
     def __init__(
@@ -40,6 +43,7 @@ class TrainingLog:
         total_iterations: int,
         steps_per_iteration: int,
         is_first: bool = True,
+        logger: str = "tensorboard",
     ) -> None:
         self.log_dir = str(folder)
         self.git_status_repos: list[str] = []
@@ -50,13 +54,28 @@ class TrainingLog:
         self._total = total_iterations
         self._steps_per_iteration = steps_per_iteration
         self._is_first = is_first
+        self._logger = logger
         self._progress: Progress | None = None
         self.stop_request = StopRequest()
 
     def init_logging_writer(self) -> None:
-        """Open the files."""
-        if self._is_first:
+        """Open the files.
+
+        Raises:
+            BadInputError: Weights & Biases are asked for and not installed.
+        """
+        if not self._is_first:
+            return
+        if self._logger == "tensorboard":
             self.writer = SummaryWriter(log_dir=str(self._folder / "tensorboard"), flush_secs=30)
+            return
+        try:
+            # The run is named after the folder.
+            self.writer = WandbLogWriter(log_dir=str(self._folder), project_name="spot-rl")
+        except ModuleNotFoundError as error:
+            raise BadInputError(
+                "logger 'wandb' needs Weights & Biases, which is not installed: pip install wandb"
+            ) from error
 
     def process_env_step(self, *_: Any) -> None:
         """Nothing: the task keeps its own statistics on its device."""
@@ -109,6 +128,8 @@ class TrainingLog:
         """Close the files."""
         if self.writer is not None:
             self.writer.close()
+            if isinstance(self.writer, WandbLogWriter):
+                self.writer.stop()
             self.writer = None
         if self._progress is not None:
             self._progress.stop()
