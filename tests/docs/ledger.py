@@ -107,6 +107,8 @@ NOT_RUN = {
     "python deploy/build_wheelhouse.py --python 3.12 --machine aarch64": "runs with 3.10 in the place of 3.12",
     "python deploy/check_wheels.py": "needs a network: it asks the package index",
     "python scripts/draw_effects.py": "draws the pictures of effects that have none; each has one",
+    "pip install wandb": "needs a network",
+    "tensorboard --logdir runs": "serves until somebody ends it",
     "pip install mjlab==1.6.0": "needs a network, and an environment of its own",
     "sudo systemctl start spot-rl": SYSTEMD,
     "sudo systemctl stop spot-rl": SYSTEMD,

@@ -74,7 +74,7 @@ class TrainingLog:
             self.writer = WandbLogWriter(log_dir=str(self._folder), project_name="spot-rl")
         except ModuleNotFoundError as error:
             raise BadInputError(
-                "logger 'wandb' needs Weights & Biases, which is not installed: pip install wandb"
+                "logger 'wandb' needs the package wandb, which is not installed: pip install wandb"
             ) from error
 
     def process_env_step(self, *_: Any) -> None:
