@@ -152,7 +152,7 @@ def _one_robot(config: TrainConfig, seed: int) -> _OneRobot:
 
 
 def _command(options: Mapping[str, Any] | None) -> torch.Tensor | None:
-    if options is None:
+    if not options:
         return None
     unknown = sorted(set(options) - {"command"})
     if unknown:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 from spot_rl.paths import AnyPath, existing, to_path
 
@@ -33,21 +33,25 @@ def load_policy(path: AnyPath) -> Policy:
     return load(existing(path, "policy"))
 
 
-def load_model(name_or_path: AnyPath) -> RobotModel:
+def load_model(name_or_path: AnyPath, *, effects: Sequence[Mapping[str, Any]] = ()) -> RobotModel:
     """Load the model of a simulated Spot: the effects that act in it.
 
     Args:
         name_or_path: ``ideal``, ``paper_initial``, ``paper_identified``, or a model file (YAML).
+        effects: More of them, each with the keys of a model file, such as
+            ``{"effect": "coulomb_friction", "joints": ["knees"], "level_nm": 5.0}``.
 
     Returns:
-        The model: ``model.effects``, and ``model.with_effects(...)`` for one with more of them.
+        The model; ``model.effects`` are those that act in it.
 
     Raises:
-        SpotRlError: There is no such model, or the file is not valid.
+        SpotRlError: There is no such model or effect, or a key or value is not allowed.
     """
     from spot_model.io.model_file import load_model as load
+    from spot_model.io.model_file import model_from_data
 
-    return load(os.fspath(name_or_path))
+    added = model_from_data({"effects": list(effects)}, source="load_model")
+    return load(os.fspath(name_or_path)).with_effects(*added.effects)
 
 
 def model_of(given: str | AnyPath | RobotModel) -> tuple[RobotModel, str]:

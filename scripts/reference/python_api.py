@@ -5,12 +5,12 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import re
-from typing import Any
+from typing import Any, ForwardRef, get_args
 
 import spot_rl
 from compare.differences import Differences, SignalDifference
 from compare.tracks import Track
-from diagnosis.document import FoundEffect, Number, SeenEffect
+from diagnosis.document import FoundEffect, Number, SeenEffect, Shrink, Status, Verdict
 from spot_log.format.records import EventRecord, RunHeader
 from spot_log.read import run as tables
 
@@ -33,9 +33,11 @@ ARRAYS = (
     ("an entry of Comparison.tracks", Track),
     ("an entry of Comparison.differences", Differences),
     ("an entry of Differences.signals", SignalDifference),
+    ("Verdict", Verdict),
     ("an entry of Verdict.effects", FoundEffect),
     ("an entry of Verdict.seen", SeenEffect),
     ("a value of FoundEffect.parameters", Number),
+    ("Verdict.shrink", Shrink),
 )
 
 
@@ -83,7 +85,9 @@ def _docstring(found: Any) -> str:
 
 
 def _class(name: str, cls: Any) -> str:
-    lines = [f"### {name}\n\n{_docstring(cls)}"]
+    has_own_arguments = "Args:" in (cls.__doc__ or "") and not dataclasses.is_dataclass(cls)
+    begun = f"```python\nspot_rl.{name}{_signature(cls.__init__)}\n```\n\n" if has_own_arguments else ""
+    lines = [f"### {name}\n\n{begun}{_docstring(cls)}"]
     own = {
         k: v for base in reversed(cls.__mro__[:-1]) for k, v in vars(base).items() if base.__module__ == cls.__module__
     }
@@ -111,5 +115,9 @@ def _fields(cls: Any) -> str:
 
 
 def _kind(annotation: Any) -> str:
+    if isinstance(annotation, ForwardRef):
+        annotation = annotation.__forward_arg__
+    if annotation == "Status":
+        return " or ".join(f"`{value}`" for value in get_args(Status))
     text = annotation if isinstance(annotation, str) else getattr(annotation, "__name__", str(annotation))
     return {"Array": "array of numbers", "Ints": "array of integers", "Flags": "array of booleans"}.get(text, text)

@@ -110,6 +110,13 @@ def test_the_command_compares_logs_and_models(
         assert not (tmp_path / "other").exists()
 
 
+def test_a_model_takes_more_effects() -> None:
+    plain = spot_rl.load_model("paper_identified")
+    more = spot_rl.load_model("paper_identified", effects=[{"effect": "payload_mass", "mass_kg": 8.0}])
+    assert more.effects[: len(plain.effects)] == plain.effects
+    assert [(e.name, e.mass_kg) for e in more.effects[len(plain.effects) :]] == [("payload_mass", 8.0)]
+
+
 def test_the_environment_is_seeded_and_ends_once(in_project: None) -> None:
     env = gymnasium.make("spot_rl.environment:spot_rl/Velocity-v0", changes={"noise.scale": 0.0})
     still = np.zeros(12, dtype=np.float32)
@@ -121,7 +128,7 @@ def test_the_environment_is_seeded_and_ends_once(in_project: None) -> None:
     np.testing.assert_array_equal(first(5), first(5))
     assert not np.array_equal(first(5), first(6))
     assert (first(5)[:, 9:12] == [1.0, 0.0, 0.0]).all()
-    env.reset(seed=5)
+    env.reset(seed=5, options={})
     policy_free = np.full(12, 10.0, dtype=np.float32)  # a pose that nobody stands in
     for _ in range(500):
         observation, _, fell, timed_out, info = env.step(policy_free)
@@ -153,6 +160,7 @@ def test_the_walking_policy_walks_in_the_environment(in_project: None) -> None:
         (lambda: spot_rl.read_run(None), r"log = None is no path"),
         (lambda: spot_rl.simulate("log.mcap", "ideal"), r"is no run; read a log first"),
         (lambda: spot_rl.load_model("nothing"), r"allowed: a YAML file, or one of ideal"),
+        (lambda: spot_rl.load_model("ideal", effects=[{"effect": "mud"}]), r"mud"),
         (lambda: spot_rl.compare([]), r"needs two runs"),
         (lambda: spot_rl.diagnose([], "ideal", "out"), r"logs is empty"),
         (lambda: spot_rl.identify("nowhere", WALK, "out"), r"logs nowhere does not exist"),
