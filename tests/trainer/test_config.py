@@ -59,7 +59,7 @@ def test_every_leaf_can_be_named_by_an_override() -> None:
     assert resolve_path("schema", TrainConfig) == ("schema",)
 
 
-@pytest.mark.parametrize("name", ["walk", "fast", "baseline", "walk_cpu", "fast_settled"])
+@pytest.mark.parametrize("name", ["walk", "fast", "baseline", "walk_cpu", "settle"])
 def test_the_committed_configs_are_valid(name: str) -> None:
     config = load_config(Path(__file__).parents[2] / "policies" / f"{name}.yaml")
     assert config.name == name
