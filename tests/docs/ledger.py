@@ -67,6 +67,11 @@ ELSEWHERE = {
         "withheld/test_end_to_end.py",
         '["run", "--out", str(out), "--cases", "9"',
     ),
+    "PYTHONPATH=$PWD spot-rl withheld run --reality rubbing:RubbingKnees --cases 3 --seed 1 --out judged": (
+        "withheld/test_own_reality.py",
+        'source_of("rubbing:RubbingKnees")',
+    ),
+    "spot-rl withheld score judged": ("withheld/scoring/test_verify.py", "write_scores([run], run)"),
     "spot-rl withheld run --resume --out DIR": ("withheld/test_end_to_end.py", 'str(run), "--resume"]'),
     "spot-rl withheld case open DIR/17": ("withheld/test_end_to_end.py", '["case", "open", '),
     "spot-rl withheld attainable DIR": ("withheld/scoring/test_corner.py", "learn(Path("),

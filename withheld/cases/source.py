@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib.metadata import EntryPoint
+from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Final, Protocol
 
 from spot_model.errors import BadInputError
@@ -14,6 +14,8 @@ from withheld.realities.fault_kind import FaultKind
 from withheld.realities.judging.catalogue import CATALOGUE as JUDGING
 
 CATALOGUES: Final[Mapping[str, Mapping[str, FaultKind]]] = {"judging": JUDGING, "calibrating": CALIBRATING}
+
+ENTRY_POINT_GROUP: Final = "spot_rl.realities"
 
 
 class Kind(Protocol):
@@ -73,13 +75,14 @@ def source_of(name: str) -> Source:
 
 
 def _load(name: str) -> Any:
-    if name.count(":") != 1:
+    plugins = {entry.name: entry for entry in entry_points(group=ENTRY_POINT_GROUP)}
+    if name.count(":") != 1 and name not in plugins:
         raise BadInputError(
-            f"--reality {name!r}; allowed: judging, calibrating, or module:Class with the methods of "
+            f"--reality {name!r}; allowed: {', '.join([*CATALOGUES, *plugins])}, or module:Class with the methods of "
             "withheld.plan.Reality"
         )
     try:
-        made = EntryPoint(name="reality", value=name, group="spot_rl.realities").load()
+        made = plugins.get(name, EntryPoint(name, name, ENTRY_POINT_GROUP)).load()
     except (ImportError, AttributeError) as error:
         raise BadInputError(f"--reality {name!r} cannot be loaded: {error}; is it on the Python path?") from error
     missing = [m for m in ("record", "truth", "nominal") if not hasattr(made, m)]
