@@ -63,6 +63,8 @@ class Modes:
         self.behavior_faults: list[BehaviorFault] = []
         self._next_fault_id = 1
         self._power_until_ns = 0
+        self._is_cut_when_down = False
+        """Whether the motors lose their power once the robot sits; a newer command withdraws it."""
 
     @property
     def mode(self) -> Mode:
@@ -91,6 +93,7 @@ class Modes:
             return
         self._motion.end_joint_control(StreamFailure(INACTIVE, reason))
         self._motion.go_limp()
+        self._is_cut_when_down = False
         self.motor_power = MotorPower.POWERING_OFF
         self._power_until_ns = self._after(self._power.power_off_s)
 
@@ -99,56 +102,57 @@ class Modes:
         if self.motor_power is not MotorPower.ON or self.mode is Mode.SITTING:
             self.power_off()
         else:
-            self._motion.sit(cuts_power=True)
+            self._motion.sit()
+            self._is_cut_when_down = True
 
     def give_up(self, reason: str) -> None:
         """Sit down and cut power by itself, unless it is doing so or has no power."""
-        if self.motor_power is not MotorPower.ON or self._motion.is_cut_when_down:
+        if self.motor_power is not MotorPower.ON or self._is_cut_when_down:
             return
         self._motion.end_joint_control(StreamFailure(INACTIVE, reason))
         if self.mode in (Mode.DAMPING, Mode.RIGHTING):
-            self._motion.is_cut_when_down = True
+            self._is_cut_when_down = True
         else:
             self.safe_power_off()
 
     def stand(self, course: Sequence[StandPose] = ()) -> None:
         """Start to stand, or to change the pose of a stand, and then to follow a course of poses."""
-        self._check_can_move("stand")
+        self._begin("stand", on_feet=True)
         self._motion.stand(course)
 
     def walk(self, plan: WalkPlan) -> None:
         """Start to walk, from a stand if need be, or go on walking with another plan."""
-        self._check_can_move("walk")
+        self._begin("walk", on_feet=True)
         self._motion.walk(plan)
 
     def place_feet(self, feet_in_odom_m: Array, accuracy_m: float) -> None:
         """Step until the feet stand at these places, shape (4, 2), from a stand if need be; not if they are too far."""
-        self._check_can_move("stance")
+        self._begin("stance", on_feet=True)
         self._motion.place_feet(feet_in_odom_m, accuracy_m)
 
     def stop(self) -> None:
-        """From a walk, joint control or freezing back to the vendor's stand; else nothing."""
-        if self.mode in (Mode.WALKING, Mode.JOINT_CONTROL, Mode.FROZEN):
+        """From a walk, joint control or freezing back to the vendor's stand; else, or with behaviour faults, nothing."""
+        if self.mode in (Mode.WALKING, Mode.JOINT_CONTROL, Mode.FROZEN) and not self.behavior_faults:
             self.stand()
 
     def sit(self) -> None:
         """Start to sit down; a walk comes to a stop first."""
-        self._check_powered("sit")
+        self._begin("sit")
         self._motion.sit()
 
     def freeze(self) -> None:
         """Hold the joints where they are."""
-        self._check_powered("freeze")
+        self._begin("freeze")
         self._motion.freeze()
 
     def right(self) -> None:
         """Turn the body over, legs folded; the turning itself is a torque from outside."""
-        self._check_powered("self-right")
+        self._begin("self-right")
         self._motion.right()
 
     def enter_joint_control(self) -> None:
         """From now on, the newest command of the streams takes effect; until it comes, hold the pose."""
-        self._check_can_move("joint control")
+        self._begin("joint control", on_feet=True)
         self._motion.enter_joint_control()
 
     def leave_joint_control(self) -> None:
@@ -170,7 +174,7 @@ class Modes:
             self._motion.damp()
         else:
             self._motion.sit_at_once()
-        self._motion.is_cut_when_down = True
+        self._is_cut_when_down = True
 
     def add_behavior_fault(self, cause: str, message: str = "") -> BehaviorFault:
         """Something went wrong while moving: end joint control, sink to the ground."""
@@ -207,9 +211,11 @@ class Modes:
         if self.motor_power is not MotorPower.ON:
             self._tick_power()
             return
-        if self._motion.tick():
+        self._motion.tick()
+        if self._is_cut_when_down and self.mode is Mode.SITTING:
             self.power_off()
-        self._watch()
+        else:
+            self._watch()
 
     # Private ----------------------------------------------------------------------------------------------------------
 
@@ -233,17 +239,16 @@ class Modes:
         if why is not None and (self.mode is not Mode.JOINT_CONTROL or self._is_stopped_by_fall):
             self.add_behavior_fault("fall", why)
 
-    def _check_powered(self, verb: str) -> None:
+    def _begin(self, verb: str, *, on_feet: bool = False) -> None:
+        """Let a command's motion begin, or refuse it. A robot with behaviour faults may move, but not get on its feet."""
         if self.motor_power is not MotorPower.ON:
             raise MotionRefusedError(f"{verb}: the motors are {self.motor_power.value}; power them on first")
-
-    def _check_can_move(self, verb: str) -> None:
-        self._check_powered(verb)
-        if self.behavior_faults:
+        if on_feet and self.behavior_faults:
             causes = ", ".join(f"{f.cause} ({f.fault_id})" for f in self.behavior_faults)
             raise MotionRefusedError(f"{verb}: behaviour faults are active: {causes}; clear them first")
         if self.estop_level is not EstopLevel.NONE:
             raise MotionRefusedError(f"{verb}: the e-stop level is {self.estop_level.value}; release it first")
+        self._is_cut_when_down = False
 
     def _after(self, seconds: float) -> int:
         return self._motion.now_ns + round(seconds * NS_PER_S)

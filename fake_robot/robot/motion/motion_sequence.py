@@ -63,8 +63,6 @@ class MotionSequence:
         self.stance_progress = StanceProgress.MOVING
         self.now_ns = 0
         """Set by the owner, before whatever it asks for."""
-        self.is_cut_when_down = False
-        """Whether the motors lose their power once the robot lies; forgotten when another motion begins."""
         self._next: Callable[[], None] | None = None
         self._until_ns = 0
         self._servo: ServoCommand = damping_servo(0.0)
@@ -113,13 +111,12 @@ class MotionSequence:
             self.stand()
             self._next = lambda: self._begin_steps(feet_in_odom_m, accuracy_m)
 
-    def sit(self, *, cuts_power: bool = False) -> None:
-        """Start to sit down, and then perhaps to cut power; a walk comes to a stop first."""
-        if self._is_stopped_first(lambda: self.sit(cuts_power=cuts_power)):
+    def sit(self) -> None:
+        """Start to sit down; a walk comes to a stop first."""
+        if self._is_stopped_first(self.sit):
             return
         self.end_joint_control(None)
         self.sit_at_once()
-        self.is_cut_when_down = cuts_power
 
     def sit_at_once(self) -> None:
         """Start to sit down from wherever the joints are, also out of a walk."""
@@ -157,9 +154,7 @@ class MotionSequence:
 
     def damp(self) -> None:
         """Only damp the joints: the robot sinks to the ground."""
-        is_cut = self.is_cut_when_down
         self._enter(Mode.DAMPING)
-        self.is_cut_when_down = is_cut
         self._servo, self._is_path_done = damping_servo(self._motion.damping_nm_s_per_rad), True
         self._until_ns = self._after(self._motion.damping_s)
 
@@ -189,25 +184,23 @@ class MotionSequence:
             self._is_path_done = time_s >= self._path.duration_s
         return self._servo
 
-    def tick(self) -> bool:
-        """Once a state message: what is due by itself. Returns whether the robot lies and is to lose its power."""
+    def tick(self) -> None:
+        """Begin what is due by itself; called once a state message."""
         is_settled = self._path_time_s() > self._path.duration_s + _SETTLED_S
         if (self.mode is Mode.STANDING_UP and is_settled) or (self.mode is Mode.STEPPING and is_settled):
             self._stand_is_reached()
         elif self.mode is Mode.WALKING and self._walker.is_at_rest(self.now_ns):
             self._end_walk()
         elif self.mode is Mode.SITTING_DOWN and is_settled:
-            return self._come_to_rest()
+            self._enter(Mode.SITTING)
         elif self.mode is Mode.DAMPING and self.now_ns >= self._until_ns:
             self.hold()
-            return self._come_to_rest()
         elif self.mode is Mode.FROZEN and self._until_ns and self.now_ns >= self._until_ns:
             self.damp()
         elif self.mode is Mode.RIGHTING:
             self._turn_over()
         elif self.mode is Mode.JOINT_CONTROL and self._joint_control.has_waited_too_long(self.now_ns):
             self.stand()
-        return False
 
     def why_fallen(self) -> str | None:
         """What makes this a fall; None while the robot is up, or need not be."""
@@ -263,11 +256,6 @@ class MotionSequence:
         else:
             do_next()
 
-    def _come_to_rest(self) -> bool:
-        is_cut = self.is_cut_when_down
-        self._enter(Mode.SITTING)
-        return is_cut
-
     def _turn_over(self) -> None:
         # About z × up, in proportion to the tilt; a body on its back is turned about its x axis.
         x, y = _up_in_body(self._body)
@@ -297,7 +285,6 @@ class MotionSequence:
             self._body.set_external_torque_in_body(np.zeros(3))
         self.mode = mode
         self._until_ns = 0
-        self.is_cut_when_down = False
         self._next = None
         self._falls.reset()
 
