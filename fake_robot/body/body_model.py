@@ -33,6 +33,12 @@ def build_model(scenario: Scenario) -> mujoco.MjModel:
     return model
 
 
+def scene_model(scenario: Scenario) -> mujoco.MjModel:
+    """The world to look at: the same bodies and ground, and one camera on the robot's body."""
+    xml = spot_mjcf(_options(scenario)).replace('<site name="imu"', '<camera name="lens"/><site name="imu"')
+    return mujoco.MjModel.from_xml_string(xml)
+
+
 def _options(scenario: Scenario) -> MjcfOptions:
     physics, ground = scenario.physics, scenario.terrain
     noise = NoiseTerrain(

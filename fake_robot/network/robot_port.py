@@ -1,7 +1,7 @@
 """What the services see of the robot: a few verbs, one snapshot, two kinds of stream. No gRPC, no physics.
 
-Every method may be called from any thread and returns within about one physics step, but for the two that say how
-long they wait.
+Every method may be called from any thread and returns within about one physics step, but for those that say that they
+wait.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from fake_robot.network.camera_view import CameraView
 from fake_robot.network.stand_pose import StandPose
 from fake_robot.network.walk_plan import WalkPlan, WalkProgress
 
@@ -299,6 +300,9 @@ class RobotPort(Protocol):
 
     def active_faults(self) -> Mapping[int, str]:
         """Number and name of every injected fault."""
+
+    def see(self, view: CameraView) -> NDArray[Any] | None:
+        """What a camera sees now, shape (rows, cols), grey or mm of depth; None where nothing can draw it. Waits."""
 
     def truth(self, *, reset_extremes: bool = False) -> Any:
         """The simulated body as it is, without delay or noise."""

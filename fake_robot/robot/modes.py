@@ -131,7 +131,7 @@ class Modes:
         self._motion.place_feet(feet_in_odom_m, accuracy_m)
 
     def stop(self) -> None:
-        """From a walk, joint control or freezing back to the vendor's stand; else, or with behaviour faults, nothing."""
+        """From a walk, joint control or freezing back to the stand; else, or with behaviour faults, nothing."""
         if self.mode in (Mode.WALKING, Mode.JOINT_CONTROL, Mode.FROZEN) and not self.behavior_faults:
             self.stand()
 
@@ -240,7 +240,7 @@ class Modes:
             self.add_behavior_fault("fall", why)
 
     def _begin(self, verb: str, *, on_feet: bool = False) -> None:
-        """Let a command's motion begin, or refuse it. A robot with behaviour faults may move, but not get on its feet."""
+        """Let a command's motion begin, or refuse it. With behaviour faults it may move, but not get on its feet."""
         if self.motor_power is not MotorPower.ON:
             raise MotionRefusedError(f"{verb}: the motors are {self.motor_power.value}; power them on first")
         if on_feet and self.behavior_faults:

@@ -7,10 +7,15 @@ import threading
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from fake_robot.body.clock import RobotClock
 from fake_robot.body.truth import Lateness, Truth
+from fake_robot.eyes.eyes import Eyes
 from fake_robot.faults.fault import ServiceFault
 from fake_robot.faults.registry import fault_kinds, make_fault
+from fake_robot.network.camera_view import CameraView
 from fake_robot.network.malformed import spoil
 from fake_robot.network.robot_port import EstopLevel, FaultKind, Snapshot, StreamFailure
 from fake_robot.network.stand_pose import StandPose
@@ -55,6 +60,7 @@ class Robot:
         self._goal_ns = 0
         self._simulation = Simulation(scenario, self.clock, self._deliver)
         self._loop: RealTimeLoop | None = None
+        self._eyes = Eyes(scenario)
 
     # Life -------------------------------------------------------------------------------------------------------------
 
@@ -84,6 +90,7 @@ class Robot:
         if self._loop is not None:
             self._loop.stop()
         self._close_states()
+        self._eyes.close()
 
     @property
     def crash(self) -> BaseException | None:
@@ -300,6 +307,13 @@ class Robot:
             if reset_extremes:
                 self._simulation.extremes.reset()
             return truth
+
+    def see(self, view: CameraView) -> NDArray[Any] | None:
+        """What a camera sees now; None where this computer cannot draw it. See :meth:`.Eyes.look`."""
+        with self._changed:
+            body = self._simulation.body
+            position = np.concatenate([body.base_position_m, body.base_wxyz, body.joint_position_rad])
+        return self._eyes.look(position, view)
 
     @property
     def lateness(self) -> Lateness:

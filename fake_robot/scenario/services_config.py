@@ -61,8 +61,9 @@ class ServicesConfig(BaseModel):
     max_command_rate_hz: float = Field(default=2000.0, gt=0)
     """A faster joint-control stream (mean over one second, real time only) is ended with INVALID_REQUEST."""
 
-    cameras: Literal["test_card", "none"] = "test_card"
-    """What the image service has: the robot's cameras with a test card before each, or no camera at all."""
+    cameras: Literal["scene", "test_card", "none"] = "scene"
+    """What the image service has: cameras that see the simulated scene, and a test card where this computer cannot draw
+    without a display; cameras with a test card before each; or no camera at all."""
 
     max_concurrent_calls: int = Field(default=64, ge=4, le=1024)
     max_message_bytes: int = Field(default=4 * 1024 * 1024, ge=1024)

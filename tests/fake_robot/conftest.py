@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fake_robot.network.camera_view import CameraView
 from fake_robot.network.robot_port import (
     BehaviorFault,
     EstopLevel,
@@ -121,6 +122,7 @@ class StubRobot:
         self.subscriptions: list[StubSubscription] = []
         self.streams: list[StubCommandStream] = []
         self.injected: dict[int, str] = {}
+        self.views: list[CameraView] = []
         self.crash: BaseException | None = None
         zeros = np.zeros
         self.state = Snapshot(
@@ -187,6 +189,9 @@ class StubRobot:
     def place_feet(self, feet_in_odom_m: Any, accuracy_m: float) -> None:
         self.calls.append("place_feet")
         self.set(mode=Mode.STEPPING)
+
+    def see(self, view: CameraView) -> None:
+        self.views.append(view)
 
     def why_no_walk(self) -> str | None:
         return None

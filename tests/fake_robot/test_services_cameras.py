@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import logging
+import sys
 from collections.abc import Callable
 from typing import Any
 
@@ -22,7 +24,10 @@ from bosdyn.client.image import (
 )
 from PIL import Image
 
-from fake_robot.services.sensors import test_card
+from fake_robot.eyes.eyes import Eyes
+from fake_robot.network.camera_view import CameraView
+from fake_robot.scenario.scenario import Scenario
+from fake_robot.services.sensors.test_card import card_pixels
 
 PLACES = ("back", "frontleft", "frontright", "left", "right")
 
@@ -50,7 +55,9 @@ def test_an_image_is_the_test_card_in_both_forms(images: Any) -> None:
     assert (pixels.source.cols, pixels.source.rows) == (pixels.shot.image.cols, pixels.shot.image.rows) == (640, 480)
     with Image.open(io.BytesIO(shot.shot.image.data)) as opened:
         assert (opened.mode, opened.size) == ("L", (640, 480))
-        np.testing.assert_array_equal(np.asarray(opened).ravel(), np.frombuffer(pixels.shot.image.data, np.uint8))
+        raw = np.frombuffer(pixels.shot.image.data, np.uint8).reshape(480, 640)
+        np.testing.assert_array_equal(raw, card_pixels(640, 480))
+        assert np.abs(np.asarray(opened).astype(int) - raw).mean() < 2.0
 
 
 def test_a_camera_stands_in_the_tree_of_frames_and_has_a_lens(images: Any) -> None:
@@ -107,8 +114,83 @@ def test_a_scenario_can_do_without_cameras(serve_stub: Callable[..., Any]) -> No
         images.get_image_from_sources(["frontleft_fisheye_image"])
 
 
-@pytest.mark.parametrize("size", [(1, 1), (33, 17), (8, 8), (424, 240)])
-def test_the_card_of_any_size_is_coded_without_loss(size: tuple[int, int]) -> None:
-    with Image.open(io.BytesIO(test_card.jpeg(*size))) as opened:
-        assert opened.size == size
-        np.testing.assert_array_equal(np.asarray(opened).ravel(), np.frombuffer(test_card.raw(*size), np.uint8))
+def test_a_camera_takes_no_more_than_fifteen_pictures_a_second(images: Any, stub: Any) -> None:
+    for _ in range(3):
+        (first,) = images.get_image_from_sources(["left_depth"])
+    assert [view.is_depth for view in stub.robot.views] == [True]
+    stub.robot.advance(70_000_000)
+    (second,) = images.get_image_from_sources(["left_depth"])
+    assert len(stub.robot.views) == 2
+    assert second.shot.acquisition_time.ToNanoseconds() - first.shot.acquisition_time.ToNanoseconds() == 70_000_000
+
+
+# The scene, and what draws it -----------------------------------------------------------------------------------------
+
+AHEAD = CameraView((0.42, 0.0, 0.0), (0.5, -0.5, 0.5, -0.5), 64, 48, is_depth=False)
+STANDING = np.array([0.0, 0.0, 0.6, 1.0, 0.0, 0.0, 0.0, *[0.1, 0.9, -1.5] * 4])
+ONE_BACKEND = """
+import os, sys
+from multiprocessing.connection import Connection
+end = Connection(int(sys.argv[1]))
+end.recv()
+end.send(None if os.environ["MUJOCO_GL"] == "osmesa" else "no such library")
+end.recv()
+end.send(os.environ["MUJOCO_GL"])
+end.recv()
+"""
+
+
+def test_the_scene_is_the_ground_below_and_the_sky_above() -> None:
+    eyes = Eyes(Scenario())
+    try:
+        grey = eyes.look(STANDING, AHEAD)
+        if grey is None:
+            pytest.skip("MuJoCo cannot draw here without a display")
+        depth = eyes.look(STANDING, CameraView(AHEAD.position_in_body_m, AHEAD.body_from_lens_wxyz, 64, 48, True))
+    finally:
+        eyes.close()
+    assert (grey.shape, grey.dtype, depth.shape, depth.dtype) == ((48, 64), np.uint8, (48, 64), np.uint16)
+    assert grey[:16].mean() > grey[32:].mean() + 20
+    assert not depth[:24].any()
+    # 0.6 m over flat ground, a ray through the centre of row r sinks by (r + 0.5 - 24) / 32 a metre ahead.
+    for row in (35, 40, 47):
+        np.testing.assert_allclose(depth[row], 1000 * 0.6 / ((row + 0.5 - 24) / 32), rtol=0.01)
+
+
+def test_what_draws_is_the_first_that_can() -> None:
+    eyes = Eyes(Scenario(), backends=("egl", "osmesa"), program=(sys.executable, "-c", ONE_BACKEND))
+    try:
+        assert eyes.look(STANDING, AHEAD) == "osmesa"
+        assert eyes.backend == "osmesa"
+    finally:
+        eyes.close()
+
+
+@pytest.mark.parametrize(
+    ("program", "reason"),
+    [
+        ((sys.executable, "-c", "raise SystemExit"), "its process ended"),
+        ((sys.executable, "-c", ONE_BACKEND), "no such library"),
+    ],
+    ids=["ends", "says why"],
+)
+def test_a_computer_that_cannot_draw_says_so_once(
+    caplog: pytest.LogCaptureFixture, program: tuple[str, ...], reason: str
+) -> None:
+    eyes = Eyes(Scenario(), backends=("egl",), program=program)
+    with caplog.at_level(logging.WARNING):
+        assert eyes.look(STANDING, AHEAD) is None
+        assert eyes.look(STANDING, AHEAD) is None
+    (record,) = caplog.records
+    assert "the cameras show a test card" in record.getMessage()
+    assert f"egl: {reason}" in record.getMessage()
+    eyes.close()
+
+
+def test_what_dies_while_it_draws_leaves_the_test_card(caplog: pytest.LogCaptureFixture) -> None:
+    eyes = Eyes(Scenario(), backends=("osmesa",), program=(sys.executable, "-c", ONE_BACKEND))
+    with caplog.at_level(logging.WARNING):
+        assert eyes.look(STANDING, AHEAD) == "osmesa"
+        assert eyes.look(STANDING, AHEAD) is None
+    assert "what draws them failed" in caplog.text
+    eyes.close()

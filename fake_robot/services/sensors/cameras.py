@@ -1,20 +1,29 @@
-"""ImageService: the cameras of a base robot. They see nothing: a test card, and depth without a return."""
+"""ImageService: the cameras of a base robot, which see the simulated scene or, where nothing draws it, a test card."""
 
 from __future__ import annotations
 
+import io
 import math
+import threading
 from dataclasses import dataclass
+from typing import Any
 
 import grpc
+import numpy as np
 from bosdyn.api import image_pb2, image_service_pb2_grpc
 from bosdyn.client.math_helpers import Quat, SE3Pose
+from numpy.typing import NDArray
+from PIL import Image as Picture
 
+from fake_robot.network.camera_view import CameraView
+from fake_robot.network.robot_port import Snapshot
 from fake_robot.services.calls.access import refuse_request
 from fake_robot.services.calls.stamps import timestamp_from_ns
 from fake_robot.services.reports.robot_state_message import ROOT_FRAME, frame_tree
-from fake_robot.services.sensors import test_card
+from fake_robot.services.sensors.test_card import card_pixels
 from fake_robot.services.sensors.world import World
 from spot_model.robot.mjcf import BODY_HALF_SIZE_M
+from spot_model.robot.stamps import NS_PER_S
 
 VISUAL_SIZE = (640, 480)
 DEPTH_SIZE = (424, 240)
@@ -22,6 +31,9 @@ MAX_IMAGES = 30
 """In one answer: each source twice."""
 DEPTH_SCALE = 1000.0
 """Counts of a depth image a metre."""
+JPEG_QUALITY = 90
+_PERIOD_NS = NS_PER_S // 15
+"""A camera takes a picture no sooner than this after its last one; a request in between gets that one again."""
 _LONG_M, _WIDE_M, _ = BODY_HALF_SIZE_M
 _HEADINGS_RAD = {
     "frontleft": (0.1, (_LONG_M, 0.04)),
@@ -58,6 +70,20 @@ class Camera:
         """The one kind of pixels that it has."""
         return int(Image.PIXEL_FORMAT_DEPTH_U16 if self.is_depth else Image.PIXEL_FORMAT_GREYSCALE_U8)
 
+    @property
+    def view(self) -> CameraView:
+        """What it looks at."""
+        at, turn = self.body_from_lens, self.body_from_lens.rot
+        return CameraView((at.x, at.y, at.z), (turn.w, turn.x, turn.y, turn.z), *self.size, self.is_depth)
+
+
+@dataclass(frozen=True)
+class Capture:
+    """What a camera saw, and how the robot reported itself then."""
+
+    snapshot: Snapshot
+    pixels: NDArray[Any]
+
 
 def _cameras() -> dict[str, Camera]:
     cameras = []
@@ -86,7 +112,10 @@ class ImageService(image_service_pb2_grpc.ImageServiceServicer):  # type: ignore
 
     def __init__(self, world: World) -> None:
         self._world = world
-        self._cameras = CAMERAS if world.config.cameras == "test_card" else {}
+        self._cameras = CAMERAS if world.config.cameras != "none" else {}
+        self._sees_scene = world.config.cameras == "scene"
+        self._lock = threading.Lock()
+        self._captures: dict[str, Capture] = {}
 
     def ListImageSources(  # noqa: N802
         self, request: image_pb2.ListImageSourcesRequest, context: grpc.ServicerContext
@@ -125,8 +154,23 @@ class ImageService(image_service_pb2_grpc.ImageServiceServicer):  # type: ignore
         self._fill(answer.shot, camera, size, encoding)
         return answer
 
+    def _capture(self, camera: Camera) -> Capture:
+        """The camera's newest picture; a new one if that is old."""
+        with self._lock:
+            snapshot = self._world.robot.snapshot()
+            last = self._captures.get(camera.name)
+            if last is not None and 0 <= snapshot.robot_stamp_ns - last.snapshot.robot_stamp_ns < _PERIOD_NS:
+                return last
+            pixels = self._world.robot.see(camera.view) if self._sees_scene else None
+            if pixels is None:
+                cols, rows = camera.size
+                pixels = np.zeros((rows, cols), np.uint16) if camera.is_depth else card_pixels(cols, rows)
+            self._captures[camera.name] = Capture(snapshot, pixels)
+            return self._captures[camera.name]
+
     def _fill(self, shot: image_pb2.ImageCapture, camera: Camera, size: tuple[int, int], encoding: int) -> None:
-        snapshot = self._world.robot.snapshot()
+        capture = self._capture(camera)
+        snapshot = capture.snapshot
         shot.acquisition_time.CopyFrom(timestamp_from_ns(snapshot.robot_stamp_ns))
         shot.transforms_snapshot.CopyFrom(frame_tree(snapshot))
         edge = shot.transforms_snapshot.child_to_parent_edge_map[camera.frame]
@@ -135,10 +179,7 @@ class ImageService(image_service_pb2_grpc.ImageServiceServicer):  # type: ignore
         shot.frame_name_image_sensor = camera.frame
         shot.image.cols, shot.image.rows = size
         shot.image.format, shot.image.pixel_format = encoding, camera.pixel_format
-        if camera.is_depth:
-            shot.image.data = bytes(2 * size[0] * size[1])
-        else:
-            shot.image.data = test_card.jpeg(*size) if encoding == Image.FORMAT_JPEG else test_card.raw(*size)
+        shot.image.data = _encoded(capture.pixels, size, is_jpeg=encoding == Image.FORMAT_JPEG)
 
 
 def _source(camera: Camera, size: tuple[int, int]) -> image_pb2.ImageSource:
@@ -154,6 +195,18 @@ def _source(camera: Camera, size: tuple[int, int]) -> image_pb2.ImageSource:
     lens.focal_length.x = lens.focal_length.y = lens.principal_point.x = size[0] / 2
     lens.principal_point.y = size[1] / 2
     return source
+
+
+def _encoded(pixels: NDArray[Any], size: tuple[int, int], *, is_jpeg: bool) -> bytes:
+    picture = Picture.fromarray(pixels)
+    if picture.size != size:
+        # A mean of depths would lie where nothing is.
+        picture = picture.resize(size, Picture.Resampling.NEAREST)
+    if not is_jpeg:
+        return picture.tobytes()
+    file = io.BytesIO()
+    picture.save(file, "JPEG", quality=JPEG_QUALITY)
+    return file.getvalue()
 
 
 def _refusal(camera: Camera, status: int) -> image_pb2.ImageResponse:

@@ -43,7 +43,7 @@ def control(driver: Any) -> None:
 
 
 FROM_A_STAND: dict[Mode, Callable[[Any], None]] = {
-    Mode.STANDING: lambda driver: None,
+    Mode.STANDING: lambda _: None,
     Mode.STANDING_UP: lambda driver: driver.robot.stand(),
     Mode.WALKING: walk,
     Mode.STEPPING: place_feet,
@@ -61,7 +61,7 @@ CUTS: dict[str, Callable[[Any], None]] = {
     "give_up": lambda driver: driver.robot._simulation.modes.give_up("the battery is critically low"),
 }
 COMMANDS: dict[str, Callable[[Any], None]] = {
-    "none": lambda driver: None,
+    "none": lambda _: None,
     "stand": lambda driver: driver.robot.stand(),
     "walk": walk,
     "place_feet": place_feet,
