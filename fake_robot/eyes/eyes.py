@@ -61,7 +61,8 @@ class Eyes:
             if self._connection is None:
                 return None
             try:
-                return _ask(self._connection, (position, view), _PICTURE_S)
+                picture: NDArray[Any] = _ask(self._connection, (position, view), _PICTURE_S)
+                return picture
             except _BlindError as error:
                 _LOGGER.warning("the cameras show a test card from now on: what draws them failed: %s", error)
                 self._end()

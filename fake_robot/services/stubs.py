@@ -1,4 +1,4 @@
-"""Services that a base Spot has and that the fake answers without doing anything: one table of their answers.
+"""Services that a base Spot has and that the fake answers from a table, most of them without doing anything.
 
 Importing the vendor's service modules registers their descriptors, by which the table names services and methods.
 """
@@ -11,10 +11,14 @@ from typing import Final
 from bosdyn.api import (
     data_acquisition_service_pb2,
     data_acquisition_store_service_pb2,
+    ir_enable_disable_service_pb2,
     local_grid_service_pb2,
     point_cloud_service_pb2,
+    ray_cast_service_pb2,
 )
+from bosdyn.api.auto_return import auto_return_service_pb2
 from bosdyn.api.docking import docking_service_pb2
+from bosdyn.api.gps import registration_service_pb2
 from bosdyn.api.graph_nav import graph_nav_service_pb2, recording_service_pb2
 from bosdyn.api.log_status import log_status_service_pb2
 from bosdyn.api.mission import mission_service_pb2
@@ -22,9 +26,15 @@ from bosdyn.api.spot import spot_check_service_pb2
 
 from fake_robot.services.calls.access import refuse_request
 from fake_robot.services.calls.canned import Answer, Call
+from fake_robot.services.reports.log_status import ANSWERS as LOG_ANSWERS
 from fake_robot.services.sensors.cameras import CAMERAS
+from fake_robot.services.sensors.ray_cast import cast_ray
 
 _REGISTERED: Final = (
+    auto_return_service_pb2,
+    ir_enable_disable_service_pb2,
+    ray_cast_service_pb2,
+    registration_service_pb2,
     data_acquisition_service_pb2,
     data_acquisition_store_service_pb2,
     docking_service_pb2,
@@ -93,7 +103,6 @@ def _not_localized(call: Call) -> None:
     call.response.lost_detector_state.SetInParent()
 
 
-_RECORDS_NO_LOGS: Final = _refused("the robot records no logs")
 _NO_SPOT_CHECK: Final = _refused("the robot has no cameras to calibrate and no payload to check")
 
 ANSWERS: Final[Mapping[str, Mapping[str, Answer]]] = {
@@ -135,15 +144,18 @@ ANSWERS: Final[Mapping[str, Mapping[str, Answer]]] = {
         "StartRecording": _status("STATUS_COULD_NOT_CREATE_WAYPOINT"),
         "StopRecording": _status("STATUS_NOT_LOCALIZED_TO_END"),
     },
-    "bosdyn.api.log_status.LogStatusService": {
-        "GetActiveLogStatuses": _status("STATUS_OK"),
-        "GetLogStatus": _status("STATUS_ID_NOT_FOUND"),
-        "UpdateExperimentLog": _status("STATUS_ID_NOT_FOUND"),
-        "TerminateLog": _status("STATUS_ID_NOT_FOUND"),
-        "StartExperimentLog": _RECORDS_NO_LOGS,
-        "StartRetroLog": _RECORDS_NO_LOGS,
-        "StartConcurrentLog": _RECORDS_NO_LOGS,
+    "bosdyn.api.IREnableDisableService": {"IREnableDisable": _empty},
+    "bosdyn.api.RayCastService": {"Raycast": cast_ray},
+    "bosdyn.api.auto_return.AutoReturnService": {
+        "Configure": _status("STATUS_OK"),
+        "GetConfiguration": _empty,
+        "Start": _refused("the robot has recorded no way back"),
     },
+    "bosdyn.api.gps.RegistrationService": {
+        "GetLocation": _status("STATUS_NEED_DEVICE"),
+        "ResetRegistration": _empty,
+    },
+    "bosdyn.api.log_status.LogStatusService": LOG_ANSWERS,
     "bosdyn.api.mission.MissionService": {
         "GetState": _no_mission,
         "GetInfo": _empty,

@@ -7,7 +7,10 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from bosdyn.api import data_buffer_pb2, data_index_pb2, payload_pb2, power_pb2, service_fault_pb2
+from bosdyn.api import data_buffer_pb2, data_index_pb2, payload_pb2, power_pb2, ray_cast_pb2, service_fault_pb2
+from bosdyn.api.log_status.log_status_pb2 import LogStatus
+from bosdyn.api.spot.inverse_kinematics_pb2 import InverseKinematicsRequest
+from bosdyn.client import ray_cast
 from bosdyn.client.data_buffer import DataBufferClient
 from bosdyn.client.data_service import DataServiceClient
 from bosdyn.client.directory import DirectoryClient, NonexistentServiceError
@@ -18,7 +21,12 @@ from bosdyn.client.fault import FaultClient, ServiceFaultAlreadyExistsError, Ser
 from bosdyn.client.keepalive import InvalidPolicyError, KeepaliveClient, Policy, PolicyKeepalive
 from bosdyn.client.license import LicenseClient
 from bosdyn.client.local_grid import LocalGridClient
-from bosdyn.client.log_status import LogStatusClient
+from bosdyn.client.log_status import (
+    ExperimentAlreadyRunningError,
+    InactiveLogError,
+    LogStatusClient,
+    RequestIdDoesNotExistError,
+)
 from bosdyn.client.math_helpers import Vec3
 from bosdyn.client.payload import PayloadClient
 from bosdyn.client.payload_registration import PayloadRegistrationClient
@@ -206,6 +214,49 @@ def test_senses_are_empty_but_answer(robot: Any, call: Callable[..., Any]) -> No
     assert list(call(LogStatusClient, "get_active_log_statuses").log_statuses) == []
 
 
+def test_a_log_runs_until_its_end_or_until_it_is_terminated(robot: Any, call: Callable[..., Any], stub: Any) -> None:
+    client = robot.ensure_client(LogStatusClient.default_service_name)
+    first = client.start_experiment_log(5.0).log_status
+    with pytest.raises(ExperimentAlreadyRunningError):
+        client.start_retro_log(2.0)
+    stub.robot.clock.pass_s(4.0)
+    assert client.update_experiment(first.id, 5.0).log_status.status == LogStatus.STATUS_IN_PROGRESS
+    stub.robot.clock.pass_s(4.0)
+    assert [log.run_time.seconds for log in client.get_active_log_statuses().log_statuses] == [8]
+    stub.robot.clock.pass_s(1.1)
+    assert call(LogStatusClient, "get_log_status", first.id).log_status.status == LogStatus.STATUS_DONE
+    with pytest.raises(InactiveLogError):
+        client.update_experiment(first.id, 5.0)
+    past = client.start_retro_log(2.0).log_status
+    assert (past.status, past.end_time.seconds - past.start_time.seconds) == (LogStatus.STATUS_DONE, 2)
+    second = client.start_concurrent_log(60.0, data_buffer_pb2.Event(type="walk")).log_status
+    assert client.terminate_log(second.id).log_status.status == LogStatus.STATUS_TERMINATED
+    with pytest.raises(RequestIdDoesNotExistError):
+        client.get_log_status("log-99")
+
+
+def test_a_ray_meets_the_ground_plane(robot: Any, call: Callable[..., Any]) -> None:
+    # The stub's body is level at (1, 2, 0.5) in odom, the ground at 0: 3-4-5 down and ahead from half a metre.
+    ground = [ray_cast_pb2.RayIntersection.TYPE_GROUND_PLANE]
+    ahead = call(ray_cast.RayCastClient, "raycast", Vec3(0, 0, 0), Vec3(4, 0, -3), ground, frame_name="body")
+    assert (ahead.hits[0].distance_meters, ahead.hit_frame_name) == (pytest.approx(0.5 / 0.6), "body")
+    assert ahead.hits[0].hit_position_in_hit_frame.x == pytest.approx(0.5 / 0.6 * 0.8)
+    assert not call(ray_cast.RayCastClient, "raycast", Vec3(0, 0, 0.1), Vec3(4, 0, 3), [], frame_name="odom").hits
+    assert not call(ray_cast.RayCastClient, "raycast", Vec3(0, 0, 0), Vec3(0, 0, -1), ground, 1.0, "body").hits
+    with pytest.raises(ray_cast.UnknownFrameError):
+        call(ray_cast.RayCastClient, "raycast", Vec3(0, 0, 0), Vec3(0, 0, -1), [], frame_name="moon")
+    with pytest.raises(ray_cast.InvalidIntersectionTypeError):
+        call(
+            ray_cast.RayCastClient,
+            "raycast",
+            Vec3(0, 0, 0),
+            Vec3(0, 0, -1),
+            [ray_cast_pb2.RayIntersection.TYPE_HAND_DEPTH],
+        )
+    with pytest.raises(ray_cast.InvalidRequestError):
+        call(ray_cast.RayCastClient, "raycast", Vec3(0, 0, 0), Vec3(0, 0, 0), [])
+
+
 def test_keepalive_policy_acts_once_when_its_client_is_silent(robot: Any, stub: Any) -> None:
     client = robot.ensure_client(KeepaliveClient.default_service_name)
     policy = Policy()
@@ -228,9 +279,9 @@ def test_keepalive_policy_acts_once_when_its_client_is_silent(robot: Any, stub: 
 def test_a_service_that_a_base_spot_has_and_the_fake_has_not(robot: Any) -> None:
     for name in ("spot-check", "data-acquisition", "recording-service", "map-processing-service", "auto-return"):
         robot.ensure_client(name)
-    client = robot.ensure_client("ray-cast")
+    client = robot.ensure_client("inverse-kinematics")
     with pytest.raises(UnimplementedError) as refused:
-        client.raycast(Vec3(0.0, 0.0, 1.0), Vec3(1.0, 0.0, 0.0), [], frame_name="body")
+        client.inverse_kinematics(InverseKinematicsRequest())
     with pytest.raises(UnregisteredServiceNameError, match="manipulation"):
         robot.ensure_client("manipulation")
-    assert "no service 'bosdyn.api.RayCastService'" in refused.value.error.details()
+    assert "no service 'bosdyn.api.spot.InverseKinematicsService'" in refused.value.error.details()

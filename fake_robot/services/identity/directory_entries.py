@@ -34,6 +34,7 @@ OWN_SERVICES = {
     ),
     "point-cloud": ("bosdyn.api.PointCloudService", "api.spot.robot", True),
     "power": ("bosdyn.api.PowerService", "power.spot.robot", True),
+    "ray-cast": ("bosdyn.api.RayCastService", "ray-cast.spot.robot", True),
     "robot-command": ("bosdyn.api.RobotCommandService", "command.spot.robot", True),
     "robot-command-streaming": (
         "bosdyn.api.RobotCommandStreamingService",
@@ -72,7 +73,6 @@ LISTED_ONLY = {
         "bosdyn.api.PayloadSoftwareUpdateInitiationService",
         "payload-software-update-initiation.spot.robot",
     ),
-    "ray-cast": ("bosdyn.api.RayCastService", "ray-cast.spot.robot"),
     "recording-service": ("bosdyn.api.graph_nav.GraphNavRecordingService", "recording.spot.robot"),
     "robot-mission": ("bosdyn.api.mission.MissionService", "robot-mission.spot.robot"),
     "spot-check": ("bosdyn.api.spot.SpotCheckService", "check.spot.robot"),

@@ -19,6 +19,7 @@ from fake_robot.services.identity.time_sync_clients import TimeSyncClients
 from fake_robot.services.identity.tokens import Credentials, TokenMint
 from fake_robot.services.reports.data_buffer import DataBuffer
 from fake_robot.services.reports.fault import ServiceFaults, liveness_fault
+from fake_robot.services.reports.log_status import LogBook
 
 _LEVELS = {NONE: EstopLevel.NONE, SETTLE_THEN_CUT: EstopLevel.SETTLE_THEN_CUT, CUT: EstopLevel.CUT}
 
@@ -59,6 +60,7 @@ class World:
         self.payloads = RegisteredPayloads()
         self.service_faults = ServiceFaults(self.now_ns)
         self.notes = DataBuffer(self.now_ns)
+        self.logs = LogBook(self.now_ns)
         self.license_state: str = config.joint_control_license
         self._silent_services: frozenset[str] = frozenset()
         self.is_wifi_on = True
