@@ -27,7 +27,7 @@ def diagnose(
         Path | None, typer.Option("--robot", help="Another robot than Spot: a file (YAML) that describes it.")
     ] = None,
     add_effect: Annotated[
-        list[str] | None, typer.Option("--add-effect", help="One more effect of the library, module:Class; may repeat.")
+        list[str] | None, typer.Option("--add-effect", help="One more effect to try, module:Class; may repeat.")
     ] = None,
     without: Annotated[
         list[str] | None, typer.Option("--without", help="Leave an effect out of the library; may repeat.")

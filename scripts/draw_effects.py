@@ -52,6 +52,7 @@ SIZES = {
     "stribeck_friction": {"level_nm": 5.0, "speed_rad_s": 0.8},
     "thermal_derating": {"loss_per_k": 0.01, "heating_k_per_nm2_s": 0.05},
     "torque_bandwidth": {"time_constant_s": 0.01},
+    "torque_delay": {"delay_s": 0.015},
     "torque_gain": {"gain": 0.7},
     "torque_limit": {"limit_nm": 30.0},
     "torque_ripple": {"amplitude_nm": 5.0, "cycles_per_rad": 6.0},

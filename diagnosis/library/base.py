@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import enum
-from abc import ABC, abstractmethod
+from abc import ABC
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Final
@@ -12,9 +12,11 @@ import numpy as np
 
 from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelView, Flags, Shape, Views
-from diagnosis.library.experiments import Experiment
-from spot_model.effects.base import Effect
+from diagnosis.channels.drive.actuator import ActuatorSignals
+from diagnosis.library.experiments import SPRINT, Experiment
+from spot_model.effects.base import Effect, TorqueEffect
 from spot_model.io.model_file import RobotModel
+from spot_model.plant.joint_losses import joint_losses_nm
 
 BY_JOINT: Final = frozenset({Channel.SET_POINT_TO_LOAD, Channel.JOINT_RATES, Channel.POLICY_REPLAY})
 """Channels whose rows are joints that do not touch each other."""
@@ -41,6 +43,11 @@ class Coefficient:
     high: float
     """Bounds of the coefficient (parameter less null). Equal bounds: the column has no freedom but its shape."""
 
+    @property
+    def is_free(self) -> bool:
+        """Whether the column's size is to be found."""
+        return self.low != self.high
+
 
 ALL_OF_IT: Final = Coefficient("share", "1", 1.0, 1.0)
 """The coefficient of an effect whose size is in its shape."""
@@ -49,16 +56,21 @@ ALL_OF_IT: Final = Coefficient("share", "1", 1.0, 1.0)
 class LibraryEffect(ABC):
     """One effect of the library.
 
+    An entry of a torque effect, or of a model effect that changes friction, damping or armature of the joints, needs no
+    formula: its columns are the effect's own, evaluated on the logged motion, and its coefficients are named after the
+    effect's parameters.
+
     ``columns`` of a joint set is the sum over its joints, so that one coefficient is shared by the set. In a channel
     of ``separable``, joint j touches row j alone; there the columns of one joint are those of all joints, row j.
     """
 
     name: ClassVar[str]
-    """Name of the spot_model effect that puts it into a simulator."""
+    """Of the spot_model effect, unless it is given."""
     title: ClassVar[str]
-    """For a person."""
+    """For a person; the name in words, unless it is given."""
     effect: ClassVar[type[Effect]]
-    channels: ClassVar[tuple[Channel, ...]]
+    """What puts it into a simulator."""
+    channels: ClassVar[tuple[Channel, ...]] = (Channel.SET_POINT_TO_LOAD,)
     """Where it shows; a missing channel makes it weaker, missing all makes it invisible."""
     separable: ClassVar[frozenset[Channel]] = frozenset(
         {Channel.SET_POINT_TO_LOAD, Channel.JOINT_RATES, Channel.POLICY_REPLAY}
@@ -69,13 +81,19 @@ class LibraryEffect(ABC):
     coefficients: ClassVar[tuple[Coefficient, ...]]
     least: ClassVar[Mapping[str, float]] = {}
     """Parameters by name, and the size under which the effect is not there, whatever its other columns explain."""
-    confused_with: ClassVar[tuple[str, ...]]
+    confused_with: ClassVar[tuple[str, ...]] = ()
     """Names of library effects that can look the same."""
-    split_by: ClassVar[Experiment]
+    split_by: ClassVar[Experiment] = SPRINT
     """What to record to tell it from those."""
 
     n_free: ClassVar[int] = 0
     """How many numbers of the shape a last search by simplex moves; 0 where rounds of :meth:`refined` will do."""
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        if "effect" in vars(cls):
+            cls.name = vars(cls).get("name", cls.effect.name)
+            cls.title = vars(cls).get("title", cls.name.replace("_", " "))
 
     def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:
         """Values of the non-linear parameters that are worth a try, coarse, from the data of the joints.
@@ -108,13 +126,25 @@ class LibraryEffect(ABC):
         """The shape with each of its free numbers times a factor, shape (:attr:`n_free`,); None where not allowed."""
         return None
 
-    @abstractmethod
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
-        """What one unit of each coefficient adds to the response. Shape (n, R, len(coefficients))."""
+        """What one unit of each coefficient adds to the response. Shape (n, R, len(coefficients)).
 
-    @abstractmethod
+        Default: the slope of the effect's own formula over the logged motion.
+        """
+        return on_joints(effect_columns(self, view.signals, shape), joints)
+
     def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
-        """Parameters of the spot_model effect, from coefficients of shape (len(coefficients),) and the shape."""
+        """Parameters of the spot_model effect, from coefficients of shape (len(coefficients),) and the shape.
+
+        Default: a coefficient named after a parameter is its difference from the null value; the rest is the shape's.
+        What lies beyond a parameter's bounds is put at the bound.
+        """
+        known = {p.name: p for p in self.effect.parameters()}
+        found = {name: float(value) for name, value in shape.items() if name in known}
+        for c, value in zip(self.coefficients, coefficients, strict=True):
+            if c.is_free and c.name in known:
+                found[c.name] = known[c.name].null + float(value)
+        return {name: min(max(value, known[name].low), known[name].high) for name, value in found.items()}
 
     def is_there(self, coefficients: Array, shape: Shape) -> bool:
         """Whether all parameters of :attr:`least` are large enough."""
@@ -143,5 +173,29 @@ def legs_of(joints: Flags, view: ChannelView) -> Flags:
 
 
 def on_joints(values: Array, joints: Flags) -> Array:
-    """A column (n, J) restricted to some joints, as (n, J, 1)."""
-    return np.asarray((values * joints)[:, :, None])
+    """Columns (n, J) or (n, J, k) restricted to some joints, as (n, J, k)."""
+    return np.asarray((values if values.ndim == 3 else values[:, :, None]) * joints[:, None])
+
+
+SLOPE_SHARE: Final = 0.01
+"""Slopes are taken over this share of a coefficient's range."""
+
+
+def effect_columns(entry: LibraryEffect, s: ActuatorSignals, shape: Shape) -> Array:
+    """Slope of what the entry's effect adds to every joint's load, by coefficient; shape (n, J, len(coefficients)).
+
+    A coefficient without freedom gives all that the effect adds.
+    """
+
+    def added(coefficients: Array) -> Array:
+        effect = entry.effect(joints=("all",), **entry.values(coefficients, shape))
+        if isinstance(effect, TorqueEffect):
+            return s.finish(s.torque_after_nm(effect) - s.torque_nm)
+        return -joint_losses_nm([effect], s.loss_motion())
+
+    at = np.array([0.0 if c.is_free else c.high for c in entry.coefficients])
+    before, found = added(at), []
+    for k, c in enumerate(entry.coefficients):
+        step = SLOPE_SHARE * (c.high if c.high > 0.0 else c.low)
+        found.append((added(at + step * (np.arange(len(at)) == k)) - before) / step if c.is_free else before)
+    return np.stack(found, axis=2)

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from importlib.metadata import EntryPoint
 
 from diagnosis.library.base import LibraryEffect
+from diagnosis.library.plain_effect import entry_of
 from diagnosis.library.registry import LIBRARY
+from spot_model.effects.base import Effect
 from spot_model.errors import BadInputError
-
-NEEDED = ("name", "title", "effect", "channels", "coefficients", "confused_with", "split_by")
 
 
 def chosen_library(added: Sequence[str], left_out: Sequence[str]) -> dict[str, LibraryEffect]:
@@ -43,13 +43,15 @@ def _load(value: str) -> LibraryEffect:
         made = EntryPoint(name="effect", value=value, group="spot_rl.library").load()
     except (ImportError, AttributeError) as error:
         raise BadInputError(f"--add-effect {value!r} cannot be loaded: {error}; is it on the Python path?") from error
+    if isinstance(made, type) and issubclass(made, Effect):
+        return entry_of(made)
     if not (isinstance(made, type) and issubclass(made, LibraryEffect)):
-        raise BadInputError(f"--add-effect {value!r} is no subclass of diagnosis.library.base.LibraryEffect")
+        raise BadInputError(f"--add-effect {value!r} is no Effect of spot_model.effects.base, and no LibraryEffect")
+    for needed in ("effect", "coefficients"):
+        if not hasattr(made, needed):
+            raise BadInputError(f"--add-effect {value!r} lacks the attribute {needed}; write it")
     try:
         effect: LibraryEffect = made()
     except TypeError as error:
         raise BadInputError(f"--add-effect {value!r} cannot be made: {error}; write what is missing") from error
-    lacking = [a for a in NEEDED if not hasattr(effect, a)]
-    if lacking:
-        raise BadInputError(f"--add-effect {value!r} lacks the attribute {lacking[0]}; needed: {', '.join(NEEDED)}")
     return effect

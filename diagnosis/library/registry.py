@@ -7,7 +7,14 @@ from typing import Final
 from diagnosis.library.base import LibraryEffect
 from diagnosis.library.effects.backlash import BacklashEntry
 from diagnosis.library.effects.command_link import CommandDelayEntry, CommandDropEntry, CommandJitterEntry
-from diagnosis.library.effects.drive import ArmatureEntry, BandwidthEntry, RippleEntry, ThermalEntry, TorqueGainEntry
+from diagnosis.library.effects.drive import (
+    ArmatureEntry,
+    BandwidthEntry,
+    DelayEntry,
+    RippleEntry,
+    ThermalEntry,
+    TorqueGainEntry,
+)
 from diagnosis.library.effects.estimator import ContactDelayEntry, ImuTiltEntry, VelocityEstimateEntry
 from diagnosis.library.effects.friction import CoulombEntry, LoadFrictionEntry, StribeckEntry, ViscousEntry
 from diagnosis.library.effects.ground import FootRadiusEntry, GroundComplianceEntry, GroundFrictionEntry
@@ -36,6 +43,7 @@ LIBRARY: Final[dict[str, LibraryEffect]] = {
         PositionLimitEntry(),
         ArmatureEntry(),
         BandwidthEntry(),
+        DelayEntry(),
         CommandDelayEntry(),
         CommandJitterEntry(),
         CommandDropEntry(),
@@ -64,5 +72,5 @@ LIBRARY: Final[dict[str, LibraryEffect]] = {
         JointSwapEntry(),
     )
 }
-"""36 effects. A leg that differs from the others is any of them at that leg's joints; a robot that does not follow its
+"""37 effects. A leg that differs from the others is any of them at that leg's joints; a robot that does not follow its
 commands is no effect but a cut (:mod:`diagnosis.read.segments`)."""

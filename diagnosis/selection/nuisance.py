@@ -181,4 +181,4 @@ def _own_numbers(board: Any) -> list[Array]:
 
 
 def _torque(s: ActuatorSignals, effects: Sequence[Effect]) -> Array:
-    return nominal_torque_nm(effects, s.request_nm, s.position_rad, s.velocity_rad_s, s.stack.starts(), s.period_s)
+    return nominal_torque_nm(effects, s.request_nm, s.position_rad, s.velocity_rad_s, s.stack.run, s.period_s)

@@ -100,16 +100,6 @@ class Motion:
 
 
 @dataclass(frozen=True)
-class LossMotion:
-    """How joints move, as far as a loss between motor and load cell depends on it; arrays of shape (n, 12)."""
-
-    velocity_rad_s: AnyArray
-    acceleration_rad_s2: AnyArray
-    direction: AnyArray
-    """Sign of the velocity, and less than 1 in size where it is in doubt."""
-
-
-@dataclass(frozen=True)
 class IdleBox:
     """Bounds within which a torque effect certainly does nothing, each low and high."""
 
@@ -181,13 +171,6 @@ class ModelEffect(Effect):
     @abstractmethod
     def edit(self, fields: ModelFields) -> None:
         """Edit the model in place, for the joints in :attr:`mask`; adds to what stands there."""
-
-    def joint_loss_nm(self, motion: LossMotion) -> AnyArray | float:
-        """Torque that the edit takes away between motor and load cell, shape (n, 12), N·m; none by default.
-
-        Residuals of logged torques ask for it, where no simulation runs.
-        """
-        return 0.0
 
 
 class TorqueEffect(Effect):

@@ -59,6 +59,7 @@ CASES = (
     Case("torque_gain", ("hl_kn",), {"gain": 0.88}, {"gain": 0.02}),
     Case("armature", ("kn",), {"inertia_kg_m2": 0.03}),
     Case("torque_bandwidth", ALL, {"time_constant_s": 0.005}),
+    Case("torque_delay", ("kn",), {"delay_s": 0.006}),
     Case("thermal_derating", ("kn",), {"loss_per_k": 0.02}),
     Case(
         "torque_ripple",

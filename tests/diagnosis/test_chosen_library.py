@@ -42,10 +42,12 @@ def test_left_out_effects_are_not_tried_and_twice_is_once() -> None:
         ([], list(LIBRARY), "library is empty"),
         (["oil_drag"], [], r"--add-effect 'oil_drag'; allowed: module:Class"),
         (["no_such_module:Entry"], [], r"cannot be loaded: No module named 'no_such_module'; is it on the Python path"),
-        (["oil_drag:OilDrag"], [], r"is no subclass of diagnosis.library.base.LibraryEffect"),
-        (["oil_drag:OilDragEntry", "oil_drag:OilDragEntry"], [], r"is named 'oil_drag', as one of the library is"),
-        (["half_done:Entry"], [], r"cannot be made: .*columns.*; write what is missing"),
-        (["half_done:Bare"], [], r"lacks the attribute title; needed: name, title"),
+        (["half_done:nothing"], [], r"is no Effect of spot_model.effects.base, and no LibraryEffect"),
+        (["oil_drag:OilDrag", "oil_drag:OilDrag"], [], r"is named 'oil_drag', as one of the library is"),
+        (["half_done:Bare"], [], r"lacks the attribute effect; write it"),
+        (["half_done:Wide"], [], r"wide.at_rad cannot be searched from -1e\+09 to 1e\+09; bound it closer"),
+        (["half_done:Empty"], [], r"effect empty has no parameter to fit"),
+        (["spot_model.effects.body.leg_mass:LegMass"], [], r"leg_mass changes no torque between set-point and load"),
     ],
 )
 def test_what_cannot_be_done_is_said(
@@ -54,10 +56,17 @@ def test_what_cannot_be_done_is_said(
     monkeypatch.syspath_prepend(str(EXAMPLES))
     monkeypatch.syspath_prepend(str(tmp_path))
     (tmp_path / "half_done.py").write_text(
+        "from dataclasses import dataclass\n"
+        "from typing import Any\n"
         "from diagnosis.library.base import LibraryEffect\n"
-        "class Entry(LibraryEffect):\n    name = 'half'\n"
+        "from spot_model.effects.base import TorqueEffect, parameter\n"
+        "nothing = 3\n"
         "class Bare(LibraryEffect):\n    name = 'bare'\n"
-        "    def columns(self, view, shape, joints): ...\n    def values(self, coefficients, shape): ...\n"
+        "class Empty(TorqueEffect):\n    name = 'empty'\n"
+        "    def torque(self, torque_nm, motion, memory): return torque_nm, memory\n"
+        "@dataclass(frozen=True, kw_only=True)\n"
+        "class Wide(Empty):\n    name = 'wide'\n"
+        "    at_rad: Any = parameter(null=0.0, low=-1e9, high=1e9, unit='rad', source='')\n"
     )
     with pytest.raises(BadInputError, match=re.compile(words, re.DOTALL)):
         chosen_library(added, without)
@@ -101,7 +110,7 @@ def test_the_effect_that_a_person_writes_explains_what_the_library_cannot(
     monkeypatch.syspath_prepend(str(EXAMPLES))
     names = ("coulomb_friction", "viscous_friction", "torque_gain", "armature")
     small = {name: LIBRARY[name] for name in names}
-    added = chosen_library(["oil_drag:OilDragEntry"], [])["oil_drag"]
+    added = chosen_library(["oil_drag:OilDrag"], [])["oil_drag"]
     found = _found(logs, {**small, "oil_drag": added})
     joints, values = found["oil_drag"]
     assert joints == ("fr_kn",)

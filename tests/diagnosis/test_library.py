@@ -100,7 +100,7 @@ def test_two_effects_fitted_together_keep_apart(null_views):
 
 
 def test_an_effect_without_its_channel_cannot_be_fitted(null_views):
-    with pytest.raises(ValueError, match="command_delay: fewer than 10 usable samples in channels A"):
+    with pytest.raises(ValueError, match="command_delay: fewer than 10 usable samples in channels set_point_to_load"):
         fit(LIBRARY["command_delay"], {Channel.SET_POINT_TO_LOAD: null_views[Channel.SET_POINT_TO_LOAD]}, ALL_JOINTS)
 
 

@@ -39,6 +39,7 @@ from spot_model.effects.drive.joint_compliance import JointCompliance
 from spot_model.effects.drive.load_friction import LoadFriction
 from spot_model.effects.drive.stribeck_friction import StribeckFriction
 from spot_model.effects.drive.torque_bandwidth import TorqueBandwidth
+from spot_model.effects.drive.torque_delay import TorqueDelay
 from spot_model.effects.drive.torque_gain import TorqueGain
 from spot_model.effects.drive.torque_ripple import TorqueRipple
 from spot_model.effects.drive.viscous_friction import ViscousFriction
@@ -200,6 +201,7 @@ ACTIVE = (
     LoadFriction(share=0.1),
     TorqueGain(gain=0.9),
     Armature(inertia_kg_m2=0.04),
+    TorqueDelay(delay_s=0.01),
     TorqueBandwidth(time_constant_s=0.01),
     ThermalDerating(loss_per_k=0.004, heating_k_per_nm2_s=0.5, cooling_time_s=2.0),
     TorqueRipple(amplitude_nm=0.5, cycles_per_rad=50.0, phase_rad=0.5, second_nm=0.2, second_phase_rad=-0.4),

@@ -8,12 +8,13 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-from spot_model.effects.base import LossMotion, ModelEffect, ModelFields, parameter
+from spot_model.effects.base import ModelEffect, ModelFields, parameter
 from spot_model.effects.body.payload_mass import PayloadMass
 from spot_model.effects.drive.armature import Armature
 from spot_model.effects.drive.coulomb_friction import CoulombFriction
 from spot_model.effects.drive.viscous_friction import ViscousFriction
-from spot_model.effects.friction import STICK_SPEED_RAD_S, has_joint_loss, joint_losses_nm, smooth_sign
+from spot_model.effects.friction import STICK_SPEED_RAD_S, smooth_sign
+from spot_model.plant.joint_losses import LossMotion, has_joint_loss, joint_losses_nm
 
 MOTION = LossMotion(
     velocity_rad_s=np.full((2, 12), 3.0), acceleration_rad_s2=np.full((2, 12), 10.0), direction=np.full((2, 12), 0.5)
@@ -29,9 +30,6 @@ class Grease(ModelEffect):
 
     def edit(self, fields: ModelFields) -> None:
         fields["dof_damping"][:, fields.joint_dofs] += self.drag_nm_s_per_rad * self.mask
-
-    def joint_loss_nm(self, motion: LossMotion) -> Any:
-        return self.drag_nm_s_per_rad * self.mask * motion.velocity_rad_s
 
 
 @pytest.mark.parametrize(
@@ -54,6 +52,12 @@ def test_losses_add_up_and_other_effects_have_none():
     effects = [ViscousFriction(damping_nm_s_per_rad=0.2), CoulombFriction(level_nm=1.0), PayloadMass(mass_kg=3.0)]
     np.testing.assert_allclose(joint_losses_nm(effects, MOTION), np.full((2, 12), 1.1))
     assert not has_joint_loss(effects[-1])
+
+
+def test_an_effect_at_null_has_no_loss_now_and_could_have_one():
+    grease = Grease()
+    assert not joint_losses_nm([grease], MOTION).any()
+    assert has_joint_loss(grease)
 
 
 def test_the_sign_is_smooth_at_rest_and_sharp_beyond():

@@ -20,10 +20,11 @@ from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelOff, ChannelView, Flags, Ints
 from diagnosis.channels.drive.chatter import rattling
 from diagnosis.channels.drive.load_lag import load_lag_s
-from diagnosis.channels.drive.nominal_torque import nominal_armature_kg_m2, nominal_load_nm, nominal_torque_nm
+from diagnosis.channels.drive.nominal_torque import check_joints, direction, nominal_torque_nm, torque_after_nm
 from diagnosis.channels.low_pass import low_pass
 from diagnosis.channels.stack import Stack, white_noise
-from spot_model.effects.base import Effect
+from spot_model.effects.base import Effect, TorqueEffect
+from spot_model.plant.joint_losses import LossMotion, has_joint_loss, joint_losses_nm
 from spot_model.robot.control import pd_torque
 
 STRIDE: Final = 2
@@ -75,9 +76,34 @@ class ActuatorSignals:
         """The derivative of a raw column, likewise."""
         return self.stack.rate(raw)[::STRIDE]
 
+    def loss_motion(self) -> LossMotion:
+        """The motion as the channel's rows have it, for losses between motor and load cell."""
+        return LossMotion(
+            velocity_rad_s=self.finish(self.velocity_rad_s),
+            acceleration_rad_s2=self.finish_rate(self.inertial_velocity_rad_s),
+            direction=self.finish(direction(self.still_velocity_rad_s)),
+        )
+
+    def torque_after_nm(self, effect: TorqueEffect) -> Array:
+        """The nominal motor torque after one more effect, at every joint. Shape (N, J)."""
+        return torque_after_nm(
+            effect, self.torque_nm, self.position_rad, self.velocity_rad_s, self.stack.run, self.period_s
+        )
+
     def low_pass(self, raw: Array, time_constant_s: float) -> Array:
         """First-order low pass of (N, J), each recording by itself, starting at rest at its first value."""
         return low_pass(self.stack, raw, time_constant_s)
+
+    def delayed(self, raw: Array, delay_s: float) -> Array:
+        """(N, J) as it was a delay ago, each recording by itself, zero before its start."""
+        whole, share = divmod(delay_s / self.period_s, 1.0)
+        out = np.zeros_like(raw)
+        for number in range(len(self.stack.recordings)):
+            rows = self.stack.run == number
+            for steps, weight in ((int(whole), 1.0 - share), (int(whole) + 1, share)):
+                kept = raw[rows][: max(0, int(rows.sum()) - steps)]
+                out[np.flatnonzero(rows)[steps:]] += weight * kept
+        return out
 
     def integrated(self, raw: Array, decay_s: float) -> Array:
         """Solution of dy/dt = raw − y/decay from zero at each recording's start, shape of ``raw``."""
@@ -106,10 +132,11 @@ def actuator_view(
         return ChannelOff(Channel.SET_POINT_TO_LOAD, "no commands")
     lag_s, note = load_lag_s(stack)
     signals = _signals(stack, effects, lag_s)
-    predicted = nominal_load_nm(effects, signals.torque_nm, signals.still_velocity_rad_s)
-    raw = signals.load_nm - predicted
-    armature = nominal_armature_kg_m2(effects, raw.shape[1])
-    response = signals.finish(raw) + armature * signals.finish_rate(signals.inertial_velocity_rad_s)
+    raw = signals.load_nm - signals.torque_nm
+    losing = [effect for effect in effects if has_joint_loss(effect)]
+    for effect in losing:
+        check_joints(effect, raw.shape[1])
+    response = signals.finish(raw) + (joint_losses_nm(losing, signals.loss_motion()) if losing else 0.0)
     usable = np.repeat(stack.used[:, None], raw.shape[1], axis=1)
     if limits_rad is not None:
         low, high = limits_rad
@@ -232,7 +259,7 @@ def _signals(stack: Stack, effects: Sequence[Effect], lag_s: float) -> ActuatorS
         inertial_velocity_rad_s=_at_lag(stack, 0.5 * lag_s)[1],
         kd_nm_s_per_rad=np.where((rows >= 0)[:, None], _commanded(stack, rows, "kd_nm_s_per_rad"), 0.0),
         request_nm=request,
-        torque_nm=nominal_torque_nm(effects, request, position, velocity, stack.starts(), stack.period_s),
+        torque_nm=nominal_torque_nm(effects, request, position, velocity, stack.run, stack.period_s),
         load_nm=stack.filled(lambda r: r.load_nm),
         command_age_s=ages,
         old_request_nm=_request(stack, position, velocity, before),

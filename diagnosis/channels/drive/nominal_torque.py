@@ -1,16 +1,15 @@
-"""What the nominal model makes of a requested torque: its torque effects, then what friction and inertia take away."""
+"""What effects make of a requested torque, without a simulation: the effects' own formulas on the logged motion."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 from typing import Final
 
 import numpy as np
 
 from diagnosis.channels.channel_view import Array, Ints
-from spot_model.effects.base import Effect, LossMotion, Motion, TorqueEffect
-from spot_model.effects.friction import has_joint_loss, joint_losses_nm, smooth_sign
+from spot_model.effects.base import Effect, Motion, TorqueEffect
+from spot_model.effects.friction import smooth_sign
 from spot_model.errors import BadInputError
 from spot_model.robot import facts
 
@@ -23,7 +22,7 @@ def nominal_torque_nm(
     request_nm: Array,
     position_rad: Array,
     velocity_rad_s: Array,
-    starts: Ints,
+    run: Ints,
     period_s: float,
 ) -> Array:
     """Motor torque of the nominal model.
@@ -33,7 +32,7 @@ def nominal_torque_nm(
         request_nm: The servo law's torque. Shape (N, J).
         position_rad: Shape (N, J).
         velocity_rad_s: Shape (N, J).
-        starts: First row of each recording: memories start afresh there.
+        run: Recording of each row, rising: memories start afresh with each. Shape (N,).
         period_s: Time between rows.
 
     Raises:
@@ -41,31 +40,60 @@ def nominal_torque_nm(
     """
     torque = request_nm
     for effect in effects:
-        if not isinstance(effect, TorqueEffect) or effect.is_null:
-            continue
-        if request_nm.shape[1] != facts.N_JOINTS:
-            raise BadInputError(
-                f"the nominal model has effect {effect.name}, and the log {request_nm.shape[1]} joints; effects of a "
-                f"nominal model are for Spot's {facts.N_JOINTS}: give a model without effects"
-            )
-        torque = _applied(effect, torque, position_rad, velocity_rad_s, starts, period_s)
+        if isinstance(effect, TorqueEffect) and not effect.is_null:
+            check_joints(effect, request_nm.shape[1])
+            changed = torque_after_nm(effect, torque, position_rad, velocity_rad_s, run, period_s)
+            torque = np.where(effect.mask, changed, torque)
     return torque
 
 
-def nominal_load_nm(effects: Sequence[Effect], torque_nm: Array, velocity_rad_s: Array) -> Array:
-    """Load at the link without what accelerates the armature: motor torque less the model's friction, shape (N, J)."""
-    losing = [effect for effect in effects if has_joint_loss(effect)]
-    if not losing:
-        return torque_nm
-    motion = LossMotion(velocity_rad_s, np.zeros_like(velocity_rad_s), direction(velocity_rad_s))
-    return np.asarray(torque_nm - joint_losses_nm(losing, motion))
+def check_joints(effect: Effect, n_joints: int) -> None:
+    """Raise :class:`BadInputError` if a nominal model's effect meets a robot without Spot's joints."""
+    if n_joints != facts.N_JOINTS:
+        raise BadInputError(
+            f"the nominal model has effect {effect.name}, and the log {n_joints} joints; effects of a nominal model "
+            f"are for Spot's {facts.N_JOINTS}: give a model without effects"
+        )
 
 
-def nominal_armature_kg_m2(effects: Sequence[Effect], n_joints: int) -> Array:
-    """Armature of the nominal model, shape (J,)."""
-    losing = [effect for effect in effects if has_joint_loss(effect)]
-    still = np.zeros((1, n_joints))
-    return np.asarray(joint_losses_nm(losing, LossMotion(still, still + 1.0, still))[0])
+def torque_after_nm(
+    effect: TorqueEffect, torque_nm: Array, position_rad: Array, velocity_rad_s: Array, run: Ints, period_s: float
+) -> Array:
+    """The effect's formula at every joint, recordings side by side where it carries something from step to step.
+
+    Args:
+        effect: Its parameters are numbers, or arrays of shape (12,).
+        torque_nm: What goes in. Shape (N, J).
+        position_rad: Shape (N, J).
+        velocity_rad_s: Shape (N, J).
+        run: Recording of each row, rising. Shape (N,).
+        period_s: Time between rows.
+
+    Returns:
+        Shape (N, J).
+    """
+    ready = effect.arrays_like(torque_nm)
+    if not _carries(ready, torque_nm[:1], period_s):
+        motion = Motion(position_rad, velocity_rad_s, period_s)
+        return np.asarray(ready.torque(torque_nm, motion, ready.start(torque_nm))[0])
+    numbers, first, sizes = np.unique(run, return_index=True, return_counts=True)
+    place = np.arange(len(run)) - np.repeat(first, sizes)
+    shape = (int(sizes.max()), len(numbers), torque_nm.shape[1])
+    row = np.repeat(np.arange(len(numbers)), sizes)
+    given = np.zeros((3, *shape))
+    for padded, values in zip(given, (torque_nm, position_rad, velocity_rad_s), strict=True):
+        padded[place, row] = values
+    out, memory = np.empty(shape), ready.start(given[0, 0])
+    for k in range(shape[0]):
+        out[k], memory = ready.torque(given[0, k], Motion(given[1, k], given[2, k], period_s), memory)
+    return out[place, row]
+
+
+def _carries(effect: TorqueEffect, torque: Array, period_s: float) -> bool:
+    """Whether the effect carries anything from one step to the next: its memory changes when it is used."""
+    memory = effect.start(torque)
+    _, after = effect.torque(torque + 1.0, Motion(torque * 0.0, torque * 0.0 + 1.0, period_s), memory)
+    return after is not memory
 
 
 def direction(velocity_rad_s: Array) -> Array:
@@ -91,28 +119,3 @@ def presliding(position_rad: Array, starts: Ints, distance_rad: float) -> Array:
         held = np.zeros_like(held) if i in first else towards[i] + (held - towards[i]) * keep[i]
         out[i] = held
     return out
-
-
-def _applied(
-    effect: TorqueEffect, torque: Array, position: Array, velocity: Array, starts: Ints, period_s: float
-) -> Array:
-    ready = effect.arrays_like(torque)
-    mask = None if effect.mask.all() else effect.mask
-    memory = ready.start(torque[:1])
-    if not _carries(ready, torque[:1], period_s):
-        return np.asarray(ready.apply(torque, Motion(position, velocity, period_s), memory, mask)[0])
-    out = np.empty_like(torque)
-    bounds = [*starts.tolist(), len(torque)]
-    for first, end in pairwise(bounds):
-        memory = ready.start(torque[first : first + 1])
-        for i in range(first, end):
-            motion = Motion(position[i : i + 1], velocity[i : i + 1], period_s)
-            out[i : i + 1], memory = ready.apply(torque[i : i + 1], motion, memory, mask)
-    return out
-
-
-def _carries(effect: TorqueEffect, torque: Array, period_s: float) -> bool:
-    """Whether the effect carries anything from one step to the next: its memory changes when it is used."""
-    memory = effect.start(torque)
-    _, after = effect.torque(torque + 1.0, Motion(torque * 0.0, torque * 0.0 + 1.0, period_s), memory)
-    return after is not memory

@@ -30,7 +30,6 @@ SUBSTEPS: Final = 2
 class BacklashEntry(LibraryEffect):
     """Torque missing while the motor crosses a gap after each reversal; knocks, and a load that rattles."""
 
-    name: ClassVar[str] = "backlash"
     title: ClassVar[str] = "play in the gear"
     effect: ClassVar[type[Effect]] = Backlash
     channels: ClassVar[tuple[Channel, ...]] = (Channel.SET_POINT_TO_LOAD, Channel.SENSOR_NOISE)

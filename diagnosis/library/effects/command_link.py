@@ -37,7 +37,6 @@ class _LinkEntry(LibraryEffect):
 class CommandDelayEntry(_LinkEntry):
     """All commands later by the same time."""
 
-    name: ClassVar[str] = "command_delay"
     title: ClassVar[str] = "delay of commands"
     effect: ClassVar[type[Effect]] = CommandDelay
     coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("delay_s", "s", -0.2, 0.2),)
@@ -64,7 +63,6 @@ class CommandDelayEntry(_LinkEntry):
 class CommandJitterEntry(_LinkEntry):
     """Exponentially distributed waits on top; a command that the next one overtakes is never in effect."""
 
-    name: ClassVar[str] = "command_jitter"
     title: ClassVar[str] = "jitter of commands"
     effect: ClassVar[type[Effect]] = CommandJitter
     coefficients: ClassVar[tuple[Coefficient, ...]] = (ALL_OF_IT,)
@@ -109,7 +107,6 @@ def waits(mean_s: float, period_s: float) -> tuple[float, float, float]:
 class CommandDropEntry(_LinkEntry):
     """Commands that never arrive."""
 
-    name: ClassVar[str] = "command_drop"
     title: ClassVar[str] = "lost commands"
     effect: ClassVar[type[Effect]] = CommandDrop
     coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("probability", "1", 0.0, 0.9),)

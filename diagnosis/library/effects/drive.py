@@ -16,6 +16,7 @@ from diagnosis.library.experiments import LONG_WALK, OTHER_KP, SLOW_WALK, Experi
 from spot_model.effects.base import Effect
 from spot_model.effects.drive.armature import Armature
 from spot_model.effects.drive.torque_bandwidth import TorqueBandwidth
+from spot_model.effects.drive.torque_delay import TorqueDelay
 from spot_model.effects.drive.torque_gain import TorqueGain
 from spot_model.effects.drive.torque_ripple import TorqueRipple
 from spot_model.effects.limits.thermal_derating import ThermalDerating
@@ -24,10 +25,8 @@ from spot_model.effects.limits.thermal_derating import ThermalDerating
 class TorqueGainEntry(LibraryEffect):
     """(g − 1)·τ: the motor gives a constant share."""
 
-    name: ClassVar[str] = "torque_gain"
     title: ClassVar[str] = "torque gain"
     effect: ClassVar[type[Effect]] = TorqueGain
-    channels: ClassVar[tuple[Channel, ...]] = (Channel.SET_POINT_TO_LOAD,)
     coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("gain", "1", -0.9, 2.0),)
     confused_with: ClassVar[tuple[str, ...]] = (
         "load_sensor_gain",
@@ -38,46 +37,24 @@ class TorqueGainEntry(LibraryEffect):
     )
     split_by: ClassVar[Experiment] = OTHER_KP
 
-    def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
-        """The torque."""
-        s: ActuatorSignals = view.signals
-        return on_joints(s.finish(s.torque_nm), joints)
-
-    def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
-        """Gain."""
-        return {"gain": 1.0 + float(coefficients[0])}
-
 
 class ArmatureEntry(LibraryEffect):
     """−I·q̈: torque that accelerates the rotor; the load is measured behind it."""
 
-    name: ClassVar[str] = "armature"
     title: ClassVar[str] = "reflected rotor inertia"
     effect: ClassVar[type[Effect]] = Armature
-    channels: ClassVar[tuple[Channel, ...]] = (Channel.SET_POINT_TO_LOAD,)
     coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("inertia_kg_m2", "kg·m²", 0.0, 0.5),)
     confused_with: ClassVar[tuple[str, ...]] = ("torque_bandwidth", "power_limit")
     split_by: ClassVar[Experiment] = SLOW_WALK
-
-    def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
-        """The acceleration, negative."""
-        s: ActuatorSignals = view.signals
-        return on_joints(s.finish_rate(-s.inertial_velocity_rad_s), joints)
-
-    def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
-        """Inertia."""
-        return {"inertia_kg_m2": float(coefficients[0])}
 
 
 class BandwidthEntry(LibraryEffect):
     """A first-order lag of the torque."""
 
-    name: ClassVar[str] = "torque_bandwidth"
     title: ClassVar[str] = "slow torque loop"
     effect: ClassVar[type[Effect]] = TorqueBandwidth
-    channels: ClassVar[tuple[Channel, ...]] = (Channel.SET_POINT_TO_LOAD,)
     coefficients: ClassVar[tuple[Coefficient, ...]] = (ALL_OF_IT,)
-    confused_with: ClassVar[tuple[str, ...]] = ("command_delay", "armature", "viscous_friction")
+    confused_with: ClassVar[tuple[str, ...]] = ("torque_delay", "armature", "viscous_friction")
     split_by: ClassVar[Experiment] = OTHER_KP
 
     def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:
@@ -93,41 +70,45 @@ class BandwidthEntry(LibraryEffect):
         s: ActuatorSignals = view.signals
         return on_joints(s.finish(s.low_pass(s.torque_nm, shape["time_constant_s"]) - s.torque_nm), joints)
 
-    def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
-        """Time constant."""
-        return {"time_constant_s": float(shape["time_constant_s"])}
+
+class DelayEntry(LibraryEffect):
+    """The torque that was asked for a while ago; a delay that all joints share is in part the load's lag."""
+
+    title: ClassVar[str] = "delay of the torque"
+    effect: ClassVar[type[Effect]] = TorqueDelay
+    coefficients: ClassVar[tuple[Coefficient, ...]] = (ALL_OF_IT,)
+    confused_with: ClassVar[tuple[str, ...]] = ("torque_bandwidth", "command_delay", "load_sensor_gain")
+    split_by: ClassVar[Experiment] = OTHER_KP
+
+    def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:
+        """Dead times of drives."""
+        return tuple({"delay_s": d} for d in (0.001, 0.002, 0.004, 0.008, 0.016))
+
+    def neighbours(self, shape: Shape) -> tuple[Shape, ...]:
+        """Delays nearby."""
+        return tuple({"delay_s": shape["delay_s"] * f} for f in (0.72, 0.85, 0.93, 1.08, 1.18, 1.38))
+
+    def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
+        """The late torque less the torque."""
+        s: ActuatorSignals = view.signals
+        return on_joints(s.finish(s.delayed(s.torque_nm, shape["delay_s"]) - s.torque_nm), joints)
 
 
 class ThermalEntry(LibraryEffect):
     """−k·θ·τ with the rise θ heated by τ²; heating and cooling as the simulator's defaults, so k alone is fitted."""
 
-    name: ClassVar[str] = "thermal_derating"
     title: ClassVar[str] = "loss of torque with heat"
     effect: ClassVar[type[Effect]] = ThermalDerating
-    channels: ClassVar[tuple[Channel, ...]] = (Channel.SET_POINT_TO_LOAD,)
     coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("loss_per_k", "1/K", 0.0, 0.1),)
     confused_with: ClassVar[tuple[str, ...]] = ("torque_gain", "bus_sag")
     split_by: ClassVar[Experiment] = LONG_WALK
-
-    def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
-        """The rise that the measured load's square makes, times the torque, negative."""
-        s: ActuatorSignals = view.signals
-        defaults = ThermalDerating()
-        rise = s.integrated(defaults.heating_k_per_nm2_s * s.load_nm**2, defaults.cooling_time_s)
-        return on_joints(s.finish(-rise * s.torque_nm), joints)
-
-    def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
-        """Loss a kelvin."""
-        return {"loss_per_k": float(coefficients[0])}
 
 
 class RippleEntry(LibraryEffect):
     """a·sin(n·q + φ) and its second harmonic: lines in the order spectrum."""
 
-    name: ClassVar[str] = "torque_ripple"
     title: ClassVar[str] = "torque ripple"
     effect: ClassVar[type[Effect]] = TorqueRipple
-    channels: ClassVar[tuple[Channel, ...]] = (Channel.SET_POINT_TO_LOAD,)
     coefficients: ClassVar[tuple[Coefficient, ...]] = (
         Coefficient("sine_nm", "N·m", -10.0, 10.0),
         Coefficient("cosine_nm", "N·m", -10.0, 10.0),
@@ -154,13 +135,6 @@ class RippleEntry(LibraryEffect):
         n = shape["cycles_per_rad"]
         near = [n + d for d in (-0.5, -0.25, -0.12, 0.12, 0.25, 0.5) if n + d >= 1.0]
         return tuple({"cycles_per_rad": order} for order in (*near, 2.0 * n))
-
-    def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
-        """Sine and cosine of the angle and of twice the angle."""
-        s: ActuatorSignals = view.signals
-        angle = shape["cycles_per_rad"] * s.position_rad
-        waves = (np.sin(angle), np.cos(angle), np.sin(2.0 * angle), np.cos(2.0 * angle))
-        return np.concatenate([on_joints(s.finish(wave), joints) for wave in waves], axis=2)
 
     def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
         """Amplitudes, order and phases."""

@@ -30,7 +30,6 @@ TILT_STEP_RAD: Final = 0.01
 class VelocityEstimateEntry(LibraryEffect):
     """Reported velocity = scale · low-pass(v) + bias: all standing feet seem to move alike."""
 
-    name: ClassVar[str] = "velocity_estimate"
     title: ClassVar[str] = "estimated body velocity"
     effect: ClassVar[type[Effect]] = VelocityEstimate
     channels: ClassVar[tuple[Channel, ...]] = (Channel.STANCE_KINEMATICS, Channel.INERTIAL_UNIT)
@@ -92,7 +91,6 @@ class VelocityEstimateEntry(LibraryEffect):
 class ImuTiltEntry(LibraryEffect):
     """A believed body frame that is rolled and pitched against the true one."""
 
-    name: ClassVar[str] = "imu_tilt"
     title: ClassVar[str] = "tilted inertial unit"
     effect: ClassVar[type[Effect]] = ImuTilt
     channels: ClassVar[tuple[Channel, ...]] = (Channel.BASE_WRENCH, Channel.STANCE_KINEMATICS, Channel.INERTIAL_UNIT)
@@ -173,7 +171,6 @@ def _back(world_from_body_wxyz: Array, vector: Array) -> Array:
 class ContactDelayEntry(LibraryEffect):
     """Flags that change after the force does."""
 
-    name: ClassVar[str] = "contact_delay"
     title: ClassVar[str] = "late contact flags"
     effect: ClassVar[type[Effect]] = ContactDelay
     channels: ClassVar[tuple[Channel, ...]] = (Channel.CONTACT_EVENTS,)

@@ -26,7 +26,6 @@ FRONT: Final = np.array([name.startswith("f") for name in facts.LEG_NAMES])
 class FootRadiusEntry(LibraryEffect):
     """Feet larger or smaller: contact points lie lower, and roll further."""
 
-    name: ClassVar[str] = "foot_radius"
     title: ClassVar[str] = "size of the feet"
     effect: ClassVar[type[Effect]] = FootRadius
     channels: ClassVar[tuple[Channel, ...]] = (Channel.STANCE_KINEMATICS,)
@@ -52,7 +51,6 @@ class FootRadiusEntry(LibraryEffect):
 class GroundFrictionEntry(LibraryEffect):
     """The ratio of shear to normal force at which a loaded foot slips."""
 
-    name: ClassVar[str] = "ground_friction"
     title: ClassVar[str] = "grip of the ground"
     effect: ClassVar[type[Effect]] = GroundFriction
     channels: ClassVar[tuple[Channel, ...]] = (Channel.CONTACT_EVENTS,)
@@ -80,7 +78,6 @@ class GroundFrictionEntry(LibraryEffect):
 class GroundComplianceEntry(LibraryEffect):
     """Feet that the ground takes longer to stop, in proportion to the contact's time constant."""
 
-    name: ClassVar[str] = "ground_compliance"
     title: ClassVar[str] = "soft ground"
     effect: ClassVar[type[Effect]] = GroundCompliance
     channels: ClassVar[tuple[Channel, ...]] = (Channel.CONTACT_EVENTS, Channel.STANCE_KINEMATICS)

@@ -39,7 +39,6 @@ class EncoderOffsetEntry(LibraryEffect):
     Zeros are set joint by joint: four hips that are off by the same angle are a body that stands askew.
     """
 
-    name: ClassVar[str] = "encoder_offset"
     title: ClassVar[str] = "joint encoder's zero"
     effect: ClassVar[type[Effect]] = EncoderOffset
     channels: ClassVar[tuple[Channel, ...]] = (Channel.LOAD_TO_MOTION, Channel.BASE_WRENCH, Channel.STANCE_KINEMATICS)
@@ -71,7 +70,6 @@ class JointComplianceEntry(LibraryEffect):
     Whether the reported velocity is the motor's, as the position is, or the link's, is a shape.
     """
 
-    name: ClassVar[str] = "joint_compliance"
     title: ClassVar[str] = "gear that gives way"
     effect: ClassVar[type[Effect]] = JointCompliance
     channels: ClassVar[tuple[Channel, ...]] = (
@@ -122,7 +120,6 @@ class JointComplianceEntry(LibraryEffect):
 class LoadSensorEntry(LibraryEffect):
     """Reported load = gain · load + bias: what the drive gives is right, what is measured is not."""
 
-    name: ClassVar[str] = "load_sensor_gain"
     title: ClassVar[str] = "torque sensor's scale and zero"
     effect: ClassVar[type[Effect]] = LoadSensorGain
     channels: ClassVar[tuple[Channel, ...]] = (Channel.SET_POINT_TO_LOAD, Channel.LOAD_TO_MOTION, Channel.BASE_WRENCH)
@@ -161,7 +158,6 @@ class VelocityFilterEntry(LibraryEffect):
     velocity, and how much of it the body's channels see, are shares.
     """
 
-    name: ClassVar[str] = "velocity_filter"
     title: ClassVar[str] = "lag of the joint velocity"
     effect: ClassVar[type[Effect]] = VelocityFilter
     channels: ClassVar[tuple[Channel, ...]] = (
@@ -233,7 +229,6 @@ def _as_coefficients(columns: Mapping[int, Array], count: int) -> Array:
 class SensorNoiseEntry(LibraryEffect):
     """White noise beyond what is usual; coefficients are variances in units of the usual ones."""
 
-    name: ClassVar[str] = "sensor_noise"
     title: ClassVar[str] = "noise of the joint sensors"
     effect: ClassVar[type[Effect]] = SensorNoise
     channels: ClassVar[tuple[Channel, ...]] = (Channel.SENSOR_NOISE,)

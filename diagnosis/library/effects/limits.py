@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelView, Flags, Shape, Views
 from diagnosis.channels.drive.actuator import ActuatorSignals
-from diagnosis.library.base import ALL_OF_IT, Coefficient, LibraryEffect, on_joints
+from diagnosis.library.base import ALL_OF_IT, Coefficient, LibraryEffect
 from diagnosis.library.experiments import SLOW_WALK, SPRINT, Experiment
 from spot_model.effects.base import Effect
 from spot_model.effects.limits.position_torque_limit import PositionTorqueLimit
@@ -21,12 +21,7 @@ from spot_model.robot.knee_table import KNEE_TABLE_POSITION_RAD, KNEE_TABLE_RATI
 
 
 class _LimitEntry(LibraryEffect):
-    channels: ClassVar[tuple[Channel, ...]] = (Channel.SET_POINT_TO_LOAD,)
     coefficients: ClassVar[tuple[Coefficient, ...]] = (ALL_OF_IT,)
-
-    def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
-        """The shape."""
-        return {name: float(value) for name, value in shape.items()}
 
     def add_to(self, model: RobotModel, values: Mapping[str, float], joints: tuple[str, ...]) -> RobotModel:
         """A bound that is looser than the nominal one of the same kind and place replaces it."""
@@ -49,7 +44,6 @@ def largest_nm(views: Views, joints: Flags) -> tuple[Array, float]:
 class TorqueLimitEntry(_LimitEntry):
     """A flat top."""
 
-    name: ClassVar[str] = "torque_limit"
     title: ClassVar[str] = "flat torque limit"
     effect: ClassVar[type[Effect]] = TorqueLimit
     confused_with: ClassVar[tuple[str, ...]] = ("torque_gain", "thermal_derating", "position_torque_limit", "backlash")
@@ -64,17 +58,10 @@ class TorqueLimitEntry(_LimitEntry):
         """Limits nearby."""
         return tuple({"limit_nm": max(1.0, shape["limit_nm"] * f)} for f in (0.9, 0.94, 0.97, 1.03, 1.06, 1.1))
 
-    def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
-        """What the limit cuts off, negative."""
-        s: ActuatorSignals = view.signals
-        limit = shape["limit_nm"]
-        return on_joints(s.finish(np.clip(s.torque_nm, -limit, limit) - s.torque_nm), joints)
-
 
 class SpeedCurveEntry(_LimitEntry):
     """Driving torque that falls with speed; the same in both directions."""
 
-    name: ClassVar[str] = "torque_speed_curve"
     title: ClassVar[str] = "torque limit by speed"
     effect: ClassVar[type[Effect]] = TorqueSpeedCurve
     confused_with: ClassVar[tuple[str, ...]] = (
@@ -125,17 +112,6 @@ class SpeedCurveEntry(_LimitEntry):
             return None
         return _curve(shape["torque_max_nm"] * float(factors[0]), no_load, corner)
 
-    def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
-        """What the curve cuts off."""
-        s: ActuatorSignals = view.signals
-        high, low = _as_effect(shape).arrays_like(s.torque_nm).bounds_nm(s.velocity_rad_s)
-        return on_joints(s.finish(np.clip(s.torque_nm, low, high) - s.torque_nm), joints)
-
-
-def _as_effect(shape: Shape) -> TorqueSpeedCurve:
-    values: dict[str, Any] = dict(shape)
-    return TorqueSpeedCurve(**values)
-
 
 def _curve(stall_nm: float, no_load_rad_s: float, corner_rad_s: float) -> Shape:
     return {
@@ -151,7 +127,6 @@ def _curve(stall_nm: float, no_load_rad_s: float, corner_rad_s: float) -> Shape:
 class PositionLimitEntry(_LimitEntry):
     """The knee's limit by angle."""
 
-    name: ClassVar[str] = "position_torque_limit"
     title: ClassVar[str] = "torque limit by position"
     effect: ClassVar[type[Effect]] = PositionTorqueLimit
     confused_with: ClassVar[tuple[str, ...]] = ("torque_limit", "torque_gain", "backlash")
@@ -174,11 +149,4 @@ class PositionLimitEntry(_LimitEntry):
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
         """What the limit cuts off, at the knees."""
-        s: ActuatorSignals = view.signals
-        ratio = np.abs(np.interp(s.position_rad, KNEE_TABLE_POSITION_RAD, KNEE_TABLE_RATIO))
-        limit = shape["motor_torque_nm"] * ratio
-        return on_joints(s.finish(np.clip(s.torque_nm, -limit, limit) - s.torque_nm), joints & _knees(view))
-
-
-def _knees(view: ChannelView) -> Flags:
-    return np.array([name.endswith("_kn") for name in view.rows])
+        return super().columns(view, shape, joints & np.array([name.endswith("_kn") for name in view.rows]))

@@ -52,7 +52,6 @@ class _BodyEntry(LibraryEffect):
 class LegMassEntry(LibraryEffect):
     """Mass and inertia of the links that the joints move, scaled."""
 
-    name: ClassVar[str] = "leg_mass"
     title: ClassVar[str] = "mass of leg links"
     effect: ClassVar[type[Effect]] = LegMass
     channels: ClassVar[tuple[Channel, ...]] = (Channel.LOAD_TO_MOTION, Channel.BASE_WRENCH)
@@ -72,7 +71,6 @@ class LegMassEntry(LibraryEffect):
 class PayloadEntry(_BodyEntry):
     """A mass on the body, with its place."""
 
-    name: ClassVar[str] = "payload_mass"
     title: ClassVar[str] = "payload"
     effect: ClassVar[type[Effect]] = PayloadMass
     coefficients: ClassVar[tuple[Coefficient, ...]] = (
@@ -107,7 +105,6 @@ class PayloadEntry(_BodyEntry):
 class ComEntry(_BodyEntry):
     """The body's centre of mass elsewhere."""
 
-    name: ClassVar[str] = "com_offset"
     title: ClassVar[str] = "centre of mass of the body"
     effect: ClassVar[type[Effect]] = ComOffset
     coefficients: ClassVar[tuple[Coefficient, ...]] = (
@@ -133,7 +130,6 @@ class ComEntry(_BodyEntry):
 class InertiaEntry(_BodyEntry):
     """The body's inertia scaled."""
 
-    name: ClassVar[str] = "body_inertia"
     title: ClassVar[str] = "rotational inertia of the body"
     effect: ClassVar[type[Effect]] = BodyInertia
     coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("scale", "1", -0.7, 2.0),)

@@ -22,7 +22,6 @@ from spot_model.robot.facts import DEFAULT_POSITION_RAD
 class ActionScaleEntry(LibraryEffect):
     """Set-points too far from the default pose, or too near."""
 
-    name: ClassVar[str] = "action_scale"
     title: ClassVar[str] = "wrong action scale in the program"
     effect: ClassVar[type[Effect]] = ActionScale
     channels: ClassVar[tuple[Channel, ...]] = (Channel.POLICY_REPLAY,)
@@ -43,7 +42,6 @@ class ActionScaleEntry(LibraryEffect):
 class DefaultPoseEntry(LibraryEffect):
     """A constant added to the set-points."""
 
-    name: ClassVar[str] = "default_pose"
     title: ClassVar[str] = "wrong default pose in the program"
     effect: ClassVar[type[Effect]] = DefaultPose
     channels: ClassVar[tuple[Channel, ...]] = (Channel.POLICY_REPLAY,)
@@ -63,7 +61,6 @@ class DefaultPoseEntry(LibraryEffect):
 class JointSwapEntry(LibraryEffect):
     """Set-points of the other side."""
 
-    name: ClassVar[str] = "joint_swap"
     title: ClassVar[str] = "joints exchanged in the program"
     effect: ClassVar[type[Effect]] = JointSwap
     channels: ClassVar[tuple[Channel, ...]] = (Channel.POLICY_REPLAY,)

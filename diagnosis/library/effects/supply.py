@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import ClassVar, Final
 
 import numpy as np
@@ -14,7 +13,7 @@ from diagnosis.library.base import ALL_OF_IT, Coefficient, LibraryEffect, Locati
 from diagnosis.library.experiments import SPRINT, Experiment
 from spot_model.effects.base import Effect
 from spot_model.effects.limits.bus_sag import BusSag
-from spot_model.effects.limits.power_limit import PowerLimit, scale_to_power
+from spot_model.effects.limits.power_limit import PowerLimit
 
 DEFAULT_COPPER_W_PER_NM2: Final = 0.02
 """Tried beside none where the battery was not recorded."""
@@ -23,10 +22,8 @@ DEFAULT_COPPER_W_PER_NM2: Final = 0.02
 class PowerLimitEntry(LibraryEffect):
     """If all joints together ask for more than a bound, every driving torque is scaled down alike."""
 
-    name: ClassVar[str] = "power_limit"
     title: ClassVar[str] = "limit of the total power"
     effect: ClassVar[type[Effect]] = PowerLimit
-    channels: ClassVar[tuple[Channel, ...]] = (Channel.SET_POINT_TO_LOAD,)
     location: ClassVar[Location] = Location.ROBOT
     coefficients: ClassVar[tuple[Coefficient, ...]] = (ALL_OF_IT,)
     confused_with: ClassVar[tuple[str, ...]] = (
@@ -69,17 +66,6 @@ class PowerLimitEntry(LibraryEffect):
         power, copper = shape["power_w"] * float(factors[0]), shape["copper_w_per_nm2"] * float(factors[1])
         return {"power_w": power, "copper_w_per_nm2": copper} if power >= 50.0 and copper <= 1.0 else None
 
-    def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
-        """What is taken from the driving joints when the sum is too large."""
-        s: ActuatorSignals = view.signals
-        share = scale_to_power(s.torque_nm, s.velocity_rad_s, shape["power_w"], shape["copper_w_per_nm2"])
-        driving = s.torque_nm * s.velocity_rad_s > 0.0
-        return on_joints(s.finish(np.where(driving, share - 1.0, 0.0) * s.torque_nm), joints)
-
-    def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
-        """Power and copper loss."""
-        return {name: float(value) for name, value in shape.items()}
-
 
 def _asked_w(s: ActuatorSignals, copper_w_per_nm2: float) -> Array:
     """Mechanical plus copper power that all joints ask for, shape (N,), W."""
@@ -94,10 +80,8 @@ class BusSagEntry(LibraryEffect):
     battery's where it was recorded.
     """
 
-    name: ClassVar[str] = "bus_sag"
     title: ClassVar[str] = "sagging bus voltage"
     effect: ClassVar[type[Effect]] = BusSag
-    channels: ClassVar[tuple[Channel, ...]] = (Channel.SET_POINT_TO_LOAD,)
     location: ClassVar[Location] = Location.ROBOT
     coefficients: ClassVar[tuple[Coefficient, ...]] = (ALL_OF_IT,)
     confused_with: ClassVar[tuple[str, ...]] = ("power_limit", "torque_speed_curve", "backlash")
@@ -147,10 +131,6 @@ class BusSagEntry(LibraryEffect):
         driving = s.torque_nm * s.velocity_rad_s > 0.0
         cut = np.where(driving, np.clip(s.torque_nm, -bound, bound) - s.torque_nm, 0.0)
         return on_joints(s.finish(cut), joints)
-
-    def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
-        """Resistance, voltage, back-EMF and stall torque a volt."""
-        return {name: float(value) for name, value in shape.items()}
 
 
 def supply(views: Views) -> tuple[float, float]:

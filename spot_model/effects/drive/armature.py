@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from spot_model.effects.base import LossMotion, ModelEffect, ModelFields, parameter
-from spot_model.robot.rotation import AnyArray
+from spot_model.effects.base import ModelEffect, ModelFields, parameter
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,7 +25,3 @@ class Armature(ModelEffect):
         """Add the inertia to the model's armature."""
         armature = fields["dof_armature"]
         armature[:, fields.joint_dofs] += self.inertia_kg_m2 * self.mask
-
-    def joint_loss_nm(self, motion: LossMotion) -> AnyArray:
-        """What accelerates the rotor."""
-        return self.inertia_kg_m2 * self.mask * motion.acceleration_rad_s2

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from spot_model.effects.base import LossMotion, ModelEffect, ModelFields, parameter
-from spot_model.robot.rotation import AnyArray
+from spot_model.effects.base import ModelEffect, ModelFields, parameter
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,7 +23,3 @@ class CoulombFriction(ModelEffect):
         """Add the friction level to the model's friction loss."""
         loss = fields["dof_frictionloss"]
         loss[:, fields.joint_dofs] += self.level_nm * self.mask
-
-    def joint_loss_nm(self, motion: LossMotion) -> AnyArray:
-        """The level against the motion."""
-        return self.level_nm * self.mask * motion.direction

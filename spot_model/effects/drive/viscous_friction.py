@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from spot_model.effects.base import LossMotion, ModelEffect, ModelFields, parameter
-from spot_model.robot.rotation import AnyArray
+from spot_model.effects.base import ModelEffect, ModelFields, parameter
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,7 +25,3 @@ class ViscousFriction(ModelEffect):
         """Add the damping to the model's."""
         damping = fields["dof_damping"]
         damping[:, fields.joint_dofs] += self.damping_nm_s_per_rad * self.mask
-
-    def joint_loss_nm(self, motion: LossMotion) -> AnyArray:
-        """Damping times speed."""
-        return self.damping_nm_s_per_rad * self.mask * motion.velocity_rad_s

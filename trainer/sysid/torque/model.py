@@ -9,8 +9,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from spot_model.effects.base import LossMotion, Motion, TorqueEffect
-from spot_model.effects.friction import has_joint_loss, joint_losses_nm
+from spot_model.effects.base import Motion, TorqueEffect
+from spot_model.plant.joint_losses import LossMotion, has_joint_loss, joint_losses_nm
 from spot_model.robot import facts
 from spot_model.robot.joints import select_joints
 from trainer.sysid.search.space import SearchSpace

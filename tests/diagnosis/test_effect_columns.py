@@ -1,0 +1,117 @@
+"""Columns that an entry does not write are its effect's own formula; each against the formula by hand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+
+from diagnosis.channels.channel import Channel
+from diagnosis.channels.channel_view import Array, ChannelView
+from diagnosis.channels.drive.actuator import ActuatorSignals, actuator_view
+from diagnosis.channels.stack import stack
+from diagnosis.library.base import effect_columns
+from diagnosis.library.plain_effect import entry_of
+from diagnosis.library.registry import LIBRARY
+from diagnosis.read.recording import record
+from spot_model.effects.base import ModelEffect, ModelFields, TorqueEffect, parameter
+from spot_model.effects.friction import smooth_sign
+from spot_model.robot.joints import select_joints
+
+from .cases import CASES
+from .planted import Truth, planted_runs, walk_sequence
+
+ALL = np.ones(12, dtype=bool)
+
+
+@pytest.fixture(scope="module")
+def runs():
+    return planted_runs(Truth(), 2, sequence=walk_sequence(2.0))
+
+
+@pytest.fixture(scope="module")
+def view(runs) -> ChannelView:
+    found = actuator_view(stack([record(r) for r in runs]), ())
+    assert isinstance(found, ChannelView)
+    return found
+
+
+def _clipped(s: ActuatorSignals) -> Array:
+    return s.finish(np.clip(s.torque_nm, -30.0, 30.0) - s.torque_nm)
+
+
+@pytest.mark.parametrize(
+    ("name", "shape", "by_hand"),
+    [
+        ("viscous_friction", {}, lambda s: s.finish(-s.velocity_rad_s)),
+        ("armature", {}, lambda s: s.finish_rate(-s.inertial_velocity_rad_s)),
+        ("torque_gain", {}, lambda s: s.finish(s.torque_nm)),
+        ("load_friction", {}, lambda s: s.finish(-np.abs(s.torque_nm) * smooth_sign(s.velocity_rad_s))),
+        ("torque_limit", {"limit_nm": 30.0}, _clipped),
+        ("torque_ripple", {"cycles_per_rad": 60.0}, lambda s: s.finish(np.sin(60.0 * s.position_rad))),
+    ],
+)
+def test_a_column_is_the_effects_own_formula(name, shape, by_hand, view):
+    column = LIBRARY[name].columns(view, shape, ALL)[:, :, 0]
+    np.testing.assert_allclose(column, by_hand(view.signals), atol=1e-9 * np.max(np.abs(column)) + 1e-9)
+
+
+@pytest.mark.parametrize("name", ["torque_bandwidth", "torque_delay", "bus_sag"])
+def test_a_faster_formula_is_that_of_the_effect(name, view):
+    case = next(c for c in CASES if c.effect == name)
+    entry = LIBRARY[name]
+    shape = dict(case.values)
+    own, effects = entry.columns(view, shape, ALL), effect_columns(entry, view.signals, shape)
+    usable = view.usable
+    assert np.std((own - effects)[usable]) < 0.2 * np.std(effects[usable])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Grease(ModelEffect):
+    """Somebody's own, which says no more than what it edits."""
+
+    name: ClassVar[str] = "grease"
+    drag_nm_s_per_rad: Any = parameter(null=0.0, low=0.0, high=5.0, unit="N·m·s/rad", source="made up")
+
+    def edit(self, fields: ModelFields) -> None:
+        fields["dof_damping"][:, fields.joint_dofs] += self.drag_nm_s_per_rad * self.mask
+
+
+def test_a_persons_effect_in_a_nominal_model_predicts_what_it_takes(runs, view):
+    with_it = actuator_view(stack([record(r) for r in runs]), (Grease(joints=("kn",), drag_nm_s_per_rad=0.3),))
+    assert isinstance(with_it, ChannelView)
+    taken = with_it.response - view.response
+    expected = view.signals.finish(0.3 * view.signals.velocity_rad_s) * select_joints(("kn",))
+    np.testing.assert_allclose(taken, expected, atol=1e-9)
+
+
+def test_an_edit_of_damping_is_a_candidate_by_itself(view):
+    entry = entry_of(Grease)
+    assert [c.name for c in entry.coefficients] == ["drag_nm_s_per_rad"]
+    assert (entry.name, entry.channels) == ("grease", (Channel.SET_POINT_TO_LOAD,))
+    np.testing.assert_allclose(entry.columns(view, {}, ALL), LIBRARY["viscous_friction"].columns(view, {}, ALL))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rub(TorqueEffect):
+    """A bearing that rubs about one angle."""
+
+    name: ClassVar[str] = "rub"
+    level_nm: Any = parameter(null=0.0, low=0.0, high=20.0, unit="N·m", source="made up")
+    at_rad: Any = parameter(null=-1.4, low=-2.8, high=0.0, unit="rad", source="made up")
+    width_rad: Any = parameter(null=0.2, low=0.02, high=0.5, unit="rad", source="made up")
+
+    def torque(self, torque_nm, motion, memory):
+        near = np.exp(-(((motion.position_rad - self.at_rad) / self.width_rad) ** 2))
+        return torque_nm - self.level_nm * near * smooth_sign(motion.velocity_rad_s), memory
+
+
+def test_what_has_no_size_of_its_own_is_searched():
+    entry = entry_of(Rub)
+    assert [c.name for c in entry.coefficients] == ["level_nm"]
+    shapes = entry.shapes({}, ALL)
+    assert {tuple(s) for s in shapes} == {("at_rad", "width_rad")}
+    assert len(shapes) == 25
+    assert {s["at_rad"] for s in entry.refined(shapes[0])} <= {-2.8, -2.8 + 2.8 / 8, -2.8 + 2.8 / 24, -2.8 + 2.8 / 72}
