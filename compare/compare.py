@@ -20,6 +20,7 @@ from compare.page import comparison_page, sentence
 from compare.tracks import STEP_S, Track, track_of
 from diagnosis.document import Verdict
 from spot_log.read.run import Run
+from spot_model.io.whole import whole
 from spot_model.robot.facts import JOINT_NAMES
 
 PAGE_NAME: Final = "compare.html"
@@ -115,13 +116,14 @@ def write_comparison(found: Comparison, out: Path, beside_m: float = 0.7) -> dic
     taken = [str(p) for p in paths.values() if p.exists()]
     if taken:
         raise CompareError(f"{', '.join(taken)} exists; nothing is overwritten: choose another --out")
-    out.mkdir(parents=True, exist_ok=True)
-    write_ghosts(paths[LOG_NAME], found.tracks, found.differences, found.causes, beside_m)
-    page = comparison_page(found.tracks, found.differences, found.causes, found.cause, found.notes)
-    paths[PAGE_NAME].write_text(page, encoding="utf-8")
-    paths[DATA_NAME].write_text(json.dumps(found.to_json(), indent=1) + "\n", encoding="utf-8")
     layout = files("compare").joinpath("layout.foxglove.json").read_text(encoding="utf-8")
-    paths[LAYOUT_NAME].write_text(layout, encoding="utf-8")
+    page = comparison_page(found.tracks, found.differences, found.causes, found.cause, found.notes)
+    with whole(*paths.values()):
+        out.mkdir(parents=True, exist_ok=True)
+        write_ghosts(paths[LOG_NAME], found.tracks, found.differences, found.causes, beside_m)
+        paths[PAGE_NAME].write_text(page, encoding="utf-8")
+        paths[DATA_NAME].write_text(json.dumps(found.to_json(), indent=1) + "\n", encoding="utf-8")
+        paths[LAYOUT_NAME].write_text(layout, encoding="utf-8")
     return paths
 
 

@@ -15,6 +15,7 @@ from spot_log.page.summary import seconds_text, summary_lines
 from spot_log.read.run import Run
 from spot_log.tools.info import LogInfo
 from spot_log.tools.log_info import log_info
+from spot_model.io.whole import whole
 
 MAX_EVENT_ROWS: Final = 300
 MAX_HEADER_TEXT: Final = 4000
@@ -35,7 +36,7 @@ def write_page(run: Run, path: str | Path) -> Path:
     if path.exists():
         raise ReportError(f"page {path} exists already; pages are never overwritten: choose another name")
     text = page_html(run)
-    with path.open("x", encoding="utf-8") as file:
+    with whole(path), path.open("x", encoding="utf-8") as file:
         file.write(text)
     return path
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from spot_log.read.flat_tables import Table, tables_of
 from spot_log.read.run import Run
 from spot_model.errors import BadInputError
+from spot_model.io.whole import whole
 
 FORMATS: Final = ("parquet", "csv")
 
@@ -51,10 +52,11 @@ def export_run(run: Run, directory: Path, file_format: str, topics: Sequence[str
         if path.exists():
             raise ExportError(f"{path} exists already; nothing was written: choose another --out, or remove it")
     write = _write_csv if file_format == "csv" else _parquet_writer()
-    directory.mkdir(parents=True, exist_ok=True)
-    for name, table in chosen.items():
-        write(table, targets[name])
-    header_path.write_text(json.dumps(asdict(run.header), indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    with whole(*targets.values(), header_path):
+        directory.mkdir(parents=True, exist_ok=True)
+        for name, table in chosen.items():
+            write(table, targets[name])
+        header_path.write_text(json.dumps(asdict(run.header), indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
     return [*targets.values(), header_path]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 import traceback
@@ -16,6 +17,7 @@ from spot_model.io.command_registry import describe_command, explain_missing_mod
 from spot_model.text import plain_lines
 
 INTERNAL_ERROR_EXIT_CODE = 70
+INTERRUPTED_EXIT_CODE = 130
 COMPLETE_VARIABLE = "_SPOT_RL_COMPLETE"
 """Set by the shell while it asks for completions."""
 SETTINGS = {"help_option_names": ["-h", "--help"]}
@@ -52,12 +54,26 @@ def main(arguments: Sequence[str] | None = None) -> None:
         entry = commands.get(chosen) if chosen else None
         app = build_app(commands, chosen)
         typer.main.get_command(app).main(args=words, prog_name="spot-rl")
+    except (KeyboardInterrupt, SystemExit) as end:
+        if isinstance(end, SystemExit) and not _was_interrupted(end):
+            raise
+        typer.echo(f"{_prefix(chosen)}: interrupted", err=True)
+        raise SystemExit(INTERRUPTED_EXIT_CODE) from None
     except Exception as error:  # noqa: BLE001 - the last place where an error can become a line for the user
         told = explain_missing_module(entry, error) if entry and isinstance(error, ModuleNotFoundError) else error
         if is_debug:
             traceback.print_exception(error)
         typer.echo(error_line(told, chosen, is_debug=is_debug), err=True)
         raise SystemExit(exit_code_of(told)) from None
+
+
+def _was_interrupted(end: SystemExit) -> bool:
+    """Whether typer left for a Ctrl-C that the command itself said nothing of."""
+    return end.__context__ is not None and isinstance(end.__context__.__cause__, KeyboardInterrupt)
+
+
+def _prefix(command: str | None) -> str:
+    return f"spot-rl {command.replace('.', ' ') if command else ''}".rstrip()
 
 
 def build_app(commands: dict[str, EntryPoint], chosen: str | None) -> typer.Typer:
@@ -102,12 +118,23 @@ def _panel(name: str) -> str | None:
 
 def error_line(error: Exception, command: str | None, *, is_debug: bool) -> str:
     """Word an error as one line: ours by its message, the system's by its text, any other as a defect of ours."""
-    command = command.replace(".", " ") if command else ""
-    prefix = f"spot-rl {command}".rstrip()
-    if isinstance(error, (SpotRlError, OSError)):
+    prefix = _prefix(command)
+    if isinstance(error, SpotRlError):
         return plain_lines(f"{prefix}: error: {error}")
-    hint = "" if is_debug else f"; 'spot-rl --debug {command}' shows where"
+    if isinstance(error, OSError):
+        return plain_lines(f"{prefix}: error: {_system_words(error)}")
+    hint = "" if is_debug else f"; '{prefix.replace('spot-rl', 'spot-rl --debug', 1)}' shows where"
     return plain_lines(f"{prefix}: internal error: {type(error).__name__}: {error}{hint}")
+
+
+def _system_words(error: OSError) -> str:
+    """What the system says, with the file first and the number left out."""
+    told = f"{error.filename}: {error.strerror}" if error.filename and error.strerror else str(error.strerror or error)
+    if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+        return f"{told}; make room, or write elsewhere, and run the command again"
+    if error.errno == errno.ENOENT and error.filename:
+        return f"{told}; check the path, or make its folder first"
+    return told
 
 
 def exit_code_of(error: Exception) -> int:

@@ -105,7 +105,7 @@ class RobotSession:
         hal = self.hal
         if hal is None:
             return
-        if not self._has_told_shut_down:
+        if self.robot_id and not self._has_told_shut_down:
             self._has_told_shut_down = True
             self._on_shut_down()
         try:
@@ -168,4 +168,5 @@ class RobotSession:
             self._event(EventName.POWER_OFF_FAILED, f"{error}; see to the robot")
             self.outcome = self.outcome.after_power_failure(error)
         else:
-            self._event(EventName.POWER_OFF, "the robot sits and its motors are off")
+            if self.robot_id:  # of a robot that was never reached, nothing is known
+                self._event(EventName.POWER_OFF, "the robot sits and its motors are off")

@@ -13,6 +13,7 @@ from onnx import TensorProto, helper, numpy_helper
 
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import load_model
+from spot_model.io.whole import whole
 from spot_model.policy.contract import INPUT_NAME, METADATA_KEY, OUTPUT_NAME, PolicyContract, StoredPair, TrainingRecord
 from spot_model.policy.observation import N_OBSERVATION
 from spot_model.policy.policy import policy_from_bytes
@@ -54,8 +55,9 @@ def export_policy(run: Path, out: Path, name: str | None = None) -> Path:
     measured = stated_gaits(policy_from_bytes(onnx_bytes(layers, contract), source="export"), load_model(config.model))
     data = onnx_bytes(layers, contract.model_copy(update={"gait": measured}))
     check_agreement(layers, data)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    out.write_bytes(data)
+    with whole(out):
+        out.parent.mkdir(parents=True, exist_ok=True)
+        out.write_bytes(data)
     return out
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from onnx import compose, helper, numpy_helper
 
 from spot_model.errors import BadInputError
+from spot_model.io.whole import whole
 from spot_model.policy.contract import INPUT_NAME, OUTPUT_NAME
 from spot_model.policy.observation import COLUMNS, N_OBSERVATION, OBSERVATION
 from spot_model.policy.policy import Policy, load_policy
@@ -57,9 +58,10 @@ def export_for(policy_path: Path, framework: str, out: Path) -> list[Path]:
     taken = [path for path in files if path.exists()]
     if taken:
         raise BadInputError(f"{taken[0]} exists; choose another name")
-    for path, data in files.items():
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(data)
+    with whole(*files):
+        for path, data in files.items():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(data)
     return list(files)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -9,6 +10,7 @@ import torch
 import yaml
 
 from spot_model.errors import BadInputError
+from spot_model.io.whole import whole
 from spot_model.policy.observation import OBSERVATION_LAYOUT
 from spot_model.robot import facts
 from trainer.config.train_config import TrainConfig, config_from_data, config_yaml
@@ -41,8 +43,11 @@ def save_checkpoint(path: Path, runner: PpoRunner, iterations_done: int) -> None
         "torch_generator": torch.get_rng_state(),
         "cuda_generator": torch.cuda.get_rng_state() if torch.cuda.is_available() else None,
     }
+    packed = io.BytesIO()
+    torch.save(content, packed)  # torch words a full disk as a defect of its own
     partial = path.with_suffix(".partial")
-    torch.save(content, partial)
+    with whole(partial):
+        partial.write_bytes(packed.getbuffer())
     partial.rename(path)
 
 

@@ -63,7 +63,7 @@ def test_recover_tells_what_is_kept_and_lost(invoke, synthetic_log, tmp_path):
 def test_report_writes_a_page(invoke, synthetic_log, tmp_path):
     done = invoke("report", synthetic_log, "--out", tmp_path / "run.html")
     assert done.exit_code == 0
-    assert (tmp_path / "run.html").stat().st_size > 1_000_000
+    assert (tmp_path / "run.html").stat().st_size > 50_000
 
 
 def test_the_commands_are_these():
