@@ -1,10 +1,12 @@
-"""How far a diagnosis is: stage, share, time left. One line that renews itself on a terminal, else a line a stage."""
+"""How far a diagnosis is: stage, share, time left. One line that renews itself on a terminal, else lines."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
 from typing import Final, TextIO
+
+from spot_model.io.progress import PLAIN_INTERVAL_S
 
 STAGES: Final = (
     ("reading logs", 0.10),
@@ -17,6 +19,7 @@ STAGES: Final = (
 WITHIN: Final = 0.25
 """A message within a stage of unknown length goes this share of what is left of it."""
 RENEW_S: Final = 0.3
+"""Of a terminal's line; elsewhere the text is said again every so often."""
 BAR: Final = 20
 
 
@@ -53,7 +56,7 @@ class Progress:
     def at(self, share: float) -> None:
         """The present stage is this far, 0 to 1."""
         self.share = max(self.share, self._first + share * (self._last - self._first))
-        if self._is_terminal and self._clock() - self._shown_s >= RENEW_S:
+        if self._clock() - self._shown_s >= (RENEW_S if self._is_terminal else PLAIN_INTERVAL_S):
             self._show()
 
     def close(self) -> None:

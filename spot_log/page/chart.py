@@ -76,7 +76,9 @@ def chart(
     if not drawn:
         return ""
     low, high = (float(f([f(y[np.isfinite(y)]) for _, _, y in drawn])) for f in (np.min, np.max))
-    pad = max(0.06 * max(high - low, 1e-6), 0.5 * (least_span - (high - low)))
+    # A line that hardly moves is no mountain range.
+    span = max(high - low, 0.01 * max(abs(low), abs(high)), 1e-6)
+    pad = max(0.06 * span, 0.5 * (max(least_span, span) - (high - low)))
     low, high = (0.0 if zero else low - pad), high + pad
     first, last = min(float(x.min()) for _, x, _ in drawn), max(float(x.max()) for _, x, _ in drawn)
     frame = Frame((first, last), (low, high), width, height, left=62 if y_title else 44, top=26 if title else 8)

@@ -57,7 +57,12 @@ def _head(result: Mapping[str, Any]) -> str:
     badge, kind = ("Steady", "good") if share <= STEADY else ("Walks", "fair") if share <= WALKS else ("Falls", "bad")
     name = result["policy"]
     held = top["sustained_m_s"]
-    headline = f"Policy {name} falls at every speed" if held is None else f"Policy {name} holds {held:.2f} m/s"
+    if held is None:
+        headline = f"Policy {name} falls at every speed"
+    elif top.get("gait") == "stand":
+        badge, kind, headline = "Stands", "bad", f"Policy {name} does not walk"
+    else:
+        headline = f"Policy {name} holds {held:.2f} m/s"
     return headed(badge, kind, headline, _sentences(top, tracking, slow), "simulated; a robot may differ")
 
 

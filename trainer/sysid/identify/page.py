@@ -80,7 +80,7 @@ def _head(data: ResultData, known: Sequence[ParameterData]) -> str:
         told.append(f"Simulated runs are {near}: {end:.2f} times the distance of two real runs{before}.")
     elif not data.score_is_over_floor:
         told.append("Without repeats there is no floor: record each sequence at least twice to know how near it is.")
-    return headed(badge, kind, headline, told, f"policy {data.policy_sha256[:12]}…")
+    return headed(badge, kind, headline, told, f"policy file {data.policy_sha256[:12]}… (SHA-256)")
 
 
 def _values(parameters: Sequence[ParameterData]) -> str:
@@ -107,7 +107,7 @@ def _measured(data: ResultData) -> str:
 
 def _score(data: ResultData) -> str:
     best = np.array([np.nan if v is None else v for v in data.score_by_generation])
-    if not np.isfinite(best).any():
+    if np.isfinite(best).sum() < 2:
         return ""
     x = np.arange(1, len(best) + 1)
     lines = [
