@@ -101,6 +101,25 @@ class Dependence(_Part):
     residual: tuple[float, ...]
 
 
+class FormulaTerm(_Part):
+    """One term: ``value`` times ``code``, in the angle q, the speed v and the torque."""
+
+    code: str
+    unit: str
+    value: float
+    at_rad: float | None = None
+    """Of a term about one angle."""
+    width_rad: float | None = None
+
+
+class Formula(_Part):
+    """A torque that would explain what is left: the sum of its terms."""
+
+    terms: tuple[FormulaTerm, ...]
+    predicted_share: float
+    """Share of what is left that it predicts, in runs that it was not fitted to."""
+
+
 class UnknownEffect(_Part):
     """What no effect of the library explains."""
 
@@ -112,6 +131,8 @@ class UnknownEffect(_Part):
     predictable_share: float = 0.0
     """Share of the remaining residual that is predictable from signals, in runs that the fit never saw."""
     curves: tuple[Dependence, ...] = ()
+    formula: Formula | None = None
+    """A short formula for it, where there is one; ``unknown_effect.py`` beside the verdict holds it as an effect."""
 
 
 class Placebo(_Part):

@@ -8,6 +8,7 @@ from pathlib import Path
 from tempfile import mkdtemp
 
 from diagnosis.library.base import LibraryEffect
+from diagnosis.report.effect_file import FILE, effect_source
 from diagnosis.report.page import page
 from diagnosis.verdict.diagnose import Diagnosis
 from spot_model.errors import BadInputError
@@ -31,7 +32,7 @@ def check_free(out: Path) -> None:
     """
     if out.exists() and not out.is_dir():
         raise BadInputError(f"--out {out} is a file; give a folder")
-    for name in NAMES.values():
+    for name in (*NAMES.values(), FILE):
         if (out / name).exists():
             raise BadInputError(f"{out / name} exists; choose another folder with --out")
 
@@ -81,5 +82,8 @@ def _write(result: Diagnosis, part: Path, library: Mapping[str, LibraryEffect]) 
             file.parent.mkdir(exist_ok=True)
             if not file.exists():
                 save_sequence(library[effect.name].split_by.sequence, file)
+    source = effect_source(result.verdict.unknown) if result.verdict.unknown is not None else None
+    if source is not None:
+        (part / FILE).write_text(source, encoding="utf-8")
     (part / names["verdict"]).write_text(result.verdict.to_json(), encoding="utf-8")
     return names

@@ -15,6 +15,7 @@ from diagnosis.channels.channel_view import Array, Flags, Ints
 from diagnosis.channels.stack import Stack
 from diagnosis.document import Dependence, UnknownEffect
 from diagnosis.selection.evidence import EXACT, Board
+from diagnosis.selection.formula import find_formula
 from diagnosis.selection.quantities import Quantities
 
 MAX_TREES: Final = 40
@@ -178,6 +179,7 @@ def describe(board: Board, stack: Stack, residuals: Sequence[Array], found: Rema
         unit=view.unit,
         predictable_share=share,
         curves=curves,
+        formula=find_formula(board, residuals, joints),
     )
 
 

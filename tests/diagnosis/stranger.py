@@ -29,6 +29,7 @@ Array = NDArray[np.float64]
 STEP_MS = 1
 START_NS = 1_650_000_000_000_000_000
 TICK_STATES = (7, 7, 6)
+TEETH_NM_PER_RAD, TEETH_NM_S_PER_RAD, ROTOR_KG_M2 = 4e3, 8.0, 0.04
 STAND_S = 0.6
 """The robot stands under the default pose before the policy takes over."""
 
@@ -62,6 +63,8 @@ class Faults:
     payload_kg: float = 0.0
     command_delay_s: float = 0.0
     effort_delay_s: float = 0.0
+    play_rad: Mapping[str, float] = field(default_factory=dict)
+    """Between rotor and link, which the encoder sits on; with it, every joint has a rotor of its own."""
 
 
 def _by_joint(values: Mapping[str, float], otherwise: float) -> Array:
@@ -90,6 +93,7 @@ class Stranger:
         self.estimator_lag_s = rng.uniform(*e.estimator_lag_s)
         self.estimator_scale = 1.0 + e.estimator_scale * rng.standard_normal()
         self.limit, self.encoder = _by_joint(f.limit_nm, np.inf), _by_joint(f.encoder_rad, 0.0)
+        self.play = _by_joint(f.play_rad, 0.0)
         self.spring, self.armature = _by_joint(f.spring_nm_per_rad, 0.0), _by_joint(f.armature_kg_m2, 0.0)
 
     def _model(self) -> Any:
@@ -148,6 +152,7 @@ class _Walk:
         self.batch.forward(np.arange(self.n))
         self.bristle, self.load = np.zeros((self.n, 12)), np.zeros((self.n, 12))
         self.asked: list[Array] = []
+        self.rotor, self.rotor_speed = self.qpos[:, 7:].copy(), np.zeros((self.n, 12))
         self.velocity = np.zeros((self.n, 3))
         self.setpoint = np.tile(facts.DEFAULT_POSITION_RAD, (self.n, 1))
         self.key, self.received = np.zeros(self.n, dtype=np.int64), np.zeros(self.n, dtype=np.int64)
@@ -187,6 +192,8 @@ class _Walk:
         asked = self.asked[max(0, len(self.asked) - 1 - late)]
         self.asked = self.asked[-(late + 2) :]
         motor = np.clip(robot.gain * asked, -robot.limit, robot.limit)
+        if robot.faults.play_rad:
+            motor = self._through_play(motor, q, v)
         # LuGre, the bristle implicit in time: sticks over 2 mrad, 20 % more at rest.
         level = robot.level * (1.0 + 0.2 * np.exp(-np.abs(v) / 0.1))
         stiffness = robot.level / 0.002
@@ -202,6 +209,20 @@ class _Walk:
         self.load += (1.0 - np.exp(-dt / robot.load_lag_s)) * (link - self.load)
         keep = np.exp(-dt / robot.estimator_lag_s) if robot.estimator_lag_s > 1e-4 else 0.0
         self.velocity = keep * self.velocity + (1.0 - keep) * robot.estimator_scale * self.qvel[:, :3]
+
+    def _through_play(self, motor: Array, q: Array, v: Array) -> Array:
+        """Mean torque of stiff teeth on the link over the step; the rotor is thrown across the gap between them."""
+        parts, passed = 40, np.zeros_like(motor)
+        dt, half = 1e-3 * STEP_MS / parts, 0.5 * self.robot.play
+        for k in range(parts):
+            apart, speed = self.rotor - q - k * dt * v, self.rotor_speed - v
+            pressed = np.sign(apart) * np.maximum(np.abs(apart) - half, 0.0)
+            teeth = np.where(pressed != 0.0, TEETH_NM_PER_RAD * pressed + TEETH_NM_S_PER_RAD * speed, 0.0)
+            teeth = np.where(teeth * pressed > 0.0, teeth, 0.0)
+            self.rotor_speed = self.rotor_speed + dt * (motor - teeth) / ROTOR_KG_M2
+            self.rotor = self.rotor + dt * self.rotor_speed
+            passed += teeth / parts
+        return passed
 
     def _sense(self) -> dict[str, Array]:
         def noisy(value: Array, sigma: float) -> Array:
