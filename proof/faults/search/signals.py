@@ -119,10 +119,10 @@ class SpoiltSignal:
             return _with_legs_exchanged(state, self._index)
         if self._signal in PACKETS:
             name = PACKETS[self._signal]
-            return replace(
-                state, imu=tuple(replace(p, **{name: self._spoilt(np.asarray(getattr(p, name)))}) for p in state.imu)
-            )
-        return replace(state, **{self._signal: self._spoilt(np.asarray(getattr(state, self._signal)))})
+            packets = [replace(p, **{name: self._spoilt(np.asarray(getattr(p, name)))}) for p in state.imu]
+            return replace(state, imu=tuple(packets))
+        changed: Any = {self._signal: self._spoilt(np.asarray(getattr(state, self._signal)))}
+        return replace(state, **changed)
 
     def slow(self, slow: SlowState) -> SlowState:
         """What was polled, as it arrives."""
@@ -133,7 +133,8 @@ class SpoiltSignal:
         listed = list(now.values()) if isinstance(now, dict) else list(now) if isinstance(now, tuple) else [now]
         values = [float(value) for value in self._spoilt(np.array(listed))] if listed else []
         spoilt: Any = values[0] if isinstance(now, float) else tuple(values)
-        return replace(slow, **{self._signal: dict(zip(now, values, strict=True)) if isinstance(now, dict) else spoilt})
+        changed: Any = {self._signal: dict(zip(now, values, strict=True)) if isinstance(now, dict) else spoilt}
+        return replace(slow, **changed)
 
     def _spoilt(self, now: np.ndarray) -> Any:
         numbers = now.astype(np.float64)
