@@ -59,7 +59,7 @@ class Spoiling(NamedTuple):
     size: float
     earlier: np.ndarray
     """The value of 0.2 s ago."""
-    count: int
+    seen: int
     """Of states since it began."""
     noise: np.ndarray
     """White, of variance 1."""
@@ -93,7 +93,7 @@ _WAYS: Final[dict[str, Callable[[Spoiling], np.ndarray]]] = {
     "late": lambda s: s.earlier,
     "one late": lambda s: s.one(s.earlier[s.which % len(s.now)]),
     "noisy": lambda s: s.now + s.size * s.noise,
-    "spikes": lambda s: s.one(s.component + s.size) if s.count % SPIKE_STATES == 0 else s.now,
+    "spikes": lambda s: s.one(s.component + s.size) if s.seen % SPIKE_STATES == 0 else s.now,
     "neighbours exchanged": lambda s: _exchanged(s.now, s.which % len(s.now), (s.which + 1) % len(s.now)),
 }
 KINDS: Final = tuple(_WAYS)
