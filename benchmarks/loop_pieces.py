@@ -10,13 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
-from spot_model.policy.policy import load_policy
+from spot_model.policy.policy import TickMemory, load_policy
 from spot_model.robot import facts
 from spot_model.robot.state import Gains, JointCommand, RobotState
-from spot_runtime.control.handover import blend, hold_setpoint, policy_setpoint
 from spot_runtime.control.safety import safety
-from spot_runtime.control.tick import TickMemory, tick
-from spot_runtime.hal.spot.command_wire import CommandEncoder
+from spot_runtime.control.set_point import blend, hold_setpoint, policy_setpoint
+from spot_runtime.hal.spot.command_stream import CommandEncoder
 from spot_runtime.safety_limits import SafetyLimits
 
 ZEROS = np.zeros(facts.N_JOINTS)
@@ -61,7 +60,7 @@ def main(path: str) -> None:
         return JointCommand(index + 1, facts.DEFAULT_POSITION_RAD, ZEROS, ZEROS, target.gains, 50_000_000)
 
     report("screen a state", screen)
-    report("observe, infer, set-point", lambda i: tick(TickMemory(), states[i], np.zeros(3), policy))
+    report("observe, infer, set-point", lambda i: policy.tick(TickMemory(), states[i], np.zeros(3)))
     report("blend two servo laws", lambda _: blend(hold, target, 0.5))
     report(
         "limit set-points",

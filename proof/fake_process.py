@@ -84,7 +84,6 @@ class FakeProcess:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """End it."""
         self.stop()
 
     def stop(self) -> None:

@@ -15,6 +15,7 @@ import typer
 
 from proof.fake_process import FakeAddress, FakeProcess
 from spot_model.errors import SpotRlError
+from spot_model.io.child_process import ChildProcess
 from spot_runtime.host.termination import exit_on_termination
 
 app = typer.Typer(no_args_is_help=True, add_completion=False)
@@ -89,7 +90,8 @@ def measure(*, seconds: float, policy: Path, scenario: str, sequence: str, busy:
         config.write_text(f"real_time: {{cpu_affinity: {loop_cpus}}}\n", encoding="utf-8")
         fake = stack.enter_context(FakeProcess(scenario=scenario, fifo_priority=FAKE_PRIORITY, cpus=fake_cpus))
         for _ in range(busy):
-            stack.enter_context(_Burner())
+            process = ChildProcess.start("proof.busy_process", str(os.getpid()))
+            stack.callback(process.end, 0.0)
         summary = _run(fake.address, config, seconds, policy, sequence)
     summary["slipped_ticks"] = summary["skipped_ticks"]
     summary["loop_cpus"] = loop_cpus
@@ -118,25 +120,6 @@ def _run(address: FakeAddress, config: Path, seconds: float, policy: Path, seque
         raise BenchError(f"the run ended with exit code {done.returncode}:\n{last}")
     result: dict[str, Any] = json.loads(summary.read_text(encoding="utf-8"))
     return result
-
-
-_BURN: Final = """
-import os, sys
-while os.getppid() == int(sys.argv[1]):
-    for _ in range(1_000_000):
-        pass
-"""
-
-
-class _Burner:
-    """A process that computes without end, while it is entered; it ends with ours, whatever happens."""
-
-    def __enter__(self) -> None:
-        self._process = subprocess.Popen([sys.executable, "-c", _BURN, str(os.getpid())])  # noqa: S603 - our own words
-
-    def __exit__(self, *_: object) -> None:
-        self._process.kill()
-        self._process.wait()
 
 
 def _short(value: Any) -> str:

@@ -35,6 +35,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 from safety_core import CORE, TESTS, TESTS_OF  # noqa: E402
 
+from spot_model.io.progress import Progress  # noqa: E402
+
 TIMEOUT_S = 60
 SCORE = 0.90
 FEWEST = 60
@@ -259,15 +261,19 @@ def main() -> None:
     if os.waitpid(child, 0)[1] != 0:
         raise SystemExit("the tests fail without any mutant")
 
-    def judge(mutant: Mutant) -> bool | None:
-        return survives(mutant) if time.monotonic() - began_s < options.budget_s else None
+    alive: list[Mutant] = []
+    tried = 0
+    with ThreadPoolExecutor(options.jobs) as pool, Progress("mutants", len(mutants)) as progress:
 
-    with ThreadPoolExecutor(options.jobs) as pool:
-        outcomes = list(pool.map(judge, mutants))
-    alive = [mutant for mutant, is_alive in zip(mutants, outcomes, strict=True) if is_alive]
-    tried = sum(outcome is not None for outcome in outcomes)
-    for mutant in alive:
-        print(f"{mutant.file}:{mutant.line}: nobody noticed: {mutant.what}")
+        def judge(mutant: Mutant) -> bool | None:
+            return survives(mutant) if time.monotonic() - began_s < options.budget_s else None
+
+        for mutant, is_alive in zip(mutants, pool.map(judge, mutants), strict=True):
+            tried += is_alive is not None
+            if is_alive:
+                alive.append(mutant)
+                print(f"{mutant.file}:{mutant.line}: nobody noticed: {mutant.what}", flush=True)
+            progress.update(tried, f"{len(alive)} unnoticed")
     score = 1.0 - len(alive) / max(1, tried)
     took_s = time.monotonic() - began_s
     print(f"{tried} of {len(mutants)} mutants, {len(alive)} unnoticed: score {score:.1%} in {took_s:.0f} s")

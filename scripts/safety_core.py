@@ -26,8 +26,8 @@ TESTS_OF = {
     "spot_runtime/control/modes.py": (_MODES, _BOUNDS),
     "spot_runtime/stops.py": (_MODES, _BOUNDS),
     "spot_runtime/control/safety/watchdogs.py": ("tests/spot_runtime/test_watchdogs.py",),
-    "spot_runtime/control/handover.py": ("tests/spot_runtime/test_handover.py", _SET_POINT, _BOUNDS),
-    "spot_runtime/control/set_point.py": (_SET_POINT,),
+    "spot_runtime/control/load_average.py": ("tests/spot_runtime/test_handover.py",),
+    "spot_runtime/control/set_point.py": (_SET_POINT, "tests/spot_runtime/test_handover.py", _BOUNDS),
 }
 """Each file with the tests that must notice every change of it."""
 

@@ -33,7 +33,7 @@ class LogReadError(BadInputError):
 
 
 class NotAnMcapError(LogReadError):
-    """A file is no MCAP file at all."""
+    """The file is not an MCAP file."""
 
     def __init__(self, path: Path, size_bytes: int) -> None:
         what = "is empty" if size_bytes == 0 else f"({size_bytes} bytes) is not an MCAP file"

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Iterator
@@ -14,6 +12,7 @@ from typing import Final, Literal
 
 from proof.attacks.certificates import LOOPBACK, Authority, role
 from spot_model.errors import SpotRlError
+from spot_model.io.child_process import ChildProcess
 from spot_protos import operator_pb2
 from spot_runtime.operator.client.client import OperatorClient
 
@@ -98,11 +97,8 @@ def _serving(listen: Listen, folder: Path) -> Iterator[_Service]:
 @contextmanager
 def _child(module: str, *words: str) -> Iterator[str]:
     """A process while it is needed. Yields its first line."""
-    process = subprocess.Popen(  # noqa: S603 - our own command line
-        [sys.executable, "-m", module, *words], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    )
-    with process:
-        try:
-            yield "" if process.stdout is None else process.stdout.readline().strip()
-        finally:
-            process.kill()
+    process = ChildProcess.start(module, *words, is_heard=True)
+    try:
+        yield process.output.readline().decode().strip()
+    finally:
+        process.end(0.0)

@@ -18,6 +18,7 @@ from proof.faults.rig import rig
 from proof.faults.rows import Result, Row, tidy, try_row
 from proof.faults.search.search import searched
 from spot_model.errors import BadInputError
+from spot_model.io.progress import Progress
 from spot_model.policy.policy import load_policy
 from spot_runtime.host.termination import exit_on_termination
 
@@ -52,16 +53,11 @@ def faults(
         raise typer.Exit(EXIT_FAILED if search_and_tell(seed, minutes, policy, scenario, json_output) else 0)
     rows = chosen(only, is_real_time=real_time, is_quick=quick)
     results: list[Result] = []
-    began_s = time.monotonic()
-    for result in tried(rows, policy, scenario, is_real_time=real_time):
-        results.append(result)
-        left_s = (time.monotonic() - began_s) / len(results) * (len(rows) - len(results))
-        mark, words = "ok " if result.ok else "BAD", "; ".join(result.problems)
-        typer.echo(
-            f"{len(results)}/{len(rows)} {mark} {result.fault}: {result.reaction} {words} "
-            f"(about {left_s / 60:.0f} min left)",
-            err=True,
-        )
+    with Progress("rows", len(rows)) as progress:
+        for result in tried(rows, policy, scenario, is_real_time=real_time):
+            results.append(result)
+            mark, words = "ok " if result.ok else "BAD", "; ".join(result.problems)
+            progress.update(len(results), f"{mark} {result.fault}: {result.reaction} {words}", is_told=True)
     failed = sum(not result.ok for result in results)
     if json_output:
         typer.echo(json.dumps({"rows": [result.to_json() for result in results], "failed": failed}, ensure_ascii=False))

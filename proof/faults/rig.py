@@ -78,7 +78,7 @@ class Drive:
     """Robot clock when sitting down and powering off was asked for; 0 if it never was."""
     log_error: str = ""
     truth: Any = None
-    """The body's extremes from the begin of joint control to its end."""
+    """The body's extremes from the start of joint control to its end."""
     was_off: bool = False
     """Whether the motors had no power any more when sitting down was asked for."""
 

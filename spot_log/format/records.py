@@ -78,7 +78,7 @@ class TickRecord:
     velocity_command: Array
     """V_x, V_y (m/s), ω_z (rad/s). Shape (3,)."""
     state_age_s: float
-    """From the receipt of the state to the begin of the tick."""
+    """From the receipt of the state to the start of the tick."""
     inference_s: float
     compute_s: float
     """The whole tick, inference included."""

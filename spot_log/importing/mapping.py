@@ -70,7 +70,7 @@ class TimeMapping(_Strict):
     unit: str = "s"
     rate_hz: Annotated[float, Field(gt=0)] | None = None
     clock: Literal["relative", "unix"] = "relative"
-    """``relative``: from the begin of the recording; ``unix``: since 1970."""
+    """``relative``: from the start of the recording; ``unix``: since 1970."""
     file: str | None = None
 
     @model_validator(mode="after")
@@ -151,7 +151,7 @@ def load_mapping(path: Path) -> Mapping:
     """Read a mapping file.
 
     Raises:
-        BadInputError: It is no YAML, or a key or value in it is wrong; the message names it.
+        BadInputError: It is not YAML, or a key or value in it is wrong; the message names it.
     """
     data = read_yaml(path, "mapping")
     if not isinstance(data, dict):

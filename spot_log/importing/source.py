@@ -57,7 +57,7 @@ def read_arrays(path: Path) -> Arrays:
 
 def _read_npz(path: Path) -> Arrays:
     try:
-        # Opened here, because NumPy leaves a file open that is no archive.
+        # Opened here, because NumPy leaves a file open that is not an archive.
         with path.open("rb") as file:
             _check_size(file)
             # Object arrays would be unpickled, and a pickle can run code.
@@ -65,7 +65,7 @@ def _read_npz(path: Path) -> Arrays:
                 arrays = {name: data[name] for name in data.files}
     except _NPZ_ERRORS as error:
         raise BadInputError(f"{path} cannot be read as NPZ: {str(error) or type(error).__name__}") from error
-    # NumPy gives a member that is no array as its bytes.
+    # NumPy returns a member that is not an array as bytes.
     strange = [name for name, array in arrays.items() if not isinstance(array, np.ndarray)]
     if strange:
         raise BadInputError(f"{path}: member {strange[0]!r} is no array; write it with numpy.savez")

@@ -1,7 +1,7 @@
 """The live view's process: takes copies of log messages from a socket and serves them to Foxglove.
 
 Arguments are the listening socket's descriptor and the TCP port. It ends when its standard input closes. Clients are
-served by the SDK's own threads; one that reads slowly or not at all loses messages and delays nobody.
+served by the SDK's own threads; one that reads slowly or not at all loses messages and delays no other.
 """
 
 from __future__ import annotations
@@ -23,14 +23,13 @@ BACKLOG_MESSAGES: Final = 256
 
 REPEAT_S: Final = 2.0
 REPEATED: Final = (SCENE.channel_id, HEADER.channel_id)
-"""Said once in a log, and repeated here: whoever connects later must have them, too."""
+"""Written once in a log, and repeated here for clients that connect later."""
 
 
 class LiveView:
     """Channels like the log's, served."""
 
     def __init__(self, port: int) -> None:
-        """Serve on loopback. Raises RuntimeError where the port is taken."""
         self._channels = {
             topic.channel_id: foxglove.Channel(
                 topic.name,
@@ -48,7 +47,7 @@ class LiveView:
         self._repeat_due_s = 0.0
 
     def take(self, datagram: bytes) -> None:
-        """Show one message; one that is none is left out."""
+        """Show one message; malformed ones are skipped."""
         if len(datagram) < HEAD.size:
             return
         channel_id, log_ns = HEAD.unpack_from(datagram)
@@ -62,7 +61,7 @@ class LiveView:
         channel.log(data, log_time=log_ns)
 
     def repeat(self) -> None:
-        """Say again what only the begin of a log says."""
+        """Repeat what stands only at the start of a log."""
         now_s = time.monotonic()
         if now_s < self._repeat_due_s:
             return
@@ -71,7 +70,7 @@ class LiveView:
             self._channels[channel_id].log(data, log_time=self._newest_ns)
 
     def close(self) -> None:
-        """Serve no more."""
+        """Stop serving."""
         self._server.stop()
 
 

@@ -63,7 +63,7 @@ class LiveProcess:
         path = self._folder / SOCKET_NAME
         try:
             with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as listener:
-                # Under its name it answers, so that nobody takes it for one that was left behind.
+                # It answers under its name, so that it is not taken for one that was left behind.
                 listener.bind(f"{path}.new")
                 listener.listen(4)
                 Path(f"{path}.new").rename(path)
@@ -81,7 +81,6 @@ class LiveProcess:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """End it."""
         self.stop()
 
     @property

@@ -72,7 +72,7 @@ document.addEventListener('mousemove', e => {
 
 
 def framed(title: str, body: Iterable[str], style: str = "", head: str = "") -> str:
-    """A whole page: one file that opens from disk and asks nobody for anything.
+    """A whole page: one file that opens from disk and loads nothing from elsewhere.
 
     Args:
         title: For the browser.

@@ -93,7 +93,7 @@ def thinned(values: ArrayLike, at_most: int) -> NDArray[np.intp]:
         at_most: How many rows, >= 4.
 
     Returns:
-        Rising row numbers, all of them where there are no more; first and last are always among them.
+        Rising row numbers, all of them if there are fewer; the first and the last are always among them.
     """
     signal = np.asarray(values, dtype=np.float64)
     n = len(signal)

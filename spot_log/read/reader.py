@@ -36,7 +36,7 @@ def read_run(path: str | Path) -> Run:
     A cut or damaged log is read as far as it goes; :attr:`Run.damage` says what is missing.
 
     Raises:
-        LogReadError: The file is no log of ours, or of another version; the message says which.
+        LogReadError: The file is not a spot-rl log, or is of another version; the message says which.
         OSError: The file cannot be read.
     """
     path = Path(path)

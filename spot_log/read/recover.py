@@ -90,7 +90,7 @@ def _recover_leftover(leftover: Path) -> Recovery | None:
         if not is_ours:
             return None
         if log.exists() and log.samefile(leftover):
-            leftover.unlink()  # whole: whoever closed it died before it took the old name away
+            leftover.unlink()  # whole: its writer died before it removed the old name
             return None
         result = _free_name(log)
         # The name in the making is the leftover's own, so move that away first.
@@ -100,7 +100,7 @@ def _recover_leftover(leftover: Path) -> Recovery | None:
         except (LogReadError, LogError, OSError):
             aside.rename(leftover)
             return None
-        except BaseException:  # whoever interrupts it finds the leftover where it was
+        except BaseException:  # when interrupted, the leftover stays where it was
             aside.rename(leftover)
             raise
         if len(recovery.damage) <= 1:

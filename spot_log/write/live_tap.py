@@ -29,7 +29,7 @@ class LiveTap:
     """Sends copies of log messages to the live view, as long as it takes them."""
 
     def __init__(self, connection: socket.socket | None) -> None:
-        """Send to this socket; to nobody if None."""
+        """Send to this socket, if there is one."""
         self._socket = connection
         self._slots: dict[int, int] = {}
         self.dropped = 0
@@ -37,7 +37,7 @@ class LiveTap:
 
     @staticmethod
     def from_environment(environment: Mapping[str, str] = os.environ) -> LiveTap:
-        """Connect to the live view that the environment names; a view that is not there is no view."""
+        """Connect to the live view that the environment names; None if it is not there."""
         path = environment.get(SOCKET_VARIABLE, "")
         if not path:
             return LiveTap(None)

@@ -193,7 +193,7 @@ class LoggerProcess:
 
 
 def without_secrets(environment: Mapping[str, str]) -> dict[str, str]:
-    """An environment for a process that needs no password: whoever may list processes may read it."""
+    """An environment for a process that needs no password: any user who may list processes can read it."""
     return {name: value for name, value in environment.items() if not _SECRET.search(name)}
 
 

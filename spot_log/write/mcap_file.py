@@ -62,7 +62,7 @@ class McapFile:
         except OSError:
             self.close()
             raise
-        # Whoever looks for leftovers of a crash can tell this file from one by the lock.
+        # The lock tells this file from a leftover of a crash.
         fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
         self._size = 0
         self._compressor = zstandard.ZstdCompressor(level=3)

@@ -48,6 +48,15 @@ def active_path(path: Path) -> Path:
     return path.with_name(path.name + ACTIVE_SUFFIX)
 
 
+def free_path(path: Path) -> Path:
+    """The name, or the next one like it that is free: two logs may begin within one second."""
+    number, free = 1, path
+    while free.exists() or active_path(free).exists():
+        number += 1
+        free = path.with_name(f"{path.stem}-{number}{path.suffix}")
+    return free
+
+
 def make_log_folder(directory: Path) -> None:
     """Make the folder of the logs where it is missing.
 

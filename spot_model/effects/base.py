@@ -185,7 +185,7 @@ class TorqueEffect(Effect):
     def idle_box(self) -> IdleBox | None:
         """Where :meth:`torque` returns what goes in bit for bit, and its memory as it was; None if nowhere.
 
-        A hint for whoever steps a single simulation: while all its joints stay inside, the call can be left out. Only
+        A hint for stepping a single simulation: while all its joints stay inside, the call can be left out. Only
         for effects with plain numbers as parameters.
         """
         return None

@@ -42,7 +42,7 @@ def effect_class(name: str) -> type[Effect]:
     """The effect class called ``name``: built in, of an installed plug-in, or ``module:Class``.
 
     Raises:
-        BadInputError: There is none, or what is there is no effect.
+        BadInputError: There is none, or it is not an effect.
     """
     if name in BUILT_IN:
         return BUILT_IN[name]

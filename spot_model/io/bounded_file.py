@@ -14,7 +14,7 @@ class FileTooLargeError(ValueError):
 
 
 def open_to_read(path: Path) -> BufferedReader:
-    """A file, opened for reading; a pipe into which nobody writes is refused, where opening would wait for ever.
+    """A file, opened for reading; a pipe without a writer is refused, since opening it would wait for ever.
 
     Raises:
         OSError: It cannot be opened, is a pipe, or its name is none.

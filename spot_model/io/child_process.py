@@ -20,7 +20,6 @@ class ChildProcess:
     """Runs a module of ours. Nothing here waits unless it says so."""
 
     def __init__(self, process: subprocess.Popen[bytes]) -> None:
-        """Use a started process."""
         self._process = process
         self.pid = process.pid
 
@@ -40,7 +39,7 @@ class ChildProcess:
         Args:
             module: Of this installation.
             arguments: Its command line.
-            told: Its standard input, which ends after it; however long, nobody waits until it has been read. None: a
+            told: Its standard input, which ends after it; the call does not wait until it has been read. None: a
                 pipe that ends with this process, or with :meth:`end`.
             descriptors: What it inherits beside standard input, output and error.
             environment: Its own; this process's if None.
@@ -67,13 +66,11 @@ class ChildProcess:
         return cls(process)
 
     def __enter__(self) -> Self:
-        """Nothing happens."""
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """End it."""
         self.end()
 
     @property
@@ -105,7 +102,7 @@ class ChildProcess:
         self._process.kill()
 
     def wait(self, timeout_s: float) -> int | None:
-        """Wait for its end, so long at most. Returns its exit code; None where it still lives."""
+        """Wait for its end, at most this long. Returns its exit code; None if it still lives."""
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(max(0.0, timeout_s))
         return self._process.returncode

@@ -11,7 +11,7 @@ from pathlib import Path
 
 
 def make_private_folder(environment: Mapping[str, str], prefix: str, socket_name: str, kind: socket.SocketKind) -> Path:
-    """Make a new folder whose name begins with ``prefix``, and remove those at whose socket nobody listens any more.
+    """Make a new folder whose name begins with ``prefix``, and remove those whose socket has no listener.
 
     Args:
         environment: Says where the unit's or the user's run-time folder is.

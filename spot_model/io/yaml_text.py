@@ -1,7 +1,7 @@
 """Untrusted YAML: plain data of bounded size, depth and expansion, with errors in plain words.
 
 PyYAML's safe loader makes no objects, but a few hundred bytes of nested aliases expand without end once somebody walks
-them, deep nesting ends in the interpreter's recursion limit, and a date that is none raises errors of its own.
+them, deep nesting ends in the interpreter's recursion limit, and an invalid date raises errors of its own.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _PROBLEMS: Final = (
     KeyError,
     AttributeError,
 )
-"""A date or number that is none, a key that cannot be one, a mapping that holds itself."""
+"""An invalid date or number, a value that cannot be a key, a mapping that contains itself."""
 
 
 _OLD_NUMBER: Final = re.compile(r"[-+]?(?:0[0-9_]+|[0-9_]+(?::[0-9_.]+)+)")
@@ -102,7 +102,7 @@ def parse_yaml(text: str | bytes) -> Any:
     """Plain data from one YAML document; None where it is empty.
 
     Raises:
-        YamlError: It is no YAML, asks for objects, or is too large, too deep, or endless through its aliases.
+        YamlError: It is not YAML, asks for objects, or is too large, too deep, or endless through its aliases.
     """
     if len(text) > MAX_BYTES:
         raise YamlError(f"it has more bytes than are allowed: at most {MAX_BYTES}")

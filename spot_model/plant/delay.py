@@ -93,7 +93,7 @@ def read_delay_csv(path: Path) -> EmpiricalDelay:
     """Read a histogram from CSV with the header ``low_s,high_s,count`` and touching bins, lowest first.
 
     Raises:
-        BadInputError: The file cannot be read, or is no such histogram; the message names the row.
+        BadInputError: The file cannot be read, or is not such a histogram; the message names the row.
     """
     try:
         text = read_at_most(path, MAX_CSV_BYTES).decode("utf-8-sig")

@@ -87,7 +87,7 @@ def card_of(
     """A card with the figures of an ``evaluation.json``.
 
     Raises:
-        BadInputError: It is no evaluation, or of another policy.
+        BadInputError: It is not an evaluation, or belongs to another policy.
     """
     try:
         told = json.loads(evaluation.read_text(encoding="utf-8"))

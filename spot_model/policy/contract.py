@@ -5,10 +5,12 @@ from __future__ import annotations
 import hashlib
 from typing import Final, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from spot_model.errors import SpotRlError
+from spot_model.io.validation import explain
 from spot_model.policy.observation import N_OBSERVATION, OBSERVATION_LAYOUT
+from spot_model.policy.onnx_head import OnnxHeadError, read_head
 from spot_model.robot import facts
 
 METADATA_KEY: Final = "spot_rl.contract"
@@ -86,7 +88,7 @@ class PolicyContract(BaseModel):
     velocity_command_high: tuple[float, float, float]
     training: TrainingRecord = TrainingRecord()
     gait: tuple[StatedGait, ...] = Field(default=(), max_length=100)
-    """By commanded speed, rising; empty where nobody measured it."""
+    """By commanded speed, rising; empty if it was not measured."""
     stored_pair: StoredPair
 
     @field_validator("joint_names")
@@ -140,3 +142,24 @@ class PolicyContract(BaseModel):
 def sha256_hex(data: bytes) -> str:
     """Digest by which logs name a policy file."""
     return hashlib.sha256(data).hexdigest()
+
+
+def contract_text(data: bytes, source: str) -> str:
+    """The contract as it stands in a file, before native code sees that. Raises PolicyError."""
+    try:
+        metadata = read_head(data).metadata
+    except OnnxHeadError as error:
+        raise PolicyError(f"policy {source} is no readable ONNX model: {error}; export it again") from error
+    if METADATA_KEY not in metadata:
+        raise PolicyError(
+            f"policy {source} has no contract (metadata key {METADATA_KEY!r}); export it with 'spot-rl export'"
+        )
+    return metadata[METADATA_KEY]
+
+
+def read_contract(text: str, source: str) -> PolicyContract:
+    """A contract that holds. Raises PolicyError; ``source`` names the file."""
+    try:
+        return PolicyContract.from_json(text)
+    except ValidationError as error:
+        raise PolicyError(f"policy {source}: its contract does not hold:\n{explain(error)}") from error

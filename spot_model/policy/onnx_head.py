@@ -149,7 +149,7 @@ def read_head(data: bytes) -> OnnxHead:
     """Walk a model's bytes.
 
     Raises:
-        OnnxHeadError: It is no protobuf message with a graph, or it holds what no policy needs.
+        OnnxHeadError: It is not a protobuf message with a graph, or holds what no policy needs.
     """
     head = OnnxHead()
     try:

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Final, NamedTuple
 
 import numpy as np
-import onnxruntime
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
 from spot_model.io.bounded_file import FileTooLargeError, read_at_most
-from spot_model.io.validation import explain
 from spot_model.policy.contract import (
     INPUT_NAME,
     MAX_POLICY_BYTES,
@@ -24,6 +20,8 @@ from spot_model.policy.contract import (
     OUTPUT_NAME,
     PolicyContract,
     PolicyError,
+    contract_text,
+    read_contract,
     sha256_hex,
 )
 from spot_model.policy.observation import (
@@ -34,15 +32,37 @@ from spot_model.policy.observation import (
     observation_of_one,
     observed,
 )
-from spot_model.policy.onnx_head import OnnxHeadError, read_head
+from spot_model.policy.onnx_session import check_shapes, open_session, words_for
 from spot_model.robot import facts
 from spot_model.robot.state import Gains, RobotState
 
 Array = NDArray[np.float64]
+_NO_ACTION: Final[NDArray[np.float32]] = np.zeros(facts.N_JOINTS, dtype=np.float32)
+_NO_ACTION.flags.writeable = False
+
+
+class TickMemory(NamedTuple):
+    """What one tick leaves for the next."""
+
+    last_action: NDArray[np.float32] = _NO_ACTION
+    """The network's previous output, shape (12,), policy order."""
+    window: NDArray[np.float32] | None = None
+    """What the network saw, for one that sees several ticks; None before the first."""
+
+
+class TickResult(NamedTuple):
+    """What one tick gave."""
+
+    observation: NDArray[np.float32]
+    """As the network saw it: shape (48,), or as many times that as it sees ticks, the newest first."""
+    action: NDArray[np.float32]
+    """Shape (12,), policy order, unscaled."""
+    setpoint_rad: Array
+    """Shape (12,), canonical order."""
 
 
 class _OneRow:
-    """The network for one observation at a time, in arrays that are bound once.
+    """A network for one observation at a time, in arrays that are bound once.
 
     At the pace of a run, when caches are cold, passing new ones costs a third of the whole. The result is the same.
     """
@@ -91,6 +111,29 @@ class Policy:
     @cached_property
     def _takes_one_row(self) -> bool:
         return bool(self.session.get_inputs()[0].shape[0] == 1)
+
+    def tick(self, memory: TickMemory, state: RobotState, velocity_command: Array) -> tuple[TickMemory, TickResult]:
+        """One step: the same input gives the same output, and nothing else changes.
+
+        Args:
+            memory: From the tick before.
+            state: The snapshot that this tick sees.
+            velocity_command: V_x, V_y (m/s), ω_z (rad/s), shape (3,).
+        """
+        seen = self.observe(state, velocity_command, memory.last_action).astype(np.float32)
+        observation = self.window(seen, memory.window)
+        action = self.act(observation)
+        return TickMemory(action, observation), TickResult(observation, action, self.setpoint_rad(action))
+
+    def warm_up(self, ticks: int = 20) -> None:
+        """Tick on a standing robot and discard the results: the first ticks load modules, which takes 0.1 s."""
+        level = np.array([1.0, 0.0, 0.0, 0.0])
+        still, joints = np.zeros(3), np.zeros(facts.N_JOINTS)
+        feet = np.ones(facts.N_LEGS, dtype=np.bool_)
+        state = RobotState(0, 0, facts.DEFAULT_POSITION_RAD, joints, joints, still, level, still, still, feet, 0, 0)
+        memory = TickMemory()
+        for _ in range(ticks):
+            memory, _ = self.tick(memory, state, still)
 
     def observe(self, state: RobotState, velocity_command: Array, last_action: NDArray[np.float32]) -> Array:
         """The observation for one state.
@@ -148,7 +191,7 @@ class Policy:
         """Run the network. Shape (48,) gives (12,), a batch (n, 48) gives (n, 12); with a history, 48 a tick.
 
         Raises:
-            PolicyError: The observation has another width: whoever asks keeps no history.
+            PolicyError: The observation has another width: the caller keeps no history.
         """
         batch = np.asarray(observation, dtype=np.float32)
         if batch.shape[-1] != self.width:
@@ -184,14 +227,6 @@ class Policy:
         return Gains(np.array(self.contract.kp_nm_per_rad)[order], np.array(self.contract.kd_nm_s_per_rad)[order])
 
 
-PROVIDERS = {
-    "cpu": "CPUExecutionProvider",
-    "cuda": "CUDAExecutionProvider",
-    "tensorrt": "TensorrtExecutionProvider",
-}
-"""Where ONNX Runtime may compute, by the configuration's names."""
-
-
 def load_policy(path: Path, *, provider: str = "cpu", admit: Callable[[str], None] | None = None) -> Policy:
     """Load a policy and check all that its contract promises, where it will be computed.
 
@@ -201,7 +236,7 @@ def load_policy(path: Path, *, provider: str = "cpu", admit: Callable[[str], Non
         admit: Told the SHA-256 before anything else looks at the content; raises where this file may not run.
 
     Raises:
-        PolicyError: The file cannot be read, is no ONNX model, has no contract or one that does not hold, or ONNX
+        PolicyError: The file cannot be read, is not an ONNX model, has no contract or one that does not hold, or ONNX
             Runtime does not have the provider.
     """
     try:
@@ -217,13 +252,13 @@ def load_policy(path: Path, *, provider: str = "cpu", admit: Callable[[str], Non
 
 def policy_from_bytes(data: bytes, *, source: str, provider: str = "cpu") -> Policy:
     """Like :func:`load_policy`, for a file's content; ``source`` names it in errors."""
-    text = _contract_text(data, source)
-    contract = _contract(text, source)
-    session = _session(data, source, provider)
-    with _words_for(source):
+    text = contract_text(data, source)
+    contract = read_contract(text, source)
+    session = open_session(data, source, provider)
+    with words_for(source):
         if session.get_modelmeta().custom_metadata_map.get(METADATA_KEY) != text:
             raise PolicyError(f"policy {source}: ONNX Runtime reads another contract than was checked; export it again")
-        _check_shapes(session, source, contract.observation_history * N_OBSERVATION)
+        check_shapes(session, source, contract.observation_history * N_OBSERVATION)
     index = {name: i for i, name in enumerate(facts.JOINT_NAMES)}
     policy_from_canonical = np.array([index[name] for name in contract.joint_names], dtype=np.intp)
     policy = Policy(
@@ -234,77 +269,9 @@ def policy_from_bytes(data: bytes, *, source: str, provider: str = "cpu") -> Pol
         canonical_from_policy=np.argsort(policy_from_canonical),
         default_position_rad=np.array(contract.default_position_rad),
     )
-    with _words_for(source):
+    with words_for(source):
         _check_stored_pair(policy, source)
     return policy
-
-
-def _session(data: bytes, source: str, provider: str) -> Any:
-    wanted, there = PROVIDERS[provider], onnxruntime.get_available_providers()
-    if wanted not in there:
-        raise PolicyError(
-            f"control.inference = {provider!r} needs ONNX Runtime's {wanted}, and this one has {', '.join(there)}; "
-            "install a build of it that has the provider, or set 'cpu'"
-        )
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = 1
-    options.inter_op_num_threads = 1
-    options.log_severity_level = 3
-    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
-    with _words_for(source):
-        return onnxruntime.InferenceSession(data, options, providers=[wanted])
-
-
-@contextmanager
-def _words_for(source: str) -> Iterator[None]:
-    """Our words for whatever onnxruntime raises: bare pybind exceptions of many types, and those of its texts."""
-    try:
-        yield
-    except PolicyError:
-        raise
-    except Exception as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise PolicyError(f"policy {source} is no readable ONNX model: {reason}; export it again") from error
-
-
-def _check_shapes(session: Any, source: str, width: int) -> None:
-    for kind, nodes, name, size in (
-        ("input", session.get_inputs(), INPUT_NAME, width),
-        ("output", session.get_outputs(), OUTPUT_NAME, facts.N_JOINTS),
-    ):
-        found = [(n.name, list(n.shape), n.type) for n in nodes]
-        ok = (
-            len(nodes) == 1
-            and nodes[0].name == name
-            and len(nodes[0].shape) == 2
-            and nodes[0].shape[1] == size
-            and (nodes[0].shape[0] == 1 or not isinstance(nodes[0].shape[0], int))
-            and nodes[0].type == "tensor(float)"
-        )
-        if not ok:
-            raise PolicyError(
-                f"policy {source}: {kind} is {found}; expected one float tensor '{name}' of shape (batch, {size})"
-            )
-
-
-def _contract_text(data: bytes, source: str) -> str:
-    """The contract as it stands in the file, before native code sees that."""
-    try:
-        metadata = read_head(data).metadata
-    except OnnxHeadError as error:
-        raise PolicyError(f"policy {source} is no readable ONNX model: {error}; export it again") from error
-    if METADATA_KEY not in metadata:
-        raise PolicyError(
-            f"policy {source} has no contract (metadata key {METADATA_KEY!r}); export it with 'spot-rl export'"
-        )
-    return metadata[METADATA_KEY]
-
-
-def _contract(text: str, source: str) -> PolicyContract:
-    try:
-        return PolicyContract.from_json(text)
-    except ValidationError as error:
-        raise PolicyError(f"policy {source}: its contract does not hold:\n{explain(error)}") from error
 
 
 def _check_stored_pair(policy: Policy, source: str) -> None:

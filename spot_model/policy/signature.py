@@ -5,7 +5,7 @@
     spot-rl/policy/1 sha256 HEX
 
 With ``service.policy_public_key`` set, nothing runs that none of that file's keys has signed, and it is looked at
-before ONNX Runtime sees the file. Whoever holds the private key decides; keep it away from the robot.
+before ONNX Runtime sees the file. The holder of the private key decides; keep it away from the robot.
 """
 
 from __future__ import annotations

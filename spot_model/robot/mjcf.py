@@ -22,7 +22,7 @@ LOWER_LEG_RADIUS_M = 0.02
 
 SHIN_SHARE = 0.75
 """How far down the lower leg it can touch the ground: a foot that lands hard sinks in by more than the difference of
-the radii, and that is no fall."""
+the radii, and that is not a fall."""
 
 IMU_FROM_BODY_M = (0.0, 0.0, 0.0)
 """The IMU site sits at the body's origin; a robot reports its own mounting point."""

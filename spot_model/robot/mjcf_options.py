@@ -62,7 +62,7 @@ class MjcfOptions:
         collision: "feet" lets only the four foot spheres touch the ground; "all" adds the body and the legs, so
             that a fall is a contact and not a sinking. Links never collide with each other.
         armature_kg_m2: Reflected rotor inertia a joint, one number or twelve in canonical order. Default 0: the
-            nominal model of the paper has none, and the public estimate in ``facts`` is no measurement.
+            nominal model of the paper has none, and the public estimate in ``facts`` is not a measurement.
         link_torque_sensors: Adds a torque sensor on the link side of each joint, at about a tenth of the speed.
         visuals: Keeps the shapes that are only seen; they carry no mass and touch nothing, but cost time.
     """

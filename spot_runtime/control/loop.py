@@ -26,7 +26,6 @@ from spot_runtime.control.records import command_record, state_age_s, tick_recor
 from spot_runtime.control.safety.policy_bounds import check_policy, with_speed_limit
 from spot_runtime.control.snapshot import Snapshot
 from spot_runtime.control.step import after_failure, check_step, control_step, stopped
-from spot_runtime.control.tick import TickMemory, TickResult, tick
 from spot_runtime.control.warm_up import WarmReceiver
 from spot_runtime.hal.base import Hal, JointControl
 from spot_runtime.host.realtime import let_others_run
@@ -79,12 +78,11 @@ class ControlLoop:
             policy,
             policy.gains(),
             source.sample,
-            self._timed_tick,
+            wall_s,
             with_speed_limit(config.safety, contract.rate_hz),
             check_policy(contract, pose_rad, config.safety),
         )
         self._receiver = WarmReceiver(hal)
-        self._inference_s = 0.0
         self.memory: Memory = first_memory(self._plan, hal.robot_now_ns())
         self.stats = LoopStats()
 
@@ -145,7 +143,6 @@ class ControlLoop:
     def _cycle(self) -> None:
         states = self._receive()
         begin_s = self._wall_s()
-        self._inference_s = 0.0
         now = self._look(states)
         step = control_step(self.memory, now, self._plan)
         self._take_up(step)
@@ -161,7 +158,7 @@ class ControlLoop:
         if step.tick is not None:
             if command is not None:
                 self.stats.sent(command.key, step.tick.state.host_stamp_ns)
-            record = tick_record(step, step.tick, now, inference_s=self._inference_s, compute_s=compute_s)
+            record = tick_record(step, step.tick, now, compute_s)
             self._sink.tick(record)
             stamp_ns = step.tick.state.robot_stamp_ns
             acquisition_age_s = (now.robot_ns - stamp_ns) / NS_PER_S
@@ -212,11 +209,3 @@ class ControlLoop:
 
     def _now(self) -> Snapshot:
         return Snapshot(self._hal.host_now_ns(), self._hal.robot_now_ns(), joint_control=self._hal.joint_control)
-
-    def _timed_tick(
-        self, memory: TickMemory, state: RobotState, velocity_command: Array, policy: Policy
-    ) -> tuple[TickMemory, TickResult]:
-        begin_s = self._wall_s()
-        after = tick(memory, state, velocity_command, policy)
-        self._inference_s = self._wall_s() - begin_s
-        return after

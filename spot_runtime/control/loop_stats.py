@@ -14,14 +14,13 @@ class LoopStats:
     """Times of policy ticks and how long commands take to leave. Written by the loop's thread alone."""
 
     def __init__(self) -> None:
-        """Start from nothing."""
         self.compute_s = RecentValues()
         """State taken to command handed over, one tick."""
         self.state_age_s = RecentValues()
-        """Receipt of a state to the begin of the tick that uses it."""
+        """From the receipt of a state to the start of the tick that uses it."""
         self.acquisition_age_s = RecentValues()
-        """Sampling of the joints to the begin of the tick, by the estimated robot clock: the robot's own delay and the
-        link's are in it."""
+        """From the sampling of the joints to the start of the tick, by the estimated robot clock; the delays of robot
+        and link included."""
         self.state_to_command_s = RecentValues()
         """Receipt of a tick's state to the instant at which the transport took its command."""
         self.skipped_ticks = 0

@@ -10,17 +10,18 @@ import numpy as np
 
 from spot_log.format.events import EventName
 from spot_log.format.records import EventRecord
-from spot_model.policy.policy import Policy
+from spot_model.policy.policy import Policy, TickMemory, TickResult
 from spot_model.robot import facts
 from spot_model.robot.state import Array, Gains, JointCommand, RobotState
 from spot_runtime.config import HandoverConfig, RunConfig
-from spot_runtime.control.handover import LoadAverage, Setpoint
+from spot_runtime.control.load_average import LoadAverage
 from spot_runtime.control.modes import Mode
 from spot_runtime.control.safety.safety import SetpointMemory
 from spot_runtime.control.safety.signals.check import SignalMemory
 from spot_runtime.control.safety.watchdogs import WatchMemory
+from spot_runtime.control.set_point import Setpoint
 from spot_runtime.control.snapshot import Phase
-from spot_runtime.control.tick import TickMemory, TickResult, TickSchedule, schedule_for
+from spot_runtime.control.tick_schedule import TickSchedule, schedule_for
 from spot_runtime.safety_limits import SafetyLimits
 from spot_runtime.sources.base import VelocityCommand
 from spot_runtime.stops import Ending, Stop
@@ -37,7 +38,8 @@ class Plan(NamedTuple):
     policy_gains: Gains
     velocity_at: Callable[[float, int], VelocityCommand]
     """The wanted velocity, from seconds in full control and the host's clock."""
-    tick: Callable[[TickMemory, RobotState, Array, Policy], tuple[TickMemory, TickResult]]
+    wall_s: Callable[[], float]
+    """Measures how long the policy computes; decides nothing."""
     limits: SafetyLimits
     """Those of the configuration, for this policy's rate."""
     refusal: Stop | None = None
@@ -72,7 +74,7 @@ class Memory(NamedTuple):
     watch: WatchMemory = WatchMemory()
     drive: Drive = Drive()
     told: frozenset[EventName] = frozenset()
-    """Events that are told of once, and were."""
+    """Once-only events that have been reported."""
     key: int = 0
     """Of the newest command."""
     sent_ns: int = 0
@@ -101,6 +103,8 @@ class Tick(NamedTuple):
     """Periods that passed without a tick just before."""
     result: TickResult | None
     """None where the mode runs no policy."""
+    inference_s: float = 0.0
+    """Time that the policy took."""
 
 
 class Step(NamedTuple):

@@ -12,7 +12,7 @@ class Notes:
     """Lives as long as one step."""
 
     def __init__(self, told: frozenset[EventName], host_ns: int, robot_ns: int) -> None:
-        """Stamp events with these instants; ``told`` are the events that were told of once already."""
+        """Stamp events with these instants; ``told`` holds the once-only events that have been reported."""
         self.told, self._host_ns, self._robot_ns = told, host_ns, robot_ns
         self.events: list[EventRecord] = []
 

@@ -15,7 +15,6 @@ class RecentValues:
     """A ring of numbers; when it is full, the oldest goes."""
 
     def __init__(self, capacity: int = DEFAULT_CAPACITY) -> None:
-        """Allocate, and touch, all memory now."""
         self._ring = np.full(capacity, np.nan)
         self.count = 0
         """Numbers taken since the start."""

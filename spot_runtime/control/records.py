@@ -24,11 +24,11 @@ def command_record(step: Step, command: JointCommand, host_ns: int) -> CommandRe
 
 
 def state_age_s(tick: Tick, now: Snapshot) -> float:
-    """Receipt of a tick's state to the begin of the step, s."""
+    """Time from the receipt of a tick's state to the start of the step, s."""
     return (now.host_ns - tick.state.host_stamp_ns) / NS_PER_S
 
 
-def tick_record(step: Step, tick: Tick, now: Snapshot, *, inference_s: float, compute_s: float) -> TickRecord:
+def tick_record(step: Step, tick: Tick, now: Snapshot, compute_s: float) -> TickRecord:
     """The tick with all that the policy saw and gave."""
     memory, result = step.memory, tick.result
     return TickRecord(
@@ -40,7 +40,7 @@ def tick_record(step: Step, tick: Tick, now: Snapshot, *, inference_s: float, co
         action=_NOTHING if result is None else result.action,
         velocity_command=memory.drive.velocity_command,
         state_age_s=state_age_s(tick, now),
-        inference_s=inference_s,
+        inference_s=tick.inference_s,
         compute_s=compute_s,
         command_key=memory.key,
         skipped=tick.lost,

@@ -1,21 +1,92 @@
-"""Which set-point each mode asks for: one pure function."""
+"""Which set-point each mode asks for, and the hand-over between a held pose and the policy as a blend of servo laws.
+
+The torque asked of each joint is the weighted sum of what the two laws would ask alone,
+
+    τ = w·[k_h·(q_h − q) − d_h·q̇ + τ_h] + (1 − w)·[k_p·(q_p − q) − d_p·q̇],
+
+and that is again one servo law, with gains w·k_h + (1 − w)·k_p and a set-point between the two. With w = 1 nothing
+jumps when joint control begins: the set-point is the measured pose and the feed-forward torque the measured load.
+"""
 
 from __future__ import annotations
+
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from spot_model.robot import facts
 from spot_model.robot.state import Array, Gains
 from spot_runtime.config import HandoverConfig
-from spot_runtime.control.handover import (
-    Setpoint,
-    blend,
-    damping_setpoint,
-    hold_weight_in,
-    hold_weight_out,
-    policy_setpoint,
-)
 from spot_runtime.control.modes import Mode
+
+_NO_LOAD: Final = np.zeros(facts.N_JOINTS)
+_NO_LOAD.flags.writeable = False
+
+
+class Setpoint(NamedTuple):
+    """All that a command asks of the twelve joints, apart from its key and times."""
+
+    position_rad: Array
+    """Shape (12,)."""
+    load_nm: Array
+    """Feed-forward torque, shape (12,)."""
+    gains: Gains
+
+
+def policy_setpoint(position_rad: Array, gains: Gains) -> Setpoint:
+    """What the policy asks for: positions alone, no feed-forward."""
+    return Setpoint(position_rad, _NO_LOAD, gains)
+
+
+def hold_setpoint(position_rad: Array, load_nm: Array) -> Setpoint:
+    """Hold a measured pose with the stand's gains and the load that carries the body. Both of shape (12,)."""
+    return Setpoint(position_rad.copy(), load_nm.copy(), Gains.stand())
+
+
+def damping_setpoint(position_rad: Array, kd_nm_s_per_rad: float) -> Setpoint:
+    """No stiffness, only damping; the position has no effect."""
+    zeros = np.zeros_like(position_rad)
+    return Setpoint(position_rad, zeros, Gains(zeros, np.full_like(zeros, kd_nm_s_per_rad)))
+
+
+def blend(hold: Setpoint, policy: Setpoint, hold_weight: float) -> Setpoint:
+    """The servo law whose torque is the weighted sum of the two laws' torques.
+
+    Args:
+        hold: The held pose.
+        policy: The policy's set-point.
+        hold_weight: 1 gives ``hold``, 0 gives ``policy``, unchanged.
+
+    Raises:
+        ValueError: The weight is outside [0, 1].
+    """
+    if not 0.0 <= hold_weight <= 1.0:
+        raise ValueError(f"hold_weight = {hold_weight}; allowed: 0 to 1")
+    if hold_weight == 1.0:
+        return hold
+    if hold_weight == 0.0:
+        return policy
+    kp_hold = hold_weight * hold.gains.kp_nm_per_rad
+    kp_policy = (1.0 - hold_weight) * policy.gains.kp_nm_per_rad
+    kp = kp_hold + kp_policy
+    kd = hold_weight * hold.gains.kd_nm_s_per_rad + (1.0 - hold_weight) * policy.gains.kd_nm_s_per_rad
+    position = (kp_hold * hold.position_rad + kp_policy * policy.position_rad) / kp
+    load = hold_weight * hold.load_nm + (1.0 - hold_weight) * policy.load_nm
+    return Setpoint(position, load, Gains(kp, kd))
+
+
+def hold_weight_in(share: float) -> float:
+    """Weight of the held pose after a share (0 to 1) of the ramp to the policy.
+
+    Cubic: the stand is some ten times stiffer than the policy, so its weight must fall fast at first and gently where
+    the two laws are of one size.
+    """
+    return (1.0 - min(1.0, max(0.0, share))) ** 3
+
+
+def hold_weight_out(share: float) -> float:
+    """Weight of the held pose after a share (0 to 1) of the ramp back: the way in, reversed."""
+    return hold_weight_in(1.0 - min(1.0, max(0.0, share)))
 
 
 def within_stops(position_rad: Array) -> Array:
@@ -45,7 +116,7 @@ def asked_setpoint(
         config: The ramps.
 
     Raises:
-        ValueError: The mode runs the policy, but there is no set-point of it.
+        ValueError: The mode runs the policy, but the policy's set-point is missing.
     """
     if mode is Mode.DAMPING:
         return damping_setpoint(within_stops(measured_rad), config.damping_kd_nm_s_per_rad)

@@ -13,7 +13,7 @@ from spot_runtime.stops import Stop
 
 
 class Snapshot(NamedTuple):
-    """What a step looks at, read once at its begin."""
+    """What a step looks at, read once when it starts."""
 
     host_ns: int
     robot_ns: int

@@ -12,18 +12,17 @@ from typing import Final
 import numpy as np
 
 from spot_log.format.events import EventName
+from spot_model.policy.policy import TickResult
 from spot_model.robot import facts
 from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import Array, JointCommand, RobotState
-from spot_runtime.control.handover import Setpoint, hold_setpoint
 from spot_runtime.control.memory import NO_VELOCITY_COMMAND, Act, Drive, Memory, Plan, Step, Tick
 from spot_runtime.control.modes import Mode, ModeInputs, next_mode
 from spot_runtime.control.notes import Notes
 from spot_runtime.control.safety import safety, watchdogs
 from spot_runtime.control.safety.signals.check import asked, check_signals
-from spot_runtime.control.set_point import asked_setpoint, within_stops
+from spot_runtime.control.set_point import Setpoint, asked_setpoint, hold_setpoint, within_stops
 from spot_runtime.control.snapshot import Phase, Snapshot
-from spot_runtime.control.tick import TickResult
 from spot_runtime.hal.base import JointControl
 from spot_runtime.hal.errors import HalError
 from spot_runtime.safety_limits import SafetyLimits
@@ -73,9 +72,9 @@ def control_step(memory: Memory, now: Snapshot, plan: Plan) -> Step:
         limits,
         notes,
     )
-    result = None
+    result, inference_s = None, 0.0
     if is_tick and newest is not None and memory.phase.mode.runs_policy:
-        memory, result = _run_policy(memory, newest, now, plan, notes)
+        memory, result, inference_s = _run_policy(memory, newest, now, plan, notes)
     if (is_tick or memory.phase.mode is Mode.DAMPING) and memory.phase.mode.sends:
         memory, more = _aim(memory, result, now, plan, notes)
         acts += more
@@ -84,7 +83,7 @@ def control_step(memory: Memory, now: Snapshot, plan: Plan) -> Step:
         command = _command(memory, now, plan)
     tick = None
     if is_tick and newest is not None and memory.phase.mode is not Mode.READY:
-        tick = Tick(schedule.ticks, newest, lost, result)
+        tick = Tick(schedule.ticks, newest, lost, result, inference_s)
     after = Memory(
         memory.phase,
         memory.handover,
@@ -180,7 +179,7 @@ def _end(memory: Memory, stop: Stop, notes: Notes) -> tuple[Memory, tuple[Act, .
         return memory, ()
     name = EventName.STOP if stop.reason.exit_code else EventName.COMPLETED
     notes.event(name, f"{stop.reason.label}: {stop.sentence()}", stop.values)
-    # A way back that is under way keeps its pace: a ramp must not jump.
+    # A hand-back that has begun keeps its pace: a ramp must not jump.
     is_hastened = memory.ending is None and stop.reason.is_urgent
     handover = memory.handover.hastened() if is_hastened else memory.handover
     return memory._replace(ending=ending, handover=handover), (
@@ -223,16 +222,18 @@ def _held(memory: Memory) -> Drive:
 
 def _run_policy(
     memory: Memory, state: RobotState, now: Snapshot, plan: Plan, notes: Notes
-) -> tuple[Memory, TickResult]:
+) -> tuple[Memory, TickResult, float]:
     velocity_command, is_finished = _velocity_command(memory, state, now, plan, notes)
     if is_finished:
         memory, _ = _end(memory, Stop(StopReason.COMPLETED), notes)
-    after, result = plan.tick(memory.drive.policy, state, velocity_command, plan.policy)
+    begin_s = plan.wall_s()
+    after, result = plan.policy.tick(memory.drive.policy, state, velocity_command)
+    inference_s = plan.wall_s() - begin_s
     drive = memory.drive
     drive = Drive(
         drive.hold, drive.current, drive.requested_rad, drive.limits, after, velocity_command, drive.fade_from
     )
-    return memory._replace(drive=drive), result
+    return memory._replace(drive=drive), result, inference_s
 
 
 def _velocity_command(memory: Memory, state: RobotState, now: Snapshot, plan: Plan, notes: Notes) -> tuple[Array, bool]:

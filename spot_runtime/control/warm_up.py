@@ -25,7 +25,7 @@ AWAKE_NS: Final = 2_000_000
 """No more polling this long after the dry run began, so that a state that never comes costs little."""
 
 JUDGED: Final = 50
-"""After so many dry runs in a row, each longer than :data:`LEAD_NS`, there are no more: they delay the tick."""
+"""After this many dry runs in a row, each longer than :data:`LEAD_NS`, dry runs end: they delay the tick."""
 
 ARRIVALS: Final = 64
 
@@ -34,7 +34,6 @@ class Arrivals:
     """When a state may come, judged by those that came."""
 
     def __init__(self) -> None:
-        """Start without any."""
         self._host_minus_robot_ns: deque[int] = deque(maxlen=ARRIVALS)
 
     def add(self, state: RobotState) -> None:
@@ -42,7 +41,7 @@ class Arrivals:
         self._host_minus_robot_ns.append(state.host_stamp_ns - state.robot_stamp_ns)
 
     def earliest_host_ns(self, robot_stamp_ns: int) -> int | None:
-        """When a state of this stamp will come if it is as quick as the quickest of late; None before any has come."""
+        """When a state with this stamp will arrive if it is as quick as the quickest recent one; None before any."""
         return robot_stamp_ns + min(self._host_minus_robot_ns) if self._host_minus_robot_ns else None
 
 

@@ -1,4 +1,4 @@
-"""One check: a name, and a function that says what it found and what to do."""
+"""One check: a name, and a function that returns a finding and advice."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Verdict(Enum):
     WARN = "warn"
     """A run goes, but worse than it could."""
     FAIL = "fail"
-    """A run would not begin, or not end well."""
+    """A run would not start, or would not end well."""
     SKIPPED = "skipped"
     """Not checked; the finding says why."""
 
@@ -65,7 +65,7 @@ def warn(found: str, advice: str) -> Finding:
 
 
 def fail(found: str, advice: str) -> Finding:
-    """A run would not begin, or not end well."""
+    """A run would not start, or would not end well."""
     return Finding(Verdict.FAIL, found, advice)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import Annotated, Optional
+from typing import Annotated
 
 import typer
 from rich.console import Console
@@ -16,20 +16,18 @@ from spot_runtime.doctor.check import Result, Verdict, is_fit, make
 from spot_runtime.doctor.computer import checks_of_computer
 from spot_runtime.doctor.host import Host
 from spot_runtime.doctor.robot import RobotDoctor
-from spot_runtime.session.run_command import resolve_config
+from spot_runtime.options import CaFile, ConfigFile, CredentialsFile, resolve_config
 
 _COLOUR = {Verdict.OK: "green", Verdict.WARN: "yellow", Verdict.FAIL: "bold red", Verdict.SKIPPED: "dim"}
 
 
 def doctor(
-    robot: Annotated[Optional[list[str]], typer.Option(help="Address of a robot to look at; may repeat.")] = None,  # noqa: UP045
-    policy: Annotated[Optional[Path], typer.Option(help="ONNX file to check.")] = None,  # noqa: UP045
-    config: Annotated[Optional[Path], typer.Option(help="YAML configuration of the run.")] = None,  # noqa: UP045
-    ca_file: Annotated[Optional[Path], typer.Option(help="Certificate to trust beside the vendor's.")] = None,  # noqa: UP045
-    credentials_file: Annotated[
-        Optional[Path], typer.Option(help="File with user name and password.")  # noqa: UP045
-    ] = None,
-    log_dir: Annotated[Optional[Path], typer.Option(help="Where logs will go.")] = None,  # noqa: UP045
+    robot: Annotated[list[str] | None, typer.Option(help="Address of a robot to look at; may repeat.")] = None,
+    policy: Annotated[Path | None, typer.Option(help="ONNX file to check.")] = None,
+    config: ConfigFile = None,
+    ca_file: CaFile = None,
+    credentials_file: CredentialsFile = None,
+    log_dir: Annotated[Path | None, typer.Option(help="Where logs will go.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Check what a first run needs, on this computer and on robots; nothing is moved, powered or claimed.

@@ -19,7 +19,6 @@ class Reader:
     """Reads what a robot says of itself. Every method but ``close`` raises HalError."""
 
     def __init__(self, address: Address, config: RobotConfig) -> None:
-        """Prepare; nothing is sent yet."""
         clock = HostClock()
         self._clock, self._timeout_s = clock, config.rpc_timeout_s
         self._estimate = RobotClockEstimate()

@@ -26,7 +26,6 @@ class RobotDoctor:
     """Looks at one robot."""
 
     def __init__(self, text: str, config: RunConfig) -> None:
-        """Take an address as the user wrote it."""
         self._config = config
         self._text = text
         self._link: Link | None = None
@@ -157,7 +156,7 @@ class RobotDoctor:
         pressed = [e.endpoint.name or "unnamed" for e in alive if e.stop_level != estop_pb2.ESTOP_LEVEL_NONE]
         if pressed:
             return fail(f"pressed: {', '.join(pressed)}", "release it")
-        # One that carries our name is an earlier run's: nobody holds it.
+        # An endpoint with our name belongs to an earlier run, and nobody holds it.
         alive = [endpoint for endpoint in alive if endpoint.endpoint.name != self._config.robot.client_name]
         if not alive:
             if self._config.robot.estop == "external":

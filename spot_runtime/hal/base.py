@@ -55,7 +55,7 @@ class Hal(Protocol):
     def stand(self) -> None:
         """Let the vendor's controller stand; returns when it does. Raises HalError.
 
-        The first call powers on where needed, a later one never does: whoever has cut the power since stands beside it.
+        Only the first call powers on. If the power was cut since, somebody stands beside the robot, and it stays off.
         """
 
     def receive(self, until_robot_ns: int, timeout_s: float) -> list[RobotState]:

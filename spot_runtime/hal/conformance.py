@@ -87,7 +87,7 @@ def takes_commands_and_hands_back(hal: Hal) -> None:
             _receive(hal, 1)
             hal.send(next(commands))
         _demand(hal.joint_control is JointControl.OFF, "the robot's own controller did not take the joints back")
-        hal.send(next(commands))  # nobody listens any more, and that is no error
+        hal.send(next(commands))  # ignored without an error
 
 
 def ends_from_any_state(hal: Hal) -> None:

@@ -30,7 +30,7 @@ class Adapter(NamedTuple):
     """An adapter that may be made; nothing was sent yet."""
 
     robot: str
-    """Names the robot that must not be driven twice at a time."""
+    """Names the robot, so that only one process drives it at a time."""
     make: Callable[[LogSink], Hal]
     """Makes it, given the log."""
 

@@ -17,7 +17,6 @@ class HostClock:
     """UNIX time that was read once and runs on with the monotonic clock, so that a set clock moves nothing."""
 
     def __init__(self) -> None:
-        """Read the system's clock."""
         self._unix_minus_monotonic_ns = time.time_ns() - time.monotonic_ns()
 
     def now_ns(self) -> int:
@@ -60,7 +59,6 @@ class RobotClockEstimate:
     """
 
     def __init__(self) -> None:
-        """Start without an estimate."""
         self._samples: deque[ClockSample] = deque(maxlen=WINDOW)
         self._line: _Line | None = None
 

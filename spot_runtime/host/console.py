@@ -56,4 +56,4 @@ class Console:
             self._stream.write(f"{plain_lines(line)}\n")
             self._stream.flush()
         except (OSError, ValueError):
-            return  # nobody reads any more; the run goes on
+            return  # the reader has gone; the run goes on

@@ -1,4 +1,4 @@
-"""A file of ours that says by its lock that whoever wrote it lives, and that its holder may remove."""
+"""A file whose lock says that its writer is alive, and which its holder may remove."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 def open_locked(path: Path, flags: int = os.O_CREAT) -> int:
     """Open a file, made where ``flags`` say so, for its owner alone, and lock it. Returns the descriptor.
 
-    A holder that is done may remove the file before it lets go: whoever has opened it by then opens it anew.
+    A holder may remove the file before it releases the lock; a process that had opened it by then opens it again.
 
     Raises:
         BlockingIOError: Somebody holds it.

@@ -31,8 +31,8 @@ class ServiceManager:
         """Connect.
 
         Args:
-            address: Path of a datagram socket, or ``@name`` for an abstract one; empty: nobody is told.
-            watchdog_ns: The time within which the manager wants to hear of progress; 0: it does not.
+            address: Path of a datagram socket, or ``@name`` for an abstract one; empty for none.
+            watchdog_ns: The interval within which the manager expects a sign of progress; 0 for none.
             monotonic_ns: The clock of the watchdog.
         """
         self._address = "\0" + address[1:] if address.startswith("@") else address
@@ -86,7 +86,7 @@ class ServiceManager:
         self._tell("STATUS=" + " ".join(text.split()))
 
     def close(self) -> None:
-        """Tell nobody any more."""
+        """Close the socket."""
         if self._socket is not None:
             self._socket.close()
             self._socket = None

@@ -35,7 +35,7 @@ class ListenError(SpotRlError):
 
 
 def default_address(environment: Mapping[str, str]) -> str:
-    """Where the service listens if nobody says: in the folder that systemd made for it, or one of the user's own."""
+    """Where the service listens by default: in the folder that systemd made for it, or in the user's own."""
     folder = environment.get("RUNTIME_DIRECTORY", "").partition(":")[0]
     return f"unix:{Path(folder) / SOCKET_NAME}" if folder else f"unix:{user_socket(environment)}"
 
@@ -61,7 +61,7 @@ def is_loopback(address: str) -> bool:
     """Whether an address reaches this computer alone.
 
     Raises:
-        BadInputError: It is no address.
+        BadInputError: It is not an address.
     """
     if not address.isprintable():  # bytes that are no UTF-8 among them
         raise BadInputError(
@@ -201,7 +201,7 @@ def _read(path: Path, *, is_secret: bool) -> bytes:
             data = stream.read(MAX_PEM_BYTES + 1) or b""
     except OSError as error:
         raise BadInputError(f"file {path} cannot be read: {error.strerror}") from error
-    # A credential of systemd's may show its access list's mask as the group's bits; its folder lets nobody else in.
+    # A credential of systemd's may show its access list's mask as the group's bits; its folder is closed to others.
     credentials = os.environ.get("CREDENTIALS_DIRECTORY", "")
     forbidden = 0o007 if credentials and path.parent == Path(credentials) else 0o077
     if is_secret and (not stat.S_ISREG(status.st_mode) or status.st_mode & forbidden):

@@ -6,10 +6,9 @@ import grpc
 
 
 class Refusal(Exception):  # noqa: N818 - an answer, not a failure
-    """Said to whoever asked; nothing has changed."""
+    """The answer to a request that changed nothing."""
 
     def __init__(self, code: grpc.StatusCode, text: str) -> None:
-        """Carry a status code and one sentence."""
         super().__init__(text)
         self.code = code
         self.text = text

@@ -7,7 +7,7 @@ import signal
 import sys
 from pathlib import Path
 from types import FrameType
-from typing import Annotated, Optional
+from typing import Annotated
 
 import typer
 
@@ -24,33 +24,34 @@ from spot_runtime.host.service_manager import ServiceManager
 from spot_runtime.host.termination import exit_on_termination
 from spot_runtime.operator.server.server import OperatorServer
 from spot_runtime.operator.server.supervisor import Supervisor
-from spot_runtime.session.run_command import check_encodable, recover_at_start, resolve_config
+from spot_runtime.options import (
+    CaFile,
+    ConfigFile,
+    CredentialsFile,
+    LockStepAddress,
+    RobotAddress,
+    check_encodable,
+    resolve_config,
+)
+from spot_runtime.session.run_command import recover_at_start
 
 
 def serve(
-    robot: Annotated[str, typer.Option(help="Address: HOST, HOST:PORT or unix:/path.")],
-    policies: Annotated[
-        Optional[Path], typer.Option(help="Folder of the policies that may be armed, by name.")  # noqa: UP045
-    ] = None,
+    robot: RobotAddress,
+    policies: Annotated[Path | None, typer.Option(help="Folder of the policies that may be armed, by name.")] = None,
     listen: Annotated[
-        Optional[str],  # noqa: UP045
+        str | None,
         typer.Option(help="unix:/path or HOST:PORT; off loopback only with the configuration's tls_ files."),
     ] = None,
-    config: Annotated[Optional[Path], typer.Option(help="YAML configuration.")] = None,  # noqa: UP045
-    ca_file: Annotated[
-        Optional[Path], typer.Option(help="Certificate to trust beside the vendor's.")  # noqa: UP045
-    ] = None,
-    credentials_file: Annotated[
-        Optional[Path], typer.Option(help="File with user name and password of the robot.")  # noqa: UP045
-    ] = None,
-    log_dir: Annotated[Optional[Path], typer.Option(help="Where logs go.")] = None,  # noqa: UP045
+    config: ConfigFile = None,
+    ca_file: CaFile = None,
+    credentials_file: CredentialsFile = None,
+    log_dir: Annotated[Path | None, typer.Option(help="Where logs go.")] = None,
     live_port: Annotated[
-        Optional[int],  # noqa: UP045
+        int | None,
         typer.Option(min=1, max=65535, help="Also show it live in Foxglove, on this port of loopback."),
     ] = None,
-    lock_step: Annotated[
-        Optional[str], typer.Option(help="Admin address of a fake robot in lock-step mode.")  # noqa: UP045
-    ] = None,
+    lock_step: LockStepAddress = None,
 ) -> None:
     """Wait for an operator, idle: no lease is held and nothing commanded until 'spot-rl ctl arm'."""
     settings = resolve_config(config, ca_file=ca_file, credentials_file=credentials_file, log_dir=log_dir)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Annotated, Optional
+from typing import Annotated
 
 import typer
 
@@ -31,11 +31,11 @@ def card(
     about: Annotated[str, typer.Option(help="One line for whoever chooses a policy.")] = "",
     gait: Annotated[str, typer.Option(help="Which gait it shows: trot, bound, ...")] = "",
     tried_on: Annotated[
-        Optional[list[str]],  # noqa: UP045
+        list[str] | None,
         typer.Option(help="A robot or ground that it walked on; may repeat."),
     ] = None,
     not_tried_on: Annotated[
-        Optional[list[str]],  # noqa: UP045
+        list[str] | None,
         typer.Option(help="What somebody might take for granted; may repeat."),
     ] = None,
 ) -> None:

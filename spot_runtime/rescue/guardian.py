@@ -1,4 +1,4 @@
-"""A process that outlives the one in control, and makes the robot safe where nobody else is left who would.
+"""A process that outlives the one in control, and makes the robot safe if no other process does.
 
 It is started before the motors get power, and sleeps. When the control process is gone and its note is still there, it
 lets the operator's service act, if that lives; if that is gone too, it acts itself.
@@ -61,7 +61,7 @@ def is_alive(process: int | None) -> bool:
 
 def main() -> None:
     """Watch, and act if need be."""
-    # Whoever ends a run ends it for all; this process is for what comes after.
+    # A signal that ends a run goes to all its processes; this one acts afterwards.
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
         signal.signal(number, signal.SIG_IGN)
     told = json.loads(sys.stdin.buffer.read())

@@ -1,7 +1,7 @@
-"""The note of whoever holds a robot's lease: on the disk from before power on until the robot is at rest.
+"""The note of the process that holds a robot's lease: on disk from before power-on until the robot is at rest.
 
-Who finds one that nobody holds any more knows that its writer died before it brought the robot to rest, and by which
-lease the robot can tell whether anybody has had it since. The note is locked while its writer lives.
+A note without a holder means that its writer died before it brought the robot to rest; it also names the
+lease by which the robot can tell whether anybody has had it since. The note is locked while its writer lives.
 """
 
 from __future__ import annotations
@@ -59,10 +59,9 @@ def note_path(robot: str, folder: Path) -> Path:
 
 
 class HeldNote:
-    """A note in this process's hands: others see that its holder lives, until it is let go."""
+    """A note that this process holds: others see that its holder lives, until it is released."""
 
     def __init__(self, path: Path, descriptor: int) -> None:
-        """Use an open and locked file."""
         self._path, self._descriptor = path, descriptor
 
     @staticmethod
@@ -84,7 +83,7 @@ class HeldNote:
 
     @staticmethod
     def find(path: Path) -> tuple[HeldNote, LeaseNote] | None:
-        """A note whose writer is gone, and what it says; None where there is none.
+        """A note whose writer is gone, and its content; None if there is none.
 
         Raises:
             NoteHeldError: Its writer lives.
@@ -111,7 +110,7 @@ class HeldNote:
         self.let_go()
 
     def let_go(self) -> None:
-        """Leave it on the disk, for whoever comes next; a second call does nothing."""
+        """Leave it on disk for the next process; a second call does nothing."""
         descriptor, self._descriptor = self._descriptor, -1
         if descriptor >= 0:
             os.close(descriptor)

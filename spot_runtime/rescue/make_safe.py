@@ -154,7 +154,7 @@ def _is_ours(session: Session, note: LeaseNote) -> bool:
 
 
 def _hold(session: Session, note: LeaseNote) -> bool:
-    """Whether the lease can be used: as it is, or, gone stale in its dead holder's hands, anew."""
+    """Whether the lease can be used: as it is, or taken again after it went stale."""
     try:
         session.retain_lease()
     except LeaseHeldError:
@@ -163,5 +163,5 @@ def _hold(session: Session, note: LeaseNote) -> bool:
         return True
     session.acquire_lease()
     granted = session.lease
-    # Whoever had it between the question above and now, and gave it back, has left a gap in the numbers.
+    # If anybody took it and gave it back since the question above, the numbers have a gap.
     return granted is not None and (granted.epoch, granted.sequence[0]) == (note.epoch, note.root + 1)

@@ -16,7 +16,7 @@ from spot_runtime.rescue.lease_note import HeldNote, LeaseNote, LeaseNoteError, 
 
 
 class NotingHal(BosdynHal):
-    """Keeps the protocol; whoever dies with the lease in hand leaves a note of it for ``spot-rl make-safe``."""
+    """Keeps the protocol; a process that dies while it holds the lease leaves a note for ``spot-rl make-safe``."""
 
     def __init__(
         self,
@@ -37,7 +37,7 @@ class NotingHal(BosdynHal):
             sink: The log.
             pace: Of a fake robot in lock-step mode.
             folder: Where notes lie.
-            guardian: Starts the process that acts on the note where nobody else is left.
+            guardian: Starts the process that acts on the note if no other is left.
             on_pause: Told of each look at a motion of the vendor's.
         """
         super().__init__(address, config, sink, pace)

@@ -25,7 +25,7 @@ from spot_model.robot.state import RobotState, SlowState
 from spot_runtime.stops import StopReason
 
 FOLDER: Final = "incidents"
-"""Beside the logs, so that whoever collects logs does not count one run twice."""
+"""Beside the logs, so that a run is not counted twice when logs are collected."""
 
 KEPT: Final = {"state": 667, "command": 667, "tick": 100, "slow_state": 10, "event": 200}
 """Records kept of each topic, before the stop and after it: 2 s."""
@@ -47,6 +47,7 @@ class FlightRecorder(ForwardingSink):
         super().__init__(sink)
         self._rings: dict[str, deque[_Kept]] = {topic: deque(maxlen=count) for topic, count in KEPT.items()}
         self._before: list[_Kept] = []
+        self._is_written = False
         self.cause = ""
         """The reason of the stop that began the incident; empty while there is none."""
 
@@ -86,27 +87,33 @@ class FlightRecorder(ForwardingSink):
             self._rings = {topic: deque() for topic in KEPT}
         self._keep("event", record.host_stamp_ns, hand_off.pack_event, record)
 
-    def write(self, log_path: Path, header: RunHeader, outcome: str) -> Path | None:
-        """Write the incident to disk and return where; None where there was none. Call it once the joints are at rest.
+    def write(self, log_path: Path, header: RunHeader, outcome: str) -> tuple[EventName, str] | None:
+        """Write what led to the stop to disk, once; call it when the joints are at rest.
 
-        Raises:
-            SpotRlError: It cannot be written.
+        Returns:
+            The event to tell: where it is, or why it could not be written. None where there is nothing to write.
         """
-        if not self.cause:
+        if not self.cause or self._is_written:
             return None
+        self._is_written = True
         path = flight_record_path(log_path)
-        kept = [*self._before, *(entry for ring in self._rings.values() for entry in list(ring))]
         try:
-            path.parent.mkdir(mode=0o750, parents=True, exist_ok=True)
-            writer = RunWriter(path, header, min_free_bytes=0)
-            numbers = dict.fromkeys(KEPT, 0)
-            for topic, _, pack, record in sorted(kept, key=lambda entry: entry[1]):
-                numbers[topic] += _add(writer, pack, numbers[topic], record)
-            writer.close({}, outcome)
-            _sync(path.parent)
+            self._write(path, header, outcome)
+        except SpotRlError as error:
+            return EventName.INCIDENT_FAILED, str(error)
         except OSError as error:
-            raise SpotRlError(f"the incident file {path} cannot be written: {error.strerror or error}") from error
-        return path
+            return EventName.INCIDENT_FAILED, f"the incident file {path} cannot be written: {error.strerror or error}"
+        return EventName.INCIDENT, f"the seconds around the stop are in {path}"
+
+    def _write(self, path: Path, header: RunHeader, outcome: str) -> None:
+        kept = [*self._before, *(entry for ring in self._rings.values() for entry in list(ring))]
+        path.parent.mkdir(mode=0o750, parents=True, exist_ok=True)
+        writer = RunWriter(path, header, min_free_bytes=0)
+        numbers = dict.fromkeys(KEPT, 0)
+        for topic, _, pack, record in sorted(kept, key=lambda entry: entry[1]):
+            numbers[topic] += _add(writer, pack, numbers[topic], record)
+        writer.close({}, outcome)
+        _sync(path.parent)
 
     def _keep(self, topic: str, host_stamp_ns: int, pack: Callable[..., bytes], *record: Any) -> None:
         ring = self._rings[topic]

@@ -17,10 +17,10 @@ class Outcome:
     exit_code: int = 0
     sentence: str = ""
     is_fault: bool = False
-    """Whether something went wrong; a wish of the operator's is no fault, and nor is the end of the sequence."""
+    """Whether something went wrong; neither what the operator asked for nor the end of a sequence is a fault."""
 
     def after_stop(self, stop: Stop) -> Outcome:
-        """The outcome once this stop has come, too."""
+        """The outcome after this stop."""
         reason = stop.reason
         return self._after(Outcome(reason.label, reason.exit_code, stop.sentence(), is_fault=reason.is_fault))
 
@@ -29,7 +29,7 @@ class Outcome:
         return self._after(Outcome(error.label, error.exit_code, str(error), is_fault=True))
 
     def after_power_failure(self, error: HalError) -> Outcome:
-        """The outcome once powering off failed; the sentence always says so."""
+        """The outcome after powering off failed, which its sentence always names."""
         words = f"powering off failed: {error}; see to the robot"
         if self.is_fault or self.exit_code == StopReason.OPERATOR_ESTOP.exit_code:
             return replace(self, sentence=f"{self.sentence}; then {words}")

@@ -20,7 +20,7 @@ from spot_runtime.session.signals import OperatorInterrupt, StopSignals
 from spot_runtime.stops import Ending, Reaction, Stop, StopReason
 
 LOOKS: Final = 10
-"""Waits of 0.1 s for a first state; a stream that brings none is the loop's matter."""
+"""Waits of 0.1 s for a first state; a stream without states is left to the loop."""
 
 TIPPED_RAD: Final = math.radians(60.0)
 """Beyond any slope on which a robot stands or sits."""
@@ -51,7 +51,7 @@ def _refuse_if_tipped(hal: Hal) -> None:
             continue
         _, x, y, _ = states[-1].odom_from_body_wxyz.tolist()
         tilt_rad = math.acos(max(-1.0, min(1.0, 1.0 - 2.0 * (x * x + y * y))))
-        # What is no number is left to the loop, which judges every state before it takes over.
+        # Values that are not finite are left to the loop, which checks every state before it takes over.
         if tilt_rad > TIPPED_RAD:
             raise FaultError(f"the body is tilted by {math.degrees(tilt_rad):.0f}°; set the robot on its belly or feet")
         return
@@ -161,7 +161,7 @@ class RobotSession:
             self._event(EventName.STAND_FAILED, f"{error}; it sits down as it is")
 
     def _power_off(self, hal: Hal) -> None:
-        """Sit and cut power; where that fails, every word about the end says so."""
+        """Sit and cut power; if that fails, log, outcome and summary say so."""
         try:
             hal.power_off()
         except HalError as error:

@@ -8,18 +8,16 @@ import uuid
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from spot_log.format.events import EventName
 from spot_log.format.records import EventRecord, RunHeader, Severity
 from spot_log.write.sink import LogSink
-from spot_model.errors import SpotRlError
 from spot_model.policy.policy import Policy
+from spot_model.version import software_version
 from spot_runtime.config import RunConfig
 from spot_runtime.control.loop import ControlLoop
 from spot_runtime.control.loop_stats import LoopStats
-from spot_runtime.control.tick import warm_up
 from spot_runtime.hal.base import Hal
 from spot_runtime.host.clock import HostClock
 from spot_runtime.host.console import Console
@@ -67,7 +65,7 @@ def header_of(request: RunRequest, started_host_stamp_ns: int) -> RunHeader:
         command_sequence=request.source.name,
         repeat=request.repeat,
         labels={**request.config.log.labels, **request.labels},
-        software_version=_software_version(),
+        software_version=software_version(),
         software_revision="",
     )
 
@@ -129,7 +127,7 @@ class _Attempt:
         signals: StopSignals,
     ) -> None:
         self._request, self._sink, self._console, self._manager = request, sink, console, manager
-        self._header, self._is_incident_written = header, False
+        self._header = header
         self._tell_elsewhere = tell
         self._clock, self._signals = HostClock(), signals
         self.session = RobotSession(signals, self._event, say=self._say, on_shut_down=self._shutting_down)
@@ -185,7 +183,7 @@ class _Attempt:
         )
         self._loop, self._stats = loop, loop.stats
         self._console.show(lambda: self._show(_progress(loop)))
-        warm_up(self._request.policy)
+        self._request.policy.warm_up()
         freeze_garbage_collection(self._request.config.real_time)
         self._rss_start_mb = resident_mb()
         self._manager.ready()
@@ -206,16 +204,9 @@ class _Attempt:
         self._say("sitting and powering off …")
 
     def _write_flight_record(self) -> None:
-        """What led to the stop, on disk; once."""
-        if self._is_incident_written or not self._sink.cause:
-            return
-        self._is_incident_written = True
-        try:
-            path = self._sink.write(self._request.log_path, self._header, self.session.outcome.label)
-        except SpotRlError as error:
-            self._event(EventName.INCIDENT_FAILED, str(error))
-        else:
-            self._event(EventName.INCIDENT, f"the seconds around the stop are in {path}")
+        told = self._sink.write(self._request.log_path, self._header, self.session.outcome.label)
+        if told is not None:
+            self._event(*told)
 
     def _event(self, name: EventName, text: str) -> None:
         hal = self.session.hal
@@ -252,10 +243,3 @@ def _progress(loop: ControlLoop) -> str:
         f"{stats.rate_hz:6.2f} Hz  age p99 {stats.state_age_s.percentile(99) * 1e3:.1f} ms  "
         f"tick p50 {stats.compute_s.percentile(50) * 1e6:.0f} µs  skipped {stats.skipped_ticks}"
     )
-
-
-def _software_version() -> str:
-    try:
-        return version("spot-rl")
-    except PackageNotFoundError:
-        return ""

@@ -5,24 +5,25 @@ from __future__ import annotations
 import os
 import sys
 from pathlib import Path
-from typing import Annotated, Optional
+from typing import Annotated
 
 import numpy as np
 import typer
 
 from spot_log import recover_leftovers
 from spot_log.write.logger_process import LoggerProcess
-from spot_log.write.run_writer import active_path, make_log_folder
+from spot_log.write.run_writer import free_path, make_log_folder
 from spot_model.errors import BadInputError
 from spot_model.io.velocity_sequence import load_sequence
 from spot_model.policy.policy import Policy, load_policy
 from spot_model.text import plain_lines
-from spot_runtime.config import RunConfig, for_lock_step, load_config
+from spot_runtime.config import RunConfig, for_lock_step
 from spot_runtime.hal.registry import HalRequest, find_adapter
 from spot_runtime.host.console import Console
 from spot_runtime.host.instance_lock import InstanceLock
 from spot_runtime.host.journal import Journal, goes_to_journal
 from spot_runtime.host.service_manager import ServiceManager
+from spot_runtime.options import CaFile, ConfigFile, CredentialsFile, LockStepAddress, RobotAddress, resolve_config
 from spot_runtime.policy.admission import admission
 from spot_runtime.rescue.guarded import guarded
 from spot_runtime.session.labels import parse_labels
@@ -33,39 +34,27 @@ from spot_runtime.sources.gamepad import GamepadSource, PygamePad
 from spot_runtime.sources.keyboard import HELP, TerminalKeyboardSource
 from spot_runtime.sources.scripted import ScriptedSource
 
-CA_VARIABLE = "SPOT_RL_CA_FILE"
-
 
 def run(
-    robot: Annotated[str, typer.Option(help="Address: HOST, HOST:PORT or unix:/path.")],
+    robot: RobotAddress,
     policy: Annotated[Path, typer.Option(help="ONNX file with its contract.")],
     hal: Annotated[
-        Optional[str], typer.Option(help="Adapter: spot, replay (--robot is a log), or one of your own.")  # noqa: UP045
+        str | None, typer.Option(help="Adapter: spot, replay (--robot is a log), or one of your own.")
     ] = None,
-    sequence: Annotated[
-        Optional[str], typer.Option(help="Velocity commands: a built-in name or a YAML file.")  # noqa: UP045
-    ] = None,
+    sequence: Annotated[str | None, typer.Option(help="Velocity commands: a built-in name or a YAML file.")] = None,
     keyboard: Annotated[bool, typer.Option("--keyboard", help="Velocity commands from the keyboard.")] = False,
     gamepad: Annotated[bool, typer.Option("--gamepad", help="Velocity commands from a gamepad.")] = False,
     duration: Annotated[
-        Optional[float], typer.Option(help="End after so many seconds of control; a sequence repeats.")  # noqa: UP045
+        float | None, typer.Option(help="End after so many seconds of control; a sequence repeats.")
     ] = None,
-    config: Annotated[Optional[Path], typer.Option(help="YAML configuration.")] = None,  # noqa: UP045
-    ca_file: Annotated[
-        Optional[Path], typer.Option(help=f"Certificate to trust beside the vendor's; also {CA_VARIABLE}.")  # noqa: UP045
-    ] = None,
-    credentials_file: Annotated[
-        Optional[Path], typer.Option(help="File with user name and password.")  # noqa: UP045
-    ] = None,
-    log_dir: Annotated[Optional[Path], typer.Option("--log-dir", "--out", help="Folder of the log.")] = None,  # noqa: UP045
-    label: Annotated[Optional[list[str]], typer.Option(help="Label of the log, KEY=VALUE; may repeat.")] = None,  # noqa: UP045
+    config: ConfigFile = None,
+    ca_file: CaFile = None,
+    credentials_file: CredentialsFile = None,
+    log_dir: Annotated[Path | None, typer.Option("--log-dir", "--out", help="Folder of the log.")] = None,
+    label: Annotated[list[str] | None, typer.Option(help="Label of the log, KEY=VALUE; may repeat.")] = None,
     repeat: Annotated[int, typer.Option(min=0, help="Number of this repetition, for the log.")] = 0,
-    lock_step: Annotated[
-        Optional[str], typer.Option(help="Admin address of a fake robot in lock-step mode.")  # noqa: UP045
-    ] = None,
-    summary_json: Annotated[
-        Optional[Path], typer.Option(help="Also write the summary here, as JSON.")  # noqa: UP045
-    ] = None,
+    lock_step: LockStepAddress = None,
+    summary_json: Annotated[Path | None, typer.Option(help="Also write the summary here, as JSON.")] = None,
 ) -> None:
     """Run a policy on a robot: connect, stand, hand over, follow velocity commands, hand back, sit, power off."""
     settings = resolve_config(config, ca_file=ca_file, credentials_file=credentials_file, log_dir=log_dir, hal=hal)
@@ -80,7 +69,7 @@ def run(
     )
     directory = settings.log.directory
     make_log_folder(directory)
-    path = _free_path(directory / log_file_name(loaded.contract.name, source.name, repeat))
+    path = free_path(directory / log_file_name(loaded.contract.name, source.name, repeat))
     request = RunRequest(robot, loaded, source, settings, path, repeat, labels)
 
     recover_at_start(directory, console)
@@ -104,17 +93,8 @@ def run(
     raise typer.Exit(summary.exit_code)
 
 
-def _free_path(path: Path) -> Path:
-    """The name, or the next one like it: two runs may begin within one second, as the first may fail at once."""
-    number, free = 1, path
-    while free.exists() or active_path(free).exists():
-        number += 1
-        free = path.with_name(f"{path.stem}-{number}{path.suffix}")
-    return free
-
-
 def _say_last(text: str) -> None:
-    """Print to standard output; that nobody reads any more must not change the exit code."""
+    """Print to standard output; a reader that has gone must not change the exit code."""
     try:
         typer.echo(plain_lines(text))
     except OSError:
@@ -124,49 +104,12 @@ def _say_last(text: str) -> None:
 
 
 def recover_at_start(directory: Path, console: Console) -> None:
-    """Repair what a crash has left behind; what cannot be repaired is no reason not to run."""
+    """Repair what a crash has left behind; a run starts even if that fails."""
     try:
         for recovery in recover_leftovers(directory):
             console.say(f"{recovery.result}: recovered from a run that did not end cleanly")
     except OSError as error:
         console.say(f"warning: leftovers in {directory} could not be recovered: {error.strerror or error}")
-
-
-def resolve_config(
-    path: Path | None,
-    *,
-    ca_file: Path | None,
-    credentials_file: Path | None,
-    log_dir: Path | None,
-    hal: str | None = None,
-) -> RunConfig:
-    """The configuration of the file, with what the command line and the environment say in its place."""
-    config = RunConfig() if path is None else load_config(path)
-    from_environment = os.environ.get(CA_VARIABLE)
-    ca = ca_file or config.robot.ca_file or (Path(from_environment) if from_environment else None)
-    robot = config.robot.model_copy(
-        update={
-            "ca_file": ca,
-            "credentials_file": credentials_file or config.robot.credentials_file,
-            "hal": hal or config.robot.hal,
-        }
-    )
-    log = config.log.model_copy(update={"directory": log_dir or config.log.directory})
-    for path in (robot.ca_file, robot.credentials_file, log.directory):
-        check_encodable(path)
-    return config.model_copy(update={"robot": robot, "log": log})
-
-
-def check_encodable(path: Path | None) -> None:
-    """Refuse a path that cannot stand in a log's header or a run's specification, which are UTF-8.
-
-    Raises:
-        BadInputError: It holds other bytes.
-    """
-    try:
-        str(path).encode()
-    except UnicodeEncodeError as error:
-        raise BadInputError(f"path {str(path)!r} is no UTF-8; rename it, or name another") from error
 
 
 def make_source(

@@ -21,7 +21,6 @@ class OperatorInterrupt(BaseException):
     """The operator wants to stop while the program waits for the robot; carries the stop."""
 
     def __init__(self, stop: Stop) -> None:
-        """Carry a stop."""
         super().__init__(stop.sentence())
         self.stop = stop
 
@@ -32,11 +31,10 @@ class StopSignals:
     While the loop runs, ``take`` gives the strongest stop that was asked for. While the program waits in a call of the
     robot (after :meth:`interrupt_waits`), a signal raises :class:`OperatorInterrupt` there instead; while it brings the
     robot to rest, the e-stop's alone does. After one interrupt there is no other until they are allowed again: signals
-    often come in twos, and the second must not tear what answers the first from its work.
+    often come in pairs, and the second must not interrupt the answer to the first.
     """
 
     def __init__(self) -> None:
-        """Count from zero."""
         self.interrupts = False
         self.only_estop = False
         self._count = 0
@@ -52,7 +50,6 @@ class StopSignals:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Put back what was there."""
         for number, handler in self._previous.items():
             signal.signal(number, handler)
 

@@ -37,7 +37,7 @@ class RunSummary:
     rss_growth_mb: float
     """Resident memory at the end less that at the start of control."""
     control_robot_s: float = 0.0
-    """Robot time from the begin of control to its end."""
+    """Robot time from the start of control to its end."""
     control_wall_s: float = 0.0
     """The same in host time; shorter in lock-step."""
     log_unwritten: int = 0

@@ -39,7 +39,6 @@ class GamepadSource:
     name = "gamepad"
 
     def __init__(self, config: OperatorConfig, pad: Pad) -> None:
-        """Use an open pad."""
         self._config, self._pad = config, pad
         self._shaper = Shaper(config.acceleration_m_s2, config.release_s)
 

@@ -72,7 +72,7 @@ class TerminalKeys:
         """Switch the terminal; :meth:`close` switches it back.
 
         Raises:
-            BadInputError: Standard input is no terminal.
+            BadInputError: Standard input is not a terminal.
         """
         if not sys.stdin.isatty():
             raise BadInputError("--keyboard needs a terminal, and standard input is none; use --sequence instead")
@@ -82,7 +82,7 @@ class TerminalKeys:
         tty.setcbreak(self._descriptor)
 
     def read(self) -> str:
-        """What was pressed since the last call; :data:`QUIT` where the terminal is gone, and whoever sat at it."""
+        """What was pressed since the last call; :data:`QUIT` if the terminal has gone."""
         keys = b""
         while select.select([self._descriptor], [], [], 0.0)[0]:
             try:

@@ -60,7 +60,7 @@ def joint_command(data: bytes) -> None:
 
 def joint_command_seeds() -> list[bytes]:
     from spot_model.robot.state import Gains, JointCommand
-    from spot_runtime.hal.spot.command_wire import CommandEncoder
+    from spot_runtime.hal.spot.command_stream import CommandEncoder
 
     zeros = np.zeros(12)
     command = JointCommand(1, zeros, zeros, zeros, Gains.policy(), 1_700_000_000_050_000_000)

@@ -14,14 +14,6 @@ from spot_model.policy.contract import PolicyContract, StoredPair
 from spot_model.robot import facts
 from spot_model.robot.state import Gains, JointCommand, RobotState, SlowState
 from spot_runtime.config import HandoverConfig
-from spot_runtime.control.handover import (
-    Setpoint,
-    blend,
-    hold_setpoint,
-    hold_weight_in,
-    hold_weight_out,
-    policy_setpoint,
-)
 from spot_runtime.control.modes import Mode, ModeInputs
 from spot_runtime.control.safety import safety
 from spot_runtime.control.safety.battery import BatteryMemory, watch_current
@@ -30,7 +22,15 @@ from spot_runtime.control.safety.command_loss import LossMemory
 from spot_runtime.control.safety.leaps import DOUBTFUL_STATES
 from spot_runtime.control.safety.policy_bounds import check_policy, with_speed_limit
 from spot_runtime.control.safety.safety import LimitedSetpoint, SetpointMemory, StateMemory
-from spot_runtime.control.set_point import asked_setpoint
+from spot_runtime.control.set_point import (
+    Setpoint,
+    asked_setpoint,
+    blend,
+    hold_setpoint,
+    hold_weight_in,
+    hold_weight_out,
+    policy_setpoint,
+)
 from spot_runtime.safety_limits import SafetyLimits
 from spot_runtime.stops import Ending, Stop, StopReason
 

@@ -6,12 +6,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from spot_log import read_run
+from spot_log.format.events import EventName
 from spot_log.format.records import CommandRecord, EventRecord, RunHeader, Severity, TickRecord
 from spot_log.write.sink import MemorySink
-from spot_model.errors import SpotRlError
 from spot_model.robot.state import Gains, JointCommand, RobotState, SlowState
 from spot_runtime.session.flight_recorder import KEPT, FlightRecorder, flight_record_path
 
@@ -62,8 +61,11 @@ def test_two_seconds_before_and_after_the_stop(make_state: MakeState, make_slow:
     recorder.event(stop("tilt: the body tilts too far", at_ns))
     feed(recorder, make_state, 2000, 2000)
     log = tmp_path / "logs" / "run.mcap"
-    path = recorder.write(log, HEADER, "tilt")
-    assert path == flight_record_path(log) == tmp_path / "logs" / "incidents" / "run.mcap"
+    path = flight_record_path(log)
+    assert path == tmp_path / "logs" / "incidents" / "run.mcap"
+    told = recorder.write(log, HEADER, "tilt")
+    assert told == (EventName.INCIDENT, f"the seconds around the stop are in {path}")
+    assert recorder.write(log, HEADER, "tilt") is None, "once is enough"
     run = read_run(path)
     assert not run.damage
     assert (run.header.run_id, run.outcome) == ("run-1", "tilt")
@@ -94,9 +96,8 @@ def test_a_broken_record_costs_itself_alone(make_state: MakeState, tmp_path: Pat
     recorder.state(b"\xff\xff no state", START_NS)
     feed(recorder, make_state, 0, 3)
     recorder.event(stop("state_lost: no state of Spot's"))
-    path = recorder.write(tmp_path / "run.mcap", HEADER, "state_lost")
-    assert path is not None
-    assert len(read_run(path).states) == 3
+    assert recorder.write(tmp_path / "run.mcap", HEADER, "state_lost") is not None
+    assert len(read_run(flight_record_path(tmp_path / "run.mcap")).states) == 3
 
 
 def test_what_is_there_already_is_not_overwritten(make_state: MakeState, tmp_path: Path) -> None:
@@ -106,8 +107,9 @@ def test_what_is_there_already_is_not_overwritten(make_state: MakeState, tmp_pat
     log = tmp_path / "run.mcap"
     flight_record_path(log).parent.mkdir()
     flight_record_path(log).write_text("precious")
-    with pytest.raises(SpotRlError, match="exists already"):
-        recorder.write(log, HEADER, "tilt")
+    name, words = recorder.write(log, HEADER, "tilt") or (None, "")
+    assert name is EventName.INCIDENT_FAILED
+    assert "exists already" in words
     assert flight_record_path(log).read_text() == "precious"
 
 
@@ -116,5 +118,6 @@ def test_a_folder_that_cannot_be_made_is_said(make_state: MakeState, tmp_path: P
     feed(recorder, make_state, 0, 1)
     recorder.event(stop("tilt: x"))
     (tmp_path / "incidents").write_text("in the way")
-    with pytest.raises(SpotRlError, match=r"incidents/run\.mcap cannot be written"):
-        recorder.write(tmp_path / "run.mcap", HEADER, "tilt")
+    name, words = recorder.write(tmp_path / "run.mcap", HEADER, "tilt") or (None, "")
+    assert name is EventName.INCIDENT_FAILED
+    assert "incidents/run.mcap cannot be written" in words

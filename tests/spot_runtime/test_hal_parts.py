@@ -20,10 +20,9 @@ from spot_model.robot.state import Gains, JointCommand
 from spot_runtime.config import RobotConfig
 from spot_runtime.hal.connection.address import parse_address
 from spot_runtime.hal.errors import CredentialsError, EstopError, HalError, NoRobotError
-from spot_runtime.hal.spot.command_wire import CommandEncoder
+from spot_runtime.hal.spot.command_stream import CommandEncoder, LatestSlot
 from spot_runtime.hal.spot.estop import needs_own_endpoint
 from spot_runtime.hal.spot.jobs import Jobs
-from spot_runtime.hal.spot.latest_slot import LatestSlot
 from spot_runtime.hal.spot.session import Session
 from spot_runtime.hal.spot.slow_state import slow_state_from_message
 from spot_runtime.hal.spot.vendor_errors import lease_held, translate

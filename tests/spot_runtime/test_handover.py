@@ -1,4 +1,4 @@
-"""The hand-over blends torques, so nothing jumps at its begin and nothing is left of the stand at its end."""
+"""The hand-over blends torques, so nothing jumps at its start and nothing is left of the stand at its end."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from spot_model.robot import facts
 from spot_model.robot.control import pd_torque
 from spot_model.robot.state import Array, Gains, RobotState
-from spot_runtime.control.handover import (
-    LoadAverage,
+from spot_runtime.control.load_average import LoadAverage
+from spot_runtime.control.set_point import (
     Setpoint,
     blend,
     damping_setpoint,

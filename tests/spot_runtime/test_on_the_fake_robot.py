@@ -9,7 +9,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, MutableSequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,11 +24,15 @@ from spot_log import Run, read_run
 from spot_log.write.logger_process import LoggerProcess
 from spot_log.write.sink import LogSink
 from spot_model.io.velocity_sequence import standing_sequence
-from spot_model.policy.policy import policy_from_bytes
+from spot_model.policy.observation import N_OBSERVATION
+from spot_model.policy.policy import TickResult, policy_from_bytes
 from spot_model.robot import facts
-from spot_model.robot.state import JointCommand
+from spot_model.robot.state import JointCommand, RobotState
 from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
 from spot_runtime.config import RunConfig
+from spot_runtime.control.memory import Step
+from spot_runtime.control.safety.safety import LimitedSetpoint
+from spot_runtime.control.set_point import Setpoint
 from spot_runtime.hal.base import Hal
 from spot_runtime.hal.connection.address import Address, parse_address
 from spot_runtime.hal.spot.adapter import BosdynHal
@@ -42,6 +46,7 @@ from spot_runtime.session.summary import RunSummary
 from spot_runtime.sources.base import VelocityCommand
 from spot_runtime.sources.scripted import ScriptedSource
 
+ROOT = Path(__file__).parents[2]
 CONFIG = RunConfig.model_validate(
     {
         "real_time": {"fifo_priority": 0, "lock_memory": False, "freeze_garbage_collection": False},
@@ -363,3 +368,60 @@ def test_two_signals_damp(fake: Fake) -> None:
     assert code == 11, said
     assert "damping" in said
     assert fake.status().motor_power.lower().endswith("off")
+
+
+FORMS = (bytes, RobotState, JointCommand, Setpoint, LimitedSetpoint, TickResult, Step)
+"""What a state message becomes: bytes, a state, the policy's result, a set-point, a command, and bytes again."""
+
+COPIES = ("spot_log/write/", "spot_runtime/session/flight_recorder.py")
+"""What only the log gets."""
+
+
+class Way:
+    """The files that a state message passes from its receipt to the command stream, as a profiler of the loop."""
+
+    def __init__(self) -> None:
+        self.files: list[str] = []
+        self.went_up: set[tuple[str, str]] = set()
+        self.is_whole = False
+        self._has_begun = False
+        self._stack: list[str] = []
+
+    def __call__(self, frame: Any, event: str, value: Any) -> None:
+        path = Path(frame.f_code.co_filename)
+        if self.is_whole or event not in ("call", "return") or not path.is_relative_to(ROOT):
+            return
+        file, function = str(path.relative_to(ROOT)), frame.f_code.co_name
+        if not file.startswith("spot_") or file.startswith(COPIES):
+            return
+        self._has_begun |= event == "call" and function == "feed"
+        if not self._has_begun:
+            return
+        if event == "call":
+            if file in self._stack[:-1] and file != self._stack[-1]:
+                self.went_up.add((self._stack[-1], file))
+            self._stack.append(file)
+            names = frame.f_code.co_varnames[: frame.f_code.co_argcount + frame.f_code.co_kwonlyargcount]
+            self._see(file, *(frame.f_locals[name] for name in names))
+        else:
+            self._stack = self._stack[:-1]
+            self._see(file, value)
+            self.is_whole = function == "put" and file.endswith("command_stream.py") and "policy.py" in str(self.files)
+
+    def _see(self, file: str, *values: Any) -> None:
+        newest = (v[-1] if isinstance(v, MutableSequence) and v else v for v in values)
+        is_passed = any(isinstance(v, FORMS) or getattr(v, "shape", ()) == (N_OBSERVATION,) for v in newest)
+        if is_passed and file not in self.files:
+            self.files.append(file)
+
+
+def test_a_state_is_followed_to_its_command_in_twelve_files_without_going_back_up(fake: Fake) -> None:
+    way = Way()
+    try:
+        summary, _ = fake.drive(seconds=0.7, during=lambda: sys.setprofile(way))
+    finally:
+        sys.setprofile(None)
+    assert summary.exit_code == 0, summary.sentence
+    assert way.is_whole
+    assert len(way.files) <= 12
+    assert way.went_up == set()

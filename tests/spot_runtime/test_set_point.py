@@ -8,9 +8,8 @@ import pytest
 from spot_model.robot import facts
 from spot_model.robot.state import Gains
 from spot_runtime.config import HandoverConfig
-from spot_runtime.control.handover import blend, hold_setpoint, policy_setpoint
 from spot_runtime.control.modes import Mode
-from spot_runtime.control.set_point import asked_setpoint, within_stops
+from spot_runtime.control.set_point import asked_setpoint, blend, hold_setpoint, policy_setpoint, within_stops
 
 CONFIG = HandoverConfig(ramp_in_s=2.0, ramp_out_s=1.0, damping_kd_nm_s_per_rad=7.0)
 POSE = facts.DEFAULT_POSITION_RAD

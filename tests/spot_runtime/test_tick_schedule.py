@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from spot_runtime.control.tick import TickSchedule, schedule_for
+from spot_runtime.control.tick_schedule import TickSchedule, schedule_for
 
 MS = 1_000_000
 
@@ -32,7 +32,7 @@ def test_a_3_ms_stream_gives_steps_of_7_7_6_messages() -> None:
 
 def test_the_average_rate_is_exactly_50_hz() -> None:
     _, due, _ = ticks_of([i * 3 * MS for i in range(20_001)], schedule_for(50.0))
-    # 60 s and the tick at its begin: 60.000 s hold 3001 due instants.
+    # 60 s and the tick at its start: 60.000 s hold 3001 due instants.
     assert len(due) == 3001
     assert due[-1] - due[0] == 60_000 * MS
 

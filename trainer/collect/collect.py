@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 
 from spot_model.errors import SpotRlError
+from spot_runtime.options import CaFile, CredentialsFile, LockStepAddress, RobotAddress
 
 
 class CollectionError(SpotRlError):
@@ -20,7 +21,7 @@ class CollectionError(SpotRlError):
 
 
 def collect(
-    robot: Annotated[str, typer.Option(help="Address of the robot: HOST, HOST:PORT or unix:/path.")],
+    robot: RobotAddress,
     policy: Annotated[Path, typer.Option(help="ONNX file with its contract.")],
     out: Annotated[Path, typer.Option(help="Folder of the logs; whole runs that are there are kept.")],
     sequences: Annotated[
@@ -31,10 +32,10 @@ def collect(
         str | None, typer.Option(help="Also run the first sequence once a repeat at other gains, KP,KD.")
     ] = None,
     config: Annotated[Path | None, typer.Option(help="Run configuration (YAML).")] = None,
-    ca_file: Annotated[Path | None, typer.Option(help="Certificate to trust beside the vendor's.")] = None,
-    credentials_file: Annotated[Path | None, typer.Option(help="File with user name and password.")] = None,
+    ca_file: CaFile = None,
+    credentials_file: CredentialsFile = None,
     label: Annotated[list[str] | None, typer.Option(help="Label of the logs, KEY=VALUE; may repeat.")] = None,
-    lock_step: Annotated[str | None, typer.Option(help="Admin address of a fake robot in lock-step mode.")] = None,
+    lock_step: LockStepAddress = None,
     attempts: Annotated[int, typer.Option(min=1, max=20, help="Tries of a run that does not complete.")] = 2,
 ) -> None:
     """Record the paper's command sequences several times on a robot, for spot-rl sysid."""

@@ -14,7 +14,7 @@ from trainer.evaluate.rollout import Array, Recording
 def tracking_error(recording: Recording, span: slice) -> Array:
     """Mean over time of |command − mean velocity over a stride|, shape (n, 3); NaN for robots that fell.
 
-    Velocity is averaged over half a second, about a stride, so that the sway within a stride is no error.
+    Velocity is averaged over half a second, about a stride, so that sway within a stride is not an error.
     """
     window = round(0.5 * recording.rate_hz)
     velocity = _running_mean(recording.velocity[span], window)

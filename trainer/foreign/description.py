@@ -89,7 +89,7 @@ def by_joint(value: float | Mapping[str, float], joint_names: Sequence[str], sou
     """A value a joint: one for all, or by regular expressions that match whole names.
 
     Raises:
-        BadInputError: A joint is matched by none, or a value is no number.
+        BadInputError: A joint is not matched, or a value is not a number.
     """
     if isinstance(value, (int, float)) and not isinstance(value, bool):
         return (float(value),) * len(joint_names)

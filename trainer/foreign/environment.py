@@ -42,7 +42,7 @@ def read_environment(path: Path) -> dict[str, Any]:
     """The environment's configuration as plain data.
 
     Raises:
-        BadInputError: The file cannot be read, or is no mapping.
+        BadInputError: The file cannot be read, or is not a mapping.
     """
     try:
         text = read_at_most(path, MAX_BYTES).decode("utf-8")

@@ -14,7 +14,7 @@ from trainer.play.drawing import columns, gait_diagram
 from trainer.play.walk import VelocityAt, Walk
 
 LATE_S = 1.0
-"""A computer that is later than this is no longer waited for: the walk slows down instead, s."""
+"""Lateness beyond which the walk slows down instead of catching up, s."""
 DRAWN_WITHIN_S = 1.0
 """A late computer leaves out drawings, but never for longer than this, s."""
 

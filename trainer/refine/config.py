@@ -101,7 +101,7 @@ class RefineConfig(Config):
     """From rest to the command."""
     settle_s: float = Field(default=1.0, ge=0.0, le=60.0)
     watch_s: float = Field(default=4.0, ge=1.0, le=60.0)
-    """The gait counts for so long."""
+    """Time over which the gait is measured, s."""
     robots: tuple[RobotConfig, ...] = Field(default=(RobotConfig(),), min_length=1)
     starts: tuple[StartConfig, ...] = (StartConfig(),)
     weights: WeightConfig = WeightConfig()

@@ -65,7 +65,7 @@ class Moment:
     touchdown_speed_m_s: Tensor
     """Downward speed of a foot just before it touched down in this period, else 0. Shape (n, 4)."""
     duty: Tensor
-    """Share of time on the ground of late, shape (n, 4)."""
+    """Recent share of time on the ground, shape (n, 4)."""
     fell: Tensor
     """Bool, shape (n,): the episode ends in this period by a fall."""
     is_moving: Tensor

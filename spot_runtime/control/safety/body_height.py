@@ -1,4 +1,4 @@
-"""How high the body is over its feet, from joints and attitude: the estimator's own z is no height over ground.
+"""How high the body is over its feet, from joints and attitude: the estimator's z is not a height over ground.
 
 Pure Python on purpose: for one pose it is several times faster than arrays, and it runs on each state.
 """

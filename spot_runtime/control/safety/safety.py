@@ -159,7 +159,7 @@ def limit_setpoint(
 
     Returns:
         The new memory, the set-point that may be sent (with a stop: the one sent before, or the default pose), and a
-        stop where the request is no number, or was cut too often in a row.
+        stop if the request is not finite or was cut too often in a row.
     """
     if _is_between(requested_rad, requested_rad) and _is_small_step(memory.sent_rad, requested_rad, limits):
         return SetpointMemory(requested_rad, cut_ticks=memory.cut_ticks), LimitedSetpoint(requested_rad), None
@@ -223,7 +223,7 @@ def check_slow_state(slow: SlowState, host_now_ns: int, limits: SafetyLimits) ->
 
 
 def check_command(command: JointCommand, last_key: int, robot_now_ns: int) -> str | None:
-    """The last gate: say what is wrong with a command that must not be sent, or nothing."""
+    """The last check: what is wrong with a command that must not be sent, or None."""
     if command.key <= last_key:
         return f"its key {command.key} is not above {last_key}"
     ahead_s = (command.end_robot_stamp_ns - robot_now_ns) / NS_PER_S

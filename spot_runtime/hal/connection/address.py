@@ -1,4 +1,4 @@
-"""Where a robot is: host, port, and how the SDK wants to hear it."""
+"""Where a robot is: host, port, and the form that the SDK takes."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def explain_no_connection(address: Address, trusted_pem: bytes, reason: str, tim
     Args:
         address: Where the robot should be.
         trusted_pem: The certificates that are trusted, PEM.
-        reason: What the failed call said, for when every step succeeds here.
+        reason: The failed call's own words, used if every step succeeds here.
         timeout_s: Bound of each step.
     """
     try:

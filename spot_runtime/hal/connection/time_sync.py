@@ -23,7 +23,6 @@ class TimeSync:
     """
 
     def __init__(self, client: TimeSyncClient, clock: HostClock, timeout_s: float) -> None:
-        """Use an SDK client of the service."""
         self._client = client
         self._clock = clock
         self.timeout_s = timeout_s

@@ -18,14 +18,13 @@ from spot_runtime.hal.base import Hal, JointControl, RobotInfo
 from spot_runtime.hal.connection.address import Address, parse_address
 from spot_runtime.hal.errors import EstopError, HalError, LeaseHeldError, NoRobotError
 from spot_runtime.hal.registry import Adapter, HalRequest
-from spot_runtime.hal.spot.command_stream import CommandStream
-from spot_runtime.hal.spot.command_wire import CommandEncoder
+from spot_runtime.hal.spot.command_stream import CommandEncoder, CommandStream
 from spot_runtime.hal.spot.jobs import Jobs
 from spot_runtime.hal.spot.lock_step import LockStep
 from spot_runtime.hal.spot.motions import Motions
-from spot_runtime.hal.spot.pace import Pace, RealTime, States, take_all
+from spot_runtime.hal.spot.pace import Pace, RealTime, States
 from spot_runtime.hal.spot.session import Session
-from spot_runtime.hal.spot.state_receiver import OnEnd, StateReceiver
+from spot_runtime.hal.spot.state_receiver import OnEnd, StateReceiver, take_all
 from spot_runtime.host.clock import HostClock, RobotClockEstimate
 from spot_runtime.stops import Stop, StopReason
 
@@ -88,7 +87,7 @@ class BosdynHal:
         session.sync_clocks()
         self._synced_ns = self.host_now_ns()
         self._slow = session.check_faults(self._config.safety.battery_percent)
-        # The lease first: whose robot it is not must not replace an e-stop.
+        # The lease first: only the robot's holder may replace an e-stop.
         session.acquire_lease()
         now_s = self._pace.chore_now_s()
         self._jobs.add("lease", robot.lease_period_s, session.retain_lease, now_s=now_s)
@@ -111,7 +110,7 @@ class BosdynHal:
             self._motions().power_on()
             self._has_powered_on = True
         self._motions().stand()
-        # States have piled up meanwhile; the loop wants to begin with now.
+        # States have piled up meanwhile; the loop starts with the present.
         if self._states is not None:
             take_all(self._states.states)
 
@@ -223,7 +222,7 @@ class BosdynHal:
         )
 
     def _power_off(self) -> None:
-        """As long as the robot does not answer, again: a link that is cut for a moment must not leave it standing."""
+        """Try again while the robot does not answer: a link that is cut for a moment must not leave it standing."""
         until_s = self._pace.chore_now_s() + self._config.robot.power_timeout_s
         while True:
             try:
@@ -331,7 +330,7 @@ class BosdynHal:
         self._sink.slow_state(slow)
 
     def _check_in_failed(self, error: Exception) -> None:
-        """One check-in that failed is no pressed e-stop: a lost answer also makes the robot refuse the next one."""
+        """One failed check-in is not a pressed e-stop: after a lost answer the robot also refuses the next one."""
         self._failed_check_ins += 1
         if self._failed_check_ins < CHECK_INS_LOST:
             return

@@ -14,7 +14,7 @@ from spot_runtime.hal.errors import CredentialsError, HalError
 from spot_runtime.hal.spot.vendor_errors import translate
 
 LOGIN_PERIOD_S: Final = 5.0
-"""Host time between two attempts to log in again: a robot locks out whoever tries too often."""
+"""Host time between two attempts to log in again: a robot locks out a client that tries too often."""
 
 
 class Calls:

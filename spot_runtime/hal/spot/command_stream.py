@@ -1,18 +1,103 @@
-"""The stream of joint commands, which a thread of the transport feeds from a slot with the newest one."""
+"""The stream of joint commands: encoded one by one, and sent by a thread of the transport, always the newest."""
 
 from __future__ import annotations
 
+import queue
 from collections import deque
 from collections.abc import Callable, Iterator
-from typing import Any, Final
+from typing import Any, Final, Generic, TypeVar
 
 import grpc
 from bosdyn.api import robot_command_pb2
 
-from spot_runtime.hal.spot.latest_slot import LatestSlot
+from spot_model.robot.stamps import NS_PER_S
+from spot_model.robot.state import Array, Gains, JointCommand
 from spot_runtime.hal.spot.vendor_errors import describe
 
 COMMAND_METHOD: Final = "/bosdyn.api.RobotCommandStreamingService/JointControlStream"
+T = TypeVar("T")
+
+
+class CommandEncoder:
+    """Turns commands into wire bytes, reusing one message; for one thread.
+
+    Every message carries the full gains: they are needed in the first one and after each change, and a message that
+    gets lost must not leave the robot with the gains of another.
+    """
+
+    def __init__(self, client_name: str, velocity_safety_limit_rad_s: float) -> None:
+        self._message = robot_command_pb2.JointControlStreamRequest()
+        self._message.header.client_name = client_name
+        self._message.joint_command.velocity_safety_limit.value = velocity_safety_limit_rad_s
+        # What stays the same from one command to the next is not filled in again.
+        self._gains: Gains | None = None
+        self._velocity: Array | None = None
+        self._load: Array | None = None
+
+    def encode(self, command: JointCommand, host_stamp_ns: int) -> bytes:
+        """The wire bytes of one command.
+
+        Args:
+            command: What to send.
+            host_stamp_ns: When it is sent, host clock, for the header.
+        """
+        stamp = self._message.header.request_timestamp
+        stamp.seconds, stamp.nanos = divmod(host_stamp_ns, NS_PER_S)
+        joint = self._message.joint_command
+        joint.end_time.seconds, joint.end_time.nanos = divmod(command.end_robot_stamp_ns, NS_PER_S)
+        joint.position[:] = command.position_rad.tolist()
+        if command.velocity_rad_s is not self._velocity:
+            self._velocity = command.velocity_rad_s
+            joint.velocity[:] = self._velocity.tolist()
+        if command.load_nm is not self._load:
+            self._load = command.load_nm
+            joint.load[:] = self._load.tolist()
+        if command.gains is not self._gains:
+            self._gains = command.gains
+            joint.gains.k_q_p[:] = command.gains.kp_nm_per_rad.tolist()
+            joint.gains.k_qd_p[:] = command.gains.kd_nm_s_per_rad.tolist()
+        joint.user_command_key = command.key
+        wire: bytes = self._message.SerializeToString()
+        return wire
+
+
+class LatestSlot(Generic[T]):
+    """Hands the newest value of one thread to another one that waits; ``put`` never blocks.
+
+    A queue of the C library carries at most one token, which says that there is something to take: a condition variable
+    takes several times as long.
+    """
+
+    def __init__(self) -> None:
+        self._value: deque[T] = deque(maxlen=1)
+        self._tokens: queue.SimpleQueue[None] = queue.SimpleQueue()
+        self._is_closed = False
+        self.replaced = 0
+        """Values that were never taken."""
+
+    def put(self, value: T) -> None:
+        """Leave a value; after ``close`` it is dropped."""
+        if self._value:
+            self.replaced += 1
+        self._value.append(value)
+        # A reader that took the last token just now has not looked for the value yet, or will get another token.
+        if self._tokens.empty():
+            self._tokens.put(None)
+
+    def take(self) -> T | None:
+        """Wait for a value; None once the slot is closed."""
+        while True:
+            self._tokens.get()
+            if self._is_closed:
+                self._tokens.put(None)  # for the next call
+                return None
+            if self._value:
+                return self._value.popleft()
+
+    def close(self) -> None:
+        """Wake the waiting thread for good; a value that was not taken is dropped."""
+        self._is_closed = True
+        self._tokens.put(None)
 
 
 class CommandStream:

@@ -17,14 +17,14 @@ Policy = Literal["auto", "own", "external"]
 def needs_own_endpoint(status: Any, policy: Policy, our_name: str) -> bool:
     """Whether an endpoint of our own is to be set up, given the vendor's EstopSystemStatus.
 
-    An endpoint that carries our name is an earlier run's, which nobody feeds any more: it counts for nothing, for it
+    An endpoint with our name belongs to an earlier run and no longer checks in. It does not count, because it
     would stop the robot some seconds from now.
 
     Raises:
         EstopError: Somebody holds the robot stopped, or no endpoint answers and ``policy`` forbids our own.
     """
     endpoints = list(status.endpoints)
-    # Ours at CUT was taken back at the end of its run: we press for no more than to settle first.
+    # An endpoint of ours at CUT was taken back at the end of its run: when we press, we settle first.
     alive = [endpoint for endpoint in endpoints if is_alive(endpoint) and not _is_taken_back(endpoint, our_name)]
     pressed = [endpoint for endpoint in alive if endpoint.stop_level != estop_pb2.ESTOP_LEVEL_NONE]
     left_by_us = [endpoint for endpoint in pressed if endpoint.endpoint.name == our_name]
@@ -37,7 +37,7 @@ def needs_own_endpoint(status: Any, policy: Policy, our_name: str) -> bool:
         raise EstopError(f"an e-stop is pressed: {_names(pressed)}; release it, then start again")
     is_released = status.stop_level == estop_pb2.ESTOP_LEVEL_NONE
     if endpoints and len(alive) == len(endpoints) and not is_released:
-        # Nobody's endpoint would be the one to replace: what is pressed is none of them.
+        # Replacing an endpoint would not help: none of them is what is pressed.
         why = status.stop_level_details or "the robot does not say which"
         raise EstopError(f"an e-stop is pressed that no endpoint holds: {why}; release it, then start again")
     if is_released and not any(endpoint.endpoint.name == our_name for endpoint in endpoints):
@@ -74,7 +74,7 @@ class OwnEstop:
                 self._endpoint.allow(timeout=self._rpc_timeout_s)
 
     def let_go(self) -> None:
-        """Take the endpoint back, so that nobody relies on it. Raises the SDK's errors, while there is power, too."""
+        """Take the endpoint back, so that nobody relies on it. Raises the SDK's errors, also while there is power."""
         self._client.deregister(self._endpoint._config_id, self._endpoint, timeout=self._rpc_timeout_s)
 
     def press(self) -> None:

@@ -32,7 +32,7 @@ class Jobs:
             self._jobs.append(Job(name, period_s, run, now_s + period_s))
 
     def remove(self, name: str) -> None:
-        """Drop a chore; an unknown name is no error, for it may have been dropped before."""
+        """Drop a chore; an unknown name is ignored, since it may have been dropped before."""
         with self._lock:
             self._jobs = [job for job in self._jobs if job.name != name]
 

@@ -14,8 +14,8 @@ from spot_model.robot.state import RobotState
 from spot_protos import fake_admin_pb2
 from spot_runtime.hal.errors import LockStepError
 from spot_runtime.hal.spot.jobs import Jobs
-from spot_runtime.hal.spot.pace import StateQueue, States, take_all
-from spot_runtime.hal.spot.state_receiver import OnEnd, OnWire, PolledStates
+from spot_runtime.hal.spot.pace import States
+from spot_runtime.hal.spot.state_receiver import OnEnd, OnWire, PolledStates, StateQueue, take_all
 from spot_runtime.hal.spot.vendor_errors import describe
 from spot_runtime.host.clock import ClockSample, RobotClockEstimate
 

@@ -24,7 +24,7 @@ _STANDS: Final = basic_command_pb2.StandCommand.Feedback.STATUS_IS_STANDING
 _FEEDBACK: Final = basic_command_pb2.RobotCommandFeedbackStatus
 
 Pause = Callable[[float], None]
-"""Lets so many seconds of robot time pass."""
+"""Lets this many seconds of robot time pass."""
 
 
 class Motions:

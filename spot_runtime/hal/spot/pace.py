@@ -10,11 +10,8 @@ from typing import Protocol
 
 from spot_model.robot.state import RobotState
 from spot_runtime.hal.spot.jobs import Jobs
-from spot_runtime.hal.spot.state_receiver import OnEnd, OnWire
+from spot_runtime.hal.spot.state_receiver import OnEnd, OnWire, StateQueue, take_all
 from spot_runtime.host.clock import HostClock, RobotClockEstimate
-
-StateQueue = queue.SimpleQueue[RobotState | None]
-"""States as they come; None after the last one."""
 
 
 class States(Protocol):
@@ -23,7 +20,7 @@ class States(Protocol):
     states: StateQueue
 
     def stop(self) -> None:
-        """Bring no more."""
+        """Stop bringing states."""
 
 
 class Pace(Protocol):
@@ -63,14 +60,13 @@ class Pace(Protocol):
         """Take note that nothing is sent any more."""
 
     def stop(self) -> None:
-        """Run no more chores."""
+        """Stop the chores."""
 
 
 class RealTime:
     """Robot time passes by itself; chores run in a thread of their own."""
 
     def __init__(self, clock: HostClock, estimate: RobotClockEstimate) -> None:
-        """Both clocks are shared with the adapter."""
         self._clock = clock
         self._estimate = estimate
         self._wake = threading.Event()
@@ -135,13 +131,3 @@ class RealTime:
         while not self._wake.is_set():
             wait_s = jobs.run_due(self.chore_now_s())
             self._wake.wait(min(wait_s, 0.2))
-
-
-def take_all(states: StateQueue) -> list[RobotState]:
-    """Take what is there, without waiting; there is one reader, so what is there stays there."""
-    taken = []
-    while not states.empty():
-        state = states.get_nowait()
-        if state is not None:
-            taken.append(state)
-    return taken

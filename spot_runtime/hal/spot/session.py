@@ -42,7 +42,7 @@ from spot_runtime.stops import CRITICAL
 SYNC_ROUND_TRIPS: Final = 12
 SYNC_ATTEMPTS: Final = 40
 LATER_SYNC_TIMEOUT_S: Final = 1.0
-"""A slower answer is worth nothing, and the lease and the polls wait for it."""
+"""A slower answer is useless for a clock, and the lease and the polls wait for it."""
 
 SERVICES: Final = (
     AuthClient,
@@ -65,7 +65,7 @@ ARM_PREFIX: Final = "arm"
 
 ESTOP_RELEASE_S: Final = 1.0
 ONE_THREAD_A_STREAM: Final = "SingleThreadedUnaryStream"
-"""gRPC's option by which the thread that reads a stream waits for it itself: one hand-over less on a state's way."""
+"""gRPC's option by which the thread that reads a stream also waits for it: one thread switch less for each state."""
 
 
 class Session:
@@ -167,7 +167,7 @@ class Session:
         return slow
 
     def set_up_estop(self) -> bool:
-        """Make sure that an e-stop endpoint answers. Returns whether it is our own, which then wants check-ins."""
+        """Make sure that an e-stop endpoint answers. Returns whether it is our own, which then needs check-ins."""
         client = self.calls.client(EstopClient)
         try:
             status = client.get_status(timeout=self._config.rpc_timeout_s)
@@ -235,7 +235,7 @@ class Session:
         return None if self._lease is None else self._lease.lease_proto
 
     def newest_lease(self, resource: str) -> Any:
-        """The newest lease of a resource that the robot knows of, whoever's; None where it knows of none."""
+        """The newest lease of a resource that the robot knows of, whoever holds it; None if there is none."""
         client = self.calls.client(LeaseClient)
         listed = self.calls.make(
             "listing leases", lambda: client.list_leases(include_full_lease_info=True, timeout=self._timeout_s)
@@ -278,7 +278,7 @@ class Session:
     def close(self) -> None:
         """Let our e-stop endpoint go, return the lease and end the SDK's threads.
 
-        Errors are left alone: there is nobody to act on them. While the motors have power, the robot keeps our e-stop
+        Errors are ignored: nothing could act on them. While the motors have power, the robot keeps our e-stop
         endpoint, and stops once that has been silent for its time.
         """
         if self._robot is None:

@@ -1,4 +1,4 @@
-"""Where states come from: a stream with a thread of its own, or whoever hands them in."""
+"""Where states come from: a stream with its own thread, or lock-step, which hands them in."""
 
 from __future__ import annotations
 
@@ -16,6 +16,9 @@ from spot_runtime.hal.spot.vendor_errors import describe
 from spot_runtime.host.realtime import let_others_run
 
 STATE_METHOD: Final = "/bosdyn.api.RobotStateStreamingService/GetRobotStateStream"
+
+StateQueue = queue.SimpleQueue[RobotState | None]
+"""States as they come; None after the last one."""
 
 OnWire = Callable[[bytes, int], None]
 """Takes a message's bytes and the instant of its receipt, host clock."""
@@ -48,7 +51,7 @@ class StateReceiver:
             on_wire: Takes each message's bytes and the instant of its receipt.
             on_end: Takes the reason when the stream ends other than by :meth:`stop`.
         """
-        self.states: queue.SimpleQueue[RobotState | None] = queue.SimpleQueue()
+        self.states: StateQueue = queue.SimpleQueue()
         """States as they come; None after the last one."""
         self._now_ns, self._on_wire, self._on_end = now_ns, on_wire, on_end
         self._is_stopped = False
@@ -92,13 +95,12 @@ class PolledStates:
     """States that are handed in, where no stream of our own brings them; otherwise like :class:`StateReceiver`."""
 
     def __init__(self, receipt_ns: Callable[[int], int], on_wire: OnWire, on_end: OnEnd) -> None:
-        """Take the same as :class:`StateReceiver`."""
-        self.states: queue.SimpleQueue[RobotState | None] = queue.SimpleQueue()
+        self.states: StateQueue = queue.SimpleQueue()
         self._receipt_ns, self._on_wire, self._on_end = receipt_ns, on_wire, on_end
         self._is_ended = False
 
     def feed(self, wires: Iterable[bytes], ended: str) -> None:
-        """Take messages, and why no more will come; empty when they go on."""
+        """Take messages, and the reason why the stream has ended; empty while it goes on."""
         if self._is_ended:
             return
         try:
@@ -114,3 +116,13 @@ class PolledStates:
 
     def stop(self) -> None:
         """Nothing is open."""
+
+
+def take_all(states: StateQueue) -> list[RobotState]:
+    """Take what is there, without waiting; there is one reader, so what is there stays there."""
+    taken = []
+    while not states.empty():
+        state = states.get_nowait()
+        if state is not None:
+            taken.append(state)
+    return taken

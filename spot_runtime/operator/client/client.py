@@ -81,13 +81,11 @@ class OperatorClient:
         self._stubs: list[Any] = [operator_pb2_grpc.OperatorStub(c) for c in self._channels]  # type: ignore[no-untyped-call]
 
     def __enter__(self) -> Self:
-        """Nothing happens."""
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Close the channels."""
         for channel in self._channels:
             channel.close()
 

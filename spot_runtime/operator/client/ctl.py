@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import time
 from pathlib import Path
-from typing import Annotated, Any, Optional
+from typing import Annotated, Any
 
 import typer
 from google.protobuf.json_format import MessageToDict
@@ -22,7 +22,7 @@ STEER_PERIOD_S = 0.04
 BEFORE_CONTROL = ("", "standing by", "ready", "activating", "ramping_in")
 """Modes that a run tells between its start and full control; it tells them late, a few times a second."""
 
-Label = Annotated[Optional[list[str]], typer.Option("--label", help="KEY=VALUE; may repeat.")]  # noqa: UP045
+Label = Annotated[list[str] | None, typer.Option("--label", help="KEY=VALUE; may repeat.")]
 Sha256 = Annotated[str, typer.Option(help="Refuse a policy file with another digest.")]
 
 
@@ -30,12 +30,12 @@ Sha256 = Annotated[str, typer.Option(help="Refuse a policy file with another dig
 def ctl(
     context: typer.Context,
     address: Annotated[
-        Optional[str],  # noqa: UP045
+        str | None,
         typer.Option(help="unix:/path or HOST:PORT; also SPOT_RL_OPERATOR; the service on this computer if none."),
     ] = None,
-    ca: Annotated[Optional[Path], typer.Option(help="PEM file that signed the service's certificate.")] = None,  # noqa: UP045
-    cert: Annotated[Optional[Path], typer.Option(help="PEM file: your certificate.")] = None,  # noqa: UP045
-    key: Annotated[Optional[Path], typer.Option(help="PEM file: its key.")] = None,  # noqa: UP045
+    ca: Annotated[Path | None, typer.Option(help="PEM file that signed the service's certificate.")] = None,
+    cert: Annotated[Path | None, typer.Option(help="PEM file: your certificate.")] = None,
+    key: Annotated[Path | None, typer.Option(help="PEM file: its key.")] = None,
 ) -> None:
     """Operate a robot that 'spot-rl serve' looks after: status, arm, start, steer, stop."""
     context.obj = lambda: client_from(address, ca, cert, key)

@@ -62,7 +62,7 @@ class Gate:
     """Lets calls in, or says why not."""
 
     def __init__(self, *, requests_per_s: float, steering_per_s: float) -> None:
-        """Allow so many calls a second of each connection, steering apart."""
+        """Allow this many calls a second on each connection; steering is counted apart."""
         self._rates_hz = dict.fromkeys(Lane, requests_per_s) | {Lane.STEER: steering_per_s}
         self._buckets = {
             is_steering: (Buckets(rate_hz), Buckets(rate_hz * CONNECTIONS_WORTH))
@@ -86,7 +86,7 @@ class Gate:
             )
 
     def check_rate(self, name: str, caller: Caller, connection: str, lane: Lane) -> None:
-        """Refuse who calls too often; whoever stops, damps or attends never does. Raises Refusal."""
+        """Refuse a client that calls too often; stop, damp and attend are never refused. Raises Refusal."""
         if lane.is_reserved:
             return
         of_connection, of_caller = self._buckets[lane is Lane.STEER]

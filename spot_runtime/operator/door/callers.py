@@ -1,8 +1,8 @@
 """Who calls, and in which role: by the certificate's own fields, or by the user at the other end of a local socket.
 
-On a Unix socket whoever may open the file operates; on loopback whoever is logged in to this computer does. Over a
-network only clients with a certificate are heard, and the certificate says the role: a URI among its alternative names,
-``urn:spot-rl:role:observe`` or ``urn:spot-rl:role:operate``. An alternative name of another kind says nothing.
+On a Unix socket, any user who may open the file operates; on loopback, any user of this computer. Over a network only
+clients with a certificate are served, and the certificate states the role as a URI among its alternative names,
+``urn:spot-rl:role:observe`` or ``urn:spot-rl:role:operate``. Alternative names of other kinds are ignored.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ PEM_PROPERTY: Final = "x509_pem_cert"
 
 
 class Role(Enum):
-    """What a client may do. Whoever has a role may also stop and damp the robot: a stop must not want a permission."""
+    """What a client may do. Any role may also stop and damp the robot: a stop must not need a permission."""
 
     OBSERVE = "observe"
     OPERATE = "operate"
@@ -34,7 +34,7 @@ class Caller(NamedTuple):
     """Somebody who calls."""
 
     identity: str
-    """One certificate, or one user of this computer: what nobody can choose freely."""
+    """One certificate, or one user of this computer: what a client cannot choose freely."""
     name: str
     """For people to read; empty where no certificate gives one."""
     role: Role | None
@@ -46,7 +46,7 @@ def caller_of(about: Mapping[str, Sequence[bytes]], peer: Peer, *, is_tls: bool)
     Args:
         about: What gRPC knows of the connection's security.
         peer: The other end, as the kernel names it.
-        is_tls: Whether certificates are asked for; without, whoever reaches the service operates.
+        is_tls: Whether certificates are required; without them, every client that reaches the service operates.
     """
     if not is_tls:
         return Caller(peer.identity, "", Role.OPERATE)

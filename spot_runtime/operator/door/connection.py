@@ -21,7 +21,7 @@ _numbers = count(1)
 
 
 class Connection:
-    """An accepted connection. gRPC hears of it with its first byte, and knows it by :attr:`name`."""
+    """An accepted connection. It is passed on to gRPC at its first byte, under :attr:`name`."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""Where connections come in. There is always room for one more: whoever takes most of it gives way.
+"""Where connections come in. There is always room for one more: the client that takes most of it gives way.
 
 gRPC itself would keep every connection that anybody opens, so a few thousand idle ones would keep an operator out who
 wants to stop the robot. Here a newcomer is always taken. Connections on which nobody with a role has called yet are
@@ -12,7 +12,7 @@ import asyncio
 import contextlib
 import socket
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -20,18 +20,16 @@ from spot_runtime.operator.door.acceptor import Acceptor
 from spot_runtime.operator.door.connection import Connection
 from spot_runtime.operator.door.queue import Queue
 
-MAX_NEWCOMERS: Final = 128
-"""At 400 a second none of them waits longer than 0.3 s for its turn."""
-
+MAX_NEWCOMERS: Final = 256
 MAX_ADMITTED: Final = 64
 MAX_OF_ONE: Final = 32
 """Admitted connections of one process, one user of loopback, or one certificate."""
 
 DENIED_HOLD_S: Final = 1.0
-"""Nothing is read from a connection for so long after a call without a role."""
+"""Time for which nothing is read from a connection after a call without a role, s."""
 
 ROLE_TIMEOUT_S: Final = 5.0
-"""A connection on which nobody with a role has called by then is closed."""
+"""Time after which a connection without a call by a client with a role is closed, s."""
 
 SWEEP_PERIOD_S: Final = 1.0
 Crowds = dict[str, dict[str, Connection]]
@@ -48,7 +46,7 @@ class Door:
         self._newcomers: Crowds = {}
         self._admitted: Crowds = {}
         self._loop = asyncio.get_running_loop()
-        self._acceptors = [Acceptor(listener, self._wake) for listener in listeners]
+        self._acceptors = [Acceptor(listener, self._hand_over) for listener in listeners]
         self._sweeper = self._loop.call_later(SWEEP_PERIOD_S, self._sweep)
 
     def find(self, grpc_peer: str) -> Connection | None:
@@ -84,7 +82,7 @@ class Door:
         connection.hold(hold_s * min(_count(self._admitted), 16))
 
     def close(self) -> None:
-        """Let nobody in, and cut all."""
+        """Accept no more connections, and cut all."""
         self._sweeper.cancel()
         for acceptor in self._acceptors:
             acceptor.close()
@@ -92,16 +90,11 @@ class Door:
         for connection in list(self._connections.values()):
             connection.close()
 
-    def _wake(self) -> None:
-        with contextlib.suppress(RuntimeError):  # the loop has ended
-            self._loop.call_soon_threadsafe(self._take)
+    def _hand_over(self, accepted: socket.socket, taken: Callable[[], None]) -> None:
+        self._loop.call_soon_threadsafe(self._take, accepted, taken)
 
-    def _take(self) -> None:
-        for acceptor in self._acceptors:
-            for accepted in acceptor.take():
-                self._begin(accepted)
-
-    def _begin(self, accepted: socket.socket) -> None:
+    def _take(self, accepted: socket.socket, taken: Callable[[], None]) -> None:
+        taken()
         with contextlib.suppress(OSError):  # TCP alone has it
             accepted.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connection = Connection(accepted, on_first_byte=self._queue.add, on_end=self._ended)

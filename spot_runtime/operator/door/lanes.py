@@ -24,7 +24,6 @@ class Lanes:
     """One pool of threads for each lane."""
 
     def __init__(self) -> None:
-        """Threads start with the first calls."""
         self._pools = {lane: ThreadPoolExecutor(n, thread_name_prefix=lane.value) for lane, n in THREADS.items()}
         self._room = {lane: threading.BoundedSemaphore(MAX_UNDER_WAY) for lane in Lane}
 
@@ -39,6 +38,6 @@ class Lanes:
         return await asyncio.wrap_future(future)
 
     def close(self) -> None:
-        """Take no more; what is under way goes on by itself."""
+        """Take no more calls; those under way go on by themselves."""
         for pool in self._pools.values():
             pool.shutdown(wait=False, cancel_futures=True)

@@ -19,7 +19,7 @@ USER_OFFSET: Final = 64
 
 Address = ipaddress.IPv4Address | ipaddress.IPv6Address
 NETWORK_BITS: Final = {4: 32, 6: 64}
-"""Whoever has one IPv6 address has 2^64 of them."""
+"""A client with one IPv6 address has 2^64 of them."""
 
 
 class Peer(NamedTuple):
@@ -32,7 +32,7 @@ class Peer(NamedTuple):
 
     @property
     def identity(self) -> str:
-        """Who it is where no certificate says so."""
+        """The client's identity if it has no certificate."""
         return self.group if self.user_id is None else f"user {self.user_id}"
 
 

@@ -34,7 +34,7 @@ class Queue:
             self._turn()
 
     def close(self) -> None:
-        """Nobody's turn comes any more."""
+        """Grant no more turns."""
         if self._timer is not None:
             self._timer.cancel()
         self._waiting.clear()

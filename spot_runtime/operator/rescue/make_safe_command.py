@@ -4,33 +4,27 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Annotated, Optional
+from typing import Annotated
 
 import typer
 
+from spot_runtime.options import CaFile, ConfigFile, CredentialsFile, LockStepAddress, RobotAddress, resolve_config
 from spot_runtime.rescue.lease_note import note_folder
 from spot_runtime.rescue.make_safe import WITHIN_S, make_safe_by_note
-from spot_runtime.session.run_command import resolve_config
 
 
 def make_safe(
-    robot: Annotated[str, typer.Option(help="Address: HOST, HOST:PORT or unix:/path.")],
-    config: Annotated[Optional[Path], typer.Option(help="YAML configuration.")] = None,  # noqa: UP045
-    ca_file: Annotated[
-        Optional[Path], typer.Option(help="Certificate to trust beside the vendor's.")  # noqa: UP045
-    ] = None,
-    credentials_file: Annotated[
-        Optional[Path], typer.Option(help="File with user name and password of the robot.")  # noqa: UP045
-    ] = None,
+    robot: RobotAddress,
+    config: ConfigFile = None,
+    ca_file: CaFile = None,
+    credentials_file: CredentialsFile = None,
     state_dir: Annotated[
-        Optional[Path], typer.Option(help="Where the dead process left its note; the service's own folder if none.")  # noqa: UP045
+        Path | None, typer.Option(help="Where the dead process left its note; the service's own folder if none.")
     ] = None,
     within: Annotated[
         float, typer.Option(min=0.0, max=600.0, help="Seconds after which no new try is made.")
     ] = WITHIN_S,
-    lock_step: Annotated[
-        Optional[str], typer.Option(help="Admin address of a fake robot in lock-step mode.")  # noqa: UP045
-    ] = None,
+    lock_step: LockStepAddress = None,
 ) -> None:
     """Let a robot sit and cut its power whose control process died, if nobody has had it since.
 

@@ -34,10 +34,9 @@ class RescueSpec(BaseModel):
 
 
 class Rescue:
-    """One try; nothing here waits for it."""
+    """One attempt. Nothing here waits for it."""
 
     def __init__(self, process: ChildProcess) -> None:
-        """Use a started process."""
         self._process = process
         self._deadline_s = time.monotonic() + KILL_AFTER_S
 

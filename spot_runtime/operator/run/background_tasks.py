@@ -49,5 +49,5 @@ class BackgroundTask:
     def _work(self, task: Callable[[], Any]) -> None:
         try:
             self._result = (task(), None)
-        except Exception as error:  # noqa: BLE001 - told to whoever asked
+        except Exception as error:  # noqa: BLE001 - it is passed on to the caller
             self._result = (None, error)

@@ -10,7 +10,7 @@ import select
 import socket
 import time
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final, NamedTuple
 
 from google.protobuf.message import DecodeError
 
@@ -28,11 +28,40 @@ MAX_TAKEN: Final = 8
 """Messages taken at once; what more there is waits for the next cycle, 3 ms later."""
 
 
+class Received(NamedTuple):
+    """What lay in a socket."""
+
+    messages: Sequence[Any]
+    malformed: int
+    """Datagrams that could not be read."""
+    is_end: bool
+    """Whether the other end has gone, and nothing more will come."""
+
+
+def receive(connection: socket.socket, kind: Any, most: int) -> Received:
+    """Take messages of a kind, oldest first, without waiting; ``most`` datagrams at most."""
+    messages: list[Any] = []
+    malformed = 0
+    for _ in range(most):
+        try:
+            data = connection.recv(MAX_DATAGRAM_BYTES)
+        except (BlockingIOError, InterruptedError):
+            break
+        except OSError:
+            data = b""
+        if not data:
+            return Received(messages, malformed, is_end=True)
+        try:
+            messages.append(kind.FromString(data))
+        except DecodeError:
+            malformed += 1
+    return Received(messages, malformed, is_end=False)
+
+
 class RunLink:
     """Commands in, status and events out."""
 
     def __init__(self, connection: socket.socket) -> None:
-        """Use one end of a pair of SOCK_SEQPACKET sockets."""
         self._socket = connection
         self._socket.setblocking(False)
         self.is_lost = False
@@ -44,25 +73,14 @@ class RunLink:
 
     def take(self) -> Sequence[run_link_pb2.ToRun]:
         """What has come since the last call, oldest first; at most :data:`MAX_TAKEN`. Never waits."""
-        taken: list[run_link_pb2.ToRun] = []
-        while not self.is_lost and len(taken) < MAX_TAKEN:
-            try:
-                data = self._socket.recv(MAX_DATAGRAM_BYTES)
-            except (BlockingIOError, InterruptedError):
-                break
-            except OSError:
-                data = b""
-            if not data:
-                self.is_lost = True
-                break
-            try:
-                taken.append(run_link_pb2.ToRun.FromString(data))
-            except DecodeError:
-                self.malformed += 1
-        return taken
+        if self.is_lost:
+            return ()
+        received = receive(self._socket, run_link_pb2.ToRun, MAX_TAKEN)
+        self.is_lost, self.malformed = received.is_end, self.malformed + received.malformed
+        return received.messages
 
     def answer(self, request_id: int, *, is_done: bool, text: str) -> None:
-        """Answer a request; nobody waits for an answer to number 0."""
+        """Answer a request; number 0 needs no answer."""
         if request_id:
             answer = run_link_pb2.Answer(request_id=request_id, is_done=is_done, text=text)
             self._tell(run_link_pb2.FromRun(answer=answer))

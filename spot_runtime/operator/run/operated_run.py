@@ -4,7 +4,7 @@
                               (each control is one log)
 
 One thread does all of it. Whatever an operator asks comes through the link, a few messages a cycle; whatever goes wrong
-ends at rest. When nobody attends any more, or the operator's service is gone, the robot stops in place, sits and powers
+ends at rest. When no operator attends, or the operator's service is gone, the robot stops in place, sits and powers
 off.
 """
 
@@ -19,13 +19,11 @@ from typing import Final
 from spot_log.format.events import EventName
 from spot_log.format.records import EventRecord, RunHeader
 from spot_log.write.sink import LogSink
-from spot_model.errors import SpotRlError
 from spot_model.policy.policy import Policy
 from spot_model.robot.state import RobotState
 from spot_protos import operator_pb2
 from spot_runtime.config import RunConfig
 from spot_runtime.control.loop import ControlLoop
-from spot_runtime.control.tick import warm_up
 from spot_runtime.hal.base import Hal
 from spot_runtime.host.clock import HostClock
 from spot_runtime.host.realtime import apply_real_time, freeze_garbage_collection
@@ -120,7 +118,7 @@ class OperatedRun:
 
     @property
     def background(self) -> BackgroundTask:
-        """What takes long and must not hold up the robot's cycles."""
+        """Slow work that must not hold up the robot's cycles."""
         return self._background
 
     @property
@@ -163,7 +161,7 @@ class OperatedRun:
 
     def _serve(self, hal: Hal, signals: StopSignals) -> ControlEnd:
         """Stand by and control in turn, until something ends it."""
-        warm_up(self.policy)
+        self.policy.warm_up()
         self.attendance = Attendance(self._config, hal.host_now_ns())
         self.event(EventName.ARMED, f"policy {self.policy.contract.name}")
         self._tell_armed()
@@ -240,13 +238,9 @@ class OperatedRun:
 
     def _end_log(self, label: str) -> None:
         """Close the log; where something went wrong, write what led to it first."""
-        try:
-            path = self._logs.write_flight_record(label)
-        except SpotRlError as error:
-            self.event(EventName.INCIDENT_FAILED, str(error))
-        else:
-            if path is not None:
-                self.event(EventName.INCIDENT, f"the seconds around the stop are in {path}")
+        told = self._logs.write_flight_record(label)
+        if told is not None:
+            self.event(*told)
         self._logs.end(label)
 
     # Details ----------------------------------------------------------------------------------------------------------

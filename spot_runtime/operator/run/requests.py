@@ -12,7 +12,6 @@ from spot_log.format.events import EventName
 from spot_model.errors import SpotRlError
 from spot_protos import run_link_pb2
 from spot_runtime.control.modes import Mode
-from spot_runtime.control.tick import warm_up
 from spot_runtime.operator.run.run_spec import load_checked
 from spot_runtime.policy.admission import gait_event
 from spot_runtime.stops import Stop, StopReason
@@ -25,30 +24,29 @@ _NOT_STANDING: Final = "the policy has the joints; stop with keep_standing first
 
 
 class Requests:
-    """Carries out requests on a run; answers each that wants an answer, once."""
+    """Carries out requests on a run, and answers each that needs an answer once."""
 
     def __init__(self, run: OperatedRun) -> None:
-        """Act on ``run``."""
         self._run = run
 
     def handle(self, message: run_link_pb2.ToRun, host_ns: int) -> None:
         """Do what one message asks."""
         kind = message.WhichOneof("what")
-        handlers: dict[str | None, Callable[[run_link_pb2.ToRun, int], None]] = {
-            "velocity": self._velocity,
+        handlers: dict[str | None, Callable[[run_link_pb2.ToRun], None]] = {
+            "velocity": lambda message: self._velocity(message, host_ns),
             "start": self._start,
             "stop": self._stop,
             "damp": self._damp,
             "switch_policy": self._switch_policy,
             "start_log": self._start_log,
             "label_log": self._label_log,
-            "attend": lambda message, _: self._done(message, "seen"),
+            "attend": lambda message: self._done(message, "seen"),
         }
         handler = handlers.get(kind)
         if handler is None:
             self._refuse(message, f"request {kind!r} is not known to the control process")
         else:
-            handler(message, host_ns)
+            handler(message)
 
     def _velocity(self, message: run_link_pb2.ToRun, host_ns: int) -> None:
         loop = self._run.loop
@@ -64,8 +62,7 @@ class Requests:
         self._run.source.steer(velocity, host_ns)
         self._done(message, "steering")
 
-    def _start(self, message: run_link_pb2.ToRun, host_ns: int) -> None:
-        del host_ns
+    def _start(self, message: run_link_pb2.ToRun) -> None:
         run = self._run
         if run.loop is not None:
             self._refuse(message, "the policy has the joints already")
@@ -85,8 +82,7 @@ class Requests:
         self._run.is_start_asked = True
         self._done(message, "the joints are handed over to the policy")
 
-    def _stop(self, message: run_link_pb2.ToRun, host_ns: int) -> None:
-        del host_ns
+    def _stop(self, message: run_link_pb2.ToRun) -> None:
         run, keeps = self._run, message.stop.keep_standing
         if run.loop is None and keeps:
             self._done(message, "the robot stands under the vendor's control already")
@@ -95,8 +91,7 @@ class Requests:
         run.keeps_standing = keeps
         self._done(message, "stopping in place" + (", then standing" if keeps else ", then sitting and powering off"))
 
-    def _damp(self, message: run_link_pb2.ToRun, host_ns: int) -> None:
-        del host_ns
+    def _damp(self, message: run_link_pb2.ToRun) -> None:
         run = self._run
         if run.loop is None:
             run.end(Stop(StopReason.OPERATOR_STOP, "damping asked for while the vendor's controller stands"))
@@ -105,8 +100,7 @@ class Requests:
         run.end(Stop(StopReason.OPERATOR_DAMP))
         self._done(message, "the joints are damped, the robot sinks to the ground")
 
-    def _switch_policy(self, message: run_link_pb2.ToRun, host_ns: int) -> None:
-        del host_ns
+    def _switch_policy(self, message: run_link_pb2.ToRun) -> None:
         run, asked = self._run, message.switch_policy
         if run.loop is not None:
             self._refuse(message, _NOT_STANDING)
@@ -118,7 +112,7 @@ class Requests:
 
             def load() -> Any:
                 policy = load_checked(Path(asked.path), asked.sha256, run.config)
-                warm_up(policy)
+                policy.warm_up()
                 return policy
 
             def then(policy: Any, error: Exception | None) -> None:
@@ -132,8 +126,7 @@ class Requests:
 
             run.background.run(load, then)
 
-    def _start_log(self, message: run_link_pb2.ToRun, host_ns: int) -> None:
-        del host_ns
+    def _start_log(self, message: run_link_pb2.ToRun) -> None:
         if self._run.log_path:
             self._refuse(message, f"a log is being written already: {self._run.log_path}; label it instead")
         elif self._run.background.is_busy:
@@ -141,8 +134,7 @@ class Requests:
         else:
             self._open_log(message, dict(message.start_log.labels), lambda m, path: self._done(m, str(path)))
 
-    def _label_log(self, message: run_link_pb2.ToRun, host_ns: int) -> None:
-        del host_ns
+    def _label_log(self, message: run_link_pb2.ToRun) -> None:
         if not self._run.log_path:
             self._refuse(message, "no log is being written; start one, or start the policy")
             return

@@ -42,7 +42,7 @@ def drive(spec: RunSpec, link: RunLink) -> int:
     adapter = find_adapter(request)
     make_log_folder(spec.config.log.directory)
     manager = ServiceManager.from_environment(os.environ)
-    # The watchdog is fed while it sits down, too, for the operator's service may be gone.
+    # The watchdog is also fed while the robot sits down, because the operator's service may be gone.
     make_hal = guarded(adapter, request, service_pid=os.getppid(), on_pause=manager.progressed)
     with InstanceLock(adapter.robot):
         run = OperatedRun(spec, policy, link, LoggerProcess.start, manager=manager)

@@ -8,7 +8,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+from spot_log.format.events import EventName
 from spot_log.format.records import RunHeader
+from spot_log.write.run_writer import free_path
 from spot_log.write.sink import TOPICS, ForwardingSink, LogSink, NullSink
 from spot_runtime.session.flight_recorder import FlightRecorder
 
@@ -49,7 +51,6 @@ class RunLogs:
     """Opens logs under names of their own and remembers where they are."""
 
     def __init__(self, make_sink: SinkFactory, sink: SwitchedSink) -> None:
-        """Open logs by ``make_sink`` behind ``sink``."""
         self._make_sink, self._sink = make_sink, sink
         self.paths: list[Path] = []
         self._flight: FlightRecorder | None = None
@@ -66,14 +67,14 @@ class RunLogs:
         Raises:
             LogError: The log cannot be opened.
         """
-        free = next(p for p in _numbered(path) if not p.exists() and not p.with_name(p.name + ".active").exists())
+        free = free_path(path)
         self._flight, self._header = FlightRecorder(self._make_sink(free, header)), header
         self._sink.open(self._flight)
         self.paths.append(free)
         return free
 
-    def write_flight_record(self, outcome: str) -> Path | None:
-        """Write what led to a stop, if there was one in the log of the moment. Returns where. Raises SpotRlError."""
+    def write_flight_record(self, outcome: str) -> tuple[EventName, str] | None:
+        """Write what led to a stop, if there was one in the log of the moment. Returns the event to tell."""
         flight, header = self._flight, self._header
         if flight is None or header is None or not self._sink.is_logging:
             return None
@@ -82,7 +83,3 @@ class RunLogs:
     def end(self, outcome: str) -> None:
         """Close the log of the moment."""
         self._sink.close(outcome)
-
-
-def _numbered(path: Path) -> list[Path]:
-    return [path, *(path.with_name(f"{path.stem}-{number}{path.suffix}") for number in range(2, 1000))]

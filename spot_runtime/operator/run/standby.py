@@ -11,7 +11,7 @@ from spot_runtime.safety_limits import SafetyLimits
 from spot_runtime.stops import Stop, StopReason
 
 STATE_SILENCE_S: Final = 1.0
-"""The vendor's controller needs no state of ours, so a short gap is no reason to sit down."""
+"""The vendor's controller does not need our states, so a short gap is not a reason to sit down."""
 
 
 def check_standing(hal: Hal, newest_host_ns: int, limits: SafetyLimits) -> Stop | None:

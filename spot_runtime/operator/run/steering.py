@@ -2,7 +2,7 @@
 
 Two timers, both by the host's clock as the loop reads it. The dead-man: without a new velocity for ``deadman_s`` the
 command fades to zero and the robot stands in place. Attendance: without any sign of any operator for
-``attendance_s`` the run ends, for a robot must not be left to itself.
+``attendance_s`` the run ends, because a robot must not be left unattended.
 """
 
 from __future__ import annotations
@@ -23,7 +23,6 @@ class OperatorSource:
     name = "operator"
 
     def __init__(self, config: RunConfig) -> None:
-        """Rise and fade as the configuration says."""
         self._shaper = Shaper(config.operator.acceleration_m_s2, config.operator.release_s)
         self._deadman_ns = round(config.service.deadman_s * NS_PER_S)
         self._wanted: Array | None = None
@@ -52,7 +51,7 @@ class Attendance:
     """Whether somebody is there."""
 
     def __init__(self, config: RunConfig, host_stamp_ns: int) -> None:
-        """Somebody is there now, for it was asked to arm."""
+        """An operator is there now: somebody asked to arm."""
         self._bound_ns = round(config.service.attendance_s * NS_PER_S)
         self._seen_ns = host_stamp_ns
 

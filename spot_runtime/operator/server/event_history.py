@@ -13,10 +13,9 @@ KEPT: Final = 500
 
 
 class EventHistory:
-    """A ring of numbered events. A reader that is too slow sees a gap in the numbers; it holds up nobody."""
+    """A ring of numbered events. A slow reader sees a gap in the numbers and delays nobody."""
 
     def __init__(self) -> None:
-        """Begin empty."""
         self._events: deque[operator_pb2.Event] = deque(maxlen=KEPT)
         self._lock = threading.Lock()
         self.count = 0

@@ -1,4 +1,4 @@
-"""What happened, in the words and the form in which operators are told of it."""
+"""Events in the words and the form that operators get."""
 
 from __future__ import annotations
 

@@ -26,12 +26,10 @@ class PendingRequests:
     """All that wait, by number. Its owner's lock guards it."""
 
     def __init__(self) -> None:
-        """Nobody waits."""
         self._count = 0
         self._waiting: dict[int, Pending] = {}
 
     def __len__(self) -> int:
-        """How many wait."""
         return len(self._waiting)
 
     def add(self, request: run_link_pb2.ToRun) -> Pending:
@@ -49,11 +47,11 @@ class PendingRequests:
             pending.done.set()
 
     def forget(self, pending: Pending) -> None:
-        """Nobody waits for it any more."""
+        """The request is no longer waited for."""
         self._waiting.pop(pending.request_id, None)
 
     def let_all_go(self) -> None:
-        """No answer will come."""
+        """Release all requests that wait: no answer will come."""
         for pending in self._waiting.values():
             pending.done.set()
 
@@ -62,7 +60,6 @@ class SteeringRight:
     """Belongs to whoever steered last, for :data:`STEERING_HELD_S`. Its owner's lock guards it."""
 
     def __init__(self) -> None:
-        """Nobody steers."""
         self._held_by, self._since_s = ("", ""), -STEERING_HELD_S
 
     @property

@@ -33,12 +33,12 @@ class OfferedPolicy:
 
     @property
     def is_allowed(self) -> bool:
-        """Whether digest and signature are as the configuration wants them."""
+        """Whether digest and signature are as the configuration requires."""
         return not self.refusal
 
 
 class PolicyFolder:
-    """Looks policies up by name; a name is no path, so nothing outside the folder can be reached."""
+    """Looks policies up by name. A name is not a path, so nothing outside the folder can be reached."""
 
     def __init__(self, folder: Path, allowed_sha256: tuple[str, ...] = (), public_key: Path | None = None) -> None:
         """Look in ``folder``; what may be armed is on the list, if there is one, and signed, if keys are given."""

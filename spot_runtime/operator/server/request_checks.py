@@ -1,4 +1,4 @@
-"""What a request must look like; checked before anything else hears of it."""
+"""What a request must look like; checked before it is passed on."""
 
 from __future__ import annotations
 
@@ -9,11 +9,10 @@ from typing import Final
 
 from spot_protos import operator_pb2
 from spot_runtime.operator.refusal import bad_request
+from spot_runtime.session.labels import MAX_VALUE, is_label
 
 MAX_MESSAGE_BYTES: Final = 64 * 1024
 MAX_LABELS: Final = 32
-MAX_VALUE: Final = 256
-_KEY: Final = re.compile(r"[A-Za-z0-9_.-]{1,64}")
 _DIGEST: Final = re.compile(r"[0-9a-fA-F]{64}")
 _COMPONENTS: Final = ("v_x_m_s", "v_y_m_s", "yaw_rate_rad_s")
 
@@ -23,12 +22,11 @@ def labels(given: Mapping[str, str]) -> dict[str, str]:
     if len(given) > MAX_LABELS:
         raise bad_request(f"{len(given)} labels are given; allowed: at most {MAX_LABELS}")
     for key, value in given.items():
-        if not _KEY.fullmatch(key):
+        if not is_label(key, value):
             raise bad_request(
-                f"label key {key[:80]!r} is not valid; allowed: letters, digits, '_', '.', '-', at most 64"
+                f"label {key[:80]!r} = {value[:80]!r} is not valid; allowed: a key of at most 64 letters, digits, '_', "
+                f"'.' and '-', and a printable value of at most {MAX_VALUE}"
             )
-        if len(value) > MAX_VALUE or not value.isprintable():
-            raise bad_request(f"label {key} has a value that is not valid; allowed: printable, at most {MAX_VALUE}")
     return dict(given)
 
 

@@ -10,24 +10,21 @@ import time
 from collections.abc import Sequence
 from typing import Final
 
-from google.protobuf.message import DecodeError
-
 from spot_model.io.child_process import ChildProcess
 from spot_protos import run_link_pb2
 from spot_runtime.host.service_manager import PROCESS_VARIABLE
-from spot_runtime.operator.run.link import MAX_DATAGRAM_BYTES
+from spot_runtime.operator.run.link import receive
 from spot_runtime.operator.run.run_spec import RunSpec
 
 MAX_READ: Final = 256
 LAST_WORDS_S: Final = 10.0
-"""No longer than this is waited for the end of the words of a process that the system says is gone."""
+"""Longest wait for the last messages of a process that has exited, s."""
 
 
 class RunProcess:
     """One arming's process. Nothing here waits for it."""
 
     def __init__(self, process: ChildProcess, connection: socket.socket) -> None:
-        """Use a started process and our end of the link."""
         self._process, self._socket = process, connection
         self._socket.setblocking(False)
         self._is_all_told = False
@@ -71,27 +68,14 @@ class RunProcess:
             return ()
         if not select.select([self._socket], [], [], timeout_s)[0]:
             return ()
-        told: list[run_link_pb2.FromRun] = []
-        while len(told) < MAX_READ:
-            try:
-                data = self._socket.recv(MAX_DATAGRAM_BYTES)
-            except (BlockingIOError, InterruptedError):
-                break
-            except OSError:
-                data = b""
-            if not data:
-                self._is_all_told = True
-                break
-            try:
-                told.append(run_link_pb2.FromRun.FromString(data))
-            except DecodeError:
-                continue
-        return told
+        received = receive(self._socket, run_link_pb2.FromRun, MAX_READ)
+        self._is_all_told = received.is_end
+        return received.messages
 
     def exit_code(self) -> int | None:
-        """Its exit code, negative for a signal; None while it lives, or has said what was not read yet.
+        """Its exit code, negative for a signal; None while it lives, or while messages of it are unread.
 
-        The system's word alone is no verdict: what a process says last lies in the socket when it is gone, and a status
+        The exit status alone is not enough: the last message may still lie in the socket, and a status
         that somebody else has taken reads as 0 while the process still runs. The end of its words is what counts.
         """
         code = self._process.exit_code

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator
-from importlib.metadata import PackageNotFoundError, version
 from typing import Final
 
+from spot_model.version import software_version
 from spot_protos import operator_pb2, run_link_pb2
 from spot_runtime.control.modes import Mode
 from spot_runtime.operator.door.access import Gate
@@ -19,13 +19,13 @@ from spot_runtime.operator.server.states import State
 from spot_runtime.operator.server.supervisor import Supervisor
 
 EVENT_PERIOD_S: Final = 0.1
+_VERSION: Final = software_version()
 
 
 class OperatorService:
     """Answers for the supervisor. Methods are named as in the proto; who calls has been let in already."""
 
     def __init__(self, supervisor: Supervisor, gate: Gate) -> None:
-        """Ask ``supervisor``."""
         self._supervisor, self._gate = supervisor, gate
 
     # To observe -------------------------------------------------------------------------------------------------------
@@ -94,7 +94,7 @@ class OperatorService:
 
     def stop(self, request: operator_pb2.StopRequest, caller: Caller) -> operator_pb2.Done:
         """See the proto."""
-        if request.keep_standing:  # to leave it standing with the lease in hand is no mere stop
+        if request.keep_standing:  # leaving it standing under our lease takes more than the right to stop
             self._gate.check_role("stop --keep-standing", caller, Role.OPERATE)
         message = run_link_pb2.ToRun(stop=request)
         return self._done(self._supervisor.end("stop", message, caller.name, is_damping=False))
@@ -140,13 +140,3 @@ class OperatorService:
 
     def _done(self, text: str) -> operator_pb2.Done:
         return operator_pb2.Done(state=self._supervisor.state.value, text=text)
-
-
-def _software_version() -> str:
-    try:
-        return version("spot-rl")
-    except PackageNotFoundError:
-        return ""
-
-
-_VERSION = _software_version()

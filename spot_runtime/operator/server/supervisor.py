@@ -2,14 +2,13 @@
 
     idle ──► arming ──► armed ◄──► running ──► ending ──► idle
 
-A control process that dies with the robot in hand leaves a note; then a process of its own makes the robot safe first.
+A control process that dies while it holds the robot leaves a note; then another process makes the robot safe first.
 The service manager's watchdog is fed by the control process while that is answerable for the robot (armed, running),
 and otherwise by each turn of this object's own loop.
 """
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Callable
 from typing import Final
@@ -21,11 +20,12 @@ from spot_runtime.host.service_manager import ServiceManager
 from spot_runtime.operator.refusal import Refusal, not_now, unavailable
 from spot_runtime.operator.rescue.rescue_process import Rescue, RescueSpec
 from spot_runtime.operator.run.run_spec import RunSpec
-from spot_runtime.operator.server.event_history import EventHistory
-from spot_runtime.operator.server.operator_events import how_it_died, operator_event
-from spot_runtime.operator.server.pending import PendingRequests, SteeringRight
+from spot_runtime.operator.server.armed_run import ArmedRun
+from spot_runtime.operator.server.operator_events import operator_event
+from spot_runtime.operator.server.pending import SteeringRight
 from spot_runtime.operator.server.policy_folder import OfferedPolicy, PolicyFolder
 from spot_runtime.operator.server.run_process import RunProcess
+from spot_runtime.operator.server.service_state import ServiceState
 from spot_runtime.operator.server.states import State
 from spot_runtime.rescue.make_safe import MAY_HAVE_POWER
 
@@ -33,16 +33,10 @@ TURN_S: Final = 0.05
 ANSWER_TIMEOUT_S: Final = 25.0
 """Opening a log may take 20 s on a bad disk."""
 STOP_TIMEOUT_S: Final = 0.3
-"""After this a stop goes by signals, too; the loop answers within a cycle."""
+"""After this a stop is also sent as a signal; the loop answers within a cycle."""
 
 MAX_WAITING: Final = 8
 """Each holds a thread of the service, and one must be left for a stop."""
-
-KILL_AFTER_S: Final = 15.0
-SILENT_S: Final = 5.0
-"""A control process that is silent for so long hangs; what it last sent has long lapsed, so it is ended."""
-
-ABORT_TAKES_S: Final = 2.0
 
 _STATES: Final = frozenset(state.value for state in State)
 
@@ -69,47 +63,41 @@ class Supervisor:
             lock_step: Admin address of a fake robot in lock-step mode.
         """
         self._robot, self._config, self._lock_step = robot, config, lock_step
-        self._manager, self._tell = manager, tell
+        self._manager = manager
         self.policies = PolicyFolder.of(config.service)
-        self.events = EventHistory()
         self._clock = HostClock()
-        self._lock = threading.RLock()
-        self._changed = threading.Condition(self._lock)
-        self._state, self._state_since_s = State.IDLE, time.monotonic()
-        self._run: RunProcess | None = None
+        self._at = ServiceState(manager, tell)
+        self._lock, self.events = self._at.lock, self._at.events
+        self._run: ArmedRun | None = None
         self._rescue: Rescue | None = None
-        self._run_status: operator_pb2.RunStatus | None = None
-        self._run_told_s = 0.0
-        self._ended: operator_pb2.Outcome | None = None
         self._last: operator_pb2.Outcome | None = None
-        self._waiting, self._steering = PendingRequests(), SteeringRight()
+        self._steering = SteeringRight()
         self._seen_s = 0.0
-        self._is_asked_to_end = False
 
     # Looking ----------------------------------------------------------------------------------------------------------
 
     @property
     def state(self) -> State:
         """Where the service stands."""
-        return self._state
+        return self._at.now
 
     def status(self) -> operator_pb2.Status:
         """Everything an operator wants to see."""
         now_s = time.monotonic()
         with self._lock:
             status = operator_pb2.Status(
-                state=self._state.value,
+                state=self._at.now.value,
                 robot=self._robot,
                 host_stamp_ns=self._clock.now_ns(),
                 attendance_left_s=-1.0,
                 events=self.events.count,
             )
-            if self._run_status is not None:
-                status.run.CopyFrom(self._run_status)
-                status.run_age_s = now_s - self._run_told_s
+            if self._run is not None and self._run.status is not None:
+                status.run.CopyFrom(self._run.status)
+                status.run_age_s = self._run.silent_s
             if self._last is not None:
                 status.last.CopyFrom(self._last)
-            if self._state in (State.ARMED, State.RUNNING):
+            if self._at.now in (State.ARMED, State.RUNNING):
                 status.attendance_left_s = self._config.service.attendance_s - (now_s - self._seen_s)
             status.steered_by = self._steering.holder
             return status
@@ -119,7 +107,7 @@ class Supervisor:
     def arm(self, policy: OfferedPolicy, labels: dict[str, str], operator: str) -> str:
         """Begin to arm, and wait until the robot stands. Returns what was done. Raises Refusal."""
         with self._lock:
-            self._need("arm", State.IDLE)
+            self._at.need("arm", State.IDLE)
             spec = RunSpec(
                 robot=self._robot,
                 config=self._config,
@@ -129,15 +117,14 @@ class Supervisor:
                 lock_step=self._lock_step,
             )
             try:
-                run = self._run = RunProcess.start(spec)
+                run = self._run = ArmedRun(RunProcess.start(spec))
             except OSError as error:
                 raise unavailable(f"the control process cannot be started: {error}; see to this computer") from error
-            self._ended, self._is_asked_to_end = None, False
-            self._set(State.ARMING)
+            self._at.set(State.ARMING)
             self._seen()
-            self._say("arming", f"policy {policy.name}" + (f", asked by {operator}" if operator else ""))
-            while self._run is run and self._state in (State.ARMING, State.ENDING):
-                self._changed.wait(1.0)
+            self._at.say("arming", f"policy {policy.name}" + (f", asked by {operator}" if operator else ""))
+            while self._run is run and self._at.now in (State.ARMING, State.ENDING):
+                self._at.wait_for_change(1.0)
             if self._run is run:
                 return (
                     f"the robot stands under the vendor's control; policy {policy.name} waits for 'spot-rl ctl start'"
@@ -148,21 +135,23 @@ class Supervisor:
     def ask(self, name: str, request: run_link_pb2.ToRun, *states: State, is_stopping: bool = False) -> str:
         """Pass a request on to the control process and wait for its answer. Returns its words. Raises Refusal."""
         with self._lock:
-            self._need(name, *states)
-            if len(self._waiting) >= MAX_WAITING and not is_stopping:
-                raise unavailable(f"{name}: {MAX_WAITING} requests wait for their answers already; wait for one")
+            self._at.need(name, *states)
             run = self._run
-            waiting = self._waiting.add(request)
+            if run is None:
+                raise not_now(f"{name} needs a control process, and there is none; {self._at.now.advice}")
+            if len(run.waiting) >= MAX_WAITING and not is_stopping:
+                raise unavailable(f"{name}: {MAX_WAITING} requests wait for their answers already; wait for one")
+            waiting = run.waiting.add(request)
             self._seen()
         try:
-            if run is None or not run.tell(request):
+            if not run.process.tell(request):
                 raise unavailable(f"{name}: the control process takes no requests now; stop it, or see its journal")
             timeout_s = STOP_TIMEOUT_S if is_stopping else ANSWER_TIMEOUT_S
             if not waiting.done.wait(timeout_s) or waiting.answer is None:
                 raise unavailable(f"{name}: the control process gave no answer; see status and journal")
         finally:
             with self._lock:
-                self._waiting.forget(waiting)
+                run.waiting.forget(waiting)
         if not waiting.answer.is_done:
             raise not_now(f"{name}: {waiting.answer.text}")
         return waiting.answer.text
@@ -170,12 +159,12 @@ class Supervisor:
     def end(self, name: str, request: run_link_pb2.ToRun, client: str, *, is_damping: bool) -> str:
         """Stop or damp, also when the control process does not read its socket: then by signals."""
         with self._lock:
-            self._need(name, State.ARMING, State.ARMED, State.RUNNING, State.ENDING)
-            run, state = self._run, self._state
+            self._at.need(name, State.ARMING, State.ARMED, State.RUNNING, State.ENDING)
+            run, state = self._run, self._at.now
             if client:
-                self._say("asked", f"{name}, by {client}")
+                self._at.say("asked", f"{name}, by {client}")
         if run is not None and state is State.ARMING:
-            run.ask_to_stop()
+            run.process.ask_to_stop()
             return "arming is broken off: the robot sits down and powers off"
         if state is State.ENDING:
             return "the robot is being brought to rest already"
@@ -184,7 +173,7 @@ class Supervisor:
         except Refusal as refusal:
             if refusal.code is not unavailable("").code or run is None:
                 raise
-            run.ask_to_damp() if is_damping else run.ask_to_stop()
+            run.process.ask_to_damp() if is_damping else run.process.ask_to_stop()
             return "the control process did not read the request, so it was sent a signal"
 
     def steer(self, request: run_link_pb2.ToRun, identity: str, name: str) -> None:
@@ -199,22 +188,23 @@ class Supervisor:
             Refusal: The policy is not in full control, or somebody else steers.
         """
         with self._lock:
-            self._need("velocity", State.RUNNING)
+            self._at.need("velocity", State.RUNNING)
             self._steering.check(identity, name)
-            run, mode = self._run, "" if self._run_status is None else self._run_status.mode
+            run = self._run
+            mode = "" if run is None else run.mode
             if mode not in ("active", "ramping_in"):
                 raise not_now(f"velocity: the policy is not in full control, the mode is {mode or 'not known yet'}")
             self._steering.take(identity, name)
             self._seen()
-        if run is None or not run.tell(request):
+        if run is None or not run.process.tell(request):
             raise unavailable("velocity: the control process takes no requests now; the dead-man ends the motion")
 
     def attend(self) -> None:
         """An operator is there."""
         with self._lock:
             self._seen()
-            if self._run is not None and self._state in (State.ARMED, State.RUNNING):
-                self._run.tell(run_link_pb2.ToRun(attend=operator_pb2.AttendRequest()))
+            if self._run is not None and self._at.now in (State.ARMED, State.RUNNING):
+                self._run.process.tell(run_link_pb2.ToRun(attend=operator_pb2.AttendRequest()))
 
     # Running ----------------------------------------------------------------------------------------------------------
 
@@ -225,15 +215,23 @@ class Supervisor:
             time.sleep(TURN_S)
             self._look_at_rescue()
         else:
-            for message in run.read(TURN_S):
+            for message in run.process.read(TURN_S):
                 self._take(message)
-            code = run.exit_code()  # known once all that it has said was read
+            code = run.process.exit_code()  # known once all that it has said was read
             if code is not None:
                 self._reap(run, code)
             else:
-                self._keep_times(run)
-        if self._state not in (State.ARMED, State.RUNNING):
+                told = run.keep_times(self._at.now, self._at.since_s, self._config.service.arm_timeout_s)
+                if told is not None:
+                    self._at.say(*told, severity="error")
+        if self._at.now not in (State.ARMED, State.RUNNING):
             self._manager.progressed()
+
+    def adopt(self, process: RunProcess, state: State) -> None:
+        """Look after a control process that is there already."""
+        with self._lock:
+            self._run = ArmedRun(process)
+            self._at.set(state)
 
     def begin(self) -> None:
         """Before the first turn: a robot that an earlier service left with power is made safe."""
@@ -246,41 +244,35 @@ class Supervisor:
         if run is not None:
             # The service manager may have sent it the same signal, and a second one would mean damping.
             stop = run_link_pb2.ToRun(stop=operator_pb2.StopRequest())
-            if self._state is State.ARMING or (self._state is not State.ENDING and not run.tell(stop)):
-                run.ask_to_stop()
+            if self._at.now is State.ARMING or (self._at.now is not State.ENDING and not run.process.tell(stop)):
+                run.process.ask_to_stop()
         deadline_s = time.monotonic() + self._config.service.arm_timeout_s
         while self._run is not None or self._rescue is not None:
             if self._run is not None and time.monotonic() > deadline_s:
-                self._run.kill()
+                self._run.process.kill()
             self.turn()
 
     def _take(self, message: run_link_pb2.FromRun) -> None:
         kind = message.WhichOneof("what")
         with self._lock:
-            if kind == "answer":
-                self._waiting.take(message.answer)
-            elif kind == "status":
-                self._run_status, self._run_told_s = message.status, time.monotonic()
-                self._manager.status(f"{self._state.value}: {message.status.mode}, {message.status.policy}")
+            if self._run is not None:
+                self._run.take(message)
+            if kind == "status":
+                self._manager.status(f"{self._at.now.value}: {message.status.mode}, {message.status.policy}")
             elif kind == "event":
-                self._record(operator_event(message.event))
+                self._at.record(operator_event(message.event))
             elif kind == "state" and message.state in _STATES:
-                if message.state == State.ARMED.value and self._state is State.ARMING:
+                if message.state == State.ARMED.value and self._at.now is State.ARMING:
                     self._seen()
-                self._set(State(message.state))
-            elif kind == "ended":
-                self._ended = message.ended
+                self._at.set(State(message.state))
 
-    def _reap(self, run: RunProcess, code: int) -> None:
-        run.close()
+    def _reap(self, run: ArmedRun, code: int) -> None:
+        run.process.close()
         with self._lock:
-            outcome = self._ended or operator_pb2.Outcome(
-                outcome="control_process_died", exit_code=code, sentence=how_it_died(code)
-            )
+            outcome = run.outcome(code)
             outcome.host_stamp_ns = self._clock.now_ns()
-            self._last, self._run, self._run_status = outcome, None, None
-            self._waiting.let_all_go()
-            self._say(
+            self._last, self._run = outcome, None
+            self._at.say(
                 "ended",
                 f"{outcome.outcome}: {outcome.sentence}",
                 severity="info" if outcome.exit_code in (0, 10) else "error",
@@ -288,9 +280,9 @@ class Supervisor:
             self._rescue_or_rest()
 
     def _rescue_or_rest(self) -> None:
-        """Idle, unless somebody died with the robot in hand."""
+        """Go idle, unless a control process died while it held the robot."""
         if not Rescue.is_due(self._robot):
-            self._set(State.IDLE)
+            self._at.set(State.IDLE)
             return
         spec = RescueSpec(robot=self._robot, config=self._config, lock_step=self._lock_step)
         try:
@@ -298,10 +290,10 @@ class Supervisor:
         except OSError as error:
             self._rescued(is_safe=False, text=f"{MAY_HAVE_POWER}: no process can be started: {error}")
             return
-        self._say(
+        self._at.say(
             "make_safe", "a control process died with the robot in hand; the robot is made safe", severity="warning"
         )
-        self._set(State.ENDING)
+        self._at.set(State.ENDING)
 
     def _look_at_rescue(self) -> None:
         result = None if self._rescue is None else self._rescue.result()
@@ -311,53 +303,10 @@ class Supervisor:
                 self._rescued(is_safe=result[0], text=result[1])
 
     def _rescued(self, *, is_safe: bool, text: str) -> None:
-        self._say("made_safe" if is_safe else "not_safe", text, severity="warning" if is_safe else "error")
+        self._at.say("made_safe" if is_safe else "not_safe", text, severity="warning" if is_safe else "error")
         if self._last is not None:
             self._last.sentence = f"{self._last.sentence}; then: {text}"
-        self._set(State.IDLE)
-
-    def _keep_times(self, run: RunProcess) -> None:
-        """Abort a control process that hangs, so that it tells where; kill it if that does not end it."""
-        if self._state in (State.ARMED, State.RUNNING):
-            silent_s = time.monotonic() - max(self._run_told_s, self._state_since_s)
-            if silent_s > SILENT_S and not self._is_asked_to_end:
-                self._is_asked_to_end = True
-                self._say("silent", f"the control process has said nothing for {silent_s:.1f} s", severity="error")
-                run.abort()
-            if silent_s > SILENT_S + ABORT_TAKES_S:  # stopped or blocked, it has not even seen the abort
-                run.kill()
-            return
-        late_s = time.monotonic() - self._state_since_s - self._config.service.arm_timeout_s
-        if late_s > 0.0 and not self._is_asked_to_end:
-            self._is_asked_to_end = True
-            self._say("late", f"{self._state.value} takes too long; it is broken off", severity="error")
-            run.ask_to_stop()
-        if late_s > KILL_AFTER_S:
-            run.kill()
-
-    # Details ----------------------------------------------------------------------------------------------------------
-
-    def _need(self, name: str, *states: State) -> None:
-        if self._state not in states:
-            wanted = " or ".join(state.value for state in states)
-            raise not_now(f"{name} needs the state {wanted}, and it is {self._state.value}; {self._state.advice}")
-
-    def _set(self, state: State) -> None:
-        with self._changed:
-            if state is not self._state:
-                self._state, self._state_since_s = state, time.monotonic()
-                self._say("state", state.value)
-                self._manager.status(state.value)
-            self._changed.notify_all()
+        self._at.set(State.IDLE)
 
     def _seen(self) -> None:
         self._seen_s = time.monotonic()
-
-    def _say(self, name: str, text: str, *, severity: str = "info") -> None:
-        self._record(
-            operator_pb2.Event(host_stamp_ns=self._clock.now_ns(), severity=severity, name=f"service_{name}", text=text)
-        )
-
-    def _record(self, event: operator_pb2.Event) -> None:
-        self.events.add(event)
-        self._tell(event)

@@ -12,6 +12,7 @@ from spot_protos import operator_pb2, run_link_pb2
 from spot_runtime.config import RunConfig
 from spot_runtime.host.service_manager import ServiceManager
 from spot_runtime.operator.refusal import Refusal
+from spot_runtime.operator.server.pending import PendingRequests
 from spot_runtime.operator.server.states import State
 from spot_runtime.operator.server.supervisor import MAX_WAITING, STOP_TIMEOUT_S, Supervisor
 
@@ -36,14 +37,18 @@ class DeafProcess:
         self.signals.append("damp")
 
 
+def waiting_of(supervisor: Supervisor) -> PendingRequests:
+    assert supervisor._run is not None
+    return supervisor._run.waiting
+
+
 @pytest.fixture
 def deaf() -> Iterator[tuple[Supervisor, DeafProcess]]:
     supervisor = Supervisor("127.0.0.1:1", RunConfig(), manager=ServiceManager(), tell=lambda _: None)
     process = DeafProcess()
-    supervisor._run = process  # type: ignore[assignment]
-    supervisor._state = State.RUNNING
+    supervisor.adopt(process, State.RUNNING)  # type: ignore[arg-type]
     yield supervisor, process
-    supervisor._waiting.let_all_go()  # whoever still waits is let go, as when the process ends
+    waiting_of(supervisor).let_all_go()  # whoever still waits is let go, as when the process ends
 
 
 @pytest.mark.parametrize(
@@ -69,7 +74,7 @@ def test_it_is_sent_a_signal_though_others_wait(
     others = [threading.Thread(target=label) for _ in range(MAX_WAITING + 3)]
     for other in others:
         other.start()
-    wait_until(lambda: len(supervisor._waiting) >= MAX_WAITING and len(refused) >= 3, "all wait or are refused")
+    wait_until(lambda: len(waiting_of(supervisor)) >= MAX_WAITING and len(refused) >= 3, "all wait or are refused")
     assert refused == [f"LabelLog: {MAX_WAITING} requests wait for their answers already; wait for one"] * 3
     began_s = time.monotonic()
     said = supervisor.end("Stop", message, "otto", is_damping=is_damping)
@@ -78,6 +83,6 @@ def test_it_is_sent_a_signal_though_others_wait(
     assert process.told[-1] == sent
     assert time.monotonic() - began_s >= STOP_TIMEOUT_S  # it was given the time to answer
     assert [e.text for e in supervisor.events.after(0) if e.name == "service_asked"] == ["Stop, by otto"]
-    supervisor._waiting.let_all_go()
+    waiting_of(supervisor).let_all_go()
     for other in others:
         other.join()

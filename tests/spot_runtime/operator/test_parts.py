@@ -139,9 +139,9 @@ def test_attendance_by_hand() -> None:
 @pytest.mark.parametrize(
     ("check", "words"),
     [
-        (lambda: rules.labels({"a b": "c"}), "label key 'a b' is not valid"),
-        (lambda: rules.labels({"a": "x" * 257}), "label a has a value"),
-        (lambda: rules.labels({"a": "two\nlines"}), "label a has a value"),
+        (lambda: rules.labels({"a b": "c"}), "label 'a b' = 'c' is not valid"),
+        (lambda: rules.labels({"a": "x" * 257}), "a printable value of at most 256"),
+        (lambda: rules.labels({"a": "two\nlines"}), "a printable value of at most 256"),
         (lambda: rules.labels({f"k{i}": "" for i in range(33)}), "33 labels are given; allowed: at most 32"),
         (lambda: rules.some_labels({}), "no label is given"),
         (lambda: rules.operator_name("x" * 65), "at most 64 characters"),
@@ -376,7 +376,8 @@ def test_a_provider_that_is_not_there_is_refused_not_replaced(provider: str) -> 
     import onnxruntime
 
     from spot_model.policy.contract import PolicyError
-    from spot_model.policy.policy import PROVIDERS, load_policy
+    from spot_model.policy.onnx_session import PROVIDERS
+    from spot_model.policy.policy import load_policy
 
     if PROVIDERS[provider] in onnxruntime.get_available_providers():
         pytest.skip(f"this ONNX Runtime has {provider}")

@@ -12,7 +12,7 @@ from spot_runtime.control.safety.signals.window import Window
 
 
 class GroundMemory(NamedTuple):
-    """What was seen of the feet of late."""
+    """What the feet did recently."""
 
     touching_s: float = 0.0
     """Time with any foot in contact, which fades."""

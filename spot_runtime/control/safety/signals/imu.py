@@ -15,7 +15,7 @@ _NOTHING = np.zeros(3)
 
 
 class ImuMemory(NamedTuple):
-    """What was felt of late."""
+    """What the unit measured recently."""
 
     force_m_s2: Array = _NOTHING
     """Specific force in odom less the body's acceleration, summed over a time that fades. Shape (3,), m/s² · s."""

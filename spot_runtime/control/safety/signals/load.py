@@ -17,7 +17,7 @@ def disagreeing(window: Window, commands: Sequence[JointCommand]) -> NDArray[np.
 
     Args:
         window: The newest window.
-        commands: What was asked of late, at least one; the load may answer any of it.
+        commands: Recent commands, at least one; the load may answer any of them.
     """
     state = window.last
     asked = np.array([_torque_nm(command, state.position_rad, state.velocity_rad_s) for command in commands])

@@ -28,7 +28,7 @@ NAMES: Final = (
 WINDOWS: Final = np.array(
     [bounds.LOAD_WINDOWS_STILL if name.startswith("load") else bounds.STILL_WINDOWS for name in NAMES]
 )
-"""After so many windows a signal is no longer believed. Shape (55,)."""
+"""Windows after which a signal is no longer trusted. Shape (55,)."""
 
 IS_NEEDED: Final[NDArray[np.bool_]] = np.array([not name.startswith("load") for name in NAMES])
 """Whether control needs the signal: nothing does need a load."""
@@ -48,8 +48,8 @@ def still_windows(counts: Counts, first: RobotState, last: RobotState) -> Counts
 
     Args:
         counts: Before this window. Shape (55,), in the order of :data:`NAMES`.
-        first: At the begin of the window.
-        last: At its end.
+        first: State at the start of the window.
+        last: State at its end.
 
     Returns:
         The new counts. Where neighbours move quickly, a window counts as much as two; where they stand, nothing. A

@@ -1,0 +1,86 @@
+"""One arming as the service knows it: its process, what that has told, and who waits for its answers."""
+
+from __future__ import annotations
+
+import time
+from typing import Final
+
+from spot_protos import operator_pb2, run_link_pb2
+from spot_runtime.operator.server.operator_events import how_it_died
+from spot_runtime.operator.server.pending import PendingRequests
+from spot_runtime.operator.server.run_process import RunProcess
+from spot_runtime.operator.server.states import State
+
+KILL_AFTER_S: Final = 15.0
+SILENT_S: Final = 5.0
+"""A control process that is silent for so long hangs; what it last sent has long lapsed, so it is ended."""
+
+ABORT_TAKES_S: Final = 2.0
+
+
+class ArmedRun:
+    """Lives as long as its process; its owner's lock guards it."""
+
+    def __init__(self, process: RunProcess) -> None:
+        self.process = process
+        self.waiting = PendingRequests()
+        self.status: operator_pb2.RunStatus | None = None
+        self._told_s = time.monotonic()
+        self._ended: operator_pb2.Outcome | None = None
+        self._is_asked_to_end = False
+
+    @property
+    def silent_s(self) -> float:
+        """Seconds since the last status, or since the start."""
+        return time.monotonic() - self._told_s
+
+    @property
+    def mode(self) -> str:
+        """Of the control loop, as last told; empty before."""
+        return "" if self.status is None else self.status.mode
+
+    def take(self, message: run_link_pb2.FromRun) -> None:
+        """Take an answer, a status or the last word; whatever else it tells is the service's matter."""
+        kind = message.WhichOneof("what")
+        if kind == "answer":
+            self.waiting.take(message.answer)
+        elif kind == "status":
+            self.status, self._told_s = message.status, time.monotonic()
+        elif kind == "ended":
+            self._ended = message.ended
+
+    def outcome(self, code: int) -> operator_pb2.Outcome:
+        """How the run ended, now that its process has; requests that still wait are released."""
+        self.waiting.let_all_go()
+        died = operator_pb2.Outcome(outcome="control_process_died", exit_code=code, sentence=how_it_died(code))
+        return self._ended or died
+
+    def keep_times(self, state: State, since_s: float, arm_timeout_s: float) -> tuple[str, str] | None:
+        """Abort a process that hangs, so that it tells where; kill it if that does not end it.
+
+        Args:
+            state: Of the service.
+            since_s: When that began, monotonic clock.
+            arm_timeout_s: Longest time from arming to standing, and from the end to rest.
+
+        Returns:
+            Name and words of an event to tell, once; None otherwise.
+        """
+        in_state_s = time.monotonic() - since_s
+        if state in (State.ARMED, State.RUNNING):
+            silent_s = min(self.silent_s, in_state_s)
+            if silent_s > SILENT_S and self._is_first_measure():
+                self.process.abort()
+                return "silent", f"the control process has said nothing for {silent_s:.1f} s"
+            if silent_s > SILENT_S + ABORT_TAKES_S:  # stopped or blocked, it has not even seen the abort
+                self.process.kill()
+        elif in_state_s > arm_timeout_s and self._is_first_measure():
+            self.process.ask_to_stop()
+            return "late", f"{state.value} takes too long; it is broken off"
+        elif in_state_s > arm_timeout_s + KILL_AFTER_S:
+            self.process.kill()
+        return None
+
+    def _is_first_measure(self) -> bool:
+        is_first, self._is_asked_to_end = not self._is_asked_to_end, True
+        return is_first
