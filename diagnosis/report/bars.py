@@ -55,7 +55,7 @@ def _bars(bars: Sequence[tuple[str, float, str]], top: float, say: object, label
 
 
 def shrink_line(shrink: Shrink) -> str:
-    """S with its interval and the placebo's, on a line from no change to the floor."""
+    """Share of the gap that goes, with its interval, and that of the best wrong effect."""
     if shrink.s is None:
         return ""
     low_end = min(-0.25, max(-1.0, shrink.s_low if shrink.s_low is not None else 0.0) - 0.1)
@@ -70,16 +70,16 @@ def shrink_line(shrink: Shrink) -> str:
     for tick in nice_ticks(low_end, high_end, 6):
         parts += [
             line([(at(tick), y - 5), (at(tick), y + 5)], "var(--line)", 1.5),
-            text(at(tick), y + 24, f"{tick:g}", size=12, anchor="middle", css="soft"),
+            text(at(tick), y + 24, f"{100 * tick:.0f} %", size=12, anchor="middle", css="soft"),
         ]
     parts.append(text(at(0.0), y + 42, "no change", size=12, anchor="middle", css="soft"))
-    parts.append(text(at(1.0), y + 42, "down to the floor", size=12, anchor="middle", css="soft"))
-    told = f"S = {shrink.s:.2f}"
+    parts.append(text(at(1.0), y + 42, "as near as its own runs", size=12, anchor="middle", css="soft"))
+    told = f"{100 * shrink.s:.0f} % of the gap goes"
     if shrink.s_low is not None and shrink.s_high is not None:
-        told += f", 90 % interval {shrink.s_low:.2f} to {shrink.s_high:.2f}"
+        told += f", 90 % interval {100 * shrink.s_low:.0f} to {100 * shrink.s_high:.0f} %"
         parts.append(line([(at(shrink.s_low), y), (at(shrink.s_high), y)], "var(--corrected)", 9, "opacity:.45"))
     parts.append(disc(at(shrink.s), y, 9, "var(--corrected)", told))
-    parts.append(text(at(shrink.s), y - 18, f"S = {shrink.s:.2f}", size=16, anchor="middle", weight=700))
+    parts.append(text(at(shrink.s), y - 18, f"{100 * shrink.s:.0f} %", size=16, anchor="middle", weight=700))
     if shrink.placebo is not None:
         x = at(shrink.placebo.s)
         parts.append(
@@ -94,13 +94,13 @@ def shrink_line(shrink: Shrink) -> str:
             )
         )
         far = abs(x - at(shrink.s)) > 70
-        parts.append(text(x, y - 14 if far else y + 60, "placebo", size=12, anchor="middle", css="soft"))
+        parts.append(text(x, y - 14 if far else y + 60, "best wrong effect", size=12, anchor="middle", css="soft"))
     return svg(width, 128, parts, told)
 
 
 def gap_bars(shrink: Shrink) -> str:
     """Before, after and floor of each measure, each on its own scale."""
-    rows = [("W1 + MMD", "floors", shrink.d0, shrink.d1, shrink.floor)]
+    rows = [("all signals", "× own runs", shrink.d0, shrink.d1, shrink.floor)]
     rows += [(o.name, o.unit, o.before, o.after, o.floor) for o in shrink.beside]
     colours = ("var(--nominal)", "var(--corrected)", "var(--floor)")
     bar, gap, left, width = 15, 18, 118, 520
@@ -115,7 +115,7 @@ def gap_bars(shrink: Shrink) -> str:
             parts.append(text(left + span + 6, y + bar - 4, f"{value:.3g}", size=12))
             y += bar
         y += gap
-    return svg(width, y, parts, "Gap before and after, and its floor")
+    return svg(width, y, parts, "Gap before and after, and between two runs of the robot")
 
 
 def parameters(effect: FoundEffect) -> str:

@@ -89,12 +89,9 @@ def formula_text(formula: Formula) -> str:
 
 
 def _words(term: FormulaTerm) -> str:
-    code = (
-        term.code.replace("torque_nm", "τ")
-        .replace("abs(v)", "|v|")
-        .replace("abs(τ)", "|τ|")
-        .replace("smooth_sign", "sign")
-    )
+    code = term.code
+    for written, read in WORDS:
+        code = code.replace(written, read)
     if term.at_rad is not None and term.width_rad is not None:
         code = f"exp(−((q − {term.at_rad:.3g} rad)/{term.width_rad:.2g} rad)²)" + ("·sign(v)" if "sign" in code else "")
     return "" if code == "1.0" else f"·{code}"

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from diagnosis.document import GapCell
-from diagnosis.report.scale import has_floor, share_of, told
+from diagnosis.report.scale import has_floor, scale_bar, share_of, told
 from spot_log.page.svg import disc, heat, on_heat, rect, svg, text
 
 SIGNALS: Final = ("load error", "load", "velocity", "position")
@@ -67,14 +67,19 @@ def gap_map_figure(cells: Sequence[GapCell], joints: Sequence[str]) -> str:
                 if cell.p_value is not None and cell.p_value <= SIGNIFICANT:
                     dot = disc(at - 0.5, y + ROW / 2 - 0.5, 2.2, on_heat(share))
                     parts.append(dot.replace("<circle", '<circle pointer-events="none"', 1))
-    return svg(WIDTH, TOP + ROW * len(regimes) + 6, parts, "Gap by signal, regime and joint")
+    bottom = TOP + ROW * len(regimes)
+    parts.append(scale_bar(WIDTH - 330, bottom + 14, 260, in_floors=has_floor(cells)))
+    return svg(WIDTH, bottom + 48, parts, "Gap by signal, regime and joint")
 
 
 def note(cells: Sequence[GapCell]) -> str:
     """How to read it."""
     if has_floor(cells):
         return (
-            "Real runs against the nominal model in closed loop; colour: gap over the real-versus-real floor. "
-            f"A dot: p ≤ {SIGNIFICANT} after correction for all cells. Hover for figures."
+            "How far runs of your simulator lie from the robot's, over how far the robot's own runs lie apart. "
+            f"A dot: not by chance (p ≤ {SIGNIFICANT}, corrected for the number of cells). Hover for figures."
         )
-    return "Real runs against the nominal model in closed loop. No sequence was repeated: no floor, no p-value."
+    return (
+        "How far runs of your simulator lie from the robot's, each signal on its own scale. No sequence was repeated, "
+        "so that nothing says how much of it is chance."
+    )

@@ -17,6 +17,25 @@ PANEL: Final = 190
 LEFT: Final = 62
 SPAN_S: Final = 2.0
 MAX_POINTS: Final = 700
+QUANTITY_UNITS: Final = {
+    "position": "rad",
+    "velocity": "rad/s",
+    "torque": "N·m",
+    "acceleration": "rad/s²",
+    "torque rate": "N·m/s",
+    "total power": "W",
+    "time since start": "s",
+    "time since set-point": "s",
+    "torque history": "(N·m)²·s",
+    "body speed": "m/s",
+    "vertical velocity": "m/s",
+    "turn rate": "rad/s",
+    "roll rate": "rad/s",
+    "pitch rate": "rad/s",
+    "total torque": "N·m",
+}
+"""Of what an unexplained residual may depend on."""
+LONGEST_SHIFT_S: Final = 0.5
 
 
 def traces(real: Run, nominal: Run | None, corrected: Run | None, joint: int, from_s: float) -> str:
@@ -32,7 +51,12 @@ def traces(real: Run, nominal: Run | None, corrected: Run | None, joint: int, fr
     runs = [("var(--nominal)", 1.6, nominal), ("var(--corrected)", 1.6, corrected), ("var(--real)", 2.0, real)]
     parts = []
     for row, (title, name) in enumerate((("load, N·m", "load_nm"), ("velocity, rad/s", "velocity_rad_s"))):
-        drawn = [(c, w, *_part(run, name, joint, from_s)) for c, w, run in runs if run is not None]
+        drawn = []
+        for colour, width, run in runs:
+            if run is not None:
+                shift = in_phase_s(real, run, joint, from_s)
+                at, values = _part(run, name, joint, from_s + shift)
+                drawn.append((colour, width, at - shift, values))
         drawn = [d for d in drawn if len(d[2])]
         if not drawn:
             return ""
@@ -47,6 +71,22 @@ def traces(real: Run, nominal: Run | None, corrected: Run | None, joint: int, fr
         text(WIDTH / 2, 2 * (PANEL + 24) + 26, "time under the policy, s", size=12, anchor="middle", css="soft")
     )
     return svg(WIDTH, 2 * (PANEL + 24) + 34, parts, "Load and velocity: real, nominal and corrected")
+
+
+def in_phase_s(real: Run, other: Run, joint: int, from_s: float) -> float:
+    """Time by which the other run's steps come later than the real one's around the picture, s; positions correlate."""
+    at, wanted = _part(real, "position_rad", joint, from_s)
+    rows = policy_ticks(other)
+    if len(at) < 2 or len(rows) == 0:
+        return 0.0
+    time_s = (other.states.robot_stamp_ns - other.ticks.robot_stamp_ns[rows[0]]) * 1e-9
+    values = np.nan_to_num(other.states.position_rad[:, joint])
+    shifts = np.arange(-LONGEST_SHIFT_S, LONGEST_SHIFT_S, 0.005)
+    inside = [s for s in shifts if time_s[0] <= at[0] + s and at[-1] + s <= time_s[-1]] or [0.0]
+    moved = np.stack([np.interp(at + s, time_s, values) for s in inside])
+    moved -= moved.mean(axis=1, keepdims=True)
+    fit = moved @ (wanted - wanted.mean()) / np.maximum(np.linalg.norm(moved, axis=1), 1e-9)
+    return float(inside[int(np.argmax(fit))])
 
 
 def _part(run: Run, name: str, joint: int, from_s: float) -> tuple[Array, Array]:
@@ -116,6 +156,8 @@ def dependence(curve: Dependence, unit: str) -> str:
         disc(*p, 4, "var(--unknown)", f"{curve.quantity} {a:.3g}\nunexplained {b:.3g} {unit}")
         for p, a, b in zip(points, x.tolist(), y.tolist(), strict=True)
     ]
-    name = f"{curve.quantity} (importance {curve.importance:.2f})"
+    name = f"{curve.quantity}, {QUANTITY_UNITS.get(curve.quantity.split(' of ')[0], '')}".rstrip(", ")
     parts.append(text(width / 2, height - 6, name, size=12, anchor="middle"))
+    side = text(0, 0, f"unexplained, {unit}", size=12, anchor="middle")
+    parts.append(f'<g transform="translate(12 {0.5 * (height - 42):.0f}) rotate(-90)">{side}</g>')
     return svg(width, height, parts, f"What is left over {name}")

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from diagnosis.channels.channel import CHANNEL_TITLES
 from diagnosis.document import FoundEffect, GapCell, Verdict
 from diagnosis.report import bars, words
+from diagnosis.report.effect_file import formula_text
 from diagnosis.report.gap_map import gap_map_figure, note
 from diagnosis.report.lines import dependence
 from diagnosis.report.robot_picture import picture
@@ -66,11 +67,16 @@ def _head(result: Diagnosis) -> str:
     seconds = sum(run.duration_s for run in result.runs)
     left_out = f" · left out of the library: {', '.join(v.without)}" if v.without else ""
     return (
-        f"<section><span class='badge {v.status}'>{esc(words.BADGES[v.status])}</span>"
+        f"<section><span class='badge {_colour(v)}'>{esc(words.BADGES[v.status])}</span>"
         f"<h1>{esc(words.headline(v))}</h1><p class='lead'>{esc(words.second_line(v))}</p>"
         f"<p class='meta' style='margin-top:12px'>{len(v.logs)} logs, {seconds:.0f} s, of {len(names)} command "
         f"sequences ({esc(', '.join(names))}) · nominal model: {esc(v.nominal or 'given')}{esc(left_out)}</p></section>"
     )
+
+
+def _colour(v: Verdict) -> str:
+    """Class of the badge: an explanation is green only if it is probable and closes the gap."""
+    return "partly_explained" if v.status == "explained" and not words.is_green(v) else v.status
 
 
 def _by_joint(cells: tuple[GapCell, ...]) -> dict[str, GapCell]:
@@ -116,21 +122,24 @@ def _shrink(v: Verdict) -> str:
     )
     about = (
         "The policy runs in closed loop on the nominal model and on the one with the effects put in, "
-        f"{held}. S = (before − after)/(before − floor): 1 means that nothing is left but what differs between real "
-        "runs."
+        f"{held}. 100 % means that the simulator lies as near to the robot as two runs of the robot lie to each other."
     )
     left = bars.shrink_line(s) or "<p>The gap does not exceed its floor: there is nothing to shrink.</p>"
     placebo = ""
     if s.placebo is not None:
         placebo = (
-            f"<p class='note'>Placebo: {esc(words.plain(s.placebo.name))}, the best wrong effect with as many "
-            f"parameters, S = {s.placebo.s:.2f}.</p>"
+            f"<p class='note'>For comparison, {esc(words.plain(s.placebo.name))} in its place closes "
+            f"{100 * s.placebo.s:.0f} %.</p>"
         )
     key = legend(
-        (("var(--nominal)", "nominal"), ("var(--corrected)", "with the effects"), ("var(--floor)", "real–real"))
+        (
+            ("var(--nominal)", "nominal"),
+            ("var(--corrected)", "with the effects"),
+            ("var(--floor)", "two runs of the robot"),
+        )
     )
     content = f"<div class='two' style='margin:0'><div>{left}{placebo}</div><div>{key}{bars.gap_bars(s)}</div></div>"
-    return boxed("How far the gap shrinks", about, content)
+    return boxed("How much of the gap goes", about, content)
 
 
 def _effects(v: Verdict) -> str:
@@ -146,10 +155,13 @@ def _effect(e: FoundEffect) -> str:
             f"<p>These logs cannot rule out <b>{esc(', '.join(words.plain(n) for n in e.group[1:]))}</b>. To tell: "
             f"{esc(e.split_by)}{hand}</p>{command}"
         )
+    total = sum(g for g in e.channels.values() if g > 0.0)
     channels = ", ".join(
-        f"{CHANNEL_TITLES.get(c, c)} ({g:.0f})" for c, g in sorted(e.channels.items(), key=lambda x: -x[1]) if g > 0
+        f"{CHANNEL_TITLES.get(c, c)} {100 * g / total:.0f} %"
+        for c, g in sorted(e.channels.items(), key=lambda x: -x[1])
+        if g > 0.005 * total
     )
-    evidence = f"<p class='note'>Evidence, nats: {esc(channels)}</p>" if channels else ""
+    evidence = f"<p class='note'>Where it shows: {esc(channels)}</p>" if channels else ""
     return (
         f"<h3>{esc(e.title or words.plain(e.name))} <code>{esc(e.name)}</code> at {esc(joints_in_short(e.joints))}, "
         f"probability {e.probability:.2f}</h3>{bars.parameters(e)}{group}{evidence}"
@@ -162,11 +174,17 @@ def _unknown(v: Verdict) -> str:
         return ""
     about = (
         f"At {joints_in_short(u.joints)}, largest in {u.regime or 'all regimes'}; {100 * u.predictable_share:.0f} % of "
-        f"what is left is predictable from {' and '.join(u.depends_on)}. Write it as an effect and give it with "
-        "--add-effect module:Class (docs/diagnosis.md has a complete example)."
+        f"what is left is predictable from {' and '.join(u.depends_on)}."
     )
+    told = "<p>Write it as an effect, and diagnose again with <code>--add-effect module:Class</code>.</p>"
+    if u.formula is not None:
+        told = (
+            f"<p><b>{esc(formula_text(u.formula))}</b> (q angle in rad, v speed in rad/s, τ torque) predicts "
+            f"{100 * u.formula.predicted_share:.0f} % of it, in runs that it was not fitted to. Diagnose again with "
+            "<code>--add-effect unknown_effect:UnknownTorque</code>.</p>"
+        )
     figures = "".join(f"<div>{dependence(c, u.unit)}</div>" for c in u.curves)
-    return boxed("What no effect explains", about, f"<div class='two' style='margin:0'>{figures}</div>")
+    return boxed("What no effect explains", about, f"{told}<div class='two' style='margin:0'>{figures}</div>")
 
 
 def _seen(v: Verdict) -> str:
@@ -184,10 +202,10 @@ def _traces(result: Diagnosis, by_joint: dict[str, GapCell], named: frozenset[st
     found = trace_figure(result, {j: c.ratio or c.gap for j, c in by_joint.items()}, named)
     if found is None:
         return ""
-    where, figure = found
+    where, figure, shift = found
     has_corrected = bool(result.simulated.get("corrected"))
     key = legend(COLOURS if has_corrected else COLOURS[:2])
-    return boxed("Traces", f"{where}. Each run is in closed loop, so steps drift apart.", key + figure)
+    return boxed("Traces", f"{where}. {shift}", key + figure)
 
 
 def _limits(v: Verdict) -> str:
@@ -200,12 +218,13 @@ def _limits(v: Verdict) -> str:
 
 def _channels(v: Verdict) -> str:
     rows = []
+    total = sum(max(0.0, g) for e in v.effects for g in e.channels.values())
     for name, state in v.channels.items():
-        gains = [e.channels.get(name, 0.0) for e in v.effects]
-        evidence = f"{sum(gains):.0f} nats for what was found" if sum(gains) >= 1.0 else ""
+        gain = sum(max(0.0, e.channels.get(name, 0.0)) for e in v.effects)
+        evidence = f"{100 * gain / total:.0f} % of the evidence for what was found" if gain > 0.005 * total else ""
         mark = "<b style='color:var(--good)'>on</b>" if state == "used" else f"<span>{esc(state)}</span>"
         title = esc(CHANNEL_TITLES.get(name, name))
-        rows.append(f"<tr><th>{esc(name)}</th><td>{title}</td><td>{mark}</td><td>{evidence}</td></tr>")
+        rows.append(f"<tr><th>{title}</th><td>{mark}</td><td>{evidence}</td></tr>")
     return boxed("How each channel did", "", f"<table>{''.join(rows)}</table>")
 
 

@@ -29,9 +29,9 @@ def told(cell: GapCell) -> str:
     """A cell in words."""
     lines = [f"{cell.signal} of {cell.joint}", cell.regime, f"gap {cell.gap:.3g} {cell.unit}"]
     if cell.ratio is not None:
-        lines.append(f"floor {cell.floor:.3g} {cell.unit}: {cell.ratio:.1f} times the floor")
+        lines.append(f"between two runs of the robot {cell.floor:.3g} {cell.unit}: {cell.ratio:.1f} times that")
     if cell.p_value is not None:
-        lines.append(f"p = {cell.p_value:.3f} (whole runs exchanged, Benjamini–Hochberg)")
+        lines.append(f"p = {cell.p_value:.3f}, corrected for the number of cells")
     if cell.low is not None and cell.high is not None:
         lines.append(f"90 % interval {cell.low:.3g} to {cell.high:.3g} {cell.unit}")
     lines.append(f"{cell.n_samples} samples")
@@ -43,7 +43,7 @@ def scale_bar(x: float, y: float, width: float, *, in_floors: bool) -> str:
     n = 40
     parts = [rect(x + i * width / n, y, width / n + 0.5, 10, heat((i + 0.5) / n), radius=0) for i in range(n)]
     words = (
-        [(0.0, "1× floor"), (0.25, "2×"), (0.5, "4×"), (0.75, "8×"), (1.0, "16×")]
+        [(0.0, "1× own runs"), (0.25, "2×"), (0.5, "4×"), (0.75, "8×"), (1.0, "16×")]
         if in_floors
         else [
             (0.0, "0"),

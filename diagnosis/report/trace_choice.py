@@ -7,13 +7,13 @@ from collections.abc import Mapping
 import numpy as np
 
 from diagnosis.read.policy_ticks import policy_ticks
-from diagnosis.report.lines import SPAN_S, traces
+from diagnosis.report.lines import SPAN_S, in_phase_s, traces
 from diagnosis.verdict.diagnose import Diagnosis
 from spot_log.read.run import Run
 
 
-def trace_figure(result: Diagnosis, gaps: Mapping[str, float], named: frozenset[str]) -> tuple[str, str] | None:
-    """What is shown in words, and the figure; None where nothing was simulated."""
+def trace_figure(result: Diagnosis, gaps: Mapping[str, float], named: frozenset[str]) -> tuple[str, str, str] | None:
+    """What is shown in words, the figure, and how runs were brought in phase; None where nothing was simulated."""
     if not result.simulated.get("nominal"):
         return None
     joints = result.board.robot.joint_names
@@ -27,7 +27,13 @@ def trace_figure(result: Diagnosis, gaps: Mapping[str, float], named: frozenset[
         from_s = _liveliest_s(real, number)
         figure = traces(real, nominal, corrected, number, from_s)
         if figure:
-            return f"{joint} in {real.header.command_sequence or 'the log'}, repeat {real.header.repeat}", figure
+            where = f"{joint} in {real.header.command_sequence or 'the log'}, repeat {real.header.repeat}"
+            late = 1e3 * in_phase_s(real, nominal, number, from_s)
+            return (
+                where,
+                figure,
+                f"Simulated runs are brought in phase with the real one (your simulator by {late:.0f} ms).",
+            )
     return None
 
 

@@ -1,4 +1,4 @@
-"""The verdict in plain sentences."""
+"""The verdict in plain sentences; the first says what to do next."""
 
 from __future__ import annotations
 
@@ -55,17 +55,39 @@ def parameter(name: str) -> str:
     return name.removesuffix(end).replace("_", " ")
 
 
+CERTAIN: Final = 0.8
+CLOSES: Final = 0.7
+"""A verdict is green from this probability and this share of the gap on."""
+
+
+def is_green(v: Verdict) -> bool:
+    """Whether the verdict is right by both: every cause is probable, and the model with them closes the gap."""
+    if v.status != "explained" or not v.effects or v.shrink is None or v.shrink.s is None:
+        return False
+    return all(e.probability >= CERTAIN for e in v.effects) and v.shrink.s >= CLOSES
+
+
 def headline(v: Verdict) -> str:
-    """What was found, in one sentence."""
-    if v.status == "cannot_tell":
-        return "Record more: these logs cannot tell"
+    """What a person should do next, and why, in one sentence."""
+    told = " and ".join(_found(e) for e in v.effects[:3])
+    split = next((e.split for e in v.effects if len(e.group) > 1 and e.split is not None), None)
     if v.status == "no_gap":
         return "Train on this model: the robot lies where it lies, give or take ordinary errors"
     if v.status == "unknown_effect":
         where = f" at {joints_in_short(v.unknown.joints)}" if v.unknown and v.unknown.joints else ""
-        return f"Something acts{where} that no effect of the library explains"
-    told = " and ".join(_found(e) for e in v.effects[:3])
-    return told[:1].upper() + told[1:] + (", and something unknown" if v.status == "partly_explained" else "")
+        what = f"something acts{where} that no effect of the library explains"
+        if v.unknown is not None and v.unknown.formula is not None:
+            return f"Diagnose again with unknown_effect.py: {what}, and a formula predicts it"
+        return f"Look at the robot{where}: something acts there that no effect of the library explains"
+    if v.status == "cannot_tell" or not v.effects:
+        return "Record more: these logs cannot tell"
+    if is_green(v):
+        return f"Train on the corrected model: {told} explains the gap"
+    if split is not None:
+        return f"{split.text.split(':')[0].rstrip('.')} and record it: it is {told}, and these logs cannot tell"
+    if v.status == "partly_explained":
+        return f"Train on the corrected model, and look further: {told}, and something unknown"
+    return f"Record more to be sure: it may be {told}"
 
 
 def _found(e: FoundEffect) -> str:
@@ -81,7 +103,9 @@ def second_line(v: Verdict) -> str:
         if v.status in ("explained", "partly_explained") and e.parameters:
             name, p = next(iter(e.parameters.items()))
             unit = f" {p.unit}" if p.unit not in ("", "1") else ""
-            parts.append(f"{parameter(name).capitalize()} {p.value:.3g}{unit} (90 %: {p.low:.3g} to {p.high:.3g}).")
+            parts.append(
+                f"{parameter(name).capitalize()} {p.value:.3g}{unit} (90 % interval {p.low:.3g} to {p.high:.3g})."
+            )
     if v.unknown is not None and v.unknown.depends_on:
         parts.append(f"What is left depends most on {' and '.join(v.unknown.depends_on)}.")
     s = v.shrink
@@ -92,7 +116,9 @@ def second_line(v: Verdict) -> str:
         elif len(v.effects) > 1:
             what = "Put into the simulator, they close"
         parts.append(f"{what} {_share(s)}.")
-    parts.append(f"Probability of no effect {v.probability_none:.2f}, of an unknown one {v.probability_unknown:.2f}.")
+    named = "; ".join(f"{_found(e)} {100 * e.probability:.0f} %" for e in v.effects[:2])
+    none = f"no effect {100 * v.probability_none:.0f} %, an unknown one {100 * v.probability_unknown:.0f} %"
+    parts.append(f"Probabilities: {named + '; ' if named else ''}{none}.")
     return " ".join(parts)
 
 

@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 STEP_MS = 1
 START_NS = 1_650_000_000_000_000_000
 TICK_STATES = (7, 7, 6)
-TEETH_NM_PER_RAD, TEETH_NM_S_PER_RAD, ROTOR_KG_M2 = 4e3, 8.0, 0.04
+TEETH_NM_PER_RAD, TEETH_NM_S_PER_RAD, ROTOR_KG_M2 = 3e4, 40.0, 0.04
 STAND_S = 0.6
 """The robot stands under the default pose before the policy takes over."""
 
@@ -212,7 +212,7 @@ class _Walk:
 
     def _through_play(self, motor: Array, q: Array, v: Array) -> Array:
         """Mean torque of stiff teeth on the link over the step; the rotor is thrown across the gap between them."""
-        parts, passed = 40, np.zeros_like(motor)
+        parts, passed = 50, np.zeros_like(motor)
         dt, half = 1e-3 * STEP_MS / parts, 0.5 * self.robot.play
         for k in range(parts):
             apart, speed = self.rotor - q - k * dt * v, self.rotor_speed - v

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from diagnosis.library.registry import LIBRARY
+from diagnosis.report import words
 from diagnosis.report.output import check_free, write_all
 from diagnosis.report.page import page
 from diagnosis.verdict.diagnose import Diagnosis
@@ -78,12 +79,12 @@ def test_it_asks_for_nothing_from_outside_and_is_small(text: str) -> None:
 
 
 def test_everything_is_on_it(text: str) -> None:
-    for words in (
+    for said in (
         "Partly explained",
         "Dry friction",
         "dry friction",
         "0.71",
-        "S = 0.84",
+        "84 %",
         "rotor inertia",
         "Gap map",
         "Traces",
@@ -98,7 +99,7 @@ def test_everything_is_on_it(text: str) -> None:
         "depends",
         "A note with &lt;markup&gt; &amp; more.",
     ):
-        assert words in text or words.lower() in text, words
+        assert said in text or said.lower() in text, said
     for label in ("Spot, joints coloured", "Probability of each effect", "Gap before and after", "Logs over time"):
         assert label in text
 
@@ -109,6 +110,22 @@ def test_text_of_a_log_cannot_become_markup(diagnosed: Diagnosis) -> None:
     marked = replace(run, header=replace(run.header, command_sequence=evil))
     told = verdict(diagnosed.map.cells if diagnosed.map else (), nominal=evil, log_advice=(evil,))
     assert evil not in page(replace(diagnosed, runs=(marked,), verdict=told))
+
+
+def test_the_first_line_says_what_to_do_and_green_needs_probability_and_shrink() -> None:
+    """By hand: green from 0.8 and 70 % on, and never with one of the two alone."""
+    told = verdict((), status="explained", unknown=None)
+    effect, shrink = told.effects[0], told.shrink
+    assert shrink is not None
+    sure = (effect.model_copy(update={"probability": 0.95, "group": (effect.name,)}),)
+    good = told.model_copy(update={"effects": sure})
+    assert words.is_green(good)
+    assert words.headline(good) == "Train on the corrected model: dry friction at fl_kn explains the gap"
+    assert not words.is_green(told)
+    assert words.headline(told).startswith("Walk slowly and record it: it is ")
+    weak = good.model_copy(update={"shrink": shrink.model_copy(update={"s": 0.5})})
+    assert not words.is_green(weak)
+    assert words.headline(weak) == "Record more to be sure: it may be dry friction at fl_kn"
 
 
 @pytest.mark.parametrize("status", ["explained", "unknown_effect", "no_gap", "cannot_tell"])
@@ -126,14 +143,14 @@ def test_a_robot_without_a_picture_gets_bars() -> None:
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium is installed: the page is not opened in a browser")
-@pytest.mark.parametrize("window", ["1400,3000", "800,3000"])
+@pytest.mark.parametrize("window", ["1400,3000", "800,3000", "420,3000"])
 def test_in_a_browser_nothing_overlaps_and_hovering_tells(text: str, tmp_path: Path, window: str) -> None:
     assert CHROMIUM is not None
     file = tmp_path / "page.html"
     file.write_text(text.replace("</body>", OVERLAPS + "</body>"))
-    words = ["--headless", "--no-sandbox", "--disable-gpu", f"--window-size={window}", "--dump-dom"]
+    options = ["--headless", "--no-sandbox", "--disable-gpu", f"--window-size={window}", "--dump-dom"]
     home = f"--user-data-dir={tmp_path / 'home'}"
-    done = subprocess.run([CHROMIUM, *words, home, file.as_uri()], capture_output=True, text=True, check=True)
+    done = subprocess.run([CHROMIUM, *options, home, file.as_uri()], capture_output=True, text=True, check=True)
     # The page's source holds the element's begin once more, in the script that makes it.
     found = re.findall(r'<pre id="found">(\{.*?)</pre>', done.stdout, re.DOTALL)
     assert found, done.stderr[-500:]
