@@ -22,6 +22,7 @@ from fake_robot.network.robot_port import MotorPower, SystemFault
 from fake_robot.robot.joint_control import JointControl, Stream
 from fake_robot.robot.modes import Modes
 from fake_robot.robot.motion.steering import GroundPose
+from fake_robot.robot.motion.vendor_motion import stand_feet_m
 from fake_robot.robot.motion.walker import Walker
 from fake_robot.robot.state_message import StateMessageBuilder
 from fake_robot.robot.streamed_command import StreamedCommand
@@ -31,6 +32,9 @@ from spot_model.plant.command_channel import ServoCommand
 from spot_model.robot.facts import STATE_PERIOD_NS, Array
 from spot_model.robot.leg_kinematics import foot_position_in_body_m
 from spot_model.robot.stamps import NS_PER_S
+
+_STAND_FEET_M = stand_feet_m(0.5)[:, :2]
+"""Where the feet of a stand are, seen from above: shape (4, 2), their mean is 0."""
 
 
 class Simulation:
@@ -220,12 +224,18 @@ class Simulation:
         return GroundPose(x_m, y_m, math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
 
     def _pose_over_feet(self) -> GroundPose:
-        """Where the body would be in odom if it stood over its feet now."""
+        """Where the body would be in odom if it stood over its feet now, and which way it would look."""
         pose = self._pose_on_ground()
-        ahead_m, left_m, _ = foot_position_in_body_m(self.report.position_rad).mean(axis=0).tolist()
+        feet = foot_position_in_body_m(self.report.position_rad)[:, :2]
+        ahead_m, left_m = feet.mean(axis=0).tolist()
         cos, sin = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
+        # The turn that lays the feet of a stand over these best, in the sense of least squares.
+        x, y = (feet - feet.mean(axis=0)).T
+        turn_rad = math.atan2(_STAND_FEET_M[:, 0] @ y - _STAND_FEET_M[:, 1] @ x, (_STAND_FEET_M * feet).sum())
         return GroundPose(
-            pose.x_m + cos * ahead_m - sin * left_m, pose.y_m + sin * ahead_m + cos * left_m, pose.yaw_rad
+            pose.x_m + cos * ahead_m - sin * left_m,
+            pose.y_m + sin * ahead_m + cos * left_m,
+            pose.yaw_rad + turn_rad,
         )
 
     def _apply_faults(self) -> None:

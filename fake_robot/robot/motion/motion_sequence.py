@@ -69,6 +69,8 @@ class MotionSequence:
         self._path: Path = hold_path(SIT_POSITION_RAD)
         self._path_start_ns = 0
         self._is_path_done = True
+        self._is_up = False
+        """Whether a stand began with the body up, so that a walk need not wait for its end."""
 
     # Begin ------------------------------------------------------------------------------------------------------------
 
@@ -88,6 +90,7 @@ class MotionSequence:
             course=course or (StandPose(),),
         )
         self._follow(Mode.STANDING_UP, path)
+        self._is_up = not is_low
 
     def walk(self, plan: WalkPlan) -> None:
         """Start to walk, from a stand if need be, or go on walking with another plan."""
@@ -95,11 +98,12 @@ class MotionSequence:
         if self.mode is Mode.WALKING:
             self._next = None
             self._walker.follow(plan, self.now_ns)
-        elif self.mode is Mode.STANDING or (self.mode is Mode.STANDING_UP and self._next is not None):
-            self._after_stand(lambda: self._begin_walk(plan))
+        elif self.mode is Mode.STANDING or (self.mode is Mode.STANDING_UP and self._is_up):
+            self._begin_walk(plan)
         else:
-            self.stand()
-            self._after_stand(lambda: self._begin_walk(plan))
+            if self.mode is not Mode.STANDING_UP:
+                self.stand()
+            self._next = lambda: self._begin_walk(plan)
 
     def place_feet(self, feet_in_odom_m: Array, accuracy_m: float) -> None:
         """Step until the feet stand at these places, shape (4, 2), from a stand if need be; not if they are too far."""
@@ -213,12 +217,6 @@ class MotionSequence:
         self._enter(Mode.STANDING)
         if do_next is not None:
             do_next()
-
-    def _after_stand(self, do_next: Callable[[], None]) -> None:
-        if self.mode is Mode.STANDING:
-            do_next()
-        else:
-            self._next = do_next
 
     def _begin_walk(self, plan: WalkPlan) -> None:
         position, load = self._path.at(self._path_time_s())

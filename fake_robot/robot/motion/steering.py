@@ -55,8 +55,13 @@ def hold(plan: PathPlan, pose: GroundPose) -> Velocity:
     """The velocity that keeps the body at the end of a path, in the body's axes."""
     goal = plan.points[-1]
     forward, left, _ = _turned((goal.x_m - pose.x_m, goal.y_m - pose.y_m, 0.0), -pose.yaw_rad)
-    turn = _YAW_GAIN_PER_S * _wrapped(goal.yaw_rad - pose.yaw_rad)
+    turn = turn_towards(goal.yaw_rad, pose)
     return _clipped((_POSITION_GAIN_PER_S * forward, _POSITION_GAIN_PER_S * left, turn), plan.limits)
+
+
+def turn_towards(yaw_rad: float, pose: GroundPose) -> float:
+    """The turn rate, in rad/s, that brings the body to a heading."""
+    return _YAW_GAIN_PER_S * _wrapped(yaw_rad - pose.yaw_rad)
 
 
 def slewed(velocity: Velocity, wanted: Velocity, slew: Velocity, dt_s: float) -> Velocity:

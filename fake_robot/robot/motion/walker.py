@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from fake_robot.body.sensing import Report
 from fake_robot.network.stand_pose import StandPose
 from fake_robot.network.walk_plan import PathPlan, Velocity, VelocityPlan, WalkPlan, WalkProgress
-from fake_robot.robot.motion.steering import GroundPose, Steering, hold, slewed, steer
+from fake_robot.robot.motion.steering import GroundPose, Steering, hold, slewed, steer, turn_towards
 from fake_robot.robot.motion.vendor_motion import leg_angles_rad, stand_feet_m
 from spot_model.plant.command_channel import ServoCommand
 from spot_model.robot import facts
@@ -32,13 +32,15 @@ SHIPPED_POLICY: Final = Path(__file__).parent / "walk.onnx"
 
 _HANDOVER_S: Final = 0.5
 """From the gains and set-points of the stand to those of the policy."""
-_RELEASE_S: Final = 0.6
+_RELEASE_S: Final = 0.3
 """And back again: the last steps end where the feet stand."""
 _PATH_SLEW: Final[Velocity] = (1.5, 1.5, 2.0)
 _STOP_SLEW: Final[Velocity] = (2.0, 2.0, 4.0)
 _STOP_S: Final = (0.5, 2.0)
 """A walk that stops is at rest once the body is slow, after this long at the earliest and at the latest."""
 _SLOW_M_S: Final = 0.15
+_SLOW_ASKED_RAD_S: Final = 0.06
+"""A walk that holds its heading is not at rest while it is asked to turn faster than this."""
 _POSE_RATE_PER_S: Final = 0.25
 """Height in m/s and tilt in rad/s at which the body takes on its pose."""
 _POSE_BOUND: Final = np.array([0.08, 0.12, 0.12])
@@ -72,6 +74,7 @@ class Walker:
         self._plan: WalkPlan | None = None
         self._plan_start_ns = self._start_ns = self._next_ns = 0
         self._stop_ns: int | None = None
+        self._stop_yaw_rad = 0.0
         self._release_ns: int | None = None
         self._start_rad = np.zeros(facts.N_JOINTS)
         self._start_load_nm = np.zeros(facts.N_JOINTS)
@@ -111,9 +114,9 @@ class Walker:
         self.progress = WalkProgress.WALKING
 
     def stop(self, now_ns: int) -> None:
-        """Come to a stop, wherever the plan would lead."""
+        """Come to a stop, wherever the plan would lead, and keep the heading."""
         if self._stop_ns is None:
-            self._stop_ns = now_ns
+            self._stop_ns, self._stop_yaw_rad = now_ns, self._ground_pose().yaw_rad
 
     def is_at_rest(self, now_ns: int) -> bool:
         """Whether a walk that stops has become slow, or has been at it for long enough, and the stand has it again."""
@@ -128,7 +131,8 @@ class Walker:
         report = self._report()
         speed = float(np.abs(report.linear_vel_of_body_in_world_m_s[:2]).max())
         turn = abs(float(report.angular_vel_of_body_in_world_rad_s[2]))
-        return stopping_s > _STOP_S[1] or (stopping_s > _STOP_S[0] and max(speed, turn) < _SLOW_M_S)
+        is_slow = max(speed, turn) < _SLOW_M_S and abs(self._velocity[2]) < _SLOW_ASKED_RAD_S
+        return stopping_s > _STOP_S[1] or (stopping_s > _STOP_S[0] and is_slow)
 
     def servo(self, now_ns: int) -> ServoCommand:
         """What the servos follow now; the policy is asked at its own rate."""
@@ -163,7 +167,7 @@ class Walker:
         )
 
     def _wanted(self, now_ns: int, share: float) -> tuple[Velocity, Velocity]:
-        """The velocity to aim at, and how quickly; at rest during the hand-over and while stopping."""
+        """The velocity to aim at, and how quickly; it grows with the hand-over."""
         plan = self._plan
         if plan is not None and self._stop_ns is None and self._stamp_ns(now_ns) >= plan.limits.end_robot_stamp_ns:
             self.progress = WalkProgress.TIMED_OUT
@@ -171,13 +175,12 @@ class Walker:
         if isinstance(plan, PathPlan) and self.progress is WalkProgress.ARRIVED:
             return hold(plan, self._ground_pose()), _PATH_SLEW
         if plan is None or self._stop_ns is not None:
-            return (0.0, 0.0, 0.0), _STOP_SLEW
+            return (0.0, 0.0, turn_towards(self._stop_yaw_rad, self._ground_pose())), _STOP_SLEW
         slew = plan.slew if isinstance(plan, VelocityPlan) else _PATH_SLEW
-        if share < 1.0:
-            return (0.0, 0.0, 0.0), slew
         steering = steer(plan, (now_ns - self._plan_start_ns) * 1e-9, self._ground_pose())
         self._note(plan, steering, now_ns)
-        return steering.velocity, slew
+        forward, left, turn = (share * part for part in steering.velocity)
+        return (forward, left, turn), slew
 
     def _note(self, plan: WalkPlan, steering: Steering, now_ns: int) -> None:
         if steering.is_there:

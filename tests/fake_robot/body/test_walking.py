@@ -88,7 +88,7 @@ def test_the_same_walk_is_the_same_bit_for_bit(standing: Callable[..., Any]) -> 
     np.testing.assert_array_equal(*ends)
 
 
-@pytest.mark.parametrize("way", [(1.0, 0.0, 0.0), (0.0, -0.6, 0.0), (0.3, 0.2, 1.2)])
+@pytest.mark.parametrize("way", [(1.0, 0.0, 0.0), (0.0, -0.6, 0.0), (0.3, 0.2, 1.2), (1.65, -0.23, 1.33)])
 def test_a_goal_is_reached(standing: Callable[..., Any], way: tuple[float, float, float]) -> None:
     driver = standing()
     goal = go(driver, *way)
@@ -96,7 +96,21 @@ def test_a_goal_is_reached(standing: Callable[..., Any], way: tuple[float, float
     x, y, yaw = place(driver)
     assert driver.robot.snapshot().walk_progress is WalkProgress.ARRIVED
     assert math.hypot(goal.x_m - x, goal.y_m - y) < 0.15
-    assert abs(math.remainder(goal.yaw_rad - yaw, math.tau)) < 0.35
+    assert abs(math.remainder(goal.yaw_rad - yaw, math.tau)) < 0.15
+
+
+def test_a_command_right_after_a_stop_moves_the_robot_at_once(standing: Callable[..., Any]) -> None:
+    driver = standing()
+    walk(driver, (0.5, 0.0, 0.0), seconds=0.6)
+    while driver.robot.snapshot().mode is Mode.WALKING:
+        driver.run(0.03)
+    assert driver.robot.snapshot().mode is Mode.STANDING_UP
+    x, y, yaw = place(driver)
+    walk(driver, (-0.5, 0.0, 0.0), seconds=0.6)
+    assert driver.robot.snapshot().mode is Mode.WALKING
+    run_until_standing(driver)
+    x2, y2, _ = place(driver)
+    assert (x2 - x) * math.cos(yaw) + (y2 - y) * math.sin(yaw) < -0.12
 
 
 def test_a_robot_that_sits_stands_up_first(make: Callable[..., Any]) -> None:
