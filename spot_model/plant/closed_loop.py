@@ -24,7 +24,7 @@ Schedule = Sequence[Sequence[int]]
 """For each tick the physics steps after each of its state messages; the policy runs on a tick's first message."""
 
 CommandAt = Callable[[int], Array]
-"""Velocity commands of all robots at a policy tick, shape (n, 3)."""
+"""What is asked of all robots at a policy tick: velocities, shape (n, 3); offsets of a joint script, shape (n, 12)."""
 Observed = NDArray[Any]
 
 
@@ -34,7 +34,7 @@ class Tick:
 
     index: int
     velocity_command: Array
-    """Shape (n, 3)."""
+    """Shape (n, 3), or (n, 12) of a joint script."""
     observation: Observed
     """What the policy saw, shape (n, 48), policy order."""
     action: NDArray[np.float32]
@@ -83,7 +83,7 @@ class ClosedLoop:
         """Run the schedule; each tick comes after its last physics step.
 
         Args:
-            command_at: Velocity commands by tick.
+            command_at: What is asked, by tick.
             schedule: When robots are sensed and the policy runs; it may be endless.
             last_action: The networks' outputs before the first tick, shape (n, 12), policy order; zeros if None.
         """
@@ -94,7 +94,8 @@ class ClosedLoop:
         for index, messages in enumerate(schedule):
             if self.before_tick is not None:
                 self.before_tick(index)
-            command = np.broadcast_to(command_at(index), (n, 3))
+            asked = command_at(index)
+            command = np.broadcast_to(asked, (n, asked.shape[-1]))
             observation: Observed = np.empty(0)
             for message, n_steps in enumerate(messages):
                 sensed = true_state(self.plant) if self.sense is None else self.sense(message)

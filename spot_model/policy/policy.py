@@ -104,6 +104,21 @@ class Policy:
         return _OneRow(self.session, self.width)
 
     @property
+    def command_low(self) -> tuple[float, ...]:
+        """Least of what may be asked: V_x, V_y (m/s), ω_z (rad/s)."""
+        return self.contract.velocity_command_low
+
+    @property
+    def command_high(self) -> tuple[float, ...]:
+        """Most of what may be asked."""
+        return self.contract.velocity_command_high
+
+    @property
+    def setpoint_speed_rad_s(self) -> float:
+        """Above what the safety core allows all policies, nothing is said of a network's set-points."""
+        return float("inf")
+
+    @property
     def width(self) -> int:
         """Numbers that the network sees: 48 a tick of its history."""
         return self.contract.observation_history * N_OBSERVATION
@@ -129,11 +144,11 @@ class Policy:
         """Tick on a standing robot and discard the results: the first ticks load modules, which takes 0.1 s."""
         level = np.array([1.0, 0.0, 0.0, 0.0])
         still, joints = np.zeros(3), np.zeros(facts.N_JOINTS)
-        feet = np.ones(facts.N_LEGS, dtype=np.bool_)
+        asked, feet = np.zeros(len(self.command_low)), np.ones(facts.N_LEGS, dtype=np.bool_)
         state = RobotState(0, 0, facts.DEFAULT_POSITION_RAD, joints, joints, still, level, still, still, feet, 0, 0)
         memory = TickMemory()
         for _ in range(ticks):
-            memory, _ = self.tick(memory, state, still)
+            memory, _ = self.tick(memory, state, asked)
 
     def observe(self, state: RobotState, velocity_command: Array, last_action: NDArray[np.float32]) -> Array:
         """The observation for one state.

@@ -29,7 +29,7 @@ from spot_runtime.control.step import after_failure, check_step, control_step, s
 from spot_runtime.control.warm_up import WarmReceiver
 from spot_runtime.hal.base import Hal, JointControl
 from spot_runtime.host.realtime import let_others_run
-from spot_runtime.sources.base import CommandSource, VelocityCommand
+from spot_runtime.sources.base import CommandSource, Wanted
 from spot_runtime.stops import Ending, Stop
 
 RECEIVE_TIMEOUT_S: Final = 0.004
@@ -41,7 +41,8 @@ class LoopStatus:
     """What a progress line shows."""
 
     mode: Mode
-    velocity_command: Array = field(default_factory=lambda: np.zeros(3))
+    command: Array = field(default_factory=lambda: np.zeros(3))
+    """V_x, V_y (m/s), ω_z (rad/s), or a joint script's offsets in rad."""
     active_s: float = 0.0
     """Robot time since the policy has been in full control."""
 
@@ -79,7 +80,7 @@ class ControlLoop:
             policy.gains(),
             source.sample,
             wall_s,
-            with_speed_limit(config.safety, contract.rate_hz),
+            with_speed_limit(config.safety, contract.rate_hz, policy.setpoint_speed_rad_s),
             check_policy(contract, pose_rad, config.safety),
         )
         self._receiver = WarmReceiver(hal)
@@ -125,7 +126,7 @@ class ControlLoop:
         """For a progress line."""
         newest, since_ns = self.newest, self.memory.phase.active_since_ns
         active_s = (newest.robot_stamp_ns - since_ns) / NS_PER_S if newest is not None and since_ns else 0.0
-        return LoopStatus(self.mode, self.memory.drive.velocity_command, max(0.0, active_s))
+        return LoopStatus(self.mode, self.memory.drive.command, max(0.0, active_s))
 
     def ask_stop(self, stop: Stop) -> None:
         """End the run for this reason, unless a reaction as strong is already under way."""
@@ -194,8 +195,8 @@ class ControlLoop:
 
     def _dry_run(self, newest: RobotState) -> None:
         """Take the step of the state that comes next, as if it came now. A step is pure, so nothing changes."""
-        command = VelocityCommand(self.memory.drive.velocity_command)
-        plan = self._plan._replace(velocity_at=lambda *_: command)
+        command = Wanted(self.memory.drive.command)
+        plan = self._plan._replace(wanted_at=lambda *_: command)
         state = replace(newest, robot_stamp_ns=newest.robot_stamp_ns + facts.STATE_PERIOD_NS)
         control_step(self.memory, self._now()._replace(states=(state,)), plan)
 

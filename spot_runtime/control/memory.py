@@ -23,11 +23,11 @@ from spot_runtime.control.set_point import Setpoint
 from spot_runtime.control.snapshot import Phase
 from spot_runtime.control.tick_schedule import TickSchedule, schedule_for
 from spot_runtime.safety_limits import SafetyLimits
-from spot_runtime.sources.base import VelocityCommand
+from spot_runtime.sources.base import Wanted
 from spot_runtime.stops import Ending, Stop
 
-NO_VELOCITY_COMMAND: Final = np.zeros(3)
-NO_VELOCITY_COMMAND.flags.writeable = False
+NOTHING_ASKED: Final = np.zeros(3)
+NOTHING_ASKED.flags.writeable = False
 
 
 class Plan(NamedTuple):
@@ -36,14 +36,19 @@ class Plan(NamedTuple):
     config: RunConfig
     policy: Policy
     policy_gains: Gains
-    velocity_at: Callable[[float, int], VelocityCommand]
-    """The wanted velocity, from seconds in full control and the host's clock."""
+    wanted_at: Callable[[float, int], Wanted]
+    """What is asked of the policy, from seconds in full control and the host's clock."""
     wall_s: Callable[[], float]
     """Measures how long the policy computes; decides nothing."""
     limits: SafetyLimits
     """Those of the configuration, for this policy's rate."""
     refusal: Stop | None = None
     """Why this policy must not have the joints."""
+
+    @property
+    def rest(self) -> Array:
+        """The command that asks for nothing."""
+        return np.zeros(len(self.policy.command_low))
 
 
 class Drive(NamedTuple):
@@ -57,10 +62,10 @@ class Drive(NamedTuple):
     """What ``current`` would be without limits. Shape (12,)."""
     limits: SetpointMemory = SetpointMemory()
     policy: TickMemory = TickMemory()
-    velocity_command: Array = NO_VELOCITY_COMMAND
-    """V_x, V_y (m/s), ω_z (rad/s). Shape (3,)."""
-    fade_from: Array = NO_VELOCITY_COMMAND
-    """The velocity command at which a soft stop began."""
+    command: Array = NOTHING_ASKED
+    """Asked of the policy: V_x, V_y (m/s), ω_z (rad/s), shape (3,); of a joint script, offsets in rad, shape (12,)."""
+    fade_from: Array = NOTHING_ASKED
+    """The command at which a soft stop began."""
 
 
 class Memory(NamedTuple):
@@ -128,4 +133,5 @@ def first_memory(plan: Plan, robot_ns: int) -> Memory:
     """The memory of a robot that stands under the vendor's control."""
     handover = plan.config.handover
     schedule = schedule_for(plan.policy.contract.rate_hz)
-    return Memory(Phase(Mode.READY, robot_ns), handover, schedule, LoadAverage.over(handover.settle_s))
+    drive = Drive(command=plan.rest, fade_from=plan.rest)
+    return Memory(Phase(Mode.READY, robot_ns), handover, schedule, LoadAverage.over(handover.settle_s), drive=drive)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from spot_log.format.records import CommandRecord, TickRecord
 from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import JointCommand
-from spot_runtime.control.memory import Step, Tick
+from spot_runtime.control.memory import NOTHING_ASKED, Step, Tick
 from spot_runtime.control.snapshot import Snapshot
 
 _NOTHING: Final[NDArray[np.float32]] = np.zeros(0, dtype=np.float32)
@@ -31,6 +31,7 @@ def state_age_s(tick: Tick, now: Snapshot) -> float:
 def tick_record(step: Step, tick: Tick, now: Snapshot, compute_s: float) -> TickRecord:
     """The tick with all that the policy saw and gave."""
     memory, result = step.memory, tick.result
+    command = memory.drive.command
     return TickRecord(
         index=tick.number,
         robot_stamp_ns=tick.state.robot_stamp_ns,
@@ -38,7 +39,7 @@ def tick_record(step: Step, tick: Tick, now: Snapshot, compute_s: float) -> Tick
         mode=memory.phase.mode.value,
         observation=_NOTHING if result is None else result.observation,
         action=_NOTHING if result is None else result.action,
-        velocity_command=memory.drive.velocity_command,
+        velocity_command=command if command.shape == NOTHING_ASKED.shape else NOTHING_ASKED,
         state_age_s=state_age_s(tick, now),
         inference_s=tick.inference_s,
         compute_s=compute_s,

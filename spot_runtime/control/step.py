@@ -16,7 +16,7 @@ from spot_model.policy.policy import TickResult
 from spot_model.robot import facts
 from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import Array, JointCommand, RobotState
-from spot_runtime.control.memory import NO_VELOCITY_COMMAND, Act, Drive, Memory, Plan, Step, Tick
+from spot_runtime.control.memory import Act, Drive, Memory, Plan, Step, Tick
 from spot_runtime.control.modes import Mode, ModeInputs, next_mode
 from spot_runtime.control.notes import Notes
 from spot_runtime.control.safety import safety, watchdogs
@@ -199,9 +199,9 @@ def _enter(memory: Memory, mode: Mode, now: Snapshot, notes: Notes) -> tuple[Mem
     elif mode is Mode.ACTIVE:
         phase = phase._replace(active_since_ns=now.robot_ns)
     elif mode is Mode.SOFT_STOP:
-        drive = drive._replace(fade_from=drive.velocity_command)
+        drive = drive._replace(fade_from=drive.command)
     elif mode is Mode.STANDING:
-        drive, acts = drive._replace(current=drive.hold, velocity_command=NO_VELOCITY_COMMAND), (Act.END,)
+        drive, acts = drive._replace(current=drive.hold, command=np.zeros_like(drive.command)), (Act.END,)
     elif mode is Mode.RELEASED:
         acts = (Act.RELEASE,)
     return memory._replace(phase=phase, drive=drive), acts
@@ -223,35 +223,33 @@ def _held(memory: Memory) -> Drive:
 def _run_policy(
     memory: Memory, state: RobotState, now: Snapshot, plan: Plan, notes: Notes
 ) -> tuple[Memory, TickResult, float]:
-    velocity_command, is_finished = _velocity_command(memory, state, now, plan, notes)
+    command, is_finished = _asked_of_policy(memory, state, now, plan, notes)
     if is_finished:
         memory, _ = _end(memory, Stop(StopReason.COMPLETED), notes)
     begin_s = plan.wall_s()
-    after, result = plan.policy.tick(memory.drive.policy, state, velocity_command)
+    after, result = plan.policy.tick(memory.drive.policy, state, command)
     inference_s = plan.wall_s() - begin_s
     drive = memory.drive
-    drive = Drive(
-        drive.hold, drive.current, drive.requested_rad, drive.limits, after, velocity_command, drive.fade_from
-    )
+    drive = Drive(drive.hold, drive.current, drive.requested_rad, drive.limits, after, command, drive.fade_from)
     return memory._replace(drive=drive), result, inference_s
 
 
-def _velocity_command(memory: Memory, state: RobotState, now: Snapshot, plan: Plan, notes: Notes) -> tuple[Array, bool]:
-    """The velocity command of this tick, and whether the source has nothing more to say."""
+def _asked_of_policy(memory: Memory, state: RobotState, now: Snapshot, plan: Plan, notes: Notes) -> tuple[Array, bool]:
+    """The command of this tick, and whether the source has nothing more to say."""
     phase, drive = memory.phase, memory.drive
     if phase.mode is Mode.SOFT_STOP:
         in_mode_s, fade_s = max(0.0, (state.robot_stamp_ns - phase.since_ns) / NS_PER_S), memory.handover.soft_stop_s
         share = max(0.0, 1.0 - in_mode_s / fade_s) if fade_s > 0.0 else 0.0
         return drive.fade_from * share, False
     if phase.mode is not Mode.ACTIVE:
-        return NO_VELOCITY_COMMAND, False
-    wanted = plan.velocity_at(max(0.0, (state.robot_stamp_ns - phase.active_since_ns) / NS_PER_S), now.host_ns)
-    contract, command = plan.policy.contract, wanted.command.tolist()
-    bounds = zip(command, contract.velocity_command_low, contract.velocity_command_high, strict=True)
+        return plan.rest, False
+    wanted = plan.wanted_at(max(0.0, (state.robot_stamp_ns - phase.active_since_ns) / NS_PER_S), now.host_ns)
+    policy, command = plan.policy, wanted.command.tolist()
+    bounds = zip(command, policy.command_low, policy.command_high, strict=True)
     within = [min(max(value, low), high) for value, low, high in bounds]
     if within == command:
         return wanted.command, wanted.is_finished
-    notes.once(EventName.COMMAND_CLIPPED, "the velocity command was cut to the policy's range")
+    notes.once(EventName.COMMAND_CLIPPED, "the command was cut to the policy's range")
     return np.array(within), wanted.is_finished
 
 
@@ -289,7 +287,7 @@ def _limited(
         names = [name for name, is_cut in zip(facts.JOINT_NAMES, limited.cut, strict=True) if is_cut]
         notes.once(EventName.SETPOINT_CUT, f"requested set-points were cut: {', '.join(names)}")
     current = Setpoint(limited.position_rad, asked.load_nm, asked.gains)
-    drive = Drive(hold, current, asked.position_rad, after, drive.policy, drive.velocity_command, drive.fade_from)
+    drive = Drive(hold, current, asked.position_rad, after, drive.policy, drive.command, drive.fade_from)
     return memory._replace(drive=drive), stop
 
 

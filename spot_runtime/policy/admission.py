@@ -40,6 +40,19 @@ def check_allowed(policy: Path, sha256: str, allowed_sha256: tuple[str, ...]) ->
         )
 
 
+def check_scripts_allowed(config: ServiceConfig) -> None:
+    """Refuse joint experiments where the configuration says which policies may run: an experiment is none of them.
+
+    Raises:
+        PolicyError: It does.
+    """
+    if config.policy_sha256 or config.policy_public_key is not None:
+        raise PolicyError(
+            "this configuration admits chosen or signed policies alone (service.policy_sha256, "
+            "service.policy_public_key), and a joint experiment is none; use a configuration without these keys"
+        )
+
+
 def gait_event(contract: PolicyContract) -> tuple[EventName, str]:
     """What a run tells of the gait before it moves: a warning where the policy hops, falls or states no gait."""
     is_sound = bool(contract.gait) and not {stated.name for stated in contract.gait} & (HOPS | {"fall"})

@@ -13,11 +13,13 @@ from pathlib import Path
 from spot_log.format.events import EventName
 from spot_log.format.records import EventRecord, RunHeader, Severity
 from spot_log.write.sink import LogSink
+from spot_model.policy.joint_script import JointScript
 from spot_model.policy.policy import Policy
 from spot_model.version import software_version
 from spot_runtime.config import RunConfig
 from spot_runtime.control.loop import ControlLoop
 from spot_runtime.control.loop_stats import LoopStats
+from spot_runtime.control.memory import NOTHING_ASKED
 from spot_runtime.hal.base import Hal
 from spot_runtime.host.clock import HostClock
 from spot_runtime.host.console import Console
@@ -60,7 +62,7 @@ def header_of(request: RunRequest, started_host_stamp_ns: int) -> RunHeader:
         adapter=request.config.robot.hal,
         policy_name=contract.name,
         policy_sha256=request.policy.sha256,
-        policy_contract_json=contract.to_json(),
+        policy_contract_json="" if isinstance(request.policy, JointScript) else contract.to_json(),
         config_json=request.config.to_json(),
         command_sequence=request.source.name,
         repeat=request.repeat,
@@ -140,10 +142,14 @@ class _Attempt:
     def drive(self, make_hal: HalFactory) -> None:
         """Connect, stand, control, sit, power off."""
         config = self._request.config
-        self._event(EventName.RUN_STARTED, f"policy {self._request.policy.contract.name}, {self._request.source.name}")
-        event, told = gait_event(self._request.policy.contract)
-        self._event(event, told)
-        self._manager.status(told)
+        policy = self._request.policy
+        if isinstance(policy, JointScript):
+            self._event(EventName.RUN_STARTED, f"joint experiment {policy.contract.name}, {policy.experiment.kind}")
+        else:
+            self._event(EventName.RUN_STARTED, f"policy {policy.contract.name}, {self._request.source.name}")
+            event, told = gait_event(policy.contract)
+            self._event(event, told)
+            self._manager.status(told)
         self._refusals = tuple(apply_real_time(config.real_time))
         for refusal in self._refusals:
             self._event(EventName.REAL_TIME_REFUSED, refusal)
@@ -237,9 +243,15 @@ def _progress(loop: ControlLoop) -> str:
     status, stats = loop.status, loop.stats
     if math.isnan(stats.rate_hz):
         return status.mode.value  # no tick yet
-    v_x, v_y, yaw = status.velocity_command.tolist()
     return (
-        f"{status.mode.value:<11} {status.active_s:6.1f} s  command {v_x:+.2f} {v_y:+.2f} m/s {yaw:+.2f} rad/s  "
+        f"{status.mode.value:<11} {status.active_s:6.1f} s  {_in_words(status.command.tolist())}  "
         f"{stats.rate_hz:6.2f} Hz  age p99 {stats.state_age_s.percentile(99) * 1e3:.1f} ms  "
         f"tick p50 {stats.compute_s.percentile(50) * 1e6:.0f} µs  skipped {stats.skipped_ticks}"
     )
+
+
+def _in_words(command: list[float]) -> str:
+    if len(command) == len(NOTHING_ASKED):
+        v_x, v_y, yaw = command
+        return f"command {v_x:+.2f} {v_y:+.2f} m/s {yaw:+.2f} rad/s"
+    return f"set-points up to {max(map(abs, command)):.2f} rad from rest"

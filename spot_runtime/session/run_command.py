@@ -1,4 +1,4 @@
-"""Run a policy on a robot."""
+"""Run a policy or a joint experiment on a robot."""
 
 from __future__ import annotations
 
@@ -14,7 +14,9 @@ from spot_log import recover_leftovers
 from spot_log.write.logger_process import LoggerProcess
 from spot_log.write.run_writer import free_path, make_log_folder
 from spot_model.errors import BadInputError
+from spot_model.io.joint_experiment import load_joint_experiment
 from spot_model.io.velocity_sequence import load_sequence
+from spot_model.policy.joint_script import joint_script
 from spot_model.policy.policy import Policy, load_policy
 from spot_model.text import plain_lines
 from spot_runtime.config import RunConfig, for_lock_step
@@ -24,20 +26,25 @@ from spot_runtime.host.instance_lock import InstanceLock
 from spot_runtime.host.journal import Journal, goes_to_journal
 from spot_runtime.host.service_manager import ServiceManager
 from spot_runtime.options import CaFile, ConfigFile, CredentialsFile, LockStepAddress, RobotAddress, resolve_config
-from spot_runtime.policy.admission import admission
+from spot_runtime.policy.admission import admission, check_scripts_allowed
 from spot_runtime.rescue.guarded import guarded
 from spot_runtime.session.labels import parse_labels
 from spot_runtime.session.run import RunRequest, log_file_name
 from spot_runtime.session.run import run as run_once
 from spot_runtime.sources.base import CommandSource
 from spot_runtime.sources.gamepad import GamepadSource, PygamePad
+from spot_runtime.sources.joint_script import JointScriptSource
 from spot_runtime.sources.keyboard import HELP, TerminalKeyboardSource
 from spot_runtime.sources.scripted import ScriptedSource
 
 
 def run(
     robot: RobotAddress,
-    policy: Annotated[Path, typer.Option(help="ONNX file with its contract.")],
+    policy: Annotated[Path | None, typer.Option(help="ONNX file with its contract.")] = None,
+    experiment: Annotated[
+        Path | None,
+        typer.Option(help="In place of a policy: a joint experiment (YAML), which the standing robot follows."),
+    ] = None,
     hal: Annotated[
         str | None, typer.Option(help="Adapter: spot, replay (--robot is a log), or one of your own.")
     ] = None,
@@ -56,17 +63,33 @@ def run(
     lock_step: LockStepAddress = None,
     summary_json: Annotated[Path | None, typer.Option(help="Also write the summary here, as JSON.")] = None,
 ) -> None:
-    """Run a policy on a robot: connect, stand, hand over, follow velocity commands, hand back, sit, power off."""
+    """Run a policy on a robot: connect, stand, hand over, follow velocity commands, hand back, sit, power off.
+
+    With --experiment a joint experiment runs in the policy's place, under the same safety core.
+    """
     settings = resolve_config(config, ca_file=ca_file, credentials_file=credentials_file, log_dir=log_dir, hal=hal)
     settings = settings if lock_step is None else for_lock_step(settings)
     wanted = HalRequest(robot, settings, lock_step or "")
     adapter = find_adapter(wanted)
-    loaded = load_policy(policy, provider=settings.control.inference, admit=admission(settings.service, policy))
     labels = parse_labels(label or [])
     console = Console()
-    source = make_source(
-        settings, loaded, console, sequence=sequence, is_keyboard=keyboard, is_gamepad=gamepad, duration_s=duration
-    )
+    loaded: Policy
+    source: CommandSource
+    if experiment is not None:
+        if policy is not None or sequence is not None or keyboard or gamepad or duration is not None:
+            raise BadInputError(
+                "--experiment is a whole run; leave out --policy, --sequence, --keyboard, --gamepad and --duration"
+            )
+        check_scripts_allowed(settings.service)
+        loaded = joint_script(load_joint_experiment(experiment))
+        source = JointScriptSource(loaded)
+    elif policy is None:
+        raise BadInputError("nothing to run; give --policy FILE.onnx, or --experiment FILE.yaml")
+    else:
+        loaded = load_policy(policy, provider=settings.control.inference, admit=admission(settings.service, policy))
+        source = make_source(
+            settings, loaded, console, sequence=sequence, is_keyboard=keyboard, is_gamepad=gamepad, duration_s=duration
+        )
     directory = settings.log.directory
     make_log_folder(directory)
     path = free_path(directory / log_file_name(loaded.contract.name, source.name, repeat))

@@ -1,4 +1,4 @@
-"""Where velocity commands come from."""
+"""Where commands to the policy come from."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from typing import NamedTuple, Protocol
 from spot_model.robot.state import Array
 
 
-class VelocityCommand(NamedTuple):
+class Wanted(NamedTuple):
     """What the operator wants now."""
 
     command: Array
-    """V_x, V_y (m/s), ω_z (rad/s), shape (3,)."""
+    """V_x, V_y (m/s), ω_z (rad/s), shape (3,); for a joint script, offsets of the set-points in rad, shape (12,)."""
     is_finished: bool = False
     """The source has nothing more to say: stop and hand back."""
 
@@ -21,7 +21,7 @@ class CommandSource(Protocol):
 
     name: str
 
-    def sample(self, active_s: float, host_stamp_ns: int) -> VelocityCommand:
+    def sample(self, active_s: float, host_stamp_ns: int) -> Wanted:
         """The command at this instant.
 
         Args:

@@ -10,7 +10,7 @@ import numpy as np
 from spot_model.errors import BadInputError
 from spot_model.robot.state import Array
 from spot_runtime.config import OperatorConfig
-from spot_runtime.sources.base import VelocityCommand
+from spot_runtime.sources.base import Wanted
 from spot_runtime.sources.shaping import Shaper
 
 
@@ -42,10 +42,10 @@ class GamepadSource:
         self._config, self._pad = config, pad
         self._shaper = Shaper(config.acceleration_m_s2, config.release_s)
 
-    def sample(self, active_s: float, host_stamp_ns: int) -> VelocityCommand:
+    def sample(self, active_s: float, host_stamp_ns: int) -> Wanted:
         """See the protocol."""
         del active_s
-        return VelocityCommand(self._shaper.follow(self._wanted(self._pad.read()), host_stamp_ns))
+        return Wanted(self._shaper.follow(self._wanted(self._pad.read()), host_stamp_ns))
 
     def close(self) -> None:
         """Give the pad back."""

@@ -16,7 +16,7 @@ import numpy as np
 from spot_model.errors import BadInputError
 from spot_model.robot.state import Array
 from spot_runtime.config import OperatorConfig
-from spot_runtime.sources.base import VelocityCommand
+from spot_runtime.sources.base import Wanted
 from spot_runtime.sources.shaping import Shaper
 
 HELP: Final = "hold w/s: forward, back · a/d: left, right · q/e: turn · space: stand still · x: stop and sit"
@@ -46,7 +46,7 @@ class KeyboardSource:
         self._pressed_ns = 0
         self._is_finished = False
 
-    def sample(self, active_s: float, host_stamp_ns: int) -> VelocityCommand:
+    def sample(self, active_s: float, host_stamp_ns: int) -> Wanted:
         """See the protocol."""
         del active_s
         for key in self._read_keys():
@@ -59,7 +59,7 @@ class KeyboardSource:
                 self._wanted = None
         if host_stamp_ns - self._pressed_ns > self._silence_ns:
             self._wanted = None
-        return VelocityCommand(self._shaper.follow(self._wanted, host_stamp_ns), self._is_finished)
+        return Wanted(self._shaper.follow(self._wanted, host_stamp_ns), self._is_finished)
 
     def close(self) -> None:
         """Nothing is held."""

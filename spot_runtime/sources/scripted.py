@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from spot_model.io.velocity_sequence import VelocitySequence
-from spot_runtime.sources.base import VelocityCommand
+from spot_runtime.sources.base import Wanted
 
 
 class ScriptedSource:
@@ -26,12 +26,12 @@ class ScriptedSource:
         """How long it plays."""
         return self._total_s
 
-    def sample(self, active_s: float, host_stamp_ns: int) -> VelocityCommand:
+    def sample(self, active_s: float, host_stamp_ns: int) -> Wanted:
         """See the protocol."""
         del host_stamp_ns
         if active_s >= self._total_s:
-            return VelocityCommand(self._sequence.at(self._sequence.duration_s), is_finished=True)
-        return VelocityCommand(self._sequence.at(active_s % self._sequence.duration_s))
+            return Wanted(self._sequence.at(self._sequence.duration_s), is_finished=True)
+        return Wanted(self._sequence.at(active_s % self._sequence.duration_s))
 
     def close(self) -> None:
         """Nothing is held."""

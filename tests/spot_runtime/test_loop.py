@@ -18,7 +18,7 @@ from spot_model.robot.state import Gains, RobotState, SlowState
 from spot_runtime.config import RunConfig
 from spot_runtime.control.loop import ControlLoop
 from spot_runtime.control.modes import Mode
-from spot_runtime.sources.base import VelocityCommand
+from spot_runtime.sources.base import Wanted
 from spot_runtime.sources.scripted import ScriptedSource
 from spot_runtime.stops import Stop, StopReason
 from tests.spot_runtime.conftest import STAND_LOAD_NM
@@ -338,7 +338,7 @@ def test_a_defect_of_this_program_ends_in_damping(robot: Any, zero_policy: Polic
     class Broken:
         name = "broken"
 
-        def sample(self, active_s: float, host_stamp_ns: int) -> VelocityCommand:
+        def sample(self, active_s: float, host_stamp_ns: int) -> Wanted:
             raise KeyError("nowhere")
 
         def close(self) -> None: ...

@@ -43,7 +43,7 @@ from spot_runtime.host.clock import HostClock
 from spot_runtime.host.console import Console
 from spot_runtime.session.run import RunRequest, run
 from spot_runtime.session.summary import RunSummary
-from spot_runtime.sources.base import VelocityCommand
+from spot_runtime.sources.base import Wanted
 from spot_runtime.sources.scripted import ScriptedSource
 
 ROOT = Path(__file__).parents[2]
@@ -138,7 +138,7 @@ class Meddling:
     def __init__(self, source: ScriptedSource, during: Callable[[], None] | None) -> None:
         self.name, self._source, self._during = source.name, source, during
 
-    def sample(self, active_s: float, host_stamp_ns: int) -> VelocityCommand:
+    def sample(self, active_s: float, host_stamp_ns: int) -> Wanted:
         if self._during is not None and active_s >= 0.5:
             during, self._during = self._during, None
             during()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Final
 
@@ -46,7 +47,7 @@ def _wrong(contract: PolicyContract, limits: SafetyLimits) -> Iterator[tuple[str
         yield "rate_hz", contract.rate_hz, f"{low:g} to {high:g}"
 
 
-def with_speed_limit(limits: SafetyLimits, rate_hz: float) -> SafetyLimits:
-    """The limits with a step of the set-point that also keeps its speed at this rate within bounds."""
-    step_rad = min(limits.setpoint_step_rad, limits.setpoint_speed_rad_s / rate_hz)
+def with_speed_limit(limits: SafetyLimits, rate_hz: float, own_rad_s: float = math.inf) -> SafetyLimits:
+    """The limits with a step of the set-point that also keeps its speed at this rate within bounds, and its own one."""
+    step_rad = min(limits.setpoint_step_rad, limits.setpoint_speed_rad_s / rate_hz, own_rad_s / rate_hz)
     return limits.model_copy(update={"setpoint_step_rad": step_rad})

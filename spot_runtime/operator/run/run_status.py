@@ -39,7 +39,7 @@ def status_of(
         robot_id=robot_id,
         policy=contract.name,
         policy_sha256=policy.sha256,
-        velocity_command=[0.0, 0.0, 0.0] if loop is None else loop.status.velocity_command.tolist(),
+        velocity_command=[0.0, 0.0, 0.0] if loop is None else loop.status.command.tolist(),
         velocity_command_low=contract.velocity_command_low,
         velocity_command_high=contract.velocity_command_high,
         log_path=log_path,

@@ -12,7 +12,7 @@ import numpy as np
 from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import Array
 from spot_runtime.config import RunConfig
-from spot_runtime.sources.base import VelocityCommand
+from spot_runtime.sources.base import Wanted
 from spot_runtime.sources.shaping import Shaper
 from spot_runtime.stops import Stop, StopReason
 
@@ -36,12 +36,12 @@ class OperatorSource:
         """Forget the velocity; the command fades at once."""
         self._wanted = None
 
-    def sample(self, active_s: float, host_stamp_ns: int) -> VelocityCommand:
+    def sample(self, active_s: float, host_stamp_ns: int) -> Wanted:
         """See the protocol. It never finishes by itself."""
         del active_s
         if self._wanted is not None and host_stamp_ns - self._set_ns > self._deadman_ns:
             self._wanted = None
-        return VelocityCommand(np.asarray(self._shaper.follow(self._wanted, host_stamp_ns)))
+        return Wanted(np.asarray(self._shaper.follow(self._wanted, host_stamp_ns)))
 
     def close(self) -> None:
         """Nothing is held."""
