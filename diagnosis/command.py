@@ -1,12 +1,20 @@
-"""``spot-rl diagnose``."""
+"""Explain a sim-to-real gap: where it lies, which effect causes it, how far it shrinks, and what to run next.
+
+``spot-rl diagnose LOGS ...`` explains; ``next`` and ``predict`` in the place of logs go on from what it found.
+"""
 
 from __future__ import annotations
 
 import enum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
+
+from diagnosis.next.command import next_experiment, predict_run
+
+EXPLAIN = "explain"
 
 
 class EngineName(enum.StrEnum):
@@ -16,7 +24,23 @@ class EngineName(enum.StrEnum):
     RAY = "ray"
 
 
-def diagnose(
+class _LogsOrCommand(TyperGroup):
+    """What is no command's name begins the logs."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Put the command in front that takes logs."""
+        if args and args[0] not in (*self.commands, "-h", "--help"):
+            args = [EXPLAIN, *args]
+        return super().parse_args(ctx, args)
+
+
+diagnose = typer.Typer(cls=_LogsOrCommand, no_args_is_help=True, help=__doc__)
+diagnose.command("next")(next_experiment)
+diagnose.command("predict")(predict_run)
+
+
+@diagnose.command(EXPLAIN)
+def explain_logs(
     logs: Annotated[list[Path], typer.Argument(help="Log files of one robot, or folders of them.")],
     nominal: Annotated[str, typer.Option("--nominal", help="The simulator's model: a file (YAML) or a built-in name.")],
     out: Annotated[Path, typer.Option("--out", help="Folder for verdict, report and corrected model.")],
@@ -45,6 +69,7 @@ def diagnose(
     import sys
 
     from diagnosis.library.extra_effect import chosen_library
+    from diagnosis.next.inputs import Inputs, absolute, save_inputs
     from diagnosis.progress import Progress
     from diagnosis.report.output import check_free
     from diagnosis.session import Request, run_session
@@ -73,6 +98,13 @@ def diagnose(
         typer.echo(f"interrupted; nothing was written into {out}", err=True)
         raise typer.Exit(130) from None
     progress.close()
+    given = tuple(str(path.absolute()) for path in logs)
+    where = None if policy is None else str(policy.absolute())
+    if robot is None:
+        extra, left_out = tuple(add_effect or ()), tuple(without or ())
+        save_inputs(
+            Inputs(logs=given, nominal=absolute(nominal), policy=where, add_effect=extra, without=left_out), out
+        )
     for line in twelve_lines(result.verdict, paths):
         typer.echo(line)
     return result

@@ -59,6 +59,8 @@ def replay_view(stack: Stack, policy: Actor | None = None) -> ChannelView | Chan
     intended, sent, runs, states = [], [], [], []
     measured: dict[str, float] = {}
     for number, recording in enumerate(stack.recordings):
+        if not np.isfinite(recording.ticks.action).all(axis=1).any() and len(recording.ticks):
+            continue  # a joint experiment runs no policy
         contract = contract_of(recording)
         scale = policy if policy is not None else contract
         if scale is None:
@@ -80,6 +82,8 @@ def replay_view(stack: Stack, policy: Actor | None = None) -> ChannelView | Chan
         if recording.n_joints == facts.N_JOINTS and contract is not None:
             largest = observation_error(recording, contract.contract)
             measured["observation_error"] = max(measured.get("observation_error", 0.0), largest)
+    if not intended:
+        return ChannelOff("L", "no log has policy ticks")
     response = np.concatenate(sent) - np.concatenate(intended)
     n_joints = response.shape[1]
     legs = np.full(n_joints, -1, dtype=np.intp)

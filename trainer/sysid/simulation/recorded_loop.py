@@ -17,6 +17,7 @@ from spot_model.effects.base import SoftwareEffect
 from spot_model.plant.closed_loop import ClosedLoop, Tick, schedule_by_messages
 from spot_model.plant.command_path import ArrivalS, ReceiptPath
 from spot_model.plant.plant import Plant
+from spot_model.policy.joint_script import JointScript
 from spot_model.policy.observation import Sensed
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
@@ -48,7 +49,7 @@ class Told:
     sequence: str
     repeat: int
     velocity_command: Array
-    """One a policy tick, shape (n_ticks, 3)."""
+    """One a policy tick, shape (n_ticks, 3); of a joint script, its offsets, shape (n_ticks, 12)."""
 
 
 @dataclass
@@ -189,13 +190,16 @@ class RecordedLoop:
             "state_age_s": np.zeros(m),
             "inference_s": np.zeros(m),
             "compute_s": np.zeros(m),
-            **{name: ticks[name][:m, i] for name in ("observation", "action", "velocity_command")},
         }
+        if isinstance(self.policy, JointScript):
+            columns["velocity_command"] = np.zeros((m, 3))
+        else:
+            columns |= {name: ticks[name][:m, i] for name in ("observation", "action", "velocity_command")}
         return run_of_columns(Path(name), header, states=own, commands=commands, ticks=columns)
 
 
 def padded(command: Array, n_ticks: int) -> Array:
-    """Velocity commands, shape (m, 3), of which the last is repeated up to ``n_ticks``."""
+    """Commands, shape (m, k), of which the last is repeated up to ``n_ticks``."""
     return np.concatenate([command, np.repeat(command[-1:], n_ticks - len(command), axis=0)])
 
 

@@ -108,13 +108,9 @@ def main() -> None:
 
         runpy.run_path(spec["program"], run_name="__main__")
         return
-    import typer
-
     from diagnosis.command import diagnose
 
-    app = typer.Typer(add_completion=False)
-    app.command()(diagnose)
-    app(spec["words"])
+    diagnose(spec["words"])
 
 
 if __name__ == "__main__":

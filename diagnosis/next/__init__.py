@@ -1,0 +1,1 @@
+"""The next experiment: what to run on the robot so that one cause is left."""

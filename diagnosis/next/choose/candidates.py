@@ -1,0 +1,222 @@
+"""Experiments that could be next, as typed values: what is run, which of its numbers may be chosen, what it needs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+import numpy as np
+
+from spot_model.io.joint_experiment import JointExperiment, Squat, Standing, Sweep
+from spot_model.io.velocity_sequence import VelocitySequence, Waypoint
+from spot_model.policy.contract import PolicyContract
+from spot_model.robot import facts
+
+Motion = VelocitySequence | JointExperiment
+HANDOVER_S: Final = 5.0
+"""Robot time that a run takes beside its motion: ramps in and out, soft stop."""
+LONGEST_S: Final = 20.0
+SWEPT: Final = 3
+"""Joints that are swept one by one, at most."""
+
+
+@dataclass(frozen=True)
+class Free:
+    """A number of an experiment that may be chosen."""
+
+    start: float
+    low: float
+    high: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A kind of experiment with free numbers."""
+
+    name: str
+    title: str
+    needs: str
+    """What must be there beside the robot."""
+    free: Mapping[str, Free]
+    build: Callable[[Mapping[str, float]], Motion]
+    values: Mapping[str, float] = field(default_factory=dict)
+    """Chosen so far; the starts of the rest."""
+
+    @property
+    def chosen(self) -> dict[str, float]:
+        """All numbers."""
+        return {name: self.values.get(name, free.start) for name, free in self.free.items()}
+
+    def replace_values(self, values: Mapping[str, float]) -> Candidate:
+        """The same kind with other numbers."""
+        return replace(self, values=dict(values))
+
+    def motion(self) -> Motion:
+        """The experiment with these numbers."""
+        return self.build(self.chosen)
+
+    @property
+    def robot_s(self) -> float:
+        """Robot time, s."""
+        return self.motion().duration_s + HANDOVER_S
+
+
+def candidates(policy: PolicyContract | None, suspects: Sequence[str]) -> tuple[Candidate, ...]:
+    """All that could be next.
+
+    Args:
+        policy: Contract of the policy for walks; None where there is none.
+        suspects: Joints at which something may be wrong, the likeliest first.
+    """
+    return (*(_walks(policy) if policy is not None else ()), *_in_the_stand(), *_sweeps(suspects))
+
+
+def _walks(policy: PolicyContract) -> tuple[Candidate, ...]:
+    top, turn = policy.velocity_command_high[0], policy.velocity_command_high[2]
+    aside = policy.velocity_command_high[1]
+    fast = Free(0.8 * top, 0.4 * top, top, "m/s")
+    needs = "the policy, and room to walk"
+    return (
+        Candidate(
+            "sprint",
+            "run ahead with rising speed, then stop",
+            f"the policy, and {0.4 * top * 8.0 + 2.0:.0f} m straight ahead",
+            {"speed_m_s": fast, "duration_s": Free(8.0, 6.0, 12.0, "s")},
+            lambda v: _sequence(
+                "sprint",
+                v["duration_s"],
+                (0.0, 0.0, 0.0, 0.0),
+                (0.5, 0.1, 0.0, 0.0),
+                (0.7 * v["duration_s"], v["speed_m_s"], 0.0, 0.0),
+                (0.85 * v["duration_s"], v["speed_m_s"], 0.0, 0.0),
+                (v["duration_s"] - 0.5, 0.0, 0.0, 0.0),
+                is_ramped=True,
+            ),
+        ),
+        Candidate(
+            "to_and_fro",
+            "walk ahead and back by turns",
+            needs,
+            {"speed_m_s": Free(0.5 * min(top, 1.6), 0.2, min(top, 1.5), "m/s"), "period_s": Free(2.0, 1.2, 4.0, "s")},
+            lambda v: _to_and_fro(v["speed_m_s"], v["period_s"]),
+        ),
+        Candidate(
+            "turns",
+            "turn in place, then step sideways, both ways",
+            needs,
+            {
+                "turn_rad_s": Free(0.6 * turn, 0.3 * turn, turn, "rad/s"),
+                "aside_m_s": Free(0.6 * aside, 0.2 * aside, aside, "m/s"),
+            },
+            lambda v: _sequence(
+                "turns",
+                8.0,
+                (0.0, 0.0, 0.0, 0.0),
+                (0.5, 0.0, 0.0, v["turn_rad_s"]),
+                (2.3, 0.0, 0.0, -v["turn_rad_s"]),
+                (4.1, 0.0, v["aside_m_s"], 0.0),
+                (5.8, 0.0, -v["aside_m_s"], 0.0),
+                (7.5, 0.0, 0.0, 0.0),
+            ),
+        ),
+        Candidate(
+            "slow_walk",
+            "walk slowly",
+            needs,
+            {"speed_m_s": Free(0.25, 0.1, 0.5, "m/s")},
+            lambda v: _sequence(
+                "slow_walk", 8.0, (0.0, 0.0, 0.0, 0.0), (0.5, v["speed_m_s"], 0.0, 0.0), (7.5, 0.0, 0.0, 0.0)
+            ),
+        ),
+    )
+
+
+def _in_the_stand() -> tuple[Candidate, ...]:
+    gains = Free(250.0, 200.0, 300.0, "N·m/rad")
+    return (
+        Candidate(
+            "standing",
+            "stand, and shift the weight slowly over the feet",
+            "level ground",
+            {
+                "shift_m": Free(0.04, 0.02, 0.06, "m"),
+                "frequency_hz": Free(0.4, 0.15, 0.8, "Hz"),
+                "duration_s": Free(8.0, 6.0, 16.0, "s"),
+            },
+            lambda v: Standing(
+                name="standing",
+                duration_s=v["duration_s"],
+                shift_x_m=v["shift_m"],
+                shift_y_m=v["shift_m"],
+                frequency_hz=v["frequency_hz"],
+            ),
+        ),
+        Candidate(
+            "squat",
+            "stand, and go down and up",
+            "level ground",
+            {
+                "depth_m": Free(0.10, 0.04, 0.14, "m"),
+                "frequency_hz": Free(0.6, 0.2, 1.2, "Hz"),
+                "kp_nm_per_rad": gains,
+                "duration_s": Free(8.0, 6.0, 16.0, "s"),
+            },
+            lambda v: Squat(
+                name="squat",
+                duration_s=v["duration_s"],
+                depth_m=v["depth_m"],
+                frequency_hz=v["frequency_hz"],
+                kp_nm_per_rad=v["kp_nm_per_rad"],
+            ),
+        ),
+    )
+
+
+def _sweeps(suspects: Sequence[str]) -> tuple[Candidate, ...]:
+    return tuple(_sweep(joint) for joint in suspects[:SWEPT] if joint in facts.JOINT_NAMES)
+
+
+def _sweep(joint: str) -> Candidate:
+    def build(v: Mapping[str, float]) -> Sweep:
+        return Sweep(
+            name=f"sweep_{joint}",
+            duration_s=v["duration_s"],
+            joint=joint,
+            amplitude_rad=v["amplitude_rad"],
+            end_hz=v["end_hz"],
+        )
+
+    return Candidate(
+        f"sweep_{joint}",
+        f"stand on three legs, and swing {joint} faster and faster",
+        "level ground, and a person who keeps clear of the leg",
+        {
+            "amplitude_rad": Free(0.2, 0.05, 0.3, "rad"),
+            "end_hz": Free(2.5, 1.0, 3.0, "Hz"),
+            "duration_s": Free(10.0, 9.0, 16.0, "s"),
+        },
+        build,
+    )
+
+
+def _to_and_fro(speed_m_s: float, period_s: float) -> VelocitySequence:
+    duration_s = 8.0
+    turns = np.arange(0.5, duration_s - 1.0, 0.5 * period_s)
+    points = [(float(t), speed_m_s * (-1.0) ** i, 0.0, 0.0) for i, t in enumerate(turns)]
+    return _sequence("to_and_fro", duration_s, (0.0, 0.0, 0.0, 0.0), *points, (duration_s - 0.5, 0.0, 0.0, 0.0))
+
+
+def _sequence(
+    name: str, duration_s: float, *points: tuple[float, float, float, float], is_ramped: bool = False
+) -> VelocitySequence:
+    """Waypoints are (time s, V_x m/s, V_y m/s, ω_z rad/s)."""
+    return VelocitySequence(
+        name=name,
+        duration_s=duration_s,
+        waypoints=tuple(
+            Waypoint(time_s=t, v_x_m_s=x, v_y_m_s=y, yaw_rate_rad_s=w, ramp=is_ramped and i > 0)
+            for i, (t, x, y, w) in enumerate(points)
+        ),
+    )

@@ -1,0 +1,163 @@
+"""Which experiment tells most: candidates simulated, checked, improved and ranked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.optimize import minimize
+
+from diagnosis.next.choose.candidates import Candidate, Motion, candidates
+from diagnosis.next.choose.information import Told, told_by
+from diagnosis.next.choose.robots import Cause, Robots, drawn_robots, suspects
+from diagnosis.next.choose.safety_check import burden, refusals
+from diagnosis.next.choose.signature import signature
+from diagnosis.next.choose.trial import try_on
+from diagnosis.verdict.posterior_file import Posterior
+from spot_model.errors import BadInputError
+from spot_model.policy.policy import Policy
+from spot_model.robot.facts import Array
+
+EACH: Final = 6
+"""Robots of each cause."""
+REFINED: Final = 2
+"""Best kinds whose numbers are chosen."""
+TRIES: Final = 6
+"""Simulations for each of them."""
+WORTH_BITS: Final = 0.05
+"""An experiment that tells less is not worth anybody's time."""
+Tell = Callable[[float], None]
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """An experiment with what it would tell."""
+
+    candidate: Candidate
+    motion: Motion
+    told: Told
+    burden: str
+    refused: tuple[str, ...] = ()
+    """Why it must not be run; empty where it may."""
+
+    @property
+    def robot_s(self) -> float:
+        """Robot time, s."""
+        return self.candidate.robot_s
+
+    @property
+    def bits_a_second(self) -> float:
+        """Bits of the cause for each second of robot time."""
+        return self.told.bits / self.robot_s
+
+    def decides(self, causes: Sequence[Cause], weights: Array) -> str:
+        """Which two causes it sets apart most, in words, with how it does."""
+        if len(causes) < 2:
+            return "nothing: one cause is left"
+        mass = weights[:, None] * self.told.confusion
+        prior = np.outer(weights, weights)
+        cleared = prior - 0.5 * (mass + mass.T)
+        np.fill_diagonal(cleared, -np.inf)
+        i, j = divmod(int(np.argmax(cleared)), len(causes))
+        right = 0.5 * (self.told.confusion[i, i] + self.told.confusion[j, j])
+        return f"{in_words(causes[i])} from {in_words(causes[j])} (right afterwards: {100.0 * right:.0f} %)"
+
+
+@dataclass(frozen=True)
+class Design:
+    """All that was looked at, the most telling first; refused ones last."""
+
+    causes: tuple[Cause, ...]
+    weights: Array
+    proposals: tuple[Proposal, ...]
+
+    @property
+    def best(self) -> Proposal | None:
+        """The most telling that may be run and is worth it."""
+        may = [p for p in self.proposals if not p.refused and p.told.bits >= WORTH_BITS]
+        return may[0] if may else None
+
+
+def in_words(cause: Cause) -> str:
+    """A cause for a person."""
+    return " and ".join(name.replace("_", " ") for name in cause) if cause else "ordinary errors alone"
+
+
+def design(
+    posterior: Posterior,
+    policy: Policy | None,
+    seed: int,
+    tell: Tell = lambda _: None,
+    *,
+    tries: int = TRIES,
+    excluded: Sequence[str] = (),
+) -> Design:
+    """Rank the experiments that could be next.
+
+    Args:
+        posterior: What is still possible.
+        policy: For walks; without it only joint experiments are looked at.
+        seed: Of all draws; each candidate meets the same robots, noise and delays.
+        tell: Called with the share that is done.
+        tries: Simulations in which the numbers of a good candidate are chosen.
+        excluded: Names of candidates that are left out.
+    """
+    robots = drawn_robots(posterior, EACH, np.random.default_rng(seed))
+    all_of = candidates(policy.contract if policy is not None else None, suspects(posterior))
+    kinds = [c for c in all_of if c.name not in excluded]
+    n_steps, done = len(kinds) + REFINED * tries, 0
+    found: list[Proposal] = []
+    for candidate in kinds:
+        found.append(judged(candidate, robots, policy, seed))
+        done += 1
+        tell(done / n_steps)
+    if len(robots.causes) > 1:
+        for number in sorted(range(len(found)), key=lambda i: _rank(found[i]))[:REFINED]:
+            found[number] = _improved(found[number], robots, policy, seed, tries)
+            done += tries
+            tell(done / n_steps)
+    return Design(robots.causes, robots.weights, tuple(sorted(found, key=_rank)))
+
+
+def judged(candidate: Candidate, robots: Robots, policy: Policy | None, seed: int) -> Proposal:
+    """What a candidate tells and loads, and whether all robots bear it."""
+    nothing = Told(0.0, 0.0, np.tile(robots.weights, (len(robots.weights), 1)))
+    try:
+        motion = candidate.motion()
+        runs = try_on(motion, robots.models, policy, np.random.default_rng([seed, 1]))
+    except BadInputError as error:
+        return Proposal(candidate, candidate.replace_values({}).motion(), nothing, "", (str(error),))
+    refused = refusals(runs)
+    told = nothing
+    signatures = np.array([signature(run) for run in runs])
+    if len(robots.causes) > 1 and np.isfinite(signatures).all():
+        told = told_by(signatures, robots.cause_of, robots.weights, np.random.default_rng([seed, 2]))
+    return Proposal(candidate, motion, told, burden(runs), refused)
+
+
+def _rank(proposal: Proposal) -> tuple[bool, float]:
+    return bool(proposal.refused), -proposal.bits_a_second
+
+
+def _improved(start: Proposal, robots: Robots, policy: Policy | None, seed: int, tries: int) -> Proposal:
+    """The best of some tries by Nelder and Mead's method within the candidate's bounds; never one that is refused."""
+    names = list(start.candidate.free)
+    bounds = np.array([(start.candidate.free[n].low, start.candidate.free[n].high) for n in names])
+    best = start
+
+    def loss(x: Array) -> float:
+        nonlocal best
+        values = {n: round(float(v), 3) for n, v in zip(names, bounds[:, 0] + x * np.ptp(bounds, axis=1), strict=True)}
+        proposal = judged(start.candidate.replace_values(values), robots, policy, seed)
+        if _rank(proposal) < _rank(best):
+            best = proposal
+        return 0.0 if proposal.refused else -proposal.bits_a_second
+
+    at = np.array([start.candidate.chosen[n] for n in names])
+    x = (at - bounds[:, 0]) / np.ptp(bounds, axis=1)
+    simplex = np.clip(x + np.concatenate([np.zeros((1, len(x))), np.where(x < 0.5, 0.4, -0.4) * np.eye(len(x))]), 0, 1)
+    options = {"maxfev": tries, "initial_simplex": simplex}
+    minimize(loss, x, method="Nelder-Mead", bounds=[(0.0, 1.0)] * len(x), options=options)
+    return best

@@ -1,0 +1,59 @@
+"""One experiment on many simulated robots at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from diagnosis.closed_loop.merged_models import merged
+from diagnosis.closed_loop.simulation import SensorNoise, simulate
+from diagnosis.next.choose.candidates import Motion
+from diagnosis.read.policy_ticks import Script
+from spot_log.read.run import Run
+from spot_model.errors import BadInputError
+from spot_model.io.model_file import RobotModel
+from spot_model.io.velocity_sequence import VelocitySequence
+from spot_model.plant.start import StartState
+from spot_model.policy.joint_script import joint_script
+from spot_model.policy.policy import Policy
+from spot_model.robot import facts
+
+STAND_S: Final = 1.0
+"""Robots stand for so long before the motion begins; it is a part of the runs."""
+
+
+def try_on(
+    motion: Motion, models: Sequence[RobotModel], policy: Policy | None, rng: np.random.Generator
+) -> tuple[Run, ...]:
+    """Runs of an experiment, one a robot, with every state of the stream.
+
+    Args:
+        motion: What is run.
+        models: The robots.
+        policy: For velocity sequences.
+        rng: Draws sensors' noise and delays.
+
+    Raises:
+        BadInputError: A velocity sequence needs a policy, a joint experiment breaks its bounds, or the robots cannot be
+            simulated side by side.
+    """
+    together = merged(list(models))
+    if together is None:
+        raise BadInputError("these robots cannot be simulated side by side: an effect has a number a run already")
+    if isinstance(motion, VelocitySequence):
+        if policy is None:
+            raise BadInputError(f"experiment {motion.name} is a walk; give the policy with --policy")
+        controller, asked = policy, motion.sampled(policy.contract.rate_hz)
+    else:
+        controller = joint_script(motion)
+        asked = controller.motion.sampled(controller.contract.rate_hz)
+    stand = np.zeros((round(STAND_S * controller.contract.rate_hz), asked.shape[1]))
+    still, joints = np.zeros(3), np.zeros(facts.N_JOINTS)
+    start = StartState(
+        facts.DEFAULT_POSITION_RAD, joints, np.array([1.0, 0.0, 0.0, 0.0]), still, still, joints.astype(np.float32)
+    )
+    command = np.concatenate([stand, asked])
+    scripts = [Script(motion.name, number, start, command) for number in range(len(models))]
+    return tuple(simulate(together, controller, scripts, rng, SensorNoise()))

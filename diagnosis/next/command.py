@@ -1,0 +1,89 @@
+"""``spot-rl diagnose next`` and ``spot-rl diagnose predict``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+
+def next_experiment(
+    folder: Annotated[Path, typer.Argument(help="Folder of a diagnosis; with --logs, where the first one goes.")],
+    logs: Annotated[
+        list[Path] | None,
+        typer.Option("--logs", help="First logs, where there is no diagnosis yet; may repeat."),
+    ] = None,
+    nominal: Annotated[str | None, typer.Option("--nominal", help="With --logs: the simulator's model.")] = None,
+    policy: Annotated[Path | None, typer.Option("--policy", help="For walks; by default the one of the logs.")] = None,
+    run: Annotated[bool, typer.Option("--run", help="Run the experiments on a robot until one cause is left.")] = False,
+    robot: Annotated[str | None, typer.Option("--robot", help="With --run: HOST, HOST:PORT or unix:/path.")] = None,
+    yes: Annotated[bool, typer.Option("--yes", help="Ask nobody before a run; for a fake robot.")] = False,
+    budget_s: Annotated[float, typer.Option("--budget", min=10.0, max=3600.0, help="Robot time, s.")] = 120.0,
+    rounds: Annotated[int, typer.Option("--rounds", min=1, max=20, help="Experiments, at most.")] = 5,
+    config: Annotated[Path | None, typer.Option("--config", help="Run configuration (YAML).")] = None,
+    ca_file: Annotated[Path | None, typer.Option("--ca-file", help="Certificate to trust beside the vendor's.")] = None,
+    credentials_file: Annotated[
+        Path | None, typer.Option("--credentials-file", help="File with user name and password.")
+    ] = None,
+    lock_step: Annotated[
+        str | None, typer.Option("--lock-step", help="Admin address of a fake robot in lock-step mode.")
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the robots that are drawn.")] = 0,
+) -> None:
+    """Say which experiment would tell most of the cause of a gap; with --run, ask the robot until one cause is left."""
+    from diagnosis.next.session import Session
+    from spot_model.errors import BadInputError
+    from trainer.collect.collect_run import run_arguments
+
+    if run and robot is None:
+        raise BadInputError("--run needs a robot; give --robot HOST")
+    session = Session.opened(folder, logs or [], nominal, policy, seed)
+    if not run:
+        for line in session.rank():
+            typer.echo(line)
+        return
+    words = run_arguments(
+        robot=robot or "",
+        config=config,
+        ca_file=ca_file,
+        credentials_file=credentials_file,
+        labels=("purpose=next experiment",),
+        lock_step=lock_step,
+    )
+
+    def confirm(proposal: Any, lines: list[str]) -> bool:
+        for line in lines:
+            typer.echo(line)
+        return yes or typer.confirm(f"Run {proposal.candidate.title} now? The robot will stand up and move")
+
+    story = session.ask(words, confirm, budget_s=budget_s, most_rounds=rounds)
+    cause, odds = next(iter((story.rounds[-1].after if story.rounds else story.first.odds).items()))
+    typer.echo(f"{cause}: {odds:.2f}, after {len(story.rounds)} experiments and {story.robot_s:.0f} s of robot time")
+    typer.echo(f"ended: {story.ending}")
+    typer.echo(f"page: {session.page}")
+    if story.is_interrupted:
+        raise typer.Exit(130)
+
+
+def predict_run(
+    folder: Annotated[Path, typer.Argument(help="Folder of a diagnosis.")],
+    sequence: Annotated[
+        str | None, typer.Option("--sequence", help="Velocity commands that were never run: a name or a YAML file.")
+    ] = None,
+    policy: Annotated[Path | None, typer.Option("--policy", help="By default the one of the logs.")] = None,
+    log: Annotated[Path | None, typer.Option("--log", help="The run: says whether the prediction held.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", help="The prediction's file; by default prediction_SEQUENCE.json."),
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the robots that are drawn.")] = 0,
+) -> None:
+    """Foretell what the robot will do on a command that was never run; after the run, say whether that held."""
+    from diagnosis.next.session import Session
+    from spot_model.errors import BadInputError
+
+    if sequence is None:
+        raise BadInputError("nothing to predict; give --sequence NAME or FILE")
+    for line in Session.opened(folder, [], None, policy, seed).predicted(sequence, log, out):
+        typer.echo(line)

@@ -1,0 +1,114 @@
+"""What is written of a design: an experiment file each, with the command that runs it, and the ranking as data."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from diagnosis.next.choose.candidates import Motion
+from diagnosis.next.choose.design import Design, Proposal, in_words
+from spot_model.io.joint_experiment import save_joint_experiment
+from spot_model.io.velocity_sequence import VelocitySequence, save_sequence
+
+
+@dataclass(frozen=True)
+class Offer:
+    """A proposal that was written."""
+
+    proposal: Proposal
+    file: Path
+    command: str
+    """For a terminal."""
+
+
+def free_folder(parent: Path, name: str) -> Path:
+    """``parent/name``, or the first of ``name-2``, ``name-3`` ... that is not there; made."""
+    number = 1
+    while True:
+        folder = parent / (name if number == 1 else f"{name}-{number}")
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:
+            number += 1
+        else:
+            return folder
+
+
+def save_motion(motion: Motion, path: Path) -> None:
+    """Write an experiment for ``spot-rl run``; refuses to overwrite."""
+    if isinstance(motion, VelocitySequence):
+        save_sequence(motion, path)
+    else:
+        save_joint_experiment(motion, path)
+
+
+def run_words(motion: Motion, file: Path, policy: str | None, log_dir: str) -> list[str]:
+    """Arguments of ``spot-rl`` that run an experiment; where the robot is comes after them."""
+    what = ["--experiment", str(file)]
+    if isinstance(motion, VelocitySequence):
+        what = ["--policy", policy or "POLICY.onnx", "--sequence", str(file)]
+    return ["run", *what, "--log-dir", log_dir]
+
+
+def write_offers(design: Design, folder: Path, policy: str | None) -> tuple[Offer, ...]:
+    """Write the experiments that may be run, the most telling first, and ``ranking.json``."""
+    offers = []
+    for number, proposal in enumerate((p for p in design.proposals if not p.refused), start=1):
+        file = folder / f"{number:02d}_{proposal.candidate.name}.yaml"
+        save_motion(proposal.motion, file)
+        words = run_words(proposal.motion, file, policy, "MORE_LOGS")
+        offers.append(Offer(proposal, file, " ".join(["spot-rl", *words, "--robot", "HOST"])))
+    (folder / "ranking.json").write_text(json.dumps(_data(design, offers), indent=1) + "\n", encoding="utf-8")
+    return tuple(offers)
+
+
+def _data(design: Design, offers: Sequence[Offer]) -> dict[str, Any]:
+    commands = {id(o.proposal): o.command for o in offers}
+    return {
+        "schema": "spot-rl/next-experiments/1",
+        "causes": {in_words(c): float(w) for c, w in zip(design.causes, design.weights, strict=True)},
+        "experiments": [
+            {
+                "name": p.candidate.name,
+                "values": p.candidate.chosen,
+                "bits": round(p.told.bits, 4),
+                "robot_s": p.robot_s,
+                "decides": p.decides(design.causes, design.weights),
+                "loads": p.burden,
+                "needs": p.candidate.needs,
+                "refused": list(p.refused),
+                "command": commands.get(id(p), ""),
+            }
+            for p in design.proposals
+        ],
+    }
+
+
+def ranking_lines(design: Design, offers: Sequence[Offer]) -> list[str]:
+    """For a terminal."""
+    commands = {id(o.proposal): o.command for o in offers}
+    lines = ["what is still possible"]
+    lines += [f"  {w:5.2f}  {in_words(c)}" for c, w in zip(design.causes, design.weights, strict=True)]
+    for number, p in enumerate(design.proposals, start=1):
+        lines.append("")
+        lines.append(f"{number}. {p.candidate.title} ({_values(p)})")
+        if p.refused:
+            lines += [f"   refused: {reason}" for reason in p.refused]
+            continue
+        tells = (
+            f"{p.told.bits:.2f} of {p.told.of_bits:.2f} bits in {p.robot_s:.0f} s: {1e3 * p.bits_a_second:.0f} mbit/s"
+        )
+        lines.append(f"   tells    {tells}")
+        if p.told.bits > 0.0:
+            lines.append(f"   parts    {p.decides(design.causes, design.weights)}")
+        lines.append(f"   loads    {p.burden}; needs {p.candidate.needs}")
+        lines.append(f"   run      {commands.get(id(p), '')}")
+    return lines
+
+
+def _values(p: Proposal) -> str:
+    units = {name: free.unit for name, free in p.candidate.free.items()}
+    return ", ".join(f"{name.rpartition('_')[0] or name} {v:g} {units[name]}" for name, v in p.candidate.chosen.items())

@@ -1,0 +1,189 @@
+"""One ``spot-rl diagnose next``: from a diagnosis' folder to a ranking, or to rounds on a robot."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from diagnosis.document import load_verdict
+from diagnosis.library.extra_effect import chosen_library
+from diagnosis.next.choose.design import Design, Proposal, design
+from diagnosis.next.files import free_folder, ranking_lines, run_words, save_motion, write_offers
+from diagnosis.next.inputs import Inputs, absolute, load_inputs, save_inputs
+from diagnosis.next.page import ranking_page, story_page
+from diagnosis.next.predict.prediction import load_prediction, predict, with_log
+from diagnosis.next.robot_run import Ran, run_on_robot, start_here
+from diagnosis.next.rounds import Found, Lab, Story, ask_robot
+from diagnosis.progress import Progress
+from diagnosis.read.log_files import find_policy, find_policy_file, read_all
+from diagnosis.report.output import NAMES
+from diagnosis.report.words import headline
+from diagnosis.session import Request, run_session
+from diagnosis.verdict.posterior_file import load_posterior
+from spot_log import read_run
+from spot_model.errors import BadInputError
+from spot_model.io.model_file import load_model
+from spot_model.io.velocity_sequence import load_sequence
+from spot_model.policy.policy import Policy, load_policy
+
+
+@dataclass
+class Session:
+    """A diagnosis with what it was made of, and where more goes."""
+
+    folder: Path
+    inputs: Inputs
+    found: Found
+    policy: Policy | None
+    seed: int
+    page: Path | None = None
+
+    @classmethod
+    def opened(cls, folder: Path, logs: Sequence[Path], nominal: str | None, policy: Path | None, seed: int) -> Session:
+        """Open a diagnosis; make it first where logs are given.
+
+        Raises:
+            BadInputError: There is none, or it is of a robot that cannot be simulated.
+        """
+        if logs:
+            if nominal is None:
+                raise BadInputError("--logs needs the simulator's model; give --nominal MODEL")
+            given = Inputs(
+                logs=tuple(str(path.absolute()) for path in logs),
+                nominal=absolute(nominal),
+                policy=None if policy is None else str(policy.absolute()),
+            )
+            diagnosed(given, (), folder)
+        inputs = load_inputs(folder)
+        if policy is not None:
+            inputs = inputs.model_copy(update={"policy": str(policy.absolute())})
+        elif inputs.policy is None:
+            runs, _ = read_all([Path(p) for p in inputs.logs])
+            known = find_policy(None, runs)
+            file = None if known is None else str(find_policy_file(None, known).absolute())
+            inputs = inputs.model_copy(update={"policy": file})
+        loaded = None if inputs.policy is None else load_policy(Path(inputs.policy))
+        return cls(folder, inputs, found_in(folder), loaded, seed)
+
+    def rank(self) -> list[str]:
+        """Rank experiments, write them, and say so."""
+        progress = Progress(sys.stderr)
+        progress("trying experiments on simulated robots")
+        plan = design(self.found.posterior, self.policy, self.seed, progress.at)
+        progress.close()
+        place = free_folder(self.folder, "next")
+        offers = write_offers(plan, place, self.inputs.policy)
+        self.page = place / "next.html"
+        self.page.write_text(ranking_page(plan, offers), encoding="utf-8")
+        return [*ranking_lines(plan, offers), "", f"page: {self.page}"]
+
+    def ask(
+        self,
+        robot_words: Sequence[str],
+        confirm: Callable[[Proposal, list[str]], bool],
+        *,
+        budget_s: float,
+        most_rounds: int,
+    ) -> Story:
+        """Run experiments on a robot; logs, diagnoses and the story stay in a folder of their own."""
+        place = free_folder(self.folder, "asked")
+        self.page = page = place / "story.html"
+        progress = Progress(sys.stderr)
+
+        def agreed(proposal: Proposal, plan: Design) -> bool:
+            progress.close()
+            return confirm(proposal, ranking_lines(Design(plan.causes, plan.weights, (proposal,)), ()))
+
+        def told(story: Story) -> None:
+            for path, text in ((page, story_page(story)), (place / "story.json", story.to_json())):
+                part = path.with_suffix(".part")
+                part.write_text(text, encoding="utf-8")
+                os.replace(part, path)  # noqa: PTH105 - one step: the page is whole at any time
+
+        def run(chosen: Proposal, round_folder: Path) -> Ran:
+            file, logs = round_folder / f"{chosen.candidate.name}.yaml", round_folder / "logs"
+            logs.mkdir()
+            save_motion(chosen.motion, file)
+            words = run_words(chosen.motion, file, self.inputs.policy, str(logs))
+            return run_on_robot([*words, *robot_words], logs, start_here)
+
+        lab = Lab(
+            folder=place,
+            choose=lambda posterior, seed, failed: design(posterior, self.policy, seed, excluded=failed),
+            confirm=agreed,
+            run=run,
+            diagnose=lambda logs, out: diagnosed(self.inputs, logs, out),
+            say=progress,
+        )
+        story = ask_robot(self.found, lab, budget_s=budget_s, most_rounds=most_rounds, seed=self.seed, told=told)
+        progress.close()
+        return story
+
+    def predicted(self, sequence: str, log: Path | None, out: Path | None) -> list[str]:
+        """Foretell a run, or set what was foretold beside what came.
+
+        Raises:
+            BadInputError: There is no policy, or the command is beyond its range.
+        """
+        if self.policy is None:
+            raise BadInputError("a walk needs its policy; give --policy FILE.onnx")
+        wanted = load_sequence(sequence)
+        path = out or self.folder / f"prediction_{wanted.name}.json"
+        if path.exists():
+            made = load_prediction(path)
+        elif log is not None:
+            raise BadInputError(f"{path} is not there: a run can only be set beside what was foretold before it")
+        else:
+            clipped = wanted.clipped(np.array(self.policy.command_low), np.array(self.policy.command_high))
+            if clipped != wanted:
+                raise BadInputError(f"sequence {wanted.name} asks for more than the policy knows; ask for less")
+            library = chosen_library(list(self.inputs.add_effect), list(self.inputs.without))
+            runs, _ = read_all([Path(p) for p in self.inputs.logs])
+            made = predict(self.found.posterior, dict(library), wanted, self.policy, runs, self.seed)
+            path.write_text(made.to_json(), encoding="utf-8")
+        if log is None:
+            return [*made.lines(), f"written to {path}; after the run give --log LOG"]
+        return with_log(made, read_run(log)).lines()
+
+
+def diagnosed(inputs: Inputs, more_logs: Sequence[Path], out: Path) -> Found:
+    """Diagnose the logs and more of them into a folder.
+
+    Raises:
+        SpotRlError: Something that was given is wrong.
+    """
+    everything = inputs.model_copy(update={"logs": (*inputs.logs, *(str(path.absolute()) for path in more_logs))})
+    request = Request(
+        logs=tuple(Path(path) for path in everything.logs),
+        nominal=load_model(inputs.nominal),
+        nominal_name=inputs.nominal,
+        out=out,
+        library=chosen_library(list(inputs.add_effect), list(inputs.without)),
+        policy=None if inputs.policy is None else Path(inputs.policy),
+    )
+    progress = Progress(sys.stderr)
+    try:
+        run_session(request, progress)
+    finally:
+        progress.close()
+    save_inputs(everything, out)
+    return found_in(out)
+
+
+def found_in(folder: Path) -> Found:
+    """The diagnosis in a folder.
+
+    Raises:
+        BadInputError: The folder holds none, or one of another robot than Spot.
+    """
+    if not (folder / NAMES["verdict"]).exists():
+        raise BadInputError(f"{folder} holds no verdict.json; diagnose logs into it, or give --logs and --nominal")
+    if not (folder / NAMES["posterior"]).exists():
+        raise BadInputError(f"{folder} holds no {NAMES['posterior']}: nothing but Spot can be simulated")
+    verdict = load_verdict(folder / NAMES["verdict"])
+    return Found(folder, load_posterior(folder / NAMES["posterior"]), verdict.status, headline(verdict))

@@ -1,0 +1,345 @@
+"""The next experiment: information by hand, safety, the choice, the rounds, the prediction."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from diagnosis.command import diagnose
+from diagnosis.decision_constants import ODD_RUN
+from diagnosis.library.registry import LIBRARY
+from diagnosis.next.choose.candidates import Candidate, candidates
+from diagnosis.next.choose.design import Design, Proposal, in_words, judged
+from diagnosis.next.choose.information import Told, entropy_bits, told_by
+from diagnosis.next.choose.robots import beliefs, compact, drawn_robots, suspects, with_ordinary_errors
+from diagnosis.next.choose.safety_check import refusals
+from diagnosis.next.choose.trial import try_on
+from diagnosis.next.files import free_folder, ranking_lines, run_words, write_offers
+from diagnosis.next.page import ranking_page, story_page
+from diagnosis.next.predict.outcome import MOTION
+from diagnosis.next.predict.prediction import Forecast, Prediction, _forecast, load_prediction
+from diagnosis.next.robot_run import Ran, run_on_robot
+from diagnosis.next.rounds import SURE, Found, Lab, Story, ask_robot
+from diagnosis.verdict.posterior_file import Posterior, load_posterior
+from spot_model.effects.drive.torque_gain import TorqueGain
+from spot_model.errors import BadInputError
+from spot_model.io.joint_experiment import Squat, load_joint_experiment
+from spot_model.io.model_file import RobotModel, load_model
+from spot_model.robot.facts import JOINT_NAMES
+
+
+def posterior(**weights: float) -> Posterior:
+    """Ordinary errors (``none``) and single effects at the knees with one number each, by weight."""
+    numbers = {"torque_gain": 0.3, "viscous_friction": 1.5, "armature": 0.05}
+    possibilities = []
+    for name, weight in weights.items():
+        terms = []
+        if name != "none":
+            n = len(LIBRARY[name].coefficients)
+            mean = [numbers[name] * (-1.0 if name == "torque_gain" else 1.0)] + [0.0] * (n - 1)
+            cov = np.zeros((n, n)).tolist()
+            terms = [{"effect": name, "joints": ["knees"], "shape": {}, "mean": mean, "covariance": cov}]
+        data = RobotModel().to_data()
+        possibilities.append({"weight": weight, "distance_floors": None, "model": data, "terms": terms})
+    return Posterior.model_validate({"schema": "spot-rl/posterior/1", "possibilities": possibilities})
+
+
+# What an experiment tells --------------------------------------------------------------------------------------------
+
+
+def test_entropy_by_hand() -> None:
+    assert entropy_bits(np.array([0.5, 0.25, 0.25])) == pytest.approx(1.5)
+    assert entropy_bits(np.array([1.0, 0.0])) == 0.0
+
+
+def test_robots_that_are_far_apart_tell_all_that_odd_runs_leave() -> None:
+    """Two causes, each 1/2, told apart for sure: q' = 0.9 + 0.1/2, so 1 + log2(0.95) bits."""
+    rng = np.random.default_rng(0)
+    causes = np.repeat([0, 1], 12)
+    far = 1000.0 * causes[:, None] * np.ones((1, 5)) + rng.standard_normal((24, 5))
+    told = told_by(far, causes, np.array([0.5, 0.5]), rng)
+    assert told.of_bits == pytest.approx(1.0)
+    assert told.bits == pytest.approx(1.0 + np.log2(1.0 - 0.5 * ODD_RUN), abs=1e-3)
+
+
+def test_robots_that_are_alike_tell_nothing() -> None:
+    rng = np.random.default_rng(1)
+    causes = np.repeat([0, 1, 2], 12)
+    told = told_by(rng.standard_normal((36, 40)), causes, np.array([0.6, 0.3, 0.1]), rng)
+    assert told.bits < 0.15
+    np.testing.assert_allclose(told.confusion.sum(axis=1), 1.0)
+
+
+def test_what_is_nearly_certain_leaves_little_to_tell() -> None:
+    rng = np.random.default_rng(2)
+    causes = np.repeat([0, 1], 12)
+    far = 1000.0 * causes[:, None] * np.ones((1, 5))
+    told = told_by(far, causes, np.array([0.98, 0.02]), rng)
+    assert told.bits <= told.of_bits < 0.15
+
+
+# Robots that the logs allow ------------------------------------------------------------------------------------------
+
+
+def test_causes_and_suspects_of_a_posterior() -> None:
+    own = posterior(torque_gain=0.6, viscous_friction=0.395, armature=0.005)
+    assert list(beliefs(own)) == [("torque_gain",), ("viscous_friction",)]
+    assert sum(beliefs(own).values()) == pytest.approx(1.0)
+    assert set(suspects(own)) == {"fl_kn", "fr_kn", "hl_kn", "hr_kn"}
+    assert suspects(posterior(none=1.0)) == JOINT_NAMES[:3]
+
+
+def test_every_cause_gets_as_many_robots_and_a_seed_gives_the_same_ones() -> None:
+    own = posterior(torque_gain=0.7, none=0.3)
+    first, second = (drawn_robots(own, 3, np.random.default_rng(5)) for _ in range(2))
+    assert first.cause_of.tolist() == [0, 0, 0, 1, 1, 1]
+    assert repr(first.models) == repr(second.models)
+
+
+def test_effects_at_single_joints_become_one_and_act_as_before() -> None:
+    apart = RobotModel(tuple(TorqueGain(joints=(n,), gain=0.9 + 0.01 * i) for i, n in enumerate(JOINT_NAMES)))
+    together = compact(apart)
+    assert len(together.effects) == 1
+    np.testing.assert_allclose(together.effects[0].gain[0], 0.9 + 0.01 * np.arange(12))  # type: ignore[attr-defined]
+    both = [RobotModel((*m.effects,)) for m in (apart, together)]
+    runs = [try_on(SQUAT, [m], None, np.random.default_rng(0))[0] for m in both]
+    np.testing.assert_array_equal(runs[0].states.position_rad, runs[1].states.position_rad)
+
+
+# Safety --------------------------------------------------------------------------------------------------------------
+
+SQUAT = Squat(name="squat", duration_s=4.0, depth_m=0.06)
+
+
+def test_ordinary_robots_bear_a_squat() -> None:
+    rng = np.random.default_rng(0)
+    models = [compact(with_ordinary_errors(load_model("paper_identified"), rng, 1.0)) for _ in range(4)]
+    assert refusals(try_on(SQUAT, models, None, rng)) == ()
+
+
+def test_an_experiment_that_makes_a_weak_robot_collapse_is_refused_with_the_reason() -> None:
+    weak = RobotModel((TorqueGain(joints=("knees",), gain=0.15),))
+    models = [RobotModel((TorqueGain(joints=("knees",), gain=1.0 - 1e-9),)), weak]
+    told = refusals(try_on(SQUAT, models, None, np.random.default_rng(0)))
+    assert told
+    assert told[0].startswith("1 of 2 simulated robots ")
+
+
+def test_a_walk_without_a_policy_is_refused() -> None:
+    walk = next(c for c in candidates(_contract(), ("fl_kn",)) if c.name == "sprint").motion()
+    with pytest.raises(BadInputError, match="give the policy"):
+        try_on(walk, [RobotModel()], None, np.random.default_rng(0))
+
+
+def _contract():  # type: ignore[no-untyped-def]
+    from spot_model.policy.contract import PolicyContract, StoredPair
+
+    pair = StoredPair(observation=(0.0,) * 48, action=(0.0,) * 12)
+    return PolicyContract(
+        name="p", velocity_command_low=(-1.0, -0.6, -1.0), velocity_command_high=(2.0, 0.6, 1.0), stored_pair=pair
+    )
+
+
+@pytest.mark.parametrize("candidate", candidates(_contract(), JOINT_NAMES[:3]), ids=lambda c: c.name)
+def test_every_corner_of_a_candidates_bounds_can_be_built(candidate: Candidate) -> None:
+    for side in ("start", "low"):
+        values = {name: getattr(free, side) for name, free in candidate.free.items()}
+        motion = candidate.replace_values(values).motion()
+        assert 4.0 <= motion.duration_s <= 20.0
+
+
+# The choice ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_squat_tells_a_weak_knee_from_a_sound_one() -> None:
+    own = posterior(torque_gain=0.5, none=0.5)
+    robots = drawn_robots(own, 8, np.random.default_rng(0))
+    squat = next(c for c in candidates(None, ("fl_kn",)) if c.name == "squat")
+    proposal = judged(squat.replace_values({"duration_s": 6.0}), robots, None, 0)
+    assert proposal.refused == ()
+    assert proposal.told.bits > 0.3
+    assert "torque gain from ordinary errors alone" in proposal.decides(robots.causes, robots.weights) or (
+        "ordinary errors alone from torque gain" in proposal.decides(robots.causes, robots.weights)
+    )
+
+
+def made_design(bits: dict[str, float], refused: Sequence[str] = ()) -> Design:
+    """A design with squats of these names."""
+    squat = next(c for c in candidates(None, ("fl_kn",)) if c.name == "squat")
+    made = []
+    for name, told in bits.items():
+        own = Candidate(name, name, "level ground", squat.free, squat.build)
+        confusion = np.array([[0.9, 0.1], [0.1, 0.9]])
+        reasons = ("1 of 2 simulated robots tip over",) if name in refused else ()
+        made.append(Proposal(own, own.motion(), Told(told, 1.0, confusion), "knee up to 30 N·m", reasons))
+    made.sort(key=lambda p: (bool(p.refused), -p.bits_a_second))
+    return Design((("torque_gain",), ()), np.array([0.6, 0.4]), tuple(made))
+
+
+def test_the_best_is_the_most_telling_that_is_safe() -> None:
+    plan = made_design({"a": 0.2, "b": 0.5, "c": 0.9}, refused=("c",))
+    assert plan.best is not None
+    assert plan.best.candidate.name == "b"
+    assert made_design({"a": 0.01}).best is None
+
+
+def test_files_commands_and_pages_of_a_ranking(tmp_path: Path) -> None:
+    plan = made_design({"a": 0.2, "bad": 0.9}, refused=("bad",))
+    offers = write_offers(plan, tmp_path, None)
+    assert [o.file.name for o in offers] == ["01_a.yaml"]
+    assert load_joint_experiment(offers[0].file) == plan.proposals[0].motion
+    told = "\n".join(ranking_lines(plan, offers))
+    assert "refused: 1 of 2 simulated robots tip over" in told
+    assert f"spot-rl run --experiment {offers[0].file}" in told
+    page = ranking_page(plan, offers)
+    assert "tip over" in page
+    assert "torque gain" in page
+    assert free_folder(tmp_path, "next").name == "next"
+    assert free_folder(tmp_path, "next").name == "next-2"
+
+
+def test_a_walk_is_run_by_its_policy() -> None:
+    walk = candidates(_contract(), ())[0].motion()
+    words = run_words(walk, Path("w.yaml"), "p.onnx", "logs")
+    assert words == ["run", "--policy", "p.onnx", "--sequence", "w.yaml", "--log-dir", "logs"]
+
+
+# The rounds ----------------------------------------------------------------------------------------------------------
+
+
+class FakeLab:
+    """A robot whose every whole run moves the odds by a given step."""
+
+    def __init__(self, folder: Path, odds: list[float], outcomes: list[str] | None = None, agrees: bool = True) -> None:
+        self.odds, self.outcomes, self.agrees = odds, outcomes or ["completed"] * 9, agrees
+        self.ran: list[str] = []
+        self.excluded: list[list[str]] = []
+        self.stories: list[str] = []
+        self.lab = Lab(folder, self.choose, lambda *_: self.agrees, self.run, self.diagnose, lambda _: None)
+
+    def found(self, folder: Path, odds: float) -> Found:
+        return Found(folder, posterior(torque_gain=odds, none=1.0 - odds), "explained", "words")
+
+    def choose(self, own: Posterior, seed: int, failed: Sequence[str]) -> Design:
+        del own, seed
+        self.excluded.append(list(failed))
+        return made_design({n: b for n, b in (("a", 0.5), ("b", 0.4), ("c", 0.3)) if n not in failed})
+
+    def run(self, chosen: Proposal, folder: Path) -> Ran:
+        self.ran.append(chosen.candidate.name)
+        outcome = self.outcomes[len(self.ran) - 1]
+        log = folder / "x.mcap" if outcome != "no log" else None
+        return Ran(log, 13.0, outcome, outcome == "interrupted")
+
+    def diagnose(self, logs: Sequence[Path], out: Path) -> Found:
+        return self.found(out, self.odds[len(logs)])
+
+    def ask(self, *, budget_s: float = 100.0, most_rounds: int = 5) -> Story:
+        first = self.found(Path("first"), self.odds[0])
+        told = lambda story: self.stories.append(story_page(story))  # noqa: E731
+        return ask_robot(first, self.lab, budget_s=budget_s, most_rounds=most_rounds, seed=0, told=told)
+
+
+def test_it_goes_on_until_one_cause_stands(tmp_path: Path) -> None:
+    fake = FakeLab(tmp_path, [0.6, 0.8, 0.97])
+    story = fake.ask()
+    assert fake.ran == ["a", "a"]
+    assert story.robot_s == pytest.approx(26.0)
+    assert story.ending == "torque gain stands at 0.97"
+    assert [next(iter(r.after.values())) for r in story.rounds] == pytest.approx([0.8, 0.97])
+    assert "Experiment 2" in fake.stories[-1]
+    assert '"ending": "torque gain stands at 0.97"' in story.to_json()
+
+
+def test_a_cause_that_stands_already_asks_for_nothing(tmp_path: Path) -> None:
+    fake = FakeLab(tmp_path, [SURE])
+    assert fake.ask().rounds == []
+    assert fake.ran == []
+
+
+def test_the_budget_of_robot_time_ends_it(tmp_path: Path) -> None:
+    fake = FakeLab(tmp_path, [0.6, 0.61, 0.62, 0.63])
+    story = fake.ask(budget_s=20.0)
+    assert len(story.rounds) == 1
+    assert "budget of 20 s" in story.ending
+
+
+def test_a_person_may_decline_and_a_person_may_stop(tmp_path: Path) -> None:
+    assert FakeLab(tmp_path / "a", [0.6], agrees=False).ask().ending == "a person declined a"
+    stopped = FakeLab(tmp_path / "b", [0.6, 0.7], ["interrupted"]).ask()
+    assert stopped.is_interrupted
+    assert len(stopped.rounds) == 1
+    assert stopped.rounds[0].log
+
+
+def test_experiments_that_fail_are_not_asked_again_and_two_end_it(tmp_path: Path) -> None:
+    fake = FakeLab(tmp_path, [0.6, 0.6], ["no log", "tilt"])
+    story = fake.ask()
+    assert fake.ran == ["a", "b"]
+    assert fake.excluded == [[], ["a"]]
+    assert "see to the robot" in story.ending
+
+
+def test_the_number_of_experiments_ends_it(tmp_path: Path) -> None:
+    assert FakeLab(tmp_path, [0.6, 0.61, 0.62]).ask(most_rounds=2).ending == "2 experiments were run"
+
+
+def test_a_run_that_leaves_no_log_is_told(tmp_path: Path) -> None:
+    ran = run_on_robot(["run"], tmp_path, lambda _: False)
+    assert (ran.log, ran.is_whole, ran.outcome) == (None, False, "it left no log")
+
+
+# The prediction ------------------------------------------------------------------------------------------------------
+
+
+def test_an_interval_by_hand() -> None:
+    """No log: centre = mean, half = t(0.95, 4) · usual · mean = 2.1318 · 0.04 · 2."""
+    made = _forecast(MOTION[0], np.full(5, 2.0), np.zeros(0))
+    assert made.value == pytest.approx(2.0)
+    assert made.high - made.value == pytest.approx(2.1318 * 0.04 * 2.0, rel=1e-4)
+
+
+def test_logs_that_are_met_narrow_and_logs_that_are_missed_widen_and_shift() -> None:
+    numbers = np.full(5, 2.0)
+    none, met, missed = (_forecast(MOTION[0], numbers, np.array(e)) for e in ([], [0.0] * 3, [0.2] * 3))
+    assert met.high - met.low < none.high - none.low < missed.high - missed.low
+    assert missed.value == pytest.approx(2.0 * (1.0 + 0.6 / 4))
+
+
+def test_a_prediction_comes_back_from_its_file_and_says_whether_it_held(tmp_path: Path) -> None:
+    made = Prediction("fast", (Forecast("top_speed", "top speed", "m/s", 2.0, 1.8, 2.2, 2.3),), 0.0, ("a note",))
+    path = tmp_path / "p.json"
+    path.write_text(made.to_json())
+    assert load_prediction(path) == made
+    assert "did not hold" in "\n".join(made.lines())
+    path.write_text("{}")
+    with pytest.raises(BadInputError, match="no prediction"):
+        load_prediction(path)
+
+
+# The command line ----------------------------------------------------------------------------------------------------
+
+
+def test_words_that_are_no_command_are_logs(tmp_path: Path) -> None:
+    (tmp_path / "verdict.json").write_text("{}")
+    words = [str(tmp_path / "a.mcap"), "--nominal", "ideal", "--out", str(tmp_path)]
+    assert "verdict.json exists" in str(CliRunner().invoke(diagnose, words).exception)
+
+
+def test_a_folder_without_a_diagnosis_is_named(tmp_path: Path) -> None:
+    for words in (["next", str(tmp_path)], ["predict", str(tmp_path), "--sequence", "forward"]):
+        assert "inputs.json cannot be read" in str(CliRunner().invoke(diagnose, words).exception)
+
+
+def test_a_run_needs_a_robot(tmp_path: Path) -> None:
+    assert "give --robot" in str(CliRunner().invoke(diagnose, ["next", str(tmp_path), "--run"]).exception)
+
+
+def test_a_cause_in_words() -> None:
+    assert in_words(()) == "ordinary errors alone"
+    assert in_words(("a_b", "c")) == "a b and c"
+    assert callable(load_posterior)
