@@ -83,7 +83,7 @@ def replay_view(stack: Stack, policy: Actor | None = None) -> ChannelView | Chan
             largest = observation_error(recording, contract.contract)
             measured["observation_error"] = max(measured.get("observation_error", 0.0), largest)
     if not intended:
-        return ChannelOff("L", "no log has policy ticks")
+        return ChannelOff(Channel.POLICY_REPLAY, "no log has policy ticks")
     response = np.concatenate(sent) - np.concatenate(intended)
     n_joints = response.shape[1]
     legs = np.full(n_joints, -1, dtype=np.intp)

@@ -58,8 +58,9 @@ def next_experiment(
         return yes or typer.confirm(f"Run {proposal.candidate.title} now? The robot will stand up and move")
 
     story = session.ask(words, confirm, budget_s=budget_s, most_rounds=rounds)
-    cause, odds = next(iter((story.rounds[-1].after if story.rounds else story.first.odds).items()))
+    cause, odds = next(iter(story.odds.items()))
     typer.echo(f"{cause}: {odds:.2f}, after {len(story.rounds)} experiments and {story.robot_s:.0f} s of robot time")
+    typer.echo(f"diagnosis: {story.sentence}")
     typer.echo(f"ended: {story.ending}")
     typer.echo(f"page: {session.page}")
     if story.is_interrupted:

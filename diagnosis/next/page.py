@@ -43,7 +43,7 @@ def ranking_page(design: Design, offers: Sequence[Offer]) -> str:
 def story_page(story: Story) -> str:
     """The page of a story, as text."""
     colours = _colours([story.first.odds, *(r.after for r in story.rounds)])
-    cause, odds = next(iter((story.rounds[-1].after if story.rounds else story.first.odds).items()))
+    cause, odds = next(iter(story.odds.items()))
     lead = f"{len(story.rounds)} experiments, {story.robot_s:.0f} s of robot time. {story.ending}."
     parts = [
         f"<section><h1>{esc(cause)}: {odds:.2f}</h1><p class='lead'>{esc(lead)}</p></section>",

@@ -72,6 +72,16 @@ class Story:
         """Robot time used, s."""
         return sum(r.robot_s for r in self.rounds)
 
+    @property
+    def odds(self) -> dict[str, float]:
+        """Probability of each cause by now, the likeliest first."""
+        return self.rounds[-1].after if self.rounds else self.first.odds
+
+    @property
+    def sentence(self) -> str:
+        """The newest diagnosis in a sentence."""
+        return self.rounds[-1].sentence if self.rounds else self.first.sentence
+
     def to_json(self) -> str:
         """As text for ``story.json``."""
         data = {

@@ -25,10 +25,13 @@ from diagnosis.next.predict.prediction import Forecast, Prediction, _forecast, l
 from diagnosis.next.robot_run import Ran, run_on_robot
 from diagnosis.next.rounds import SURE, Found, Lab, Story, ask_robot
 from diagnosis.verdict.posterior_file import Posterior, load_posterior
+from spot_model.effects.base import Motion
 from spot_model.effects.drive.torque_gain import TorqueGain
+from spot_model.effects.limits.position_torque_limit import PositionTorqueLimit
 from spot_model.errors import BadInputError
 from spot_model.io.joint_experiment import Squat, load_joint_experiment
 from spot_model.io.model_file import RobotModel, load_model
+from spot_model.robot import facts
 from spot_model.robot.facts import JOINT_NAMES
 
 
@@ -127,6 +130,17 @@ def test_an_experiment_that_makes_a_weak_robot_collapse_is_refused_with_the_reas
     told = refusals(try_on(SQUAT, models, None, np.random.default_rng(0)))
     assert told
     assert told[0].startswith("1 of 2 simulated robots ")
+
+
+def test_a_simulation_that_broke_leaves_the_others_alone() -> None:
+    """A joint position that is no number gives some finite limit, and the other robots' are what they were."""
+    effect = PositionTorqueLimit(motor_torque_nm=1.5)
+    position = np.tile(facts.DEFAULT_POSITION_RAD, (2, 1))
+    asked = np.full((2, 12), 500.0)
+    sound, _ = effect.torque(asked, Motion(position, np.zeros((2, 12)), 0.001), effect.start(asked))
+    position[1] = np.nan
+    broken, _ = effect.torque(asked, Motion(position, np.zeros((2, 12)), 0.001), effect.start(asked))
+    np.testing.assert_array_equal(broken[0], sound[0])
 
 
 def test_a_walk_without_a_policy_is_refused() -> None:

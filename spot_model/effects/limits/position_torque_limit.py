@@ -78,6 +78,7 @@ class _Table(NamedTuple):
 def _interpolate(xp: Any, position_rad: AnyArray, table: _Table) -> AnyArray:
     """Magnitude of the knee's transmission ratio at an angle, shape of ``position_rad``."""
     row = (position_rad - _FIRST_RAD) * (1.0 / _STEP_RAD)
+    row = xp.where(row == row, row, table.zero)
     row = xp.minimum(xp.maximum(row, table.zero), table.last)
     below = xp.minimum(xp.floor(row), table.last_start)
     index = xp.astype(below, xp.int64)
