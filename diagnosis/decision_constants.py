@@ -42,8 +42,10 @@ ERROR_SCALES: Final[Mapping[str, ErrorScale]] = {
     "load_friction": ErrorScale({"share": 0.02}),
     "stribeck_friction": ErrorScale({"level_nm": 0.1}, at={"speed_rad_s": 0.4}, acts_in_closed_loop=False),
     "armature": ErrorScale({"inertia_kg_m2": 0.006}),
-    # Load cells lag by 0 to 6 ms; in the loads alone that cannot be told from a slow torque loop.
-    "torque_bandwidth": ErrorScale({"share": 1.0}, alike=1.0, at={"time_constant_s": 0.002}, acts_in_closed_loop=False),
+    # Load cells lag by 0 to 6 ms, all of a robot by about the same.
+    "load_filter": ErrorScale({"time_constant_s": 0.001}, alike=3.5, acts_in_closed_loop=False),
+    # Torque loops close at some 200 Hz; in the loads alone that looks like a load cell's lag.
+    "torque_bandwidth": ErrorScale({"share": 1.0}, alike=1.0, at={"time_constant_s": 0.001}, acts_in_closed_loop=False),
     "velocity_filter": ErrorScale({"time_constant_s": 0.0015}),
     "joint_compliance": ErrorScale({"compliance_rad_per_nm": 2e-4}, acts_in_closed_loop=False),
     "encoder_offset": ErrorScale({"offset_rad": 0.005}),

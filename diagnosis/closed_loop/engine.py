@@ -10,7 +10,7 @@ from typing import Any, Final, Protocol
 import numpy as np
 from typing_extensions import Self
 
-from diagnosis.closed_loop.simulation import SensorNoise, Surroundings, simulate
+from diagnosis.closed_loop.simulation import SensorNoise, simulate
 from diagnosis.read.policy_ticks import Script
 from spot_log.read.run import Run
 from spot_model.errors import BadInputError
@@ -30,8 +30,6 @@ class Rollout:
     model: RobotModel
     scripts: tuple[Script, ...]
     seed: int
-    surroundings: tuple[Surroundings, ...] | None = None
-    """One a script; None for the simulator's own."""
     only_ticks: bool = False
     """No states between the policy's ticks."""
 
@@ -132,7 +130,6 @@ def run_rollout(rollout: Rollout, policy: Policy, noise: SensorNoise, tell: Tell
         np.random.default_rng(rollout.seed),
         noise,
         tell=tell,
-        surroundings=rollout.surroundings,
         only_ticks=rollout.only_ticks,
     )
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from diagnosis.closed_loop.engine import Engine, Rollout, Tell
 from diagnosis.closed_loop.merged_models import merged
 from diagnosis.closed_loop.shrink import Features, compare, features_by_sequence
-from diagnosis.closed_loop.simulation import Surroundings
+from diagnosis.closed_loop.surroundings import Surroundings
 from diagnosis.read.policy_ticks import Script
 from spot_log.read.run import Run
 from spot_model.io.model_file import RobotModel
@@ -247,20 +247,23 @@ def run_all(
     """
     if not jobs:
         return []
-    together = merged([model for model, _, _ in jobs])
+    placed: dict[tuple[int, Surroundings], RobotModel] = {}
+    models = [
+        model if around is None else placed.setdefault((id(model), around), around.around(model))
+        for model, _, around in jobs
+    ]
+    together = merged(models)
     if together is not None:
         groups = [(together, list(range(len(jobs))))]
     else:
         by_model: dict[int, list[int]] = {}
-        for i, (model, _, _) in enumerate(jobs):
+        for i, model in enumerate(models):
             by_model.setdefault(id(model), []).append(i)
-        groups = [(jobs[rows[0]][0], rows) for rows in by_model.values()]
-    rollouts = []
-    for model, rows in groups:
-        around = [s for i in rows if (s := jobs[i][2]) is not None]
-        chosen = tuple(around) if len(around) == len(rows) else None
-        scripts = tuple(jobs[i][1] for i in rows)
-        rollouts.append(Rollout(model, scripts, int(rng.integers(2**31)), chosen, only_ticks=only_ticks))
+        groups = [(models[rows[0]], rows) for rows in by_model.values()]
+    rollouts = [
+        Rollout(model, tuple(jobs[i][1] for i in rows), int(rng.integers(2**31)), only_ticks=only_ticks)
+        for model, rows in groups
+    ]
     made: list[Run | None] = [None] * len(jobs)
     for (_, rows), runs in zip(groups, engine.simulate(rollouts, tell), strict=True):
         for i, run in zip(rows, runs, strict=True):

@@ -9,7 +9,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.closed_loop.odometry import LegOdometry
 from diagnosis.read.policy_ticks import Script
 from spot_log.read.run import Run
 from spot_model.effects.base import CommandEffect, SoftwareEffect
@@ -39,16 +38,6 @@ class SensorNoise(recorded_loop.SensorNoise):
     angular_vel_rad_s: float = 0.01
 
 
-@dataclass(frozen=True)
-class Surroundings:
-    """What a closed loop depends on and no model of a robot holds: the ground, and the robot's own state estimator."""
-
-    contact_time_constant_s: float = MjcfOptions().contact_solref[0]
-    contact_damping_ratio: float = MjcfOptions().contact_solref[1]
-    odometry_time_s: float = 0.0
-    """In which standing legs pull the reported velocity; 0 for one that is true. See ``odometry.py``."""
-
-
 def simulate(
     model: RobotModel,
     policy: Policy,
@@ -56,7 +45,6 @@ def simulate(
     rng: np.random.Generator,
     noise: SensorNoise,
     *,
-    surroundings: Sequence[Surroundings] | None = None,
     only_ticks: bool = False,
     tell: Callable[[float], None] | None = None,
 ) -> list[Run]:
@@ -68,7 +56,6 @@ def simulate(
         scripts: How each run starts and what it is told.
         rng: Draws the sensors' noise and the delays.
         noise: Of the sensors.
-        surroundings: Of each run; the simulator's own by default. Effects come on top.
         only_ticks: Keep no state between the policy's ticks, and no loads of the links: enough to compare gaits.
         tell: Called with the share that is done.
 
@@ -86,7 +73,6 @@ def simulate(
     )
     plant = Plant(own, len(scripts), PlantOptions(mjcf=mjcf, n_threads=1, on_divergence="flag"))
     last_action = put_at(plant, [script.start for script in scripts])
-    odometry = None if surroundings is None else _surround(plant, surroundings)
 
     def arrival_s(issued_s: Array) -> Array:
         for effect in channel:
@@ -103,19 +89,6 @@ def simulate(
         rng=rng,
         noise=noise,
         software=software,
-        velocity_error_m_s=None if odometry is None else lambda: odometry.error_m_s(plant),
         only_ticks=only_ticks,
     )
     return loop.runs() if tell is None else loop.runs(tell)
-
-
-def _surround(plant: Plant, surroundings: Sequence[Surroundings]) -> LegOdometry | None:
-    """Give each run its own ground and estimator; what effects changed of the ground stays."""
-    own = np.array(MjcfOptions().contact_solref)
-    wanted = np.array([(s.contact_time_constant_s, s.contact_damping_ratio) for s in surroundings])
-    solref = plant.fields["geom_solref"]
-    for leg in facts.LEG_NAMES:
-        solref[:, plant.fields.geom_id(f"{leg}_foot")] += wanted - own
-    plant.fields.commit()
-    times_s = np.array([s.odometry_time_s for s in surroundings])
-    return LegOdometry(times_s) if times_s.any() else None

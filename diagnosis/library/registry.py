@@ -21,6 +21,7 @@ from diagnosis.library.effects.ground import FootRadiusEntry, GroundComplianceEn
 from diagnosis.library.effects.joint_sensing import (
     EncoderOffsetEntry,
     JointComplianceEntry,
+    LoadFilterEntry,
     LoadSensorEntry,
     SensorNoiseEntry,
     VelocityFilterEntry,
@@ -55,6 +56,7 @@ LIBRARY: Final[dict[str, LibraryEffect]] = {
         JointComplianceEntry(),
         EncoderOffsetEntry(),
         LoadSensorEntry(),
+        LoadFilterEntry(),
         SensorNoiseEntry(),
         VelocityFilterEntry(),
         VelocityEstimateEntry(),

@@ -122,7 +122,7 @@ class Body:
     def estimate(self, dt_s: float) -> BodyEstimate:
         """What the estimator reports, before the scenario's noise, ``dt_s`` after the last time; first axis 1."""
         truth = self._true_estimate()
-        return self._sensing.estimate(truth, dt_s, self._rng) if self.has_estimators else truth
+        return self._sensing.estimate(truth, self.reading(), dt_s, self._rng) if self.has_estimators else truth
 
     def link_torque_nm(self) -> Array:
         """Torque between gearbox and link, shape (12,)."""

@@ -292,9 +292,12 @@ class EstimateEffect(Effect):
 
     @abstractmethod
     def estimate(
-        self, estimate: BodyEstimate, dt_s: float, memory: Memory, rng: np.random.Generator
+        self, estimate: BodyEstimate, joints: JointReading, dt_s: float, memory: Memory, rng: np.random.Generator
     ) -> tuple[BodyEstimate, Memory]:
-        """The estimate that comes out and the new memory; arguments as in :meth:`SensorEffect.read`."""
+        """The estimate that comes out and the new memory; arguments as in :meth:`SensorEffect.read`.
+
+        ``joints`` is what the joints' sensors report at this instant.
+        """
 
 
 def per_sim(value: Any) -> Any:

@@ -266,7 +266,7 @@ class Plant(PlantState):
 
     def _sense(self, dt_s: float) -> None:
         self._reading = self._sensing.read(self.true_reading(), dt_s, self._rng)
-        self._estimate = self._sensing.estimate(self.true_estimate(), dt_s, self._rng)
+        self._estimate = self._sensing.estimate(self.true_estimate(), self._reading, dt_s, self._rng)
 
     @property
     def _now_s(self) -> float:

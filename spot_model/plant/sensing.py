@@ -40,10 +40,12 @@ class Sensing:
             truth, self._sensor_memory[i] = effect.read(truth, dt_s, self._sensor_memory[i], rng)
         return truth
 
-    def estimate(self, truth: BodyEstimate, dt_s: float, rng: np.random.Generator) -> BodyEstimate:
-        """What the state estimator reports; moves the memories on by ``dt_s``."""
+    def estimate(
+        self, truth: BodyEstimate, joints: JointReading, dt_s: float, rng: np.random.Generator
+    ) -> BodyEstimate:
+        """What the state estimator reports, given what the joints report; moves the memories on by ``dt_s``."""
         for i, effect in enumerate(self._estimators):
-            truth, self._estimator_memory[i] = effect.estimate(truth, dt_s, self._estimator_memory[i], rng)
+            truth, self._estimator_memory[i] = effect.estimate(truth, joints, dt_s, self._estimator_memory[i], rng)
         return truth
 
     def reset(self, rows: NDArray[np.bool_], reading: JointReading, estimate: BodyEstimate) -> None:

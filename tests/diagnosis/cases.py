@@ -101,6 +101,7 @@ CASES = (
         {"velocity_rad_s": 0.25, "load_nm": 0.2},
         unchecked=("position_rad",),
     ),
+    Case("load_filter", ALL, {"time_constant_s": 0.005}, {"time_constant_s": 0.2}),
     Case("velocity_filter", ("kn",), {"time_constant_s": 0.006}, {"time_constant_s": 0.2}),
     Case(
         "velocity_estimate",

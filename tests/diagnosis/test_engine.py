@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from diagnosis.closed_loop.engine import LocalEngine, RayEngine, Rollout
-from diagnosis.closed_loop.simulation import Surroundings
+from diagnosis.closed_loop.surroundings import Surroundings
 from diagnosis.closed_loop.trials import shrink_of
 from spot_log.read.run import Run
 from spot_model.effects.body.payload_mass import PayloadMass
@@ -27,8 +27,8 @@ def policy() -> Policy:
     return load_policy(POLICY)
 
 
-def _rollouts(*around: Surroundings) -> list[Rollout]:
-    return [Rollout(MODEL, tuple(scripts(20)), 3, around or None), Rollout(RobotModel(), tuple(scripts(20))[:1], 4)]
+def _rollouts(model: RobotModel = MODEL) -> list[Rollout]:
+    return [Rollout(model, tuple(scripts(20)), 3), Rollout(RobotModel(), tuple(scripts(20))[:1], 4)]
 
 
 def _same(one: list[list[Run]], other: list[list[Run]]) -> bool:
@@ -67,9 +67,9 @@ def test_no_cluster_at_the_address_is_said() -> None:
 def test_surroundings_act_and_their_own_values_change_no_bit(policy: Policy, other: dict[str, float]) -> None:
     engine = LocalEngine(policy)
     plain = engine.simulate(_rollouts()[:1], lambda _: None)
-    own = Surroundings()
-    assert _same(plain, engine.simulate(_rollouts(own, own)[:1], lambda _: None))
-    assert not _same(plain, engine.simulate(_rollouts(Surroundings(**other), own)[:1], lambda _: None))
+    own = Surroundings().around(MODEL)
+    assert _same(plain, engine.simulate(_rollouts(own)[:1], lambda _: None))
+    assert not _same(plain, engine.simulate(_rollouts(Surroundings(**other).around(MODEL))[:1], lambda _: None))
 
 
 def test_a_model_that_is_the_truth_shrinks_the_gap_to_its_floor(policy: Policy) -> None:

@@ -12,7 +12,7 @@ from typing_extensions import Self
 from diagnosis.closed_loop.engine import LocalEngine, Rollout, Tell
 from diagnosis.closed_loop.environment import OWN, best_surroundings
 from diagnosis.closed_loop.shrink import features_by_sequence
-from diagnosis.closed_loop.simulation import Surroundings
+from diagnosis.closed_loop.surroundings import Surroundings
 from spot_log.read.run import Run
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import Policy, load_policy
@@ -47,7 +47,7 @@ class _Prepared:
         return [list(self._made(r)) for r in rollouts]
 
     def _made(self, rollout: Rollout) -> Iterator[Run]:
-        for script, around in zip(rollout.scripts, rollout.surroundings or (), strict=True):
+        for script, around in zip(rollout.scripts, _around(rollout), strict=True):
             self.n_runs += 1
             name = script.sequence.split(":")[1]
             run, best = self._runs[name], self._best[name]
@@ -58,6 +58,25 @@ class _Prepared:
             observation[:, 12:24] += 0.2 * off
             ticks = replace(run.ticks, observation=observation)
             yield replace(run, header=replace(run.header, command_sequence=script.sequence), ticks=ticks)
+
+
+def _around(rollout: Rollout) -> list[Surroundings]:
+    """What surrounds each run: the numbers of the effects that a batch of models has beside each other."""
+    values = {
+        f"{e.name}.{k}": np.broadcast_to(v, (len(rollout.scripts), 1))[:, 0]
+        for e in rollout.model.effects
+        for k, v in e.values.items()
+    }
+    none = np.zeros(len(rollout.scripts))
+    return [
+        Surroundings(OWN.contact_time_constant_s + t, OWN.contact_damping_ratio + d, o)
+        for t, d, o in zip(
+            values.get("ground_compliance.time_constant_s", none),
+            values.get("ground_compliance.damping_ratio", none),
+            values.get("leg_odometry.time_s", none),
+            strict=True,
+        )
+    ]
 
 
 def _best(made: list[Run], engine: _Prepared, policy: Policy) -> Mapping[str, Surroundings]:

@@ -53,6 +53,8 @@ from spot_model.effects.registry import BUILT_IN, effect_class, make_effect
 from spot_model.effects.sensing.contact_delay import ContactDelay
 from spot_model.effects.sensing.encoder_offset import EncoderOffset
 from spot_model.effects.sensing.imu_tilt import ImuTilt
+from spot_model.effects.sensing.leg_odometry import LegOdometry
+from spot_model.effects.sensing.load_filter import LoadFilter
 from spot_model.effects.sensing.load_sensor_gain import LoadSensorGain
 from spot_model.effects.sensing.sensor_noise import SensorNoise
 from spot_model.effects.sensing.velocity_estimate import VelocityEstimate
@@ -175,8 +177,8 @@ def estimate_over_steps(effect: EstimateEffect) -> np.ndarray:
     truth, rng, out = estimates(), np.random.default_rng(5), []
     effect = effect.arrays_like(truth[0].world_from_body_wxyz)
     memory = effect.start(truth[0])
-    for estimate in truth:
-        reported, memory = effect.estimate(estimate, 0.005, memory, rng)
+    for estimate, joints in zip(truth, readings(), strict=True):
+        reported, memory = effect.estimate(estimate, joints, 0.005, memory, rng)
         out.append(reported)
     return stacked(out)
 
@@ -214,7 +216,7 @@ ACTIVE = (
     LegMass(scale=1.2),
     FootRadius(change_m=0.003),
     GroundFriction(scale=0.5),
-    GroundCompliance(time_constant_s=0.01),
+    GroundCompliance(time_constant_s=0.01, damping_ratio=0.3),
     CommandJitter(mean_s=0.002),
     CommandDrop(probability=0.3),
     EncoderOffset(offset_rad=0.02),
@@ -222,6 +224,8 @@ ACTIVE = (
     SensorNoise(position_rad=0.001, velocity_rad_s=0.05, load_nm=0.5),
     VelocityFilter(time_constant_s=0.005, unfiltered_share=0.5),
     LoadSensorGain(gain=0.95, bias_nm=0.5),
+    LoadFilter(time_constant_s=0.004),
+    LegOdometry(time_s=0.05),
     VelocityEstimate(scale=0.95, bias_x_m_s=0.05, bias_y_m_s=0.02, lag_s=0.02),
     ImuTilt(roll_rad=0.02, pitch_rad=0.03),
     ContactDelay(delay_s=0.02),
@@ -340,7 +344,7 @@ def test_a_flag_comes_late_by_the_delay():
     effect = ContactDelay(delay_s=0.02).arrays_like(np.zeros((1, 12)))
     memory, flags = effect.start(touch[0]), []
     for estimate in touch:
-        reported, memory = effect.estimate(estimate, 0.005, memory, np.random.default_rng(0))
+        reported, memory = effect.estimate(estimate, readings()[0], 0.005, memory, np.random.default_rng(0))
         flags.append(reported.foot_contact[0, 0])
     # Made at the tenth instant of 5 ms, reported 20 ms later.
     assert flags.index(1.0) == 14

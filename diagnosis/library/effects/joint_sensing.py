@@ -24,6 +24,7 @@ from diagnosis.library.experiments import LOADED_WALK, OTHER_KP, STAND, TURN, Ex
 from spot_model.effects.base import Effect
 from spot_model.effects.drive.joint_compliance import JointCompliance
 from spot_model.effects.sensing.encoder_offset import EncoderOffset
+from spot_model.effects.sensing.load_filter import LoadFilter
 from spot_model.effects.sensing.load_sensor_gain import LoadSensorGain
 from spot_model.effects.sensing.sensor_noise import SensorNoise
 from spot_model.effects.sensing.velocity_filter import VelocityFilter
@@ -148,6 +149,37 @@ class LoadSensorEntry(LibraryEffect):
     def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
         """Gain and zero."""
         return {"gain": 1.0 + float(coefficients[0]), "bias_nm": float(coefficients[1])}
+
+
+class LoadFilterEntry(LibraryEffect):
+    """−T·dτ/dt with τ the reported load: exact for a first-order low pass, whatever the load is made of.
+
+    A slow torque loop looks the same in channel A. Here the load is late against the motion, too.
+    """
+
+    name: ClassVar[str] = "load_filter"
+    title: ClassVar[str] = "lag of the torque sensor"
+    effect: ClassVar[type[Effect]] = LoadFilter
+    channels: ClassVar[tuple[str, ...]] = ("A", "D", "B")
+    coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("time_constant_s", "s", 0.0, 0.1),)
+    least: ClassVar[Mapping[str, float]] = {"time_constant_s": 5e-4}
+    confused_with: ClassVar[tuple[str, ...]] = ("torque_bandwidth", "command_delay", "armature")
+    split_by: ClassVar[Experiment] = OTHER_KP
+
+    def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
+        """Rate of the reported load, negative."""
+        if view.name == "A":
+            a: ActuatorSignals = view.signals
+            return on_joints(a.finish_rate(-a.load_nm), joints)
+        s: DynamicsSignals = view.signals
+        step_s = 1e-3
+        key = ("load_filter", tuple(np.flatnonzero(joints)))
+        late = s.with_inputs(key, load_nm=s.inputs.load_nm + step_s * s.load_rate_nm_s * joints)
+        return ((channel_part(s.reference, view) - channel_part(late, view)) / step_s)[:, :, None]
+
+    def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
+        """Time constant."""
+        return {"time_constant_s": float(coefficients[0])}
 
 
 class VelocityFilterEntry(LibraryEffect):

@@ -1,4 +1,4 @@
-"""Ground, or feet, softer than the model's."""
+"""Ground, or feet, softer or harder than the model's."""
 
 from __future__ import annotations
 
@@ -10,17 +10,20 @@ from spot_model.effects.base import ModelEffect, ModelFields, legs_of, parameter
 
 @dataclass(frozen=True, kw_only=True)
 class GroundCompliance(ModelEffect):
-    """The contact's time constant grows: a contact gives way further and later. Acts on the legs of ``joints``.
+    """Another time constant of the contact of the legs of ``joints``: with a longer one it gives way further and later.
 
     Source: MuJoCo ``geom_solref``; grass, mats and rubber, 20 to 200 kN/m.
     """
 
     name: ClassVar[str] = "ground_compliance"
 
-    time_constant_s: Any = parameter(null=0.0, low=0.0, high=0.2, unit="s", source="added to the contact's 0.02 s")
+    time_constant_s: Any = parameter(null=0.0, low=-0.015, high=0.2, unit="s", source="added to the contact's 0.02 s")
+    damping_ratio: Any = parameter(null=0.0, low=-0.8, high=4.0, unit="1", source="added to the contact's 1")
 
     def edit(self, fields: ModelFields) -> None:
-        """Add to the feet's contact time constant."""
+        """Add to the feet's contact."""
         solref = fields["geom_solref"]
         for leg in legs_of(self.mask):
-            solref[:, fields.geom_id(f"{leg}_foot"), 0] += per_sim(self.time_constant_s)
+            foot = fields.geom_id(f"{leg}_foot")
+            solref[:, foot, 0] += per_sim(self.time_constant_s)
+            solref[:, foot, 1] += per_sim(self.damping_ratio)

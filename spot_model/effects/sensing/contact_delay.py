@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from spot_model.effects.base import BodyEstimate, EstimateEffect, Memory, parameter
+from spot_model.effects.base import BodyEstimate, EstimateEffect, JointReading, Memory, parameter
 
 JOINTS_A_LEG = 3
 
@@ -30,7 +30,7 @@ class ContactDelay(EstimateEffect):
         return estimate.foot_contact, np.zeros_like(estimate.foot_contact)
 
     def estimate(
-        self, estimate: BodyEstimate, dt_s: float, memory: Memory, rng: np.random.Generator
+        self, estimate: BodyEstimate, joints: JointReading, dt_s: float, memory: Memory, rng: np.random.Generator
     ) -> tuple[BodyEstimate, Memory]:
         """Hold the flags back."""
         flags, differs_s = memory

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from spot_model.effects.base import BodyEstimate, EstimateEffect, Memory, parameter
+from spot_model.effects.base import BodyEstimate, EstimateEffect, JointReading, Memory, parameter
 from spot_model.robot.rotation import multiply_wxyz, rotate_inverse_wxyz
 
 
@@ -25,7 +25,7 @@ class ImuTilt(EstimateEffect):
     pitch_rad: Any = parameter(null=0.0, low=-0.3, high=0.3, unit="rad", source="0.01 to 0.05 rad")
 
     def estimate(
-        self, estimate: BodyEstimate, dt_s: float, memory: Memory, rng: np.random.Generator
+        self, estimate: BodyEstimate, joints: JointReading, dt_s: float, memory: Memory, rng: np.random.Generator
     ) -> tuple[BodyEstimate, Memory]:
         """Tilt attitude, turn rates and velocity."""
         if self.is_null:

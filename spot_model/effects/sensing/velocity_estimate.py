@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from spot_model.effects.base import BodyEstimate, EstimateEffect, Memory, parameter
+from spot_model.effects.base import BodyEstimate, EstimateEffect, JointReading, Memory, parameter
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,7 +31,7 @@ class VelocityEstimate(EstimateEffect):
         return estimate.linear_vel_of_body_in_body_m_s
 
     def estimate(
-        self, estimate: BodyEstimate, dt_s: float, memory: Memory, rng: np.random.Generator
+        self, estimate: BodyEstimate, joints: JointReading, dt_s: float, memory: Memory, rng: np.random.Generator
     ) -> tuple[BodyEstimate, Memory]:
         """Filter, scale and shift."""
         now = estimate.linear_vel_of_body_in_body_m_s

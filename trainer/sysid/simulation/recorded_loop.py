@@ -66,8 +66,6 @@ class RecordedLoop:
         rng: Draws the sensors' noise.
         noise: Of the sensors.
         software: Effects of the program that drives the robot.
-        velocity_error_m_s: What the state estimator adds to the body's velocity in the world, shape (n, 3); called at
-            every state message.
         only_ticks: Keep only the states that the policy saw.
     """
 
@@ -80,7 +78,6 @@ class RecordedLoop:
     rng: np.random.Generator
     noise: SensorNoise = SensorNoise()
     software: Sequence[SoftwareEffect] = ()
-    velocity_error_m_s: Callable[[], Array] | None = None
     only_ticks: bool = False
     _states: dict[str, list[Any]] = field(default_factory=dict, init=False)
     _ticks: dict[str, list[Any]] = field(default_factory=dict, init=False)
@@ -116,13 +113,11 @@ class RecordedLoop:
         self._path.step()
 
     def _sense(self, message: int) -> Sensed | None:
-        error = self.velocity_error_m_s() if self.velocity_error_m_s is not None else None
         if message and self.only_ticks:
             return None
         reading, estimate, noise = self.plant.reading, self.plant.estimate, self.noise
         attitude = np.array(estimate.world_from_body_wxyz)
         linear = np.asarray(rotate_wxyz(attitude, estimate.linear_vel_of_body_in_body_m_s))
-        linear = linear if error is None else linear + error
         angular = np.asarray(rotate_wxyz(attitude, estimate.angular_vel_of_body_in_body_rad_s))
         position = self._noisy(reading.position_rad, noise.position_rad)
         velocity = self._noisy(reading.velocity_rad_s, noise.velocity_rad_s)
