@@ -74,9 +74,14 @@ def compare(sequence: str, real: Features, models: Mapping[str, Features], seed:
         seed: Of the measure's random features.
     """
     reference = SequenceReference.build(sequence, list(real), seed)
+    scale = reference.scale
+    if len(real) == 1:
+        # The robot did not repeat itself: what its models scatter by stands in for what it scatters by.
+        own = [SequenceReference.build(sequence, list(runs), seed).scale for runs in models.values() if len(runs) > 1]
+        scale = np.median(own, axis=0) if own else scale
 
     def one_number(distances: Array) -> Array:
-        return np.asarray(np.mean(distances / reference.scale, axis=-1))
+        return np.asarray(np.mean(distances / scale, axis=-1))
 
     return Compared(
         sequence,
@@ -160,10 +165,10 @@ def _widening(n: int, freedom: int) -> float:
 
 
 def _floor(pairs: Array, chosen: NDArray[np.intp] | None = None) -> float:
-    """Mean distance of two different real runs; 0 without repeats."""
+    """Mean distance of two different real runs; without repeats the unit, which simulated runs gave."""
     n = len(pairs)
     if n < 2:
-        return 0.0
+        return 1.0
     index = np.arange(n) if chosen is None else chosen
     different = index[:, None] != index[None, :]
     if not different.any():

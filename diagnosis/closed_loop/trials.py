@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -22,6 +22,7 @@ from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.observation import observed
 from spot_model.policy.policy import Policy
+from trainer.sysid.distance.measures import SequenceReference
 
 
 @dataclass(frozen=True)
@@ -44,6 +45,20 @@ class Bench:
         chosen = self.surroundings.get("all" if self.shared is not None else name)
         return chosen.doubt if chosen is not None else 0.0
 
+    @staticmethod
+    def of(runs: Sequence[Run], policy: Policy, engine: Engine, shared: RobotModel | None = None) -> Bench | None:
+        """With every log that is long enough, run so often that simulated runs of a sequence have a scatter too.
+
+        None where no log is long enough.
+        """
+        scripts = [s for run in runs if (s := script_of(run)) is not None]
+        for name in sorted({s.sequence for s in scripts}):
+            own = [s for s in scripts if s.sequence == name]
+            more = max(0, LEAST_RUNS - len(own))
+            last = max(s.repeat for s in own)
+            scripts += [replace(own[i % len(own)], repeat=last + 1 + i) for i in range(more)]
+        return Bench(tuple(runs), tuple(scripts), policy, engine, shared) if scripts else None
+
     @property
     def sequences(self) -> list[str]:
         """Names of the command sequences."""
@@ -54,6 +69,8 @@ class Bench:
         return dict(features_by_sequence(self.runs, self.policy))
 
 
+LEAST_RUNS: Final = 3
+"""Simulated runs of a sequence, however few real ones there are."""
 LOWER: Final = 1.0 / 3.0
 """Of a sequence's simulated runs, the quantile that counts: some stumble where the robot did not."""
 SMALLEST: Final = 0.01
@@ -120,10 +137,19 @@ class Trials:
     notes: tuple[str, ...]
 
     def distances(self) -> dict[str, float]:
-        """By model, in floors; empty without repeats, for then a distance has no unit."""
-        repeated = [c for c in self.compared if c.real.shape[0] > 1]
-        names = repeated[0].models if repeated else ()
-        return {name: typical([c.models[name] for c in repeated]) for name in names}
+        """By model, in floors: distances between the robot's own repeats; without repeats between the model's."""
+        names = self.compared[0].models if self.compared else ()
+        return {name: typical([c.models[name] for c in self.compared]) for name in names}
+
+    def moved(self, name: str, other: str, policy: Policy) -> float:
+        """(D − floor)/floor of two models: how far one's runs lie from the other's, beside those of the first alone."""
+        first, second = (features_by_sequence(self.runs[key], policy) for key in (name, other))
+        ratios = []
+        for sequence in sorted(first.keys() & second.keys()):
+            if len(first[sequence]) > 1:
+                reference = SequenceReference.build(sequence, list(first[sequence]))
+                ratios.append(np.mean([reference.distances(f) / reference.scale for f in second[sequence]]))
+        return float(np.mean(ratios)) - 1.0 if ratios else float("nan")
 
 
 def typical(distances: Sequence[Array]) -> float:
@@ -231,11 +257,10 @@ def shrink_of(
         policy: The policy that ran.
         rng: Draws seeds and resamples.
     """
-    scripts = tuple(s for run in runs if (s := script_of(run)) is not None)
-    if not scripts:
-        return None
     added = {e.name for e in corrected.effects} - {e.name for e in nominal.effects}
-    bench = Bench(tuple(runs), scripts, policy, LocalEngine(policy), corrected if added & SURROUNDING_EFFECTS else None)
+    bench = Bench.of(runs, policy, LocalEngine(policy), corrected if added & SURROUNDING_EFFECTS else None)
+    if bench is None:
+        return None
     models = {"nominal": nominal, "corrected": corrected}
     made = roll_out(
         bench,
@@ -259,7 +284,7 @@ def compared_by_sequence(bench: Bench, models: Mapping[str, Sequence[Run]]) -> t
         if fallen:
             notes.append(f"sequence {sequence}: {', '.join(fallen)} fell at once and is not compared")
             continue
-        short = sum(s.sequence == sequence for s in bench.scripts) - len(real[sequence])
+        short = sum((r.header.command_sequence or "unnamed") == sequence for r in bench.runs) - len(real[sequence])
         if short:
             notes.append(f"sequence {sequence}: {short} real runs that fell or were cut short are not compared")
         compared.append(compare(sequence, real[sequence], {name: part[sequence] for name, part in parts.items()}))

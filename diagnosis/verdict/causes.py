@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from diagnosis.closed_loop.environment import SURROUNDING_EFFECTS
-from diagnosis.closed_loop.trials import Bench, Trials, run_trials
+from diagnosis.closed_loop.trials import Bench, run_trials
 from diagnosis.decision_constants import EFFECT_PRIOR_NATS, GROUP_ODDS, OPEN_LOOP_MATTERS, USUAL_LEFT
 from diagnosis.library.base import LibraryEffect
 from diagnosis.selection.nuisance_model import model_of
@@ -24,6 +24,7 @@ from diagnosis.verdict.posterior import Belief, Hypothesis, believe, capped
 from spot_model.io.model_file import RobotModel
 
 ERRORS = "ordinary errors alone"
+ALONE = "ordinary errors in the surroundings of the best set"
 Tell = Callable[[float], None]
 
 
@@ -86,6 +87,46 @@ def name_of(scored: Scored) -> str:
     return " + ".join(sorted(t.effect.name for t in scored.terms)) or ERRORS
 
 
+@dataclass(frozen=True)
+class Tried:
+    """Closed loops of all candidates."""
+
+    distances: Mapping[str, float]
+    """By name of a candidate, and of the nominal model; floors. Empty where nothing was simulated."""
+    moved: Mapping[str, float]
+    """By name of an effect of the best set: (D − floor)/floor between runs with and without it, all else alike."""
+    notes: tuple[str, ...] = ()
+
+
+def try_out(
+    found: Explained,
+    nominal: RobotModel,
+    candidates: Mapping[str, Scored],
+    bench: Bench,
+    rng: np.random.Generator,
+    tell: Tell = lambda _: None,
+) -> Tried:
+    """Simulate the candidates.
+
+    The best set and ordinary errors alone are in surroundings of their own, the rest in the best set's, so that what is
+    compared differs in one effect.
+    """
+    bench = with_environment(bench, found, nominal)
+    best = name_of(found.selection.best) if found.selection.best is not None else ERRORS
+    like = {name: best for name in candidates if name not in (best, ERRORS)}
+    simulated = dict(candidates)
+    if len(found.effects) == 1:
+        # Without its one effect the best set is ordinary errors alone, but in its own surroundings.
+        simulated[ALONE], like[ALONE] = candidates[ERRORS], best
+    trials = run_trials(bench, nominal, found.board, simulated, like, rng, tell, only_ticks=True)
+    moved = {}
+    for effect in found.effects:
+        less = ALONE if len(found.effects) == 1 else " + ".join(sorted(set(found.effects) - {effect}))
+        if best in trials.runs and less in trials.runs:
+            moved[effect] = trials.moved(best, less, bench.policy)
+    return Tried(trials.distances(), moved, trials.notes)
+
+
 def decide(
     found: Explained,
     nominal: RobotModel,
@@ -105,15 +146,8 @@ def decide(
         tell: Called with the share that is done.
     """
     candidates = candidates_of(found)
-    trials: Trials | None = None
-    if bench is not None:
-        bench = with_environment(bench, found, nominal)
-        best = name_of(found.selection.best) if found.selection.best is not None else ERRORS
-        full = {name for name in candidates if len(candidates[name].terms) < len(found.effects)} | {best}
-        like = {name: best for name in candidates if name not in full}
-        trials = run_trials(bench, nominal, found.board, candidates, like, rng, tell, only_ticks=True)
-    distances = trials.distances() if trials is not None else {}
-    notes = trials.notes if trials is not None else ()
+    tried = try_out(found, nominal, candidates, bench, rng, tell) if bench is not None else Tried({}, {})
+    distances = dict(tried.distances)
     if ERRORS in distances:
         # A robot that lies where the plain nominal model lies has no gap either.
         distances[ERRORS] = min(distances[ERRORS], distances["nominal"])
@@ -125,7 +159,7 @@ def decide(
         if not distances or name in distances
     }
     odds = 0.0 if distances else found.remainder().beyond(USUAL_LEFT) / max(sum(USUAL_LEFT.values()), 1e-9)
-    return _kept(found, candidates, hypotheses, distances, library, odds, notes)
+    return _kept(found, candidates, hypotheses, tried, library, odds)
 
 
 def _kept(

@@ -18,7 +18,6 @@ from diagnosis.document import Shrink, Verdict
 from diagnosis.library.base import LibraryEffect
 from diagnosis.library.registry import LIBRARY
 from diagnosis.progress import Progress
-from diagnosis.read.policy_ticks import script_of
 from diagnosis.read.recording import record
 from diagnosis.selection.evidence import Board
 from diagnosis.selection.nuisance_model import by_joint, model_of
@@ -87,8 +86,7 @@ def diagnose(
     say(f"building channels of {len(runs)} logs")
     found = explain(runs, nominal, policy, library, say, limits_rad)
     is_spot = found.board.robot.joint_names == facts.JOINT_NAMES
-    scripts = tuple(s for run in runs if (s := script_of(run)) is not None) if policy is not None and is_spot else ()
-    bench = Bench(tuple(runs), scripts, policy, engine or LocalEngine(policy)) if policy and scripts else None
+    bench = Bench.of(runs, policy, engine or LocalEngine(policy)) if policy is not None and is_spot else None
     if bench is not None:
         say("simulating the models through the same commands")
     with one_thread():
@@ -134,7 +132,7 @@ def _about(bench: Bench, is_crossed: bool) -> list[str]:
     if not is_crossed:
         notes.append("all logs are of one command sequence: the shrink is measured on sequences that the fit saw")
     if any(len(own) < 2 for own in bench.real().values()):
-        notes.append("each sequence was run once: the floor counts as 0, and S is a lower bound")
+        notes.append("each sequence was run once: the floor is the scatter of simulated runs")
     return notes
 
 

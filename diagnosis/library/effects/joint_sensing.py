@@ -154,13 +154,13 @@ class LoadSensorEntry(LibraryEffect):
 class LoadFilterEntry(LibraryEffect):
     """−T·dτ/dt with τ the reported load: exact for a first-order low pass, whatever the load is made of.
 
-    A slow torque loop looks the same in channel A. Here the load is late against the motion, too.
+    A slow torque loop looks the same between set-point and load. Here the load is late against the motion, too.
     """
 
     name: ClassVar[str] = "load_filter"
     title: ClassVar[str] = "lag of the torque sensor"
     effect: ClassVar[type[Effect]] = LoadFilter
-    channels: ClassVar[tuple[str, ...]] = ("A", "D", "B")
+    channels: ClassVar[tuple[Channel, ...]] = (Channel.SET_POINT_TO_LOAD, Channel.LOAD_TO_MOTION, Channel.BASE_WRENCH)
     coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("time_constant_s", "s", 0.0, 0.1),)
     least: ClassVar[Mapping[str, float]] = {"time_constant_s": 5e-4}
     confused_with: ClassVar[tuple[str, ...]] = ("torque_bandwidth", "command_delay", "armature")
@@ -168,7 +168,7 @@ class LoadFilterEntry(LibraryEffect):
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
         """Rate of the reported load, negative."""
-        if view.name == "A":
+        if view.name == Channel.SET_POINT_TO_LOAD:
             a: ActuatorSignals = view.signals
             return on_joints(a.finish_rate(-a.load_nm), joints)
         s: DynamicsSignals = view.signals
