@@ -112,9 +112,6 @@ EFFECT_PRIOR_NATS: Final = 6.0
 MAX_EFFECTS: Final = 4
 ODD_RUN: Final = 0.1
 """Share of runs in which something else went on (a rug, a push, a hot day): none tells more than log(0.9/0.1) nats."""
-BEYOND_DOUBT_NATS: Final = 12.0
-"""Evidence of an effect, after odd runs, from which it is there although the robot lies within ordinary distances:
-twice the price of a fault."""
 GROUP_ODDS: Final = 0.1
 """A rival with at least these odds against the best stays in its group."""
 
@@ -128,11 +125,10 @@ model is at 1.55 to 2.80; their mean and 1.65 standard deviations.
 """
 GAP_SPREAD: Final = 0.25
 """Standard deviation of a distance between a robot and its right model, over draws of noise and of environments."""
-MATTERS: Final = 0.35
-"""An effect that brings closed loops nearer by less does not matter here: the standard deviation of a difference of two
-distances, √2 · :data:`GAP_SPREAD`. Lowered from 0.5 after a simulated robot with knee friction was missed."""
-MATTERS_SHARE: Final = 0.15
-"""Nor does one that closes less than this share of what lies above the floor."""
+LEAST_MOVED: Final = 1.0
+"""An effect matters if runs with it and without it lie apart by one floor more than runs of one robot do."""
+MOVED_SPREAD: Final = 0.25
+"""Standard deviation of the logarithm by which a model's runs and a robot's are moved differently by an effect."""
 
 # ---- without closed loops
 

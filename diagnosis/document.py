@@ -78,6 +78,8 @@ class FoundEffect(_Part):
     """What it adds to the log-likelihood of folds that the fit never saw."""
     nearer_floors: float | None = None
     """By how much closed loops come nearer to the robot with it, in distances between the robot's own repeats."""
+    moved_floors: float | None = None
+    """(D − floor)/floor of closed loops of the simulator with it and without it: how much it matters here."""
     channels: dict[str, float] = Field(default_factory=dict)
     """Where that gain comes from, nats by channel."""
 
@@ -89,7 +91,8 @@ class SeenEffect(_Part):
     title: str = ""
     joints: tuple[str, ...]
     parameters: dict[str, Number]
-    nearer_floors: float | None = None
+    moved_floors: float | None = None
+    """As for an effect that was found; null where nothing could be simulated."""
 
 
 class Dependence(_Part):

@@ -67,6 +67,8 @@ class Chosen:
 
     by_sequence: Mapping[str, Surroundings]
     """Empty where there is nothing to choose by."""
+    overall: Surroundings = OWN
+    """Chosen on all sequences: what a model file gets."""
     doubt: float = 0.0
     """Standard error of the model's distance from the choice, in floors."""
 
@@ -208,7 +210,9 @@ def best_surroundings(
 
         _try(list(tried.values()), [t.new(step(name)) for name, t in tried.items()], engine, rng, part)
     every = sorted({s.sequence for s in scripts})
-    return {name: Chosen({s: t.best_without(s) for s in every}, t.doubt()) for name, t in tried.items()}
+    return {
+        name: Chosen({s: t.best_without(s) for s in every}, t.best_without(), t.doubt()) for name, t in tried.items()
+    }
 
 
 def _nearer(centre: Surroundings) -> list[Surroundings]:

@@ -95,20 +95,19 @@ def shrinkage(
     before: str,
     after: str,
     rng: np.random.Generator,
-    doubt: tuple[float, float] = (0.0, 0.0),
+    doubt: float = 0.0,
 ) -> Shrinkage:
     """S = (D0 − D1)/(D0 − floor), averaged over sequences, with a paired hierarchical bootstrap.
 
     Each resample draws sequences, within them real runs, and simulated runs, the same for both models. Without
-    repeats there is no floor; it counts as 0, and S is a lower bound.
+    repeats the floor is the scatter of simulated runs.
 
     Args:
         compared: By sequence.
         before: Name of the nominal model.
         after: Name of the corrected one.
         rng: Draws the resamples.
-        doubt: Standard errors of the distances before and after that no resample holds: other surroundings might have
-            been chosen.
+        doubt: Standard error of the distance after that no resample holds: other surroundings might have been chosen.
     """
     d0 = float(np.mean([c.models[before].mean() for c in compared]))
     d1 = float(np.mean([c.models[after].mean() for c in compared]))
@@ -141,7 +140,7 @@ def shrinkage(
     reach = float(normal.ppf(1.0 - tail / 100.0) * np.std(np.clip(draws, *edges)))
     wider = _few([min(c.real.shape[0], c.models[before].shape[0]) for c in compared])
     below, above = max(s - float(low), reach), max(float(high) - s, reach)
-    around = float(normal.ppf(1.0 - tail / 100.0) * np.hypot((1.0 - s) * doubt[0], doubt[1]) / (d0 - floor))
+    around = float(normal.ppf(1.0 - tail / 100.0) * doubt / (d0 - floor))
     return Shrinkage(
         d0, d1, floor, s, s - float(np.hypot(wider * below, around)), s + float(np.hypot(wider * above, around))
     )

@@ -10,7 +10,7 @@ import numpy as np
 
 from diagnosis.channels.channel_view import Array
 from diagnosis.closed_loop.engine import Engine, LocalEngine, Tell
-from diagnosis.closed_loop.environment import SURROUNDING_EFFECTS, Chosen, best_surroundings, run_all
+from diagnosis.closed_loop.environment import Chosen, best_surroundings, run_all
 from diagnosis.closed_loop.shrink import Compared, Features, Shrinkage, compare, features_by_sequence, shrinkage
 from diagnosis.document import OtherGap, Placebo, Shrink
 from diagnosis.read.policy_ticks import Script, policy_ticks, script_of
@@ -40,10 +40,9 @@ class Bench:
     surroundings: dict[str, Chosen] = field(default_factory=dict)
     """Chosen ones, by name of the model."""
 
-    def doubt(self, name: str) -> float:
-        """Standard error of a model's distance from the choice of its surroundings, in floors."""
-        chosen = self.surroundings.get("all" if self.shared is not None else name)
-        return chosen.doubt if chosen is not None else 0.0
+    def around(self, name: str) -> Chosen:
+        """Surroundings of a model; none of its own before any were chosen."""
+        return self.surroundings.get("all" if self.shared is not None else name, Chosen({}))
 
     @staticmethod
     def of(runs: Sequence[Run], policy: Policy, engine: Engine, shared: RobotModel | None = None) -> Bench | None:
@@ -69,6 +68,8 @@ class Bench:
         return dict(features_by_sequence(self.runs, self.policy))
 
 
+NOMINAL: Final = "nominal"
+"""The nominal model among those that are run: as its file has it, in no surroundings but its own."""
 LEAST_RUNS: Final = 3
 """Simulated runs of a sequence, however few real ones there are."""
 LOWER: Final = 1.0 / 3.0
@@ -113,7 +114,7 @@ def roll_out(
         )
     jobs, names = [], []
     for name, by_sequence in models.items():
-        around = bench.surroundings["all" if bench.shared is not None else (like or {}).get(name, name)]
+        around = bench.around((like or {}).get(name, name)) if name != NOMINAL else Chosen({})
         for sequence, model in by_sequence.items():
             mine = [s for s in bench.scripts if s.sequence == sequence]
             jobs += [(model, s, around.by_sequence.get(sequence)) for s in mine]
@@ -189,8 +190,8 @@ def run_trials(
     """
     names, notes = bench.sequences, []
     crossed = list(board.fold_names) == names and len(names) > 1
-    models: dict[str, Models] = {"nominal": dict.fromkeys(names, nominal)}
-    references = {"nominal": nominal}
+    models: dict[str, Models] = {NOMINAL: dict.fromkeys(names, nominal)}
+    references: dict[str, RobotModel] = {}
     for name, scored in candidates.items():
         made, why = _fitted_models(nominal, board, scored, names if crossed else [])
         if made is None:
@@ -228,8 +229,8 @@ def measure_shrink(bench: Bench, trials: Trials, stated: str, wrong: str, rng: n
     compared = trials.compared
     if not compared or stated not in trials.runs:
         return None
-    after = shrinkage(compared, "nominal", stated, rng, (bench.doubt("nominal"), bench.doubt(stated)))
-    placebo = shrinkage(compared, "nominal", wrong, rng) if wrong in trials.runs and wrong != stated else None
+    after = shrinkage(compared, NOMINAL, stated, rng, bench.around(stated).doubt)
+    placebo = shrinkage(compared, NOMINAL, wrong, rng) if wrong in trials.runs and wrong != stated else None
     return Shrink(
         d0=after.d0,
         d1=after.d1,
@@ -239,16 +240,16 @@ def measure_shrink(bench: Bench, trials: Trials, stated: str, wrong: str, rng: n
         s_high=after.high,
         held_out=tuple(c.sequence for c in compared) if trials.is_crossed else (),
         placebo=Placebo(name=wrong, s=placebo.s) if placebo is not None and placebo.s is not None else None,
-        beside=tuple(_beside(bench.runs, trials.runs["nominal"], trials.runs[stated])),
+        beside=tuple(_beside(bench.runs, trials.runs[NOMINAL], trials.runs[stated])),
     )
 
 
 def shrink_of(
     runs: Sequence[Run], nominal: RobotModel, corrected: RobotModel, policy: Policy, rng: np.random.Generator
 ) -> Shrinkage | None:
-    """S of a stated model on any runs, as a verdict measures it: both models, each in the surroundings that suit it.
+    """S of two model files on any runs, as they stand: with runs of sequences that no fit saw this is the true S.
 
-    None where no run can be compared. With many runs of sequences that the diagnosis never saw, this is the true S.
+    None where no run can be compared.
 
     Args:
         runs: Real logs.
@@ -257,21 +258,12 @@ def shrink_of(
         policy: The policy that ran.
         rng: Draws seeds and resamples.
     """
-    added = {e.name for e in corrected.effects} - {e.name for e in nominal.effects}
-    bench = Bench.of(runs, policy, LocalEngine(policy), corrected if added & SURROUNDING_EFFECTS else None)
+    bench = Bench.of(runs, policy, LocalEngine(policy))
     if bench is None:
         return None
-    models = {"nominal": nominal, "corrected": corrected}
-    made = roll_out(
-        bench,
-        {name: dict.fromkeys(bench.sequences, model) for name, model in models.items()},
-        models,
-        rng,
-        lambda _: None,
-    )
-    compared, _ = compared_by_sequence(bench, made)
-    doubt = (bench.doubt("nominal"), bench.doubt("corrected"))
-    return shrinkage(compared, "nominal", "corrected", rng, doubt) if compared else None
+    models = {name: dict.fromkeys(bench.sequences, m) for name, m in ((NOMINAL, nominal), ("corrected", corrected))}
+    compared, _ = compared_by_sequence(bench, roll_out(bench, models, {}, rng, lambda _: None))
+    return shrinkage(compared, NOMINAL, "corrected", rng) if compared else None
 
 
 def compared_by_sequence(bench: Bench, models: Mapping[str, Sequence[Run]]) -> tuple[list[Compared], list[str]]:

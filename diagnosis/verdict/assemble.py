@@ -123,7 +123,7 @@ def _effects(causes: Causes) -> list[FoundEffect]:
         scored = scorer.scored(term.effect, term.shape, term.place)
         baseline = scorer.now.by_block if others else np.zeros(len(board.blocks))
         by_channel = {c: round(float((scored.by_block - baseline)[n].sum()), 1) for c, n in board.by_channel.items()}
-        group = belief.group(found.effects, term.effect.name) or {term.effect.name: 1.0}
+        group = belief.group(term.effect.name) or {term.effect.name: 1.0}
         names = (term.effect.name, *(n for n in group if n != term.effect.name))
         probability = float(np.clip(belief.effects.get(term.effect.name, 0.0), 0.0, 1.0))
         share = group.get(term.effect.name, 1.0)
@@ -140,6 +140,7 @@ def _effects(causes: Causes) -> list[FoundEffect]:
                 rivals={n: min(1.0, probability * w / max(share, 1e-9)) for n, w in group.items()},
                 gain_nats=float(gain),
                 nearer_floors=finite(belief.nearer.get(term.effect.name)),
+                moved_floors=finite(causes.moved.get(term.effect.name)),
                 channels={c: v for c, v in by_channel.items() if abs(v) >= 1.0},
             )
         )
@@ -164,7 +165,7 @@ def _seen(causes: Causes) -> list[SeenEffect]:
                 title=seen.term.effect.title,
                 joints=board.robot.named(board.robot.joints_of(seen.term.effect, seen.term.place)),
                 parameters=numbers(scorer, scored),
-                nearer_floors=finite(seen.nearer),
+                moved_floors=finite(seen.moved),
             )
         )
     return out

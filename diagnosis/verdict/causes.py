@@ -1,4 +1,4 @@
-"""Which of the effects that residuals show are causes: with them closed loops come nearer to the robot, and stay there.
+"""Which of the effects that residuals show are causes: they are there, and closed loops are others without them.
 
 The best set of effects is compared with itself less each effect, with rivals in each place, and with ordinary errors
 alone, each in the environment that suits it best. What an effect is taken out of keeps the ordinary errors that were
@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from diagnosis.closed_loop.environment import SURROUNDING_EFFECTS
-from diagnosis.closed_loop.trials import Bench, run_trials
+from diagnosis.closed_loop.trials import NOMINAL, Bench, run_trials
 from diagnosis.decision_constants import EFFECT_PRIOR_NATS, GROUP_ODDS, OPEN_LOOP_MATTERS, USUAL_LEFT
 from diagnosis.library.base import LibraryEffect
 from diagnosis.selection.nuisance_model import model_of
@@ -34,8 +34,8 @@ class Seen:
 
     term: Placed
     scored: Scored
-    nearer: float | None
-    """Floors by which closed loops come nearer with it; None where nothing was simulated."""
+    moved: float | None
+    """(D − floor)/floor of closed loops with and without it; None where nothing was simulated."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +51,8 @@ class Causes:
     hypotheses: Mapping[str, Scored]
     distances: Mapping[str, float]
     """By name of a hypothesis, and of the nominal model; floors. Empty where nothing can be said."""
+    moved: Mapping[str, float]
+    """By effect of the best set, (D − floor)/floor between runs with it and without it."""
     notes: tuple[str, ...]
 
 
@@ -150,7 +152,7 @@ def decide(
     distances = dict(tried.distances)
     if ERRORS in distances:
         # A robot that lies where the plain nominal model lies has no gap either.
-        distances[ERRORS] = min(distances[ERRORS], distances["nominal"])
+        distances[ERRORS] = min(distances[ERRORS], distances[NOMINAL])
     else:
         distances = {}
     hypotheses = {
@@ -166,53 +168,43 @@ def _kept(
     found: Explained,
     candidates: Mapping[str, Scored],
     hypotheses: Mapping[str, Hypothesis],
-    distances: Mapping[str, float],
+    tried: Tried,
     library: Mapping[str, LibraryEffect],
     odds: float,
-    notes: tuple[str, ...],
 ) -> Causes:
-    """The likeliest set less what does not matter."""
-    seen: list[Seen] = []
-    stated = _likeliest(found, hypotheses)
-    while True:
-        effects = hypotheses[stated].effects
-        belief = believe(tuple(hypotheses.values()), effects, found.n_runs, odds)
-        scored = candidates[stated]
-        idle = [t for t in scored.terms if not _matters(found, scored, t, belief)]
-        names = [t.effect.name for t in idle]
-        smaller = [name for name, h in hypotheses.items() if _is_less(h.effects, effects, names)]
-        if not idle or not smaller:
-            break
-        nearest = min(smaller, key=lambda name: hypotheses[name].distance or -hypotheses[name].nats)
-        gone = next(t for t in scored.terms if t.effect.name not in hypotheses[nearest].effects)
-        seen.append(Seen(gone, scored, belief.nearer.get(gone.effect.name)))
-        stated = nearest
-    chosen = candidates[stated] if candidates[stated].terms else None
+    """The best set less what is not there, or does not matter."""
+    belief = believe(tuple(hypotheses.values()), found.effects, found.n_runs, odds, tried.moved)
+    best = found.selection.best or null_of(found.board)
+    kept, seen = best, []
+    for term in best.terms:
+        if not _is_cause(found, best, term, belief):
+            kept = without(kept, kept.terms.index(term))
+            if belief.there[term.effect.name] > 0.5:
+                seen.append(Seen(term, best, tried.moved.get(term.effect.name)))
+    chosen = kept if kept.terms else None
     return Causes(
-        found.with_effects(chosen, library), belief, tuple(seen), stated, dict(candidates), dict(distances), notes
+        found.with_effects(chosen, library),
+        belief,
+        tuple(seen),
+        name_of(chosen) if chosen is not None else ERRORS,
+        dict(candidates),
+        dict(tried.distances),
+        dict(tried.moved),
+        tried.notes,
     )
 
 
-def _is_less(smaller: tuple[str, ...], larger: tuple[str, ...], idle: list[str]) -> bool:
-    """Whether one set is the other less one effect that does not matter."""
-    gone = set(larger) - set(smaller)
-    return set(smaller) < set(larger) and len(gone) == 1 and gone <= set(idle)
-
-
-def _likeliest(found: Explained, hypotheses: Mapping[str, Hypothesis]) -> str:
-    whole = believe(tuple(hypotheses.values()), found.effects, found.n_runs, 0.0).weights
-    return max(hypotheses, key=lambda name: (whole[hypotheses[name].effects], len(hypotheses[name].effects)))
-
-
-def _matters(found: Explained, scored: Scored, term: Placed, belief: Belief) -> bool:
-    """In closed loops; where there are none, in open-loop prediction."""
+def _is_cause(found: Explained, best: Scored, term: Placed, belief: Belief) -> bool:
+    """By closed loops; where there are none, by open-loop prediction."""
+    if belief.effects[term.effect.name] <= 0.5:
+        return False
     if belief.nearer:
-        return belief.effects.get(term.effect.name, 0.0) > 0.5
-    others = tuple(t for t in scored.terms if t is not term)
+        return True
+    others = tuple(t for t in best.terms if t is not term)
     less = Scorer(found.board, others).now
     board = found.board
     allowed = board.tolerance_square + board.relative_square * less.explained
-    return bool(np.max((less.held_out - scored.held_out) / allowed, initial=0.0) > OPEN_LOOP_MATTERS**2)
+    return bool(np.max((less.held_out - best.held_out) / allowed, initial=0.0) > OPEN_LOOP_MATTERS**2)
 
 
 def with_environment(bench: Bench, found: Explained, nominal: RobotModel) -> Bench:

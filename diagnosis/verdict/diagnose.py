@@ -13,7 +13,8 @@ from diagnosis.channels.channel_view import Array
 from diagnosis.channels.stack import stack
 from diagnosis.closed_loop.engine import Engine, LocalEngine
 from diagnosis.closed_loop.gap_map import GapMap, Side, gap_map
-from diagnosis.closed_loop.trials import Bench, measure_shrink, run_trials
+from diagnosis.closed_loop.surroundings import Surroundings
+from diagnosis.closed_loop.trials import NOMINAL, Bench, measure_shrink, run_trials
 from diagnosis.document import Shrink, Verdict
 from diagnosis.library.base import LibraryEffect
 from diagnosis.library.registry import LIBRARY
@@ -44,7 +45,7 @@ class Diagnosis:
 
     verdict: Verdict
     corrected: RobotModel
-    """The nominal model with this robot's ordinary errors and the causes, plain numbers alone."""
+    """The nominal model with this robot's ordinary errors, its ground, its estimator and the causes; plain numbers."""
     map: GapMap | None
     simulated: Mapping[str, tuple[Run, ...]]
     """Closed-loop runs, "nominal" and "corrected"; empty where nothing was simulated."""
@@ -97,13 +98,16 @@ def diagnose(
     map_: GapMap | None = None
     shrink: Shrink | None = None
     simulated: dict[str, tuple[Run, ...]] = {}
+    around = Surroundings()
     if bench is None:
         notes.append(WITHOUT_RUNS)
     else:
         bench = with_environment(bench, causes.found, nominal)
         models = {ERRORS: null_of(found.board), causes.stated: best}
         trials = run_trials(bench, nominal, found.board, models, {}, rng, lambda share: tell(0.7 + 0.3 * share))
-        logs = stack([record(run) for run in trials.runs["nominal"]])
+        around = bench.around(causes.stated).overall
+        corrected = around.around(corrected)
+        logs = stack([record(run) for run in trials.runs[NOMINAL]])
         views, _ = build_views(logs, nominal)
         legs = found.board.robot.leg_of_joint
         map_ = gap_map(
@@ -113,7 +117,7 @@ def diagnose(
             rng,
         )
         shrink = measure_shrink(bench, trials, causes.stated, ERRORS, rng)
-        simulated = {"nominal": tuple(trials.runs["nominal"]), "corrected": tuple(trials.runs.get(causes.stated, ()))}
+        simulated = {"nominal": tuple(trials.runs[NOMINAL]), "corrected": tuple(trials.runs.get(causes.stated, ()))}
         notes += [*causes.notes, *trials.notes, *_about(bench, trials.is_crossed), *([map_.note] if map_.note else [])]
     verdict = assemble(causes, map_, shrink, notes, runs, nominal_name)
     verdict = verdict.model_copy(update={"without": tuple(n for n in LIBRARY if n not in library)})
@@ -123,7 +127,7 @@ def diagnose(
         say("synthesis check")
         check = synthesis_check(runs, nominal, corrected, policy, verdict, rng, library)
         verdict = verdict.model_copy(update={"synthesis": check})
-    posterior = posterior_of(causes, nominal) if is_spot else None
+    posterior = posterior_of(causes, nominal, around) if is_spot else None
     return Diagnosis(verdict, corrected, map_, simulated, tuple(runs), found.board, causes, posterior)
 
 

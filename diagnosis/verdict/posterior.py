@@ -7,6 +7,9 @@ the price of its effects paid, and the distance d(H) of its closed loops to the 
 
 over N runs, with cap(x) = log((1 − ε) eˣ + ε) − log((1 − ε) + ε eˣ): a run is odd with probability ε, and then says
 nothing, so that no run tells more than log((1 − ε)/ε). One short run therefore never proves a cause.
+
+An effect that is there is a cause if it matters: runs of the best model with it and without it, all else alike, lie
+apart by more than a floor beyond their own scatter.
 """
 
 from __future__ import annotations
@@ -17,15 +20,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.special import expit, ndtr
 
-from diagnosis.decision_constants import (
-    BEYOND_DOUBT_NATS,
-    GAP_SPREAD,
-    GROUP_ODDS,
-    MATTERS,
-    MATTERS_SHARE,
-    ODD_RUN,
-    ORDINARY_GAP,
-)
+from diagnosis.decision_constants import GAP_SPREAD, GROUP_ODDS, LEAST_MOVED, MOVED_SPREAD, ODD_RUN, ORDINARY_GAP
 
 NONE = ()
 
@@ -39,31 +34,35 @@ class Hypothesis:
     nats: float
     """Evidence of the residuals against none."""
     distance: float | None = None
-    """Of its closed loops to the robot's, in floors; None where nothing can be simulated, or without repeats."""
+    """Of its closed loops to the robot's, in floors; None where nothing can be simulated."""
 
 
 @dataclass(frozen=True)
 class Belief:
     """What is thought of all hypotheses together."""
 
+    best: tuple[str, ...]
+    """Effects of the set that was found, whether or not they matter."""
     none: float
     """That the robot lies where the nominal model with ordinary errors lies."""
     unknown: float
     """That something matters that no effect of the library is."""
+    there: Mapping[str, float]
+    """That an effect is there; each by itself."""
     effects: Mapping[str, float]
-    """That an effect is there and matters; each by itself."""
+    """That it is there and matters. Without closed loops the same as ``there``."""
     weights: Mapping[tuple[str, ...], float] = field(default_factory=dict)
     """Of each hypothesis, adding up to 1."""
     nearer: Mapping[str, float] = field(default_factory=dict)
-    """By how many floors closed loops come nearer with an effect of the best set than without it."""
+    """By how many floors closed loops come nearer to the robot's with an effect of the best set than without it."""
 
-    def group(self, best: Sequence[str], effect: str) -> dict[str, float]:
+    def group(self, effect: str) -> dict[str, float]:
         """Effects that could stand in an effect's place in the best set, with their odds; adds up to 1."""
-        others = frozenset(best) - {effect}
+        others = frozenset(self.best) - {effect}
         found = {
             next(iter(frozenset(h) - others)): w
             for h, w in self.weights.items()
-            if len(h) == len(best) and others < frozenset(h)
+            if len(h) == len(self.best) and others < frozenset(h)
         }
         total = sum(found.values())
         ranked = sorted(found.items(), key=lambda item: -item[1])
@@ -78,17 +77,21 @@ def capped(nats: float, n_runs: int) -> float:
     return float(max(n_runs, 1) * (one - other))
 
 
-def believe(hypotheses: Sequence[Hypothesis], best: tuple[str, ...], n_runs: int, left: float) -> Belief:
+def believe(
+    hypotheses: Sequence[Hypothesis], best: tuple[str, ...], n_runs: int, left: float, moved: Mapping[str, float]
+) -> Belief:
     """Probabilities of the hypotheses, and of none of them.
 
     Args:
         hypotheses: All that were tried; the empty set, and the best one with each of its effects left out, among them.
-        best: Effects of the one that is stated.
+        best: Effects of the one that was found.
         n_runs: Logs.
         left: Odds, from the residuals alone, that something no effect explains is left; counts without closed loops.
+        moved: By effect of the best set, (D − floor)/floor between runs with it and without it; others count as what
+            they stand in for.
     """
     by_set = {frozenset(h.effects): h for h in hypotheses}
-    nothing = by_set[frozenset()]
+    nothing, stated = by_set[frozenset()], by_set[frozenset(best)]
     is_simulated = all(h.distance is not None for h in hypotheses)
     logs = np.array([h.nats - (h.distance or 0.0) / GAP_SPREAD if is_simulated else h.nats for h in hypotheses])
     shares = np.exp([-capped(float(logs.max() - x), n_runs) for x in logs])
@@ -99,28 +102,24 @@ def believe(hypotheses: Sequence[Hypothesis], best: tuple[str, ...], n_runs: int
     if not is_simulated or nothing.distance is None:
         unknown = left / (1.0 + left)
         none = weights[nothing.effects] * (1.0 - unknown)
-        return Belief(none, unknown, {n: p * (1.0 - unknown) for n, p in there.items()}, weights)
-    stated = by_set[frozenset(best)]
+        return Belief(best, none, unknown, there, {n: p * (1.0 - unknown) for n, p in there.items()}, weights)
     nearer = {n: _distance(by_set, frozenset(best) - {n}) - float(stated.distance or 0.0) for n in best}
+    effects = {n: there[n] * matters(moved.get(n, max(moved.values(), default=0.0))) for n in names}
+    # What is left of the gap counts, and only where there is one.
     gap = float(expit(2.0 * (nothing.distance - ORDINARY_GAP) / GAP_SPREAD))
-    above = max(nothing.distance - 1.0, 1e-6)
-    least = max(MATTERS, MATTERS_SHARE * above)
-    moves = {n: float(ndtr((nearer[n] - least) / (np.sqrt(2.0) * GAP_SPREAD))) if n in nearer else 1.0 for n in names}
-    # Within ordinary distances an effect needs evidence that ordinary errors cannot stand in for.
-    clear = {n: max(gap, _beyond_doubt(by_set, frozenset(best), n, n_runs)) for n in names}
-    effects = {n: clear[n] * there[n] * moves[n] for n in names}
     far = max(float(stated.distance or 0.0) - ORDINARY_GAP, 0.0)
     share = min(1.0, 2.0 * far / max(nothing.distance - ORDINARY_GAP, GAP_SPREAD))
     none = (1.0 - gap) * (1.0 - max((effects[n] for n in best), default=0.0))
-    return Belief(none, gap * share, effects, weights, nearer)
+    return Belief(best, none, gap * share, there, effects, weights, nearer)
 
 
-def _beyond_doubt(by_set: Mapping[frozenset[str], Hypothesis], best: frozenset[str], effect: str, n_runs: int) -> float:
-    """Probability, from residuals alone, that an effect of the best set is there beside the others."""
-    less = by_set.get(best - {effect})
-    if effect not in best or less is None:
-        return 0.0
-    return float(expit((capped(by_set[best].nats - less.nats, n_runs) - BEYOND_DOUBT_NATS) / 2.0))
+def matters(moved: float) -> float:
+    """Probability that runs of the robot with and without an effect lie apart by more than :data:`LEAST_MOVED`.
+
+    Args:
+        moved: By how much runs of the model do; NaN where they could not be compared, as if a robot falls.
+    """
+    return float(ndtr(np.log((1.0 + max(moved, -0.9)) / (1.0 + LEAST_MOVED)) / MOVED_SPREAD)) if moved == moved else 1.0
 
 
 def _distance(by_set: Mapping[frozenset[str], Hypothesis], key: frozenset[str]) -> float:

@@ -14,6 +14,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from diagnosis.channels.channel_view import Array
+from diagnosis.closed_loop.surroundings import Surroundings
 from diagnosis.decision_constants import PARAMETER_SPREAD
 from diagnosis.library.base import LibraryEffect
 from diagnosis.selection.fitted import joint_words
@@ -68,14 +69,14 @@ class Posterior(_Part):
         return model
 
 
-def posterior_of(causes: Causes, nominal: RobotModel) -> Posterior:
+def posterior_of(causes: Causes, nominal: RobotModel, around: Surroundings) -> Posterior:
     """What was decided, as data; of Spot alone, since only Spot is simulated."""
     board = causes.found.board
     found = []
     for name, scored in causes.hypotheses.items():
         effects = frozenset(t.effect.name for t in scored.terms)
         weight = next((w for e, w in causes.belief.weights.items() if frozenset(e) == effects), 0.0)
-        base = by_joint(with_errors(nominal, board, scored.pulls), JOINT_NAMES)
+        base = around.around(by_joint(with_errors(nominal, board, scored.pulls), JOINT_NAMES))
         terms = tuple(
             Term(
                 effect=t.effect.name,

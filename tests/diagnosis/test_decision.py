@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from diagnosis.decision_constants import GAP_SPREAD, MATTERS, ODD_RUN, ORDINARY_GAP
+from diagnosis.decision_constants import GAP_SPREAD, LEAST_MOVED, ODD_RUN, ORDINARY_GAP
 from diagnosis.verdict.assemble import finite
-from diagnosis.verdict.posterior import Hypothesis, believe, capped
+from diagnosis.verdict.posterior import Hypothesis, believe, capped, matters
 
 FAR = ORDINARY_GAP + 3.0
 
@@ -23,52 +23,70 @@ def test_no_run_tells_more_than_its_odds_of_being_odd() -> None:
 
 def test_one_run_alone_proves_no_cause() -> None:
     hypotheses = (Hypothesis((), 0.0), Hypothesis(("torque_gain",), 300.0))
-    assert believe(hypotheses, ("torque_gain",), 1, 0.0).effects["torque_gain"] == pytest.approx(1.0 - ODD_RUN)
-    assert believe(hypotheses, ("torque_gain",), 9, 0.0).effects["torque_gain"] > 0.999
+    one, nine = (believe(hypotheses, ("torque_gain",), n, 0.0, {}).effects["torque_gain"] for n in (1, 9))
+    assert one == pytest.approx(1.0 - ODD_RUN)
+    assert nine > 0.999
 
 
-def test_a_robot_that_lies_where_ordinary_errors_lie_has_no_gap_whatever_residuals_show() -> None:
+def test_an_effect_matters_by_what_it_moves() -> None:
+    assert matters(LEAST_MOVED) == pytest.approx(0.5)
+    assert matters(3.0) > 0.99
+    assert matters(0.2) < 0.03
+    assert matters(-0.2) < 0.001
+    # Without it the model falls at once: nothing matters more.
+    assert matters(float("nan")) == 1.0
+
+
+def test_what_is_beyond_doubt_and_moves_nothing_is_there_and_no_cause() -> None:
     hypotheses = (Hypothesis((), 0.0, ORDINARY_GAP - 0.5), Hypothesis(("command_jitter",), 60.0, ORDINARY_GAP - 0.6))
-    found = believe(hypotheses, ("command_jitter",), 9, 0.0)
-    assert found.effects["command_jitter"] < 0.5
-    assert found.unknown == 0.0
-    # So it is taken out of what is stated.
-    assert believe(hypotheses, (), 9, 0.0).none > 0.95
-
-
-def test_within_ordinary_distances_overwhelming_evidence_and_a_nearer_loop_name_an_effect() -> None:
-    near = (Hypothesis((), 0.0, ORDINARY_GAP), Hypothesis(("coulomb_friction",), 120.0, ORDINARY_GAP - 2.0 * MATTERS))
-    assert believe(near, ("coulomb_friction",), 9, 0.0).effects["coulomb_friction"] > 0.7
-    faint = (near[0], Hypothesis(("coulomb_friction",), 4.0, ORDINARY_GAP - 0.5))
-    assert believe(faint, ("coulomb_friction",), 9, 0.0).effects["coulomb_friction"] < 0.6
-    still = (near[0], Hypothesis(("coulomb_friction",), 120.0, ORDINARY_GAP))
-    assert believe(still, ("coulomb_friction",), 9, 0.0).effects["coulomb_friction"] < 0.3
+    found = believe(hypotheses, ("command_jitter",), 9, 0.0, {"command_jitter": 0.1})
+    assert found.there["command_jitter"] > 0.99
+    assert found.effects["command_jitter"] < 0.05
+    assert found.unknown < 0.05
+    assert found.none > 0.9
 
 
 def test_an_effect_that_closes_the_gap_is_its_cause() -> None:
     hypotheses = (Hypothesis((), 0.0, FAR), Hypothesis(("payload_mass",), 20.0, 1.2))
-    found = believe(hypotheses, ("payload_mass",), 9, 0.0)
+    found = believe(hypotheses, ("payload_mass",), 9, 0.0, {"payload_mass": 4.0})
     assert found.effects["payload_mass"] > 0.95
     assert found.nearer["payload_mass"] == pytest.approx(FAR - 1.2)
-    assert found.unknown == 0.0
+    assert found.unknown < 0.01
+    assert found.none < 0.01
 
 
-def test_what_does_not_bring_closed_loops_nearer_is_no_cause_beside_one_that_does() -> None:
+def test_an_effect_with_which_closed_loops_lie_farther_off_needs_so_much_more_evidence() -> None:
+    farther = ORDINARY_GAP + 3.0 * GAP_SPREAD
+    doubtful, clear = (
+        believe(
+            (Hypothesis((), 0.0, ORDINARY_GAP), Hypothesis(("leg_mass",), nats, farther)),
+            ("leg_mass",),
+            15,
+            0.0,
+            {"leg_mass": 4.0},
+        )
+        for nats in (3.0, 30.0)
+    )
+    assert doubtful.effects["leg_mass"] == pytest.approx(0.5, abs=0.01)
+    assert clear.effects["leg_mass"] > 0.95
+
+
+def test_each_effect_is_judged_by_what_it_moves_itself() -> None:
     both = ("payload_mass", "command_jitter")
     hypotheses = (
         Hypothesis((), 0.0, FAR),
         Hypothesis(both, 80.0, 1.2),
-        Hypothesis(("payload_mass",), 20.0, 1.2 + 0.2 * MATTERS),
+        Hypothesis(("payload_mass",), 20.0, 1.25),
         Hypothesis(("command_jitter",), 60.0, FAR),
     )
-    found = believe(hypotheses, both, 9, 0.0)
+    found = believe(hypotheses, both, 9, 0.0, {"payload_mass": 4.0, "command_jitter": 0.1})
     assert found.effects["payload_mass"] > 0.9
-    assert found.effects["command_jitter"] < 0.5
+    assert found.effects["command_jitter"] < 0.1
 
 
 def test_a_gap_that_stays_is_unknown() -> None:
     hypotheses = (Hypothesis((), 0.0, FAR), Hypothesis(("torque_ripple",), 40.0, FAR - 0.3))
-    found = believe(hypotheses, ("torque_ripple",), 9, 0.0)
+    found = believe(hypotheses, ("torque_ripple",), 9, 0.0, {"torque_ripple": 0.2})
     assert found.unknown > 0.9
 
 
@@ -79,9 +97,12 @@ def test_rivals_that_come_as_near_share_a_place() -> None:
         Hypothesis(("stribeck_friction",), 29.0, 1.2),
         Hypothesis(("armature",), 29.0, 1.2 + 20.0 * GAP_SPREAD),
     )
-    group = believe(hypotheses, ("coulomb_friction",), 9, 0.0).group(("coulomb_friction",), "coulomb_friction")
+    found = believe(hypotheses, ("coulomb_friction",), 9, 0.0, {"coulomb_friction": 3.0})
+    group = found.group("coulomb_friction")
     assert list(group) == ["coulomb_friction", "stribeck_friction"]
     assert group["stribeck_friction"] > 0.2
+    # A rival stands for the same change of the motion.
+    assert found.effects["stribeck_friction"] == pytest.approx(found.there["stribeck_friction"], rel=0.02)
 
 
 @pytest.mark.parametrize(("nearer", "told"), [(1.5, 1.5), (-0.2, -0.2), (None, None), (float("inf"), None)])
@@ -91,5 +112,5 @@ def test_a_set_that_was_not_simulated_gives_no_distance(nearer: float | None, to
 
 def test_without_the_smaller_set_nearer_is_infinite() -> None:
     both = ("armature", "coulomb_friction")
-    found = believe((Hypothesis((), 0.0, FAR), Hypothesis(both, 60.0, 1.0)), both, 9, 0.0)
+    found = believe((Hypothesis((), 0.0, FAR), Hypothesis(both, 60.0, 1.0)), both, 9, 0.0, dict.fromkeys(both, 2.0))
     assert found.nearer == dict.fromkeys(both, float("inf"))
