@@ -53,9 +53,13 @@ class Bench:
         scripts = [s for run in runs if (s := script_of(run)) is not None]
         for name in sorted({s.sequence for s in scripts}):
             own = [s for s in scripts if s.sequence == name]
-            more = max(0, LEAST_RUNS - len(own))
+            others = [s for s in scripts if s.sequence != name] or own
             last = max(s.repeat for s in own)
-            scripts += [replace(own[i % len(own)], repeat=last + 1 + i) for i in range(more)]
+            # Runs that start alike scatter less than a robot's: the others lend their starts.
+            scripts += [
+                replace(own[i % len(own)], repeat=last + 1 + i, start=others[i % len(others)].start)
+                for i in range(max(0, LEAST_RUNS - len(own)))
+            ]
         return Bench(tuple(runs), tuple(scripts), policy, engine, shared) if scripts else None
 
     @property

@@ -81,6 +81,8 @@ class LibraryEffect(ABC):
     coefficients: ClassVar[tuple[Coefficient, ...]]
     least: ClassVar[Mapping[str, float]] = {}
     """Parameters by name, and the size under which the effect is not there, whatever its other columns explain."""
+    contains: ClassVar[tuple[str, ...]] = ()
+    """Names of effects that this one can be, with some of its numbers at zero: they are not looked for beside it."""
     confused_with: ClassVar[tuple[str, ...]] = ()
     """Names of library effects that can look the same."""
     split_by: ClassVar[Experiment] = SPRINT

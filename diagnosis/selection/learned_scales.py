@@ -1,8 +1,12 @@
 """How far this robot's ordinary errors scatter, learned from its own logs: empirical Bayes over the units of each kind.
 
-With γ the errors of n units of a kind in published sizes, and v their posterior variances, the kind's variance is
-s² = (n₀ + Σ (γ² + v)) / (n₀ + n): expectation and maximisation in turn, with n₀ units of prior weight at the published
-size. A unit far off the others counts as one at three robust deviations: it is for the search to say what it is.
+With γ the errors of n units of a kind in published sizes, about what units of a type have in common, and v their
+posterior variances, the kind's variance is s² = (n₀ + Σ (γ² + v)) / (n₀ + n): expectation and maximisation in turn,
+with n₀ units of prior weight at the published size. A unit far off the others counts as one at three robust
+deviations: it is for the search to say what it is.
+
+What units have in common is one number, and teaches no scale. It is expected to be as small, beside its published
+range, as the units' own scatter: a robot whose joints differ by one per cent is hardly off by ten at all of them.
 """
 
 from __future__ import annotations
@@ -12,8 +16,9 @@ from typing import Final
 import numpy as np
 
 from diagnosis.channels.channel_view import Array
-from diagnosis.decision_constants import NARROWEST
+from diagnosis.decision_constants import ERROR_SCALES, NARROWEST
 from diagnosis.selection.evidence import Board
+from diagnosis.selection.nuisance import ErrorKind
 from diagnosis.selection.scoring import null_of, posterior_variance
 
 ROUNDS: Final = 3
@@ -28,18 +33,30 @@ def learn_scales(board: Board) -> None:
     published = board.ordinary.published
     for _ in range(ROUNDS):
         now = board.ordinary.scale / published
-        squares = (null_of(board).pulls * now) ** 2
+        error = null_of(board).pulls * now
         variance = posterior_variance(board) * now**2
         wanted = now.copy()
         for kind in board.ordinary.kinds:
+            alike = np.array([s.sum() > 1 for s in kind.sets]) & (len(kind.sets) > 1)
             for k in range(len(kind.chosen)):
-                columns = kind.columns(k)
-                alike = np.array([s.sum() > 1 for s in kind.sets]) & (len(kind.sets) > 1)
-                for group in (alike, ~alike):
-                    if group.any():
-                        at = np.arange(len(squares))[columns][group]
-                        wanted[at] = _scale(squares[at], variance[at])
+                at = np.arange(len(error))[kind.columns(k)]
+                own = _scale(_apart(error[at[~alike]], kind) ** 2, variance[at[~alike]])
+                wanted[at[~alike]] = own
+                if alike.any():
+                    is_common = ERROR_SCALES[kind.effect.name].alike >= 1.0
+                    wanted[at[alike]] = _scale(error[at[alike]] ** 2, variance[at[alike]]) if is_common else own
         board.rescale(wanted / now)
+
+
+def _apart(error: Array, kind: ErrorKind) -> Array:
+    """Errors of the units about the mean of their type, as far as types have several units; shape as it comes."""
+    members = np.array([s for s in kind.sets if 1 < s.sum() < len(error)] or [s for s in kind.sets if s.sum() > 1])
+    out = error.copy()
+    for own in members:
+        n = int(own.sum())
+        # As large as without the mean, in expectation.
+        out[own] = (error[own] - error[own].mean()) * np.sqrt(n / (n - 1.0))
+    return out
 
 
 def _scale(squares: Array, variance: Array) -> float:

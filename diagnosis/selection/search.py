@@ -76,8 +76,7 @@ def search(board: Board, library: Mapping[str, LibraryEffect], say: Say) -> Sele
         if len(terms) > 1:
             best, value = _swapped(board, best, value, promising)
             terms = best.terms
-        names = {t.effect.name for t in terms}
-        candidates = ranked(board, terms, {n: e for n, e in promising.items() if n not in names})
+        candidates = ranked(board, terms, beside(promising, terms))
     if best is None:
         return Selection(None, (), (), first)
     kept = _pruned(board, best)
@@ -97,14 +96,19 @@ def selection_of(board: Board, best: Scored, first: Sequence[Rival], library: Ma
     rivals, gains = [], []
     for i in range(len(best.terms)):
         others = best.terms[:i] + best.terms[i + 1 :]
-        names = {t.effect.name for t in others}
         near = _near(first, board) | {t.effect.name for t in best.terms}
-        ranking = (
-            ranked(board, others, {n: e for n, e in usable.items() if n in near - names}) if others else tuple(first)
-        )
+        around = beside({n: e for n, e in usable.items() if n in near}, others)
+        ranking = ranked(board, others, around) if others else tuple(first)
         gains.append(best.score - price(best.terms, board) - _value(board, others))
         rivals.append(ranking)
     return Selection(best, tuple(gains), tuple(rivals), tuple(first))
+
+
+def beside(library: Mapping[str, LibraryEffect], terms: Sequence[Placed]) -> dict[str, LibraryEffect]:
+    """Effects that can be there beside the terms: neither one of them, nor contained in one, nor containing one."""
+    names = {t.effect.name for t in terms}
+    taken = names.union(*(t.effect.contains for t in terms))
+    return {n: e for n, e in library.items() if n not in taken and not names & set(e.contains)}
 
 
 def ranked(board: Board, terms: Sequence[Placed], library: Mapping[str, LibraryEffect]) -> tuple[Rival, ...]:
@@ -245,8 +249,7 @@ def _swapped(board: Board, best: Scored, value: float, library: Mapping[str, Lib
         if i == last and value == before:
             best = Scorer(board, (*others, best.terms[0])).now
             break
-        names = {t.effect.name for t in others}
-        ranking = ranked(board, others, {n: e for n, e in library.items() if n not in names})
+        ranking = ranked(board, others, beside(library, others))
         if ranking and ranking[0].value > value:
             best, value = ranking[0].scored, ranking[0].value
         else:

@@ -173,7 +173,8 @@ def _kept(
     odds: float,
 ) -> Causes:
     """The best set less what is not there, or does not matter."""
-    belief = believe(tuple(hypotheses.values()), found.effects, found.n_runs, odds, tried.moved)
+    gains = dict(zip(found.effects, found.selection.gains, strict=True))
+    belief = believe(tuple(hypotheses.values()), found.effects, gains, found.n_runs, odds, tried.moved)
     best = found.selection.best or null_of(found.board)
     kept, seen = best, []
     for term in best.terms:

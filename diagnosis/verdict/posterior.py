@@ -1,26 +1,37 @@
 """Probabilities: of no gap, of each effect, of something else; from residuals and closed loops together.
 
-Hypotheses are sets of effects, the empty one among them. A hypothesis H has its residual evidence E(H) in nats, with
-the price of its effects paid, and the distance d(H) of its closed loops to the robot's in floors. Its weight is
+That an effect of the best set is there, has the odds
 
-    log w(H) = −N · cap((L(best) − L(H)) / N),   L(H) = E(H) − d(H) / σ
+    log p / (1 − p) = a + b · log(nats) + c · floors,
 
-over N runs, with cap(x) = log((1 − ε) eˣ + ε) − log((1 − ε) + ε eˣ): a run is odd with probability ε, and then says
-nothing, so that no run tells more than log((1 − ε)/ε). One short run therefore never proves a cause.
+nats being the evidence that residuals lose without it, and floors by how much closed loops lie farther from the robot
+then. Formulas are never exact, so nats count by their logarithm; a, b and c are fitted to simulated robots whose faults
+are known (``benchmarks/calibrate_diagnosis.py``). No run tells more than log((1 − ε)/ε), ε being the share of odd runs:
+one short run never proves a cause. Rivals share an effect's probability by evidence and distance.
 
 An effect that is there is a cause if it matters: runs of the best model with it and without it, all else alike, lie
-apart by more than a floor beyond their own scatter.
+apart by more than a floor beyond their own scatter. By how much a robot's do follows from how much a model's do, by a
+regression on the same simulated robots.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.special import expit, ndtr
 
-from diagnosis.decision_constants import GAP_SPREAD, GROUP_ODDS, LEAST_MOVED, MOVED_SPREAD, ODD_RUN, ORDINARY_GAP
+from diagnosis.decision_constants import (
+    GAP_SPREAD,
+    GROUP_ODDS,
+    LEAST_MOVED,
+    MOVED,
+    ODD_RUN,
+    ORDINARY_GAP,
+    THERE,
+    THERE_BY_RESIDUALS,
+)
 
 NONE = ()
 
@@ -78,13 +89,19 @@ def capped(nats: float, n_runs: int) -> float:
 
 
 def believe(
-    hypotheses: Sequence[Hypothesis], best: tuple[str, ...], n_runs: int, left: float, moved: Mapping[str, float]
+    hypotheses: Sequence[Hypothesis],
+    best: tuple[str, ...],
+    gains: Mapping[str, float],
+    n_runs: int,
+    left: float,
+    moved: Mapping[str, float],
 ) -> Belief:
     """Probabilities of the hypotheses, and of none of them.
 
     Args:
         hypotheses: All that were tried; the empty set, and the best one with each of its effects left out, among them.
         best: Effects of the one that was found.
+        gains: By effect of the best set, nats that the evidence loses without it, refitted.
         n_runs: Logs.
         left: Odds, from the residuals alone, that something no effect explains is left; counts without closed loops.
         moved: By effect of the best set, (D − floor)/floor between runs with it and without it; others count as what
@@ -97,20 +114,42 @@ def believe(
     shares = np.exp([-capped(float(logs.max() - x), n_runs) for x in logs])
     shares /= shares.sum()
     weights = {h.effects: float(w) for h, w in zip(hypotheses, shares, strict=True)}
-    names = dict.fromkeys(name for h in hypotheses for name in h.effects)
-    there = {name: sum(w for h, w in weights.items() if name in h) for name in names}
+    nearer = {n: _distance(by_set, frozenset(best) - {n}) - float(stated.distance or 0.0) for n in best}
+    so_far = Belief(best, 0.0, 0.0, {}, {}, weights, nearer if is_simulated else {})
+    there: dict[str, float] = {}
+    for n in best:
+        whole = is_there(gains[n], nearer[n] if is_simulated else None, n_runs)
+        group = so_far.group(n) or {n: 1.0}
+        there |= {name: max(there.get(name, 0.0), whole * share) for name, share in group.items()}
     if not is_simulated or nothing.distance is None:
         unknown = left / (1.0 + left)
-        none = weights[nothing.effects] * (1.0 - unknown)
-        return Belief(best, none, unknown, there, {n: p * (1.0 - unknown) for n, p in there.items()}, weights)
-    nearer = {n: _distance(by_set, frozenset(best) - {n}) - float(stated.distance or 0.0) for n in best}
-    effects = {n: there[n] * matters(moved.get(n, max(moved.values(), default=0.0))) for n in names}
+        none = (1.0 - max(there.values(), default=0.0)) * (1.0 - unknown)
+        effects = {n: p * (1.0 - unknown) for n, p in there.items()}
+        return replace(so_far, none=none, unknown=unknown, there=there, effects=effects)
+    effects = {n: p * matters(moved.get(n, max(moved.values(), default=0.0))) for n, p in there.items()}
     # What is left of the gap counts, and only where there is one.
     gap = float(expit(2.0 * (nothing.distance - ORDINARY_GAP) / GAP_SPREAD))
     far = max(float(stated.distance or 0.0) - ORDINARY_GAP, 0.0)
     share = min(1.0, 2.0 * far / max(nothing.distance - ORDINARY_GAP, GAP_SPREAD))
     none = (1.0 - gap) * (1.0 - max((effects[n] for n in best), default=0.0))
-    return Belief(best, none, gap * share, there, effects, weights, nearer)
+    return replace(so_far, none=none, unknown=gap * share, there=there, effects=effects)
+
+
+def is_there(nats: float, nearer: float | None, n_runs: int) -> float:
+    """Probability that an effect is there beside the others of its set.
+
+    Args:
+        nats: What the residuals' evidence loses without it.
+        nearer: By how many floors closed loops are nearer with it; None where none were run, or not without it.
+        n_runs: Logs.
+    """
+    size = float(np.log(max(nats, 1e-9)))
+    if nearer is None or not np.isfinite(nearer):
+        log_odds = float(np.dot(THERE_BY_RESIDUALS, (1.0, size)))
+    else:
+        log_odds = float(np.dot(THERE, (1.0, size, nearer)))
+    most = max(n_runs, 1) * float(np.log((1.0 - ODD_RUN) / ODD_RUN))
+    return float(expit(min(log_odds, most)))
 
 
 def matters(moved: float) -> float:
@@ -119,7 +158,11 @@ def matters(moved: float) -> float:
     Args:
         moved: By how much runs of the model do; NaN where they could not be compared, as if a robot falls.
     """
-    return float(ndtr(np.log((1.0 + max(moved, -0.9)) / (1.0 + LEAST_MOVED)) / MOVED_SPREAD)) if moved == moved else 1.0
+    if not np.isfinite(moved):
+        return 1.0
+    offset, slope, spread = MOVED
+    robots = offset + slope * np.log1p(max(moved, -0.5))
+    return float(ndtr((robots - np.log1p(LEAST_MOVED)) / spread))
 
 
 def _distance(by_set: Mapping[frozenset[str], Hypothesis], key: frozenset[str]) -> float:

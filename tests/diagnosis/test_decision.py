@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from diagnosis.decision_constants import GAP_SPREAD, LEAST_MOVED, ODD_RUN, ORDINARY_GAP
+from diagnosis.decision_constants import GAP_SPREAD, LEAST_MOVED, MOVED, ODD_RUN, ORDINARY_GAP, THERE
 from diagnosis.verdict.assemble import finite
-from diagnosis.verdict.posterior import Hypothesis, believe, capped, matters
+from diagnosis.verdict.posterior import Belief, Hypothesis, believe, capped, is_there, matters
 
 FAR = ORDINARY_GAP + 3.0
 
@@ -22,33 +22,49 @@ def test_no_run_tells_more_than_its_odds_of_being_odd() -> None:
 
 
 def test_one_run_alone_proves_no_cause() -> None:
-    hypotheses = (Hypothesis((), 0.0), Hypothesis(("torque_gain",), 300.0))
-    one, nine = (believe(hypotheses, ("torque_gain",), n, 0.0, {}).effects["torque_gain"] for n in (1, 9))
-    assert one == pytest.approx(1.0 - ODD_RUN)
-    assert nine > 0.999
+    assert is_there(1e5, None, 1) == pytest.approx(1.0 - ODD_RUN)
+    assert is_there(1e5, 3.0, 1) == pytest.approx(1.0 - ODD_RUN)
+    assert is_there(1e5, None, 9) > 0.999
+    # A set that was not simulated says nothing of where closed loops lie.
+    assert is_there(20.0, float("inf"), 9) == is_there(20.0, None, 9)
+
+
+def test_evidence_counts_by_its_logarithm_and_closed_loops_for_or_against() -> None:
+    offset, by_nats, by_floors = THERE
+    assert is_there(np.e, 0.5, 9) == pytest.approx(1.0 / (1.0 + np.exp(-(offset + by_nats + 0.5 * by_floors))))
+    assert is_there(20.0, -1.0, 9) < is_there(20.0, 0.0, 9) < is_there(20.0, 1.0, 9)
+    assert is_there(0.0, 0.0, 9) < 1e-6
 
 
 def test_an_effect_matters_by_what_it_moves() -> None:
-    assert matters(LEAST_MOVED) == pytest.approx(0.5)
-    assert matters(3.0) > 0.99
-    assert matters(0.2) < 0.03
-    assert matters(-0.2) < 0.001
+    offset, slope, _ = MOVED
+    assert matters(np.exp((np.log1p(LEAST_MOVED) - offset) / slope) - 1.0) == pytest.approx(0.5)
+    assert matters(4.0) > 0.99
+    assert matters(0.0) < 0.2
+    assert matters(-0.3) < matters(0.0)
     # Without it the model falls at once: nothing matters more.
     assert matters(float("nan")) == 1.0
 
 
+def _believed(hypotheses: tuple[Hypothesis, ...], best: tuple[str, ...], **moved: float) -> Belief:
+    """Of nine logs; what each effect adds is what the hypotheses differ by."""
+    nats = {frozenset(h.effects): h.nats for h in hypotheses}
+    gains = {n: nats[frozenset(best)] - nats.get(frozenset(best) - {n}, 0.0) for n in best}
+    return believe(hypotheses, best, gains, 9, 0.0, moved)
+
+
 def test_what_is_beyond_doubt_and_moves_nothing_is_there_and_no_cause() -> None:
-    hypotheses = (Hypothesis((), 0.0, ORDINARY_GAP - 0.5), Hypothesis(("command_jitter",), 60.0, ORDINARY_GAP - 0.6))
-    found = believe(hypotheses, ("command_jitter",), 9, 0.0, {"command_jitter": 0.1})
-    assert found.there["command_jitter"] > 0.99
-    assert found.effects["command_jitter"] < 0.05
+    hypotheses = (Hypothesis((), 0.0, ORDINARY_GAP - 0.5), Hypothesis(("command_jitter",), 200.0, ORDINARY_GAP - 0.6))
+    found = _believed(hypotheses, ("command_jitter",), command_jitter=-0.1)
+    assert found.there["command_jitter"] > 0.95
+    assert found.effects["command_jitter"] < 0.15
     assert found.unknown < 0.05
-    assert found.none > 0.9
+    assert found.none > 0.8
 
 
 def test_an_effect_that_closes_the_gap_is_its_cause() -> None:
     hypotheses = (Hypothesis((), 0.0, FAR), Hypothesis(("payload_mass",), 20.0, 1.2))
-    found = believe(hypotheses, ("payload_mass",), 9, 0.0, {"payload_mass": 4.0})
+    found = _believed(hypotheses, ("payload_mass",), payload_mass=4.0)
     assert found.effects["payload_mass"] > 0.95
     assert found.nearer["payload_mass"] == pytest.approx(FAR - 1.2)
     assert found.unknown < 0.01
@@ -56,19 +72,16 @@ def test_an_effect_that_closes_the_gap_is_its_cause() -> None:
 
 
 def test_an_effect_with_which_closed_loops_lie_farther_off_needs_so_much_more_evidence() -> None:
-    farther = ORDINARY_GAP + 3.0 * GAP_SPREAD
     doubtful, clear = (
-        believe(
-            (Hypothesis((), 0.0, ORDINARY_GAP), Hypothesis(("leg_mass",), nats, farther)),
+        _believed(
+            (Hypothesis((), 0.0, ORDINARY_GAP), Hypothesis(("leg_mass",), nats, ORDINARY_GAP + 1.0)),
             ("leg_mass",),
-            15,
-            0.0,
-            {"leg_mass": 4.0},
+            leg_mass=4.0,
         )
-        for nats in (3.0, 30.0)
+        for nats in (10.0, 1000.0)
     )
-    assert doubtful.effects["leg_mass"] == pytest.approx(0.5, abs=0.01)
-    assert clear.effects["leg_mass"] > 0.95
+    assert doubtful.effects["leg_mass"] < 0.1
+    assert clear.effects["leg_mass"] > 0.9
 
 
 def test_each_effect_is_judged_by_what_it_moves_itself() -> None:
@@ -79,14 +92,14 @@ def test_each_effect_is_judged_by_what_it_moves_itself() -> None:
         Hypothesis(("payload_mass",), 20.0, 1.25),
         Hypothesis(("command_jitter",), 60.0, FAR),
     )
-    found = believe(hypotheses, both, 9, 0.0, {"payload_mass": 4.0, "command_jitter": 0.1})
+    found = _believed(hypotheses, both, payload_mass=4.0, command_jitter=-0.1)
     assert found.effects["payload_mass"] > 0.9
-    assert found.effects["command_jitter"] < 0.1
+    assert found.effects["command_jitter"] < 0.2
 
 
 def test_a_gap_that_stays_is_unknown() -> None:
     hypotheses = (Hypothesis((), 0.0, FAR), Hypothesis(("torque_ripple",), 40.0, FAR - 0.3))
-    found = believe(hypotheses, ("torque_ripple",), 9, 0.0, {"torque_ripple": 0.2})
+    found = _believed(hypotheses, ("torque_ripple",), torque_ripple=0.2)
     assert found.unknown > 0.9
 
 
@@ -97,12 +110,14 @@ def test_rivals_that_come_as_near_share_a_place() -> None:
         Hypothesis(("stribeck_friction",), 29.0, 1.2),
         Hypothesis(("armature",), 29.0, 1.2 + 20.0 * GAP_SPREAD),
     )
-    found = believe(hypotheses, ("coulomb_friction",), 9, 0.0, {"coulomb_friction": 3.0})
+    found = _believed(hypotheses, ("coulomb_friction",), coulomb_friction=3.0)
     group = found.group("coulomb_friction")
     assert list(group) == ["coulomb_friction", "stribeck_friction"]
     assert group["stribeck_friction"] > 0.2
-    # A rival stands for the same change of the motion.
-    assert found.effects["stribeck_friction"] == pytest.approx(found.there["stribeck_friction"], rel=0.02)
+    # Together they are as likely as the place is to hold anything, and a rival stands for the same change of motion.
+    whole = is_there(30.0, FAR - 1.2, 9)
+    assert sum(found.there.values()) == pytest.approx(whole)
+    assert found.effects["stribeck_friction"] == pytest.approx(found.there["stribeck_friction"], rel=0.03)
 
 
 @pytest.mark.parametrize(("nearer", "told"), [(1.5, 1.5), (-0.2, -0.2), (None, None), (float("inf"), None)])
@@ -112,5 +127,5 @@ def test_a_set_that_was_not_simulated_gives_no_distance(nearer: float | None, to
 
 def test_without_the_smaller_set_nearer_is_infinite() -> None:
     both = ("armature", "coulomb_friction")
-    found = believe((Hypothesis((), 0.0, FAR), Hypothesis(both, 60.0, 1.0)), both, 9, 0.0, dict.fromkeys(both, 2.0))
+    found = _believed((Hypothesis((), 0.0, FAR), Hypothesis(both, 60.0, 1.0)), both, **dict.fromkeys(both, 2.0))
     assert found.nearer == dict.fromkeys(both, float("inf"))

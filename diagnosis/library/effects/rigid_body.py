@@ -79,6 +79,7 @@ class PayloadEntry(_BodyEntry):
         Coefficient("moment_y_kg_m", "kg·m", -3.0, 3.0),
         Coefficient("moment_z_kg_m", "kg·m", -5.0, 5.0),
     )
+    contains: ClassVar[tuple[str, ...]] = ("com_offset",)
     confused_with: ClassVar[tuple[str, ...]] = ("com_offset", "load_sensor_gain", "leg_mass")
     split_by: ClassVar[Experiment] = STAND
 
