@@ -1,136 +1,163 @@
-"""What a diagnosis leaves on robots with nothing wrong: the ensemble behind the numbers of ``decision_constants.py``.
+"""Fits the numbers of ``decision_constants.py`` to simulated robots whose faults are known.
 
-    python benchmarks/calibrate_diagnosis.py --policy policies/walk.onnx --out ensemble.jsonl [--robots 20] [--left]
+    python benchmarks/calibrate_diagnosis.py robots --seed 20261 --to 240 --out FOLDER [--workers 2] [--until 3600]
+    python benchmarks/calibrate_diagnosis.py fit FOLDER
 
-Each robot is the nominal model with ordinary errors drawn from the published ranges, load cells with a lag and a gain
-of their own, another ground and another estimator. Printed at the end: quantiles of the distance that models with
-fitted ordinary errors keep from it, in floors; and what trees still predict of the residuals, by channel, in nats.
+``robots`` draws cases as the withheld check does, but of its calibrating catalogue, and keeps what each diagnosis
+compared: it can be interrupted, and goes on. ``fit`` prints, with how many robots they rest on: the distance that
+faultless robots keep from models with their ordinary errors; the logistic regression of "the effect is there" on
+evidence and distance; and the regression of how far a fault moves a robot on how far it moves its model.
 """
 
 from __future__ import annotations
 
 import json
-import sys
+import tempfile
 import time
-from argparse import ArgumentParser
-from collections.abc import Sequence
-from dataclasses import replace
+from argparse import ArgumentParser, Namespace
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
-from scipy.signal import lfilter
+from sklearn.linear_model import LogisticRegression
 
 from diagnosis.closed_loop.engine import LocalEngine
-from diagnosis.closed_loop.simulation import SensorNoise, Surroundings, simulate
-from diagnosis.closed_loop.trials import Bench, run_trials
-from diagnosis.decision_constants import ERROR_SCALES
+from diagnosis.closed_loop.trials import Bench
 from diagnosis.library.registry import LIBRARY
-from diagnosis.read.policy_ticks import Script, script_of
-from diagnosis.selection.nuisance import ErrorKind, error_sets
-from diagnosis.selection.nuisance_model import with_kind
-from diagnosis.selection.places import Robot
-from diagnosis.selection.scoring import null_of
-from diagnosis.selection.search import Selection
-from diagnosis.verdict.explain import Explained, evidence_of
-from spot_log.read.run import Run
-from spot_model.effects.command.command_delay import CommandDelay
-from spot_model.io.model_file import RobotModel
-from spot_model.policy.policy import Policy, load_policy
-from spot_model.robot import facts
-from trainer.sysid.simulation.rollout import StartState
+from diagnosis.verdict.causes import ERRORS, decide, name_of
+from diagnosis.verdict.explain import explain
+from spot_log import read_run
+from spot_model.policy.policy import load_policy
+from withheld.cases.draw import draw, kind_of
+from withheld.cases.source import source_of
+from withheld.measuring.distances import TWIN_REPEATS, moved, rehearse
+from withheld.plan import RecordingPlan
+from withheld.simulator.simulation import RealityDivergedError
 
-NOMINAL = RobotModel((CommandDelay(delay_s=0.005),))
-SECONDS, REPEATS = 5.0, 3
-COMMANDS = {
-    "straight": ((0.0, 0.0, 0.0, 0.0), (0.2, 0.7, 0.0, 0.0), (0.6, 1.2, 0.0, 0.0), (1.0, 0.4, 0.0, 0.0)),
-    "curves": ((0.0, 0.0, 0.0, 0.0), (0.2, 0.6, 0.0, 0.6), (0.6, 0.6, 0.0, -0.6), (1.0, 0.5, 0.0, 0.0)),
-    "aside": ((0.0, 0.0, 0.0, 0.0), (0.2, 0.4, 0.3, 0.0), (0.6, 0.6, -0.3, 0.0), (1.0, 0.6, 0.0, 0.3)),
-}
-ROBOT = Robot(facts.JOINT_NAMES, np.repeat(np.arange(facts.N_LEGS), 3))
+KINDS: Final = ("faultless", "single", "double")
+POLICIES: Final = Path("policies")
 
 
-def drawn(rng: np.random.Generator) -> RobotModel:
-    """The nominal model with ordinary errors."""
-    model = NOMINAL
-    for name, given in ERROR_SCALES.items():
-        if not given.acts_in_closed_loop:
-            continue
-        effect = LIBRARY[name]
-        scale = np.array([given.scales.get(c.name, 0.0) for c in effect.coefficients])
-        chosen, sets = np.flatnonzero(scale > 0.0), error_sets(ROBOT, effect)
-        kind = ErrorKind(effect, given.at, 0, tuple(sets), chosen)
-        size = np.array([scale[k] * (given.alike if s.sum() > 1 else 1.0) for s in sets for k in chosen])
-        model = with_kind(model, ROBOT, kind, kind.coefficients(size * rng.standard_normal(len(size))))
-    return model
+def robot(seed: int, number: int, out: Path) -> str:
+    """Simulate and diagnose one robot, and write what was compared; returns a line to print."""
+    file = out / f"{seed}-{number:04d}.json"
+    if file.exists():
+        return f"{number}: there"
+    began_s = time.monotonic()
+    source = source_of("calibrating")
+    case = draw(seed, number, source, POLICIES)
+    policy_path = POLICIES / f"{case.policy}.onnx"
+    policy = load_policy(policy_path)
+
+    def plan(repeats: int, recording_seed: int) -> RecordingPlan:
+        return RecordingPlan(policy_path, case.sequences, repeats, recording_seed, frozenset(case.missing), case.detail)
+
+    with tempfile.TemporaryDirectory() as folder:
+        logs = Path(folder) / "logs"
+        logs.mkdir()
+        reality = source.make(case.requests, case.reality_seed)
+        try:
+            made = rehearse(reality, plan(case.repeats, case.recording_seed), logs)
+        except RealityDivergedError:
+            return f"{number}: its simulation broke down"
+        made.write(logs)
+        walks, by = made.walks(policy), []
+        for i in range(len(case.requests)):
+            twin = source.make(case.requests[:i] + case.requests[i + 1 :], case.reality_seed)
+            runs = rehearse(twin, plan(TWIN_REPEATS, case.recording_seed + 1 + i), Path(folder) / str(i))
+            by.append(moved(walks, runs.walks(policy)))
+        runs = [read_run(path) for path in sorted(logs.glob("*.mcap"))]
+        library = {name: entry for name, entry in LIBRARY.items() if name not in case.without}
+        found = explain(runs, reality.nominal, policy, library, lambda _: None)
+        bench = Bench.of(runs, policy, LocalEngine(policy))
+        rng = np.random.default_rng(case.diagnosis_seed)
+        causes = decide(found, reality.nominal, bench, library, rng)
+    faults = [{"names": fault.names, "moved": m} for fault, m in zip(reality.truth.faults, by, strict=True)]
+    gains = dict(zip(found.effects, found.selection.gains, strict=True))
+    belief = causes.belief
+    kept: dict[str, Any] = {
+        "number": number,
+        "kind": case.kind,
+        "n_runs": len(runs),
+        "error_scale": reality.truth.error_scale,
+        "faults": faults,
+        "distance": causes.distances.get(ERRORS),
+        "best": causes.distances.get(name_of(found.selection.best) if found.selection.best else ERRORS),
+        "found": [
+            {"name": n, "nats": gains[n], "nearer": belief.nearer.get(n), "moved": causes.moved.get(n), "p": p}
+            for n, p in belief.there.items()
+            if n in gains
+        ],
+        "none": belief.none,
+        "unknown": belief.unknown,
+    }
+    file.write_text(json.dumps(kept))
+    return f"{number}: {case.kind}, {time.monotonic() - began_s:.0f} s"
 
 
-def logs_of(model: RobotModel, policy: Policy, rng: np.random.Generator) -> list[Run]:
-    """Runs of a robot on a ground of its own, by load cells of its own."""
-    at = np.linspace(0.0, 1.0, round(SECONDS * facts.POLICY_RATE_HZ))
-    scripts = []
-    for name, points in COMMANDS.items():
-        p = np.array(points)
-        command = np.stack([np.interp(at, p[:, 0], p[:, k]) for k in (1, 2, 3)], axis=1)
-        for repeat in range(REPEATS):
-            pose = facts.DEFAULT_POSITION_RAD + 0.02 * rng.standard_normal(facts.N_JOINTS)
-            still = np.zeros(facts.N_JOINTS)
-            upright = np.array([1.0, 0.0, 0.0, 0.0])
-            scripts.append(
-                Script(name, repeat, StartState(pose, still, upright, np.zeros(3), np.zeros(3), still), command)
-            )
-    around = Surroundings(rng.uniform(0.008, 0.025), rng.uniform(0.85, 1.2), rng.choice([0.0, 0.05, 0.12]))
-    runs = simulate(model, policy, scripts, rng, SensorNoise(), surroundings=[around] * len(scripts))
-    lag_s = rng.uniform(0.0, 0.006)
-    keep = np.exp(-facts.STATE_PERIOD_NS * 1e-9 / lag_s)
-    gain = 1.0 + 0.02 * rng.standard_normal(facts.N_JOINTS)
-    out = []
-    for run in runs:
-        load = lfilter([1.0 - keep], [1.0, -keep], gain * run.states.load_nm, axis=0)
-        out.append(replace(run, states=replace(run.states, load_nm=load)))
-    return out
+def robots(given: Namespace) -> None:
+    """Make what is missing."""
+    given.out.mkdir(parents=True, exist_ok=True)
+    numbers = [n for n in range(given.first, given.to) if kind_of(given.seed, n) in KINDS]
+    began_s = time.monotonic()
+    with ProcessPoolExecutor(given.workers) as pool:
+        late_s = began_s + given.until
+        waiting = [pool.submit(_unless_late, late_s, given.seed, n, given.out) for n in numbers]
+        for k, done in enumerate(as_completed(waiting), 1):
+            left_s = (time.monotonic() - began_s) / k * (len(waiting) - k)
+            print(f"{done.result()} ({k} of {len(waiting)}, {left_s / 60:.0f} min left)", flush=True)
 
 
-def measured(seed: int, policy: Policy, *, has_left: bool) -> dict[str, object]:
-    """One robot's distances, and left-overs if asked for: they take as long as all the rest."""
-    rng = np.random.default_rng(seed)
-    runs = logs_of(drawn(rng), policy, rng)
-    stack, views, off, board = evidence_of(runs, NOMINAL, policy, LIBRARY)
-    found = Explained(stack, views, off, board, Selection(None, (), (), ()))
-    scripts = tuple(s for run in runs if (s := script_of(run)) is not None)
-    bench = Bench(tuple(runs), scripts, policy, LocalEngine(policy))
-    trials = run_trials(bench, NOMINAL, board, {"errors": null_of(board)}, {}, rng, only_ticks=True)
-    nats: dict[str, float] = {}
-    if has_left:
-        left = found.remainder()
-        nats = {c: float(left.nats[[x == c for x in left.channels]].sum()) for c in dict.fromkeys(left.channels)}
-    return {"seed": seed, "distances": trials.distances(), "left": nats, "notes": trials.notes}
+def _unless_late(until_s: float, seed: int, number: int, out: Path) -> str:
+    return robot(seed, number, out) if time.monotonic() < until_s else f"{number}: left for another time"
 
 
-def main(arguments: Sequence[str]) -> None:
-    """Make what is missing, then print."""
+def fit(given: Namespace) -> None:
+    """Print the numbers."""
+    rows = [json.loads(path.read_text()) for path in sorted(given.folder.glob("*.json"))]
+    clean = [r["distance"] for r in rows if not r["faults"] and r["distance"] is not None]
+    quantiles = np.quantile(clean, [0.5, 0.95, 1.0]).round(2)
+    print(f"ORDINARY_GAP: {len(clean)} faultless robots, 50, 95, 100 %: {quantiles}")
+    found, right, moves = [], [], []
+    for row in rows:
+        by_name = {name: f["moved"] for f in row["faults"] for name in f["names"]}
+        for effect in row["found"]:
+            if effect["nearer"] is None or not np.isfinite(effect["nearer"]):
+                continue
+            found.append((np.log(max(effect["nats"], 1e-9)), effect["nearer"]))
+            right.append(effect["name"] in by_name)
+            robots = by_name.get(effect["name"])
+            if robots is not None and np.isfinite(effect["moved"]) and row["n_runs"] > 3:
+                moves.append((np.log1p(max(effect["moved"], -0.5)), np.log1p(max(robots, -0.5))))
+    x, y = np.array(found), np.array(right)
+    for name, columns in (("THERE", [0, 1]), ("THERE_BY_RESIDUALS", [0])):
+        model = LogisticRegression(C=10.0).fit(x[:, columns], y)
+        numbers = (*model.intercept_.round(2), *model.coef_[0].round(2))
+        print(f"{name}: {numbers}; {len(y)} effects, {y.sum()} there; right for {model.score(x[:, columns], y):.0%}")
+    u, v = np.array(moves).T
+    slope, offset = np.polyfit(u, v, 1)
+    print(f"MOVED: {offset:.2f}, {slope:.2f}, {np.std(v - offset - slope * u):.2f}; {len(u)} effects that were there")
+
+
+def main() -> None:
+    """Read the command line."""
     parser = ArgumentParser(description=__doc__)
-    parser.add_argument("--policy", type=Path, required=True)
-    parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--robots", type=int, default=20)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--left", action="store_true", help="Also what trees predict of the residuals.")
-    given = parser.parse_args(arguments)
-    policy = load_policy(given.policy)
-    rows = [json.loads(line) for line in given.out.read_text().splitlines()] if given.out.exists() else []
-    for seed in range(given.seed, given.seed + given.robots):
-        if any(row["seed"] == seed for row in rows):
-            continue
-        began_s = time.monotonic()
-        rows.append(measured(seed, policy, has_left=given.left))
-        with given.out.open("a") as file:
-            file.write(json.dumps(rows[-1]) + "\n")
-        print(f"robot {seed}: {rows[-1]['distances']}, {time.monotonic() - began_s:.0f} s", flush=True)
-    good = [row["distances"]["errors"] for row in rows if "errors" in row["distances"]]
-    print(f"{len(good)} robots: distance in floors, 50, 80, 95 %: {np.quantile(good, [0.5, 0.8, 0.95]).round(2)}")
-    for channel in rows[0]["left"]:
-        nats = [row["left"].get(channel, 0.0) for row in rows]
-        print(f"channel {channel}: left nats, 95 %: {np.quantile(nats, 0.95):.1f}")
+    steps = parser.add_subparsers(required=True)
+    one = steps.add_parser("robots")
+    one.add_argument("--seed", type=int, required=True)
+    one.add_argument("--first", type=int, default=0)
+    one.add_argument("--to", type=int, required=True)
+    one.add_argument("--out", type=Path, required=True)
+    one.add_argument("--workers", type=int, default=2)
+    one.add_argument("--until", type=float, default=1e9, help="begin no robot after so many seconds")
+    one.set_defaults(step=robots)
+    two = steps.add_parser("fit")
+    two.add_argument("folder", type=Path)
+    two.set_defaults(step=fit)
+    given = parser.parse_args()
+    given.step(given)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()
