@@ -94,7 +94,7 @@ def test_intervals_cover_what_other_sequences_would_say() -> None:
 
 def test_what_no_resample_holds_widens_the_interval_by_hand() -> None:
     one = Compared("a", _pairs(3, 1.0), {"before": np.full((3, 3), 5.0), "after": np.full((3, 3), 2.0)})
-    found = shrinkage([one], "before", "after", np.random.default_rng(0), (0.8, 0.3))
-    # Of S = 0.75: 1.645 · hypot(0.25 · 0.8, 0.3) / 4.
-    assert found.low == pytest.approx(0.75 - 0.1483, abs=1e-3)
-    assert found.high == pytest.approx(0.75 + 0.1483, abs=1e-3)
+    found = shrinkage([one], "before", "after", np.random.default_rng(0), 0.3)
+    # Of S = 0.75: 1.645 · 0.3 / 4.
+    assert found.low == pytest.approx(0.75 - 0.1234, abs=1e-3)
+    assert found.high == pytest.approx(0.75 + 0.1234, abs=1e-3)
