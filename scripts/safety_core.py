@@ -6,7 +6,11 @@ _BOUNDS = "tests/spot_runtime/test_core_bounds.py"
 _MODES = "tests/spot_runtime/test_modes_and_stops.py"
 _SET_POINT = "tests/spot_runtime/test_set_point.py"
 
-_SIGNALS = ("tests/spot_runtime/test_signal_memories.py", "tests/spot_runtime/test_signals.py")
+_SIGNALS = (
+    "tests/spot_runtime/test_signal_bounds.py",
+    "tests/spot_runtime/test_signal_memories.py",
+    "tests/spot_runtime/test_signals.py",
+)
 
 TESTS_OF = {
     "spot_runtime/control/safety/safety.py": (_BOUNDS, "tests/spot_runtime/test_safety.py"),
@@ -17,10 +21,7 @@ TESTS_OF = {
     "spot_runtime/control/safety/command_loss.py": ("tests/spot_runtime/test_command_loss.py", _BOUNDS),
     "spot_runtime/control/safety/policy_bounds.py": (_BOUNDS,),
     **{
-        f"spot_runtime/control/safety/signals/{name}.py": (
-            "tests/spot_runtime/test_signal_memories.py",
-            "tests/spot_runtime/test_signals.py",
-        )
+        f"spot_runtime/control/safety/signals/{name}.py": _SIGNALS
         for name in ("check", "ground", "imu", "legs", "load", "motion", "still", "weight", "window")
     },
     "spot_runtime/control/modes.py": (_MODES, _BOUNDS),

@@ -37,7 +37,7 @@ def test_three_in_a_row_are() -> None:
 def test_nothing_is_said_before_a_window_is_full_and_the_same_key_changes_nothing() -> None:
     memory = after([10, 14, 18, 21])
     assert memory == LossMemory(10, 21, 2, 0.0)
-    assert confirm(memory, 21) is memory
+    assert confirm(memory, 21) == memory
     nearly = confirm(memory, 10 + WINDOW_KEYS - 1)
     assert nearly == LossMemory(10, 10 + WINDOW_KEYS - 1, 3, 0.0)
     full = confirm(nearly, 10 + WINDOW_KEYS)

@@ -134,6 +134,57 @@ def test_the_future_begins_50_ms_ahead(make_state: MakeState) -> None:
     assert memory == StateMemory(arrived_robot_stamp_ns=START_NS + 51 * MS)
 
 
+@pytest.mark.parametrize(
+    ("bound", "measured", "changes"),
+    [
+        ("quaternion_norm_error", "norm_error", {"odom_from_body_wxyz": np.array([0.9, 0.0, 0.0, 0.45])}),
+        ("tilt_rad", "tilt_rad", {"odom_from_body_wxyz": np.array([np.cos(0.1), 0.0, np.sin(0.1), 0.0])}),
+        ("body_velocity_m_s", "velocity_m_s", {"linear_vel_of_body_in_odom_m_s": np.array([0.3, -1.1, 0.7])}),
+        ("body_turn_rate_rad_s", "turn_rate_rad_s", {"angular_vel_of_body_in_odom_rad_s": np.array([0.3, -1.1, 0.7])}),
+        ("joint_velocity_rad_s", "velocity_rad_s", {"velocity_rad_s": np.where(np.arange(12) == 5, -7.3, 0.1)}),
+    ],
+)
+def test_a_value_at_its_bound_may_be_used_and_one_beyond_it_not(
+    make_state: MakeState, bound: str, measured: str, changes: dict[str, Any]
+) -> None:
+    def stop_at(value: float) -> Stop | None:
+        limits = LIMITS.model_copy(update={bound: value})
+        return safety.screen_state(StateMemory(), make_state(START_NS, **changes), START_NS, limits)[2]
+
+    stop = stop_at(1e-6)
+    assert stop is not None
+    value = stop.values[measured]
+    assert stop_at(value) is None
+    assert stop_at(float(np.nextafter(value, 0.0))) is not None
+
+
+def test_a_robot_on_its_back_is_tilted_by_half_a_turn_however_long_its_quaternion(
+    make_state: MakeState,
+) -> None:
+    for length in (1.0, 1.04):
+        stop = judged(make_state(START_NS, odom_from_body_wxyz=length * np.array([0.0, 1.0, 0.0, 0.0])))
+        assert stop is not None
+        assert stop.reason is StopReason.TILT
+        assert stop.values["tilt_rad"] == pytest.approx(np.pi)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("index", [0, -1])
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("position_rad", "velocity_rad_s", "load_nm", "position_of_body_in_odom_m", "odom_from_body_wxyz"),
+        *("linear_vel_of_body_in_odom_m_s", "angular_vel_of_body_in_odom_rad_s"),
+    ],
+)
+def test_one_value_that_is_no_number_is_enough(make_state: MakeState, name: str, index: int, value: float) -> None:
+    values = getattr(make_state(START_NS), name).copy()
+    values[index] = value
+    stop = judged(make_state(START_NS, **{name: values}))
+    assert stop is not None
+    assert stop.reason is StopReason.STATE_NOT_FINITE
+
+
 def test_a_first_state_that_confirms_nothing_is_no_rise(make_state: MakeState) -> None:
     memory, _, _ = safety.screen_state(StateMemory(), make_state(START_NS, last_command_key=0), START_NS, LIMITS)
     assert memory.echo_robot_stamp_ns == 0

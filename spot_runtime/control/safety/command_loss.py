@@ -28,8 +28,6 @@ class LossMemory(NamedTuple):
 
 def confirm(memory: LossMemory, key: int) -> LossMemory:
     """Take the key that the newest state confirms; an older one is that of another run, and counting begins anew."""
-    if key == memory.newest_key:
-        return memory
     if memory.first_key == 0 or key < memory.newest_key:
         return LossMemory(first_key=key, newest_key=key)
     bursts = memory.bursts + (key - memory.newest_key > IN_A_ROW)

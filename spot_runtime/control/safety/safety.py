@@ -230,8 +230,8 @@ def check_command(command: JointCommand, last_key: int, robot_now_ns: int) -> st
     if not 0.0 < ahead_s <= END_TIME_MAX_S:
         return f"its end time lies {ahead_s:g} s ahead; allowed: above 0, at most {END_TIME_MAX_S:g}"
     gains = command.gains
-    total = _sum(command.position_rad, command.velocity_rad_s, command.load_nm)
-    if not math.isfinite(total + _sum(gains.kp_nm_per_rad, gains.kd_nm_s_per_rad)):
+    asked = (command.position_rad, command.velocity_rad_s, command.load_nm)
+    if not _are_finite(*asked, gains.kp_nm_per_rad, gains.kd_nm_s_per_rad):
         return "it holds a value that is no number"
     if not _is_between(command.position_rad, command.position_rad):
         return "a set-point lies beyond a joint's stop"
@@ -262,17 +262,15 @@ def _broken_values(state: RobotState, limits: SafetyLimits) -> Stop | None:
     shape = (facts.N_JOINTS,)
     if not (state.position_rad.shape == state.velocity_rad_s.shape == state.load_nm.shape == shape):
         return Stop(StopReason.STATE_NOT_FINITE, f"a state holds {state.position_rad.shape} joint values; needed: 12")
-    w, x, y, z = state.odom_from_body_wxyz.tolist()
-    norm = w * w + x * x + y * y + z * z
-    linear, angular = state.linear_vel_of_body_in_odom_m_s.tolist(), state.angular_vel_of_body_in_odom_rad_s.tolist()
-    motion = sum(linear) + sum(angular) + sum(state.position_of_body_in_odom_m.tolist())
-    if not math.isfinite(_sum(state.position_rad, state.velocity_rad_s, state.load_nm) + motion + norm):
+    joints = (state.position_rad, state.velocity_rad_s, state.load_nm)
+    linear, angular = state.linear_vel_of_body_in_odom_m_s, state.angular_vel_of_body_in_odom_rad_s
+    if not _are_finite(*joints, linear, angular, state.position_of_body_in_odom_m, state.odom_from_body_wxyz):
         return Stop(StopReason.STATE_NOT_FINITE)
-    error = abs(math.sqrt(norm) - 1.0)
+    error = abs(math.hypot(*state.odom_from_body_wxyz.tolist()) - 1.0)
     if error > limits.quaternion_norm_error:
         values = {"norm_error": error, "bound": limits.quaternion_norm_error}
         return Stop(StopReason.STATE_ATTITUDE, "", values)
-    return _out_of_range(linear, angular, limits)
+    return _out_of_range(linear.tolist(), angular.tolist(), limits)
 
 
 def _out_of_range(linear_m_s: list[float], angular_rad_s: list[float], limits: SafetyLimits) -> Stop | None:
@@ -288,7 +286,7 @@ def _out_of_range(linear_m_s: list[float], angular_rad_s: list[float], limits: S
 
 def _body_out_of_bounds(state: RobotState, limits: SafetyLimits) -> Stop | None:
     _, x, y, _ = state.odom_from_body_wxyz.tolist()
-    tilt_rad = math.acos(max(-1.0, min(1.0, 1.0 - 2.0 * (x * x + y * y))))
+    tilt_rad = math.acos(max(-1.0, 1.0 - 2.0 * (x * x + y * y)))
     if tilt_rad > limits.tilt_rad:
         return Stop(StopReason.TILT, "", {"tilt_rad": tilt_rad, "bound_rad": limits.tilt_rad})
     if not is_body_above(limits.body_height_m, state.position_rad, state.odom_from_body_wxyz):
@@ -323,12 +321,9 @@ def _cut_too_often(memory: SetpointMemory, beyond: Array, cut: NDArray[np.bool_]
     return None
 
 
-def _sum(*arrays: Array) -> float:
-    """The sum of all values, each array of shape (12,): not finite as soon as one value is not."""
-    total = 0.0
-    for array in arrays:
-        total += sum(array.tolist())
-    return total
+def _are_finite(*arrays: Array) -> bool:
+    """Whether all values are: their sum is not as soon as one of them is not."""
+    return math.isfinite(sum(map(sum, map(np.ndarray.tolist, arrays))))
 
 
 def _is_between(least_rad: Array, largest_rad: Array) -> bool:

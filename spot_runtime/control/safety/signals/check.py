@@ -15,7 +15,7 @@ from spot_model.robot import facts
 from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import JointCommand, RobotState
 from spot_runtime.control.safety.signals import bounds, ground, imu, load, motion, still, weight
-from spot_runtime.control.safety.signals.window import Window, window_of
+from spot_runtime.control.safety.signals.window import Window, length, window_of
 from spot_runtime.stops import Stop, StopReason
 
 _NO_COUNTS: Final = np.zeros(facts.N_JOINTS, dtype=np.int64)
@@ -70,7 +70,7 @@ def check_signals(
         memory = memory._replace(states=(state,))
         if window is not None:
             memory = _after_window(memory, window, is_standing=is_standing, is_driven=is_driven)
-            stops = (*stops, *_stops(memory, is_standing=is_standing))
+            stops = (*stops, *_stops(memory))
     return memory, stops
 
 
@@ -102,13 +102,13 @@ def _answered(commands: Sequence[JointCommand], key: int) -> Sequence[JointComma
 def _is_restless(window: Window) -> bool:
     state = window.last
     return bool(
-        _length(state.linear_vel_of_body_in_odom_m_s) > bounds.REST_SPEED_M_S
-        or _length(window.turn_rad) > bounds.REST_TURN_RATE_RAD_S * window.duration_s
+        length(state.linear_vel_of_body_in_odom_m_s) > bounds.REST_SPEED_M_S
+        or length(window.turn_rad) > bounds.REST_TURN_RATE_RAD_S * window.duration_s
         or np.abs(window.travel_rad).max() > bounds.REST_JOINT_SPEED_RAD_S * window.duration_s
     )
 
 
-def _stops(memory: SignalMemory, *, is_standing: bool) -> Iterator[Stop]:
+def _stops(memory: SignalMemory) -> Iterator[Stop]:
     is_still = memory.still >= still.WINDOWS
     if is_still.any():
         needed, other = is_still & still.IS_NEEDED, is_still & ~still.IS_NEEDED
@@ -147,9 +147,9 @@ def _stops(memory: SignalMemory, *, is_standing: bool) -> Iterator[Stop]:
     if memory.weight.is_wrong:
         values = {f"{leg}_share": float(s) for leg, s in zip(facts.LEG_NAMES, memory.weight.legs_share, strict=True)}
         yield Stop(StopReason.SIGNAL_DOUBTED, "loads do not carry the robot's weight", values)
-    if is_standing and memory.restless_windows >= bounds.REST_WINDOWS:
+    if memory.restless_windows >= bounds.REST_WINDOWS:
         yield _contradiction("a robot that stands, and its velocities")
-    if is_standing and memory.burdened_windows >= bounds.REST_WINDOWS:
+    if memory.burdened_windows >= bounds.REST_WINDOWS:
         yield _contradiction("loads, legs and weight of a robot that stands")
 
 
@@ -159,7 +159,3 @@ def _contradiction(what: str, values: dict[str, float] | None = None) -> Stop:
 
 def _names(mask: NDArray[np.bool_], names: Sequence[str]) -> str:
     return ", ".join(name for name, chosen in zip(names, mask, strict=True) if chosen)
-
-
-def _length(vector: NDArray[np.float64]) -> float:
-    return float(np.sqrt(vector @ vector))

@@ -9,7 +9,7 @@ import numpy as np
 
 from spot_model.robot.state import Array
 from spot_runtime.control.safety.signals import bounds
-from spot_runtime.control.safety.signals.window import Window, turned_rad
+from spot_runtime.control.safety.signals.window import Window, length, turned_rad
 
 _NOTHING = np.zeros(3)
 
@@ -29,11 +29,11 @@ class ImuMemory(NamedTuple):
     @property
     def tilt_error_rad(self) -> float:
         """Angle between what was felt and the vertical; 0 until enough was felt, or where gravity is not reported."""
-        length = math.sqrt(float(self.force_m_s2 @ self.force_m_s2))
-        is_gravity = length >= bounds.GRAVITY_LEAST_M_S2 * self.felt_s
+        x, y, z = self.force_m_s2.tolist()
+        is_gravity = length(self.force_m_s2) >= bounds.GRAVITY_LEAST_M_S2 * self.felt_s
         if self.felt_s < 0.25 * bounds.GRAVITY_MEMORY_S or not is_gravity:
             return 0.0
-        return math.acos(max(-1.0, min(1.0, float(self.force_m_s2[2]) / length)))
+        return math.atan2(math.hypot(x, y), z)
 
 
 def after_window(memory: ImuMemory, window: Window) -> ImuMemory:
@@ -49,15 +49,10 @@ def after_window(memory: ImuMemory, window: Window) -> ImuMemory:
     gained = last.linear_vel_of_body_in_odom_m_s - first.linear_vel_of_body_in_odom_m_s
     fade = max(0.0, 1.0 - window.duration_s / bounds.GRAVITY_MEMORY_S)
     felt = memory.force_m_s2 * fade + window.odom_from_body @ force * window.duration_s - gained
-    angle, rate_error = 0.0, 0.0
-    if attitude.any():
-        apart = turned_rad(last.odom_from_body_wxyz, attitude)
-        angle = math.sqrt(float(apart @ apart))
+    # Where the unit reports no attitude of its own, there is nothing to compare.
+    angle = length(turned_rad(last.odom_from_body_wxyz, attitude)) if attitude.any() else 0.0
     expected = window.turn_rad / window.duration_s
-    difference = window.odom_from_body @ turn_rate - expected
-    rate_error = math.sqrt(float(difference @ difference)) - bounds.IMU_TURN_RATE_SHARE * math.sqrt(
-        float(expected @ expected)
-    )
+    rate_error = length(window.odom_from_body @ turn_rate - expected) - bounds.IMU_TURN_RATE_SHARE * length(expected)
     return ImuMemory(
         felt,
         memory.felt_s * fade + window.duration_s,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from spot_model.robot import facts
 from spot_model.robot.state import Array
 from spot_runtime.control.safety.signals import bounds
-from spot_runtime.control.safety.signals.window import Window, turned_rad
+from spot_runtime.control.safety.signals.window import Window, length, turned_rad
 
 _NO_JOINTS = np.zeros(facts.N_JOINTS)
 _NO_COUNTS = np.zeros(facts.N_JOINTS, dtype=np.int64)
@@ -51,7 +51,7 @@ def after_window(memory: MotionMemory, window: Window) -> MotionMemory:
     turn_change = memory.turn_change_rad_s * fade
     turn_change = turn_change + (last.angular_vel_of_body_in_odom_rad_s - first.angular_vel_of_body_in_odom_rad_s)
     turn_range = max(memory.turn_rate_range_rad_s * fade, window.turn_rate_range_rad_s)
-    turn_allowed = bounds.TURN_RAD + bounds.TURN_LAG_S * _length(turn_change) + bounds.TURN_BEND_S * turn_range
+    turn_allowed = bounds.TURN_RAD + bounds.TURN_LAG_S * length(turn_change) + bounds.TURN_BEND_S * turn_range
     return MotionMemory(
         slope,
         change,
@@ -60,9 +60,5 @@ def after_window(memory: MotionMemory, window: Window) -> MotionMemory:
         turn,
         turn_change,
         turn_range,
-        memory.turn_windows + 1 if _length(turn) > turn_allowed else 0,
+        memory.turn_windows + 1 if length(turn) > turn_allowed else 0,
     )
-
-
-def _length(vector: Array) -> float:
-    return float(np.sqrt(vector @ vector))

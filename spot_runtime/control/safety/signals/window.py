@@ -91,3 +91,8 @@ def turned_rad(before_wxyz: Array, after_wxyz: Array) -> Array:
         return np.zeros(3)
     angle = 2.0 * math.atan2(length, abs(w)) * (1.0 if w >= 0.0 else -1.0)
     return np.array([x, y, z]) * (angle / length)
+
+
+def length(vector: Array) -> float:
+    """Of a vector, shape (3,)."""
+    return float(np.sqrt(vector @ vector))

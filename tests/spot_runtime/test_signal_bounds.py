@@ -1,0 +1,324 @@
+"""Every bound of the plausibility checks from both sides: at it all is well, one step beyond it is not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from spot_model.robot.state import Gains, ImuPacket, JointCommand
+from spot_runtime.control.safety.battery import BatteryMemory
+from spot_runtime.control.safety.command_loss import LossMemory
+from spot_runtime.control.safety.safety import SetpointMemory, StateMemory
+from spot_runtime.control.safety.signals import bounds, check, ground, imu, load, motion, still, weight
+from spot_runtime.control.safety.signals.check import SignalMemory, check_signals
+from spot_runtime.control.safety.signals.window import Window, window_of
+from spot_runtime.control.safety.watchdogs import WatchMemory
+from tests.spot_runtime.walking_robot import WalkingRobot
+
+ZERO = np.zeros(12)
+ONE = np.arange(12) == 3
+ROBOT = WalkingRobot(noise=0.0)
+
+
+def below(value: float) -> float:
+    return float(np.nextafter(value, -np.inf))
+
+
+def window(**changes: Any) -> Window:
+    """18 ms of a level robot whose joints and body stand; its last state differs by these."""
+    rest: dict[str, Any] = dict.fromkeys(("position_rad", "velocity_rad_s", "load_nm"), ZERO)
+    rest |= {"odom_from_body_wxyz": np.array([1.0, 0.0, 0.0, 0.0]), "imu": ()}
+    rest |= {"linear_vel_of_body_in_odom_m_s": np.zeros(3), "angular_vel_of_body_in_odom_rad_s": np.zeros(3)}
+    states = [replace(ROBOT.state(i), **rest) for i in range(7)]
+    states[-1] = replace(states[-1], **changes)
+    made = window_of(states)
+    assert made is not None
+    return made
+
+
+@pytest.mark.parametrize(
+    "memory",
+    [
+        *(StateMemory, SetpointMemory, LossMemory, BatteryMemory, WatchMemory, SignalMemory),
+        *(motion.MotionMemory, ground.GroundMemory, imu.ImuMemory, weight.WeightMemory),
+    ],
+)
+def test_a_memory_begins_with_nothing(memory: Any) -> None:
+    for name, value in memory()._asdict().items():
+        if not isinstance(value, tuple):
+            assert value is None or not np.any(value), name
+
+
+# From memory to stops ------------------------------------------------------------------------------------------------
+
+COUNTS = {
+    "still": lambda n: SignalMemory(still=np.where(np.arange(55) == 50, n, 0)),
+    "velocity and position of fr_hx": lambda n: SignalMemory(motion=motion.MotionMemory(slope_windows=n * ONE)),
+    "attitude and turn rate of the body": lambda n: SignalMemory(motion=motion.MotionMemory(turn_windows=n)),
+    "attitude of the body and of its inertial unit": lambda n: SignalMemory(imu=imu.ImuMemory(angle_windows=n)),
+    "turn rate of the body and of its inertial unit": lambda n: SignalMemory(imu=imu.ImuMemory(turn_rate_windows=n)),
+    "load and set-point of fr_hx": lambda n: SignalMemory(load_windows=n * ONE),
+    "a robot that stands, and its velocities": lambda n: SignalMemory(restless_windows=n),
+    "loads, legs and weight of a robot that stands": lambda n: SignalMemory(burdened_windows=n),
+}
+
+
+@pytest.mark.parametrize(
+    ("detail", "enough"),
+    [
+        ("still", bounds.STILL_WINDOWS),
+        ("velocity and position of fr_hx", bounds.SLOPE_WINDOWS),
+        ("attitude and turn rate of the body", bounds.TURN_WINDOWS),
+        ("attitude of the body and of its inertial unit", bounds.IMU_WINDOWS),
+        ("turn rate of the body and of its inertial unit", bounds.IMU_WINDOWS),
+        ("load and set-point of fr_hx", bounds.LOAD_WINDOWS),
+        ("a robot that stands, and its velocities", bounds.REST_WINDOWS),
+        ("loads, legs and weight of a robot that stands", bounds.REST_WINDOWS),
+    ],
+)
+def test_so_many_windows_in_a_row_are_a_stop_and_one_less_is_none(detail: str, enough: int) -> None:
+    assert list(check._stops(COUNTS[detail](enough - 1))) == []
+    (stop,) = check._stops(COUNTS[detail](enough))
+    assert stop.detail == ("the body's velocity, y" if detail == "still" else detail)
+    assert stop.values == {}
+
+
+AMOUNTS = {
+    "GRAVITY_ANGLE_RAD": SignalMemory(imu=imu.ImuMemory(np.array([3.0, 0.0, 9.0]), 1.0)),
+    "FOOT_SHARE": SignalMemory(ground=ground.GroundMemory(0.5, 0.45)),
+    "TRAVEL_M": SignalMemory(ground=ground.GroundMemory(1.0, 0.4, travel_m=2.0)),
+    "AIRBORNE_S": SignalMemory(ground=ground.GroundMemory(airborne_s=0.9, has_touched=True)),
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("GRAVITY_ANGLE_RAD", np.arctan2(3.0, 9.0)), ("FOOT_SHARE", 0.9), ("TRAVEL_M", 2.0), ("AIRBORNE_S", 0.9)],
+)
+def test_an_amount_at_its_bound_is_no_stop(name: str, value: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bounds, name, value)
+    assert list(check._stops(AMOUNTS[name])) == []
+    monkeypatch.setattr(bounds, name, below(value))
+    (stop,) = check._stops(AMOUNTS[name])
+    assert value in stop.values.values()
+
+
+def test_feet_that_slide_for_half_the_time_make_a_long_travel_a_contradiction() -> None:
+    for sliding_s, is_doubted in ((0.499, True), (0.5, False)):
+        memory = SignalMemory(ground=ground.GroundMemory(1.0, sliding_s, travel_m=2.0 * bounds.TRAVEL_M))
+        (stop,) = check._stops(memory)
+        assert (stop.reason.name == "SIGNAL_DOUBTED") is is_doubted
+
+
+# From windows to memory ----------------------------------------------------------------------------------------------
+
+
+def test_a_window_is_full_after_18_ms_and_the_next_begins_with_its_last_state() -> None:
+    states = [ROBOT.state(i) for i in range(7)]
+    memory, _ = check_signals(SignalMemory(), states[:6], is_standing=False, is_driven=False)
+    assert memory.states == tuple(states[:6])
+    memory, _ = check_signals(memory, states[6:], is_standing=False, is_driven=False)
+    assert memory.states == (states[6],)
+
+
+def numbered(key: int) -> JointCommand:
+    return JointCommand(key, ZERO, ZERO, ZERO, Gains.policy(), 1)
+
+
+def test_a_load_may_answer_the_newest_commands_that_were_confirmed_and_all_later_ones() -> None:
+    commands = [numbered(key) for key in range(1, 7)]
+    assert [c.key for c in check._answered(commands, 4)] == [2, 3, 4, 5, 6]
+    assert [c.key for c in check._answered(commands, 2)] == [1, 2, 3, 4, 5, 6]
+    memory = SignalMemory()
+    for key in range(1, 10):
+        memory = check.asked(memory, numbered(key))
+    assert [c.key for c in memory.commands] == [4, 5, 6, 7, 8, 9]
+
+
+def test_loads_are_held_against_commands_only_while_those_drive_the_joints() -> None:
+    wrong = [replace(ROBOT.state(i), load_nm=np.full(12, 300.0)) for i in range(7)]
+    memory = check.asked(SignalMemory(load_windows=2 + 0 * still.NO_COUNTS[:12]), numbered(1))
+    driven, _ = check_signals(memory, wrong, is_standing=False, is_driven=True)
+    assert set(driven.load_windows) == {3}
+    idle, _ = check_signals(memory, wrong, is_standing=False, is_driven=False)
+    assert set(idle.load_windows) == {0}
+
+
+@pytest.mark.parametrize(
+    ("name", "restless"),
+    [
+        ("REST_SPEED_M_S", lambda v: window(linear_vel_of_body_in_odom_m_s=np.array([0.0, v, 0.0]))),
+        ("REST_TURN_RATE_RAD_S", lambda v: window()._replace(turn_rad=np.array([0.0, 0.0, -v * 0.018]))),
+        ("REST_JOINT_SPEED_RAD_S", lambda v: window()._replace(travel_rad=-v * 0.018 * ONE)),
+    ],
+)
+def test_a_robot_at_rest_may_move_up_to_the_bound(name: str, restless: Any) -> None:
+    bound = getattr(bounds, name)
+    assert not check._is_restless(restless(bound))
+    assert check._is_restless(restless(1.000001 * bound))
+    states = [ROBOT.state(i) for i in range(7)]  # walks
+    for is_standing, counted in ((True, 5), (False, 0)):
+        memory, _ = check_signals(SignalMemory(restless_windows=4), states, is_standing=is_standing, is_driven=False)
+        assert memory.restless_windows == counted
+
+
+# Signals that stand still --------------------------------------------------------------------------------------------
+
+STEP = bounds.STILL_WINDOWS // bounds.QUICK_WINDOWS
+KINDS = {
+    "position_rad": (0, bounds.POSITION_NOISE_RAD),
+    "velocity_rad_s": (12, bounds.VELOCITY_NOISE_RAD_S),
+    "load_nm": (24, bounds.LOAD_NOISE_NM),
+}
+
+
+def counted(**moves: float | np.ndarray) -> np.ndarray:
+    """Counts after one window from 3 each, in which joints moved by so many resolutions; from 1 N·m of load."""
+    first = replace(ROBOT.state(0), position_rad=ZERO, velocity_rad_s=ZERO, load_nm=np.ones(12))
+    changes = {name: getattr(first, name) + moves[name] * KINDS[name][1] for name in moves}
+    body = {name: getattr(first, name) for name in ("odom_from_body_wxyz", "linear_vel_of_body_in_odom_m_s")}
+    last = replace(ROBOT.state(6), **{n: getattr(first, n) for n in KINDS}, **body)
+    last = replace(last, angular_vel_of_body_in_odom_rad_s=first.angular_vel_of_body_in_odom_rad_s)
+    return still.still_windows(np.full(55, 3), first, replace(last, **changes))
+
+
+MOVES = np.where(ONE, 0.0, 1.0)
+"""Eleven joints move, one stands."""
+
+
+@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize(
+    ("factor", "step"), [(1.0, 0), (1.01, 1), (bounds.QUICK_FACTOR, 1), (1.01 * bounds.QUICK_FACTOR, STEP)]
+)
+def test_a_joint_that_stands_counts_while_others_move_and_more_where_they_are_quick(
+    name: str, factor: float, step: int
+) -> None:
+    begin, noise = KINDS[name]
+    first = replace(ROBOT.state(0), **{name: ZERO})
+    after = still.still_windows(np.full(55, 3), first, replace(ROBOT.state(6), **{name: MOVES * factor * noise}))
+    step = min(step, 1) if name == "load_nm" else step
+    np.testing.assert_array_equal(after[begin : begin + 12], np.where(ONE, 3 + step, 0))
+
+
+def test_half_of_the_joints_must_move() -> None:
+    for moving, step in ((6, 1), (5, 0)):
+        after = counted(position_rad=np.where(np.arange(12) < moving, 2.0, 0.0))
+        assert after[11] == 3 + step
+
+
+@pytest.mark.parametrize(("others", "step"), [(1.0, 0), (2.0, 1)])
+def test_all_joints_of_a_kind_that_stand_count_where_both_other_kinds_move(others: float, step: int) -> None:
+    assert set(counted(position_rad=others * 1.0, load_nm=2.0)[12:24]) == {3 + step}
+    assert set(counted(position_rad=2.0, velocity_rad_s=others * 1.0)[24:36]) == {3 + step}
+    assert set(counted(velocity_rad_s=2.0, load_nm=2.0)[:12]) == {3}, "positions that all stand are no lie"
+
+
+def test_loads_that_are_all_zero_are_not_reported() -> None:
+    first = replace(ROBOT.state(0), position_rad=ZERO, velocity_rad_s=ZERO, load_nm=ZERO)
+    last = replace(first, position_rad=ZERO + 1.0, velocity_rad_s=ZERO + 1.0)
+    assert set(still.still_windows(np.full(55, 3), first, last)[24:36]) == {3}
+
+
+@pytest.mark.parametrize(
+    ("moves", "step"),
+    [
+        ({"velocity_rad_s": MOVES}, 0),
+        ({"velocity_rad_s": 1.01 * MOVES}, 1),
+        ({"load_nm": 0.99 * MOVES}, 0),
+        ({"load_nm": 1.01 * MOVES}, 1),
+    ],
+)
+def test_a_joint_of_which_nothing_changes_counts_while_any_other_moves(moves: dict[str, np.ndarray], step: int) -> None:
+    whole = counted(**moves)[36:48]
+    assert whole[3] == 3 + step
+    assert set(whole[~ONE]) == {0}
+
+
+@pytest.mark.parametrize(
+    ("moves", "step"),
+    [({"position_rad": 1.0}, 0), ({"position_rad": 1.01}, 1), ({"velocity_rad_s": 1.01}, 1), ({"load_nm": 9.0}, 0)],
+)
+def test_the_bodys_signals_count_while_joints_move(moves: dict[str, float], step: int) -> None:
+    assert set(counted(**moves)[48:]) == {3 + step}
+
+
+def test_each_of_the_bodys_signals_begins_anew_when_it_changes() -> None:
+    first = ROBOT.state(0)
+    same = replace(first, position_rad=first.position_rad + 1.0)
+    assert set(still.still_windows(np.full(55, 3), first, same)[48:]) == {4}
+    for index in range(3):
+        for place, name in ((49, "linear_vel_of_body_in_odom_m_s"), (52, "angular_vel_of_body_in_odom_rad_s")):
+            moved = getattr(same, name).copy()
+            moved[index] += 0.1
+            after = still.still_windows(np.full(55, 3), first, replace(same, **{name: moved}))
+            assert [i for i in range(48, 55) if after[i] == 0] == [place + index]
+    tilted = replace(same, odom_from_body_wxyz=np.array([0.8, 0.6, 0.0, 0.0]))
+    assert [i for i in range(48, 55) if still.still_windows(np.full(55, 3), first, tilted)[i] == 0] == [48]
+
+
+# Loads ---------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("asked_nm", "low_nm", "high_nm"),
+    # 30 N·m, half of what was asked, and nothing for the lag of a robot at rest; a weak motor may give less, down to 0.
+    [((0.0,), -30.0, 30.0), ((40.0,), -50.0, 90.0), ((-40.0,), -90.0, 50.0), ((20.0, -40.0), -90.0, 70.0)],
+)
+def test_a_load_may_lie_within_its_bound_of_what_was_asked(
+    asked_nm: tuple[float, ...], low_nm: float, high_nm: float
+) -> None:
+    commands = [replace(numbered(1), load_nm=np.full(12, nm)) for nm in asked_nm]
+    for load_nm, is_wrong in ((low_nm, False), (high_nm, False), (low_nm - 1e-9, True), (high_nm + 1e-9, True)):
+        assert set(load.disagreeing(window(load_nm=np.full(12, load_nm)), commands)) == {is_wrong}
+
+
+def test_a_load_may_lag_behind_position_and_velocity() -> None:
+    """2 rad/s gained within 18 ms: 12 ms of kp·2 = 60·2·0.012 and of kd·2/0.018 = 1.5·2/0.018·0.012; kd·2 is asked."""
+    gains = Gains(np.full(12, 60.0), np.full(12, 1.5))
+    command = replace(numbered(1), gains=gains, position_rad=np.full(12, 0.1))
+    moving = window(velocity_rad_s=np.full(12, 2.0))
+    asked_nm = 60.0 * 0.1 - 1.5 * 2.0
+    allowed_nm = 30.0 + 0.5 * asked_nm + 60.0 * 2.0 * 0.012 + 1.5 * 2.0 / 0.018 * 0.012
+    for load_nm, is_wrong in ((asked_nm + allowed_nm - 1e-6, False), (asked_nm + allowed_nm + 1e-6, True)):
+        state = replace(moving.last, load_nm=np.full(12, load_nm))
+        assert set(load.disagreeing(moving._replace(last=state), [command])) == {is_wrong}
+
+
+# The inertial unit ---------------------------------------------------------------------------------------------------
+
+
+def packet(**changes: Any) -> ImuPacket:
+    level = ImuPacket(0, np.array([0.0, 0.0, 9.81]), np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
+    return replace(level, **changes)
+
+
+def test_the_units_attitude_and_turn_rate_may_differ_up_to_their_bounds(monkeypatch: pytest.MonkeyPatch) -> None:
+    turned = window(imu=(packet(odom_from_link_wxyz=np.array([np.cos(0.15), np.sin(0.15), 0.0, 0.0])),))
+    spun = window(imu=(packet(angular_vel_of_link_in_link_rad_s=np.array([0.0, 2.0, 0.0])),))
+    monkeypatch.setattr(bounds, "IMU_ANGLE_RAD", 0.3 + 1e-9)
+    monkeypatch.setattr(bounds, "IMU_TURN_RATE_RAD_S", 2.0)
+    before = imu.ImuMemory(angle_windows=2, turn_rate_windows=3)
+    assert imu.after_window(before, turned).angle_windows == 0
+    assert imu.after_window(before, spun).turn_rate_windows == 0
+    monkeypatch.setattr(bounds, "IMU_ANGLE_RAD", 0.3 - 1e-9)
+    monkeypatch.setattr(bounds, "IMU_TURN_RATE_RAD_S", below(2.0))
+    assert imu.after_window(before, turned).angle_windows == 3
+    assert imu.after_window(before, spun).turn_rate_windows == 4
+
+
+def test_a_robot_that_turns_may_disagree_by_a_share_of_its_turn_rate() -> None:
+    spins = window(imu=(packet(angular_vel_of_link_in_link_rad_s=np.array([0.0, 0.0, 5.0])),))
+    for rate_rad_s, counted_windows in ((10.0, 1), (6.0, 0)):
+        # |5 − 10| = 5 beyond 1 + 0.3·10; |5 − 6| = 1 within 1 + 0.3·6
+        turning = spins._replace(turn_rad=np.array([0.0, 0.0, rate_rad_s * spins.duration_s]))
+        assert imu.after_window(imu.ImuMemory(), turning).turn_rate_windows == counted_windows
+
+
+def test_packets_of_a_window_are_averaged() -> None:
+    pair = (packet(angular_vel_of_link_in_link_rad_s=np.array([0.0, 3.0, 0.0])), packet())
+    assert imu.after_window(imu.ImuMemory(), window(imu=pair)).turn_rate_windows == 1
+    many = imu.after_window(imu.ImuMemory(), window(imu=(packet(),) * 5))
+    np.testing.assert_allclose(many.force_m_s2, [0.0, 0.0, 9.81 * 0.018])
