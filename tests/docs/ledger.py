@@ -59,10 +59,6 @@ ELSEWHERE = {
         "withheld/test_end_to_end.py",
         '["run", "--out", str(out), "--cases", "9"',
     ),
-    "spot-rl withheld run --cases 80 --seed 20261122 --kind faultless": (
-        "withheld/test_end_to_end.py",
-        '["run", "--out", str(out), "--cases", "9"',
-    ),
     "spot-rl withheld run --cases 800 --seed 7340126551 --only 0:79 --out DIR": (
         "withheld/test_end_to_end.py",
         '["run", "--out", str(out), "--cases", "9"',
@@ -91,6 +87,8 @@ FORMS = {
     "spot-rl log import MAPPING.yaml FILE --out LOG.mcap": "spot-rl log import mapping.yaml recording.csv",
     "spot-rl diagnose LOG --nominal MODEL --out DIR --policy POLICY.onnx --robot ROBOT.yaml --synthesis "
     "--add-effect module:Class --without EFFECT --engine ray": "spot-rl diagnose logs --nominal paper_identified",
+    "spot-rl diagnose LOGS --nominal MODEL --out DIR --add-effect my_effects:GreaseDrag": "spot-rl diagnose logs "
+    "--nominal paper_identified",
 }
 """Command with words to be filled in, and how a command begins that is run and has them filled in."""
 
@@ -124,13 +122,14 @@ NOT_RUN = {
     "journalctl -u spot-rl SPOT_RL_EVENT=stop -o verbose": SYSTEMD,
     "sudo usermod -aG spot-rl NAME": "changes the accounts of the computer",
     "ssh -L 8765:localhost:8765 ROBOT-COMPUTER": "needs a second computer",
-    "spot-rl bench train --device cuda --set n_envs=16384 --json": GPU,
+    "python benchmarks/mjlab_speed.py": GPU,
     "spot-rl bench train --device cuda --set n_envs=N --json": GPU,
     "torchrun --nproc-per-node 2": GPU,
     "python benchmarks/gpu_parity.py": GPU,
     "python benchmarks/calibrate_diagnosis.py": CORES,
     "python benchmarks/calibrate_diagnosis.py --policy policies/walk.onnx --out ensemble.jsonl --robots 5": CORES,
     "python benchmarks/gait_figures.py POLICY": CORES,
+    "python examples/hidden_friction.py": CORES,
     "spot-rl bench stop": "floods a service for minutes in real time; tests/spot_runtime/operator does so for seconds",
     "spot-rl bench stop --stops 4": "floods a service for minutes in real time, as the line above",
     "spot-rl bench faults --search --minutes 15 --seed 1": "searches for a quarter of an hour; its test for seconds",
