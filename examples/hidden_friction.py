@@ -14,7 +14,7 @@ import spot_rl
 from spot_model.io.model_file import save_model
 
 POLICY = "policies/walk.onnx"
-HIDDEN_NM = 6.0
+HIDDEN_NM = 5.0
 WALKS = ((0.4, 0.0, 0.0), (0.9, 0.0, 0.0), (0.5, 0.0, 0.6))
 REPEATS = 3
 ROTORS = (
