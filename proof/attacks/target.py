@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 import sys
-from typing import Any
+from typing import Any, Final
 
 from spot_protos import run_link_pb2
 from spot_runtime.config import RunConfig
@@ -11,6 +13,9 @@ from spot_runtime.host.service_manager import ServiceManager
 from spot_runtime.operator.server.server import OperatorServer
 from spot_runtime.operator.server.states import State
 from spot_runtime.operator.server.supervisor import Supervisor
+
+NICENESS: Final = -10
+"""As in the unit ``deploy/spot-rl.service``; whoever may not ask for it measures without."""
 
 
 class AnsweringProcess:
@@ -39,6 +44,8 @@ def serve(listen: str, **service: Any) -> tuple[OperatorServer, Supervisor]:
 
 def main() -> None:
     """Serve on the address that is given, with the TLS files if there are any, until standard input ends."""
+    with contextlib.suppress(PermissionError):
+        os.setpriority(os.PRIO_PROCESS, 0, NICENESS)
     listen, *files = sys.argv[1:]
     names = ("tls_certificate", "tls_key", "tls_client_ca")
     server, _ = serve(listen, **dict(zip(names, files, strict=False)))

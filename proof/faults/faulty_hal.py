@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Literal
 
 from spot_log.write.sink import LogSink
-from spot_model.robot.state import JointCommand, RobotState
+from spot_model.robot.state import JointCommand, RobotState, SlowState
 from spot_runtime.config import RunConfig
 from spot_runtime.hal.connection.address import Address
 from spot_runtime.hal.spot.adapter import BosdynHal
@@ -31,6 +31,7 @@ class FaultyHal(BosdynHal):
         self._due_ns = 0
         self._planned: list[tuple[int, Callable[[], None]]] = []
         self._spoilt: list[tuple[int, Callable[[RobotState], RobotState]]] = []
+        self._spoilt_slow: list[tuple[int, Callable[[SlowState], SlowState]]] = []
         self._at_ns = 0
         self._when: When = "control"
         self.was_off = False
@@ -51,8 +52,20 @@ class FaultyHal(BosdynHal):
 
     def spoil(self, spoilt: Callable[[RobotState], RobotState], lasts_s: float) -> None:
         """Change every state from now on before anybody sees it, so long; 0 s: to the end."""
-        until_ns = self.robot_now_ns() + round(lasts_s * 1e9) if lasts_s else 1 << 62
-        self._spoilt.append((until_ns, spoilt))
+        self._spoilt.append((self._until_ns(lasts_s), spoilt))
+
+    def spoil_slow(self, spoilt: Callable[[SlowState], SlowState], lasts_s: float) -> None:
+        """As :meth:`spoil`, what is polled."""
+        self._spoilt_slow.append((self._until_ns(lasts_s), spoilt))
+
+    @property
+    def slow_state(self) -> SlowState | None:
+        """As it is spoilt."""
+        slow = super().slow_state
+        for until_ns, spoilt in self._spoilt_slow:
+            if slow is not None and self.robot_now_ns() < until_ns:
+                slow = spoilt(slow)
+        return slow
 
     def begin_joint_control(self, first: JointCommand) -> None:
         """Begin, and count from here."""
@@ -83,6 +96,9 @@ class FaultyHal(BosdynHal):
             self.was_off = self._rig.status().motor_power.lower().endswith("off")
         self._begins("down")
         super().power_off()
+
+    def _until_ns(self, lasts_s: float) -> int:
+        return self.robot_now_ns() + round(lasts_s * 1e9) if lasts_s else 1 << 62
 
     def _begins(self, when: When) -> None:
         if when == self._when:

@@ -151,7 +151,9 @@ def _walked(robot: Rig, policy: Path, reality: Reality, number: int, rng: np.ran
             faulty.plan(push.at_s, partial(robot.inject, "push", 0.01, **values))
 
     def make_hal(sink: LogSink) -> Hal:
-        pace = LockStep(robot.address.admin, HostClock().now_ns())
+        # Where commands get lost, each state must bring another, as in real time; it takes twice as long.
+        loses = reality.scenario["command_channel"]["drop_probability"] > 0.0
+        pace = LockStep(robot.address.admin, HostClock().now_ns(), every_state=loses)
         hal = Watched(parse_address(robot.address.robot), config, sink, pace)
         hal.prepare(robot, begin, 0.0, "control")
         hal.sensor_model, hal.rig = SensorModel(reality.sensors), robot
@@ -164,7 +166,12 @@ def _walked(robot: Rig, policy: Path, reality: Reality, number: int, rng: np.ran
             summary = run(request, make_hal, lambda _path, _header: sink, console)
         finally:
             console.close()
-    doubts = [event for event in sink.events if event.name == EventName.SIGNAL_DOUBTED.label]
+    stopped_ns = made[0].stopped_ns or sink.events[-1].robot_stamp_ns
+    doubts = [
+        event
+        for event in sink.events
+        if event.name == EventName.SIGNAL_DOUBTED.label and event.robot_stamp_ns < stopped_ns
+    ]
     verdict = _verdict(summary, made[0], doubts[0].robot_stamp_ns if doubts else None, robot)
     sentence = doubts[0].text if doubts else "" if summary.outcome == "completed" else summary.sentence
     return Outcome(number, policy.stem, summary.outcome, sentence, verdict, round(summary.control_robot_s, 2))

@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+import ast
 import inspect
+import itertools
+from collections.abc import Iterator
+from types import ModuleType
 
+from spot_runtime.control.safety import battery, leaps
+from spot_runtime.control.safety.signals import bounds
 from spot_runtime.hal import errors
 from spot_runtime.safety_limits import SafetyLimits
 from spot_runtime.stops import StopReason
 
-from .words import table
+from .words import plain, table
 
 MARKER = "written by scripts/write_docs.py"
 
 
 def runtime_page(text: str) -> str:
     """The page with its tables as they should be now, between the markers of each."""
-    for name, made in (("stops", stops_table()), ("errors", errors_table()), ("limits", limits_table())):
+    tables = {"stops": stops_table(), "errors": errors_table(), "limits": limits_table(), "bounds": bounds_table()}
+    for name, made in tables.items():
         begin, end = f"<!-- {name}: {MARKER} -->", f"<!-- end of {name} -->"
         head, _, rest = text.partition(begin)
         tail = rest.partition(end)[2]
@@ -47,3 +54,23 @@ def limits_table() -> str:
         default = f"{field.default:g}" if isinstance(field.default, (int, float)) else f"{field.default}"
         rows.append((f"`{name}`", default, field.description or ""))
     return table(("key", "default", "meaning"), rows)
+
+
+def bounds_table() -> str:
+    """Every constant of the plausibility checks with its derivation."""
+    rows = [row for module in (bounds, leaps, battery) for row in _constants(module)]
+    return table(("bound", "value", "derivation"), rows)
+
+
+def _constants(module: ModuleType) -> Iterator[tuple[str, str, str]]:
+    """A module's public constants with the strings that stand below them."""
+    body = ast.parse(inspect.getsource(module)).body
+    for statement, following in itertools.pairwise([*body, ast.Pass()]):
+        if not (isinstance(statement, ast.AnnAssign) and isinstance(statement.target, ast.Name)):
+            continue
+        name, text = statement.target.id, ""
+        if isinstance(following, ast.Expr) and isinstance(following.value, ast.Constant):
+            text = plain(str(following.value.value))
+        value = getattr(module, name)
+        words = " to ".join(f"{v:g}" for v in value) if isinstance(value, tuple) else f"{value:g}"
+        yield f"`{name}`", words, text or "–"

@@ -109,6 +109,7 @@ def test_the_watchdog_ends_a_hung_loop_and_the_stop_has_time_to_sit() -> None:
 
 
 def test_the_rights_are_those_that_the_configuration_asks_for() -> None:
+    from proof.attacks.target import NICENESS
     from spot_runtime.config import RunConfig, load_config
 
     unit = settings("spot-rl.service")
@@ -116,6 +117,7 @@ def test_the_rights_are_those_that_the_configuration_asks_for() -> None:
     assert unit["LimitRTPRIO"] == [str(config.real_time.fifo_priority)]
     assert config.real_time.fifo_priority == RunConfig().real_time.fifo_priority
     assert "CPUSchedulingPolicy" not in unit  # the operator's service must not run before the control loop
+    assert unit["Nice"] == [str(NICENESS)]  # as it was measured
     assert unit["LimitMEMLOCK"] == ["infinity"]
     assert "RestrictRealtime" not in unit
     assert config.robot.credentials_file is None  # so that systemd's credential counts

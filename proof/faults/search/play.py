@@ -8,7 +8,7 @@ from collections.abc import Callable
 from proof.faults.faulty_hal import FaultyHal
 from proof.faults.rig import Rig
 from proof.faults.search.case import Case, Fault
-from proof.faults.search.signals import SpoiltSignal
+from proof.faults.search.signals import SLOW, SpoiltSignal
 
 
 def play(rig: Rig, case: Case) -> tuple[Callable[[FaultyHal], None]]:
@@ -30,4 +30,7 @@ def _plan(rig: Rig, hal: FaultyHal, fault: Fault) -> None:
     else:
         name, _, way = rest.partition(" ")
         spoilt = SpoiltSignal(name, way, int(float(fault.values["index"])), float(fault.values["size"]))
-        hal.plan(fault.at_s, lambda: hal.spoil(spoilt, fault.lasts_s))
+        if name in SLOW:
+            hal.plan(fault.at_s, lambda: hal.spoil_slow(spoilt.slow, fault.lasts_s))
+        else:
+            hal.plan(fault.at_s, lambda: hal.spoil(spoilt, fault.lasts_s))

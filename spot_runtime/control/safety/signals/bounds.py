@@ -80,8 +80,10 @@ TURN_LAG_S: Final = 0.015
 """Lag between the estimator's attitude and rate, either way; it acts as in joints."""
 
 TURN_BEND_S: Final = TURN_LAG_S**2 / (2.0 * WINDOW_S)
+"""As in joints."""
 
 TURN_WINDOWS: Final = 3
+"""In a row: a foot that lands turns the body for less than two of them."""
 
 # Attitude against gravity ---------------------------------------------------------------------------------------------
 
@@ -104,6 +106,7 @@ IMU_TURN_RATE_RAD_S: Final = 1.0
 """Between the mean turn rates of both over a window: filters' lag of 15 ms at 50 rad/s², 0.75, and biases."""
 
 IMU_TURN_RATE_SHARE: Final = 0.3
+"""The same, for what grows with the rate: 15 ms of lag in a swing of 3 Hz are 0.28 of it."""
 IMU_WINDOWS: Final = 5
 """In a row, 0.1 s."""
 
@@ -118,6 +121,7 @@ FOOT_SPEED_SHARE: Final = 0.5
 odometry scale, filters' lag and the rolling of the sole are small."""
 
 FOOT_MEMORY_S: Final = 0.5
+"""A stride of a slow gait."""
 FOOT_SHARE: Final = 0.75
 """Share of the time with contact in which no foot in contact stands. In flight and at touch-down no foot stands; a
 gait that lands on any foot has one that does for at least a quarter of its contact."""
@@ -150,6 +154,7 @@ SETPOINTS: Final = 3
 """A load may answer any of the newest set-points: 20 ms of link and a period of delay are two that are older."""
 
 LOAD_WINDOWS: Final = 5
+"""In a row, 0.1 s: longer than an impact, shorter than a step."""
 
 # The body at rest, before anything is taken over ----------------------------------------------------------------------
 
@@ -157,11 +162,15 @@ REST_SPEED_M_S: Final = 0.4
 """A robot that stands in place sways by some 0.05 m/s; a push that the vendor's stand catches is over in 0.2 s."""
 
 REST_TURN_RATE_RAD_S: Final = 0.6
+"""The same push, 0.4 m/s, at the height of the hips."""
 REST_JOINT_SPEED_RAD_S: Final = 1.5
+"""The same push, by legs of 0.3 m."""
 REST_WINDOWS: Final = 10
 """0.2 s."""
 
 CARRIED_LEAST: Final = 0.3
+"""See the next."""
+
 CARRIED_MOST: Final = 3.0
 """Force of the ground by the loads of a robot that stands, as a share of its weight: a payload of its own weight and
 gear friction of half the load lie between; a load of the wrong sign or unit does not."""
@@ -179,6 +188,7 @@ WEIGHT_MEMORY_S: Final = 1.0
 """Mean force of the ground while it walks: over several strides, the weight and what the body's momentum gained."""
 
 WEIGHT_LEAST_S: Final = 0.75 * WEIGHT_MEMORY_S
+"""Of it, before anything is judged."""
 
 PULL_SHARE: Final = (facts.TOTAL_MASS_KG - facts.BODY.mass_kg) / facts.N_LEGS / facts.TOTAL_MASS_KG
 """No foot pulls at the ground; a leg that is held up hangs its own weight, 12 % of the robot's, on its joints."""
