@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Final
 
 from spot_runtime.operator.door.peers import Peer, peer_of
-from spot_runtime.operator.door.pipe import Pipe
+from spot_runtime.operator.door.pipe import OF_NEWCOMERS, Pipe
 
 OFFENCE_LASTS_S: Final = 10.0
 
@@ -42,7 +42,7 @@ class Connection:
         """Whose share of all connections it takes."""
         self.name = f"spot-rl-{os.getpid()}-{next(_numbers)}"
         self.is_admitted = False
-        """Whether a call of somebody who has a role came through it."""
+        """Whether a call of somebody who has a role came through it; :meth:`admit` says so."""
         self.calls_open = 0
         self.stops_open = 0
         """Calls under way that stop the robot."""
@@ -65,6 +65,12 @@ class Connection:
         if time.monotonic() - self.offended_s <= OFFENCE_LASTS_S:
             return 0
         return 2 if self.calls_open else 1
+
+    def admit(self) -> None:
+        """Somebody who has a role calls on it."""
+        self.is_admitted = True
+        if self._pipes:
+            self._pipes[0].widen()
 
     def hold(self, duration_s: float) -> None:
         """Take nothing from it for a while."""
@@ -99,7 +105,7 @@ class Connection:
         except OSError:
             self.close()
             return
-        self._pipes = (Pipe(self._outer, inner, self.close), Pipe(inner, self._outer, self.close))
+        self._pipes = (Pipe(self._outer, inner, self.close, OF_NEWCOMERS), Pipe(inner, self._outer, self.close))
 
     def _begin(self) -> None:
         self._loop.remove_reader(self._outer)

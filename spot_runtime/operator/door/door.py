@@ -61,7 +61,7 @@ class Door:
         if connection.is_admitted:
             return
         _remove(self._newcomers, connection)
-        connection.is_admitted = True
+        connection.admit()
         if connection.peer.user_id is None:  # of another computer, where one process is as good as another
             connection.group = identity
         self._admitted.setdefault(connection.group, {})[connection.name] = connection

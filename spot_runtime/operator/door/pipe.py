@@ -6,25 +6,44 @@ import asyncio
 import socket
 import time
 from collections.abc import Callable
-from typing import Final
+from typing import Final, NamedTuple
 
 PART_BYTES: Final = 65_536
-BYTES_PER_S: Final = 1_000_000
-BURST_BYTES: Final = 1_000_000
+
+
+class Flow(NamedTuple):
+    """How much passes."""
+
+    burst_bytes: int
+    """At once."""
+    bytes_per_s: int
+    """After that."""
+
+
+FULL: Final = Flow(1_000_000, 1_000_000)
+OF_NEWCOMERS: Final = Flow(16_384, 65_536)
+"""Enough for a handshake with certificates and the head of a call. Who has shown no role could otherwise send gRPC a
+megabyte of pings on each of many connections."""
 
 
 class Pipe:
-    """One direction of a connection, at most :data:`BYTES_PER_S` after a burst."""
+    """One direction of a connection; its flow is bounded."""
 
-    def __init__(self, source: socket.socket, target: socket.socket, on_end: Callable[[], None]) -> None:
+    def __init__(
+        self, source: socket.socket, target: socket.socket, on_end: Callable[[], None], flow: Flow = FULL
+    ) -> None:
         """Begin to pass on; ``on_end`` is called when either socket has gone."""
-        self._source, self._target, self._on_end = source, target, on_end
+        self._source, self._target, self._on_end, self._flow = source, target, on_end, flow
         self._loop = asyncio.get_running_loop()
         self._left = memoryview(b"")
         self._timer: asyncio.TimerHandle | None = None
-        self._allowance_bytes, self._allowance_s = float(BURST_BYTES), time.monotonic()
+        self._allowance_bytes, self._allowance_s = float(flow.burst_bytes), time.monotonic()
         self._is_over = False
         self._loop.add_reader(source, self._read)
+
+    def widen(self, flow: Flow = FULL) -> None:
+        """Let that much pass from now on."""
+        self._flow, self._allowance_bytes = flow, float(flow.burst_bytes)
 
     def hold(self, duration_s: float) -> None:
         """Read nothing for a while."""
@@ -48,7 +67,7 @@ class Pipe:
 
     def _read(self) -> None:
         try:
-            data = self._source.recv(PART_BYTES)
+            data = self._source.recv(min(PART_BYTES, self._flow.burst_bytes))
         except (BlockingIOError, InterruptedError):
             return
         except OSError:
@@ -78,8 +97,8 @@ class Pipe:
 
     def _pay(self, size: int) -> None:
         now_s = time.monotonic()
-        earned = (now_s - self._allowance_s) * BYTES_PER_S
-        self._allowance_bytes = min(float(BURST_BYTES), self._allowance_bytes + earned) - size
+        earned = (now_s - self._allowance_s) * self._flow.bytes_per_s
+        self._allowance_bytes = min(float(self._flow.burst_bytes), self._allowance_bytes + earned) - size
         self._allowance_s = now_s
         if self._allowance_bytes < 0.0:
-            self.hold(-self._allowance_bytes / BYTES_PER_S)
+            self.hold(-self._allowance_bytes / self._flow.bytes_per_s)
