@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final, cast
 import typer
 
 from diagnosis import command
+from diagnosis.next.command import next_experiment, predict_run
 
 if TYPE_CHECKING:
     from diagnosis.verdict.diagnose import Diagnosis
@@ -17,15 +18,21 @@ FOLDER: Final = "compare"
 """In the diagnosis' folder."""
 
 
-@wraps(command.diagnose)
-def diagnose(**asked: Any) -> None:
+diagnose = typer.Typer(cls=command.LogsOrCommand, no_args_is_help=True, help=command.__doc__)
+diagnose.command("next")(next_experiment)
+diagnose.command("predict")(predict_run)
+
+
+@diagnose.command(command.EXPLAIN)
+@wraps(command.explain_logs)
+def explain_and_compare(**asked: Any) -> None:
     """The diagnosis' own options and help; the comparison never fails a diagnosis that is written."""
     from compare.errors import CompareError
 
     folder = Path(asked["out"]) / FOLDER
     if folder.exists():
         raise CompareError(f"{folder} exists; choose another folder with --out")
-    result = cast("Diagnosis", command.diagnose(**asked))
+    result = cast("Diagnosis", command.explain_logs(**asked))
     try:
         typer.echo(f"compare    {set_beside(result, folder)}")
     except CompareError as error:

@@ -24,7 +24,7 @@ class EngineName(enum.StrEnum):
     RAY = "ray"
 
 
-class _LogsOrCommand(TyperGroup):
+class LogsOrCommand(TyperGroup):
     """What is no command's name begins the logs."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
@@ -34,7 +34,7 @@ class _LogsOrCommand(TyperGroup):
         return super().parse_args(ctx, args)
 
 
-diagnose = typer.Typer(cls=_LogsOrCommand, no_args_is_help=True, help=__doc__)
+diagnose = typer.Typer(cls=LogsOrCommand, no_args_is_help=True, help=__doc__)
 diagnose.command("next")(next_experiment)
 diagnose.command("predict")(predict_run)
 

@@ -29,8 +29,8 @@ def ask(a_diagnosis: Diagnosis, monkeypatch: pytest.MonkeyPatch, tmp_path: Path)
     """The command with a diagnosis that is there already; gives the folder of the comparison."""
 
     def run(**changes: Any) -> Path:
-        monkeypatch.setattr(command, "diagnose", lambda **_: replace(a_diagnosis, **changes))
-        diagnose_command.diagnose(out=tmp_path)
+        monkeypatch.setattr(command, "explain_logs", lambda **_: replace(a_diagnosis, **changes))
+        diagnose_command.explain_and_compare(out=tmp_path)
         return tmp_path / diagnose_command.FOLDER
 
     return run
@@ -68,5 +68,7 @@ def test_a_comparison_that_is_there_stays(ask: Callable[..., Path], tmp_path: Pa
 
 
 def test_the_options_are_those_of_the_diagnosis() -> None:
-    assert inspect.signature(diagnose_command.diagnose) == inspect.signature(command.diagnose)
-    assert diagnose_command.diagnose.__doc__ == command.diagnose.__doc__
+    ours, theirs = diagnose_command.explain_and_compare, command.explain_logs
+    assert (inspect.signature(ours), ours.__doc__) == (inspect.signature(theirs), theirs.__doc__)
+    names = [[c.name for c in app.registered_commands] for app in (diagnose_command.diagnose, command.diagnose)]
+    assert names[0] == names[1]
