@@ -62,9 +62,9 @@ def story_page(story: Story) -> str:
 def _lead(design: Design) -> str:
     if len(design.causes) < 2:
         return f"One cause is left: {in_words(design.causes[0])}. There is nothing to part."
-    best = design.best
-    if best is None:
+    if not design.worthwhile:
         return "No experiment that is safe tells more."
+    best = design.worthwhile[0]
     return f"{best.candidate.title}: {best.told.bits:.2f} of {best.told.of_bits:.2f} bits in {best.robot_s:.0f} s."
 
 

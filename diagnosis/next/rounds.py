@@ -16,6 +16,7 @@ from spot_model.errors import SpotRlError
 
 SURE: Final = 0.95
 """A cause of this probability is the answer."""
+STOPPED: Final = "a person stopped it"
 MOST_FAILURES: Final = 2
 """Experiments that leave no log, or end early, before a person has to look."""
 
@@ -128,24 +129,34 @@ def ask_robot(
         seed: Of all draws.
         told: Given the story after every round, to be written.
     """
-    story, found, failed, logs = Story(first), first, list[str](), list[Path]()
-    while True:
+    story = Story(first)
+    try:
+        _ask(story, lab, budget_s, most_rounds, seed, told)
+    except KeyboardInterrupt:
+        story.ending, story.is_interrupted = STOPPED, True
+    told(story)
+    return story
+
+
+def _ask(story: Story, lab: Lab, budget_s: float, most_rounds: int, seed: int, told: Callable[[Story], None]) -> None:
+    found, failed, logs = story.first, list[str](), list[Path]()
+    while not story.ending:
         story.ending = _ending(found, story, most_rounds)
         if story.ending:
-            break
+            return
         left_s = budget_s - story.robot_s
         lab.say(f"choosing experiment {len(story.rounds) + 1}; {left_s:.0f} s of robot time are left")
         plan = lab.choose(found.posterior, seed + len(story.rounds), failed)
-        chosen = next((p for p in plan.proposals if p is plan.best or _may(p, plan, left_s)), None)
-        if chosen is None or plan.best is None:
+        if not plan.worthwhile:
             story.ending = "no experiment that is safe tells more"
-            break
-        if chosen.robot_s > left_s:
+            return
+        chosen = next((p for p in plan.worthwhile if p.robot_s <= left_s), None)
+        if chosen is None:
             story.ending = f"the budget of {budget_s:.0f} s of robot time is used up"
-            break
+            return
         if not lab.confirm(chosen, plan):
             story.ending = f"a person declined {chosen.candidate.name}"
-            break
+            return
         place = lab.folder / f"round_{len(story.rounds) + 1}"
         place.mkdir(parents=True)
         lab.say(f"running: {chosen.candidate.title}, {chosen.robot_s:.0f} s of robot time")
@@ -164,24 +175,9 @@ def ask_robot(
         story.rounds.append(_asked(chosen, plan, ran, before, found))
         told(story)
         if ran.is_interrupted:
-            story.ending, story.is_interrupted = "a person stopped it", True
-            break
-        if len(failed) >= MOST_FAILURES:
+            story.ending, story.is_interrupted = STOPPED, True
+        elif len(failed) >= MOST_FAILURES:
             story.ending = f"{len(failed)} experiments did not run to their end; see to the robot"
-            break
-    told(story)
-    return story
-
-
-def _may(proposal: Proposal, plan: Design, left_s: float) -> bool:
-    """A shorter experiment that fits into what is left, where the best does not."""
-    best = plan.best
-    return (
-        best is not None
-        and best.robot_s > left_s >= proposal.robot_s
-        and not proposal.refused
-        and proposal.told.bits > 0
-    )
 
 
 def _ending(found: Found, story: Story, most_rounds: int) -> str:

@@ -29,6 +29,7 @@ BY_CI = ("make check", "make test", "make safety")
 """Lines of ``.ci/run`` itself."""
 
 ELSEWHERE = {
+    "spot-rl run --experiment FILE": ("spot_runtime/test_joint_script.py", '"--experiment", str(file)'),
     "spot-rl policy import exported/policy.onnx --like isaac-lab": (
         "trainer/test_foreign_policies.py",
         '"import", str(path), "--like", "isaac-lab"',
@@ -97,7 +98,13 @@ GPU = "needs an NVIDIA GPU"
 CONTAINER = "needs a container's builder: tests/deploy/test_container.py reads the files"
 CORES = "takes many cores many minutes; what it calls runs in other tests"
 
+MINUTES = "takes minutes; its parts run in tests/diagnosis/test_next_experiment.py"
+
 NOT_RUN = {
+    "spot-rl diagnose next OUT --logs FIRST_LOGS --nominal MODEL --run --robot HOST": MINUTES,
+    "spot-rl diagnose next OUT": MINUTES,
+    "spot-rl diagnose predict OUT --sequence fast.yaml": MINUTES,
+    "spot-rl diagnose predict OUT --sequence fast.yaml --log LOG": MINUTES,
     "spot-rl --install-completion": "changes the shell of whoever calls it; completion itself is tested",
     "podman build -f deploy/container/fake.Containerfile -t spot-rl-fake .": CONTAINER,
     "podman build -f deploy/container/train.Containerfile -t spot-rl-train .": CONTAINER,

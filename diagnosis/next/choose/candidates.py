@@ -76,13 +76,13 @@ def candidates(policy: PolicyContract | None, suspects: Sequence[str]) -> tuple[
 def _walks(policy: PolicyContract) -> tuple[Candidate, ...]:
     top, turn = policy.velocity_command_high[0], policy.velocity_command_high[2]
     aside = policy.velocity_command_high[1]
-    fast = Free(0.8 * top, 0.4 * top, top, "m/s")
+    fast = Free(0.6 * top, 0.3 * top, 0.8 * top, "m/s")
     needs = "the policy, and room to walk"
     return (
         Candidate(
             "sprint",
             "run ahead with rising speed, then stop",
-            f"the policy, and {0.4 * top * 8.0 + 2.0:.0f} m straight ahead",
+            f"the policy, and {0.4 * top * 12.0 + 2.0:.0f} m straight ahead",
             {"speed_m_s": fast, "duration_s": Free(8.0, 6.0, 12.0, "s")},
             lambda v: _sequence(
                 "sprint",

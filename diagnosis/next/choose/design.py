@@ -74,10 +74,9 @@ class Design:
     proposals: tuple[Proposal, ...]
 
     @property
-    def best(self) -> Proposal | None:
-        """The most telling that may be run and is worth it."""
-        may = [p for p in self.proposals if not p.refused and p.told.bits >= WORTH_BITS]
-        return may[0] if may else None
+    def worthwhile(self) -> tuple[Proposal, ...]:
+        """Those that may be run and tell enough, the most telling first."""
+        return tuple(p for p in self.proposals if not p.refused and p.told.bits >= WORTH_BITS)
 
 
 def in_words(cause: Cause) -> str:
