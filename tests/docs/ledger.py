@@ -137,6 +137,7 @@ NOT_RUN = {
     "python benchmarks/calibrate_diagnosis.py --policy policies/walk.onnx --out ensemble.jsonl --robots 5": CORES,
     "python benchmarks/gait_figures.py POLICY": CORES,
     "python examples/hidden_friction.py": CORES,
+    "spot-rl bench ordinary": CORES,
     "spot-rl bench stop": "floods a service for minutes in real time; tests/spot_runtime/operator does so for seconds",
     "spot-rl bench stop --stops 4": "floods a service for minutes in real time, as the line above",
     "spot-rl bench faults --search --minutes 15 --seed 1": "searches for a quarter of an hour; its test for seconds",
