@@ -136,6 +136,7 @@ NOT_RUN = {
     "python benchmarks/calibrate_diagnosis.py": CORES,
     "python benchmarks/calibrate_diagnosis.py --policy policies/walk.onnx --out ensemble.jsonl --robots 5": CORES,
     "python benchmarks/gait_figures.py POLICY": CORES,
+    "python benchmarks/gait_on_robot.py policies/fast.onnx": CORES,
     "python examples/hidden_friction.py": CORES,
     "spot-rl bench ordinary": CORES,
     "spot-rl bench stop": "floods a service for minutes in real time; tests/spot_runtime/operator does so for seconds",
