@@ -45,7 +45,7 @@ def shift(reference: Track, other: Track) -> int:
     """
     a, b = reference.velocity_command, other.velocity_command
     if np.isnan(a).all() or np.isnan(b).all():
-        return 0  # a recording without commands: both begin where they begin
+        return 0  # a recording without commands: the starts are aligned
     shortest = round(LEAST_SHARE * min(len(a), len(b)))
     candidates = sorted(range(-(len(a) - shortest), len(b) - shortest + 1, STRIDE), key=abs)
     if 0 not in candidates:

@@ -1,4 +1,4 @@
-"""What keeps two runs from being compared; each message says what to give instead."""
+"""Why two runs cannot be compared; each message says what to give instead."""
 
 from __future__ import annotations
 

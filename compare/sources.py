@@ -27,7 +27,7 @@ def read_reference(path: str) -> Run:
 
     Raises:
         CompareError: It names a model.
-        LogReadError: It is no log.
+        LogReadError: It is not a log.
     """
     if is_model(path):
         raise CompareError(f"{path} is a model; the first run must be a log (*.mcap): models follow its commands")

@@ -53,7 +53,7 @@ class Samples:
         self.threads.append(len(os.listdir("/proc/self/task")))  # noqa: PTH208
 
     def growth(self) -> dict[str, float]:
-        """The median of the last quarter less that of the second: what comes and goes within a quarter is no growth."""
+        """Median of the last quarter less that of the second: what comes and goes within a quarter is not growth."""
         quarter = max(1, len(self.robot_s) // 4)
         return {
             name: round(median(getattr(self, name)[-quarter:]) - median(getattr(self, name)[quarter : 2 * quarter]), 2)

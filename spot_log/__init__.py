@@ -1,6 +1,6 @@
 """The log: the hand-off from the control loop, the process that writes it, and its readers.
 
-What reads is imported when somebody asks for it: the logger's process, one a run, never does, and starts sooner.
+Readers are imported on first use: the logger's process, one a run, never needs them and starts sooner.
 """
 
 from __future__ import annotations

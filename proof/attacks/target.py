@@ -15,7 +15,7 @@ from spot_runtime.operator.server.states import State
 from spot_runtime.operator.server.supervisor import Supervisor
 
 NICENESS: Final = -10
-"""As in the unit ``deploy/spot-rl.service``; whoever may not ask for it measures without."""
+"""As in the unit ``deploy/spot-rl.service``; without the right to it, measurements are made without it."""
 
 
 class AnsweringProcess:

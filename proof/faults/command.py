@@ -103,7 +103,7 @@ def chosen(only: str, *, is_real_time: bool, is_quick: bool) -> list[Row]:
 
 
 def tried(rows: Iterable[Row], policy: Path, scenario: str, *, is_real_time: bool) -> Iterator[Result]:
-    """Try rows, one after the other, on one robot; a row that has failed, or is alone, leaves it to nobody else."""
+    """Try rows in turn on one robot; a row that has failed, or wants a robot to itself, leaves the next a new one."""
     left = list(rows)
     while left:
         with (

@@ -43,7 +43,7 @@ class FaultyHal(BosdynHal):
         self._rig, self._happens, self._at_ns, self._when = rig, happens, round(at_s * 1e9), when
 
     def later(self, seconds: float, happens: Callable[[], None]) -> None:
-        """Have something else happen, so much robot time from now."""
+        """Have something else happen after this much robot time."""
         self.plan(seconds, happens)
 
     def plan(self, seconds: float, happens: Callable[[], None]) -> None:
@@ -51,7 +51,7 @@ class FaultyHal(BosdynHal):
         self._planned.append((self.robot_now_ns() + round(seconds * 1e9), happens))
 
     def spoil(self, spoilt: Callable[[RobotState], RobotState], lasts_s: float) -> None:
-        """Change every state from now on before anybody sees it, so long; 0 s: to the end."""
+        """Change every state before it is used, for this long; 0 s: to the end."""
         self._spoilt.append((self._until_ns(lasts_s), spoilt))
 
     def spoil_slow(self, spoilt: Callable[[SlowState], SlowState], lasts_s: float) -> None:

@@ -53,13 +53,13 @@ CALM: Final[Mapping[str, Mapping[str, Any]]] = {
         "damping_s": 1.0,
     },
 }
-"""A configuration whose way into motion is short, and which leaves the process that measures as it was."""
+"""A configuration that is quick to move, and leaves the settings of the measuring process alone."""
 
 WALKING: Final = VelocitySequence(name="fault", duration_s=600.0, waypoints=(Waypoint(time_s=0.0, v_x_m_s=0.4),))
 OVERTURNED_RAD: Final = 0.5
 RUN_PRIORITY: Final = 40
 FAKE_PRIORITY: Final = 35
-"""In real time; a real robot computes elsewhere, so the fake must not wait for whatever else runs here."""
+"""In real time; a real robot computes elsewhere, so the fake must not wait for other work of this computer."""
 
 AT_S: Final = 0.8
 """When it happens, robot time since joint control began: the policy is in full control and the robot walks."""

@@ -27,7 +27,7 @@ HUNG_LONG_S: Final = 1800.0
 
 SETTLE_PART_S: Final = 0.25
 STILL_PARTS: Final = 2
-"""A robot without power that did not move for so many parts does not move again."""
+"""A robot without power that was still for this many parts stays still."""
 
 
 @dataclass
@@ -59,9 +59,9 @@ class Row:
     is_long: bool = False
     """Takes long; left out where rows are tried quickly."""
     is_host_time: bool = False
-    """Its reaction is timed by the host's clock, and so says as much of the host's other work."""
+    """Its reaction is timed by the host's clock, so it also depends on the host's other work."""
     is_alone: bool = False
-    """Has a robot of its own, for it leaves one that nobody can use before a person has been there."""
+    """Has a robot of its own, because it leaves one that a person must see to first."""
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ def try_row(rig: Rig, row: Row) -> Result:
 
 
 def tidy(rig: Rig, row: Row, result: Result) -> Result:
-    """Make the robot good for the next row; a row after which it is not has failed, and says what it has left."""
+    """Restore the robot for the next row; a row fails if that is not possible, and names what it left."""
     if row.is_alone:
         return result
     try:
@@ -208,13 +208,13 @@ def reacted(drive: Drive, finding: Finding, way: str, since_ns: int | None = Non
 
 
 def went_on(drive: Drive, finding: Finding, missed: int = 0) -> Finding:
-    """Every tick ran, but for so many."""
+    """Every tick ran, except for this many."""
     finding.demand(drive.summary.skipped_ticks <= missed, f"{drive.summary.skipped_ticks} ticks were missed")
     return finding
 
 
 def happens(*actions: Callable[[], object]) -> Callable[[object], None]:
-    """What happens, as the rig wants it."""
+    """What happens, in the form that the rig takes."""
 
     def act(_: object) -> None:
         for action in actions:

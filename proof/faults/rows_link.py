@@ -106,7 +106,7 @@ def jitter(ticks: int) -> Callable[[Rig], Finding]:
 
 
 def drops(share: float, *, alarms: bool) -> Callable[[Rig], Finding]:
-    """Commands are lost: the robot goes on following, and too many are told of."""
+    """Commands are lost: the robot goes on following, and too many losses are reported."""
 
     def attempt(rig: Rig) -> Finding:
         source = ScriptedSource(standing_sequence(), duration_s=6.0)

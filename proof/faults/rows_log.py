@@ -120,7 +120,7 @@ def slow(rig: Rig) -> Finding:
 
 
 def removed(rig: Rig) -> Finding:
-    """The folder is deleted: what is gone is gone, and nothing else suffers."""
+    """The folder is deleted: its files are lost, and nothing else suffers."""
     logger = Logger()
 
     def make_sink(path: Path, header: RunHeader) -> LogSink:

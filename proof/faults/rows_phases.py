@@ -35,7 +35,7 @@ def cut(rig: Rig) -> None:
 
 
 def before_start(fault: str, outcomes: tuple[str, ...], **parameters: float | str) -> Callable[[Rig], Finding]:
-    """Wrong before a run begins: refused in words, the joints are never taken, nobody's lease is."""
+    """Wrong before a run begins: it is refused with a reason, and neither joints nor anybody's lease are taken."""
 
     def attempt(rig: Rig) -> Finding:
         rig.inject(fault, **parameters)

@@ -121,7 +121,7 @@ def log_is_whole(folder: Path, finding: Finding) -> None:
 
 
 def gone(*signals: signal.Signals, with_logger: bool = False) -> Callable[[Rig], Finding]:
-    """The runtime is gone from one instant to the next; the robot stops by itself, a restart is in nobody's hands."""
+    """The runtime is gone from one instant to the next; the robot stops by itself, and a restart moves nothing."""
 
     def attempt(rig: Rig) -> Finding:
         finding = Finding("the robot stops by itself")

@@ -1,4 +1,4 @@
-"""Rows of the robot and of whoever else drives it: faults, e-stops, leases, power, battery, tokens, clocks, reboots."""
+"""Rows of the robot and of its other clients: faults, e-stops, leases, power, battery, tokens, clocks, reboots."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ def clock_jump(jump_s: float) -> Callable[[Rig], Finding]:
 
 CUT: Final = ("state_lost", "command_refused", "link_lost")
 REACH_S: Final = 60.0
-"""Host time after which nobody tries to reach the robot any more."""
+"""Host time after which the robot is no longer tried."""
 
 
 def away(fault: str, outcomes: tuple[str, ...]) -> Callable[[Rig], Finding]:
@@ -216,7 +216,7 @@ ROWS = (
 
 
 def next_after_own_estop(rig: Rig) -> Finding:
-    """A run that held the e-stop itself takes its endpoint back; the next does not rely on what nobody feeds."""
+    """A run that held the e-stop itself takes its endpoint back, so that the next does not rely on a silent one."""
     first = rig.drive(seconds=0.5, robot={"estop": "own"})
     finding = Finding(f"{first.summary.outcome}, then {rig.status().estop_level}")
     finding.demand(first.summary.outcome == "completed", f"the first ended: {first.summary.sentence}")
@@ -235,4 +235,4 @@ ALONE = (
     Row("software e-stop, our own endpoint", 40.0, software_estop("own"), is_alone=True),
     Row("a run after one with its own e-stop", 0.0, next_after_own_estop, is_alone=True),
 )
-"""Our endpoint replaces the operator's, and whoever wants the robot next has to set up another."""
+"""Our endpoint replaces the operator's, and the next client has to set up another."""

@@ -16,7 +16,7 @@ TICK_MS = 25.0
 
 
 def broken(fault: str, outcome: str | tuple[str, ...], **parameters: float | str) -> Callable[[Rig], Finding]:
-    """A broken signal: damping, and no number that is none is ever sent."""
+    """A broken signal: damping, and only finite numbers are ever sent."""
 
     def attempt(rig: Rig) -> Finding:
         drive = rig.drive(happens(lambda: rig.inject(fault, **parameters)))
@@ -76,7 +76,7 @@ def drive_way(drive: Drive) -> str:
 
 
 def one_bad_message(rig: Rig) -> Finding:
-    """A single state holds no number; the next are sound: damped, and nobody walks on."""
+    """A single state holds values that are not finite; the next are sound: the robot is damped and does not walk on."""
     drive = rig.drive(happens(lambda: rig.inject("nan_sensor", 0.0031, signal="attitude")))
     return reacted(drive, judge(drive, "state_not_finite"), "damping")
 

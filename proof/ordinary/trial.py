@@ -119,7 +119,7 @@ class Watched(FaultyHal):
 def tried(number: int, seed: int, policies: Sequence[Path], folder: Path) -> Iterator[Outcome]:
     """A robot that follows from seed and number, and a run of each policy on it.
 
-    One that has fallen, or left the ground that was made for it, is replaced by its like.
+    One that has fallen, or left its ground, is replaced by one of the same kind.
     """
     reality = draw_reality(np.random.default_rng([seed, number]))
     folder.mkdir(parents=True, exist_ok=True)

@@ -59,7 +59,7 @@ def scene(host_ns: int) -> SceneUpdate:
 
 
 def odometry(state: log_pb2.State, host_ns: int) -> Odometry:
-    """Pose in odom, and velocities expressed in the body frame as Foxglove wants them."""
+    """Pose in odom, and velocities in the body frame, as Foxglove expects."""
     return Odometry(
         timestamp=_timestamp(host_ns),
         frame_id=ODOM_FRAME,

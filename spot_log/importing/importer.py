@@ -44,7 +44,7 @@ def import_log(mapping: Mapping, source: Path, result: Path, run_id: str = "") -
     """Write the recording ``source`` as the log ``result``: a state a row, and a command, tick or poll where mapped.
 
     Raises:
-        BadInputError: A signal is not there, or not as the mapping says. Nothing is left behind then.
+        BadInputError: A signal is missing or differs from the mapping. Nothing is left behind.
         LogError: ``result`` exists, or the disk is too full.
         OSError: A file cannot be read or written.
     """

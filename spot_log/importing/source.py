@@ -73,7 +73,7 @@ def _read_npz(path: Path) -> Arrays:
 
 
 def _check_size(file: BinaryIO) -> None:
-    """Refuse an archive that says that it unpacks to more than any recording. Raises ValueError, BadZipFile."""
+    """Refuse an archive that claims to unpack to more than any recording. Raises ValueError, BadZipFile."""
     with zipfile.ZipFile(file) as archive:
         size = sum(member.file_size for member in archive.infolist())
     if size > MAX_UNPACKED_BYTES:

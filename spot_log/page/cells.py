@@ -30,7 +30,7 @@ def table(head: Sequence[str], rows: Iterable[Sequence[object]], *, row_classes:
 
 
 def facts(rows: Iterable[tuple[str, object]]) -> Html:
-    """A table of names and what is to be said of each."""
+    """A table of names, each with its text."""
     lines = [f"<tr><th>{escaped(name)}</th>{_cell(value)}</tr>" for name, value in rows]
     return Html(f"<table>{''.join(lines)}</table>")
 

@@ -48,7 +48,7 @@ FIGURES: Final[dict[str, Figure]] = {}
 
 
 def figure(heading: str, note: str) -> Callable[[Draw], Draw]:
-    """Put a function that draws a run into the page; it gives an empty text where the run has no data for it."""
+    """Add a function that draws a run to the page; it returns an empty text if the run has no data for it."""
 
     def add(draw: Draw) -> Draw:
         FIGURES[draw.__name__] = Figure(heading, note, draw)

@@ -89,7 +89,7 @@ def framed(title: str, body: Iterable[str], style: str = "", head: str = "") -> 
 
 
 def boxed(title: str, about: str, content: str) -> str:
-    """A box with a heading and a line of explanation; nothing where there is no content."""
+    """A box with a heading and a line of explanation; empty without content."""
     told = f"<p class='note'>{esc(about)}</p>" if about else ""
     return f"<section><h2>{esc(title)}</h2>{told}{content}</section>" if content else ""
 

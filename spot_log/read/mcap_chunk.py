@@ -29,14 +29,14 @@ MAX_EXPANSION: Final = 64
 
 
 class Budget:
-    """How much may come out of one file: a few kB must not fill a computer's memory, nor keep it busy for minutes."""
+    """How much one file may expand to: a few kB must neither fill a computer's memory nor keep it busy for minutes."""
 
     def __init__(self, file_bytes: int) -> None:
         """Allow :data:`FREE_BYTES`, and :data:`MAX_EXPANSION` times the file's size."""
         self.limit = self.left = FREE_BYTES + MAX_EXPANSION * file_bytes
 
     def take(self, size: int) -> bool:
-        """Whether so many bytes more are allowed; if not, none are from now on."""
+        """Whether this many more bytes are allowed; after a refusal, none are."""
         self.left = self.left - size if size <= self.left else 0
         return self.left > 0
 
@@ -56,7 +56,7 @@ class Chunk(NamedTuple):
 def read_chunk(data: bytes, offset: int, budget: Budget) -> Chunk | str:
     """Read the chunk at ``offset`` by its own head, whatever the record's head says; else tell what is wrong.
 
-    Every try is paid for from ``budget``, a failed one too.
+    Every attempt is charged to ``budget``, also a failed one.
     """
     at = offset + RECORD_HEAD.size
     try:

@@ -112,7 +112,7 @@ class _Maker:
         return self._new("geometry_msgs/Twist", linear=self._vector(linear), angular=self._vector(angular))
 
     def joint_state(self, stamp_ns: int, names: list[str], position: Any, velocity: Any, load: Any) -> Any:
-        """Joints by name; a signal that is missing is left out, as ROS wants it."""
+        """Joints by name; a missing signal is left out, as ROS expects."""
         return self._new(
             "sensor_msgs/JointState",
             header=self._header(stamp_ns, ""),

@@ -2,7 +2,7 @@
 
 The loop does not know of the live view at all. The log's process, which has every message in the form that viewers
 read, sends a copy to the live view's process; what does not fit into the socket is dropped and counted. States and
-commands are thinned to 50 a second: a screen shows no more.
+commands are thinned to 50 a second: enough for a screen.
 """
 
 from __future__ import annotations

@@ -183,7 +183,7 @@ class TorqueEffect(Effect):
         return None
 
     def idle_box(self) -> IdleBox | None:
-        """Where :meth:`torque` returns what goes in bit for bit, and its memory as it was; None if nowhere.
+        """Where :meth:`torque` returns its input bit for bit and leaves its memory unchanged; None if nowhere.
 
         A hint for stepping a single simulation: while all its joints stay inside, the call can be left out. Only
         for effects with plain numbers as parameters.

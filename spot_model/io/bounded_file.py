@@ -37,7 +37,7 @@ def read_at_most(path: Path, max_bytes: int) -> bytes:
         OSError: It cannot be read.
     """
     with open_to_read(path) as file:
-        data = file.read(max_bytes + 1) or b""  # a terminal at which nobody types gives nothing at all
+        data = file.read(max_bytes + 1) or b""  # a terminal without input returns None
     if len(data) > max_bytes:
         raise FileTooLargeError(f"it has more bytes than are allowed: at most {max_bytes}")
     return data

@@ -24,7 +24,7 @@ from spot_model.robot import facts
 
 SCHEMA: Final = "spot-rl/joint-experiment/1"
 LIFT_S: Final = 3.0
-"""A sweep with its leg lifted takes so long to shift the body and lift the leg, and again to come back."""
+"""Time that a sweep with a lifted leg takes to shift the body and lift the leg, and again to come back, s."""
 
 
 class _Experiment(BaseModel):

@@ -55,7 +55,7 @@ class ReceiptPath:
         gains: Of every command.
         start_setpoint_rad: In effect until the first command arrives, shape (n_sims, 12).
         arrival_s: When a command takes effect.
-        start_ns: Robot time of the loop's begin.
+        start_ns: Robot time at which the loop starts.
     """
 
     def __init__(

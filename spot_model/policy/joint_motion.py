@@ -50,7 +50,7 @@ class JointMotion:
         return (len(self.offset_rad) - 1) / TABLE_HZ
 
     def at(self, time_s: float) -> Array:
-        """Offset of the set-points from ``rest_rad``, shape (12,), rad; zero before the begin and after the end."""
+        """Offset of the set-points from ``rest_rad``, shape (12,), rad; zero before the start and after the end."""
         place = min(max(time_s, 0.0), self.duration_s) * TABLE_HZ
         row = min(int(place), len(self.offset_rad) - 2)
         share = place - row

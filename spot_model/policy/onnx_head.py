@@ -23,7 +23,7 @@ _DOMAINS: Final = frozenset({"", "ai.onnx"})
 
 
 class OnnxHeadError(ValueError):
-    """The bytes are no ONNX model that is taken here; the message says why."""
+    """The bytes are not an ONNX model that is accepted here; the message says why."""
 
 
 @dataclass

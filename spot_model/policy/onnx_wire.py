@@ -16,7 +16,7 @@ _SIZES: Final = {FIXED64: 8, FIXED32: 4}
 
 
 class WireError(ValueError):
-    """The bytes are no plainly written protobuf message; the message says why."""
+    """The bytes are not a plainly written protobuf message; the message says why."""
 
 
 class Field(NamedTuple):

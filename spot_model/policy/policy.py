@@ -115,7 +115,7 @@ class Policy:
 
     @property
     def setpoint_speed_rad_s(self) -> float:
-        """Above what the safety core allows all policies, nothing is said of a network's set-points."""
+        """Beyond what the safety core allows any policy, a network's set-points are not limited further."""
         return float("inf")
 
     @property

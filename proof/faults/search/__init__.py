@@ -1,1 +1,1 @@
-"""Faults that nobody listed: drawn, varied towards the worst end, and judged by laws that hold whatever happens."""
+"""Unlisted faults: drawn, varied towards the worst end, and judged by laws that always hold."""

@@ -53,7 +53,7 @@ def judge_case(rig: Rig, case: Case) -> Verdict:
 
 
 def _be_truthful(drive: Drive, finding: Finding) -> None:
-    """Nobody is told that a run was completed whose robot fell."""
+    """A run whose robot fell is never reported as completed."""
     truth = drive.truth
     if truth is None or drive.summary.outcome not in ("completed", "operator_stop"):
         return

@@ -16,7 +16,7 @@ LATE_STATES: Final = 67
 """0.2 s."""
 
 SPIKE_STATES: Final = 10
-"""A spike comes once in so many states."""
+"""States from one spike to the next."""
 
 PACKETS: Final = {
     "imu_acceleration": "acceleration_of_imu_in_link_m_s2",
