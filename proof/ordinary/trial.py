@@ -151,9 +151,7 @@ def _walked(robot: Rig, policy: Path, reality: Reality, number: int, rng: np.ran
             faulty.plan(push.at_s, partial(robot.inject, "push", 0.01, **values))
 
     def make_hal(sink: LogSink) -> Hal:
-        # Where commands get lost, each state must bring another, as in real time; it takes twice as long.
-        loses = reality.scenario["command_channel"]["drop_probability"] > 0.0
-        pace = LockStep(robot.address.admin, HostClock().now_ns(), every_state=loses)
+        pace = LockStep(robot.address.admin, HostClock().now_ns(), every_state=True)
         hal = Watched(parse_address(robot.address.robot), config, sink, pace)
         hal.prepare(robot, begin, 0.0, "control")
         hal.sensor_model, hal.rig = SensorModel(reality.sensors), robot

@@ -247,6 +247,19 @@ def test_feet_of_which_none_stands_contradict_the_bodys_velocity() -> None:
             assert stop.values == {"foot_speed_m_s": memory.ground.speed_m_s, "share": memory.ground.sliding_share}
 
 
+def test_sensors_that_resolve_little_and_have_no_noise_may_repeat_themselves() -> None:
+    """Twice the step that is assumed: most joints of a robot that sways show the same value for long."""
+    step_rad = 2.5e-4
+    coarse = changed(position_rad=lambda q: np.round(q / step_rad) * step_rad)
+    swaying = tuple(
+        replace(state, position_rad=facts.DEFAULT_POSITION_RAD + 4e-3 * np.sin(0.003 * i * np.arange(1, 13) / 2.0))
+        for i, state in enumerate(STANDING)
+    )
+    found = seen(swaying, coarse, begin_s=0.0)
+    assert found is None or "position of" not in found[1].detail
+    assert seen(WALKING, both(coarse, frozen("position_rad", 4))) is not None
+
+
 def test_an_inertial_unit_without_an_attitude_of_its_own() -> None:
     bare = changed(imu=lambda p: tuple(replace(x, odom_from_link_wxyz=np.zeros(4)) for x in p))
     assert seen(WALKING, bare) is None

@@ -34,6 +34,10 @@ VELOCITY_NOISE_RAD_S: Final = 0.01
 LOAD_NOISE_NM: Final = 0.05
 """The same for loads: a 12-bit torque sensor over ±113 N·m, the knee's range, resolves 226 / 4096 = 0.055 N·m."""
 
+STEPS: Final = 3.0
+"""Neighbours that move by less than so many steps of their own sensors say nothing, whatever those resolve: the least
+change of any of them shows the step. By three steps in each window, with noise as large, 1 in 8 repeats by chance."""
+
 STILL_WINDOWS: Final = 10
 """Windows in a row, 0.2 s. At a probability of one half for each repetition by chance, 1 in 1000 would be wrong; with
 neighbours that move by more than the resolution in each window, a repetition is far less likely than that."""

@@ -63,12 +63,13 @@ def still_windows(counts: Counts, first: RobotState, last: RobotState) -> Counts
     )
     middle = round((1.0 - bounds.MOVING_SHARE) * facts.N_JOINTS)
     # Half of the neighbours move by at least this much, in units of what a sensor resolves.
-    moves = [
-        float(np.sort(change)[middle]) / resolution for change, resolution in zip(changes, _RESOLUTIONS, strict=True)
-    ]
-    for kind, change, move in zip(_KINDS, changes, moves, strict=True):
+    in_order = [np.sort(change) for change in changes]
+    moves = [float(change[middle]) / resolution for change, resolution in zip(in_order, _RESOLUTIONS, strict=True)]
+    for kind, change, ordered, move in zip(_KINDS, changes, in_order, moves, strict=True):
         step = 0
-        if move > 1.0:
+        if move > 1.0 and ordered[middle] < bounds.STEPS * ordered[ordered > 0.0][0]:
+            pass  # the sensors resolve no less
+        elif move > 1.0:
             is_quick = move > bounds.QUICK_FACTOR and kind is not _LOADS
             step = bounds.STILL_WINDOWS // bounds.QUICK_WINDOWS if is_quick else 1
         elif kind is not _POSITIONS and not change.any():
