@@ -15,6 +15,7 @@ import time
 from argparse import ArgumentParser
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -24,13 +25,14 @@ from diagnosis.next.choose.safety_check import burden, refusals
 from diagnosis.next.choose.trial import STAND_S, try_on
 from spot_log.read.run import Run
 from spot_model.effects.drive.armature import Armature
-from spot_model.errors import BadInputError
 from spot_model.io.model_file import load_model
 from spot_model.policy.policy import load_policy
 from spot_model.robot import facts
 from spot_model.robot.rotation import projected_gravity
 
 WIDE = 2.0
+SLICE = 10
+"""Robots side by side."""
 SUSPECTS = ("fl_kn", "hr_hy", "hl_hx")
 
 
@@ -53,6 +55,8 @@ def main(arguments: Sequence[str]) -> None:
     parser.add_argument("--figure", type=Path)
     parser.add_argument("--robots", type=int, default=50)
     parser.add_argument("--bounds", action="store_true")
+    parser.add_argument("--only", default="", help="A part of the names of the experiments to run.")
+    parser.add_argument("--once", action="store_true", help="Run one slice of robots, then stop; may be repeated.")
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args(arguments)
     policy = load_policy(given.policy)
@@ -63,31 +67,34 @@ def main(arguments: Sequence[str]) -> None:
     )
     nominal = load_model("paper_identified").with_effects(*rotors)
     models = [compact(with_ordinary_errors(nominal, rng, WIDE)) for _ in range(given.robots)]
-    rows = json.loads(given.out.read_text()) if given.out.exists() else {}
+    rows: dict[str, Any] = json.loads(given.out.read_text()) if given.out.exists() else {}
     for candidate in candidates(policy.contract, SUSPECTS)[::-1]:
-        name = candidate.name
         most = {n: free.high for n, free in candidate.free.items()}
         sizes = {"as proposed": candidate, "at its bounds": candidate.replace_values(most)}
         for words, chosen in list(sizes.items())[: 2 if given.bounds else 1]:
-            key = f"{name}, {words}"
-            if key in rows:
-                continue
-            began_s = time.monotonic()
-            try:
-                runs = try_on(chosen.motion(), models, policy, np.random.default_rng(given.seed))
-                rows[key] = {"refused": refusals(runs), "tilts_deg": tilts_deg(runs), "loads": burden(runs)}
-            except BadInputError as error:
-                rows[key] = {"refused": [str(error)], "tilts_deg": [], "loads": ""}
-            given.out.write_text(json.dumps(rows))
-            print(f"{key}: {'; '.join(rows[key]['refused']) or 'borne by all'} ({rows[key]['loads']}), "
-                  f"{time.monotonic() - began_s:.0f} s", flush=True)  # fmt: skip
+            row = rows.setdefault(f"{candidate.name}, {words}", {"refused": [], "tilts_deg": []})
+            while len(row["tilts_deg"]) < given.robots and given.only in candidate.name:
+                done, began_s = len(row["tilts_deg"]), time.monotonic()
+                runs = try_on(
+                    chosen.motion(), models[done : done + SLICE], policy, np.random.default_rng([given.seed, done])
+                )
+                row["refused"] += refusals(runs)
+                row["tilts_deg"] += tilts_deg(runs)
+                row["loads"] = burden(runs)
+                given.out.write_text(json.dumps(rows))
+                told = "; ".join(row["refused"]) or "borne by all"
+                print(f"{candidate.name}, {words}, {len(row['tilts_deg'])} robots: {told}; {row['loads']}; "
+                      f"{time.monotonic() - began_s:.0f} s", flush=True)  # fmt: skip
+                if given.once:
+                    return
+    rows = {name: row for name, row in rows.items() if row["tilts_deg"]}
     borne = sum(not row["refused"] for row in rows.values())
     print(f"{borne} of {len(rows)} borne by all {given.robots} robots; the others are refused before they run")
     if given.figure is not None:
         given.figure.write_text(figure(rows))
 
 
-def figure(rows: dict[str, dict[str, list[float]]]) -> str:
+def figure(rows: dict[str, Any]) -> str:
     """Largest tilts of all robots, a line an experiment; refused ones in red."""
     height = 22 * len(rows) + 50
     parts = [

@@ -114,6 +114,15 @@ def test_effects_at_single_joints_become_one_and_act_as_before() -> None:
     np.testing.assert_array_equal(runs[0].states.position_rad, runs[1].states.position_rad)
 
 
+def test_no_ordinary_robot_has_less_inertia_than_none() -> None:
+    """Half a kilogram less, half a metre above the body, would turn the sign of its inertia."""
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        for effect in with_ordinary_errors(RobotModel(), rng, 2.0).effects:
+            if effect.name == "payload_mass" and effect.values["mass_kg"] < 0.0:
+                assert (effect.values["x_m"], effect.values["y_m"], effect.values["z_m"]) == (0.0, 0.0, 0.0)
+
+
 # Safety --------------------------------------------------------------------------------------------------------------
 
 SQUAT = Squat(name="squat", duration_s=4.0, depth_m=0.06)

@@ -16,6 +16,7 @@ from diagnosis.selection.nuisance_model import with_kind
 from diagnosis.selection.places import Robot
 from diagnosis.verdict.posterior_file import Possibility, Posterior
 from spot_model.effects.base import Effect, SensorEffect, TorqueEffect
+from spot_model.effects.body.payload_mass import PayloadMass
 from spot_model.io.model_file import RobotModel
 from spot_model.robot import facts
 from spot_model.robot.joints import select_joints
@@ -107,7 +108,14 @@ def with_ordinary_errors(
         kind = ErrorKind(effect, given.at, 0, tuple(sets), chosen)
         size = np.array([scale[k] * (given.alike if s.sum() > 1 else 1.0) for s in sets for k in chosen])
         model = with_kind(model, SPOT, kind, kind.coefficients(share * size * rng.standard_normal(len(size))))
-    return model
+    return replace(model, effects=tuple(_possible(effect) for effect in model.effects))
+
+
+def _possible(effect: Effect) -> Effect:
+    """A mass that is missing is missing in the body's middle: far from it, its inertia would exceed the body's own."""
+    if isinstance(effect, PayloadMass) and effect.mass_kg < 0.0:
+        return replace(effect, x_m=0.0, y_m=0.0, z_m=0.0)
+    return effect
 
 
 def compact(model: RobotModel) -> RobotModel:
