@@ -19,7 +19,7 @@ _LEASE = "lease.proto"
 _ESTOP = "estop.proto"
 
 
-def _use(server: Server, lease: lease_pb2.Lease) -> str:
+def use_lease(server: Server, lease: lease_pb2.Lease) -> str:
     """How a robot judges a lease in a command that changes nothing: clearing a fault that is none."""
     from bosdyn.api import robot_command_pb2, robot_command_service_pb2_grpc
 
@@ -87,34 +87,34 @@ def leases_are_listed(server: Server) -> str:
 @check("commands: lease", "no lease", "STATUS_INVALID_LEASE", source=_LEASE)
 def empty_lease(server: Server) -> str:
     """A command without a lease."""
-    return _use(server, lease_pb2.Lease())
+    return use_lease(server, lease_pb2.Lease())
 
 
 @check("commands: lease.resource", "a resource that is none", "STATUS_UNMANAGED", source=_LEASE)
 def unmanaged_lease(server: Server) -> str:
     """A command with a lease of something else."""
-    return _use(server, lease_pb2.Lease(resource="no-such-resource", epoch="e", sequence=[1]))
+    return use_lease(server, lease_pb2.Lease(resource="no-such-resource", epoch="e", sequence=[1]))
 
 
 @check("commands: lease.epoch", "another epoch", "STATUS_WRONG_EPOCH", source=_LEASE, needs=Needs.LEASE)
 def wrong_epoch(server: Server) -> str:
     """A command with a lease from before a reboot."""
     with server.lease() as lease:
-        return _use(server, _changed(lease, epoch="no-such-epoch"))
+        return use_lease(server, _changed(lease, epoch="no-such-epoch"))
 
 
 @check("commands: lease.sequence", "the lease that was granted", "STATUS_OK", source=_LEASE, needs=Needs.LEASE)
 def granted_lease(server: Server) -> str:
     """A command with a good lease."""
     with server.lease() as lease:
-        return _use(server, lease)
+        return use_lease(server, lease)
 
 
 @check("commands: lease.sequence", "an older sequence", "STATUS_OLDER", source=_LEASE, needs=Needs.LEASE)
 def older_lease(server: Server) -> str:
     """A command with the lease of an earlier holder."""
     with server.lease() as lease:
-        return _use(server, _changed(lease, sequence=[lease.sequence[0] - 1]))
+        return use_lease(server, _changed(lease, sequence=[lease.sequence[0] - 1]))
 
 
 @check(
@@ -128,8 +128,8 @@ def lease_after_sublease(server: Server) -> str:
     """A command with a lease whose sub-lease was given on."""
     with server.lease() as lease:
         sub = _changed(lease, sequence=[*lease.sequence, 1])
-        first = _use(server, sub)
-        return _use(server, lease) if first == "STATUS_OK" else f"the sub-lease: {first}"
+        first = use_lease(server, sub)
+        return use_lease(server, lease) if first == "STATUS_OK" else f"the sub-lease: {first}"
 
 
 @check("Lease.RetainLease: lease", "a lease of another epoch", "STATUS_WRONG_EPOCH", source=_LEASE)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import grpc
+from bosdyn.client.exceptions import Error as SdkError
 
 from fake_robot.conformance.server import Server, SkippedError
 
@@ -99,6 +100,8 @@ def judge(item: Check, server: Server, allowed: Needs) -> Result:
         return Result(item, Verdict.SKIPPED, str(reason))
     except grpc.RpcError as error:
         seen = error.code().name
+    except SdkError as error:
+        seen = type(error).__name__
     if seen in item.expects:
         return Result(item, Verdict.PASS, seen)
     return Result(item, Verdict.DIFFERS if item.basis is Basis.GUESS else Verdict.FAIL, seen)

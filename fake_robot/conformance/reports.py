@@ -26,22 +26,23 @@ _N_JOINTS, _N_ARM_JOINTS = 12, 19
 _RECORDING = "a published recording of a robot"
 
 
-def _states(server: Server) -> list[robot_state_pb2.RobotStateStreamResponse]:
+def states(server: Server) -> list[robot_state_pb2.RobotStateStreamResponse]:
+    """A short piece of the state stream."""
     stub = server.stub(robot_state_service_pb2_grpc.RobotStateStreamingServiceStub, "robot-state-streaming")
     call = stub.GetRobotStateStream(robot_state_pb2.RobotStateStreamRequest(header=header()), timeout=RPC_TIMEOUT_S)
-    states = []
+    found = []
     for state in call:
-        states.append(state)
-        if len(states) == _N_STATES:
+        found.append(state)
+        if len(found) == _N_STATES:
             break
     call.cancel()
-    return states
+    return found
 
 
 @check("GetRobotStateStream: joint_states", "200 messages", "complete", source="robot_state.proto")
 def stream_is_complete(server: Server) -> str:
     """Each message has as many positions, velocities and loads as joints, four feet and both odometry frames."""
-    for state in _states(server):
+    for state in states(server):
         joints = state.joint_states
         sizes = {len(joints.position), len(joints.velocity), len(joints.load)}
         if not (sizes <= {_N_JOINTS} or sizes <= {_N_ARM_JOINTS}):
@@ -58,9 +59,9 @@ def stream_is_complete(server: Server) -> str:
 @check("GetRobotStateStream: acquisition_timestamp", "200 messages", "rising", source="robot_state.proto")
 def stream_stamps_rise(server: Server) -> str:
     """The joints' stamps rise, and those of the headers do not fall."""
-    states = _states(server)
-    joints = [state.joint_states.acquisition_timestamp.ToNanoseconds() for state in states]
-    headers = [state.header.response_timestamp.ToNanoseconds() for state in states]
+    seen = states(server)
+    joints = [state.joint_states.acquisition_timestamp.ToNanoseconds() for state in seen]
+    headers = [state.header.response_timestamp.ToNanoseconds() for state in seen]
     is_rising = all(a < b for a, b in pairwise(joints))
     return "rising" if is_rising and headers == sorted(headers) else "a stamp goes back or stays"
 
@@ -68,7 +69,7 @@ def stream_stamps_rise(server: Server) -> str:
 @check("GetRobotStateStream", "200 messages", "3 ms apart", basis=Basis.MEASURED, source=_RECORDING)
 def stream_period(server: Server) -> str:
     """The median distance of two stamps."""
-    stamps = [state.joint_states.acquisition_timestamp.ToNanoseconds() for state in _states(server)]
+    stamps = [state.joint_states.acquisition_timestamp.ToNanoseconds() for state in states(server)]
     steps = sorted(b - a for a, b in pairwise(stamps))
     return f"{steps[len(steps) // 2] / 1e6:g} ms apart"
 
@@ -76,7 +77,7 @@ def stream_period(server: Server) -> str:
 @check("GetRobotStateStream: inertial_state", "200 messages", "3 packets", basis=Basis.MEASURED, source=_RECORDING)
 def stream_imu(server: Server) -> str:
     """Samples of the inertial unit in each message."""
-    counts = {len(state.inertial_state.packets) for state in _states(server)}
+    counts = {len(state.inertial_state.packets) for state in states(server)}
     return f"{counts.pop()} packets" if len(counts) == 1 else f"{sorted(counts)} packets"
 
 

@@ -1,0 +1,202 @@
+"""Checks of what the robot measures: two reports of one thing agree, and figures mean what their fields say."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import Any
+
+from bosdyn.api import robot_id_pb2, robot_id_service_pb2_grpc, robot_state_pb2, robot_state_service_pb2_grpc
+from bosdyn.client.math_helpers import Quat
+
+from fake_robot.conformance.check import Basis, check
+from fake_robot.conformance.reports import states
+from fake_robot.conformance.server import RPC_TIMEOUT_S, Server, SkippedError, header
+from spot_model.robot.facts import JOINT_NAMES
+
+_STREAM, _POLL = "GetRobotStateStream", "RobotState.GetRobotState"
+_STILL_RAD_S = 0.2
+_NEAR_S, _NEAR_RAD, _NEAR_M = 1.0, 0.1, 0.1
+_GRAVITY_M_S2 = (9.3, 10.3)
+
+
+def _ns(stamp: Any) -> int:
+    return int(stamp.seconds * 10**9 + stamp.nanos)
+
+
+def _still(server: Server) -> tuple[robot_state_pb2.RobotState, list[robot_state_pb2.RobotStateStreamResponse]]:
+    """The polled state and the stream of a robot whose joints are at rest."""
+    seen = states(server)
+    if any(abs(v) > _STILL_RAD_S for state in seen for v in state.joint_states.velocity):
+        raise SkippedError("the robot moves")
+    return server.state(), seen
+
+
+@check(f"{_POLL}: joint_states.name", "", "fl.hx to hr.kn, in order", source="SDK: joint_control examples, URDF")
+def joint_names(server: Server) -> str:
+    """The twelve joints of the legs come first, leg by leg."""
+    names = [joint.name for joint in server.state().kinematic_state.joint_states][: len(JOINT_NAMES)]
+    wanted = [name.replace("_", ".") for name in JOINT_NAMES]
+    wrong = [seen for seen, right in zip(names, wanted, strict=False) if seen != right]
+    return f"wrong: {', '.join(wrong)}" if wrong or len(names) < len(wanted) else "fl.hx to hr.kn, in order"
+
+
+@check(f"{_STREAM}: joint_states", "a robot at rest", "as polled", source="robot_state.proto")
+def stream_agrees_with_poll(server: Server) -> str:
+    """The stream's joints, feet and body are those of the polled state."""
+    polled, seen = _still(server)
+    last, kinematics = seen[-1], polled.kinematic_state
+    wanted = [joint.position.value for joint in kinematics.joint_states]
+    for index, (a, b) in enumerate(zip(last.joint_states.position, wanted, strict=False)):
+        if abs(a - b) > _NEAR_RAD:
+            return f"joint {index}: {a:.2f}, polled {b:.2f} rad"
+    if [foot.contact for foot in polled.foot_state] != list(last.contact_states):
+        return "the feet's contacts differ"
+    edge = kinematics.transforms_snapshot.child_to_parent_edge_map["odom"].parent_tform_child
+    there = Quat.from_proto(edge.rotation).inverse()
+    at, turn = (
+        last.kinematic_state.odom_tform_body.position,
+        Quat.from_proto(last.kinematic_state.odom_tform_body.rotation),
+    )
+    gap = there.transform_point(-edge.position.x, -edge.position.y, -edge.position.z)
+    if math.dist(gap, (at.x, at.y, at.z)) > _NEAR_M:
+        return "the body is elsewhere in odom"
+    cosine = abs(sum(getattr(there, axis) * getattr(turn, axis) for axis in "wxyz"))
+    return "as polled" if cosine > math.cos(0.5 * _NEAR_RAD) else "the body is turned otherwise in odom"
+
+
+@check(f"{_STREAM}: contact_states", "200 messages", "made or lost", source="robot_state.proto")
+def contacts_are_known(server: Server) -> str:
+    """Each foot stands or does not."""
+    kinds = {robot_state_pb2.FootState.CONTACT_MADE, robot_state_pb2.FootState.CONTACT_LOST}
+    return "made or lost" if {c for state in states(server) for c in state.contact_states} <= kinds else "unknown"
+
+
+@check(f"{_STREAM}: rotations", "200 messages", "of length 1", source="geometry.proto: Quaternion")
+def rotations_are_units(server: Server) -> str:
+    """Quaternions of body and inertial unit are rotations."""
+    for state in states(server):
+        kinematics = state.kinematic_state
+        turns = [kinematics.odom_tform_body.rotation, kinematics.vision_tform_body.rotation]
+        for turn in [*turns, *(packet.odom_rot_link for packet in state.inertial_state.packets)]:
+            length = math.sqrt(turn.w**2 + turn.x**2 + turn.y**2 + turn.z**2)
+            if abs(length - 1.0) > 1e-3:
+                return f"of length {length:.3f}"
+    return "of length 1"
+
+
+@check(
+    f"{_STREAM}: inertial_state",
+    "a robot at rest",
+    "gravity's reaction, up",
+    source="robot_state.proto: rt_odom_in_link",
+)
+def imu_feels_gravity(server: Server) -> str:
+    """The mean acceleration, turned into odom, is 9.8 m/s² upwards."""
+    _, seen = _still(server)
+    packets = [packet for state in seen for packet in state.inertial_state.packets]
+    if not packets:
+        return "no packet"
+    felt = [
+        Quat.from_proto(p.odom_rot_link).transform_point(a.x, a.y, a.z)
+        for p in packets
+        for a in (p.acceleration_rt_odom_in_link_frame,)
+    ]
+    x, y, z = (sum(axis) / len(felt) for axis in zip(*felt, strict=True))
+    low, high = _GRAVITY_M_S2
+    if low < z < high and math.hypot(x, y) < 1.0:
+        return "gravity's reaction, up"
+    return f"{x:.1f}, {y:.1f}, {z:.1f} m/s²"
+
+
+@check(
+    f"{_STREAM}: inertial_state.packets.timestamp",
+    "200 messages",
+    "1 ms apart",
+    basis=Basis.MEASURED,
+    source="a published recording of a robot",
+)
+def imu_period(server: Server) -> str:
+    """The median distance of two samples; none goes back."""
+    stamps = [_ns(packet.timestamp) for state in states(server) for packet in state.inertial_state.packets]
+    steps = sorted(b - a for a, b in pairwise(stamps))
+    if not steps or steps[0] <= 0:
+        return "a stamp goes back or stays"
+    return f"{steps[len(steps) // 2] / 1e6:g} ms apart"
+
+
+@check(
+    f"{_STREAM}: acquisition_timestamp",
+    "200 messages",
+    "the robot's clock",
+    source="robot_state.proto; time_sync.proto",
+)
+def stamps_are_robot_time(server: Server) -> str:
+    """Stamps of joints, body and answer agree with the time sync."""
+    last = states(server)[-1]
+    now_ns = _ns(server.robot_stamp(0.0))
+    stamps = {
+        "joints": last.joint_states.acquisition_timestamp,
+        "body": last.kinematic_state.acquisition_timestamp,
+        "polled": server.state().kinematic_state.acquisition_timestamp,
+    }
+    for name, stamp in stamps.items():
+        if abs(_ns(stamp) - now_ns) > _NEAR_S * 1e9:
+            return f"{name}: {(_ns(stamp) - now_ns) * 1e-9:.1f} s off"
+    return "the robot's clock"
+
+
+@check("any call: header.response_timestamp", "", "the robot's clock", source="header.proto; time_sync.proto")
+def headers_are_robot_time(server: Server) -> str:
+    """The time of an answer agrees with the time sync."""
+    off_ns = _header_ns(server) - _ns(server.robot_stamp(0.0))
+    return "the robot's clock" if abs(off_ns) < _NEAR_S * 1e9 else f"{off_ns * 1e-9:.1f} s off"
+
+
+def _header_ns(server: Server) -> int:
+    stub = server.stub(robot_state_service_pb2_grpc.RobotStateServiceStub, "robot-state")
+    answer = stub.GetRobotState(robot_state_pb2.RobotStateRequest(header=header()), timeout=RPC_TIMEOUT_S)
+    return _ns(answer.header.response_timestamp)
+
+
+@check(f"{_POLL}: battery_states", "", "plausible", source="robot_state.proto: percent, volts")
+def battery_is_plausible(server: Server) -> str:
+    """Charge within 0 and 100 percent, a voltage, and a known status."""
+    for battery in server.state().battery_states:
+        charge = battery.charge_percentage.value
+        if not (0.0 <= charge <= 100.0 and battery.voltage.value > 0.0 and battery.status):
+            return f"{charge:g} %, {battery.voltage.value:g} V, status {battery.status}"
+    return "plausible"
+
+
+@check(f"{_POLL}: estop_states", "", "a name, a type and a state each", source="robot_state.proto")
+def estops_are_known(server: Server) -> str:
+    """Each e-stop says what it is."""
+    estops = server.state().estop_states
+    is_known = all(estop.name and estop.type and estop.state for estop in estops) and estops
+    return "a name, a type and a state each" if is_known else "something is unknown"
+
+
+@check("RobotState.GetRobotHardwareConfiguration", "", "links of every joint", source="robot_state.proto: skeleton")
+def skeleton_has_the_legs(server: Server) -> str:
+    """The skeleton has links for the legs."""
+    links = [
+        link.name
+        for link in server.robot.ensure_client("robot-state").get_robot_hardware_configuration().skeleton.links
+    ]
+    missing = [
+        leg for leg in ("front_left", "front_right", "rear_left", "rear_right") if not any(leg in x for x in links)
+    ]
+    return f"no link of {', '.join(missing)}" if missing else "links of every joint"
+
+
+@check("RobotId.GetRobotId", "asked twice", "one robot", source="robot_id.proto")
+def robot_id_stays(server: Server) -> str:
+    """Serial number, species and version are there, and the same each time."""
+    stub = server.stranger_stub(robot_id_service_pb2_grpc.RobotIdServiceStub, "id.spot.robot")
+    first, second = (
+        stub.GetRobotId(robot_id_pb2.RobotIdRequest(header=header()), timeout=RPC_TIMEOUT_S).robot_id for _ in range(2)
+    )
+    if not (first.serial_number and first.species and first.software_release.version.major_version):
+        return "something is missing"
+    return "one robot" if first == second else "two robots"
