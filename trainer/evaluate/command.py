@@ -58,4 +58,7 @@ def evaluate(
     if as_json:
         typer.echo(json.dumps(result))
     else:
+        for name, figures in result.items():
+            for fall in figures.get("fell", ()) if isinstance(figures, dict) else ():
+                typer.echo(f"{name}: {fall['why']}")
         typer.echo(f"wrote {out / 'evaluation.json'} and {out / 'evaluation.html'}")

@@ -119,7 +119,14 @@ def _trials(result: Mapping[str, Any]) -> str:
     rows.append(("told to stand", f"moves at {result['tracking']['standing_speed_m_s']:.3f} m/s", ""))
     rows.append(("largest torque", f"{result['tracking']['peak_torque_nm']:g} N·m", ""))
     cells = "".join(f"<tr><th>{esc(a)}</th><td><b>{esc(b)}</b></td><td>{esc(c)}</td></tr>" for a, b, c in rows)
-    return f"<table>{cells}</table>"
+    falls = [(name, fall["why"]) for name, figures in result.items() for fall in _fell(figures)]
+    told = "".join(f"<tr><th>{esc(name.replace('_', ' '))}</th><td>{esc(why)}</td></tr>" for name, why in falls)
+    why = f"<h3>When and why</h3><table>{told}</table>" if told else ""
+    return f"<table>{cells}</table>{why}"
+
+
+def _fell(figures: Any) -> list[dict[str, Any]]:
+    return list(figures.get("fell", [])) if isinstance(figures, dict) else []
 
 
 def _forward(result: Mapping[str, Any]) -> list[dict[str, Any]]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from spot_model.plant.closed_loop import ClosedLoop, CommandAt
 from spot_model.plant.plant import Plant
 from spot_model.policy.policy import Policy
+from trainer.evaluate.falls import Fall, falls_now
 
 Array = NDArray[np.float64]
 
@@ -37,6 +38,8 @@ class Recording:
     alive: NDArray[np.bool_]
     """Whether the robot has not fallen yet, shape (T, n)."""
     rate_hz: float
+    falls: tuple[Fall, ...] = ()
+    """In the order of time."""
 
     def ticks(self, start_s: float, end_s: float) -> slice:
         """The ticks of a span of time."""
@@ -93,13 +96,23 @@ def roll_out(
     rows: list[tuple[Array, Array, NDArray[np.bool_], Array, Array, NDArray[np.bool_]]] = []
     alive = np.ones(n, dtype=np.bool_)
     peak = np.zeros(n)
+    falls: list[Fall] = []
+    asked, since_s = np.full((n, 3), np.nan), np.zeros(n)
     for tick in loop.run(command_at, [(substeps,)] * n_ticks):
-        alive &= ~plant.body_contact
+        time_s = (tick.index + 1) / policy.contract.rate_hz
+        changed = (tick.velocity_command != asked).any(axis=-1)
+        asked, since_s = (
+            np.array(tick.velocity_command),
+            np.where(changed, tick.index / policy.contract.rate_hz, since_s),
+        )
+        fell = alive & plant.body_contact
+        alive &= ~fell
         power = np.maximum(plant.applied_torque_nm * plant.joint_velocity_rad_s, 0.0).sum(axis=-1)
         peak = np.maximum(peak, np.abs(plant.applied_torque_nm).max(axis=-1))
         velocity = np.concatenate(
             [plant.linear_vel_of_body_in_body_m_s[:, :2], plant.angular_vel_of_body_in_body_rad_s[:, 2:]], axis=-1
         )
+        falls += falls_now(plant, fell, time_s, asked, since_s, velocity)
         rows.append(
             (np.array(tick.velocity_command), velocity, np.stack(contact), np.stack(descent), power, alive.copy())
         )
@@ -107,4 +120,6 @@ def roll_out(
         descent.clear()
     columns = [np.stack(column) for column in zip(*rows, strict=True)]
     commands, velocities, contacts, descents, powers, lives = columns
-    return Recording(commands, velocities, contacts, descents, powers, peak, lives, policy.contract.rate_hz)
+    return Recording(
+        commands, velocities, contacts, descents, powers, peak, lives, policy.contract.rate_hz, tuple(falls)
+    )

@@ -9,13 +9,15 @@ import numpy as np
 from spot_model.plant.plant import Plant
 from trainer.config.task_config import CommandConfig
 from trainer.evaluate.figures import gait, mean_velocity, tracking_error
-from trainer.evaluate.rollout import Array, roll_out
+from trainer.evaluate.rollout import Array, Recording, roll_out
 from trainer.evaluate.setting import Setting, set_friction
 
 RAMP_M_S2 = 0.5
 """Commanded acceleration in ramps, as in the paper's forward sequence at 4 m/s (10 s)."""
 
 
+MOST_TOLD = 20
+"""Falls of a trial that are told one by one."""
 STEADY_FROM_M_S = 0.5
 """Forward speed from which the feet are compared."""
 PAPER = CommandConfig()
@@ -65,6 +67,7 @@ def tracking(setting: Setting, step: float = 0.5) -> dict[str, Any]:
         "standing_speed_m_s": round(float(np.linalg.norm(means[0][:2])), 4),
         "standing_feet_moves_per_s": points[0]["stride_hz"],
         "peak_torque_nm": round(float(recording.torque_peak_nm.max()), 1),
+        "fell": _told(recording),
     }
 
 
@@ -91,6 +94,7 @@ def top_speed(setting: Setting, step: float = 0.25) -> dict[str, Any]:
         ],
         "power_w": round(float(recording.power_w[span, best].mean()), 1),
         **gait(recording, span, best),
+        "fell": _told(recording),
     }
 
 
@@ -126,6 +130,7 @@ def episodes(setting: Setting, n: int = 100, *, bottom_m_s: float, top_m_s: floa
         "falls": falls,
         "falls_per_hour": round(falls / hours, 2),
         "v_x_m_s": [bottom_m_s, float(_episode_bounds(setting, top_m_s)[1][0])],
+        "fell": _told(recording),
     }
 
 
@@ -175,7 +180,13 @@ def _survival(
         rng=rng,
         disturb=disturb,
     )
-    return {"trials": n, "survived": int(recording.survived.sum()), "v_x_m_s": v_x_m_s}
+    survived = int(recording.survived.sum())
+    return {"trials": n, "survived": survived, "v_x_m_s": v_x_m_s, "fell": _told(recording)}
+
+
+def _told(recording: Recording) -> list[dict[str, Any]]:
+    """The first falls, for whoever asks when and why."""
+    return [fall.figures() for fall in recording.falls[:MOST_TOLD]]
 
 
 def _command_bounds(setting: Setting) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
