@@ -1,3 +1,4 @@
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,8 @@ from spot_model.policy.policy import load_policy
 from tests.trainer.conftest import TINY
 from trainer.config.train_config import TrainConfig
 from trainer.export.export import actor_layers, check_agreement, export_policy, run_torch
+from trainer.play.follow import NewestPolicy
+from trainer.ppo.checkpoint import find_checkpoint
 from trainer.ppo.train import train
 
 
@@ -60,6 +63,25 @@ def test_the_file_is_one_file_and_is_not_overwritten(run: Path, tmp_path: Path) 
     assert model.graph.input[0].type.tensor_type.shape.dim[0].dim_param == "batch"
     with pytest.raises(BadInputError, match=r"p\.onnx exists"):
         export_policy(run, out)
+
+
+def test_a_training_is_followed_from_checkpoint_to_checkpoint(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("trainer.play.follow.LOOKED_EVERY_S", 0.0)
+    newest = find_checkpoint(run)
+    shutil.copy(newest, tmp_path / "checkpoint_000001.pt")
+    shutil.copy(run / "run.json", tmp_path)
+    told: list[str] = []
+    following = NewestPolicy(tmp_path, told.append)
+    observation = np.random.default_rng(0).normal(size=(3, 48)).astype(np.float32)
+    export_policy(run, tmp_path / "policy.onnx")
+    wanted = load_policy(tmp_path / "policy.onnx").act(observation)
+    np.testing.assert_array_equal(following.load().act(observation), wanted)
+    assert following.newer() is None
+    shutil.copy(newest, tmp_path / "checkpoint_000002.pt")
+    assert following.newer() is not None
+    assert told == ["checkpoint_000001.pt", "checkpoint_000002.pt"]
 
 
 def test_networks_that_disagree_are_refused(run: Path, tmp_path: Path) -> None:

@@ -57,6 +57,21 @@ def test_a_walk_shows_its_speed_and_gait() -> None:
     assert ground_s == pytest.approx(walk.contact.sum() * walk.plant.timestep_s, abs=1e-4)
 
 
+def test_a_newer_policy_takes_over() -> None:
+    walk = a_walk()
+    other = load_policy(POLICY.with_name("fast.onnx"))
+    answers = iter([None] * 24 + [other])
+    following = Walk(walk.policy, walk.plant, np.random.default_rng(0), lambda: next(answers, None))
+    ticks = following.ticks(forward)
+    for _ in itertools.islice(ticks, 25):
+        pass
+    assert following.policy is walk.policy
+    for _ in itertools.islice(ticks, 5):
+        pass
+    assert following.policy is other
+    assert len(following.contact) == 20
+
+
 def test_a_push_adds_a_metre_a_second_and_a_fallen_robot_gets_up() -> None:
     walk = a_walk()
     ticks = walk.ticks(lambda _: np.zeros(3))

@@ -16,7 +16,7 @@ from spot_model.io.model_file import load_model
 from spot_model.io.whole import whole
 from spot_model.policy.contract import INPUT_NAME, METADATA_KEY, OUTPUT_NAME, PolicyContract, StoredPair, TrainingRecord
 from spot_model.policy.observation import N_OBSERVATION
-from spot_model.policy.policy import policy_from_bytes
+from spot_model.policy.policy import Policy, policy_from_bytes
 from spot_model.robot import facts
 from trainer.config.train_config import TrainConfig
 from trainer.evaluate.stated_gait import stated_gaits
@@ -46,12 +46,7 @@ def export_policy(run: Path, out: Path, name: str | None = None) -> Path:
     """
     if out.exists():
         raise BadInputError(f"policy file {out} exists; choose another name")
-    path = find_checkpoint(run)
-    content = read_checkpoint(path)
-    config = config_of(content, str(path))
-    layers = actor_layers(content["algorithm"]["actor_state_dict"])
-    record = read_run_record(path.parent)
-    contract = _contract(config, layers, name or config.name, record, path)
+    config, layers, contract = _read(find_checkpoint(run), name)
     measured = stated_gaits(policy_from_bytes(onnx_bytes(layers, contract), source="export"), load_model(config.model))
     data = onnx_bytes(layers, contract.model_copy(update={"gait": measured}))
     check_agreement(layers, data)
@@ -59,6 +54,24 @@ def export_policy(run: Path, out: Path, name: str | None = None) -> Path:
         out.parent.mkdir(parents=True, exist_ok=True)
         out.write_bytes(data)
     return out
+
+
+def checkpoint_policy(checkpoint: Path) -> Policy:
+    """The policy of a checkpoint, with no gait stated, as quickly as it can be had.
+
+    Raises:
+        BadInputError: It is no checkpoint of ours.
+    """
+    _, layers, contract = _read(checkpoint, None)
+    return policy_from_bytes(onnx_bytes(layers, contract), source=str(checkpoint))
+
+
+def _read(checkpoint: Path, name: str | None) -> tuple[TrainConfig, Layers, PolicyContract]:
+    content = read_checkpoint(checkpoint)
+    config = config_of(content, str(checkpoint))
+    layers = actor_layers(content["algorithm"]["actor_state_dict"])
+    record = read_run_record(checkpoint.parent)
+    return config, layers, _contract(config, layers, name or config.name, record, checkpoint)
 
 
 def actor_layers(state: dict[str, torch.Tensor]) -> Layers:

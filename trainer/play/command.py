@@ -10,7 +10,7 @@ import typer
 
 
 def play(
-    policy: Annotated[Path, typer.Argument(help="ONNX policy.")],
+    policy: Annotated[Path, typer.Argument(help="ONNX policy, or the folder of a training that is under way.")],
     model: Annotated[str, typer.Option("--model", help="Built-in model, or a model file.")] = "paper_identified",
     velocity: Annotated[
         str | None,
@@ -27,7 +27,10 @@ def play(
     ] = None,
     seed: Annotated[int, typer.Option("--seed", help="Of the directions of pushes.", min=0)] = 0,
 ) -> None:
-    """Watch a policy walk in a window that takes velocity commands and pushes, or film it."""
+    """Watch a policy walk in a window that takes velocity commands and pushes, or film it.
+
+    Of a training's folder the newest checkpoint walks, and each newer one takes over when it is written.
+    """
     import numpy as np
 
     from spot_model.errors import BadInputError
@@ -52,7 +55,12 @@ def play(
 
     if seconds is not None and not 0.1 <= seconds <= 3600.0:
         raise BadInputError(f"--seconds {seconds}: it must be 0.1 to 3600")
-    loaded = load_policy(policy)
+    following = None
+    if policy.is_dir():
+        from trainer.play.follow import NewestPolicy
+
+        following = NewestPolicy(policy, lambda name: typer.echo(f"now {name}", err=True))
+    loaded = load_policy(policy) if following is None else following.load()
     contract = loaded.contract
     wanted = None if velocity is None else parse_velocity(velocity, contract)
     if video is not None:
@@ -64,7 +72,8 @@ def play(
     else:
         check_display()
     plant = Plant(load_model(model).effects, 1, PlantOptions(n_threads=1))
-    walk = Walk(loaded, plant, np.random.default_rng(seed))
+    rng = np.random.default_rng(seed)
+    walk = Walk(loaded, plant, rng) if following is None else Walk(loaded, plant, rng, following.newer)
     keys = KeySteering(contract, np.zeros(3) if wanted is None else wanted, walk.push)
     if video is not None:
         length_s = seconds or 12.0

@@ -35,15 +35,22 @@ class Walk:
         policy: The policy.
         plant: One robot, at rest.
         rng: Draws the directions of pushes.
+        newer: Asked after every period for a policy that takes over; the robot then starts anew.
     """
 
-    def __init__(self, policy: Policy, plant: Plant, rng: np.random.Generator) -> None:
+    def __init__(
+        self,
+        policy: Policy,
+        plant: Plant,
+        rng: np.random.Generator,
+        newer: Callable[[], Policy | None] = lambda: None,
+    ) -> None:
         self.policy, self.plant = policy, plant
         self.command: Array = np.zeros(3)
         self.time_s = 0.0
         """Simulated time since the start."""
         self.falls = 0
-        self._rng = rng
+        self._rng, self._newer = rng, newer
         self._contact: deque[NDArray[np.bool_]] = deque(maxlen=round(SEEN_S / plant.timestep_s))
         self._velocity: deque[Array] = deque(maxlen=round(AVERAGED_S * policy.contract.rate_hz))
 
@@ -56,8 +63,8 @@ class Walk:
 
         rate = self.policy.contract.rate_hz
         one_second = schedule_by_rate(round(rate), rate, self.plant.timestep_s)
-        loop = ClosedLoop(self.plant, self.policy, after_step=self._watch)
         while True:
+            loop = ClosedLoop(self.plant, self.policy, after_step=self._watch)
             fell_at_s: float | None = None
             for _ in loop.run(ask, itertools.chain.from_iterable(itertools.repeat(one_second))):
                 self.time_s += 1.0 / rate
@@ -67,6 +74,10 @@ class Walk:
                     self.falls, fell_at_s = self.falls + 1, self.time_s
                 yield
                 if fell_at_s is not None and self.time_s - fell_at_s > LIES_S:
+                    break
+                fresh = self._newer()
+                if fresh is not None:
+                    self.policy = fresh
                     break
             self.plant.reset()
             self._contact.clear()
