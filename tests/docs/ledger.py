@@ -111,7 +111,7 @@ NOT_RUN = {
     "podman run --rm --network host spot-rl-fake --port 8443": CONTAINER,
     "podman run --rm --device nvidia.com/gpu=all -v $PWD/runs:/runs spot-rl-train --config policies/walk.yaml "
     "--device cuda --out /runs/walk": CONTAINER,
-    "spot-rl play runs/walk_cpu-…": "needs a display; that newer checkpoints take over is tested in tests/trainer/test_export.py",
+    "spot-rl play runs/walk_cpu-…": "needs a display; newer checkpoints take over in tests/trainer/test_export.py",
     "spot-rl play policies/walk.onnx": "needs a display; films of the same walk are made in tests/trainer/test_play.py",
     "make lock": "needs a network: it resolves all versions anew",
     "make safety ARGS=--all": "takes an hour; `.ci/run` does the same for 90 s",
