@@ -145,8 +145,7 @@ NOT_RUN = {
     "spot-rl bench faults --search --minutes 15 --seed 1": "searches for a quarter of an hour; its test for seconds",
     "bash benchmarks/identify_session.sh run inertia --inertia --policy policies/baseline.onnx --config "
     "benchmarks/identify_short.yaml --truths-at-once 6 --runs-at-once 3 --workers 2": CORES,
-    "python examples/close_the_loop.py --out OUT --truth harsher --identified "
-    "examples/loop/harsher_identified.onnx --oracle examples/loop/harsher_oracle.onnx": CORES,
+    "python examples/close_the_loop.py --out OUT": CORES,
     "spot-rl bench sysid --json": "takes ten seconds of CPU time at its smallest; identification itself is played",
     "spot-rl diagnose LOGS/*.mcap --nominal paper_identified --policy policies/baseline.onnx --out DIR": (
         "takes minutes with twenty logs of half a minute; shorter ones are diagnosed on the same page"
