@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from pydantic import ValidationError
 
 from diagnosis.document import load_verdict
 from diagnosis.library.extra_effect import chosen_library
@@ -28,6 +29,7 @@ from diagnosis.verdict.posterior_file import load_posterior
 from spot_log import read_run
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import load_model
+from spot_model.io.validation import explain
 from spot_model.io.velocity_sequence import load_sequence
 from spot_model.policy.policy import Policy, load_policy
 
@@ -179,11 +181,14 @@ def found_in(folder: Path) -> Found:
     """The diagnosis in a folder.
 
     Raises:
-        BadInputError: The folder holds none, or one of another robot than Spot.
+        BadInputError: The folder holds none, or one of another robot than Spot, or of another release.
     """
     if not (folder / NAMES["verdict"]).exists():
         raise BadInputError(f"{folder} holds no verdict.json; diagnose logs into it, or give --logs and --nominal")
     if not (folder / NAMES["posterior"]).exists():
         raise BadInputError(f"{folder} holds no {NAMES['posterior']}: nothing but Spot can be simulated")
-    verdict = load_verdict(folder / NAMES["verdict"])
-    return Found(folder, load_posterior(folder / NAMES["posterior"]), verdict.status, headline(verdict))
+    try:
+        verdict, posterior = load_verdict(folder / NAMES["verdict"]), load_posterior(folder / NAMES["posterior"])
+    except ValidationError as error:
+        raise BadInputError(f"{folder}: a diagnosis of another release; diagnose again:\n{explain(error)}") from error
+    return Found(folder, posterior, verdict.status, headline(verdict))

@@ -25,6 +25,7 @@ from diagnosis.next.predict.outcome import MOTION
 from diagnosis.next.predict.prediction import Forecast, Prediction, _forecast, load_prediction
 from diagnosis.next.robot_run import Ran, run_on_robot
 from diagnosis.next.rounds import SURE, Found, Lab, Story, ask_robot
+from diagnosis.next.session import found_in
 from diagnosis.verdict.posterior_file import Posterior, load_posterior
 from spot_model.effects.base import Motion
 from spot_model.effects.drive.torque_gain import TorqueGain
@@ -371,6 +372,13 @@ def test_words_that_are_no_command_are_logs(tmp_path: Path) -> None:
 def test_a_folder_without_a_diagnosis_is_named(tmp_path: Path) -> None:
     for words in (["next", str(tmp_path)], ["predict", str(tmp_path), "--sequence", "forward"]):
         assert "inputs.json cannot be read" in str(CliRunner().invoke(diagnose, words).exception)
+
+
+def test_a_diagnosis_of_another_release_is_named(tmp_path: Path) -> None:
+    for name in ("verdict.json", "posterior.json"):
+        (tmp_path / name).write_text('{"schema": "spot-rl/verdict/0"}')
+    with pytest.raises(BadInputError, match="another release"):
+        found_in(tmp_path)
 
 
 def test_a_run_needs_a_robot(tmp_path: Path) -> None:

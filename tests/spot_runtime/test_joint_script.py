@@ -22,7 +22,9 @@ from spot_model.robot import facts
 from spot_runtime.config import RunConfig
 from spot_runtime.control.loop import ControlLoop
 from spot_runtime.control.modes import Mode
+from spot_runtime.control.safety.policy_bounds import with_speed_limit
 from spot_runtime.policy.admission import check_scripts_allowed
+from spot_runtime.safety_limits import SafetyLimits
 from spot_runtime.service_config import ServiceConfig
 from spot_runtime.session.run_command import run as run_command
 from spot_runtime.sources.joint_script import JointScriptSource
@@ -82,6 +84,12 @@ def test_a_robot_that_is_held_fast_is_not_forced(robot: Any) -> None:
         if record.command.key in active:
             asked = record.command.gains.kp_nm_per_rad * (record.command.position_rad - facts.DEFAULT_POSITION_RAD)
             assert np.abs(asked).max() <= SCRIPT.experiment.torque_nm + 1e-6
+
+
+def test_its_set_points_move_no_faster_than_its_own_speed() -> None:
+    """6 rad/s at 50 Hz are 0.12 rad a tick; without a speed of its own a policy keeps the core's 1.5 rad."""
+    assert with_speed_limit(SafetyLimits(), 50.0, SCRIPT.setpoint_speed_rad_s).setpoint_step_rad == pytest.approx(0.12)
+    assert with_speed_limit(SafetyLimits(), 50.0).setpoint_step_rad == 1.5
 
 
 def test_where_policies_are_chosen_or_signed_no_experiment_runs() -> None:
