@@ -14,7 +14,8 @@ from typing import Final
 
 import foxglove
 
-from spot_log.format.topics import ALL_TOPICS, HEADER, SCENE
+from spot_log.format.topics import ALL_TOPICS, HEADER, SCENE, STATE
+from spot_log.live.live_gait import JSON_SCHEMA, LiveGait
 from spot_log.write.live_tap import HEAD, MAX_DATAGRAM_BYTES
 from spot_log.write.logger_child import shed_inherited_settings
 
@@ -38,6 +39,7 @@ class LiveView:
             )
             for topic in ALL_TOPICS
         }
+        self._gait, self._gait_channel = LiveGait(), foxglove.Channel("/gait", schema=JSON_SCHEMA)
         self._server = foxglove.start_server(
             name="spot-rl", host="127.0.0.1", port=port, message_backlog_size=BACKLOG_MESSAGES
         )
@@ -59,6 +61,10 @@ class LiveView:
         if channel_id in REPEATED:
             self._repeated[channel_id] = data
         channel.log(data, log_time=log_ns)
+        if channel_id == STATE.channel_id:
+            gait = self._gait.take(data, 1e-9 * log_ns)
+            if gait is not None:
+                self._gait_channel.log(gait, log_time=log_ns)
 
     def repeat(self) -> None:
         """Repeat what stands only at the start of a log."""
