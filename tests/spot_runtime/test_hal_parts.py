@@ -14,6 +14,7 @@ import pytest
 from bosdyn.api import estop_pb2, robot_command_pb2, robot_state_pb2
 from bosdyn.client import exceptions as sdk
 from bosdyn.client.lease import ResourceAlreadyClaimedError
+from bosdyn.client.robot import UnregisteredServiceNameError
 
 from spot_model.robot import facts
 from spot_model.robot.state import Gains, JointCommand
@@ -267,6 +268,10 @@ def test_no_connection_is_explained_where_that_is_asked() -> None:
     told = translate(error, "polling")
     assert type(told) is HalError
     assert "polling: the robot did not answer" in str(told)
+    told = translate(sdk.UnimplementedError(_FailedCall(), "doc"), "setting up the e-stop")
+    assert "setting up the e-stop: the robot has no such call" in str(told)
+    told = translate(UnregisteredServiceNameError("robot-command-streaming"), "finding robot-command-streaming")
+    assert "the robot does not offer it" in str(told)
 
 
 def test_denied_access_is_about_credentials() -> None:

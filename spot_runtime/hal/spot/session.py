@@ -160,6 +160,8 @@ class Session:
                 f"the robot reports a behaviour fault: {', '.join(slow.behavior_faults)}; clear it on the tablet, "
                 f"it is never cleared by this program"
             )
+        if not state.battery_states:
+            raise FaultError("the robot reports no battery, so its charge is not known; see the robot's own page")
         if slow.battery_charge_percent < battery_percent:
             raise FaultError(
                 f"the battery holds {slow.battery_charge_percent:.0f} %; needed: {battery_percent:g} %; charge it"

@@ -8,6 +8,7 @@ from typing import Any
 import grpc
 from bosdyn.client import auth, estop, lease, power, robot_command
 from bosdyn.client import exceptions as sdk
+from bosdyn.client.robot import UnregisteredServiceError
 
 from spot_runtime.hal.errors import (
     ClockError,
@@ -47,6 +48,8 @@ def translate(error: Exception, doing: str, explain_connection: Callable[[str], 
             return explain_connection(describe(error))
         if isinstance(error, (sdk.UnauthenticatedError, sdk.PermissionDeniedError)):
             return CredentialsError(f"{doing}: the robot denies access ({describe(error)}); check the user's rights")
+        if isinstance(error, sdk.UnimplementedError):
+            return HalError(f"{doing}: the robot has no such call ({describe(error)}); its software may be too old")
         return HalError(f"{doing}: the robot did not answer ({describe(error)}); check the link")
     for kinds, ours, advice in _TABLE:
         if isinstance(error, kinds):
@@ -104,6 +107,7 @@ _TABLE: tuple[tuple[tuple[type[Exception], ...], type[HalError], str], ...] = (
         FaultError,
         "clear the cause on the robot's own page",
     ),
+    ((UnregisteredServiceError,), HalError, "the robot does not offer it; its software may be too old"),
     ((robot_command.BehaviorFaultError,), FaultError, "clear the behaviour fault on the tablet"),
     (
         (robot_command.NoTimeSyncError, robot_command.ExpiredError, robot_command.TooDistantError),
