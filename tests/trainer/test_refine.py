@@ -14,7 +14,7 @@ from spot_model.errors import BadInputError
 from spot_model.policy.policy import load_policy, policy_from_bytes
 from spot_model.robot import facts
 from trainer.__main__ import app
-from trainer.export.export import run_torch
+from trainer.ppo.checkpoint_policy import run_torch
 from trainer.ppo.symmetry import mirror_action, mirror_observation
 from trainer.refine.config import RefineConfig, RobotConfig, StartConfig, WeightConfig, load_refine_config
 from trainer.refine.gains import gains_of, with_gains

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from spot_model.policy.policy import Policy
-from trainer.export.export import checkpoint_policy
 from trainer.ppo.checkpoint import find_checkpoint
+from trainer.ppo.checkpoint_policy import checkpoint_policy
 
 LOOKED_EVERY_S = 2.0
 

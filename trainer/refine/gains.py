@@ -14,7 +14,7 @@ import torch
 from numpy.typing import NDArray
 
 from spot_model.policy.observation import COLUMNS, OBSERVATION
-from trainer.export.export import Layers
+from trainer.ppo.checkpoint_policy import Layers
 
 Array = NDArray[np.float64]
 

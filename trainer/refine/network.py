@@ -9,7 +9,7 @@ from onnx import numpy_helper
 from spot_model.errors import BadInputError
 from spot_model.policy.contract import PolicyContract, StoredPair, TrainingRecord
 from spot_model.policy.policy import Policy, policy_from_bytes
-from trainer.export.export import Layers, check_agreement, onnx_bytes, run_torch
+from trainer.ppo.checkpoint_policy import Layers, check_agreement, onnx_bytes, run_torch
 
 
 def read_layers(data: bytes, source: str) -> Layers:

@@ -1,0 +1,151 @@
+"""The policy of a checkpoint: the actor's layers as an ONNX model with its contract."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+import torch
+from onnx import TensorProto, helper, numpy_helper
+
+from spot_model.errors import BadInputError
+from spot_model.io.model_file import load_model
+from spot_model.policy.contract import INPUT_NAME, METADATA_KEY, OUTPUT_NAME, PolicyContract, StoredPair, TrainingRecord
+from spot_model.policy.observation import N_OBSERVATION
+from spot_model.policy.policy import Policy, policy_from_bytes
+from spot_model.robot import facts
+from trainer.config.train_config import TrainConfig
+from trainer.ppo.checkpoint import config_of, read_checkpoint
+from trainer.shared.run_folder import read_run_record
+
+OPSET = 18
+NORMALISER_FLOOR = 1.0e-2
+"""Added to the deviation by rsl-rl's normaliser."""
+LARGEST_ERROR = 1.0e-5
+"""Largest difference between torch and onnxruntime on the check inputs."""
+
+Layers = list[tuple[torch.Tensor, torch.Tensor]]
+"""Weight (out, in) and bias (out,) of each linear layer; ELU between them."""
+
+
+def checkpoint_policy(checkpoint: Path) -> Policy:
+    """The policy of a checkpoint, with no gait stated, as quickly as it can be had.
+
+    Raises:
+        BadInputError: It is not a checkpoint of this trainer.
+    """
+    _, layers, contract = read_actor(checkpoint)
+    return policy_from_bytes(onnx_bytes(layers, contract), source=str(checkpoint))
+
+
+def read_actor(checkpoint: Path, name: str | None = None) -> tuple[TrainConfig, Layers, PolicyContract]:
+    """Config, layers and contract of a checkpoint; ``name`` stands in the contract, the config's by default.
+
+    Raises:
+        BadInputError: It is not a checkpoint of this trainer.
+    """
+    content = read_checkpoint(checkpoint)
+    config = config_of(content, str(checkpoint))
+    layers = actor_layers(content["algorithm"]["actor_state_dict"])
+    record = read_run_record(checkpoint.parent)
+    return config, layers, _contract(config, layers, name or config.name, record, checkpoint)
+
+
+def actor_layers(state: dict[str, torch.Tensor]) -> Layers:
+    """The linear layers of an actor's state dict, in order; observation normalisation goes into the first one."""
+    numbers = sorted(int(key.split(".")[1]) for key in state if key.startswith("mlp.") and key.endswith(".weight"))
+    layers = [(state[f"mlp.{i}.weight"].float(), state[f"mlp.{i}.bias"].float()) for i in numbers]
+    if "obs_normalizer._mean" in state:
+        weight, bias = (t.double() for t in layers[0])
+        mean, std = state["obs_normalizer._mean"].double(), state["obs_normalizer._std"].double()
+        weight = weight / (std + NORMALISER_FLOOR)
+        layers[0] = (weight.float(), (bias - weight @ mean[0]).float())
+    return layers
+
+
+def run_torch(layers: Layers, observation: torch.Tensor) -> torch.Tensor:
+    """The network in torch, shape (n, 48) to (n, 12)."""
+    x = observation
+    for i, (weight, bias) in enumerate(layers):
+        x = torch.nn.functional.linear(x, weight, bias)
+        if i + 1 < len(layers):
+            x = torch.nn.functional.elu(x)
+    return x
+
+
+def onnx_bytes(layers: Layers, contract: PolicyContract) -> bytes:
+    """One ONNX file with a dynamic batch, weights inside, and the contract as metadata."""
+    nodes, weights = [], []
+    current = INPUT_NAME
+    for i, (weight, bias) in enumerate(layers):
+        is_last = i + 1 == len(layers)
+        weights += [
+            numpy_helper.from_array(weight.numpy(), f"weight_{i}"),
+            numpy_helper.from_array(bias.numpy(), f"bias_{i}"),
+        ]
+        output = OUTPUT_NAME if is_last else f"linear_{i}"
+        nodes.append(helper.make_node("Gemm", [current, f"weight_{i}", f"bias_{i}"], [output], transB=1))
+        if not is_last:
+            nodes.append(helper.make_node("Elu", [output], [f"elu_{i}"], alpha=1.0))
+        current = f"elu_{i}"
+    graph = helper.make_graph(
+        nodes,
+        "policy",
+        [helper.make_tensor_value_info(INPUT_NAME, TensorProto.FLOAT, ["batch", N_OBSERVATION])],
+        [helper.make_tensor_value_info(OUTPUT_NAME, TensorProto.FLOAT, ["batch", facts.N_JOINTS])],
+        weights,
+    )
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", OPSET)], producer_name="spot-rl")
+    model.ir_version = 8
+    helper.set_model_props(model, {METADATA_KEY: contract.to_json()})
+    onnx.checker.check_model(model, full_check=True)
+    data: bytes = model.SerializeToString()
+    return data
+
+
+def check_agreement(layers: Layers, data: bytes) -> float:
+    """Largest difference between torch and onnxruntime over random inputs.
+
+    Raises:
+        BadInputError: It exceeds 1e-5.
+    """
+    inputs = _inputs(256)
+    error = float(np.abs(policy_from_bytes(data, source="export").act(inputs) - _torch(layers, inputs)).max())
+    if not error <= LARGEST_ERROR:
+        raise BadInputError(f"torch and onnxruntime differ by {error:g}; allowed: at most {LARGEST_ERROR:g}")
+    return error
+
+
+def _contract(
+    config: TrainConfig, layers: Layers, name: str, record: dict[str, Any], checkpoint: Path
+) -> PolicyContract:
+    inputs = _inputs(1)
+    commands = config.task.commands
+    ranges = (commands.v_x_m_s, commands.v_y_m_s, commands.yaw_rate_rad_s)
+    return PolicyContract(
+        name=name,
+        velocity_command_low=(ranges[0][0], ranges[1][0], ranges[2][0]),
+        velocity_command_high=(ranges[0][1], ranges[1][1], ranges[2][1]),
+        training=TrainingRecord(
+            run=f"{config.name}/{checkpoint.stem}/{hashlib.sha256(checkpoint.read_bytes()).hexdigest()[:12]}",
+            revision=str(record.get("revision", "")),
+            command=str(record.get("command", "")),
+            seed=config.seed,
+            model_sha256=load_model(config.model).digest(),
+        ),
+        stored_pair=StoredPair(
+            observation=tuple(float(v) for v in inputs[0]), action=tuple(float(v) for v in _torch(layers, inputs)[0])
+        ),
+    )
+
+
+def _inputs(n: int) -> np.ndarray[Any, np.dtype[np.float32]]:
+    return np.random.default_rng(48).normal(size=(n, N_OBSERVATION)).astype(np.float32)
+
+
+def _torch(layers: Layers, inputs: np.ndarray[Any, np.dtype[np.float32]]) -> np.ndarray[Any, np.dtype[np.float32]]:
+    with torch.no_grad():
+        return run_torch(layers, torch.from_numpy(inputs)).numpy()
