@@ -28,11 +28,13 @@ class EngineName(enum.StrEnum):
 class LogsOrCommand(TyperGroup):
     """What is no command's name begins the logs."""
 
+    def named(self, args: list[str]) -> list[str]:
+        """The words with the command in front that takes logs, where they name none."""
+        return [EXPLAIN, *args] if args and args[0] not in (*self.commands, "-h", "--help") else args
+
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Put the command in front that takes logs."""
-        if args and args[0] not in (*self.commands, "-h", "--help"):
-            args = [EXPLAIN, *args]
-        return super().parse_args(ctx, args)
+        """As without a command's name."""
+        return super().parse_args(ctx, self.named(args))
 
 
 diagnose = typer.Typer(cls=LogsOrCommand, no_args_is_help=True, help=__doc__)

@@ -138,7 +138,6 @@ NOT_RUN = {
     "python benchmarks/check_experiments.py --policy policies/walk.onnx --out experiments.json "
     "--figure experiments.svg": CORES,
     "python benchmarks/predict_withheld.py --policy policies/fast.onnx --out DIR": CORES,
-    "python benchmarks/calibrate_diagnosis.py --policy policies/walk.onnx --out ensemble.jsonl --robots 5": CORES,
     "python benchmarks/gait_figures.py POLICY": CORES,
     "python benchmarks/gait_on_robot.py policies/fast.onnx": CORES,
     "python examples/hidden_friction.py": CORES,
