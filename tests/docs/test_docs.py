@@ -150,7 +150,14 @@ def test_commands_that_sentences_name_are_there(words: list[str]) -> None:
 
 
 @pytest.mark.parametrize(
-    "line", ["spot-rl nothing", "spot-rl diagnose logs --nominal ideal", "spot-rl ctl stop --now", "spot-rl ctl jump", "make nothing"]
+    "line",
+    [
+        "spot-rl nothing",
+        "spot-rl diagnose logs --nominal ideal",
+        "spot-rl ctl stop --now",
+        "spot-rl ctl jump",
+        "make nothing",
+    ],
 )
 def test_the_reading_can_fail(line: str) -> None:
     with pytest.raises(Exception, match=r".+"):
