@@ -83,8 +83,11 @@ def main(arguments: Sequence[str]) -> None:
                 row["loads"] = burden(runs)
                 given.out.write_text(json.dumps(rows))
                 told = "; ".join(row["refused"]) or "borne by all"
-                print(f"{candidate.name}, {words}, {len(row['tilts_deg'])} robots: {told}; {row['loads']}; "
-                      f"{time.monotonic() - began_s:.0f} s", flush=True)  # fmt: skip
+                print(
+                    f"{candidate.name}, {words}, {len(row['tilts_deg'])} robots: {told}; {row['loads']}; "
+                    f"{time.monotonic() - began_s:.0f} s",
+                    flush=True,
+                )
                 if given.once:
                     return
     rows = {name: row for name, row in rows.items() if row["tilts_deg"]}
@@ -104,8 +107,10 @@ def figure(rows: dict[str, Any]) -> str:
     for number, (name, row) in enumerate(rows.items()):
         y, colour = 22 * number + 20, "#c0392b" if row["refused"] else "#2c6fbb"
         parts.append(f"<text x='230' y='{y + 4}' text-anchor='end'>{name}</text>")
-        points = [f"<circle cx='{240 + 12 * min(t, 40.0):.1f}' cy='{y}' r='3' fill='{colour}' fill-opacity='0.4'/>"
-                  for t in row["tilts_deg"]]  # fmt: skip
+        points = [
+            f"<circle cx='{240 + 12 * min(t, 40.0):.1f}' cy='{y}' r='3' fill='{colour}' fill-opacity='0.4'/>"
+            for t in row["tilts_deg"]
+        ]
         parts += points
     base = 22 * len(rows) + 20
     for t in range(0, 41, 10):

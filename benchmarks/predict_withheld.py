@@ -49,8 +49,16 @@ def main(arguments: Sequence[str]) -> None:
     save_model(reality.nominal, out / "nominal.yaml")
     slow = tuple(ramp(v) for v in (2.0, 3.0, 4.0))
     reality.record(RecordingPlan(given.policy, slow, 1, given.seed), out / "logs")
-    spot_rl("diagnose", str(out / "logs"), "--nominal", str(out / "nominal.yaml"), "--policy", str(given.policy),
-            "--out", str(found))  # fmt: skip
+    spot_rl(
+        "diagnose",
+        str(out / "logs"),
+        "--nominal",
+        str(out / "nominal.yaml"),
+        "--policy",
+        str(given.policy),
+        "--out",
+        str(found),
+    )
     fast = ramp(given.speed)
     save_sequence(fast, out / "fast.yaml")
     spot_rl("diagnose", "predict", str(found), "--sequence", str(out / "fast.yaml"))
