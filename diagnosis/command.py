@@ -69,8 +69,6 @@ def explain_logs(
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of simulated sensors, permutations, resamples.")] = 0,
 ) -> object:  # A Diagnosis: naming it would make --help import it.
     """Explain a sim-to-real gap: where it lies, which effect causes it, how far it shrinks."""
-    import sys
-
     from diagnosis.library.extra_effect import chosen_library
     from diagnosis.next.inputs import Inputs, absolute, save_inputs
     from diagnosis.progress import Progress
@@ -93,7 +91,7 @@ def explain_logs(
         ray_address=ray_address,
         seed=seed,
     )
-    progress = Progress(sys.stderr)
+    progress = Progress()
     try:
         result, paths = run_session(request, progress)
     except KeyboardInterrupt:

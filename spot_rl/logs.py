@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import sys
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -69,6 +68,8 @@ def diagnose(
     Raises:
         SpotRlError: A file is missing or not valid, or ``out`` holds a diagnosis.
     """
+    from rich.console import Console
+
     from diagnosis.library.extra_effect import chosen_library
     from diagnosis.progress import Progress
     from diagnosis.report.output import check_free
@@ -88,7 +89,7 @@ def diagnose(
         library=chosen_library(list(add_effects), list(without)),
         seed=seed,
     )
-    result, _ = run_session(request, Progress(sys.stderr if progress else io.StringIO()))
+    result, _ = run_session(request, Progress(None if progress else Console(file=io.StringIO())))
     return result.verdict
 
 
