@@ -15,6 +15,9 @@ from diagnosis.read.segments import Segmentation, cut
 from diagnosis.read.smoothing import NOISE_GAIN, REACH, eroded, rate, smooth
 from spot_model.errors import BadInputError
 
+LONGEST_PERIOD_S: Final = 0.01
+"""A leg swings within 0.2 s, and its acceleration turns twice meanwhile: nine states, the filter's reach, must not
+span more than half of that."""
 MIN_NOISE: Final = 1e-6
 """No channel's noise counts as less than this, in its own unit: simulated logs may have none."""
 
@@ -64,6 +67,17 @@ class Stack:
             rows = self.run == number
             out[rows] = eroded(flags[rows], before, after)
         return out
+
+    def step_s(self) -> Array:
+        """Time since the row before, the period at a recording's first; shape (n, 1), s."""
+        steps = self.cat(lambda r: np.diff(r.time_s, prepend=-r.period_s))
+        return np.asarray(np.maximum(steps, 1e-9)[:, None])
+
+    def too_coarse(self) -> str:
+        """Why accelerations cannot be had from these states; empty if they can."""
+        if self.period_s <= LONGEST_PERIOD_S:
+            return ""
+        return f"a state every {1e3 * self.period_s:.0f} ms says too little of accelerations"
 
     def starts(self) -> Ints:
         """First row of each recording, shape (n_runs,)."""

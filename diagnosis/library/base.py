@@ -16,7 +16,6 @@ from diagnosis.channels.drive.actuator import ActuatorSignals
 from diagnosis.library.experiments import SPRINT, Experiment
 from spot_model.effects.base import Effect, TorqueEffect
 from spot_model.io.model_file import RobotModel
-from spot_model.plant.joint_losses import joint_losses_nm
 
 BY_JOINT: Final = frozenset({Channel.SET_POINT_TO_LOAD, Channel.JOINT_RATES, Channel.POLICY_REPLAY})
 """Channels whose rows are joints that do not touch each other."""
@@ -193,7 +192,7 @@ def effect_columns(entry: LibraryEffect, s: ActuatorSignals, shape: Shape) -> Ar
         effect = entry.effect(joints=("all",), **entry.values(coefficients, shape))
         if isinstance(effect, TorqueEffect):
             return s.finish(s.torque_after_nm(effect) - s.torque_nm)
-        return -joint_losses_nm([effect], s.loss_motion())
+        return -s.losses_nm(effect)
 
     at = np.array([0.0 if c.is_free else c.high for c in entry.coefficients])
     before, found = added(at), []

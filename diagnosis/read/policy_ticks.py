@@ -12,6 +12,7 @@ from spot_log.read.run import Run, TickTable
 from spot_model.plant.start import StartState
 from spot_model.policy.observation import is_fallen, observed
 from spot_model.policy.policy import Policy
+from spot_model.robot import facts
 from trainer.sysid.distance.features import features_of_observations
 
 MIN_TICKS = 50
@@ -25,7 +26,7 @@ class Script:
     repeat: int
     start: StartState
     velocity_command: NDArray[np.float64]
-    """One a policy tick, shape (n_ticks, 3)."""
+    """One a simulated policy tick, shape (n_ticks, 3): what was in force then, whatever the log's own rate."""
 
 
 def policy_ticks(run: Run) -> NDArray[np.intp]:
@@ -59,7 +60,17 @@ def script_of(run: Run) -> Script | None:
         angular_vel_of_body_in_world_rad_s=s.angular_vel_of_body_in_odom_rad_s[at],
         last_action=observed(t.observation[rows[0]], "last_action"),
     )
-    return Script(run.header.command_sequence or "unnamed", run.header.repeat, start, t.velocity_command[rows])
+    return Script(run.header.command_sequence or "unnamed", run.header.repeat, start, _replayed(t, rows))
+
+
+def _replayed(ticks: TickTable, rows: NDArray[np.intp]) -> NDArray[np.float64]:
+    """The operator's commands at even ticks from the first row on, each that of the logged tick nearest before."""
+    period_ns = round(1e9 / facts.POLICY_RATE_HZ)
+    logged = ticks.robot_stamp_ns[rows] - ticks.robot_stamp_ns[rows[0]]
+    even = np.arange(round(logged[-1] / period_ns) + 1) * period_ns
+    # A logged tick counts from half a period before its stamp on: stamps are those of states, some late, some early.
+    at = np.searchsorted(logged, even + period_ns // 2, side="right") - 1
+    return np.asarray(ticks.velocity_command[rows][at])
 
 
 def features(run: Run, policy: Policy) -> NDArray[np.float32]:

@@ -1,4 +1,8 @@
-"""One log as arrays on the even grid of its state stream, robot time, with the command in effect at each state."""
+"""One log as arrays, a row a state, in robot time, with the command in effect at each state.
+
+An even state stream is laid on its grid, with rows for the messages that are missing. A stream with uneven steps keeps
+its own instants: a row is what was measured then, and never what lies between two measurements.
+"""
 
 from __future__ import annotations
 
@@ -18,9 +22,9 @@ Flags = NDArray[np.bool_]
 MIN_STATES: Final = 50
 """A shorter log says nothing."""
 GRID_TOLERANCE: Final = 0.1
-"""Share of the period by which a stamp may miss the grid before signals are interpolated onto it."""
+"""Share of the period by which a stamp may miss an even grid."""
 MAX_GAP_PERIODS: Final = 1.5
-"""Signals are never interpolated across a wider gap."""
+"""A wider gap is a loss of messages."""
 MAX_GRID: Final = 10_000_000
 
 
@@ -57,6 +61,9 @@ class Recording:
     start_ns: int
     """Robot stamp of row 0."""
     period_s: float
+    """Between states, the median."""
+    stamp_ns: Ints
+    """Robot stamp of each row, rising. Shape (n,)."""
     present: Flags
     """Shape (n,)."""
     position_rad: Array
@@ -92,12 +99,13 @@ class Recording:
     @property
     def time_s(self) -> Array:
         """Time since row 0, shape (n,)."""
-        return np.asarray(np.arange(len(self)) * self.period_s, dtype=np.float64)
+        return np.asarray((self.stamp_ns - self.start_ns) * 1e-9, dtype=np.float64)
 
-    @property
-    def stamp_ns(self) -> Ints:
-        """Robot stamp of each row, shape (n,)."""
-        return np.asarray(self.start_ns + np.round(self.time_s * 1e9).astype(np.int64))
+    def next_row(self, robot_stamp_ns: Ints) -> tuple[NDArray[np.intp], Array]:
+        """The first row at or after each stamp, ``len(self)`` where none is, and how much later it is, in periods."""
+        row = np.searchsorted(self.stamp_ns, robot_stamp_ns)
+        late_ns = self.stamp_ns[np.minimum(row, len(self) - 1)] - robot_stamp_ns
+        return row, np.asarray(late_ns * 1e-9 / self.period_s)
 
     def command_row(self, offset_s: float = 0.0) -> NDArray[np.intp]:
         """Row of ``commands`` in effect at each state's stamp plus ``offset_s``; -1 before the first. Shape (n,)."""
@@ -114,8 +122,9 @@ class Recording:
 
     def rows_at(self, robot_stamp_ns: Ints) -> NDArray[np.intp]:
         """The grid's row nearest to each stamp, within the grid."""
-        row = np.round((robot_stamp_ns - self.start_ns) * 1e-9 / self.period_s).astype(np.intp)
-        return np.asarray(np.clip(row, 0, len(self) - 1))
+        after = np.clip(np.searchsorted(self.stamp_ns, robot_stamp_ns), 1, len(self) - 1)
+        is_before = robot_stamp_ns - self.stamp_ns[after - 1] < self.stamp_ns[after] - robot_stamp_ns
+        return np.asarray(after - is_before)
 
     def has(self, signal: str) -> bool:
         """Whether the log has the signal, an attribute's name, in at least half of its rows."""
@@ -155,7 +164,8 @@ def record(run: Run) -> Recording:
     if n > MAX_GRID:
         raise RecordingError(f"log {run.path} spans {n} periods of {period_s} s; cut it into runs first")
     grid = _Grid(at, n)
-    contact = np.zeros((n, states.foot_contact.shape[1]), dtype=np.bool_)
+    row_ns = stamps if not grid.even else stamps[0] + np.round(np.arange(n) * period_s * 1e9).astype(np.int64)
+    contact = np.zeros((grid.n, states.foot_contact.shape[1]), dtype=np.bool_)
     contact[grid.row] = states.foot_contact
     command_ns, has_receipts = _receipts(run)
     return Recording(
@@ -168,6 +178,7 @@ def record(run: Run) -> Recording:
         foot_names=run.header.foot_names,
         start_ns=int(stamps[0]),
         period_s=period_s,
+        stamp_ns=row_ns,
         present=grid.present,
         position_rad=grid.lay(states.position_rad),
         velocity_rad_s=grid.lay(states.velocity_rad_s),
@@ -183,36 +194,28 @@ def record(run: Run) -> Recording:
         has_receipts=has_receipts,
         ticks=run.ticks,
         slow_states=run.slow_states,
-        velocity_command=_held(run.ticks, int(stamps[0]), period_s, n),
+        velocity_command=_held(run.ticks, row_ns),
     )
 
 
 class _Grid:
-    """Where the stamps fall on an even grid of n rows."""
+    """Rows of the states: on an even grid of n rows where their stamps fall on it, else one after the other."""
 
     def __init__(self, at: Array, n: int) -> None:
-        self.at, self.n = at, n
+        self.n = n
         self.row = np.round(at).astype(np.intp)
         self.even = bool(np.max(np.abs(at - self.row)) <= GRID_TOLERANCE) and len(np.unique(self.row)) == len(at)
         self.present = np.zeros(n, dtype=np.bool_)
         if self.even:
             self.present[self.row] = True
         else:
-            rows = np.arange(n)
-            after = np.minimum(np.searchsorted(at, rows), len(at) - 1)
-            before = np.maximum(np.searchsorted(at, rows, side="right") - 1, 0)
-            within = (rows >= at[0]) & (rows <= at[-1])
-            self.present = within & ((at[after] - at[before]) <= MAX_GAP_PERIODS)
+            self.n, self.row = len(at), np.arange(len(at))
+            self.present = np.diff(at, prepend=at[0]) <= MAX_GAP_PERIODS
 
     def lay(self, values: Array) -> Array:
-        """Values of shape (m, k) onto the grid, shape (n, k)."""
+        """Values of shape (m, k) in their rows, shape (n, k)."""
         out = np.full((self.n, values.shape[1]), np.nan)
-        if self.even:
-            out[self.row] = values
-            return out
-        for column in range(values.shape[1]):
-            out[:, column] = np.interp(np.arange(self.n), self.at, values[:, column])
-        out[~self.present] = np.nan
+        out[self.row] = values
         return out
 
 
@@ -267,12 +270,11 @@ def _continuous(wxyz: Array) -> Array:
     return np.asarray(wxyz * np.concatenate([[first], first * np.cumprod(flips)])[:, None])
 
 
-def _held(ticks: TickTable, start_ns: int, period_s: float, n: int) -> Array:
+def _held(ticks: TickTable, row_ns: Ints) -> Array:
     """The operator's command at each row: that of the newest tick."""
-    out = np.full((n, 3), np.nan)
+    out = np.full((len(row_ns), 3), np.nan)
     if len(ticks) == 0:
         return out
-    stamps = start_ns + np.round(np.arange(n) * period_s * 1e9).astype(np.int64)
-    at = np.searchsorted(ticks.robot_stamp_ns, stamps, side="right") - 1
+    at = np.searchsorted(ticks.robot_stamp_ns, row_ns, side="right") - 1
     out[at >= 0] = ticks.velocity_command[at[at >= 0]]
     return out

@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 STEP_MS = 1
 START_NS = 1_650_000_000_000_000_000
 TICK_STATES = (7, 7, 6)
-TEETH_NM_PER_RAD, TEETH_NM_S_PER_RAD, ROTOR_KG_M2 = 8e3, 16.0, 0.04
+TEETH_NM_PER_RAD, TEETH_NM_S_PER_RAD, ROTOR_KG_M2 = 4e3, 8.0, 0.04
 STAND_S = 0.6
 """The robot stands under the default pose before the policy takes over."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -115,3 +116,18 @@ def test_what_has_no_size_of_its_own_is_searched():
     assert {tuple(s) for s in shapes} == {("at_rad", "width_rad")}
     assert len(shapes) == 25
     assert {s["at_rad"] for s in entry.refined(shapes[0])} <= {-2.8, -2.8 + 2.8 / 8, -2.8 + 2.8 / 24, -2.8 + 2.8 / 72}
+
+
+@pytest.mark.parametrize("n_joints", [1, 3, 14])
+def test_robots_with_fewer_or_more_joints_have_the_same_columns(n_joints, view):
+    wide = np.tile(np.arange(12), 2)[:n_joints]
+    narrow = {
+        f.name: getattr(view.signals, f.name)[:, wide]
+        for f in dataclasses.fields(view.signals)
+        if getattr(getattr(view.signals, f.name), "shape", ())[1:] == (12,)
+    }
+    signals = dataclasses.replace(view.signals, **narrow, cache={})
+    for name in ("viscous_friction", "armature", "torque_gain", "thermal_derating"):
+        entry = LIBRARY[name]
+        every = effect_columns(entry, view.signals, {})[:, wide]
+        np.testing.assert_allclose(effect_columns(entry, signals, {}), every, atol=1e-9)

@@ -3,9 +3,11 @@ import dataclasses
 import numpy as np
 import pytest
 
+from diagnosis.read.policy_ticks import script_of
 from diagnosis.read.recording import NEVER_NS, RecordingError, record
 from spot_log.read.run import StateTable
 
+from .coarse import thinned
 from .planted import QUIET, START_NS, Truth, planted_runs, walk_sequence
 
 
@@ -79,19 +81,18 @@ def test_without_receipts_commands_count_from_when_they_were_sent(run):
     assert np.array_equal(recording.command_ns, run.commands.robot_stamp_ns)
 
 
-def test_uneven_stamps_are_interpolated_and_wide_gaps_are_not():
+def test_uneven_stamps_keep_their_instants_and_wide_gaps_are_losses():
     run = planted_runs(Truth(noise=QUIET), 1, sequence=walk_sequence(1.0))[0]
-    jitter = np.random.default_rng(3).integers(-900_000, 900_000, len(run.states))
-    jitter[0] = 0
-    time_s = (run.states.robot_stamp_ns + jitter - START_NS) * 1e-9
-    states = dataclasses.replace(
-        run.states,
-        robot_stamp_ns=run.states.robot_stamp_ns + jitter,
-        position_rad=np.repeat(np.sin(2.0 * time_s)[:, None], 12, axis=1),
-    )
-    recording = record(dataclasses.replace(run, states=states))
-    error = recording.position_rad[recording.present, 0] - np.sin(2.0 * recording.time_s[recording.present])
-    assert np.max(np.abs(error)) < 1e-4
+    at = np.concatenate([np.arange(0, 120, 3), np.arange(150, 280, 3)])
+    at[1::2] += 1
+    recording = record(thinned(run, at))
+    np.testing.assert_array_equal(recording.stamp_ns, run.states.robot_stamp_ns[at])
+    np.testing.assert_array_equal(recording.position_rad, run.states.position_rad[at])
+    assert np.flatnonzero(~recording.present).tolist() == [40]
+    row, later = recording.next_row(recording.stamp_ns[[3, 5]] - 1_500_000)
+    assert row.tolist() == [3, 5]
+    assert later * recording.period_s == pytest.approx(1.5e-3)
+    assert recording.rows_at(recording.stamp_ns[[3, 5]] - 1_500_000).tolist() == [3, 5]
 
 
 def test_quaternions_keep_their_sign_from_row_to_row(run):
@@ -133,3 +134,14 @@ def test_the_echo_of_another_runs_command_is_no_receipt(run):
     # The echo hides nothing but the first states' own keys.
     np.testing.assert_array_equal(found.command_ns[1:], expected.command_ns[1:])
     assert 20 not in found.command_row()[:100]
+
+
+def test_commands_of_an_uneven_log_are_replayed_at_their_instants():
+    run = planted_runs(Truth(noise=QUIET), 1, sequence=walk_sequence(1.3))[0]
+    keep = np.flatnonzero(np.arange(len(run.ticks)) % 5 != 2)
+    columns = {f.name: getattr(run.ticks, f.name)[keep] for f in dataclasses.fields(run.ticks)}
+    script = script_of(dataclasses.replace(run, ticks=type(run.ticks)(**columns)))
+    assert script is not None
+    # Every fifth tick is missing: the one before it holds, and nothing comes earlier than it did.
+    held = np.where(np.arange(len(run.ticks)) % 5 == 2, np.arange(len(run.ticks)) - 1, np.arange(len(run.ticks)))
+    np.testing.assert_array_equal(script.velocity_command, run.ticks.velocity_command[held])

@@ -7,7 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from diagnosis.channels.channel_view import ChannelView
+from diagnosis.channels.drive.actuator import actuator_view
+from diagnosis.channels.stack import stack
 from diagnosis.library.registry import LIBRARY
+from diagnosis.read.recording import record
 from diagnosis.report.output import write_all
 from diagnosis.verdict.diagnose import Diagnosis, diagnose
 from diagnosis.verdict.posterior_file import load_posterior
@@ -15,12 +19,14 @@ from spot_model.effects.command.command_delay import CommandDelay
 from spot_model.io.model_file import RobotModel, load_model
 from spot_model.policy.policy import load_policy
 
+from .coarse import thinned, uneven
 from .stranger import SEQUENCES, Errors, Faults, Stranger
 
 POLICY = Path(__file__).parents[2] / "policies" / "walk.onnx"
 NOMINAL = RobotModel((CommandDelay(delay_s=0.004),))
 EXACT = Errors(gain=0.02, mass=0.03, load_lag_s=(0.001, 0.0011), friction_nm=(0.02, 0.1), estimator_lag_s=(0.0, 0.005))
 """Nearly as a maker would sign it; what the defaults of :class:`Errors` are is an old robot."""
+SLOW = {"slow": ((0, 0, 0, 0), (0.1, 0.25, 0, 0), (1, 0.3, 0, 0))}
 SHORT = {name: SEQUENCES[name] for name in ("forward", "turn")}
 
 
@@ -58,3 +64,26 @@ def test_one_run_without_the_policy_proves_nothing_and_still_says_where() -> Non
     found = diagnose(runs, NOMINAL, None, np.random.default_rng(0), lambda _: None)
     assert all(e.probability <= 0.9 for e in found.verdict.effects)
     assert found.verdict.where[0].joint == "hl_kn"
+
+
+@pytest.mark.slow
+def test_a_short_slow_walk_at_uneven_55_hz_gets_no_confident_cause() -> None:
+    """One run, no receipts, contacts, policy or battery: what is left of a real recording."""
+    for seed in (2, 5):
+        run = Stranger(load_policy(POLICY), seed).walk(SLOW, 1, 3.2)
+        coarse = thinned(run[0], uneven(len(run[0].states), np.random.default_rng(seed)))
+        verdict = diagnose([coarse], NOMINAL, None, np.random.default_rng(0), lambda _: None).verdict
+        assert all(e.probability <= 0.5 for e in verdict.effects), verdict.effects
+        assert "a state every 18 ms says too little of accelerations" in verdict.channels["base_wrench"]
+        assert "payload_mass" in verdict.invisible
+
+
+def test_an_uneven_log_leaves_no_more_of_the_load_than_the_whole_stream() -> None:
+    run = Stranger(load_policy(POLICY), 1).walk(SLOW, 1, 2.5)[0]
+    coarse = thinned(run, uneven(len(run.states), np.random.default_rng(1)))
+    left = []
+    for log in (run, coarse):
+        view = actuator_view(stack([record(log)]), ())
+        assert isinstance(view, ChannelView)
+        left.append(np.sqrt(np.mean(view.response[view.usable] ** 2)))
+    assert left[1] < 1.3 * left[0]

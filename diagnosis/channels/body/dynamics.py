@@ -154,6 +154,8 @@ def missing_for_dynamics(stack: Stack) -> str:
     """What logs lack for channels *load to motion* and *base wrench*; empty if nothing."""
     if stack.recordings[0].joint_names != facts.JOINT_NAMES:
         return "no body model of this robot"
+    if stack.too_coarse():
+        return stack.too_coarse()
     for signal, name in (
         ("load_nm", "joint torques"),
         ("position_rad", "joint positions"),

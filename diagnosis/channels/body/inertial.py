@@ -58,6 +58,8 @@ class InertialSignals:
 
 def inertial_view(stack: Stack) -> ChannelView | ChannelOff:
     """Build the channel *inertial unit*."""
+    if stack.too_coarse():
+        return ChannelOff(Channel.INERTIAL_UNIT, stack.too_coarse())
     for signal, name in (
         ("imu.acceleration_m_s2", "inertial unit"),
         ("odom_from_body_wxyz", "attitude"),

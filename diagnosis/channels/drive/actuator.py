@@ -7,7 +7,7 @@ less the lag: joints interpolated between states, and the command that was in ef
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -26,6 +26,7 @@ from diagnosis.channels.stack import Stack, white_noise
 from spot_model.effects.base import Effect, TorqueEffect
 from spot_model.plant.joint_losses import LossMotion, has_joint_loss, joint_losses_nm
 from spot_model.robot.control import pd_torque
+from spot_model.robot.facts import N_JOINTS
 
 STRIDE: Final = 2
 """Every second row is kept: smoothed signals have nothing above half the rate."""
@@ -86,8 +87,22 @@ class ActuatorSignals:
 
     def torque_after_nm(self, effect: TorqueEffect) -> Array:
         """The nominal motor torque after one more effect, at every joint. Shape (N, J)."""
-        return torque_after_nm(
-            effect, self.torque_nm, self.position_rad, self.velocity_rad_s, self.stack.run, self.period_s
+        run, period_s = self.stack.run, self.period_s
+        return _by_twelve(
+            lambda torque, position, velocity: torque_after_nm(effect, torque, position, velocity, run, period_s),
+            self.torque_nm,
+            self.position_rad,
+            self.velocity_rad_s,
+        )
+
+    def losses_nm(self, effect: Effect) -> Array:
+        """What the effect takes away between motor and load cell, at every joint, as the channel's rows have it."""
+        motion = self.loss_motion()
+        return _by_twelve(
+            lambda *columns: joint_losses_nm([effect], LossMotion(*columns)),
+            motion.velocity_rad_s,
+            motion.acceleration_rad_s2,
+            motion.direction,
         )
 
     def low_pass(self, raw: Array, time_constant_s: float) -> Array:
@@ -189,14 +204,13 @@ def _between_states(stack: Stack, lag_s: float) -> Array:
     for recording in stack.recordings:
         out = np.zeros((len(recording), recording.n_joints))
         order = np.argsort(recording.command_ns, kind="stable")
-        received = (recording.command_ns[order] - recording.start_ns) * 1e-9 / recording.period_s
         commands = recording.commands
         step = np.diff((commands.kp_nm_per_rad * commands.position_rad)[order], axis=0)
-        state = np.ceil(received[1:] - 1e-9)
-        inside = (state >= 0) & (state < len(recording))
-        share = (state - received[1:])[inside]
+        state, later = recording.next_row(recording.command_ns[order][1:])
+        inside = (recording.command_ns[order][1:] > recording.start_ns) & (state < len(recording)) & (later < 1.0)
+        share = later[inside]
         seen = (share * recording.period_s >= lag_s).astype(np.float64)
-        np.add.at(out, state[inside].astype(np.intp), (seen - share)[:, None] * np.nan_to_num(step[inside]))
+        np.add.at(out, state[inside], (seen - share)[:, None] * np.nan_to_num(step[inside]))
         parts.append(out)
     return np.concatenate(parts)
 
@@ -209,14 +223,14 @@ def leg_of_joint(joint_names: Sequence[str], foot_names: Sequence[str]) -> Ints:
 
 def _at_lag(stack: Stack, lag_s: float) -> tuple[Array, Array, NDArray[np.intp]]:
     """Joint positions and velocities a lag before each state, and the rows of commands in effect then."""
-    share = lag_s / stack.period_s
+    share = np.minimum(lag_s / stack.step_s(), 1.0)
     position, velocity = stack.filled(lambda r: r.position_rad), stack.filled(lambda r: r.velocity_rad_s)
     rows = np.concatenate([r.command_row(-lag_s) for r in stack.recordings])
     return _shifted(position, share), _shifted(velocity, share), rows
 
 
-def _shifted(values: Array, share: float) -> Array:
-    """Values a share of a period earlier, by the straight line between neighbours."""
+def _shifted(values: Array, share: Array) -> Array:
+    """Values a share (n, 1) of the step before earlier, by the straight line between neighbours."""
     earlier = np.concatenate([values[:1], values[:-1]])
     return np.asarray(values + share * (earlier - values))
 
@@ -282,6 +296,16 @@ def _command_ages(stack: Stack, rows: NDArray[np.intp], lag_s: float) -> tuple[A
         previous[order[1:]] = order[:-1]
         before[mine] = np.where(known, previous[np.maximum(row, 0)], -1)
     return ages, before
+
+
+def _by_twelve(compute: Callable[..., Array], *columns: Array) -> Array:
+    """Effects know twelve joints: those of another robot are computed by twelve, the last ones beside zeros."""
+    n_joints, parts = columns[0].shape[1], []
+    for first in range(0, n_joints, N_JOINTS):
+        twelve = [c[:, first : first + N_JOINTS] for c in columns]
+        size = twelve[0].shape[1]
+        parts.append(compute(*(np.pad(c, ((0, 0), (0, N_JOINTS - size))) for c in twelve))[:, :size])
+    return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
 
 
 def usable_rows(view: ChannelView) -> Flags:

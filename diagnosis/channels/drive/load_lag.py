@@ -54,15 +54,14 @@ def _events(stack: Stack) -> tuple[Array, Array, Array, Array, Array]:
         load = recording.load_nm
         used = eroded(stack.used[stack.run == number], 4, 4)
         order = np.argsort(recording.command_ns, kind="stable")
-        received = (recording.command_ns[order] - recording.start_ns) * 1e-9 / recording.period_s
         commands = recording.commands
         size = (commands.kp_nm_per_rad * commands.position_rad)[order]
         step = np.diff(size, axis=0)
-        state = np.ceil(received[1:] - 1e-9)
+        state, later = recording.next_row(recording.command_ns[order][1:])
         good = (state > 3) & (state < len(recording) - 4)
-        row = state[good].astype(np.intp)
+        row = state[good]
         keep = used[row]
-        row, phase = row[keep], (state - received[1:])[good][keep] * recording.period_s
+        row, phase = row[keep], later[good][keep] * recording.period_s
         change = np.diff(load, axis=0, prepend=load[:1])
         earlier = np.stack([change[row - 1], change[row - 2]], axis=-1)
         found.append((step[good][keep], phase, change[row], change[row + 1], earlier))
