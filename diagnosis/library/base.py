@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import itertools
 from abc import ABC
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -48,6 +49,11 @@ class Coefficient:
         return self.low != self.high
 
 
+Grid = Mapping[str, tuple[float, ...]]
+STEPS: Final = (0.72, 0.85, 0.93, 1.08, 1.18, 1.38)
+WIDE_STEPS: Final = (0.72, 0.85, 1.19, 1.4)
+CLOSE_STEPS: Final = (0.9, 0.94, 0.97, 1.03, 1.06, 1.1)
+"""Factors from a shape to its neighbours."""
 ALL_OF_IT: Final = Coefficient("share", "1", 1.0, 1.0)
 """The coefficient of an effect whose size is in its shape."""
 
@@ -87,6 +93,10 @@ class LibraryEffect(ABC):
     split_by: ClassVar[Experiment] = SPRINT
     """What to record to tell it from those."""
 
+    grid: ClassVar[Grid] = {}
+    """Values of the shape's numbers that are tried first, each with each."""
+    nearby: ClassVar[Grid] = {}
+    """Factors by which the shape's numbers are moved in a finer round, one at a time."""
     n_free: ClassVar[int] = 0
     """How many numbers of the shape a last search by simplex moves; 0 where rounds of :meth:`refined` will do."""
 
@@ -99,13 +109,13 @@ class LibraryEffect(ABC):
     def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:
         """Values of the non-linear parameters that are worth a try, coarse, from the data of the joints.
 
-        Default: one empty shape, all is linear.
+        Default: :attr:`grid`; without one an empty shape, since all is linear.
         """
-        return ({},)
+        return tuple(dict(zip(self.grid, at, strict=True)) for at in itertools.product(*self.grid.values()))
 
     def neighbours(self, shape: Shape) -> tuple[Shape, ...]:
-        """Shapes near one, for a finer round; bounds of the parameters need not be kept here. Default: none."""
-        return ()
+        """Shapes near one, for a finer round; parameters may leave their bounds here. Default: :attr:`nearby`."""
+        return tuple({**shape, name: shape[name] * f} for name, fs in self.nearby.items() if shape[name] for f in fs)
 
     def refined(self, shape: Shape) -> tuple[Shape, ...]:
         """Neighbours of the best shape that keep the bounds of the simulator's parameters."""

@@ -6,7 +6,6 @@ from diagnosis.document import Formula, FormulaTerm, UnknownEffect
 from diagnosis.terminal import joints_in_short
 
 FILE = "unknown_effect.py"
-CLASS = "UnknownTorque"
 BEYOND = 3.0
 """A coefficient may become so many times what was fitted."""
 

@@ -46,11 +46,6 @@ class Remainder:
     importance: tuple[Array, ...]
     """By block: of each quantity; sum 1, or all 0."""
 
-    @property
-    def total_nats(self) -> float:
-        """Over all blocks."""
-        return float(self.nats.sum())
-
     def beyond(self, usual_nats: Mapping[str, float]) -> float:
         """Over all channels, what is more than usual for the channel with nothing amiss."""
         found: dict[str, float] = {}

@@ -50,11 +50,6 @@ class InertialSignals:
         once = self.stack.smooth(self.stack.rate(in_odom))[self.rows]
         return np.concatenate([once, np.zeros_like(once)], axis=1)
 
-    def finish_second_rate(self, in_odom: Array) -> Array:
-        """The second derivative of a velocity, likewise."""
-        second = self.stack.rate(self.stack.rate(in_odom))[self.rows]
-        return np.concatenate([second, np.zeros_like(second)], axis=1)
-
 
 def inertial_view(stack: Stack) -> ChannelView | ChannelOff:
     """Build the channel *inertial unit*."""

@@ -306,8 +306,3 @@ def _by_twelve(compute: Callable[..., Array], *columns: Array) -> Array:
         size = twelve[0].shape[1]
         parts.append(compute(*(np.pad(c, ((0, 0), (0, N_JOINTS - size))) for c in twelve))[:, :size])
     return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
-
-
-def usable_rows(view: ChannelView) -> Flags:
-    """Rows with any usable joint, shape (n,)."""
-    return np.asarray(view.usable.any(axis=1))

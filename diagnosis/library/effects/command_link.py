@@ -9,9 +9,9 @@ from typing import ClassVar, Final
 import numpy as np
 
 from diagnosis.channels.channel import Channel
-from diagnosis.channels.channel_view import Array, ChannelView, Flags, Shape, Views
+from diagnosis.channels.channel_view import Array, ChannelView, Flags, Shape
 from diagnosis.channels.timing import FAST_QUANTILE, TimingSignals
-from diagnosis.library.base import ALL_OF_IT, Coefficient, LibraryEffect, Location
+from diagnosis.library.base import ALL_OF_IT, WIDE_STEPS, Coefficient, Grid, LibraryEffect, Location
 from diagnosis.library.experiments import WIRED_LINK, Experiment
 from spot_model.effects.base import Effect
 from spot_model.effects.command.command_delay import CommandDelay
@@ -66,15 +66,9 @@ class CommandJitterEntry(_LinkEntry):
     title: ClassVar[str] = "jitter of commands"
     effect: ClassVar[type[Effect]] = CommandJitter
     coefficients: ClassVar[tuple[Coefficient, ...]] = (ALL_OF_IT,)
+    grid: ClassVar[Grid] = {"mean_s": (0.0005, 0.001, 0.002, 0.004, 0.008, 0.016)}
+    nearby: ClassVar[Grid] = {"mean_s": WIDE_STEPS}
     confused_with: ClassVar[tuple[str, ...]] = ("command_delay", "command_drop")
-
-    def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:
-        """Mean waits."""
-        return tuple({"mean_s": m} for m in (0.0005, 0.001, 0.002, 0.004, 0.008, 0.016))
-
-    def neighbours(self, shape: Shape) -> tuple[Shape, ...]:
-        """Mean waits nearby."""
-        return tuple({"mean_s": shape["mean_s"] * f} for f in (0.72, 0.85, 1.19, 1.4))
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
         """What waits do to commands that come one after the other."""
@@ -82,10 +76,6 @@ class CommandJitterEntry(_LinkEntry):
         out = np.zeros((view.n, len(view.rows), 1))
         out[:, :, 0] = waits(float(shape["mean_s"]), s.command_period_s)
         return out
-
-    def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
-        """Mean of what is added."""
-        return {"mean_s": float(shape["mean_s"])}
 
 
 @cache
@@ -117,7 +107,3 @@ class CommandDropEntry(_LinkEntry):
         out = np.zeros((view.n, len(view.rows), 1))
         out[:, LOST, 0] = 1.0
         return out
-
-    def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
-        """Probability."""
-        return {"probability": float(coefficients[0])}

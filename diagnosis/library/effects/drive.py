@@ -10,7 +10,7 @@ import numpy as np
 from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelView, Flags, Shape, Views
 from diagnosis.channels.drive.actuator import STRIDE, ActuatorSignals
-from diagnosis.library.base import ALL_OF_IT, Coefficient, LibraryEffect, on_joints
+from diagnosis.library.base import ALL_OF_IT, STEPS, Coefficient, Grid, LibraryEffect, on_joints
 from diagnosis.library.effects.order_spectrum import slow_orders, strongest_orders
 from diagnosis.library.experiments import LONG_WALK, OTHER_KP, SLOW_WALK, Experiment
 from spot_model.effects.base import Effect
@@ -54,16 +54,10 @@ class BandwidthEntry(LibraryEffect):
     title: ClassVar[str] = "slow torque loop"
     effect: ClassVar[type[Effect]] = TorqueBandwidth
     coefficients: ClassVar[tuple[Coefficient, ...]] = (ALL_OF_IT,)
+    grid: ClassVar[Grid] = {"time_constant_s": (0.001, 0.002, 0.004, 0.008, 0.016, 0.032)}
+    nearby: ClassVar[Grid] = {"time_constant_s": STEPS}
     confused_with: ClassVar[tuple[str, ...]] = ("torque_delay", "armature", "viscous_friction")
     split_by: ClassVar[Experiment] = OTHER_KP
-
-    def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:
-        """Time constants of torque loops."""
-        return tuple({"time_constant_s": t} for t in (0.001, 0.002, 0.004, 0.008, 0.016, 0.032))
-
-    def neighbours(self, shape: Shape) -> tuple[Shape, ...]:
-        """Time constants nearby."""
-        return tuple({"time_constant_s": shape["time_constant_s"] * f} for f in (0.72, 0.85, 0.93, 1.08, 1.18, 1.38))
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
         """The slow torque less the torque."""
@@ -77,16 +71,10 @@ class DelayEntry(LibraryEffect):
     title: ClassVar[str] = "delay of the torque"
     effect: ClassVar[type[Effect]] = TorqueDelay
     coefficients: ClassVar[tuple[Coefficient, ...]] = (ALL_OF_IT,)
+    grid: ClassVar[Grid] = {"delay_s": (0.001, 0.002, 0.004, 0.008, 0.016)}
+    nearby: ClassVar[Grid] = {"delay_s": STEPS}
     confused_with: ClassVar[tuple[str, ...]] = ("torque_bandwidth", "command_delay", "load_sensor_gain")
     split_by: ClassVar[Experiment] = OTHER_KP
-
-    def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:
-        """Dead times of drives."""
-        return tuple({"delay_s": d} for d in (0.001, 0.002, 0.004, 0.008, 0.016))
-
-    def neighbours(self, shape: Shape) -> tuple[Shape, ...]:
-        """Delays nearby."""
-        return tuple({"delay_s": shape["delay_s"] * f} for f in (0.72, 0.85, 0.93, 1.08, 1.18, 1.38))
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
         """The late torque less the torque."""

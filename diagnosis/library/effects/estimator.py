@@ -12,9 +12,9 @@ from diagnosis.channels.body.dynamics import DynamicsSignals
 from diagnosis.channels.body.inertial import InertialSignals
 from diagnosis.channels.body.stance import StanceSignals
 from diagnosis.channels.channel import Channel
-from diagnosis.channels.channel_view import Array, ChannelView, Flags, Shape, Views
+from diagnosis.channels.channel_view import Array, ChannelView, Flags, Shape
 from diagnosis.channels.low_pass import low_pass
-from diagnosis.library.base import Coefficient, LibraryEffect, Location, legs_of
+from diagnosis.library.base import STEPS, Coefficient, Grid, LibraryEffect, Location, legs_of
 from diagnosis.library.effects.rigid_body import channel_part
 from diagnosis.library.experiments import OTHER_GROUND, TAPED_DISTANCE, TURN, Experiment
 from spot_model.effects.base import Effect
@@ -40,18 +40,10 @@ class VelocityEstimateEntry(LibraryEffect):
         Coefficient("bias_y_m_s", "m/s", -1.0, 1.0),
         Coefficient("late", "1", 1.0, 1.0),
     )
+    grid: ClassVar[Grid] = {"lag_s": (0.0, 0.005, 0.01, 0.02, 0.04, 0.08)}
+    nearby: ClassVar[Grid] = {"lag_s": STEPS}
     confused_with: ClassVar[tuple[str, ...]] = ("foot_radius", "ground_friction", "imu_tilt")
     split_by: ClassVar[Experiment] = TAPED_DISTANCE
-
-    def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:
-        """Lags of filters."""
-        return tuple({"lag_s": t} for t in (0.0, 0.005, 0.01, 0.02, 0.04, 0.08))
-
-    def neighbours(self, shape: Shape) -> tuple[Shape, ...]:
-        """Lags nearby."""
-        return tuple(
-            {"lag_s": shape["lag_s"] * f} for f in (0.72, 0.85, 0.93, 1.08, 1.18, 1.38) if shape["lag_s"] > 0.0
-        )
 
     def rows(self, view: ChannelView, joints: Flags) -> Flags:
         """Velocities of the feet; accelerations of the unit."""
@@ -99,12 +91,10 @@ class ImuTiltEntry(LibraryEffect):
         Coefficient("roll_rad", "rad", -0.3, 0.3),
         Coefficient("pitch_rad", "rad", -0.3, 0.3),
     )
+    grid: ClassVar[Grid] = {"packets_are_tilted": (1.0, 0.0)}
+    """Whether the unit's own packets are tilted with the attitude."""
     confused_with: ClassVar[tuple[str, ...]] = ("com_offset", "encoder_offset", "velocity_estimate")
     split_by: ClassVar[Experiment] = TURN
-
-    def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:
-        """Whether the unit's own packets are tilted with the attitude (1) or not (0)."""
-        return ({"packets_are_tilted": 1.0}, {"packets_are_tilted": 0.0})
 
     def rows(self, view: ChannelView, joints: Flags) -> Flags:
         """All rows, but of the unit's turn rates."""
@@ -159,10 +149,6 @@ class ImuTiltEntry(LibraryEffect):
         )
         return (channel_part(s.reference, view) - channel_part(residuals, view)) / TILT_STEP_RAD
 
-    def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
-        """Roll and pitch."""
-        return {"roll_rad": float(coefficients[0]), "pitch_rad": float(coefficients[1])}
-
 
 def _back(world_from_body_wxyz: Array, vector: Array) -> Array:
     return np.asarray(rotate_wxyz(world_from_body_wxyz * np.array([1.0, -1.0, -1.0, -1.0]), vector))
@@ -189,7 +175,3 @@ class ContactDelayEntry(LibraryEffect):
         out = np.zeros((view.n, len(view.rows), 1))
         out[:, : facts.N_LEGS, 0] = legs_of(joints, view)
         return out
-
-    def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
-        """Delay."""
-        return {"delay_s": float(coefficients[0])}

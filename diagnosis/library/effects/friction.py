@@ -6,10 +6,10 @@ from typing import ClassVar, Final
 
 import numpy as np
 
-from diagnosis.channels.channel_view import Array, ChannelView, Flags, Shape, Views
+from diagnosis.channels.channel_view import Array, ChannelView, Flags, Shape
 from diagnosis.channels.drive.actuator import ActuatorSignals
 from diagnosis.channels.drive.nominal_torque import presliding
-from diagnosis.library.base import Coefficient, LibraryEffect, on_joints
+from diagnosis.library.base import Coefficient, Grid, LibraryEffect, on_joints
 from diagnosis.library.experiments import LOADED_WALK, OTHER_KD, SLOW_WALK, Experiment
 from spot_model.effects.base import Effect
 from spot_model.effects.drive.coulomb_friction import CoulombFriction
@@ -28,16 +28,10 @@ class CoulombEntry(LibraryEffect):
     title: ClassVar[str] = "dry friction"
     effect: ClassVar[type[Effect]] = CoulombFriction
     coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("level_nm", "N·m", 0.0, 5.0),)
+    grid: ClassVar[Grid] = {BUILDS_UP_RAD: (0.0, 0.004, 0.015)}
+    nearby: ClassVar[Grid] = {BUILDS_UP_RAD: (0.6, 1.6)}
     confused_with: ClassVar[tuple[str, ...]] = ("stribeck_friction", "load_friction", "viscous_friction")
     split_by: ClassVar[Experiment] = LOADED_WALK
-
-    def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:
-        """Distances over which it builds up; 0: at once, as in the simulator."""
-        return tuple({BUILDS_UP_RAD: d} for d in (0.0, 0.004, 0.015))
-
-    def neighbours(self, shape: Shape) -> tuple[Shape, ...]:
-        """Distances nearby."""
-        return tuple({BUILDS_UP_RAD: shape[BUILDS_UP_RAD] * f} for f in (0.6, 1.6) if shape[BUILDS_UP_RAD] > 0.0)
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
         """The direction of motion, negative, at once or built up."""
@@ -71,12 +65,9 @@ class StribeckEntry(LibraryEffect):
     title: ClassVar[str] = "friction near standstill (Stribeck)"
     effect: ClassVar[type[Effect]] = StribeckFriction
     coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("level_nm", "N·m", 0.0, 10.0),)
+    grid: ClassVar[Grid] = {BUILDS_UP_RAD: (0.0, 0.004), "speed_rad_s": (0.2, 0.4, 0.8)}
     confused_with: ClassVar[tuple[str, ...]] = ("coulomb_friction", "backlash")
     split_by: ClassVar[Experiment] = SLOW_WALK
-
-    def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:
-        """Speeds over which it fades, with and without a distance over which it builds up."""
-        return tuple({"speed_rad_s": v, BUILDS_UP_RAD: d} for d in (0.0, 0.004) for v in (0.2, 0.4, 0.8))
 
     def neighbours(self, shape: Shape) -> tuple[Shape, ...]:
         """Speeds nearby."""

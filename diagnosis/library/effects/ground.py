@@ -43,10 +43,6 @@ class FootRadiusEntry(LibraryEffect):
         )
         return (k.nominal - changed)[:, :, None] / RADIUS_STEP_M
 
-    def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
-        """Change of the radius."""
-        return {"change_m": float(coefficients[0])}
-
 
 class GroundFrictionEntry(LibraryEffect):
     """The ratio of shear to normal force at which a loaded foot slips."""
@@ -69,10 +65,6 @@ class GroundFrictionEntry(LibraryEffect):
         out = np.zeros((view.n, len(view.rows), 1))
         out[:, facts.N_LEGS : 2 * facts.N_LEGS, 0] = s.friction * legs_of(joints, view)
         return out
-
-    def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
-        """Scale."""
-        return {"scale": 1.0 + float(coefficients[0])}
 
 
 class GroundComplianceEntry(LibraryEffect):
@@ -109,10 +101,6 @@ class GroundComplianceEntry(LibraryEffect):
             return out
         out[:, 2 * facts.N_LEGS :, 0] = STOP_PER_TIME_CONSTANT * legs
         return out
-
-    def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
-        """What is added to the contact's time constant; how deep feet sink in is no number of the simulator's."""
-        return {"time_constant_s": float(coefficients[0])}
 
 
 def _sunk(k: StanceSignals, legs: Flags) -> Array:

@@ -14,11 +14,11 @@ import numpy as np
 from diagnosis.channels.body.dynamics import DynamicsSignals
 from diagnosis.channels.body.stance import StanceSignals
 from diagnosis.channels.channel import Channel
-from diagnosis.channels.channel_view import Array, ChannelView, Flags, Shape, Views
+from diagnosis.channels.channel_view import Array, ChannelView, Flags, Shape
 from diagnosis.channels.drive.actuator import ActuatorSignals
 from diagnosis.channels.drive.joint_rates import RateSignals
 from diagnosis.channels.drive.sensor_noise import USUAL
-from diagnosis.library.base import Coefficient, LibraryEffect, on_joints
+from diagnosis.library.base import Coefficient, Grid, LibraryEffect, on_joints
 from diagnosis.library.effects.rigid_body import channel_part
 from diagnosis.library.experiments import LOADED_WALK, OTHER_KP, STAND, TURN, Experiment
 from spot_model.effects.base import Effect
@@ -60,10 +60,6 @@ class EncoderOffsetEntry(LibraryEffect):
         residuals = s.with_inputs(key, position_rad=s.inputs.position_rad - step)
         return (channel_part(s.reference, view) - channel_part(residuals, view))[:, :, None] / OFFSET_STEP_RAD
 
-    def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
-        """Offset."""
-        return {"offset_rad": float(coefficients[0])}
-
 
 class JointComplianceEntry(LibraryEffect):
     """Wind-up in proportion to the load, on the encoder's side.
@@ -80,12 +76,9 @@ class JointComplianceEntry(LibraryEffect):
         Channel.STANCE_KINEMATICS,
     )
     coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("compliance_rad_per_nm", "rad/(N·m)", 0.0, 0.02),)
+    grid: ClassVar[Grid] = {VELOCITY_OF_MOTOR: (0.0, 1.0)}
     confused_with: ClassVar[tuple[str, ...]] = ("encoder_offset", "ground_compliance", "velocity_filter", "backlash")
     split_by: ClassVar[Experiment] = LOADED_WALK
-
-    def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:
-        """The velocity is the link's, or the motor's."""
-        return ({VELOCITY_OF_MOTOR: 0.0}, {VELOCITY_OF_MOTOR: 1.0})
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
         """What positions without wind-up would change; where velocity is the link's, its mismatch too."""
@@ -112,10 +105,6 @@ class JointComplianceEntry(LibraryEffect):
             velocity_rad_s=s.inputs.velocity_rad_s - moves * step * s.load_rate_nm_s,
         )
         return (channel_part(s.reference, view) - channel_part(residuals, view))[:, :, None] / COMPLIANCE_STEP
-
-    def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
-        """Compliance."""
-        return {"compliance_rad_per_nm": float(coefficients[0])}
 
 
 class LoadSensorEntry(LibraryEffect):
@@ -145,10 +134,6 @@ class LoadSensorEntry(LibraryEffect):
         bias = s.with_inputs(("load_bias", chosen), load_nm=s.inputs.load_nm - step * joints)
         parts = [(channel_part(s.reference, view) - channel_part(part, view)) / step for part in (gain, bias)]
         return np.stack(parts, axis=2)
-
-    def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
-        """Gain and zero."""
-        return {"gain": 1.0 + float(coefficients[0]), "bias_nm": float(coefficients[1])}
 
 
 class LoadFilterEntry(LibraryEffect):

@@ -10,7 +10,7 @@ import numpy as np
 from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelView, Flags, Shape, Views
 from diagnosis.channels.drive.actuator import ActuatorSignals
-from diagnosis.library.base import ALL_OF_IT, Coefficient, LibraryEffect
+from diagnosis.library.base import ALL_OF_IT, CLOSE_STEPS, Coefficient, Grid, LibraryEffect
 from diagnosis.library.experiments import SLOW_WALK, SPRINT, Experiment
 from spot_model.effects.base import Effect
 from spot_model.effects.limits.position_torque_limit import PositionTorqueLimit
@@ -46,6 +46,7 @@ class TorqueLimitEntry(_LimitEntry):
 
     title: ClassVar[str] = "flat torque limit"
     effect: ClassVar[type[Effect]] = TorqueLimit
+    nearby: ClassVar[Grid] = {"limit_nm": CLOSE_STEPS}
     confused_with: ClassVar[tuple[str, ...]] = ("torque_gain", "thermal_derating", "position_torque_limit", "backlash")
     split_by: ClassVar[Experiment] = SPRINT
 
@@ -53,10 +54,6 @@ class TorqueLimitEntry(_LimitEntry):
         """Limits within the torques that occur."""
         quantiles, _ = largest_nm(views, joints)
         return tuple({"limit_nm": float(q)} for q in np.unique(np.maximum(np.round(quantiles, 3), 1.0)))
-
-    def neighbours(self, shape: Shape) -> tuple[Shape, ...]:
-        """Limits nearby."""
-        return tuple({"limit_nm": max(1.0, shape["limit_nm"] * f)} for f in (0.9, 0.94, 0.97, 1.03, 1.06, 1.1))
 
 
 class SpeedCurveEntry(_LimitEntry):
@@ -129,6 +126,7 @@ class PositionLimitEntry(_LimitEntry):
 
     title: ClassVar[str] = "torque limit by position"
     effect: ClassVar[type[Effect]] = PositionTorqueLimit
+    nearby: ClassVar[Grid] = {"motor_torque_nm": CLOSE_STEPS}
     confused_with: ClassVar[tuple[str, ...]] = ("torque_limit", "torque_gain", "backlash")
     split_by: ClassVar[Experiment] = SLOW_WALK
 
@@ -141,11 +139,6 @@ class PositionLimitEntry(_LimitEntry):
             return ({"motor_torque_nm": 1.0},)
         quantiles = np.quantile(motor, (0.6, 0.75, 0.85, 0.92, 0.96, 0.98, 0.99, 0.995, 0.998))
         return tuple({"motor_torque_nm": max(0.05, float(q))} for q in np.unique(np.round(quantiles, 4)))
-
-    def neighbours(self, shape: Shape) -> tuple[Shape, ...]:
-        """Motor torques nearby."""
-        motor = shape["motor_torque_nm"]
-        return tuple({"motor_torque_nm": max(0.05, motor * f)} for f in (0.9, 0.94, 0.97, 1.03, 1.06, 1.1))
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
         """What the limit cuts off, at the knees."""

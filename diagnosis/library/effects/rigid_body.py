@@ -63,10 +63,6 @@ class LegMassEntry(LibraryEffect):
         """The torque that the links' own mass and inertia take."""
         return derivative(view, LegMass(joints=joint_names(joints), scale=1.1), 0.1)[:, :, None]
 
-    def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
-        """Scale."""
-        return {"scale": 1.0 + float(coefficients[0])}
-
 
 class PayloadEntry(_BodyEntry):
     """A mass on the body, with its place."""
@@ -122,11 +118,6 @@ class ComEntry(_BodyEntry):
             [derivative(view, e, 0.01) for e in (ComOffset(x_m=0.01), ComOffset(y_m=0.01), ComOffset(z_m=0.01))], axis=2
         )
 
-    def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
-        """Offset."""
-        x, y, z = (float(c) for c in coefficients)
-        return {"x_m": x, "y_m": y, "z_m": z}
-
 
 class InertiaEntry(_BodyEntry):
     """The body's inertia scaled."""
@@ -140,7 +131,3 @@ class InertiaEntry(_BodyEntry):
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
         """The moment that the inertia takes."""
         return derivative(view, BodyInertia(scale=1.1), 0.1)[:, :, None]
-
-    def values(self, coefficients: Array, shape: Shape) -> Mapping[str, float]:
-        """Scale."""
-        return {"scale": 1.0 + float(coefficients[0])}
