@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -74,7 +73,7 @@ class Session:
 
     def rank(self) -> list[str]:
         """Rank experiments, write them, and say so."""
-        progress = Progress(sys.stderr)
+        progress = Progress()
         progress("trying experiments on simulated robots")
         plan = design(self.found.posterior, self.policy, self.seed, progress.at)
         progress.close()
@@ -95,7 +94,7 @@ class Session:
         """Run experiments on a robot; logs, diagnoses and the story stay in a folder of their own."""
         place = free_folder(self.folder, "asked")
         self.page = page = place / "story.html"
-        progress = Progress(sys.stderr)
+        progress = Progress()
 
         def agreed(proposal: Proposal, plan: Design) -> bool:
             progress.close()
@@ -168,7 +167,7 @@ def diagnosed(inputs: Inputs, more_logs: Sequence[Path], out: Path) -> Found:
         library=chosen_library(list(inputs.add_effect), list(inputs.without)),
         policy=None if inputs.policy is None else Path(inputs.policy),
     )
-    progress = Progress(sys.stderr)
+    progress = Progress()
     try:
         run_session(request, progress)
     finally:
