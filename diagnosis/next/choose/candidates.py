@@ -14,8 +14,9 @@ from spot_model.policy.contract import PolicyContract
 from spot_model.robot import facts
 
 Motion = VelocitySequence | JointExperiment
-HANDOVER_S: Final = 5.0
-"""Robot time that a run takes beside its motion: ramps in and out, soft stop."""
+HANDOVER_S: Final = 12.0
+"""Robot time that a run takes beside its motion: to stand up, ramps in and out, soft stop, to sit down. A squat of 10 s
+took 22 s on the fake robot."""
 LONGEST_S: Final = 20.0
 SWEPT: Final = 3
 """Joints that are swept one by one, at most."""
