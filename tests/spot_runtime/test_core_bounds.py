@@ -15,7 +15,7 @@ from spot_model.robot import facts
 from spot_model.robot.state import Gains, JointCommand, RobotState, SlowState
 from spot_runtime.config import HandoverConfig
 from spot_runtime.control.modes import Mode, ModeInputs
-from spot_runtime.control.safety import safety
+from spot_runtime.control.safety import leaps, safety
 from spot_runtime.control.safety.battery import BatteryMemory, watch_current
 from spot_runtime.control.safety.body_height import body_height_m
 from spot_runtime.control.safety.command_loss import LossMemory
@@ -156,6 +156,27 @@ def test_a_value_at_its_bound_may_be_used_and_one_beyond_it_not(
     value = stop.values[measured]
     assert stop_at(value) is None
     assert stop_at(float(np.nextafter(value, 0.0))) is not None
+
+
+@pytest.mark.parametrize(
+    ("measured", "changes"),
+    [
+        ("moved_rad", {"position_rad": np.where(np.arange(12) == 7, 0.3, 0.0)}),
+        ("turned_rad", {"odom_from_body_wxyz": np.array([np.cos(0.1), 0.0, 0.0, np.sin(0.1)])}),
+    ],
+)
+def test_a_motion_at_its_bound_is_no_leap(
+    make_state: MakeState, monkeypatch: pytest.MonkeyPatch, measured: str, changes: dict[str, Any]
+) -> None:
+    limits = LIMITS.model_copy(update={"joint_velocity_rad_s": 0.0, "body_turn_rate_rad_s": 0.0})
+    still = {"position_rad": np.zeros(12), "odom_from_body_wxyz": LEVEL}
+    before, after = make_state(START_NS, **still), make_state(START_NS + 3 * MS, **{**still, **changes})
+    stop = leaps.leap(before, after, limits)
+    assert stop is not None
+    monkeypatch.setattr(leaps, "LEAP_RAD", stop.values[measured])
+    assert leaps.leap(before, after, limits) is None
+    monkeypatch.setattr(leaps, "LEAP_RAD", float(np.nextafter(stop.values[measured], 0.0)))
+    assert leaps.leap(before, after, limits) is not None
 
 
 def test_a_robot_on_its_back_is_tilted_by_half_a_turn_however_long_its_quaternion(
