@@ -99,7 +99,7 @@ def ranking_lines(design: Design, offers: Sequence[Offer]) -> list[str]:
             lines += [f"   refused: {reason}" for reason in p.refused]
             continue
         tells = (
-            f"{p.told.bits:.2f} of {p.told.of_bits:.2f} bits in {p.robot_s:.0f} s: {1e3 * p.bits_a_second:.0f} mbit/s"
+            f"{p.told.bits:.2f} of {p.told.of_bits:.2f} bits in {p.robot_s:.0f} s: {p.bits_a_second:.3f} bits a second"
         )
         lines.append(f"   tells    {tells}")
         if p.told.bits > 0.0:
@@ -111,4 +111,4 @@ def ranking_lines(design: Design, offers: Sequence[Offer]) -> list[str]:
 
 def _values(p: Proposal) -> str:
     units = {name: free.unit for name, free in p.candidate.free.items()}
-    return ", ".join(f"{name.rpartition('_')[0] or name} {v:g} {units[name]}" for name, v in p.candidate.chosen.items())
+    return ", ".join(f"{name.partition('_')[0]} {v:g} {units[name]}" for name, v in p.candidate.chosen.items())
