@@ -135,6 +135,8 @@ NOT_RUN = {
     "torchrun --nproc-per-node 2": GPU,
     "python benchmarks/gpu_parity.py": GPU,
     "python benchmarks/calibrate_diagnosis.py": CORES,
+    "python benchmarks/calibrate_diagnosis.py robots --seed 20261 --to 240 --out ensemble": CORES,
+    "python benchmarks/calibrate_diagnosis.py fit ensemble": CORES,
     "python benchmarks/check_experiments.py --policy policies/walk.onnx --out experiments.json "
     "--figure experiments.svg": CORES,
     "python benchmarks/predict_withheld.py --policy policies/fast.onnx --out DIR": CORES,
@@ -142,8 +144,9 @@ NOT_RUN = {
     "python benchmarks/gait_on_robot.py policies/fast.onnx": CORES,
     "python examples/hidden_friction.py": CORES,
     "spot-rl bench ordinary": CORES,
+    "spot-rl bench ordinary --seed 0": CORES,
     "spot-rl bench stop": "floods a service for minutes in real time; tests/spot_runtime/operator does so for seconds",
-    "spot-rl bench stop --stops 4": "floods a service for minutes in real time, as the line above",
+    "spot-rl bench stop --only unix --stops 8": "floods a service for minutes in real time, as the line above",
     "spot-rl bench faults --search --minutes 15 --seed 1": "searches for a quarter of an hour; its test for seconds",
     "bash benchmarks/identify_session.sh run inertia --inertia --policy policies/baseline.onnx --config "
     "benchmarks/identify_short.yaml --truths-at-once 6 --runs-at-once 3 --workers 2": CORES,
