@@ -60,6 +60,7 @@ COUNTS = {
     "attitude and turn rate of the body": lambda n: SignalMemory(motion=motion.MotionMemory(turn_windows=n)),
     "attitude of the body and of its inertial unit": lambda n: SignalMemory(imu=imu.ImuMemory(angle_windows=n)),
     "turn rate of the body and of its inertial unit": lambda n: SignalMemory(imu=imu.ImuMemory(turn_rate_windows=n)),
+    "the inertial unit reports what is no number": lambda n: SignalMemory(imu=imu.ImuMemory(unknown_windows=n)),
     "load and set-point of fr_hx": lambda n: SignalMemory(load_windows=n * ONE),
     "a robot that stands, and its velocities": lambda n: SignalMemory(restless_windows=n),
     "loads, legs and weight of a robot that stands": lambda n: SignalMemory(burdened_windows=n),
@@ -74,6 +75,7 @@ COUNTS = {
         ("attitude and turn rate of the body", bounds.TURN_WINDOWS),
         ("attitude of the body and of its inertial unit", bounds.IMU_WINDOWS),
         ("turn rate of the body and of its inertial unit", bounds.IMU_WINDOWS),
+        ("the inertial unit reports what is no number", bounds.IMU_WINDOWS),
         ("load and set-point of fr_hx", bounds.LOAD_WINDOWS),
         ("a robot that stands, and its velocities", bounds.REST_WINDOWS),
         ("loads, legs and weight of a robot that stands", bounds.REST_WINDOWS),
@@ -185,8 +187,8 @@ def counted(**moves: float | np.ndarray) -> np.ndarray:
     return still.still_windows(np.full(55, 3), first, replace(last, **changes))
 
 
-MOVES = np.where(ONE, 0.0, 1.0)
-"""Eleven joints move, one stands."""
+MOVES = np.where(ONE, 0.0, np.where(np.arange(12) == 0, 0.25, 1.0))
+"""Eleven joints move, one of them less, which shows that the sensors resolve it; one stands."""
 
 
 @pytest.mark.parametrize("name", KINDS)
@@ -203,10 +205,22 @@ def test_a_joint_that_stands_counts_while_others_move_and_more_where_they_are_qu
     np.testing.assert_array_equal(after[begin : begin + 12], np.where(ONE, 3 + step, 0))
 
 
+def half_and_one(moved: float, least: float, count: int = 6) -> np.ndarray:
+    """So many joints move by one amount, one by another; joint 11 stands."""
+    return np.where(np.arange(12) < count, moved, np.where(np.arange(12) == 10, least, 0.0))
+
+
 def test_half_of_the_joints_must_move() -> None:
     for moving, step in ((6, 1), (5, 0)):
-        after = counted(position_rad=np.where(np.arange(12) < moving, 2.0, 0.0))
-        assert after[11] == 3 + step
+        assert counted(position_rad=half_and_one(2.0, 0.5, moving))[11] == 3 + step
+
+
+@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize(("least", "step"), [(1.99, 1), (2.01, 0)])
+def test_joints_that_move_by_few_steps_of_their_sensors_say_nothing(name: str, least: float, step: int) -> None:
+    """The least change of any joint shows the step; three of them are needed."""
+    begin, _ = KINDS[name]
+    assert counted(**{name: half_and_one(6.0, least)})[begin + 11] == 3 + step
 
 
 @pytest.mark.parametrize(("others", "step"), [(1.0, 0), (2.0, 1)])
