@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -40,6 +40,8 @@ class Compared:
     """Between real runs, shape (R, R), zero on the diagonal."""
     models: Mapping[str, Array]
     """From runs of each model to real runs, shape (S, R); row i of all models starts alike."""
+    scale: Array = field(default_factory=lambda: np.ones(2))
+    """What a distance of each of the two parts was divided by, shape (2,)."""
 
 
 @dataclass(frozen=True)
@@ -87,6 +89,7 @@ def compare(sequence: str, real: Features, models: Mapping[str, Features], seed:
         sequence,
         one_number(reference.pair_distances),
         {name: one_number(np.array([reference.distances(f) for f in runs])) for name, runs in models.items()},
+        scale,
     )
 
 

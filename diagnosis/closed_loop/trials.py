@@ -147,14 +147,16 @@ class Trials:
         return {name: typical([c.models[name] for c in self.compared]) for name in names}
 
     def moved(self, name: str, other: str, policy: Policy) -> float:
-        """(D − floor)/floor of two models: how far one's runs lie from the other's, beside those of the first alone."""
+        """How far one model's runs lie from another's, beyond their scatter, in the robot's floors; NaN if unknown."""
         first, second = (features_by_sequence(self.runs[key], policy) for key in (name, other))
         ratios = []
-        for sequence in sorted(first.keys() & second.keys()):
-            if len(first[sequence]) > 1:
-                reference = SequenceReference.build(sequence, list(first[sequence]))
-                ratios.append(np.mean([reference.distances(f) / reference.scale for f in second[sequence]]))
-        return float(np.mean(ratios)) - 1.0 if ratios else float("nan")
+        for c in self.compared:
+            own, others = first.get(c.sequence, []), second.get(c.sequence, [])
+            if len(own) > 1 and others:
+                reference = SequenceReference.build(c.sequence, list(own))
+                apart = np.mean([reference.distances(f) for f in others], axis=(0, 1))
+                ratios.append(float(np.mean((apart - reference.scale) / c.scale)))
+        return float(np.mean(ratios)) if ratios else float("nan")
 
 
 def typical(distances: Sequence[Array]) -> float:

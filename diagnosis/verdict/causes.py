@@ -20,7 +20,7 @@ from diagnosis.selection.nuisance_model import model_of
 from diagnosis.selection.scoring import Placed, Scored, Scorer, null_of, without
 from diagnosis.selection.search import price
 from diagnosis.verdict.explain import Explained
-from diagnosis.verdict.posterior import Belief, Hypothesis, believe, capped
+from diagnosis.verdict.posterior import Belief, Hypothesis, believe, capped, worth
 from spot_model.io.model_file import RobotModel
 
 ERRORS = "ordinary errors alone"
@@ -172,16 +172,29 @@ def _kept(
     library: Mapping[str, LibraryEffect],
     odds: float,
 ) -> Causes:
-    """The best set less what is not there, or does not matter."""
+    """The likeliest set less what is not there, or does not matter."""
+    moved = dict(tried.moved)
+    likeliest = max(
+        (name for name, h in hypotheses.items() if len(h.effects) == len(found.effects)),
+        key=lambda name: worth(hypotheses[name]),
+    )
+    for ours, rival in zip(
+        set(found.effects) - set(hypotheses[likeliest].effects),
+        set(hypotheses[likeliest].effects) - set(found.effects),
+        strict=True,
+    ):
+        # Closed loops prefer an effect that residuals put second: it stands for the same change of the motion.
+        moved[rival] = moved.pop(ours, float("nan"))
+        found = found.with_effects(candidates[likeliest], library)
     gains = dict(zip(found.effects, found.selection.gains, strict=True))
-    belief = believe(tuple(hypotheses.values()), found.effects, gains, found.n_runs, odds, tried.moved)
+    belief = believe(tuple(hypotheses.values()), found.effects, gains, found.n_runs, odds, moved)
     best = found.selection.best or null_of(found.board)
     kept, seen = best, []
     for term in best.terms:
         if not _is_cause(found, best, term, belief):
             kept = without(kept, kept.terms.index(term))
             if belief.there[term.effect.name] > 0.5:
-                seen.append(Seen(term, best, tried.moved.get(term.effect.name)))
+                seen.append(Seen(term, best, moved.get(term.effect.name)))
     chosen = kept if kept.terms else None
     return Causes(
         found.with_effects(chosen, library),
@@ -190,7 +203,7 @@ def _kept(
         name_of(chosen) if chosen is not None else ERRORS,
         dict(candidates),
         dict(tried.distances),
-        dict(tried.moved),
+        moved,
         tried.notes,
     )
 

@@ -110,7 +110,7 @@ def believe(
     by_set = {frozenset(h.effects): h for h in hypotheses}
     nothing, stated = by_set[frozenset()], by_set[frozenset(best)]
     is_simulated = all(h.distance is not None for h in hypotheses)
-    logs = np.array([h.nats - (h.distance or 0.0) / GAP_SPREAD if is_simulated else h.nats for h in hypotheses])
+    logs = np.array([worth(h) for h in hypotheses])
     shares = np.exp([-capped(float(logs.max() - x), n_runs) for x in logs])
     shares /= shares.sum()
     weights = {h.effects: float(w) for h, w in zip(hypotheses, shares, strict=True)}
@@ -120,7 +120,7 @@ def believe(
     for n in best:
         whole = is_there(gains[n], nearer[n] if is_simulated else None, n_runs)
         group = so_far.group(n) or {n: 1.0}
-        there |= {name: max(there.get(name, 0.0), whole * share) for name, share in group.items()}
+        there |= {name: max(there.get(name, 0.0), whole * share) for name, share in {n: 0.0, **group}.items()}
     if not is_simulated or nothing.distance is None:
         unknown = left / (1.0 + left)
         none = (1.0 - max(there.values(), default=0.0)) * (1.0 - unknown)
@@ -133,6 +133,11 @@ def believe(
     share = min(1.0, 2.0 * far / max(nothing.distance - ORDINARY_GAP, GAP_SPREAD))
     none = (1.0 - gap) * (1.0 - max((effects[n] for n in best), default=0.0))
     return replace(so_far, none=none, unknown=gap * share, there=there, effects=effects)
+
+
+def worth(hypothesis: Hypothesis) -> float:
+    """Evidence of a set of effects from residuals and, where they were run, closed loops; nats."""
+    return hypothesis.nats - (hypothesis.distance or 0.0) / GAP_SPREAD
 
 
 def is_there(nats: float, nearer: float | None, n_runs: int) -> float:
