@@ -123,6 +123,11 @@ ORDINARY_GAP: Final = 2.3
 Of 40 faultless robots of the calibrating catalogue's simulator with errors 0.5 to 5 times the usual, the 95 % quantile
 is 2.26 and the largest 2.38 (``benchmarks/calibrate_diagnosis.py``).
 """
+GAP_SLOPE: Final = 5.8
+"""Odds of a gap rise by this power of the distance: 1.7 over the standard deviation of its logarithm on those robots,
+0.295."""
+LEFT_SHARE: Final = 0.25
+"""Share of the distance that the right effects close which they leave, at most: their formulas are not the robot's."""
 GAP_SPREAD: Final = 0.25
 """Standard deviation of a distance between a robot and its right model, over draws of noise and of environments."""
 THERE: Final = (-4.6, 1.47, 2.1)

@@ -23,9 +23,11 @@ import numpy as np
 from scipy.special import expit, ndtr
 
 from diagnosis.decision_constants import (
+    GAP_SLOPE,
     GAP_SPREAD,
     GROUP_ODDS,
     LEAST_MOVED,
+    LEFT_SHARE,
     MOVED,
     ODD_RUN,
     ORDINARY_GAP,
@@ -127,12 +129,17 @@ def believe(
         effects = {n: p * (1.0 - unknown) for n, p in there.items()}
         return replace(so_far, none=none, unknown=unknown, there=there, effects=effects)
     effects = {n: p * matters(moved.get(n, max(moved.values(), default=0.0))) for n, p in there.items()}
-    # What is left of the gap counts, and only where there is one.
-    gap = float(expit(2.0 * (nothing.distance - ORDINARY_GAP) / GAP_SPREAD))
-    far = max(float(stated.distance or 0.0) - ORDINARY_GAP, 0.0)
-    share = min(1.0, 2.0 * far / max(nothing.distance - ORDINARY_GAP, GAP_SPREAD))
-    none = (1.0 - gap) * (1.0 - max((effects[n] for n in best), default=0.0))
-    return replace(so_far, none=none, unknown=gap * share, there=there, effects=effects)
+    # What is left of the gap counts; formulas leave a share of what they explain.
+    left_floors = float(stated.distance or 0.0)
+    explained = max(nothing.distance - left_floors, 0.0)
+    none = (1.0 - is_gap(nothing.distance, ORDINARY_GAP)) * (1.0 - max((effects[n] for n in best), default=0.0))
+    unknown = is_gap(left_floors, ORDINARY_GAP + LEFT_SHARE * explained)
+    return replace(so_far, none=none, unknown=unknown, there=there, effects=effects)
+
+
+def is_gap(distance: float, ordinary: float) -> float:
+    """Probability that a distance is more than a robot without a fault keeps from its model; even at what 95 % keep."""
+    return float(expit(GAP_SLOPE * np.log(max(distance, 1e-3) / ordinary)))
 
 
 def worth(hypothesis: Hypothesis) -> float:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from diagnosis.decision_constants import GAP_SPREAD, LEAST_MOVED, MOVED, ODD_RUN, ORDINARY_GAP, THERE
+from diagnosis.decision_constants import GAP_SPREAD, LEAST_MOVED, LEFT_SHARE, MOVED, ODD_RUN, ORDINARY_GAP, THERE
 from diagnosis.verdict.assemble import finite
-from diagnosis.verdict.posterior import Belief, Hypothesis, believe, capped, is_there, matters
+from diagnosis.verdict.posterior import Belief, Hypothesis, believe, capped, is_gap, is_there, matters
 
 FAR = ORDINARY_GAP + 3.0
 
@@ -54,7 +54,7 @@ def _believed(hypotheses: tuple[Hypothesis, ...], best: tuple[str, ...], **moved
 
 
 def test_what_is_beyond_doubt_and_moves_nothing_is_there_and_no_cause() -> None:
-    hypotheses = (Hypothesis((), 0.0, ORDINARY_GAP - 0.5), Hypothesis(("command_jitter",), 200.0, ORDINARY_GAP - 0.6))
+    hypotheses = (Hypothesis((), 0.0, ORDINARY_GAP - 1.0), Hypothesis(("command_jitter",), 200.0, ORDINARY_GAP - 1.1))
     found = _believed(hypotheses, ("command_jitter",), command_jitter=-0.1)
     assert found.there["command_jitter"] > 0.95
     assert found.effects["command_jitter"] < 0.15
@@ -101,6 +101,26 @@ def test_a_gap_that_stays_is_unknown() -> None:
     hypotheses = (Hypothesis((), 0.0, FAR), Hypothesis(("torque_ripple",), 40.0, FAR - 0.3))
     found = _believed(hypotheses, ("torque_ripple",), torque_ripple=0.2)
     assert found.unknown > 0.9
+
+
+def test_what_robots_without_a_fault_keep_is_no_gap() -> None:
+    assert is_gap(ORDINARY_GAP, ORDINARY_GAP) == 0.5
+    assert is_gap(0.5 * ORDINARY_GAP, ORDINARY_GAP) < 0.02
+    assert is_gap(2.0 * ORDINARY_GAP, ORDINARY_GAP) > 0.98
+
+
+def test_the_right_effects_may_leave_a_share_of_what_they_close() -> None:
+    def unknown(closed: float) -> float:
+        after = ORDINARY_GAP + 1.0
+        return _believed(
+            (Hypothesis((), 0.0, after + closed), Hypothesis(("payload_mass",), 60.0, after)),
+            ("payload_mass",),
+            payload_mass=4.0,
+        ).unknown
+
+    assert unknown(0.0) > 0.8
+    assert unknown(1.0 / LEFT_SHARE) == pytest.approx(0.5)
+    assert unknown(10.0) < 0.2
 
 
 def test_rivals_that_come_as_near_share_a_place() -> None:
