@@ -28,6 +28,8 @@ class EngineName(enum.StrEnum):
 class LogsOrCommand(TyperGroup):
     """What is no command's name begins the logs."""
 
+    default_command = EXPLAIN
+
     def named(self, args: list[str]) -> list[str]:
         """The words with the command in front that takes logs, where they name none."""
         return [EXPLAIN, *args] if args and args[0] not in (*self.commands, "-h", "--help") else args

@@ -32,6 +32,7 @@ NOT_RUN_HERE = {
     "systemctl",
     "tensorboard",
     "journalctl",
+    "tensorboard",
     "ssh",
     "openssl",
     "cd",
@@ -82,7 +83,10 @@ def check_words(command: Any, words: list[str]) -> None:
     if children:
         context = command.context_class(command, info_name=command.name, resilient_parsing=True)
         _, rest, _ = command.make_parser(context).parse_args(args=list(words))
-        if rest:
+        default = getattr(command, "default_command", None)
+        if rest and rest[0] not in children and default is not None:
+            check_words(children[default], words)
+        elif rest:
             assert rest[0] in children, f"there is no sub-command {rest[0]!r}; there are {sorted(children)}"
             check_words(children[rest[0]], rest[1:])
     elif "--help" not in words:
@@ -97,6 +101,8 @@ def check_options(command: Any, words: list[str]) -> None:
     children = getattr(command, "commands", {})
     if children and words and words[0] in children:
         return check_options(children[words[0]], words[1:])
+    if children and words and hasattr(command, "default_command"):
+        return check_options(children[command.default_command], words)
     context = command.context_class(command, info_name=command.name, resilient_parsing=True)
     rest = command.make_parser(context).parse_args(args=[w for w in words if w != "--config"])[1]
     assert not (children and rest), f"there is no sub-command {rest}; there are {sorted(children)}"
