@@ -5,7 +5,7 @@ That an effect of the best set is there, has the odds
     log p / (1 − p) = a + b · log(nats) + c · floors,
 
 nats being the evidence that residuals lose without it, and floors by how much closed loops lie farther from the robot
-then. Formulas are never exact, so nats count by their logarithm; a, b and c are fitted to simulated robots whose faults
+then; no more than the whole set's, asked in the same way. Formulas are never exact, so nats count by their logarithm; a, b and c are fitted to simulated robots whose faults
 are known (``benchmarks/calibrate_diagnosis.py``). No run tells more than log((1 − ε)/ε), ε being the share of odd runs:
 one short run never proves a cause. Rivals share an effect's probability by evidence and distance.
 
@@ -119,8 +119,12 @@ def believe(
     nearer = {n: _distance(by_set, frozenset(best) - {n}) - float(stated.distance or 0.0) for n in best}
     so_far = Belief(best, 0.0, 0.0, {}, {}, weights, nearer if is_simulated else {})
     there: dict[str, float] = {}
+    # Effects can make up for each other, and all of them together lead away from the robot.
+    at_all = 1.0
+    if is_simulated and best:
+        at_all = is_there(stated.nats, float(nothing.distance or 0.0) - float(stated.distance or 0.0), n_runs)
     for n in best:
-        whole = is_there(gains[n], nearer[n] if is_simulated else None, n_runs)
+        whole = min(at_all, is_there(gains[n], nearer[n] if is_simulated else None, n_runs))
         group = so_far.group(n) or {n: 1.0}
         there |= {name: max(there.get(name, 0.0), whole * share) for name, share in {n: 0.0, **group}.items()}
     if not is_simulated or nothing.distance is None:

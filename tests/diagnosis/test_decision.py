@@ -97,6 +97,17 @@ def test_each_effect_is_judged_by_what_it_moves_itself() -> None:
     assert found.effects["command_jitter"] < 0.2
 
 
+def test_effects_that_make_up_for_each_other_and_lead_away_from_the_robot_are_not_there() -> None:
+    both = ("leg_mass", "torque_gain")
+    hypotheses = (
+        Hypothesis((), 0.0, ORDINARY_GAP),
+        Hypothesis(both, 100.0, ORDINARY_GAP + 3.0),
+        Hypothesis(("leg_mass",), 60.0, ORDINARY_GAP + 8.0),
+        Hypothesis(("torque_gain",), 60.0, ORDINARY_GAP + 8.0),
+    )
+    assert max(_believed(hypotheses, both, leg_mass=4.0, torque_gain=4.0).effects.values()) < 0.05
+
+
 def test_a_gap_that_stays_is_unknown() -> None:
     hypotheses = (Hypothesis((), 0.0, FAR), Hypothesis(("torque_ripple",), 40.0, FAR - 0.3))
     found = _believed(hypotheses, ("torque_ripple",), torque_ripple=0.2)
