@@ -5,9 +5,10 @@ That an effect of the best set is there, has the odds
     log p / (1 − p) = a + b · log(nats) + c · floors,
 
 nats being the evidence that residuals lose without it, and floors by how much closed loops lie farther from the robot
-then; no more than the whole set's, asked in the same way. Formulas are never exact, so nats count by their logarithm; a, b and c are fitted to simulated robots whose faults
-are known (``benchmarks/calibrate_diagnosis.py``). No run tells more than log((1 − ε)/ε), ε being the share of odd runs:
-one short run never proves a cause. Rivals share an effect's probability by evidence and distance.
+then; no more than the whole set's, asked in the same way. Formulas are never exact, so nats count by their logarithm;
+a, b and c are fitted to simulated robots whose faults are known (``benchmarks/calibrate_diagnosis.py``). No run tells
+more than log((1 − ε)/ε), ε being the share of odd runs: one short run never proves a cause. Rivals share an effect's
+probability by evidence and distance.
 
 An effect that is there is a cause if it matters: runs of the best model with it and without it, all else alike, lie
 apart by more than a floor beyond their own scatter. By how much a robot's do follows from how much a model's do, by a
