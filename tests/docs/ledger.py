@@ -60,10 +60,6 @@ ELSEWHERE = {
         "withheld/test_end_to_end.py",
         '["run", "--out", str(out), "--cases", "9"',
     ),
-    "spot-rl withheld run --cases 800 --seed 7340126551 --only 0:79 --out DIR": (
-        "withheld/test_end_to_end.py",
-        '["run", "--out", str(out), "--cases", "9"',
-    ),
     "PYTHONPATH=$PWD spot-rl withheld run --reality rubbing:RubbingKnees --cases 3 --seed 1 --out judged": (
         "withheld/test_own_reality.py",
         'source_of("rubbing:RubbingKnees")',
@@ -137,6 +133,7 @@ NOT_RUN = {
     "python benchmarks/calibrate_diagnosis.py": CORES,
     "python benchmarks/calibrate_diagnosis.py robots --seed 20261 --to 240 --out ensemble": CORES,
     "python benchmarks/calibrate_diagnosis.py fit ensemble": CORES,
+    "python benchmarks/withheld_share.py share --first 0 --end 400 --seed 7128877697 --minutes 4.4": CORES,
     "python benchmarks/check_experiments.py --policy policies/walk.onnx --out experiments.json "
     "--figure experiments.svg": CORES,
     "python benchmarks/predict_withheld.py --policy policies/fast.onnx --out DIR": CORES,

@@ -32,7 +32,6 @@ NOT_RUN_HERE = {
     "systemctl",
     "tensorboard",
     "journalctl",
-    "tensorboard",
     "ssh",
     "openssl",
     "cd",
