@@ -43,6 +43,8 @@ SIZES = {
     "imu_tilt": {"pitch_rad": 0.1},
     "joint_compliance": {"compliance_rad_per_nm": 0.002},
     "leg_mass": {"scale": 1.8},
+    "leg_odometry": {"time_s": 0.15},
+    "load_filter": {"time_constant_s": 0.015},
     "load_friction": {"share": 0.25},
     "load_sensor_gain": {"gain": 1.3},
     "payload_mass": {"mass_kg": 10.0},
