@@ -85,7 +85,7 @@ class FoundEffect(_Part):
 
 
 class SeenEffect(_Part):
-    """An effect that residuals show beyond doubt and that does not matter here: closed loops stay where they are."""
+    """An effect that is likely there and does not matter here: closed loops are hardly others with it."""
 
     name: str
     title: str = ""

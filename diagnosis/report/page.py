@@ -194,7 +194,7 @@ def _seen(v: Verdict) -> str:
     for s in v.seen:
         values = ", ".join(f"{words.parameter(n)} {p.value:.3g} {p.unit}".strip() for n, p in s.parameters.items())
         told.append(f"{s.title or words.plain(s.name)} at {joints_in_short(s.joints)}: {values}.")
-    about = "The logs show these beyond doubt, but with them the simulator comes no nearer to the robot."
+    about = "The logs show these, but the simulator moves hardly otherwise with them."
     return boxed("Seen, does not matter here", about, _list(told))
 
 

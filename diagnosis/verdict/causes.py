@@ -1,8 +1,8 @@
-"""Which of the effects that residuals show are causes: they are there, and closed loops are others without them.
+"""Which of the effects that residuals show are causes: those that are there, and without which closed loops change.
 
 The best set of effects is compared with itself less each effect, with rivals in each place, and with ordinary errors
-alone, each in the environment that suits it best. What an effect is taken out of keeps the ordinary errors that were
-fitted beside it: others, stretched until they stand in for it, are no ordinary ones. The rest is *seen*.
+alone. A model that loses an effect keeps the ordinary errors that were fitted beside it: refitted, they would stretch
+until they stand in for it. Effects that are there and change nothing are *seen*.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ Tell = Callable[[float], None]
 
 @dataclass(frozen=True)
 class Seen:
-    """An effect that residuals show, and that moves nothing here."""
+    """An effect that is there, and that changes nothing here."""
 
     term: Placed
     scored: Scored
