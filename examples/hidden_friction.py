@@ -2,7 +2,7 @@
 
     python examples/hidden_friction.py hidden_friction
 
-Some ten minutes on two cores. The simulator knows the robot's rotor inertia, and nothing of the friction.
+Under ten minutes on two cores. The simulator knows the robot's rotor inertia, and nothing of the friction.
 """
 
 from __future__ import annotations
