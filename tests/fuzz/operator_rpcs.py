@@ -30,7 +30,7 @@ class Pumped:
         del timeout_s
         self._turns += 1
         if self._turns > 3:
-            self._supervisor._run.code = 1
+            self._supervisor._run.process.code = 1
         self._supervisor.turn()
 
 
@@ -138,7 +138,7 @@ def _supervisor() -> Any:
         (_shelf / "a.onnx").write_bytes(b"a")
     config = RunConfig.model_validate({"service": {"policies": str(_shelf)}})
     supervisor = Supervisor("127.0.0.1", config, manager=ServiceManager(), tell=lambda _: None)
-    supervisor._changed = Pumped(supervisor)  # type: ignore[assignment]
+    supervisor._at._changed = Pumped(supervisor)  # type: ignore[assignment]
     return supervisor
 
 

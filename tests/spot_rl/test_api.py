@@ -70,7 +70,9 @@ def test_a_simulated_run_follows_the_same_commands(walks: list[Run], in_project:
 def test_a_comparison_is_a_page_and_a_ghost(walks: list[Run], in_project: None, tmp_path: Path) -> None:
     runs = [*walks, spot_rl.simulate(walks[0], "ideal")]
     found = spot_rl.compare(runs, tmp_path / "side-by-side", names=["first", "second", "ideal"])
-    assert [s.partition(":")[0] for s in found.sentences] == ["second", "ideal"]
+    for sentence, name in zip(found.sentences, ("second", "ideal"), strict=True):
+        assert sentence.startswith("first walks at 0.")
+        assert f", {name} at 0." in sentence
     # The same robot twice is nearer to itself than to a model without its friction, limits and rotors.
     assert found.differences[0].largest[2] < found.differences[1].largest[2]
     page = (tmp_path / "side-by-side" / "compare.html").read_text(encoding="utf-8")
@@ -95,7 +97,7 @@ def test_the_command_compares_logs_and_models(
     with pytest.raises(SystemExit) as left:
         main(["compare", log, "paper_identified", "--out", str(tmp_path / "out")])
     assert left.value.code in (0, None)
-    assert "paper_identified: 0." in capsys.readouterr().out
+    assert ", paper_identified at 0." in capsys.readouterr().out
     figures = json.loads((tmp_path / "out" / "compare.json").read_text(encoding="utf-8"))
     assert figures["reference"] == "walk held_0.8_0_0 r0"
     for words, told in (
