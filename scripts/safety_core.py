@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 _BOUNDS = "tests/spot_runtime/test_core_bounds.py"
+_SIGNAL_BOUNDS = "tests/spot_runtime/test_signal_bounds.py"
 _MODES = "tests/spot_runtime/test_modes_and_stops.py"
 _SET_POINT = "tests/spot_runtime/test_set_point.py"
 
 _SIGNALS = (
-    "tests/spot_runtime/test_signal_bounds.py",
+    _SIGNAL_BOUNDS,
     "tests/spot_runtime/test_signal_memories.py",
     "tests/spot_runtime/test_signals.py",
 )
 
 TESTS_OF = {
-    "spot_runtime/control/safety/safety.py": (_BOUNDS, "tests/spot_runtime/test_safety.py"),
+    "spot_runtime/control/safety/safety.py": (_BOUNDS, _SIGNAL_BOUNDS, "tests/spot_runtime/test_safety.py"),
     "spot_runtime/safety_limits.py": (_BOUNDS,),
-    "spot_runtime/control/safety/battery.py": (_BOUNDS, "tests/spot_runtime/test_watchdogs.py"),
+    "spot_runtime/control/safety/battery.py": (_BOUNDS, _SIGNAL_BOUNDS, "tests/spot_runtime/test_watchdogs.py"),
     "spot_runtime/control/safety/leaps.py": (_BOUNDS,),
     "spot_runtime/control/safety/body_height.py": ("tests/spot_runtime/test_body_height.py", _BOUNDS),
-    "spot_runtime/control/safety/command_loss.py": ("tests/spot_runtime/test_command_loss.py", _BOUNDS),
+    "spot_runtime/control/safety/command_loss.py": ("tests/spot_runtime/test_command_loss.py", _BOUNDS, _SIGNAL_BOUNDS),
     "spot_runtime/control/safety/policy_bounds.py": (_BOUNDS,),
     **{
         f"spot_runtime/control/safety/signals/{name}.py": _SIGNALS

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import Array, RobotState
 
 
@@ -21,7 +22,7 @@ class LoadAverage:
     @staticmethod
     def over(window_s: float) -> LoadAverage:
         """An average over so much robot time."""
-        return LoadAverage(round(window_s * 1e9))
+        return LoadAverage(round(window_s * NS_PER_S))
 
     def after(self, states: Sequence[RobotState]) -> LoadAverage:
         """The average once these states have come, too; states older than the window fall out."""

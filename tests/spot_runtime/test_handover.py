@@ -95,6 +95,14 @@ def test_the_load_is_averaged_over_the_window_alone(make_state: Callable[..., Ro
     np.testing.assert_allclose(average.mean_nm(), np.full(12, 1.0))
 
 
+def test_nine_tenths_of_the_window_are_full(make_state: Callable[..., RobotState]) -> None:
+    average = LoadAverage.over(0.3)
+    for i in range(90):
+        average = average.after([make_state(i * 3_000_000)])
+    assert not average.is_full
+    assert average.after([make_state(270_000_000)]).is_full
+
+
 def test_the_average_of_too_few_states_is_not_full(make_state: Callable[..., RobotState]) -> None:
     average = LoadAverage.over(0.3)
     for i in range(80):

@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spot_model.robot.state import Gains, ImuPacket, JointCommand
-from spot_runtime.control.safety.battery import BatteryMemory
-from spot_runtime.control.safety.command_loss import LossMemory
+from spot_model.robot import facts
+from spot_model.robot.state import Gains, ImuPacket, JointCommand, SlowState
+from spot_runtime.control.safety.battery import BatteryMemory, watch_current
+from spot_runtime.control.safety.command_loss import LossMemory, confirm
 from spot_runtime.control.safety.safety import SetpointMemory, StateMemory
-from spot_runtime.control.safety.signals import bounds, check, ground, imu, load, motion, still, weight
+from spot_runtime.control.safety.signals import bounds, check, ground, imu, legs, load, motion, still, weight
 from spot_runtime.control.safety.signals.check import SignalMemory, check_signals
 from spot_runtime.control.safety.signals.window import Window, window_of
 from spot_runtime.control.safety.watchdogs import WatchMemory
@@ -336,3 +337,50 @@ def test_packets_of_a_window_are_averaged() -> None:
     assert imu.after_window(imu.ImuMemory(), window(imu=pair)).turn_rate_windows == 1
     many = imu.after_window(imu.ImuMemory(), window(imu=(packet(),) * 5))
     np.testing.assert_allclose(many.force_m_s2, [0.0, 0.0, 9.81 * 0.018])
+
+
+# Numbers by hand ------------------------------------------------------------------------------------------------------
+
+
+def test_feet_stand_below_their_hips() -> None:
+    feet_m = legs.feet(np.array(facts.DEFAULT_POSITION_RAD), ZERO).position_m
+    for i, leg in enumerate(facts.LEG_NAMES):
+        assert np.sign(feet_m[i, 0]) == facts.end_sign(leg)
+        assert np.sign(feet_m[i, 1]) == facts.side_sign(leg)
+        assert abs(feet_m[i, 0]) == pytest.approx(facts.HX_FROM_BODY_M[0], abs=0.2)
+
+
+def test_a_foot_that_rolls_has_the_speed_of_what_it_rolls_by() -> None:
+    """Body and foot turn about y by 1 and 2 rad/s: the sole moves by 3 rad/s times the radius."""
+    still = legs.Feet(np.zeros((4, 3)), np.zeros((4, 3)), np.tile([0.0, 2.0, 0.0], (4, 1)))
+    turn, up = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
+    speeds = legs.sole_speeds_m_s(still, velocity_m_s=np.zeros(3), turn_rate_rad_s=turn, up=up)
+    assert speeds == pytest.approx(np.full(4, 3.0 * facts.FOOT_RADIUS_M))
+
+
+def test_a_window_is_turned_as_its_last_state() -> None:
+    turned = np.array([np.cos(0.1), 0.0, 0.0, np.sin(0.1)])
+    assert window(odom_from_body_wxyz=turned).odom_from_body[0, 0] == pytest.approx(np.cos(0.2))
+
+
+def test_losses_are_counted_over_exactly_so_many_keys() -> None:
+    memory = confirm(LossMemory(), 1)
+    for key in range(5, 1500, 4):
+        memory = confirm(memory, key)
+    assert (memory.first_key, memory.share) == (1, 0.0)
+    assert confirm(memory, 1500).first_key == 1
+    full = confirm(memory, 1501)
+    assert full.first_key == 1501
+    assert full.share > 0.5
+
+
+def test_half_an_ampere_is_a_charge_or_a_discharge() -> None:
+    def slow(current_a: float, stamp_s: float) -> SlowState:
+        return SlowState(0, round(stamp_s * 1e9), True, False, 50.0, 52.0, current_a)
+
+    assert watch_current(BatteryMemory(), slow(-0.5, 1.0))[0].has_discharged
+    assert not watch_current(BatteryMemory(), slow(0.0, 1.0))[0].has_discharged
+    charging, stop = watch_current(BatteryMemory(has_discharged=True), slow(0.5, 1.0))
+    assert stop is None
+    assert charging.charging_since_ns == 1_000_000_000
+    assert watch_current(charging, slow(0.5, 11.0))[1] is not None

@@ -6,6 +6,7 @@ They run after the command of a tick has left: what they find is a stop a state 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import compress
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -145,7 +146,7 @@ def _stops(memory: SignalMemory) -> Iterator[Stop]:
     if loads.any():
         yield _contradiction(f"load and set-point of {_names(loads, facts.JOINT_NAMES)}")
     if memory.weight.is_wrong:
-        values = {f"{leg}_share": float(s) for leg, s in zip(facts.LEG_NAMES, memory.weight.legs_share, strict=True)}
+        values = {f"{leg}_share": float(memory.weight.legs_share[i]) for i, leg in enumerate(facts.LEG_NAMES)}
         yield Stop(StopReason.SIGNAL_DOUBTED, "loads do not carry the robot's weight", values)
     if memory.restless_windows >= bounds.REST_WINDOWS:
         yield _contradiction("a robot that stands, and its velocities")
@@ -158,4 +159,4 @@ def _contradiction(what: str, values: dict[str, float] | None = None) -> Stop:
 
 
 def _names(mask: NDArray[np.bool_], names: Sequence[str]) -> str:
-    return ", ".join(name for name, chosen in zip(names, mask, strict=True) if chosen)
+    return ", ".join(compress(names, mask))

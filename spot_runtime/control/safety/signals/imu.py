@@ -44,7 +44,7 @@ def after_window(memory: ImuMemory, window: Window) -> ImuMemory:
     force = np.mean([packet.acceleration_of_imu_in_link_m_s2 for packet in packets], axis=0)
     turn_rate = np.mean([packet.angular_vel_of_link_in_link_rad_s for packet in packets], axis=0)
     attitude = packets[-1].odom_from_link_wxyz
-    if not math.isfinite(float(force.sum() + turn_rate.sum() + attitude.sum())):
+    if not np.isfinite(np.concatenate([force, turn_rate, attitude])).all():
         return memory._replace(unknown_windows=memory.unknown_windows + 1)
     gained = last.linear_vel_of_body_in_odom_m_s - first.linear_vel_of_body_in_odom_m_s
     fade = max(0.0, 1.0 - window.duration_s / bounds.GRAVITY_MEMORY_S)
