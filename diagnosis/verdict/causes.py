@@ -150,10 +150,12 @@ def decide(
     candidates = candidates_of(found)
     tried = try_out(found, nominal, candidates, bench, rng, tell) if bench is not None else Tried({}, {})
     distances = dict(tried.distances)
-    if ERRORS in distances:
+    best = name_of(found.selection.best) if found.selection.best is not None else ERRORS
+    if ERRORS in distances and best in distances:
         # A robot that lies where the plain nominal model lies has no gap either.
         distances[ERRORS] = min(distances[ERRORS], distances[NOMINAL])
     else:
+        # What cannot be simulated is judged by the residuals alone.
         distances = {}
     hypotheses = {
         name: Hypothesis(tuple(t.effect.name for t in s.terms), _refitted_nats(found, s), distances.get(name))
