@@ -130,6 +130,8 @@ def fit(given: Namespace) -> None:
             robots = by_name.get(effect["name"])
             if robots is not None and np.isfinite(effect["moved"]) and row["n_runs"] > 3:
                 moves.append((np.log1p(max(effect["moved"], -0.5)), np.log1p(max(robots, -0.5))))
+    if len(moves) < 3 or len(set(right)) < 2:
+        raise SystemExit(f"{len(rows)} robots are too few for the regressions; make more of them")
     x, y = np.array(found), np.array(right)
     for name, columns in (("THERE", [0, 1]), ("THERE_BY_RESIDUALS", [0])):
         model = LogisticRegression(C=10.0).fit(x[:, columns], y)
