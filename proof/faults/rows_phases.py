@@ -122,7 +122,11 @@ ROWS = (
         ASKED_MS + 25.0,
         together(LOW, outcomes=("battery_low",), at_s=EARLY_S, way="ramping_out"),
     ),
-    Row("clock + 1 s on the way back", 100.0, together(AHEAD, outcomes=("clock_jumped",), at_s=BACK_S, seconds=1.0)),
+    Row(
+        "clock + 1 s on the way back",
+        100.0,
+        together(AHEAD, outcomes=("clock_jumped", "command_refused"), at_s=BACK_S, seconds=1.0),
+    ),
     Row("NaN on the way back", 25.0, together(NAN, outcomes=("state_not_finite",), at_s=BACK_S, seconds=1.0)),
     Row("stale on the way back", 100.0, together(GAP, outcomes=("state_stale",), at_s=BACK_S, seconds=1.0)),
     Row("SIGTERM and SIGQUIT in the ramp", 40.0, two_signals(signal.SIGTERM, signal.SIGQUIT, "operator_estop")),
