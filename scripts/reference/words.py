@@ -96,7 +96,7 @@ def default_words(field: Any) -> str:
         return "–"
     if isinstance(value, BaseModel):
         value = value.model_dump(mode="json", exclude_defaults=True) or value.model_dump(mode="json")
-    if isinstance(value, tuple) and value and isinstance(value[0], dict):
+    if isinstance(value, tuple) and value and isinstance(value[0], (dict, BaseModel)):
         return f"{len(value)} entries"
     if isinstance(value, bool):
         return f"`{str(value).lower()}`"
@@ -118,6 +118,8 @@ def type_words(annotation: Any) -> str:
         return "mapping"
     words = [type_words(arg) for arg in arguments if arg is not Ellipsis]
     if origin in (tuple, list):
+        if words and isinstance(arguments[0], type) and issubclass(arguments[0], BaseModel):
+            return f"list of `{words[0]}`"
         return f"list of {words[0]}s" if words else "list"
     return " or ".join(dict.fromkeys(words)) if words else getattr(annotation, "__name__", str(annotation))
 

@@ -161,8 +161,13 @@ def _figures(told: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
             "at that speed",
             f"{top['stride_hz']:.1f} strides/s, no foot down {100 * top['flight_share']:.0f} % of the time",
         )
-    if tracking.get("mean_forward_error_m_s") is not None:
-        yield "forward error", f"{tracking['mean_forward_error_m_s']:.3f} m/s on average"
+    for name, words, unit in (
+        ("mean_forward_error_m_s", "forward error", "m/s"),
+        ("mean_lateral_error_m_s", "sideways error", "m/s"),
+        ("mean_yaw_error_rad_s", "turning error", "rad/s"),
+    ):
+        if tracking.get(name) is not None:
+            yield words, f"{tracking[name]:.3f} {unit} on average"
     for name, words in (
         ("episodes_slow", "falls, slow"),
         ("episodes_fast", "falls, fast"),

@@ -15,7 +15,7 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 FIGURES = {
     "schema": "spot-rl/evaluation/1",
     "top_speed": {"sustained_m_s": 1.534, "stride_hz": 2.02, "flight_share": 0.061},
-    "tracking": {"mean_forward_error_m_s": 0.0114},
+    "tracking": {"mean_forward_error_m_s": 0.0114, "mean_yaw_error_rad_s": 0.0523},
     "episodes_slow": {"falls": 3, "episodes": 100},
     "pushes": {"survived": 99, "trials": 100},
 }
@@ -43,7 +43,14 @@ def test_a_card_is_written_from_an_evaluation_and_shown(policy: Path, capsys: py
     assert run(*words) == 0
     assert run("show", str(policy)) == 0
     out = capsys.readouterr().out
-    told = ("walk: walks", "1.53 m/s", "2.0 strides/s, no foot down 6 % of the time", "trot", "0.011 m/s on average")
+    told = (
+        "walk: walks",
+        "1.53 m/s",
+        "2.0 strides/s, no foot down 6 % of the time",
+        "trot",
+        "0.011 m/s on average",
+        "0.052 rad/s on",
+    )
     for line in (*told, "3 of 100 randomised episodes", "99 of 100 walk on", "the fake", "kp 60 N·m/rad"):
         assert line in out
     assert run(*words) == 2
