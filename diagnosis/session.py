@@ -11,7 +11,7 @@ import numpy as np
 from diagnosis.closed_loop.engine import Engine, LocalEngine, RayEngine
 from diagnosis.library.base import LibraryEffect
 from diagnosis.progress import Progress
-from diagnosis.read.log_files import find_policy, find_policy_file, read_all
+from diagnosis.read.log_files import apart_by_gains, find_policy, find_policy_file, read_all
 from diagnosis.read.prepare import prepared
 from diagnosis.read.robot_file import SPOT, load_robot
 from diagnosis.read.signal_checks import check_plausible
@@ -51,9 +51,12 @@ def run_session(request: Request, progress: Progress) -> tuple[Diagnosis, dict[s
     runs, warnings = read_all(request.logs, progress.at)
     check_plausible(runs, robot)
     runs, notes = prepared(runs, robot)
+    policy = find_policy(request.policy, runs)
+    if policy is not None:
+        runs, at_other_gains = apart_by_gains(runs, policy)
+        notes = (*notes, *at_other_gains)
     for text in (*warnings, *notes):
         progress(f"note: {text}")
-    policy = find_policy(request.policy, runs)
     engine: Engine | None = None
     if policy is not None:
         file = find_policy_file(request.policy, policy)

@@ -48,8 +48,9 @@ class Bench:
     def of(runs: Sequence[Run], policy: Policy, engine: Engine, shared: RobotModel | None = None) -> Bench | None:
         """With every log that is long enough, run so often that simulated runs of a sequence have a scatter too.
 
-        None where no log is long enough.
+        Logs at gains other than the policy's are left out. None where no log is long enough.
         """
+        runs = [run for run in runs if run.header.policy_sha256 in ("", policy.sha256)]
         scripts = [s for run in runs if (s := script_of(run)) is not None]
         for name in sorted({s.sequence for s in scripts}):
             own = [s for s in scripts if s.sequence == name]

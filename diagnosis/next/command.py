@@ -32,6 +32,7 @@ def next_experiment(
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of the robots that are drawn.")] = 0,
 ) -> None:
     """Say which experiment would tell most of the cause of a gap; with --run, ask the robot until one cause is left."""
+    from diagnosis.next.rounds import Limits
     from diagnosis.next.session import Session
     from spot_model.errors import BadInputError
     from trainer.collect.collect_run import run_arguments
@@ -57,7 +58,7 @@ def next_experiment(
             typer.echo(line)
         return yes or typer.confirm(f"Run {proposal.candidate.title} now? The robot will stand up and move")
 
-    story = session.ask(words, confirm, budget_s=budget_s, most_rounds=rounds)
+    story = session.ask(words, confirm, Limits(budget_s, rounds))
     cause, odds = next(iter(story.odds.items()))
     typer.echo(f"{cause}: {odds:.2f}, after {len(story.rounds)} experiments and {story.robot_s:.0f} s of robot time")
     typer.echo(f"diagnosis: {story.sentence}")

@@ -9,12 +9,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
+from typing import Final
 
 from spot_log import read_run
 from spot_model.errors import SpotRlError
 
 Start = Callable[[Sequence[str]], bool]
 """Runs ``spot-rl`` with arguments until it has ended; says whether a person asked to stop meanwhile."""
+
+WHOLE: Final = "completed"
+"""Outcome of a run that went to its end."""
 
 
 @dataclass(frozen=True)
@@ -25,12 +29,8 @@ class Ran:
     robot_s: float
     """From the log's first state to its last."""
     outcome: str
+    """:data:`WHOLE`, or why it ended early."""
     is_interrupted: bool = False
-
-    @property
-    def is_whole(self) -> bool:
-        """Whether the experiment was run to its end."""
-        return self.outcome == "completed"
 
 
 def run_on_robot(words: Sequence[str], log_dir: Path, start: Start) -> Ran:

@@ -4,19 +4,24 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
 from diagnosis.next.choose.design import Design, Proposal, in_words
-from diagnosis.next.choose.robots import beliefs
-from diagnosis.next.robot_run import Ran
+from diagnosis.next.choose.robots import LIKELY, beliefs
+from diagnosis.next.files import free_folder
+from diagnosis.next.robot_run import WHOLE, Ran
 from diagnosis.verdict.posterior_file import Posterior
-from spot_model.errors import SpotRlError
+from spot_model.errors import BadInputError, SpotRlError
 
+SCHEMA: Final = "spot-rl/next-story/1"
 SURE: Final = 0.95
 """A cause of this probability is the answer."""
 STOPPED: Final = "a person stopped it"
+STILL: Final = 0.05
+"""An experiment that moves less probability told nothing."""
+LACKING: Final = "an effect that the library lacks"
 MOST_FAILURES: Final = 2
 """Experiments that leave no log, or end early, before a person has to look."""
 
@@ -33,7 +38,10 @@ class Found:
     @property
     def odds(self) -> dict[str, float]:
         """Probability of each cause, the likeliest first."""
-        return {in_words(c): w for c, w in beliefs(self.posterior).items()}
+        known = {in_words(c): (1.0 - self.posterior.unknown) * w for c, w in beliefs(self.posterior).items()}
+        everything = {**known, LACKING: self.posterior.unknown}
+        ranked = sorted(everything.items(), key=lambda item: -item[1])
+        return {name: p for name, p in ranked if p >= LIKELY}
 
     @property
     def top(self) -> tuple[str, float]:
@@ -52,11 +60,21 @@ class Asked:
     expected_bits: float
     robot_s: float
     outcome: str
+    folder: str
     log: str
+    """Empty where there is none that can be used."""
+    found: str
+    """Folder of the diagnosis with this log; empty where there is none yet."""
     before: dict[str, float]
     after: dict[str, float]
     status: str
     sentence: str
+
+    @property
+    def moved(self) -> float:
+        """Probability that went over from some causes to others."""
+        names = {*self.before, *self.after}
+        return 0.5 * sum(abs(self.after.get(n, 0.0) - self.before.get(n, 0.0)) for n in names)
 
 
 @dataclass
@@ -83,16 +101,48 @@ class Story:
         """The newest diagnosis in a sentence."""
         return self.rounds[-1].sentence if self.rounds else self.first.sentence
 
+    @property
+    def logs(self) -> list[Path]:
+        """Of all rounds that left one."""
+        return [Path(r.log) for r in self.rounds if r.log]
+
+    @property
+    def failed(self) -> list[str]:
+        """Experiments that did not run to their end."""
+        return [r.name for r in self.rounds if r.outcome != WHOLE]
+
+    @property
+    def excluded(self) -> list[str]:
+        """Experiments that are not asked again: those that failed, and those that told nothing."""
+        return self.failed + [r.name for r in self.rounds if r.outcome == WHOLE and r.moved < STILL]
+
     def to_json(self) -> str:
         """As text for ``story.json``."""
         data = {
-            "schema": "spot-rl/next-story/1",
+            "schema": SCHEMA,
             "first": {"odds": self.first.odds, "status": self.first.status},
             "rounds": [asdict(r) for r in self.rounds],
             "robot_s": round(self.robot_s, 2),
             "ending": self.ending,
         }
         return json.dumps(data, indent=1) + "\n"
+
+
+def read_story(path: Path, first: Found) -> Story:
+    """The story so far, to go on from; an empty one where there is no file.
+
+    Raises:
+        BadInputError: The file is no story.
+    """
+    if not path.exists():
+        return Story(first)
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+        if data["schema"] != SCHEMA:
+            raise ValueError(f"schema is {data['schema']!r}, not {SCHEMA!r}")
+        return Story(first, [Asked(**r) for r in data["rounds"]])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise BadInputError(f"{path} is no story of 'spot-rl diagnose next --run': {error}; move it away") from error
 
 
 @dataclass(frozen=True)
@@ -105,6 +155,7 @@ class Lab:
         confirm: Asks a person whether an experiment may run.
         run: Runs one on the robot; its files go into a folder.
         diagnose: Diagnoses the first logs with these ones into a folder.
+        open: A diagnosis that was made.
         say: Where progress goes.
     """
 
@@ -113,81 +164,107 @@ class Lab:
     confirm: Callable[[Proposal, Design], bool]
     run: Callable[[Proposal, Path], Ran]
     diagnose: Callable[[Sequence[Path], Path], Found]
+    open: Callable[[Path], Found]
     say: Callable[[str], None]
 
 
-def ask_robot(
-    first: Found, lab: Lab, *, budget_s: float, most_rounds: int, seed: int, told: Callable[[Story], None]
-) -> Story:
+@dataclass(frozen=True)
+class Limits:
+    """When to end at the latest; both count from the first round."""
+
+    budget_s: float
+    """Robot time."""
+    rounds: int
+    """Experiments."""
+
+
+def ask_robot(story: Story, lab: Lab, limits: Limits, seed: int, told: Callable[[Story], None]) -> Story:
     """Run experiments until one cause stands above :data:`SURE`, nothing more can be learned, or time is up.
 
     Args:
-        first: The diagnosis of the first logs.
+        story: What was asked so far.
         lab: What to work with.
-        budget_s: Robot time.
-        most_rounds: Experiments, at most.
+        limits: Of robot time and experiments.
         seed: Of all draws.
-        told: Given the story after every round, to be written.
+        told: Given the story after every step, to be written.
     """
-    story = Story(first)
     try:
-        _ask(story, lab, budget_s, most_rounds, seed, told)
+        found = _caught_up(story, lab, told)
+        while not story.ending:
+            found = _round(story, found, lab, limits, seed, told)
     except KeyboardInterrupt:
         story.ending, story.is_interrupted = STOPPED, True
     told(story)
     return story
 
 
-def _ask(story: Story, lab: Lab, budget_s: float, most_rounds: int, seed: int, told: Callable[[Story], None]) -> None:
-    found, failed, logs = story.first, list[str](), list[Path]()
-    while not story.ending:
-        story.ending = _ending(found, story, most_rounds)
-        if story.ending:
-            return
-        left_s = budget_s - story.robot_s
-        lab.say(f"choosing experiment {len(story.rounds) + 1}; {left_s:.0f} s of robot time are left")
-        plan = lab.choose(found.posterior, seed + len(story.rounds), failed)
-        if not plan.worthwhile:
-            story.ending = "no experiment that is safe tells more"
-            return
-        chosen = next((p for p in plan.worthwhile if p.robot_s <= left_s), None)
-        if chosen is None:
-            story.ending = f"the budget of {budget_s:.0f} s of robot time is used up"
-            return
-        if not lab.confirm(chosen, plan):
-            story.ending = f"a person declined {chosen.candidate.name}"
-            return
-        place = lab.folder / f"round_{len(story.rounds) + 1}"
-        place.mkdir(parents=True)
-        lab.say(f"running: {chosen.candidate.title}, {chosen.robot_s:.0f} s of robot time")
-        ran = lab.run(chosen, place)
-        if ran.log is None or not ran.is_whole:
-            failed.append(chosen.candidate.name)
-            lab.say(f"{chosen.candidate.name} ended early: {ran.outcome}")
-        before = found.odds
-        if ran.log is not None:
-            logs.append(ran.log)
-            try:
-                found = lab.diagnose(logs, place / "found")
-            except SpotRlError as error:
-                logs.pop()
-                lab.say(f"the log cannot be used: {error}")
-        story.rounds.append(_asked(chosen, plan, ran, before, found))
-        told(story)
-        if ran.is_interrupted:
-            story.ending, story.is_interrupted = STOPPED, True
-        elif len(failed) >= MOST_FAILURES:
-            story.ending = f"{len(failed)} experiments did not run to their end; see to the robot"
+def _caught_up(story: Story, lab: Lab, told: Callable[[Story], None]) -> Found:
+    """The newest diagnosis; of a log that came when somebody stopped, it is made now."""
+    if not story.rounds:
+        return story.first
+    made = [r.found for r in story.rounds if r.found]
+    found = lab.open(Path(made[-1])) if made else story.first
+    return _diagnosed(story, found, lab, told) if story.rounds[-1].log and not story.rounds[-1].found else found
 
 
-def _ending(found: Found, story: Story, most_rounds: int) -> str:
+def _round(story: Story, found: Found, lab: Lab, limits: Limits, seed: int, told: Callable[[Story], None]) -> Found:
+    """One experiment; or the reason why there is none more."""
+    story.ending = _ending(found, story, limits)
+    if story.ending:
+        return found
+    left_s = limits.budget_s - story.robot_s
+    lab.say(f"choosing experiment {len(story.rounds) + 1}; {left_s:.0f} s of robot time are left")
+    plan = lab.choose(found.posterior, seed + len(story.rounds), story.excluded)
+    if not plan.worthwhile:
+        story.ending = "no experiment that is safe tells more"
+        return found
+    chosen = next((p for p in plan.worthwhile if p.robot_s <= left_s), None)
+    if chosen is None:
+        story.ending = f"the budget of {limits.budget_s:.0f} s of robot time is used up"
+        return found
+    if not lab.confirm(chosen, plan):
+        story.ending = f"a person declined {chosen.candidate.name}"
+        return found
+    place = free_folder(lab.folder, f"round_{len(story.rounds) + 1}")
+    lab.say(f"running: {chosen.candidate.title}, {chosen.robot_s:.0f} s of robot time")
+    ran = lab.run(chosen, place)
+    story.rounds.append(_asked(chosen, plan, ran, found, place))
+    told(story)
+    if ran.outcome != WHOLE:
+        lab.say(f"{chosen.candidate.name} ended early: {ran.outcome}")
+    if ran.log is not None:
+        found = _diagnosed(story, found, lab, told)
+    if ran.is_interrupted:
+        story.ending, story.is_interrupted = STOPPED, True
+    return found
+
+
+def _diagnosed(story: Story, found: Found, lab: Lab, told: Callable[[Story], None]) -> Found:
+    """Diagnose all logs, with the newest round's; one that cannot be used is left out from then on."""
+    newest = story.rounds[-1]
+    try:
+        found = lab.diagnose(story.logs, free_folder(Path(newest.folder), "found"))
+    except SpotRlError as error:
+        lab.say(f"the log cannot be used: {error}")
+        story.rounds[-1] = replace(newest, log="", outcome=f"{newest.outcome}; the log cannot be used: {error}")
+    else:
+        story.rounds[-1] = replace(
+            newest, found=str(found.folder), after=found.odds, status=found.status, sentence=found.sentence
+        )
+    told(story)
+    return found
+
+
+def _ending(found: Found, story: Story, limits: Limits) -> str:
     cause, odds = found.top
     if odds >= SURE:
         return f"{cause} stands at {odds:.2f}"
-    return f"{most_rounds} experiments were run" if len(story.rounds) >= most_rounds else ""
+    if len(story.failed) >= MOST_FAILURES:
+        return f"{len(story.failed)} experiments did not run to their end; see to the robot"
+    return f"{limits.rounds} experiments were run" if len(story.rounds) >= limits.rounds else ""
 
 
-def _asked(chosen: Proposal, plan: Design, ran: Ran, before: dict[str, float], found: Found) -> Asked:
+def _asked(chosen: Proposal, plan: Design, ran: Ran, found: Found, place: Path) -> Asked:
     return Asked(
         name=chosen.candidate.name,
         title=chosen.candidate.title,
@@ -195,8 +272,10 @@ def _asked(chosen: Proposal, plan: Design, ran: Ran, before: dict[str, float], f
         expected_bits=round(chosen.told.bits, 3),
         robot_s=round(ran.robot_s, 2),
         outcome=ran.outcome,
+        folder=str(place),
         log="" if ran.log is None else str(ran.log),
-        before=before,
+        found="",
+        before=found.odds,
         after=found.odds,
         status=found.status,
         sentence=found.sentence,

@@ -18,7 +18,7 @@ from diagnosis.next.inputs import Inputs, absolute, load_inputs, save_inputs
 from diagnosis.next.page import ranking_page, story_page
 from diagnosis.next.predict.prediction import load_prediction, predict, with_log
 from diagnosis.next.robot_run import Ran, run_on_robot, start_here
-from diagnosis.next.rounds import Found, Lab, Story, ask_robot
+from diagnosis.next.rounds import Found, Lab, Limits, Story, ask_robot, read_story
 from diagnosis.progress import Progress
 from diagnosis.read.log_files import find_policy, find_policy_file, read_all
 from diagnosis.report.output import NAMES
@@ -59,7 +59,10 @@ class Session:
                 nominal=absolute(nominal),
                 policy=None if policy is None else str(policy.absolute()),
             )
-            diagnosed(given, (), folder)
+            if not (folder / NAMES["verdict"]).exists():
+                diagnosed(given, (), folder)
+            elif load_inputs(folder).model_copy(update={"policy": given.policy}) != given:
+                raise BadInputError(f"{folder} holds a diagnosis of other logs or another model; choose another folder")
         inputs = load_inputs(folder)
         if policy is not None:
             inputs = inputs.model_copy(update={"policy": str(policy.absolute())})
@@ -87,12 +90,11 @@ class Session:
         self,
         robot_words: Sequence[str],
         confirm: Callable[[Proposal, list[str]], bool],
-        *,
-        budget_s: float,
-        most_rounds: int,
+        limits: Limits,
     ) -> Story:
-        """Run experiments on a robot; logs, diagnoses and the story stay in a folder of their own."""
-        place = free_folder(self.folder, "asked")
+        """Run experiments on a robot; logs, diagnoses and the story stay in ``asked``, where a later start goes on."""
+        place = self.folder / "asked"
+        place.mkdir(exist_ok=True)
         self.page = page = place / "story.html"
         progress = Progress()
 
@@ -119,9 +121,11 @@ class Session:
             confirm=agreed,
             run=run,
             diagnose=lambda logs, out: diagnosed(self.inputs, logs, out),
+            open=found_in,
             say=progress,
         )
-        story = ask_robot(self.found, lab, budget_s=budget_s, most_rounds=most_rounds, seed=self.seed, told=told)
+        story = read_story(place / "story.json", self.found)
+        ask_robot(story, lab, limits, self.seed, told)
         progress.close()
         return story
 

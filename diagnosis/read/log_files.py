@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 from diagnosis.read.recording import record
 from spot_log import Run, read_run
 from spot_model.errors import BadInputError, SpotRlError
+from spot_model.policy.contract import PolicyContract
 from spot_model.policy.policy import Policy, load_policy
 
 
@@ -39,13 +42,15 @@ def read_all(
 
 
 def find_policy(path: Path | None, runs: Sequence[Run], folder: Path = Path("policies")) -> Policy | None:
-    """The policy that was given, or the one in ``folder`` whose digest the logs name; None if there is none.
+    """The policy that was given, or the one in ``folder`` whose digest most logs name; None if there is none.
+
+    Logs of one network at several gains go together; see :func:`apart_by_gains`.
 
     Raises:
-        BadInputError: The given one is not valid or not the logs', or the logs are of several.
+        BadInputError: The given one is not valid or not the logs', or the logs are of several networks.
     """
     wanted = {run.header.policy_sha256: run for run in runs if run.header.policy_sha256}
-    if len(wanted) > 1:
+    if len(wanted) > 1 and not _are_one_network([run.header.policy_contract_json for run in wanted.values()]):
         told = "; ".join(f"{run.path.name}: {run.header.policy_name or sha[:8]}" for sha, run in sorted(wanted.items()))
         raise BadInputError(f"logs of {len(wanted)} policies: {told}; diagnose logs of one policy at a time")
     if path is not None:
@@ -58,7 +63,35 @@ def find_policy(path: Path | None, runs: Sequence[Run], folder: Path = Path("pol
                 "out: then nothing is simulated"
             )
         return given
-    return next((p for p in _policies_in(folder).values() if p.sha256 in wanted), None)
+    n_logs = Counter(run.header.policy_sha256 for run in runs)
+    own = [p for p in _policies_in(folder).values() if p.sha256 in wanted]
+    return max(own, key=lambda p: n_logs[p.sha256], default=None)
+
+
+def apart_by_gains(runs: Sequence[Run], policy: Policy) -> tuple[tuple[Run, ...], tuple[str, ...]]:
+    """Logs at gains other than the policy's under sequence names of their own; and what that means, a sentence each.
+
+    Their commands are the same, their motion is not: residuals use them, closed loops compare the others.
+    """
+    out, notes = [], []
+    for run in runs:
+        if run.header.policy_sha256 not in ("", policy.sha256):
+            name = run.header.policy_name or "another policy"
+            notes.append(
+                f"{run.path.name}: made at other gains ({name}); its loads are used, its motion is not compared"
+            )
+            own = f"{run.header.command_sequence}, {name}"
+            run = replace(run, header=replace(run.header, command_sequence=own))  # noqa: PLW2901
+        out.append(run)
+    return tuple(out), tuple(notes)
+
+
+def _are_one_network(contracts: Sequence[str]) -> bool:
+    try:
+        first = PolicyContract.from_json(contracts[0])
+    except ValueError:
+        return False
+    return all(first.is_same_network(text) for text in contracts)
 
 
 def find_policy_file(path: Path | None, policy: Policy, folder: Path = Path("policies")) -> Path:

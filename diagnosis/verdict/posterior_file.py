@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -21,8 +21,12 @@ from diagnosis.selection.fitted import joint_words
 from diagnosis.selection.nuisance_model import by_joint, with_errors
 from diagnosis.selection.scoring import Scored
 from diagnosis.verdict.causes import Causes
+from diagnosis.verdict.posterior import Belief
 from spot_model.io.model_file import RobotModel, model_from_data
 from spot_model.robot.facts import JOINT_NAMES
+
+LEAST: Final = 1e-3
+"""Nothing that was tried counts as less likely."""
 
 
 class _Part(BaseModel):
@@ -55,6 +59,10 @@ class Posterior(_Part):
 
     schema_name: Literal["spot-rl/posterior/1"] = Field(default="spot-rl/posterior/1", alias="schema")
     possibilities: tuple[Possibility, ...]
+    matters: dict[str, float] = Field(default_factory=dict)
+    """By effect, the probability that it moves the gap if it is there; 1 for those that are not named."""
+    unknown: float = Field(default=0.0, ge=0.0, le=1.0)
+    """Probability of something that no effect of the library is."""
 
     def draw(self, library: Mapping[str, LibraryEffect], rng: np.random.Generator) -> RobotModel:
         """One robot that the logs allow: a set by its weight, its numbers by their covariance, within bounds."""
@@ -71,11 +79,11 @@ class Posterior(_Part):
 
 def posterior_of(causes: Causes, nominal: RobotModel, around: Surroundings) -> Posterior:
     """What was decided, as data; of Spot alone, since only Spot is simulated."""
-    board = causes.found.board
+    board, belief = causes.found.board, causes.belief
+    odds = {name: is_right(belief, frozenset(t.effect.name for t in s.terms)) for name, s in causes.hypotheses.items()}
+    total = sum(odds.values())
     found = []
     for name, scored in causes.hypotheses.items():
-        effects = frozenset(t.effect.name for t in scored.terms)
-        weight = next((w for e, w in causes.belief.weights.items() if frozenset(e) == effects), 0.0)
         base = around.around(by_joint(with_errors(nominal, board, scored.pulls), JOINT_NAMES))
         terms = tuple(
             Term(
@@ -88,8 +96,24 @@ def posterior_of(causes: Causes, nominal: RobotModel, around: Surroundings) -> P
             for i, (t, own) in enumerate(zip(scored.terms, scored.coefficients, strict=True))
         )
         far = causes.distances.get(name)
+        weight = odds[name] / total
         found.append(Possibility(weight=weight, distance_floors=far, model=base.to_data(), terms=terms))
-    return Posterior(possibilities=tuple(found))
+    certain = {n: min(1.0, p / max(belief.there[n], 1e-9)) for n, p in belief.effects.items() if belief.nearer}
+    return Posterior(possibilities=tuple(found), matters=certain, unknown=belief.unknown)
+
+
+def is_right(belief: Belief, effects: frozenset[str]) -> float:
+    """Odds that of all effects just these are there: each of the best set is, or a rival in its place, or neither."""
+    odds = 1.0
+    rivals = effects - set(belief.best)
+    for name in belief.best:
+        if name in effects:
+            odds *= belief.there[name]
+        elif rivals:
+            odds *= max((belief.there.get(r, 0.0) for r in rivals), default=0.0)
+        else:
+            odds *= max(1.0 - sum(belief.there.get(n, 0.0) for n in belief.group(name) or (name,)), LEAST)
+    return odds
 
 
 def _covariance(scored: Scored, which: int) -> Array:

@@ -133,6 +133,14 @@ class PolicyContract(BaseModel):
         """JSON at full precision; :meth:`from_json` gives the same contract back."""
         return self.model_dump_json(by_alias=True)
 
+    def is_same_network(self, contract_json: str) -> bool:
+        """Whether a log's policy differs from this one in its gains and name alone: the stored pair tells."""
+        try:
+            other = PolicyContract.from_json(contract_json)
+        except ValueError:
+            return False
+        return other.stored_pair == self.stored_pair and other.joint_names == self.joint_names
+
     @staticmethod
     def from_json(text: str) -> PolicyContract:
         """Parse and check. Raises pydantic's ``ValidationError``."""

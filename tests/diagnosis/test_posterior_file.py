@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from diagnosis.library.registry import LIBRARY
-from diagnosis.verdict.posterior_file import Possibility, Posterior, Term
+from diagnosis.verdict.posterior import Belief
+from diagnosis.verdict.posterior_file import LEAST, Possibility, Posterior, Term, is_right
 from spot_model.effects.drive.torque_gain import TorqueGain
 from spot_model.io.model_file import RobotModel
 
@@ -39,3 +40,13 @@ def test_numbers_keep_within_their_bounds() -> None:
 def test_a_file_comes_back_as_it_was() -> None:
     posterior = Posterior(possibilities=(_friction(1.0, 0.1),))
     assert Posterior.model_validate_json(posterior.model_dump_json(by_alias=True)) == posterior
+
+
+def test_a_set_is_as_likely_as_each_of_its_effects_is_there_and_the_others_are_not() -> None:
+    """Drag 0.6 or its rival, a gain, 0.3; a payload 0.9 beside it."""
+    weights = {("drag", "load"): 2.0, ("gain", "load"): 1.0}
+    belief = Belief(("drag", "load"), 0.0, 0.0, {"drag": 0.6, "gain": 0.3, "load": 0.9}, {}, weights)
+    odds = [is_right(belief, frozenset(s)) for s in ({"drag", "load"}, {"gain", "load"}, {"load"}, {"drag"}, set())]
+    assert odds == pytest.approx([0.54, 0.27, 0.09, 0.06, 0.01])
+    sure = Belief(("drag",), 0.0, 0.0, {"drag": 1.0}, {}, {("drag",): 1.0})
+    assert is_right(sure, frozenset()) == LEAST

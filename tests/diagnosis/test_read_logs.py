@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagnosis.read.log_files import find_policy, find_policy_file, read_all
+from diagnosis.read.log_files import apart_by_gains, find_policy, find_policy_file, read_all
 from diagnosis.read.recording import record
 from diagnosis.read.segments import cut
 from spot_log.importing import Mapping, import_log
@@ -89,6 +89,22 @@ def test_the_policy_must_be_the_logs(run: Run) -> None:
         find_policy(POLICIES / "baseline.onnx", [mine])
     with pytest.raises(BadInputError, match=r"logs of 2 policies: a.mcap: .*diagnose logs of one policy at a time"):
         find_policy(None, [mine, _by(run, "0" * 64, "other")], POLICIES)
+
+
+def test_logs_of_one_network_at_other_gains_stand_beside_the_policys_own(run: Run) -> None:
+    """The variant's contract differs in gains and name; its log keeps out of closed loops under a name of its own."""
+    walk = load_policy(POLICIES / "walk.onnx")
+    stiff = walk.contract.model_copy(update={"name": "walk-kp80", "kp_nm_per_rad": (80.0,) * 12})
+    logs = []
+    for sha, contract in ((walk.sha256, walk.contract), (walk.sha256, walk.contract), ("1" * 64, stiff)):
+        own = replace(run.header, policy_sha256=sha, policy_contract_json=contract.to_json(), policy_name=contract.name)
+        logs.append(replace(run, header=replace(own, command_sequence="ahead")))
+    found = find_policy(None, logs, POLICIES)
+    assert found is not None
+    assert found.sha256 == walk.sha256
+    apart, notes = apart_by_gains(logs, found)
+    assert [r.header.command_sequence for r in apart] == ["ahead", "ahead", "ahead, walk-kp80"]
+    assert len(notes) == 1
 
 
 def test_a_log_without_commands_is_used_from_its_first_state(run: Run) -> None:

@@ -27,11 +27,13 @@ LEFT: Final = 0.5
 LIKELY: Final = 0.01
 """Causes below this weight are left out."""
 MOST_CAUSES: Final = 6
+MATTERS: Final = 0.5
+"""An effect that moves the gap with a smaller probability is no cause, as in a verdict."""
 SETTLED: Final = frozenset({"velocity_estimate", "imu_tilt", "velocity_filter", "command_jitter"})
 """Ordinary errors that robots of the posterior keep as the logs gave them: varying them costs more than it tells."""
 
 Cause = tuple[str, ...]
-"""Names of the effects of a set, in alphabetical order; none for ordinary errors alone."""
+"""Names of the effects that move the gap, in alphabetical order; none for ordinary errors alone."""
 
 
 @dataclass(frozen=True)
@@ -46,16 +48,17 @@ class Robots:
     """Index of each model's cause, shape (n,)."""
 
 
-def cause_of(possibility: Possibility) -> Cause:
-    """The cause that a possibility is."""
-    return tuple(sorted({term.effect for term in possibility.terms}))
+def cause_of(possibility: Possibility, posterior: Posterior) -> Cause:
+    """The cause that a possibility is: its effects that move the gap. What moves nothing decides nothing."""
+    return tuple(sorted({t.effect for t in possibility.terms if posterior.matters.get(t.effect, 1.0) > MATTERS}))
 
 
 def beliefs(posterior: Posterior) -> dict[Cause, float]:
     """Probability of each cause that is still likely, the likeliest first."""
     found: dict[Cause, float] = {}
     for possibility in posterior.possibilities:
-        found[cause_of(possibility)] = found.get(cause_of(possibility), 0.0) + possibility.weight
+        cause = cause_of(possibility, posterior)
+        found[cause] = found.get(cause, 0.0) + possibility.weight
     ranked = sorted(((c, w) for c, w in found.items() if w >= LIKELY), key=lambda item: -item[1])[:MOST_CAUSES]
     total = sum(w for _, w in ranked)
     return {c: w / total for c, w in ranked}
@@ -87,7 +90,7 @@ def drawn_robots(
     odds = beliefs(posterior)
     models, index = [], []
     for number, cause in enumerate(odds):
-        own = tuple(p for p in posterior.possibilities if cause_of(p) == cause)
+        own = tuple(p for p in posterior.possibilities if cause_of(p, posterior) == cause)
         for _ in range(each):
             model = Posterior(possibilities=own).draw(library, rng)
             models.append(with_ordinary_errors(compact(model), rng, LEFT, without=SETTLED))

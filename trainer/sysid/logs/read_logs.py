@@ -13,7 +13,6 @@ from spot_log import Run, read_run
 from spot_log.format.names import FOLLOWING_MODE
 from spot_log.format.tables import StateTable
 from spot_model.errors import BadInputError, SpotRlError
-from spot_model.policy.contract import PolicyContract
 from spot_model.policy.observation import is_fallen
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
@@ -81,7 +80,7 @@ def run_from_log(run: Run, policy: Policy) -> LoggedRun:
     if header.joint_names != facts.JOINT_NAMES:
         raise BadInputError(f"the log's joints are {', '.join(header.joint_names)}; identification knows Spot's twelve")
     has_policy_gains = header.policy_sha256 == policy.sha256
-    if not has_policy_gains and not _is_same_network(header.policy_contract_json, policy):
+    if not has_policy_gains and not policy.contract.is_same_network(header.policy_contract_json):
         theirs = f"{header.policy_name or 'without a name'} (sha256 {header.policy_sha256[:12] or 'none'}…)"
         raise BadInputError(
             f"it was made with policy {theirs}, not with {policy.contract.name} ({policy.sha256[:12]}…); give that "
@@ -158,16 +157,6 @@ def choose_compared(runs: Sequence[LoggedRun]) -> tuple[tuple[LoggedRun, ...], l
             )
         chosen.extend(replace(run, ticks=run.ticks.rows(slice(length))) for run in same)
     return tuple(chosen), warnings
-
-
-def _is_same_network(contract_json: str, policy: Policy) -> bool:
-    """Whether a log's policy differs from this one in its gains alone: the stored pair tells."""
-    try:
-        contract = PolicyContract.from_json(contract_json)
-    except ValueError:
-        return False
-    ours = policy.contract
-    return contract.stored_pair == ours.stored_pair and contract.joint_names == ours.joint_names
 
 
 def _files(paths: Sequence[Path]) -> list[Path]:
