@@ -94,7 +94,7 @@ def ranking_lines(design: Design, offers: Sequence[Offer]) -> list[str]:
     lines += [f"  {w:5.2f}  {in_words(c)}" for c, w in zip(design.causes, design.weights, strict=True)]
     for number, p in enumerate(design.proposals, start=1):
         lines.append("")
-        lines.append(f"{number}. {p.candidate.title} ({_values(p)})")
+        lines.append(f"{number}. {p.candidate.title} ({p.values})")
         if p.refused:
             lines += [f"   refused: {reason}" for reason in p.refused]
             continue
@@ -107,8 +107,3 @@ def ranking_lines(design: Design, offers: Sequence[Offer]) -> list[str]:
         lines.append(f"   loads    {p.burden}; needs {p.candidate.needs}")
         lines.append(f"   run      {commands.get(id(p), '')}")
     return lines
-
-
-def _values(p: Proposal) -> str:
-    units = {name: free.unit for name, free in p.candidate.free.items()}
-    return ", ".join(f"{name.partition('_')[0]} {v:g} {units[name]}" for name, v in p.candidate.chosen.items())

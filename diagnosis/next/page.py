@@ -3,14 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Final
 
 from diagnosis.next.choose.design import Design, in_words
 from diagnosis.next.files import Offer
-from diagnosis.next.rounds import Story
-from spot_log.page.look import boxed, framed
+from diagnosis.next.rounds import SURE, Asked, Story
+from spot_log.page.look import boxed, framed, headed
 from spot_log.page.svg import esc
 
-SHADES = ("#4e79a7", "#f28e2b", "#76b7b2", "#e15759", "#b07aa1", "#9c755f", "#bab0ab")
+NAMED: Final = 0.12
+"""A part of a bar that is at least so wide says its number."""
+STYLE: Final = """
+.odds { display: flex; height: 26px; border-radius: 6px; overflow: hidden; background: var(--empty); }
+.odds div { color: #fff; font-size: 13px; line-height: 26px; padding-left: 6px; white-space: nowrap; overflow: hidden; }
+.stage { margin: 12px 0 3px; } th { width: 90px; }
+"""
+SHADES: Final = ("#4e79a7", "#f28e2b", "#76b7b2", "#e15759", "#b07aa1", "#9c755f", "#bab0ab")
 
 
 def ranking_page(design: Design, offers: Sequence[Offer]) -> str:
@@ -42,21 +51,57 @@ def ranking_page(design: Design, offers: Sequence[Offer]) -> str:
 
 def story_page(story: Story) -> str:
     """The page of a story, as text."""
-    colours = _colours([story.first.odds, *(r.after for r in story.rounds)])
     cause, odds = next(iter(story.odds.items()))
-    lead = f"{len(story.rounds)} experiments, {story.robot_s:.0f} s of robot time. {story.ending}."
+    is_sure = odds >= SURE
+    stages = [("First logs", story.first.odds)]
+    stages += [(f"{number}. {r.title}, {r.robot_s:.0f} s", r.after) for number, r in enumerate(story.rounds, start=1)]
+    ending = f"It ended: {story.ending}." if story.ending else "It goes on."
+    meta = f"{len(story.rounds)} experiments, {story.robot_s:.0f} s of robot time. {ending}"
+    badge, kind = ("one cause stands", "good") if is_sure else ("not one cause yet", "fair")
     parts = [
-        f"<section><h1>{esc(cause)}: {odds:.2f}</h1><p class='lead'>{esc(lead)}</p></section>",
-        boxed("First logs", esc(story.first.sentence), _bars(story.first.odds, colours)),
+        headed(badge, kind, f"{cause[0].upper()}{cause[1:]}: {_percent(odds)}", [story.sentence], meta),
+        boxed(
+            "How the odds moved", "Probability of each cause after each experiment, by all logs so far.", _moves(stages)
+        ),
     ]
-    for number, asked in enumerate(story.rounds, start=1):
-        about = (
-            f"<p>Asked: {esc(asked.title)}, to part {esc(asked.parts)}; expected: {asked.expected_bits:.2f} bits.</p>"
-            f"<p>Came: {esc(asked.outcome)}, {asked.robot_s:.0f} s, log <code>{esc(asked.log)}</code>.</p>"
-            f"<p>{esc(asked.sentence)}</p>"
+    return framed("The robot was asked", [*parts, *map(_round, range(1, len(story.rounds) + 1), story.rounds)], STYLE)
+
+
+def _round(number: int, asked: Asked) -> str:
+    moved = [
+        f"{esc(name)} {_percent(asked.before.get(name, 0.0))} → {_percent(p)}"
+        for name, p in {**dict.fromkeys(asked.before, 0.0), **asked.after}.items()
+        if abs(p - asked.before.get(name, 0.0)) >= 0.01
+    ]
+    came = f"{asked.outcome}, {asked.robot_s:.0f} s of robot time"
+    rows = {
+        "asked": f"{esc(asked.title)} ({esc(asked.values)})",
+        "to part": f"{esc(asked.parts)}; {asked.expected_bits:.2f} bits were expected",
+        "came": esc(came) + (f"<br><code>{esc(Path(asked.log).name)}</code>" if asked.log else ""),
+        "odds": "<br>".join(moved) if moved else "moved by less than 1 %" if asked.found else "not diagnosed yet",
+        "verdict": esc(asked.sentence),
+    }
+    table = "".join(f"<tr><th>{name}</th><td>{text}</td></tr>" for name, text in rows.items())
+    return boxed(f"Experiment {number}: {asked.name.replace('_', ' ')}", "", f"<table>{table}</table>")
+
+
+def _moves(stages: Sequence[tuple[str, Mapping[str, float]]]) -> str:
+    """A bar for each stage, divided among the causes."""
+    colours = _colours([odds for _, odds in stages])
+    legend = "".join(f"<span><i style='background:{c}'></i>{esc(name)}</span>" for name, c in colours.items())
+    bars = []
+    for label, odds in stages:
+        parts = "".join(
+            f"<div data-t='{esc(name)}: {_percent(p)}' style='background:{colours[name]};width:{100.0 * p:.1f}%'>"
+            f"{_percent(p) if p >= NAMED else ''}</div>"
+            for name, p in odds.items()
         )
-        parts.append(boxed(f"Experiment {number}", "", about + _bars(asked.after, colours)))
-    return framed("The robot was asked", parts)
+        bars.append(f"<p class='note stage'>{esc(label)}</p><div class='odds'>{parts}</div>")
+    return f"<p class='legend'>{legend}</p>{''.join(bars)}"
+
+
+def _percent(p: float) -> str:
+    return f"{100.0 * p:.0f} %"
 
 
 def _lead(design: Design) -> str:

@@ -55,6 +55,8 @@ class Asked:
 
     name: str
     title: str
+    values: str
+    """Its chosen numbers."""
     parts: str
     """Which causes it was to set apart."""
     expected_bits: float
@@ -268,6 +270,7 @@ def _asked(chosen: Proposal, plan: Design, ran: Ran, found: Found, place: Path) 
     return Asked(
         name=chosen.candidate.name,
         title=chosen.candidate.title,
+        values=chosen.values,
         parts=chosen.decides(plan.causes, plan.weights),
         expected_bits=round(chosen.told.bits, 3),
         robot_s=round(ran.robot_s, 2),

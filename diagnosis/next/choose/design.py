@@ -48,6 +48,12 @@ class Proposal:
         return self.candidate.robot_s
 
     @property
+    def values(self) -> str:
+        """Its chosen numbers, in words."""
+        units = {name: free.unit for name, free in self.candidate.free.items()}
+        return ", ".join(f"{n.partition('_')[0]} {v:g} {units[n]}" for n, v in self.candidate.chosen.items())
+
+    @property
     def bits_a_second(self) -> float:
         """Bits of the cause for each second of robot time."""
         return self.told.bits / self.robot_s
