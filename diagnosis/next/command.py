@@ -16,6 +16,10 @@ def next_experiment(
     ] = None,
     nominal: Annotated[str | None, typer.Option("--nominal", help="With --logs: the simulator's model.")] = None,
     policy: Annotated[Path | None, typer.Option("--policy", help="For walks; by default the one of the logs.")] = None,
+    experiment: Annotated[
+        Path | None,
+        typer.Option("--experiment", help="One of your own (YAML): what it tells, and whether the robot bears it."),
+    ] = None,
     run: Annotated[bool, typer.Option("--run", help="Run the experiments on a robot until one cause is left.")] = False,
     robot: Annotated[str | None, typer.Option("--robot", help="With --run: HOST, HOST:PORT or unix:/path.")] = None,
     yes: Annotated[bool, typer.Option("--yes", help="Ask nobody before a run; for a fake robot.")] = False,
@@ -32,6 +36,7 @@ def next_experiment(
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of the robots that are drawn.")] = 0,
 ) -> None:
     """Say which experiment would tell most of the cause of a gap; with --run, ask the robot until one cause is left."""
+    from diagnosis.next.files import load_motion
     from diagnosis.next.rounds import Limits
     from diagnosis.next.session import Session
     from spot_model.errors import BadInputError
@@ -39,7 +44,9 @@ def next_experiment(
 
     if run and robot is None:
         raise BadInputError("--run needs a robot; give --robot HOST")
+    own = load_motion(experiment) if experiment is not None else None
     session = Session.opened(folder, logs or [], nominal, policy, seed)
+    session.own = own
     if not run:
         for line in session.rank():
             typer.echo(line)

@@ -10,8 +10,10 @@ from typing import Any
 
 from diagnosis.next.choose.candidates import Motion
 from diagnosis.next.choose.design import Design, Proposal, in_words
-from spot_model.io.joint_experiment import save_joint_experiment
-from spot_model.io.velocity_sequence import VelocitySequence, save_sequence
+from spot_model.io.joint_experiment import SCHEMA as JOINT_EXPERIMENT
+from spot_model.io.joint_experiment import joint_experiment_from_data, save_joint_experiment
+from spot_model.io.velocity_sequence import VelocitySequence, load_sequence, save_sequence
+from spot_model.io.yaml_text import read_yaml
 
 
 @dataclass(frozen=True)
@@ -43,6 +45,18 @@ def save_motion(motion: Motion, path: Path) -> None:
         save_sequence(motion, path)
     else:
         save_joint_experiment(motion, path)
+
+
+def load_motion(path: Path) -> Motion:
+    """A user's own experiment: a joint experiment, or velocity commands.
+
+    Raises:
+        BadInputError: The file cannot be read, is neither, or asks for what is never allowed.
+    """
+    data = read_yaml(path, "experiment")
+    if isinstance(data, dict) and data.get("schema") == JOINT_EXPERIMENT:
+        return joint_experiment_from_data(data, source=f"joint experiment {path}")
+    return load_sequence(str(path))
 
 
 def run_words(motion: Motion, file: Path, policy: str | None, log_dir: str) -> list[str]:

@@ -218,7 +218,7 @@ def _round(story: Story, found: Found, lab: Lab, limits: Limits, seed: int, told
     lab.say(f"choosing experiment {len(story.rounds) + 1}; {left_s:.0f} s of robot time are left")
     plan = lab.choose(found.posterior, seed + len(story.rounds), story.excluded)
     if not plan.worthwhile:
-        story.ending = "no experiment that is safe tells more"
+        story.ending = f"no experiment that is safe tells more: {_why(plan)}"
         return found
     chosen = next((p for p in plan.worthwhile if p.robot_s <= left_s), None)
     if chosen is None:
@@ -255,6 +255,15 @@ def _diagnosed(story: Story, found: Found, lab: Lab, told: Callable[[Story], Non
         )
     told(story)
     return found
+
+
+def _why(plan: Design) -> str:
+    """Why nothing of a plan is worthwhile."""
+    safe = [p for p in plan.proposals if not p.refused]
+    refused = [f"{p.candidate.name} is refused ({p.refused[0]})" for p in plan.proposals if p.refused]
+    best = max((p.told.bits for p in safe), default=0.0)
+    told = [f"the best of {len(safe)} tells {best:.2f} bits"] if safe else []
+    return "; ".join([*told, *refused]) or "there is none left"
 
 
 def _ending(found: Found, story: Story, limits: Limits) -> str:

@@ -9,9 +9,11 @@ from pathlib import Path
 
 import numpy as np
 from pydantic import ValidationError
+from rich.console import Console
 
 from diagnosis.document import load_verdict
 from diagnosis.library.extra_effect import chosen_library
+from diagnosis.next.choose.candidates import Motion
 from diagnosis.next.choose.design import Design, Proposal, design
 from diagnosis.next.files import free_folder, ranking_lines, run_words, save_motion, write_offers
 from diagnosis.next.inputs import Inputs, absolute, load_inputs, save_inputs
@@ -24,10 +26,11 @@ from diagnosis.read.log_files import find_policy, find_policy_file, read_all
 from diagnosis.report.output import NAMES
 from diagnosis.report.words import headline
 from diagnosis.session import Request, run_session
-from diagnosis.verdict.posterior_file import load_posterior
+from diagnosis.verdict.posterior_file import Posterior, load_posterior
 from spot_log import read_run
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import load_model
+from spot_model.io.progress import Progress as Bar
 from spot_model.io.validation import explain
 from spot_model.io.velocity_sequence import load_sequence
 from spot_model.policy.policy import Policy, load_policy
@@ -42,6 +45,8 @@ class Session:
     found: Found
     policy: Policy | None
     seed: int
+    own: Motion | None = None
+    """A user's own experiment, in the place of all that could be chosen."""
     page: Path | None = None
 
     @classmethod
@@ -76,10 +81,7 @@ class Session:
 
     def rank(self) -> list[str]:
         """Rank experiments, write them, and say so."""
-        progress = Progress()
-        progress("trying experiments on simulated robots")
-        plan = design(self.found.posterior, self.policy, self.seed, progress.at)
-        progress.close()
+        plan = self._chosen(self.found.posterior, self.seed)
         place = free_folder(self.folder, "next")
         offers = write_offers(plan, place, self.inputs.policy)
         self.page = place / "next.html"
@@ -96,10 +98,8 @@ class Session:
         place = self.folder / "asked"
         place.mkdir(exist_ok=True)
         self.page = page = place / "story.html"
-        progress = Progress()
 
         def agreed(proposal: Proposal, plan: Design) -> bool:
-            progress.close()
             return confirm(proposal, ranking_lines(Design(plan.causes, plan.weights, (proposal,)), ()))
 
         def told(story: Story) -> None:
@@ -117,17 +117,22 @@ class Session:
 
         lab = Lab(
             folder=place,
-            choose=lambda posterior, seed, failed: design(posterior, self.policy, seed, excluded=failed),
+            choose=self._chosen,
             confirm=agreed,
             run=run,
             diagnose=lambda logs, out: diagnosed(self.inputs, logs, out),
             open=found_in,
-            say=progress,
+            say=lambda text: Console(stderr=True).print(text, markup=False, highlight=False),
         )
-        story = read_story(place / "story.json", self.found)
-        ask_robot(story, lab, limits, self.seed, told)
-        progress.close()
-        return story
+        return ask_robot(read_story(place / "story.json", self.found), lab, limits, self.seed, told)
+
+    def _chosen(self, posterior: Posterior, seed: int, excluded: Sequence[str] = ()) -> Design:
+        with Bar("% of the choice", 100) as bar:
+
+            def tell(share: float) -> None:
+                bar.update(round(100 * share), "trying experiments on simulated robots")
+
+            return design(posterior, self.policy, seed, tell, excluded=excluded, own=self.own)
 
     def predicted(self, sequence: str, log: Path | None, out: Path | None) -> list[str]:
         """Foretell a run, or set what was foretold beside what came.

@@ -15,7 +15,15 @@ from diagnosis.library.registry import LIBRARY
 from diagnosis.next.choose.candidates import Candidate, candidates
 from diagnosis.next.choose.design import Design, Proposal, in_words, judged
 from diagnosis.next.choose.information import Told, entropy_bits, told_by
-from diagnosis.next.choose.robots import beliefs, compact, drawn_robots, suspects, with_ordinary_errors
+from diagnosis.next.choose.robots import (
+    N_WIDE,
+    NO_CAUSE,
+    beliefs,
+    compact,
+    drawn_robots,
+    suspects,
+    with_ordinary_errors,
+)
 from diagnosis.next.choose.safety_check import refusals
 from diagnosis.next.choose.trial import try_on
 from diagnosis.next.files import free_folder, ranking_lines, run_words, write_offers
@@ -100,7 +108,7 @@ def test_causes_and_suspects_of_a_posterior() -> None:
 def test_every_cause_gets_as_many_robots_and_a_seed_gives_the_same_ones() -> None:
     own = posterior(torque_gain=0.7, none=0.3)
     first, second = (drawn_robots(own, 3, np.random.default_rng(5)) for _ in range(2))
-    assert first.cause_of.tolist() == [0, 0, 0, 1, 1, 1]
+    assert first.cause_of.tolist() == [0, 0, 0, 1, 1, 1] + [NO_CAUSE] * N_WIDE
     assert repr(first.models) == repr(second.models)
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from spot_model.errors import SpotRlError
 from spot_model.io.velocity_sequence import VelocitySequence
-from spot_model.policy.observation import build_observation
+from spot_model.policy.observation import Sensed
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
 from spot_model.robot.facts import N_JOINTS, N_LEGS, STATE_PERIOD_NS, Array
@@ -219,23 +219,23 @@ class _Simulation:
         """
         ramp_s, time_s = self.settings.ramp_s, state * STATE_S - self.settings.ramp_s
         command = np.stack([self.requests[i].sequence.at(max(0.0, time_s)) for i in runs]) * (time_s >= 0.0)
-        order = self.policy.policy_from_canonical
         joints = record.joints[state, runs]
-        observed: Array = build_observation(
+        sensed = Sensed(
             world_from_body_wxyz=record.attitude[state, runs],
             linear_vel_of_body_in_world_m_s=record.linear[state, runs],
             angular_vel_of_body_in_world_rad_s=record.angular[state, runs],
-            velocity_command=command,
-            position_rad=joints[:, :N_JOINTS][:, order],
-            velocity_rad_s=joints[:, N_JOINTS : 2 * N_JOINTS][:, order],
-            last_action=self.action[runs],
-            default_position_rad=self.policy.default_position_rad,
+            position_rad=joints[:, :N_JOINTS],
+            velocity_rad_s=joints[:, N_JOINTS : 2 * N_JOINTS],
         )
+        observed = self.policy.observe_many(sensed, command, self.action[runs])
         observation = np.nan_to_num(observed).astype(np.float32)
         action = np.concatenate([self.policy.act(row[None]) for row in observation])
         asked = self.policy.setpoint_rad(action)
         for part in self.robot.setpoints:
             asked = part.act(asked)
+        if self.policy.session is None:
+            # A joint experiment: no network saw or said anything, and nobody asked for a velocity.
+            observation, action, command = np.full((3, len(runs), 1), np.nan)
         record.observation[numbers, runs], record.action[numbers, runs] = observation, action
         share = min(1.0, max(0.0, 1.0 + time_s / ramp_s))
         blend = share * share * (3.0 - 2.0 * share)

@@ -17,7 +17,6 @@ Motion = VelocitySequence | JointExperiment
 HANDOVER_S: Final = 12.0
 """Robot time that a run takes beside its motion: to stand up, ramps in and out, soft stop, to sit down. A squat of 10 s
 took 22 s on the fake robot."""
-LONGEST_S: Final = 20.0
 SWEPT: Final = 3
 """Joints that are swept one by one, at most."""
 
@@ -30,6 +29,13 @@ class Free:
     low: float
     high: float
     unit: str
+
+
+GAINS: Final[Mapping[str, Free]] = {
+    "kp_nm_per_rad": Free(250.0, 200.0, 300.0, "N·m/rad"),
+    "kd_nm_s_per_rad": Free(5.0, 3.0, 6.0, "N·m·s/rad"),
+}
+"""Other gains than the policy's tell drag from damping, and stiffness from a drive's gain."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +78,11 @@ def candidates(policy: PolicyContract | None, suspects: Sequence[str]) -> tuple[
         suspects: Joints at which something may be wrong, the likeliest first.
     """
     return (*(_walks(policy) if policy is not None else ()), *_in_the_stand(), *_sweeps(suspects))
+
+
+def given(motion: Motion) -> Candidate:
+    """A user's own experiment; nothing of it may be chosen."""
+    return Candidate(motion.name, f"{motion.name}, from a file", "what the file asks for", {}, lambda _: motion)
 
 
 def _walks(policy: PolicyContract) -> tuple[Candidate, ...]:
@@ -135,7 +146,6 @@ def _walks(policy: PolicyContract) -> tuple[Candidate, ...]:
 
 
 def _in_the_stand() -> tuple[Candidate, ...]:
-    gains = Free(250.0, 200.0, 300.0, "N·m/rad")
     return (
         Candidate(
             "standing",
@@ -161,7 +171,7 @@ def _in_the_stand() -> tuple[Candidate, ...]:
             {
                 "depth_m": Free(0.10, 0.04, 0.14, "m"),
                 "frequency_hz": Free(0.6, 0.2, 1.2, "Hz"),
-                "kp_nm_per_rad": gains,
+                **GAINS,
                 "duration_s": Free(8.0, 6.0, 16.0, "s"),
             },
             lambda v: Squat(
@@ -170,6 +180,7 @@ def _in_the_stand() -> tuple[Candidate, ...]:
                 depth_m=v["depth_m"],
                 frequency_hz=v["frequency_hz"],
                 kp_nm_per_rad=v["kp_nm_per_rad"],
+                kd_nm_s_per_rad=v["kd_nm_s_per_rad"],
             ),
         ),
     )
@@ -187,6 +198,8 @@ def _sweep(joint: str) -> Candidate:
             joint=joint,
             amplitude_rad=v["amplitude_rad"],
             end_hz=v["end_hz"],
+            kp_nm_per_rad=v["kp_nm_per_rad"],
+            kd_nm_s_per_rad=v["kd_nm_s_per_rad"],
         )
 
     return Candidate(
@@ -196,6 +209,7 @@ def _sweep(joint: str) -> Candidate:
         {
             "amplitude_rad": Free(0.2, 0.05, 0.3, "rad"),
             "end_hz": Free(2.5, 1.0, 3.0, "Hz"),
+            **GAINS,
             "duration_s": Free(10.0, 9.0, 16.0, "s"),
         },
         build,

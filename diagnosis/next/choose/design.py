@@ -9,9 +9,9 @@ from typing import Final
 import numpy as np
 from scipy.optimize import minimize
 
-from diagnosis.next.choose.candidates import Candidate, Motion, candidates
+from diagnosis.next.choose.candidates import Candidate, Motion, candidates, given
 from diagnosis.next.choose.information import Told, told_by
-from diagnosis.next.choose.robots import Cause, Robots, drawn_robots, suspects
+from diagnosis.next.choose.robots import NO_CAUSE, Cause, Robots, drawn_robots, suspects
 from diagnosis.next.choose.safety_check import burden, refusals
 from diagnosis.next.choose.signature import signature
 from diagnosis.next.choose.trial import try_on
@@ -22,9 +22,9 @@ from spot_model.robot.facts import Array
 
 EACH: Final = 6
 """Robots of each cause."""
-REFINED: Final = 2
+REFINED: Final = 1
 """Best kinds whose numbers are chosen."""
-TRIES: Final = 6
+TRIES: Final = 5
 """Simulations for each of them."""
 WORTH_BITS: Final = 0.05
 """An experiment that tells less is not worth anybody's time."""
@@ -98,6 +98,7 @@ def design(
     *,
     tries: int = TRIES,
     excluded: Sequence[str] = (),
+    own: Motion | None = None,
 ) -> Design:
     """Rank the experiments that could be next.
 
@@ -108,17 +109,18 @@ def design(
         tell: Called with the share that is done.
         tries: Simulations in which the numbers of a good candidate are chosen.
         excluded: Names of candidates that are left out.
+        own: A user's own experiment, in the place of all others.
     """
     robots = drawn_robots(posterior, EACH, np.random.default_rng(seed))
     all_of = candidates(policy.contract if policy is not None else None, suspects(posterior))
-    kinds = [c for c in all_of if c.name not in excluded]
+    kinds = [c for c in all_of if c.name not in excluded] if own is None else [given(own)]
     n_steps, done = len(kinds) + REFINED * tries, 0
     found: list[Proposal] = []
     for candidate in kinds:
         found.append(judged(candidate, robots, policy, seed))
         done += 1
         tell(done / n_steps)
-    if len(robots.causes) > 1:
+    if len(robots.causes) > 1 and own is None:
         for number in sorted(range(len(found)), key=lambda i: _rank(found[i]))[:REFINED]:
             found[number] = _improved(found[number], robots, policy, seed, tries)
             done += tries
@@ -129,16 +131,17 @@ def design(
 def judged(candidate: Candidate, robots: Robots, policy: Policy | None, seed: int) -> Proposal:
     """What a candidate tells and loads, and whether all robots bear it."""
     nothing = Told(0.0, 0.0, np.tile(robots.weights, (len(robots.weights), 1)))
+    motion = candidate.motion()
     try:
-        motion = candidate.motion()
         runs = try_on(motion, robots.models, policy, np.random.default_rng([seed, 1]))
     except BadInputError as error:
-        return Proposal(candidate, candidate.replace_values({}).motion(), nothing, "", (str(error),))
+        return Proposal(candidate, motion, nothing, "", (str(error),))
     refused = refusals(runs)
     told = nothing
-    signatures = np.array([signature(run) for run in runs])
+    known = robots.cause_of != NO_CAUSE
+    signatures = np.array([signature(run) for run, k in zip(runs, known, strict=True) if k])
     if len(robots.causes) > 1 and np.isfinite(signatures).all():
-        told = told_by(signatures, robots.cause_of, robots.weights, np.random.default_rng([seed, 2]))
+        told = told_by(signatures, robots.cause_of[known], robots.weights, np.random.default_rng([seed, 2]))
     return Proposal(candidate, motion, told, burden(runs), refused)
 
 

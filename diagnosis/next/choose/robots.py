@@ -24,9 +24,13 @@ from spot_model.robot.joints import select_joints
 SPOT: Final = Robot(facts.JOINT_NAMES, np.repeat(np.arange(facts.N_LEGS), 3))
 LEFT: Final = 0.5
 """Share of the published range of ordinary errors that the first logs leave open. Not calibrated."""
+WIDE: Final = 2.0
+"""Share of the published range that robots for the safety check alone are drawn from."""
+N_WIDE: Final = 8
+NO_CAUSE: Final = -1
 LIKELY: Final = 0.01
 """Causes below this weight are left out."""
-MOST_CAUSES: Final = 6
+MOST_CAUSES: Final = 4
 MATTERS: Final = 0.5
 """An effect that moves the gap with a smaller probability is no cause, as in a verdict."""
 SETTLED: Final = frozenset({"velocity_estimate", "imu_tilt", "velocity_filter", "command_jitter"})
@@ -38,14 +42,14 @@ Cause = tuple[str, ...]
 
 @dataclass(frozen=True)
 class Robots:
-    """Robots that the logs allow, as many of each cause."""
+    """Robots that the logs allow, as many of each cause; then some with wide errors, for safety alone."""
 
     causes: tuple[Cause, ...]
     weights: np.ndarray
     """Of the causes, shape (C,), adding up to 1."""
     models: tuple[RobotModel, ...]
     cause_of: np.ndarray
-    """Index of each model's cause, shape (n,)."""
+    """Index of each model's cause, :data:`NO_CAUSE` for one with wide errors, shape (n,)."""
 
 
 def cause_of(possibility: Possibility, posterior: Posterior) -> Cause:
@@ -79,7 +83,7 @@ def suspects(posterior: Posterior) -> tuple[str, ...]:
 def drawn_robots(
     posterior: Posterior, each: int, rng: np.random.Generator, library: Mapping[str, LibraryEffect] = LIBRARY
 ) -> Robots:
-    """Robots of every cause that is still likely, with ordinary errors that the logs leave open.
+    """Robots of every cause that is still likely, with ordinary errors that the logs leave open; and wide ones.
 
     Args:
         posterior: What is still possible.
@@ -95,6 +99,9 @@ def drawn_robots(
             model = Posterior(possibilities=own).draw(library, rng)
             models.append(with_ordinary_errors(compact(model), rng, LEFT, without=SETTLED))
             index.append(number)
+    for _ in range(N_WIDE):
+        models.append(with_ordinary_errors(compact(posterior.draw(library, rng)), rng, WIDE, without=SETTLED))
+        index.append(NO_CAUSE)
     return Robots(tuple(odds), np.array(list(odds.values())), tuple(models), np.array(index))
 
 

@@ -36,8 +36,8 @@ def try_on(
         rng: Draws sensors' noise and delays.
 
     Raises:
-        BadInputError: A velocity sequence needs a policy, a joint experiment breaks its bounds, or the robots cannot be
-            simulated side by side.
+        BadInputError: A velocity sequence needs a policy, or asks for more than it knows, a joint experiment breaks its
+            bounds, or the robots cannot be simulated side by side.
     """
     together = merged(list(models))
     if together is None:
@@ -45,6 +45,11 @@ def try_on(
     if isinstance(motion, VelocitySequence):
         if policy is None:
             raise BadInputError(f"experiment {motion.name} is a walk; give the policy with --policy")
+        if motion.clipped(np.array(policy.command_low), np.array(policy.command_high)) != motion:
+            raise BadInputError(
+                f"experiment {motion.name} asks for more than the policy knows: V_x, V_y (m/s), ω_z (rad/s) from "
+                f"{_numbers(policy.command_low)} to {_numbers(policy.command_high)}"
+            )
         controller, asked = policy, motion.sampled(policy.contract.rate_hz)
     else:
         controller = joint_script(motion)
@@ -57,3 +62,7 @@ def try_on(
     command = np.concatenate([stand, asked])
     scripts = [Script(motion.name, number, start, command) for number in range(len(models))]
     return tuple(simulate(together, controller, scripts, rng, SensorNoise()))
+
+
+def _numbers(values: Sequence[float]) -> str:
+    return ", ".join(f"{v:g}" for v in values)
