@@ -7,12 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from typer.testing import CliRunner
 
 from diagnosis.command import diagnose
 from diagnosis.decision_constants import ODD_RUN
 from diagnosis.library.registry import LIBRARY
-from diagnosis.next.choose.candidates import Candidate, candidates
+from diagnosis.next.choose.candidates import Candidate, candidates, given
 from diagnosis.next.choose.design import Design, Proposal, in_words, judged
 from diagnosis.next.choose.information import Told, entropy_bits, told_by
 from diagnosis.next.choose.robots import (
@@ -26,7 +27,7 @@ from diagnosis.next.choose.robots import (
 )
 from diagnosis.next.choose.safety_check import refusals
 from diagnosis.next.choose.trial import try_on
-from diagnosis.next.files import free_folder, ranking_lines, run_words, write_offers
+from diagnosis.next.files import free_folder, load_motion, ranking_lines, run_words, write_offers
 from diagnosis.next.page import ranking_page, story_page
 from diagnosis.next.predict.outcome import MOTION
 from diagnosis.next.predict.prediction import Forecast, Prediction, _forecast, load_prediction
@@ -40,8 +41,11 @@ from spot_model.effects.limits.position_torque_limit import PositionTorqueLimit
 from spot_model.errors import BadInputError
 from spot_model.io.joint_experiment import Squat, load_joint_experiment
 from spot_model.io.model_file import RobotModel, load_model
+from spot_model.policy.policy import load_policy
 from spot_model.robot import facts
 from spot_model.robot.facts import JOINT_NAMES
+
+WALK = Path(__file__).parents[2] / "policies" / "walk.onnx"
 
 
 def posterior(**weights: float) -> Posterior:
@@ -182,6 +186,49 @@ def test_every_corner_of_a_candidates_bounds_can_be_built(candidate: Candidate) 
         values = {name: getattr(free, side) for name, free in candidate.free.items()}
         motion = candidate.replace_values(values).motion()
         assert 4.0 <= motion.duration_s <= 20.0
+
+
+def write(path: Path, **data: object) -> Path:
+    path.write_text(yaml.safe_dump(data))
+    return path
+
+
+JOINT = {"schema": "spot-rl/joint-experiment/1", "name": "own"}
+UNSAFE = {
+    "too deep": {**JOINT, "kind": "squat", "duration_s": 8.0, "depth_m": 0.3},
+    "too wide": {**JOINT, "kind": "sweep", "duration_s": 10.0, "joint": "fl_kn", "amplitude_rad": 1.0},
+    "too stiff": {**JOINT, "kind": "squat", "duration_s": 8.0, "kp_nm_per_rad": 600.0},
+    "too little damping": {**JOINT, "kind": "squat", "duration_s": 8.0, "kd_nm_s_per_rad": 0.0},
+    "too strong": {**JOINT, "kind": "squat", "duration_s": 8.0, "torque_nm": 150.0},
+    "no number": {**JOINT, "kind": "squat", "duration_s": 8.0, "depth_m": float("nan")},
+}
+
+
+@pytest.mark.parametrize("data", UNSAFE.values(), ids=UNSAFE)
+def test_an_unsafe_experiment_of_a_users_own_is_refused_by_its_file(tmp_path: Path, data: dict[str, object]) -> None:
+    with pytest.raises(BadInputError, match=r"own.yaml:\n"):
+        load_motion(write(tmp_path / "own.yaml", **data))
+
+
+def test_one_that_only_its_motion_makes_unsafe_is_refused_with_the_reason(tmp_path: Path) -> None:
+    """The set-point swings by 0.6 rad at up to 5 Hz: 0.6 · 2π · 5 = 18.8 rad/s."""
+    swing = {"kind": "sweep", "duration_s": 10.0, "joint": "fl_kn", "amplitude_rad": 0.6, "end_hz": 5.0}
+    own = given(load_motion(write(tmp_path / "own.yaml", **JOINT, **swing)))
+    robots = drawn_robots(posterior(torque_gain=1.0), 1, np.random.default_rng(0))
+    refused = judged(own, robots, None, 0).refused
+    assert len(refused) == 1
+    assert "fl_kn" in refused[0]
+
+
+def test_a_walk_beyond_the_policys_range_is_refused_with_the_range(tmp_path: Path) -> None:
+    points = [{"time_s": 0.0, "v_x_m_s": 9.0}]
+    file = write(
+        tmp_path / "own.yaml", schema="spot-rl/velocity-sequence/1", name="own", duration_s=5.0, waypoints=points
+    )
+    robots = drawn_robots(posterior(torque_gain=1.0), 1, np.random.default_rng(0))
+    refused = judged(given(load_motion(file)), robots, load_policy(WALK), 0).refused
+    assert len(refused) == 1
+    assert refused[0].endswith("(m/s), ω_z (rad/s) from -0.8, -0.5, -1 to 1.7, 0.5, 1")
 
 
 # The choice ----------------------------------------------------------------------------------------------------------

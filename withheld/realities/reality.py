@@ -8,9 +8,12 @@ from itertools import groupby
 from pathlib import Path
 from typing import Final
 
+from spot_model.io.joint_experiment import JointExperiment
 from spot_model.io.model_file import RobotModel
-from spot_model.io.velocity_sequence import VelocitySequence
+from spot_model.policy.joint_motion import JointMotion
+from spot_model.policy.joint_script import joint_script
 from spot_model.policy.policy import Policy, load_policy
+from spot_model.robot.facts import Array
 from withheld.features import features_of_ticks
 from withheld.plan import Fault, FaultRequest, RecordingPlan, Truth, Walk
 from withheld.realities.fault_kind import Ask, Built, FaultKind, flags_of
@@ -21,7 +24,7 @@ from withheld.simulator.recording.log_writer import LogSetting, write_log
 from withheld.simulator.recording.run_arrays import RunArrays
 from withheld.simulator.robot import Robot
 from withheld.simulator.settings import Settings
-from withheld.simulator.simulation import RunRequest, simulate
+from withheld.simulator.simulation import Asked, RunRequest, simulate
 from withheld.simulator.surroundings import add_surroundings, draw_settings
 
 EPOCH_NS: Final = 1_790_000_000_000_000_000
@@ -61,6 +64,18 @@ class ComposedReality:
         """
         self.rehearse(plan).write(folder)
 
+    def perform(self, experiment: JointExperiment, seed: int, folder: Path) -> None:
+        """Simulate a joint experiment once, and write its log.
+
+        Raises:
+            BadInputError: The experiment leaves its bounds.
+            OSError: The folder cannot be written.
+        """
+        script, plan = joint_script(experiment), RecordingPlan(Path(), (), 1, seed)
+        asked = Offsets(experiment.name, script.motion)
+        (run,) = simulate(self.robot(), script, [RunRequest(asked, stream(seed, "run", 0, 0))], self.settings)
+        Made(plan, script, ((0, 0, asked, run),)).write(folder)
+
     def rehearse(self, plan: RecordingPlan) -> Made:
         """Simulate.
 
@@ -75,7 +90,7 @@ class ComposedReality:
             for number, sequence in enumerate(plan.sequences)
         ]
         jobs.sort(key=lambda job: job[2].duration_s)
-        runs: list[tuple[int, int, VelocitySequence, RunArrays]] = []
+        runs: list[tuple[int, int, Asked, RunArrays]] = []
         for _, group in groupby(jobs, key=lambda job: job[2].duration_s):
             alike = list(group)
             for start in range(0, len(alike), SIDE_BY_SIDE):
@@ -87,12 +102,29 @@ class ComposedReality:
 
 
 @dataclass(frozen=True)
+class Offsets:
+    """The motion of a joint experiment by name."""
+
+    name: str
+    motion: JointMotion
+
+    @property
+    def duration_s(self) -> float:
+        """From rest to rest."""
+        return self.motion.duration_s
+
+    def at(self, time_s: float) -> Array:
+        """Offsets of the set-points, shape (12,), rad."""
+        return self.motion.at(time_s)
+
+
+@dataclass(frozen=True)
 class Made:
     """Runs that were simulated."""
 
     plan: RecordingPlan
     policy: Policy
-    runs: tuple[tuple[int, int, VelocitySequence, RunArrays], ...]
+    runs: tuple[tuple[int, int, Asked, RunArrays], ...]
     """Repeat, number of the sequence, sequence, and what came of it."""
 
     def walks(self, policy: Policy) -> list[Walk]:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Protocol
 
 import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from spot_model.errors import SpotRlError
-from spot_model.io.velocity_sequence import VelocitySequence
 from spot_model.policy.observation import Sensed
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
@@ -48,11 +47,29 @@ class RealityDivergedError(SpotRlError):
     """A simulation broke down; no log is written."""
 
 
+class Asked(Protocol):
+    """What is asked of a controller over time: velocities of a policy, offsets of a joint experiment."""
+
+    @property
+    def name(self) -> str:
+        """For the log."""
+        ...
+
+    @property
+    def duration_s(self) -> float:
+        """How long it takes."""
+        ...
+
+    def at(self, time_s: float) -> Array:
+        """What is asked at a time."""
+        ...
+
+
 @dataclass(frozen=True)
 class RunRequest:
     """One run to make."""
 
-    sequence: VelocitySequence
+    sequence: Asked
     rng: np.random.Generator
     """Of all that differs from run to run."""
 
