@@ -13,7 +13,9 @@ import numpy as np
 from spot_model.policy.policy import TickMemory, load_policy
 from spot_model.robot import facts
 from spot_model.robot.state import Gains, JointCommand, RobotState
-from spot_runtime.control.safety import safety
+from spot_runtime.control.safety.last_gate import check_command
+from spot_runtime.control.safety.setpoint_limits import SetpointMemory, limit_setpoint
+from spot_runtime.control.safety.states import StateMemory, screen_state
 from spot_runtime.control.set_point import blend, hold_setpoint, policy_setpoint
 from spot_runtime.hal.spot.command_stream import CommandEncoder
 from spot_runtime.safety_limits import SafetyLimits
@@ -45,7 +47,7 @@ def main(path: str) -> None:
     """Measure all pieces."""
     policy = load_policy(Path(path))
     states = [state_at(i) for i in range(3000)]
-    memory = safety.StateMemory()
+    memory = StateMemory()
     encoder = CommandEncoder("benchmark", 40.0)
     hold, target = (
         hold_setpoint(facts.DEFAULT_POSITION_RAD, ZEROS),
@@ -54,7 +56,7 @@ def main(path: str) -> None:
 
     def screen(index: int) -> None:
         nonlocal memory
-        memory, _, _ = safety.screen_state(memory, states[index], states[index].robot_stamp_ns, LIMITS)
+        memory, _, _ = screen_state(memory, states[index], states[index].robot_stamp_ns, LIMITS)
 
     def command(index: int) -> JointCommand:
         return JointCommand(index + 1, facts.DEFAULT_POSITION_RAD, ZEROS, ZEROS, target.gains, 50_000_000)
@@ -64,11 +66,9 @@ def main(path: str) -> None:
     report("blend two servo laws", lambda _: blend(hold, target, 0.5))
     report(
         "limit set-points",
-        lambda _: safety.limit_setpoint(
-            safety.SetpointMemory(facts.DEFAULT_POSITION_RAD), facts.DEFAULT_POSITION_RAD, LIMITS
-        ),
+        lambda _: limit_setpoint(SetpointMemory(facts.DEFAULT_POSITION_RAD), facts.DEFAULT_POSITION_RAD, LIMITS),
     )
-    report("last gate", lambda i: safety.check_command(command(i), i, 0))
+    report("last gate", lambda i: check_command(command(i), i, 0))
     report("encode a command", lambda i: encoder.encode(command(i), 0))
 
 

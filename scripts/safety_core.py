@@ -12,9 +12,13 @@ _SIGNALS = (
     "tests/spot_runtime/test_signal_memories.py",
     "tests/spot_runtime/test_signals.py",
 )
+_ANSWERS = "tests/spot_runtime/test_answers.py"
 
 TESTS_OF = {
-    "spot_runtime/control/safety/safety.py": (_BOUNDS, _SIGNAL_BOUNDS, "tests/spot_runtime/test_safety.py"),
+    **{
+        f"spot_runtime/control/safety/{name}.py": (_BOUNDS, _SIGNAL_BOUNDS, "tests/spot_runtime/test_safety.py")
+        for name in ("states", "state_bounds", "setpoint_limits", "slow_state", "last_gate", "values")
+    },
     "spot_runtime/safety_limits.py": (_BOUNDS,),
     "spot_runtime/control/safety/battery.py": (_BOUNDS, _SIGNAL_BOUNDS, "tests/spot_runtime/test_watchdogs.py"),
     "spot_runtime/control/safety/leaps.py": (_BOUNDS,),
@@ -23,8 +27,10 @@ TESTS_OF = {
     "spot_runtime/control/safety/policy_bounds.py": (_BOUNDS,),
     **{
         f"spot_runtime/control/safety/signals/{name}.py": _SIGNALS
-        for name in ("check", "ground", "imu", "legs", "load", "motion", "still", "weight", "window")
+        for name in ("ground", "imu", "legs", "motion", "still", "weight", "window")
     },
+    "spot_runtime/control/safety/signals/answer.py": (_ANSWERS,),
+    **{f"spot_runtime/control/safety/signals/{name}.py": (*_SIGNALS, _ANSWERS) for name in ("check", "load")},
     "spot_runtime/control/modes.py": (_MODES, _BOUNDS),
     "spot_runtime/stops.py": (_MODES, _BOUNDS),
     "spot_runtime/control/safety/watchdogs.py": ("tests/spot_runtime/test_watchdogs.py",),

@@ -19,7 +19,9 @@ from spot_model.robot.state import Array, JointCommand, RobotState
 from spot_runtime.control.memory import Act, Drive, Memory, Plan, Step, Tick
 from spot_runtime.control.modes import Mode, ModeInputs, next_mode
 from spot_runtime.control.notes import Notes
-from spot_runtime.control.safety import safety, watchdogs
+from spot_runtime.control.safety import watchdogs
+from spot_runtime.control.safety.last_gate import check_command
+from spot_runtime.control.safety.setpoint_limits import limit_setpoint
 from spot_runtime.control.safety.signals.check import asked, check_signals
 from spot_runtime.control.set_point import Setpoint, asked_setpoint, hold_setpoint, within_stops
 from spot_runtime.control.snapshot import Phase, Snapshot
@@ -282,7 +284,7 @@ def _limited(
     )
     if phase.mode is Mode.DAMPING:
         return memory._replace(drive=drive._replace(current=asked, requested_rad=asked.position_rad)), None
-    after, limited, stop = safety.limit_setpoint(drive.limits, asked.position_rad, limits)
+    after, limited, stop = limit_setpoint(drive.limits, asked.position_rad, limits)
     if limited.is_cut:
         names = [name for name, is_cut in zip(facts.JOINT_NAMES, limited.cut, strict=True) if is_cut]
         notes.once(EventName.SETPOINT_CUT, f"requested set-points were cut: {', '.join(names)}")
@@ -317,7 +319,7 @@ def _command(memory: Memory, now: Snapshot, plan: Plan) -> JointCommand:
         gains=current.gains,
         end_robot_stamp_ns=robot_ns + round(plan.config.control.end_time_ahead_s * NS_PER_S),
     )
-    wrong = safety.check_command(command, memory.key, robot_ns)
+    wrong = check_command(command, memory.key, robot_ns)
     if wrong is not None:
         raise RuntimeError(f"a command was held back: {wrong}")
     return command

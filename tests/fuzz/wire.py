@@ -14,7 +14,7 @@ def vendor_state(data: bytes) -> None:
 
     from spot_log.format.vendor_record import state_record_from_wire
     from spot_log.format.vendor_state import robot_state_from_wire
-    from spot_runtime.control.safety.safety import StateMemory, screen_state
+    from spot_runtime.control.safety.states import StateMemory, screen_state
     from spot_runtime.safety_limits import SafetyLimits
 
     with refusing(DecodeError):

@@ -15,13 +15,16 @@ from spot_model.robot import facts
 from spot_model.robot.state import Gains, JointCommand, RobotState, SlowState
 from spot_runtime.config import HandoverConfig
 from spot_runtime.control.modes import Mode, ModeInputs
-from spot_runtime.control.safety import leaps, safety
+from spot_runtime.control.safety import leaps
 from spot_runtime.control.safety.battery import BatteryMemory, watch_current
 from spot_runtime.control.safety.body_height import body_height_m
 from spot_runtime.control.safety.command_loss import LossMemory
+from spot_runtime.control.safety.last_gate import check_command
 from spot_runtime.control.safety.leaps import DOUBTFUL_STATES
 from spot_runtime.control.safety.policy_bounds import check_policy, with_speed_limit
-from spot_runtime.control.safety.safety import LimitedSetpoint, SetpointMemory, StateMemory
+from spot_runtime.control.safety.setpoint_limits import LimitedSetpoint, SetpointMemory, limit_setpoint
+from spot_runtime.control.safety.slow_state import check_slow_state
+from spot_runtime.control.safety.states import StateMemory, check_age, check_echo, screen_state
 from spot_runtime.control.set_point import (
     Setpoint,
     asked_setpoint,
@@ -112,7 +115,7 @@ def test_limits_are_frozen_and_take_no_unknown_key_and_no_infinity() -> None:
 
 
 @pytest.mark.parametrize(
-    "kind", [StateMemory, SetpointMemory, safety.LimitedSetpoint, LossMemory, ModeInputs, Stop, Ending, Setpoint]
+    "kind", [StateMemory, SetpointMemory, LimitedSetpoint, LossMemory, ModeInputs, Stop, Ending, Setpoint]
 )
 def test_memory_and_verdicts_cannot_be_changed(kind: Any) -> None:
     assert issubclass(kind, tuple) or kind.__dataclass_params__.frozen
@@ -122,12 +125,12 @@ def test_memory_and_verdicts_cannot_be_changed(kind: Any) -> None:
 
 
 def judged(state: RobotState, memory: StateMemory | None = None, now_ns: int = START_NS) -> Stop | None:
-    return safety.screen_state(memory or StateMemory(), state, now_ns, LIMITS)[2]
+    return screen_state(memory or StateMemory(), state, now_ns, LIMITS)[2]
 
 
 def test_the_future_begins_50_ms_ahead(make_state: MakeState) -> None:
     assert judged(make_state(START_NS + 50 * MS)) is None
-    memory, is_usable, stop = safety.screen_state(StateMemory(), make_state(START_NS + 51 * MS), START_NS, LIMITS)
+    memory, is_usable, stop = screen_state(StateMemory(), make_state(START_NS + 51 * MS), START_NS, LIMITS)
     assert stop is not None
     assert stop.detail == "a state is stamped in the future"
     assert not is_usable
@@ -149,7 +152,7 @@ def test_a_value_at_its_bound_may_be_used_and_one_beyond_it_not(
 ) -> None:
     def stop_at(value: float) -> Stop | None:
         limits = LIMITS.model_copy(update={bound: value})
-        return safety.screen_state(StateMemory(), make_state(START_NS, **changes), START_NS, limits)[2]
+        return screen_state(StateMemory(), make_state(START_NS, **changes), START_NS, limits)[2]
 
     stop = stop_at(1e-6)
     assert stop is not None
@@ -207,47 +210,47 @@ def test_one_value_that_is_no_number_is_enough(make_state: MakeState, name: str,
 
 
 def test_a_first_state_that_confirms_nothing_is_no_rise(make_state: MakeState) -> None:
-    memory, _, _ = safety.screen_state(StateMemory(), make_state(START_NS, last_command_key=0), START_NS, LIMITS)
+    memory, _, _ = screen_state(StateMemory(), make_state(START_NS, last_command_key=0), START_NS, LIMITS)
     assert memory.echo_robot_stamp_ns == 0
-    memory, _, _ = safety.screen_state(StateMemory(), make_state(START_NS, last_command_key=1), START_NS, LIMITS)
+    memory, _, _ = screen_state(StateMemory(), make_state(START_NS, last_command_key=1), START_NS, LIMITS)
     assert memory.echo_robot_stamp_ns == START_NS
 
 
 def test_nothing_is_cut_unless_said() -> None:
-    assert safety.LimitedSetpoint(facts.DEFAULT_POSITION_RAD).cut.dtype == np.bool_
+    assert LimitedSetpoint(facts.DEFAULT_POSITION_RAD).cut.dtype == np.bool_
 
 
 def test_whether_anything_was_cut() -> None:
-    untouched = safety.LimitedSetpoint(facts.DEFAULT_POSITION_RAD)
+    untouched = LimitedSetpoint(facts.DEFAULT_POSITION_RAD)
     assert not untouched.is_cut
     assert not untouched.cut.any()
     with pytest.raises(ValueError, match="read-only"):
         untouched.cut[0] = True
     nothing = np.zeros(12, dtype=np.bool_)
-    assert not safety.LimitedSetpoint(facts.DEFAULT_POSITION_RAD, nothing).is_cut
+    assert not LimitedSetpoint(facts.DEFAULT_POSITION_RAD, nothing).is_cut
     nothing[7] = True
-    assert safety.LimitedSetpoint(facts.DEFAULT_POSITION_RAD, nothing).is_cut is True
+    assert LimitedSetpoint(facts.DEFAULT_POSITION_RAD, nothing).is_cut is True
 
 
 def test_what_the_memory_holds_after_each_kind_of_state(make_state: MakeState) -> None:
     first = make_state(START_NS, last_command_key=3)
-    memory, is_usable, stop = safety.screen_state(StateMemory(), first, START_NS, LIMITS)
+    memory, is_usable, stop = screen_state(StateMemory(), first, START_NS, LIMITS)
     assert (is_usable, stop) == (True, None)
     assert memory == StateMemory(first, START_NS, 0, 0, 0, START_NS, START_NS)
-    again, is_usable, stop = safety.screen_state(memory, first, START_NS, LIMITS)
+    again, is_usable, stop = screen_state(memory, first, START_NS, LIMITS)
     assert (is_usable, stop) == (False, None)
     assert again == memory._replace(rejected_in_row=1, rejected=1)
     # A state that causes a stop is not used, and what arrived last is known all the same.
     broken = make_state(START_NS + 3 * MS, load_nm=np.full(12, np.inf))
-    after, is_usable, stop = safety.screen_state(again, broken, START_NS + 3 * MS, LIMITS)
+    after, is_usable, stop = screen_state(again, broken, START_NS + 3 * MS, LIMITS)
     assert stop == Stop(StopReason.STATE_NOT_FINITE)
     assert not is_usable
     assert after == again._replace(arrived_robot_stamp_ns=START_NS + 3 * MS)
     older = again._replace(arrived_robot_stamp_ns=START_NS + 9 * MS)
-    assert safety.screen_state(older, broken, START_NS + 3 * MS, LIMITS)[0] == older
+    assert screen_state(older, broken, START_NS + 3 * MS, LIMITS)[0] == older
     # The same joints again, and no newer key: what changed last stays.
     same = make_state(START_NS + 6 * MS, position_rad=first.position_rad, last_command_key=3)
-    last, is_usable, stop = safety.screen_state(after, same, START_NS + 6 * MS, LIMITS)
+    last, is_usable, stop = screen_state(after, same, START_NS + 6 * MS, LIMITS)
     assert (is_usable, stop) == (True, None)
     assert last == StateMemory(same, START_NS + 6 * MS, 0, 1, 1, START_NS, START_NS)
 
@@ -255,28 +258,28 @@ def test_what_the_memory_holds_after_each_kind_of_state(make_state: MakeState) -
 @pytest.mark.parametrize("field", ["position_rad", "velocity_rad_s", "load_nm"])
 def test_one_changed_value_of_any_kind_is_a_change(make_state: MakeState, field: str) -> None:
     first = make_state(START_NS, position_rad=facts.DEFAULT_POSITION_RAD)
-    memory, _, _ = safety.screen_state(StateMemory(), first, START_NS, LIMITS)
+    memory, _, _ = screen_state(StateMemory(), first, START_NS, LIMITS)
     changed = getattr(first, field).copy()
     changed[7] += 1e-12
     state = replace(first, robot_stamp_ns=START_NS + 3 * MS, **{field: changed})
-    assert safety.screen_state(memory, state, START_NS, LIMITS)[0].changed_robot_stamp_ns == START_NS + 3 * MS
+    assert screen_state(memory, state, START_NS, LIMITS)[0].changed_robot_stamp_ns == START_NS + 3 * MS
 
 
 def test_frozen_counts_from_the_last_change(make_state: MakeState) -> None:
     first = make_state(START_NS, position_rad=facts.DEFAULT_POSITION_RAD)
-    memory, _, _ = safety.screen_state(StateMemory(), first, START_NS, LIMITS)
+    memory, _, _ = screen_state(StateMemory(), first, START_NS, LIMITS)
     for stamp_ns, is_stop in ((START_NS + 40 * MS - 1, False), (START_NS + 40 * MS, True)):
         state = replace(first, robot_stamp_ns=stamp_ns)
-        _, is_usable, stop = safety.screen_state(memory, state, stamp_ns, LIMITS)
+        _, is_usable, stop = screen_state(memory, state, stamp_ns, LIMITS)
         assert is_usable is not is_stop
         assert stop == (Stop(StopReason.STATE_FROZEN, "", {"frozen_s": 0.04, "bound_s": 0.04}) if is_stop else None)
 
 
 @pytest.mark.parametrize(("gap_ms", "missed"), [(3, 0), (4, 0), (5, 1), (6, 1), (9, 2), (300, 99)])
 def test_states_that_never_came_are_counted(make_state: MakeState, gap_ms: int, missed: int) -> None:
-    memory, _, _ = safety.screen_state(StateMemory(missed=5), make_state(START_NS), START_NS, LIMITS)
+    memory, _, _ = screen_state(StateMemory(missed=5), make_state(START_NS), START_NS, LIMITS)
     assert memory.missed == 5
-    memory, _, _ = safety.screen_state(memory, make_state(START_NS + gap_ms * MS), START_NS + gap_ms * MS, LIMITS)
+    memory, _, _ = screen_state(memory, make_state(START_NS + gap_ms * MS), START_NS + gap_ms * MS, LIMITS)
     assert memory.missed == 5 + missed
 
 
@@ -285,7 +288,7 @@ def test_rejection_is_a_stop_from_the_tenth_on(make_state: MakeState) -> None:
     for in_row, is_stop in ((8, False), (9, True), (10, True)):
         memory = StateMemory(newest, START_NS, rejected_in_row=in_row, rejected=in_row)
         late = replace(newest, robot_stamp_ns=START_NS - 30 * MS)
-        after, _, stop = safety.screen_state(memory, late, START_NS, LIMITS)
+        after, _, stop = screen_state(memory, late, START_NS, LIMITS)
         assert (after.rejected_in_row, after.rejected) == (in_row + 1, in_row + 1)
         values = {"in_row": in_row + 1.0, "bound": 10.0, "behind_s": 0.03}
         assert stop == (Stop(StopReason.STATE_REJECTED, "", values) if is_stop else None)
@@ -399,7 +402,7 @@ def test_what_no_spot_can_do_is_not_used(
     make_state: MakeState, changes: dict[str, Any], what: str, values: tuple[float, float]
 ) -> None:
     before = StateMemory(doubtful_in_row=DOUBTFUL_STATES - 1)
-    memory, is_usable, stop = safety.screen_state(before, make_state(**changes), START_NS, LIMITS)
+    memory, is_usable, stop = screen_state(before, make_state(**changes), START_NS, LIMITS)
     assert (memory.newest, is_usable) == (None, False)
     assert stop is not None
     assert (stop.reason, stop.detail) == (StopReason.SIGNAL_OUT_OF_RANGE, what)
@@ -413,7 +416,7 @@ def test_an_impact_on_a_joint_is_not_used_and_ends_nothing_unless_it_lasts(make_
     loads = [500.0, 500.0, 0.0, 500.0, 500.0, 500.0]
     for i, load_nm in enumerate(loads):
         state = make_state(START_NS + 3 * i * MS, load_nm=np.array([0.0] * 11 + [load_nm]))
-        memory, is_usable, stop = safety.screen_state(memory, state, START_NS + 3 * i * MS, LIMITS)
+        memory, is_usable, stop = screen_state(memory, state, START_NS + 3 * i * MS, LIMITS)
         assert is_usable == (load_nm == 0.0)
         assert memory.arrived_robot_stamp_ns == state.robot_stamp_ns
         stops.append(stop is not None)
@@ -431,15 +434,13 @@ def about_x(angle_rad: float) -> np.ndarray:
 def test_a_joint_moves_no_further_than_its_speed_allows(make_state: MakeState, sign: float, periods: int) -> None:
     """40 rad/s in 3 ms are 0.12 rad, and 0.1 rad are the sensors'."""
     first = make_state(START_NS)
-    memory, _, _ = safety.screen_state(StateMemory(), first, START_NS, LIMITS)
+    memory, _, _ = screen_state(StateMemory(), first, START_NS, LIMITS)
     memory = memory._replace(doubtful_in_row=DOUBTFUL_STATES - 1)
     later_ns, bound_rad = START_NS + 3 * periods * MS, 0.12 * periods + 0.1
     for moved_rad, is_leap in ((0.999 * bound_rad, False), (1.001 * bound_rad, True)):
         position = first.position_rad.copy()
         position[7] += sign * moved_rad
-        after, is_usable, stop = safety.screen_state(
-            memory, make_state(later_ns, position_rad=position), later_ns, LIMITS
-        )
+        after, is_usable, stop = screen_state(memory, make_state(later_ns, position_rad=position), later_ns, LIMITS)
         assert is_usable != is_leap
         assert after.doubtful_in_row == (DOUBTFUL_STATES if is_leap else 0)
         if is_leap:
@@ -451,12 +452,12 @@ def test_a_joint_moves_no_further_than_its_speed_allows(make_state: MakeState, s
 def test_a_body_turns_no_further_than_its_rate_allows(make_state: MakeState, sign: float) -> None:
     """20 rad/s in 3 ms are 0.06 rad, and 0.1 rad are the sensors'; a quaternion and its negative are one attitude."""
     first = make_state(START_NS, odom_from_body_wxyz=about_x(0.3))
-    memory, _, _ = safety.screen_state(StateMemory(), first, START_NS, LIMITS)
+    memory, _, _ = screen_state(StateMemory(), first, START_NS, LIMITS)
     memory = memory._replace(doubtful_in_row=DOUBTFUL_STATES - 1)
     later_ns = START_NS + 3 * MS
     for turned_rad, is_leap in ((0.0, False), (-0.159, False), (0.159, False), (0.161, True), (-0.161, True)):
         state = make_state(later_ns, odom_from_body_wxyz=sign * about_x(0.3 + turned_rad))
-        _, is_usable, stop = safety.screen_state(memory, state, later_ns, LIMITS)
+        _, is_usable, stop = screen_state(memory, state, later_ns, LIMITS)
         assert is_usable != is_leap
         if is_leap:
             values: dict[str, Any] = {"turned_rad": pytest.approx(0.161), "bound_rad": pytest.approx(0.16)}
@@ -472,7 +473,7 @@ def test_a_body_turns_no_further_than_its_rate_allows(make_state: MakeState, sig
     ],
 )
 def test_what_a_spot_might_just_do_is_used(make_state: MakeState, changes: dict[str, Any]) -> None:
-    _, is_usable, stop = safety.screen_state(StateMemory(), make_state(**changes), START_NS, LIMITS)
+    _, is_usable, stop = screen_state(StateMemory(), make_state(**changes), START_NS, LIMITS)
     assert is_usable
     assert stop is None
 
@@ -499,7 +500,7 @@ def test_what_is_no_number_is_unknown_and_unknown_is_not_good(
     make_slow: MakeSlow, changes: dict[str, Any], names: str
 ) -> None:
     slow = make_slow(START_NS, **changes)
-    assert safety.check_slow_state(slow, START_NS, LIMITS) == Stop(StopReason.BATTERY_UNKNOWN, names)
+    assert check_slow_state(slow, START_NS, LIMITS) == Stop(StopReason.BATTERY_UNKNOWN, names)
 
 
 def test_the_ends_of_what_a_battery_does_are_believed_and_so_is_one_that_reports_neither_voltage_nor_current(
@@ -510,7 +511,7 @@ def test_the_ends_of_what_a_battery_does_are_believed_and_so_is_one_that_reports
         {"battery_voltage_v": 65.0, "battery_current_a": 200.0, "battery_temperature_c": (-60.0, 200.0)},
         {"battery_voltage_v": 0.0, "battery_current_a": 0.0},
     ):
-        assert safety.check_slow_state(make_slow(START_NS, **changes), START_NS, LIMITS) is None
+        assert check_slow_state(make_slow(START_NS, **changes), START_NS, LIMITS) is None
 
 
 def test_a_battery_does_not_charge_for_long_while_the_motors_have_power(make_slow: MakeSlow) -> None:
@@ -607,7 +608,7 @@ def test_the_last_gate_bounds_the_gains(kp: float, kd: float, words: str | None)
     gains = Gains(np.array([60.0] * 11 + [kp]), np.array([1.0] * 11 + [kd]))
     zeros = np.zeros(12)
     command = JointCommand(7, facts.DEFAULT_POSITION_RAD, zeros, zeros, gains, START_NS + 50 * MS)
-    assert safety.check_command(command, 6, START_NS) == words
+    assert check_command(command, 6, START_NS) == words
 
 
 # Ages ----------------------------------------------------------------------------------------------------------------
@@ -616,20 +617,20 @@ def test_the_last_gate_bounds_the_gains(kp: float, kd: float, words: str | None)
 def test_ages_count_from_what_arrived_and_from_what_may_be_used(make_state: MakeState) -> None:
     usable = make_state(START_NS)
     memory = StateMemory(newest=usable, arrived_robot_stamp_ns=START_NS + 100 * MS)
-    stop = safety.check_age(memory, START_NS + 100 * MS, LIMITS)
+    stop = check_age(memory, START_NS + 100 * MS, LIMITS)
     assert stop == Stop(StopReason.STATE_STALE, "", {"age_s": 0.1, "bound_s": 0.04})
-    stop = safety.check_age(memory, START_NS + 300 * MS, LIMITS)
+    stop = check_age(memory, START_NS + 300 * MS, LIMITS)
     assert stop == Stop(StopReason.STATE_LOST, "", {"age_s": 0.2, "bound_s": 0.2})
-    assert safety.check_age(memory, START_NS + 40 * MS - 1, LIMITS) is None
-    assert safety.check_age(memory, START_NS + 40 * MS, LIMITS) is not None
+    assert check_age(memory, START_NS + 40 * MS - 1, LIMITS) is None
+    assert check_age(memory, START_NS + 40 * MS, LIMITS) is not None
 
 
 def test_the_echo_counts_from_its_last_rise_or_from_the_start_of_control(make_state: MakeState) -> None:
     memory = StateMemory(newest=make_state(START_NS), echo_robot_stamp_ns=START_NS - 200 * MS)
-    assert safety.check_echo(memory, START_NS - 150 * MS + 1, LIMITS) is None
-    stop = safety.check_echo(memory, START_NS - 150 * MS, LIMITS)
+    assert check_echo(memory, START_NS - 150 * MS + 1, LIMITS) is None
+    stop = check_echo(memory, START_NS - 150 * MS, LIMITS)
     assert stop == Stop(StopReason.COMMAND_UNCONFIRMED, "", {"silent_s": 0.15, "bound_s": 0.15})
-    stop = safety.check_echo(memory, START_NS - 500 * MS, LIMITS)
+    stop = check_echo(memory, START_NS - 500 * MS, LIMITS)
     assert stop == Stop(StopReason.COMMAND_UNCONFIRMED, "", {"silent_s": 0.2, "bound_s": 0.15})
 
 
@@ -648,10 +649,10 @@ def moved(joint: int, by_rad: float) -> np.ndarray:
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_a_step_is_cut_to_its_bound_joint_by_joint(joint: int, sign: float) -> None:
     limits = SafetyLimits(setpoint_step_rad=0.1)
-    memory, limited, stop = safety.limit_setpoint(SetpointMemory(POSE), moved(joint, sign * 0.1), limits)
+    memory, limited, stop = limit_setpoint(SetpointMemory(POSE), moved(joint, sign * 0.1), limits)
     assert not limited.cut.any()
     assert memory == SetpointMemory(memory.sent_rad)
-    memory, limited, stop = safety.limit_setpoint(SetpointMemory(POSE), moved(joint, sign * 0.11), limits)
+    memory, limited, stop = limit_setpoint(SetpointMemory(POSE), moved(joint, sign * 0.11), limits)
     assert stop is None
     np.testing.assert_allclose(limited.position_rad, moved(joint, sign * 0.1), atol=1e-15)
     assert limited.cut.tolist() == [j == joint for j in range(12)]
@@ -666,7 +667,7 @@ def test_a_request_beyond_a_stop_is_cut_to_the_stop(joint: int, side: int) -> No
     for beyond_rad, overshoots in ((1e-9, 0), (0.999, 0), (1.001, 1)):
         request = POSE.copy()
         request[joint] = stop_rad + side * beyond_rad
-        memory, limited, stop = safety.limit_setpoint(SetpointMemory(), request, LIMITS)
+        memory, limited, stop = limit_setpoint(SetpointMemory(), request, LIMITS)
         assert stop is None
         assert limited.position_rad[joint] == stop_rad
         assert limited.cut.tolist() == [j == joint for j in range(12)]
@@ -675,7 +676,7 @@ def test_a_request_beyond_a_stop_is_cut_to_the_stop(joint: int, side: int) -> No
 
 def test_the_first_request_may_lie_anywhere_within_the_stops() -> None:
     for request in (facts.POSITION_LOW_RAD, facts.POSITION_HIGH_RAD, POSE):
-        memory, limited, stop = safety.limit_setpoint(SetpointMemory(cut_ticks=3), request, LIMITS)
+        memory, limited, stop = limit_setpoint(SetpointMemory(cut_ticks=3), request, LIMITS)
         assert limited.position_rad is request
         assert memory.sent_rad is request
         assert (memory.step_ticks, memory.overshoot_ticks, memory.cut_ticks, stop) == (0, 0, 3, None)
@@ -685,9 +686,9 @@ def test_the_first_request_may_lie_anywhere_within_the_stops() -> None:
 def test_a_set_point_at_the_stops_may_be_left_by_a_step_and_no_more() -> None:
     limits = SafetyLimits(setpoint_step_rad=0.2)
     sent = facts.POSITION_HIGH_RAD.copy()
-    _, limited, _ = safety.limit_setpoint(SetpointMemory(sent), facts.POSITION_LOW_RAD.copy(), limits)
+    _, limited, _ = limit_setpoint(SetpointMemory(sent), facts.POSITION_LOW_RAD.copy(), limits)
     np.testing.assert_allclose(limited.position_rad, np.maximum(sent - 0.2, facts.POSITION_LOW_RAD))
-    _, limited, _ = safety.limit_setpoint(SetpointMemory(sent), sent + 5.0, limits)
+    _, limited, _ = limit_setpoint(SetpointMemory(sent), sent + 5.0, limits)
     np.testing.assert_array_equal(limited.position_rad, sent)
 
 
@@ -696,11 +697,11 @@ def test_counts_in_a_row_and_what_the_stops_tell() -> None:
     far = moved(5, -9.0)
     for ticks, is_stop in ((1, False), (2, True), (7, True)):
         before = SetpointMemory(POSE, step_ticks=ticks, cut_ticks=4)
-        memory, _, stop = safety.limit_setpoint(before, moved(3, 0.2), limits)
+        memory, _, stop = limit_setpoint(before, moved(3, 0.2), limits)
         assert (memory.step_ticks, memory.cut_ticks) == (ticks + 1, 5)
         assert stop == (Stop(StopReason.SETPOINT_STEP, "fr_hx", {"bound_rad": 0.1}) if is_stop else None)
         before = SetpointMemory(None, overshoot_ticks=ticks)
-        memory, _, stop = safety.limit_setpoint(before, far, limits)
+        memory, _, stop = limit_setpoint(before, far, limits)
         assert memory.overshoot_ticks == ticks + 1
         beyond_rad = facts.POSITION_LOW_RAD[5] - far[5]
         values: dict[str, Any] = {"beyond_rad": pytest.approx(beyond_rad), "bound_rad": 1.0}
@@ -711,7 +712,7 @@ def test_a_request_that_is_no_number_names_its_joints_and_changes_no_memory() ->
     request = POSE.copy()
     request[[0, 11]] = np.nan, -np.inf
     before = SetpointMemory(POSE + 0.01, step_ticks=2, overshoot_ticks=1, cut_ticks=7)
-    memory, limited, stop = safety.limit_setpoint(before, request, LIMITS)
+    memory, limited, stop = limit_setpoint(before, request, LIMITS)
     assert memory is before
     assert limited.position_rad is before.sent_rad
     assert not limited.cut.any()
@@ -747,7 +748,7 @@ def test_a_request_that_is_no_number_names_its_joints_and_changes_no_memory() ->
     ],
 )
 def test_the_slow_state_at_its_bounds(make_slow: MakeSlow, changes: dict[str, object], stop: Stop | None) -> None:
-    assert safety.check_slow_state(make_slow(**changes), START_NS, LIMITS) == stop
+    assert check_slow_state(make_slow(**changes), START_NS, LIMITS) == stop
 
 
 def test_of_several_causes_the_one_that_needs_most_is_told(make_slow: MakeSlow) -> None:
@@ -768,12 +769,12 @@ def test_of_several_causes_the_one_that_needs_most_is_told(make_slow: MakeSlow) 
         ("motor_temperature_c", {}),
         ("system_faults", ()),
     ):
-        stop = safety.check_slow_state(make_slow(**worst), START_NS, LIMITS)
+        stop = check_slow_state(make_slow(**worst), START_NS, LIMITS)
         assert stop is not None
         told.append(stop.reason.label)
         worst[name] = healthy
     assert told == ["estopped", "behavior_fault", "motors_off", "battery_low", "motor_hot", "system_fault"]
-    assert safety.check_slow_state(make_slow(**worst), START_NS, LIMITS) is None
+    assert check_slow_state(make_slow(**worst), START_NS, LIMITS) is None
 
 
 # The last gate -------------------------------------------------------------------------------------------------------
@@ -796,13 +797,13 @@ def command(**changes: object) -> JointCommand:
     ("ahead_ns", "is_fine"), [(-1, False), (0, False), (1, True), (100 * MS, True), (100 * MS + 1000, False)]
 )
 def test_end_times_at_the_gate(ahead_ns: int, is_fine: bool) -> None:
-    wrong = safety.check_command(command(end_robot_stamp_ns=START_NS + ahead_ns), 6, START_NS)
+    wrong = check_command(command(end_robot_stamp_ns=START_NS + ahead_ns), 6, START_NS)
     assert (wrong is None) == is_fine
 
 
 @pytest.mark.parametrize(("last_key", "is_fine"), [(6, True), (7, False), (8, False), (0, True)])
 def test_keys_at_the_gate(last_key: int, is_fine: bool) -> None:
-    assert (safety.check_command(command(), last_key, START_NS) is None) == is_fine
+    assert (check_command(command(), last_key, START_NS) is None) == is_fine
 
 
 @pytest.mark.parametrize("joint", range(12))
@@ -811,9 +812,9 @@ def test_stops_at_the_gate(joint: int, side: int) -> None:
     stops = facts.POSITION_LOW_RAD if side < 0 else facts.POSITION_HIGH_RAD
     position = POSE.copy()
     position[joint] = stops[joint]
-    assert safety.check_command(command(position_rad=position), 6, START_NS) is None
+    assert check_command(command(position_rad=position), 6, START_NS) is None
     position[joint] += side * 1e-12
-    assert safety.check_command(command(position_rad=position), 6, START_NS) is not None
+    assert check_command(command(position_rad=position), 6, START_NS) is not None
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
@@ -829,7 +830,7 @@ def test_no_number_passes_the_gate(value: float) -> None:
         {"gains": Gains(good, bad)},
     ]
     for change in changes:
-        assert safety.check_command(command(**change), 6, START_NS) == "it holds a value that is no number"
+        assert check_command(command(**change), 6, START_NS) == "it holds a value that is no number"
 
 
 def test_a_set_point_says_whether_anything_was_cut() -> None:

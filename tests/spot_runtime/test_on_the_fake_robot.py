@@ -31,7 +31,7 @@ from spot_model.robot.state import JointCommand, RobotState
 from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
 from spot_runtime.config import RunConfig
 from spot_runtime.control.memory import Step
-from spot_runtime.control.safety.safety import LimitedSetpoint
+from spot_runtime.control.safety.setpoint_limits import LimitedSetpoint
 from spot_runtime.control.set_point import Setpoint
 from spot_runtime.hal.base import Hal
 from spot_runtime.hal.connection.address import Address, parse_address

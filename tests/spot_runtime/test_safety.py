@@ -12,8 +12,10 @@ from hypothesis.extra.numpy import arrays
 
 from spot_model.robot import facts
 from spot_model.robot.state import Gains, JointCommand, RobotState, SlowState
-from spot_runtime.control.safety import safety
-from spot_runtime.control.safety.safety import SetpointMemory, StateMemory
+from spot_runtime.control.safety.last_gate import check_command
+from spot_runtime.control.safety.setpoint_limits import SetpointMemory, limit_setpoint
+from spot_runtime.control.safety.slow_state import check_slow_state
+from spot_runtime.control.safety.states import StateMemory, check_age, check_echo, screen_state
 from spot_runtime.safety_limits import SafetyLimits
 from spot_runtime.stops import StopReason
 
@@ -28,7 +30,7 @@ ANY_FLOAT = st.floats(allow_nan=True, allow_infinity=True, width=64)
 def screen(states: list[RobotState], limits: SafetyLimits = LIMITS) -> tuple[StateMemory, list[bool], list[StopReason]]:
     memory, usable, reasons = StateMemory(), [], []
     for state in states:
-        memory, is_usable, stop = safety.screen_state(memory, state, state.robot_stamp_ns + 2 * MS, limits)
+        memory, is_usable, stop = screen_state(memory, state, state.robot_stamp_ns + 2 * MS, limits)
         usable.append(is_usable)
         reasons += [stop.reason] if stop is not None else []
     return memory, usable, reasons
@@ -61,7 +63,7 @@ def test_ten_rejected_states_in_a_row_are_a_stop(make_state: MakeState) -> None:
 
 
 def test_a_state_from_the_future_means_a_jumped_clock(make_state: MakeState) -> None:
-    _, is_usable, stop = safety.screen_state(StateMemory(), make_state(START_NS), START_NS - 51 * MS, LIMITS)
+    _, is_usable, stop = screen_state(StateMemory(), make_state(START_NS), START_NS - 51 * MS, LIMITS)
     assert not is_usable
     assert stop is not None
     assert stop.reason is StopReason.CLOCK_JUMPED
@@ -120,8 +122,8 @@ def test_a_joint_that_is_too_fast_or_beyond_its_stop_is_named(make_state: MakeSt
     velocity, position = np.zeros(12), make_state().position_rad.copy()
     velocity[5] = -41.0
     position[9] = 1.1
-    _, _, fast = safety.screen_state(StateMemory(), make_state(velocity_rad_s=velocity), START_NS, LIMITS)
-    _, _, beyond = safety.screen_state(StateMemory(), make_state(position_rad=position), START_NS, LIMITS)
+    _, _, fast = screen_state(StateMemory(), make_state(velocity_rad_s=velocity), START_NS, LIMITS)
+    _, _, beyond = screen_state(StateMemory(), make_state(position_rad=position), START_NS, LIMITS)
     assert fast is not None
     assert (fast.reason, fast.detail) == (StopReason.JOINT_VELOCITY, "fr_kn")
     assert beyond is not None
@@ -140,21 +142,21 @@ def test_a_joint_that_is_too_fast_or_beyond_its_stop_is_named(make_state: MakeSt
 )
 def test_the_age_of_the_newest_state(make_state: MakeState, age_ms: float, reason: StopReason | None) -> None:
     memory, _, _ = screen([make_state(START_NS)])
-    stop = safety.check_age(memory, START_NS + round(age_ms * MS), LIMITS)
+    stop = check_age(memory, START_NS + round(age_ms * MS), LIMITS)
     assert (stop.reason if stop else None) is reason
 
 
 def test_without_any_state_there_is_no_age() -> None:
-    assert safety.check_age(StateMemory(), START_NS, LIMITS) is None
-    assert safety.check_echo(StateMemory(), START_NS, LIMITS) is None
+    assert check_age(StateMemory(), START_NS, LIMITS) is None
+    assert check_echo(StateMemory(), START_NS, LIMITS) is None
 
 
 def test_the_robot_must_go_on_confirming_commands(make_state: MakeState) -> None:
     states = [make_state(START_NS + i * 3 * MS, last_command_key=min(i, 10)) for i in range(61)]
     memory, _, _ = screen(states[:60])
-    assert safety.check_echo(memory, START_NS, LIMITS) is None
+    assert check_echo(memory, START_NS, LIMITS) is None
     memory, _, _ = screen(states)
-    stop = safety.check_echo(memory, START_NS, LIMITS)
+    stop = check_echo(memory, START_NS, LIMITS)
     assert stop is not None
     assert stop.reason is StopReason.COMMAND_UNCONFIRMED
     assert stop.values["silent_s"] == pytest.approx(0.150)
@@ -166,7 +168,7 @@ def test_the_robot_must_go_on_confirming_commands(make_state: MakeState) -> None
 @given(arrays(np.float64, 12, elements=ANY_FLOAT), arrays(np.float64, 12, elements=st.floats(-0.7, -0.3)))
 def test_no_set_point_ever_leaves_the_limits(requested: np.ndarray, before: np.ndarray) -> None:
     memory = SetpointMemory(sent_rad=np.clip(before, facts.POSITION_LOW_RAD, facts.POSITION_HIGH_RAD))
-    after, limited, stop = safety.limit_setpoint(memory, requested, LIMITS)
+    after, limited, stop = limit_setpoint(memory, requested, LIMITS)
     assert memory.sent_rad is not None
     assert np.isfinite(limited.position_rad).all()
     assert (limited.position_rad >= facts.POSITION_LOW_RAD).all()
@@ -183,7 +185,7 @@ def test_no_set_point_ever_leaves_the_limits(requested: np.ndarray, before: np.n
 @given(arrays(np.float64, 12, elements=st.floats(-0.2, 0.2)))
 def test_a_request_within_the_limits_passes_bit_for_bit(offset: np.ndarray) -> None:
     requested = facts.DEFAULT_POSITION_RAD + offset
-    _, limited, stop = safety.limit_setpoint(SetpointMemory(facts.DEFAULT_POSITION_RAD), requested, LIMITS)
+    _, limited, stop = limit_setpoint(SetpointMemory(facts.DEFAULT_POSITION_RAD), requested, LIMITS)
     np.testing.assert_array_equal(limited.position_rad, requested)
     assert not limited.cut.any()
     assert stop is None
@@ -193,11 +195,11 @@ def test_a_request_that_is_no_number_keeps_what_was_sent() -> None:
     requested = facts.DEFAULT_POSITION_RAD.copy()
     requested[2] = np.nan
     sent = facts.DEFAULT_POSITION_RAD + 0.01
-    _, limited, stop = safety.limit_setpoint(SetpointMemory(sent), requested, LIMITS)
+    _, limited, stop = limit_setpoint(SetpointMemory(sent), requested, LIMITS)
     np.testing.assert_array_equal(limited.position_rad, sent)
     assert stop is not None
     assert stop.detail == "fl_kn"
-    _, limited, _ = safety.limit_setpoint(SetpointMemory(), requested, LIMITS)
+    _, limited, _ = limit_setpoint(SetpointMemory(), requested, LIMITS)
     np.testing.assert_array_equal(limited.position_rad, facts.DEFAULT_POSITION_RAD)
 
 
@@ -207,7 +209,7 @@ def test_requests_that_keep_jumping_are_cut_then_stopped() -> None:
     stops = []
     for i in range(3):
         requested = facts.DEFAULT_POSITION_RAD + (0.6 if i % 2 == 0 else -0.6)
-        memory, limited, stop = safety.limit_setpoint(memory, requested, limits)
+        memory, limited, stop = limit_setpoint(memory, requested, limits)
         assert limited.cut.all()
         stops.append(stop)
     assert stops[:2] == [None, None]
@@ -220,9 +222,9 @@ def test_requests_far_beyond_a_stop_end_the_run_and_name_the_joint() -> None:
     requested[3] = 2.0
     memory = SetpointMemory()
     for _ in range(4):
-        memory, _, stop = safety.limit_setpoint(memory, requested, LIMITS)
+        memory, _, stop = limit_setpoint(memory, requested, LIMITS)
         assert stop is None
-    _, _, stop = safety.limit_setpoint(memory, requested, LIMITS)
+    _, _, stop = limit_setpoint(memory, requested, LIMITS)
     assert stop is not None
     assert (stop.reason, stop.detail) == (StopReason.SETPOINT_OVERSHOOT, "fr_hx")
     assert stop.values["beyond_rad"] == pytest.approx(2.0 - 0.785398)
@@ -232,7 +234,7 @@ def test_one_good_tick_forgives_the_cut_ones_before() -> None:
     limits = SafetyLimits(setpoint_step_rad=0.2, setpoint_step_ticks=2)
     memory = SetpointMemory(facts.DEFAULT_POSITION_RAD)
     for offset in (0.5, 0.2, 0.7, 0.4):
-        memory, _, stop = safety.limit_setpoint(memory, facts.DEFAULT_POSITION_RAD + offset, limits)
+        memory, _, stop = limit_setpoint(memory, facts.DEFAULT_POSITION_RAD + offset, limits)
         assert stop is None
     assert memory.cut_ticks == 2
 
@@ -255,7 +257,7 @@ def test_one_good_tick_forgives_the_cut_ones_before() -> None:
     ],
 )
 def test_the_slow_state(make_slow: MakeSlow, changes: dict[str, object], reason: StopReason | None) -> None:
-    stop = safety.check_slow_state(make_slow(**changes), START_NS, LIMITS)
+    stop = check_slow_state(make_slow(**changes), START_NS, LIMITS)
     assert (stop.reason if stop else None) is reason
 
 
@@ -276,7 +278,7 @@ def command(**changes: object) -> JointCommand:
 
 
 def test_a_good_command_passes_the_gate() -> None:
-    assert safety.check_command(command(), 6, START_NS) is None
+    assert check_command(command(), 6, START_NS) is None
 
 
 @pytest.mark.parametrize(
@@ -291,7 +293,7 @@ def test_a_good_command_passes_the_gate() -> None:
     ],
 )
 def test_the_gate_says_what_is_wrong(changes: dict[str, object], words: str) -> None:
-    wrong = safety.check_command(command(**changes), 6, START_NS)
+    wrong = check_command(command(**changes), 6, START_NS)
     assert wrong is not None
     assert words in wrong
 

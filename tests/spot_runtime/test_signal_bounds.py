@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -12,10 +13,11 @@ from spot_model.robot import facts
 from spot_model.robot.state import Gains, ImuPacket, JointCommand, SlowState
 from spot_runtime.control.safety.battery import BatteryMemory, watch_current
 from spot_runtime.control.safety.command_loss import LossMemory, confirm
-from spot_runtime.control.safety.safety import SetpointMemory, StateMemory
+from spot_runtime.control.safety.setpoint_limits import SetpointMemory
 from spot_runtime.control.safety.signals import bounds, check, ground, imu, legs, load, motion, still, weight
 from spot_runtime.control.safety.signals.check import SignalMemory, check_signals
 from spot_runtime.control.safety.signals.window import Window, window_of
+from spot_runtime.control.safety.states import StateMemory
 from spot_runtime.control.safety.watchdogs import WatchMemory
 from tests.spot_runtime.walking_robot import WalkingRobot
 
@@ -131,10 +133,20 @@ def numbered(key: int) -> JointCommand:
     return JointCommand(key, ZERO, ZERO, ZERO, Gains.policy(), 1)
 
 
-def test_a_load_may_answer_the_newest_commands_that_were_confirmed_and_all_later_ones() -> None:
-    commands = [numbered(key) for key in range(1, 7)]
-    assert [c.key for c in check._answered(commands, 4)] == [2, 3, 4, 5, 6]
-    assert [c.key for c in check._answered(commands, 2)] == [1, 2, 3, 4, 5, 6]
+def test_a_load_may_answer_the_newest_commands_that_were_confirmed_and_all_later_ones(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    memory, answered = SignalMemory(commands=tuple(numbered(key) for key in range(1, 7))), list[list[int]]()
+
+    def disagreeing(_window: object, commands: Sequence[JointCommand]) -> np.ndarray:
+        answered.append([command.key for command in commands])
+        return ONE > 1
+
+    monkeypatch.setattr(load, "disagreeing", disagreeing)
+    for key in (4, 2):
+        states = [replace(ROBOT.state(i), last_command_key=key) for i in range(7)]
+        check_signals(memory, states, is_standing=False, is_driven=True)
+    assert answered == [[2, 3, 4, 5, 6], [1, 2, 3, 4, 5, 6]]
     memory = SignalMemory()
     for key in range(1, 10):
         memory = check.asked(memory, numbered(key))

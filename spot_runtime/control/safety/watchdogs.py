@@ -12,9 +12,10 @@ from spot_model.robot.state import RobotState
 from spot_runtime.config import RunConfig
 from spot_runtime.control.modes import Mode
 from spot_runtime.control.notes import Notes
-from spot_runtime.control.safety import safety
 from spot_runtime.control.safety.battery import BatteryMemory, watch_current
 from spot_runtime.control.safety.command_loss import LossMemory, confirm
+from spot_runtime.control.safety.slow_state import check_slow_state
+from spot_runtime.control.safety.states import StateMemory, check_age, check_echo, screen_state
 from spot_runtime.control.snapshot import Phase, Snapshot
 from spot_runtime.safety_limits import SafetyLimits
 from spot_runtime.stops import Stop, StopReason
@@ -32,7 +33,7 @@ _ANSWERS: Final = {
 class WatchMemory(NamedTuple):
     """What watching remembers."""
 
-    states: safety.StateMemory = safety.StateMemory()
+    states: StateMemory = StateMemory()
     losses: LossMemory = LossMemory()
     lost_at_ns: tuple[int, ...] = ()
     """Stamps of the states before which a policy tick was lost, within the last second."""
@@ -54,7 +55,7 @@ def screen(
     screened, losses = memory.states, memory.losses
     usable, stops = [], []
     for state in states:
-        screened, is_usable, stop = safety.screen_state(screened, state, robot_ns, limits)
+        screened, is_usable, stop = screen_state(screened, state, robot_ns, limits)
         if is_usable:
             usable.append(state)
             losses = confirm(losses, state.last_command_key)
@@ -81,7 +82,7 @@ def look(
     if now.slow is not None:
         battery, charging = watch_current(memory.battery, now.slow)
         memory = memory._replace(battery=battery)
-        stops += _some(safety.check_slow_state(now.slow, now.host_ns, config.safety) or charging)
+        stops += _some(check_slow_state(now.slow, now.host_ns, config.safety) or charging)
     if now.log is not None:
         memory = memory._replace(next_log_check_ns=now.robot_ns + LOG_CHECK_PERIOD_NS)
         _look_at_clock(now.clock_age_s, config, notes)
@@ -109,9 +110,9 @@ def _ages(memory: WatchMemory, robot_ns: int, phase: Phase, limits: SafetyLimits
     if age_s > bound_s:
         values = {"age_s": age_s, "bound_s": bound_s}
         notes.once(EventName.STATE_OLD, f"the newest state is {age_s * 1e3:.1f} ms old", values)
-    stop = safety.check_age(memory.states, robot_ns, limits)
+    stop = check_age(memory.states, robot_ns, limits)
     if stop is None and phase.mode.runs_policy:
-        stop = safety.check_echo(memory.states, phase.control_since_ns, limits)
+        stop = check_echo(memory.states, phase.control_since_ns, limits)
     return _some(stop)
 
 
@@ -138,7 +139,7 @@ def _waited_too_long(memory: WatchMemory, phase: Phase, robot_ns: int, config: R
     if answer is None or waited_s <= bound_s:
         return ()
     if phase.mode is Mode.READY:
-        stale = safety.check_age(memory.states, robot_ns, config.safety)
+        stale = check_age(memory.states, robot_ns, config.safety)
         if stale is not None and stale.reason is StopReason.STATE_STALE:
             return (Stop(stale.reason, "before joint control", stale.values),)
     reason, detail = answer

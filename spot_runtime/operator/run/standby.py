@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from spot_model.robot.stamps import NS_PER_S
-from spot_runtime.control.safety import safety
+from spot_runtime.control.safety.slow_state import check_slow_state
 from spot_runtime.hal.base import Hal
 from spot_runtime.safety_limits import SafetyLimits
 from spot_runtime.stops import Stop, StopReason
@@ -30,4 +30,4 @@ def check_standing(hal: Hal, newest_host_ns: int, limits: SafetyLimits) -> Stop 
     if silent_s > STATE_SILENCE_S:
         return Stop(StopReason.STATE_LOST, "while standing by", {"silent_s": silent_s, "bound_s": STATE_SILENCE_S})
     slow = hal.slow_state
-    return None if slow is None else safety.check_slow_state(slow, host_ns, limits)
+    return None if slow is None else check_slow_state(slow, host_ns, limits)

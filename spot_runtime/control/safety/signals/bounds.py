@@ -160,6 +160,21 @@ SETPOINTS: Final = 3
 LOAD_WINDOWS: Final = 5
 """In a row, 0.1 s: longer than an impact, shorter than a step."""
 
+# Load as the answer to what was asked ---------------------------------------------------------------------------------
+
+ANSWER_MEMORY_S: Final = 0.5
+"""A stride of a slow gait: in it, what rotors' inertia adds and takes cancels out."""
+
+ANSWER_LEAST_S: Final = 0.5 * ANSWER_MEMORY_S
+"""Of it, before anything is judged."""
+
+ANSWER_NM: Final = 15.0
+"""Root mean square of a torque that is judged: gear losses of 10 N·m and a sensor's offset of 5 N·m, however they fall,
+neither turn such a load round nor double it."""
+
+ANSWER_MOST: Final = 2.0
+"""Load as a multiple of what was asked, by least squares: gains and sensors err by a quarter of that."""
+
 # The body at rest, before anything is taken over ----------------------------------------------------------------------
 
 REST_SPEED_M_S: Final = 0.4

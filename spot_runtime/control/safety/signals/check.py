@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from spot_model.robot import facts
 from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import JointCommand, RobotState
-from spot_runtime.control.safety.signals import bounds, ground, imu, load, motion, still, weight
+from spot_runtime.control.safety.signals import answer, bounds, ground, imu, load, motion, still, weight
 from spot_runtime.control.safety.signals.window import Window, length, window_of
 from spot_runtime.stops import Stop, StopReason
 
@@ -33,6 +33,7 @@ class SignalMemory(NamedTuple):
     ground: ground.GroundMemory = ground.GroundMemory()
     imu: imu.ImuMemory = imu.ImuMemory()
     weight: weight.WeightMemory = weight.WeightMemory()
+    answer: answer.AnswerMemory = answer.AnswerMemory()
     still: still.Counts = still.NO_COUNTS
     load_windows: NDArray[np.int64] = _NO_COUNTS
     """In a row in which each joint's load disagreed. Shape (12,)."""
@@ -76,10 +77,14 @@ def check_signals(
 
 
 def _after_window(memory: SignalMemory, window: Window, *, is_standing: bool, is_driven: bool) -> SignalMemory:
-    load_windows = _NO_COUNTS
-    commands = _answered(memory.commands, window.last.last_command_key)
-    if is_driven and commands:
+    load_windows, answered = _NO_COUNTS, answer.AnswerMemory()
+    received = sum(command.key <= window.last.last_command_key for command in memory.commands)
+    if is_driven and memory.commands:
+        # A load may answer the newest command that the robot says it has, those before, and later ones.
+        commands = memory.commands[max(0, received - bounds.SETPOINTS) :]
         load_windows = np.where(load.disagreeing(window, commands), memory.load_windows + 1, 0)
+    if is_driven and received and window.last.load_nm.any():  # where all are zero, they are not reported
+        answered = answer.after_window(memory.answer, window, memory.commands[received - 1])
     return SignalMemory(
         memory.states,
         memory.commands,
@@ -87,17 +92,12 @@ def _after_window(memory: SignalMemory, window: Window, *, is_standing: bool, is
         ground.after_window(memory.ground, window),
         imu.after_window(memory.imu, window),
         weight.after_window(memory.weight, window) if is_driven else weight.WeightMemory(),
+        answered,
         still.still_windows(memory.still, window.first, window.last),
         load_windows,
         memory.restless_windows + 1 if is_standing and _is_restless(window) else 0,
         memory.burdened_windows + 1 if is_standing and weight.is_burden_wrong(window) else 0,
     )
-
-
-def _answered(commands: Sequence[JointCommand], key: int) -> Sequence[JointCommand]:
-    """The commands that a load may answer: the newest that the robot says it has, those before, and later ones."""
-    received = sum(command.key <= key for command in commands)
-    return commands[max(0, received - bounds.SETPOINTS) :]
 
 
 def _is_restless(window: Window) -> bool:
@@ -145,6 +145,13 @@ def _stops(memory: SignalMemory) -> Iterator[Stop]:
     loads = memory.load_windows >= bounds.LOAD_WINDOWS
     if loads.any():
         yield _contradiction(f"load and set-point of {_names(loads, facts.JOINT_NAMES)}")
+    anothers = memory.answer.anothers_windows >= bounds.LOAD_WINDOWS
+    if anothers.any():
+        yield _contradiction(f"set-points of {_names(anothers, facts.LEG_NAMES)} and loads, which answer another leg's")
+    wrong = memory.answer.wrong_windows >= bounds.LOAD_WINDOWS
+    if wrong.any():
+        names = _names(wrong, facts.JOINT_NAMES)
+        yield Stop(StopReason.SIGNAL_DOUBTED, f"load of {names} does not answer what is asked")
     if memory.weight.is_wrong:
         values = {f"{leg}_share": float(memory.weight.legs_share[i]) for i, leg in enumerate(facts.LEG_NAMES)}
         yield Stop(StopReason.SIGNAL_DOUBTED, "loads do not carry the robot's weight", values)

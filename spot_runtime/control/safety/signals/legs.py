@@ -51,7 +51,7 @@ def foot_jacobians(position_rad: Array) -> tuple[Array, Array]:
     z = _THIGH_Z_M * cos_hy - _THIGH_X_M * sin_hy + shank_z
     y, down = _OUT_M * cos_hx - z * sin_hx, _OUT_M * sin_hx + z * cos_hx
     # By hy, (x, z) turns into (z, -x); by kn, its lower part alone does.
-    columns = [0.0 * x, z, shank_z, -down, x * sin_hx, shank_x * sin_hx, y, -x * cos_hx, -shank_x * cos_hx]
+    columns = [np.zeros_like(x), z, shank_z, -down, x * sin_hx, shank_x * sin_hx, y, -x * cos_hx, -shank_x * cos_hx]
     return np.stack([x, y, down], axis=1) + _HIPS_M, np.stack(columns, axis=1).reshape(facts.N_LEGS, 3, 3)
 
 

@@ -20,7 +20,7 @@ def disagreeing(window: Window, commands: Sequence[JointCommand]) -> NDArray[np.
         commands: Recent commands, at least one; the load may answer any of them.
     """
     state = window.last
-    asked = np.array([_torque_nm(command, state.position_rad, state.velocity_rad_s) for command in commands])
+    asked = np.array([torque_nm(command, state.position_rad, state.velocity_rad_s) for command in commands])
     least, largest = asked.min(axis=0), asked.max(axis=0)
     gains = commands[-1].gains
     # Between what is reported and what the servo acts on, position and velocity move on.
@@ -34,7 +34,8 @@ def disagreeing(window: Window, commands: Sequence[JointCommand]) -> NDArray[np.
     return np.asarray((state.load_nm < low) | (state.load_nm > high))
 
 
-def _torque_nm(command: JointCommand, position_rad: Array, velocity_rad_s: Array) -> Array:
+def torque_nm(command: JointCommand, position_rad: Array, velocity_rad_s: Array) -> Array:
+    """What a command asks of the joints at these positions and velocities. Shape (12,)."""
     gains = command.gains
     torque = gains.kp_nm_per_rad * (command.position_rad - position_rad) + command.load_nm
     return np.asarray(torque - gains.kd_nm_s_per_rad * velocity_rad_s)

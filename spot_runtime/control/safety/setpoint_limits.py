@@ -1,0 +1,111 @@
+"""Set-points within the joints' stops and the step limit."""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spot_model.robot import facts
+from spot_model.robot.state import Array
+from spot_runtime.control.safety.values import is_between
+from spot_runtime.safety_limits import SafetyLimits
+from spot_runtime.stops import Stop, StopReason
+
+_NOTHING_CUT: Final = np.zeros(facts.N_JOINTS, dtype=np.bool_)
+_NOTHING_CUT.flags.writeable = False
+
+
+class SetpointMemory(NamedTuple):
+    """What the limits of set-points remember."""
+
+    sent_rad: Array | None = None
+    """The set-point of the tick before, as sent. Shape (12,)."""
+    step_ticks: int = 0
+    overshoot_ticks: int = 0
+    cut_ticks: int = 0
+    """Ticks since the start in which a limit cut the request."""
+
+
+class LimitedSetpoint(NamedTuple):
+    """A set-point within all limits."""
+
+    position_rad: Array
+    """Shape (12,)."""
+    cut: NDArray[np.bool_] = _NOTHING_CUT
+    """Joints whose request was changed. Shape (12,)."""
+
+    @property
+    def is_cut(self) -> bool:
+        """Whether any request was changed."""
+        return self.cut is not _NOTHING_CUT and bool(self.cut.any())
+
+
+def limit_setpoint(
+    memory: SetpointMemory, requested_rad: Array, limits: SafetyLimits
+) -> tuple[SetpointMemory, LimitedSetpoint, Stop | None]:
+    """Bring one tick's request within the joint stops and the step limit.
+
+    Args:
+        memory: From the tick before.
+        requested_rad: What the policy or the ramp asks for. Shape (12,), canonical order.
+        limits: The bounds.
+
+    Returns:
+        The new memory, the set-point that may be sent (with a stop: the one sent before, or the default pose), and a
+        stop if the request is not finite or was cut too often in a row.
+    """
+    if is_between(requested_rad, requested_rad) and _is_small_step(memory.sent_rad, requested_rad, limits):
+        return SetpointMemory(requested_rad, cut_ticks=memory.cut_ticks), LimitedSetpoint(requested_rad), None
+    return _limit_closely(memory, requested_rad, limits)
+
+
+def _limit_closely(
+    memory: SetpointMemory, requested_rad: Array, limits: SafetyLimits
+) -> tuple[SetpointMemory, LimitedSetpoint, Stop | None]:
+    """The rest of :func:`limit_setpoint`, for a request that is not within all limits."""
+    if not bool(np.isfinite(requested_rad).all()):
+        names = _names(~np.isfinite(requested_rad))
+        kept = facts.DEFAULT_POSITION_RAD if memory.sent_rad is None else memory.sent_rad
+        return memory, LimitedSetpoint(kept), Stop(StopReason.POLICY_NOT_FINITE, names)
+    beyond = np.maximum(facts.POSITION_LOW_RAD - requested_rad, requested_rad - facts.POSITION_HIGH_RAD)
+    position = np.clip(requested_rad, facts.POSITION_LOW_RAD, facts.POSITION_HIGH_RAD)
+    is_step = False
+    if memory.sent_rad is not None:
+        step = limits.setpoint_step_rad
+        is_step = bool(np.abs(position - memory.sent_rad).max() > step)
+        if is_step:
+            position = np.clip(position, memory.sent_rad - step, memory.sent_rad + step)
+            # What was sent lies within the stops, so this only takes back what rounding added.
+            position = np.clip(position, facts.POSITION_LOW_RAD, facts.POSITION_HIGH_RAD)
+    is_overshoot = bool(beyond.max() > limits.setpoint_overshoot_rad)
+    cut = position != requested_rad
+    memory = SetpointMemory(
+        sent_rad=position,
+        step_ticks=memory.step_ticks + 1 if is_step else 0,
+        overshoot_ticks=memory.overshoot_ticks + 1 if is_overshoot else 0,
+        cut_ticks=memory.cut_ticks + int(cut.any()),
+    )
+    return memory, LimitedSetpoint(position, cut), _cut_too_often(memory, beyond, cut, limits)
+
+
+def _cut_too_often(memory: SetpointMemory, beyond: Array, cut: NDArray[np.bool_], limits: SafetyLimits) -> Stop | None:
+    if memory.overshoot_ticks >= limits.setpoint_overshoot_ticks:
+        values = {"beyond_rad": float(beyond.max()), "bound_rad": limits.setpoint_overshoot_rad}
+        return Stop(StopReason.SETPOINT_OVERSHOOT, facts.JOINT_NAMES[int(beyond.argmax())], values)
+    if memory.step_ticks >= limits.setpoint_step_ticks:
+        return Stop(StopReason.SETPOINT_STEP, _names(cut), {"bound_rad": limits.setpoint_step_rad})
+    return None
+
+
+def _is_small_step(sent_rad: Array | None, requested_rad: Array, limits: SafetyLimits) -> bool:
+    if sent_rad is None:
+        return True
+    step_rad = limits.setpoint_step_rad
+    pairs = zip(sent_rad.tolist(), requested_rad.tolist(), strict=True)
+    return all(sent - step_rad <= asked <= sent + step_rad for sent, asked in pairs)
+
+
+def _names(mask: NDArray[np.bool_]) -> str:
+    return ", ".join(name for name, chosen in zip(facts.JOINT_NAMES, mask, strict=True) if chosen)
