@@ -692,6 +692,14 @@ def test_a_set_point_at_the_stops_may_be_left_by_a_step_and_no_more() -> None:
     np.testing.assert_array_equal(limited.position_rad, sent)
 
 
+def test_a_request_beyond_a_stop_that_lies_exactly_a_step_away_is_no_step() -> None:
+    stop_rad = float(facts.POSITION_HIGH_RAD[3])
+    limits = SafetyLimits(setpoint_step_rad=0.5)
+    for sent_rad, steps in ((stop_rad - 0.5, 0), (stop_rad - 0.5000001, 1)):
+        memory, _, _ = limit_setpoint(SetpointMemory(moved(3, sent_rad - POSE[3])), moved(3, 9.0), limits)
+        assert memory.step_ticks == steps
+
+
 def test_counts_in_a_row_and_what_the_stops_tell() -> None:
     limits = SafetyLimits(setpoint_step_rad=0.1, setpoint_step_ticks=3, setpoint_overshoot_ticks=3)
     far = moved(5, -9.0)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -85,6 +87,11 @@ def test_damping_ends_in_release_alone(in_mode_s: float, reaction: Reaction, is_
     following = next_mode(Mode.DAMPING, ModeInputs(in_mode_s, reaction, False, is_active), CONFIG)
     is_over = in_mode_s >= CONFIG.damping_s or reaction is EXPIRE
     assert following is (Mode.RELEASED if is_over else Mode.DAMPING)
+
+
+def test_damping_ends_at_its_time() -> None:
+    for in_mode_s, mode in ((CONFIG.damping_s, Mode.RELEASED), (math.nextafter(CONFIG.damping_s, 0.0), Mode.DAMPING)):
+        assert next_mode(Mode.DAMPING, ModeInputs(in_mode_s, DAMP), CONFIG) is mode
 
 
 @given(st.sampled_from([m for m in Mode if m.sends]), REACTIONS)

@@ -55,6 +55,14 @@ def test_a_memory_begins_with_nothing(memory: Any) -> None:
             assert value is None or not np.any(value), name
 
 
+def test_windows_are_counted_in_whole_numbers() -> None:
+    memory = SignalMemory()
+    counts = (memory.still, memory.load_windows, memory.motion.slope_windows)
+    assert {count.dtype for count in (*counts, memory.answer.wrong_windows, memory.answer.anothers_windows)} == {
+        np.dtype(np.int64)
+    }
+
+
 # From memory to stops ------------------------------------------------------------------------------------------------
 
 COUNTS = {
@@ -360,6 +368,12 @@ def test_feet_stand_below_their_hips() -> None:
         assert np.sign(feet_m[i, 0]) == facts.end_sign(leg)
         assert np.sign(feet_m[i, 1]) == facts.side_sign(leg)
         assert abs(feet_m[i, 0]) == pytest.approx(facts.HX_FROM_BODY_M[0], abs=0.2)
+
+
+def test_lower_legs_turn_with_hips_and_knees() -> None:
+    """About the axes of a leg that hx has turned by 0.3 rad: 1 rad/s about x, 2 + 0.5 rad/s about its own y."""
+    rates = legs.feet(np.tile([0.3, 0.9, -1.5], 4), np.tile([1.0, 2.0, 0.5], 4)).turn_rate_rad_s
+    np.testing.assert_allclose(rates, np.tile([1.0, 2.5 * np.cos(0.3), 2.5 * np.sin(0.3)], (4, 1)))
 
 
 def test_a_foot_that_rolls_has_the_speed_of_what_it_rolls_by() -> None:

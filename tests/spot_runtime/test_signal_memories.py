@@ -12,7 +12,7 @@ from spot_model.robot import facts
 from spot_model.robot.state import ImuPacket, RobotState
 from spot_runtime.control.safety.signals import bounds, ground, imu, motion, weight
 from spot_runtime.control.safety.signals.legs import feet
-from spot_runtime.control.safety.signals.window import Window, rotation_matrix, turned_rad, window_of
+from spot_runtime.control.safety.signals.window import Window, length, rotation_matrix, turned_rad, window_of
 from tests.spot_runtime.walking_robot import WalkingRobot
 
 LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
@@ -120,6 +120,14 @@ def test_a_turn_counts_beyond_its_bound(turn_rad: float, rate_rad_s: float, coun
         angular_vel_of_body_in_odom_rad_s=np.array([0.0, rate_rad_s, 0.0]),
     )
     assert motion.after_window(motion.MotionMemory(turn_windows=3), seen).turn_windows == 4 * counted
+
+
+def test_a_turn_at_its_bound_does_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = window(odom_from_body_wxyz=wxyz(Rotation.from_rotvec([0.0, 0.05, 0.0])))
+    turned = length(turned_rad(LEVEL, seen.last.odom_from_body_wxyz))
+    for bound_rad, counted in ((turned, 0), (float(np.nextafter(turned, 0.0)), 1)):
+        monkeypatch.setattr(bounds, "TURN_RAD", bound_rad)
+        assert motion.after_window(motion.MotionMemory(), seen).turn_windows == counted
 
 
 def test_what_feet_did_fades_and_adds_up() -> None:

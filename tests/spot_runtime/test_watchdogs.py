@@ -15,7 +15,7 @@ from spot_model.robot.state import RobotState
 from spot_runtime.config import RunConfig
 from spot_runtime.control.modes import Mode
 from spot_runtime.control.notes import Notes
-from spot_runtime.control.safety.command_loss import WINDOW_KEYS
+from spot_runtime.control.safety.command_loss import WINDOW_KEYS, LossMemory
 from spot_runtime.control.safety.watchdogs import WatchMemory, lost_ticks, screen
 from spot_runtime.control.safety.watchdogs import look as watch
 from spot_runtime.control.snapshot import Phase, Snapshot
@@ -153,6 +153,15 @@ def test_lost_commands_are_told_of_once(dogs: Dogs, sink: SickSink, make_state: 
     assert sink.events[0].values["share"] > 0.4
     assert sink.events[0].values["bound"] == 0.15
     assert sink.events[0].text == f"about {sink.events[0].values['share']:.0%} of commands are lost"
+
+
+@pytest.mark.parametrize(("share", "is_told"), [(0.15, False), (0.1500001, True)])
+def test_losses_are_told_of_beyond_their_bound(
+    share: float, is_told: bool, dogs: Dogs, sink: SickSink, make_state: MakeState
+) -> None:
+    dogs.memory = dogs.memory._replace(losses=LossMemory(first_key=1, newest_key=1, share=share))
+    dogs.screen([make_state(START_NS, last_command_key=2)], START_NS)
+    assert [e.name for e in sink.events] == ["commands_lost"] * is_told
 
 
 def test_no_loss_is_told_of_where_none_is(dogs: Dogs, sink: SickSink, make_state: MakeState) -> None:
