@@ -172,7 +172,7 @@ def walked(change: Any) -> StopReason | None:
     for index in range(500):
         state = robot.state(index, key=index)
         if index % 7 == 0:
-            wanted = state.position_rad + 0.5 * np.sin(0.04 * index + np.arange(12))
+            wanted = state.position_rad + 0.5 * np.sin(0.04 * index + 1.7 * np.arange(12))
             memory = check.asked(memory, JointCommand(index, wanted, ZERO, ZERO, gains, 1))
         load_nm = load.torque_nm(memory.commands[-1], state.position_rad, state.velocity_rad_s)
         state = change(replace(state, load_nm=load_nm))
