@@ -67,7 +67,7 @@ def _listed(items: Iterator[Candidate]) -> Choose:
     def choose(own: Posterior, seed: int, excluded: Sequence[str]) -> Design:
         del seed, excluded
         odds, candidate = beliefs(own), next(items)
-        told = Told(1.0, 1.0, np.eye(len(odds)))
+        told = Told(1.0, 1.0, np.zeros((len(odds), len(odds))))
         return Design(tuple(odds), np.array([*odds.values()]), (Proposal(candidate, candidate.motion(), told, ""),))
 
     return choose

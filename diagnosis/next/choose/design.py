@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Final
 
 import numpy as np
@@ -62,12 +63,9 @@ class Proposal:
         """Which two causes it sets apart most, in words, with how it does."""
         if len(causes) < 2:
             return "nothing: one cause is left"
-        mass = weights[:, None] * self.told.confusion
-        prior = np.outer(weights, weights)
-        cleared = prior - 0.5 * (mass + mass.T)
-        np.fill_diagonal(cleared, -np.inf)
-        i, j = divmod(int(np.argmax(cleared)), len(causes))
-        right = 0.5 * (self.told.confusion[i, i] + self.told.confusion[j, j])
+        pairs = list(combinations(range(len(causes)), 2))
+        i, j = max(pairs, key=lambda p: weights[p[0]] * weights[p[1]] * (self.told.right(*p) - 0.5))
+        right = self.told.right(i, j)
         return f"{in_words(causes[i])} from {in_words(causes[j])} (right afterwards: {100.0 * right:.0f} %)"
 
 
@@ -130,7 +128,7 @@ def design(
 
 def judged(candidate: Candidate, robots: Robots, policy: Policy | None, seed: int) -> Proposal:
     """What a candidate tells and loads, and whether all robots bear it."""
-    nothing = Told(0.0, 0.0, np.tile(robots.weights, (len(robots.weights), 1)))
+    nothing = Told(0.0, 0.0, np.zeros((len(robots.weights),) * 2))
     motion = candidate.motion()
     try:
         runs = try_on(motion, robots.models, policy, np.random.default_rng([seed, 1]))
