@@ -28,12 +28,13 @@ from diagnosis.next.choose.robots import (
 from diagnosis.next.choose.safety_check import refusals
 from diagnosis.next.choose.trial import try_on
 from diagnosis.next.files import free_folder, load_motion, ranking_lines, run_words, write_offers
+from diagnosis.next.inputs import Inputs, save_inputs
 from diagnosis.next.page import ranking_page, story_page
 from diagnosis.next.predict.outcome import MOTION
 from diagnosis.next.predict.prediction import Forecast, Prediction, _forecast, load_prediction
 from diagnosis.next.robot_run import WHOLE, Ran, run_on_robot
 from diagnosis.next.rounds import SURE, Found, Lab, Limits, Story, ask_robot, read_story
-from diagnosis.next.session import found_in
+from diagnosis.next.session import Session, found_in
 from diagnosis.verdict.posterior_file import Posterior, load_posterior
 from spot_model.effects.base import Motion
 from spot_model.effects.drive.torque_gain import TorqueGain
@@ -480,6 +481,14 @@ def test_a_diagnosis_of_another_release_is_named(tmp_path: Path) -> None:
         (tmp_path / name).write_text('{"schema": "spot-rl/verdict/0"}')
     with pytest.raises(BadInputError, match="another release"):
         found_in(tmp_path)
+
+
+def test_a_second_start_with_other_logs_is_refused(tmp_path: Path) -> None:
+    """What is there is of these logs alone; the same command again would go on."""
+    (tmp_path / "verdict.json").write_text("{}")
+    save_inputs(Inputs(logs=(str(tmp_path / "a.mcap"),), nominal="ideal"), tmp_path)
+    with pytest.raises(BadInputError, match="a diagnosis of other logs"):
+        Session.opened(tmp_path, [tmp_path / "b.mcap"], "ideal", None, 0)
 
 
 def test_a_run_needs_a_robot(tmp_path: Path) -> None:
