@@ -7,7 +7,8 @@ import os
 import subprocess
 import sys
 import tempfile
-from contextlib import ExitStack
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Annotated, Any, Final
 
@@ -22,6 +23,8 @@ app = typer.Typer(no_args_is_help=True, add_completion=False)
 
 FAKE_PRIORITY: Final = 35
 """Below the runtime's: a real robot computes elsewhere, so the fake must not wait for the busy processes either."""
+
+PREFIX: Final = "spot-rl-bench-"
 
 KEYS: Final = (
     "tick_compute_p50_us",
@@ -83,19 +86,24 @@ def measure(*, seconds: float, policy: Path, scenario: str, sequence: str, busy:
     Raises:
         BenchError: The run did not complete; the message holds its last words.
     """
+    with robot_beside(busy, scenario) as (address, loop_cpus), tempfile.TemporaryDirectory(prefix=PREFIX) as folder:
+        real_time = {"cpu_affinity": loop_cpus}
+        summary = run_once(address, Path(folder), seconds, policy, sequence, real_time)
+    summary["slipped_ticks"] = summary["skipped_ticks"]
+    summary["loop_cpus"] = loop_cpus
+    return {key: summary[key] for key in KEYS}
+
+
+@contextmanager
+def robot_beside(busy: int, scenario: str) -> Iterator[tuple[FakeAddress, list[int]]]:
+    """A fake robot in real time and ``busy`` processes while it is entered; its address, and the CPUs of the loop."""
     fake_cpus, loop_cpus = share_cpus(sorted(os.sched_getaffinity(0)))
     with exit_on_termination(), ExitStack() as stack:
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="spot-rl-bench-")))
-        config = folder / "run.yaml"
-        config.write_text(f"real_time: {{cpu_affinity: {loop_cpus}}}\n", encoding="utf-8")
         fake = stack.enter_context(FakeProcess(scenario=scenario, fifo_priority=FAKE_PRIORITY, cpus=fake_cpus))
         for _ in range(busy):
             process = ChildProcess.start("proof.busy_process", str(os.getpid()))
             stack.callback(process.end, 0.0)
-        summary = _run(fake.address, config, seconds, policy, sequence)
-    summary["slipped_ticks"] = summary["skipped_ticks"]
-    summary["loop_cpus"] = loop_cpus
-    return {key: summary[key] for key in KEYS}
+        yield fake.address, loop_cpus
 
 
 def share_cpus(allowed: list[int]) -> tuple[list[int], list[int]]:
@@ -106,9 +114,16 @@ def share_cpus(allowed: list[int]) -> tuple[list[int], list[int]]:
     return (allowed[:-1], allowed[-1:]) if len(allowed) > 1 else ([], [])
 
 
-def _run(address: FakeAddress, config: Path, seconds: float, policy: Path, sequence: str) -> dict[str, Any]:
-    folder = config.parent
-    summary = folder / "summary.json"
+def run_once(
+    address: FakeAddress, folder: Path, seconds: float, policy: Path, sequence: str, real_time: Mapping[str, Any]
+) -> dict[str, Any]:
+    """``spot-rl run`` with its log in ``folder``; returns its summary.
+
+    Raises:
+        BenchError: The run did not complete; the message holds its last words.
+    """
+    config, summary = folder / "run.yaml", folder / "summary.json"
+    config.write_text(json.dumps({"real_time": real_time}), encoding="utf-8")
     words = ["run", "--robot", address.robot, "--policy", str(policy), "--sequence", sequence]
     words += ["--config", str(config)]
     words += ["--duration", str(seconds), "--log-dir", str(folder), "--summary-json", str(summary)]

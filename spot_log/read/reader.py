@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections import Counter
 from pathlib import Path
 from typing import Any, Final, TypeVar
@@ -16,6 +17,7 @@ from spot_log.format.topics import COMMAND, EVENT, FOOTER, HEADER, SLOW_STATE, S
 from spot_log.read.columns import gather, widest
 from spot_log.read.mcap_scan import RawMessage, Scan, scan_mcap
 from spot_log.read.run import CommandTable, ImuTable, Run, RunFooter, SlowTable, StateTable, TickTable
+from spot_log.read.wire_columns import UnusualError, wire_columns
 from spot_log.write.run_writer import HEADER_ATTACHMENT
 from spot_model.policy.observation import N_OBSERVATION
 from spot_model.robot.facts import JOINT_NAMES, LEG_NAMES
@@ -93,7 +95,6 @@ def run_of(path: Path, header: RunHeader, scan: Scan) -> Run:
     topics = scan.by_topic()
     joints = header.joint_names or JOINT_NAMES
     feet = header.foot_names or LEG_NAMES
-    states, sequence = _parse(path, topics, STATE, log_pb2.State)
     commands, _ = _parse(path, topics, COMMAND, log_pb2.Command)
     ticks, _ = _parse(path, topics, TICK, log_pb2.Tick)
     slow_states, _ = _parse(path, topics, SLOW_STATE, log_pb2.SlowState)
@@ -103,7 +104,7 @@ def run_of(path: Path, header: RunHeader, scan: Scan) -> Run:
     return Run(
         path=path,
         header=header,
-        states=gather(StateTable, states, widths, sequence=np.array(sequence, dtype=np.int64), imu=_imu_table(states)),
+        states=_state_table(path, topics, widths),
         commands=gather(CommandTable, commands, widths),
         ticks=gather(TickTable, ticks, {**widths, "joints": widest(ticks, "action") or len(joints)}),
         slow_states=_slow_table(slow_states, joints),
@@ -141,6 +142,21 @@ def _parse(path: Path, topics: dict[str, list[RawMessage]], topic: Topic, kind: 
         parsed.append(message)
         sequence.append(raw.sequence)
     return parsed, sequence
+
+
+def _state_table(path: Path, topics: dict[str, list[RawMessage]], widths: dict[str, int]) -> StateTable:
+    raws = topics.get(STATE.name, [])
+    if raws and all(raw.schema_name == STATE.schema_name for raw in raws):
+        with contextlib.suppress(UnusualError):
+            columns, imu, counts = wire_columns(
+                [raw.data for raw in raws], log_pb2.State.DESCRIPTOR, StateTable, widths, "imu", ImuTable
+            )
+            columns["sequence"] = np.array([raw.sequence for raw in raws], dtype=np.int64)
+            if counts.max() <= MAX_IMU_PACKETS:
+                imu["state_index"] = np.repeat(np.arange(len(raws)), counts)
+                return StateTable(imu=ImuTable(**imu) if counts.any() else ImuTable.of(0, {}), **columns)
+    states, sequence = _parse(path, topics, STATE, log_pb2.State)
+    return gather(StateTable, states, widths, sequence=np.array(sequence, dtype=np.int64), imu=_imu_table(states))
 
 
 def _imu_table(rows: list[log_pb2.State]) -> ImuTable:

@@ -78,7 +78,7 @@ def test_benchmarks_at_their_smallest(tmp_path: Path) -> None:
     told = bash("spot-rl bench faults --json --only 'policy file cut in half'", tmp_path)
     assert json.loads(told)["failed"] == 0
     bash("spot-rl bench soak --minutes 0.05", tmp_path)
-    assert "20 s take" in bash("python benchmarks/loop_lock_step.py 1", tmp_path)
+    assert json.loads(bash("python benchmarks/loop_lock_step.py 1", tmp_path))["times_real_time"] > 0.0
     told = bash("python benchmarks/inference_pace.py --seconds 5 --seconds 0.1", tmp_path)
     assert set(json.loads(told)) == {"provider", "hot", "at_50_hz"}
 

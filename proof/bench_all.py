@@ -1,0 +1,186 @@
+"""``spot-rl bench all``: every comparison that needs no accelerator, in rounds, so that peers share all conditions."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import shlex
+import subprocess
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from statistics import median
+from typing import Annotated, Any, Final
+
+import typer
+
+from proof.claims import CLAIMS, Bound, Claim, Ratio
+from spot_model.errors import BadInputError, SpotRlError
+from spot_model.io.progress import Progress
+from spot_runtime.host.termination import exit_on_termination
+from trainer.shared.run_folder import git_revision
+
+SCRIPTS: Final = Path("benchmarks")
+_PROGRAM: Final = "from spot_model.io.command_line import main; main()"
+
+Parts = dict[tuple[str, int], dict[str, Any]]
+"""What each script printed, by claim and repeat."""
+
+
+class ScriptError(SpotRlError):
+    """A script of a claim failed; the message holds its last words."""
+
+    exit_code = 92
+
+
+def all_claims(
+    out: Annotated[Path, typer.Option(help="File of the parts, a line each; an old one is gone on with.")] = Path(
+        "bench-all.jsonl"
+    ),
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    only: Annotated[list[str] | None, typer.Option(help="Name of a claim, or its beginning; may repeat.")] = None,
+    repeats: Annotated[int, typer.Option(min=0, max=100, help="Of each claim; 0: as its table says.")] = 0,
+) -> None:
+    """Measure every claim beside what a user would take instead; run it in the project's folder."""
+    claims = chosen_claims(only or [])
+    if not SCRIPTS.is_dir():
+        raise BadInputError(f"there is no folder {SCRIPTS}: run this in the folder of the project's sources")
+    parts = read_parts(out)
+    wanted = [
+        (name, repeat)
+        for repeat in range(max(repeats or claim.repeats for claim in claims.values()))
+        for name, claim in claims.items()
+        if repeat < (repeats or claim.repeats)
+    ]
+    left = [part for part in wanted if part not in parts]
+    total_s = round(sum(claims[name].expected_s for name, _ in wanted))
+    done_s = total_s - round(sum(claims[name].expected_s for name, _ in left))
+    with exit_on_termination(), Progress("seconds of work", total_s, done=done_s) as progress, out.open("a") as file:
+        for name, repeat in left:
+            progress.update(done_s, f"{name}, repeat {repeat + 1}", is_told=True)
+            parts[name, repeat] = run_script(claims[name].script)
+            file.write(json.dumps({"claim": name, "repeat": repeat, "told": parts[name, repeat]}) + "\n")
+            file.flush()
+            done_s += round(claims[name].expected_s)
+    result = summary(claims, parts)
+    typer.echo(json.dumps(result, ensure_ascii=False) if as_json else table(result))
+
+
+def chosen_claims(only: list[str]) -> dict[str, Claim]:
+    """The claims whose names begin so; all if nothing is named.
+
+    Raises:
+        BadInputError: There is none.
+    """
+    for word in only:
+        if not any(name.startswith(word) for name in CLAIMS):
+            raise BadInputError(f"there is no claim {word!r}; there are {', '.join(map(repr, CLAIMS))}")
+    return {name: claim for name, claim in CLAIMS.items() if not only or name.startswith(tuple(only))}
+
+
+def head() -> dict[str, Any]:
+    """What was measured, and where."""
+    return {
+        "revision": git_revision(),
+        "python": platform.python_version(),
+        "machine": platform.machine(),
+        "cpus": len(os.sched_getaffinity(0)),
+    }
+
+
+def read_parts(out: Path) -> Parts:
+    """What an earlier part has written; a new file begins with what is measured, and where.
+
+    Raises:
+        BadInputError: The file is of another revision or machine, or not of this command.
+    """
+    if not out.exists():
+        out.parent.mkdir(parents=True, exist_ok=True)
+        out.write_text(json.dumps(head()) + "\n")
+    first, *lines = out.read_text().splitlines() or ["{}"]
+    try:
+        if json.loads(first) != head():
+            raise BadInputError(f"{out} begins with {first:.120}, not {json.dumps(head())}; give another --out")
+        parts = [json.loads(line) for line in lines]
+        return {(part["claim"], part["repeat"]): part["told"] for part in parts}
+    except (ValueError, KeyError, TypeError) as error:
+        raise BadInputError(f"{out} holds no parts of this command ({error}); give another --out") from error
+
+
+def run_script(script: str) -> dict[str, Any]:
+    """Run one script and take the object that it prints.
+
+    Raises:
+        ScriptError: It fails, or prints something else.
+    """
+    words = shlex.split(script)
+    own = ["-c", _PROGRAM, *words[1:]] if words[0] == "spot-rl" else [str(SCRIPTS / words[0]), *words[1:]]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join((str(Path.cwd()), os.environ.get("PYTHONPATH", "")))}
+    done = subprocess.run([sys.executable, *own], capture_output=True, text=True, check=False, env=environment)  # noqa: S603
+    try:
+        if done.returncode == 0:
+            told: dict[str, Any] = json.loads(done.stdout)
+            return told
+    except ValueError:
+        pass
+    last = "\n".join((done.stdout + done.stderr).splitlines()[-8:])
+    raise ScriptError(f"{script} ended with exit code {done.returncode}; run it by itself:\n{last}")
+
+
+def summary(claims: Mapping[str, Claim], parts: Parts) -> dict[str, Any]:
+    """Medians and spread of every figure and ratio over the repeats."""
+    told: dict[str, Any] = {**head(), "claims": {}}
+    for name, claim in claims.items():
+        repeats = [flat(told) for (of, _), told in sorted(parts.items()) if of == name]
+        told["claims"][name] = {
+            "script": claim.script,
+            "repeats": len(repeats),
+            "ratios": {label: judged(ratio, repeats) for label, ratio in claim.ratios.items()},
+            "figures": {key: spread([r[key] for r in repeats if key in r]) for key in repeats[0]} if repeats else {},
+        }
+    return told
+
+
+def flat(told: Mapping[str, Any], before: str = "") -> dict[str, float]:
+    """Numbers of a nested object, by path."""
+    found: dict[str, float] = {}
+    for key, value in told.items():
+        if isinstance(value, Mapping):
+            found |= flat(value, f"{before}{key}.")
+        elif isinstance(value, (int, float)):
+            found[before + key] = float(value)
+    return found
+
+
+def judged(ratio: Ratio, repeats: list[dict[str, float]]) -> dict[str, Any]:
+    """A ratio within each repeat, its median and spread, and whether the median is as asked."""
+    values = [r[ratio.over] / (r[ratio.under] if ratio.under else 1.0) for r in repeats]
+    found: dict[str, Any] = spread(values)
+    if ratio.asked is not None:
+        sign, bound = ratio.asked
+        found |= {"asked": f"{sign} {bound:g}", "holds": holds(found["median"], ratio.asked)}
+    return found
+
+
+def holds(value: float, asked: Bound) -> bool:
+    """Whether a value is as asked."""
+    sign, bound = asked
+    return value >= bound if sign == ">=" else value <= bound
+
+
+def spread(values: list[float]) -> dict[str, float]:
+    """Median, lowest and highest."""
+    low, high = min(values), max(values)
+    return {name: float(f"{value:.4g}") for name, value in (("median", median(values)), ("low", low), ("high", high))}
+
+
+def table(result: Mapping[str, Any]) -> str:
+    """Ratios for a person, a line each."""
+    lines = []
+    for name, claim in result["claims"].items():
+        lines.append(f"{name}: {claim['script']}, {claim['repeats']} repeats")
+        for label, found in claim["ratios"].items():
+            verdict = "" if "asked" not in found else f"  asked {found['asked']}: {'yes' if found['holds'] else 'NO'}"
+            lines.append(f"  {label:<48} {found['median']:g} ({found['low']:g} to {found['high']:g}){verdict}")
+    return "\n".join(lines)

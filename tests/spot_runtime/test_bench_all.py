@@ -1,0 +1,120 @@
+"""`spot-rl bench all`: it goes on where it was stopped, takes ratios within a repeat, tells what fails."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from proof import bench_all
+from proof.bench_all import ScriptError, all_claims, judged, read_parts, run_script, spread, summary, table
+from proof.claims import CLAIMS, Claim, Ratio
+from spot_model.errors import BadInputError
+
+REPOSITORY = Path(__file__).parents[2]
+COUNTING = """\
+import json, pathlib
+log = pathlib.Path("log.txt")
+n = len(log.read_text()) if log.exists() else 0
+log.write_text("x" * (n + 1))
+print(json.dumps({"ours": {"us": 10.0 + n}, "peer": {"us": 40.0 + 4.0 * n}, "name": "text"}))
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    (tmp_path / "benchmarks").mkdir()
+    (tmp_path / "benchmarks" / "count.py").write_text(COUNTING)
+    (tmp_path / "benchmarks" / "broken.py").write_text("raise SystemExit('no robot today')")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("SPOT_RL_REVISION", "r1")
+    claims = {
+        "count": Claim("count.py", 1.0, {"times": Ratio("peer.us", "ours.us", (">=", 5.0))}, repeats=3),
+        "other": Claim("count.py --again", 1.0, {"us": Ratio("ours.us", asked=("<=", 100.0))}, repeats=1),
+    }
+    monkeypatch.setattr(bench_all, "CLAIMS", claims)
+    return tmp_path
+
+
+def run(capsys: pytest.CaptureFixture[str], **given: Any) -> dict[str, Any]:
+    options: dict[str, Any] = {"out": Path("parts.jsonl"), "as_json": True, "only": None, "repeats": 0, **given}
+    all_claims(**options)
+    result: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return result
+
+
+def test_repeats_are_interleaved_and_each_ratio_is_of_one_repeat(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    told = run(capsys)
+    order = [json.loads(line)["claim"] for line in (folder / "parts.jsonl").read_text().splitlines()[1:]]
+    assert order == ["count", "other", "count", "count"]
+    count = told["claims"]["count"]
+    assert count["repeats"] == 3
+    assert count["figures"]["ours.us"] == {"median": 12.0, "low": 10.0, "high": 13.0}
+    assert "name" not in count["figures"]
+    assert count["ratios"]["times"] == {"median": 4.0, "low": 4.0, "high": 4.0, "asked": ">= 5", "holds": False}
+    assert told["claims"]["other"]["ratios"]["us"]["holds"] is True
+    assert told["revision"] == "r1"
+
+
+def test_what_was_measured_before_an_interruption_is_kept(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run(capsys, repeats=1)
+    before = (folder / "parts.jsonl").read_text()
+    run(capsys)
+    assert (folder / "parts.jsonl").read_text().startswith(before)
+    assert len((folder / "log.txt").read_text()) == 4
+    run(capsys)
+    assert len((folder / "log.txt").read_text()) == 4
+
+
+def test_parts_of_another_revision_are_refused(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    read_parts(Path("parts.jsonl"))
+    monkeypatch.setenv("SPOT_RL_REVISION", "r2")
+    with pytest.raises(BadInputError, match="give another --out"):
+        read_parts(Path("parts.jsonl"))
+
+
+def test_a_file_of_something_else_is_refused_and_kept(folder: Path) -> None:
+    Path("notes.txt").write_text("my notes\n")
+    with pytest.raises(BadInputError, match="holds no parts"):
+        read_parts(Path("notes.txt"))
+    assert Path("notes.txt").read_text() == "my notes\n"
+
+
+def test_a_script_that_fails_is_told_with_its_last_words(folder: Path) -> None:
+    with pytest.raises(ScriptError, match=r"(?s)broken\.py ended with exit code 1.*no robot today"):
+        run_script("broken.py")
+
+
+def test_a_claim_that_does_not_exist_and_a_folder_without_sources_are_refused(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(BadInputError, match="there is no claim 'gpu'; there are 'count', 'other'"):
+        run(capsys, only=["gpu"])
+    (folder / "benchmarks").rename(folder / "elsewhere")
+    with pytest.raises(BadInputError, match="in the folder of the project's sources"):
+        run(capsys)
+
+
+def test_median_and_spread_by_hand() -> None:
+    assert spread([3.0, 1.0, 10.0]) == {"median": 3.0, "low": 1.0, "high": 10.0}
+    # Ratios of medians would be 6 / 2 = 3; within the repeats they are 6, 2 and 10.
+    repeats = [{"a": 6.0, "b": 1.0}, {"a": 4.0, "b": 2.0}, {"a": 30.0, "b": 3.0}]
+    assert judged(Ratio("a", "b"), repeats)["median"] == 6.0
+
+
+def test_every_claim_names_a_script_that_is_there_and_the_whole_takes_under_25_minutes() -> None:
+    for name, claim in CLAIMS.items():
+        first = claim.script.split()[0]
+        assert first == "spot-rl" or (REPOSITORY / "benchmarks" / first).is_file(), name
+    assert sum(claim.expected_s * claim.repeats for claim in CLAIMS.values()) < 25 * 60
+
+
+def test_the_table_says_what_does_not_hold() -> None:
+    claim = Claim("x.py", 1.0, {"times": Ratio("a", "b", (">=", 4.0))})
+    told = table(summary({"one": claim}, {("one", 0): {"a": 6.0, "b": 2.0}}))
+    assert "times" in told
+    assert "3 (3 to 3)  asked >= 4: NO" in told
