@@ -55,16 +55,24 @@ def all_claims(
     ]
     left = [part for part in wanted if part not in parts]
     total_s = round(sum(claims[name].expected_s for name, _ in wanted))
+    failed: dict[str, str] = {}
     done_s = total_s - round(sum(claims[name].expected_s for name, _ in left))
     with exit_on_termination(), Progress("seconds of work", total_s, done=done_s) as progress, out.open("a") as file:
         for name, repeat in left:
             progress.update(done_s, f"{name}, repeat {repeat + 1}", is_told=True)
-            parts[name, repeat] = run_script(claims[name].script)
+            done_s += round(claims[name].expected_s)
+            try:
+                parts[name, repeat] = run_script(claims[name].script)
+            except ScriptError as error:
+                failed[name] = str(error)
+                progress.update(done_s, str(error), is_told=True)
+                continue
             file.write(json.dumps({"claim": name, "repeat": repeat, "told": parts[name, repeat]}) + "\n")
             file.flush()
-            done_s += round(claims[name].expected_s)
-    result = summary(claims, parts)
+    result = {**summary(claims, parts), "failed": failed}
     typer.echo(json.dumps(result, ensure_ascii=False) if as_json else table(result))
+    if failed:
+        raise ScriptError(f"{', '.join(failed)}: a script failed, see above; the same command measures what is missing")
 
 
 def chosen_claims(only: list[str]) -> dict[str, Claim]:
@@ -156,8 +164,8 @@ def flat(told: Mapping[str, Any], before: str = "") -> dict[str, float]:
 def judged(ratio: Ratio, repeats: list[dict[str, float]]) -> dict[str, Any]:
     """A ratio within each repeat, its median and spread, and whether the median is as asked."""
     values = [r[ratio.over] / (r[ratio.under] if ratio.under else 1.0) for r in repeats]
-    found: dict[str, Any] = spread(values)
-    if ratio.asked is not None:
+    found: dict[str, Any] = spread(values) if values else {}
+    if ratio.asked is not None and values:
         sign, bound = ratio.asked
         found |= {"asked": f"{sign} {bound:g}", "holds": holds(found["median"], ratio.asked)}
     return found
@@ -181,6 +189,8 @@ def table(result: Mapping[str, Any]) -> str:
     for name, claim in result["claims"].items():
         lines.append(f"{name}: {claim['script']}, {claim['repeats']} repeats")
         for label, found in claim["ratios"].items():
+            if not found:
+                continue
             verdict = "" if "asked" not in found else f"  asked {found['asked']}: {'yes' if found['holds'] else 'NO'}"
             lines.append(f"  {label:<48} {found['median']:g} ({found['low']:g} to {found['high']:g}){verdict}")
     return "\n".join(lines)

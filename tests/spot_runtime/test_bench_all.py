@@ -89,6 +89,20 @@ def test_a_script_that_fails_is_told_with_its_last_words(folder: Path) -> None:
         run_script("broken.py")
 
 
+def test_a_script_that_fails_costs_no_other_its_result_and_is_tried_again(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(bench_all.CLAIMS, "bad", Claim("broken.py", 1.0, {"us": Ratio("us")}, repeats=1))
+    with pytest.raises(ScriptError, match="bad: a script failed"):
+        run(capsys)
+    told = json.loads(capsys.readouterr().out)
+    assert told["claims"]["count"]["repeats"] == 3
+    assert told["claims"]["bad"]["repeats"] == 0
+    assert "no robot today" in told["failed"]["bad"]
+    (folder / "benchmarks" / "broken.py").write_text("print('{\"us\": 2}')")
+    assert run(capsys)["claims"]["bad"]["ratios"]["us"]["median"] == 2.0
+
+
 def test_a_claim_that_does_not_exist_and_a_folder_without_sources_are_refused(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
