@@ -33,25 +33,28 @@ SETTLED = 25
 """Ticks left out at the start: half a second, in which everything is touched for the first time."""
 
 
-def figures(ticks: np.ndarray, compute_s: list[float]) -> dict[str, float]:
+def figures(ticks: np.ndarray, compute_s: list[float], skipped: int = 0) -> dict[str, float]:
     """What is told of a loop.
 
     Args:
-        ticks: Stamps of the state and of its command's receipt, ns, shape (n, 2).
+        ticks: Stamps of the state and of its command's receipt, ns, shape (n, 2); NaN where no state has echoed it,
+            as when two commands come within one state's period.
         compute_s: Of each tick.
+        skipped: Ticks that the loop left out.
     """
-    ticks = ticks[SETTLED:].astype(np.float64) / 1e6
+    ticks = ticks[SETTLED:] / 1e6
     period_ms = np.diff(ticks[:, 1])
+    period_ms = period_ms[np.isfinite(period_ms)]
     error_ms = np.abs(period_ms - PERIOD_MS)
+    answered_ms = ticks[:, 1] - ticks[:, 0]
     told = {
         "rate_hz": 1e3 / period_ms.mean(),
         "rate_error_percent": abs(100.0 * (PERIOD_MS / period_ms.mean() - 1.0)),
         "period_error_mean_ms": error_ms.mean(),
         "period_error_p99_ms": np.percentile(error_ms, 99),
-        "slipped": float((period_ms > 1.5 * PERIOD_MS).sum()),
+        "slipped": max(skipped, (period_ms > 1.5 * PERIOD_MS).sum()),
+        **percentiles("state_to_command_ms", answered_ms[np.isfinite(answered_ms)]),
     }
-    if np.isfinite(ticks[:, 0]).all():
-        told |= percentiles("state_to_command_ms", ticks[:, 1] - ticks[:, 0])
     if compute_s:
         told |= percentiles("compute_us", np.array(compute_s[SETTLED:]) * 1e6)
     return {name: round(float(value), 3) for name, value in told.items()}
@@ -59,7 +62,7 @@ def figures(ticks: np.ndarray, compute_s: list[float]) -> dict[str, float]:
 
 def percentiles(name: str, values: np.ndarray) -> dict[str, float]:
     """Median and 99th percentile."""
-    return {f"{name}_p50": np.percentile(values, 50), f"{name}_p99": np.percentile(values, 99)}
+    return {f"{name}_p{q}": round(float(np.percentile(values, q)), 3) for q in (50, 99)}
 
 
 def ours(address: FakeAddress, cpus: list[int], chosen: argparse.Namespace) -> dict[str, float]:
@@ -68,10 +71,12 @@ def ours(address: FakeAddress, cpus: list[int], chosen: argparse.Namespace) -> d
         real_time = {"cpu_affinity": cpus, "fifo_priority": 0 if chosen.plain else FIFO}
         summary = run_once(address, Path(folder), chosen.seconds, chosen.policy, "standing", real_time)
         run = read_run(summary["log_path"])
-    receipts = dict(zip(run.states.last_command_key, run.states.last_command_robot_stamp_ns, strict=True))
-    pairs = zip(run.ticks.robot_stamp_ns, run.ticks.command_key, strict=True)
-    ticks = np.array([(stamp, receipts[key]) for stamp, key in pairs if key in receipts])
-    return figures(ticks, run.ticks.compute_s.tolist())
+    first_ns = int(run.states.robot_stamp_ns[0])
+    receipts = dict(zip(run.states.last_command_key, run.states.last_command_robot_stamp_ns - first_ns, strict=True))
+    pairs = zip(run.ticks.robot_stamp_ns - first_ns, run.ticks.command_key, strict=True)
+    ticks = np.array([(stamp, receipts.get(key, np.nan)) for stamp, key in pairs], dtype=np.float64)
+    network = percentiles("network_us", run.ticks.inference_s[SETTLED:] * 1e6)
+    return figures(ticks, run.ticks.compute_s.tolist(), int(run.ticks.skipped[SETTLED:].sum())) | network
 
 
 def textbook(address: FakeAddress, cpus: list[int], chosen: argparse.Namespace, *words: str) -> dict[str, float]:
@@ -84,7 +89,7 @@ def textbook(address: FakeAddress, cpus: list[int], chosen: argparse.Namespace, 
         environment = {**os.environ, **address.environment}
         subprocess.run(command, env=environment, check=True, stdout=subprocess.DEVNULL)  # noqa: S603
         told = json.loads(out.read_text())
-    return figures(np.array(told["ticks"]), told["compute_s"])
+    return figures(np.array(told["ticks"], dtype=np.float64), told["compute_s"])
 
 
 def main() -> None:

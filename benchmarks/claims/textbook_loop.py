@@ -198,16 +198,12 @@ def main() -> None:
         os.sched_setaffinity(0, chosen.cpus)
     loop = Loop(chosen.policy, chosen.seconds, is_echo=chosen.echo)
     status = loop.run(connect(chosen.address))
-    keys = sorted(set(loop.triggers) & set(loop.receipts))
-    chosen.out.write_text(
-        json.dumps(
-            {
-                "status": status,
-                "compute_s": loop.compute_s,
-                "ticks": [[loop.triggers[key], loop.receipts[key]] for key in keys],
-            }
-        )
-    )
+    first_ns = min(loop.triggers.values())
+    ticks = [
+        (trigger - first_ns, loop.receipts[key] - first_ns if key in loop.receipts else float("nan"))
+        for key, trigger in loop.triggers.items()
+    ]
+    chosen.out.write_text(json.dumps({"status": status, "compute_s": loop.compute_s, "ticks": ticks}))
 
 
 if __name__ == "__main__":

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from array_api_compat import array_namespace
-
+from spot_model.robot.arrays import namespace_of
 from spot_model.robot.rotation import AnyArray
 
 
@@ -20,7 +19,7 @@ def saturate_setpoint(position_rad: AnyArray, low_rad: AnyArray, high_rad: AnyAr
 
     Source: Boston Dynamics SDK: set-points beyond a joint's limits saturate.
     """
-    xp = array_namespace(position_rad)
+    xp = namespace_of(position_rad)
     return xp.minimum(xp.maximum(position_rad, low_rad), high_rad)
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import functools
 from typing import Any
 
-from array_api_compat import array_namespace, device
+from array_api_compat import device
 
 from spot_model.robot import facts
+from spot_model.robot.arrays import namespace_of
 from spot_model.robot.rotation import AnyArray
 
 _HIP_X_M = [facts.end_sign(leg) * facts.HX_FROM_BODY_M[0] for leg in facts.LEG_NAMES]
@@ -36,7 +37,7 @@ def foot_velocity_in_body_m_s(position_rad: AnyArray, velocity_rad_s: AnyArray) 
         position_rad: Joint positions. Shape (..., 12), canonical order, rad.
         velocity_rad_s: Joint velocities. Same shape, rad/s.
     """
-    xp = array_namespace(position_rad)
+    xp = namespace_of(position_rad)
     _, jacobian = foot_position_and_jacobian(position_rad)
     rates = xp.reshape(velocity_rad_s, (*velocity_rad_s.shape[:-1], facts.N_LEGS, 1, 3))
     return xp.sum(jacobian * rates, axis=-1)
@@ -52,7 +53,7 @@ def foot_position_and_jacobian(position_rad: AnyArray, legs: slice = slice(None)
     Returns:
         Positions, shape (..., 4, 3), m; Jacobians, shape (..., 4, 3, 3), m/rad, rows x, y, z, columns hx, hy, kn.
     """
-    xp = array_namespace(position_rad)
+    xp = namespace_of(position_rad)
     hip_x, hip_y, out = (a[legs] for a in _geometry(xp, position_rad.dtype, device(position_rad)))
     hx, hy, kn = (position_rad[..., joint::3][..., legs] for joint in range(3))
     cos_hx, sin_hx = xp.cos(hx), xp.sin(hx)
