@@ -12,18 +12,22 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
-from google.protobuf.descriptor import Descriptor, FieldDescriptor
+from google.protobuf.descriptor import FieldDescriptor
 from numpy.typing import NDArray
 
 from spot_log.format.table import Table, width_of
 
 _INT, _BYTES = 0, 2
-_ARRAYS: Final = {
+_ARRAYS: Final[dict[int, np.dtype[Any]]] = {
     FieldDescriptor.TYPE_DOUBLE: np.dtype("<f8"),
     FieldDescriptor.TYPE_FLOAT: np.dtype("<f4"),
     FieldDescriptor.TYPE_BOOL: np.dtype("u1"),
 }
-_INT_BYTES: Final = {FieldDescriptor.TYPE_INT64: 10, FieldDescriptor.TYPE_UINT64: 10, FieldDescriptor.TYPE_UINT32: 4}
+_INT_BYTES: Final[dict[int, int]] = {
+    FieldDescriptor.TYPE_INT64: 10,
+    FieldDescriptor.TYPE_UINT64: 10,
+    FieldDescriptor.TYPE_UINT32: 4,
+}
 MAX_LAYOUTS: Final = 100
 """Of one topic; one with more is left to protobuf."""
 
@@ -50,8 +54,8 @@ class Layout:
         return [self, *(one for parts in self.parts.values() for part in parts for one in part.everything())]
 
 
-def layout_of(data: bytes, kind: Descriptor, at: int, end: int) -> Layout:
-    """The layout of the message in ``data[at:end]``.
+def layout_of(data: bytes, kind: Any, at: int, end: int) -> Layout:
+    """The layout of the message in ``data[at:end]``, whose descriptor is ``kind``.
 
     Raises:
         UnusualError: A field is unknown, of a kind that is not for tables, or comes twice.
@@ -134,13 +138,13 @@ def values_of(rows: NDArray[np.uint8], layout: Layout, kind: type[Table], widths
 
 
 def wire_columns(
-    raws: Sequence[bytes], message: Descriptor, kind: type[Table], widths: Mapping[str, int], part: str, of: type[Table]
+    raws: Sequence[bytes], message: Any, kind: type[Table], widths: Mapping[str, int], part: str, of: type[Table]
 ) -> tuple[Values, Values, NDArray[np.int64]]:
     """The columns of messages, and of the messages that stand in their field ``part``.
 
     Args:
         raws: Wire bytes, one a row.
-        message: Their type.
+        message: Their descriptor.
         kind: The table whose columns are wanted; those that the messages do not hold come out as 0.
         widths: Of columns whose parts the header names.
         part: Name of a repeated message.
@@ -156,7 +160,7 @@ def wire_columns(
     lengths = np.array([len(raw) for raw in raws])
     for length in np.unique(lengths):
         left = np.flatnonzero(lengths == length)
-        rows = np.frombuffer(b"".join(raws[i] for i in left), dtype=np.uint8).reshape(len(left), length)
+        rows = np.frombuffer(b"".join(raws[int(i)] for i in left), dtype=np.uint8).reshape(len(left), length)
         while len(left):
             layout = layout_of(rows[0].tobytes(), message, 0, int(length))
             like = rows_like(rows, layout)
