@@ -77,7 +77,9 @@ class ControlConfig(_Part):
 class HandoverConfig(_Part):
     """The way from the vendor's stand to the policy, and back."""
 
-    settle_s: float = Field(default=0.3, ge=0.1, le=10.0, description="Time over which the load is averaged.")
+    settle_s: float = Field(
+        default=0.3, ge=0.3, le=10.0, description="Time before the take-over: loads are averaged, signals judged."
+    )
     activation_timeout_s: float = Field(default=3.0, gt=0.0, le=30.0)
     ramp_in_s: float = Field(default=2.0, ge=0.1, le=20.0)
     ramp_out_s: float = Field(default=1.0, ge=0.1, le=20.0)

@@ -46,7 +46,7 @@ CALM: Final[Mapping[str, Mapping[str, Any]]] = {
     "real_time": {"fifo_priority": 0, "lock_memory": False, "freeze_garbage_collection": False},
     "handover": {
         "ramp_in_s": 0.3,
-        "settle_s": 0.15,
+        "settle_s": 0.3,
         "ramp_out_s": 0.4,
         "soft_stop_s": 0.4,
         "soft_stop_settle_s": 0.3,

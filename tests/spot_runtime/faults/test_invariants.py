@@ -31,7 +31,7 @@ REPOSITORY = Path(__file__).parents[3]
 MS = 1_000_000
 CONFIG = RunConfig.model_validate(
     {
-        "handover": {"ramp_in_s": 0.1, "settle_s": 0.1, "ramp_out_s": 0.1, "soft_stop_s": 0.05, "damping_s": 0.3},
+        "handover": {"ramp_in_s": 0.1, "settle_s": 0.3, "ramp_out_s": 0.1, "soft_stop_s": 0.05, "damping_s": 0.3},
         "control": {"warm_up": False},
     }
 )

@@ -24,7 +24,7 @@ from tests.spot_runtime.conftest import START_NS, HandMadeRobot, make_slow
 
 POLICY = policy_from_bytes((Path(__file__).parents[2] / "fuzz" / "seeds" / "policy.onnx").read_bytes(), source="seed")
 CONFIG = RunConfig.model_validate(
-    {"handover": {"ramp_in_s": 0.1, "settle_s": 0.1, "damping_s": 0.2}, "control": {"warm_up": False}}
+    {"handover": {"ramp_in_s": 0.1, "settle_s": 0.3, "damping_s": 0.2}, "control": {"warm_up": False}}
 )
 NUMBERS = st.one_of(
     st.floats(width=64),
