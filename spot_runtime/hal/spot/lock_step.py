@@ -23,7 +23,11 @@ STEP_METHOD: Final = "/spot_rl.fake.v1.FakeAdmin/Step"
 STATUS_METHOD: Final = "/spot_rl.fake.v1.FakeAdmin/GetStatus"
 STEP_MAX_NS: Final = 30_000_000
 COMMAND_TIMEOUT_S: Final = 2.0
-"""Host time within which a command that was handed over must have arrived."""
+"""Host time for which the fake robot waits for a command that was handed over, before it says that none came."""
+
+COMMAND_ATTEMPTS: Final = 5
+"""Such waits in a row after which a command counts as lost. A computer that stood still lets one pass. A stream that
+has ended says so meanwhile, and then no command is waited for."""
 
 ANSWER_TIMEOUT_S: Final = 10.0
 """Host time within which a step must be done and its states must have arrived."""
@@ -153,22 +157,25 @@ class LockStep:
 
     def _step_on(self, request: fake_admin_pb2.StepRequest) -> None:
         """Step, take the states, then run the chores that are due."""
-        request.with_states = self._states is not None
-        request.wait_for_command_key, request.wait_timeout_s = self._key, COMMAND_TIMEOUT_S
-        request.wait_beyond_commands = self._earlier_commands
-        try:
-            response = self._step(request, timeout=ANSWER_TIMEOUT_S)
-        except grpc.RpcError as error:
-            if error.code() is not grpc.StatusCode.DEADLINE_EXCEEDED or not request.wait_for_command_key:
-                raise self._error("stepping", error) from error
-            self._key = 0  # the stream has ended; the adapter says why
-            self._step_on(request)
-            return
+        response = self._answer(request)
         self._elapsed_ns, self._robot_ns = int(response.elapsed_ns), int(response.robot_stamp_ns)
         if self._states is not None:
             self._states.feed(response.states, response.states_ended)
         if self._jobs is not None:
             self._jobs.run_due(self.chore_now_s())
+
+    def _answer(self, request: fake_admin_pb2.StepRequest) -> Any:
+        request.with_states = self._states is not None
+        request.wait_timeout_s, request.wait_beyond_commands = COMMAND_TIMEOUT_S, self._earlier_commands
+        for _ in range(COMMAND_ATTEMPTS):
+            request.wait_for_command_key = self._key
+            try:
+                return self._step(request, timeout=ANSWER_TIMEOUT_S)
+            except grpc.RpcError as error:
+                if error.code() is not grpc.StatusCode.DEADLINE_EXCEEDED or not request.wait_for_command_key:
+                    raise self._error("stepping", error) from error
+        self._key = 0  # the stream has ended; the adapter says why
+        return self._answer(request)
 
     def _status(self) -> Any:
         call = self._channel.unary_unary(
