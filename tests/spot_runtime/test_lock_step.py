@@ -1,0 +1,62 @@
+"""Lock-step on a computer that stands still for a while."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import grpc
+import pytest
+
+from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
+from spot_runtime.hal.spot.lock_step import COMMAND_ATTEMPTS, LockStep
+
+
+class Admin(fake_admin_pb2_grpc.FakeAdminServicer):
+    """Answers steps, but says for a while that the command that is waited for has not come."""
+
+    def __init__(self) -> None:
+        self.deaf_to = 0
+        self.waited_for: list[int] = []
+
+    def GetStatus(self, request: Any, context: Any) -> Any:  # noqa: N802
+        return fake_admin_pb2.GetStatusResponse(lock_step=True, robot_stamp_ns=1_000)
+
+    def Step(self, request: Any, context: Any) -> Any:  # noqa: N802
+        self.waited_for.append(request.wait_for_command_key)
+        if request.wait_for_command_key and self.deaf_to:
+            self.deaf_to -= 1
+            context.abort(grpc.StatusCode.DEADLINE_EXCEEDED, "no command")
+        return fake_admin_pb2.StepResponse(elapsed_ns=3_000_000, robot_stamp_ns=3_001_000)
+
+
+@pytest.fixture
+def admin() -> Iterator[tuple[Admin, LockStep]]:
+    servicer, server = Admin(), grpc.server(ThreadPoolExecutor(1))
+    fake_admin_pb2_grpc.add_FakeAdminServicer_to_server(servicer, server)
+    port = server.add_insecure_port("127.0.0.1:0")
+    server.start()
+    pace = LockStep(f"127.0.0.1:{port}", 0)
+    yield servicer, pace
+    pace.stop()
+    server.stop(None).wait()
+
+
+@pytest.mark.parametrize("waits", [1, COMMAND_ATTEMPTS - 1])
+def test_a_command_that_is_late_is_waited_for_again(admin: tuple[Admin, LockStep], waits: int) -> None:
+    servicer, pace = admin
+    servicer.deaf_to = waits
+    pace.sent(7)
+    pace.pause(0.003)
+    assert servicer.waited_for == [7] * (waits + 1)
+    assert pace.host_now_ns() == 3_000_000
+
+
+def test_a_command_that_never_comes_is_not_waited_for_any_more(admin: tuple[Admin, LockStep]) -> None:
+    servicer, pace = admin
+    servicer.deaf_to = 1000
+    pace.sent(7)
+    pace.pause(0.003)
+    pace.pause(0.003)
+    assert servicer.waited_for == [7] * COMMAND_ATTEMPTS + [0, 0]
