@@ -14,8 +14,6 @@ from spot_log import Run, read_run
 from spot_model.io.model_file import BUILT_IN, RobotModel, load_model
 from spot_model.policy.policy import Policy
 
-LOG_SUFFIXES = (".mcap", ".active")
-
 
 def is_model(name: str) -> bool:
     """Whether a word of the command line names a model: a built-in one, or a YAML file."""

@@ -12,7 +12,6 @@ from spot_model.io.velocity_sequence import standing_sequence
 from spot_runtime.sources.scripted import ScriptedSource
 
 LONG_TICKS = 15_000
-STANDING_S = 12.0
 
 
 def gap(duration_s: float) -> Callable[[Rig], Finding]:

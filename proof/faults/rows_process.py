@@ -27,7 +27,6 @@ STEP_NS: Final = 1_500_000
 PATIENCE_S: Final = 180.0
 STUCK_S: Final = 20.0
 """Native libraries that get no memory may wait for ever; the service's watchdog kills such a process after 2 s."""
-LOST_S: Final = 0.6
 
 
 @dataclass

@@ -11,7 +11,7 @@ import struct
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 
 from spot_log.errors import LogError
 from spot_log.format import codec
@@ -31,8 +31,6 @@ _ENCODING_ERRORS: Final = (TypeError, ValueError, AttributeError, OverflowError,
 _FLAGS: Final = socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL
 
 _SECRET: Final = re.compile(r"PASSWORD|TOKEN|SECRET|CREDENTIAL", re.IGNORECASE)
-
-Record = TypeVar("Record")
 
 
 class LoggerProcess:

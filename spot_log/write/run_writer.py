@@ -32,7 +32,7 @@ from spot_log.format.topics import (
     Topic,
 )
 from spot_log.write.mcap_file import CHUNK_BYTES, McapFile
-from spot_model.robot.facts import JOINT_NAMES, LEG_NAMES
+from spot_model.robot.facts import JOINT_NAMES
 from spot_protos import log_pb2
 
 ACTIVE_SUFFIX: Final = ".active"
@@ -120,7 +120,6 @@ class RunWriter:
         self.path = path
         self.message = codec.header_to_proto(header) if isinstance(header, RunHeader) else header
         self._joint_names = tuple(self.message.joint_names) or JOINT_NAMES
-        self._foot_names = tuple(self.message.foot_names) or LEG_NAMES
         self._file = McapFile(active_path(path), ALL_TOPICS)
         self._robot_minus_host_ns: int | None = None
         self._viewer_slot = -1
@@ -139,11 +138,6 @@ class RunWriter:
         except OSError:
             self._file.give_up()
             raise
-
-    @property
-    def written(self) -> dict[str, int]:
-        """Messages in the file by topic, without the leading slash; viewer copies are not counted."""
-        return _by_topic(self._file.written_counts)
 
     @property
     def buffered(self) -> dict[str, int]:

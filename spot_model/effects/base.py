@@ -12,7 +12,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol, TypeVar
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from array_api_compat import array_namespace, device
@@ -26,8 +26,6 @@ from spot_model.robot.rotation import AnyArray
 
 Memory = Any
 """What an effect carries from one physics step to the next; made by ``start``, returned by ``torque``."""
-
-EffectT = TypeVar("EffectT", bound="Effect")
 
 
 class Hook(enum.Enum):

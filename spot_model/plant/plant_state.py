@@ -32,7 +32,6 @@ class PlantState:
         self._has_link_torque = has_link_torque
         self._qpos: Array = batch.bind("qpos")
         self._qvel: Array = batch.bind("qvel")
-        self._qacc: Array = batch.bind("qacc")
         self._ctrl: Array = batch.bind("ctrl")
         self._time: Array = batch.bind("time")
         self._ncon: NDArray[np.int32] = batch.bind("ncon")
@@ -131,11 +130,6 @@ class PlantState:
     def angular_vel_of_body_in_world_rad_s(self) -> Array:
         """Shape (n, 3), rad/s."""
         return np.asarray(rotate_wxyz(self._qpos[:, 3:7], self._qvel[:, 3:6]))
-
-    @property
-    def linear_acc_of_body_in_world_m_s2(self) -> Array:
-        """Acceleration of the body's origin, gravity not added, shape (n, 3), m/s²."""
-        return self._qacc[:, :3].copy()
 
     # Feet, legs fl, fr, hl, hr ---------------------------------------------------------------------------------------
 

@@ -117,7 +117,6 @@ POLICY_KP_NM_PER_RAD: Final = 60.0
 POLICY_KD_NM_S_PER_RAD: Final = 1.5
 ACTION_SCALE_RAD: Final = 0.2
 POLICY_RATE_HZ: Final = 50.0
-TRAINING_TORQUE_RATE_HZ: Final = 200.0
 TRAINING_COMMAND_DELAY_S: Final = 0.005
 """Gains, action scale and rates of the paper's policy. [paper]"""
 

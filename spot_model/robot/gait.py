@@ -77,11 +77,6 @@ class Gait:
         """The highest agreement of the front, hind, left and right pair."""
         return max(v for k, v in self.agreement.items() if not k.startswith("diagonal"))
 
-    @property
-    def is_hop(self) -> bool:
-        """Whether it is a pronk or a bound."""
-        return self.name in HOPS
-
     def sentence(self) -> str:
         """The gait in a line."""
         if self.name == "stand":

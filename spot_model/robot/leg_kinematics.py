@@ -30,19 +30,6 @@ def foot_position_in_body_m(position_rad: AnyArray) -> AnyArray:
     return foot_position_and_jacobian(position_rad)[0]
 
 
-def foot_velocity_in_body_m_s(position_rad: AnyArray, velocity_rad_s: AnyArray) -> AnyArray:
-    """Velocity of the foot centres relative to the body, in the body frame, shape (..., 4, 3), m/s.
-
-    Args:
-        position_rad: Joint positions. Shape (..., 12), canonical order, rad.
-        velocity_rad_s: Joint velocities. Same shape, rad/s.
-    """
-    xp = namespace_of(position_rad)
-    _, jacobian = foot_position_and_jacobian(position_rad)
-    rates = xp.reshape(velocity_rad_s, (*velocity_rad_s.shape[:-1], facts.N_LEGS, 1, 3))
-    return xp.sum(jacobian * rates, axis=-1)
-
-
 def foot_position_and_jacobian(position_rad: AnyArray, legs: slice = slice(None)) -> tuple[AnyArray, AnyArray]:
     """Foot centres in the body frame, and their derivatives with respect to their own leg's three joints.
 

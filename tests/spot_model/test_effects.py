@@ -286,9 +286,10 @@ def test_an_effect_acts_on_its_joints_only():
 )
 def test_torque_speed_curve_by_hand(velocity: float, high: float, low: float):
     v = np.full((1, 12), velocity)
-    upper, lower = PAPER_CURVE.arrays_like(v).bounds_nm(v)
-    np.testing.assert_allclose(upper, high, atol=1e-9)
-    np.testing.assert_allclose(lower, low, atol=1e-9)
+    effect, motion = PAPER_CURVE.arrays_like(v), Motion(v * 0, v, 0.005)
+    for asked, bound in ((1e6, high), (-1e6, low)):
+        torque = np.full((1, 12), asked)
+        np.testing.assert_allclose(effect.torque(torque, motion, effect.start(torque))[0], bound, atol=1e-9)
 
 
 def test_one_value_a_simulation():

@@ -59,9 +59,8 @@ class RandomisationConfig(Config):
 class NoiseConfig(Config):
     """Standard deviations of the observation noise.
 
-    Source: the paper's estimate (spectrum times frequency, averaged over the upper half of the band), applied with
-    :func:`trainer.sysid.logs.noise_estimate.noise_sigma` to a published log of a real Spot
-    (MIT, KyleM73/spot-rl-deployment).
+    Source: the paper's estimate (spectrum times frequency, averaged over the upper half of the band), applied to a
+    published log of a real Spot (MIT, KyleM73/spot-rl-deployment).
     """
 
     scale: float = Field(default=1.0, ge=0.0)

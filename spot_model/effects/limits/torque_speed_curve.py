@@ -78,10 +78,6 @@ class TorqueSpeedCurve(TorqueEffect):
             ),
         )
 
-    def bounds_nm(self, velocity_rad_s: AnyArray) -> tuple[AnyArray, AnyArray]:
-        """Upper and lower torque bound at a speed, shape of ``velocity_rad_s`` (broadcast), N·m."""
-        return self._bounds_nm(namespace_of(velocity_rad_s), velocity_rad_s, self._lines(velocity_rad_s))
-
     def _lines(self, like: AnyArray) -> _Lines:
         xp = namespace_of(like)
         number = {"dtype": like.dtype, "device": device(like)}

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from trainer.sysid.distance.measures import SequenceReference, score_of_distances, sliced_distance
+from trainer.sysid.distance.measures import SequenceReference, score_of_distances
 
 
 def runs(n: int, shift: float = 0.0, seed: int = 0) -> list[NDArray[np.float32]]:
@@ -52,11 +52,3 @@ def test_weights_choose_real_runs() -> None:
     assert only_first == pytest.approx(1.0)
     assert score_of_distances(distances, np.ones(2)) == pytest.approx(2.0)
     assert len(reference.real) == 2
-
-
-def test_the_sliced_distance_sees_what_single_features_do_not() -> None:
-    rng = np.random.default_rng(0)
-    x = rng.standard_normal((2000, 1))
-    together, apart = np.repeat(x, 2, axis=1), np.concatenate([x, rng.permutation(x)], axis=1)
-    assert sliced_distance(together, apart) > 0.1
-    assert sliced_distance(together, together) == 0.0

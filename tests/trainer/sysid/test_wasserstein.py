@@ -5,7 +5,11 @@ import pytest
 import scipy.optimize
 import scipy.stats
 
-from trainer.sysid.distance.wasserstein import sliced_wasserstein, unit_directions, wasserstein_1d, wasserstein_sorted
+from trainer.sysid.distance.wasserstein import wasserstein_sorted
+
+
+def wasserstein_1d(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    return wasserstein_sorted(np.sort(first, axis=-1), np.sort(second, axis=-1))
 
 
 @pytest.mark.parametrize(("n", "m"), [(1, 1), (7, 7), (5, 8), (12, 1), (100, 37)])
@@ -50,11 +54,3 @@ def test_it_is_the_cheapest_plan_of_transport() -> None:
     rng = np.random.default_rng(3)
     first, second = rng.standard_normal(12), rng.standard_normal(9) - 0.4
     assert wasserstein_1d(first, second) == pytest.approx(least_cost_of_transport(first, second), rel=1e-9)
-
-
-def test_sliced_is_the_mean_over_the_directions() -> None:
-    rng = np.random.default_rng(2)
-    first, second = rng.standard_normal((30, 5)), rng.standard_normal((20, 5)) + 0.3
-    directions = unit_directions(rng, 6, 5)
-    expected = [least_cost_of_transport(first @ direction, second @ direction) for direction in directions]
-    assert sliced_wasserstein(first, second, directions) == pytest.approx(np.mean(expected), rel=1e-9)

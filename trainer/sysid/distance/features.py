@@ -17,8 +17,6 @@ FEATURE_NAMES: Final = tuple(
 )
 """The 36 features, in order."""
 
-N_FEATURES: Final = len(FEATURE_NAMES)
-
 
 def control_law_features(
     *,

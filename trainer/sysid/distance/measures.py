@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trainer.sysid.distance.mmd import FourierFeatures, embedding_distance, median_bandwidth
-from trainer.sysid.distance.wasserstein import sliced_wasserstein, unit_directions, wasserstein_sorted
+from trainer.sysid.distance.wasserstein import wasserstein_sorted
 
 Array = NDArray[np.float64]
 
@@ -17,7 +17,6 @@ MEASURES: Final = ("w1", "mmd")
 """Measures of the score: Wasserstein (mean over the 36 features, N·m) and MMD (on all 36 at once, no unit)."""
 
 N_FREQUENCIES: Final = 192
-N_DIRECTIONS: Final = 64
 
 
 @dataclass(frozen=True)
@@ -99,12 +98,6 @@ def score_of_distances(distances: Array, scale: Array, real_weights: Array | Non
     weights = np.full(by_real.shape[-2], 1.0 / by_real.shape[-2]) if real_weights is None else real_weights
     by_measure = np.einsum("...rm,r->...m", by_real, weights)
     return np.asarray(np.mean(by_measure / scale, axis=-1))
-
-
-def sliced_distance(first: NDArray[Any], second: NDArray[Any], seed: int = 0) -> float:
-    """Sliced Wasserstein distance of two runs in all 36 features together, N·m; for the report, not in the score."""
-    directions = unit_directions(np.random.default_rng(seed), N_DIRECTIONS, first.shape[1])
-    return float(sliced_wasserstein(first, second, directions))
 
 
 def _distance(first: RunDigest, second: RunDigest) -> Array:

@@ -1,4 +1,4 @@
-"""Maximum Mean Discrepancy with a Gaussian mixture kernel: exact, and by random Fourier features.
+"""Maximum Mean Discrepancy with a Gaussian mixture kernel, by random Fourier features.
 
 k(x, y) = mean over s in BANDWIDTH_FACTORS of exp(−‖x − y‖² / (2 (s h)²)), with the bandwidth h the median distance
 between two samples of the real data. MMD² is the biased estimate (V-statistic): ‖mean φ(x) − mean φ(y)‖² ≥ 0.
@@ -34,27 +34,6 @@ def median_bandwidth(samples: NDArray[Any]) -> float:
     return float(np.median(distances))
 
 
-def mmd_exact(first: NDArray[Any], second: NDArray[Any], bandwidth: float) -> float:
-    """MMD by the kernel's full matrices: O(n²), for few samples and as the reference of the fast form.
-
-    Args:
-        first: Samples. Shape (n, d).
-        second: Samples. Shape (m, d).
-        bandwidth: h, in the samples' unit.
-
-    Returns:
-        MMD (not squared), without unit, at most √2.
-
-    Source: Gretton et al. 2012, A Kernel Two-Sample Test, equation 5.
-    """
-    squared = (
-        _kernel(first, first, bandwidth).mean()
-        + _kernel(second, second, bandwidth).mean()
-        - 2.0 * _kernel(first, second, bandwidth).mean()
-    )
-    return float(np.sqrt(max(squared, 0.0)))
-
-
 @dataclass(frozen=True)
 class FourierFeatures:
     """A random map φ with φ(x)·φ(y) ≈ k(x, y), so that the MMD is a distance between means.
@@ -88,12 +67,6 @@ class FourierFeatures:
 def embedding_distance(first: NDArray[Any], second: NDArray[Any]) -> NDArray[np.float64]:
     """MMD of two mean embeddings, along the last axis."""
     return np.asarray(np.linalg.norm(first - second, axis=-1))
-
-
-def _kernel(first: NDArray[Any], second: NDArray[Any], bandwidth: float) -> NDArray[np.float64]:
-    squared = _squared_distances(np.asarray(first, dtype=np.float64), np.asarray(second, dtype=np.float64))
-    kernels = [np.exp(-squared / (2.0 * (factor * bandwidth) ** 2)) for factor in BANDWIDTH_FACTORS]
-    return np.asarray(np.mean(kernels, axis=0))
 
 
 def _squared_distances(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:

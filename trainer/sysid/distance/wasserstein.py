@@ -1,4 +1,4 @@
-"""Wasserstein distance between samples: exact in one dimension, sliced in many."""
+"""Wasserstein distance between samples: exact, in one dimension."""
 
 from __future__ import annotations
 
@@ -31,32 +31,3 @@ def wasserstein_sorted(first: NDArray[Any], second: NDArray[Any]) -> NDArray[np.
     of_first = np.ceil(edges / m).astype(np.intp) - 1
     of_second = np.ceil(edges / n).astype(np.intp) - 1
     return np.asarray(np.abs(first[..., of_first] - second[..., of_second]) @ weights, dtype=np.float64)
-
-
-def wasserstein_1d(first: NDArray[Any], second: NDArray[Any]) -> NDArray[np.float64]:
-    """Like :func:`wasserstein_sorted`, for samples in any order."""
-    return wasserstein_sorted(np.sort(first, axis=-1), np.sort(second, axis=-1))
-
-
-def unit_directions(rng: np.random.Generator, n_directions: int, n_dimensions: int) -> NDArray[np.float64]:
-    """Directions drawn evenly from the unit sphere, shape (n_directions, n_dimensions)."""
-    drawn = rng.standard_normal((n_directions, n_dimensions))
-    return np.asarray(drawn / np.linalg.norm(drawn, axis=1, keepdims=True))
-
-
-def sliced_wasserstein(
-    first: NDArray[Any], second: NDArray[Any], directions: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Mean of the exact distances of projections onto directions.
-
-    Args:
-        first: Samples. Shape (n, d).
-        second: Samples. Shape (m, d).
-        directions: Unit vectors. Shape (k, d), from :func:`unit_directions`.
-
-    Returns:
-        Shape (): the same unit as the samples.
-
-    Source: Bonneel et al. 2015, Sliced and Radon Wasserstein Barycenters of Measures, with p = 1.
-    """
-    return np.asarray(np.mean(wasserstein_1d(directions @ first.T, directions @ second.T)))

@@ -11,8 +11,6 @@ from withheld.simulator.robot import Robot
 LARGEST_NM: Array = per_joint(42.0, 42.0, 95.0)
 SMALLEST_NM: Array = per_joint(14.0, 18.0, 32.0)
 SOFTNESS = 0.12
-LEVER_LOSS = 0.72
-SLOWEST_RAD_S: Array = per_joint(3.0, 5.0, 7.0)
 
 
 def soft_limit(ask: Ask) -> Built:

@@ -1,4 +1,4 @@
-"""Logs of a simulated robot, for tests: other time step, integrator, cone and contact than the search's."""
+"""Logs of a simulated robot: other time step, integrator, cone and contact than the search's."""
 
 from __future__ import annotations
 
