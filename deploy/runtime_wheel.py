@@ -9,7 +9,7 @@ import io
 import zipfile
 from pathlib import Path
 
-PACKAGES = ("spot_protos", "spot_model", "spot_log", "spot_runtime")
+PACKAGES = ("spot_protos", "spot_model", "spot_log", "spot_runtime", "spot_tools")
 
 
 def trim(wheel: Path) -> list[str]:

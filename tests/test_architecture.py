@@ -16,6 +16,7 @@ PACKAGES = (
     "spot_model",
     "spot_log",
     "spot_runtime",
+    "spot_tools",
     "spot_rl",
     "fake_robot",
     "trainer",

@@ -14,7 +14,7 @@ from proof.attacks.certificates import LOOPBACK, Authority, role
 from spot_model.errors import SpotRlError
 from spot_model.io.child_process import ChildProcess
 from spot_protos import operator_pb2
-from spot_runtime.operator.client.client import OperatorClient
+from spot_tools.client.client import OperatorClient
 
 Listen = Literal["unix", "loopback", "tls"]
 LISTENS: Final[tuple[Listen, ...]] = ("unix", "loopback", "tls")

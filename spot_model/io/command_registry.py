@@ -23,7 +23,7 @@ from spot_model.errors import SpotRlError
 COMMAND_GROUP = "spot_rl.commands"
 EXTRAS_FOR_PYTHON_3_10 = frozenset({"runtime", "gamepad"})
 OWN_PACKAGES = (
-    *("spot_protos", "spot_model", "spot_log", "spot_runtime", "fake_robot", "trainer"),
+    *("spot_protos", "spot_model", "spot_log", "spot_runtime", "spot_tools", "fake_robot", "trainer"),
     *("diagnosis", "compare", "proof", "withheld", "spot_rl"),
 )
 

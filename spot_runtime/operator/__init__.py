@@ -1,1 +1,1 @@
-"""The operator's interface: an idle service, one control process a run, and what a person asks of them."""
+"""The operator's service: idle until asked, with one control process a run."""

@@ -16,6 +16,7 @@ from spot_log.write.sink import LogSink
 from spot_model.policy.joint_script import JointScript
 from spot_model.policy.policy import Policy
 from spot_model.version import software_version
+from spot_runtime.admission import gait_event
 from spot_runtime.config import RunConfig
 from spot_runtime.control.loop import ControlLoop
 from spot_runtime.control.loop_stats import LoopStats
@@ -25,7 +26,6 @@ from spot_runtime.host.clock import HostClock
 from spot_runtime.host.console import Console
 from spot_runtime.host.realtime import apply_real_time, freeze_garbage_collection
 from spot_runtime.host.service_manager import ServiceManager
-from spot_runtime.policy.admission import gait_event
 from spot_runtime.session.flight_recorder import FlightRecorder
 from spot_runtime.session.robot_session import ControlEnd, RobotSession, control_end
 from spot_runtime.session.signals import StopSignals

@@ -19,6 +19,7 @@ from spot_model.io.velocity_sequence import load_sequence
 from spot_model.policy.joint_script import joint_script
 from spot_model.policy.policy import Policy, load_policy
 from spot_model.text import plain_lines
+from spot_runtime.admission import admission, check_scripts_allowed
 from spot_runtime.config import RunConfig, for_lock_step
 from spot_runtime.hal.registry import HalRequest, find_adapter
 from spot_runtime.host.console import Console
@@ -26,7 +27,6 @@ from spot_runtime.host.instance_lock import InstanceLock
 from spot_runtime.host.journal import Journal, goes_to_journal
 from spot_runtime.host.service_manager import ServiceManager
 from spot_runtime.options import CaFile, ConfigFile, CredentialsFile, LockStepAddress, RobotAddress, resolve_config
-from spot_runtime.policy.admission import admission, check_scripts_allowed
 from spot_runtime.rescue.guarded import guarded
 from spot_runtime.session.labels import parse_labels
 from spot_runtime.session.run import RunRequest, log_file_name

@@ -11,9 +11,9 @@ from spot_model.errors import BadInputError
 from spot_model.io.command_line import error_line
 from spot_model.text import plain, plain_lines
 from spot_protos import operator_pb2
-from spot_runtime.doctor.check import Check, make, ok
 from spot_runtime.host.console import Console
-from spot_runtime.operator.client.client import plain_message
+from spot_tools.client.client import plain_message
+from spot_tools.doctor.check import Check, make, ok
 
 ATTACKS = (
     "\x1b]0;owned\x07",

@@ -17,9 +17,9 @@ from typer.testing import CliRunner
 from proof.fake_process import FakeAddress, FakeProcess
 from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
 from spot_runtime.config import RunConfig
-from spot_runtime.doctor.check import Result, Verdict, is_fit, make
-from spot_runtime.doctor.command import doctor
-from spot_runtime.doctor.robot import RobotDoctor
+from spot_tools.doctor.check import Result, Verdict, is_fit, make
+from spot_tools.doctor.command import doctor
+from spot_tools.doctor.robot import RobotDoctor
 
 CheckUp = Callable[..., dict[str, Result]]
 

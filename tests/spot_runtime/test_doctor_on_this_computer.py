@@ -12,12 +12,12 @@ import tomllib
 from spot_log.tools.retention import LogFile, closed_logs, prune_logs, to_delete
 from spot_model.errors import BadInputError
 from spot_runtime.config import RunConfig
-from spot_runtime.doctor import computer
-from spot_runtime.doctor.check import Check, Finding, Result, Verdict, is_fit, make, ok
-from spot_runtime.doctor.command import line_of
-from spot_runtime.doctor.host import Host
-from spot_runtime.doctor.link import judge_expiry, judge_latency
 from spot_runtime.rescue.lease_note import HeldNote, LeaseNote, note_path
+from spot_tools.doctor import computer
+from spot_tools.doctor.check import Check, Finding, Result, Verdict, is_fit, make, ok
+from spot_tools.doctor.command import line_of
+from spot_tools.doctor.host import Host
+from spot_tools.doctor.link import judge_expiry, judge_latency
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 

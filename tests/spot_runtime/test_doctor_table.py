@@ -12,10 +12,10 @@ import pytest
 from proof.fake_process import FakeAddress, FakeProcess
 from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
 from spot_runtime.config import RunConfig
-from spot_runtime.doctor.check import Verdict, make
-from spot_runtime.doctor.computer import checks_of_computer
-from spot_runtime.doctor.robot import RobotDoctor
 from spot_runtime.rescue.lease_note import HeldNote, LeaseNote, note_path
+from spot_tools.doctor.check import Verdict, make
+from spot_tools.doctor.computer import checks_of_computer
+from spot_tools.doctor.robot import RobotDoctor
 from tests.spot_runtime.test_doctor_on_this_computer import REQUIREMENTS, HandMadeHost, files
 
 ROBOT: dict[str, tuple[str, dict[str, float], dict[str, str]] | dict[str, Any]] = {

@@ -19,11 +19,11 @@ from spot_model.io.joint_experiment import Squat, Standing, save_joint_experimen
 from spot_model.policy.contract import PolicyError
 from spot_model.policy.joint_script import joint_script
 from spot_model.robot import facts
+from spot_runtime.admission import check_scripts_allowed
 from spot_runtime.config import RunConfig
 from spot_runtime.control.loop import ControlLoop
 from spot_runtime.control.modes import Mode
 from spot_runtime.control.safety.policy_bounds import with_speed_limit
-from spot_runtime.policy.admission import check_scripts_allowed
 from spot_runtime.safety_limits import SafetyLimits
 from spot_runtime.service_config import ServiceConfig
 from spot_runtime.session.run_command import run as run_command

@@ -10,7 +10,7 @@ from spot_log.format.events import EventName
 from spot_model.policy.contract import PolicyContract, StatedGait
 from spot_model.policy.gait_sentence import gait_sentence
 from spot_model.policy.policy import load_policy
-from spot_runtime.policy.admission import gait_event
+from spot_runtime.admission import gait_event
 
 POLICIES = Path(__file__).parents[2] / "policies"
 

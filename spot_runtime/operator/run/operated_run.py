@@ -22,6 +22,7 @@ from spot_log.write.sink import LogSink
 from spot_model.policy.policy import Policy
 from spot_model.robot.state import RobotState
 from spot_protos import operator_pb2
+from spot_runtime.admission import gait_event
 from spot_runtime.config import RunConfig
 from spot_runtime.control.loop import ControlLoop
 from spot_runtime.hal.base import Hal
@@ -36,7 +37,6 @@ from spot_runtime.operator.run.run_spec import RunSpec
 from spot_runtime.operator.run.run_status import STATUS_PERIOD_NS, status_of
 from spot_runtime.operator.run.standby import check_standing
 from spot_runtime.operator.run.steering import Attendance, OperatorSource
-from spot_runtime.policy.admission import gait_event
 from spot_runtime.session.robot_session import ControlEnd, RobotSession, control_end
 from spot_runtime.session.run import RunRequest, header_of, log_file_name
 from spot_runtime.session.signals import StopSignals

@@ -11,9 +11,9 @@ import numpy as np
 from spot_log.format.events import EventName
 from spot_model.errors import SpotRlError
 from spot_protos import run_link_pb2
+from spot_runtime.admission import gait_event
 from spot_runtime.control.modes import Mode
 from spot_runtime.operator.run.run_spec import load_checked
-from spot_runtime.policy.admission import gait_event
 from spot_runtime.stops import Stop, StopReason
 
 if TYPE_CHECKING:

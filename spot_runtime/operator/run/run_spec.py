@@ -9,8 +9,8 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from spot_model.policy.contract import PolicyError
 from spot_model.policy.policy import Policy, load_policy
+from spot_runtime.admission import admission
 from spot_runtime.config import RunConfig
-from spot_runtime.policy.admission import admission
 
 MAX_SPEC_BYTES: Final = 1 << 20
 

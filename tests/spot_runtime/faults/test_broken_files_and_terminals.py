@@ -20,7 +20,7 @@ from spot_runtime.config import load_config
 from spot_runtime.hal.connection.credentials import find_credentials
 from spot_runtime.hal.connection.trust import read_certificates
 from spot_runtime.host.instance_lock import InstanceLock, LockError
-from spot_runtime.operator.client.client import client_from
+from spot_tools.client.client import client_from
 
 REPOSITORY = Path(__file__).parents[3]
 WALK = REPOSITORY / "policies" / "walk.onnx"

@@ -20,7 +20,6 @@ from spot_model.errors import BadInputError
 from spot_protos import operator_pb2, run_link_pb2
 from spot_runtime.config import RunConfig
 from spot_runtime.control.modes import Mode
-from spot_runtime.operator.client import ctl
 from spot_runtime.operator.door.access import Buckets, Gate, Lane
 from spot_runtime.operator.door.callers import Caller, Role
 from spot_runtime.operator.listening import SocketFile, default_address, is_loopback, server_credentials
@@ -35,6 +34,7 @@ from spot_runtime.operator.server.mode_texts import MODE_TEXTS
 from spot_runtime.operator.server.policy_folder import PolicyFolder
 from spot_runtime.operator.server.states import State
 from spot_runtime.stops import StopReason
+from spot_tools.client import ctl
 
 from .conftest import POLICIES, wait_until
 
@@ -388,7 +388,7 @@ def test_a_provider_that_is_not_there_is_refused_not_replaced(provider: str) -> 
 
 def test_an_operators_command_starts_without_heavy_libraries() -> None:
     heavy = ("numpy", "pydantic", "rich", "bosdyn.client", "onnxruntime")
-    words = f"import spot_runtime.operator.client.ctl, sys; print([m for m in {heavy} if m in sys.modules])"
+    words = f"import spot_tools.client.ctl, sys; print([m for m in {heavy} if m in sys.modules])"
     told = subprocess.run([sys.executable, "-c", words], capture_output=True, text=True, check=True)
     assert told.stdout.strip() == "[]"
 

@@ -20,9 +20,9 @@ from proof.attacks.certificates import Authority, role
 from spot_protos import operator_pb2, operator_pb2_grpc
 from spot_runtime.config import RunConfig
 from spot_runtime.host.service_manager import ServiceManager
-from spot_runtime.operator.client.client import OperatorClient, RefusedError, UnreachableError
 from spot_runtime.operator.server.server import SERVICE_NAME, OperatorServer
 from spot_runtime.operator.server.supervisor import Supervisor
+from spot_tools.client.client import OperatorClient, RefusedError, UnreachableError
 
 from .conftest import POLICIES, wait_until
 

@@ -13,8 +13,8 @@ from proof.attacks.attackers import ATTACKS, PATH
 from proof.attacks.target import serve
 from proof.attacks.trial import Listen, try_attack
 from spot_protos import operator_pb2
-from spot_runtime.operator.client.client import OperatorClient, RefusedError
 from spot_runtime.operator.door.queue import Queue
+from spot_tools.client.client import OperatorClient, RefusedError
 
 CASES = [
     *((attack, "unix") for attack in ATTACKS),

@@ -8,9 +8,9 @@ from typing import Final
 
 from spot_model.policy.policy import load_policy
 from spot_runtime.config import RunConfig
-from spot_runtime.doctor.check import Check, Finding, fail, ok, skipped, warn
-from spot_runtime.doctor.host import Host
 from spot_runtime.rescue.lease_note import HeldNote, LeaseNoteError, NoteHeldError
+from spot_tools.doctor.check import Check, Finding, fail, ok, skipped, warn
+from spot_tools.doctor.host import Host
 
 PYTHON_LOW: Final = (3, 10)
 PYTHON_HIGH: Final = (3, 12)

@@ -17,7 +17,7 @@ from rich.text import Text
 from spot_model.errors import SpotRlError
 from spot_model.robot.facts import JOINT_NAMES, LEG_NAMES
 from spot_protos import operator_pb2
-from spot_runtime.operator.client.client import OperatorClient
+from spot_tools.client.client import OperatorClient
 
 EVENTS: Final = 8
 PERIOD_S: Final = 0.25

@@ -8,10 +8,10 @@ from typing import Final
 from spot_protos import operator_pb2
 from spot_runtime.config import OperatorConfig
 from spot_runtime.host.console import Console
-from spot_runtime.operator.client.client import OperatorClient, RefusedError
 from spot_runtime.sources.base import CommandSource
 from spot_runtime.sources.gamepad import GamepadSource, PygamePad
 from spot_runtime.sources.keyboard import HELP, TerminalKeyboardSource
+from spot_tools.client.client import OperatorClient, RefusedError
 
 PERIOD_S: Final = 0.04
 

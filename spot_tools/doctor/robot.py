@@ -6,13 +6,13 @@ from bosdyn.api import estop_pb2, license_pb2, robot_state_pb2
 
 from spot_model.errors import SpotRlError
 from spot_runtime.config import RunConfig
-from spot_runtime.doctor.check import Check, Finding, Verdict, fail, ok, skipped, warn
-from spot_runtime.doctor.link import Link
-from spot_runtime.doctor.reader import Reader
 from spot_runtime.hal.connection.address import parse_address
 from spot_runtime.hal.spot.estop import is_alive
 from spot_runtime.hal.spot.slow_state import pressed_estops, slow_state_from_message
 from spot_runtime.stops import CRITICAL
+from spot_tools.doctor.check import Check, Finding, Verdict, fail, ok, skipped, warn
+from spot_tools.doctor.link import Link
+from spot_tools.doctor.reader import Reader
 
 SKEW_WARN_S = 1.0
 ROUND_TRIP_WARN_S = 0.010

@@ -14,8 +14,8 @@ import typer
 from google.protobuf.json_format import MessageToDict
 
 from spot_protos import operator_pb2
-from spot_runtime.operator.client.client import ARM_TIMEOUT_S, OperatorClient, client_from
 from spot_runtime.session.labels import parse_labels
+from spot_tools.client.client import ARM_TIMEOUT_S, OperatorClient, client_from
 
 app = typer.Typer(no_args_is_help=True, add_completion=False)
 STEER_PERIOD_S = 0.04
@@ -152,7 +152,7 @@ def drive(
     """Steer by keyboard or gamepad until you press x."""
     from spot_runtime.config import OperatorConfig
     from spot_runtime.host.console import Console
-    from spot_runtime.operator.client.drive import drive_by, source_of
+    from spot_tools.client.drive import drive_by, source_of
 
     console = Console()
     with _client(context) as client:
@@ -219,7 +219,7 @@ def watch(
     ] = False,
 ) -> None:
     """Show everything on one screen: mode, rates, ages, temperatures, battery, the last events. Ctrl-C leaves it."""
-    from spot_runtime.operator.client.watch import watch_screen
+    from spot_tools.client.watch import watch_screen
 
     with _client(context) as client:
         watch_screen(client, is_attending=is_attending)

@@ -1,1 +1,0 @@
-"""The operator's side: `spot-rl ctl`, manual driving, the watch screen."""

@@ -1,1 +1,0 @@
-"""Admission of policies: signatures, checks, `spot-rl policy`."""
