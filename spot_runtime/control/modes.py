@@ -12,6 +12,8 @@ from __future__ import annotations
 from enum import Enum
 from typing import NamedTuple
 
+from typing_extensions import Self
+
 from spot_runtime.config import HandoverConfig
 from spot_runtime.stops import Reaction
 
@@ -19,24 +21,23 @@ from spot_runtime.stops import Reaction
 class Mode(Enum):
     """What the loop does with the joints."""
 
-    READY = "ready"
-    """The vendor's stand holds the robot; nothing is sent."""
-    ACTIVATING = "activating"
-    """The measured pose is sent while the robot switches to joint control."""
-    RAMPING_IN = "ramping_in"
-    """From the measured pose with the stand's gains to the policy."""
-    ACTIVE = "active"
-    """The policy follows the velocity command."""
-    SOFT_STOP = "soft_stop"
-    """The policy, while the velocity command fades to zero."""
-    RAMPING_OUT = "ramping_out"
-    """From the policy to a held pose with the stand's gains."""
-    STANDING = "standing"
-    """The pose is held until the vendor's stand takes over."""
-    DAMPING = "damping"
-    """No stiffness, only damping; needs neither policy nor state."""
-    RELEASED = "released"
-    """Nothing is sent any more."""
+    READY = "ready", "the vendor's stand holds the robot, the load is averaged, nothing is sent"
+    ACTIVATING = "activating", "the measured pose is sent while the robot switches to joint control"
+    RAMPING_IN = "ramping_in", "from the measured pose with the stand's gains to the policy"
+    ACTIVE = "active", "the policy follows the velocity command"
+    SOFT_STOP = "soft_stop", "the policy, while the velocity command fades to zero"
+    RAMPING_OUT = "ramping_out", "from the policy to a held pose with the stand's gains"
+    STANDING = "standing", "the pose is held until the vendor's stand takes over"
+    DAMPING = "damping", "no stiffness, only damping: the robot sinks; needs neither policy nor state"
+    RELEASED = "released", "nothing is sent any more"
+
+    meaning: str
+
+    def __new__(cls, value: str, meaning: str) -> Self:
+        """A mode has its name in logs as its value."""
+        mode = object.__new__(cls)
+        mode._value_, mode.meaning = value, meaning
+        return mode
 
     @property
     def sends(self) -> bool:

@@ -8,6 +8,7 @@ import threading
 from collections.abc import Callable
 from typing import TextIO
 
+from spot_log.format.records import EventRecord, Severity
 from spot_model.text import plain_lines
 
 PROGRESS_PERIOD_S = 1.0
@@ -28,6 +29,11 @@ class Console:
     def say(self, line: str) -> None:
         """Print a line, soon."""
         self._lines.put(line)
+
+    def event(self, record: EventRecord) -> None:
+        """Print an event, soon."""
+        mark = "" if record.severity is Severity.INFO else f"{record.severity.name.lower()}: "
+        self.say(f"{mark}{record.name}: {record.text.removeprefix(f'{record.name}: ')}")
 
     def show(self, progress: Callable[[], str] | None) -> None:
         """Print what this says each second; None ends it."""

@@ -11,11 +11,13 @@ from __future__ import annotations
 import os
 import socket
 import struct
-from collections.abc import Mapping
+import sys
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Final, TextIO
 
 from spot_log.format.records import EventRecord, Severity
+from spot_runtime.host.console import Console
 
 SOCKET: Final = Path("/run/systemd/journal/socket")
 STREAM_VARIABLE: Final = "JOURNAL_STREAM"
@@ -44,6 +46,11 @@ class Journal:
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
         self.lost = 0
 
+    @staticmethod
+    def if_heard() -> Journal | None:
+        """The system's journal, if this process's standard error goes there."""
+        return Journal() if goes_to_journal(sys.stderr, os.environ) else None
+
     def event(self, record: EventRecord) -> bool:
         """Write an event. Returns whether the journal took it."""
         fields = {
@@ -66,6 +73,16 @@ class Journal:
     def close(self) -> None:
         """Give the socket back."""
         self._socket.close()
+
+
+def tell_by(journal: Journal | None, console: Console) -> Callable[[EventRecord], None]:
+    """What tells of events: the journal, and the console for what that does not take."""
+
+    def tell(record: EventRecord) -> None:
+        if journal is None or not journal.event(record):
+            console.event(record)
+
+    return tell
 
 
 def entry_of(fields: Mapping[str, str]) -> bytes:

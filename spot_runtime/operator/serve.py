@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import sys
 from pathlib import Path
 from types import FrameType
 from typing import Annotated
@@ -19,7 +18,7 @@ from spot_protos import operator_pb2
 from spot_runtime.config import RunConfig, for_lock_step
 from spot_runtime.hal.connection.address import parse_address
 from spot_runtime.host.console import Console
-from spot_runtime.host.journal import Journal, goes_to_journal
+from spot_runtime.host.journal import Journal, tell_by
 from spot_runtime.host.service_manager import ServiceManager
 from spot_runtime.host.termination import exit_on_termination
 from spot_runtime.operator.server.server import OperatorServer
@@ -77,14 +76,10 @@ def serve(
 
 def _serve(robot: str, config: RunConfig, console: Console, lock_step: str) -> None:
     manager = ServiceManager.from_environment(os.environ)
-    journal = Journal() if goes_to_journal(sys.stderr, os.environ) else None
-
-    def tell(event: operator_pb2.Event) -> None:
-        if journal is None or not journal.event(_record(event)):
-            mark = "" if event.severity == "info" else f"{event.severity}: "
-            console.say(f"{mark}{event.name}: {event.text}")
-
-    supervisor = Supervisor(robot, config, manager=manager, tell=tell, lock_step=lock_step)
+    tell = tell_by(Journal.if_heard(), console)
+    supervisor = Supervisor(
+        robot, config, manager=manager, tell=lambda event: tell(_record(event)), lock_step=lock_step
+    )
     ends: list[int] = []
 
     def end(number: int, frame: FrameType | None) -> None:

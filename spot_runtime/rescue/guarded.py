@@ -34,7 +34,12 @@ def guarded(
 
     def guardian() -> ChildProcess:
         return start_guardian(
-            str(address), request.config, folder, service_pid=service_pid, lock_step=request.lock_step
+            str(address),
+            request.config,
+            folder,
+            control_pid=os.getpid(),
+            service_pid=service_pid,
+            lock_step=request.lock_step,
         )
 
     def make(sink: LogSink) -> Hal:

@@ -26,25 +26,37 @@ LOOK_PERIOD_S: Final = 0.2
 MODULE: Final = "spot_runtime.rescue.guardian"
 
 
-def start_guardian(robot: str, config: RunConfig, folder: Path, *, service_pid: int, lock_step: str) -> ChildProcess:
-    """Start one for this process. Raises OSError.
+def start_guardian(
+    robot: str,
+    config: RunConfig,
+    folder: Path,
+    *,
+    control_pid: int = 0,
+    service_pid: int = 0,
+    lock_step: str = "",
+    is_heard: bool = False,
+) -> ChildProcess:
+    """Start one. Raises OSError.
 
     Args:
         robot: The robot's address.
         config: How to reach it.
         folder: Where the note lies.
+        control_pid: The process in control; 0: it is gone already.
         service_pid: The operator's service, which comes first; 0: there is none.
         lock_step: Admin address of a fake robot in lock-step mode.
+        is_heard: Whether what was done goes to the process's output, and not to standard error.
     """
     told = {
         "robot": robot,
         "config": config.model_dump_json(by_alias=True),
         "folder": str(folder),
-        "control_pid": os.getpid(),
+        "control_pid": control_pid,
         "service_pid": service_pid,
         "lock_step": lock_step,
+        "is_heard": is_heard,
     }
-    return ChildProcess.start(MODULE, told=json.dumps(told).encode(), has_own_session=True)
+    return ChildProcess.start(MODULE, told=json.dumps(told).encode(), is_heard=is_heard, has_own_session=True)
 
 
 def open_process(pid: int) -> int | None:
@@ -73,18 +85,20 @@ def main() -> None:
     note = note_path(told["robot"], Path(told["folder"]))
     while note.exists() and is_alive(service):
         time.sleep(LOOK_PERIOD_S)
-    if not note.exists():
+    if not note.exists() and not told["is_heard"]:
         return
     from spot_runtime.config import RunConfig
     from spot_runtime.rescue.make_safe import WITHIN_S, make_safe_by_note
 
     config = RunConfig.model_validate_json(told["config"])
+    code = 0
     try:
         words = make_safe_by_note(told["robot"], config, note.parent, lock_step=told["lock_step"], within_s=WITHIN_S)
     except SpotRlError as error:
-        words = str(error)
+        words, code = str(error), error.exit_code
     with contextlib.suppress(OSError):
-        sys.stderr.write(f"{words}\n")
+        print(words, file=sys.stdout if told["is_heard"] else sys.stderr, flush=True)
+    raise SystemExit(code)
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 
 from spot_log.format.events import EventName
-from spot_log.format.records import EventRecord, RunHeader, Severity
+from spot_log.format.records import EventRecord, RunHeader
 from spot_log.write.sink import LogSink
 from spot_model.policy.joint_script import JointScript
 from spot_model.policy.policy import Policy
@@ -87,7 +87,7 @@ def run(
     console: Console,
     *,
     manager: ServiceManager | None = None,
-    tell: Callable[[EventRecord], bool] = lambda _: False,
+    tell: Callable[[EventRecord], None] | None = None,
 ) -> RunSummary:
     """Drive the robot through one run; it ends at rest and without power, or the summary says why not.
 
@@ -97,7 +97,7 @@ def run(
         make_sink: Opens the log.
         console: Where progress goes.
         manager: Told of readiness, progress and the end; nobody if None.
-        tell: Takes events in the console's place and says whether it did; must not block.
+        tell: Takes events in the console's place; must not block.
 
     Raises:
         SpotRlError: The log cannot be opened. Whatever happens later is in the summary, and in the log.
@@ -105,7 +105,7 @@ def run(
     header = header_of(request, HostClock().now_ns())
     sink = FlightRecorder(make_sink(request.log_path, header))
     with StopSignals() as signals:
-        attempt = _Attempt(request, header, sink, console, manager or ServiceManager(), tell, signals)
+        attempt = _Attempt(request, header, sink, console, manager or ServiceManager(), tell or console.event, signals)
         try:
             attempt.drive(make_hal)
         finally:
@@ -125,12 +125,12 @@ class _Attempt:
         sink: FlightRecorder,
         console: Console,
         manager: ServiceManager,
-        tell: Callable[[EventRecord], bool],
+        tell: Callable[[EventRecord], None],
         signals: StopSignals,
     ) -> None:
         self._request, self._sink, self._console, self._manager = request, sink, console, manager
         self._header = header
-        self._tell_elsewhere = tell
+        self._tell = tell
         self._clock, self._signals = HostClock(), signals
         self.session = RobotSession(signals, self._event, say=self._say, on_shut_down=self._shutting_down)
         self._loop: ControlLoop | None = None
@@ -231,12 +231,6 @@ class _Attempt:
             return progress
         self._manager.status(progress)
         return ""
-
-    def _tell(self, record: EventRecord) -> None:
-        if self._tell_elsewhere(record):
-            return
-        mark = {Severity.INFO: "", Severity.WARNING: "warning: ", Severity.ERROR: "error: "}[record.severity]
-        self._console.say(f"{mark}{record.name}: {record.text.removeprefix(f'{record.name}: ')}")
 
 
 def _progress(loop: ControlLoop) -> str:

@@ -24,7 +24,7 @@ from spot_runtime.config import RunConfig, for_lock_step
 from spot_runtime.hal.registry import HalRequest, find_adapter
 from spot_runtime.host.console import Console
 from spot_runtime.host.instance_lock import InstanceLock
-from spot_runtime.host.journal import Journal, goes_to_journal
+from spot_runtime.host.journal import Journal, tell_by
 from spot_runtime.host.service_manager import ServiceManager
 from spot_runtime.options import CaFile, ConfigFile, CredentialsFile, LockStepAddress, RobotAddress, resolve_config
 from spot_runtime.rescue.guarded import guarded
@@ -32,9 +32,8 @@ from spot_runtime.session.labels import parse_labels
 from spot_runtime.session.run import RunRequest, log_file_name
 from spot_runtime.session.run import run as run_once
 from spot_runtime.sources.base import CommandSource
-from spot_runtime.sources.gamepad import GamepadSource, PygamePad
 from spot_runtime.sources.joint_script import JointScriptSource
-from spot_runtime.sources.keyboard import HELP, TerminalKeyboardSource
+from spot_runtime.sources.manual import manual_source
 from spot_runtime.sources.scripted import ScriptedSource
 
 
@@ -97,8 +96,7 @@ def run(
 
     recover_at_start(directory, console)
     manager = ServiceManager.from_environment(os.environ)
-    journal = Journal() if goes_to_journal(sys.stderr, os.environ) else None
-    tell = (lambda _: False) if journal is None else journal.event
+    tell = tell_by(Journal.if_heard(), console)
     try:
         with InstanceLock(adapter.robot):
             summary = run_once(
@@ -154,11 +152,8 @@ def make_source(
         raise BadInputError("--sequence, --keyboard and --gamepad exclude each other; give one")
     if duration_s is not None and not 0.0 < duration_s <= 86_400.0:
         raise BadInputError(f"--duration is {duration_s}; allowed: above 0, at most 86400 s")
-    if is_keyboard:
-        console.say(HELP)
-        return TerminalKeyboardSource(config.operator)
-    if is_gamepad:
-        return GamepadSource(config.operator, PygamePad(config.operator.gamepad_index))
+    if is_keyboard or is_gamepad:
+        return manual_source(config.operator, console.say, is_gamepad=is_gamepad)
     wanted = load_sequence(sequence or "standing")
     contract = policy.contract
     low, high = contract.velocity_command_low, contract.velocity_command_high

@@ -152,12 +152,13 @@ def drive(
     """Steer by keyboard or gamepad until you press x."""
     from spot_runtime.config import OperatorConfig
     from spot_runtime.host.console import Console
-    from spot_tools.client.drive import drive_by, source_of
+    from spot_runtime.sources.manual import manual_source
+    from spot_tools.client.drive import drive_by
 
     console = Console()
     with _client(context) as client:
         try:
-            drive_by(client, source_of(OperatorConfig(), console, is_gamepad=gamepad), operator)
+            drive_by(client, manual_source(OperatorConfig(), console.say, is_gamepad=gamepad), operator)
         finally:
             console.close()
 

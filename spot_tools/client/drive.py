@@ -6,22 +6,10 @@ import time
 from typing import Final
 
 from spot_protos import operator_pb2
-from spot_runtime.config import OperatorConfig
-from spot_runtime.host.console import Console
 from spot_runtime.sources.base import CommandSource
-from spot_runtime.sources.gamepad import GamepadSource, PygamePad
-from spot_runtime.sources.keyboard import HELP, TerminalKeyboardSource
 from spot_tools.client.client import OperatorClient, RefusedError
 
 PERIOD_S: Final = 0.04
-
-
-def source_of(config: OperatorConfig, console: Console, *, is_gamepad: bool) -> CommandSource:
-    """The gamepad, or the keyboard. Raises BadInputError where it is not there."""
-    if is_gamepad:
-        return GamepadSource(config, PygamePad(config.gamepad_index))
-    console.say(HELP)
-    return TerminalKeyboardSource(config)
 
 
 def drive_by(client: OperatorClient, source: CommandSource, operator: str) -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+
 from bosdyn.api import estop_pb2, license_pb2, robot_state_pb2
 
 from spot_model.errors import SpotRlError
@@ -33,10 +36,8 @@ class RobotDoctor:
 
     def checks(self) -> list[Check]:
         """All of them, in the order of a run."""
-        steps = (
-            ("route", self.route),
-            ("certificate", self.certificate),
-            ("account", self.account),
+        steps = (("route", self.route), ("certificate", self.certificate), ("account", self.account))
+        of_the_robot = (
             ("clock", self.clock),
             ("faults", self.faults),
             ("battery", self.battery),
@@ -45,7 +46,8 @@ class RobotDoctor:
             ("lease", self.lease),
             ("licence", self.license),
         )
-        return [Check(f"{self._text} {name}", look) for name, look in steps]
+        later = [(name, partial(self._if_logged_in, look)) for name, look in of_the_robot]
+        return [Check(f"{self._text} {name}", look) for name, look in (*steps, *later)]
 
     def close(self) -> None:
         """Hang up."""
@@ -85,13 +87,14 @@ class RobotDoctor:
         self._reader = reader
         return ok(f"logged in to {robot_id}")
 
+    def _if_logged_in(self, look: Callable[[Reader], Finding]) -> Finding:
+        return skipped("not logged in") if self._reader is None else look(self._reader)
+
     # What the robot says ---------------------------------------------------------------------------------------------
 
-    def clock(self) -> Finding:
+    def clock(self, reader: Reader) -> Finding:
         """The clocks can be brought together; how far they are apart matters to people alone."""
-        if self._reader is None:
-            return skipped("not logged in")
-        skew_s, round_trip_s = self._reader.clock()
+        skew_s, round_trip_s = reader.clock()
         found = f"robot {skew_s:+.3f} s from this computer, round trip {round_trip_s * 1e3:.1f} ms"
         if round_trip_s > ROUND_TRIP_WARN_S:
             return warn(found, "the link is slow or busy; use a cable")
@@ -99,11 +102,9 @@ class RobotDoctor:
             return warn(found, "a run allows for it, but stamps of two logs will not agree: set both clocks by NTP")
         return ok(found)
 
-    def faults(self) -> Finding:
+    def faults(self, reader: Reader) -> Finding:
         """No fault that keeps the motors off."""
-        if self._reader is None:
-            return skipped("not logged in")
-        slow = slow_state_from_message(self._reader.state(), 0)
+        slow = slow_state_from_message(reader.state(), 0)
         critical = [fault.removeprefix(CRITICAL) for fault in slow.system_faults if fault.startswith(CRITICAL)]
         if critical:
             return fail(f"system fault: {', '.join(critical)}", "see the robot's own page")
@@ -114,11 +115,9 @@ class RobotDoctor:
             return warn(f"not critical: {', '.join(others)}", "see the robot's own page")
         return ok(f"none; motors {'have power already' if slow.motors_powered else 'are off'}")
 
-    def battery(self) -> Finding:
+    def battery(self, reader: Reader) -> Finding:
         """Enough charge for a run."""
-        if self._reader is None:
-            return skipped("not logged in")
-        message = self._reader.state()
+        message = reader.state()
         if not message.battery_states:
             return fail("the robot reports no battery", "put one in")
         battery, bound = message.battery_states[0], self._config.safety.battery_percent
@@ -131,11 +130,9 @@ class RobotDoctor:
             return warn(found, "enough for a short run; charge or change it soon")
         return ok(found)
 
-    def motors(self) -> Finding:
+    def motors(self, reader: Reader) -> Finding:
         """No motor so hot that a run would end."""
-        if self._reader is None:
-            return skipped("not logged in")
-        temperatures = slow_state_from_message(self._reader.state(), 0).motor_temperature_c
+        temperatures = slow_state_from_message(reader.state(), 0).motor_temperature_c
         if not temperatures:
             return skipped("the robot reports no motor temperatures")
         name, hottest_c = max(temperatures.items(), key=lambda item: item[1])
@@ -147,11 +144,9 @@ class RobotDoctor:
             return warn(found, "let the robot cool down, or keep the run short")
         return ok(found)
 
-    def estop(self) -> Finding:
+    def estop(self, reader: Reader) -> Finding:
         """Nothing holds the robot stopped, and somebody other than us can stop it."""
-        if self._reader is None:
-            return skipped("not logged in")
-        status = self._reader.estop_status()
+        status = reader.estop_status()
         alive = [endpoint for endpoint in status.endpoints if is_alive(endpoint)]
         pressed = [e.endpoint.name or "unnamed" for e in alive if e.stop_level != estop_pb2.ESTOP_LEVEL_NONE]
         if pressed:
@@ -166,34 +161,30 @@ class RobotDoctor:
             return warn(
                 "no endpoint answers; a run would make its own", "have somebody hold a tablet or e-stop program"
             )
-        others = pressed_estops(self._reader.state())
+        others = pressed_estops(reader.state())
         if others:
             return fail(f"pressed: {', '.join(others)}", "release it")
         return ok(f"released; held by {', '.join(e.endpoint.name or 'unnamed' for e in alive)}")
 
-    def lease(self) -> Finding:
+    def lease(self, reader: Reader) -> Finding:
         """The lease is free. It is looked at, never taken."""
-        if self._reader is None:
-            return skipped("not logged in")
         holders = {
             owner
-            for resource in self._reader.leases()
+            for resource in reader.leases()
             if (owner := resource.lease_owner.client_name or resource.lease_owner.user_name) and not resource.is_stale
         }
         if holders:
             return fail(f"held by {', '.join(sorted(holders))}", "release it there; a run never takes it by force")
         return ok("free")
 
-    def license(self) -> Finding:
+    def license(self, reader: Reader) -> Finding:
         """Joint control is licensed."""
-        if self._reader is None:
-            return skipped("not logged in")
-        info = self._reader.license_info()
+        info = reader.license_info()
         name = license_pb2.LicenseInfo.Status.Name(info.status).removeprefix("STATUS_").lower()
         if info.status != license_pb2.LicenseInfo.STATUS_VALID:
             return fail(f"licence {info.id or '–'}: {name}", "ask the vendor for a licence with joint control")
         features = ", ".join(info.licensed_features) or "none named"
-        if not self._reader.has_feature(JOINT_CONTROL_FEATURE):
+        if not reader.has_feature(JOINT_CONTROL_FEATURE):
             advice = "if a run is refused joint control, ask the vendor for a licence with it"
             return warn(f"licence {info.id} is valid, features: {features}", advice)
         return ok(f"licence {info.id} is valid and names joint control")

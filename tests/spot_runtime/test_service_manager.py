@@ -20,7 +20,7 @@ from spot_model.io.velocity_sequence import standing_sequence
 from spot_model.policy.policy import Policy
 from spot_runtime.config import RunConfig
 from spot_runtime.host.console import Console
-from spot_runtime.host.journal import Journal, entry_of, goes_to_journal
+from spot_runtime.host.journal import Journal, entry_of, goes_to_journal, tell_by
 from spot_runtime.host.service_manager import ServiceManager
 from spot_runtime.session.run import RunRequest, run
 from spot_runtime.sources.scripted import ScriptedSource
@@ -201,17 +201,24 @@ def test_a_run_that_never_stands_is_never_ready(
     assert told[-2:] == [b"STOPPING=1", "STATUS=sitting and powering off …".encode()]
 
 
-def test_events_go_where_they_are_taken_and_else_to_the_console(robot: Any, zero_policy: Policy) -> None:
+def test_events_go_where_they_are_taken(robot: Any, zero_policy: Policy) -> None:
     taken: list[str] = []
-
-    def take_starts(record: EventRecord) -> bool:
-        taken.append(record.name)
-        return record.name == "run_started"
-
-    _, text = a_run(robot, zero_policy, ServiceManager(), tell=take_starts)
+    _, text = a_run(robot, zero_policy, ServiceManager(), tell=lambda record: taken.append(record.name))
     assert "run_started" in taken
     assert "run_started" not in text
-    assert "connected: by hand" in text
+
+
+def test_what_the_journal_does_not_take_goes_to_the_console(tmp_path: Path) -> None:
+    heard, record = io.StringIO(), EventRecord(5, 7, Severity.WARNING, "lost", "lost: no reader")
+    console, journal = Console(heard), Journal(tmp_path / "journal")
+    tell_by(journal, console)(record)
+    listener = Listener(str(tmp_path / "journal"))
+    tell_by(journal, console)(record)
+    assert len(listener.messages()) == 1
+    listener.socket.close()
+    journal.close()
+    console.close()
+    assert heard.getvalue() == "warning: lost: no reader\n"
 
 
 def test_an_entry_of_the_journal(tmp_path: Path) -> None:

@@ -11,19 +11,16 @@ off.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Final
 
 from spot_log.format.events import EventName
-from spot_log.format.records import EventRecord, RunHeader
-from spot_log.write.sink import LogSink
+from spot_log.format.records import EventRecord
 from spot_model.policy.policy import Policy
 from spot_model.robot.state import RobotState
 from spot_protos import operator_pb2
 from spot_runtime.admission import gait_event
-from spot_runtime.config import RunConfig
 from spot_runtime.control.loop import ControlLoop
 from spot_runtime.hal.base import Hal
 from spot_runtime.host.clock import HostClock
@@ -38,12 +35,10 @@ from spot_runtime.operator.run.run_status import STATUS_PERIOD_NS, status_of
 from spot_runtime.operator.run.standby import check_standing
 from spot_runtime.operator.run.steering import Attendance, OperatorSource
 from spot_runtime.session.robot_session import ControlEnd, RobotSession, control_end
-from spot_runtime.session.run import RunRequest, header_of, log_file_name
+from spot_runtime.session.run import HalFactory, RunRequest, SinkFactory, header_of, log_file_name
 from spot_runtime.session.signals import StopSignals
 from spot_runtime.stops import Reaction, Stop, StopReason
 
-HalFactory = Callable[[LogSink], Hal]
-SinkFactory = Callable[[Path, RunHeader], LogSink]
 STANDBY_WAIT_S: Final = 0.02
 LOCK_STEP_PAUSE_S: Final = 0.002
 """In lock-step robot time would otherwise race while a person thinks."""
@@ -64,14 +59,15 @@ class OperatedRun:
             make_sink: Opens a log.
             manager: Told of progress while this process is answerable for the robot; nobody if None.
         """
-        self._spec, self._config, self._link = spec, spec.config, link
+        self._spec, self.config, self.link = spec, spec.config, link
         self._manager = manager or ServiceManager()
         self._clock = HostClock()
         self._sink = SwitchedSink()
         self._logs = RunLogs(make_sink, self._sink)
-        self._source = OperatorSource(spec.config)
+        self.source = OperatorSource(spec.config)
         self._requests = Requests(self)
-        self._background = BackgroundTask(is_sync=bool(spec.lock_step))
+        self.background = BackgroundTask(is_sync=bool(spec.lock_step))
+        """Slow work that must not hold up the robot's cycles."""
         self.policy = policy
         self.attendance = Attendance(spec.config, self._clock.now_ns())
         self.loop: ControlLoop | None = None
@@ -87,9 +83,9 @@ class OperatedRun:
     def drive(self, make_hal: HalFactory) -> operator_pb2.Outcome:
         """Do it all. Returns how it ended, which is also told to the service."""
         with StopSignals() as signals:
-            session = self._session = RobotSession(signals, self.event, on_shut_down=lambda: self._link.state("ending"))
+            session = self._session = RobotSession(signals, self.event, on_shut_down=lambda: self.link.state("ending"))
             try:
-                for refusal in apply_real_time(self._config.real_time):
+                for refusal in apply_real_time(self.config.real_time):
                     self.event(EventName.REAL_TIME_REFUSED, refusal)
                 session.drive(lambda: make_hal(self._sink), lambda hal: self._serve(hal, signals))
             finally:
@@ -101,30 +97,10 @@ class OperatedRun:
             log_paths=[str(path) for path in self._logs.paths],
             host_stamp_ns=self._clock.now_ns(),
         )
-        self._link.ended(outcome)
+        self.link.ended(outcome)
         return outcome
 
     # What requests use ------------------------------------------------------------------------------------------------
-
-    @property
-    def link(self) -> RunLink:
-        """To the operator's service."""
-        return self._link
-
-    @property
-    def source(self) -> OperatorSource:
-        """Where velocities go."""
-        return self._source
-
-    @property
-    def background(self) -> BackgroundTask:
-        """Slow work that must not hold up the robot's cycles."""
-        return self._background
-
-    @property
-    def config(self) -> RunConfig:
-        """Of the run: where policies are computed, and which may run."""
-        return self._config
 
     @property
     def log_path(self) -> str:
@@ -155,14 +131,14 @@ class OperatedRun:
         """Write an event to the log of the moment, and tell the service."""
         record = EventRecord(self._now_ns(), 0, name.severity, name.label, text)
         self._sink.event(record)
-        self._link.event(record)
+        self.link.event(record)
 
     # The way through --------------------------------------------------------------------------------------------------
 
     def _serve(self, hal: Hal, signals: StopSignals) -> ControlEnd:
         """Stand by and control in turn, until something ends it."""
         self.policy.warm_up()
-        self.attendance = Attendance(self._config, hal.host_now_ns())
+        self.attendance = Attendance(self.config, hal.host_now_ns())
         self.event(EventName.ARMED, f"policy {self.policy.contract.name}")
         self._tell_armed()
         while True:
@@ -172,7 +148,7 @@ class OperatedRun:
             end = self._control(hal, signals)
             keeps = self.keeps_standing and end.may_stand and end.stop.reason is StopReason.OPERATOR_STOP
             if keeps:
-                self._link.state("arming")
+                self.link.state("arming")
             self._end_log(end.stop.reason.label)
             if not keeps:
                 return end
@@ -187,10 +163,10 @@ class OperatedRun:
             states = hal.receive(0, STANDBY_WAIT_S)
             newest_ns = states[-1].host_stamp_ns if states else newest_ns
             self._look(signals)
-            wrong = check_standing(hal, newest_ns, self._config.safety)
+            wrong = check_standing(hal, newest_ns, self.config.safety)
             if wrong is not None:
                 self.end(wrong)
-            self._background.finish()
+            self.background.finish()
             self._tell_status(hal, states[-1] if states else None)
             self._manager.progressed()
             if self._spec.lock_step:
@@ -198,15 +174,15 @@ class OperatedRun:
         return self.stop
 
     def _waits(self) -> bool:
-        return self._background.is_busy or (self.stop is None and not self.is_start_asked)
+        return self.background.is_busy or (self.stop is None and not self.is_start_asked)
 
     def _control(self, hal: Hal, signals: StopSignals) -> ControlEnd:
         self.keeps_standing = False
-        self._source.let_go()
-        loop = ControlLoop(hal, self.policy, self._source, self._config, self._sink, on_event=self._link.event)
-        freeze_garbage_collection(self._config.real_time)
+        self.source.let_go()
+        loop = ControlLoop(hal, self.policy, self.source, self.config, self._sink, on_event=self.link.event)
+        freeze_garbage_collection(self.config.real_time)
         self.loop, self._status_ticks = loop, -1
-        self._link.state("running")
+        self.link.state("running")
         try:
             while not loop.is_done:
                 self._look(signals)
@@ -222,13 +198,13 @@ class OperatedRun:
     def _look(self, signals: StopSignals) -> None:
         """Take what operators and signals want, and see whether anybody is there."""
         now_ns = self._now_ns()
-        for message in self._link.take():
+        for message in self.link.take():
             self.attendance.seen(now_ns)
             self._requests.handle(message, now_ns)
         asked = signals.take()
         if asked is not None:
             self.end(asked)
-        if self._link.is_lost:
+        if self.link.is_lost:
             self.end(Stop(StopReason.SERVICE_LOST))
         gone = self.attendance.check(now_ns)
         if gone is not None:
@@ -246,7 +222,7 @@ class OperatedRun:
     # Details ----------------------------------------------------------------------------------------------------------
 
     def _tell_armed(self) -> None:
-        self._link.state("armed")
+        self.link.state("armed")
         self._status_due_ns = 0
 
     def _tell_status(self, hal: Hal, state: RobotState | None) -> None:
@@ -254,7 +230,7 @@ class OperatedRun:
         if now_ns < self._status_due_ns:
             return
         self._status_due_ns = now_ns + STATUS_PERIOD_NS
-        self._link.status(
+        self.link.status(
             status_of(
                 robot_id="" if self._session is None else self._session.robot_id,
                 policy=self.policy,
@@ -267,10 +243,10 @@ class OperatedRun:
         )
 
     def _request(self, labels: dict[str, str]) -> RunRequest:
-        name = log_file_name(self.policy.contract.name, self._source.name, 0, datetime.now(timezone.utc))
-        path = self._config.log.directory / name
+        name = log_file_name(self.policy.contract.name, self.source.name, 0, datetime.now(timezone.utc))
+        path = self.config.log.directory / name
         all_labels = {**self._spec.labels, **labels}
-        return RunRequest(self._spec.robot, self.policy, self._source, self._config, path, 0, all_labels)
+        return RunRequest(self._spec.robot, self.policy, self.source, self.config, path, 0, all_labels)
 
     @property
     def _hal(self) -> Hal | None:

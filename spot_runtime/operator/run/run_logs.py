@@ -5,7 +5,7 @@ The adapter is given one sink for as long as it lives; behind it logs come and g
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 from spot_log.format.events import EventName
@@ -13,8 +13,7 @@ from spot_log.format.records import RunHeader
 from spot_log.write.run_writer import free_path
 from spot_log.write.sink import TOPICS, ForwardingSink, LogSink, NullSink
 from spot_runtime.session.flight_recorder import FlightRecorder
-
-SinkFactory = Callable[[Path, RunHeader], LogSink]
+from spot_runtime.session.run import SinkFactory
 
 
 class SwitchedSink(ForwardingSink):

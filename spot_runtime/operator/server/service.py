@@ -14,7 +14,6 @@ from spot_runtime.operator.door.callers import Caller, Role
 from spot_runtime.operator.refusal import bad_request
 from spot_runtime.operator.server import request_checks
 from spot_runtime.operator.server.event_history import KEPT
-from spot_runtime.operator.server.mode_texts import MODE_TEXTS
 from spot_runtime.operator.server.states import State
 from spot_runtime.operator.server.supervisor import Supervisor
 
@@ -40,7 +39,7 @@ class OperatorService:
         """See the proto."""
         kind = operator_pb2.ListModesResponse.Mode
         states = [kind(name=s.value, meaning=s.meaning, allows=s.allows) for s in State]
-        modes = [kind(name=m.value, meaning=MODE_TEXTS[m]) for m in Mode]
+        modes = [kind(name=m.value, meaning=m.meaning) for m in Mode]
         return operator_pb2.ListModesResponse(states=states, modes=modes)
 
     def list_policies(

@@ -18,7 +18,6 @@ from spot_runtime.config import RunConfig
 from spot_runtime.host.clock import HostClock
 from spot_runtime.host.service_manager import ServiceManager
 from spot_runtime.operator.refusal import Refusal, not_now, unavailable
-from spot_runtime.operator.rescue.rescue_process import Rescue, RescueSpec
 from spot_runtime.operator.run.run_spec import RunSpec
 from spot_runtime.operator.server.armed_run import ArmedRun
 from spot_runtime.operator.server.operator_events import operator_event
@@ -28,6 +27,7 @@ from spot_runtime.operator.server.run_process import RunProcess
 from spot_runtime.operator.server.service_state import ServiceState
 from spot_runtime.operator.server.states import State
 from spot_runtime.rescue.make_safe import MAY_HAVE_POWER
+from spot_runtime.rescue.rescue import Rescue
 
 TURN_S: Final = 0.05
 ANSWER_TIMEOUT_S: Final = 25.0
@@ -284,9 +284,8 @@ class Supervisor:
         if not Rescue.is_due(self._robot):
             self._at.set(State.IDLE)
             return
-        spec = RescueSpec(robot=self._robot, config=self._config, lock_step=self._lock_step)
         try:
-            self._rescue = Rescue.start(spec)
+            self._rescue = Rescue.start(self._robot, self._config, self._lock_step)
         except OSError as error:
             self._rescued(is_safe=False, text=f"{MAY_HAVE_POWER}: no process can be started: {error}")
             return

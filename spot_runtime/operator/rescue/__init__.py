@@ -1,1 +1,0 @@
-"""Making a robot safe after its control process has died."""
