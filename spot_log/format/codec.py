@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
-from spot_log.format.records import EventRecord, RunHeader
+from spot_log.format.records import EventRecord, RunHeader, Severity
 from spot_model.robot.state import RobotState, SlowState
 from spot_protos import log_pb2
+
+_SEVERITIES: Final = frozenset(int(severity) for severity in Severity)
 
 
 def header_to_proto(header: RunHeader) -> log_pb2.Header:
@@ -46,6 +48,19 @@ def event_to_proto(record: EventRecord) -> log_pb2.Event:
         name=record.name,
         text=record.text,
         values={key: float(value) for key, value in record.values.items()},
+    )
+
+
+def event_from_proto(message: log_pb2.Event) -> EventRecord:
+    """The event of a message; one whose severity is not known is information."""
+    number = int(message.severity)
+    return EventRecord(
+        host_stamp_ns=message.host_stamp_ns,
+        robot_stamp_ns=message.robot_stamp_ns,
+        severity=Severity(number) if number in _SEVERITIES else Severity.INFO,
+        name=message.name,
+        text=message.text,
+        values=dict(sorted(message.values.items())),
     )
 
 

@@ -12,7 +12,7 @@ from google.protobuf.message import DecodeError, Message
 
 from spot_log.errors import LogReadError, MissingHeaderError, NotAnMcapError, SchemaVersionError
 from spot_log.format import codec
-from spot_log.format.records import SCHEMA_NAME, EventRecord, RunHeader, Severity
+from spot_log.format.records import SCHEMA_NAME, RunHeader
 from spot_log.format.topics import COMMAND, EVENT, FOOTER, HEADER, SLOW_STATE, STATE, TICK, Topic
 from spot_log.read.columns import gather, widest
 from spot_log.read.mcap_scan import RawMessage, Scan, scan_mcap
@@ -25,7 +25,6 @@ from spot_protos import log_pb2
 
 RECOVERED: Final = "recovered: "
 """How the outcome of a recovered log begins."""
-_SEVERITIES: Final = frozenset(int(severity) for severity in Severity)
 MAX_IMU_PACKETS: Final = 256
 """In one state; a robot sends about five."""
 
@@ -108,7 +107,7 @@ def run_of(path: Path, header: RunHeader, scan: Scan) -> Run:
         commands=gather(CommandTable, commands, widths),
         ticks=gather(TickTable, ticks, {**widths, "joints": widest(ticks, "action") or len(joints)}),
         slow_states=_slow_table(slow_states, joints),
-        events=tuple(_event(message) for message in events),
+        events=tuple(codec.event_from_proto(message) for message in events),
         footer=_footer(footers[-1]) if footers else None,
         damage=_damage_text(scan, footers[-1] if footers else None),
     )
@@ -179,18 +178,6 @@ def _slow_table(rows: list[log_pb2.SlowState], joints: tuple[str, ...]) -> SlowT
         {},
         motor_temperature_c=np.array(temperatures, dtype=np.float64).reshape(len(rows), len(joints)),
         **{name: tuple(tuple(getattr(row, name)) for row in rows) for name in lists},
-    )
-
-
-def _event(message: log_pb2.Event) -> EventRecord:
-    number = int(message.severity)
-    return EventRecord(
-        host_stamp_ns=message.host_stamp_ns,
-        robot_stamp_ns=message.robot_stamp_ns,
-        severity=Severity(number) if number in _SEVERITIES else Severity.INFO,
-        name=message.name,
-        text=message.text,
-        values=dict(sorted(message.values.items())),
     )
 
 

@@ -15,8 +15,6 @@ class TickSchedule(NamedTuple):
     next_due_robot_ns: int | None = None
     """None before the first state."""
     ticks: int = 0
-    skipped: int = 0
-    """Due instants that passed without a tick, since the start."""
 
     def advance(self, robot_stamp_ns: int) -> tuple[TickSchedule, bool, int]:
         """Look at one state's stamp.
@@ -25,13 +23,13 @@ class TickSchedule(NamedTuple):
             The new schedule, whether a tick is due on this state, and how many ticks were lost just before it.
         """
         if self.next_due_robot_ns is None:
-            return TickSchedule(self.period_ns, robot_stamp_ns + self.period_ns, 1, 0), True, 0
+            return TickSchedule(self.period_ns, robot_stamp_ns + self.period_ns, 1), True, 0
         late_ns = robot_stamp_ns - self.next_due_robot_ns
         if late_ns < 0:
             return self, False, 0
         lost = late_ns // self.period_ns
         due = self.next_due_robot_ns + (lost + 1) * self.period_ns
-        return TickSchedule(self.period_ns, due, self.ticks + 1, self.skipped + lost), True, lost
+        return TickSchedule(self.period_ns, due, self.ticks + 1), True, lost
 
 
 def schedule_for(rate_hz: float) -> TickSchedule:

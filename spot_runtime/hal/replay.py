@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
@@ -33,7 +32,7 @@ def adapter(request: HalRequest) -> Adapter:
     states = [state for state in states_of(run) if state.robot_stamp_ns >= begin_ns]
 
     def make(sink: LogSink) -> Hal:
-        return ReplayHal(states, [], sink, robot_id=run.header.robot_id)
+        return ReplayHal(states, sink, robot_id=run.header.robot_id)
 
     return Adapter(str(path), make)
 
@@ -61,44 +60,30 @@ def states_of(run: Run) -> list[RobotState]:
 
 
 class ReplayHal:
-    """Plays states at the pace of their stamps, or as fast as they are asked for; keeps what was sent."""
+    """Plays states as fast as they are asked for."""
 
-    def __init__(
-        self,
-        states: Sequence[RobotState],
-        slow_states: Sequence[SlowState],
-        sink: LogSink,
-        *,
-        robot_id: str = "",
-        is_paced: bool = False,
-    ) -> None:
+    def __init__(self, states: Sequence[RobotState], sink: LogSink, *, robot_id: str = "") -> None:
         """Take recorded states, oldest first.
 
         Args:
             states: At least one.
-            slow_states: The polls that go with them; may be empty.
             sink: Takes every state that is played.
             robot_id: Whose states these are.
-            is_paced: Whether a state comes no sooner than its stamp says.
 
         Raises:
             BadInputError: There is no state.
         """
         if not states:
             raise BadInputError("the log holds no state to replay; give a log of a run")
-        self._states, self._slow_states, self._sink = states, slow_states, sink
-        self._robot_id, self._is_paced = robot_id, is_paced
+        self._states, self._sink, self._robot_id = states, sink, robot_id
         self._played = 0
         self._now_ns = states[0].robot_stamp_ns
         self._skew_ns = states[0].robot_stamp_ns - states[0].host_stamp_ns
-        self._started_s = time.monotonic()
         self._joint_control = JointControl.OFF
         self._has_told_end = False
-        self.sent: list[JointCommand] = []
 
     def connect(self) -> RobotInfo:
         """See the protocol."""
-        self._started_s = time.monotonic()
         return RobotInfo("replay", self._robot_id, self._skew_ns / 1e9, 0.0)
 
     def stand(self) -> None:
@@ -111,13 +96,11 @@ class ReplayHal:
             state = self._states[self._played]
             if received and state.robot_stamp_ns > until_robot_ns:
                 break
-            if self._is_paced and not self._wait(state, timeout_s):
-                break
             received.append(state)
             self._sink.decoded_state(state)
             self._now_ns = state.robot_stamp_ns
             self._played += 1
-        if not received and not self._is_paced:
+        if not received:
             self._now_ns += round(timeout_s * 1e9)
         return received
 
@@ -131,7 +114,6 @@ class ReplayHal:
 
     def begin_joint_control(self, first: JointCommand) -> None:
         """See the protocol."""
-        self.sent.append(first)
         self._joint_control = JointControl.ACTIVE
 
     def end_joint_control(self) -> None:
@@ -144,9 +126,7 @@ class ReplayHal:
         return self._joint_control
 
     def send(self, command: JointCommand) -> None:
-        """Keep it."""
-        if self._joint_control is JointControl.ACTIVE:
-            self.sent.append(command)
+        """It goes nowhere."""
 
     def departures(self) -> Sequence[tuple[int, int]]:
         """Nothing departs."""
@@ -161,9 +141,8 @@ class ReplayHal:
 
     @property
     def slow_state(self) -> SlowState | None:
-        """The newest recorded poll at this instant."""
-        past = [slow for slow in self._slow_states if slow.host_stamp_ns <= self.host_now_ns()]
-        return past[-1] if past else None
+        """A recording is not polled."""
+        return None
 
     @property
     def clock_age_s(self) -> float:
@@ -184,12 +163,3 @@ class ReplayHal:
     def close(self) -> None:
         """See the protocol."""
         self.release()
-
-    def _wait(self, state: RobotState, timeout_s: float) -> bool:
-        due_s = (state.robot_stamp_ns - self._states[0].robot_stamp_ns) / 1e9
-        late_s = time.monotonic() - self._started_s - due_s
-        if late_s < -timeout_s:
-            time.sleep(timeout_s)
-            return False
-        time.sleep(max(0.0, -late_s))
-        return True

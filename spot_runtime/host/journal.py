@@ -39,10 +39,8 @@ def goes_to_journal(stream: TextIO, environment: Mapping[str, str]) -> bool:
 class Journal:
     """Sends events to the journal; never blocks. What it does not take is counted and left to the caller."""
 
-    def __init__(self, path: Path = SOCKET, fields: Mapping[str, str] | None = None) -> None:
-        """Send to ``path``; every entry also carries ``fields``, whose names are upper case."""
+    def __init__(self, path: Path = SOCKET) -> None:
         self._path = str(path)
-        self._fields = dict(fields or {})
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
         self.lost = 0
 
@@ -61,7 +59,6 @@ class Journal:
             "SPOT_RL_HOST_STAMP_NS": str(record.host_stamp_ns),
             "SPOT_RL_ROBOT_STAMP_NS": str(record.robot_stamp_ns),
             **{f"SPOT_RL_{name.upper()}": f"{value:.9g}" for name, value in record.values.items()},
-            **self._fields,
         }
         try:
             self._socket.sendto(entry_of(fields), socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL, self._path)

@@ -63,16 +63,15 @@ def is_loopback(address: str) -> bool:
     Raises:
         BadInputError: It is not an address.
     """
-    if not address.isprintable():  # bytes that are no UTF-8 among them
+    host, colon, port = address.rpartition(":")
+    # gRPC would take a larger number as another port; what is not printable may be no UTF-8.
+    is_port = bool(colon and host) and port.isdecimal() and int(port[:6]) <= MAX_PORT
+    if not address.isprintable() or not (is_unix(address) or is_port):
         raise BadInputError(
             f"address {address!r} is not valid; allowed: 'unix:/path' or HOST:PORT, up to {MAX_PORT}, in UTF-8"
         )
     if is_unix(address):
         return True
-    host, colon, port = address.rpartition(":")
-    # gRPC would take a larger number as another port.
-    if not colon or not port.isdecimal() or int(port[:6]) > MAX_PORT or not host:
-        raise BadInputError(f"address {address!r} is not valid; allowed: 'unix:/path' or HOST:PORT, up to {MAX_PORT}")
     with contextlib.suppress(ValueError):
         return ipaddress.ip_address(host.strip("[]")).is_loopback
     return host == "localhost"

@@ -10,11 +10,9 @@ from typing import Annotated
 
 import typer
 
-from spot_log.format.records import EventRecord, Severity
 from spot_log.live.process import LiveProcess
 from spot_log.write.run_writer import make_log_folder
 from spot_model.errors import BadInputError
-from spot_protos import operator_pb2
 from spot_runtime.config import RunConfig, for_lock_step
 from spot_runtime.hal.connection.address import parse_address
 from spot_runtime.host.console import Console
@@ -77,9 +75,7 @@ def serve(
 def _serve(robot: str, config: RunConfig, console: Console, lock_step: str) -> None:
     manager = ServiceManager.from_environment(os.environ)
     tell = tell_by(Journal.if_heard(), console)
-    supervisor = Supervisor(
-        robot, config, manager=manager, tell=lambda event: tell(_record(event)), lock_step=lock_step
-    )
+    supervisor = Supervisor(robot, config, manager=manager, tell=tell, lock_step=lock_step)
     ends: list[int] = []
 
     def end(number: int, frame: FrameType | None) -> None:
@@ -101,8 +97,3 @@ def _serve(robot: str, config: RunConfig, console: Console, lock_step: str) -> N
         supervisor.shut_down()
     finally:
         server.close()
-
-
-def _record(event: operator_pb2.Event) -> EventRecord:
-    severity = Severity[event.severity.upper()] if event.severity.upper() in Severity.__members__ else Severity.INFO
-    return EventRecord(event.host_stamp_ns, event.robot_stamp_ns, severity, event.name, event.text, dict(event.values))

@@ -4,17 +4,90 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from pathlib import Path
 
 from spot_log.write.sink import LogSink
 from spot_model.io.child_process import ChildProcess
+from spot_runtime.config import RunConfig
 from spot_runtime.hal.base import Hal
-from spot_runtime.hal.connection.address import parse_address
+from spot_runtime.hal.connection.address import Address, parse_address
+from spot_runtime.hal.errors import HalError
 from spot_runtime.hal.registry import Adapter, HalRequest
+from spot_runtime.hal.spot.adapter import BosdynHal
 from spot_runtime.hal.spot.lock_step import LockStep
+from spot_runtime.hal.spot.pace import Pace
 from spot_runtime.host.clock import HostClock
 from spot_runtime.rescue.guardian import start_guardian
-from spot_runtime.rescue.lease_note import note_folder
-from spot_runtime.rescue.noting_hal import NotingHal
+from spot_runtime.rescue.lease_note import HeldNote, LeaseNote, LeaseNoteError, note_folder, note_path
+
+
+class NotingHal(BosdynHal):
+    """Keeps the protocol; a process that dies while it holds the lease leaves a note for ``spot-rl make-safe``."""
+
+    def __init__(
+        self,
+        address: Address,
+        config: RunConfig,
+        sink: LogSink,
+        pace: Pace | None,
+        *,
+        folder: Path,
+        guardian: Callable[[], ChildProcess] | None = None,
+        on_pause: Callable[[], None] = lambda: None,
+    ) -> None:
+        """As its parent.
+
+        Args:
+            address: The robot's.
+            config: Of the run.
+            sink: The log.
+            pace: Of a fake robot in lock-step mode.
+            folder: Where notes lie.
+            guardian: Starts the process that acts on the note if no other is left.
+            on_pause: Told of each look at a motion of the vendor's.
+        """
+        super().__init__(address, config, sink, pace)
+        self._on_pause, self._start_guardian = on_pause, guardian
+        self._guardian: ChildProcess | None = None
+        self._robot, self._path = str(address), note_path(str(address), folder)
+        self._note: HeldNote | None = None
+        self._is_at_rest = False
+
+    def stand(self) -> None:
+        """See the protocol. The note is there before the motors have power."""
+        lease = self._session.lease
+        if self._note is None and lease is not None:
+            note = LeaseNote(self._robot, lease.resource, lease.epoch, lease.sequence[0], self._session.token)
+            try:
+                self._note = HeldNote.write(self._path, note)
+                self._guardian = None if self._start_guardian is None else self._start_guardian()
+            except (LeaseNoteError, OSError) as error:
+                raise HalError(str(error)) from error
+        self._is_at_rest = False
+        super().stand()
+
+    def power_off(self) -> None:
+        """See the protocol."""
+        super().power_off()
+        self._is_at_rest = True
+
+    def _pause(self, duration_s: float) -> None:
+        self._on_pause()
+        super()._pause(duration_s)
+
+    def close(self) -> None:
+        """See the protocol. A lease under which the robot could not be powered off is not given back.
+
+        It goes stale in some seconds, and then the robot acts by itself, or ``make-safe`` does.
+        """
+        if self._note is not None and not self._is_at_rest:
+            self._session.has_lease = False
+        super().close()
+        note, self._note = self._note, None
+        if note is not None:
+            note.remove() if self._is_at_rest else note.let_go()
+        if self._guardian is not None and self._is_at_rest:
+            self._guardian.end(0.0)
 
 
 def guarded(

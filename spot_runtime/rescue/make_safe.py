@@ -10,10 +10,9 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Callable
 from enum import Enum
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 from spot_model.errors import SpotRlError
 from spot_runtime.config import RunConfig
@@ -49,21 +48,7 @@ class Safety(Enum):
     NOT_OURS = "somebody else has had the robot since: nothing was done, and whoever has it is answerable"
 
 
-class Attempt(NamedTuple):
-    """How one robot was made safe."""
-
-    safety: Safety
-    took_s: float
-
-
-def make_safe(
-    note: LeaseNote,
-    config: RunConfig,
-    *,
-    lock_step: str = "",
-    within_s: float = WITHIN_S,
-    now_s: Callable[[], float] = time.monotonic,
-) -> Attempt:
+def make_safe(note: LeaseNote, config: RunConfig, *, lock_step: str = "", within_s: float = WITHIN_S) -> Safety:
     """Bring the robot of a note to rest, however often that must be tried.
 
     Args:
@@ -71,21 +56,20 @@ def make_safe(
         config: How to reach the robot.
         lock_step: Admin address of a fake robot in lock-step mode.
         within_s: No new try after so many seconds; one that is under way takes at most some 30 s more.
-        now_s: The clock of that.
 
     Raises:
         NotSafeError: It could not be done.
         SpotRlError: The address or a file is not valid.
     """
-    began_s = now_s()
+    until_s = time.monotonic() + within_s
     while True:
         try:
-            return Attempt(_try(note, config, lock_step), now_s() - began_s)
+            return _try(note, config, lock_step)
         except LeaseHeldError:
-            return Attempt(Safety.NOT_OURS, now_s() - began_s)
+            return Safety.NOT_OURS
         except HalError as error:
             is_hopeless = isinstance(error, (CertificateError, CredentialsError))
-            if is_hopeless or now_s() - began_s + RETRY_S > within_s:
+            if is_hopeless or time.monotonic() + RETRY_S > until_s:
                 raise NotSafeError(f"{MAY_HAVE_POWER}: {error}") from error
         time.sleep(RETRY_S)
 
@@ -101,15 +85,15 @@ def make_safe_by_note(robot: str, config: RunConfig, folder: Path, *, lock_step:
     found = HeldNote.find(note_path(address, folder))
     if found is None:
         return f"nothing to do: no process of this computer has left {address} with power"
-    held, note = found
+    (held, note), began_s = found, time.monotonic()
     try:
-        attempt = make_safe(note, config, lock_step=lock_step, within_s=within_s)
+        safety = make_safe(note, config, lock_step=lock_step, within_s=within_s)
     except NotSafeError:
         held.let_go()
         raise
     held.remove()
-    verb = "was left to its holder" if attempt.safety is Safety.NOT_OURS else "is safe"
-    return f"{address} {verb} after {attempt.took_s:.1f} s: {attempt.safety.value}"
+    verb = "was left to its holder" if safety is Safety.NOT_OURS else "is safe"
+    return f"{address} {verb} after {time.monotonic() - began_s:.1f} s: {safety.value}"
 
 
 def _try(note: LeaseNote, config: RunConfig, lock_step: str) -> Safety:

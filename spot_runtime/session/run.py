@@ -171,7 +171,7 @@ class _Attempt:
             log_dropped=sum(health.dropped.values()),
             log_unwritten=sum(health.unwritten.values()),
             log_problem=health.problem,
-            states_missed=self._missed_states(),
+            states_missed=0 if self._loop is None else self._loop.missed_states,
             rss_mb=rss_mb,
             rss_growth_mb=rss_mb - self._rss_start_mb,
             control_robot_s=self._control_s[0],
@@ -179,9 +179,6 @@ class _Attempt:
             real_time_refusals=self._refusals,
             **figures(self._stats),  # type: ignore[arg-type]
         )
-
-    def _missed_states(self) -> int:
-        return 0 if self._loop is None else self._loop.missed_states
 
     def _control(self, hal: Hal) -> ControlEnd:
         loop = ControlLoop(

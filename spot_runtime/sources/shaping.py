@@ -7,11 +7,6 @@ import numpy as np
 from spot_model.robot.state import Array
 
 
-def approach(current: Array, wanted: Array, largest_step: float) -> Array:
-    """Move each component towards ``wanted`` by at most ``largest_step``. Shapes (3,)."""
-    return current + np.clip(wanted - current, -largest_step, largest_step)
-
-
 class Shaper:
     """A velocity command that follows wishes."""
 
@@ -34,7 +29,8 @@ class Shaper:
         self._last_ns = host_stamp_ns
         if wanted is not None:
             self._released_from = None
-            self._command = approach(self._command, wanted, self._acceleration * min(elapsed_s, 0.1))
+            largest_step = self._acceleration * min(elapsed_s, 0.1)
+            self._command = self._command + np.clip(wanted - self._command, -largest_step, largest_step)
             return self._command
         if self._released_from is None:
             self._released_from, self._released_ns = self._command, host_stamp_ns

@@ -36,7 +36,11 @@ class RobotDoctor:
 
     def checks(self) -> list[Check]:
         """All of them, in the order of a run."""
-        steps = (("route", self.route), ("certificate", self.certificate), ("account", self.account))
+        steps: dict[str, Callable[[], Finding]] = {
+            "route": self.route,
+            "certificate": self.certificate,
+            "account": self.account,
+        }
         of_the_robot = (
             ("clock", self.clock),
             ("faults", self.faults),
@@ -46,8 +50,8 @@ class RobotDoctor:
             ("lease", self.lease),
             ("licence", self.license),
         )
-        later = [(name, partial(self._if_logged_in, look)) for name, look in of_the_robot]
-        return [Check(f"{self._text} {name}", look) for name, look in (*steps, *later)]
+        steps |= {name: partial(self._if_logged_in, look) for name, look in of_the_robot}
+        return [Check(f"{self._text} {name}", look) for name, look in steps.items()]
 
     def close(self) -> None:
         """Hang up."""

@@ -65,14 +65,6 @@ def test_a_sequence_repeats_until_the_given_time() -> None:
     assert source.sample(5.0, 0).is_finished
 
 
-def test_an_impossible_repetition_is_refused() -> None:
-    sequence = VelocitySequence(name="s", duration_s=2.0, waypoints=(Waypoint(time_s=0.0),))
-    with pytest.raises(ValueError, match="allowed: at least 1, above 0"):
-        ScriptedSource(sequence, repeat=0)
-    with pytest.raises(ValueError, match="allowed: at least 1, above 0"):
-        ScriptedSource(sequence, duration_s=0.0)
-
-
 def test_a_held_key_ramps_up_to_the_top_speed() -> None:
     keys = Keys()
     source = KeyboardSource(CONFIG, keys.read)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import grpc
 import numpy as np
@@ -19,12 +18,6 @@ from spot_model.robot.state import Gains, JointCommand, RobotState
 from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
 from spot_runtime.config import RunConfig
 from spot_runtime.hal.base import Hal
-from spot_runtime.hal.conformance import (
-    CHECKS,
-    ConformanceError,
-    brings_states_in_order,
-    takes_commands_and_hands_back,
-)
 from spot_runtime.hal.connection.address import parse_address
 from spot_runtime.hal.errors import MotionError
 from spot_runtime.hal.registry import Adapter, HalRequest, find_adapter
@@ -32,6 +25,12 @@ from spot_runtime.hal.replay import ReplayHal
 from spot_runtime.hal.spot.adapter import BosdynHal
 from spot_runtime.hal.spot.lock_step import LockStep
 from spot_runtime.host.clock import HostClock
+from spot_tools.hal_conformance import (
+    CHECKS,
+    ConformanceError,
+    brings_states_in_order,
+    takes_commands_and_hands_back,
+)
 from tests.spot_runtime.conftest import HandMadeRobot
 
 MS = 1_000_000
@@ -49,7 +48,7 @@ def hal(
         yield request.getfixturevalue("robot")
     elif request.param == "replay":
         states = [make_state(1_700_000_000_000_000_000 + i * 3 * MS) for i in range(2000)]
-        yield ReplayHal(states, [], MemorySink(), robot_id="recorded")
+        yield ReplayHal(states, MemorySink(), robot_id="recorded")
     else:
         with FakeProcess(is_lock_step=True, state_dir=tmp_path / "state") as fake:
             for name, value in fake.address.environment.items():
@@ -194,7 +193,7 @@ def test_a_replay_gives_back_every_recorded_state_and_keeps_what_was_sent(
 ) -> None:
     recorded = [make_state(1_700_000_000_000_000_000 + i * 3 * MS) for i in range(50)]
     sink = MemorySink()
-    hal = ReplayHal(recorded, [], sink, robot_id="recorded")
+    hal = ReplayHal(recorded, sink, robot_id="recorded")
     hal.connect()
     played: list[RobotState] = []
     while chunk := hal.receive(hal.robot_now_ns() + 20 * MS, 0.01):
@@ -207,7 +206,7 @@ def test_a_replay_gives_back_every_recorded_state_and_keeps_what_was_sent(
 
 
 def test_after_a_replay_time_goes_on_so_that_watchdogs_see_the_silence(make_state: Callable[..., RobotState]) -> None:
-    hal = ReplayHal([make_state()], [], MemorySink())
+    hal = ReplayHal([make_state()], MemorySink())
     hal.receive(0, 0.01)
     before = hal.robot_now_ns()
     assert list(hal.receive(0, 0.01)) == []
@@ -216,14 +215,4 @@ def test_after_a_replay_time_goes_on_so_that_watchdogs_see_the_silence(make_stat
 
 def test_a_recording_without_states_is_refused() -> None:
     with pytest.raises(BadInputError, match="holds no state"):
-        ReplayHal([], [], MemorySink())
-
-
-def test_the_recorded_slow_state_of_the_moment(make_state: Callable[..., RobotState], make_slow: Any) -> None:
-    start = 1_700_000_000_000_000_000
-    states = [make_state(start + i * 3 * MS) for i in range(100)]
-    slow = [make_slow(start + i * 100 * MS, battery_charge_percent=90.0 - i) for i in range(3)]
-    hal = ReplayHal(states, slow, MemorySink())
-    hal.receive(start + 150 * MS, 0.01)
-    assert hal.slow_state is not None
-    assert hal.slow_state.battery_charge_percent == 89.0
+        ReplayHal([], MemorySink())

@@ -223,7 +223,7 @@ def test_what_the_journal_does_not_take_goes_to_the_console(tmp_path: Path) -> N
 
 def test_an_entry_of_the_journal(tmp_path: Path) -> None:
     listener = Listener(str(tmp_path / "journal"))
-    journal = Journal(tmp_path / "journal", {"SPOT_RL_RUN": "abc"})
+    journal = Journal(tmp_path / "journal")
     record = EventRecord(5, 7, Severity.ERROR, "stop", "tilt: the body tilts too far", {"tilt_rad": 0.8125})
     assert journal.event(record)
     (entry,) = listener.messages()
@@ -235,7 +235,6 @@ def test_an_entry_of_the_journal(tmp_path: Path) -> None:
         "SPOT_RL_HOST_STAMP_NS=5",
         "SPOT_RL_ROBOT_STAMP_NS=7",
         "SPOT_RL_TILT_RAD=0.8125",
-        "SPOT_RL_RUN=abc",
     ]
     listener.socket.close()
     assert not journal.event(record)

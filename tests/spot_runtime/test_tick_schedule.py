@@ -40,10 +40,9 @@ def test_the_average_rate_is_exactly_50_hz() -> None:
 def test_events_are_not_counted_but_stamps() -> None:
     """Half of the messages missing changes when a tick happens, not how many there are."""
     stamps = [i * 3 * MS for i in range(20_001) if i % 2 == 0]
-    schedule, due, lost = ticks_of(stamps, schedule_for(50.0))
+    _, due, lost = ticks_of(stamps, schedule_for(50.0))
     assert len(due) == 3001
     assert lost == 0
-    assert schedule.skipped == 0
 
 
 @given(st.lists(st.integers(-900_000, 900_000), min_size=400, max_size=400))
@@ -63,7 +62,6 @@ def test_a_gap_loses_whole_ticks_and_the_schedule_stays_where_it_was(before: int
     stamps += [stamps[-1] + gap_messages * 3 * MS + i * 3 * MS for i in range(20)]
     schedule, due, lost = ticks_of(stamps, schedule_for(50.0))
     assert len(due) + lost == 1 + stamps[-1] // (20 * MS)
-    assert schedule.skipped == lost
     assert schedule.ticks == len(due)
 
 

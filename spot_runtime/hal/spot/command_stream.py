@@ -132,11 +132,6 @@ class CommandStream:
         self._call: Any = stream.future(self._commands())
         self._call.add_done_callback(self._ended)
 
-    @property
-    def replaced(self) -> int:
-        """Commands that were overtaken by a newer one before they were sent."""
-        return self._slot.replaced
-
     def put(self, key: int, wire: bytes) -> None:
         """Send these bytes next."""
         self._slot.put((key, wire))
@@ -152,11 +147,6 @@ class CommandStream:
         """Send nothing more and close the stream."""
         self._is_stopped = True
         self._slot.close()
-
-    def cancel(self) -> None:
-        """Close the stream without waiting for the robot's answer."""
-        self.stop()
-        self._call.cancel()
 
     def _commands(self) -> Iterator[bytes]:
         while (entry := self._slot.take()) is not None:

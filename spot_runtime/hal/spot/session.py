@@ -272,11 +272,6 @@ class Session:
             raise HalError(f"the service {name} did not answer within {self._timeout_s:g} s; check the link") from error
         return channel
 
-    @property
-    def client_name(self) -> str:
-        """The name that requests carry."""
-        return str(self._robot.client_name)
-
     def close(self) -> None:
         """Let our e-stop endpoint go, return the lease and end the SDK's threads.
 

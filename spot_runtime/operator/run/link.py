@@ -6,6 +6,7 @@ a stalled service nor one that floods can hold up the loop.
 
 from __future__ import annotations
 
+import contextlib
 import select
 import socket
 import time
@@ -32,8 +33,6 @@ class Received(NamedTuple):
     """What lay in a socket."""
 
     messages: Sequence[Any]
-    malformed: int
-    """Datagrams that could not be read."""
     is_end: bool
     """Whether the other end has gone, and nothing more will come."""
 
@@ -41,7 +40,6 @@ class Received(NamedTuple):
 def receive(connection: socket.socket, kind: Any, most: int) -> Received:
     """Take messages of a kind, oldest first, without waiting; ``most`` datagrams at most."""
     messages: list[Any] = []
-    malformed = 0
     for _ in range(most):
         try:
             data = connection.recv(MAX_DATAGRAM_BYTES)
@@ -50,12 +48,10 @@ def receive(connection: socket.socket, kind: Any, most: int) -> Received:
         except OSError:
             data = b""
         if not data:
-            return Received(messages, malformed, is_end=True)
-        try:
+            return Received(messages, is_end=True)
+        with contextlib.suppress(DecodeError):  # what cannot be read is as good as lost
             messages.append(kind.FromString(data))
-        except DecodeError:
-            malformed += 1
-    return Received(messages, malformed, is_end=False)
+    return Received(messages, is_end=False)
 
 
 class RunLink:
@@ -68,15 +64,13 @@ class RunLink:
         """Whether the service has gone."""
         self.untold = 0
         """Messages that were dropped because the service did not take them."""
-        self.malformed = 0
-        """Messages that could not be read."""
 
     def take(self) -> Sequence[run_link_pb2.ToRun]:
         """What has come since the last call, oldest first; at most :data:`MAX_TAKEN`. Never waits."""
         if self.is_lost:
             return ()
         received = receive(self._socket, run_link_pb2.ToRun, MAX_TAKEN)
-        self.is_lost, self.malformed = received.is_end, self.malformed + received.malformed
+        self.is_lost = received.is_end
         return received.messages
 
     def answer(self, request_id: int, *, is_done: bool, text: str) -> None:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import signal
 import time
 from typing import Final
 
 from spot_protos import operator_pb2, run_link_pb2
-from spot_runtime.operator.server.operator_events import how_it_died
 from spot_runtime.operator.server.pending import PendingRequests
 from spot_runtime.operator.server.run_process import RunProcess
 from spot_runtime.operator.server.states import State
@@ -52,7 +52,7 @@ class ArmedRun:
     def outcome(self, code: int) -> operator_pb2.Outcome:
         """How the run ended, now that its process has; requests that still wait are released."""
         self.waiting.let_all_go()
-        died = operator_pb2.Outcome(outcome="control_process_died", exit_code=code, sentence=how_it_died(code))
+        died = operator_pb2.Outcome(outcome="control_process_died", exit_code=code, sentence=_how_it_died(code))
         return self._ended or died
 
     def keep_times(self, state: State, since_s: float, arm_timeout_s: float) -> tuple[str, str] | None:
@@ -84,3 +84,14 @@ class ArmedRun:
     def _is_first_measure(self) -> bool:
         is_first, self._is_asked_to_end = not self._is_asked_to_end, True
         return is_first
+
+
+def _how_it_died(code: int) -> str:
+    """A control process that ended without its last word."""
+    how = f"with signal {signal.Signals(-code).name}" if code < 0 else f"with exit code {code}"
+    if code == 0:
+        how = "with exit code 0, or with one that the system has lost,"
+    return (
+        f"the control process ended {how} and said nothing more; the robot's own time-outs ended the motion; "
+        "see to the robot, then arm again"
+    )

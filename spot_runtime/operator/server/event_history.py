@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Sequence
 from typing import Final
 
+from spot_log.format.records import EventRecord
 from spot_protos import operator_pb2
 
 KEPT: Final = 500
@@ -20,8 +21,16 @@ class EventHistory:
         self._lock = threading.Lock()
         self.count = 0
 
-    def add(self, event: operator_pb2.Event) -> None:
+    def add(self, record: EventRecord) -> None:
         """Number an event and keep it."""
+        event = operator_pb2.Event(
+            host_stamp_ns=record.host_stamp_ns,
+            robot_stamp_ns=record.robot_stamp_ns,
+            severity=record.severity.name.lower(),
+            name=record.name,
+            text=record.text,
+            values=record.values,
+        )
         with self._lock:
             self.count += 1
             event.number = self.count

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import threading
 import time
-from dataclasses import dataclass, field
+from concurrent.futures import Future
 from typing import Final
 
 from spot_protos import run_link_pb2
@@ -13,47 +12,37 @@ from spot_runtime.operator.refusal import not_now
 STEERING_HELD_S: Final = 1.0
 
 
-@dataclass
-class Pending:
-    """One request."""
-
-    request_id: int
-    done: threading.Event = field(default_factory=threading.Event)
-    answer: run_link_pb2.Answer | None = None
-
-
 class PendingRequests:
     """All that wait, by number. Its owner's lock guards it."""
 
     def __init__(self) -> None:
         self._count = 0
-        self._waiting: dict[int, Pending] = {}
+        self._waiting: dict[int, Future[run_link_pb2.Answer]] = {}
 
     def __len__(self) -> int:
         return len(self._waiting)
 
-    def add(self, request: run_link_pb2.ToRun) -> Pending:
-        """Number a request that is about to be sent."""
+    def add(self, request: run_link_pb2.ToRun) -> Future[run_link_pb2.Answer]:
+        """Number a request that is about to be sent. Returns its answer to come; cancelled, none will."""
         self._count += 1
         request.request_id = self._count
-        pending = self._waiting[self._count] = Pending(self._count)
+        pending = self._waiting[self._count] = Future()
         return pending
 
     def take(self, answer: run_link_pb2.Answer) -> None:
         """An answer has come."""
         pending = self._waiting.get(answer.request_id)
-        if pending is not None:
-            pending.answer = answer
-            pending.done.set()
+        if pending is not None and not pending.done():
+            pending.set_result(answer)
 
-    def forget(self, pending: Pending) -> None:
+    def forget(self, request_id: int) -> None:
         """The request is no longer waited for."""
-        self._waiting.pop(pending.request_id, None)
+        self._waiting.pop(request_id, None)
 
     def let_all_go(self) -> None:
         """Release all requests that wait: no answer will come."""
         for pending in self._waiting.values():
-            pending.done.set()
+            pending.cancel()
 
 
 class SteeringRight:

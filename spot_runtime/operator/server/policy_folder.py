@@ -40,15 +40,9 @@ class OfferedPolicy:
 class PolicyFolder:
     """Looks policies up by name. A name is not a path, so nothing outside the folder can be reached."""
 
-    def __init__(self, folder: Path, allowed_sha256: tuple[str, ...] = (), public_key: Path | None = None) -> None:
-        """Look in ``folder``; what may be armed is on the list, if there is one, and signed, if keys are given."""
-        self._folder = folder
-        self._config = ServiceConfig(policy_sha256=allowed_sha256, policy_public_key=public_key)
-
-    @staticmethod
-    def of(config: ServiceConfig) -> PolicyFolder:
-        """The folder that a configuration describes."""
-        return PolicyFolder(config.policies, config.policy_sha256, config.policy_public_key)
+    def __init__(self, config: ServiceConfig) -> None:
+        """The folder that a configuration names; what may be armed is as it says."""
+        self._folder, self._config = config.policies, config
 
     def list(self) -> list[OfferedPolicy]:
         """All that can be named, at most :data:`MAX_LISTED`."""

@@ -17,8 +17,10 @@ _DIGEST: Final = re.compile(r"[0-9a-fA-F]{64}")
 _COMPONENTS: Final = ("v_x_m_s", "v_y_m_s", "yaw_rate_rad_s")
 
 
-def labels(given: Mapping[str, str]) -> dict[str, str]:
+def labels(given: Mapping[str, str], *, at_least: int = 0) -> dict[str, str]:
     """Labels of a log. Raises Refusal."""
+    if len(given) < at_least:
+        raise bad_request("no label is given; give at least one key and value")
     if len(given) > MAX_LABELS:
         raise bad_request(f"{len(given)} labels are given; allowed: at most {MAX_LABELS}")
     for key, value in given.items():
@@ -28,13 +30,6 @@ def labels(given: Mapping[str, str]) -> dict[str, str]:
                 f"'.' and '-', and a printable value of at most {MAX_VALUE}"
             )
     return dict(given)
-
-
-def some_labels(given: Mapping[str, str]) -> dict[str, str]:
-    """Labels, at least one. Raises Refusal."""
-    if not given:
-        raise bad_request("no label is given; give at least one key and value")
-    return labels(given)
 
 
 def operator_name(given: str) -> str:

@@ -128,7 +128,7 @@ class OperatorService:
 
     def label_log(self, request: operator_pb2.LabelLogRequest, caller: Caller) -> operator_pb2.Done:
         """See the proto."""
-        request_checks.some_labels(request.labels)
+        request_checks.labels(request.labels, at_least=1)
         message = run_link_pb2.ToRun(label_log=request)
         return self._done(self._supervisor.ask("label-log", message, State.ARMED, State.RUNNING))
 

@@ -6,7 +6,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from spot_protos import operator_pb2
+from spot_log.format.records import EventRecord, Severity
 from spot_runtime.host.clock import HostClock
 from spot_runtime.host.service_manager import ServiceManager
 from spot_runtime.operator.refusal import not_now
@@ -17,7 +17,7 @@ from spot_runtime.operator.server.states import State
 class ServiceState:
     """One state at a time; guarded by :attr:`lock`, which its owner holds whenever it looks and then acts."""
 
-    def __init__(self, manager: ServiceManager, tell: Callable[[operator_pb2.Event], None]) -> None:
+    def __init__(self, manager: ServiceManager, tell: Callable[[EventRecord], None]) -> None:
         self._manager, self._tell, self._clock = manager, tell, HostClock()
         self.lock = threading.RLock()
         self._changed = threading.Condition(self.lock)
@@ -43,12 +43,11 @@ class ServiceState:
             wanted = " or ".join(state.value for state in states)
             raise not_now(f"{name} needs the state {wanted}, and it is {self.now.value}; {self.now.advice}")
 
-    def say(self, name: str, text: str, *, severity: str = "info") -> None:
+    def say(self, name: str, text: str, *, severity: Severity = Severity.INFO) -> None:
         """Tell of an event of the service's own."""
-        stamp_ns = self._clock.now_ns()
-        self.record(operator_pb2.Event(host_stamp_ns=stamp_ns, severity=severity, name=f"service_{name}", text=text))
+        self.record(EventRecord(self._clock.now_ns(), 0, severity, f"service_{name}", text))
 
-    def record(self, event: operator_pb2.Event) -> None:
+    def record(self, event: EventRecord) -> None:
         """Keep an event, and tell of it."""
         self.events.add(event)
         self._tell(event)

@@ -11,8 +11,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from concurrent import futures
 from typing import Final
 
+from spot_log.format import codec
+from spot_log.format.records import EventRecord, Severity
 from spot_protos import operator_pb2, run_link_pb2
 from spot_runtime.config import RunConfig
 from spot_runtime.host.clock import HostClock
@@ -20,7 +23,6 @@ from spot_runtime.host.service_manager import ServiceManager
 from spot_runtime.operator.refusal import Refusal, not_now, unavailable
 from spot_runtime.operator.run.run_spec import RunSpec
 from spot_runtime.operator.server.armed_run import ArmedRun
-from spot_runtime.operator.server.operator_events import operator_event
 from spot_runtime.operator.server.pending import SteeringRight
 from spot_runtime.operator.server.policy_folder import OfferedPolicy, PolicyFolder
 from spot_runtime.operator.server.run_process import RunProcess
@@ -50,7 +52,7 @@ class Supervisor:
         config: RunConfig,
         *,
         manager: ServiceManager,
-        tell: Callable[[operator_pb2.Event], None],
+        tell: Callable[[EventRecord], None],
         lock_step: str = "",
     ) -> None:
         """Begin idle.
@@ -64,7 +66,7 @@ class Supervisor:
         """
         self._robot, self._config, self._lock_step = robot, config, lock_step
         self._manager = manager
-        self.policies = PolicyFolder.of(config.service)
+        self.policies = PolicyFolder(config.service)
         self._clock = HostClock()
         self._at = ServiceState(manager, tell)
         self._lock, self.events = self._at.lock, self._at.events
@@ -146,15 +148,15 @@ class Supervisor:
         try:
             if not run.process.tell(request):
                 raise unavailable(f"{name}: the control process takes no requests now; stop it, or see its journal")
-            timeout_s = STOP_TIMEOUT_S if is_stopping else ANSWER_TIMEOUT_S
-            if not waiting.done.wait(timeout_s) or waiting.answer is None:
-                raise unavailable(f"{name}: the control process gave no answer; see status and journal")
+            answer = waiting.result(STOP_TIMEOUT_S if is_stopping else ANSWER_TIMEOUT_S)
+        except (TimeoutError, futures.TimeoutError, futures.CancelledError):
+            raise unavailable(f"{name}: the control process gave no answer; see status and journal") from None
         finally:
             with self._lock:
-                run.waiting.forget(waiting)
-        if not waiting.answer.is_done:
-            raise not_now(f"{name}: {waiting.answer.text}")
-        return waiting.answer.text
+                run.waiting.forget(request.request_id)
+        if not answer.is_done:
+            raise not_now(f"{name}: {answer.text}")
+        return answer.text
 
     def end(self, name: str, request: run_link_pb2.ToRun, client: str, *, is_damping: bool) -> str:
         """Stop or damp, also when the control process does not read its socket: then by signals."""
@@ -223,7 +225,7 @@ class Supervisor:
             else:
                 told = run.keep_times(self._at.now, self._at.since_s, self._config.service.arm_timeout_s)
                 if told is not None:
-                    self._at.say(*told, severity="error")
+                    self._at.say(*told, severity=Severity.ERROR)
         if self._at.now not in (State.ARMED, State.RUNNING):
             self._manager.progressed()
 
@@ -260,7 +262,7 @@ class Supervisor:
             if kind == "status":
                 self._manager.status(f"{self._at.now.value}: {message.status.mode}, {message.status.policy}")
             elif kind == "event":
-                self._at.record(operator_event(message.event))
+                self._at.record(codec.event_from_proto(message.event))
             elif kind == "state" and message.state in _STATES:
                 if message.state == State.ARMED.value and self._at.now is State.ARMING:
                     self._seen()
@@ -275,7 +277,7 @@ class Supervisor:
             self._at.say(
                 "ended",
                 f"{outcome.outcome}: {outcome.sentence}",
-                severity="info" if outcome.exit_code in (0, 10) else "error",
+                severity=Severity.INFO if outcome.exit_code in (0, 10) else Severity.ERROR,
             )
             self._rescue_or_rest()
 
@@ -290,7 +292,9 @@ class Supervisor:
             self._rescued(is_safe=False, text=f"{MAY_HAVE_POWER}: no process can be started: {error}")
             return
         self._at.say(
-            "make_safe", "a control process died with the robot in hand; the robot is made safe", severity="warning"
+            "make_safe",
+            "a control process died with the robot in hand; the robot is made safe",
+            severity=Severity.WARNING,
         )
         self._at.set(State.ENDING)
 
@@ -302,7 +306,8 @@ class Supervisor:
                 self._rescued(is_safe=result[0], text=result[1])
 
     def _rescued(self, *, is_safe: bool, text: str) -> None:
-        self._at.say("made_safe" if is_safe else "not_safe", text, severity="warning" if is_safe else "error")
+        name, severity = ("made_safe", Severity.WARNING) if is_safe else ("not_safe", Severity.ERROR)
+        self._at.say(name, text, severity=severity)
         if self._last is not None:
             self._last.sentence = f"{self._last.sentence}; then: {text}"
         self._at.set(State.IDLE)

@@ -28,6 +28,7 @@ from spot_runtime.hal.errors import CertificateError, HalError, MotionError
 from spot_runtime.hal.spot.lock_step import LockStep
 from spot_runtime.hal.spot.session import Session
 from spot_runtime.host.clock import HostClock, RobotClockEstimate
+from spot_runtime.rescue.guarded import NotingHal
 from spot_runtime.rescue.lease_note import (
     HeldNote,
     LeaseNote,
@@ -37,7 +38,6 @@ from spot_runtime.rescue.lease_note import (
     note_path,
 )
 from spot_runtime.rescue.make_safe import NotSafeError, make_safe_by_note
-from spot_runtime.rescue.noting_hal import NotingHal
 from spot_runtime.rescue.rescue import Rescue
 
 SPOT_RL = str(Path(sys.executable).with_name("spot-rl"))

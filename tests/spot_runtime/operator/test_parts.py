@@ -32,6 +32,7 @@ from spot_runtime.operator.server import request_checks as rules
 from spot_runtime.operator.server.event_history import KEPT, EventHistory
 from spot_runtime.operator.server.policy_folder import PolicyFolder
 from spot_runtime.operator.server.states import State
+from spot_runtime.service_config import ServiceConfig
 from spot_runtime.stops import StopReason
 from spot_tools.client import ctl
 
@@ -64,14 +65,13 @@ def test_a_full_link_drops_and_counts() -> None:
     peer.close()
 
 
-def test_a_flood_is_taken_a_few_at_a_time_and_what_is_malformed_is_counted() -> None:
+def test_a_flood_is_taken_a_few_at_a_time_and_what_is_malformed_is_passed_over() -> None:
     link, peer = pair()
     for i in range(10):
         peer.send(run_link_pb2.ToRun(request_id=i + 1, attend=operator_pb2.AttendRequest()).SerializeToString())
     peer.send(b"\xff\xff\xff")
     assert [m.request_id for m in link.take()] == list(range(1, MAX_TAKEN + 1))
     assert [m.request_id for m in link.take()] == [9, 10]
-    assert link.malformed == 1
     assert not link.take()
     assert not link.is_lost
     peer.close()
@@ -142,7 +142,7 @@ def test_attendance_by_hand() -> None:
         (lambda: rules.labels({"a": "x" * 257}), "a printable value of at most 256"),
         (lambda: rules.labels({"a": "two\nlines"}), "a printable value of at most 256"),
         (lambda: rules.labels({f"k{i}": "" for i in range(33)}), "33 labels are given; allowed: at most 32"),
-        (lambda: rules.some_labels({}), "no label is given"),
+        (lambda: rules.labels({}, at_least=1), "no label is given"),
         (lambda: rules.operator_name("x" * 65), "at most 64 characters"),
         (lambda: rules.sha256("abc"), "64 hexadecimal digits"),
         (lambda: rules.status_rate_hz(math.nan), "rate_hz = nan; allowed: 0.1 to 10"),
@@ -239,7 +239,7 @@ def test_policies_are_found_by_name_alone(tmp_path: Path) -> None:
     (folder / "walk.onnx").write_bytes(b"one")
     (folder / "link.onnx").symlink_to(tmp_path / "outside.onnx")
     (folder / "odd name.onnx").write_bytes(b"two")
-    shelf = PolicyFolder(folder, ())
+    shelf = PolicyFolder(ServiceConfig(policies=folder))
     assert [p.name for p in shelf.list()] == ["walk"]
     found = shelf.find("walk", "")
     assert found.is_allowed
@@ -256,9 +256,9 @@ def test_policies_are_found_by_name_alone(tmp_path: Path) -> None:
 
 def test_only_allowed_digests_may_be_armed(tmp_path: Path) -> None:
     (tmp_path / "walk.onnx").write_bytes(b"one")
-    digest = PolicyFolder(tmp_path, ()).find("walk", "").sha256
-    assert PolicyFolder(tmp_path, (digest,)).find("walk", "").is_allowed
-    other = PolicyFolder(tmp_path, ("0" * 64,))
+    digest = PolicyFolder(ServiceConfig(policies=tmp_path)).find("walk", "").sha256
+    assert PolicyFolder(ServiceConfig(policies=tmp_path, policy_sha256=(digest,))).find("walk", "").is_allowed
+    other = PolicyFolder(ServiceConfig(policies=tmp_path, policy_sha256=("0" * 64,)))
     assert not other.list()[0].is_allowed
     with pytest.raises(Refusal, match=r"service\.policy_sha256") as refused:
         other.find("walk", "")
@@ -270,7 +270,7 @@ def test_only_allowed_digests_may_be_armed(tmp_path: Path) -> None:
 def test_the_event_history_keeps_the_newest_and_numbers_all() -> None:
     book = EventHistory()
     for i in range(KEPT + 10):
-        book.add(operator_pb2.Event(name=str(i)))
+        book.add(EventRecord(0, 0, Severity.INFO, str(i), ""))
     kept = book.after(0)
     assert (len(kept), kept[0].number, kept[-1].number) == (KEPT, 11, KEPT + 10)
     assert not book.after(KEPT + 10)
@@ -367,7 +367,7 @@ def test_a_second_service_on_one_socket_is_refused(tmp_path: Path) -> None:
 
 
 def test_the_committed_policies_can_be_listed() -> None:
-    assert {"walk", "fast", "baseline"} <= {p.name for p in PolicyFolder(POLICIES, ()).list()}
+    assert {"walk", "fast", "baseline"} <= {p.name for p in PolicyFolder(ServiceConfig(policies=POLICIES)).list()}
 
 
 @pytest.mark.parametrize("provider", ["cuda", "tensorrt"])
