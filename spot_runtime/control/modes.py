@@ -31,7 +31,6 @@ class Mode(Enum):
     DAMPING = "damping", "no stiffness, only damping: the robot sinks; needs neither policy nor state"
     RELEASED = "released", "nothing is sent any more"
 
-    _value_: str
     meaning: str
 
     def __new__(cls, value: str, meaning: str) -> Self:

@@ -233,7 +233,7 @@ class _Attempt:
 def _progress(loop: ControlLoop) -> str:
     status, stats = loop.status, loop.stats
     if math.isnan(stats.rate_hz):
-        return status.mode.value  # no tick yet
+        return str(status.mode.value)  # no tick yet
     return (
         f"{status.mode.value:<11} {status.active_s:6.1f} s  {_in_words(status.command.tolist())}  "
         f"{stats.rate_hz:6.2f} Hz  age p99 {stats.state_age_s.percentile(99) * 1e3:.1f} ms  "
