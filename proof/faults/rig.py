@@ -20,11 +20,10 @@ from bosdyn.client.power import PowerClient
 from bosdyn.client.robot_command import RobotCommandBuilder, RobotCommandClient
 
 from proof.fake_process import FakeAddress, FakeProcess
+from proof.faults.drive import Drive, read_log
 from proof.faults.faulty_hal import FaultyHal, When
-from spot_log import LogReadError, Run, read_run
 from spot_log.format.records import RunHeader
 from spot_log.write.logger_process import LoggerProcess
-from spot_log.write.run_writer import active_path
 from spot_log.write.sink import LogSink
 from spot_model.io.velocity_sequence import VelocitySequence, Waypoint
 from spot_model.policy.policy import Policy, load_policy
@@ -36,9 +35,7 @@ from spot_runtime.hal.spot.lock_step import LockStep
 from spot_runtime.hal.spot.session import Session
 from spot_runtime.host.clock import HostClock, RobotClockEstimate
 from spot_runtime.host.console import Console
-from spot_runtime.session.flight_recorder import flight_record_path
 from spot_runtime.session.run import RunRequest, run
-from spot_runtime.session.summary import RunSummary
 from spot_runtime.sources.base import CommandSource
 from spot_runtime.sources.scripted import ScriptedSource
 
@@ -63,38 +60,6 @@ FAKE_PRIORITY: Final = 35
 
 AT_S: Final = 0.8
 """When it happens, robot time since joint control began: the policy is in full control and the robot walks."""
-
-
-@dataclass
-class Drive:
-    """What one run was, and what is known of it."""
-
-    summary: RunSummary
-    log: Run | None
-    log_path: Path
-    happened_ns: int
-    """Robot clock when it happened; 0 if it never did."""
-    released_power_ns: int
-    """Robot clock when sitting down and powering off was asked for; 0 if it never was."""
-    log_error: str = ""
-    truth: Any = None
-    """The body's extremes from the start of joint control to its end."""
-    was_off: bool = False
-    """Whether the motors had no power any more when sitting down was asked for."""
-
-    @property
-    def incident(self) -> Run | None:
-        """The incident file; None where there is none."""
-        path = flight_record_path(self.log_path)
-        return read_run(path) if path.exists() else None
-
-    def event_ns(self, text: str) -> int | None:
-        """Robot stamp of the first event after it happened whose name or text ends like this."""
-        for event in () if self.log is None else self.log.events:
-            is_it = event.name == text or event.text.endswith(f"→ {text}")
-            if is_it and event.robot_stamp_ns >= self.happened_ns:
-                return event.robot_stamp_ns
-        return None
 
 
 @dataclass
@@ -292,17 +257,6 @@ def turn_over(robot: Rig) -> None:
             robot.step(4.0)
     finally:
         session.close()
-
-
-def read_log(path: Path) -> tuple[Run | None, str]:
-    """The log, whole or as a crash left it, and why it does not open."""
-    for candidate in (path, active_path(path)):
-        if candidate.exists():
-            try:
-                return read_run(candidate), ""
-            except (LogReadError, OSError) as error:
-                return None, str(error)
-    return None, f"there is no {path}"
 
 
 @contextmanager

@@ -10,7 +10,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from proof.faults.rig import Drive, Rig
+from proof.faults.drive import Drive
+from proof.faults.rig import Rig
 from spot_log import Run
 from spot_model.robot import facts
 

@@ -6,7 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from proof.faults.rig import Drive, Rig
+from proof.faults.drive import Drive
+from proof.faults.rig import Rig
 from proof.faults.rows import NS_PER_MS, Finding, Row, happens, judge, reacted, went_on
 from spot_model.io.velocity_sequence import standing_sequence
 from spot_runtime.sources.scripted import ScriptedSource

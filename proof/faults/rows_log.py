@@ -12,8 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
+from proof.faults.drive import Drive, read_log
 from proof.faults.faulty_hal import FaultyHal
-from proof.faults.rig import Drive, Rig, read_log
+from proof.faults.rig import Rig
 from proof.faults.rows import NS_PER_MS, Finding, Row, judge, went_on
 from proof.faults.rows_robot import first_damping_ns
 from spot_log import LogError

@@ -15,7 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from proof.faults.rig import Rig, read_log
+from proof.faults.drive import read_log
+from proof.faults.rig import Rig
 from proof.faults.rows import NS_PER_MS, Finding, Row
 from spot_log import LogReadError, recover_leftovers
 from spot_protos import fake_admin_pb2

@@ -9,8 +9,9 @@ from typing import Final
 
 import numpy as np
 
+from proof.faults.drive import Drive
 from proof.faults.faulty_hal import FaultyHal
-from proof.faults.rig import Drive, Rig
+from proof.faults.rig import Rig
 from proof.faults.rows import NS_PER_MS, Finding, Row, happens, judge, reacted, went_on
 from proof.faults.rows_state import drive_way
 from spot_runtime.hal.errors import HalError

@@ -6,7 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from proof.faults.rig import Drive, Rig
+from proof.faults.drive import Drive
+from proof.faults.rig import Rig
 from proof.faults.rows import Finding, Row, happens, judge, reacted
 from spot_log import Run
 from spot_runtime.control.safety.body_height import body_height_m

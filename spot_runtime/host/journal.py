@@ -37,12 +37,11 @@ def goes_to_journal(stream: TextIO, environment: Mapping[str, str]) -> bool:
 
 
 class Journal:
-    """Sends events to the journal; never blocks. What it does not take is counted and left to the caller."""
+    """Sends events to the journal; never blocks. What it does not take is left to the caller."""
 
     def __init__(self, path: Path = SOCKET) -> None:
         self._path = str(path)
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
-        self.lost = 0
 
     @staticmethod
     def if_heard() -> Journal | None:
@@ -63,7 +62,6 @@ class Journal:
         try:
             self._socket.sendto(entry_of(fields), socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL, self._path)
         except OSError:
-            self.lost += 1
             return False
         return True
 

@@ -25,8 +25,7 @@ from spot_log.write.run_writer import make_log_folder
 from spot_model.errors import BadInputError
 from spot_model.policy.policy import Policy
 from spot_runtime.config import RealTimeConfig, RunConfig, for_lock_step
-from spot_runtime.control.loop_stats import PENDING_MAX, LoopStats
-from spot_runtime.control.recent_values import RecentValues
+from spot_runtime.control.loop_stats import PENDING_MAX, LoopStats, RecentValues
 from spot_runtime.host import realtime
 from spot_runtime.host.console import Console
 from spot_runtime.host.instance_lock import AlreadyRunningError, InstanceLock

@@ -6,7 +6,8 @@ import traceback
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from proof.faults.rig import Drive, Rig, tilt_rad
+from proof.faults.drive import Drive
+from proof.faults.rig import Rig, tilt_rad
 from proof.faults.rows import Finding, keep_invariants, left_alone, settle
 from proof.faults.search.case import Case
 from proof.faults.search.play import play

@@ -12,8 +12,7 @@ from spot_model.robot.rotation import rotate_inverse_wxyz, tilt_rad
 from spot_model.robot.state import Array, RobotState, SlowState
 from spot_protos import operator_pb2
 from spot_runtime.control.loop import ControlLoop
-from spot_runtime.control.loop_stats import LoopStats
-from spot_runtime.control.recent_values import RecentValues
+from spot_runtime.control.loop_stats import LoopStats, RecentValues
 
 STATUS_PERIOD_NS: Final = 200_000_000
 RECENT: Final = 250
