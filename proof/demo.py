@@ -74,7 +74,7 @@ def scaled_forward(top_speed_m_s: float) -> VelocitySequence:
 def _walk(address: FakeAddress, policy: Path, sequence: Path, folder: Path, more: list[str]) -> None:
     words = ["run", "--robot", address.robot, "--policy", str(policy), "--sequence", str(sequence)]
     words += ["--log-dir", str(folder), "--label", "purpose=demo", *more]
-    command = [sys.executable, "-c", "from spot_model.io.command_line import main; main()", *words]
+    command = [sys.executable, "-m", "spot_model", *words]
     code = subprocess.run(command, env={**os.environ, **address.environment}, check=False).returncode  # noqa: S603
     if code != 0:
         raise DemoError(f"the run ended with exit code {code}; its reason stands above, its log is in {folder}")

@@ -127,7 +127,7 @@ def run_once(
     words = ["run", "--robot", address.robot, "--policy", str(policy), "--sequence", sequence]
     words += ["--config", str(config)]
     words += ["--duration", str(seconds), "--log-dir", str(folder), "--summary-json", str(summary)]
-    command = [sys.executable, "-c", "from spot_model.io.command_line import main; main()", *words]
+    command = [sys.executable, "-m", "spot_model", *words]
     environment = {**os.environ, **address.environment}
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)  # noqa: S603
     if done.returncode != 0 or not summary.is_file():

@@ -6,10 +6,8 @@ import os
 import resource
 import select
 import signal
-import subprocess
-import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +17,7 @@ from proof.faults.drive import read_log
 from proof.faults.rig import Rig
 from proof.faults.rows import NS_PER_MS, Finding, Row
 from spot_log import LogReadError, recover_leftovers
+from spot_model.io.child_process import ChildProcess
 from spot_protos import fake_admin_pb2
 from spot_runtime.hal.errors import HalError
 
@@ -34,53 +33,53 @@ STUCK_S: Final = 20.0
 class Running:
     """A run in a process of its own."""
 
-    process: subprocess.Popen[str]
+    process: ChildProcess
     folder: Path
+    words: Sequence[str] = ()
+    """Its command line."""
 
-    def finish(self, timeout_s: float = PATIENCE_S) -> tuple[int, str]:
-        """Wait for the end: exit code and last words. Raises TimeoutExpired when it hangs."""
-        _, said = self.process.communicate(timeout=timeout_s)
-        return self.process.returncode, said or ""
-
-    def finish_or_kill(self, timeout_s: float = STUCK_S) -> tuple[int, str, bool]:
-        """Like :meth:`finish`, but what hangs is killed, as the service's watchdog does; also whether it hung."""
-        try:
-            return *self.finish(timeout_s), False
-        except subprocess.TimeoutExpired:
+    def finish(self, timeout_s: float = STUCK_S) -> tuple[int, str, bool]:
+        """Exit code, last words, and whether it hung: then it is killed, as the service's watchdog does."""
+        code, said = self.process.hear_out(timeout_s)
+        is_stuck = code is None
+        if is_stuck:
             self.process.kill()
-            return *self.finish(), True
+            code, said = self.process.hear_out(PATIENCE_S)
+        return code or 0, said.decode(errors="replace"), is_stuck
 
 
 @contextmanager
 def running(rig: Rig, *words: str) -> Iterator[Running]:
     """``spot-rl run`` until the policy is in control; whatever happens, it is gone afterwards."""
     folder = rig.new_log_path().with_suffix("")
-    command = [sys.executable, "-c", "from spot_model.io.command_line import main; main()", "run"]
-    command += ["--robot", rig.address.robot, "--policy", str(rig.policy_file), "--duration", "600"]
+    command = ["run", "--robot", rig.address.robot, "--policy", str(rig.policy_file), "--duration", "600"]
     command += ["--log-dir", str(folder), *words]
     command += ["--lock-step", rig.address.admin] if rig.is_lock_step else []
-    environment = {**os.environ, **rig.address.environment}
-    process = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)  # noqa: S603
+    process = start(rig, command)
     try:
         await_line(process, "→ active")
         rig.truth(reset_extremes=True)
-        yield Running(process, folder)
+        yield Running(process, folder, command)
     finally:
-        if process.poll() is None:
-            process.kill()
-        process.communicate()
+        process.end(0.0)
 
 
-def await_line(process: subprocess.Popen[str], text: str) -> None:
+def start(rig: Rig, command: Sequence[str]) -> ChildProcess:
+    """``spot-rl`` with these words, for this robot."""
+    environment = {**os.environ, **rig.address.environment}
+    return ChildProcess.start(
+        "spot_model", *command, told=b"", environment=environment, is_heard=True, hears_errors=True
+    )
+
+
+def await_line(process: ChildProcess, text: str) -> None:
     """Read what the process says until this comes.
 
     Raises:
         TimeoutError: It does not come within three minutes, or the process ends.
     """
     deadline_s, said = time.monotonic() + PATIENCE_S, ""
-    if process.stderr is None:
-        raise TimeoutError("the run's output is not readable")
-    descriptor = process.stderr.fileno()
+    descriptor = process.output.fileno()
     while text not in said:
         if not select.select([descriptor], [], [], max(0.0, deadline_s - time.monotonic()))[0]:
             raise TimeoutError(f"the run never said {text!r}: {said[-300:]}")
@@ -129,13 +128,13 @@ def gone(*signals: signal.Signals, with_logger: bool = False) -> Callable[[Rig],
             children = child_ids(run.process.pid)
             before_ns = rig.status().robot_stamp_ns
             for number in signals:
-                run.process.send_signal(number)
+                run.process.send(number)
             for child in children if with_logger else []:
                 os.kill(child, signal.SIGKILL)
             settle(rig)
             finding.reaction_ms = robot_stops_ms(rig, before_ns)
             run.process.kill()
-            run.process.wait()
+            run.process.wait(PATIENCE_S)
             time.sleep(0.3)  # the logger sees the end, and closes its file
             log_is_whole(run.folder, finding)
             rig.step(0.2)
@@ -174,12 +173,12 @@ def held(rig: Rig) -> Finding:
     finding = Finding("the robot stops by itself")
     with running(rig) as run:
         before_ns = rig.status().robot_stamp_ns
-        run.process.send_signal(signal.SIGSTOP)
+        run.process.send(signal.SIGSTOP)
         settle(rig)
         finding.reaction_ms = robot_stops_ms(rig, before_ns)
         rig.step(1.0)
-        run.process.send_signal(signal.SIGCONT)
-        code, said = run.finish()
+        run.process.send(signal.SIGCONT)
+        code, said, _ = run.finish(PATIENCE_S)
         finding.reaction += f", then exit code {code}"
         finding.demand(20 <= code < 80, f"it ended with {code}: {said[-300:]}")
         finding.demand("Traceback" not in said, f"a traceback: {said[-600:]}")
@@ -187,9 +186,7 @@ def held(rig: Rig) -> Finding:
     return finding
 
 
-def limited(
-    what: int, room: Callable[[int], int], *, then: signal.Signals = signal.SIGTERM
-) -> Callable[[Rig], Finding]:
+def limited(what: int, room: Callable[[int], int]) -> Callable[[Rig], Finding]:
     """The system grants the runtime nothing more of something; then it is told to stop."""
 
     def attempt(rig: Rig) -> Finding:
@@ -197,9 +194,8 @@ def limited(
             limit = room(run.process.pid)
             resource.prlimit(run.process.pid, what, (limit, limit))
             time.sleep(1.0)
-            if run.process.poll() is None:
-                run.process.send_signal(then)
-            code, said, is_stuck = run.finish_or_kill()
+            run.process.send(signal.SIGTERM)
+            code, said, is_stuck = run.finish()
             finding = Finding(f"exit code {code}")
             finding.demand("Traceback" not in said, f"a traceback: {said[-600:]}")
             if not 0 <= code < 100:
@@ -225,19 +221,14 @@ def signalled(number: signal.Signals, code: int, *, closes_output: bool = False)
     def attempt(rig: Rig) -> Finding:
         with running(rig) as run:
             if closes_output:
-                for pipe in (run.process.stdout, run.process.stderr):
-                    if pipe is not None:
-                        pipe.close()
-            run.process.send_signal(number)
-            ended = run.process.wait(PATIENCE_S)
+                run.process.output.close()
+            run.process.send(number)
+            ended, said = (run.process.wait(PATIENCE_S), b"") if closes_output else run.process.hear_out(PATIENCE_S)
             finding = Finding(f"exit code {ended}")
             finding.demand(ended == code, f"it ended with {ended}, not {code}")
+            finding.demand(b"Traceback" not in said, "a traceback")
             finding.demand(rig.status().motor_power.lower().endswith("off"), "the motors still have power")
             log_is_whole(run.folder, finding)
-            if not closes_output:
-                finding.demand("Traceback" not in run.finish()[1], "a traceback")
-            else:
-                run.process.stdout = run.process.stderr = None
         return finding
 
     return attempt
@@ -246,17 +237,14 @@ def signalled(number: signal.Signals, code: int, *, closes_output: bool = False)
 def second(rig: Rig) -> Finding:
     """A second runtime of this computer is refused; the first does not notice."""
     with running(rig) as first:
-        arguments = [str(word) for word in first.process.args]  # type: ignore[union-attr]
-        environment = {**os.environ, **rig.address.environment}
         began_s = time.monotonic()
-        other = subprocess.run(  # noqa: S603
-            arguments, env=environment, capture_output=True, text=True, timeout=PATIENCE_S, check=False
-        )
-        finding = Finding(f"exit code {other.returncode}", (time.monotonic() - began_s) * 1e3)
-        finding.demand(other.returncode == 94, f"the second ended with {other.returncode}: {other.stderr[-300:]}")
-        finding.demand(first.process.poll() is None, "the first ended, too")
-        first.process.send_signal(signal.SIGTERM)
-        code, said = first.finish()
+        with start(rig, first.words) as other:
+            refused, told = other.hear_out(PATIENCE_S)
+        finding = Finding(f"exit code {refused}", (time.monotonic() - began_s) * 1e3)
+        finding.demand(refused == 94, f"the second ended with {refused}: {told[-300:]!r}")
+        finding.demand(first.process.exit_code is None, "the first ended, too")
+        first.process.send(signal.SIGTERM)
+        code, said, _ = first.finish(PATIENCE_S)
         finding.demand(code == 10, f"the first ended with {code}: {said[-300:]}")
         log_is_whole(first.folder, finding)
     return finding

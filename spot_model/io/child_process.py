@@ -32,6 +32,7 @@ class ChildProcess:
         descriptors: Sequence[int] = (),
         environment: Mapping[str, str] | None = None,
         is_heard: bool = False,
+        hears_errors: bool = False,
         has_own_session: bool = False,
     ) -> Self:
         """Start ``python -m module``.
@@ -44,6 +45,7 @@ class ChildProcess:
             descriptors: What it inherits beside standard input, output and error.
             environment: Its own; this process's if None.
             is_heard: Whether :attr:`output` is kept.
+            hears_errors: Whether its standard error goes there, too.
             has_own_session: Whether a terminal's Ctrl-C is kept from it.
 
         Raises:
@@ -59,6 +61,7 @@ class ChildProcess:
                 [sys.executable, "-m", module, *arguments],
                 stdin=given,
                 stdout=subprocess.PIPE if is_heard else None,
+                stderr=subprocess.STDOUT if hears_errors else None,
                 pass_fds=descriptors,
                 env=None if environment is None else dict(environment),
                 start_new_session=has_own_session,
@@ -106,6 +109,14 @@ class ChildProcess:
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(max(0.0, timeout_s))
         return self._process.returncode
+
+    def hear_out(self, timeout_s: float) -> tuple[int | None, bytes]:
+        """Its exit code, and what it says from now to its end; None and nothing where that does not come in time."""
+        try:
+            said, _ = self._process.communicate(timeout=timeout_s)
+        except subprocess.TimeoutExpired:
+            return None, b""
+        return self._process.returncode, said or b""
 
     def end(self, timeout_s: float = END_TIMEOUT_S) -> int:
         """Wait for its end, kill it if that does not come in time, and reap it. Returns its exit code."""

@@ -54,7 +54,7 @@ def collect(
     )
 
     def start(arguments: list[str]) -> int:
-        command = [sys.executable, "-c", "from spot_model.io.command_line import main; main()", *arguments]
+        command = [sys.executable, "-m", "spot_model", *arguments]
         return subprocess.run(command, env=dict(os.environ), check=False).returncode  # noqa: S603 - our own command
 
     left = collection.record(shared, start, attempts=attempts, say=lambda text: typer.echo(text, err=True))
