@@ -1,0 +1,56 @@
+"""How soon the command line and a run are there, and what a run holds in memory, against a fake robot in real time.
+
+python benchmarks/start_up.py [RUNS]
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from proof.fake_process import FakeAddress, FakeProcess
+from spot_log import read_run
+
+SPOT_RL = [str(Path(sys.executable).with_name("spot-rl"))]
+
+
+def help_s() -> float:
+    """Time of ``spot-rl --help``, s."""
+    began_s = time.perf_counter()
+    subprocess.run([*SPOT_RL, "--help"], check=True, capture_output=True)  # noqa: S603 - our own command line
+    return time.perf_counter() - began_s
+
+
+def start_of_a_run(address: FakeAddress, folder: Path) -> dict[str, float]:
+    """One run: from the start of its process to its first state, s, and its memory at the end, MB."""
+    summary = folder / "summary.json"
+    words = ["run", "--robot", address.robot, "--policy", "policies/walk.onnx", "--sequence", "standing"]
+    words += ["--duration", "1", "--log-dir", str(folder), "--summary-json", str(summary)]
+    began_ns = time.time_ns()
+    environment = {**os.environ, **address.environment}
+    subprocess.run([*SPOT_RL, *words], env=environment, check=True, capture_output=True)  # noqa: S603 - our own
+    told = json.loads(summary.read_text())
+    states = read_run(Path(told["log_path"])).states
+    return {"first_state_s": (int(states.host_stamp_ns[0]) - began_ns) / 1e9, "rss_mb": told["rss_mb"]}
+
+
+def main() -> None:
+    """Print one JSON object: median and worst of each."""
+    count = int(sys.argv[1]) if len(sys.argv) > 1 else 5
+    help_s()  # files into the system's cache
+    found = {"help_s": [help_s() for _ in range(count)]}
+    with FakeProcess(fifo_priority=30) as fake, tempfile.TemporaryDirectory() as folder:
+        runs = [start_of_a_run(fake.address, Path(folder)) for _ in range(count)]
+    found |= {name: [run[name] for run in runs] for name in runs[0]}
+    worst = {name: {"median": round(statistics.median(v), 3), "worst": round(max(v), 3)} for name, v in found.items()}
+    print(json.dumps(worst, indent=2))
+
+
+if __name__ == "__main__":
+    main()
