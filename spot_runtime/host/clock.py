@@ -87,14 +87,14 @@ class RobotClockEstimate:
         Raises:
             RuntimeError: There was no sample yet.
         """
-        if self._line is None:
+        line = self._line
+        if line is None:
             raise RuntimeError("the robot's clock is not known yet; add a round trip first")
-        return self._skew_at(self._line, host_stamp_ns)
+        return self._skew_at(line, host_stamp_ns)
 
     def robot_ns(self, host_stamp_ns: int) -> int:
         """The robot's clock at a host instant. Raises like :meth:`skew_ns`."""
-        line = self._line
-        return host_stamp_ns + (self.skew_ns(host_stamp_ns) if line is None else self._skew_at(line, host_stamp_ns))
+        return host_stamp_ns + self.skew_ns(host_stamp_ns)
 
     def uncertainty_ns(self) -> int:
         """Half the shortest recent round trip; 0 without a sample."""

@@ -40,7 +40,7 @@ STOP_TIMEOUT_S: Final = 0.3
 MAX_WAITING: Final = 8
 """Each holds a thread of the service, and one must be left for a stop."""
 
-_STATES: Final = frozenset(state.value for state in State)
+_STATES: Final = {state.value: state for state in State}
 
 
 class Supervisor:
@@ -266,7 +266,7 @@ class Supervisor:
             elif kind == "state" and message.state in _STATES:
                 if message.state == State.ARMED.value and self._at.now is State.ARMING:
                     self._seen()
-                self._at.set(State(message.state))
+                self._at.set(_STATES[message.state])
 
     def _reap(self, run: ArmedRun, code: int) -> None:
         run.process.close()
