@@ -139,13 +139,13 @@ def test_keys_are_never_overwritten(signed: tuple[Path, Path, Path]) -> None:
 def test_the_shelf_and_the_control_process_ask_for_the_signature(signed: tuple[Path, Path, Path]) -> None:
     policy, _, public = signed
     config = ServiceConfig(policies=policy.parent, policy_public_key=public)
-    found = PolicyFolder.of(config).find("walk", "")
+    found = PolicyFolder(config).find("walk", "")
     whole = RunConfig(service=config)
     assert load_checked(policy, found.sha256, whole).sha256 == found.sha256
     signature_path(policy).write_bytes(bytes(64))
-    assert [p.is_allowed for p in PolicyFolder.of(config).list()] == [False]
+    assert [p.is_allowed for p in PolicyFolder(config).list()] == [False]
     with pytest.raises(Refusal, match="does not hold"):
-        PolicyFolder.of(config).find("walk", "")
+        PolicyFolder(config).find("walk", "")
     with pytest.raises(PolicyError, match="does not hold"):
         load_checked(policy, found.sha256, whole)
     with pytest.raises(PolicyError, match="replaced just now"):
