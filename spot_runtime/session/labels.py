@@ -8,6 +8,7 @@ from spot_model.errors import BadInputError
 
 _KEY = re.compile(r"[A-Za-z0-9_.-]{1,64}")
 MAX_VALUE = 256
+RULE = f"keys of at most 64 letters, digits, '_', '.' and '-', printable values of at most {MAX_VALUE}"
 
 
 def is_label(key: str, value: str) -> bool:
@@ -25,9 +26,6 @@ def parse_labels(texts: list[str]) -> dict[str, str]:
     for text in texts:
         key, equals, value = text.partition("=")
         if not equals or key in labels or not is_label(key, value):
-            raise BadInputError(
-                f"label {text[:80]!r} is not valid; allowed: KEY=VALUE, each key once, of letters, digits, '_', '.', "
-                f"'-', at most 64; values printable, at most {MAX_VALUE}"
-            )
+            raise BadInputError(f"label {text[:80]!r} is not valid; allowed: KEY=VALUE, each key once, {RULE}")
         labels[key] = value
     return labels

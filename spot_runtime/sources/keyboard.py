@@ -36,9 +36,11 @@ class KeyboardSource:
 
     name = "keyboard"
 
-    def __init__(self, config: OperatorConfig, read_keys: Callable[[], str]) -> None:
+    def __init__(
+        self, config: OperatorConfig, read_keys: Callable[[], str], close: Callable[[], None] = lambda: None
+    ) -> None:
         """Use ``read_keys``, which gives the keys pressed since its last call and never blocks."""
-        self._read_keys = read_keys
+        self._read_keys, self._close = read_keys, close
         self._top = np.array([config.top_v_x_m_s, config.top_v_y_m_s, config.top_yaw_rate_rad_s])
         self._silence_ns = round(config.keyboard_silence_s * 1e9)
         self._shaper = Shaper(config.acceleration_m_s2, config.release_s)
@@ -62,7 +64,8 @@ class KeyboardSource:
         return Wanted(self._shaper.follow(self._wanted, host_stamp_ns), self._is_finished)
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Give the keys back."""
+        self._close()
 
 
 class TerminalKeys:
@@ -100,16 +103,3 @@ class TerminalKeys:
         if before is not None:
             with contextlib.suppress(termios.error):
                 termios.tcsetattr(self._descriptor, termios.TCSADRAIN, before)
-
-
-class TerminalKeyboardSource(KeyboardSource):
-    """A :class:`KeyboardSource` on the controlling terminal."""
-
-    def __init__(self, config: OperatorConfig) -> None:
-        """Switch the terminal. Raises BadInputError where there is none."""
-        self._terminal = TerminalKeys()
-        super().__init__(config, self._terminal.read)
-
-    def close(self) -> None:
-        """Give the terminal back."""
-        self._terminal.close()

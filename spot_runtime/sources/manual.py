@@ -7,7 +7,7 @@ from collections.abc import Callable
 from spot_runtime.config import OperatorConfig
 from spot_runtime.sources.base import CommandSource
 from spot_runtime.sources.gamepad import GamepadSource, PygamePad
-from spot_runtime.sources.keyboard import HELP, TerminalKeyboardSource
+from spot_runtime.sources.keyboard import HELP, KeyboardSource, TerminalKeys
 
 
 def manual_source(config: OperatorConfig, say: Callable[[str], None], *, is_gamepad: bool) -> CommandSource:
@@ -15,4 +15,5 @@ def manual_source(config: OperatorConfig, say: Callable[[str], None], *, is_game
     if is_gamepad:
         return GamepadSource(config, PygamePad(config.gamepad_index))
     say(HELP)
-    return TerminalKeyboardSource(config)
+    terminal = TerminalKeys()
+    return KeyboardSource(config, terminal.read, terminal.close)

@@ -145,7 +145,7 @@ def test_chores_run_when_they_are_due_and_one_that_fails_stays() -> None:
     assert waits == [0.5, 0.5, 0.25, 0.5, 0.5]
     jobs.remove("poll")
     jobs.remove("poll")
-    assert list(jobs.names) == ["lease"]
+    assert [job.name for job in jobs._jobs] == ["lease"]
 
 
 # Slow state ----------------------------------------------------------------------------------------------------------

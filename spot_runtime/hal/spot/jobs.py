@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 
@@ -35,11 +35,6 @@ class Jobs:
         """Drop a chore; an unknown name is ignored, since it may have been dropped before."""
         with self._lock:
             self._jobs = [job for job in self._jobs if job.name != name]
-
-    @property
-    def names(self) -> Sequence[str]:
-        """The chores that there are."""
-        return [job.name for job in self._jobs]
 
     def run_due(self, now_s: float) -> float:
         """Run what is due, each chore once.

@@ -9,7 +9,7 @@ from typing import Final
 
 from spot_protos import operator_pb2
 from spot_runtime.operator.refusal import bad_request
-from spot_runtime.session.labels import MAX_VALUE, is_label
+from spot_runtime.session.labels import RULE, is_label
 
 MAX_MESSAGE_BYTES: Final = 64 * 1024
 MAX_LABELS: Final = 32
@@ -25,10 +25,7 @@ def labels(given: Mapping[str, str], *, at_least: int = 0) -> dict[str, str]:
         raise bad_request(f"{len(given)} labels are given; allowed: at most {MAX_LABELS}")
     for key, value in given.items():
         if not is_label(key, value):
-            raise bad_request(
-                f"label {key[:80]!r} = {value[:80]!r} is not valid; allowed: a key of at most 64 letters, digits, '_', "
-                f"'.' and '-', and a printable value of at most {MAX_VALUE}"
-            )
+            raise bad_request(f"label {key[:80]!r} = {value[:80]!r} is not valid; allowed: {RULE}")
     return dict(given)
 
 
