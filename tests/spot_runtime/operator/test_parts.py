@@ -139,8 +139,8 @@ def test_attendance_by_hand() -> None:
     ("check", "words"),
     [
         (lambda: rules.labels({"a b": "c"}), "label 'a b' = 'c' is not valid"),
-        (lambda: rules.labels({"a": "x" * 257}), "a printable value of at most 256"),
-        (lambda: rules.labels({"a": "two\nlines"}), "a printable value of at most 256"),
+        (lambda: rules.labels({"a": "x" * 257}), "printable values of at most 256"),
+        (lambda: rules.labels({"a": "two\nlines"}), "printable values of at most 256"),
         (lambda: rules.labels({f"k{i}": "" for i in range(33)}), "33 labels are given; allowed: at most 32"),
         (lambda: rules.labels({}, at_least=1), "no label is given"),
         (lambda: rules.operator_name("x" * 65), "at most 64 characters"),
