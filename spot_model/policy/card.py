@@ -168,6 +168,10 @@ def _figures(told: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     ):
         if tracking.get(name) is not None:
             yield words, f"{tracking[name]:.3f} {unit} on average"
+    for point in tracking.get("points", ()):
+        v_x, v_y, yaw = point["command"]
+        if v_x != 0.0 and v_y == 0.0 and yaw != 0.0:
+            yield f"turning at {v_x:g} m/s", f"{point['velocity'][2]:.2f} rad/s where {yaw:g} is commanded"
     for name, words in (
         ("episodes_slow", "falls, slow"),
         ("episodes_fast", "falls, fast"),

@@ -37,6 +37,8 @@ def evaluate(
     from trainer.play.film import check_film, top_speed_ramp, write_film
     from trainer.play.walk import Walk
 
+    if (out / "evaluation.json").exists():
+        raise BadInputError(f"--out {out} holds an evaluation; nothing is overwritten: name another folder")
     if video:
         check_film(out / "video.mp4")
     loaded = load_policy(policy)

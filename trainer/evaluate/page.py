@@ -19,6 +19,18 @@ STEADY: Final = 0.01
 """Share of randomised episodes that may end in a fall for a policy that is called steady."""
 WALKS: Final = 0.10
 FEET: Final = ("var(--floor)", "var(--group)", "var(--good)", "var(--unknown)")
+TRIALS: Final = {
+    "tracking": "tracking",
+    "top_speed": "highest speed",
+    "episodes_slow": "slow",
+    "episodes_fast": "fast",
+    "episodes_beyond": "fastest",
+    "pushes": "push",
+    "slippery_patch": "slippery",
+}
+"""Each trial in a word."""
+SHOWN: Final = 5
+"""Falls that are told before the rest are folded."""
 STRIDES: Final = 3
 SAMPLES: Final = 60
 
@@ -116,13 +128,28 @@ def _trials(result: Mapping[str, Any]) -> str:
         rows.append(
             (f"{what}, at {trial['v_x_m_s']:g} m/s", f"{trial['survived']} of {trial['trials']} kept walking", "")
         )
+    rows += [
+        (f"told to turn at {yaw:g} rad/s while it walks at {v_x:g} m/s", f"turns at {held:.2f} rad/s", "")
+        for v_x, yaw, held in turns_at_speed(result["tracking"])
+    ]
     rows.append(("told to stand", f"moves at {result['tracking']['standing_speed_m_s']:.3f} m/s", ""))
     rows.append(("largest torque", f"{result['tracking']['peak_torque_nm']:g} N·m", ""))
     cells = "".join(f"<tr><th>{esc(a)}</th><td><b>{esc(b)}</b></td><td>{esc(c)}</td></tr>" for a, b, c in rows)
-    falls = [(name, fall["why"]) for name, figures in result.items() for fall in _fell(figures)]
-    told = "".join(f"<tr><th>{esc(name.replace('_', ' '))}</th><td>{esc(why)}</td></tr>" for name, why in falls)
-    why = f"<h3>When and why</h3><table>{told}</table>" if told else ""
+    falls = [(TRIALS[name], fall["why"]) for name, figures in result.items() for fall in _fell(figures)]
+    told = [f"<tr><th>{esc(name)}</th><td>{esc(why)}</td></tr>" for name, why in falls]
+    why = f"<h3>When and why</h3><table>{''.join(told[:SHOWN])}</table>" if told else ""
+    if told[SHOWN:]:
+        more = f"{len(told) - SHOWN} more"
+        why += f"<details><summary>{more}</summary><table>{''.join(told[SHOWN:])}</table></details>"
     return f"<table>{cells}</table>{why}"
+
+
+def turns_at_speed(tracking: Mapping[str, Any]) -> Iterator[tuple[float, float, float]]:
+    """Commanded V_x (m/s), commanded and held ω_z (rad/s) of the walks that also turn."""
+    for point in tracking["points"]:
+        v_x, v_y, yaw = point["command"]
+        if v_x != 0.0 and v_y == 0.0 and yaw != 0.0:
+            yield v_x, yaw, point["velocity"][2]
 
 
 def _fell(figures: Any) -> list[dict[str, Any]]:

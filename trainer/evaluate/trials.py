@@ -74,7 +74,7 @@ def tracking(setting: Setting, step: float = 0.5) -> dict[str, Any]:
 def top_speed(setting: Setting, step: float = 0.25) -> dict[str, Any]:
     """Highest sustained speed: a ramp to each speed, held 10 s; the mean of its last 5 s, if the robot never fell."""
     _, high = _command_bounds(setting)
-    speeds = np.array(_grid(step, high[0], step))
+    speeds = np.array(sorted({*_grid(step, high[0], step), high[0]}))
     target = np.stack([speeds, 0 * speeds, 0 * speeds], axis=-1)
     ramp_s = float(high[0] / RAMP_M_S2)
     rate = setting.policy.contract.rate_hz
