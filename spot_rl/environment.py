@@ -12,10 +12,12 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from spot_model.errors import BadInputError
+from spot_model.io.model_file import RobotModel
 from spot_model.policy.observation import N_OBSERVATION
 from spot_model.robot import facts
 from spot_rl.learning import training_config
 from spot_rl.paths import AnyPath
+from spot_rl.simulation import model_of
 from trainer.backends.cpu import CpuBackend
 from trainer.backends.random_draws import Draws
 from trainer.config.train_config import TrainConfig
@@ -65,15 +67,14 @@ class SpotEnv(gymnasium.Env[Observation, Observation]):
         self,
         config: AnyPath | Mapping[str, Any] | None = None,
         *,
-        model: str | None = None,
+        model: str | AnyPath | RobotModel | None = None,
         changes: Mapping[str, Any] | None = None,
     ) -> None:
         self.observation_space = spaces.Box(-np.inf, np.inf, (N_OBSERVATION,), np.float32)
         self.action_space = spaces.Box(-ACTION_BOUND, ACTION_BOUND, (facts.N_JOINTS,), np.float32)
         chosen = {**(changes or {}), "n_envs": 1}
-        if model is not None:
-            chosen["model"] = model
         self.config = training_config(config if config is not None else {"name": "env", "iterations": 1}, chosen)
+        self.model = model_of(model if model is not None else self.config.model)[0]
         self._task: _OneRobot | None = None
         self._has_ended = False
 
@@ -85,7 +86,7 @@ class SpotEnv(gymnasium.Env[Observation, Observation]):
         held = _command(options)
         if self._task is None or seed is not None:
             drawn = int(self.np_random.integers(2**31)) if seed is None else seed
-            self._task = _one_robot(self.config, drawn)
+            self._task = _one_robot(self.config, self.model, drawn)
         self._has_ended = False
         result = self._task.start()
         if held is not None:
@@ -120,7 +121,7 @@ class SpotEnv(gymnasium.Env[Observation, Observation]):
 def make_env(
     config: AnyPath | Mapping[str, Any] | None = None,
     *,
-    model: str | None = None,
+    model: str | AnyPath | RobotModel | None = None,
     changes: Mapping[str, Any] | None = None,
 ) -> SpotEnv:
     """Make the walking task as a gymnasium environment with one robot, on the CPU.
@@ -129,7 +130,7 @@ def make_env(
 
     Args:
         config: A training config (YAML), or its keys as a mapping; the paper's task by default.
-        model: The simulated robot, in place of the config's: a built-in name or a model file.
+        model: The simulated robot, in place of the config's: a built-in name, a model file, or a model.
         changes: Keys of the config to change, such as ``{"rewards.gait": 10.0, "noise.scale": 0.0}``.
 
     Returns:
@@ -141,12 +142,12 @@ def make_env(
     return SpotEnv(config, model=model, changes=changes)
 
 
-def _one_robot(config: TrainConfig, seed: int) -> _OneRobot:
+def _one_robot(config: TrainConfig, model: RobotModel, seed: int) -> _OneRobot:
     generator = torch.Generator(device="cpu")
     generator.manual_seed(seed)
     draws = Draws(generator)
     randomisation = config.task.randomisation
-    effects = training_effects(config.model, randomisation, 1, draws)
+    effects = training_effects(model, randomisation, 1, draws)
     simulations = draw_simulations(randomisation, 1, draws)
     return _OneRobot(config.task, CpuBackend(config.task, effects, simulations, 1, seed=seed), generator)
 

@@ -83,5 +83,12 @@ def test_a_whole_evaluation_and_its_page() -> None:
     page = evaluation_page(result)
     assert f"holds {result['top_speed']['sustained_m_s']:.2f} m/s" in page
     assert "Speed against command" in page
+    assert "told to turn" not in page  # no command of these turns while it walks
+    point = {**result["tracking"]["points"][-1], "command": [2.0, 0.0, 1.0], "velocity": [2.0, 0.0, 0.72]}
+    result["tracking"]["points"].append(point)
+    result["pushes"]["fell"] = [{"why": f"fall {i}"} for i in range(7)]
+    page = evaluation_page(result)
+    assert "told to turn at 1 rad/s while it walks at 2 m/s</th><td><b>turns at 0.72 rad/s" in page
+    assert page.index("fall 4") < page.index("2 more") < page.index("fall 5")
     assert "src=" not in page
     assert len(page) < 1_500_000

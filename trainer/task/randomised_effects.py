@@ -10,16 +10,18 @@ import torch
 from spot_model.effects.base import Effect
 from spot_model.effects.registry import effect_class, make_effect
 from spot_model.errors import BadInputError
-from spot_model.io.model_file import load_model
+from spot_model.io.model_file import RobotModel, load_model
 from trainer.backends.random_draws import Draws
 from trainer.config.task_config import RandomisationConfig
 
 
-def training_effects(model: str, randomisation: RandomisationConfig, n: int, draws: Draws) -> tuple[Effect, ...]:
+def training_effects(
+    model: str | RobotModel, randomisation: RandomisationConfig, n: int, draws: Draws
+) -> tuple[Effect, ...]:
     """All effects that act in training.
 
     Args:
-        model: Built-in model name or model file.
+        model: Built-in model name, model file, or a model.
         randomisation: Its ``effects`` are added (a parameter may be ``[low, high]``), ``replaced_effects`` left out.
         n: Number of simulations; a drawn parameter has shape (n, 1).
         draws: Where the draws come from.
@@ -27,11 +29,11 @@ def training_effects(model: str, randomisation: RandomisationConfig, n: int, dra
     Raises:
         BadInputError: An effect, key or value is not allowed.
     """
-    own = load_model(model).effects
+    own = (model if isinstance(model, RobotModel) else load_model(model)).effects
     for name in randomisation.replaced_effects:
         if name not in {effect.name for effect in own}:
             raise BadInputError(
-                f"randomisation.replaced_effects: the model {model!r} has no effect {name!r}; "
+                f"randomisation.replaced_effects: the model has no effect {name!r}; "
                 f"allowed: {', '.join(sorted({effect.name for effect in own})) or 'none'}"
             )
     kept = tuple(effect for effect in own if effect.name not in randomisation.replaced_effects)
