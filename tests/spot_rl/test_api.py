@@ -143,6 +143,20 @@ def test_the_environment_is_seeded_and_ends_once(in_project: None) -> None:
         env.unwrapped.step(still)
 
 
+def test_an_environment_takes_a_model_with_effects(in_project: None) -> None:
+    rubs = {"effect": "coulomb_friction", "joints": ["knees"], "level_nm": 5.0}
+    rubbing = spot_rl.load_model("paper_identified", effects=[rubs])
+    named, given, other = (
+        spot_rl.make_env(model=m) for m in ("paper_identified", spot_rl.load_model("paper_identified"), rubbing)
+    )
+    seen = []
+    for env in (named, given, other):
+        env.reset(seed=5, options={"command": (0.5, 0.0, 0.0)})
+        seen.append([env.step(np.full(12, 0.5, dtype=np.float32))[0] for _ in range(5)])
+    np.testing.assert_array_equal(seen[0], seen[1])
+    assert np.abs(np.subtract(seen[0], seen[2])).max() > 0.01
+
+
 def test_the_walking_policy_walks_in_the_environment(in_project: None) -> None:
     env = spot_rl.make_env(changes={"noise.scale": 0.0})
     policy = spot_rl.load_policy(WALK)
