@@ -126,7 +126,6 @@ def _effects(causes: Causes) -> list[FoundEffect]:
         group = belief.group(term.effect.name) or {term.effect.name: 1.0}
         names = (term.effect.name, *(n for n in group if n != term.effect.name))
         probability = float(np.clip(belief.effects.get(term.effect.name, 0.0), 0.0, 1.0))
-        share = group.get(term.effect.name, 1.0)
         out.append(
             FoundEffect(
                 name=term.effect.name,
@@ -137,7 +136,7 @@ def _effects(causes: Causes) -> list[FoundEffect]:
                 split_by=term.effect.split_by.text if len(names) > 1 else "",
                 split=split(term.effect.split_by) if len(names) > 1 else None,
                 parameters=numbers(scorer, scored),
-                rivals={n: min(1.0, probability * w / max(share, 1e-9)) for n, w in group.items()},
+                rivals={n: probability * w for n, w in group.items()},
                 gain_nats=float(gain),
                 nearer_floors=finite(belief.nearer.get(term.effect.name)),
                 moved_floors=finite(causes.moved.get(term.effect.name)),

@@ -212,10 +212,11 @@ def _kept(
 
 def _is_cause(found: Explained, best: Scored, term: Placed, belief: Belief) -> bool:
     """By closed loops; where there are none, by open-loop prediction."""
-    if belief.effects[term.effect.name] <= 0.5:
+    there = belief.there[term.effect.name]
+    if there <= 0.5:
         return False
     if belief.nearer:
-        return True
+        return belief.effects[term.effect.name] > 0.5 * there
     others = tuple(t for t in best.terms if t is not term)
     less = Scorer(found.board, others).now
     board = found.board

@@ -62,7 +62,7 @@ class Belief:
     unknown: float
     """That something matters that no effect of the library is."""
     there: Mapping[str, float]
-    """That an effect is there; each by itself."""
+    """By effect of the best set: that it, or a rival in its place, is there; each by itself."""
     effects: Mapping[str, float]
     """That it is there and matters. Without closed loops the same as ``there``."""
     weights: Mapping[tuple[str, ...], float] = field(default_factory=dict)
@@ -107,8 +107,7 @@ def believe(
         gains: By effect of the best set, nats that the evidence loses without it, refitted.
         n_runs: Logs.
         left: Odds, from the residuals alone, that something no effect explains is left; counts without closed loops.
-        moved: By effect of the best set, (D − floor)/floor between runs with it and without it; others count as what
-            they stand in for.
+        moved: By effect of the best set, (D − floor)/floor between runs with it and without it.
     """
     by_set = {frozenset(h.effects): h for h in hypotheses}
     nothing, stated = by_set[frozenset()], by_set[frozenset(best)]
@@ -119,25 +118,21 @@ def believe(
     weights = {h.effects: float(w) for h, w in zip(hypotheses, shares, strict=True)}
     nearer = {n: _distance(by_set, frozenset(best) - {n}) - float(stated.distance or 0.0) for n in best}
     so_far = Belief(best, 0.0, 0.0, {}, {}, weights, nearer if is_simulated else {})
-    there: dict[str, float] = {}
     # Effects can make up for each other, and all of them together lead away from the robot.
     at_all = 1.0
     if is_simulated and best:
         at_all = is_there(stated.nats, float(nothing.distance or 0.0) - float(stated.distance or 0.0), n_runs)
-    for n in best:
-        whole = min(at_all, is_there(gains[n], nearer[n] if is_simulated else None, n_runs))
-        group = so_far.group(n) or {n: 1.0}
-        there |= {name: max(there.get(name, 0.0), whole * share) for name, share in {n: 0.0, **group}.items()}
+    there = {n: min(at_all, is_there(gains[n], nearer[n] if is_simulated else None, n_runs)) for n in best}
     if not is_simulated or nothing.distance is None:
         unknown = left / (1.0 + left)
         none = (1.0 - max(there.values(), default=0.0)) * (1.0 - unknown)
         effects = {n: p * (1.0 - unknown) for n, p in there.items()}
         return replace(so_far, none=none, unknown=unknown, there=there, effects=effects)
-    effects = {n: p * matters(moved.get(n, max(moved.values(), default=0.0))) for n, p in there.items()}
+    effects = {n: p * matters(moved.get(n, 0.0)) for n, p in there.items()}
     # What is left of the gap counts; formulas leave a share of what they explain.
     left_floors = float(stated.distance or 0.0)
     explained = max(nothing.distance - left_floors, 0.0)
-    none = (1.0 - is_gap(nothing.distance, ORDINARY_GAP)) * (1.0 - max((effects[n] for n in best), default=0.0))
+    none = (1.0 - is_gap(nothing.distance, ORDINARY_GAP)) * (1.0 - max(effects.values(), default=0.0))
     unknown = is_gap(left_floors, ORDINARY_GAP + LEFT_SHARE * explained)
     return replace(so_far, none=none, unknown=unknown, there=there, effects=effects)
 
