@@ -4,9 +4,11 @@
     python benchmarks/calibrate_diagnosis.py fit FOLDER
 
 ``robots`` draws cases as the withheld check does, but of its calibrating catalogue, and keeps what each diagnosis
-compared: it can be interrupted, and goes on. ``fit`` prints, with how many robots they rest on: the distance that
-faultless robots keep from models with their ordinary errors; the logistic regression of "the effect is there" on
-evidence and distance; and the regression of how far a fault moves a robot on how far it moves its model.
+compared: it can be interrupted, and goes on. A robot whose fault moves it is diagnosed twice, the second time by a
+library without its effects. ``fit`` prints, with how many robots they rest on: the distance that faultless robots keep
+from models with their ordinary errors; the logistic regressions of "the effect is there" on evidence and distance, and
+of "something unknown matters" on the distance and what signals predict of the residuals that are left; and the
+regression of how far a fault moves a robot on how far it moves its model.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ import json
 import tempfile
 import time
 from argparse import ArgumentParser, Namespace
+from collections.abc import Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any, Final
@@ -24,15 +27,20 @@ from sklearn.linear_model import LogisticRegression
 
 from diagnosis.closed_loop.engine import LocalEngine
 from diagnosis.closed_loop.trials import Bench
+from diagnosis.decision_constants import LEFT_SHARE, ORDINARY_GAP, USUAL_LEFT
+from diagnosis.library.base import LibraryEffect
 from diagnosis.library.registry import LIBRARY
-from diagnosis.verdict.causes import ERRORS, decide, name_of
+from diagnosis.verdict.causes import ERRORS, decide
 from diagnosis.verdict.explain import explain
 from spot_log import read_run
-from spot_model.policy.policy import load_policy
+from spot_log.read.run import Run
+from spot_model.io.model_file import RobotModel
+from spot_model.policy.policy import Policy, load_policy
 from withheld.cases.draw import draw, kind_of
 from withheld.cases.source import source_of
 from withheld.measuring.distances import TWIN_REPEATS, moved, rehearse
 from withheld.plan import RecordingPlan
+from withheld.scoring.sizes import LARGE, SMALL
 from withheld.simulator.simulation import RealityDivergedError
 
 KINDS: Final = ("faultless", "single", "double")
@@ -65,25 +73,40 @@ def robot(seed: int, number: int, out: Path) -> str:
         walks, by = made.walks(policy), []
         for i in range(len(case.requests)):
             twin = source.make(case.requests[:i] + case.requests[i + 1 :], case.reality_seed)
-            runs = rehearse(twin, plan(TWIN_REPEATS, case.recording_seed + 1 + i), Path(folder) / str(i))
-            by.append(moved(walks, runs.walks(policy)))
+            healthy = rehearse(twin, plan(TWIN_REPEATS, case.recording_seed + 1 + i), Path(folder) / str(i))
+            by.append(moved(walks, healthy.walks(policy)))
         runs = [read_run(path) for path in sorted(logs.glob("*.mcap"))]
-        library = {name: entry for name, entry in LIBRARY.items() if name not in case.without}
-        found = explain(runs, reality.nominal, policy, library, lambda _: None)
-        bench = Bench.of(runs, policy, LocalEngine(policy))
-        rng = np.random.default_rng(case.diagnosis_seed)
-        causes = decide(found, reality.nominal, bench, library, rng)
     faults = [{"names": fault.names, "moved": m} for fault, m in zip(reality.truth.faults, by, strict=True)]
-    gains = dict(zip(found.effects, found.selection.gains, strict=True))
-    belief = causes.belief
+    hidden = {name for fault in reality.truth.faults for name in fault.names}
+    whole = {name: entry for name, entry in LIBRARY.items() if name not in case.without}
     kept: dict[str, Any] = {
         "number": number,
         "kind": case.kind,
         "n_runs": len(runs),
         "error_scale": reality.truth.error_scale,
         "faults": faults,
+        **diagnosed(runs, reality.nominal, policy, whole, case.diagnosis_seed),
+    }
+    if any(m is not None and m >= LARGE for m in by):
+        less = {name: entry for name, entry in whole.items() if name not in hidden}
+        kept["without"] = diagnosed(runs, reality.nominal, policy, less, case.diagnosis_seed)
+    file.write_text(json.dumps(kept))
+    return f"{number}: {case.kind}, {time.monotonic() - began_s:.0f} s"
+
+
+def diagnosed(
+    runs: list[Run], nominal: RobotModel, policy: Policy, library: Mapping[str, LibraryEffect], seed: int
+) -> dict[str, Any]:
+    """What a diagnosis with this library compares."""
+    found = explain(runs, nominal, policy, library, lambda _: None)
+    bench = Bench.of(runs, policy, LocalEngine(policy))
+    causes = decide(found, nominal, bench, library, np.random.default_rng(seed))
+    gains = dict(zip(found.effects, found.selection.gains, strict=True))
+    belief = causes.belief
+    return {
         "distance": causes.distances.get(ERRORS),
-        "best": causes.distances.get(name_of(found.selection.best) if found.selection.best else ERRORS),
+        "best": causes.left,
+        "beyond": found.remainder().beyond(USUAL_LEFT),
         "found": [
             {"name": n, "nats": gains[n], "nearer": belief.nearer.get(n), "moved": causes.moved.get(n), "p": p}
             for n, p in belief.there.items()
@@ -92,8 +115,6 @@ def robot(seed: int, number: int, out: Path) -> str:
         "none": belief.none,
         "unknown": belief.unknown,
     }
-    file.write_text(json.dumps(kept))
-    return f"{number}: {case.kind}, {time.monotonic() - began_s:.0f} s"
 
 
 def robots(given: Namespace) -> None:
@@ -137,9 +158,36 @@ def fit(given: Namespace) -> None:
         model = LogisticRegression(C=10.0).fit(x[:, columns], y)
         numbers = (*model.intercept_.round(2), *model.coef_[0].round(2))
         print(f"{name}: {numbers}; {len(y)} effects, {y.sum()} there; right for {model.score(x[:, columns], y):.0%}")
+    x, y = unknowns(rows)
+    model = LogisticRegression(C=10.0).fit(x, y)
+    print(f"UNKNOWN: {(*model.intercept_.round(2), *model.coef_[0].round(2))}; {len(y)} diagnoses, {y.sum()} without")
     u, v = np.array(moves).T
     slope, offset = np.polyfit(u, v, 1)
     print(f"MOVED: {offset:.2f}, {slope:.2f}, {np.std(v - offset - slope * u):.2f}; {len(u)} effects that were there")
+
+
+def unknowns(rows: list[dict[str, Any]]) -> tuple[np.ndarray, np.ndarray]:
+    """Distance and nats that are left, and whether a large fault's effects were not in the library.
+
+    Robots whose faults clearly matter and were found, or clearly do not.
+    """
+    x, y = [], []
+    for row in rows:
+        large = [set(f["names"]) for f in row["faults"] if f["moved"] is not None and f["moved"] >= LARGE]
+        is_clear = all(f["moved"] is not None and not SMALL <= f["moved"] < LARGE for f in row["faults"])
+        names = {e["name"] for e in row["found"]}
+        if is_clear and all(names & fault for fault in large):
+            x.append(_left(row))
+            y.append(False)
+        if "without" in row:
+            x.append(_left(row["without"]))
+            y.append(True)
+    return np.array(x), np.array(y)
+
+
+def _left(row: dict[str, Any]) -> tuple[float, float]:
+    closed = max(row["distance"] - row["best"], 0.0)
+    return float(np.log(row["best"] / (ORDINARY_GAP + LEFT_SHARE * closed))), float(np.log1p(row["beyond"]))
 
 
 def main() -> None:

@@ -8,7 +8,8 @@ import numpy as np
 
 from diagnosis.channels.channel import Channel
 from diagnosis.closed_loop.gap_map import GapMap
-from diagnosis.decision_constants import PARTLY, UNKNOWN_IS_LIKELY
+from diagnosis.closed_loop.trials import NOMINAL
+from diagnosis.decision_constants import CLOSES_SOME, PARTLY, UNKNOWN_IS_LIKELY
 from diagnosis.document import FoundEffect, SeenEffect, Shrink, Status, Stretch, Verdict
 from diagnosis.library.registry import LIBRARY
 from diagnosis.selection.fitted import numbers
@@ -43,12 +44,20 @@ def status_of(causes: Causes) -> Status:
     found, belief = causes.found, causes.belief
     if not found.views.keys() & {Channel.SET_POINT_TO_LOAD, Channel.BASE_WRENCH, Channel.LOAD_TO_MOTION}:
         return "cannot_tell"
-    if belief.unknown > UNKNOWN_IS_LIKELY:
+    if belief.unknown > UNKNOWN_IS_LIKELY and _closed(causes) < CLOSES_SOME:
         return "unknown_effect"
     if found.selection.best is None:
         # Without a gap there is nothing to explain; with one, nothing explains it.
         return "no_gap" if belief.none >= belief.unknown else "unknown_effect"
     return "partly_explained" if belief.unknown > PARTLY else "explained"
+
+
+def _closed(causes: Causes) -> float:
+    """Share of the gap that the stated causes close; without any, or without closed loops, none."""
+    before, after = causes.distances.get(NOMINAL, 0.0), causes.left
+    if causes.found.selection.best is None or after is None or before <= 1.0:
+        return 0.0
+    return (before - after) / (before - 1.0)
 
 
 def assemble(

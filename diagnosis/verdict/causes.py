@@ -55,6 +55,11 @@ class Causes:
     """By effect of the best set, (D − floor)/floor between runs with it and without it."""
     notes: tuple[str, ...]
 
+    @property
+    def left(self) -> float | None:
+        """Distance of the best set of effects, whether or not all of them matter; floors, None if it was not run."""
+        return self.distances.get(" + ".join(sorted(self.belief.best)) or ERRORS)
+
 
 def candidates_of(found: Explained) -> dict[str, Scored]:
     """Sets of effects to compare, by name."""
@@ -162,8 +167,7 @@ def decide(
         for name, s in candidates.items()
         if not distances or name in distances
     }
-    odds = 0.0 if distances else found.remainder().beyond(USUAL_LEFT) / max(sum(USUAL_LEFT.values()), 1e-9)
-    return _kept(found, candidates, hypotheses, tried, library, odds)
+    return _kept(found, candidates, hypotheses, tried, library)
 
 
 def _kept(
@@ -172,7 +176,6 @@ def _kept(
     hypotheses: Mapping[str, Hypothesis],
     tried: Tried,
     library: Mapping[str, LibraryEffect],
-    odds: float,
 ) -> Causes:
     """The likeliest set less what is not there, or does not matter."""
     moved = dict(tried.moved)
@@ -189,7 +192,8 @@ def _kept(
         moved[rival] = moved.pop(ours, float("nan"))
         found = found.with_effects(candidates[likeliest], library)
     gains = dict(zip(found.effects, found.selection.gains, strict=True))
-    belief = believe(tuple(hypotheses.values()), found.effects, gains, found.n_runs, odds, moved)
+    beyond = found.remainder().beyond(USUAL_LEFT)
+    belief = believe(tuple(hypotheses.values()), found.effects, gains, found.n_runs, beyond, moved)
     best = found.selection.best or null_of(found.board)
     kept, seen = best, []
     for term in best.terms:

@@ -34,6 +34,8 @@ from diagnosis.decision_constants import (
     ORDINARY_GAP,
     THERE,
     THERE_BY_RESIDUALS,
+    UNKNOWN,
+    USUAL_LEFT,
 )
 
 NONE = ()
@@ -96,7 +98,7 @@ def believe(
     best: tuple[str, ...],
     gains: Mapping[str, float],
     n_runs: int,
-    left: float,
+    beyond_nats: float,
     moved: Mapping[str, float],
 ) -> Belief:
     """Probabilities of the hypotheses, and of none of them.
@@ -106,7 +108,7 @@ def believe(
         best: Effects of the one that was found.
         gains: By effect of the best set, nats that the evidence loses without it, refitted.
         n_runs: Logs.
-        left: Odds, from the residuals alone, that something no effect explains is left; counts without closed loops.
+        beyond_nats: What signals still predict of the residuals that the best set leaves, beyond the usual.
         moved: By effect of the best set, (D − floor)/floor between runs with it and without it.
     """
     by_set = {frozenset(h.effects): h for h in hypotheses}
@@ -124,22 +126,32 @@ def believe(
         at_all = is_there(stated.nats, float(nothing.distance or 0.0) - float(stated.distance or 0.0), n_runs)
     there = {n: min(at_all, is_there(gains[n], nearer[n] if is_simulated else None, n_runs)) for n in best}
     if not is_simulated or nothing.distance is None:
-        unknown = left / (1.0 + left)
+        unknown = beyond_nats / (beyond_nats + sum(USUAL_LEFT.values()))
         none = (1.0 - max(there.values(), default=0.0)) * (1.0 - unknown)
         effects = {n: p * (1.0 - unknown) for n, p in there.items()}
         return replace(so_far, none=none, unknown=unknown, there=there, effects=effects)
     effects = {n: p * matters(moved.get(n, 0.0)) for n, p in there.items()}
-    # What is left of the gap counts; formulas leave a share of what they explain.
-    left_floors = float(stated.distance or 0.0)
-    explained = max(nothing.distance - left_floors, 0.0)
+    explained = max(nothing.distance - float(stated.distance or 0.0), 0.0)
     none = (1.0 - is_gap(nothing.distance, ORDINARY_GAP)) * (1.0 - max(effects.values(), default=0.0))
-    unknown = is_gap(left_floors, ORDINARY_GAP + LEFT_SHARE * explained)
+    unknown = is_unknown(float(stated.distance or 0.0), explained, beyond_nats)
     return replace(so_far, none=none, unknown=unknown, there=there, effects=effects)
 
 
 def is_gap(distance: float, ordinary: float) -> float:
     """Probability that a distance is more than a robot without a fault keeps from its model; even at what 95 % keep."""
     return float(expit(GAP_SLOPE * np.log(max(distance, 1e-3) / ordinary)))
+
+
+def is_unknown(left: float, explained: float, beyond_nats: float) -> float:
+    """Probability that something matters that no effect of the library is.
+
+    Args:
+        left: Distance of the best set's closed loops, in floors.
+        explained: By how much that is less than with ordinary errors alone; formulas leave a share of it.
+        beyond_nats: What signals still predict of the residuals, beyond the usual.
+    """
+    gap = np.log(max(left, 1e-3) / (ORDINARY_GAP + LEFT_SHARE * explained))
+    return float(expit(np.dot(UNKNOWN, (1.0, gap, np.log1p(beyond_nats)))))
 
 
 def worth(hypothesis: Hypothesis) -> float:

@@ -65,7 +65,7 @@ class StribeckEntry(LibraryEffect):
     title: ClassVar[str] = "friction near standstill (Stribeck)"
     effect: ClassVar[type[Effect]] = StribeckFriction
     coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("level_nm", "N·m", 0.0, 10.0),)
-    grid: ClassVar[Grid] = {BUILDS_UP_RAD: (0.0, 0.004), "speed_rad_s": (0.2, 0.4, 0.8)}
+    grid: ClassVar[Grid] = {BUILDS_UP_RAD: (0.0015, 0.005), "speed_rad_s": (0.2, 0.4, 0.8)}
     confused_with: ClassVar[tuple[str, ...]] = ("coulomb_friction", "backlash")
     split_by: ClassVar[Experiment] = SLOW_WALK
 
@@ -75,9 +75,7 @@ class StribeckEntry(LibraryEffect):
         return tuple({**shape, "speed_rad_s": v} for v in near if v <= FASTEST_RAD_S)
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
-        """The fading direction of motion, negative, at once or built up."""
-        if not shape.get(BUILDS_UP_RAD):
-            return super().columns(view, shape, joints)
+        """The fading direction of motion, negative, built up."""
         s: ActuatorSignals = view.signals
         fading = np.exp(-((s.still_velocity_rad_s / shape["speed_rad_s"]) ** 2))
         return on_joints(s.finish(-fading * _built_up(s, shape[BUILDS_UP_RAD])), joints)
