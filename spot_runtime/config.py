@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Annotated, Literal
 
 from pydantic import AliasChoices, BaseModel, ConfigDict, Field, ValidationError
 
@@ -13,8 +13,6 @@ from spot_model.io.validation import explain
 from spot_model.io.yaml_text import read_yaml
 from spot_runtime.safety_limits import SafetyLimits
 from spot_runtime.service_config import ServiceConfig
-
-SCHEMA: Final = "spot-rl/run/1"
 
 
 class _Part(BaseModel):
@@ -143,7 +141,7 @@ class RunConfig(_Part):
 
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True, allow_inf_nan=False)
 
-    schema_name: Literal["spot-rl/run/1"] = Field(default=SCHEMA, alias="schema")
+    schema_name: Literal["spot-rl/run/1"] = Field(default="spot-rl/run/1", alias="schema")
     robot: RobotConfig = RobotConfig()
     control: ControlConfig = ControlConfig()
     handover: HandoverConfig = HandoverConfig()

@@ -62,11 +62,6 @@ class RobotClockEstimate:
         self._samples: deque[ClockSample] = deque(maxlen=WINDOW)
         self._line: _Line | None = None
 
-    @property
-    def is_known(self) -> bool:
-        """Whether there is an estimate."""
-        return self._line is not None
-
     def add(self, sample: ClockSample) -> int:
         """Take a round trip.
 

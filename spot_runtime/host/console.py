@@ -11,13 +11,11 @@ from typing import TextIO
 from spot_log.format.records import EventRecord, Severity
 from spot_model.text import plain_lines
 
-PROGRESS_PERIOD_S = 1.0
-
 
 class Console:
     """Prints lines as they come and a progress line each second."""
 
-    def __init__(self, stream: TextIO | None = None, *, period_s: float = PROGRESS_PERIOD_S) -> None:
+    def __init__(self, stream: TextIO | None = None, *, period_s: float = 1.0) -> None:
         """Write to ``stream``; to standard error unless told otherwise."""
         self._stream = sys.stderr if stream is None else stream
         self._period_s = period_s

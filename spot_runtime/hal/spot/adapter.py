@@ -101,8 +101,7 @@ class BosdynHal:
         # Opened now: a handshake takes too long once commands must flow.
         self._command_channel = session.streaming_channel(RobotCommandStreamingClient)
         self._open_states()
-        skew_s = (self.robot_now_ns() - self.host_now_ns()) / NS_PER_S
-        return RobotInfo("bosdyn", robot_id, skew_s, 2.0 * self._estimate.uncertainty_ns() / NS_PER_S)
+        return RobotInfo("bosdyn", robot_id, self._skew_s(), 2.0 * self._estimate.uncertainty_ns() / NS_PER_S)
 
     def stand(self) -> None:
         """See the protocol."""
@@ -309,12 +308,10 @@ class BosdynHal:
             return Stop(StopReason.BEHAVIOR_FAULT, f"{', '.join(slow.behavior_faults)}: {verdict}")
         if slow is not None and not slow.motors_powered:
             return Stop(StopReason.MOTORS_OFF, verdict)
-        skew_s = self._estimate_skew_s()
-        return Stop(StopReason.COMMAND_REFUSED, verdict, {} if skew_s is None else {"clock_skew_s": skew_s})
+        return Stop(StopReason.COMMAND_REFUSED, verdict, {"clock_skew_s": self._skew_s()})
 
-    def _estimate_skew_s(self) -> float | None:
-        if not self._estimate.is_known:
-            return None
+    def _skew_s(self) -> float:
+        """Robot clock minus host clock; known once connected."""
         return (self.robot_now_ns() - self.host_now_ns()) / NS_PER_S
 
     def _sync_clocks(self) -> None:

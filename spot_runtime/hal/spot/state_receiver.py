@@ -52,7 +52,6 @@ class StateReceiver:
             on_end: Takes the reason when the stream ends other than by :meth:`stop`.
         """
         self.states: StateQueue = queue.SimpleQueue()
-        """States as they come; None after the last one."""
         self._now_ns, self._on_wire, self._on_end = now_ns, on_wire, on_end
         self._is_stopped = False
         stream = channel.unary_stream(
