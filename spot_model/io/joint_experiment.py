@@ -26,6 +26,9 @@ SCHEMA: Final = "spot-rl/joint-experiment/1"
 LIFT_S: Final = 3.0
 """Time that a sweep with a lifted leg takes to shift the body and lift the leg, and again to come back, s."""
 
+ON_GROUND_RAD: Final = 0.15
+"""A joint whose foot stays on the ground swings by no more: it moves the body."""
+
 
 class _Experiment(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True, allow_inf_nan=False)
@@ -71,6 +74,10 @@ class Sweep(_Experiment):
     def _joint_and_time(self) -> Sweep:
         if self.joint not in facts.JOINT_NAMES:
             raise ValueError(f"joint is {self.joint!r}; allowed: {', '.join(facts.JOINT_NAMES)}")
+        if not self.is_leg_lifted and self.amplitude_rad > ON_GROUND_RAD:
+            raise ValueError(
+                f"amplitude_rad is {self.amplitude_rad:g}; up to {ON_GROUND_RAD:g} with the leg on the ground"
+            )
         if self.is_leg_lifted and self.duration_s < 2.0 * LIFT_S + 2.0:
             raise ValueError(f"duration_s must be at least {2.0 * LIFT_S + 2.0:g} for a leg that is lifted")
         return self

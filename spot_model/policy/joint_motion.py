@@ -22,6 +22,8 @@ from spot_model.robot.leg_kinematics import foot_position_and_jacobian, foot_pos
 TABLE_HZ: Final = 100.0
 FADE_S: Final = 1.5
 """In which a motion grows from nothing, and goes back to it."""
+BODY_M_S2: Final = 4.0
+"""The body is not accelerated more: feet neither leave the ground nor slip where its friction is 0.5."""
 MARGIN_RAD: Final = 0.05
 """Set-points keep this distance from the joint stops."""
 SPEED_RAD_S: Final = 6.0
@@ -70,27 +72,28 @@ def motion_of(experiment: JointExperiment) -> JointMotion:
     """
     time_s = np.arange(round(experiment.duration_s * TABLE_HZ) + 1) / TABLE_HZ
     try:
-        pose, air = _poses(experiment, time_s)
+        body_m, pose, air = _poses(experiment, time_s)
     except ValueError as error:
         raise BadInputError(f"joint experiment {experiment.name}: {error}") from error
     setpoint = pose + _carried_nm(pose, air) / experiment.kp_nm_per_rad
     _check(experiment.name, setpoint)
+    _check_body(experiment.name, body_m)
     return JointMotion(setpoint[0], setpoint - setpoint[0])
 
 
-def _poses(experiment: JointExperiment, time_s: Array) -> tuple[Array, Array]:
-    """Poses, shape (n, 12), and how far each foot is relieved of its load, 0 to 1, shape (n, 4)."""
+def _poses(experiment: JointExperiment, time_s: Array) -> tuple[Array, Array, Array]:
+    """Of n instants: the body's place (n, 3), m; poses (n, 12); how far each foot is relieved, 0 to 1 (n, 4)."""
     grown = _plateau(time_s, 0.0, experiment.duration_s, FADE_S)
     body, air = np.zeros((len(time_s), 3)), np.zeros((len(time_s), facts.N_LEGS))
     if isinstance(experiment, Standing):
         phase = 2.0 * np.pi * experiment.frequency_hz * time_s
         body[:, 0] = experiment.shift_x_m * np.sin(phase) * grown
         body[:, 1] = experiment.shift_y_m * np.cos(phase) * grown
-        return _with_body_at(body, air), air
+        return body, _with_body_at(body, air), air
     if isinstance(experiment, Squat):
         phase = 2.0 * np.pi * experiment.frequency_hz * time_s
         body[:, 2] = -0.5 * experiment.depth_m * (1.0 - np.cos(phase)) * grown
-        return _with_body_at(body, air), air
+        return body, _with_body_at(body, air), air
     joint, end_s, first_s = facts.JOINT_NAMES.index(experiment.joint), experiment.duration_s, 0.0
     if experiment.is_leg_lifted:
         leg = facts.LEG_NAMES[joint // 3]
@@ -106,7 +109,7 @@ def _poses(experiment: JointExperiment, time_s: Array) -> tuple[Array, Array]:
     phase = 2.0 * np.pi * (experiment.start_hz + 0.5 * rise * since_s) * since_s
     grown = _plateau(time_s, first_s, end_s - first_s, min(FADE_S, 0.25 * swings_s))
     pose[:, joint] += experiment.amplitude_rad * np.sin(phase) * grown
-    return pose, air
+    return body, pose, air
 
 
 def _with_body_at(body_m: Array, air: Array) -> Array:
@@ -153,4 +156,13 @@ def _check(name: str, position: Array) -> None:
         raise BadInputError(
             f"joint experiment {name}: the set-point of {facts.JOINT_NAMES[worst]} moves at {speed[worst]:.1f} rad/s; "
             f"allowed: up to {SPEED_RAD_S:g} rad/s; ask for a smaller amplitude or a lower frequency"
+        )
+
+
+def _check_body(name: str, body_m: Array) -> None:
+    most = float(np.linalg.norm(np.diff(body_m, n=2, axis=0), axis=1).max()) * TABLE_HZ**2
+    if most > BODY_M_S2:
+        raise BadInputError(
+            f"joint experiment {name}: the body would be accelerated by {most:.1f} m/s²; allowed: up to {BODY_M_S2:g} "
+            "m/s²; ask for a smaller motion or a lower frequency"
         )

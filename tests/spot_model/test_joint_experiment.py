@@ -66,6 +66,10 @@ def test_a_file_comes_back_as_it_went(experiment: JointExperiment, tmp_path: Pat
         ({"kind": "sweep", "joint": "fl_xx", "name": "a", "duration_s": 10}, "fl_xx"),
         ({"kind": "sweep", "joint": "fl_kn", "name": "a", "duration_s": 7}, "at least 8"),
         ({"kind": "squat", "name": "a", "duration_s": 10, "kp_nm_per_rad": 900}, "kp_nm_per_rad"),
+        (
+            {"kind": "sweep", "joint": "fl_hy", "name": "a", "duration_s": 8, "is_leg_lifted": False},
+            "up to 0.15 with the leg on the ground",
+        ),
         ({"kind": "jump", "name": "a", "duration_s": 10}, "jump"),
         ({"kind": "squat", "name": "a", "duration_s": 10, "depht_m": 0.1}, "depht_m"),
     ],
@@ -90,6 +94,13 @@ def test_too_fast_and_too_far_are_refused_by_joint_value_and_bound() -> None:
         motion_of(Sweep(name="a", duration_s=10.0, joint="fl_kn", amplitude_rad=0.5, end_hz=5.0))
     with pytest.raises(BadInputError, match=r"hr_hx lies .* rad outside"):
         motion_of(Sweep(name="a", duration_s=10.0, joint="hr_hx", amplitude_rad=0.6, end_hz=1.0))
+
+
+def test_a_body_that_would_be_thrown_is_refused_with_its_acceleration() -> None:
+    """Down and up by 0.16 m at 2 Hz: 0.08 · (2π · 2)² = 12.6 m/s², and the feet would leave the ground."""
+    with pytest.raises(BadInputError, match=r"by 12\.6 m/s²; allowed: up to 4 m/s²"):
+        motion_of(Squat(name="a", duration_s=8.0, depth_m=0.16, frequency_hz=2.0))
+    motion_of(Squat(name="a", duration_s=8.0, depth_m=0.16, frequency_hz=1.0))
 
 
 def test_set_points_at_rest_carry_the_weight() -> None:
