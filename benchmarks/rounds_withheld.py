@@ -27,8 +27,9 @@ from diagnosis.next.choose.information import Told
 from diagnosis.next.choose.robots import beliefs
 from diagnosis.next.inputs import Inputs
 from diagnosis.next.robot_run import WHOLE, Ran
-from diagnosis.next.rounds import Found, Lab, Limits, Story, ask_robot
+from diagnosis.next.rounds import Lab, Limits, ask_robot
 from diagnosis.next.session import diagnosed, found_in
+from diagnosis.next.story import Found, Story
 from diagnosis.verdict.posterior_file import Posterior
 from spot_model.io.model_file import save_model
 from spot_model.io.velocity_sequence import VelocitySequence

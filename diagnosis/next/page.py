@@ -8,7 +8,7 @@ from typing import Final
 
 from diagnosis.next.choose.design import Design, in_words
 from diagnosis.next.files import Offer
-from diagnosis.next.rounds import SURE, Asked, Story
+from diagnosis.next.story import SURE, Asked, Story
 from spot_log.page.look import boxed, framed, headed
 from spot_log.page.svg import esc
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +20,8 @@ from diagnosis.next.inputs import Inputs, absolute, load_inputs, save_inputs
 from diagnosis.next.page import ranking_page, story_page
 from diagnosis.next.predict.prediction import load_prediction, predict, with_log
 from diagnosis.next.robot_run import Ran, run_on_robot, start_here
-from diagnosis.next.rounds import Found, Lab, Limits, Story, ask_robot, read_story
+from diagnosis.next.rounds import Lab, Limits, ask_robot
+from diagnosis.next.story import Found, Story, read_story
 from diagnosis.progress import Progress
 from diagnosis.read.log_files import find_policy, find_policy_file, read_all
 from diagnosis.report.output import NAMES
@@ -124,7 +125,10 @@ class Session:
             open=found_in,
             say=lambda text: Console(stderr=True).print(text, markup=False, highlight=False),
         )
-        return ask_robot(read_story(place / "story.json", self.found), lab, limits, self.seed, told)
+        story = read_story(place / "story.json", self.found)
+        if self.own is not None:
+            limits = replace(limits, rounds=min(limits.rounds, len(story.rounds) + 1))
+        return ask_robot(story, lab, limits, self.seed, told)
 
     def _chosen(self, posterior: Posterior, seed: int, excluded: Sequence[str] = ()) -> Design:
         with Bar("% of the choice", 100) as bar:

@@ -33,8 +33,9 @@ from diagnosis.next.page import ranking_page, story_page
 from diagnosis.next.predict.outcome import MOTION
 from diagnosis.next.predict.prediction import Forecast, Prediction, _forecast, load_prediction
 from diagnosis.next.robot_run import WHOLE, Ran, run_on_robot
-from diagnosis.next.rounds import SURE, Found, Lab, Limits, Story, ask_robot, read_story
+from diagnosis.next.rounds import Lab, Limits, ask_robot
 from diagnosis.next.session import Session, found_in
+from diagnosis.next.story import SURE, Found, Story, read_story
 from diagnosis.verdict.posterior_file import Posterior, load_posterior
 from spot_model.effects.base import Motion
 from spot_model.effects.drive.torque_gain import TorqueGain
