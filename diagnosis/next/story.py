@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from diagnosis.next.choose.design import in_words
-from diagnosis.next.choose.robots import LIKELY, beliefs
+from diagnosis.next.choose.robots import LIKELY, all_beliefs
 from diagnosis.next.robot_run import WHOLE
 from diagnosis.verdict.posterior_file import Posterior
 from spot_model.errors import BadInputError
@@ -19,6 +19,9 @@ SURE: Final = 0.95
 STILL: Final = 0.05
 """An experiment that moves less probability told nothing."""
 LACKING: Final = "an effect that the library lacks"
+OTHERS: Final = "others"
+SHOWN: Final = 6
+"""Causes that are told by name, at most."""
 
 
 @dataclass(frozen=True)
@@ -32,11 +35,11 @@ class Found:
 
     @property
     def odds(self) -> dict[str, float]:
-        """Probability of each cause, the likeliest first."""
-        known = {in_words(c): (1.0 - self.posterior.unknown) * w for c, w in beliefs(self.posterior).items()}
-        everything = {**known, LACKING: self.posterior.unknown}
-        ranked = sorted(everything.items(), key=lambda item: -item[1])
-        return {name: p for name, p in ranked if p >= LIKELY}
+        """Probability of each cause, the likeliest first; at the end all that are hardly likely, together."""
+        known = {in_words(c): (1.0 - self.posterior.unknown) * w for c, w in all_beliefs(self.posterior).items()}
+        ranked = sorted({**known, LACKING: self.posterior.unknown}.items(), key=lambda item: -item[1])
+        shown = [item for item in ranked[:SHOWN] if item[1] >= LIKELY]
+        return {**dict(shown), OTHERS: 1.0 - sum(p for _, p in shown)}
 
     @property
     def top(self) -> tuple[str, float]:

@@ -422,7 +422,18 @@ def test_something_unknown_is_never_one_cause(tmp_path: Path) -> None:
     """A half of it all is unknown: a cause that stands at 0.97 among the known ones stands at 0.485."""
     known = posterior(torque_gain=0.97, none=0.03)
     found = Found(tmp_path, known.model_copy(update={"unknown": 0.5}), "unknown_effect", "words")
-    assert list(found.odds.values()) == pytest.approx([0.5, 0.485, 0.015])
+    assert list(found.odds.values()) == pytest.approx([0.5, 0.485, 0.015, 0.0])
+
+
+def test_many_unlikely_rivals_together_are_not_forgotten(tmp_path: Path) -> None:
+    """Thirty rivals of 0.9 % each: the likeliest stands at 0.73, not at 1."""
+    own = posterior(torque_gain=0.73, viscous_friction=0.009)
+    rival = own.possibilities[1]
+    names = [n for n in LIBRARY if n != "torque_gain"][:30]
+    rivals = [rival.model_copy(update={"terms": (rival.terms[0].model_copy(update={"effect": n}),)}) for n in names]
+    found = Found(tmp_path, Posterior(possibilities=(own.possibilities[0], *rivals)), "explained", "words")
+    assert found.top == ("torque gain", pytest.approx(0.73))
+    assert found.odds["others"] == pytest.approx(0.27)
 
 
 def test_an_effect_that_moves_nothing_is_no_cause() -> None:

@@ -57,13 +57,18 @@ def cause_of(possibility: Possibility, posterior: Posterior) -> Cause:
     return tuple(sorted({t.effect for t in possibility.terms if posterior.matters.get(t.effect, 1.0) > MATTERS}))
 
 
-def beliefs(posterior: Posterior) -> dict[Cause, float]:
-    """Probability of each cause that is still likely, the likeliest first."""
+def all_beliefs(posterior: Posterior) -> dict[Cause, float]:
+    """Probability of each cause, the likeliest first."""
     found: dict[Cause, float] = {}
     for possibility in posterior.possibilities:
         cause = cause_of(possibility, posterior)
         found[cause] = found.get(cause, 0.0) + possibility.weight
-    ranked = sorted(((c, w) for c, w in found.items() if w >= LIKELY), key=lambda item: -item[1])[:MOST_CAUSES]
+    return dict(sorted(found.items(), key=lambda item: -item[1]))
+
+
+def beliefs(posterior: Posterior) -> dict[Cause, float]:
+    """The likeliest causes, which experiments are chosen to tell apart; adds up to 1."""
+    ranked = [(c, w) for c, w in all_beliefs(posterior).items() if w >= LIKELY][:MOST_CAUSES]
     total = sum(w for _, w in ranked)
     return {c: w / total for c, w in ranked}
 
