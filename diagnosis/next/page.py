@@ -8,7 +8,7 @@ from typing import Final
 
 from diagnosis.next.choose.design import Design, in_words
 from diagnosis.next.files import Offer
-from diagnosis.next.story import SURE, Asked, Story
+from diagnosis.next.story import OTHERS, SURE, Asked, Story
 from spot_log.page.look import boxed, framed, headed
 from spot_log.page.svg import esc
 
@@ -19,7 +19,8 @@ STYLE: Final = """
 .odds div { color: #fff; font-size: 13px; line-height: 26px; padding-left: 6px; white-space: nowrap; overflow: hidden; }
 .stage { margin: 12px 0 3px; } th { width: 90px; }
 """
-SHADES: Final = ("#4e79a7", "#f28e2b", "#76b7b2", "#e15759", "#b07aa1", "#9c755f", "#bab0ab")
+SHADES: Final = ("#4e79a7", "#f28e2b", "#76b7b2", "#e15759", "#b07aa1", "#9c755f")
+GREY: Final = "#bab0ab"
 
 
 def ranking_page(design: Design, offers: Sequence[Offer]) -> str:
@@ -115,7 +116,7 @@ def _lead(design: Design) -> str:
 
 def _colours(all_odds: Sequence[Mapping[str, float]]) -> dict[str, str]:
     names = list(dict.fromkeys(name for odds in all_odds for name in odds))
-    return {name: SHADES[i % len(SHADES)] for i, name in enumerate(names)}
+    return {name: GREY if name == OTHERS else SHADES[i % len(SHADES)] for i, name in enumerate(names)}
 
 
 def _bars(odds: Mapping[str, float], colours: Mapping[str, str]) -> str:

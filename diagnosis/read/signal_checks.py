@@ -27,8 +27,8 @@ MAX_LOAD_NM: Final = 1000.0
 TORQUE_MARGIN: Final = 3.0
 MAX_BAD_SHARE: Final = 0.02
 """Rows that are not numbers, at most; fewer are left out."""
-ADDRESS: Final = re.compile(r"|[\w.-]+:\d+|\d+(\.\d+){3}|[\w-]+(\.[\w-]+)+")
-"""No name, or a host's, or an IP number, with or without a port."""
+ADDRESS: Final = re.compile(r"|[\w.-]+:\d+|\d+(\.\d+){3}|[\w-]+(\.[\w-]+)+|unix:.*|ipv[46]:.*")
+"""No name, or a host's, or an IP number, with or without a port; a socket, or what a fake robot hands to a program."""
 MENDED: Final = "check unit, scale and source_joint_names in the mapping, and import the recording again"
 
 

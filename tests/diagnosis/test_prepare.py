@@ -90,7 +90,8 @@ def test_logs_of_two_robots_and_of_another_one(tmp_path: Path) -> None:
     with pytest.raises(BadInputError, match=r"logs of 2 robots: .*left; .*right; diagnose logs of one robot"):
         check_plausible([one, two], robot)
     there, here = (replace(run, header=replace(run.header, robot_id=name)) for name in ("10.0.0.3", "spot.local:443"))
-    check_plausible([run, there, here], robot)
+    handed = replace(run, header=replace(run.header, robot_id="ipv4:127.0.0.1:36977,127.0.0.1"))
+    check_plausible([run, there, here, handed], robot)
     with pytest.raises(BadInputError, match=r"has joints hip, knee; robot spot has fl_hx.*--robot FILE"):
         check_plausible([run], SPOT)
 

@@ -23,6 +23,7 @@ from spot_model.plant.closed_loop import ClosedLoop, schedule_by_messages
 from spot_model.plant.plant import Plant, PlantOptions
 from spot_model.policy.joint_motion import SPEED_RAD_S, TABLE_HZ, motion_of
 from spot_model.policy.joint_script import joint_script
+from spot_model.policy.observation import Sensed
 from spot_model.robot import facts
 from spot_model.robot.leg_inverse import joints_of_feet
 from spot_model.robot.leg_kinematics import foot_position_in_body_m
@@ -147,3 +148,20 @@ def test_a_servo_that_is_held_fast_is_asked_for_no_more_than_the_torque() -> Non
     stuck = facts.DEFAULT_POSITION_RAD - 1.0
     asked = 200.0 * (script.followed_rad(stuck, np.zeros(12)) - stuck)
     np.testing.assert_allclose(asked, 40.0)
+
+
+def test_a_body_that_leans_goes_back_to_the_stand() -> None:
+    """Whole up to 0.12 rad, a half at 0.16 rad, nothing from 0.2 rad on."""
+    script = joint_script(Squat(name="a", duration_s=8.0, torque_nm=100.0))
+    rest, offset = script.motion.rest_rad, np.full(12, 0.1)
+    for lean_rad, share in ((0.0, 1.0), (0.12, 1.0), (0.16, 0.5), (0.2, 0.0), (1.0, 0.0)):
+        half = 0.5 * lean_rad
+        sensed = Sensed(
+            position_rad=rest[None],
+            velocity_rad_s=np.zeros((1, 12)),
+            world_from_body_wxyz=np.array([[np.cos(half), np.sin(half), 0.0, 0.0]]),
+            linear_vel_of_body_in_world_m_s=np.zeros((1, 3)),
+            angular_vel_of_body_in_world_rad_s=np.zeros((1, 3)),
+        )
+        action = script.act(script.observe_many(sensed, offset[None], np.zeros((1, 12))))
+        np.testing.assert_allclose(action[0], share * offset, atol=1e-6)
