@@ -64,7 +64,7 @@ class JointScript(Policy):
         wanted = self.motion.rest_rad + offset_rad * np.clip(
             (LEAN_RAD[1] - lean_rad) / (LEAN_RAD[1] - LEAN_RAD[0]), 0.0, 1.0
         )
-        return np.clip(wanted, position_rad - self.reach_rad, position_rad + self.reach_rad)
+        return np.asarray(np.clip(wanted, position_rad - self.reach_rad, position_rad + self.reach_rad))
 
     def tick(self, memory: TickMemory, state: RobotState, velocity_command: Array) -> tuple[TickMemory, TickResult]:
         """The set-points for offsets of shape (12,); no network sees or does anything."""
