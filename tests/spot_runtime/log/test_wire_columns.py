@@ -67,6 +67,25 @@ def test_columns_are_those_of_protobuf(drawn: list[tuple[int, int, bool]]) -> No
             np.testing.assert_array_equal(imu[name], getattr(wanted, name), err_msg=name)
 
 
+@given(st.integers(0, 50), st.lists(st.tuples(st.integers(0, 5000), st.integers(0, 255)), min_size=1, max_size=4))
+@settings(deadline=None, max_examples=400)
+def test_damaged_bytes_that_are_read_are_read_as_protobuf_does(seed: int, changes: list[tuple[int, int]]) -> None:
+    data = bytearray(state(seed).SerializeToString())
+    for place, byte in changes:
+        data[place % len(data)] = byte
+    try:
+        columns, imu, counts = read([bytes(data)])
+    except UnusualError:
+        return
+    row = log_pb2.State.FromString(bytes(data))
+    for name in set(StateTable.columns()) - {"sequence"}:
+        np.testing.assert_array_equal(columns[name][0], np.array(getattr(row, name)), err_msg=name)
+    assert counts.tolist() == [len(row.imu)]
+    for i, packet in enumerate(row.imu):
+        assert imu["robot_stamp_ns"][i] == packet.robot_stamp_ns
+        np.testing.assert_array_equal(imu["odom_from_link_wxyz"][i], packet.odom_from_link_wxyz)
+
+
 @pytest.mark.parametrize(
     "odd",
     [
