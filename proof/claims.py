@@ -52,7 +52,7 @@ CLAIMS: Final = {
     "loop, two busy processes": Claim("claims/loop.py --busy 2", 57.0, _loop((">=", 4.0), ("<=", 1.5))),
     "loop without priority, two busy processes": Claim("claims/loop.py --busy 2 --plain", 57.0, _loop(None, None)),
     "fake robot": Claim(
-        "claims/fake_robot.py",
+        "claims/fakes.py",
         90.0,
         {
             "error of delays, ms": Ratio("delay_ms.largest_error_ms", asked=("<=", 1.0)),

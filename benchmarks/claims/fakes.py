@@ -4,7 +4,7 @@ Delays: a bare gRPC echo (textbook_loop.py) drives fakes in real time whose chan
 from a state's acquisition to the receipt of its command, less the same without delay, should be what was asked.
 Fakes: standing robots in processes of their own, each with one reader of its state stream, until one falls below 99 %.
 
-    python benchmarks/claims/fake_robot.py
+    python benchmarks/claims/fakes.py
 """
 
 from __future__ import annotations
