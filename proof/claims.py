@@ -7,6 +7,7 @@ from typing import Final
 
 Bound = tuple[str, float]
 """``(">=", 4.0)``, or with ``<=``."""
+AHEAD: Final[Bound] = (">=", 1.0)
 
 
 @dataclass(frozen=True)
@@ -32,17 +33,16 @@ class Claim:
 
 
 def _loop(compute: Bound | None, answer: Bound | None) -> dict[str, Ratio]:
-    less: Bound = (">=", 1.0)
     return {
         "textbook compute / ours, median": Ratio("textbook.compute_us_p50", "ours.compute_us_p50", compute),
-        "textbook compute / ours, 99 %": Ratio("textbook.compute_us_p99", "ours.compute_us_p99", less),
+        "textbook compute / ours, 99 %": Ratio("textbook.compute_us_p99", "ours.compute_us_p99", AHEAD),
         "our state to command / bare echo, median": Ratio(
             "ours.state_to_command_ms_p50", "echo.state_to_command_ms_p50", answer
         ),
         "textbook state to command / ours, 99 %": Ratio(
-            "textbook.state_to_command_ms_p99", "ours.state_to_command_ms_p99", less
+            "textbook.state_to_command_ms_p99", "ours.state_to_command_ms_p99", AHEAD
         ),
-        "textbook period error / ours": Ratio("textbook.period_error_mean_ms", "ours.period_error_mean_ms", less),
+        "textbook period error / ours": Ratio("textbook.period_error_mean_ms", "ours.period_error_mean_ms", AHEAD),
         "our slipped ticks": Ratio("ours.slipped", asked=("<=", 0.0)),
     }
 
@@ -65,13 +65,13 @@ CLAIMS: Final = {
         "claims/log.py",
         60.0,
         {
-            f"{peer} {told} / ours": Ratio(f"{peer}.{figure}", f"ours.{figure}", (">=", 1.0))
+            f"{peer} {told} / ours": Ratio(f"{peer}.{figure}", f"ours.{figure}", asked)
             for peer in ("json_lines", "hdf5", "plain_mcap")
-            for figure, told in (
-                ("cost_us_p50", "cost a message, median"),
-                ("cost_us_max", "cost a message, worst"),
-                ("mb_a_minute", "MB a minute"),
-                ("read_s_per_10_min", "time to arrays"),
+            for figure, told, asked in (
+                ("cost_us_p50", "cost a message, median", AHEAD),
+                ("cost_us_max", "cost a message, worst", None),
+                ("mb_a_minute", "MB a minute", AHEAD),
+                ("read_s_per_10_min", "time to arrays", AHEAD),
             )
         },
     ),

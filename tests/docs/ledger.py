@@ -148,6 +148,7 @@ NOT_RUN = {
     "bash benchmarks/identify_session.sh run inertia --inertia --policy policies/baseline.onnx --config "
     "benchmarks/identify_short.yaml --truths-at-once 6 --runs-at-once 3 --workers 2": CORES,
     "python examples/close_the_loop.py --out OUT": CORES,
+    "spot-rl bench all --json": "takes twenty minutes; its parts and two of its scripts are tried apart",
     "spot-rl bench sysid --json": "takes ten seconds of CPU time at its smallest; identification itself is played",
     "spot-rl diagnose LOGS/*.mcap --nominal paper_identified --policy policies/baseline.onnx --out DIR": (
         "takes minutes with twenty logs of half a minute; shorter ones are diagnosed on the same page"

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
+import runpy
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from proof import bench_all
-from proof.bench_all import ScriptError, all_claims, judged, read_parts, run_script, spread, summary, table
+from proof.bench_all import ScriptError, all_claims, flat, judged, read_parts, run_script, spread, summary, table
 from proof.claims import CLAIMS, Claim, Ratio
 from spot_model.errors import BadInputError
 
@@ -125,6 +127,36 @@ def test_every_claim_names_a_script_that_is_there_and_the_whole_takes_under_25_m
         first = claim.script.split()[0]
         assert first == "spot-rl" or (REPOSITORY / "benchmarks" / first).is_file(), name
     assert sum(claim.expected_s * claim.repeats for claim in CLAIMS.values()) < 25 * 60
+
+
+@pytest.mark.parametrize(
+    ("claim", "shorter"), [("log", "--seconds 0.1 --minutes 0.02"), ("size", "")], ids=["log", "size"]
+)
+def test_a_script_prints_the_figures_that_its_claim_names(
+    claim: str, shorter: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(REPOSITORY)
+    told = flat(run_script(f"{CLAIMS[claim].script} {shorter}"))
+    for label, ratio in CLAIMS[claim].ratios.items():
+        assert told[ratio.over] > 0.0, label
+        assert told[ratio.under or ratio.over] > 0.0, label
+
+
+def test_figures_of_a_loop_by_hand() -> None:
+    claims = str(REPOSITORY / "benchmarks" / "claims")
+    loop = runpy.run_path(f"{claims}/loop.py")
+    n = loop["SETTLED"]
+    ms = 1e6
+    # Periods of 21, 18, unknown, unknown, 41 ms: a receipt that no state has echoed is no slip.
+    receipts = np.array([0.0, 21.0, 39.0, np.nan, 81.0, 122.0]) * ms
+    ticks = np.stack([receipts - 2.0 * ms, receipts], axis=1)
+    told = loop["figures"](np.concatenate([np.full((n, 2), np.nan), ticks]), [1.0] * n + [1e-4, 3e-4, 2e-4])
+    assert told["slipped"] == 1
+    assert told["period_error_mean_ms"] == pytest.approx((1 + 2 + 21) / 3)
+    assert told["rate_hz"] == pytest.approx(1e3 / np.mean([21, 18, 41]), rel=1e-3)
+    assert told["state_to_command_ms_p50"] == pytest.approx(2.0)
+    assert told["compute_us_p50"] == pytest.approx(200.0)
+    assert loop["figures"](np.concatenate([np.full((n, 2), np.nan), ticks]), [], 5)["slipped"] == 5
 
 
 def test_the_table_says_what_does_not_hold() -> None:
