@@ -15,7 +15,7 @@ from pathlib import Path
 
 from proof.fake_process import FakeProcess
 
-COMMAND = [sys.executable, "-c", "from spot_model.io.command_line import main; main()", "run"]
+COMMAND = [sys.executable, "-m", "spot_model", "run"]
 
 
 def measure(seconds: float, policy: str) -> dict[str, float]:

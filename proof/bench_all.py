@@ -22,7 +22,6 @@ from spot_runtime.host.termination import exit_on_termination
 from trainer.shared.run_folder import git_revision
 
 SCRIPTS: Final = Path("benchmarks")
-_PROGRAM: Final = "from spot_model.io.command_line import main; main()"
 
 Parts = dict[tuple[str, int], dict[str, Any]]
 """What each script printed, by claim and repeat."""
@@ -123,7 +122,7 @@ def run_script(script: str) -> dict[str, Any]:
         ScriptError: It fails, or prints something else.
     """
     words = shlex.split(script)
-    own = ["-c", _PROGRAM, *words[1:]] if words[0] == "spot-rl" else [str(SCRIPTS / words[0]), *words[1:]]
+    own = ["-m", "spot_model", *words[1:]] if words[0] == "spot-rl" else [str(SCRIPTS / words[0]), *words[1:]]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join((str(Path.cwd()), os.environ.get("PYTHONPATH", "")))}
     done = subprocess.run([sys.executable, *own], capture_output=True, text=True, check=False, env=environment)  # noqa: S603
     try:

@@ -21,7 +21,7 @@ from plant_speed import SUBSTEPS, bare_period, plant_period, seconds_a_period
 
 from spot_model.robot.mjcf import MjcfOptions
 
-TRAIN = [sys.executable, "-c", "from spot_model.io.command_line import main; main()", "bench", "train", "--json"]
+TRAIN = [sys.executable, "-m", "spot_model", "bench", "train", "--json"]
 
 
 def main() -> None:
