@@ -51,6 +51,11 @@ ELSEWHERE = {
         'make_log("wandb")',
     ),
     "make docs": ("docs/test_docs.py", '"mkdocs", "build"'),
+    "python benchmarks/claims/log.py --seconds 2 --minutes 0.15": (
+        "spot_runtime/test_bench_all.py",
+        '("log", "--seconds 0.1 --minutes 0.02")',
+    ),
+    "python benchmarks/claims/size.py": ("spot_runtime/test_bench_all.py", '("size", "")'),
     "spot-rl bench loop --json": ("spot_runtime/test_bench_and_demo.py", '"bench", "loop", "--json"'),
     "spot-rl refine FILE --config policies/fast_refine.yaml --out NEW": (
         "trainer/test_refine.py",
@@ -126,6 +131,8 @@ NOT_RUN = {
     "journalctl -u spot-rl SPOT_RL_EVENT=stop -o verbose": SYSTEMD,
     "sudo usermod -aG spot-rl NAME": "changes the accounts of the computer",
     "ssh -L 8765:localhost:8765 ROBOT-COMPUTER": "needs a second computer",
+    "python benchmarks/claims/loop.py": "drives three fake robots in real time for a minute; its figures are tried apart",
+    "python benchmarks/claims/training.py": CORES,
     "python benchmarks/mjlab_speed.py": GPU,
     "spot-rl bench train --device cuda --set n_envs=N --json": GPU,
     "torchrun --nproc-per-node 2": GPU,
