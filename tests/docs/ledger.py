@@ -131,7 +131,7 @@ NOT_RUN = {
     "journalctl -u spot-rl SPOT_RL_EVENT=stop -o verbose": SYSTEMD,
     "sudo usermod -aG spot-rl NAME": "changes the accounts of the computer",
     "ssh -L 8765:localhost:8765 ROBOT-COMPUTER": "needs a second computer",
-    "python benchmarks/claims/loop.py": "drives three fake robots in real time for a minute; its figures are tried apart",
+    "python benchmarks/claims/loop.py": "takes a minute of real time; its figures are tried apart",
     "python benchmarks/claims/training.py": CORES,
     "python benchmarks/mjlab_speed.py": GPU,
     "spot-rl bench train --device cuda --set n_envs=N --json": GPU,
