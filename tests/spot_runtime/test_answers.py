@@ -96,8 +96,8 @@ def test_a_load_may_lie_between_nothing_and_twice_what_is_asked(asked_nm: float,
 def test_another_legs_set_points_must_explain_more_than_any_factor_of_the_own(
     apart_nm: float, missed: float, is_anothers: bool
 ) -> None:
-    """Squares of 5, 5 and 5, of which 1 each is explained: (asked · load)² / asked² = 2² / 4; 12 are left."""
-    sums = AnswerMemory(0.5, np.full(12, 4.0), np.full(12, 2.0), np.full(12, 5.0), missed=np.full((4, 4), 99.0))
+    """Squares of 5, 5 and 5, of which 1 each is explained: (asked · load)² / asked² = 0.5² / 0.25; 12 are left."""
+    sums = AnswerMemory(0.5, np.full(12, 0.25), np.full(12, 0.5), np.full(12, 5.0), missed=np.full((4, 4), 99.0))
     sums.missed[2, 1] = missed
     apart = np.full((4, 4), 3.0 * apart_nm**2 * 0.5)
     assert _is_anothers(sums._replace(apart=apart)).tolist() == [False, False, is_anothers, False]
@@ -133,6 +133,16 @@ def test_windows_in_a_row_count_once_enough_is_felt() -> None:
     once[5] = 1000.0
     after = after_window(turned, window(load_nm=once), command(1, legs(1.0, 1.0, 1.0, 1.0)))
     assert not after.wrong_windows.any()
+
+
+def test_nothing_counts_before_enough_is_felt_and_counts_are_whole_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
+    nothing = AnswerMemory()
+    assert nothing.wrong_windows.dtype == nothing.anothers_windows.dtype == np.int64
+    turned, stands = window(load_nm=np.full(12, -50.0)), command(1, np.full(12, 2.0))
+    felt_s = after_window(nothing, turned, stands).felt_s
+    for least_s, counted in ((felt_s, 1), (np.nextafter(felt_s, 1.0), 0)):
+        monkeypatch.setattr(bounds, "ANSWER_LEAST_S", least_s)
+        assert set(after_window(nothing, turned, stands).wrong_windows) == {counted}
 
 
 def stops_after(count: int, **counts: Any) -> list[tuple[StopReason, str]]:

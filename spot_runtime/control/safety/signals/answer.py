@@ -95,4 +95,4 @@ def _apart(command: JointCommand) -> Array:
 
 
 def _legs(joints: Array) -> Array:
-    return joints.reshape(facts.N_LEGS, -1)
+    return joints.reshape(facts.N_LEGS, len(facts.JOINT_TYPES))
