@@ -384,6 +384,15 @@ def test_a_foot_that_rolls_has_the_speed_of_what_it_rolls_by() -> None:
     assert speeds == pytest.approx(np.full(4, 3.0 * facts.FOOT_RADIUS_M))
 
 
+def test_a_foot_moves_with_the_body_with_its_turn_and_with_its_leg() -> None:
+    """Along y: 1 m/s of the body, 2 rad/s at 1 m from its middle, and 0.5 m/s of the leg."""
+    away, ahead = np.tile([1.0, 0.0, 0.0], (4, 1)), np.array([0.0, 1.0, 0.0])
+    moving = legs.Feet(away, np.tile(0.5 * ahead, (4, 1)), np.zeros((4, 3)))
+    turn, up = np.array([0.0, 0.0, 2.0]), np.array([0.0, 0.0, 1.0])
+    speeds = legs.sole_speeds_m_s(moving, velocity_m_s=ahead, turn_rate_rad_s=turn, up=up)
+    assert speeds == pytest.approx(np.full(4, 3.5))
+
+
 def test_a_window_is_turned_as_its_last_state() -> None:
     turned = np.array([np.cos(0.1), 0.0, 0.0, np.sin(0.1)])
     assert window(odom_from_body_wxyz=turned).odom_from_body[0, 0] == pytest.approx(np.cos(0.2))
