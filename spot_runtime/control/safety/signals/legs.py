@@ -81,8 +81,8 @@ def ground_forces_n(position_rad: Array, load_nm: Array) -> Array:
         load_nm: Measured loads, as above.
     """
     _, jacobians = foot_jacobians(position_rad)
-    forces: Array = -np.linalg.solve(jacobians.transpose(0, 2, 1), load_nm.reshape(facts.N_LEGS, 3, 1))[..., 0]
-    return forces
+    forces = np.linalg.solve(jacobians.transpose(0, 2, 1), load_nm.reshape(facts.N_LEGS, 3, 1))[..., 0]
+    return np.asarray(-forces, np.float64)
 
 
 def sole_speeds_m_s(state_feet: Feet, *, velocity_m_s: Array, turn_rate_rad_s: Array, up: Array) -> Array:
