@@ -67,7 +67,7 @@ def next_experiment(
 
     story = session.ask(words, confirm, Limits(budget_s, rounds))
     cause, odds = next(iter(story.odds.items()))
-    typer.echo(f"{cause}: {odds:.2f}, after {len(story.rounds)} experiments and {story.robot_s:.0f} s of robot time")
+    typer.echo(f"{cause}: {odds:.2f}, experiments: {len(story.rounds)}, {story.robot_s:.0f} s of robot time")
     typer.echo(f"diagnosis: {story.sentence}")
     typer.echo(f"ended: {story.ending}")
     typer.echo(f"page: {session.page}")

@@ -57,12 +57,15 @@ def story_page(story: Story) -> str:
     stages = [("First logs", story.first.odds)]
     stages += [(f"{number}. {r.title}, {r.robot_s:.0f} s", r.after) for number, r in enumerate(story.rounds, start=1)]
     ending = f"It ended: {story.ending}." if story.ending else "It goes on."
-    meta = f"{len(story.rounds)} experiments, {story.robot_s:.0f} s of robot time. {ending}"
+    n = len(story.rounds)
+    meta = f"{n} experiment{'s' if n != 1 else ''}, {story.robot_s:.0f} s of robot time. {ending}"
     badge, kind = ("one cause stands", "good") if is_sure else ("not one cause yet", "fair")
     parts = [
         headed(badge, kind, f"{cause[0].upper()}{cause[1:]}: {_percent(odds)}", [story.sentence], meta),
         boxed(
-            "How the odds moved", "Probability of each cause after each experiment, by all logs so far.", _moves(stages)
+            "How the odds moved",
+            "Probability that each cause is there, after each experiment, by all logs so far.",
+            _moves(stages),
         ),
     ]
     return framed("The robot was asked", [*parts, *map(_round, range(1, len(story.rounds) + 1), story.rounds)], STYLE)
