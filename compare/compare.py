@@ -113,9 +113,9 @@ def write_comparison(found: Comparison, out: Path, beside_m: float = 0.7) -> dic
         OSError: They cannot be written.
     """
     paths = {name: out / name for name in (PAGE_NAME, LOG_NAME, DATA_NAME, LAYOUT_NAME)}
-    taken = [str(p) for p in paths.values() if p.exists()]
+    taken = [p.name for p in paths.values() if p.exists()]
     if taken:
-        raise CompareError(f"{', '.join(taken)} exists; nothing is overwritten: choose another --out")
+        raise CompareError(f"{out} holds {', '.join(taken)}; nothing is overwritten: choose another folder")
     layout = files("compare").joinpath("layout.foxglove.json").read_text(encoding="utf-8")
     page = comparison_page(found.tracks, found.differences, found.causes, found.cause, found.notes)
     with whole(*paths.values()):

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from spot_rl.paths import AnyPath, existing, to_path
@@ -59,7 +61,7 @@ def model_of(given: str | AnyPath | RobotModel) -> tuple[RobotModel, str]:
     from spot_model.io.model_file import RobotModel
 
     if isinstance(given, RobotModel):
-        return given, "given"
+        return given, "model"
     return load_model(given), os.fspath(given)
 
 
@@ -105,7 +107,10 @@ def simulate(
             "give the policy that ran: simulate(run, model, policy=FILE)"
         )
     sensors = SensorNoise() if noise else SensorNoise(0.0, 0.0, 0.0, 0.0, 0.0)
-    return simulate_like(run, model_of(model)[0], chosen, np.random.default_rng(seed), sensors)
+    simulated, name = model_of(model)
+    made = simulate_like(run, simulated, chosen, np.random.default_rng(seed), sensors)
+    # A comparison names its runs by their paths.
+    return dataclasses.replace(made, path=Path(f"simulated-{Path(name).stem}"))
 
 
 def compare(runs: Sequence[Run], out: AnyPath | None = None, *, names: Sequence[str] | None = None) -> Comparison:
