@@ -108,7 +108,7 @@ def identify(
     A hundred generations take some seven minutes on two cores; one is enough to see what the torques say.
 
     Args:
-        logs: Log files of one policy, or folders of them.
+        logs: Log files of one policy, or folders of them; each has at least five seconds under it.
         policy: The policy that ran, an ONNX file.
         out: Folder for identified.yaml, result.json and report.html; nothing in it is overwritten.
         config: What is searched and how: a YAML file, or the same keys as a mapping. Default: the paper's parameters.
