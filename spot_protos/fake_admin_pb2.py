@@ -24,7 +24,7 @@ _sym_db = _symbol_database.Default()
 
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1cspot_protos/fake_admin.proto\x12\x0fspot_rl.fake.v1\"\x12\n\x10GetStatusRequest\"\x8d\x03\n\x11GetStatusResponse\x12\x16\n\x0erobot_stamp_ns\x18\x01 \x01(\x03\x12\x11\n\tlock_step\x18\x02 \x01(\x08\x12\x0c\n\x04mode\x18\x03 \x01(\t\x12\x13\n\x0bmotor_power\x18\x04 \x01(\t\x12\x13\n\x0b\x65stop_level\x18\x05 \x01(\t\x12\x13\n\x0blease_owner\x18\x06 \x01(\t\x12\x33\n\ractive_faults\x18\x07 \x03(\x0b\x32\x1c.spot_rl.fake.v1.ActiveFault\x12\x18\n\x10last_command_key\x18\x08 \x01(\x04\x12!\n\x19last_state_robot_stamp_ns\x18\t \x01(\x03\x12\x13\n\x0bstates_sent\x18\n \x01(\x04\x12\x19\n\x11\x63ommands_received\x18\x0b \x01(\x04\x12\x15\n\rstate_streams\x18\x0c \x01(\r\x12\x17\n\x0f\x63ommand_streams\x18\r \x01(\r\x12\x12\n\nelapsed_ns\x18\x0e \x01(\x03\x12\x1a\n\x12\x63ommands_submitted\x18\x0f \x01(\x04\"\xc9\x01\n\x0bStepRequest\x12\x15\n\x0b\x64uration_ns\x18\x01 \x01(\x03H\x00\x12\x18\n\x0estate_messages\x18\x02 \x01(\rH\x00\x12\x1c\n\x14wait_for_command_key\x18\x03 \x01(\r\x12\x16\n\x0ewait_timeout_s\x18\x04 \x01(\x01\x12\x17\n\x0fmax_duration_ns\x18\x05 \x01(\x03\x12\x13\n\x0bwith_states\x18\x06 \x01(\x08\x12\x1c\n\x14wait_beyond_commands\x18\x07 \x01(\x04\x42\x07\n\x05until\"\x98\x01\n\x0cStepResponse\x12\x16\n\x0erobot_stamp_ns\x18\x01 \x01(\x03\x12!\n\x19last_state_robot_stamp_ns\x18\x02 \x01(\x03\x12\x13\n\x0bstates_sent\x18\x03 \x01(\r\x12\x0e\n\x06states\x18\x04 \x03(\x0c\x12\x14\n\x0cstates_ended\x18\x05 \x01(\t\x12\x12\n\nelapsed_ns\x18\x06 \x01(\x03\"\x13\n\x11ListFaultsRequest\"G\n\x12ListFaultsResponse\x12\x31\n\x06\x66\x61ults\x18\x01 \x03(\x0b\x32!.spot_rl.fake.v1.FaultDescription\"\xa8\x01\n\x10\x46\x61ultDescription\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x0c\n\x04help\x18\x02 \x01(\t\x12\x45\n\nparameters\x18\x03 \x03(\x0b\x32\x31.spot_rl.fake.v1.FaultDescription.ParametersEntry\x1a\x31\n\x0fParametersEntry\x12\x0b\n\x03key\x18\x01 \x01(\t\x12\r\n\x05value\x18\x02 \x01(\t:\x02\x38\x01\"\x96\x02\n\x12InjectFaultRequest\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x41\n\x07numbers\x18\x02 \x03(\x0b\x32\x30.spot_rl.fake.v1.InjectFaultRequest.NumbersEntry\x12=\n\x05texts\x18\x03 \x03(\x0b\x32..spot_rl.fake.v1.InjectFaultRequest.TextsEntry\x12\x12\n\nduration_s\x18\x04 \x01(\x01\x1a.\n\x0cNumbersEntry\x12\x0b\n\x03key\x18\x01 \x01(\t\x12\r\n\x05value\x18\x02 \x01(\x01:\x02\x38\x01\x1a,\n\nTextsEntry\x12\x0b\n\x03key\x18\x01 \x01(\t\x12\r\n\x05value\x18\x02 \x01(\t:\x02\x38\x01\"?\n\x13InjectFaultResponse\x12\x10\n\x08\x66\x61ult_id\x18\x01 \x01(\r\x12\x16\n\x0erobot_stamp_ns\x18\x02 \x01(\x03\"-\n\x0b\x41\x63tiveFault\x12\x10\n\x08\x66\x61ult_id\x18\x01 \x01(\r\x12\x0c\n\x04name\x18\x02 \x01(\t\"\'\n\x12\x43learFaultsRequest\x12\x11\n\tfault_ids\x18\x01 \x03(\r\"0\n\x13\x43learFaultsResponse\x12\x19\n\x11\x63leared_fault_ids\x18\x01 \x03(\r\")\n\x0fGetTruthRequest\x12\x16\n\x0ereset_extremes\x18\x01 \x01(\x08\"\x9e\x03\n\x10GetTruthResponse\x12\x16\n\x0erobot_stamp_ns\x18\x01 \x01(\x03\x12#\n\x1bposition_of_body_in_world_m\x18\x02 \x03(\x01\x12\x1c\n\x14world_from_body_wxyz\x18\x03 \x03(\x01\x12\'\n\x1flinear_vel_of_body_in_world_m_s\x18\x04 \x03(\x01\x12)\n!angular_vel_of_body_in_body_rad_s\x18\x05 \x03(\x01\x12\x15\n\rbody_height_m\x18\x06 \x01(\x01\x12\x1a\n\x12joint_position_rad\x18\x07 \x03(\x01\x12\x1c\n\x14joint_velocity_rad_s\x18\x08 \x03(\x01\x12\x17\n\x0fjoint_torque_nm\x18\t \x03(\x01\x12\x14\n\x0c\x66oot_contact\x18\n \x03(\x08\x12\x14\n\x0c\x66oot_force_n\x18\x0b \x03(\x01\x12\x12\n\nhas_fallen\x18\x0c \x01(\x08\x12\x19\n\x11\x62ody_height_min_m\x18\r \x01(\x01\x12\x16\n\x0epeak_torque_nm\x18\x0e \x01(\x01\"\x11\n\x0fShutdownRequest\"\x12\n\x10ShutdownResponse2\xd1\x04\n\tFakeAdmin\x12R\n\tGetStatus\x12!.spot_rl.fake.v1.GetStatusRequest\x1a\".spot_rl.fake.v1.GetStatusResponse\x12\x43\n\x04Step\x12\x1c.spot_rl.fake.v1.StepRequest\x1a\x1d.spot_rl.fake.v1.StepResponse\x12U\n\nListFaults\x12\".spot_rl.fake.v1.ListFaultsRequest\x1a#.spot_rl.fake.v1.ListFaultsResponse\x12X\n\x0bInjectFault\x12#.spot_rl.fake.v1.InjectFaultRequest\x1a$.spot_rl.fake.v1.InjectFaultResponse\x12X\n\x0b\x43learFaults\x12#.spot_rl.fake.v1.ClearFaultsRequest\x1a$.spot_rl.fake.v1.ClearFaultsResponse\x12O\n\x08GetTruth\x12 .spot_rl.fake.v1.GetTruthRequest\x1a!.spot_rl.fake.v1.GetTruthResponse\x12O\n\x08Shutdown\x12 .spot_rl.fake.v1.ShutdownRequest\x1a!.spot_rl.fake.v1.ShutdownResponseb\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1cspot_protos/fake_admin.proto\x12\x0fspot_rl.fake.v1\"\x12\n\x10GetStatusRequest\"\xa2\x03\n\x11GetStatusResponse\x12\x16\n\x0erobot_stamp_ns\x18\x01 \x01(\x03\x12\x11\n\tlock_step\x18\x02 \x01(\x08\x12\x0c\n\x04mode\x18\x03 \x01(\t\x12\x13\n\x0bmotor_power\x18\x04 \x01(\t\x12\x13\n\x0b\x65stop_level\x18\x05 \x01(\t\x12\x13\n\x0blease_owner\x18\x06 \x01(\t\x12\x33\n\ractive_faults\x18\x07 \x03(\x0b\x32\x1c.spot_rl.fake.v1.ActiveFault\x12\x18\n\x10last_command_key\x18\x08 \x01(\x04\x12!\n\x19last_state_robot_stamp_ns\x18\t \x01(\x03\x12\x13\n\x0bstates_sent\x18\n \x01(\x04\x12\x19\n\x11\x63ommands_received\x18\x0b \x01(\x04\x12\x15\n\rstate_streams\x18\x0c \x01(\r\x12\x17\n\x0f\x63ommand_streams\x18\r \x01(\r\x12\x12\n\nelapsed_ns\x18\x0e \x01(\x03\x12\x1a\n\x12\x63ommands_submitted\x18\x0f \x01(\x04\x12\x13\n\x0bstep_socket\x18\x10 \x01(\t\"\xda\x01\n\x0bStepRequest\x12\x15\n\x0b\x64uration_ns\x18\x01 \x01(\x03H\x00\x12\x18\n\x0estate_messages\x18\x02 \x01(\rH\x00\x12\x1c\n\x14wait_for_command_key\x18\x03 \x01(\r\x12\x16\n\x0ewait_timeout_s\x18\x04 \x01(\x01\x12\x17\n\x0fmax_duration_ns\x18\x05 \x01(\x03\x12\x13\n\x0bwith_states\x18\x06 \x01(\x08\x12\x1c\n\x14wait_beyond_commands\x18\x07 \x01(\x04\x12\x0f\n\x07\x63ommand\x18\x08 \x01(\x0c\x42\x07\n\x05until\"\xa9\x01\n\x0cStepResponse\x12\x16\n\x0erobot_stamp_ns\x18\x01 \x01(\x03\x12!\n\x19last_state_robot_stamp_ns\x18\x02 \x01(\x03\x12\x13\n\x0bstates_sent\x18\x03 \x01(\r\x12\x0e\n\x06states\x18\x04 \x03(\x0c\x12\x14\n\x0cstates_ended\x18\x05 \x01(\t\x12\x12\n\nelapsed_ns\x18\x06 \x01(\x03\x12\x0f\n\x07refusal\x18\x07 \x01(\t\"\x13\n\x11ListFaultsRequest\"G\n\x12ListFaultsResponse\x12\x31\n\x06\x66\x61ults\x18\x01 \x03(\x0b\x32!.spot_rl.fake.v1.FaultDescription\"\xa8\x01\n\x10\x46\x61ultDescription\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x0c\n\x04help\x18\x02 \x01(\t\x12\x45\n\nparameters\x18\x03 \x03(\x0b\x32\x31.spot_rl.fake.v1.FaultDescription.ParametersEntry\x1a\x31\n\x0fParametersEntry\x12\x0b\n\x03key\x18\x01 \x01(\t\x12\r\n\x05value\x18\x02 \x01(\t:\x02\x38\x01\"\x96\x02\n\x12InjectFaultRequest\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x41\n\x07numbers\x18\x02 \x03(\x0b\x32\x30.spot_rl.fake.v1.InjectFaultRequest.NumbersEntry\x12=\n\x05texts\x18\x03 \x03(\x0b\x32..spot_rl.fake.v1.InjectFaultRequest.TextsEntry\x12\x12\n\nduration_s\x18\x04 \x01(\x01\x1a.\n\x0cNumbersEntry\x12\x0b\n\x03key\x18\x01 \x01(\t\x12\r\n\x05value\x18\x02 \x01(\x01:\x02\x38\x01\x1a,\n\nTextsEntry\x12\x0b\n\x03key\x18\x01 \x01(\t\x12\r\n\x05value\x18\x02 \x01(\t:\x02\x38\x01\"?\n\x13InjectFaultResponse\x12\x10\n\x08\x66\x61ult_id\x18\x01 \x01(\r\x12\x16\n\x0erobot_stamp_ns\x18\x02 \x01(\x03\"-\n\x0b\x41\x63tiveFault\x12\x10\n\x08\x66\x61ult_id\x18\x01 \x01(\r\x12\x0c\n\x04name\x18\x02 \x01(\t\"\'\n\x12\x43learFaultsRequest\x12\x11\n\tfault_ids\x18\x01 \x03(\r\"0\n\x13\x43learFaultsResponse\x12\x19\n\x11\x63leared_fault_ids\x18\x01 \x03(\r\")\n\x0fGetTruthRequest\x12\x16\n\x0ereset_extremes\x18\x01 \x01(\x08\"\x9e\x03\n\x10GetTruthResponse\x12\x16\n\x0erobot_stamp_ns\x18\x01 \x01(\x03\x12#\n\x1bposition_of_body_in_world_m\x18\x02 \x03(\x01\x12\x1c\n\x14world_from_body_wxyz\x18\x03 \x03(\x01\x12\'\n\x1flinear_vel_of_body_in_world_m_s\x18\x04 \x03(\x01\x12)\n!angular_vel_of_body_in_body_rad_s\x18\x05 \x03(\x01\x12\x15\n\rbody_height_m\x18\x06 \x01(\x01\x12\x1a\n\x12joint_position_rad\x18\x07 \x03(\x01\x12\x1c\n\x14joint_velocity_rad_s\x18\x08 \x03(\x01\x12\x17\n\x0fjoint_torque_nm\x18\t \x03(\x01\x12\x14\n\x0c\x66oot_contact\x18\n \x03(\x08\x12\x14\n\x0c\x66oot_force_n\x18\x0b \x03(\x01\x12\x12\n\nhas_fallen\x18\x0c \x01(\x08\x12\x19\n\x11\x62ody_height_min_m\x18\r \x01(\x01\x12\x16\n\x0epeak_torque_nm\x18\x0e \x01(\x01\"\x11\n\x0fShutdownRequest\"\x12\n\x10ShutdownResponse2\xd1\x04\n\tFakeAdmin\x12R\n\tGetStatus\x12!.spot_rl.fake.v1.GetStatusRequest\x1a\".spot_rl.fake.v1.GetStatusResponse\x12\x43\n\x04Step\x12\x1c.spot_rl.fake.v1.StepRequest\x1a\x1d.spot_rl.fake.v1.StepResponse\x12U\n\nListFaults\x12\".spot_rl.fake.v1.ListFaultsRequest\x1a#.spot_rl.fake.v1.ListFaultsResponse\x12X\n\x0bInjectFault\x12#.spot_rl.fake.v1.InjectFaultRequest\x1a$.spot_rl.fake.v1.InjectFaultResponse\x12X\n\x0b\x43learFaults\x12#.spot_rl.fake.v1.ClearFaultsRequest\x1a$.spot_rl.fake.v1.ClearFaultsResponse\x12O\n\x08GetTruth\x12 .spot_rl.fake.v1.GetTruthRequest\x1a!.spot_rl.fake.v1.GetTruthResponse\x12O\n\x08Shutdown\x12 .spot_rl.fake.v1.ShutdownRequest\x1a!.spot_rl.fake.v1.ShutdownResponseb\x06proto3')
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
@@ -40,41 +40,41 @@ if not _descriptor._USE_C_DESCRIPTORS:
   _globals['_GETSTATUSREQUEST']._serialized_start=49
   _globals['_GETSTATUSREQUEST']._serialized_end=67
   _globals['_GETSTATUSRESPONSE']._serialized_start=70
-  _globals['_GETSTATUSRESPONSE']._serialized_end=467
-  _globals['_STEPREQUEST']._serialized_start=470
-  _globals['_STEPREQUEST']._serialized_end=671
-  _globals['_STEPRESPONSE']._serialized_start=674
-  _globals['_STEPRESPONSE']._serialized_end=826
-  _globals['_LISTFAULTSREQUEST']._serialized_start=828
-  _globals['_LISTFAULTSREQUEST']._serialized_end=847
-  _globals['_LISTFAULTSRESPONSE']._serialized_start=849
-  _globals['_LISTFAULTSRESPONSE']._serialized_end=920
-  _globals['_FAULTDESCRIPTION']._serialized_start=923
-  _globals['_FAULTDESCRIPTION']._serialized_end=1091
-  _globals['_FAULTDESCRIPTION_PARAMETERSENTRY']._serialized_start=1042
-  _globals['_FAULTDESCRIPTION_PARAMETERSENTRY']._serialized_end=1091
-  _globals['_INJECTFAULTREQUEST']._serialized_start=1094
-  _globals['_INJECTFAULTREQUEST']._serialized_end=1372
-  _globals['_INJECTFAULTREQUEST_NUMBERSENTRY']._serialized_start=1280
-  _globals['_INJECTFAULTREQUEST_NUMBERSENTRY']._serialized_end=1326
-  _globals['_INJECTFAULTREQUEST_TEXTSENTRY']._serialized_start=1328
-  _globals['_INJECTFAULTREQUEST_TEXTSENTRY']._serialized_end=1372
-  _globals['_INJECTFAULTRESPONSE']._serialized_start=1374
-  _globals['_INJECTFAULTRESPONSE']._serialized_end=1437
-  _globals['_ACTIVEFAULT']._serialized_start=1439
-  _globals['_ACTIVEFAULT']._serialized_end=1484
-  _globals['_CLEARFAULTSREQUEST']._serialized_start=1486
-  _globals['_CLEARFAULTSREQUEST']._serialized_end=1525
-  _globals['_CLEARFAULTSRESPONSE']._serialized_start=1527
-  _globals['_CLEARFAULTSRESPONSE']._serialized_end=1575
-  _globals['_GETTRUTHREQUEST']._serialized_start=1577
-  _globals['_GETTRUTHREQUEST']._serialized_end=1618
-  _globals['_GETTRUTHRESPONSE']._serialized_start=1621
-  _globals['_GETTRUTHRESPONSE']._serialized_end=2035
-  _globals['_SHUTDOWNREQUEST']._serialized_start=2037
-  _globals['_SHUTDOWNREQUEST']._serialized_end=2054
-  _globals['_SHUTDOWNRESPONSE']._serialized_start=2056
-  _globals['_SHUTDOWNRESPONSE']._serialized_end=2074
-  _globals['_FAKEADMIN']._serialized_start=2077
-  _globals['_FAKEADMIN']._serialized_end=2670
+  _globals['_GETSTATUSRESPONSE']._serialized_end=488
+  _globals['_STEPREQUEST']._serialized_start=491
+  _globals['_STEPREQUEST']._serialized_end=709
+  _globals['_STEPRESPONSE']._serialized_start=712
+  _globals['_STEPRESPONSE']._serialized_end=881
+  _globals['_LISTFAULTSREQUEST']._serialized_start=883
+  _globals['_LISTFAULTSREQUEST']._serialized_end=902
+  _globals['_LISTFAULTSRESPONSE']._serialized_start=904
+  _globals['_LISTFAULTSRESPONSE']._serialized_end=975
+  _globals['_FAULTDESCRIPTION']._serialized_start=978
+  _globals['_FAULTDESCRIPTION']._serialized_end=1146
+  _globals['_FAULTDESCRIPTION_PARAMETERSENTRY']._serialized_start=1097
+  _globals['_FAULTDESCRIPTION_PARAMETERSENTRY']._serialized_end=1146
+  _globals['_INJECTFAULTREQUEST']._serialized_start=1149
+  _globals['_INJECTFAULTREQUEST']._serialized_end=1427
+  _globals['_INJECTFAULTREQUEST_NUMBERSENTRY']._serialized_start=1335
+  _globals['_INJECTFAULTREQUEST_NUMBERSENTRY']._serialized_end=1381
+  _globals['_INJECTFAULTREQUEST_TEXTSENTRY']._serialized_start=1383
+  _globals['_INJECTFAULTREQUEST_TEXTSENTRY']._serialized_end=1427
+  _globals['_INJECTFAULTRESPONSE']._serialized_start=1429
+  _globals['_INJECTFAULTRESPONSE']._serialized_end=1492
+  _globals['_ACTIVEFAULT']._serialized_start=1494
+  _globals['_ACTIVEFAULT']._serialized_end=1539
+  _globals['_CLEARFAULTSREQUEST']._serialized_start=1541
+  _globals['_CLEARFAULTSREQUEST']._serialized_end=1580
+  _globals['_CLEARFAULTSRESPONSE']._serialized_start=1582
+  _globals['_CLEARFAULTSRESPONSE']._serialized_end=1630
+  _globals['_GETTRUTHREQUEST']._serialized_start=1632
+  _globals['_GETTRUTHREQUEST']._serialized_end=1673
+  _globals['_GETTRUTHRESPONSE']._serialized_start=1676
+  _globals['_GETTRUTHRESPONSE']._serialized_end=2090
+  _globals['_SHUTDOWNREQUEST']._serialized_start=2092
+  _globals['_SHUTDOWNREQUEST']._serialized_end=2109
+  _globals['_SHUTDOWNRESPONSE']._serialized_start=2111
+  _globals['_SHUTDOWNRESPONSE']._serialized_end=2129
+  _globals['_FAKEADMIN']._serialized_start=2132
+  _globals['_FAKEADMIN']._serialized_end=2725
 # @@protoc_insertion_point(module_scope)

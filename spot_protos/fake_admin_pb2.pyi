@@ -11,7 +11,7 @@ class GetStatusRequest(_message.Message):
     def __init__(self) -> None: ...
 
 class GetStatusResponse(_message.Message):
-    __slots__ = ("robot_stamp_ns", "lock_step", "mode", "motor_power", "estop_level", "lease_owner", "active_faults", "last_command_key", "last_state_robot_stamp_ns", "states_sent", "commands_received", "state_streams", "command_streams", "elapsed_ns", "commands_submitted")
+    __slots__ = ("robot_stamp_ns", "lock_step", "mode", "motor_power", "estop_level", "lease_owner", "active_faults", "last_command_key", "last_state_robot_stamp_ns", "states_sent", "commands_received", "state_streams", "command_streams", "elapsed_ns", "commands_submitted", "step_socket")
     ROBOT_STAMP_NS_FIELD_NUMBER: _ClassVar[int]
     LOCK_STEP_FIELD_NUMBER: _ClassVar[int]
     MODE_FIELD_NUMBER: _ClassVar[int]
@@ -27,6 +27,7 @@ class GetStatusResponse(_message.Message):
     COMMAND_STREAMS_FIELD_NUMBER: _ClassVar[int]
     ELAPSED_NS_FIELD_NUMBER: _ClassVar[int]
     COMMANDS_SUBMITTED_FIELD_NUMBER: _ClassVar[int]
+    STEP_SOCKET_FIELD_NUMBER: _ClassVar[int]
     robot_stamp_ns: int
     lock_step: bool
     mode: str
@@ -42,10 +43,11 @@ class GetStatusResponse(_message.Message):
     command_streams: int
     elapsed_ns: int
     commands_submitted: int
-    def __init__(self, robot_stamp_ns: _Optional[int] = ..., lock_step: _Optional[bool] = ..., mode: _Optional[str] = ..., motor_power: _Optional[str] = ..., estop_level: _Optional[str] = ..., lease_owner: _Optional[str] = ..., active_faults: _Optional[_Iterable[_Union[ActiveFault, _Mapping]]] = ..., last_command_key: _Optional[int] = ..., last_state_robot_stamp_ns: _Optional[int] = ..., states_sent: _Optional[int] = ..., commands_received: _Optional[int] = ..., state_streams: _Optional[int] = ..., command_streams: _Optional[int] = ..., elapsed_ns: _Optional[int] = ..., commands_submitted: _Optional[int] = ...) -> None: ...
+    step_socket: str
+    def __init__(self, robot_stamp_ns: _Optional[int] = ..., lock_step: _Optional[bool] = ..., mode: _Optional[str] = ..., motor_power: _Optional[str] = ..., estop_level: _Optional[str] = ..., lease_owner: _Optional[str] = ..., active_faults: _Optional[_Iterable[_Union[ActiveFault, _Mapping]]] = ..., last_command_key: _Optional[int] = ..., last_state_robot_stamp_ns: _Optional[int] = ..., states_sent: _Optional[int] = ..., commands_received: _Optional[int] = ..., state_streams: _Optional[int] = ..., command_streams: _Optional[int] = ..., elapsed_ns: _Optional[int] = ..., commands_submitted: _Optional[int] = ..., step_socket: _Optional[str] = ...) -> None: ...
 
 class StepRequest(_message.Message):
-    __slots__ = ("duration_ns", "state_messages", "wait_for_command_key", "wait_timeout_s", "max_duration_ns", "with_states", "wait_beyond_commands")
+    __slots__ = ("duration_ns", "state_messages", "wait_for_command_key", "wait_timeout_s", "max_duration_ns", "with_states", "wait_beyond_commands", "command")
     DURATION_NS_FIELD_NUMBER: _ClassVar[int]
     STATE_MESSAGES_FIELD_NUMBER: _ClassVar[int]
     WAIT_FOR_COMMAND_KEY_FIELD_NUMBER: _ClassVar[int]
@@ -53,6 +55,7 @@ class StepRequest(_message.Message):
     MAX_DURATION_NS_FIELD_NUMBER: _ClassVar[int]
     WITH_STATES_FIELD_NUMBER: _ClassVar[int]
     WAIT_BEYOND_COMMANDS_FIELD_NUMBER: _ClassVar[int]
+    COMMAND_FIELD_NUMBER: _ClassVar[int]
     duration_ns: int
     state_messages: int
     wait_for_command_key: int
@@ -60,23 +63,26 @@ class StepRequest(_message.Message):
     max_duration_ns: int
     with_states: bool
     wait_beyond_commands: int
-    def __init__(self, duration_ns: _Optional[int] = ..., state_messages: _Optional[int] = ..., wait_for_command_key: _Optional[int] = ..., wait_timeout_s: _Optional[float] = ..., max_duration_ns: _Optional[int] = ..., with_states: _Optional[bool] = ..., wait_beyond_commands: _Optional[int] = ...) -> None: ...
+    command: bytes
+    def __init__(self, duration_ns: _Optional[int] = ..., state_messages: _Optional[int] = ..., wait_for_command_key: _Optional[int] = ..., wait_timeout_s: _Optional[float] = ..., max_duration_ns: _Optional[int] = ..., with_states: _Optional[bool] = ..., wait_beyond_commands: _Optional[int] = ..., command: _Optional[bytes] = ...) -> None: ...
 
 class StepResponse(_message.Message):
-    __slots__ = ("robot_stamp_ns", "last_state_robot_stamp_ns", "states_sent", "states", "states_ended", "elapsed_ns")
+    __slots__ = ("robot_stamp_ns", "last_state_robot_stamp_ns", "states_sent", "states", "states_ended", "elapsed_ns", "refusal")
     ROBOT_STAMP_NS_FIELD_NUMBER: _ClassVar[int]
     LAST_STATE_ROBOT_STAMP_NS_FIELD_NUMBER: _ClassVar[int]
     STATES_SENT_FIELD_NUMBER: _ClassVar[int]
     STATES_FIELD_NUMBER: _ClassVar[int]
     STATES_ENDED_FIELD_NUMBER: _ClassVar[int]
     ELAPSED_NS_FIELD_NUMBER: _ClassVar[int]
+    REFUSAL_FIELD_NUMBER: _ClassVar[int]
     robot_stamp_ns: int
     last_state_robot_stamp_ns: int
     states_sent: int
     states: _containers.RepeatedScalarFieldContainer[bytes]
     states_ended: str
     elapsed_ns: int
-    def __init__(self, robot_stamp_ns: _Optional[int] = ..., last_state_robot_stamp_ns: _Optional[int] = ..., states_sent: _Optional[int] = ..., states: _Optional[_Iterable[bytes]] = ..., states_ended: _Optional[str] = ..., elapsed_ns: _Optional[int] = ...) -> None: ...
+    refusal: str
+    def __init__(self, robot_stamp_ns: _Optional[int] = ..., last_state_robot_stamp_ns: _Optional[int] = ..., states_sent: _Optional[int] = ..., states: _Optional[_Iterable[bytes]] = ..., states_ended: _Optional[str] = ..., elapsed_ns: _Optional[int] = ..., refusal: _Optional[str] = ...) -> None: ...
 
 class ListFaultsRequest(_message.Message):
     __slots__ = ()

@@ -261,6 +261,9 @@ class RobotPort(Protocol):
     def open_command_stream(self, on_failure: Callable[[], None]) -> CommandStream:
         """Open a joint-control stream; ``on_failure`` is called (from any thread) when it has to end."""
 
+    def submit_to_open_stream(self, request: Any) -> None:
+        """Take a ``JointControlStreamRequest`` as if it came on the stream that was opened last, if that is open."""
+
     def subscribe_state(self) -> StateSubscription:
         """Open a state stream."""
 

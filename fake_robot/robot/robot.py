@@ -341,6 +341,13 @@ class Robot:
                 self._simulation.send_command(stream, command, now_ns)
             self._changed.notify_all()
 
+    def submit_to_open_stream(self, request: Any) -> None:
+        """Take a request as if it came on the stream that was opened last; where none is open, it is lost."""
+        with self._changed:
+            streams = self._simulation.joint_control.streams
+            if streams:
+                self.submit(streams[-1], request)
+
     def close_stream(self, stream: Stream) -> None:
         """Forget a stream."""
         with self._changed:

@@ -15,6 +15,8 @@ from fake_robot.network.robot_port import RobotPort
 from fake_robot.scenario.services_config import ServicesConfig
 from fake_robot.services.admin.admin import AdminService
 from fake_robot.services.admin.injection import FaultInjector
+from fake_robot.services.admin.step_socket import StepSocket
+from fake_robot.services.admin.stepping import Stepping
 from fake_robot.services.calls.access import GatekeeperInterceptor
 from fake_robot.services.identity.tokens import Credentials
 from fake_robot.services.sensors.world import World
@@ -85,6 +87,7 @@ class FakeServer:
         self._stop_requested = threading.Event()
         self._ticker: threading.Thread | None = None
         self._servers: list[grpc.Server] = []
+        self._steps: StepSocket | None = None
 
     @property
     def world(self) -> World:
@@ -131,6 +134,8 @@ class FakeServer:
         for stopped in [server.stop(STOP_GRACE_S) for server in self._servers]:
             stopped.wait()
         self._servers.clear()
+        if self._steps is not None:
+            self._steps.close()
         self._robot.stop()
 
     def raise_crash(self) -> None:
@@ -185,7 +190,10 @@ class FakeServer:
             futures.ThreadPoolExecutor(max_workers=ADMIN_THREADS, thread_name_prefix="fake-admin"),
             options=[("grpc.so_reuseport", 0)],
         )
-        service = AdminService(self._world, self._faults, self.request_stop)
+        stepping = Stepping(self._world, self._faults)
+        self._steps = StepSocket(stepping.step) if self._robot.is_lock_step else None
+        path = "" if self._steps is None else self._steps.path
+        service = AdminService(self._world, self._faults, stepping, self.request_stop, step_socket=path)
         fake_admin_pb2_grpc.add_FakeAdminServicer_to_server(service, server)  # type: ignore[no-untyped-call]
         target = self._admin_target
         port = bind(target, lambda: server.add_insecure_port(target))

@@ -79,8 +79,13 @@ class FaultyHal(BosdynHal):
         self._begins("up")
         super().stand()
 
+    def go_on(self, until_robot_ns: int, timeout_s: float) -> None:
+        """Let it happen when it is due, before time passes."""
+        self._let_happen()
+        super().go_on(until_robot_ns, timeout_s)
+
     def receive(self, until_robot_ns: int, timeout_s: float) -> list[RobotState]:
-        """Let it happen when it is due."""
+        """Spoil what came."""
         self._let_happen()
         states = super().receive(until_robot_ns, timeout_s)
         for until_ns, spoilt in self._spoilt:

@@ -151,6 +151,7 @@ class ControlLoop:
         if command is not None and Act.BEGIN not in step.acts:
             self._hal.send(command)
         compute_s = self._wall_s() - begin_s
+        self._hal.go_on(self._due_ns, RECEIVE_TIMEOUT_S)
         # Nothing from here on is needed before the command leaves, and another thread sends it.
         if command is not None:
             sent_host_ns = self._hal.host_now_ns()
@@ -186,8 +187,12 @@ class ControlLoop:
             elif step.command is not None:
                 self._hal.begin_joint_control(step.command)
 
+    @property
+    def _due_ns(self) -> int:
+        return self.memory.schedule.next_due_robot_ns or 0
+
     def _receive(self) -> list[RobotState]:
-        due_ns, newest = self.memory.schedule.next_due_robot_ns or 0, self.newest
+        due_ns, newest = self._due_ns, self.newest
         is_next = newest is not None and due_ns - newest.robot_stamp_ns <= facts.STATE_PERIOD_NS
         if newest is None or not (is_next and self.mode.runs_policy and self._plan.config.control.warm_up):
             return self._hal.receive(due_ns, RECEIVE_TIMEOUT_S)

@@ -64,6 +64,12 @@ class Hal(Protocol):
         May return before a state stamped ``until_robot_ns`` has come. In lock-step, advances the robot towards it.
         """
 
+    def go_on(self, until_robot_ns: int, timeout_s: float) -> None:
+        """Take note that :meth:`receive` comes next, with these arguments. Never blocks.
+
+        In lock-step the robot begins to advance, while the loop still does what does not concern it.
+        """
+
     def robot_now_ns(self) -> int:
         """The robot's clock, now."""
 

@@ -104,6 +104,9 @@ class ReplayHal:
             self._now_ns += round(timeout_s * 1e9)
         return received
 
+    def go_on(self, until_robot_ns: int, timeout_s: float) -> None:
+        """A recording plays when it is asked to."""
+
     def robot_now_ns(self) -> int:
         """The stamp of the newest state that was played; runs on with the time that was waited after the last."""
         return self._now_ns

@@ -239,6 +239,10 @@ class StubRobot:
         self.streams.append(StubCommandStream(self, on_failure))
         return self.streams[-1]
 
+    def submit_to_open_stream(self, request: Any) -> None:
+        if self.streams:
+            self.streams[-1].submit(request)
+
     def subscribe_state(self) -> StubSubscription:
         self.subscriptions.append(StubSubscription())
         return self.subscriptions[-1]

@@ -15,7 +15,13 @@ from typing import Any
 
 import grpc
 import pytest
-from bosdyn.api import auth_service_pb2_grpc, data_buffer_pb2, robot_id_pb2, robot_id_service_pb2_grpc
+from bosdyn.api import (
+    auth_service_pb2_grpc,
+    data_buffer_pb2,
+    robot_command_pb2,
+    robot_id_pb2,
+    robot_id_service_pb2_grpc,
+)
 from bosdyn.client.auth import InvalidLoginError, InvalidTokenError, TemporarilyLockedOutError
 from bosdyn.client.exceptions import RpcError, UnauthenticatedError
 from bosdyn.client.lease import ResourceAlreadyClaimedError
@@ -339,6 +345,28 @@ def test_step_lets_time_pass(lock_step: Any) -> None:
             admin.Step(late)
         with pytest.raises(grpc.RpcError, match="not negative"):
             admin.Step(fake_admin_pb2.StepRequest(duration_ns=-1))
+
+
+def test_steps_by_socket_and_the_command_that_goes_with_one(lock_step: Any) -> None:
+    lock_step.robot.open_command_stream(lambda: None)
+    channel, admin = admin_of(lock_step)
+    with channel, socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as steps:
+        status = admin.GetStatus(fake_admin_pb2.GetStatusRequest())
+        steps.connect(status.step_socket)
+
+        def step(datagram: bytes) -> fake_admin_pb2.StepResponse:
+            steps.send(datagram)
+            return fake_admin_pb2.StepResponse.FromString(steps.recv(65536))
+
+        command = robot_command_pb2.JointControlStreamRequest()
+        command.joint_command.user_command_key = 7
+        request = fake_admin_pb2.StepRequest(duration_ns=5, command=command.SerializeToString())
+        assert step(request.SerializeToString()).robot_stamp_ns == status.robot_stamp_ns + 5
+        assert lock_step.robot.streams[-1].requests == [command]
+        assert "not negative" in step(fake_admin_pb2.StepRequest(duration_ns=-1).SerializeToString()).refusal
+        assert "JointControlStreamRequest" in step(fake_admin_pb2.StepRequest(command=b"?").SerializeToString()).refusal
+        assert step(b"?").refusal
+        assert step(fake_admin_pb2.StepRequest(duration_ns=1).SerializeToString()).refusal == ""
 
 
 def test_step_needs_lock_step(stub: Any) -> None:

@@ -83,6 +83,9 @@ class HandMadeRobot:
         key = self.sent[-1].key if self.sent and self.echoes else 0
         return self.mutate(make_state(self.now_ns, last_command_key=key))
 
+    def go_on(self, until_robot_ns: int, timeout_s: float) -> None:
+        self.calls.append("go_on")
+
     def robot_now_ns(self) -> int:
         return self.now_ns
 

@@ -9,7 +9,10 @@ from typing import Any
 import grpc
 import pytest
 
+from fake_robot.services.admin.step_socket import StepSocket
+from fake_robot.services.admin.stepping import StepRefusedError
 from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
+from spot_runtime.hal.errors import LockStepError
 from spot_runtime.hal.spot.lock_step import COMMAND_ATTEMPTS, LockStep
 
 
@@ -20,14 +23,17 @@ class Admin(fake_admin_pb2_grpc.FakeAdminServicer):
         self.deaf_to = 0
         self.waited_for: list[int] = []
 
-    def GetStatus(self, request: Any, context: Any) -> Any:  # noqa: N802
-        return fake_admin_pb2.GetStatusResponse(lock_step=True, robot_stamp_ns=1_000)
+        self.step_socket = StepSocket(self.step)
 
-    def Step(self, request: Any, context: Any) -> Any:  # noqa: N802
+    def GetStatus(self, request: Any, context: Any) -> Any:  # noqa: N802
+        path = self.step_socket.path
+        return fake_admin_pb2.GetStatusResponse(lock_step=True, robot_stamp_ns=1_000, step_socket=path)
+
+    def step(self, request: Any) -> Any:
         self.waited_for.append(request.wait_for_command_key)
         if request.wait_for_command_key and self.deaf_to:
             self.deaf_to -= 1
-            context.abort(grpc.StatusCode.DEADLINE_EXCEEDED, "no command")
+            raise StepRefusedError(grpc.StatusCode.DEADLINE_EXCEEDED, "no command")
         return fake_admin_pb2.StepResponse(elapsed_ns=3_000_000, robot_stamp_ns=3_001_000)
 
 
@@ -40,6 +46,7 @@ def admin() -> Iterator[tuple[Admin, LockStep]]:
     pace = LockStep(f"127.0.0.1:{port}", 0)
     yield servicer, pace
     pace.stop()
+    servicer.step_socket.close()
     server.stop(None).wait()
 
 
@@ -47,7 +54,7 @@ def admin() -> Iterator[tuple[Admin, LockStep]]:
 def test_a_command_that_is_late_is_waited_for_again(admin: tuple[Admin, LockStep], waits: int) -> None:
     servicer, pace = admin
     servicer.deaf_to = waits
-    pace.sent(7)
+    pace.opened(7)
     pace.pause(0.003)
     assert servicer.waited_for == [7] * (waits + 1)
     assert pace.host_now_ns() == 3_000_000
@@ -56,7 +63,39 @@ def test_a_command_that_is_late_is_waited_for_again(admin: tuple[Admin, LockStep
 def test_a_command_that_never_comes_is_not_waited_for_any_more(admin: tuple[Admin, LockStep]) -> None:
     servicer, pace = admin
     servicer.deaf_to = 1000
-    pace.sent(7)
+    pace.opened(7)
     pace.pause(0.003)
     pace.pause(0.003)
     assert servicer.waited_for == [7] * COMMAND_ATTEMPTS + [0, 0]
+
+
+def test_a_command_goes_with_the_next_step_and_with_no_other(admin: tuple[Admin, LockStep]) -> None:
+    servicer, pace = admin
+    commands: list[bytes] = []
+    servicer.step_socket._step = lambda request: (  # type: ignore[assignment]
+        commands.append(request.command) or fake_admin_pb2.StepResponse(refusal="" if request.command != b"no" else "no")
+    )
+    stream = Departures()
+    pace.send(stream, 8, b"eight")  # type: ignore[arg-type]
+    pace.go_on(0, 0.1)
+    pace.send(stream, 9, b"nine")  # type: ignore[arg-type]
+    pace.pause(0.003)
+    pace.pause(0.003)
+    pace.send(stream, 10, b"ten")  # type: ignore[arg-type]
+    pace.released()
+    pace.pause(0.003)
+    assert commands == [b"eight", b"nine", b"", b""]
+    assert stream.keys == [8, 9, 10]
+    pace.send(stream, 11, b"no")  # type: ignore[arg-type]
+    with pytest.raises(LockStepError, match="stepping the fake robot at .* failed: no"):
+        pace.pause(0.003)
+
+
+class Departures:
+    """A stream that notes what leaves."""
+
+    def __init__(self) -> None:
+        self.keys: list[int] = []
+
+    def departed(self, key: int) -> None:
+        self.keys.append(key)

@@ -119,6 +119,10 @@ class BosdynHal:
             raise HalError("there is no state stream; connect first")
         return self._pace.receive(self._states.states, until_robot_ns, timeout_s)
 
+    def go_on(self, until_robot_ns: int, timeout_s: float) -> None:
+        """See the protocol."""
+        self._pace.go_on(until_robot_ns, timeout_s)
+
     def robot_now_ns(self) -> int:
         """See the protocol."""
         return self._pace.robot_now_ns()
@@ -134,7 +138,7 @@ class BosdynHal:
         self._commands = CommandStream(
             self._command_channel, wire, now_ns=self._pace.host_now_ns, on_end=self._commands_ended
         )
-        self._pace.sent(first.key)
+        self._pace.opened(first.key)
         self._pace.begin(self._activate)
 
     def end_joint_control(self) -> None:
@@ -151,8 +155,7 @@ class BosdynHal:
         """See the protocol."""
         commands = self._commands  # another thread may end the stream meanwhile
         if commands is not None and self._joint_control is not JointControl.FAILED:
-            commands.put(command.key, self._encoder.encode(command, self._pace.host_now_ns()))
-            self._pace.sent(command.key)
+            self._pace.send(commands, command.key, self._encoder.encode(command, self._pace.host_now_ns()))
 
     def departures(self) -> Sequence[tuple[int, int]]:
         """See the protocol."""
@@ -161,6 +164,7 @@ class BosdynHal:
 
     def release(self) -> None:
         """See the protocol."""
+        self._pace.finish_step()
         self._joint_control = JointControl.OFF
         commands, self._commands = self._commands, None
         if commands is not None:

@@ -136,6 +136,10 @@ class CommandStream:
         """Send these bytes next."""
         self._slot.put((key, wire))
 
+    def departed(self, key: int) -> None:
+        """Take note that a command leaves now."""
+        self._departures.append((key, self._now_ns()))
+
     def departures(self) -> list[tuple[int, int]]:
         """Key and host stamp of each command that the transport took since the last call."""
         taken = []
@@ -151,7 +155,7 @@ class CommandStream:
     def _commands(self) -> Iterator[bytes]:
         while (entry := self._slot.take()) is not None:
             key, wire = entry
-            self._departures.append((key, self._now_ns()))
+            self.departed(key)
             yield wire
 
     def _ended(self, call: Any) -> None:

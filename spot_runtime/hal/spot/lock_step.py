@@ -12,13 +12,14 @@ from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import RobotState
 from spot_protos import fake_admin_pb2
 from spot_runtime.hal.errors import LockStepError
+from spot_runtime.hal.spot.command_stream import CommandStream
 from spot_runtime.hal.spot.jobs import Jobs
 from spot_runtime.hal.spot.pace import States
 from spot_runtime.hal.spot.state_receiver import OnEnd, OnWire, PolledStates, StateQueue, take_all
+from spot_runtime.hal.spot.step_socket import ANSWER_TIMEOUT_S, StepSocket
 from spot_runtime.hal.spot.vendor_errors import describe
 from spot_runtime.host.clock import ClockSample, RobotClockEstimate
 
-STEP_METHOD: Final = "/spot_rl.fake.v1.FakeAdmin/Step"
 STATUS_METHOD: Final = "/spot_rl.fake.v1.FakeAdmin/GetStatus"
 STEP_MAX_NS: Final = 30_000_000
 COMMAND_TIMEOUT_S: Final = 2.0
@@ -28,16 +29,13 @@ COMMAND_ATTEMPTS: Final = 5
 """Such waits in a row after which a command counts as lost. A computer that stood still lets one pass. A stream that
 has ended says so meanwhile, and then no command is waited for."""
 
-ANSWER_TIMEOUT_S: Final = 10.0
-"""Host time within which a step must be done and its states must have arrived."""
-
 
 class LockStep:
     """Advances the fake robot through its admin service; keeps :class:`spot_runtime.hal.spot.pace.Pace`.
 
-    Every step first waits until the newest command has arrived, so that a run does not depend on the host's speed.
-    The host's clock runs on with robot time. The robot's clock is estimated as in real time, from stamps that each step
-    brings, so that a robot whose clock is set does here what it does there.
+    Steps wait for the first command, which comes on the stream; a later one goes with the request for the next step. So
+    a run does not depend on the host's speed. The host's clock runs on with robot time. The robot's clock is estimated
+    as in real time, from stamps that each step brings, so that a robot whose clock is set does here what it does there.
     """
 
     def __init__(self, admin_address: str, host_now_ns: int, *, every_state: bool = False) -> None:
@@ -52,15 +50,15 @@ class LockStep:
             LockStepError: Nothing answers there, or the fake robot is not in lock-step mode.
         """
         self._address = admin_address
-        self._channel = grpc.insecure_channel(admin_address)
-        self._step: Any = self._channel.unary_unary(
-            STEP_METHOD,
-            request_serializer=fake_admin_pb2.StepRequest.SerializeToString,
-            response_deserializer=fake_admin_pb2.StepResponse.FromString,
-        )
         status = self._status()
         if not status.lock_step:
             raise LockStepError(f"the fake robot at {admin_address} runs in real time; start it with --lock-step")
+        try:
+            self._steps = StepSocket(status.step_socket)
+        except OSError as error:
+            told = f"its socket for steps ({status.step_socket or 'none'}): {error}; start this program where it runs"
+            raise LockStepError(f"the fake robot at {admin_address} cannot be stepped by {told}") from error
+        self._asked: fake_admin_pb2.StepRequest | None = None
         self._elapsed_ns, self._robot_ns = int(status.elapsed_ns), int(status.robot_stamp_ns)
         self._earlier_commands = int(status.commands_submitted)
         self._host_minus_elapsed_ns = host_now_ns - self._elapsed_ns
@@ -70,7 +68,7 @@ class LockStep:
         self._is_silent, self._every_state = False, every_state
         self._states: PolledStates | None = None
         self._jobs: Jobs | None = None
-        self._key = 0
+        self._key, self._command = 0, b""
 
     def sync(self, round_trip: Callable[[], int]) -> int:
         """From what the last step told; no message is under way for any time here."""
@@ -115,33 +113,45 @@ class LockStep:
             self._advance(step_ns)
             left_ns -= step_ns
 
-    def receive(self, states: StateQueue, until_robot_ns: int, timeout_s: float) -> list[RobotState]:
-        """Advance towards the instant at which a state stamped ``until_robot_ns`` arrives; take what has come."""
+    def go_on(self, until_robot_ns: int, timeout_s: float) -> None:
+        """Begin to advance towards the instant at which a state stamped ``until_robot_ns`` arrives."""
+        self.finish_step()
         wanted = -(-(until_robot_ns - self._newest_ns) // STATE_PERIOD_NS) if self._newest_ns else 1
         # While states are missing, small steps: the loop looks around as often as it does in real time.
         wanted = 1 if self._is_silent or self._every_state else max(1, min(wanted, STEP_MAX_NS // STATE_PERIOD_NS))
         # A state that comes this much later than its place in the stream is not waited for: time must pass for the
         # watchdogs as it does in real time.
         longest_ns = wanted * STATE_PERIOD_NS + round(timeout_s * NS_PER_S)
-        self._step_on(fake_admin_pb2.StepRequest(state_messages=wanted, max_duration_ns=longest_ns))
+        self._ask(fake_admin_pb2.StepRequest(state_messages=wanted, max_duration_ns=longest_ns))
+
+    def receive(self, states: StateQueue, until_robot_ns: int, timeout_s: float) -> list[RobotState]:
+        """Advance as :meth:`go_on` does, unless it has begun to; take what has come."""
+        if self._asked is None:
+            self.go_on(until_robot_ns, timeout_s)
+        self.finish_step()
         received = take_all(states)
         self._is_silent = not received
         if received:
             self._newest_ns = max(self._newest_ns, received[-1].robot_stamp_ns)
         return received
 
-    def sent(self, key: int) -> None:
-        """The next step waits for this command."""
+    def opened(self, key: int) -> None:
+        """The next steps wait for the first command."""
         self._key = key
+
+    def send(self, stream: CommandStream, key: int, wire: bytes) -> None:
+        """With the next step: one message in place of two."""
+        self._command = wire
+        stream.departed(key)
 
     def released(self) -> None:
         """No command is on its way any more."""
-        self._key = 0
+        self._key, self._command = 0, b""
 
     def stop(self) -> None:
-        """Close the channel."""
-        self._jobs = None
-        self._channel.close()
+        """Close the socket."""
+        self._jobs = self._asked = None
+        self._steps.close()
 
     def _sample(self) -> int:
         host_ns = self.host_now_ns()
@@ -152,43 +162,66 @@ class LockStep:
         return min(host_ns, stamp_ns - self._estimate.skew_ns(host_ns))
 
     def _advance(self, duration_ns: int) -> None:
-        self._step_on(fake_admin_pb2.StepRequest(duration_ns=duration_ns))
+        self.finish_step()
+        self._ask(fake_admin_pb2.StepRequest(duration_ns=duration_ns))
+        self.finish_step()
 
-    def _step_on(self, request: fake_admin_pb2.StepRequest) -> None:
-        """Step, take the states, then run the chores that are due."""
-        response = self._answer(request)
+    def _ask(self, request: fake_admin_pb2.StepRequest) -> None:
+        request.with_states = self._states is not None
+        request.wait_for_command_key, request.wait_timeout_s = self._key, COMMAND_TIMEOUT_S
+        request.wait_beyond_commands = self._earlier_commands
+        request.command, self._command = self._command, b""
+        self._begin(request)
+
+    def _begin(self, request: fake_admin_pb2.StepRequest) -> None:
+        try:
+            self._steps.ask(request)
+        except OSError as error:
+            raise self._lost(str(error)) from error
+        self._asked = request
+
+    def finish_step(self) -> None:
+        """Wait for the end of a step that is under way, take its states, then run the chores that are due."""
+        if self._asked is None:
+            return
+        try:
+            response = self._answer(self._asked)
+        finally:
+            self._asked = None
         self._elapsed_ns, self._robot_ns = int(response.elapsed_ns), int(response.robot_stamp_ns)
         if self._states is not None:
             self._states.feed(response.states, response.states_ended)
         if self._jobs is not None:
             self._jobs.run_due(self.chore_now_s())
 
-    def _answer(self, request: fake_admin_pb2.StepRequest) -> Any:
-        request.with_states = self._states is not None
-        request.wait_timeout_s, request.wait_beyond_commands = COMMAND_TIMEOUT_S, self._earlier_commands
-        for _ in range(COMMAND_ATTEMPTS):
-            request.wait_for_command_key = self._key
+    def _answer(self, request: fake_admin_pb2.StepRequest) -> fake_admin_pb2.StepResponse:
+        for attempt in range(COMMAND_ATTEMPTS + 1):
             try:
-                return self._step(request, timeout=ANSWER_TIMEOUT_S)
-            except grpc.RpcError as error:
-                if error.code() is not grpc.StatusCode.DEADLINE_EXCEEDED or not request.wait_for_command_key:
-                    raise self._error("stepping", error) from error
-        self._key = 0  # the stream has ended; the adapter says why
-        return self._answer(request)
+                response = self._steps.answer()
+            except OSError as error:
+                raise self._lost(str(error)) from error
+            if not response.refusal:
+                return response
+            if not request.wait_for_command_key:
+                break
+            if attempt + 1 == COMMAND_ATTEMPTS:
+                self._key = 0  # the stream has ended; the adapter says why
+            request.wait_for_command_key = self._key
+            self._begin(request)
+        raise self._lost(response.refusal)
 
     def _status(self) -> Any:
-        call = self._channel.unary_unary(
-            STATUS_METHOD,
-            request_serializer=fake_admin_pb2.GetStatusRequest.SerializeToString,
-            response_deserializer=fake_admin_pb2.GetStatusResponse.FromString,
-        )
-        try:
-            return call(fake_admin_pb2.GetStatusRequest(), timeout=ANSWER_TIMEOUT_S)
-        except grpc.RpcError as error:
-            self._channel.close()
-            raise self._error("asking for its status", error) from error
+        with grpc.insecure_channel(self._address) as channel:
+            call = channel.unary_unary(
+                STATUS_METHOD,
+                request_serializer=fake_admin_pb2.GetStatusRequest.SerializeToString,
+                response_deserializer=fake_admin_pb2.GetStatusResponse.FromString,
+            )
+            try:
+                return call(fake_admin_pb2.GetStatusRequest(), timeout=ANSWER_TIMEOUT_S)
+            except grpc.RpcError as error:
+                doing = "asking for its status through the fake robot's admin service"
+                raise LockStepError(f"{doing} at {self._address} failed: {describe(error)}") from error
 
-    def _error(self, doing: str, error: grpc.RpcError) -> LockStepError:
-        return LockStepError(
-            f"{doing} through the fake robot's admin service at {self._address} failed: {describe(error)}"
-        )
+    def _lost(self, reason: str) -> LockStepError:
+        return LockStepError(f"stepping the fake robot at {self._address} failed: {reason}")

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 from spot_model.robot.state import RobotState
+from spot_runtime.hal.spot.command_stream import CommandStream
 from spot_runtime.hal.spot.jobs import Jobs
 from spot_runtime.hal.spot.state_receiver import OnEnd, OnWire, StateQueue, take_all
 from spot_runtime.host.clock import HostClock, RobotClockEstimate
@@ -47,14 +48,23 @@ class Pace(Protocol):
     def pause(self, duration_s: float) -> None:
         """Let robot time pass while nothing is controlled."""
 
+    def go_on(self, until_robot_ns: int, timeout_s: float) -> None:
+        """Let time pass as :meth:`receive` will, which comes next; see :meth:`spot_runtime.hal.base.Hal.go_on`."""
+
+    def finish_step(self) -> None:
+        """Let no time be passing on account of :meth:`go_on`."""
+
     def receive(self, states: StateQueue, until_robot_ns: int, timeout_s: float) -> list[RobotState]:
         """States that have arrived, oldest first; see :meth:`spot_runtime.hal.base.Hal.receive`."""
 
     def begin(self, activate: Callable[[], None]) -> None:
         """Run ``activate`` once the first command is under way, without holding up the loop."""
 
-    def sent(self, key: int) -> None:
-        """Take note of a command that was handed to the stream."""
+    def opened(self, key: int) -> None:
+        """Take note of the first command, with which the stream was opened."""
+
+    def send(self, stream: CommandStream, key: int, wire: bytes) -> None:
+        """Send a command on the stream, or by a way of its own."""
 
     def released(self) -> None:
         """Take note that nothing is sent any more."""
@@ -102,6 +112,12 @@ class RealTime:
         """Sleep."""
         time.sleep(duration_s)
 
+    def go_on(self, until_robot_ns: int, timeout_s: float) -> None:
+        """It does."""
+
+    def finish_step(self) -> None:
+        """There are no steps."""
+
     def receive(self, states: StateQueue, until_robot_ns: int, timeout_s: float) -> list[RobotState]:
         """Wait for a state, then take all that are there."""
         del until_robot_ns  # every state wakes the loop, so that it can be judged and answered
@@ -115,8 +131,12 @@ class RealTime:
         """In a thread of its own: the loop goes on sending meanwhile."""
         threading.Thread(target=activate, name="activation", daemon=True).start()
 
-    def sent(self, key: int) -> None:
+    def opened(self, key: int) -> None:
         """Nothing waits for it."""
+
+    def send(self, stream: CommandStream, key: int, wire: bytes) -> None:
+        """On the stream."""
+        stream.put(key, wire)
 
     def released(self) -> None:
         """Nothing waits for it."""
