@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 from bosdyn.api import robot_state_pb2
@@ -73,6 +73,7 @@ class BosdynHal:
         self._has_powered_on = False
         self._states: States | None = None
         self._commands: CommandStream | None = None
+        self._send: Callable[[int, bytes], None] = lambda _key, _wire: None
         self._command_channel: Any = None
         self._encoder = CommandEncoder(config.robot.client_name, config.control.velocity_safety_limit_rad_s)
         self._joint_control = JointControl.OFF
@@ -138,6 +139,7 @@ class BosdynHal:
         self._commands = CommandStream(
             self._command_channel, wire, now_ns=self._pace.host_now_ns, on_end=self._commands_ended
         )
+        self._send = self._pace.sender(self._commands)
         self._pace.opened(first.key)
         self._pace.begin(self._activate)
 
@@ -155,7 +157,7 @@ class BosdynHal:
         """See the protocol."""
         commands = self._commands  # another thread may end the stream meanwhile
         if commands is not None and self._joint_control is not JointControl.FAILED:
-            self._pace.send(commands, command.key, self._encoder.encode(command, self._pace.host_now_ns()))
+            self._send(command.key, self._encoder.encode(command, self._pace.host_now_ns()))
 
     def departures(self) -> Sequence[tuple[int, int]]:
         """See the protocol."""

@@ -139,10 +139,14 @@ class LockStep:
         """The next steps wait for the first command."""
         self._key = key
 
-    def send(self, stream: CommandStream, key: int, wire: bytes) -> None:
-        """With the next step: one message in place of two."""
-        self._command = wire
-        stream.departed(key)
+    def sender(self, stream: CommandStream) -> Callable[[int, bytes], None]:
+        """A command goes with the next step: one message in place of two."""
+
+        def send(key: int, wire: bytes) -> None:
+            self._command = wire
+            stream.departed(key)
+
+        return send
 
     def released(self) -> None:
         """No command is on its way any more."""

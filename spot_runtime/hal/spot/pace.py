@@ -63,8 +63,8 @@ class Pace(Protocol):
     def opened(self, key: int) -> None:
         """Take note of the first command, with which the stream was opened."""
 
-    def send(self, stream: CommandStream, key: int, wire: bytes) -> None:
-        """Send a command on the stream, or by a way of its own."""
+    def sender(self, stream: CommandStream) -> Callable[[int, bytes], None]:
+        """What sends a command, given its key and wire bytes: the stream, or a way of its own."""
 
     def released(self) -> None:
         """Take note that nothing is sent any more."""
@@ -134,9 +134,9 @@ class RealTime:
     def opened(self, key: int) -> None:
         """Nothing waits for it."""
 
-    def send(self, stream: CommandStream, key: int, wire: bytes) -> None:
-        """On the stream."""
-        stream.put(key, wire)
+    def sender(self, stream: CommandStream) -> Callable[[int, bytes], None]:
+        """The stream."""
+        return stream.put
 
     def released(self) -> None:
         """Nothing waits for it."""
