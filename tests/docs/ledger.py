@@ -51,7 +51,7 @@ ELSEWHERE = {
         'make_log("wandb")',
     ),
     "make docs": ("docs/test_docs.py", '"mkdocs", "build"'),
-    "python benchmarks/claims/log.py --seconds 2 --minutes 0.15": (
+    "python benchmarks/claims/log.py": (
         "spot_runtime/test_bench_all.py",
         '("log", "--seconds 0.1 --minutes 0.02")',
     ),
@@ -133,6 +133,7 @@ NOT_RUN = {
     "ssh -L 8765:localhost:8765 ROBOT-COMPUTER": "needs a second computer",
     "python benchmarks/claims/loop.py": "takes a minute of real time; its figures are tried apart",
     "python benchmarks/claims/training.py": CORES,
+    "python benchmarks/start_up.py": "takes a minute of real time; its figures are for people",
     "python benchmarks/mjlab_speed.py": GPU,
     "spot-rl bench train --device cuda --set n_envs=N --json": GPU,
     "torchrun --nproc-per-node 2": GPU,
@@ -155,6 +156,7 @@ NOT_RUN = {
     "bash benchmarks/identify_session.sh run inertia --inertia --policy policies/baseline.onnx --config "
     "benchmarks/identify_short.yaml --truths-at-once 6 --runs-at-once 3 --workers 2": CORES,
     "python examples/close_the_loop.py --out OUT": CORES,
+    "spot-rl bench all --repeats 1": "takes seven minutes; its parts and two of its scripts are tried apart",
     "spot-rl bench all --json": "takes twenty minutes; its parts and two of its scripts are tried apart",
     "spot-rl bench sysid --json": "takes ten seconds of CPU time at its smallest; identification itself is played",
     "spot-rl diagnose LOGS/*.mcap --nominal paper_identified --policy policies/baseline.onnx --out DIR": (
