@@ -49,7 +49,7 @@ def told_of(found: list[float]) -> dict[str, float]:
         return {"parameters": 0}
     return {
         "parameters": len(found),
-        "within_10_percent": sum(error <= 0.1 for error in found),
+        "within_10_percent": sum(bool(error <= 0.1) for error in found),
         "median_error_percent": round(100 * float(np.median(found)), 1),
         "worst_error_percent": round(100 * max(found), 1),
     }
