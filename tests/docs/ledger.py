@@ -132,6 +132,7 @@ NOT_RUN = {
     "sudo usermod -aG spot-rl NAME": "changes the accounts of the computer",
     "ssh -L 8765:localhost:8765 ROBOT-COMPUTER": "needs a second computer",
     "python benchmarks/claims/loop.py": "takes a minute of real time; its figures are tried apart",
+    "python benchmarks/claims/fakes.py": "takes a minute and a half of real time, with up to twelve fakes",
     "python benchmarks/claims/training.py": CORES,
     "python benchmarks/start_up.py": "takes a minute of real time; its figures are for people",
     "python benchmarks/mjlab_speed.py": GPU,
