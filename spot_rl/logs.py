@@ -113,7 +113,8 @@ def identify(
         out: Folder for identified.yaml, result.json and report.html; nothing in it is overwritten.
         config: What is searched and how: a YAML file, or the same keys as a mapping. Default: the paper's parameters.
         generations: Generations of the search, in place of the config's.
-        workers: Processes; the result does not depend on them.
+        workers: Processes, which import the script that calls this: put its own lines under
+            ``if __name__ == "__main__":``, or give 1. The result does not depend on them.
         resume: Go on where an interrupted search in ``out`` ended.
 
     Returns:
@@ -122,11 +123,20 @@ def identify(
     Raises:
         SpotRlError: A file is missing or not valid, ``out`` holds a result, or no log can be used.
     """
+    from multiprocessing import current_process
+
+    from spot_model.errors import BadInputError
     from spot_model.policy.policy import load_policy
     from trainer.shared.engine import Place
     from trainer.sysid.identify.run_identification import run_identification
     from trainer.sysid.logs.read_logs import read_logs
 
+    # As multiprocessing itself asks: a worker that still imports the script must start no workers.
+    if getattr(current_process(), "_inheriting", False):
+        raise BadInputError(
+            "identify: its worker processes import your script, which ran again: put the script's own lines under "
+            'if __name__ == "__main__":, or give workers=1'
+        )
     settings = _sysid_config(config, generations)
     file = existing(policy, "policy")
     log_set = read_logs(existing_all(logs, "logs"), load_policy(file))

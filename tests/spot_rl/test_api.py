@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import multiprocessing
 import subprocess
 import sys
 from pathlib import Path
@@ -141,6 +142,12 @@ def test_the_environment_is_seeded_and_ends_once(in_project: None) -> None:
     assert np.isfinite(observation).all()
     with pytest.raises(spot_rl.SpotRlError, match=r"call reset\(\) first"):
         env.unwrapped.step(still)
+
+
+def test_a_worker_that_imports_the_script_is_told_why_it_may_not_identify(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(multiprocessing.current_process(), "_inheriting", True, raising=False)
+    with pytest.raises(spot_rl.SpotRlError, match=r'under if __name__ == "__main__":, or give workers=1'):
+        spot_rl.identify("logs", WALK, "out")
 
 
 def test_an_environment_takes_a_model_with_effects(in_project: None) -> None:
