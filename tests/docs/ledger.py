@@ -80,6 +80,7 @@ ELSEWHERE = {
 """Command, the test file that runs the same with arguments of its own, and its words there."""
 
 FORMS = {
+    "spot-rl collect --other-gains": "spot-rl collect --sequences",
     "spot-rl COMMAND --help": "spot-rl --help",
     "spot-rl run --config": "spot-rl run --robot HOST",
     "spot-rl fake-robot --lock-step --admin unix:$PWD/admin.sock --port 8443": "spot-rl fake-robot --lock-step --admin",
@@ -135,6 +136,9 @@ NOT_RUN = {
     "python benchmarks/claims/fakes.py": "takes a minute and a half of real time, with up to twelve fakes",
     "python benchmarks/claims/training.py": CORES,
     "python benchmarks/start_up.py": "takes a minute of real time; its figures are for people",
+    "python benchmarks/start_up.py 3": "as the line above",
+    "python benchmarks/rounds_withheld.py robots --seed 31 --to 40 --out rounds": CORES,
+    "python benchmarks/rounds_withheld.py score rounds": CORES,
     "python benchmarks/mjlab_speed.py": GPU,
     "spot-rl bench train --device cuda --set n_envs=N --json": GPU,
     "torchrun --nproc-per-node 2": GPU,
