@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,11 +20,13 @@ from spot_model.io.joint_experiment import Squat, Standing, save_joint_experimen
 from spot_model.policy.contract import PolicyError
 from spot_model.policy.joint_script import joint_script
 from spot_model.robot import facts
+from spot_model.robot.state import RobotState
 from spot_runtime.admission import check_scripts_allowed
 from spot_runtime.config import RunConfig
 from spot_runtime.control.loop import ControlLoop
 from spot_runtime.control.modes import Mode
 from spot_runtime.control.safety.policy_bounds import with_speed_limit
+from spot_runtime.control.safety.signals.load import torque_nm
 from spot_runtime.safety_limits import SafetyLimits
 from spot_runtime.service_config import ServiceConfig
 from spot_runtime.session.run_command import run as run_command
@@ -35,6 +38,13 @@ SCRIPT = joint_script(Standing(name="sway", duration_s=4.0))
 
 
 def _loop(robot: Any) -> tuple[ControlLoop, MemorySink]:
+    def answering(state: RobotState) -> list[RobotState]:
+        """The robot stands however it is pulled, and its loads are what its servos pull with."""
+        if not robot.sent:
+            return [state]
+        return [replace(state, load_nm=torque_nm(robot.sent[-1], state.position_rad, state.velocity_rad_s))]
+
+    robot.mutate = answering
     sink = MemorySink()
     return ControlLoop(robot, SCRIPT, JointScriptSource(SCRIPT), RunConfig(), sink, wall_s=lambda: 0.0), sink
 
