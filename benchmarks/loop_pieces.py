@@ -13,8 +13,7 @@ import numpy as np
 from spot_model.policy.policy import TickMemory, load_policy
 from spot_model.robot import facts
 from spot_model.robot.state import Gains, JointCommand, RobotState
-from spot_runtime.control.safety.last_gate import check_command
-from spot_runtime.control.safety.setpoint_limits import SetpointMemory, limit_setpoint
+from spot_runtime.control.safety.commands import SetpointMemory, check_command, limit_setpoint
 from spot_runtime.control.safety.states import StateMemory, screen_state
 from spot_runtime.control.set_point import blend, hold_setpoint, policy_setpoint
 from spot_runtime.hal.spot.command_stream import CommandEncoder

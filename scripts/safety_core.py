@@ -17,11 +17,10 @@ _ANSWERS = "tests/spot_runtime/test_answers.py"
 TESTS_OF = {
     **{
         f"spot_runtime/control/safety/{name}.py": (_BOUNDS, _SIGNAL_BOUNDS, "tests/spot_runtime/test_safety.py")
-        for name in ("states", "state_bounds", "setpoint_limits", "slow_state", "last_gate", "values")
+        for name in ("states", "commands", "slow_state", "values")
     },
     "spot_runtime/safety_limits.py": (_BOUNDS,),
     "spot_runtime/control/safety/battery.py": (_BOUNDS, _SIGNAL_BOUNDS, "tests/spot_runtime/test_watchdogs.py"),
-    "spot_runtime/control/safety/leaps.py": (_BOUNDS,),
     "spot_runtime/control/safety/body_height.py": ("tests/spot_runtime/test_body_height.py", _BOUNDS),
     "spot_runtime/control/safety/command_loss.py": ("tests/spot_runtime/test_command_loss.py", _BOUNDS, _SIGNAL_BOUNDS),
     "spot_runtime/control/safety/policy_bounds.py": (_BOUNDS,),

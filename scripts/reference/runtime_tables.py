@@ -8,7 +8,7 @@ import itertools
 from collections.abc import Iterator
 from types import ModuleType
 
-from spot_runtime.control.safety import battery, leaps
+from spot_runtime.control.safety import battery, states
 from spot_runtime.control.safety.signals import bounds
 from spot_runtime.hal import errors
 from spot_runtime.safety_limits import SafetyLimits
@@ -58,7 +58,7 @@ def limits_table() -> str:
 
 def bounds_table() -> str:
     """Every constant of the plausibility checks with its derivation."""
-    rows = [row for module in (bounds, leaps, battery) for row in _constants(module)]
+    rows = [row for module in (bounds, states, battery) for row in _constants(module)]
     return table(("bound", "value", "derivation"), rows)
 
 

@@ -16,7 +16,7 @@ from spot_model.robot.state import Array, Gains, JointCommand, RobotState
 from spot_runtime.config import HandoverConfig, RunConfig
 from spot_runtime.control.load_average import LoadAverage
 from spot_runtime.control.modes import Mode
-from spot_runtime.control.safety.setpoint_limits import SetpointMemory
+from spot_runtime.control.safety.commands import SetpointMemory
 from spot_runtime.control.safety.signals.check import SignalMemory
 from spot_runtime.control.safety.watchdogs import WatchMemory
 from spot_runtime.control.set_point import Setpoint

@@ -20,8 +20,7 @@ from spot_runtime.control.memory import Act, Drive, Memory, Plan, Step, Tick
 from spot_runtime.control.modes import Mode, ModeInputs, next_mode
 from spot_runtime.control.notes import Notes
 from spot_runtime.control.safety import watchdogs
-from spot_runtime.control.safety.last_gate import check_command
-from spot_runtime.control.safety.setpoint_limits import limit_setpoint
+from spot_runtime.control.safety.commands import check_command, limit_setpoint
 from spot_runtime.control.safety.signals.check import asked, check_signals
 from spot_runtime.control.set_point import Setpoint, asked_setpoint, hold_setpoint, within_stops
 from spot_runtime.control.snapshot import Phase, Snapshot

@@ -15,16 +15,14 @@ from spot_model.robot import facts
 from spot_model.robot.state import Gains, JointCommand, RobotState, SlowState
 from spot_runtime.config import HandoverConfig
 from spot_runtime.control.modes import Mode, ModeInputs
-from spot_runtime.control.safety import leaps
+from spot_runtime.control.safety import states
 from spot_runtime.control.safety.battery import BatteryMemory, watch_current
 from spot_runtime.control.safety.body_height import body_height_m
 from spot_runtime.control.safety.command_loss import LossMemory
-from spot_runtime.control.safety.last_gate import check_command
-from spot_runtime.control.safety.leaps import DOUBTFUL_STATES
+from spot_runtime.control.safety.commands import LimitedSetpoint, SetpointMemory, check_command, limit_setpoint
 from spot_runtime.control.safety.policy_bounds import check_policy, with_speed_limit
-from spot_runtime.control.safety.setpoint_limits import LimitedSetpoint, SetpointMemory, limit_setpoint
 from spot_runtime.control.safety.slow_state import check_slow_state
-from spot_runtime.control.safety.states import StateMemory, check_age, check_echo, screen_state
+from spot_runtime.control.safety.states import DOUBTFUL_STATES, StateMemory, check_age, check_echo, screen_state
 from spot_runtime.control.set_point import (
     Setpoint,
     asked_setpoint,
@@ -174,12 +172,12 @@ def test_a_motion_at_its_bound_is_no_leap(
     limits = LIMITS.model_copy(update={"joint_velocity_rad_s": 0.0, "body_turn_rate_rad_s": 0.0})
     still = {"position_rad": np.zeros(12), "odom_from_body_wxyz": LEVEL}
     before, after = make_state(START_NS, **still), make_state(START_NS + 3 * MS, **{**still, **changes})
-    stop = leaps.leap(before, after, limits)
+    stop = states._leap(before, after, limits)
     assert stop is not None
-    monkeypatch.setattr(leaps, "LEAP_RAD", stop.values[measured])
-    assert leaps.leap(before, after, limits) is None
-    monkeypatch.setattr(leaps, "LEAP_RAD", float(np.nextafter(stop.values[measured], 0.0)))
-    assert leaps.leap(before, after, limits) is not None
+    monkeypatch.setattr(states, "LEAP_RAD", stop.values[measured])
+    assert states._leap(before, after, limits) is None
+    monkeypatch.setattr(states, "LEAP_RAD", float(np.nextafter(stop.values[measured], 0.0)))
+    assert states._leap(before, after, limits) is not None
 
 
 def test_a_robot_on_its_back_is_tilted_by_half_a_turn_however_long_its_quaternion(

@@ -12,8 +12,7 @@ from hypothesis.extra.numpy import arrays
 
 from spot_model.robot import facts
 from spot_model.robot.state import Gains, JointCommand, RobotState, SlowState
-from spot_runtime.control.safety.last_gate import check_command
-from spot_runtime.control.safety.setpoint_limits import SetpointMemory, limit_setpoint
+from spot_runtime.control.safety.commands import SetpointMemory, check_command, limit_setpoint
 from spot_runtime.control.safety.slow_state import check_slow_state
 from spot_runtime.control.safety.states import StateMemory, check_age, check_echo, screen_state
 from spot_runtime.safety_limits import SafetyLimits

@@ -13,7 +13,7 @@ from spot_model.robot import facts
 from spot_model.robot.state import Gains, ImuPacket, JointCommand, SlowState
 from spot_runtime.control.safety.battery import BatteryMemory, watch_current
 from spot_runtime.control.safety.command_loss import LossMemory, confirm
-from spot_runtime.control.safety.setpoint_limits import SetpointMemory
+from spot_runtime.control.safety.commands import SetpointMemory
 from spot_runtime.control.safety.signals import bounds, check, ground, imu, legs, load, motion, still, weight
 from spot_runtime.control.safety.signals.check import SignalMemory, check_signals
 from spot_runtime.control.safety.signals.window import Window, window_of
