@@ -94,12 +94,14 @@ def admin_service() -> Any:
         from fake_robot.scenario.scenario import Scenario
         from fake_robot.services.admin.admin import AdminService
         from fake_robot.services.admin.injection import FaultInjector
+        from fake_robot.services.admin.stepping import Stepping
         from fake_robot.services.identity.tokens import Credentials
         from fake_robot.services.sensors.world import World
 
         robot = Robot(Scenario().with_changes(time_mode="lock_step"))
         world = World(robot, robot.scenario.services, Credentials("user", "password"))
-        _admin = AdminService(world, FaultInjector(world), lambda: None)
+        faults = FaultInjector(world)
+        _admin = AdminService(world, faults, Stepping(world, faults), lambda: None)
     return _admin
 
 

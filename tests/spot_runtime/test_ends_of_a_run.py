@@ -41,7 +41,7 @@ from spot_runtime.sources.scripted import ScriptedSource
 from spot_runtime.stops import Stop, StopReason
 from tests.spot_runtime.conftest import HandMadeRobot
 
-HANDOVER = HandoverConfig(settle_s=0.1, ramp_in_s=0.1, ramp_out_s=0.1, soft_stop_s=0.0, soft_stop_settle_s=0.0)
+HANDOVER = HandoverConfig(settle_s=0.3, ramp_in_s=0.1, ramp_out_s=0.1, soft_stop_s=0.0, soft_stop_settle_s=0.0)
 CONFIG = for_lock_step(RunConfig(handover=HANDOVER))
 
 
@@ -141,7 +141,7 @@ def test_a_fault_stays_the_outcome_whatever_signals_follow_it(zero_policy: Polic
         assert robot.calls[-1] == "close"
 
 
-@pytest.mark.parametrize(("wxyz", "stands"), [([0.0, 1.0, 0.0, 0.0], False), ([0.94, 0.34, 0.0, 0.0], True)])
+@pytest.mark.parametrize(("wxyz", "stands"), [([0.0, 1.0, 0.0, 0.0], False), ([0.999, 0.04, 0.0, 0.0], True)])
 def test_a_robot_that_lies_on_its_back_is_not_asked_to_stand(
     zero_policy: Policy, tmp_path: Path, wxyz: list[float], stands: bool
 ) -> None:
@@ -299,7 +299,9 @@ class Sent:
 @pytest.fixture
 def hal(monkeypatch: pytest.MonkeyPatch) -> BosdynHal:
     hal = BosdynHal(parse_address("127.0.0.1:1"), RunConfig(), MemorySink())
-    monkeypatch.setattr(hal, "_commands", Sent())
+    sent = Sent()
+    monkeypatch.setattr(hal, "_commands", sent)
+    monkeypatch.setattr(hal, "_send", sent.put)
     return hal
 
 

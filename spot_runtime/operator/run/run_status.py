@@ -12,7 +12,7 @@ from spot_model.robot.rotation import rotate_inverse_wxyz, tilt_rad
 from spot_model.robot.state import Array, RobotState, SlowState
 from spot_protos import operator_pb2
 from spot_runtime.control.loop import ControlLoop
-from spot_runtime.control.loop_stats import LoopStats, RecentValues
+from spot_runtime.control.loop_stats import LoopStats, RecentValues, percentile
 
 STATUS_PERIOD_NS: Final = 200_000_000
 RECENT: Final = 250
@@ -67,8 +67,7 @@ def _recent(values: RecentValues) -> tuple[float, float]:
     newest = values.newest(RECENT)
     if not newest.size:
         return 0.0, 0.0
-    p50, p99 = np.percentile(newest, (50.0, 99.0)).tolist()
-    return p50, p99
+    return percentile(newest, 50.0), percentile(newest, 99.0)
 
 
 def _velocity_in_body(state: RobotState) -> Array:
