@@ -136,7 +136,7 @@ NOT_RUN = {
     "python benchmarks/claims/fakes.py": "takes a minute and a half of real time, with up to twelve fakes",
     "python benchmarks/claims/training.py": CORES,
     "python benchmarks/start_up.py": "takes a minute of real time; its figures are for people",
-    "python benchmarks/start_up.py 3": "as the line above",
+    "python benchmarks/start_up.py 5": "as the line above",
     "python benchmarks/rounds_withheld.py robots --seed 31 --to 40 --out rounds": CORES,
     "python benchmarks/rounds_withheld.py score rounds": CORES,
     "python benchmarks/mjlab_speed.py": GPU,
