@@ -107,12 +107,13 @@ def is_right(belief: Belief, effects: frozenset[str]) -> float:
     odds = 1.0
     rivals = effects - set(belief.best)
     for name in belief.best:
+        there, group = belief.there[name], belief.group(name) or {name: 1.0}
         if name in effects:
-            odds *= belief.there[name]
+            odds *= there * group.get(name, 0.0)
         elif rivals:
-            odds *= max((belief.there.get(r, 0.0) for r in rivals), default=0.0)
+            odds *= there * max(group.get(r, 0.0) for r in rivals)
         else:
-            odds *= max(1.0 - sum(belief.there.get(n, 0.0) for n in belief.group(name) or (name,)), LEAST)
+            odds *= max(1.0 - there, LEAST)
     return odds
 
 
