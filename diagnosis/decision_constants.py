@@ -135,7 +135,8 @@ UNKNOWN: Final = (-3.2, 1.1, 0.83)
 e-fold of nats that signals still predict.
 
 Logistic regression over 52 diagnoses of 47 robots of the calibrating catalogue, 12 of them by a library without the
-effect that moved the robot (``benchmarks/calibrate_diagnosis.py``).
+effect that moved the robot, by a forerunner of ``benchmarks/calibrate_diagnosis.py`` and before friction near
+standstill held a joint at rest; a new fit by the script is due.
 """
 GAP_SPREAD: Final = 0.25
 """Standard deviation of a distance between a robot and its right model, over draws of noise and of environments."""
