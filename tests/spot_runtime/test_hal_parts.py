@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from bosdyn.api import estop_pb2, robot_command_pb2, robot_state_pb2
 from bosdyn.client import exceptions as sdk
+from bosdyn.client.channel import translate_exception
 from bosdyn.client.lease import ResourceAlreadyClaimedError
 from bosdyn.client.robot import UnregisteredServiceNameError
 
@@ -253,18 +254,28 @@ def test_a_pressed_estop_is_never_overruled(policy: Literal["auto", "own", "exte
 class _FailedCall(grpc.RpcError):
     """What a failed call raises, written by hand."""
 
+    def __init__(
+        self,
+        details: str = "failed to connect\nto all addresses",
+        code: grpc.StatusCode = grpc.StatusCode.UNAVAILABLE,
+    ) -> None:
+        self._details, self._code = details, code
+
     def code(self) -> grpc.StatusCode:
-        return grpc.StatusCode.UNAVAILABLE
+        return self._code
 
     def details(self) -> str:
-        return "failed to connect\nto all addresses"
+        return self._details
+
+    def debug_error_string(self) -> str:
+        return self._details
 
 
 def test_no_connection_is_explained_where_that_is_asked() -> None:
     error = sdk.UnableToConnectToRobotError(_FailedCall(), "doc")
     told = translate(error, "logging in", lambda reason: NoRobotError(f"because {reason}"))
     assert isinstance(told, NoRobotError)
-    assert str(told) == ("because UnableToConnectToRobotError: UNAVAILABLE: failed to connect to all addresses")
+    assert str(told) == "because UNAVAILABLE: failed to connect to all addresses"
     told = translate(error, "polling")
     assert type(told) is HalError
     assert "polling: the robot did not answer" in str(told)
@@ -272,6 +283,12 @@ def test_no_connection_is_explained_where_that_is_asked() -> None:
     assert "setting up the e-stop: the robot has no such call" in str(told)
     told = translate(UnregisteredServiceNameError("robot-command-streaming"), "finding robot-command-streaming")
     assert "the robot does not offer it" in str(told)
+
+
+def test_the_digits_of_a_port_do_not_decide_what_an_error_is() -> None:
+    error = translate_exception(_FailedCall("failed to connect to ipv4:127.0.0.1:42909"))
+    assert isinstance(error, sdk.TooManyRequestsError), "the SDK took the 429 of the port for a status"
+    assert isinstance(translate(error, "logging in", NoRobotError), NoRobotError)
 
 
 def test_denied_access_is_about_credentials() -> None:

@@ -22,15 +22,12 @@ from spot_runtime.hal.errors import (
 )
 
 NO_CONNECTION = (
-    sdk.UnableToConnectToRobotError,
-    sdk.ProxyConnectionError,
-    sdk.InvalidClientCertificateError,
-    sdk.NonexistentAuthorityError,
-    sdk.UnknownDnsNameError,
-    sdk.TransientFailureError,
-    sdk.TimedOutError,
-    sdk.UnimplementedError,
+    grpc.StatusCode.UNAVAILABLE,
+    grpc.StatusCode.DEADLINE_EXCEEDED,
+    grpc.StatusCode.UNIMPLEMENTED,
 )
+"""What a call ends with where no robot answers. The SDK's own classes cannot tell: they are chosen by numbers found in
+gRPC's text, so an unreachable robot at port 42909 raises ``TooManyRequestsError`` for the 429 in it."""
 
 
 def translate(error: Exception, doing: str, explain_connection: Callable[[str], HalError] | None = None) -> HalError:
@@ -44,7 +41,7 @@ def translate(error: Exception, doing: str, explain_connection: Callable[[str], 
     if isinstance(error, HalError):
         return error
     if isinstance(error, sdk.RpcError):
-        if explain_connection is not None and isinstance(error, NO_CONNECTION):
+        if explain_connection is not None and _code(error) in NO_CONNECTION:
             return explain_connection(describe(error))
         if isinstance(error, (sdk.UnauthenticatedError, sdk.PermissionDeniedError)):
             return CredentialsError(f"{doing}: the robot denies access ({describe(error)}); check the user's rights")
@@ -60,8 +57,7 @@ def translate(error: Exception, doing: str, explain_connection: Callable[[str], 
 def describe(error: Exception) -> str:
     """What an error of the SDK or gRPC says, on one line, without the request's content."""
     if isinstance(error, sdk.RpcError):
-        details = _details(error.error)
-        text = f"{type(error).__name__}: {details}"
+        text = _details(error.error)
     elif isinstance(error, grpc.RpcError):
         text = _details(error)
     elif isinstance(error, sdk.ResponseError):
@@ -78,6 +74,11 @@ def lease_held(error: lease.ResourceAlreadyClaimedError) -> LeaseHeldError:
     return LeaseHeldError(
         f"the lease is held by {who}; it is never taken by force: release it there (or on the tablet), then start again"
     )
+
+
+def _code(error: sdk.RpcError) -> grpc.StatusCode | None:
+    code = getattr(error.error, "code", None)
+    return code() if callable(code) else None
 
 
 def _details(error: Any) -> str:
