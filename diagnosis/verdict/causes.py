@@ -14,13 +14,13 @@ import numpy as np
 
 from diagnosis.closed_loop.environment import SURROUNDING_EFFECTS
 from diagnosis.closed_loop.trials import NOMINAL, Bench, run_trials
-from diagnosis.decision_constants import EFFECT_PRIOR_NATS, GROUP_ODDS, OPEN_LOOP_MATTERS, USUAL_LEFT
+from diagnosis.decision_constants import GROUP_ODDS, OPEN_LOOP_MATTERS, USUAL_LEFT
 from diagnosis.library.base import LibraryEffect
 from diagnosis.selection.nuisance_model import model_of
 from diagnosis.selection.scoring import Placed, Scored, Scorer, null_of, without
 from diagnosis.selection.search import price
 from diagnosis.verdict.explain import Explained
-from diagnosis.verdict.posterior import Belief, Hypothesis, believe, capped, worth
+from diagnosis.verdict.posterior import Belief, Hypothesis, believe, between_formulas, capped, log_odds
 from spot_model.io.model_file import RobotModel
 
 ERRORS = "ordinary errors alone"
@@ -76,17 +76,16 @@ def candidates_of(found: Explained) -> dict[str, Scored]:
         out.setdefault(name_of(less), less)
         top = rivals[0].value if rivals else 0.0
         for rival in rivals[1:]:
-            if capped(rival.value - top, found.n_runs) > np.log(GROUP_ODDS):
+            if capped(between_formulas(rival.value - top, top), found.n_runs) > np.log(GROUP_ODDS):
                 out.setdefault(name_of(rival.scored), rival.scored)
     return out
 
 
 def _refitted_nats(found: Explained, scored: Scored) -> float:
-    """Evidence of a set of effects beside the ordinary errors that suit it; less the price of numbers and of faults."""
-    n = len(scored.terms)
-    if not n:
+    """Evidence of a set of effects beside the ordinary errors that suit it, less the price of its numbers."""
+    if not scored.terms:
         return 0.0
-    return Scorer(found.board, scored.terms).now.score - price(scored.terms, found.board) - n * EFFECT_PRIOR_NATS
+    return Scorer(found.board, scored.terms).now.score - price(scored.terms, found.board)
 
 
 def name_of(scored: Scored) -> str:
@@ -179,9 +178,10 @@ def _kept(
 ) -> Causes:
     """The likeliest set less what is not there, or does not matter."""
     moved = dict(tried.moved)
+    residuals_best = hypotheses[name_of(found.selection.best) if found.selection.best is not None else ERRORS]
     likeliest = max(
         (name for name, h in hypotheses.items() if len(h.effects) == len(found.effects)),
-        key=lambda name: worth(hypotheses[name]),
+        key=lambda name: log_odds(hypotheses[name], residuals_best, found.n_runs),
     )
     for ours, rival in zip(
         set(found.effects) - set(hypotheses[likeliest].effects),

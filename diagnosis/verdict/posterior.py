@@ -24,6 +24,7 @@ import numpy as np
 from scipy.special import expit, ndtr
 
 from diagnosis.decision_constants import (
+    FORMULA_ERROR,
     GAP_SLOPE,
     GAP_SPREAD,
     GROUP_ODDS,
@@ -48,7 +49,7 @@ class Hypothesis:
     effects: tuple[str, ...]
     """Names; empty for ordinary errors alone."""
     nats: float
-    """Evidence of the residuals against none."""
+    """Evidence of the residuals against none, less the price of its numbers."""
     distance: float | None = None
     """Of its closed loops to the robot's, in floors; None where nothing can be simulated."""
 
@@ -114,8 +115,8 @@ def believe(
     by_set = {frozenset(h.effects): h for h in hypotheses}
     nothing, stated = by_set[frozenset()], by_set[frozenset(best)]
     is_simulated = all(h.distance is not None for h in hypotheses)
-    logs = np.array([worth(h) for h in hypotheses])
-    shares = np.exp([-capped(float(logs.max() - x), n_runs) for x in logs])
+    logs = np.array([log_odds(h, stated, n_runs) for h in hypotheses])
+    shares = np.exp(logs - logs.max())
     shares /= shares.sum()
     weights = {h.effects: float(w) for h, w in zip(hypotheses, shares, strict=True)}
     nearer = {n: _distance(by_set, frozenset(best) - {n}) - float(stated.distance or 0.0) for n in best}
@@ -154,9 +155,18 @@ def is_unknown(left: float, explained: float, beyond_nats: float) -> float:
     return float(expit(np.dot(UNKNOWN, (1.0, gap, np.log1p(beyond_nats)))))
 
 
-def worth(hypothesis: Hypothesis) -> float:
-    """Evidence of a set of effects from residuals and, where they were run, closed loops; nats."""
-    return hypothesis.nats - (hypothesis.distance or 0.0) / GAP_SPREAD
+def log_odds(rival: Hypothesis, stated: Hypothesis, n_runs: int) -> float:
+    """Of a set of effects against the stated one, from residuals and, where they were run, closed loops."""
+    farther = (rival.distance or 0.0) - (stated.distance or 0.0)
+    return capped(between_formulas(rival.nats - stated.nats, stated.nats) - farther / GAP_SPREAD, n_runs)
+
+
+def between_formulas(more_nats: float, nats: float) -> float:
+    """What the nats count that a rival formula explains more than another, which explains ``nats``.
+
+    The right formula is itself off by :data:`FORMULA_ERROR` of what it explains: so large a difference is one nat.
+    """
+    return more_nats / (1.0 + FORMULA_ERROR * max(nats, 0.0))
 
 
 def is_there(nats: float, nearer: float | None, n_runs: int) -> float:

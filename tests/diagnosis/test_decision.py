@@ -73,6 +73,29 @@ def test_what_is_beyond_doubt_and_moves_nothing_is_there_and_no_cause() -> None:
     assert found.none > 0.8
 
 
+def test_formulas_that_explain_nearly_as_much_are_one_group() -> None:
+    def group(rival: float) -> dict[str, float]:
+        hypotheses = (
+            Hypothesis((), 0.0, FAR),
+            Hypothesis(("torque_delay",), 300.0, 1.2),
+            Hypothesis(("torque_bandwidth",), rival, 1.2),
+        )
+        return _believed(hypotheses, ("torque_delay",), torque_delay=4.0).group("torque_delay")
+
+    # 46 nats of 300 are one nat: FORMULA_ERROR is 0.15, and each of nine runs may be odd.
+    odds = np.exp(capped(-1.0, 9))
+    assert group(300.0 - 46.0) == pytest.approx(
+        {"torque_delay": 1.0 / (1.0 + odds), "torque_bandwidth": odds / (1.0 + odds)}
+    )
+    assert list(group(100.0)) == ["torque_delay"]
+
+
+def test_a_single_effect_is_judged_once() -> None:
+    hypotheses = (Hypothesis((), 0.0, 2.4), Hypothesis(("command_delay",), 10.0, 1.8))
+    found = _believed(hypotheses, ("command_delay",), command_delay=1.5)
+    assert found.there["command_delay"] == pytest.approx(is_there(10.0, 0.6, 9))
+
+
 def test_an_effect_that_closes_the_gap_is_its_cause() -> None:
     hypotheses = (Hypothesis((), 0.0, FAR), Hypothesis(("payload_mass",), 20.0, 1.2))
     found = _believed(hypotheses, ("payload_mass",), payload_mass=4.0)
