@@ -16,6 +16,7 @@ from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel
 from spot_model.plant.delay import ConstantDelay
 from spot_model.policy.policy import load_policy
+from spot_model.robot import facts
 
 from .cases import NOMINAL
 from .planted import Noise, ScriptedGait, Truth, planted_runs, walk_sequence
@@ -216,6 +217,22 @@ def test_channel_p_recovers_the_supply():
 def test_channel_c_flags_change_with_the_force(null):
     for leg in ("fl", "fr", "hl", "hr"):
         assert abs(median(null[Channel.CONTACT_EVENTS], f"{leg}_flag")) < 4e-3
+
+
+def test_forces_stand_in_for_contact_flags_that_a_log_lacks(null_runs, null):
+    """Feet, wrench and swings are judged all the same; only what compares flags with forces is off."""
+
+    def without_flags(run):
+        none = np.zeros((len(run.states), 0), dtype=bool)
+        return dataclasses.replace(run, states=dataclasses.replace(run.states, foot_contact=none))
+
+    views, off = views_of([without_flags(run) for run in null_runs], RobotModel())
+    assert "no contact flags" in {o.name: o.reason for o in off}[Channel.CONTACT_EVENTS]
+    for name in (Channel.STANCE_KINEMATICS, Channel.LOAD_TO_MOTION, Channel.BASE_WRENCH):
+        assert views[name].usable.sum() > 0.7 * null[name].usable.sum()
+    assert np.max(np.abs([median(views[Channel.STANCE_KINEMATICS], f"{leg}_height") for leg in facts.LEG_NAMES])) < 2e-3
+    flags = null[Channel.BASE_WRENCH].signals.contact
+    assert np.mean(views[Channel.BASE_WRENCH].signals.contact == flags) > 0.95
 
 
 def cropped(run, joints, names):

@@ -49,10 +49,7 @@ def base_view(signals: DynamicsSignals, alignment: Alignment) -> ChannelView:
 
 
 def calm_rows(signals: DynamicsSignals) -> Flags:
-    """Rows with no change of contact nearby; all rows where there are no flags. Shape (n,)."""
-    if signals.contact.shape[1] == 0:
-        return np.ones(len(signals.rows), dtype=np.bool_)
-    stack = signals.stack
-    contact = stack.cat(lambda r: r.foot_contact).astype(np.bool_)
+    """Rows with no change of contact nearby. Shape (n,)."""
+    stack, contact = signals.stack, signals.contact
     steady = stack.inner(contact, EDGE, EDGE) | stack.inner(~contact, EDGE, EDGE)
     return np.asarray(np.all(steady[signals.rows], axis=1))

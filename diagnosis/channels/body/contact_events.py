@@ -74,7 +74,7 @@ def contact_view(
     dynamics: DynamicsSignals, stance: StanceSignals, effects: Sequence[Effect]
 ) -> ChannelView | ChannelOff:
     """Build the channel *contact events*."""
-    if dynamics.contact.shape[1] == 0:
+    if not dynamics.has_flags:
         return ChannelOff(Channel.CONTACT_EVENTS, "no contact flags")
     stack = dynamics.stack
     normal = vertical_force_n(dynamics)

@@ -17,7 +17,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.channels.body.base_motion import base_motion, imu_gravity_m_s2, slope
+from diagnosis.channels.body.base_motion import GRAVITY_M_S2, base_motion, imu_gravity_m_s2, slope
 from diagnosis.channels.body.body_model import FIRST_JOINT_DOF, BodyModel
 from diagnosis.channels.body.vectors import cross
 from diagnosis.channels.channel_view import Array, Flags
@@ -25,10 +25,12 @@ from diagnosis.channels.stack import Stack
 from spot_model.effects.base import Effect
 from spot_model.robot import facts
 from spot_model.robot.leg_kinematics import foot_position_and_jacobian
-from spot_model.robot.rotation import multiply_wxyz, rotate_inverse_wxyz
+from spot_model.robot.rotation import multiply_wxyz, rotate_inverse_wxyz, rotate_wxyz
 
 STRIDE: Final = 4
 """Every fourth row: inverse dynamics are dear, and smoothed signals change slowly."""
+CARRIES: Final = 0.1
+"""Share of the robot's weight that a standing foot carries at least; in a trot it carries a half."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +87,8 @@ class DynamicsSignals:
     position_curvature_rad_s2: Array
     """Rate of that."""
     contact: Flags
-    """Flags at the kept rows. Shape (n, 4)."""
+    """Feet on the ground at the full rate, by flags; where logs have none, by the forces on the feet. Shape (N, 4)."""
+    has_flags: bool
     nominal: Residuals
     """Smoothed, at the kept rows."""
     reference: Residuals
@@ -198,8 +201,8 @@ def dynamics_signals(stack: Stack, effects: Sequence[Effect]) -> DynamicsSignals
     nominal = Residuals(*(stack.smooth(getattr(full, f.name))[rows] for f in fields(Residuals)))
     force = needed_forces(model, inputs)
     place = contact_point_and_jacobian(inputs.position_rad, inputs.world_from_body_wxyz, model.foot_radius_m)
-    has_contact = all(r.has("foot_contact") for r in stack.recordings)
-    contact = stack.cat(lambda r: r.foot_contact)[rows] if has_contact else np.zeros((len(rows), 0), dtype=np.bool_)
+    has_flags = all(r.has("foot_contact") for r in stack.recordings)
+    flags = stack.cat(lambda r: r.foot_contact) if has_flags else carrying(stack, raw, full.foot_force_n)
     return DynamicsSignals(
         stack=stack,
         effects=tuple(effects),
@@ -209,13 +212,26 @@ def dynamics_signals(stack: Stack, effects: Sequence[Effect]) -> DynamicsSignals
         load_rate_nm_s=stack.rate(load)[rows],
         position_rate_rad_s=position_rate[rows],
         position_curvature_rad_s2=stack.rate(position_rate)[rows],
-        contact=contact.astype(np.bool_),
+        contact=flags.astype(np.bool_),
+        has_flags=has_flags,
         nominal=nominal,
         reference=residuals(model, inputs, force=force, place=place),
         known=Known(force, place),
         uses_imu=base.uses_imu,
         imu_gravity_m_s2=imu_gravity_m_s2(stack) or 0.0,
     )
+
+
+def carrying(stack: Stack, inputs: Inputs, foot_force_n: Array) -> Flags:
+    """Feet that the ground pushes up by more than :data:`CARRIES` of the robot's weight, shape (N, 4).
+
+    Args:
+        stack: The recordings.
+        inputs: At the full rate.
+        foot_force_n: The same, body frame. Shape (N, 4, 3).
+    """
+    up = rotate_wxyz(inputs.world_from_body_wxyz[:, None, :], foot_force_n)[..., 2]
+    return np.asarray(stack.smooth(up) > CARRIES * facts.TOTAL_MASS_KG * GRAVITY_M_S2)
 
 
 def needed_forces(model: BodyModel, inputs: Inputs) -> Array:

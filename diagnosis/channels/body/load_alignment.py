@@ -37,7 +37,7 @@ def aligned(signals: DynamicsSignals, swinging: Flags, calm: Flags, lag_s: float
 
     Args:
         signals: Of channels *load to motion* and *base wrench*.
-        swinging: Legs in the air at the kept rows. Shape (n, 4), or (n, 0).
+        swinging: Legs in the air at the kept rows. Shape (n, 4).
         calm: Rows away from changes of contact. Shape (n,).
         lag_s: The load's lag, by channel *set-point to load*; 0 where it is unknown.
     """
@@ -57,6 +57,6 @@ def aligned(signals: DynamicsSignals, swinging: Flags, calm: Flags, lag_s: float
 def _cost(residuals: Residuals, swinging: Flags, calm: Flags) -> float:
     """Mean size of the residuals, which outliers do not rule."""
     base = np.abs(residuals.base[calm] / BASE_SCALE)
-    joint = np.abs(residuals.joint_nm[np.repeat(swinging, 3, axis=1)]) if swinging.shape[1] else np.zeros(0)
+    joint = np.abs(residuals.joint_nm[np.repeat(swinging, 3, axis=1)])
     every: Array = np.concatenate([base.ravel(), joint.ravel() / JOINT_SCALE_NM])
     return float(np.mean(np.minimum(every, 5.0))) if len(every) else 0.0

@@ -124,7 +124,7 @@ def stance_view(
     for signal, name in (
         ("position_rad", "joint positions"),
         ("velocity_rad_s", "joint velocities"),
-        ("foot_contact", "contact flags"),
+        *(() if dynamics is not None else [("foot_contact", "contact flags")]),
         ("odom_from_body_wxyz", "attitude"),
         ("linear_vel_of_body_in_odom_m_s", "body velocity"),
         ("angular_vel_of_body_in_odom_rad_s", "turn rate"),
@@ -142,7 +142,7 @@ def stance_view(
         position_rad=stack.filled(lambda r: r.position_rad),
         velocity_rad_s=stack.filled(lambda r: r.velocity_rad_s),
     )
-    contact = stack.cat(lambda r: r.foot_contact).astype(np.bool_)
+    contact = stack.cat(lambda r: r.foot_contact).astype(np.bool_) if dynamics is None else dynamics.contact
     standing = stack.inner(contact & stack.used[:, None], AFTER_TOUCH_DOWN, BEFORE_LIFT_OFF)
     if dynamics is None:
         rows = np.flatnonzero(stack.inner(stack.used))

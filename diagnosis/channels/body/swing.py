@@ -33,8 +33,6 @@ def swing_view(signals: DynamicsSignals, alignment: Alignment) -> ChannelView | 
     """Build the channel *load to motion*."""
     swinging = swinging_legs(signals)
     rattles = rattling(signals.stack)[signals.rows]
-    if swinging.shape[1] == 0:
-        return ChannelOff(Channel.LOAD_TO_MOTION, "no contact flags")
     # A foot that skips over the ground is carried by no flag, and shakes its whole leg.
     calm = ~rattles.reshape(len(rattles), facts.N_LEGS, 3).any(axis=2)
     usable = np.repeat(swinging & calm, 3, axis=1)
@@ -65,9 +63,6 @@ def swing_view(signals: DynamicsSignals, alignment: Alignment) -> ChannelView | 
 
 
 def swinging_legs(signals: DynamicsSignals) -> Flags:
-    """Legs off the ground at the kept rows, by flags and loads. Shape (n, 4), or (n, 0) without flags."""
-    if signals.contact.shape[1] == 0:
-        return signals.contact
-    contact = signals.stack.cat(lambda r: r.foot_contact).astype(np.bool_)
-    in_air = signals.stack.inner(~contact, AFTER_LIFT_OFF, BEFORE_TOUCH_DOWN)[signals.rows]
+    """Legs off the ground at the kept rows, by flags and loads. Shape (n, 4)."""
+    in_air = signals.stack.inner(~signals.contact, AFTER_LIFT_OFF, BEFORE_TOUCH_DOWN)[signals.rows]
     return np.asarray(in_air & (np.linalg.norm(signals.nominal.foot_force_n, axis=2) < LIGHT_N))
