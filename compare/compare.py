@@ -44,10 +44,15 @@ class Comparison:
     """Aligned runs and their differences from the first."""
 
     tracks: tuple[Track, ...]
+    """The runs as arrays on one time grid of 10 ms, in the order given; below."""
     differences: tuple[Differences, ...]
+    """Of each run but the first; below."""
     causes: tuple[Cause, ...] = ()
+    """When the diagnosis' effects act, if there is a diagnosis."""
     cause: str = ""
+    """What the diagnosis says, in words."""
     notes: tuple[str, ...] = ()
+    """What could not be compared, a sentence each."""
 
     @property
     def sentences(self) -> tuple[str, ...]:

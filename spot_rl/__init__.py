@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from compare.compare import Comparison
     from diagnosis.document import Verdict
     from spot_log.read.run import Run
+    from spot_log.tools.gaits import gaits
     from spot_model.errors import SpotRlError
     from spot_model.io.model_file import RobotModel
     from spot_model.policy.policy import Policy
@@ -38,6 +39,7 @@ __all__ = [
     "diagnose",
     "evaluate",
     "export",
+    "gaits",
     "identify",
     "load_model",
     "load_policy",
@@ -50,6 +52,7 @@ __all__ = [
 _WHERE = {
     "read_run": ("spot_rl.logs", "runtime"),
     "Run": ("spot_log.read.run", "runtime"),
+    "gaits": ("spot_log.tools.gaits", "runtime"),
     "load_policy": ("spot_rl.simulation", "runtime"),
     "Policy": ("spot_model.policy.policy", "runtime"),
     "load_model": ("spot_rl.simulation", "runtime"),

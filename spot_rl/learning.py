@@ -80,7 +80,9 @@ def evaluate(
         seed: Of everything drawn.
 
     Returns:
-        Figures by trial, as in the ``evaluation.json`` of ``spot-rl evaluate``.
+        Figures by trial, as in the ``evaluation.json`` of ``spot-rl evaluate``: ``tracking``
+        (``mean_forward_error_m_s``, ``mean_yaw_error_rad_s``, …), ``top_speed`` (``sustained_m_s``), ``episodes_slow``
+        (``episodes``, ``falls``), ``pushes`` and ``slippery_patch``.
 
     Raises:
         SpotRlError: A file is missing or not valid.

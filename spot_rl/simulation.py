@@ -83,7 +83,8 @@ def simulate(
         noise: Whether the sensors are noisy, about as a real Spot's.
 
     Returns:
-        A run with the same arrays as a log's, for the time under the policy; it has no IMU, polls, events or footer.
+        A run with the same arrays as a log's, for the time under the policy; it has no IMU packets, polls or events,
+        and its ``outcome`` is ``simulated``.
 
     Raises:
         SpotRlError: The log has less than a second under a policy, or the policy is not found.
@@ -93,6 +94,7 @@ def simulate(
     from compare.sources import simulate_like
     from diagnosis.closed_loop.simulation import SensorNoise
     from diagnosis.read.log_files import find_policy
+    from spot_log.read.run import RunFooter
     from spot_model.errors import BadInputError
     from spot_model.policy.policy import Policy
 
@@ -110,7 +112,8 @@ def simulate(
     simulated, name = model_of(model)
     made = simulate_like(run, simulated, chosen, np.random.default_rng(seed), sensors)
     # A comparison names its runs by their paths.
-    return dataclasses.replace(made, path=Path(f"simulated-{Path(name).stem}"))
+    footer = RunFooter(host_stamp_ns=0, messages={}, dropped={}, outcome="simulated")
+    return dataclasses.replace(made, path=Path(f"simulated-{Path(name).stem}"), footer=footer)
 
 
 def compare(runs: Sequence[Run], out: AnyPath | None = None, *, names: Sequence[str] | None = None) -> Comparison:

@@ -5,14 +5,19 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import re
+import textwrap
 from typing import Any, ForwardRef, get_args
 
 import spot_rl
 from compare.differences import Differences, SignalDifference
 from compare.tracks import Track
-from diagnosis.document import FoundEffect, Number, SeenEffect, Shrink, Status, Verdict
+from diagnosis.document import FoundEffect, GapCell, Number, SeenEffect, Shrink, Status, Verdict
 from spot_log.format.records import EventRecord, RunHeader
 from spot_log.read import run as tables
+from spot_log.tools.gaits import GaitSpan
+from spot_model.policy.contract import PolicyContract
+from spot_model.robot.gait import Gait
+from trainer.sysid.identify.result import MeasuredData, ParameterData, ResultData
 
 from .words import attribute_docs, page, plain, table
 
@@ -22,6 +27,7 @@ ABOUT = """\
 begin with: [Python](../python.md)."""
 SECTION = re.compile(r"^(Args|Returns|Raises):\n", re.MULTILINE)
 ITEM = re.compile(r"^(\w[\w ]*): ", re.MULTILINE)
+EXAMPLE = re.compile(r"::\n\n((?:    .*\n?)+)")
 ARRAYS = (
     ("Run.header", RunHeader),
     ("Run.states", tables.StateTable),
@@ -30,14 +36,21 @@ ARRAYS = (
     ("Run.slow_states", tables.SlowTable),
     ("Run.states.imu", tables.ImuTable),
     ("an entry of Run.events", EventRecord),
+    ("an entry of gaits(run)", GaitSpan),
+    ("gaits(run)[i].gait", Gait),
+    ("Policy.contract", PolicyContract),
     ("an entry of Comparison.tracks", Track),
     ("an entry of Comparison.differences", Differences),
     ("an entry of Differences.signals", SignalDifference),
     ("Verdict", Verdict),
+    ("an entry of Verdict.where", GapCell),
     ("an entry of Verdict.effects", FoundEffect),
     ("an entry of Verdict.seen", SeenEffect),
     ("a value of FoundEffect.parameters", Number),
     ("Verdict.shrink", Shrink),
+    ("ResultData", ResultData),
+    ("an entry of ResultData.parameters", ParameterData),
+    ("an entry of ResultData.measured", MeasuredData),
 )
 
 
@@ -76,7 +89,7 @@ def _signature(function: Any) -> str:
 def _docstring(found: Any) -> str:
     text = plain(found.__doc__ or "")
     about, *rest = SECTION.split(text)
-    parts = [about.strip().replace("::\n", "\n")]
+    parts = [EXAMPLE.sub(lambda match: f"```python\n{textwrap.dedent(match[1]).rstrip()}\n```", about.strip())]
     for title, body in zip(rest[::2], rest[1::2], strict=True):
         lines = inspect.cleandoc(body)
         items = ITEM.sub(lambda match: f"- `{match[1]}`: ", lines) if title != "Returns" else lines

@@ -30,20 +30,32 @@ class RunHeader:
     """What is known before the first state; written once, first."""
 
     run_id: str
+    """Of this run alone, hexadecimal."""
     started_host_stamp_ns: int
+    """When the run began, host clock."""
     robot_id: str = ""
+    """What ``--robot`` named."""
     adapter: str = ""
+    """The HAL adapter: ``spot``, ``replay``, or one of your own."""
     policy_name: str = ""
     policy_sha256: str = ""
+    """Digest of the policy's file, by which ``simulate`` and ``diagnose`` find it."""
     policy_contract_json: str = ""
+    """The policy's contract, as in ``Policy.contract``."""
     config_json: str = ""
+    """The whole run configuration."""
     command_sequence: str = ""
+    """Name of the sequence of velocity commands."""
     repeat: int = 0
+    """Which run of that sequence it is, from 0."""
     labels: Mapping[str, str] = field(default_factory=dict)
+    """Of ``--label``."""
     software_version: str = ""
     software_revision: str = ""
     joint_names: tuple[str, ...] = JOINT_NAMES
+    """Order of the joints in every array."""
     foot_names: tuple[str, ...] = LEG_NAMES
+    """Order of the feet."""
     schema: str = SCHEMA_NAME
 
 

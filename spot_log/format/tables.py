@@ -27,12 +27,13 @@ class ImuTable(Table):
     state_index: Ints = column(np.int64)
     """Row of the state that carried the packet. Shape (m,)."""
     robot_stamp_ns: Ints = column(np.int64)
+    """When it was measured, robot clock. Shape (m,)."""
     acceleration_of_imu_in_link_m_s2: Array = column(np.float64, AXES)
-    """Shape (m, 3)."""
+    """Acceleration of the sensor, in the frame of the link that carries it. Shape (m, 3)."""
     angular_vel_of_link_in_link_rad_s: Array = column(np.float64, AXES)
-    """Shape (m, 3)."""
+    """Turning rate of that link, in its own frame. Shape (m, 3)."""
     odom_from_link_wxyz: Array = column(np.float64, WXYZ)
-    """Shape (m, 4)."""
+    """Orientation of that link in odom, scalar first. Shape (m, 4)."""
 
 
 @dataclass(frozen=True)
@@ -46,21 +47,21 @@ class StateTable(Table):
     sequence: Ints = column(np.int64)
     """Number of the message, counted from 0; a gap is a message lost between the loop and the log. Shape (n,)."""
     position_rad: Array = column(np.float64, "joints")
-    """Shape (n, J)."""
+    """Measured angle of each joint. Shape (n, J)."""
     velocity_rad_s: Array = column(np.float64, "joints")
-    """Shape (n, J)."""
+    """Measured speed of each joint. Shape (n, J)."""
     load_nm: Array = column(np.float64, "joints")
-    """Shape (n, J)."""
+    """Torque that each joint reports. Shape (n, J)."""
     position_of_body_in_odom_m: Array = column(np.float64, AXES)
     """Shape (n, 3)."""
     odom_from_body_wxyz: Array = column(np.float64, WXYZ)
-    """Shape (n, 4)."""
+    """Orientation of the body in odom, scalar first. Shape (n, 4)."""
     linear_vel_of_body_in_odom_m_s: Array = column(np.float64, AXES)
     """Shape (n, 3)."""
     angular_vel_of_body_in_odom_rad_s: Array = column(np.float64, AXES)
     """Shape (n, 3)."""
     foot_contact: NDArray[np.bool_] = column(np.bool_, "feet")
-    """Shape (n, F), or (n, 0) where the source has none."""
+    """Whether each foot is on the ground. Shape (n, F), or (n, 0) where the source has none."""
     last_command_key: Ints = column(np.int64)
     """Newest command that the robot had received; 0 before the first. Shape (n,)."""
     last_command_robot_stamp_ns: Ints = column(np.int64)
@@ -82,17 +83,27 @@ class CommandTable(Table):
     """Every command sent, n rows; stamps and set-points as in :class:`~spot_log.format.records.CommandRecord`."""
 
     key: Ints = column(np.int64)
+    """Number of the command, which states echo in ``last_command_key``. Shape (n,)."""
     host_stamp_ns: Ints = column(np.int64)
+    """When it was handed to the stream, host clock. Shape (n,)."""
     robot_stamp_ns: Ints = column(np.int64)
+    """The same instant by the estimated robot clock; 0 where there is no estimate. Shape (n,)."""
     state_robot_stamp_ns: Ints = column(np.int64)
+    """Robot stamp of the state that it answers; 0 where it answers none. Shape (n,)."""
     end_robot_stamp_ns: Ints = column(np.int64)
+    """When it becomes void, robot clock. Shape (n,)."""
     requested_position_rad: Array = column(np.float64, "joints")
-    """Shape (n, J), like all that follow."""
+    """What the policy or the ramp asked for, before the limits. Shape (n, J)."""
     position_rad: Array = column(np.float64, "joints")
+    """Set-point that was sent: the angle that the joint's servo is told to hold. Shape (n, J)."""
     velocity_rad_s: Array = column(np.float64, "joints")
+    """Speed that was sent. Shape (n, J)."""
     load_nm: Array = column(np.float64, "joints")
+    """Torque that was sent, on top of the servo's. Shape (n, J)."""
     kp_nm_per_rad: Array = column(np.float64, "joints")
+    """Gain of the servo on the angle. Shape (n, J)."""
     kd_nm_s_per_rad: Array = column(np.float64, "joints")
+    """Gain of the servo on the speed. Shape (n, J)."""
 
 
 @dataclass(frozen=True)
@@ -100,37 +111,56 @@ class TickTable(Table):
     """Every policy tick, n rows; fields as in :class:`~spot_log.format.records.TickRecord`."""
 
     index: Ints = column(np.int64)
+    """Number of the tick. Shape (n,)."""
     robot_stamp_ns: Ints = column(np.int64)
+    """Stamp of the state that the tick saw, robot clock. Shape (n,)."""
     host_stamp_ns: Ints = column(np.int64)
+    """When the tick began, host clock. Shape (n,)."""
     mode: NDArray[np.str_] = column(np.str_)
+    """Of the runtime: ``ramping_in``, ``active``, ``soft_stop``, … Shape (n,)."""
     observation: NDArray[np.float32] = column(np.float32, "#")
-    """Shape (n, 48); NaN where the tick ran no policy."""
+    """What the policy saw. Shape (n, 48); NaN where the tick ran no policy."""
     action: NDArray[np.float32] = column(np.float32, "joints")
-    """Shape (n, J); NaN where the tick ran no policy."""
+    """The network's output. Shape (n, J); NaN where the tick ran no policy."""
     velocity_command: Array = column(np.float64, VELOCITY)
     """V_x, V_y (m/s), ω_z (rad/s). Shape (n, 3)."""
     state_age_s: Array = column(np.float64)
+    """From the receipt of the state to the start of the tick. Shape (n,)."""
     inference_s: Array = column(np.float64)
+    """Time in the network. Shape (n,)."""
     compute_s: Array = column(np.float64)
+    """The whole tick, inference included. Shape (n,)."""
     command_key: Ints = column(np.int64)
+    """Key of the command that it sent, as in the commands. Shape (n,)."""
     skipped: Ints = column(np.int64)
+    """Ticks lost between the one before and this one. Shape (n,)."""
 
 
 @dataclass(frozen=True)
 class SlowTable(Table):
-    """Every poll of battery, temperatures and faults, n rows."""
+    """Every poll of battery, temperatures and faults, k rows."""
 
     robot_stamp_ns: Ints = column(np.int64)
+    """When the robot answered, robot clock. Shape (k,)."""
     host_stamp_ns: Ints = column(np.int64)
+    """When the answer was received, host clock. Shape (k,)."""
     motors_powered: NDArray[np.bool_] = column(np.bool_)
+    """Whether the motors have power. Shape (k,)."""
     estopped: NDArray[np.bool_] = column(np.bool_)
+    """Whether an e-stop is pressed. Shape (k,)."""
     battery_charge_percent: Array = column(np.float64)
+    """Shape (k,)."""
     battery_voltage_v: Array = column(np.float64)
+    """Shape (k,)."""
     battery_current_a: Array = column(np.float64)
-    """Negative while discharging."""
+    """Negative while discharging. Shape (k,)."""
     motor_temperature_c: Array = column(np.float64, "joints")
-    """Shape (n, J), in joint order; NaN where the robot reports none."""
+    """Shape (k, J); NaN where the robot reports none."""
     battery_temperature_c: tuple[tuple[float, ...], ...] = ()
+    """Of each cell that the battery reports, for each row."""
     system_faults: tuple[tuple[str, ...], ...] = ()
+    """A sentence a fault, for each row."""
     behavior_faults: tuple[tuple[str, ...], ...] = ()
+    """The same."""
     service_faults: tuple[tuple[str, ...], ...] = ()
+    """The same."""

@@ -1,4 +1,4 @@
-"""The gaits of a run: one for each stretch in which the command stayed the same."""
+"""The gaits of a run: one for each stretch in which the command stayed the same or changed steadily."""
 
 from __future__ import annotations
 
@@ -20,25 +20,40 @@ SAME_COMMAND = 1e-3
 """Change of V_x, V_y (m/s) or ω_z (rad/s) from tick to tick that a held command may have."""
 LEAST_S = 3.0
 """Shorter stretches hold too few strides to name a gait."""
+RAMP_STEP_S = 0.1
+"""A command that holds for no longer than this is on its way to another: neighbours make one stretch, a ramp."""
 SETTLE_S = 1.0
 """Time after a change of the command in which the gait is still changing."""
+MISSING_S = 0.5
+"""A longer pause between ticks ends a stretch."""
 MAX_SPANS = 100
+Velocity = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
 class GaitSpan:
-    """A stretch of time under one velocity command."""
+    """A stretch of time under one velocity command, or under one that changes steadily."""
 
     start_s: float
     """After the first state, robot time."""
     end_s: float
-    command: tuple[float, float, float]
-    """V_x, V_y (m/s), ω_z (rad/s)."""
+    first_command: Velocity
+    """V_x, V_y (m/s), ω_z (rad/s) at the start."""
+    command: Velocity
+    """The same at the end; another than at the start in a ramp."""
     gait: Gait
 
 
 def gaits(run: Run) -> list[GaitSpan]:
-    """Measure every stretch of a held command; empty where the log has no contacts or ran no policy."""
+    """Measure the gait of every stretch of three seconds or more in which the velocity command was held or ramped.
+
+    Args:
+        run: A log, or a simulated run.
+
+    Returns:
+        A span each, in order: ``start_s``, ``end_s``, ``command`` and ``gait`` (``name``, ``stride_hz``, ``duty``,
+        ``flight_share``, …; ``gait.sentence()`` says it in words). Empty where the run has no contacts or no policy.
+    """
     states = run.states
     if states.foot_contact.shape[1:] != (facts.N_LEGS,) or len(states) < 2:
         return []
@@ -46,13 +61,13 @@ def gaits(run: Run) -> list[GaitSpan]:
     rows = np.flatnonzero(np.diff(np.maximum.accumulate(stamp_s), prepend=-np.inf) > 0)
     descent = foot_descent_m_s(run)
     found: list[GaitSpan] = []
-    for start_s, end_s, command in _held(run):
+    for start_s, end_s, first, last in _stretches(run):
         inside = rows[(stamp_s[rows] >= start_s + SETTLE_S) & (stamp_s[rows] <= end_s)]
         if len(inside) < 2 or len(found) >= MAX_SPANS:
             continue
         speeds = descent[inside] if np.isfinite(descent[inside]).all() else None
         gait = measure_gait(stamp_s[inside], states.foot_contact[inside], speeds)
-        found.append(GaitSpan(start_s + SETTLE_S, end_s, command, gait))
+        found.append(GaitSpan(start_s + SETTLE_S, end_s, first, last, gait))
     return found
 
 
@@ -72,17 +87,17 @@ def foot_descent_m_s(run: Run) -> Array:
 
 def gait_line(span: GaitSpan) -> str:
     """One stretch in a line."""
-    v_x, v_y, yaw = span.command
+    v_x, v_y, yaw = (
+        f"{a:.2f}" if abs(b - a) <= SAME_COMMAND else f"{a:.2f} to {b:.2f}"
+        for a, b in zip(span.first_command, span.command, strict=True)
+    )
     touchdown = span.gait.touchdown_m_s
     hard = f", touch-down at {touchdown:.2f} m/s" if math.isfinite(touchdown) and span.gait.stride_hz else ""
-    return (
-        f"{span.start_s:.1f} to {span.end_s:.1f} s at ({v_x:.2f}, {v_y:.2f} m/s, {yaw:.2f} rad/s): "
-        f"{span.gait.sentence()}{hard}"
-    )
+    return f"{span.start_s:.1f} to {span.end_s:.1f} s at ({v_x}, {v_y} m/s, {yaw} rad/s): {span.gait.sentence()}{hard}"
 
 
-def _held(run: Run) -> list[tuple[float, float, tuple[float, float, float]]]:
-    """Start, end (s after the first state) and command of every stretch of policy ticks with one command."""
+def _stretches(run: Run) -> list[tuple[float, float, Velocity, Velocity]]:
+    """Start, end (s after the first state), first and last command of each stretch of policy ticks."""
     ticks = run.ticks
     ran = np.flatnonzero(np.isfinite(ticks.action).all(axis=1)) if len(ticks) else np.zeros(0, dtype=np.int64)
     if len(ran) < 2:
@@ -91,14 +106,21 @@ def _held(run: Run) -> list[tuple[float, float, tuple[float, float, float]]]:
     command = ticks.velocity_command[ran]
     starts = np.flatnonzero(_changes(command, stamp_s))
     ends = np.append(starts[1:], len(ran)) - 1
+    is_step = stamp_s[ends] - stamp_s[starts] <= RAMP_STEP_S
+    goes_on = is_step[1:] & is_step[:-1] & (stamp_s[starts[1:]] - stamp_s[ends[:-1]] <= MISSING_S)
+    begins = np.append(True, ~goes_on)
     return [
-        (float(stamp_s[a]), float(stamp_s[b]), (float(command[b, 0]), float(command[b, 1]), float(command[b, 2])))
-        for a, b in zip(starts, ends, strict=True)
+        (float(stamp_s[a]), float(stamp_s[b]), _velocity(command[a]), _velocity(command[b]))
+        for a, b in zip(starts[begins], ends[np.append(begins[1:], True)], strict=True)
         if stamp_s[b] - stamp_s[a] >= LEAST_S
     ]
 
 
+def _velocity(command: Array) -> Velocity:
+    return float(command[0]), float(command[1]), float(command[2])
+
+
 def _changes(command: Array, stamp_s: Array) -> NDArray[np.bool_]:
     """Where a stretch begins: the command jumps or ramps, or ticks are missing."""
-    jumps = (np.abs(np.diff(command, axis=0)) > SAME_COMMAND).any(axis=1) | (np.diff(stamp_s) > 0.5)
+    jumps = (np.abs(np.diff(command, axis=0)) > SAME_COMMAND).any(axis=1) | (np.diff(stamp_s) > MISSING_S)
     return np.concatenate([[True], jumps])

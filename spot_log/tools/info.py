@@ -104,7 +104,7 @@ class LogInfo:
     power: PowerInfo
     motion: MotionInfo
     gaits: list[GaitSpan]
-    """One for each stretch in which the command stayed the same."""
+    """One for each stretch in which the command stayed the same, or changed steadily."""
     events: list[dict[str, Any]]
     event_counts: dict[str, int]
 

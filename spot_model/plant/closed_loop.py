@@ -63,7 +63,7 @@ class ClosedLoop:
         sense: Called at every state message with its number within the tick; None where the policy does not run means
             that nothing was asked for. The truth by default.
         see: What the policy sees of an observation, shape (n, 48), at a tick: noise, a type.
-        act: The network on all robots.
+        act: The network on all robots, from what it sees: shape (n, 48), or 48 a tick of the policy's history.
         before_tick: Called with the tick's number: pushes and the like.
         after_step: Called after every physics step.
     """
@@ -91,6 +91,7 @@ class ClosedLoop:
         act = self.act or self.policy.act
         n = self.plant.n_sims
         action = np.zeros((n, facts.N_JOINTS), dtype=np.float32) if last_action is None else last_action
+        window: Observed | None = None
         for index, messages in enumerate(schedule):
             if self.before_tick is not None:
                 self.before_tick(index)
@@ -102,7 +103,8 @@ class ClosedLoop:
                 if message == 0 and sensed is not None:
                     observation = self.policy.observe_many(sensed, command, action)
                     observation = observation if self.see is None else self.see(index, observation)
-                    action = act(observation)
+                    window = self.policy.window(observation, window)
+                    action = act(window)
                     path.send(index + 1, self.policy.setpoint_rad(action))
                 for _ in range(n_steps):
                     path.step()

@@ -189,18 +189,18 @@ class Policy:
             )
         )
 
-    def window(self, observation: NDArray[np.float32], before: NDArray[np.float32] | None) -> NDArray[np.float32]:
-        """What the network sees now: the last observations, the newest first, shape (width,).
+    def window(self, observation: NDArray[Any], before: NDArray[Any] | None) -> NDArray[Any]:
+        """What the network sees now: the last observations, the newest first. Shape (width,), or (n, width).
 
         Args:
-            observation: This tick's, shape (48,).
+            observation: This tick's, shape (48,), or (n, 48).
             before: The window of the tick before; None at the first, which then stands for those before it.
         """
         if self.width == N_OBSERVATION:
             return observation
         if before is None:
             return np.tile(observation, self.contract.observation_history)
-        return np.concatenate([observation, before[:-N_OBSERVATION]])
+        return np.concatenate([observation, before[..., :-N_OBSERVATION]], axis=-1)
 
     def act(self, observation: NDArray[Any]) -> NDArray[np.float32]:
         """Run the network. Shape (48,) gives (12,), a batch (n, 48) gives (n, 12); with a history, 48 a tick.
@@ -211,8 +211,8 @@ class Policy:
         batch = np.asarray(observation, dtype=np.float32)
         if batch.shape[-1] != self.width:
             raise PolicyError(
-                f"policy {self.contract.name} sees {self.contract.observation_history} ticks, {self.width} numbers; "
-                f"this is {batch.shape[-1]}; policies with a history are run, but neither evaluated nor explained"
+                f"policy {self.contract.name} sees {self.width} numbers, {N_OBSERVATION} for each tick of its history; "
+                f"{batch.shape[-1]} were given; runs, evaluation and simulation keep a history, the diagnosis does not"
             )
         if batch.ndim == 1:
             return self._act_on_one(batch)

@@ -22,6 +22,8 @@ from onnx import TensorProto, helper, numpy_helper
 from typer.testing import CliRunner
 
 from spot_model.errors import BadInputError
+from spot_model.plant.closed_loop import ClosedLoop
+from spot_model.plant.plant import Plant
 from spot_model.policy.contract import PolicyError
 from spot_model.policy.policy import Policy, load_policy
 from spot_model.robot import facts
@@ -237,8 +239,14 @@ def test_another_layout_scales_clips_and_a_history(run: Callable[..., Path]) -> 
         {"of": "actions", "history": 2},
     ]
     assert_same_setpoints(made, TheirRobot(path, theirs, ISAAC, pose_of(ISAAC)), dict.fromkeys(ISAAC, 0.2))
-    with pytest.raises(PolicyError, match="sees 3 ticks"):
+    with pytest.raises(PolicyError, match="sees 144 numbers"):
         made.act(np.zeros(48))
+    plant = Plant((), n_sims=2)
+    seen: list[Any] = []
+    for tick in ClosedLoop(plant, made).run(lambda _: np.array([0.5, 0.0, 0.0]), [(10,)] * 5):
+        seen.append(tick.observation)
+        last_three = [seen[max(0, tick.index - age)] for age in range(3)]
+        np.testing.assert_allclose(tick.action, made.act(np.concatenate(last_three, axis=-1)), atol=1e-6)
 
 
 def test_joints_in_any_order_with_a_scale_each(run: Callable[..., Path]) -> None:

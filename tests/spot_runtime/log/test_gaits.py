@@ -6,6 +6,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 
 from spot_log.tools.gaits import foot_descent_m_s, gait_line, gaits
 from spot_model.robot import facts
@@ -61,6 +62,16 @@ def test_each_held_command_has_its_gait_and_short_ones_have_none() -> None:
     assert found[1].start_s == 6.0
     assert "2.0 strides/s" in gait_line(found[0])
     assert "touch-down at 0.40 m/s" in gait_line(found[0])
+
+
+def test_a_ramp_is_one_stretch_and_steps_are_none() -> None:
+    ramp = [(1 / 50, 0.002 * tick) for tick in range(300)]
+    found = gaits(run_of([(4.0, 0.0), *ramp, (4.0, 0.6)], trotting))
+    assert [(span.first_command[0], span.command[0]) for span in found] == [
+        pytest.approx(pair, abs=0.005) for pair in ((0.0, 0.0), (0.0, 0.6), (0.6, 0.6))
+    ]
+    assert "(0.00 to 0.60, 0.00 m/s, 0.00 rad/s): trot" in gait_line(found[1])
+    assert gaits(run_of([(1.0, 0.2 * step) for step in range(6)], trotting)) == []
 
 
 def test_feet_move_with_a_body_that_sinks() -> None:

@@ -39,16 +39,23 @@ class ParameterData(_Data):
     """One parameter; keys as in :class:`trainer.sysid.identify.verdict.ParameterVerdict`."""
 
     name: str
+    """Effect, joints and parameter."""
     unit: str
     initial: float
+    """Where the search began."""
     value: float
     low: float
     high: float
+    """Bounds of its interval."""
     identified: bool
+    """Whether the logs determine it."""
     source: Literal["measured torque", "distributions", "not identified"]
     reason: str
+    """Why it is, or is not."""
     by_search: EstimateData
+    """From comparing distributions."""
     by_torque: EstimateData | None
+    """From measured torques; None where they say nothing."""
 
 
 class MeasuredData(_Data):
@@ -71,7 +78,7 @@ class SequenceData(_Data):
 
 
 class ResultData(_Data):
-    """``result.json``."""
+    """What an identification found: ``result.json``."""
 
     schema_name: Literal["spot-rl/sysid-result/1"] = Field(default=SCHEMA, alias="schema")
     policy_sha256: str
