@@ -65,7 +65,9 @@ def main(path: str) -> None:
     report("blend two servo laws", lambda _: blend(hold, target, 0.5))
     report(
         "limit set-points",
-        lambda _: limit_setpoint(SetpointMemory(facts.DEFAULT_POSITION_RAD), facts.DEFAULT_POSITION_RAD, LIMITS),
+        lambda _: limit_setpoint(
+            SetpointMemory(facts.DEFAULT_POSITION_RAD), facts.DEFAULT_POSITION_RAD, target.gains.kp_nm_per_rad, LIMITS
+        ),
     )
     report("last gate", lambda i: check_command(command(i), i, 0))
     report("encode a command", lambda i: encoder.encode(command(i), 0))

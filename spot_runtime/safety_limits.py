@@ -69,7 +69,10 @@ class SafetyLimits(BaseModel):
     )
     setpoint_step_ticks: int = Field(default=5, ge=1, le=1000, description="Cut steps in a row before the stop.")
     setpoint_overshoot_rad: float = Field(
-        default=1.0, gt=0.0, le=20.0, description="A request this far beyond a joint's stop comes from a wrong policy."
+        default=1.0,
+        gt=0.0,
+        le=20.0,
+        description="A request so far beyond a stop, and further than all of the joint's torque takes: a wrong policy.",
     )
     setpoint_overshoot_ticks: int = Field(
         default=5, ge=1, le=1000, description="Such requests in a row before the stop."

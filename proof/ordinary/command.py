@@ -18,7 +18,7 @@ from spot_model.policy.policy import load_policy
 
 EXIT_FAILED: Final = 1
 POLICIES: Final = [Path(f"policies/{name}.onnx") for name in ("walk", "baseline", "fast", "bound")]
-_WRONG: Final = ("false stop", "fell unseen")
+_WRONG: Final = ("false stop", "fell unseen", "not begun")
 
 
 def ordinary(

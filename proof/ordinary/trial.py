@@ -54,7 +54,8 @@ class Outcome:
     sentence: str
     """Of what was doubted first; otherwise of the stop."""
     verdict: str
-    """``completed``, ``fell`` (the robot itself did, so that a stop was right), ``false stop`` or ``fell unseen``."""
+    """``completed``, ``fell`` (the robot itself did, so that a stop was right), ``not begun``, ``false stop`` or ``fell
+    unseen``."""
     control_s: float
 
     def to_json(self) -> str:
@@ -176,6 +177,8 @@ def _walked(robot: Rig, policy: Path, reality: Reality, number: int, rng: np.ran
 
 
 def _verdict(summary: RunSummary, hal: Watched, doubted_ns: int | None, robot: Rig) -> str:
+    if not summary.control_robot_s:  # a robot that sits is as low as one that has fallen
+        return "not begun"
     is_down = _is_down(hal.at_stop or robot.truth())
     if summary.outcome == "completed" and is_down:
         return "fell unseen"

@@ -283,7 +283,7 @@ def _limited(
     )
     if phase.mode is Mode.DAMPING:
         return memory._replace(drive=drive._replace(current=asked, requested_rad=asked.position_rad)), None
-    after, limited, stop = limit_setpoint(drive.limits, asked.position_rad, limits)
+    after, limited, stop = limit_setpoint(drive.limits, asked.position_rad, asked.gains.kp_nm_per_rad, limits)
     if limited.is_cut:
         names = [name for name, is_cut in zip(facts.JOINT_NAMES, limited.cut, strict=True) if is_cut]
         notes.once(EventName.SETPOINT_CUT, f"requested set-points were cut: {', '.join(names)}")

@@ -41,6 +41,7 @@ MS = 1_000_000
 START_NS = 1_700_000_000_000_000_000
 LIMITS = SafetyLimits()
 LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
+STIFF = np.full(12, 1000.0)
 
 # Bounds as data ------------------------------------------------------------------------------------------------------
 
@@ -178,6 +179,11 @@ def test_a_motion_at_its_bound_is_no_leap(
     assert states._leap(before, after, limits) is None
     monkeypatch.setattr(states, "LEAP_RAD", float(np.nextafter(stop.values[measured], 0.0)))
     assert states._leap(before, after, limits) is not None
+
+
+def test_an_attitude_a_little_longer_than_one_has_not_leapt(make_state: MakeState) -> None:
+    before, after = (make_state(START_NS + at * MS, odom_from_body_wxyz=1.04 * LEVEL) for at in (0, 3))
+    assert states._leap(before, after, LIMITS) is None
 
 
 def test_a_robot_on_its_back_is_tilted_by_half_a_turn_however_long_its_quaternion(
@@ -578,6 +584,25 @@ def test_a_contract_at_its_bounds_and_a_pose_that_lies() -> None:
     assert two.detail == f"rate_hz = 5, allowed: 10 to 200; {low.detail}"
 
 
+def test_the_hardest_joint_and_the_height_itself_decide() -> None:
+    uneven = contract(kp_nm_per_rad=(301.0,) + (60.0,) * 11, kd_nm_s_per_rad=(1.0,) * 11 + (16.0,))
+    stop = check_policy(uneven, facts.DEFAULT_POSITION_RAD, LIMITS)
+    assert stop is not None
+    assert stop.detail == "kp_nm_per_rad = 301, allowed: up to 300; kd_nm_s_per_rad = 16, allowed: up to 15"
+    height_m = body_height_m(facts.DEFAULT_POSITION_RAD, LEVEL)
+    at_it = LIMITS.model_copy(update={"body_height_m": height_m})
+    assert check_policy(contract(), facts.DEFAULT_POSITION_RAD, at_it) is None
+
+
+def test_a_policys_own_speed_bounds_the_step_too() -> None:
+    assert with_speed_limit(LIMITS, 50.0, 10.0).setpoint_step_rad == pytest.approx(0.2)
+
+
+def test_limits_that_were_read_are_the_limits() -> None:
+    assert SafetyLimits.model_validate({}) == LIMITS
+    assert SafetyLimits(policy_rate_hz=(50.0, 50.0)).policy_rate_hz == (50.0, 50.0)
+
+
 def test_the_speed_of_set_points_bounds_their_step() -> None:
     """75 rad/s are 1.5 rad in 20 ms, 0.375 rad in 5 ms; at 10 Hz the step itself is the narrower bound."""
     for rate_hz, step_rad in ((50.0, 1.5), (200.0, 0.375), (10.0, 1.5)):
@@ -596,6 +621,7 @@ def test_two_rates_the_smaller_first(rates: tuple[float, float]) -> None:
     ("kp", "kd", "words"),
     [
         (1000.0, 50.0, None),
+        (0.0, 0.0, None),
         (1000.1, 1.0, "its kp lies outside 0 to 1000"),
         (-0.1, 1.0, "its kp lies outside 0 to 1000"),
         (60.0, 50.1, "its kd lies outside 0 to 50"),
@@ -647,10 +673,10 @@ def moved(joint: int, by_rad: float) -> np.ndarray:
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_a_step_is_cut_to_its_bound_joint_by_joint(joint: int, sign: float) -> None:
     limits = SafetyLimits(setpoint_step_rad=0.1)
-    memory, limited, stop = limit_setpoint(SetpointMemory(POSE), moved(joint, sign * 0.1), limits)
+    memory, limited, stop = limit_setpoint(SetpointMemory(POSE), moved(joint, sign * 0.1), STIFF, limits)
     assert not limited.cut.any()
     assert memory == SetpointMemory(memory.sent_rad)
-    memory, limited, stop = limit_setpoint(SetpointMemory(POSE), moved(joint, sign * 0.11), limits)
+    memory, limited, stop = limit_setpoint(SetpointMemory(POSE), moved(joint, sign * 0.11), STIFF, limits)
     assert stop is None
     np.testing.assert_allclose(limited.position_rad, moved(joint, sign * 0.1), atol=1e-15)
     assert limited.cut.tolist() == [j == joint for j in range(12)]
@@ -665,16 +691,46 @@ def test_a_request_beyond_a_stop_is_cut_to_the_stop(joint: int, side: int) -> No
     for beyond_rad, overshoots in ((1e-9, 0), (0.999, 0), (1.001, 1)):
         request = POSE.copy()
         request[joint] = stop_rad + side * beyond_rad
-        memory, limited, stop = limit_setpoint(SetpointMemory(), request, LIMITS)
+        memory, limited, stop = limit_setpoint(SetpointMemory(), request, STIFF, LIMITS)
         assert stop is None
         assert limited.position_rad[joint] == stop_rad
         assert limited.cut.tolist() == [j == joint for j in range(12)]
         assert (memory.step_ticks, memory.overshoot_ticks, memory.cut_ticks) == (0, overshoots, 1)
 
 
+@pytest.mark.parametrize(
+    ("joint", "kp", "bound_rad"),
+    # 45 N·m of a hip and 113.2 N·m of a knee, or 1 rad where that is more; nothing is softer than 1 N·m/rad.
+    [(0, 60.0, 1.0), (0, 30.0, 1.5), (1, 30.0, 1.5), (2, 60.0, 1.8873), (2, 300.0, 1.0), (1, 0.0, 45.0)],
+)
+def test_a_request_may_ask_for_all_of_a_joints_torque_at_its_stop(joint: int, kp: float, bound_rad: float) -> None:
+    before = SetpointMemory(None, overshoot_ticks=4)
+    gains = np.where(np.arange(12) == joint, kp, 1000.0)
+    for factor in (0.999, 1.001):
+        request = POSE.copy()
+        request[joint] = facts.POSITION_HIGH_RAD[joint] + factor * bound_rad
+        request[9] = facts.POSITION_LOW_RAD[9] - 0.99
+        _, limited, stop = limit_setpoint(before, request, gains, LIMITS)
+        assert limited.position_rad[joint] == facts.POSITION_HIGH_RAD[joint]
+        if factor < 1.0:
+            assert stop is None
+        else:
+            values = {"beyond_rad": factor * bound_rad, "bound_rad": bound_rad}
+            assert stop is not None
+            assert (stop.detail, stop.values) == (facts.JOINT_NAMES[joint], pytest.approx(values, rel=1e-3))
+
+
+def test_a_request_at_the_bound_of_overshoot_is_none() -> None:
+    request = moved(3, 5.0)
+    beyond_rad = float(request[3] - facts.POSITION_HIGH_RAD[3])
+    for bound_rad, ticks in ((beyond_rad, 0), (float(np.nextafter(beyond_rad, 0.0)), 1)):
+        limits = SafetyLimits(setpoint_overshoot_rad=bound_rad)
+        assert limit_setpoint(SetpointMemory(), request, STIFF, limits)[0].overshoot_ticks == ticks
+
+
 def test_the_first_request_may_lie_anywhere_within_the_stops() -> None:
     for request in (facts.POSITION_LOW_RAD, facts.POSITION_HIGH_RAD, POSE):
-        memory, limited, stop = limit_setpoint(SetpointMemory(cut_ticks=3), request, LIMITS)
+        memory, limited, stop = limit_setpoint(SetpointMemory(cut_ticks=3), request, STIFF, LIMITS)
         assert limited.position_rad is request
         assert memory.sent_rad is request
         assert (memory.step_ticks, memory.overshoot_ticks, memory.cut_ticks, stop) == (0, 0, 3, None)
@@ -684,9 +740,9 @@ def test_the_first_request_may_lie_anywhere_within_the_stops() -> None:
 def test_a_set_point_at_the_stops_may_be_left_by_a_step_and_no_more() -> None:
     limits = SafetyLimits(setpoint_step_rad=0.2)
     sent = facts.POSITION_HIGH_RAD.copy()
-    _, limited, _ = limit_setpoint(SetpointMemory(sent), facts.POSITION_LOW_RAD.copy(), limits)
+    _, limited, _ = limit_setpoint(SetpointMemory(sent), facts.POSITION_LOW_RAD.copy(), STIFF, limits)
     np.testing.assert_allclose(limited.position_rad, np.maximum(sent - 0.2, facts.POSITION_LOW_RAD))
-    _, limited, _ = limit_setpoint(SetpointMemory(sent), sent + 5.0, limits)
+    _, limited, _ = limit_setpoint(SetpointMemory(sent), sent + 5.0, STIFF, limits)
     np.testing.assert_array_equal(limited.position_rad, sent)
 
 
@@ -694,7 +750,7 @@ def test_a_request_beyond_a_stop_that_lies_exactly_a_step_away_is_no_step() -> N
     stop_rad = float(facts.POSITION_HIGH_RAD[3])
     limits = SafetyLimits(setpoint_step_rad=0.5)
     for sent_rad, steps in ((stop_rad - 0.5, 0), (stop_rad - 0.5000001, 1)):
-        memory, _, _ = limit_setpoint(SetpointMemory(moved(3, sent_rad - POSE[3])), moved(3, 9.0), limits)
+        memory, _, _ = limit_setpoint(SetpointMemory(moved(3, sent_rad - POSE[3])), moved(3, 9.0), STIFF, limits)
         assert memory.step_ticks == steps
 
 
@@ -703,11 +759,11 @@ def test_counts_in_a_row_and_what_the_stops_tell() -> None:
     far = moved(5, -9.0)
     for ticks, is_stop in ((1, False), (2, True), (7, True)):
         before = SetpointMemory(POSE, step_ticks=ticks, cut_ticks=4)
-        memory, _, stop = limit_setpoint(before, moved(3, 0.2), limits)
+        memory, _, stop = limit_setpoint(before, moved(3, 0.2), STIFF, limits)
         assert (memory.step_ticks, memory.cut_ticks) == (ticks + 1, 5)
         assert stop == (Stop(StopReason.SETPOINT_STEP, "fr_hx", {"bound_rad": 0.1}) if is_stop else None)
         before = SetpointMemory(None, overshoot_ticks=ticks)
-        memory, _, stop = limit_setpoint(before, far, limits)
+        memory, _, stop = limit_setpoint(before, far, STIFF, limits)
         assert memory.overshoot_ticks == ticks + 1
         beyond_rad = facts.POSITION_LOW_RAD[5] - far[5]
         values: dict[str, Any] = {"beyond_rad": pytest.approx(beyond_rad), "bound_rad": 1.0}
@@ -718,7 +774,7 @@ def test_a_request_that_is_no_number_names_its_joints_and_changes_no_memory() ->
     request = POSE.copy()
     request[[0, 11]] = np.nan, -np.inf
     before = SetpointMemory(POSE + 0.01, step_ticks=2, overshoot_ticks=1, cut_ticks=7)
-    memory, limited, stop = limit_setpoint(before, request, LIMITS)
+    memory, limited, stop = limit_setpoint(before, request, STIFF, LIMITS)
     assert memory is before
     assert limited.position_rad is before.sent_rad
     assert not limited.cut.any()

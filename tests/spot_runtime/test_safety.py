@@ -23,6 +23,7 @@ MakeSlow = Callable[..., SlowState]
 MS = 1_000_000
 START_NS = 1_700_000_000_000_000_000
 LIMITS = SafetyLimits()
+STIFF = np.full(12, 1000.0)
 ANY_FLOAT = st.floats(allow_nan=True, allow_infinity=True, width=64)
 
 
@@ -167,7 +168,7 @@ def test_the_robot_must_go_on_confirming_commands(make_state: MakeState) -> None
 @given(arrays(np.float64, 12, elements=ANY_FLOAT), arrays(np.float64, 12, elements=st.floats(-0.7, -0.3)))
 def test_no_set_point_ever_leaves_the_limits(requested: np.ndarray, before: np.ndarray) -> None:
     memory = SetpointMemory(sent_rad=np.clip(before, facts.POSITION_LOW_RAD, facts.POSITION_HIGH_RAD))
-    after, limited, stop = limit_setpoint(memory, requested, LIMITS)
+    after, limited, stop = limit_setpoint(memory, requested, STIFF, LIMITS)
     assert memory.sent_rad is not None
     assert np.isfinite(limited.position_rad).all()
     assert (limited.position_rad >= facts.POSITION_LOW_RAD).all()
@@ -184,7 +185,7 @@ def test_no_set_point_ever_leaves_the_limits(requested: np.ndarray, before: np.n
 @given(arrays(np.float64, 12, elements=st.floats(-0.2, 0.2)))
 def test_a_request_within_the_limits_passes_bit_for_bit(offset: np.ndarray) -> None:
     requested = facts.DEFAULT_POSITION_RAD + offset
-    _, limited, stop = limit_setpoint(SetpointMemory(facts.DEFAULT_POSITION_RAD), requested, LIMITS)
+    _, limited, stop = limit_setpoint(SetpointMemory(facts.DEFAULT_POSITION_RAD), requested, STIFF, LIMITS)
     np.testing.assert_array_equal(limited.position_rad, requested)
     assert not limited.cut.any()
     assert stop is None
@@ -194,11 +195,11 @@ def test_a_request_that_is_no_number_keeps_what_was_sent() -> None:
     requested = facts.DEFAULT_POSITION_RAD.copy()
     requested[2] = np.nan
     sent = facts.DEFAULT_POSITION_RAD + 0.01
-    _, limited, stop = limit_setpoint(SetpointMemory(sent), requested, LIMITS)
+    _, limited, stop = limit_setpoint(SetpointMemory(sent), requested, STIFF, LIMITS)
     np.testing.assert_array_equal(limited.position_rad, sent)
     assert stop is not None
     assert stop.detail == "fl_kn"
-    _, limited, _ = limit_setpoint(SetpointMemory(), requested, LIMITS)
+    _, limited, _ = limit_setpoint(SetpointMemory(), requested, STIFF, LIMITS)
     np.testing.assert_array_equal(limited.position_rad, facts.DEFAULT_POSITION_RAD)
 
 
@@ -208,7 +209,7 @@ def test_requests_that_keep_jumping_are_cut_then_stopped() -> None:
     stops = []
     for i in range(3):
         requested = facts.DEFAULT_POSITION_RAD + (0.6 if i % 2 == 0 else -0.6)
-        memory, limited, stop = limit_setpoint(memory, requested, limits)
+        memory, limited, stop = limit_setpoint(memory, requested, STIFF, limits)
         assert limited.cut.all()
         stops.append(stop)
     assert stops[:2] == [None, None]
@@ -221,9 +222,9 @@ def test_requests_far_beyond_a_stop_end_the_run_and_name_the_joint() -> None:
     requested[3] = 2.0
     memory = SetpointMemory()
     for _ in range(4):
-        memory, _, stop = limit_setpoint(memory, requested, LIMITS)
+        memory, _, stop = limit_setpoint(memory, requested, STIFF, LIMITS)
         assert stop is None
-    _, _, stop = limit_setpoint(memory, requested, LIMITS)
+    _, _, stop = limit_setpoint(memory, requested, STIFF, LIMITS)
     assert stop is not None
     assert (stop.reason, stop.detail) == (StopReason.SETPOINT_OVERSHOOT, "fr_hx")
     assert stop.values["beyond_rad"] == pytest.approx(2.0 - 0.785398)
@@ -233,7 +234,7 @@ def test_one_good_tick_forgives_the_cut_ones_before() -> None:
     limits = SafetyLimits(setpoint_step_rad=0.2, setpoint_step_ticks=2)
     memory = SetpointMemory(facts.DEFAULT_POSITION_RAD)
     for offset in (0.5, 0.2, 0.7, 0.4):
-        memory, _, stop = limit_setpoint(memory, facts.DEFAULT_POSITION_RAD + offset, limits)
+        memory, _, stop = limit_setpoint(memory, facts.DEFAULT_POSITION_RAD + offset, STIFF, limits)
         assert stop is None
     assert memory.cut_ticks == 2
 

@@ -23,6 +23,7 @@ from tests.spot_runtime.walking_robot import WalkingRobot
 
 ZERO = np.zeros(12)
 ONE = np.arange(12) == 3
+NONE = ONE & False
 ROBOT = WalkingRobot(noise=0.0)
 
 
@@ -205,7 +206,7 @@ def counted(**moves: float | np.ndarray) -> np.ndarray:
     body = {name: getattr(first, name) for name in ("odom_from_body_wxyz", "linear_vel_of_body_in_odom_m_s")}
     last = replace(ROBOT.state(6), **{n: getattr(first, n) for n in KINDS}, **body)
     last = replace(last, angular_vel_of_body_in_odom_rad_s=first.angular_vel_of_body_in_odom_rad_s)
-    return still.still_windows(np.full(55, 3), first, replace(last, **changes))
+    return still.still_windows(np.full(55, 3), first, replace(last, **changes), NONE)
 
 
 MOVES = np.where(ONE, 0.0, np.where(np.arange(12) == 0, 0.25, 1.0))
@@ -221,9 +222,48 @@ def test_a_joint_that_stands_counts_while_others_move_and_more_where_they_are_qu
 ) -> None:
     begin, noise = KINDS[name]
     first = replace(ROBOT.state(0), **{name: ZERO})
-    after = still.still_windows(np.full(55, 3), first, replace(ROBOT.state(6), **{name: MOVES * factor * noise}))
+    after = still.still_windows(np.full(55, 3), first, replace(ROBOT.state(6), **{name: MOVES * factor * noise}), NONE)
     step = min(step, 1) if name == "load_nm" else step
     np.testing.assert_array_equal(after[begin : begin + 12], np.where(ONE, 3 + step, 0))
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_a_joint_that_rests_may_repeat_a_position_or_velocity_but_not_both(name: str) -> None:
+    begin, noise = KINDS[name]
+    first = replace(ROBOT.state(0), position_rad=ZERO, velocity_rad_s=ZERO, load_nm=ZERO)
+    moving = {other: np.full(12, 10.0) for other in KINDS}
+    alone = replace(ROBOT.state(6), **{**moving, name: MOVES * 2.0 * noise})
+    judged = 3 if name != "load_nm" else 4
+    assert still.still_windows(np.full(55, 3), first, alone, ONE)[begin + 3] == judged
+    assert still.still_windows(np.full(55, 3), first, alone, ~ONE)[begin + 3] == 4
+    pair = replace(alone, position_rad=MOVES * 2.0 * 1e-4, velocity_rad_s=MOVES * 2.0 * 0.01)
+    assert set(still.still_windows(np.full(55, 3), first, pair, ~NONE)[[3, 15]]) == {4}
+
+
+def test_a_joint_rests_while_its_position_and_velocity_agree() -> None:
+    """A fifth of a radian a second, for 18 ms: the slope's 0.04 rad in 0.2 s."""
+    allowed = 0.04 * 0.018 / 0.2
+    for moved, travelled, rests in (
+        (0.99 * allowed, 0.0, True),
+        (-1.01 * allowed, 0.0, False),
+        (0.0, 0.99 * allowed, True),
+        (0.0, 1.01 * allowed, False),
+        (1.0, 1.0 - 0.99 * allowed, True),
+        (1.0, -1.0, False),
+    ):
+        seen = window(position_rad=moved * ONE)._replace(travel_rad=travelled * ONE)
+        assert motion.resting(seen).tolist() == [rests or joint != 3 for joint in range(12)]
+
+
+def test_resting_excuses_only_while_commands_drive_the_joints() -> None:
+    """In ready, where the vendor's stand keeps the robot still, the noise of the neighbours alone is the measure."""
+    states = [replace(ROBOT.state(i), velocity_rad_s=np.full(12, 1e-6 * i)) for i in range(7)]
+    noise = 2e-4 * MOVES
+    for i, state in enumerate(states):
+        states[i] = replace(state, position_rad=(i % 2) * noise if i < 6 else noise)
+    for is_driven, count in ((False, 1), (True, 0)):
+        memory, _ = check_signals(SignalMemory(), states, is_standing=not is_driven, is_driven=is_driven)
+        assert memory.still[3] == count
 
 
 def half_and_one(moved: float, least: float, count: int = 6) -> np.ndarray:
@@ -251,10 +291,32 @@ def test_all_joints_of_a_kind_that_stand_count_where_both_other_kinds_move(other
     assert set(counted(velocity_rad_s=2.0, load_nm=2.0)[:12]) == {3}, "positions that all stand are no lie"
 
 
+def test_three_steps_are_enough_and_one_load_tells_that_loads_are_reported() -> None:
+    first = replace(ROBOT.state(0), position_rad=ZERO, velocity_rad_s=ZERO, load_nm=ZERO)
+    last = replace(first, position_rad=half_and_one(0.75, 0.25))
+    assert still.still_windows(np.full(55, 3), first, last, NONE)[11] == 5
+    reported = replace(first, load_nm=1.0 * ONE)
+    last = replace(reported, position_rad=ZERO + 1.0, velocity_rad_s=ZERO + 1.0)
+    assert set(still.still_windows(np.full(55, 3), reported, last, NONE)[24:36]) == {4}
+
+
+@pytest.mark.parametrize("name", ["velocity_rad_s", "load_nm"])
+def test_a_motion_of_just_the_resolution_is_none(name: str) -> None:
+    first = replace(ROBOT.state(0), position_rad=ZERO, velocity_rad_s=ZERO, load_nm=ZERO)
+    for moved, step in ((KINDS[name][1], 0), (np.nextafter(KINDS[name][1], 1.0), 1)):
+        last = replace(first, **{name: np.where(np.arange(12) == 0, moved, 0.0)})
+        assert still.still_windows(np.full(55, 3), first, last, NONE)[39] == 3 + step
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_a_joint_of_which_one_signal_changes_is_not_still_as_a_whole(name: str) -> None:
+    assert counted(**{name: 5.0 * ONE})[39] == 0
+
+
 def test_loads_that_are_all_zero_are_not_reported() -> None:
     first = replace(ROBOT.state(0), position_rad=ZERO, velocity_rad_s=ZERO, load_nm=ZERO)
     last = replace(first, position_rad=ZERO + 1.0, velocity_rad_s=ZERO + 1.0)
-    assert set(still.still_windows(np.full(55, 3), first, last)[24:36]) == {3}
+    assert set(still.still_windows(np.full(55, 3), first, last, NONE)[24:36]) == {3}
 
 
 @pytest.mark.parametrize(
@@ -283,15 +345,15 @@ def test_the_bodys_signals_count_while_joints_move(moves: dict[str, float], step
 def test_each_of_the_bodys_signals_begins_anew_when_it_changes() -> None:
     first = ROBOT.state(0)
     same = replace(first, position_rad=first.position_rad + 1.0)
-    assert set(still.still_windows(np.full(55, 3), first, same)[48:]) == {4}
+    assert set(still.still_windows(np.full(55, 3), first, same, NONE)[48:]) == {4}
     for index in range(3):
         for place, name in ((49, "linear_vel_of_body_in_odom_m_s"), (52, "angular_vel_of_body_in_odom_rad_s")):
             moved = getattr(same, name).copy()
             moved[index] += 0.1
-            after = still.still_windows(np.full(55, 3), first, replace(same, **{name: moved}))
+            after = still.still_windows(np.full(55, 3), first, replace(same, **{name: moved}), NONE)
             assert [i for i in range(48, 55) if after[i] == 0] == [place + index]
     tilted = replace(same, odom_from_body_wxyz=np.array([0.8, 0.6, 0.0, 0.0]))
-    assert [i for i in range(48, 55) if still.still_windows(np.full(55, 3), first, tilted)[i] == 0] == [48]
+    assert [i for i in range(48, 55) if still.still_windows(np.full(55, 3), first, tilted, NONE)[i] == 0] == [48]
 
 
 # Loads ---------------------------------------------------------------------------------------------------------------
@@ -359,6 +421,17 @@ def test_packets_of_a_window_are_averaged() -> None:
     np.testing.assert_allclose(many.force_m_s2, [0.0, 0.0, 9.81 * 0.018])
 
 
+def test_what_was_felt_fades_within_its_memory_and_is_judged_after_a_quarter_of_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(bounds, "GRAVITY_MEMORY_S", 2.0)
+    assert imu.ImuMemory(np.array([3.0, 0.0, 3.0]), 0.499).tilt_error_rad == 0.0
+    assert imu.ImuMemory(np.array([3.0, 0.0, 3.0]), 0.5).tilt_error_rad == pytest.approx(np.pi / 4.0)
+    assert imu.after_window(imu.ImuMemory(felt_s=1.0), window(imu=(packet(),))).felt_s == pytest.approx(
+        1.0 - 0.009 + 0.018
+    )
+
+
 # Numbers by hand ------------------------------------------------------------------------------------------------------
 
 
@@ -382,6 +455,43 @@ def test_a_foot_that_rolls_has_the_speed_of_what_it_rolls_by() -> None:
     turn, up = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
     speeds = legs.sole_speeds_m_s(still, velocity_m_s=np.zeros(3), turn_rate_rad_s=turn, up=up)
     assert speeds == pytest.approx(np.full(4, 3.0 * facts.FOOT_RADIUS_M))
+
+
+def test_the_sole_of_a_foot_that_rolls_forward_stands() -> None:
+    rolling = legs.Feet(np.zeros((4, 3)), np.zeros((4, 3)), np.tile([0.0, 3.0, 0.0], (4, 1)))
+    ahead, up = np.array([3.0 * facts.FOOT_RADIUS_M, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
+    speeds = legs.sole_speeds_m_s(rolling, velocity_m_s=ahead, turn_rate_rad_s=np.zeros(3), up=up)
+    assert speeds == pytest.approx(np.zeros(4), abs=1e-12)
+
+
+def test_only_feet_that_touch_throughout_are_judged_and_the_slowest_counts() -> None:
+    rates = np.repeat([1.0, 3.0, 0.0, 0.0], 3)
+    begun = np.array([True, True, False, False])
+    for ended, speeds in ((begun, True), (~begun, False)):
+        seen = window(position_rad=np.array(facts.DEFAULT_POSITION_RAD), velocity_rad_s=rates, foot_contact=ended)
+        seen = seen._replace(first=replace(seen.first, foot_contact=begun))
+        after = ground.after_window(ground.GroundMemory(), seen)
+        assert (after.touching_s > 0.0) is speeds
+        soles = legs.sole_speeds_m_s(
+            legs.feet(facts.DEFAULT_POSITION_RAD, rates),
+            velocity_m_s=np.zeros(3),
+            turn_rate_rad_s=np.zeros(3),
+            up=np.array([0.0, 0.0, 1.0]),
+        )
+        assert after.speed_m_s == pytest.approx(soles[0] if speeds else 0.0)
+        assert soles[0] < soles[1]
+
+
+def test_a_window_knows_the_range_of_each_velocity_and_holds_no_gap(monkeypatch: pytest.MonkeyPatch) -> None:
+    states = [replace(ROBOT.state(i), velocity_rad_s=np.arange(12) * (i - 3.0)) for i in range(7)]
+    made = window_of(states)
+    assert made is not None
+    np.testing.assert_allclose(made.velocity_range_rad_s, np.arange(12) * 6.0)
+    exactly_s = float(np.diff([(state.robot_stamp_ns - states[0].robot_stamp_ns) / 1e9 for state in states]).max())
+    monkeypatch.setattr(bounds, "GAP_S", exactly_s)
+    assert window_of(states) is not None
+    monkeypatch.setattr(bounds, "GAP_S", below(exactly_s))
+    assert window_of(states) is None
 
 
 def test_a_foot_moves_with_the_body_with_its_turn_and_with_its_leg() -> None:

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from spot_model.robot import facts
 from spot_model.robot.state import ImuPacket, RobotState
 from spot_runtime.control.safety.signals import bounds, ground, imu, motion, weight
-from spot_runtime.control.safety.signals.legs import feet
+from spot_runtime.control.safety.signals.legs import feet, foot_jacobians, ground_forces_n
 from spot_runtime.control.safety.signals.window import Window, length, rotation_matrix, turned_rad, window_of
 from tests.spot_runtime.walking_robot import WalkingRobot
 
@@ -255,6 +255,7 @@ def test_what_legs_carry_fades_and_adds_up() -> None:
         ([-0.25, -0.25, -0.25, -0.25], 0.0, True),
         ([0.0, 0.0, 0.0, 0.0], -1.0 * WEIGHT_N, False),  # it falls freely
         ([0.08, 0.08, 0.08, 0.07], 0.1 * WEIGHT_N, True),
+        ([0.1, 0.1, 0.1, 0.1], 0.15 * WEIGHT_N, True),
     ],
 )
 def test_loads_that_do_not_carry_the_robot(shares: list[float], gained_n_s: float, is_wrong: bool) -> None:
@@ -265,3 +266,70 @@ def test_loads_that_do_not_carry_the_robot(shares: list[float], gained_n_s: floa
     assert short.is_wrong == is_wrong
     assert not short._replace(felt_s=0.749).is_wrong
     np.testing.assert_allclose(short.legs_share, shares)
+
+
+def test_a_share_at_its_bound_is_right(monkeypatch: pytest.MonkeyPatch) -> None:
+    memory = weight.WeightMemory(np.array([0.3, 0.4, 0.5, -0.1]) * WEIGHT_N, 0.0, 1.0, has_loads=True)
+    legs_share = memory.legs_share
+    for name, value, towards in (
+        ("PULL_SHARE", -float(legs_share[3]), 0.0),
+        ("CARRIED_LEAST", float(legs_share.sum()), 9.0),
+        ("CARRIED_MOST", float(legs_share.sum()), 0.0),
+    ):
+        with monkeypatch.context() as patch:
+            patch.setattr(bounds, name, value)
+            assert not memory.is_wrong
+            patch.setattr(bounds, name, float(np.nextafter(value, towards)))
+            assert memory.is_wrong
+
+
+def test_one_load_tells_that_loads_are_reported_and_all_fades_within_the_memory(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(bounds, "WEIGHT_MEMORY_S", 2.0)
+    after = weight.after_window(weight.WeightMemory(felt_s=1.0), window(load_nm=1.0 * (np.arange(12) == 0)))
+    assert after.has_loads
+    assert after.felt_s == pytest.approx(1.0 - 0.009 + 0.018)
+
+
+def pressing(forces_n: list[list[float]]) -> Window:
+    """A robot that stands, whose loads balance these forces of the ground on its feet."""
+    _, jacobians = foot_jacobians(facts.DEFAULT_POSITION_RAD)
+    loads = -np.einsum("lij,li->lj", jacobians, np.array(forces_n)).ravel()
+    return window(position_rad=facts.DEFAULT_POSITION_RAD, load_nm=loads)
+
+
+QUARTER_N = 0.25 * WEIGHT_N
+
+
+@pytest.mark.parametrize(
+    ("foot", "is_wrong"),
+    [
+        ([0.0, 0.0, QUARTER_N], False),
+        ([0.59 * QUARTER_N, 0.0, QUARTER_N], False),
+        ([0.61 * QUARTER_N, 0.0, QUARTER_N], True),
+        ([0.0, -0.61 * QUARTER_N, QUARTER_N], True),
+        ([0.45 * QUARTER_N, 0.45 * QUARTER_N, QUARTER_N], True),
+        ([0.9 * 0.099 * WEIGHT_N, 0.0, 0.099 * WEIGHT_N], False),
+        ([0.9 * 0.101 * WEIGHT_N, 0.0, 0.101 * WEIGHT_N], True),
+    ],
+)
+def test_the_feet_of_a_robot_that_stands_press_down(foot: list[float], is_wrong: bool) -> None:
+    others = [[0.0, 0.0, QUARTER_N]] * 3
+    assert weight.is_burden_wrong(pressing([foot, *others])) is is_wrong
+    assert weight.is_burden_wrong(pressing([*others, foot])) is is_wrong
+
+
+def test_loads_of_a_robot_that_stands_carry_it_unless_none_are_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    standing_ = pressing([[0.0, 0.0, QUARTER_N]] * 4)
+    turned = np.where(np.arange(12) == 0, 0.0, -standing_.last.load_nm)
+    assert weight.is_burden_wrong(window(position_rad=facts.DEFAULT_POSITION_RAD, load_nm=turned)) is True
+    assert weight.is_burden_wrong(window(position_rad=facts.DEFAULT_POSITION_RAD, load_nm=ZERO)) is False
+    forces = ground_forces_n(standing_.last.position_rad, standing_.last.load_nm)
+    share = float((forces @ standing_.odom_from_body[2]).sum()) / bounds.WEIGHT_N
+    for name, towards in (("CARRIED_LEAST", 9.0), ("CARRIED_MOST", 0.0)):
+        with monkeypatch.context() as patch:
+            patch.setattr(bounds, name, share)
+            assert not weight.is_burden_wrong(standing_)
+            patch.setattr(bounds, name, float(np.nextafter(share, towards)))
+            assert weight.is_burden_wrong(standing_)

@@ -8,10 +8,17 @@ from __future__ import annotations
 
 from typing import Final, NamedTuple
 
+import numpy as np
+
 WINDOW_KEYS: Final = 1500
 """Keys over which losses are counted: 4.5 s at a command a state."""
 
 IN_A_ROW: Final = 3
+
+
+_SHARES: Final = np.arange(0.0, 0.75, 1e-4)
+_BURSTS: Final = _SHARES**3 * (1.0 - _SHARES)
+"""Bursts a key at each share; they rise up to 0.75."""
 
 
 class LossMemory(NamedTuple):
@@ -38,9 +45,4 @@ def confirm(memory: LossMemory, key: int) -> LossMemory:
 
 def loss_share(bursts: int, keys: int) -> float:
     """The share p at which so many losses of three or more in a row are expected: p³·(1 − p) = bursts / keys."""
-    wanted = bursts / keys
-    low, high = 0.0, 0.75  # the left side rises up to here
-    while high - low > 1e-4:
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if middle**3 * (1.0 - middle) < wanted else (low, middle)
-    return low
+    return float(np.interp(bursts / keys, _BURSTS, _SHARES))

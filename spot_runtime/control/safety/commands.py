@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import compress
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spot_model.robot import facts
+from spot_model.robot.knee_table import KNEE_TABLE_TORQUE_NM
 from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import Array, JointCommand
 from spot_runtime.control.safety.values import are_finite, is_between
@@ -22,6 +24,15 @@ KP_MAX: Final = 1000.0
 
 KD_MAX: Final = 50.0
 """N·m·s/rad; the largest damping that a configuration may ask for."""
+
+_TORQUE_NM: Final = facts.per_joint(
+    facts.HIP_TORQUE_LIMIT_NM, facts.HIP_TORQUE_LIMIT_NM, float(KNEE_TABLE_TORQUE_NM.max())
+)
+"""Most that each joint's motor gives. A set-point so far beyond a stop that the servo law asks for this asks for all
+there is, wherever the joint may be; policies use that. One that lies further means nothing to a robot. Shape (12,)."""
+
+_SOFTEST: Final = 1.0
+"""N·m/rad; a softer joint is held to this."""
 
 _NOTHING_CUT: Final = np.zeros(facts.N_JOINTS, dtype=np.bool_)
 _NOTHING_CUT.flags.writeable = False
@@ -53,13 +64,14 @@ class LimitedSetpoint(NamedTuple):
 
 
 def limit_setpoint(
-    memory: SetpointMemory, requested_rad: Array, limits: SafetyLimits
+    memory: SetpointMemory, requested_rad: Array, kp_nm_per_rad: Array, limits: SafetyLimits
 ) -> tuple[SetpointMemory, LimitedSetpoint, Stop | None]:
     """Bring one tick's request within the joint stops and the step limit.
 
     Args:
         memory: From the tick before.
         requested_rad: What the policy or the ramp asks for. Shape (12,), canonical order.
+        kp_nm_per_rad: The stiffness that goes with it. Shape (12,).
         limits: The bounds.
 
     Returns:
@@ -68,11 +80,11 @@ def limit_setpoint(
     """
     if is_between(requested_rad, requested_rad) and _is_small_step(memory.sent_rad, requested_rad, limits):
         return SetpointMemory(requested_rad, cut_ticks=memory.cut_ticks), LimitedSetpoint(requested_rad), None
-    return _limit_closely(memory, requested_rad, limits)
+    return _limit_closely(memory, requested_rad, kp_nm_per_rad, limits)
 
 
 def _limit_closely(
-    memory: SetpointMemory, requested_rad: Array, limits: SafetyLimits
+    memory: SetpointMemory, requested_rad: Array, kp_nm_per_rad: Array, limits: SafetyLimits
 ) -> tuple[SetpointMemory, LimitedSetpoint, Stop | None]:
     """The rest of :func:`limit_setpoint`, for a request that is not within all limits."""
     if not bool(np.isfinite(requested_rad).all()):
@@ -89,7 +101,8 @@ def _limit_closely(
             position = np.clip(position, memory.sent_rad - step, memory.sent_rad + step)
             # What was sent lies within the stops, so this only takes back what rounding added.
             position = np.clip(position, facts.POSITION_LOW_RAD, facts.POSITION_HIGH_RAD)
-    is_overshoot = bool(beyond.max() > limits.setpoint_overshoot_rad)
+    overshoot_rad = np.maximum(limits.setpoint_overshoot_rad, _TORQUE_NM / np.maximum(kp_nm_per_rad, _SOFTEST))
+    is_overshoot = bool((beyond > overshoot_rad).any())
     cut = position != requested_rad
     memory = SetpointMemory(
         sent_rad=position,
@@ -97,13 +110,16 @@ def _limit_closely(
         overshoot_ticks=memory.overshoot_ticks + 1 if is_overshoot else 0,
         cut_ticks=memory.cut_ticks + int(cut.any()),
     )
-    return memory, LimitedSetpoint(position, cut), _cut_too_often(memory, beyond, cut, limits)
+    return memory, LimitedSetpoint(position, cut), _cut_too_often(memory, beyond, overshoot_rad, cut, limits)
 
 
-def _cut_too_often(memory: SetpointMemory, beyond: Array, cut: NDArray[np.bool_], limits: SafetyLimits) -> Stop | None:
+def _cut_too_often(
+    memory: SetpointMemory, beyond: Array, overshoot_rad: Array, cut: NDArray[np.bool_], limits: SafetyLimits
+) -> Stop | None:
     if memory.overshoot_ticks >= limits.setpoint_overshoot_ticks:
-        values = {"beyond_rad": float(beyond.max()), "bound_rad": limits.setpoint_overshoot_rad}
-        return Stop(StopReason.SETPOINT_OVERSHOOT, facts.JOINT_NAMES[int(beyond.argmax())], values)
+        joint = int((beyond - overshoot_rad).argmax())
+        values = {"beyond_rad": float(beyond[joint]), "bound_rad": float(overshoot_rad[joint])}
+        return Stop(StopReason.SETPOINT_OVERSHOOT, facts.JOINT_NAMES[joint], values)
     if memory.step_ticks >= limits.setpoint_step_ticks:
         return Stop(StopReason.SETPOINT_STEP, _names(cut), {"bound_rad": limits.setpoint_step_rad})
     return None
@@ -113,12 +129,11 @@ def _is_small_step(sent_rad: Array | None, requested_rad: Array, limits: SafetyL
     if sent_rad is None:
         return True
     step_rad = limits.setpoint_step_rad
-    pairs = zip(sent_rad.tolist(), requested_rad.tolist(), strict=True)
-    return all(sent - step_rad <= asked <= sent + step_rad for sent, asked in pairs)
+    return bool(((sent_rad - step_rad <= requested_rad) & (requested_rad <= sent_rad + step_rad)).all())
 
 
 def _names(mask: NDArray[np.bool_]) -> str:
-    return ", ".join(name for name, chosen in zip(facts.JOINT_NAMES, mask, strict=True) if chosen)
+    return ", ".join(compress(facts.JOINT_NAMES, mask))
 
 
 def check_command(command: JointCommand, last_key: int, robot_now_ns: int) -> str | None:

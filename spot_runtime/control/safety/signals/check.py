@@ -93,7 +93,7 @@ def _after_window(memory: SignalMemory, window: Window, *, is_standing: bool, is
         imu.after_window(memory.imu, window),
         weight.after_window(memory.weight, window) if is_driven else weight.WeightMemory(),
         answered,
-        still.still_windows(memory.still, window.first, window.last),
+        still.still_windows(memory.still, window.first, window.last, motion.resting(window) & is_driven),
         load_windows,
         memory.restless_windows + 1 if is_standing and _is_restless(window) else 0,
         memory.burdened_windows + 1 if is_standing and weight.is_burden_wrong(window) else 0,

@@ -36,6 +36,16 @@ class MotionMemory(NamedTuple):
     turn_windows: int = 0
 
 
+def resting(window: Window) -> NDArray[np.bool_]:
+    """Joints whose position and velocity agree over a window, so that either may repeat its value. Shape (12,).
+
+    At a stop, in stiction or as it turns round, a joint stands still for long though others move. If one of its two
+    signals is frozen, the other tells of a motion that the first does not show.
+    """
+    missed = np.abs(window.last.position_rad - window.first.position_rad - window.travel_rad)
+    return np.asarray(missed <= bounds.SLOPE_RAD * window.duration_s / bounds.SLOPE_MEMORY_S)
+
+
 def after_window(memory: MotionMemory, window: Window) -> MotionMemory:
     """The memory after one more window."""
     first, last = window.first, window.last

@@ -40,47 +40,50 @@ _POSITIONS, _, _LOADS = _KINDS
 _WHOLE: Final = slice(3 * facts.N_JOINTS, 4 * facts.N_JOINTS)
 """A joint of which nothing changes at all, judged even if eleven of twelve are so."""
 _BODY: Final = slice(4 * facts.N_JOINTS, N_SIGNALS)
-_RESOLUTIONS: Final = (bounds.POSITION_NOISE_RAD, bounds.VELOCITY_NOISE_RAD_S, bounds.LOAD_NOISE_NM)
+_RESOLUTIONS: Final = np.array([bounds.POSITION_NOISE_RAD, bounds.VELOCITY_NOISE_RAD_S, bounds.LOAD_NOISE_NM])
 
 
-def still_windows(counts: Counts, first: RobotState, last: RobotState) -> Counts:
+def still_windows(counts: Counts, first: RobotState, last: RobotState, resting: NDArray[np.bool_]) -> Counts:
     """Count on, signal by signal, in how many windows in a row it stood still while its neighbours moved.
 
     Args:
         counts: Before this window. Shape (55,), in the order of :data:`NAMES`.
         first: State at the start of the window.
         last: State at its end.
+        resting: Joints that are known to rest; their positions and velocities may repeat, not both. Shape (12,).
 
     Returns:
         The new counts. Where neighbours move quickly, a window counts as much as two; where they stand, nothing. A
         signal that changes begins anew.
     """
     after = np.empty_like(counts)
-    changes = (
-        np.abs(last.position_rad - first.position_rad),
-        np.abs(last.velocity_rad_s - first.velocity_rad_s),
-        np.abs(last.load_nm - first.load_nm),
+    changes = np.abs(
+        [
+            last.position_rad - first.position_rad,
+            last.velocity_rad_s - first.velocity_rad_s,
+            last.load_nm - first.load_nm,
+        ]
     )
+    is_pair = (changes[:2] == 0.0).all(axis=0)
     middle = round((1.0 - bounds.MOVING_SHARE) * facts.N_JOINTS)
     # Half of the neighbours move by at least this much, in units of what a sensor resolves.
-    in_order = [np.sort(change) for change in changes]
-    moves = [float(change[middle]) / resolution for change, resolution in zip(in_order, _RESOLUTIONS, strict=True)]
-    for kind, change, ordered, move in zip(_KINDS, changes, in_order, moves, strict=True):
+    moved = np.sort(changes, axis=1)[:, middle]
+    moves = moved / _RESOLUTIONS
+    for number, (kind, change) in enumerate(zip(_KINDS, changes, strict=False)):
         step = 0
-        if move > 1.0 and ordered[middle] < bounds.STEPS * ordered[ordered > 0.0][0]:
-            pass  # the sensors resolve no less
-        elif move > 1.0:
-            is_quick = move > bounds.QUICK_FACTOR and kind is not _LOADS
-            step = bounds.STILL_WINDOWS // bounds.QUICK_WINDOWS if is_quick else 1
+        if moves[number] > 1.0:
+            # Neighbours that move by few steps of their sensors say nothing.
+            if moved[number] >= bounds.STEPS * change[change > 0.0].min():
+                is_quick = kind is not _LOADS and moves[number] > bounds.QUICK_FACTOR
+                step = bounds.STILL_WINDOWS // bounds.QUICK_WINDOWS if is_quick else 1
         elif kind is not _POSITIONS and not change.any():
             # All of a kind stand still; loads that are all zero are not reported at all.
-            others = [other for other, its_kind in zip(moves, _KINDS, strict=True) if its_kind is not kind]
-            step = int(min(others) > 1.0 and (kind is not _LOADS or last.load_nm.any()))
-        after[kind] = np.where(change == 0.0, counts[kind] + step, 0)
-    has_motion = bool((changes[1] > bounds.VELOCITY_NOISE_RAD_S).any() or (changes[2] > bounds.LOAD_NOISE_NM).any())
-    is_same = (changes[0] == 0.0) & (changes[1] == 0.0) & (changes[2] == 0.0)
-    after[_WHOLE] = np.where(is_same, counts[_WHOLE] + int(has_motion), 0)
-    after[_BODY] = np.where(_is_body_same(first, last), counts[_BODY] + int(max(moves[:2]) > 1.0), 0)
+            step = int(np.delete(moves, number).min() > 1.0 and (kind is not _LOADS or last.load_nm.any()))
+        is_judged = (kind is _LOADS) | ~resting | is_pair
+        after[kind] = np.where(change == 0.0, counts[kind] + step * is_judged, 0)
+    has_motion = (changes[1:].max(axis=1) > _RESOLUTIONS[1:]).any()
+    after[_WHOLE] = np.where((changes == 0.0).all(axis=0), counts[_WHOLE] + int(has_motion), 0)
+    after[_BODY] = np.where(_is_body_same(first, last), counts[_BODY] + int(moves[:2].max() > 1.0), 0)
     return after
 
 

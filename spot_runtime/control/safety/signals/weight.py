@@ -68,6 +68,6 @@ def is_burden_wrong(window: Window) -> bool:
     share = float(carried.sum()) / bounds.WEIGHT_N
     if not bounds.CARRIED_LEAST <= share <= bounds.CARRIED_MOST:
         return True
-    sideways = np.sqrt(np.maximum((forces * forces).sum(axis=1) - carried * carried, 0.0))
+    sideways = np.linalg.norm(forces - np.outer(carried, up), axis=1)
     is_pressing = sideways > bounds.SIDEWAYS_SHARE * carried
     return bool((is_pressing & (carried > bounds.FOOT_LEAST_SHARE * bounds.WEIGHT_N)).any())

@@ -87,9 +87,9 @@ def turned_rad(before_wxyz: Array, after_wxyz: Array) -> Array:
     y = -w1 * y0 + x1 * z0 + y1 * w0 - z1 * x0
     z = -w1 * z0 - x1 * y0 + y1 * x0 + z1 * w0
     length = math.sqrt(x * x + y * y + z * z)
-    if length < 1e-12:
+    if length == 0.0:
         return np.zeros(3)
-    angle = 2.0 * math.atan2(length, abs(w)) * (1.0 if w >= 0.0 else -1.0)
+    angle = 2.0 * math.atan2(math.copysign(length, w), abs(w))
     return np.array([x, y, z]) * (angle / length)
 
 
