@@ -10,6 +10,7 @@ from pydantic import ValidationError
 from compare.errors import CompareError
 from compare.tracks import STEP_S, Track
 from diagnosis.document import Verdict, load_verdict
+from diagnosis.terminal import joints_in_short
 from spot_log.read.run import Run
 
 
@@ -42,11 +43,11 @@ def read_verdict(path: Path) -> Verdict:
 def cause_in_words(verdict: Verdict) -> str:
     """The cause in one phrase; empty where the diagnosis names none."""
     if verdict.status == "unknown_effect":
-        joints = ", ".join(verdict.unknown.joints) if verdict.unknown else ""
+        joints = joints_in_short(verdict.unknown.joints) if verdict.unknown else ""
         return f"an effect outside the library{f' at {joints}' if joints else ''}"
     if verdict.status not in ("explained", "partly_explained"):
         return ""
-    return " and ".join(f"{e.title or e.name} at {', '.join(e.joints)}" for e in verdict.effects)
+    return " and ".join(f"{e.title or e.name} at {joints_in_short(e.joints)}" for e in verdict.effects)
 
 
 def causes(verdict: Verdict, run: Run, track: Track) -> list[Cause]:

@@ -20,9 +20,8 @@ CLOSE: Final = 0.10
 """Distributions that differ by less than this share of their spread are called close."""
 SPAN_S: Final = 3.0
 _MORE: Final = """
-.unit { color: var(--soft); } .joints { display: grid; grid-template-columns: repeat(4, 1fr); gap: 2px 16px; }
+.unit { color: var(--soft); } .joints { display: grid; grid-template-columns: repeat(3, 1fr); gap: 2px 16px; }
 .joints details[open] { grid-column: 1 / -1; }
-@media (max-width: 700px) { .joints { grid-template-columns: repeat(2, 1fr); } }
 """
 
 

@@ -23,6 +23,11 @@ def plain(text: str, *, keep: str = "") -> str:
     return "".join(c if c in keep or unicodedata.category(c) not in _BAD else REPLACEMENT for c in text)
 
 
+def counted(n: int, word: str) -> str:
+    """A number and its noun: 1 log, 2 logs."""
+    return f"{n} {word}" if n == 1 else f"{n} {word}s"
+
+
 def plain_lines(text: str) -> str:
     """As :func:`plain`, with ends of lines and tabs left as they are."""
     return plain(text, keep=_KEPT)

@@ -206,7 +206,8 @@ def _block_interval(
     active, _ = under_policy(stack)
     kinds, number = np.unique(np.where(stack.used & active, block, -1), return_inverse=True)
     rows_of = [np.flatnonzero(number == k)[::4] for k in range(len(kinds)) if kinds[k] >= 0]
-    reference = np.nanmean(model, axis=0)
+    known = np.isfinite(model).sum(axis=0)
+    reference = np.where(known > 0, np.nansum(model, axis=0) / np.maximum(known, 1), np.nan)
     shape = reference.shape[:-1]
     draws = np.full((N_BLOCK_DRAWS, *shape), np.nan)
     at = names.index("all")

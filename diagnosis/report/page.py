@@ -19,6 +19,7 @@ from diagnosis.verdict.diagnose import Diagnosis
 from spot_log.page.look import boxed, framed
 from spot_log.page.svg import esc, legend
 from spot_model.robot.facts import JOINT_NAMES
+from spot_model.text import counted
 
 COLOURS = (
     ("var(--real)", "real"),
@@ -69,8 +70,9 @@ def _head(result: Diagnosis) -> str:
     return (
         f"<section><span class='badge {_colour(v)}'>{esc(words.BADGES[v.status])}</span>"
         f"<h1>{esc(words.headline(v))}</h1><p class='lead'>{esc(words.second_line(v))}</p>"
-        f"<p class='meta' style='margin-top:12px'>{len(v.logs)} logs, {seconds:.0f} s, of {len(names)} command "
-        f"sequences ({esc(', '.join(names))}) · nominal model: {esc(v.nominal or 'given')}{esc(left_out)}</p></section>"
+        f"<p class='meta' style='margin-top:12px'>{counted(len(v.logs), 'log')}, {seconds:.0f} s, of "
+        f"{counted(len(names), 'command sequence')} ({esc(', '.join(names))}) · nominal model: "
+        f"{esc(v.nominal or 'given')}{esc(left_out)}</p></section>"
     )
 
 

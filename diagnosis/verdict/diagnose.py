@@ -32,6 +32,7 @@ from spot_log.read.run import Run
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
+from spot_model.text import counted
 
 WITHOUT_RUNS = (
     "without the policy that ran on Spot nothing can be simulated: the map is that of open-loop prediction, and there "
@@ -84,7 +85,7 @@ def diagnose(
         engine: Computes closed-loop runs; in this process by default.
     """
     tell = say.at if isinstance(say, Progress) else _ignore
-    say(f"building channels of {len(runs)} logs")
+    say(f"building channels of {counted(len(runs), 'log')}")
     found = explain(runs, nominal, policy, library, say, limits_rad)
     is_spot = found.board.robot.joint_names == facts.JOINT_NAMES
     bench = Bench.of(runs, policy, engine or LocalEngine(policy)) if policy is not None and is_spot else None

@@ -73,12 +73,11 @@ def _head(info: LogInfo, told: dict[str, str]) -> str:
     else:
         badge, kind = "No fault", "good"
     lines = [f"Ended: {info.outcome}.", *info.damage, f"{told['motion'][:1].upper()}{told['motion'][1:]}."]
+    walked = dict.fromkeys(span.gait.name for span in info.gaits if span.gait.stride_hz)
+    lines += [f"Gait: {', '.join(walked)}."] if walked else []
     lines += [f"Falls: {told['falls']}."] if falls else []
     header = info.header
-    meta = (
-        f"robot {header['robot_id'] or 'unnamed'} · repeat {header['repeat']} · {Path(info.file).name} · "
-        f"run {header['run_id'] or 'unnamed'}"
-    )
+    meta = f"robot {header['robot_id'] or 'unnamed'} · repeat {header['repeat']} · {Path(info.file).name}"
     return headed(badge, kind, _title(info), lines, meta)
 
 

@@ -19,8 +19,8 @@ def esc(text: object) -> str:
 
 def svg(width: float, height: float, parts: Iterable[str], label: str) -> str:
     """A picture that scales to the width of its place; ``label`` is for those who cannot see it."""
-    kind = ' class="wide"' if width > 700 else ""
-    return f'<svg viewBox="0 0 {width:g} {height:g}" role="img" aria-label="{esc(label)}"{kind}>{"".join(parts)}</svg>'
+    look = f'style="--width:{width:g}px" role="img" aria-label="{esc(label)}"'
+    return f'<svg viewBox="0 0 {width:g} {height:g}" {look}>{"".join(parts)}</svg>'
 
 
 def text(

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from spot_log.page.cells import Html, note, table
+from spot_log.page.cells import Html, table
 from spot_log.page.look import boxed, framed, headed
 from spot_log.page.svg import esc
 from withheld.cases.protocol import WORDS
@@ -39,8 +39,7 @@ def page(data: Mapping[str, Any], checked: Checked, out: Path) -> str:
             "Figures",
             "'Not shown': the interval holds both what is asked and what is not. A fault matters if it moves the gap "
             "between this robot and the same one without it by twice the gap's floor.",
-            _table(("figure", "measured (cases; 95 % interval)", "asked", ""), map(_figure, shown))
-            + note(f"No case asks about: {'; '.join(empty)}." if empty else ""),
+            _table(("figure", "measured (cases; 95 % interval)", "asked", ""), map(_figure, shown)) + _unasked(empty),
         ),
         boxed(
             "Where it is right",
@@ -82,9 +81,15 @@ def _head(data: Mapping[str, Any], shown: Sequence[Mapping[str, Any]]) -> str:
     return headed("Withheld check", kind, headline, lines, meta)
 
 
+def _unasked(titles: Sequence[str]) -> str:
+    listed = "".join(f"<li>{esc(title)}</li>" for title in titles)
+    return f"<details><summary>No case asks about these</summary><ul>{listed}</ul></details>" if titles else ""
+
+
 def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> Html:
-    """A table of cells that are HTML already."""
-    return table(heads, [[Html(cell) for cell in row] for row in rows])
+    """A table of cells that are HTML already; empty without rows."""
+    cells = [[Html(cell) for cell in row] for row in rows]
+    return table(heads, cells) if cells else Html("")
 
 
 def _leak(leak: Mapping[str, Any]) -> Sequence[str]:

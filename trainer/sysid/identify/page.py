@@ -14,6 +14,7 @@ from spot_log.page.frame import HALF
 from spot_log.page.look import boxed, framed, headed
 from spot_log.page.svg import esc, legend
 from spot_model.robot import facts
+from spot_model.text import counted
 from trainer.sysid.identify.identify import Identification
 from trainer.sysid.identify.result import ParameterData, ResultData
 
@@ -67,8 +68,9 @@ def _head(data: ResultData, known: Sequence[ParameterData]) -> str:
     badge, kind = ("Identified", "good") if len(known) == len(data.parameters) else ("In part", "fair")
     if not known:
         badge, kind = "Not identified", "bad"
-    headline = f"{len(known)} of {len(data.parameters)} parameters are identified"
-    told = [f"{len(data.logs)} logs of {len(data.sequences)} command sequences."]
+    are = "is" if len(known) == 1 else "are"
+    headline = f"{len(known)} of {counted(len(data.parameters), 'parameter')} {are} identified"
+    told = [f"{counted(len(data.logs), 'log')} of {counted(len(data.sequences), 'command sequence')}."]
     if end is not None and data.score_is_over_floor:
         start = data.score.get("initial")
         before = "" if start is None else f", {start:.2f} before"

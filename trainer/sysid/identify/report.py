@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from spot_model.text import counted
 from trainer.sysid.identify.result import ParameterData, ResultData
 
 
@@ -12,9 +13,10 @@ def summary(data: ResultData) -> str:
     found = [p for p in data.parameters if p.identified]
     unit = " (1 is the real-versus-real floor)" if data.score_is_over_floor else " (no floor: repeats are missing)"
     score = ", ".join(f"{name} {'diverged' if value is None else f'{value:.2f}'}" for name, value in data.score.items())
+    are = "is" if len(found) == 1 else "are"
     return (
-        f"{len(found)} of {len(data.parameters)} parameters are identified from {len(data.logs)} logs of "
-        f"{len(data.sequences)} command sequences. Score{unit}: {score}."
+        f"{len(found)} of {counted(len(data.parameters), 'parameter')} {are} identified from "
+        f"{counted(len(data.logs), 'log')} of {counted(len(data.sequences), 'command sequence')}. Score{unit}: {score}."
     )
 
 
