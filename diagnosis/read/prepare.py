@@ -9,19 +9,15 @@ from typing import Final
 import mujoco
 import numpy as np
 
+from diagnosis.read.pairing import rows_apart, servo_law
 from diagnosis.read.recording import Array
 from diagnosis.read.robot_file import RobotDescription
 from diagnosis.read.smoothing import rate, smooth
 from spot_log.read.run import CommandTable, ImuTable, Run, StateTable
 from spot_model.errors import BadInputError
 
-MAX_ROWS_APART: Final = 12
-"""A recording may pair a command with a load that comes this many rows earlier or later."""
 MIN_AGREEMENT: Final = 0.6
 """Correlation of computed loads with the servo law's torque, at least."""
-BETTER: Final = 0.9
-"""Another pairing must leave less than this share of the difference's mean square."""
-STEP_ROWS: Final = 0.25
 
 
 def prepared(runs: Sequence[Run], robot: RobotDescription) -> tuple[tuple[Run, ...], tuple[str, ...]]:
@@ -43,7 +39,7 @@ def prepared(runs: Sequence[Run], robot: RobotDescription) -> tuple[tuple[Run, .
         notes.append("loads are computed from the motion by the robot's MJCF: its errors count as the drive's")
     unstamped = [run for run in out if not (run.states.last_command_key > 0).any() and len(run.commands)]
     if unstamped and all(np.isfinite(run.states.load_nm).any() for run in unstamped):
-        shift_s = _rows_apart(unstamped) * _period_s(unstamped[0])
+        shift_s = rows_apart(unstamped) * _period_s(unstamped[0])
         if shift_s != 0.0:
             out = [_shifted(run, shift_s) if run in unstamped else run for run in out]
             notes.append(
@@ -129,10 +125,10 @@ def _with_load(run: Run, model: mujoco.MjModel, robot: RobotDescription) -> Run:
 
 def _checked(run: Run, notes: list[str]) -> Run:
     """Take computed loads out again where they have next to nothing in common with what was asked for."""
-    rows_apart = _rows_apart([run]) if len(run.commands) else 0.0
-    pulled, own = _asked(run) if len(run.commands) else (run.states.load_nm, run.states.load_nm)
+    apart = rows_apart([run]) if len(run.commands) else 0.0
+    pulled, own = servo_law(run) if len(run.commands) else (run.states.load_nm, run.states.load_nm)
     rows = np.arange(len(run.states), dtype=np.float64)
-    asked = smooth(np.stack([np.interp(rows - rows_apart, rows, column) for column in pulled.T], axis=1) - own)
+    asked = smooth(np.stack([np.interp(rows - apart, rows, column) for column in pulled.T], axis=1) - own)
     load = smooth(run.states.load_nm)
     agreement = [
         float(np.corrcoef(asked[:, j], load[:, j])[0, 1]) for j in range(load.shape[1]) if asked[:, j].std() > 0
@@ -149,35 +145,6 @@ def _checked(run: Run, notes: list[str]) -> Run:
 
 def _period_s(run: Run) -> float:
     return float(np.median(np.diff(run.states.robot_stamp_ns))) * 1e-9
-
-
-def _rows_apart(runs: Sequence[Run]) -> float:
-    """By how many rows loads come after the servo law's torque of the same row; 0 where another is hardly better."""
-    shifts = np.arange(-MAX_ROWS_APART, MAX_ROWS_APART + STEP_ROWS, STEP_ROWS)
-    costs = np.zeros(len(shifts))
-    for run in runs:
-        pulled, own, load = *_asked(run), run.states.load_nm
-        size = np.maximum(np.nanstd(load, axis=0), 1e-9)
-        inner = slice(MAX_ROWS_APART + 1, len(load) - MAX_ROWS_APART - 1)
-        rows = np.arange(len(load), dtype=np.float64)
-        for i, shift in enumerate(shifts):
-            moved = np.stack([np.interp(rows - shift, rows, column) for column in pulled.T], axis=1)
-            # Smoothed alike: between two rows a straight line is itself a filter.
-            off = smooth((load - moved + own) / size)[inner]
-            costs[i] += float(np.nanvar(off, axis=0).mean())
-    best = int(np.argmin(costs))
-    at_rest = int(np.flatnonzero(shifts == 0.0)[0])
-    return float(shifts[best]) if costs[best] < BETTER * costs[at_rest] else 0.0
-
-
-def _asked(run: Run) -> tuple[Array, Array]:
-    """The servo law at each state in two parts: what the newest command pulls with, and what the joint itself takes."""
-    states, c = run.states, run.commands
-    row = np.clip(np.searchsorted(c.robot_stamp_ns, states.robot_stamp_ns, side="right") - 1, 0, len(c) - 1)
-    kp, kd = np.nan_to_num(c.kp_nm_per_rad[row]), np.nan_to_num(c.kd_nm_s_per_rad[row])
-    pulled = np.nan_to_num(kp * c.position_rad[row]) + np.nan_to_num(kd * c.velocity_rad_s[row])
-    own = kp * states.position_rad + kd * np.nan_to_num(states.velocity_rad_s)
-    return pulled + np.nan_to_num(c.load_nm[row]), own
 
 
 def _shifted(run: Run, shift_s: float) -> Run:

@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 
 from diagnosis.channels.channel_view import Array
 from diagnosis.channels.stack import Stack
+from diagnosis.read.pairing import LOAD_LAG_ROWS
 from diagnosis.read.smoothing import eroded
 
 STEP_S: Final = 0.1e-3
 MIN_EVENTS: Final = 40
-DEFAULT_SHARE: Final = 0.5
-"""Without an answer the load is taken to be half a period old: what is least wrong for a torque loop within it."""
 WIDE_SHARE: Final = 0.25
 """Of the period; a lag that may be anything over so much of it is one to be told of."""
 MAX_EVENTS: Final = 2_500
@@ -35,7 +34,7 @@ def load_lag_s(stack: Stack) -> tuple[float, str]:
     """
     steps, phase, first, second, before = _events(stack)
     period = stack.period_s
-    assumed = DEFAULT_SHARE * period
+    assumed = LOAD_LAG_ROWS * period
     if len(phase) < MIN_EVENTS:
         return assumed, f"the load's lag is assumed to be {1e3 * assumed:.1f} ms: too few set-points"
     lags = np.arange(0.0, period + 0.5 * STEP_S, STEP_S)
