@@ -17,7 +17,7 @@ import json
 import tempfile
 import time
 from argparse import ArgumentParser, Namespace
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any, Final
@@ -30,6 +30,8 @@ from diagnosis.closed_loop.trials import Bench
 from diagnosis.decision_constants import LEFT_SHARE, ORDINARY_GAP, USUAL_LEFT
 from diagnosis.library.base import LibraryEffect
 from diagnosis.library.registry import LIBRARY
+from diagnosis.read.prepare import prepared
+from diagnosis.read.robot_file import SPOT
 from diagnosis.verdict.causes import ERRORS, decide
 from diagnosis.verdict.explain import explain
 from spot_log import read_run
@@ -75,7 +77,7 @@ def robot(seed: int, number: int, out: Path) -> str:
             twin = source.make(case.requests[:i] + case.requests[i + 1 :], case.reality_seed)
             healthy = rehearse(twin, plan(TWIN_REPEATS, case.recording_seed + 1 + i), Path(folder) / str(i))
             by.append(moved(walks, healthy.walks(policy)))
-        runs = [read_run(path) for path in sorted(logs.glob("*.mcap"))]
+        runs, _ = prepared([read_run(path) for path in sorted(logs.glob("*.mcap"))], SPOT)
     faults = [{"names": fault.names, "moved": m} for fault, m in zip(reality.truth.faults, by, strict=True)]
     hidden = {name for fault in reality.truth.faults for name in fault.names}
     whole = {name: entry for name, entry in LIBRARY.items() if name not in case.without}
@@ -95,7 +97,7 @@ def robot(seed: int, number: int, out: Path) -> str:
 
 
 def diagnosed(
-    runs: list[Run], nominal: RobotModel, policy: Policy, library: Mapping[str, LibraryEffect], seed: int
+    runs: Sequence[Run], nominal: RobotModel, policy: Policy, library: Mapping[str, LibraryEffect], seed: int
 ) -> dict[str, Any]:
     """What a diagnosis with this library compares."""
     found = explain(runs, nominal, policy, library, lambda _: None)
