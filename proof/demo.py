@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -16,6 +15,7 @@ from spot_log import read_run
 from spot_log.page.page import write_page
 from spot_log.page.summary import summarise
 from spot_model.errors import BadInputError, SpotRlError
+from spot_model.io.foreground import run_in_foreground
 from spot_model.io.velocity_sequence import VelocitySequence, forward_sequence, save_sequence
 from spot_model.policy.policy import load_policy
 
@@ -75,7 +75,9 @@ def _walk(address: FakeAddress, policy: Path, sequence: Path, folder: Path, more
     words = ["run", "--robot", address.robot, "--policy", str(policy), "--sequence", str(sequence)]
     words += ["--log-dir", str(folder), "--label", "purpose=demo", *more]
     command = [sys.executable, "-m", "spot_model", *words]
-    code = subprocess.run(command, env={**os.environ, **address.environment}, check=False).returncode  # noqa: S603
+    code, is_interrupted = run_in_foreground(command, {**os.environ, **address.environment})
+    if is_interrupted:
+        raise KeyboardInterrupt
     if code != 0:
         raise DemoError(f"the run ended with exit code {code}; its reason stands above, its log is in {folder}")
 

@@ -73,7 +73,7 @@ class FakeProcess:
         Raises:
             FakeProcessError: It does not serve within 30 s; the message holds its last words.
         """
-        self._process = ChildProcess.start("proof.fake_launch", *self._arguments, is_heard=True)
+        self._process = ChildProcess.start("proof.fake_launch", *self._arguments, is_heard=True, has_own_session=True)
         try:
             self.address = _address(json.loads(self._first_line(self._process)))
         except BaseException:

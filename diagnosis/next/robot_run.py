@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import signal
-import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import FrameType
 from typing import Final
 
 from spot_log import read_run
 from spot_model.errors import SpotRlError
+from spot_model.io.foreground import run_in_foreground
 
 Start = Callable[[Sequence[str]], bool]
 """Runs ``spot-rl`` with arguments until it has ended; says whether a person asked to stop meanwhile."""
@@ -48,25 +46,6 @@ def run_on_robot(words: Sequence[str], log_dir: Path, start: Start) -> Ran:
 
 
 def start_here(words: Sequence[str]) -> bool:
-    """Start ``spot-rl`` and wait until it has ended: whoever asks to stop asks the run, which brings the robot to rest.
-
-    A terminal sends Ctrl-C to both processes, so it is not passed on; SIGTERM is.
-    """
+    """Start ``spot-rl``, wait until it has ended, and say whether somebody asked for that: the robot rests."""
     code = "from spot_model.io.command_line import main; main()"
-    process = subprocess.Popen([sys.executable, "-c", code, *words])  # noqa: S603 - our own command line
-    asked = False
-
-    def pass_on(number: int, frame: FrameType | None) -> None:
-        nonlocal asked
-        del frame
-        asked = True
-        if number == signal.SIGTERM:
-            process.send_signal(signal.SIGTERM)
-
-    before = {number: signal.signal(number, pass_on) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        process.wait()
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-    return asked
+    return run_in_foreground([sys.executable, "-c", code, *words]).is_interrupted

@@ -6,7 +6,6 @@ import json
 import logging
 import os
 import signal
-import subprocess
 import sys
 import threading
 from pathlib import Path
@@ -21,6 +20,7 @@ from fake_robot.start.running import FakeOptions, RunningFake
 from fake_robot.start.server import FakeServer
 from fake_robot.start.state_folder import DEFAULT_USERNAME
 from spot_model.errors import BadInputError
+from spot_model.io.foreground import run_in_foreground
 
 HOST_PLACEHOLDER = "HOST"
 HOST_VARIABLE = "SPOT_RL_FAKE_HOST"
@@ -85,19 +85,20 @@ def fake_robot(
 def exec_program(context: typer.Context) -> None:
     """Run a program against a fake of its own: exec -- python your_program.py HOST.
 
-    Every argument that is HOST becomes the host argument; it is also in $SPOT_RL_FAKE_HOST.
+    Every argument that is HOST becomes the host argument; it is also in $SPOT_RL_FAKE_HOST. Ctrl-C is the program's to
+    answer: the fake ends after it.
     """
     if not context.args:
         raise BadInputError("exec needs a program: spot-rl fake-robot exec -- python your_program.py HOST")
     options: FakeOptions = context.obj
     if options.port == FakeOptions.port:
         options = FakeOptions(**{**vars(options), "port": 0})
-    with _signals_end_it() as stop, RunningFake(options) as fake:
+    with RunningFake(options) as fake:
         host = fake.endpoints.sdk_host
         words = [host if word == HOST_PLACEHOLDER else word for word in context.args]
         environment = {**os.environ, **fake.environment.variables(), HOST_VARIABLE: host}
         try:
-            code = _run_program(words, environment, stop)
+            code = run_in_foreground(words, environment).code
         except OSError as error:
             raise BadInputError(f"the program {words[0]!r} cannot be run: {error.strerror}") from error
     raise typer.Exit(code)
@@ -152,17 +153,6 @@ def in_one_line(record: logging.LogRecord) -> bool:
     if isinstance(error, DecodeError):
         record.msg, record.args, record.exc_info = "a client's request cannot be read: %s", (error,), None
     return True
-
-
-def _run_program(words: list[str], environment: dict[str, str], stop: threading.Event) -> int:
-    """Run to the end, or until ``stop``: then the program gets a SIGTERM. 128 + n for a program that signal n ended."""
-    process = subprocess.Popen(words, env=environment)  # noqa: S603 - it is the user's own program
-    while process.poll() is None:
-        if stop.wait(POLL_PERIOD_S):
-            process.terminate()
-            break
-    code = process.wait()
-    return code if code >= 0 else 128 - code
 
 
 def _write_ready_file(path: Path, description: str) -> None:

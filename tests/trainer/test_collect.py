@@ -1,5 +1,9 @@
 from __future__ import annotations
 
+import os
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -157,3 +161,24 @@ def test_recorded_commands_come_back_within_the_tolerance() -> None:
     played = np.array([sequence.at(float(t)) for t in time_s])
     assert np.abs(played - command).max() <= TOLERANCE + 1e-3
     assert len(sequence.waypoints) < 100
+
+
+def test_a_ctrl_c_ends_the_collection_after_the_run_has_ended(tmp_path: Path) -> None:
+    """The run gets the terminal's Ctrl-C itself and is waited for: nothing kills it while the robot comes to rest."""
+    slow = """
+import signal, sys, time
+signal.signal(signal.SIGINT, lambda *_: (time.sleep(1.0), open("rested", "w"), sys.exit(7)))
+print("up", flush=True)
+time.sleep(60)
+"""
+    child = [sys.executable, "-c", slow]
+    parent = f"from spot_model.io.foreground import run_in_foreground; print(run_in_foreground({child!r}))"
+    with subprocess.Popen(
+        [sys.executable, "-c", parent], cwd=tmp_path, stdout=subprocess.PIPE, text=True, start_new_session=True
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "up\n"
+        os.killpg(process.pid, signal.SIGINT)
+        told, _ = process.communicate(timeout=60)
+    assert told == "Ended(code=7, is_interrupted=True)\n"
+    assert (tmp_path / "rested").exists()

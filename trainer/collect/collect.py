@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -11,6 +9,8 @@ from typing import Annotated
 import typer
 
 from spot_model.errors import SpotRlError
+from spot_model.io.command_line import INTERRUPTED_EXIT_CODE
+from spot_model.io.foreground import run_in_foreground
 from spot_runtime.options import CaFile, CredentialsFile, LockStepAddress, RobotAddress
 
 
@@ -18,6 +18,12 @@ class CollectionError(SpotRlError):
     """A collection is not complete."""
 
     exit_code = 4
+
+
+class CollectionInterruptedError(SpotRlError):
+    """Somebody ended the collection."""
+
+    exit_code = INTERRUPTED_EXIT_CODE
 
 
 def collect(
@@ -53,14 +59,18 @@ def collect(
         lock_step=lock_step,
     )
 
-    def start(arguments: list[str]) -> int:
-        command = [sys.executable, "-m", "spot_model", *arguments]
-        return subprocess.run(command, env=dict(os.environ), check=False).returncode  # noqa: S603 - our own command
-
-    left = collection.record(shared, start, attempts=attempts, say=lambda text: typer.echo(text, err=True))
+    left = collection.record(shared, _start, attempts=attempts, say=lambda text: typer.echo(text, err=True))
     if left:
         names = ", ".join(f"{r.sequence.name} repeat {r.repeat}" for r in left)
         raise CollectionError(
             f"{len(left)} of {collection.n_planned} runs are missing: {names}; give the command again"
         )
     typer.echo(f"{collection.n_planned} whole runs in {out}")
+
+
+def _start(arguments: list[str]) -> int:
+    """One run, to its end; after a Ctrl-C no other begins."""
+    ended = run_in_foreground([sys.executable, "-m", "spot_model", *arguments])
+    if ended.is_interrupted:
+        raise CollectionInterruptedError("interrupted; whole runs are kept: give the command again to go on")
+    return ended.code
