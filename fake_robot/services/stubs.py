@@ -25,7 +25,7 @@ from bosdyn.api.mission import mission_service_pb2
 from bosdyn.api.spot import spot_check_service_pb2
 
 from fake_robot.services.calls.access import refuse_request
-from fake_robot.services.calls.canned import Answer, Call
+from fake_robot.services.calls.unary import Answer, Call
 from fake_robot.services.reports.log_status import ANSWERS as LOG_ANSWERS
 from fake_robot.services.sensors.cameras import CAMERAS
 from fake_robot.services.sensors.ray_cast import cast_ray

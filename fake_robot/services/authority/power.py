@@ -5,9 +5,9 @@ from __future__ import annotations
 import threading
 from collections import OrderedDict
 from dataclasses import dataclass
+from typing import Any
 
-import grpc
-from bosdyn.api import lease_pb2, license_pb2, power_pb2, power_service_pb2_grpc
+from bosdyn.api import lease_pb2, license_pb2, power_pb2
 
 from fake_robot.network.robot_port import EstopLevel, MotorPower, Snapshot, SystemFault
 from fake_robot.services.calls.access import refuse_request
@@ -32,7 +32,7 @@ class FanCommand:
     end_ns: int
 
 
-class PowerService(power_service_pb2_grpc.PowerServiceServicer):  # type: ignore[misc]
+class PowerService:
     """Starts power changes and tells how they go."""
 
     def __init__(self, world: World) -> None:
@@ -43,9 +43,7 @@ class PowerService(power_service_pb2_grpc.PowerServiceServicer):  # type: ignore
         self._last_id = 0
         self._fan = FanCommand(0, 0)
 
-    def PowerCommand(  # noqa: N802
-        self, request: power_pb2.PowerCommandRequest, context: grpc.ServicerContext
-    ) -> power_pb2.PowerCommandResponse:
+    def PowerCommand(self, request: Any) -> Any:  # noqa: N802
         """Begin a power change; needs the lease."""
         response = power_pb2.PowerCommandResponse(lease_use_result=self._world.leases.use(request.lease))
         response.license_status = license_pb2.LicenseInfo.STATUS_VALID
@@ -54,18 +52,15 @@ class PowerService(power_service_pb2_grpc.PowerServiceServicer):  # type: ignore
             return response
         if request.request not in Request.Request.values() or request.request == Request.REQUEST_UNKNOWN:
             response.status = power_pb2.STATUS_INTERNAL_ERROR
-            refused: power_pb2.PowerCommandResponse = refuse_request(
+            return refuse_request(
                 response, f"power request {request.request} is not known; allowed: {_known_requests()}"
             )
-            return refused
         response.status = self._begin(request.request, response)
         if response.status in {power_pb2.STATUS_IN_PROGRESS, power_pb2.STATUS_SUCCESS}:
             response.power_command_id = self._remember(request.request)
         return response
 
-    def PowerCommandFeedback(  # noqa: N802
-        self, request: power_pb2.PowerCommandFeedbackRequest, context: grpc.ServicerContext
-    ) -> power_pb2.PowerCommandFeedbackResponse:
+    def PowerCommandFeedback(self, request: Any) -> Any:  # noqa: N802
         """How a power change goes."""
         response = power_pb2.PowerCommandFeedbackResponse()
         with self._lock:
@@ -73,10 +68,7 @@ class PowerService(power_service_pb2_grpc.PowerServiceServicer):  # type: ignore
             is_newest = request.power_command_id == self._last_motor_command
         if wanted is None:
             response.status = power_pb2.STATUS_INTERNAL_ERROR
-            refused: power_pb2.PowerCommandFeedbackResponse = refuse_request(
-                response, f"there is no power command {request.power_command_id}"
-            )
-            return refused
+            return refuse_request(response, f"there is no power command {request.power_command_id}")
         if wanted not in {Request.REQUEST_ON_MOTORS, Request.REQUEST_OFF_MOTORS}:
             response.status = power_pb2.STATUS_SUCCESS
         elif not is_newest:
@@ -87,9 +79,7 @@ class PowerService(power_service_pb2_grpc.PowerServiceServicer):  # type: ignore
             response.blocking_faults.extend(map(system_fault_message, _blocking(snapshot)))
         return response
 
-    def FanPowerCommand(  # noqa: N802
-        self, request: power_pb2.FanPowerCommandRequest, context: grpc.ServicerContext
-    ) -> power_pb2.FanPowerCommandResponse:
+    def FanPowerCommand(self, request: Any) -> Any:  # noqa: N802
         """Set the fans for a while; needs the lease. They cool nothing here."""
         response = power_pb2.FanPowerCommandResponse(lease_use_result=self._world.leases.use(request.lease))
         if response.lease_use_result.status == lease_pb2.LeaseUseResult.STATUS_OK:
@@ -101,19 +91,14 @@ class PowerService(power_service_pb2_grpc.PowerServiceServicer):  # type: ignore
         response.status = response.STATUS_OK
         return response
 
-    def FanPowerCommandFeedback(  # noqa: N802
-        self, request: power_pb2.FanPowerCommandFeedbackRequest, context: grpc.ServicerContext
-    ) -> power_pb2.FanPowerCommandFeedbackResponse:
+    def FanPowerCommandFeedback(self, request: Any) -> Any:  # noqa: N802
         """Whether a fan command still runs."""
         response = power_pb2.FanPowerCommandFeedbackResponse()
         with self._lock:
             fan = self._fan
         if not 0 < request.command_id <= fan.command_id:
             response.status = response.STATUS_COMPLETE
-            refused: power_pb2.FanPowerCommandFeedbackResponse = refuse_request(
-                response, f"there is no fan command {request.command_id}"
-            )
-            return refused
+            return refuse_request(response, f"there is no fan command {request.command_id}")
         response.desired_end_time.CopyFrom(timestamp_from_ns(fan.end_ns))
         if request.command_id != fan.command_id:
             response.status = response.STATUS_OVERRIDDEN_BY_COMMAND
@@ -122,18 +107,14 @@ class PowerService(power_service_pb2_grpc.PowerServiceServicer):  # type: ignore
             response.status = response.STATUS_COMPLETE if is_over else response.STATUS_RUNNING
         return response
 
-    def GetFanInformation(  # noqa: N802
-        self, request: power_pb2.GetFanInformationRequest, context: grpc.ServicerContext
-    ) -> power_pb2.GetFanInformationResponse:
+    def GetFanInformation(self, request: Any) -> Any:  # noqa: N802
         """Two fans at one speed."""
         response = power_pb2.GetFanInformationResponse()
         for key in FAN_KEYS:
             response.fan_information[key].frequency = FAN_FREQUENCY_HZ
         return response
 
-    def ResetSafetyStop(  # noqa: N802
-        self, request: power_pb2.ResetSafetyStopRequest, context: grpc.ServicerContext
-    ) -> power_pb2.ResetSafetyStopResponse:
+    def ResetSafetyStop(self, request: Any) -> Any:  # noqa: N802
         """The base robot has no redundant safety stop."""
         response = power_pb2.ResetSafetyStopResponse(lease_use_result=self._world.leases.use(request.lease))
         response.status = response.STATUS_INCOMPATIBLE_HARDWARE_ERROR

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import grpc
-from bosdyn.api import robot_id_pb2, robot_id_service_pb2_grpc
+from typing import Any
+
+from bosdyn.api import robot_id_pb2
 
 from fake_robot.scenario.services_config import ServicesConfig
 
 
-class RobotIdService(robot_id_service_pb2_grpc.RobotIdServiceServicer):  # type: ignore[misc]
+class RobotIdService:
     """Tells serial number, species and software version."""
 
     def __init__(self, config: ServicesConfig) -> None:
         self._config = config
 
-    def GetRobotId(  # noqa: N802
-        self, request: robot_id_pb2.RobotIdRequest, context: grpc.ServicerContext
-    ) -> robot_id_pb2.RobotIdResponse:
+    def GetRobotId(self, request: Any) -> Any:  # noqa: N802
         """The identity from the scenario; the software's name says that this robot is a fake."""
         major, minor, patch = self._config.software_version
         response = robot_id_pb2.RobotIdResponse()

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-import grpc
-from bosdyn.api import time_sync_pb2, time_sync_service_pb2_grpc
+from typing import Any
+
+from bosdyn.api import time_sync_pb2
 
 from fake_robot.services.calls.stamps import duration_from_ns, ns_from_timestamp, timestamp_from_ns
 from fake_robot.services.identity.time_sync_clients import Sample, TimeSyncClients, sample_from_round_trip
 
 
-class TimeSyncService(time_sync_service_pb2_grpc.TimeSyncServiceServicer):  # type: ignore[misc]
+class TimeSyncService:
     """Turns the round trips that a client reports into an estimate of the clock skew."""
 
     def __init__(self, records: TimeSyncClients) -> None:
         self._records = records
 
-    def TimeSyncUpdate(  # noqa: N802
-        self, request: time_sync_pb2.TimeSyncUpdateRequest, context: grpc.ServicerContext
-    ) -> time_sync_pb2.TimeSyncUpdateResponse:
+    def TimeSyncUpdate(self, request: Any) -> Any:  # noqa: N802
         """Take the last round trip into account and answer with the best estimate so far.
 
         A client starts without an identifier. An unknown one (from before a reboot) is replaced by a new one.

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
+from typing import Any
 
-import grpc
-from bosdyn.api import lease_pb2, robot_command_pb2, robot_command_service_pb2_grpc
+from bosdyn.api import lease_pb2, robot_command_pb2
 
 from fake_robot.network.robot_port import EstopLevel, MotorPower
 from fake_robot.services.calls.access import refuse_request
@@ -32,7 +32,7 @@ SETTLING = (Verb.SIT, Verb.STOP, Verb.FREEZE, Verb.SELFRIGHT)
 Response = robot_command_pb2.RobotCommandResponse
 
 
-class RobotCommandService(robot_command_service_pb2_grpc.RobotCommandServiceServicer):  # type: ignore[misc]
+class RobotCommandService:
     """Starts motions and tells how they go. The newest command replaces the one before."""
 
     def __init__(self, world: World) -> None:
@@ -42,9 +42,7 @@ class RobotCommandService(robot_command_service_pb2_grpc.RobotCommandServiceServ
         self._commands: OrderedDict[int, Command] = OrderedDict()
         self._last_id = 0
 
-    def RobotCommand(  # noqa: N802
-        self, request: robot_command_pb2.RobotCommandRequest, context: grpc.ServicerContext
-    ) -> robot_command_pb2.RobotCommandResponse:
+    def RobotCommand(self, request: Any) -> Any:  # noqa: N802
         """Begin a motion; needs the lease, the motors' power and no uncleared behaviour fault."""
         response = Response(lease_use_result=self._world.leases.use(request.lease))
         if response.lease_use_result.status != lease_pb2.LeaseUseResult.STATUS_OK:
@@ -75,9 +73,7 @@ class RobotCommandService(robot_command_service_pb2_grpc.RobotCommandServiceServ
         response.status = Response.STATUS_OK
         return response
 
-    def RobotCommandFeedback(  # noqa: N802
-        self, request: robot_command_pb2.RobotCommandFeedbackRequest, context: grpc.ServicerContext
-    ) -> robot_command_pb2.RobotCommandFeedbackResponse:
+    def RobotCommandFeedback(self, request: Any) -> Any:  # noqa: N802
         """How a motion goes; without a number, the newest one."""
         response = robot_command_pb2.RobotCommandFeedbackResponse()
         with self._lock:
@@ -85,15 +81,12 @@ class RobotCommandService(robot_command_service_pb2_grpc.RobotCommandServiceServ
             command, is_current = self._commands.get(wanted), wanted == self._last_id
         if command is None:
             told = f"there is no robot command {wanted}" if wanted else "no robot command was given yet"
-            refused: robot_command_pb2.RobotCommandFeedbackResponse = refuse_request(response, told)
-            return refused
+            return refuse_request(response, told)
         snapshot = self._world.robot.snapshot()
         response.feedback.CopyFrom(feedback(command, snapshot, is_current=is_current))
         return response
 
-    def ClearBehaviorFault(  # noqa: N802
-        self, request: robot_command_pb2.ClearBehaviorFaultRequest, context: grpc.ServicerContext
-    ) -> robot_command_pb2.ClearBehaviorFaultResponse:
+    def ClearBehaviorFault(self, request: Any) -> Any:  # noqa: N802
         """Clear a behaviour fault; needs the lease."""
         response = robot_command_pb2.ClearBehaviorFaultResponse(
             lease_use_result=self._world.leases.use(request.lease), status=0

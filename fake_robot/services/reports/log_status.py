@@ -9,7 +9,6 @@ from typing import Any, Final
 from bosdyn.api.log_status.log_status_pb2 import LogStatus
 from google.protobuf.duration_pb2 import Duration
 
-from fake_robot.services.calls.canned import Answer, Call
 from fake_robot.services.calls.stamps import (
     StatusValue,
     duration_from_ns,
@@ -17,6 +16,7 @@ from fake_robot.services.calls.stamps import (
     ns_from_timestamp,
     timestamp_from_ns,
 )
+from fake_robot.services.calls.unary import Answer, Call
 from spot_model.robot.stamps import NS_PER_S
 
 MAX_CONCURRENT = 8

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import grpc
-from bosdyn.api import robot_state_pb2, robot_state_service_pb2_grpc
+from bosdyn.api import robot_state_pb2
 
 from fake_robot.services.calls.access import refuse_request
 from fake_robot.services.calls.stamps import timestamp_from_ns
@@ -18,15 +18,13 @@ STATE_STREAM = "/bosdyn.api.RobotStateStreamingService/GetRobotStateStream"
 STREAM_WAIT_S = 0.5
 
 
-class RobotStateService(robot_state_service_pb2_grpc.RobotStateServiceServicer):  # type: ignore[misc]
+class RobotStateService:
     """Power, batteries, faults, e-stops, kinematics, feet: what the stream does not carry."""
 
     def __init__(self, world: World) -> None:
         self._world = world
 
-    def GetRobotState(  # noqa: N802
-        self, request: robot_state_pb2.RobotStateRequest, context: grpc.ServicerContext
-    ) -> robot_state_pb2.RobotStateResponse:
+    def GetRobotState(self, request: Any) -> Any:  # noqa: N802
         """The state of one instant."""
         state = robot_state_message(
             self._world.robot.snapshot(),
@@ -36,9 +34,7 @@ class RobotStateService(robot_state_service_pb2_grpc.RobotStateServiceServicer):
         )
         return robot_state_pb2.RobotStateResponse(robot_state=state)
 
-    def GetRobotMetrics(  # noqa: N802
-        self, request: robot_state_pb2.RobotMetricsRequest, context: grpc.ServicerContext
-    ) -> robot_state_pb2.RobotMetricsResponse:
+    def GetRobotMetrics(self, request: Any) -> Any:  # noqa: N802
         """Distance and times since the fake was started."""
         snapshot = self._world.robot.snapshot()
         response = robot_state_pb2.RobotMetricsResponse()
@@ -49,9 +45,7 @@ class RobotStateService(robot_state_service_pb2_grpc.RobotStateServiceServicer):
             metrics.metrics.add(label=label, units="s").duration.FromNanoseconds(round(seconds * 1e9))
         return response
 
-    def GetRobotHardwareConfiguration(  # noqa: N802
-        self, request: robot_state_pb2.RobotHardwareConfigurationRequest, context: grpc.ServicerContext
-    ) -> robot_state_pb2.RobotHardwareConfigurationResponse:
+    def GetRobotHardwareConfiguration(self, request: Any) -> Any:  # noqa: N802
         """The link names. The vendor's URDF and meshes are not ours to give out, so that field is empty."""
         response = robot_state_pb2.RobotHardwareConfigurationResponse()
         hardware = response.hardware_configuration
@@ -63,16 +57,13 @@ class RobotStateService(robot_state_service_pb2_grpc.RobotStateServiceServicer):
         hardware.can_power_command_request_wifi_radio = True
         return response
 
-    def GetRobotLinkModel(  # noqa: N802
-        self, request: robot_state_pb2.RobotLinkModelRequest, context: grpc.ServicerContext
-    ) -> robot_state_pb2.RobotLinkModelResponse:
+    def GetRobotLinkModel(self, request: Any) -> Any:  # noqa: N802
         """A link's outline: a box."""
         response = robot_state_pb2.RobotLinkModelResponse()
         name = request.link_name
         if name not in LINK_NAMES:
             told = f"no model of link {name!r}; links: {', '.join(LINK_NAMES)}"
-            refused: robot_state_pb2.RobotLinkModelResponse = refuse_request(response, told)
-            return refused
+            return refuse_request(response, told)
         response.link_model.file_name, response.link_model.file_contents = f"{name}.obj", outline_obj(name)
         return response
 

@@ -7,7 +7,7 @@ import math
 from bosdyn.api import ray_cast_pb2
 from bosdyn.client.frame_helpers import GROUND_PLANE_FRAME_NAME, VISION_FRAME_NAME, get_a_tform_b
 
-from fake_robot.services.calls.canned import Call
+from fake_robot.services.calls.unary import Call
 from fake_robot.services.reports.robot_state_message import frame_tree
 
 Kind = ray_cast_pb2.RayIntersection

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from typing import Any
 
-import grpc
-from bosdyn.api import world_object_pb2, world_object_service_pb2_grpc
+from bosdyn.api import world_object_pb2
 
 from fake_robot.network.robot_port import Snapshot
 from fake_robot.services.calls.stamps import ns_from_timestamp
@@ -28,7 +28,7 @@ _KIND_OF_FIELD = {
 }
 
 
-class WorldObjectService(world_object_service_pb2_grpc.WorldObjectServiceServicer):  # type: ignore[misc]
+class WorldObjectService:
     """Keeps the objects of all clients, numbered by the service.
 
     Args:
@@ -41,9 +41,7 @@ class WorldObjectService(world_object_service_pb2_grpc.WorldObjectServiceService
         self._next_id = FIRST_ID
         self._lock = threading.Lock()
 
-    def ListWorldObjects(  # noqa: N802
-        self, request: world_object_pb2.ListWorldObjectRequest, context: grpc.ServicerContext
-    ) -> world_object_pb2.ListWorldObjectResponse:
+    def ListWorldObjects(self, request: Any) -> Any:  # noqa: N802
         """The objects of the asked kinds that are not older than the filter."""
         with self._lock:
             chosen = [o for o in self._objects.values() if _matches(o, request)]
@@ -55,9 +53,7 @@ class WorldObjectService(world_object_service_pb2_grpc.WorldObjectServiceService
                     listed.transforms_snapshot.child_to_parent_edge_map[child].CopyFrom(edge)
         return response
 
-    def MutateWorldObjects(  # noqa: N802
-        self, request: world_object_pb2.MutateWorldObjectRequest, context: grpc.ServicerContext
-    ) -> world_object_pb2.MutateWorldObjectResponse:
+    def MutateWorldObjects(self, request: Any) -> Any:  # noqa: N802
         """Add, change or delete one object."""
         action, wanted = request.mutation.action, request.mutation.object
         with self._lock:
