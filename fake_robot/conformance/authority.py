@@ -2,30 +2,20 @@
 
 from __future__ import annotations
 
-from bosdyn.api import (
-    estop_pb2,
-    estop_service_pb2_grpc,
-    lease_pb2,
-    lease_service_pb2_grpc,
-    power_pb2,
-    power_service_pb2_grpc,
-)
-from bosdyn.api.keepalive import keepalive_pb2, keepalive_service_pb2_grpc
+from bosdyn.api import lease_pb2
 
 from fake_robot.conformance.check import Basis, Needs, check
-from fake_robot.conformance.server import RPC_TIMEOUT_S, Server, SkippedError, enum_name, header, status_of
+from fake_robot.conformance.server import Server, SkippedError, enum_name, status_of
 
 _LEASE = "lease.proto"
 _ESTOP = "estop.proto"
+_OLD = lease_pb2.Lease(resource="body", epoch="no-such-epoch", sequence=[1])
+_OF_NOTHING = lease_pb2.Lease(resource="no-such-resource", epoch="e", sequence=[1])
 
 
 def use_lease(server: Server, lease: lease_pb2.Lease) -> str:
     """How a robot judges a lease in a command that changes nothing: clearing a fault that is none."""
-    from bosdyn.api import robot_command_pb2, robot_command_service_pb2_grpc
-
-    stub = server.stub(robot_command_service_pb2_grpc.RobotCommandServiceStub, "robot-command")
-    request = robot_command_pb2.ClearBehaviorFaultRequest(header=header(), lease=lease, behavior_fault_id=0xFFFFFFF0)
-    answer = stub.ClearBehaviorFault(request, timeout=RPC_TIMEOUT_S)
+    answer = server.ask("robot-command", "ClearBehaviorFault", lease=lease, behavior_fault_id=0xFFFFFFF0)
     return status_of(answer.lease_use_result)
 
 
@@ -38,9 +28,7 @@ def _changed(lease: lease_pb2.Lease, **changes: object) -> lease_pb2.Lease:
 @check("Lease.AcquireLease: resource", "a resource that is none", "STATUS_INVALID_RESOURCE", source=_LEASE)
 def acquire_unknown_resource(server: Server) -> str:
     """Acquire what cannot be owned."""
-    stub = server.stub(lease_service_pb2_grpc.LeaseServiceStub, "lease")
-    request = lease_pb2.AcquireLeaseRequest(header=header(), resource="no-such-resource")
-    return status_of(stub.AcquireLease(request, timeout=RPC_TIMEOUT_S))
+    return status_of(server.ask("lease", "AcquireLease", resource="no-such-resource"))
 
 
 @check(
@@ -52,36 +40,27 @@ def acquire_unknown_resource(server: Server) -> str:
 )
 def acquire_twice(server: Server) -> str:
     """Acquire the lease while it is held."""
-    stub = server.stub(lease_service_pb2_grpc.LeaseServiceStub, "lease")
     with server.lease():
-        request = lease_pb2.AcquireLeaseRequest(header=header(), resource="body")
-        return status_of(stub.AcquireLease(request, timeout=RPC_TIMEOUT_S))
+        return status_of(server.ask("lease", "AcquireLease", resource="body"))
 
 
 @check("Lease.ReturnLease: lease", "a lease that is not the active one", "STATUS_NOT_ACTIVE_LEASE", source=_LEASE)
 def return_old_lease(server: Server) -> str:
     """Return a lease of another epoch."""
-    stub = server.stub(lease_service_pb2_grpc.LeaseServiceStub, "lease")
-    old = lease_pb2.Lease(resource="body", epoch="no-such-epoch", sequence=[1])
-    return status_of(stub.ReturnLease(lease_pb2.ReturnLeaseRequest(header=header(), lease=old), timeout=RPC_TIMEOUT_S))
+    return status_of(server.ask("lease", "ReturnLease", lease=_OLD))
 
 
 @check("Lease.ReturnLease: resource", "a resource that is none", "STATUS_INVALID_RESOURCE", source=_LEASE)
 def return_unknown_resource(server: Server) -> str:
     """Return what cannot be owned."""
-    stub = server.stub(lease_service_pb2_grpc.LeaseServiceStub, "lease")
-    wrong = lease_pb2.Lease(resource="no-such-resource", epoch="e", sequence=[1])
-    request = lease_pb2.ReturnLeaseRequest(header=header(), lease=wrong)
-    return status_of(stub.ReturnLease(request, timeout=RPC_TIMEOUT_S))
+    return status_of(server.ask("lease", "ReturnLease", lease=_OF_NOTHING))
 
 
 @check("Lease.ListLeases", "", "all-leases, body, mobility", source="SDK: Understanding Spot Programming")
 def leases_are_listed(server: Server) -> str:
     """The resources of a robot without an arm."""
-    stub = server.stub(lease_service_pb2_grpc.LeaseServiceStub, "lease")
-    answer = stub.ListLeases(lease_pb2.ListLeasesRequest(header=header()), timeout=RPC_TIMEOUT_S)
     wanted = {"all-leases", "body", "mobility"}
-    return ", ".join(sorted(wanted & {r.resource for r in answer.resources}))
+    return ", ".join(sorted(wanted & {r.resource for r in server.ask("lease", "ListLeases").resources}))
 
 
 @check("commands: lease", "no lease", "STATUS_INVALID_LEASE", source=_LEASE)
@@ -93,7 +72,7 @@ def empty_lease(server: Server) -> str:
 @check("commands: lease.resource", "a resource that is none", "STATUS_UNMANAGED", source=_LEASE)
 def unmanaged_lease(server: Server) -> str:
     """A command with a lease of something else."""
-    return use_lease(server, lease_pb2.Lease(resource="no-such-resource", epoch="e", sequence=[1]))
+    return use_lease(server, _OF_NOTHING)
 
 
 @check("commands: lease.epoch", "another epoch", "STATUS_WRONG_EPOCH", source=_LEASE, needs=Needs.LEASE)
@@ -135,18 +114,13 @@ def lease_after_sublease(server: Server) -> str:
 @check("Lease.RetainLease: lease", "a lease of another epoch", "STATUS_WRONG_EPOCH", source=_LEASE)
 def retain_wrong_epoch(server: Server) -> str:
     """Retain a lease from before a reboot."""
-    stub = server.stub(lease_service_pb2_grpc.LeaseServiceStub, "lease")
-    old = lease_pb2.Lease(resource="body", epoch="no-such-epoch", sequence=[1])
-    answer = stub.RetainLease(lease_pb2.RetainLeaseRequest(header=header(), lease=old), timeout=RPC_TIMEOUT_S)
-    return status_of(answer.lease_use_result)
+    return status_of(server.ask("lease", "RetainLease", lease=_OLD).lease_use_result)
 
 
 @check("Estop.SetEstopConfig: target_config_id", "an identifier that is none", "STATUS_INVALID_ID", source=_ESTOP)
 def estop_wrong_config(server: Server) -> str:
     """Replace a configuration that is not the active one."""
-    stub = server.stub(estop_service_pb2_grpc.EstopServiceStub, "estop")
-    request = estop_pb2.SetEstopConfigRequest(header=header(), target_config_id="no-such-config")
-    return status_of(stub.SetEstopConfig(request, timeout=RPC_TIMEOUT_S))
+    return status_of(server.ask("estop", "SetEstopConfig", target_config_id="no-such-config"))
 
 
 @check(
@@ -157,27 +131,22 @@ def estop_wrong_config(server: Server) -> str:
 )
 def estop_register_elsewhere(server: Server) -> str:
     """Register in a configuration that is not the active one."""
-    stub = server.stub(estop_service_pb2_grpc.EstopServiceStub, "estop")
-    request = estop_pb2.RegisterEstopEndpointRequest(header=header(), target_config_id="no-such-config")
-    request.new_endpoint.name, request.new_endpoint.role = "conformance", "PDB_rooted"
-    return status_of(stub.RegisterEstopEndpoint(request, timeout=RPC_TIMEOUT_S))
+    new = {"name": "conformance", "role": "PDB_rooted"}
+    answer = server.ask("estop", "RegisterEstopEndpoint", target_config_id="no-such-config", new_endpoint=new)
+    return status_of(answer)
 
 
 @check("Estop.EstopCheckIn: endpoint", "an endpoint that is none", "STATUS_ENDPOINT_UNKNOWN", source=_ESTOP)
 def estop_unknown_endpoint(server: Server) -> str:
     """Check in without having registered."""
-    stub = server.stub(estop_service_pb2_grpc.EstopServiceStub, "estop")
-    request = estop_pb2.EstopCheckInRequest(header=header(), stop_level=estop_pb2.ESTOP_LEVEL_NONE)
-    request.endpoint.unique_id, request.endpoint.role = "no-such-endpoint", "PDB_rooted"
-    return status_of(stub.EstopCheckIn(request, timeout=RPC_TIMEOUT_S))
+    unknown = {"unique_id": "no-such-endpoint", "role": "PDB_rooted"}
+    return status_of(server.ask("estop", "EstopCheckIn", stop_level="ESTOP_LEVEL_NONE", endpoint=unknown))
 
 
 @check("Power.PowerCommand: lease", "no lease", "STATUS_INVALID_LEASE", source="power.proto: lease_use_result")
 def power_without_lease(server: Server) -> str:
     """Motors on, without a lease."""
-    stub = server.stub(power_service_pb2_grpc.PowerServiceStub, "power")
-    request = power_pb2.PowerCommandRequest(header=header(), request=power_pb2.PowerCommandRequest.REQUEST_ON_MOTORS)
-    return status_of(stub.PowerCommand(request, timeout=RPC_TIMEOUT_S).lease_use_result)
+    return status_of(server.ask("power", "PowerCommand", request="REQUEST_ON_MOTORS").lease_use_result)
 
 
 @check(
@@ -189,13 +158,10 @@ def power_without_lease(server: Server) -> str:
 )
 def power_while_stopped(server: Server) -> str:
     """Only where the robot is stopped already: no check presses or releases a stop."""
-    stub = server.stub(power_service_pb2_grpc.PowerServiceStub, "power")
     if not server.robot.is_estopped():
         raise SkippedError("the e-stop is released")
     with server.lease() as lease:
-        request = power_pb2.PowerCommandRequest(header=header(), lease=lease)
-        request.request = power_pb2.PowerCommandRequest.REQUEST_ON_MOTORS
-        return enum_name(stub.PowerCommand(request, timeout=RPC_TIMEOUT_S), "status")
+        return status_of(server.ask("power", "PowerCommand", lease=lease, request="REQUEST_ON_MOTORS"))
 
 
 @check(
@@ -207,14 +173,11 @@ def power_while_stopped(server: Server) -> str:
 )
 def power_feedback_of_nothing(server: Server) -> str:
     """Ask after a command that was never given."""
-    stub = server.stub(power_service_pb2_grpc.PowerServiceStub, "power")
-    request = power_pb2.PowerCommandFeedbackRequest(header=header(), power_command_id=0xFFFFFFF0)
-    return enum_name(stub.PowerCommandFeedback(request, timeout=RPC_TIMEOUT_S).header.error, "code")
+    answer = server.ask("power", "PowerCommandFeedback", power_command_id=0xFFFFFFF0)
+    return enum_name(answer.header.error, "code")
 
 
 @check("Keepalive.CheckIn: policy_id", "a number that is none", "STATUS_INVALID_POLICY_ID", source="keepalive.proto")
 def keepalive_unknown_policy(server: Server) -> str:
     """Check in for a policy that is none."""
-    stub = server.stub(keepalive_service_pb2_grpc.KeepaliveServiceStub, "keepalive")
-    request = keepalive_pb2.CheckInRequest(header=header(), policy_id=0xFFFFFFF0)
-    return status_of(stub.CheckIn(request, timeout=RPC_TIMEOUT_S))
+    return status_of(server.ask("keepalive", "CheckIn", policy_id=0xFFFFFFF0))

@@ -4,21 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from bosdyn.api import (
-    directory_pb2,
-    directory_service_pb2_grpc,
-    image_pb2,
-    lease_pb2,
-    lease_service_pb2_grpc,
-    time_sync_pb2,
-    time_sync_service_pb2_grpc,
-    world_object_pb2,
-    world_object_service_pb2_grpc,
-)
+from bosdyn.api import image_pb2, lease_pb2, world_object_pb2
 
 from fake_robot.conformance.authority import use_lease
 from fake_robot.conformance.check import Needs, check
-from fake_robot.conformance.server import RPC_TIMEOUT_S, Server, SkippedError, header
+from fake_robot.conformance.server import RPC_TIMEOUT_S, Server, SkippedError
 
 _LEASE = "lease.proto"
 _KEPT = "listed, then gone"
@@ -40,16 +30,13 @@ def returned_lease(server: Server) -> str:
 @check("Lease.TakeLease", "the lease before it was taken", "refused", source=_LEASE, needs=Needs.LEASE)
 def taken_lease(server: Server) -> str:
     """A command with a lease that somebody took; here its own holder took it."""
-    stub = server.stub(lease_service_pb2_grpc.LeaseServiceStub, "lease")
     with server.lease() as lease:
-        taken = stub.TakeLease(
-            lease_pb2.TakeLeaseRequest(header=header(), resource="body"), timeout=RPC_TIMEOUT_S
-        ).lease
+        taken = server.ask("lease", "TakeLease", resource="body").lease
         try:
             use_lease(server, taken)
             return _refusal(use_lease(server, lease))
         finally:
-            stub.ReturnLease(lease_pb2.ReturnLeaseRequest(header=header(), lease=taken), timeout=RPC_TIMEOUT_S)
+            server.ask("lease", "ReturnLease", lease=taken)
 
 
 @check("Lease.AcquireLease: lease", "acquired twice, returned in between", "newer", source=_LEASE, needs=Needs.LEASE)
@@ -95,9 +82,7 @@ def types_are_the_sdks(server: Server) -> str:
 @check("Directory.GetServiceEntry", "robot-state", "as listed", source="directory.proto")
 def entry_is_as_listed(server: Server) -> str:
     """One entry, looked up and listed."""
-    stub = server.stub(directory_service_pb2_grpc.DirectoryServiceStub, "directory")
-    request = directory_pb2.GetServiceEntryRequest(header=header(), service_name="robot-state")
-    found = stub.GetServiceEntry(request, timeout=RPC_TIMEOUT_S).service_entry
+    found = server.ask("directory", "GetServiceEntry", service_name="robot-state").service_entry
     listed = {entry.name: entry for entry in server.robot.ensure_client("directory").list()}["robot-state"]
     same = (found.name, found.type, found.authority) == (listed.name, listed.type, listed.authority)
     return "as listed" if same else f"{found.name or 'nothing'}, {found.type}"
@@ -116,13 +101,10 @@ def registration_is_kept(server: Server) -> str:
 @check("WorldObject.MutateWorldObjects", "an object, then its deletion", _KEPT, source="world_object.proto")
 def world_object_is_kept(server: Server) -> str:
     """Draw a frame in odom, and delete it."""
-    stub = server.stub(world_object_service_pb2_grpc.WorldObjectServiceStub, "world-objects")
 
-    def mutate(action: int, thing: world_object_pb2.WorldObject) -> int:
-        request = world_object_pb2.MutateWorldObjectRequest(header=header())
-        request.mutation.action = action
-        request.mutation.object.CopyFrom(thing)
-        return int(stub.MutateWorldObjects(request, timeout=RPC_TIMEOUT_S).mutated_object_id)
+    def mutate(action: str, thing: world_object_pb2.WorldObject) -> int:
+        mutation = {"action": action, "object": thing}
+        return int(server.ask("world-objects", "MutateWorldObjects", mutation=mutation).mutated_object_id)
 
     def listed() -> set[str]:
         return {str(o.name) for o in server.robot.ensure_client("world-objects").list_world_objects().world_objects}
@@ -130,9 +112,9 @@ def world_object_is_kept(server: Server) -> str:
     thing = world_object_pb2.WorldObject(name=_TRIAL, acquisition_time=server.robot_stamp(0.0))
     drawn = thing.drawable_properties.add(frame_name_drawable="odom")
     drawn.frame.arrow_length, drawn.frame.arrow_radius, drawn.color.a = 0.1, 0.01, 1.0
-    thing.id = mutate(world_object_pb2.MutateWorldObjectRequest.ACTION_ADD, thing)
+    thing.id = mutate("ACTION_ADD", thing)
     was_listed = _TRIAL in listed()
-    mutate(world_object_pb2.MutateWorldObjectRequest.ACTION_DELETE, thing)
+    mutate("ACTION_DELETE", thing)
     return _kept(was_listed, _TRIAL in listed())
 
 
@@ -145,11 +127,7 @@ def _kept(was_listed: bool, is_listed: bool) -> str:
 @check("TimeSync.TimeSyncUpdate: clock_identifier", "two new clients", "two identifiers", source="time_sync.proto")
 def identifiers_differ(server: Server) -> str:
     """Each client gets an identifier of its own."""
-    stub = server.stub(time_sync_service_pb2_grpc.TimeSyncServiceStub, "time-sync")
-    first, second = (
-        stub.TimeSyncUpdate(time_sync_pb2.TimeSyncUpdateRequest(header=header()), timeout=RPC_TIMEOUT_S)
-        for _ in range(2)
-    )
+    first, second = (server.ask("time-sync", "TimeSyncUpdate") for _ in range(2))
     return "two identifiers" if first.clock_identifier != second.clock_identifier else "one identifier"
 
 

@@ -257,12 +257,8 @@ def arm_command(server: Server) -> str:
 )
 def clear_no_fault(server: Server) -> str:
     """Clear a fault that is none."""
-    stub = server.stub(robot_command_service_pb2_grpc.RobotCommandServiceStub, "robot-command")
     with server.lease() as lease:
-        request = robot_command_pb2.ClearBehaviorFaultRequest(
-            header=header(), lease=lease, behavior_fault_id=0xFFFFFFF0
-        )
-        return status_of(stub.ClearBehaviorFault(request, timeout=RPC_TIMEOUT_S))
+        return status_of(server.ask("robot-command", "ClearBehaviorFault", lease=lease, behavior_fault_id=0xFFFFFFF0))
 
 
 @check(
@@ -274,9 +270,8 @@ def clear_no_fault(server: Server) -> str:
 )
 def feedback_of_nothing(server: Server) -> str:
     """Ask after a command that was never given."""
-    stub = server.stub(robot_command_service_pb2_grpc.RobotCommandServiceStub, "robot-command")
-    request = robot_command_pb2.RobotCommandFeedbackRequest(header=header(), robot_command_id=0xFFFFFFF0)
-    return enum_name(stub.RobotCommandFeedback(request, timeout=RPC_TIMEOUT_S).header.error, "code")
+    answer = server.ask("robot-command", "RobotCommandFeedback", robot_command_id=0xFFFFFFF0)
+    return enum_name(answer.header.error, "code")
 
 
 @check("RobotCommand.RobotCommand", "a stand, a short way ahead, a sit", "arrived", source=_BASIC, needs=Needs.MOTION)

@@ -4,20 +4,7 @@ from __future__ import annotations
 
 import secrets
 
-from bosdyn.api import (
-    auth_pb2,
-    auth_service_pb2_grpc,
-    directory_pb2,
-    directory_registration_pb2,
-    directory_registration_service_pb2_grpc,
-    directory_service_pb2_grpc,
-    robot_id_pb2,
-    robot_id_service_pb2_grpc,
-    robot_state_pb2,
-    robot_state_service_pb2_grpc,
-    time_sync_pb2,
-    time_sync_service_pb2_grpc,
-)
+from bosdyn.api import robot_state_pb2, robot_state_service_pb2_grpc
 
 from fake_robot.conformance.check import Basis, check
 from fake_robot.conformance.server import CLIENT_NAME, RPC_TIMEOUT_S, Server, header, status_of
@@ -63,34 +50,26 @@ BASE_SERVICES = (
 @check("Auth.GetAuthToken: password", "a wrong password", "STATUS_INVALID_LOGIN", source="auth.proto")
 def wrong_password(server: Server) -> str:
     """Log in with a password that is none."""
-    stub = server.stranger_stub(auth_service_pb2_grpc.AuthServiceStub, "auth.spot.robot")
-    request = auth_pb2.GetAuthTokenRequest(header=header(), username=CLIENT_NAME, password=secrets.token_hex(8))
-    return status_of(stub.GetAuthToken(request, timeout=RPC_TIMEOUT_S))
+    return status_of(server.ask("auth", "GetAuthToken", username=CLIENT_NAME, password=secrets.token_hex(8)))
 
 
 @check("Auth.GetAuthToken: token", "a token that is none", "STATUS_INVALID_TOKEN", source="auth.proto")
 def wrong_token(server: Server) -> str:
     """Renew a token that is none."""
-    stub = server.stranger_stub(auth_service_pb2_grpc.AuthServiceStub, "auth.spot.robot")
-    return status_of(
-        stub.GetAuthToken(auth_pb2.GetAuthTokenRequest(header=header(), token="none"), timeout=RPC_TIMEOUT_S)  # noqa: S106
-    )
+    return status_of(server.ask("auth", "GetAuthToken", token="none"))  # noqa: S106
 
 
 @check("any call: authorization", "no user token", "UNAUTHENTICATED", source="directory.proto: user_token_required")
 def call_without_token(server: Server) -> str:
     """List the directory without a token."""
-    stub = server.stranger_stub(directory_service_pb2_grpc.DirectoryServiceStub, "api.spot.robot")
-    stub.ListServiceEntries(directory_pb2.ListServiceEntriesRequest(header=header()), timeout=RPC_TIMEOUT_S)
+    server.ask("directory", "ListServiceEntries", stranger_at="api.spot.robot")
     return "OK"
 
 
 @check("RobotId.GetRobotId", "no user token", "OK", source="SDK: robot.get_id() before authenticate()")
 def robot_id_without_token(server: Server) -> str:
     """Ask who the robot is without a token."""
-    stub = server.stranger_stub(robot_id_service_pb2_grpc.RobotIdServiceStub, "id.spot.robot")
-    answer = stub.GetRobotId(robot_id_pb2.RobotIdRequest(header=header()), timeout=RPC_TIMEOUT_S)
-    return "OK" if answer.robot_id.serial_number else "no serial number"
+    return "OK" if server.ask("robot-id", "GetRobotId").robot_id.serial_number else "no serial number"
 
 
 @check("any call: header", "a client's name and time", "echoed", source="header.proto: request_header")
@@ -110,8 +89,7 @@ def header_is_echoed(server: Server) -> str:
 @check("Directory.ListServiceEntries", "", "all there", source="SDK: default service clients; spot_wrapper")
 def base_services_are_listed(server: Server) -> str:
     """Every service that programs make clients of on a base robot."""
-    stub = server.stub(directory_service_pb2_grpc.DirectoryServiceStub, "directory")
-    answer = stub.ListServiceEntries(directory_pb2.ListServiceEntriesRequest(header=header()), timeout=RPC_TIMEOUT_S)
+    answer = server.ask("directory", "ListServiceEntries")
     missing = set(BASE_SERVICES) - {entry.name for entry in answer.service_entries}
     return f"missing: {', '.join(sorted(missing))}" if missing else "all there"
 
@@ -124,9 +102,7 @@ def base_services_are_listed(server: Server) -> str:
 )
 def unknown_service(server: Server) -> str:
     """Look up a service that is none."""
-    stub = server.stub(directory_service_pb2_grpc.DirectoryServiceStub, "directory")
-    request = directory_pb2.GetServiceEntryRequest(header=header(), service_name="no-such-service")
-    return status_of(stub.GetServiceEntry(request, timeout=RPC_TIMEOUT_S))
+    return status_of(server.ask("directory", "GetServiceEntry", service_name="no-such-service"))
 
 
 @check(
@@ -137,11 +113,7 @@ def unknown_service(server: Server) -> str:
 )
 def unregister_unknown(server: Server) -> str:
     """Unregister a service that is none."""
-    stub = server.stub(
-        directory_registration_service_pb2_grpc.DirectoryRegistrationServiceStub, "directory-registration"
-    )
-    request = directory_registration_pb2.UnregisterServiceRequest(header=header(), service_name="no-such-service")
-    return status_of(stub.UnregisterService(request, timeout=RPC_TIMEOUT_S))
+    return status_of(server.ask("directory-registration", "UnregisterService", service_name="no-such-service"))
 
 
 @check(
@@ -152,13 +124,8 @@ def unregister_unknown(server: Server) -> str:
 )
 def register_taken_name(server: Server) -> str:
     """Register a service under a name that is taken."""
-    stub = server.stub(
-        directory_registration_service_pb2_grpc.DirectoryRegistrationServiceStub, "directory-registration"
-    )
-    request = directory_registration_pb2.RegisterServiceRequest(header=header())
-    request.service_entry.name, request.service_entry.type = "robot-state", "bosdyn.api.RobotStateService"
-    request.service_entry.authority = "robot-state.spot.robot"
-    return status_of(stub.RegisterService(request, timeout=RPC_TIMEOUT_S))
+    taken = {"name": "robot-state", "type": "bosdyn.api.RobotStateService", "authority": "robot-state.spot.robot"}
+    return status_of(server.ask("directory-registration", "RegisterService", service_entry=taken))
 
 
 @check(
@@ -169,8 +136,7 @@ def register_taken_name(server: Server) -> str:
 )
 def first_time_sync(server: Server) -> str:
     """A new client gets an identifier, and is not synchronised yet."""
-    stub = server.stub(time_sync_service_pb2_grpc.TimeSyncServiceStub, "time-sync")
-    answer = stub.TimeSyncUpdate(time_sync_pb2.TimeSyncUpdateRequest(header=header()), timeout=RPC_TIMEOUT_S)
+    answer = server.ask("time-sync", "TimeSyncUpdate")
     return f"{'an' if answer.clock_identifier else 'no'} identifier, {status_of(answer.state)}"
 
 
@@ -195,8 +161,6 @@ def time_sync_is_reached(server: Server) -> str:
 )
 def unknown_clock_identifier(server: Server) -> str:
     """A client from before a reboot."""
-    stub = server.stub(time_sync_service_pb2_grpc.TimeSyncServiceStub, "time-sync")
-    request = time_sync_pb2.TimeSyncUpdateRequest(header=header(), clock_identifier="no-such-client")
-    answer = stub.TimeSyncUpdate(request, timeout=RPC_TIMEOUT_S)
+    answer = server.ask("time-sync", "TimeSyncUpdate", clock_identifier="no-such-client")
     is_new = answer.clock_identifier not in {"", "no-such-client"}
     return "a new identifier" if is_new else f"identifier {answer.clock_identifier!r}"

@@ -6,12 +6,12 @@ import math
 from itertools import pairwise
 from typing import Any
 
-from bosdyn.api import robot_id_pb2, robot_id_service_pb2_grpc, robot_state_pb2, robot_state_service_pb2_grpc
+from bosdyn.api import robot_state_pb2
 from bosdyn.client.math_helpers import Quat
 
 from fake_robot.conformance.check import Basis, check
 from fake_robot.conformance.reports import states
-from fake_robot.conformance.server import RPC_TIMEOUT_S, Server, SkippedError, header
+from fake_robot.conformance.server import Server, SkippedError
 from spot_model.robot.facts import JOINT_NAMES
 
 _STREAM, _POLL = "GetRobotStateStream", "RobotState.GetRobotState"
@@ -154,9 +154,7 @@ def headers_are_robot_time(server: Server) -> str:
 
 
 def _header_ns(server: Server) -> int:
-    stub = server.stub(robot_state_service_pb2_grpc.RobotStateServiceStub, "robot-state")
-    answer = stub.GetRobotState(robot_state_pb2.RobotStateRequest(header=header()), timeout=RPC_TIMEOUT_S)
-    return _ns(answer.header.response_timestamp)
+    return _ns(server.ask("robot-state", "GetRobotState").header.response_timestamp)
 
 
 @check(f"{_POLL}: battery_states", "", "plausible", source="robot_state.proto: percent, volts")
@@ -193,10 +191,7 @@ def skeleton_has_the_legs(server: Server) -> str:
 @check("RobotId.GetRobotId", "asked twice", "one robot", source="robot_id.proto")
 def robot_id_stays(server: Server) -> str:
     """Serial number, species and version are there, and the same each time."""
-    stub = server.stranger_stub(robot_id_service_pb2_grpc.RobotIdServiceStub, "id.spot.robot")
-    first, second = (
-        stub.GetRobotId(robot_id_pb2.RobotIdRequest(header=header()), timeout=RPC_TIMEOUT_S).robot_id for _ in range(2)
-    )
+    first, second = (server.ask("robot-id", "GetRobotId").robot_id for _ in range(2))
     if not (first.serial_number and first.species and first.software_release.version.major_version):
         return "something is missing"
     return "one robot" if first == second else "two robots"

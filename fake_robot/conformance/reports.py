@@ -4,19 +4,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 
-from bosdyn.api import (
-    fault_service_pb2_grpc,
-    image_pb2,
-    image_service_pb2_grpc,
-    robot_state_pb2,
-    robot_state_service_pb2_grpc,
-    service_fault_pb2,
-    world_object_pb2,
-    world_object_service_pb2_grpc,
-)
-from bosdyn.api.docking import docking_pb2, docking_service_pb2_grpc
-from bosdyn.api.graph_nav import graph_nav_pb2, graph_nav_service_pb2_grpc
-from bosdyn.api.mission import mission_pb2, mission_service_pb2_grpc
+from bosdyn.api import robot_state_pb2, robot_state_service_pb2_grpc
 
 from fake_robot.conformance.check import Basis, check
 from fake_robot.conformance.server import RPC_TIMEOUT_S, Server, enum_name, header, status_of
@@ -110,9 +98,7 @@ def polled_state_is_complete(server: Server) -> str:
 )
 def unknown_link(server: Server) -> str:
     """Ask for the shape of a link that is none."""
-    stub = server.stub(robot_state_service_pb2_grpc.RobotStateServiceStub, "robot-state")
-    request = robot_state_pb2.RobotLinkModelRequest(header=header(), link_name="no-such-link")
-    return enum_name(stub.GetRobotLinkModel(request, timeout=RPC_TIMEOUT_S).header.error, "code")
+    return enum_name(server.ask("robot-state", "GetRobotLinkModel", link_name="no-such-link").header.error, "code")
 
 
 @check(
@@ -123,10 +109,8 @@ def unknown_link(server: Server) -> str:
 )
 def clear_unknown_service_fault(server: Server) -> str:
     """Clear a service fault that is none."""
-    stub = server.stub(fault_service_pb2_grpc.FaultServiceStub, "fault")
-    request = service_fault_pb2.ClearServiceFaultRequest(header=header())
-    request.fault_id.fault_name, request.fault_id.service_name = "no-such-fault", "no-such-service"
-    return status_of(stub.ClearServiceFault(request, timeout=RPC_TIMEOUT_S))
+    unknown = {"fault_name": "no-such-fault", "service_name": "no-such-service"}
+    return status_of(server.ask("fault", "ClearServiceFault", fault_id=unknown))
 
 
 @check(
@@ -137,25 +121,20 @@ def clear_unknown_service_fault(server: Server) -> str:
 )
 def trigger_twice(server: Server) -> str:
     """Raise an informative fault twice, and clear it."""
-    stub = server.stub(fault_service_pb2_grpc.FaultServiceStub, "fault")
-    request = service_fault_pb2.TriggerServiceFaultRequest(header=header())
-    request.fault.fault_id.fault_name, request.fault.fault_id.service_name = "conformance", "spot-rl-conformance"
-    request.fault.severity = request.fault.SEVERITY_INFO
-    stub.TriggerServiceFault(request, timeout=RPC_TIMEOUT_S)
+    identity = {"fault_name": "conformance", "service_name": "spot-rl-conformance"}
+    fault = {"fault_id": identity, "severity": "SEVERITY_INFO"}
+    server.ask("fault", "TriggerServiceFault", fault=fault)
     try:
-        return status_of(stub.TriggerServiceFault(request, timeout=RPC_TIMEOUT_S))
+        return status_of(server.ask("fault", "TriggerServiceFault", fault=fault))
     finally:
-        clear = service_fault_pb2.ClearServiceFaultRequest(header=header(), fault_id=request.fault.fault_id)
-        stub.ClearServiceFault(clear, timeout=RPC_TIMEOUT_S)
+        server.ask("fault", "ClearServiceFault", fault_id=identity)
 
 
 @check("Image.GetImage: image_source_name", "a camera that is none", "STATUS_UNKNOWN_CAMERA", source="image.proto")
 def unknown_camera(server: Server) -> str:
     """Ask a camera that is none for an image."""
-    stub = server.stub(image_service_pb2_grpc.ImageServiceStub, "image")
-    request = image_pb2.GetImageRequest(header=header())
-    request.image_requests.add(image_source_name="no-such-camera")
-    return status_of(stub.GetImage(request, timeout=RPC_TIMEOUT_S).image_responses[0])
+    answer = server.ask("image", "GetImage", image_requests=[{"image_source_name": "no-such-camera"}])
+    return status_of(answer.image_responses[0])
 
 
 @check(
@@ -166,25 +145,20 @@ def unknown_camera(server: Server) -> str:
 )
 def delete_unknown_object(server: Server) -> str:
     """Delete an object that is none."""
-    stub = server.stub(world_object_service_pb2_grpc.WorldObjectServiceStub, "world-objects")
-    request = world_object_pb2.MutateWorldObjectRequest(header=header())
-    request.mutation.action, request.mutation.object.id = request.ACTION_DELETE, 0x7FFFFFF0
-    return status_of(stub.MutateWorldObjects(request, timeout=RPC_TIMEOUT_S))
+    mutation = {"action": "ACTION_DELETE", "object": {"id": 0x7FFFFFF0}}
+    return status_of(server.ask("world-objects", "MutateWorldObjects", mutation=mutation))
 
 
 @check("Mission.GetState", "no mission loaded", ("STATUS_NONE",), source="mission.proto")
 def no_mission(server: Server) -> str:
     """The state of a mission that was never loaded."""
-    stub = server.stub(mission_service_pb2_grpc.MissionServiceStub, "robot-mission")
-    return status_of(stub.GetState(mission_pb2.GetStateRequest(header=header()), timeout=RPC_TIMEOUT_S).state)
+    return status_of(server.ask("robot-mission", "GetState").state)
 
 
 @check("GraphNav.GetLocalizationState", "no map loaded", "no waypoint", source="graph_nav.proto")
 def no_localization(server: Server) -> str:
     """Where the robot is on a map that it has not."""
-    stub = server.stub(graph_nav_service_pb2_grpc.GraphNavServiceStub, "graph-nav-service")
-    request = graph_nav_pb2.GetLocalizationStateRequest(header=header())
-    answer = stub.GetLocalizationState(request, timeout=RPC_TIMEOUT_S)
+    answer = server.ask("graph-nav-service", "GetLocalizationState")
     return "a waypoint" if answer.localization.waypoint_id else "no waypoint"
 
 
@@ -196,6 +170,4 @@ def no_localization(server: Server) -> str:
 )
 def docking_state(server: Server) -> str:
     """Whether the robot is docked."""
-    stub = server.stub(docking_service_pb2_grpc.DockingServiceStub, "docking")
-    answer = stub.GetDockingState(docking_pb2.GetDockingStateRequest(header=header()), timeout=RPC_TIMEOUT_S)
-    return enum_name(answer.dock_state, "status")
+    return status_of(server.ask("docking", "GetDockingState").dock_state)

@@ -7,14 +7,63 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
-from bosdyn.api import header_pb2, lease_pb2, robot_state_pb2
+from bosdyn.api import (
+    auth_service_pb2,
+    directory_registration_service_pb2,
+    directory_service_pb2,
+    estop_service_pb2,
+    fault_service_pb2,
+    header_pb2,
+    image_service_pb2,
+    lease_pb2,
+    lease_service_pb2,
+    power_service_pb2,
+    robot_command_service_pb2,
+    robot_id_service_pb2,
+    robot_state_pb2,
+    robot_state_service_pb2,
+    time_sync_service_pb2,
+    world_object_service_pb2,
+)
+from bosdyn.api.docking import docking_service_pb2
+from bosdyn.api.graph_nav import graph_nav_service_pb2
+from bosdyn.api.keepalive import keepalive_service_pb2
+from bosdyn.api.mission import mission_service_pb2
 from bosdyn.client.robot import Robot
+from google.protobuf.message_factory import GetMessageClass
 from google.protobuf.timestamp_pb2 import Timestamp
 
 CLIENT_NAME = "spot-rl-conformance"
 RPC_TIMEOUT_S = 10.0
 MOTION_TIMEOUT_S = 20.0
 POLL_S = 0.1
+_MODULES = {
+    "auth": auth_service_pb2,
+    "directory": directory_service_pb2,
+    "directory-registration": directory_registration_service_pb2,
+    "docking": docking_service_pb2,
+    "estop": estop_service_pb2,
+    "fault": fault_service_pb2,
+    "graph-nav-service": graph_nav_service_pb2,
+    "image": image_service_pb2,
+    "keepalive": keepalive_service_pb2,
+    "lease": lease_service_pb2,
+    "power": power_service_pb2,
+    "robot-command": robot_command_service_pb2,
+    "robot-id": robot_id_service_pb2,
+    "robot-mission": mission_service_pb2,
+    "robot-state": robot_state_service_pb2,
+    "time-sync": time_sync_service_pb2,
+    "world-objects": world_object_service_pb2,
+}
+_METHODS = {
+    (name, method.name): method
+    for name, module in _MODULES.items()
+    for service in module.DESCRIPTOR.services_by_name.values()
+    for method in service.methods
+}
+_NO_TOKEN = {"auth": "auth.spot.robot", "robot-id": "id.spot.robot"}
+"""Authorities of services that are asked before a login."""
 
 
 class SkippedError(Exception):
@@ -36,9 +85,21 @@ class Server:
         """The vendor's stub of a service."""
         return stub_type(self.robot.ensure_channel(service_name))
 
-    def stranger_stub(self, stub_type: Any, authority: str) -> Any:
-        """A stub that sends no token."""
-        return stub_type(self.stranger.ensure_secure_channel(authority))
+    def ask(self, service: str, method: str, *, stranger_at: str = "", **fields: Any) -> Any:
+        """Call a unary method of a service, by its name in the directory, with these fields of the request.
+
+        A service that needs no login is asked without a token; so is one whose authority is given.
+        """
+        found = _METHODS[service, method]
+        authority = stranger_at or _NO_TOKEN.get(service)
+        channel = self.stranger.ensure_secure_channel(authority) if authority else self.robot.ensure_channel(service)
+        request_type, response_type = GetMessageClass(found.input_type), GetMessageClass(found.output_type)
+        call = channel.unary_unary(
+            f"/{found.containing_service.full_name}/{method}",
+            request_serializer=request_type.SerializeToString,
+            response_deserializer=response_type.FromString,
+        )
+        return call(request_type(header=header(), **fields), timeout=RPC_TIMEOUT_S)
 
     @property
     def clock_identifier(self) -> str:
