@@ -6,7 +6,7 @@ import time
 import traceback
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any, Final
+from typing import Any, Concatenate, Final, ParamSpec
 
 import numpy as np
 
@@ -83,6 +83,14 @@ class Result:
         """As JSON; the problems only where there are any."""
         values = {name: getattr(self, name) for name in self.__dataclass_fields__ if name != "problems"}
         return values if self.ok else {**values, "problems": list(self.problems)}
+
+
+Given = ParamSpec("Given")
+
+
+def tried_with(attempt: Callable[Concatenate[Rig, Given], Finding]) -> Callable[Given, Callable[[Rig], Finding]]:
+    """Make an attempt that takes more than the rig one that is given the rest first, where a row names it."""
+    return lambda *args, **keywords: lambda rig: attempt(rig, *args, **keywords)
 
 
 def try_row(rig: Rig, row: Row) -> Result:

@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from proof.faults.drive import Drive
 from proof.faults.rig import Rig
-from proof.faults.rows import NS_PER_MS, Finding, Row, happens, judge, reacted, went_on
+from proof.faults.rows import NS_PER_MS, Finding, Row, happens, judge, reacted, tried_with, went_on
 from spot_model.io.velocity_sequence import standing_sequence
 from spot_runtime.sources.scripted import ScriptedSource
 
 LONG_TICKS = 15_000
 
 
-def gap(duration_s: float) -> Callable[[Rig], Finding]:
+@tried_with
+def gap(rig: Rig, duration_s: float) -> Finding:
     """A few states never come: the run goes on, and says so."""
-
-    def attempt(rig: Rig) -> Finding:
-        drive = rig.drive(happens(lambda: rig.inject("state_gap", duration_s)), seconds=2.0)
-        return reacted(drive, went_on(drive, judge(drive, "completed"), missed=1), "states_missed")
-
-    return attempt
+    drive = rig.drive(happens(lambda: rig.inject("state_gap", duration_s)), seconds=2.0)
+    return reacted(drive, went_on(drive, judge(drive, "completed"), missed=1), "states_missed")
 
 
 def last_state_ns(drive: Drive) -> int:
@@ -62,24 +57,21 @@ def ages_ms(drive: Drive, *, after: bool) -> float:
     return float(np.median((sent_ns - commands.state_robot_stamp_ns)[chosen])) / NS_PER_MS
 
 
-def delay(delay_s: float, *, warns: bool) -> Callable[[Rig], Finding]:
+@tried_with
+def delay(rig: Rig, delay_s: float, *, warns: bool) -> Finding:
     """States come later: their age is told right, and warned of above 15 ms."""
-
-    def attempt(rig: Rig) -> Finding:
-        drive = rig.drive(happens(lambda: rig.inject("state_delay", delay_s=delay_s)), seconds=2.0)
-        finding = judge(drive, "completed")
-        if drive.log is None:
-            return finding
-        added_ms = ages_ms(drive, after=True) - ages_ms(drive, after=False)
-        finding.demand(abs(added_ms - delay_s * 1e3) <= 1.6, f"{added_ms:.1f} ms of added age were seen")
-        warned = drive.event_ns("state_old") is not None
-        finding.demand(warned == warns, "it was " + ("warned of" if warned else "not warned of"))
-        if warns:
-            return reacted(drive, finding, "state_old")
-        finding.reaction_ms = abs(added_ms - delay_s * 1e3)
+    drive = rig.drive(happens(lambda: rig.inject("state_delay", delay_s=delay_s)), seconds=2.0)
+    finding = judge(drive, "completed")
+    if drive.log is None:
         return finding
-
-    return attempt
+    added_ms = ages_ms(drive, after=True) - ages_ms(drive, after=False)
+    finding.demand(abs(added_ms - delay_s * 1e3) <= 1.6, f"{added_ms:.1f} ms of added age were seen")
+    warned = drive.event_ns("state_old") is not None
+    finding.demand(warned == warns, "it was " + ("warned of" if warned else "not warned of"))
+    if warns:
+        return reacted(drive, finding, "state_old")
+    finding.reaction_ms = abs(added_ms - delay_s * 1e3)
+    return finding
 
 
 def delay_too_long(rig: Rig) -> Finding:
@@ -88,36 +80,31 @@ def delay_too_long(rig: Rig) -> Finding:
     return reacted(drive, judge(drive, "state_stale"), "damping", last_state_ns(drive))
 
 
-def jitter(ticks: int) -> Callable[[Rig], Finding]:
+@tried_with
+def jitter(rig: Rig, ticks: int) -> Finding:
     """The measured spread of the link, which is the fake robot's default, and as much again."""
 
-    def attempt(rig: Rig) -> Finding:
-        def act() -> None:
-            rig.inject("state_jitter", mean_s=0.0005)
-            rig.inject("command_jitter", mean_s=0.0005)
+    def act() -> None:
+        rig.inject("state_jitter", mean_s=0.0005)
+        rig.inject("command_jitter", mean_s=0.0005)
 
-        drive = rig.drive(happens(act), seconds=ticks / 50.0 + 1.0, at_s=0.6)
-        finding = went_on(drive, judge(drive, "completed"))
-        finding.demand(drive.summary.ticks >= ticks, f"only {drive.summary.ticks} ticks ran")
-        finding.reaction = f"completed, {drive.summary.ticks} ticks"
-        return finding
-
-    return attempt
+    drive = rig.drive(happens(act), seconds=ticks / 50.0 + 1.0, at_s=0.6)
+    finding = went_on(drive, judge(drive, "completed"))
+    finding.demand(drive.summary.ticks >= ticks, f"only {drive.summary.ticks} ticks ran")
+    finding.reaction = f"completed, {drive.summary.ticks} ticks"
+    return finding
 
 
-def drops(share: float, *, alarms: bool) -> Callable[[Rig], Finding]:
+@tried_with
+def drops(rig: Rig, share: float, *, alarms: bool) -> Finding:
     """Commands are lost: the robot goes on following, and too many losses are reported."""
-
-    def attempt(rig: Rig) -> Finding:
-        source = ScriptedSource(standing_sequence(), duration_s=6.0)
-        drive = rig.drive(happens(lambda: rig.inject("command_drops", probability=share)), source=source)
-        finding = went_on(drive, judge(drive, "completed"))
-        warned = drive.event_ns("commands_lost") is not None
-        finding.demand(warned == alarms, "the alarm " + ("came" if warned else "did not come"))
-        finding.demand(tracks(drive), "the joints no longer follow")
-        return reacted(drive, finding, "commands_lost") if alarms else finding
-
-    return attempt
+    source = ScriptedSource(standing_sequence(), duration_s=6.0)
+    drive = rig.drive(happens(lambda: rig.inject("command_drops", probability=share)), source=source)
+    finding = went_on(drive, judge(drive, "completed"))
+    warned = drive.event_ns("commands_lost") is not None
+    finding.demand(warned == alarms, "the alarm " + ("came" if warned else "did not come"))
+    finding.demand(tracks(drive), "the joints no longer follow")
+    return reacted(drive, finding, "commands_lost") if alarms else finding
 
 
 def tracks(drive: Drive) -> bool:
@@ -131,14 +118,11 @@ def tracks(drive: Drive) -> bool:
     return bool(after < 1.5 * before + 0.01)
 
 
-def never_used(fault: str, outcomes: tuple[str, ...], **parameters: float) -> Callable[[Rig], Finding]:
+@tried_with
+def never_used(rig: Rig, /, fault: str, outcomes: tuple[str, ...], **parameters: float) -> Finding:
     """Duplicated and back-dated states: none is ever used."""
-
-    def attempt(rig: Rig) -> Finding:
-        drive = rig.drive(happens(lambda: rig.inject(fault, **parameters)), seconds=2.0)
-        return reacted(drive, judge(drive, outcomes), "state_rejected")
-
-    return attempt
+    drive = rig.drive(happens(lambda: rig.inject(fault, **parameters)), seconds=2.0)
+    return reacted(drive, judge(drive, outcomes), "state_rejected")
 
 
 ROWS = (

@@ -15,7 +15,7 @@ import numpy as np
 from proof.faults.drive import Drive, read_log
 from proof.faults.faulty_hal import FaultyHal
 from proof.faults.rig import Rig
-from proof.faults.rows import NS_PER_MS, Finding, Row, judge, went_on
+from proof.faults.rows import NS_PER_MS, Finding, Row, judge, tried_with, went_on
 from proof.faults.rows_robot import first_damping_ns
 from spot_log import LogError
 from spot_log.format.records import RunHeader
@@ -78,26 +78,20 @@ def says(drive: Drive, finding: Finding) -> Finding:
     return finding
 
 
-def lost(lose: Callable[[Logger], None]) -> Callable[[Rig], Finding]:
+@tried_with
+def lost(rig: Rig, lose: Callable[[Logger], None]) -> Finding:
     """The log is lost, and the run goes on without it."""
-
-    def attempt(rig: Rig) -> Finding:
-        logger = Logger()
-        drive = rig.drive(lambda _: lose(logger), make_sink=logger.start, seconds=SECONDS)
-        return says(drive, went_on(drive, judge(drive, "completed")))
-
-    return attempt
+    logger = Logger()
+    drive = rig.drive(lambda _: lose(logger), make_sink=logger.start, seconds=SECONDS)
+    return says(drive, went_on(drive, judge(drive, "completed")))
 
 
-def lost_and_told_to_stop(lose: Callable[[Logger], None]) -> Callable[[Rig], Finding]:
+@tried_with
+def lost_and_told_to_stop(rig: Rig, lose: Callable[[Logger], None]) -> Finding:
     """The log is lost, and the run is to end with it."""
-
-    def attempt(rig: Rig) -> Finding:
-        logger, config = Logger(), {"stop_on_failure": True}
-        drive = rig.drive(lambda _: lose(logger), make_sink=logger.start, seconds=60.0, log=config)
-        return says(drive, judge(drive, "log_failed"))
-
-    return attempt
+    logger, config = Logger(), {"stop_on_failure": True}
+    drive = rig.drive(lambda _: lose(logger), make_sink=logger.start, seconds=60.0, log=config)
+    return says(drive, judge(drive, "log_failed"))
 
 
 def slow(rig: Rig) -> Finding:
@@ -156,26 +150,23 @@ def _row(fault: str, attempt: Callable[[Rig], Finding], *, real: bool = True) ->
     return Row(fault, 0.0, attempt, is_real_time=real)
 
 
-def no_log(name: Callable[[Rig], Path]) -> Callable[[Rig], Finding]:
+@tried_with
+def no_log(rig: Rig, name: Callable[[Rig], Path]) -> Finding:
     """A log that cannot be begun: refused before anything is sent to the robot."""
+    path = name(rig)
+    calls, finding = rig.status().commands_received, Finding("refused to begin")
 
-    def attempt(rig: Rig) -> Finding:
-        path = name(rig)
-        calls, finding = rig.status().commands_received, Finding("refused to begin")
+    def make_sink(_: Path, header: RunHeader) -> LogSink:
+        return LoggerProcess.start(path, header)
 
-        def make_sink(_: Path, header: RunHeader) -> LogSink:
-            return LoggerProcess.start(path, header)
-
-        try:
-            rig.drive(make_sink=make_sink, seconds=0.5)
-        except (LogError, OSError) as error:
-            finding.demand(path.name in str(error) or str(path.parent) in str(error), f"it does not say which: {error}")
-        else:
-            finding.problems.append("it ran without a log")
-        finding.demand(rig.status().commands_received == calls, "the robot was commanded")
-        return finding
-
-    return attempt
+    try:
+        rig.drive(make_sink=make_sink, seconds=0.5)
+    except (LogError, OSError) as error:
+        finding.demand(path.name in str(error) or str(path.parent) in str(error), f"it does not say which: {error}")
+    else:
+        finding.problems.append("it ran without a log")
+    finding.demand(rig.status().commands_received == calls, "the robot was commanded")
+    return finding
 
 
 def _in_a_file(rig: Rig) -> Path:

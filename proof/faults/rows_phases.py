@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from proof.faults.faulty_hal import FaultyHal, When
 from proof.faults.rig import Rig
-from proof.faults.rows import NS_PER_MS, Finding, Row, happens, judge, reacted, settle
+from proof.faults.rows import NS_PER_MS, Finding, Row, happens, judge, reacted, settle, tried_with
 from proof.faults.rows_robot import first_damping_ns
 from proof.faults.rows_state import drive_way
 from spot_runtime.config import RobotConfig
@@ -34,37 +34,31 @@ def cut(rig: Rig) -> None:
     rig.inject("network_cut", 1.0)
 
 
-def before_start(fault: str, outcomes: tuple[str, ...], **parameters: float | str) -> Callable[[Rig], Finding]:
+@tried_with
+def before_start(rig: Rig, /, fault: str, outcomes: tuple[str, ...], **parameters: float | str) -> Finding:
     """Wrong before a run begins: it is refused with a reason, and neither joints nor anybody's lease are taken."""
-
-    def attempt(rig: Rig) -> Finding:
-        rig.inject(fault, **parameters)
-        owner = rig.status().lease_owner
-        drive = rig.drive(seconds=1.0)
-        finding = Finding(drive.summary.outcome)
-        finding.demand(drive.summary.outcome in outcomes, f"ended {drive.summary.outcome}: {drive.summary.sentence}")
-        finding.demand(0 < drive.summary.exit_code < 100, f"exit code {drive.summary.exit_code}")
-        finding.demand(len(drive.summary.sentence) > 10, "it does not say why")
-        finding.log_ok = drive.log is not None
-        finding.demand(drive.summary.ticks == 0, "the policy ran")
-        finding.demand(rig.status().lease_owner == owner, f"the lease is now {rig.status().lease_owner}'s")
-        return finding
-
-    return attempt
+    rig.inject(fault, **parameters)
+    owner = rig.status().lease_owner
+    drive = rig.drive(seconds=1.0)
+    finding = Finding(drive.summary.outcome)
+    finding.demand(drive.summary.outcome in outcomes, f"ended {drive.summary.outcome}: {drive.summary.sentence}")
+    finding.demand(0 < drive.summary.exit_code < 100, f"exit code {drive.summary.exit_code}")
+    finding.demand(len(drive.summary.sentence) > 10, "it does not say why")
+    finding.log_ok = drive.log is not None
+    finding.demand(drive.summary.ticks == 0, "the policy ran")
+    finding.demand(rig.status().lease_owner == owner, f"the lease is now {rig.status().lease_owner}'s")
+    return finding
 
 
+@tried_with
 def together(
-    *faults: Named, outcomes: tuple[str, ...], at_s: float, seconds: float = 3.0, way: str = ""
-) -> Callable[[Rig], Finding]:
+    rig: Rig, *faults: Named, outcomes: tuple[str, ...], at_s: float, seconds: float = 3.0, way: str = ""
+) -> Finding:
     """Some faults in one instant, wherever the run then is."""
-
-    def attempt(rig: Rig) -> Finding:
-        acts = [lambda name=name, parameters=parameters: rig.inject(name, **parameters) for name, parameters in faults]
-        drive = rig.drive(happens(*acts), at_s=at_s, seconds=seconds)
-        finding = judge(drive, outcomes)
-        return reacted(drive, finding, way or drive_way(drive))
-
-    return attempt
+    acts = [lambda name=name, parameters=parameters: rig.inject(name, **parameters) for name, parameters in faults]
+    drive = rig.drive(happens(*acts), at_s=at_s, seconds=seconds)
+    finding = judge(drive, outcomes)
+    return reacted(drive, finding, way or drive_way(drive))
 
 
 def two_signals(first: signal.Signals, then: signal.Signals, outcome: str) -> Callable[[Rig], Finding]:
@@ -83,20 +77,23 @@ def two_signals(first: signal.Signals, then: signal.Signals, outcome: str) -> Ca
     return attempt
 
 
+@tried_with
 def outside_control(
-    when: When, act: Callable[[Rig], object], outcomes: tuple[str, ...], *, at_s: float = 0.3, cuts: bool = False
-) -> Callable[[Rig], Finding]:
+    rig: Rig,
+    when: When,
+    act: Callable[[Rig], object],
+    outcomes: tuple[str, ...],
+    *,
+    at_s: float = 0.3,
+    cuts: bool = False,
+) -> Finding:
     """Something happens while the vendor's controller has the joints: it ends without power all the same."""
-
-    def attempt(rig: Rig) -> Finding:
-        drive = rig.drive(happens(lambda: act(rig)), when=when, at_s=at_s, seconds=0.3)
-        finding = judge(drive, outcomes, incident=False)
-        settle(rig)
-        finding.demand(rig.status().motor_power.lower().endswith("off"), "the motors still have power")
-        finding.demand(not cuts or drive.was_off, "power was not cut, the robot was asked to sit")
-        return finding
-
-    return attempt
+    drive = rig.drive(happens(lambda: act(rig)), when=when, at_s=at_s, seconds=0.3)
+    finding = judge(drive, outcomes, incident=False)
+    settle(rig)
+    finding.demand(rig.status().motor_power.lower().endswith("off"), "the motors still have power")
+    finding.demand(not cuts or drive.was_off, "power was not cut, the robot was asked to sit")
+    return finding
 
 
 def estop_after_stop(rig: Rig) -> Finding:

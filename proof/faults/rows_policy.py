@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from proof.faults.faulty_hal import FaultyHal
 from proof.faults.rig import Rig
-from proof.faults.rows import Finding, Row, judge, reacted, went_on
+from proof.faults.rows import Finding, Row, judge, reacted, tried_with, went_on
 from spot_model.io.velocity_sequence import standing_sequence
 from spot_model.policy.contract import PolicyError
 from spot_model.policy.policy import Policy, load_policy, policy_from_bytes
@@ -47,19 +47,16 @@ def changeable(policy: Policy) -> ChangedPolicy:
     return ChangedPolicy(**{part.name: getattr(policy, part.name) for part in fields(policy)})
 
 
+@tried_with
 def wrong(
-    change: Callable[[Actions], Actions], outcome: str | tuple[str, ...], *, cuts: bool = False
-) -> Callable[[Rig], Finding]:
+    rig: Rig, change: Callable[[Actions], Actions], outcome: str | tuple[str, ...], *, cuts: bool = False
+) -> Finding:
     """The network's output is changed: cut where it can be, then damping."""
-
-    def attempt(rig: Rig) -> Finding:
-        policy = changeable(rig.policy)
-        drive = rig.drive(lambda _: setattr(policy.change, "act", change), policy=policy)
-        finding = reacted(drive, judge(drive, outcome), "damping")
-        finding.demand(not cuts or drive.event_ns("setpoint_cut") is not None, "nothing was cut before the stop")
-        return finding
-
-    return attempt
+    policy = changeable(rig.policy)
+    drive = rig.drive(lambda _: setattr(policy.change, "act", change), policy=policy)
+    finding = reacted(drive, judge(drive, outcome), "damping")
+    finding.demand(not cuts or drive.event_ns("setpoint_cut") is not None, "nothing was cut before the stop")
+    return finding
 
 
 class Alternating:
@@ -96,21 +93,18 @@ def slow(rig: Rig) -> Finding:
     return reacted(drive, finding, way)
 
 
-def not_loaded(change: Callable[[bytes], bytes]) -> Callable[[Rig], Finding]:
+@tried_with
+def not_loaded(rig: Rig, change: Callable[[bytes], bytes]) -> Finding:
     """A file that is not what was exported is refused, in words."""
-
-    def attempt(rig: Rig) -> Finding:
-        finding = Finding("refused to load")
-        data = bytes(change(policy_data(rig)))
-        try:
-            policy_from_bytes(data, source="changed policy")
-        except PolicyError as error:
-            finding.demand("changed policy" in str(error), f"the error does not name the file: {error}")
-        else:
-            finding.problems.append("it was loaded")
-        return finding
-
-    return attempt
+    finding = Finding("refused to load")
+    data = bytes(change(policy_data(rig)))
+    try:
+        policy_from_bytes(data, source="changed policy")
+    except PolicyError as error:
+        finding.demand("changed policy" in str(error), f"the error does not name the file: {error}")
+    else:
+        finding.problems.append("it was loaded")
+    return finding
 
 
 def policy_data(rig: Rig) -> bytes:

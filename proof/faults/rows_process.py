@@ -15,7 +15,7 @@ from typing import Final
 
 from proof.faults.drive import read_log
 from proof.faults.rig import Rig
-from proof.faults.rows import NS_PER_MS, Finding, Row
+from proof.faults.rows import NS_PER_MS, Finding, Row, tried_with
 from spot_log import LogReadError, recover_leftovers
 from spot_model.io.child_process import ChildProcess
 from spot_protos import fake_admin_pb2
@@ -119,31 +119,28 @@ def log_is_whole(folder: Path, finding: Finding) -> None:
     finding.log_ok = bool(opened) and all(log is not None and len(log.states) > 0 for log in opened)
 
 
-def gone(*signals: signal.Signals, with_logger: bool = False) -> Callable[[Rig], Finding]:
+@tried_with
+def gone(rig: Rig, *signals: signal.Signals, with_logger: bool = False) -> Finding:
     """The runtime is gone from one instant to the next; the robot stops by itself, and a restart moves nothing."""
-
-    def attempt(rig: Rig) -> Finding:
-        finding = Finding("the robot stops by itself")
-        with running(rig) as run:
-            children = child_ids(run.process.pid)
-            before_ns = rig.status().robot_stamp_ns
-            for number in signals:
-                run.process.send(number)
-            for child in children if with_logger else []:
-                os.kill(child, signal.SIGKILL)
-            settle(rig)
-            finding.reaction_ms = robot_stops_ms(rig, before_ns)
-            run.process.kill()
-            run.process.wait(PATIENCE_S)
-            time.sleep(0.3)  # the logger sees the end, and closes its file
-            log_is_whole(run.folder, finding)
-            rig.step(0.2)
-            commands = rig.status().commands_received
-            restart(rig, finding)
-            finding.demand(rig.status().commands_received == commands, "commands were sent that nobody asked for")
-        return finding
-
-    return attempt
+    finding = Finding("the robot stops by itself")
+    with running(rig) as run:
+        children = child_ids(run.process.pid)
+        before_ns = rig.status().robot_stamp_ns
+        for number in signals:
+            run.process.send(number)
+        for child in children if with_logger else []:
+            os.kill(child, signal.SIGKILL)
+        settle(rig)
+        finding.reaction_ms = robot_stops_ms(rig, before_ns)
+        run.process.kill()
+        run.process.wait(PATIENCE_S)
+        time.sleep(0.3)  # the logger sees the end, and closes its file
+        log_is_whole(run.folder, finding)
+        rig.step(0.2)
+        commands = rig.status().commands_received
+        restart(rig, finding)
+        finding.demand(rig.status().commands_received == commands, "commands were sent that nobody asked for")
+    return finding
 
 
 def settle(rig: Rig) -> None:
@@ -186,27 +183,22 @@ def held(rig: Rig) -> Finding:
     return finding
 
 
-def limited(what: int, room: Callable[[int], int]) -> Callable[[Rig], Finding]:
+@tried_with
+def limited(rig: Rig, what: int, room: Callable[[int], int]) -> Finding:
     """The system grants the runtime nothing more of something; then it is told to stop."""
-
-    def attempt(rig: Rig) -> Finding:
-        with running(rig) as run:
-            limit = room(run.process.pid)
-            resource.prlimit(run.process.pid, what, (limit, limit))
-            time.sleep(1.0)
-            run.process.send(signal.SIGTERM)
-            code, said, is_stuck = run.finish()
-            finding = Finding(f"exit code {code}")
-            finding.demand("Traceback" not in said, f"a traceback: {said[-600:]}")
-            if not 0 <= code < 100:
-                finding.reaction = (
-                    "stuck, killed; the robot stops by itself" if is_stuck else "the robot stops by itself"
-                )
-                finding.reaction_ms = robot_stops_ms(rig, rig.status().robot_stamp_ns)
-            log_is_whole(run.folder, finding)
-        return finding
-
-    return attempt
+    with running(rig) as run:
+        limit = room(run.process.pid)
+        resource.prlimit(run.process.pid, what, (limit, limit))
+        time.sleep(1.0)
+        run.process.send(signal.SIGTERM)
+        code, said, is_stuck = run.finish()
+        finding = Finding(f"exit code {code}")
+        finding.demand("Traceback" not in said, f"a traceback: {said[-600:]}")
+        if not 0 <= code < 100:
+            finding.reaction = "stuck, killed; the robot stops by itself" if is_stuck else "the robot stops by itself"
+            finding.reaction_ms = robot_stops_ms(rig, rig.status().robot_stamp_ns)
+        log_is_whole(run.folder, finding)
+    return finding
 
 
 def address_space(process_id: int) -> int:
@@ -215,23 +207,20 @@ def address_space(process_id: int) -> int:
     return pages * resource.getpagesize()
 
 
-def signalled(number: signal.Signals, code: int, *, closes_output: bool = False) -> Callable[[Rig], Finding]:
+@tried_with
+def signalled(rig: Rig, number: signal.Signals, code: int, *, closes_output: bool = False) -> Finding:
     """A signal ends the run, the robot sits, and the exit code says why."""
-
-    def attempt(rig: Rig) -> Finding:
-        with running(rig) as run:
-            if closes_output:
-                run.process.output.close()
-            run.process.send(number)
-            ended, said = (run.process.wait(PATIENCE_S), b"") if closes_output else run.process.hear_out(PATIENCE_S)
-            finding = Finding(f"exit code {ended}")
-            finding.demand(ended == code, f"it ended with {ended}, not {code}")
-            finding.demand(b"Traceback" not in said, "a traceback")
-            finding.demand(rig.status().motor_power.lower().endswith("off"), "the motors still have power")
-            log_is_whole(run.folder, finding)
-        return finding
-
-    return attempt
+    with running(rig) as run:
+        if closes_output:
+            run.process.output.close()
+        run.process.send(number)
+        ended, said = (run.process.wait(PATIENCE_S), b"") if closes_output else run.process.hear_out(PATIENCE_S)
+        finding = Finding(f"exit code {ended}")
+        finding.demand(ended == code, f"it ended with {ended}, not {code}")
+        finding.demand(b"Traceback" not in said, "a traceback")
+        finding.demand(rig.status().motor_power.lower().endswith("off"), "the motors still have power")
+        log_is_whole(run.folder, finding)
+    return finding
 
 
 def second(rig: Rig) -> Finding:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import signal
 import time
-from collections.abc import Callable
 from typing import Final
 
 import numpy as np
@@ -12,7 +11,7 @@ import numpy as np
 from proof.faults.drive import Drive
 from proof.faults.faulty_hal import FaultyHal
 from proof.faults.rig import Rig
-from proof.faults.rows import NS_PER_MS, Finding, Row, happens, judge, reacted, went_on
+from proof.faults.rows import NS_PER_MS, Finding, Row, happens, judge, reacted, tried_with, went_on
 from proof.faults.rows_state import drive_way
 from spot_runtime.hal.errors import HalError
 from spot_runtime.sources.gamepad import GamepadSource, PadReading
@@ -20,14 +19,11 @@ from spot_runtime.sources.gamepad import GamepadSource, PadReading
 END_TIME_JUMP_MS = 5.0
 
 
-def stopped(fault: str, outcome: str | tuple[str, ...], **parameters: float | str) -> Callable[[Rig], Finding]:
+@tried_with
+def stopped(rig: Rig, /, fault: str, outcome: str | tuple[str, ...], **parameters: float | str) -> Finding:
     """The robot, or somebody at it, ends the run."""
-
-    def attempt(rig: Rig) -> Finding:
-        drive = rig.drive(happens(lambda: rig.inject(fault, **parameters)))
-        return reacted(drive, judge(drive, outcome), drive_way(drive))
-
-    return attempt
+    drive = rig.drive(happens(lambda: rig.inject(fault, **parameters)))
+    return reacted(drive, judge(drive, outcome), drive_way(drive))
 
 
 def behaviour_fault(rig: Rig) -> Finding:
@@ -54,37 +50,31 @@ def first_damping_ns(drive: Drive) -> int:
     return int(commands.robot_stamp_ns[np.argmax(soft)]) if soft.any() else 0
 
 
-def software_estop(endpoint: str) -> Callable[[Rig], Finding]:
+@tried_with
+def software_estop(rig: Rig, endpoint: str) -> Finding:
     """The operator's own e-stop: damping at once, then no power."""
-
-    def attempt(rig: Rig) -> Finding:
-        drive = rig.drive(lambda _: signal.raise_signal(signal.SIGQUIT), robot={"estop": endpoint})
-        finding = judge(drive, "operator_estop")
-        finding.reaction = "operator_estop → damping"
-        finding.reaction_ms = (first_damping_ns(drive) - drive.happened_ns) / NS_PER_MS
-        finding.demand(finding.reaction_ms >= 0.0, "nothing was damped")
-        rig.step(2.0)
-        finding.demand(rig.status().motor_power.lower().endswith("off"), "the motors still have power")
-        finding.demand(endpoint != "own" or not is_released(rig), "the e-stop is not pressed")
-        return finding
-
-    return attempt
+    drive = rig.drive(lambda _: signal.raise_signal(signal.SIGQUIT), robot={"estop": endpoint})
+    finding = judge(drive, "operator_estop")
+    finding.reaction = "operator_estop → damping"
+    finding.reaction_ms = (first_damping_ns(drive) - drive.happened_ns) / NS_PER_MS
+    finding.demand(finding.reaction_ms >= 0.0, "nothing was damped")
+    rig.step(2.0)
+    finding.demand(rig.status().motor_power.lower().endswith("off"), "the motors still have power")
+    finding.demand(endpoint != "own" or not is_released(rig), "the e-stop is not pressed")
+    return finding
 
 
-def hand_back(fault: str, outcome: str, **parameters: float | str) -> Callable[[Rig], Finding]:
+@tried_with
+def hand_back(rig: Rig, /, fault: str, outcome: str, **parameters: float | str) -> Finding:
     """Something that leaves time for a good end: in place, back to the vendor's stand, then it sits."""
-
-    def attempt(rig: Rig) -> Finding:
-        drive = rig.drive(happens(lambda: rig.inject(fault, **parameters)), seconds=8.0, handover=DEFAULT_RAMPS)
-        finding = judge(drive, outcome)
-        finding.reaction = f"{drive.summary.outcome} → sits"
-        finding.reaction_ms = (drive.released_power_ns - drive.happened_ns) / NS_PER_MS
-        finding.demand(drive.released_power_ns > 0, "it was never told to sit")
-        is_up = drive.truth is not None and drive.truth.body_height_min_m > 0.3
-        finding.demand(is_up, "the body dropped on the way")
-        return finding
-
-    return attempt
+    drive = rig.drive(happens(lambda: rig.inject(fault, **parameters)), seconds=8.0, handover=DEFAULT_RAMPS)
+    finding = judge(drive, outcome)
+    finding.reaction = f"{drive.summary.outcome} → sits"
+    finding.reaction_ms = (drive.released_power_ns - drive.happened_ns) / NS_PER_MS
+    finding.demand(drive.released_power_ns > 0, "it was never told to sit")
+    is_up = drive.truth is not None and drive.truth.body_height_min_m > 0.3
+    finding.demand(is_up, "the body dropped on the way")
+    return finding
 
 
 DEFAULT_RAMPS = {"ramp_out_s": 1.0, "soft_stop_s": 1.0, "soft_stop_settle_s": 0.6}
@@ -107,18 +97,15 @@ def token_expired(rig: Rig) -> Finding:
     return finding
 
 
-def clock_jump(jump_s: float) -> Callable[[Rig], Finding]:
+@tried_with
+def clock_jump(rig: Rig, jump_s: float) -> Finding:
     """Somebody sets the robot's clock: no end time jumps with it."""
-
-    def attempt(rig: Rig) -> Finding:
-        drive = rig.drive(happens(lambda: rig.inject("clock_jump", jump_s=jump_s)))
-        finding = judge(drive, ("clock_jumped", "state_rejected", "state_stale", "command_refused"))
-        finding.reaction_ms = end_time_jump_ms(drive)
-        finding.reaction = f"{finding.reaction} → {drive_way(drive)}, end times"
-        finding.demand(drive.event_ns(drive_way(drive)) is not None, "nothing happened")
-        return finding
-
-    return attempt
+    drive = rig.drive(happens(lambda: rig.inject("clock_jump", jump_s=jump_s)))
+    finding = judge(drive, ("clock_jumped", "state_rejected", "state_stale", "command_refused"))
+    finding.reaction_ms = end_time_jump_ms(drive)
+    finding.reaction = f"{finding.reaction} → {drive_way(drive)}, end times"
+    finding.demand(drive.event_ns(drive_way(drive)) is not None, "nothing happened")
+    return finding
 
 
 CUT: Final = ("state_lost", "command_refused", "link_lost")
@@ -126,25 +113,22 @@ REACH_S: Final = 60.0
 """Host time after which the robot is no longer tried."""
 
 
-def away(fault: str, outcomes: tuple[str, ...]) -> Callable[[Rig], Finding]:
+@tried_with
+def away(rig: Rig, fault: str, outcomes: tuple[str, ...]) -> Finding:
     """The robot is away for 5 s: soon after, it can be reached again, and nothing moves until somebody asks."""
-
-    def attempt(rig: Rig) -> Finding:
-        drive = rig.drive(happens(lambda: rig.inject(fault, 5.0)))
-        finding = judge(drive, outcomes)
-        began_s = time.monotonic()
-        rig.step(0.2)  # what was on the wire arrives
-        commands = rig.status().commands_received
-        while not (reached := is_reached(rig)) and time.monotonic() - began_s < REACH_S:
-            time.sleep(0.2)
-        finding.reaction = f"{finding.reaction} → reached again"
-        finding.reaction_ms = (time.monotonic() - began_s) * 1e3
-        finding.demand(reached, "it was not reached again")
-        rig.step(1.0)
-        finding.demand(rig.status().commands_received == commands, "commands were sent that nobody asked for")
-        return finding
-
-    return attempt
+    drive = rig.drive(happens(lambda: rig.inject(fault, 5.0)))
+    finding = judge(drive, outcomes)
+    began_s = time.monotonic()
+    rig.step(0.2)  # what was on the wire arrives
+    commands = rig.status().commands_received
+    while not (reached := is_reached(rig)) and time.monotonic() - began_s < REACH_S:
+        time.sleep(0.2)
+    finding.reaction = f"{finding.reaction} → reached again"
+    finding.reaction_ms = (time.monotonic() - began_s) * 1e3
+    finding.demand(reached, "it was not reached again")
+    rig.step(1.0)
+    finding.demand(rig.status().commands_received == commands, "commands were sent that nobody asked for")
+    return finding
 
 
 def is_reached(rig: Rig) -> bool:

@@ -8,7 +8,7 @@ import numpy as np
 
 from proof.faults.drive import Drive
 from proof.faults.rig import Rig
-from proof.faults.rows import Finding, Row, happens, judge, reacted
+from proof.faults.rows import Finding, Row, happens, judge, reacted, tried_with
 from spot_log import Run
 from spot_runtime.control.safety.body_height import body_height_m
 
@@ -16,14 +16,11 @@ TICK_MS = 25.0
 """A policy period, and the link's few milliseconds."""
 
 
-def broken(fault: str, outcome: str | tuple[str, ...], **parameters: float | str) -> Callable[[Rig], Finding]:
+@tried_with
+def broken(rig: Rig, /, fault: str, outcome: str | tuple[str, ...], **parameters: float | str) -> Finding:
     """A broken signal: damping, and only finite numbers are ever sent."""
-
-    def attempt(rig: Rig) -> Finding:
-        drive = rig.drive(happens(lambda: rig.inject(fault, **parameters)))
-        return reacted(drive, judge(drive, outcome), "damping")
-
-    return attempt
+    drive = rig.drive(happens(lambda: rig.inject(fault, **parameters)))
+    return reacted(drive, judge(drive, outcome), "damping")
 
 
 def since(condition: Callable[[Run], np.ndarray], drive: Drive) -> int:
@@ -60,14 +57,11 @@ def low(rig: Rig) -> Finding:
     return reacted(drive, judge(drive, "body_low"), "damping", since(is_low, drive))
 
 
-def malformed(kind: str) -> Callable[[Rig], Finding]:
+@tried_with
+def malformed(rig: Rig, kind: str) -> Finding:
     """States that are no states: the stream counts as lost."""
-
-    def attempt(rig: Rig) -> Finding:
-        drive = rig.drive(happens(lambda: rig.inject("malformed_states", kind=kind)))
-        return reacted(drive, judge(drive, "state_lost"), drive_way(drive))
-
-    return attempt
+    drive = rig.drive(happens(lambda: rig.inject("malformed_states", kind=kind)))
+    return reacted(drive, judge(drive, "state_lost"), drive_way(drive))
 
 
 def drive_way(drive: Drive) -> str:
