@@ -43,7 +43,8 @@ def test_robots_that_all_break_end_the_case(tmp_path: Path) -> None:
         made._made(tmp_path)
 
 
-def test_each_fault_is_measured_by_leaving_it_out(tmp_path: Path) -> None:
+def test_each_fault_is_measured_by_leaving_it_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("withheld.blind.execute.TWIN_REPEATS", 1)
     made = execution(tmp_path, "stand_in:StandIn", "double")
     reality, runs = made._made(tmp_path)
     walks = runs.walks(load_policy(made.policy))

@@ -13,7 +13,7 @@ import diagnosis
 import withheld
 from spot_model.effects.registry import BUILT_IN
 from spot_model.robot.facts import JOINT_NAMES
-from tests.withheld.simulator.quick import healthy, short_run, widest
+from tests.withheld.simulator.quick import brief
 from withheld.cases.source import CATALOGUES
 from withheld.plan import FaultRequest
 from withheld.realities.fault_kind import FaultKind
@@ -88,7 +88,7 @@ def test_judging_kinds_cover_the_library_and_what_is_outside_of_it() -> None:
 
 @pytest.mark.parametrize("kind", EVERY)
 def test_a_fault_changes_the_log_and_breaks_no_number(kind: FaultKind) -> None:
-    run, same = short_run([widest(kind)], {kind.name: kind}), healthy()
+    run, same = brief(kind), brief()
     assert np.isfinite(run.load_nm).all()
     assert np.isfinite(run.position_rad).all()
     if kind.name in RARE:

@@ -1,15 +1,18 @@
 """The best possible answer in the corner: right where the numbers are clear, and in doubt where they are not."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from spot_model.robot.facts import JOINT_TYPES
+from tests.withheld.simulator.quick import QUICK
 from withheld.cases.protocol import CORNER_KINDS
 from withheld.measuring.attainable import Corner, learn
 from withheld.measuring.summaries import N_SUMMARIES
+from withheld.realities.reality import make
 from withheld.scoring.corner import ATTAINABLE, corner_rows
 
 from .made_up import fault, outcome, said
@@ -57,6 +60,8 @@ def test_both_answers_stand_side_by_side(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_corner_is_learned_from_simulated_robots(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("withheld.measuring.attainable.N_PAIRS", 1)
+    monkeypatch.setattr("withheld.measuring.attainable.CORNER_KINDS", ("amplifier_gain",))
+    monkeypatch.setattr("withheld.measuring.attainable.make", lambda *a, **k: replace(make(*a, **k), settings=QUICK))
     monkeypatch.setattr("withheld.measuring.attainable.SECONDS", 1.0)
     made = learn(Path("policies/walk.onnx"), 3, n_faultless=N_SUMMARIES // 2 + 2)
     assert np.linalg.eigvalsh(made.errors).min() > 0.0

@@ -19,6 +19,7 @@ from withheld.simulator.simulation import RunRequest, simulate
 
 POLICIES = Path(__file__).parents[3] / "policies"
 QUICK = Settings(settle_s=0.3, ramp_s=0.25, tail_s=0.05)
+BRIEF = Settings(settle_s=0.1, ramp_s=0.1, tail_s=0.02)
 
 
 @cache
@@ -39,14 +40,18 @@ def widest(kind: FaultKind, size: float = 1.0) -> FaultRequest:
 
 
 def short_run(
-    requests: Sequence[FaultRequest] = (), catalogue: Mapping[str, FaultKind] | None = None, duration_s: float = 0.5
+    requests: Sequence[FaultRequest] = (),
+    catalogue: Mapping[str, FaultKind] | None = None,
+    duration_s: float = 0.5,
+    settings: Settings = QUICK,
 ) -> RunArrays:
     """One run of the robot of seed 5."""
     made = make(requests, 5, catalogue or {}, error_scale=1.0)
-    return simulate(made.robot(), policy(), [RunRequest(ahead(duration_s), np.random.default_rng(2))], QUICK)[0]
+    return simulate(made.robot(), policy(), [RunRequest(ahead(duration_s), np.random.default_rng(2))], settings)[0]
 
 
 @cache
-def healthy() -> RunArrays:
-    """The same run without faults."""
-    return short_run()
+def brief(kind: FaultKind | None = None) -> RunArrays:
+    """A third of a second of walking after a shorter stand still, with a fault at its widest or without any."""
+    faults = [] if kind is None else [widest(kind)]
+    return short_run(faults, {} if kind is None else {kind.name: kind}, 0.3, BRIEF)
