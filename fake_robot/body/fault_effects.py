@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fake_robot.network.robot_port import SystemFault
+from fake_robot.network.status import SystemFault
 from spot_model.robot.facts import N_JOINTS, Array
 
 

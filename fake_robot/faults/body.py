@@ -10,7 +10,7 @@ from typing_extensions import override
 
 from fake_robot.body.fault_effects import FaultEffects
 from fake_robot.faults.fault import Fault, Victim
-from fake_robot.network.robot_port import SystemFault
+from fake_robot.network.status import SystemFault
 from fake_robot.scenario.parts import JointName
 from spot_model.robot.facts import JOINT_NAMES
 

@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from fake_robot.faults import body, link, sensors, services
 from fake_robot.faults.fault import FAULTS, Fault, ServiceFault
-from fake_robot.network.robot_port import FaultKind
+from fake_robot.network.status import FaultKind
 from spot_model.errors import BadInputError
 from spot_model.io.validation import explain
 

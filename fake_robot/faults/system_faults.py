@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from fake_robot.body.energy import Energy
 from fake_robot.body.fault_effects import FaultEffects
-from fake_robot.network.robot_port import SystemFault
+from fake_robot.network.status import SystemFault
 from fake_robot.scenario.scenario import Scenario
 
 

@@ -10,7 +10,7 @@ MAX_WAITING = 20_000
 
 
 class StateSubscription:
-    """One open state stream; see :class:`fake_robot.network.robot_port.StateSubscription`."""
+    """One open state stream; see :class:`fake_robot.network.status.StateSubscription`."""
 
     def __init__(self, on_close: Callable[[StateSubscription], None]) -> None:
         self._on_close = on_close

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fake_robot.network.robot_port import StreamFailure
+from fake_robot.network.status import StreamFailure
 from fake_robot.robot.streamed_command import (
     EXPIRED,
     INACTIVE,

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from fake_robot.body.body import Body
-from fake_robot.network.robot_port import BehaviorFault, EstopLevel, Mode, MotorPower, StanceProgress, StreamFailure
 from fake_robot.network.stand_pose import StandPose
+from fake_robot.network.status import BehaviorFault, EstopLevel, Mode, MotorPower, StanceProgress, StreamFailure
 from fake_robot.network.walk_plan import WalkPlan
 from fake_robot.robot.joint_control import JointControl
 from fake_robot.robot.motion.motion_sequence import MotionSequence

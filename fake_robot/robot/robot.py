@@ -1,4 +1,8 @@
-"""The robot that the services drive: verbs, one snapshot, two kinds of stream; safe from any thread."""
+"""The robot that the services drive: verbs, one snapshot, two kinds of stream.
+
+Every method may be called from any thread and returns within about one physics step, but for those that say that they
+wait.
+"""
 
 from __future__ import annotations
 
@@ -17,9 +21,9 @@ from fake_robot.faults.fault import ServiceFault
 from fake_robot.faults.registry import fault_kinds, make_fault
 from fake_robot.network.camera_view import CameraView
 from fake_robot.network.malformed import spoil
-from fake_robot.network.robot_port import EstopLevel, FaultKind, Snapshot, StreamFailure
 from fake_robot.network.stand_pose import StandPose
 from fake_robot.network.state_stream import StateSubscription
+from fake_robot.network.status import EstopLevel, FaultKind, Snapshot, StreamFailure
 from fake_robot.network.walk_plan import WalkPlan
 from fake_robot.robot.joint_control import Stream
 from fake_robot.robot.real_time import RealTimeLoop
@@ -53,10 +57,14 @@ class Robot:
         self.clock = RobotClock(scenario.clock, is_lock_step=scenario.is_lock_step)
         self._changed = threading.Condition(threading.RLock())
         self._subscriptions: list[StateSubscription] = []
-        self._last_command_key = 0
-        self._commands_submitted = 0
-        self._last_state_stamp_ns = 0
-        self._states_sent = 0
+        self.last_command_key = 0
+        """Key of the newest submitted command; 0 before the first."""
+        self.commands_submitted = 0
+        """How many commands were read from command streams."""
+        self.last_state_stamp_ns = 0
+        """Acquisition stamp of the newest state handed over; 0 before the first."""
+        self.states_sent = 0
+        """How many states were handed over."""
         self._goal_ns = 0
         self._simulation = Simulation(scenario, self.clock, self._deliver)
         self._loop: RealTimeLoop | None = None
@@ -127,10 +135,10 @@ class Robot:
             TimeModeError: The robot runs in real time.
         """
         self._check_lock_step()
-        goal = self._states_sent + count
+        goal = self.states_sent + count
         longest_ns = count * STATE_PERIOD_NS + _MAX_WAIT_FOR_STATES_NS if max_duration_ns is None else max_duration_ns
         end_ns = self._simulation.now_ns + longest_ns
-        while self._states_sent < goal and self._simulation.now_ns < end_ns:
+        while self.states_sent < goal and self._simulation.now_ns < end_ns:
             with self._changed:
                 self._simulation.step()
 
@@ -141,7 +149,7 @@ class Robot:
         """
         with self._changed:
             return self._changed.wait_for(
-                lambda: self._commands_submitted > beyond and self._last_command_key >= key, timeout_s
+                lambda: self.commands_submitted > beyond and self.last_command_key >= key, timeout_s
             )
 
     # Verbs ------------------------------------------------------------------------------------------------------------
@@ -245,26 +253,6 @@ class Robot:
             self._subscriptions.append(subscription)
         return subscription
 
-    @property
-    def last_command_key(self) -> int:
-        """Key of the newest submitted command; 0 before the first."""
-        return self._last_command_key
-
-    @property
-    def commands_submitted(self) -> int:
-        """How many commands were read from command streams."""
-        return self._commands_submitted
-
-    @property
-    def last_state_stamp_ns(self) -> int:
-        """Acquisition stamp of the newest state handed over; 0 before the first."""
-        return self._last_state_stamp_ns
-
-    @property
-    def states_sent(self) -> int:
-        """How many states were handed over."""
-        return self._states_sent
-
     # Faults -----------------------------------------------------------------------------------------------------------
 
     def fault_kinds(self) -> tuple[FaultKind, ...]:
@@ -330,8 +318,8 @@ class Robot:
             now_ns = self.clock.elapsed_ns()
             try:
                 command = stream.grammar.read(request)
-                self._last_command_key = command.key
-                self._commands_submitted += 1
+                self.last_command_key = command.key
+                self.commands_submitted += 1
                 # What is over by now is so when it arrives, too; told now, a client that has closed its end hears it.
                 self._simulation.joint_control.check_end_time(command, now_ns)
             except CommandRefusedError as error:
@@ -354,8 +342,8 @@ class Robot:
             self._simulation.joint_control.forget(stream)
 
     def _deliver(self, stamp_ns: int, message: bytes) -> None:
-        self._states_sent += 1
-        self._last_state_stamp_ns = stamp_ns
+        self.states_sent += 1
+        self.last_state_stamp_ns = stamp_ns
         kind = self._simulation.faults.effects.malformed_states
         spoilt = spoil(message, kind) if kind else message
         for subscription in tuple(self._subscriptions):
@@ -378,7 +366,7 @@ class Robot:
 
 
 class CommandStream:
-    """One open joint-control stream; see :class:`fake_robot.network.robot_port.CommandStream`."""
+    """One open joint-control stream."""
 
     def __init__(self, robot: Robot, stream: Stream) -> None:
         self._robot, self._stream = robot, stream

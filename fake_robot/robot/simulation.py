@@ -18,7 +18,7 @@ from fake_robot.faults.active_faults import ActiveFaults
 from fake_robot.faults.fault import Fault
 from fake_robot.faults.system_faults import active_system_faults
 from fake_robot.network.channel import Channel
-from fake_robot.network.robot_port import MotorPower, SystemFault
+from fake_robot.network.status import MotorPower, SystemFault
 from fake_robot.robot.joint_control import JointControl, Stream
 from fake_robot.robot.modes import Modes
 from fake_robot.robot.motion.steering import GroundPose

@@ -6,7 +6,7 @@ import numpy as np
 
 from fake_robot.body.clock import RobotClock
 from fake_robot.body.truth import Lateness, Truth
-from fake_robot.network.robot_port import Snapshot
+from fake_robot.network.status import Snapshot
 from fake_robot.robot.simulation import Simulation
 from spot_model.robot.leg_kinematics import foot_position_in_body_m
 

@@ -6,12 +6,11 @@ import logging
 import threading
 from concurrent import futures
 from dataclasses import dataclass
-from types import TracebackType
 from typing import Self
 
 import grpc
 
-from fake_robot.network.robot_port import RobotPort
+from fake_robot.robot.robot import Robot
 from fake_robot.scenario.services_config import ServicesConfig
 from fake_robot.services.admin.admin import AdminService
 from fake_robot.services.admin.injection import FaultInjector
@@ -68,7 +67,7 @@ class FakeServer:
 
     def __init__(
         self,
-        robot: RobotPort,
+        robot: Robot,
         config: ServicesConfig,
         credentials: Credentials,
         certificates: ServerCertificates,
@@ -159,9 +158,7 @@ class FakeServer:
         self.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.stop()
 
     def _start_robot_server(self) -> tuple[grpc.Server, str, int]:

@@ -7,7 +7,6 @@ import select
 import shutil
 import socket
 from pathlib import Path
-from types import TracebackType
 from typing import Final
 
 from typing_extensions import Self
@@ -78,9 +77,7 @@ class LiveProcess:
         os.environ[SOCKET_VARIABLE] = str(path)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.stop()
 
     @property

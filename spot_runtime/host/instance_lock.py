@@ -9,7 +9,6 @@ import hashlib
 import os
 import tempfile
 from pathlib import Path
-from types import TracebackType
 
 from typing_extensions import Self
 
@@ -63,9 +62,7 @@ class InstanceLock:
         self._descriptor = descriptor
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._descriptor is not None:
             self._path.unlink(missing_ok=True)
             os.close(self._descriptor)

@@ -7,7 +7,6 @@ import time
 from collections.abc import Mapping
 from itertools import cycle
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Final
 
 import grpc
@@ -83,9 +82,7 @@ class OperatorClient:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         for channel in self._channels:
             channel.close()
 

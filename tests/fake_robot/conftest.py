@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 from fake_robot.network.camera_view import CameraView
-from fake_robot.network.robot_port import (
+from fake_robot.network.stand_pose import StandPose
+from fake_robot.network.status import (
     BehaviorFault,
     EstopLevel,
     FaultKind,
@@ -24,7 +25,6 @@ from fake_robot.network.robot_port import (
     StreamFailure,
     SystemFault,
 )
-from fake_robot.network.stand_pose import StandPose
 from fake_robot.network.walk_plan import WalkPlan
 from fake_robot.scenario.services_config import ServicesConfig
 from fake_robot.services.identity.tokens import Credentials

@@ -25,7 +25,7 @@ from bosdyn.client.robot_command import (
 from bosdyn.client.robot_state import RobotStateStreamingClient
 from bosdyn.geometry import EulerZXY
 
-from fake_robot.network.robot_port import EstopLevel, Mode, MotorPower
+from fake_robot.network.status import EstopLevel, Mode, MotorPower
 
 Status = robot_command_pb2.JointControlStreamResponse
 Stand = basic_command_pb2.StandCommand.Feedback

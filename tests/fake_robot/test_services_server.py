@@ -376,7 +376,7 @@ def test_step_needs_lock_step(stub: Any) -> None:
 
 
 def test_a_long_step_lets_leases_expire_on_the_way(serve_stub: Callable[..., Any], stub_robot_type: Any) -> None:
-    from fake_robot.network.robot_port import MotorPower
+    from fake_robot.network.status import MotorPower
 
     stub = serve_stub(stub_robot_type(is_lock_step=True), liveness_clock="robot")
     stub.sdk_robot().ensure_client("lease").acquire()

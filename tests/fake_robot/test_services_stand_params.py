@@ -15,7 +15,7 @@ from bosdyn.client.robot_command import RobotCommandBuilder, UnknownFrameError
 from bosdyn.geometry import EulerZXY
 from google.protobuf.any_pb2 import Any as Packed
 
-from fake_robot.network.robot_port import MotorPower, Snapshot
+from fake_robot.network.status import MotorPower, Snapshot
 from fake_robot.services.motion.stand_params import InvalidCommandError, read_course, stand_poses
 
 START_NS = 1_700_000_000_000_000_000

@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass
-from types import TracebackType
 from typing import Any, Final, Generic, TypeVar
 
 from typing_extensions import Self
@@ -68,9 +67,7 @@ class Engine(Generic[SharedT, JobT, ResultT]):
             self._exit.callback(self._pool.shutdown, cancel_futures=True)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._exit.close()
 
     def map(self, jobs: Sequence[JobT]) -> list[ResultT]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from fake_robot.body.body import Body
-from fake_robot.network.robot_port import Mode
+from fake_robot.network.status import Mode
 
 _LYING_BODY_M = 0.2
 _LYING_S = 0.25

@@ -9,7 +9,7 @@ from typing import Any
 
 from fake_robot.faults.fault import FAULTS, ServiceFault
 from fake_robot.faults.registry import fault_kinds, make_fault
-from fake_robot.network.robot_port import FaultKind
+from fake_robot.network.status import FaultKind
 from spot_model.errors import BadInputError
 
 FIRST_SERVICE_FAULT_ID = 1_000_000

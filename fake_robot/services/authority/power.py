@@ -9,7 +9,7 @@ from typing import Any
 
 from bosdyn.api import lease_pb2, license_pb2, power_pb2
 
-from fake_robot.network.robot_port import EstopLevel, MotorPower, Snapshot, SystemFault
+from fake_robot.network.status import EstopLevel, MotorPower, Snapshot, SystemFault
 from fake_robot.services.calls.access import refuse_request
 from fake_robot.services.calls.stamps import ns_from_duration, timestamp_from_ns
 from fake_robot.services.reports.robot_state_message import system_fault_message

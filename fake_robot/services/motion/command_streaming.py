@@ -9,7 +9,8 @@ from collections.abc import Iterator
 import grpc
 from bosdyn.api import robot_command_pb2, robot_command_service_pb2_grpc
 
-from fake_robot.network.robot_port import CommandStream, StreamFailure
+from fake_robot.network.status import StreamFailure
+from fake_robot.robot.robot import CommandStream
 from fake_robot.services.calls.access import fill_header
 from fake_robot.services.sensors.world import World
 

@@ -9,8 +9,9 @@ from typing import Any, Final
 
 from bosdyn.api import robot_command_pb2
 
-from fake_robot.network.robot_port import RobotPort, Snapshot
+from fake_robot.network.status import Snapshot
 from fake_robot.network.walk_plan import WalkPlan
+from fake_robot.robot.robot import Robot
 from fake_robot.services.calls.stamps import ns_from_timestamp
 from fake_robot.services.motion.refusals import InvalidCommandError, UnsupportedCommandError
 from fake_robot.services.motion.stance_params import FootTargets, read_stance
@@ -81,7 +82,7 @@ def parse(command: robot_command_pb2.RobotCommand, bounds: WalkBounds) -> Comman
     return Command(verb, is_synchronized=True)
 
 
-def start(command: Command, robot: RobotPort) -> None:
+def start(command: Command, robot: Robot) -> None:
     """Have the robot begin.
 
     Raises:

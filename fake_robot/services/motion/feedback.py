@@ -6,7 +6,7 @@ from typing import Any
 
 from bosdyn.api import basic_command_pb2, robot_command_pb2
 
-from fake_robot.network.robot_port import EstopLevel, Mode, MotorPower, Snapshot, StanceProgress
+from fake_robot.network.status import EstopLevel, Mode, MotorPower, Snapshot, StanceProgress
 from fake_robot.network.walk_plan import WalkProgress
 from fake_robot.services.motion.commands import WALKS, Command, Verb
 

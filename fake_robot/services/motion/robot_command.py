@@ -8,7 +8,7 @@ from typing import Any
 
 from bosdyn.api import lease_pb2, robot_command_pb2
 
-from fake_robot.network.robot_port import EstopLevel, MotorPower
+from fake_robot.network.status import EstopLevel, MotorPower
 from fake_robot.services.calls.access import refuse_request
 from fake_robot.services.motion import commands
 from fake_robot.services.motion.commands import WALKS, Command, Verb

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from fake_robot.network.robot_port import Array, Snapshot
+from fake_robot.network.status import Array, Snapshot
 from fake_robot.services.motion.refusals import InvalidCommandError, UnknownFrameError
 from fake_robot.services.motion.walk_params import BODY_FRAMES, WORLD_FRAMES, odom_point
 from spot_model.robot.facts import LEG_NAMES

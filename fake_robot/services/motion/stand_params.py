@@ -11,8 +11,8 @@ from bosdyn.client.frame_helpers import ODOM_FRAME_NAME, get_a_tform_b
 from bosdyn.client.math_helpers import Quat, SE3Pose
 from google.protobuf.message import DecodeError
 
-from fake_robot.network.robot_port import Snapshot
 from fake_robot.network.stand_pose import StandPose
+from fake_robot.network.status import Snapshot
 from fake_robot.services.calls.stamps import ns_from_duration, ns_from_timestamp
 from fake_robot.services.motion.refusals import InvalidCommandError, UnknownFrameError
 from fake_robot.services.reports.robot_state_message import frame_tree

@@ -11,8 +11,8 @@ from bosdyn.api.spot import robot_command_pb2 as spot_command_pb2
 from bosdyn.client.frame_helpers import ODOM_FRAME_NAME, get_a_tform_b
 from bosdyn.client.math_helpers import SE2Pose
 
-from fake_robot.network.robot_port import Snapshot
 from fake_robot.network.stand_pose import StandPose
+from fake_robot.network.status import Snapshot
 from fake_robot.network.walk_plan import PathPlan, PathPoint, Velocity, VelocityPlan, WalkLimits, WalkPlan
 from fake_robot.services.calls.stamps import ns_from_duration, ns_from_timestamp
 from fake_robot.services.motion.refusals import InvalidCommandError, UnknownFrameError

@@ -5,7 +5,7 @@ from __future__ import annotations
 from bosdyn.api import geometry_pb2, robot_state_pb2
 from bosdyn.client.math_helpers import Quat, SE3Pose
 
-from fake_robot.network.robot_port import BehaviorFault, EstopLevel, Mode, MotorPower, Snapshot, SystemFault
+from fake_robot.network.status import BehaviorFault, EstopLevel, Mode, MotorPower, Snapshot, SystemFault
 from fake_robot.services.calls.stamps import duration_from_ns, timestamp_from_ns
 from spot_model.robot.facts import JOINT_NAMES
 from spot_model.robot.stamps import NS_PER_S

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from PIL import Image as Picture
 
 from fake_robot.network.camera_view import CameraView
-from fake_robot.network.robot_port import Snapshot
+from fake_robot.network.status import Snapshot
 from fake_robot.services.calls.access import refuse_request
 from fake_robot.services.calls.stamps import timestamp_from_ns
 from fake_robot.services.reports.robot_state_message import ROOT_FRAME, frame_tree

@@ -6,7 +6,8 @@ import secrets
 
 from bosdyn.api.keepalive import keepalive_pb2
 
-from fake_robot.network.robot_port import EstopLevel, MotorPower, RobotPort
+from fake_robot.network.status import EstopLevel, MotorPower
+from fake_robot.robot.robot import Robot
 from fake_robot.scenario.services_config import ServicesConfig
 from fake_robot.services.authority.estop_endpoints import CUT, NONE, SETTLE_THEN_CUT, EstopEndpoints
 from fake_robot.services.authority.keepalive import KeepalivePolicies
@@ -30,7 +31,7 @@ class World:
     ``tick`` brings time-outs to the robot: e-stop endpoints and leases of silent clients, keep-alive policies.
     """
 
-    def __init__(self, robot: RobotPort, config: ServicesConfig, credentials: Credentials) -> None:
+    def __init__(self, robot: Robot, config: ServicesConfig, credentials: Credentials) -> None:
         self.robot = robot
         self.config = config
         self.now_ns = robot.clock.now_ns

@@ -8,7 +8,7 @@ from typing import Any
 
 from bosdyn.api import world_object_pb2
 
-from fake_robot.network.robot_port import Snapshot
+from fake_robot.network.status import Snapshot
 from fake_robot.services.calls.stamps import ns_from_timestamp
 from fake_robot.services.reports.robot_state_message import frame_tree
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from fake_robot.network.robot_port import EstopLevel, Mode, MotorPower
+from fake_robot.network.status import EstopLevel, Mode, MotorPower
 from fake_robot.network.walk_plan import Velocity, VelocityPlan, WalkLimits
 from fake_robot.robot.modes import MotionRefusedError
 

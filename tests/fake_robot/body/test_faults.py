@@ -7,7 +7,7 @@ import pytest
 from bosdyn.api import robot_state_pb2
 from google.protobuf.message import DecodeError
 
-from fake_robot.network.robot_port import Mode, MotorPower
+from fake_robot.network.status import Mode, MotorPower
 from spot_model.errors import BadInputError
 
 NS = 1_000_000_000
