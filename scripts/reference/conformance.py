@@ -13,7 +13,6 @@ guess*, and the last column names the key of the [scenario](scenario.md) that ch
 
 The same table runs against any server that claims to be a Spot:
 
-<!-- doc-test: run -->
 ```sh
 spot-rl fake-robot exec -- spot-rl fake-robot conformance --robot HOST
 ```

@@ -41,9 +41,13 @@ from spot_model.errors import BadInputError
 
 ALL_SETTINGS = [
     {},
-    {"services": {"clock_identifier_check": "timed_commands", "missing_end_time_refusal": "invalid_request"}},
     {
-        "services": {"second_command_stream": "evict", "missing_license_refusal": "invalid_request"},
+        "services": {
+            "clock_identifier_check": "timed_commands",
+            "missing_end_time_refusal": "invalid_request",
+            "second_command_stream": "evict",
+            "missing_license_refusal": "invalid_request",
+        },
         "joint_control": {"activation_wait_s": 0.2, "max_end_time_ahead_s": 1.0, "on_command_expiry": "freeze_torque"},
     },
 ]
@@ -86,7 +90,8 @@ def test_the_fake_passes_with_every_switch_either_way(serve: Serve, settings: di
 
 
 def test_the_fake_walks_for_the_suite(serve: Serve) -> None:
-    results = list(run_checks(serve(), Needs.MOTION, ("velocity_times_out", "trajectory_arrives")))
+    brisk = {"power": {"power_on_s": 0.2, "power_off_s": 0.1}, "motion": {"stand_s": 0.8, "sit_s": 0.8}}
+    results = list(run_checks(serve(**brisk), Needs.MOTION, ("velocity_times_out", "trajectory_arrives")))
     assert [(r.check.name, r.seen) for r in results if r.verdict is not Verdict.PASS] == []
 
 
