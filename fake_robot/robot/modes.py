@@ -2,21 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-
 from fake_robot.body.body import Body
-from fake_robot.network.stand_pose import StandPose
 from fake_robot.network.status import BehaviorFault, EstopLevel, Mode, MotorPower, StanceProgress, StreamFailure
-from fake_robot.network.walk_plan import WalkPlan
 from fake_robot.robot.joint_control import JointControl
 from fake_robot.robot.motion.motion_sequence import MotionSequence
-from fake_robot.robot.motion.steering import GroundPose
-from fake_robot.robot.motion.walker import Walker
 from fake_robot.robot.streamed_command import INACTIVE
 from fake_robot.scenario.scenario import Scenario
 from spot_model.errors import SpotRlError
 from spot_model.plant.command_channel import ServoCommand
-from spot_model.robot.facts import Array
 from spot_model.robot.stamps import NS_PER_S
 
 _MOVING = (
@@ -39,25 +32,16 @@ class Modes:
     """The mode machine of one robot. Times are nanoseconds of robot time since the start.
 
     Args:
-        scenario: Durations, heights and policies.
+        scenario: Durations and policies.
         body: What moves.
         joint_control: Commands of the streams.
-        walker: What walks by itself.
-        body_on_ground: Where the body is in odom.
+        motion: What begins and ends.
     """
 
-    def __init__(
-        self,
-        scenario: Scenario,
-        body: Body,
-        joint_control: JointControl,
-        walker: Walker,
-        body_on_ground: Callable[[], GroundPose],
-    ) -> None:
+    def __init__(self, scenario: Scenario, body: Body, joint_control: JointControl, motion: MotionSequence) -> None:
         self._power, self._fall_tilt_rad = scenario.power, scenario.motion.fall_tilt_rad
         self._is_stopped_by_fall = scenario.joint_control.is_stopped_by_fall
-        self._body, self._joint_control = body, joint_control
-        self._motion = MotionSequence(scenario, body, joint_control, walker, body_on_ground)
+        self._body, self._joint_control, self._motion = body, joint_control, motion
         self.motor_power = MotorPower.OFF
         self.estop_level = EstopLevel.NONE
         self.behavior_faults: list[BehaviorFault] = []
@@ -73,7 +57,7 @@ class Modes:
 
     @property
     def stance_progress(self) -> StanceProgress:
-        """How far :meth:`place_feet` has come."""
+        """How far the feet have come to their places."""
         return self._motion.stance_progress
 
     # Asked for by services --------------------------------------------------------------------------------------------
@@ -115,50 +99,31 @@ class Modes:
         else:
             self.safe_power_off()
 
-    def stand(self, course: Sequence[StandPose] = ()) -> None:
-        """Start to stand, or to change the pose of a stand, and then to follow a course of poses."""
-        self._begin("stand", on_feet=True)
-        self._motion.stand(course)
+    def begin(self, verb: str, *, on_feet: bool = False) -> MotionSequence:
+        """The motions, one of which may begin now. With behaviour faults it may move, but not get on its feet.
 
-    def walk(self, plan: WalkPlan) -> None:
-        """Start to walk, from a stand if need be, or go on walking with another plan."""
-        self._begin("walk", on_feet=True)
-        self._motion.walk(plan)
-
-    def place_feet(self, feet_in_odom_m: Array, accuracy_m: float) -> None:
-        """Step until the feet stand at these places, shape (4, 2), from a stand if need be; not if they are too far."""
-        self._begin("stance", on_feet=True)
-        self._motion.place_feet(feet_in_odom_m, accuracy_m)
+        Raises:
+            MotionRefusedError: The robot cannot move now.
+        """
+        if self.motor_power is not MotorPower.ON:
+            raise MotionRefusedError(f"{verb}: the motors are {self.motor_power.value}; power them on first")
+        if on_feet and self.behavior_faults:
+            causes = ", ".join(f"{f.cause} ({f.fault_id})" for f in self.behavior_faults)
+            raise MotionRefusedError(f"{verb}: behaviour faults are active: {causes}; clear them first")
+        if self.estop_level is not EstopLevel.NONE:
+            raise MotionRefusedError(f"{verb}: the e-stop level is {self.estop_level.value}; release it first")
+        self._is_cut_when_down = False
+        return self._motion
 
     def stop(self) -> None:
         """From a walk, joint control or freezing back to the stand; else, or with behaviour faults, nothing."""
         if self.mode in (Mode.WALKING, Mode.JOINT_CONTROL, Mode.FROZEN) and not self.behavior_faults:
-            self.stand()
-
-    def sit(self) -> None:
-        """Start to sit down; a walk comes to a stop first."""
-        self._begin("sit")
-        self._motion.sit()
-
-    def freeze(self) -> None:
-        """Hold the joints where they are."""
-        self._begin("freeze")
-        self._motion.freeze()
-
-    def right(self) -> None:
-        """Turn the body over, legs folded; the turning itself is a torque from outside."""
-        self._begin("self-right")
-        self._motion.right()
-
-    def enter_joint_control(self) -> None:
-        """From now on, the newest command of the streams takes effect; until it comes, hold the pose."""
-        self._begin("joint control", on_feet=True)
-        self._motion.enter_joint_control()
+            self.begin("stand", on_feet=True).stand()
 
     def leave_joint_control(self) -> None:
         """Go back to the vendor's own stand; nothing if joint control is not active."""
         if self.mode is Mode.JOINT_CONTROL:
-            self.stand()
+            self.begin("stand", on_feet=True).stand()
 
     def set_estop_level(self, level: EstopLevel) -> None:
         """Follow the e-stop: cut power, or settle on the ground first."""
@@ -238,17 +203,6 @@ class Modes:
         why = self._motion.why_fallen()
         if why is not None and (self.mode is not Mode.JOINT_CONTROL or self._is_stopped_by_fall):
             self.add_behavior_fault("fall", why)
-
-    def _begin(self, verb: str, *, on_feet: bool = False) -> None:
-        """Let a command's motion begin, or refuse it. With behaviour faults it may move, but not get on its feet."""
-        if self.motor_power is not MotorPower.ON:
-            raise MotionRefusedError(f"{verb}: the motors are {self.motor_power.value}; power them on first")
-        if on_feet and self.behavior_faults:
-            causes = ", ".join(f"{f.cause} ({f.fault_id})" for f in self.behavior_faults)
-            raise MotionRefusedError(f"{verb}: behaviour faults are active: {causes}; clear them first")
-        if self.estop_level is not EstopLevel.NONE:
-            raise MotionRefusedError(f"{verb}: the e-stop level is {self.estop_level.value}; release it first")
-        self._is_cut_when_down = False
 
     def _after(self, seconds: float) -> int:
         return self._motion.now_ns + round(seconds * NS_PER_S)

@@ -167,17 +167,17 @@ class Robot:
     def stand(self, course: Sequence[StandPose] = ()) -> None:
         """Begin to stand, and then to follow a course of poses; without one, the nominal stand."""
         with self._changed:
-            self._simulation.modes.stand(course)
+            self._simulation.modes.begin("stand", on_feet=True).stand(course)
 
     def walk(self, plan: WalkPlan) -> None:
         """Begin to walk, from a stand if need be, or go on walking with another plan."""
         with self._changed:
-            self._simulation.modes.walk(plan)
+            self._simulation.modes.begin("walk", on_feet=True).walk(plan)
 
     def place_feet(self, feet_in_odom_m: Array, accuracy_m: float) -> None:
         """Begin to step until the feet stand at these places, shape (4, 2), legs fl, fr, hl, hr."""
         with self._changed:
-            self._simulation.modes.place_feet(feet_in_odom_m, accuracy_m)
+            self._simulation.modes.begin("stance", on_feet=True).place_feet(feet_in_odom_m, accuracy_m)
 
     def why_no_walk(self) -> str | None:
         """Why the robot cannot walk by itself at all; None if it can."""
@@ -190,7 +190,7 @@ class Robot:
     def sit(self) -> None:
         """Begin to sit down."""
         with self._changed:
-            self._simulation.modes.sit()
+            self._simulation.modes.begin("sit").sit()
 
     def stop_motion(self) -> None:
         """Stop: from a walk, joint control or freezing back to the vendor's stand; else nothing."""
@@ -200,12 +200,12 @@ class Robot:
     def freeze(self) -> None:
         """Hold every joint where it is."""
         with self._changed:
-            self._simulation.modes.freeze()
+            self._simulation.modes.begin("freeze").freeze()
 
     def selfright(self) -> None:
         """Come to a sitting pose from any pose."""
         with self._changed:
-            self._simulation.modes.right()
+            self._simulation.modes.begin("self-right").right()
 
     def safe_power_off(self) -> None:
         """Sit down, then cut the motors' power."""
@@ -215,7 +215,7 @@ class Robot:
     def enter_joint_control(self) -> None:
         """Let an open command stream, or the next one, move the joints."""
         with self._changed:
-            self._simulation.modes.enter_joint_control()
+            self._simulation.modes.begin("joint control", on_feet=True).enter_joint_control()
 
     def leave_joint_control(self) -> None:
         """Go back to the vendor's own stand."""

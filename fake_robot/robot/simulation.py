@@ -21,6 +21,7 @@ from fake_robot.network.channel import Channel
 from fake_robot.network.status import MotorPower, SystemFault
 from fake_robot.robot.joint_control import JointControl, Stream
 from fake_robot.robot.modes import Modes
+from fake_robot.robot.motion.motion_sequence import MotionSequence
 from fake_robot.robot.motion.steering import GroundPose
 from fake_robot.robot.motion.vendor_motion import stand_feet_m
 from fake_robot.robot.motion.walker import Walker
@@ -61,7 +62,8 @@ class Simulation:
             clock.stamp_ns,
             scenario.motion.stand_height_m,
         )
-        self.modes = Modes(scenario, self.body, self.joint_control, self.walker, self._pose_on_ground)
+        motion = MotionSequence(scenario, self.body, self.joint_control, self.walker, self._pose_on_ground)
+        self.modes = Modes(scenario, self.body, self.joint_control, motion)
         self.energy = Energy(scenario.battery, scenario.motors)
         self.faults = ActiveFaults()
         self.extremes = Extremes()
