@@ -82,12 +82,3 @@ class ChannelView:
 
 Views = Mapping[Channel, ChannelView]
 """The channels that are on, by name."""
-
-
-@dataclass(frozen=True)
-class Interval:
-    """A fitted number."""
-
-    value: float
-    low: float
-    high: float

@@ -18,9 +18,6 @@ from diagnosis.library.experiments import SPRINT, Experiment
 from spot_model.effects.base import Effect, TorqueEffect
 from spot_model.io.model_file import RobotModel
 
-BY_JOINT: Final = frozenset({Channel.SET_POINT_TO_LOAD, Channel.JOINT_RATES, Channel.POLICY_REPLAY})
-"""Channels whose rows are joints that do not touch each other."""
-
 
 class Location(enum.Enum):
     """What an effect can be local to."""

@@ -2,26 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fake_robot.body.body import Body
 from spot_model.robot.facts import Array
-
-
-@dataclass(frozen=True)
-class Lateness:
-    """How well robot time followed the host's clock, real time only."""
-
-    wakes: int = 0
-    late_wakes: int = 0
-    """More than 1 ms after the time they were due."""
-    max_late_s: float = 0.0
-    lost_s: float = 0.0
-    """Robot time given up after stalls."""
 
 
 @dataclass(frozen=True)
@@ -43,10 +30,6 @@ class Truth:
     has_fallen: bool
     body_height_min_m: float
     peak_torque_nm: float
-    effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    """Parameters of every effect in the hidden truth, by number and name."""
-    power_w: float = 0.0
-    lateness: Lateness = Lateness()
 
 
 class Extremes:

@@ -111,7 +111,6 @@ class Snapshot:
     battery_temperature_c: tuple[float, ...]
     battery_runtime_s: float
     is_battery_missing: bool
-    is_on_shore_power: bool
     motor_temperature_c: Mapping[str, float]
     behavior_faults: tuple[BehaviorFault, ...] = ()
     system_faults: tuple[SystemFault, ...] = ()
@@ -124,7 +123,6 @@ class Snapshot:
     stance_progress: StanceProgress = StanceProgress.MOVING
     stand_height_m: float = 0.52
     """Height of the body's origin over the ground in the nominal stand."""
-    metrics: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,9 @@ import time
 from collections.abc import Callable
 
 from fake_robot.body.clock import RobotClock
-from fake_robot.body.truth import Lateness
 from fake_robot.robot.simulation import Simulation
 
 _LOGGER = logging.getLogger(__name__)
-_LATE_S = 0.001
 _IDLE_S = 0.003
 
 
@@ -47,8 +45,8 @@ class RealTimeLoop:
         self.crash: BaseException | None = None
         """What ended the thread against its will."""
         self._on_crash = on_crash
-        self._wakes = self._late_wakes = 0
-        self._max_late_ns = self._lost_ns = 0
+        self.lost_ns = 0
+        """Robot time given up after stalls."""
 
     def start(self) -> None:
         """Begin."""
@@ -61,13 +59,8 @@ class RealTimeLoop:
         if self._thread.is_alive() and threading.current_thread() is not self._thread:
             self._thread.join()
         self._clock.halt()
-        if self._lost_ns:
-            _LOGGER.warning("in all, %.2f s of robot time were lost", self._lost_ns * 1e-9)
-
-    @property
-    def lateness(self) -> Lateness:
-        """How well it went so far."""
-        return Lateness(self._wakes, self._late_wakes, self._max_late_ns * 1e-9, self._lost_ns * 1e-9)
+        if self.lost_ns:
+            _LOGGER.warning("in all, %.2f s of robot time were lost", self.lost_ns * 1e-9)
 
     def _run(self) -> None:
         try:
@@ -98,16 +91,13 @@ class RealTimeLoop:
             simulation.deliver_states(now_ns)
 
     def _note(self, late_ns: int) -> None:
-        self._wakes += 1
-        self._late_wakes += late_ns > _LATE_S * 1e9
-        self._max_late_ns = max(self._max_late_ns, late_ns)
         if late_ns > self._max_catch_up_ns:
             lost_ns = late_ns - self._max_catch_up_ns
-            if not self._lost_ns:
+            if not self.lost_ns:
                 _LOGGER.warning(
                     "this computer is too slow or too busy for real time: %.0f ms of robot time are lost, and more may "
                     "be; the total is told at the end. Use --lock-step, or stop other work",
                     lost_ns * 1e-6,
                 )
-            self._lost_ns += lost_ns
+            self.lost_ns += lost_ns
             self._clock.slip(lost_ns)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fake_robot.body.clock import RobotClock
-from fake_robot.body.truth import Lateness, Truth
+from fake_robot.body.truth import Truth
 from fake_robot.eyes.eyes import Eyes
 from fake_robot.faults.fault import ServiceFault
 from fake_robot.faults.registry import fault_kinds, make_fault
@@ -291,7 +291,7 @@ class Robot:
     def truth(self, *, reset_extremes: bool = False) -> Truth:
         """The simulated body as it is."""
         with self._changed:
-            truth = truth_of(self._simulation, self.clock, self.lateness)
+            truth = truth_of(self._simulation, self.clock)
             if reset_extremes:
                 self._simulation.extremes.reset()
             return truth
@@ -302,11 +302,6 @@ class Robot:
             body = self._simulation.body
             position = np.concatenate([body.base_position_m, body.base_wxyz, body.joint_position_rad])
         return self._eyes.look(position, view)
-
-    @property
-    def lateness(self) -> Lateness:
-        """How well robot time has followed the host's clock."""
-        return Lateness() if self._loop is None else self._loop.lateness
 
     # Private ----------------------------------------------------------------------------------------------------------
 

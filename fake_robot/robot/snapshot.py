@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fake_robot.body.clock import RobotClock
-from fake_robot.body.truth import Lateness, Truth
+from fake_robot.body.truth import Truth
 from fake_robot.network.status import Snapshot
 from fake_robot.robot.simulation import Simulation
 from spot_model.robot.leg_kinematics import foot_position_in_body_m
@@ -50,7 +50,6 @@ def snapshot_of(simulation: Simulation, clock: RobotClock) -> Snapshot:
         battery_temperature_c=tuple(simulation.scenario.battery.temperature_c + d for d in _BATTERY_SPREAD_C),
         battery_runtime_s=energy.runtime_s(),
         is_battery_missing=effects.battery_missing,
-        is_on_shore_power=False,
         motor_temperature_c=energy.shown_temperatures_c(effects),
         behavior_faults=tuple(modes.behavior_faults),
         system_faults=simulation.system_faults(),
@@ -65,11 +64,10 @@ def snapshot_of(simulation: Simulation, clock: RobotClock) -> Snapshot:
     )
 
 
-def truth_of(simulation: Simulation, clock: RobotClock, lateness: Lateness) -> Truth:
-    """The body as it is, and the hidden effects."""
+def truth_of(simulation: Simulation, clock: RobotClock) -> Truth:
+    """The body as it is."""
     body, extremes = simulation.body, simulation.extremes
     height_m = body.height_m()
-    effects = simulation.scenario.robot_model.effects
     return Truth(
         robot_stamp_ns=clock.stamp_ns(simulation.now_ns),
         position_of_body_in_world_m=body.base_position_m.copy(),
@@ -86,7 +84,4 @@ def truth_of(simulation: Simulation, clock: RobotClock, lateness: Lateness) -> T
         or any(fault.cause == "fall" for fault in simulation.modes.behavior_faults),
         body_height_min_m=min(extremes.height_min_m, height_m),
         peak_torque_nm=extremes.peak_torque_nm,
-        effects={f"{i}:{effect.name}": dict(effect.values) for i, effect in enumerate(effects)},
-        power_w=simulation.energy.power_w,
-        lateness=lateness,
     )

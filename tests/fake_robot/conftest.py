@@ -152,7 +152,6 @@ class StubRobot:
             battery_temperature_c=(30.0, 31.0),
             battery_runtime_s=3600.0,
             is_battery_missing=False,
-            is_on_shore_power=False,
             motor_temperature_c={"fl_hx": 40.0},
         )
 

@@ -19,10 +19,6 @@ JobT = TypeVar("JobT")
 ResultT = TypeVar("ResultT")
 
 
-Work = Callable[[SharedT, JobT], ResultT]
-"""A function of a module, so that other processes find it."""
-
-
 @dataclass(frozen=True)
 class Place:
     """Where to compute: ``workers`` processes on this machine, or a Ray cluster (the extra ``ray``)."""
@@ -40,7 +36,7 @@ class Engine(Generic[SharedT, JobT, ResultT]):
     """Calls ``work(shared, job)`` for each job; used as a context manager.
 
     Args:
-        work: What is called.
+        work: What is called; a function of a module, so that other processes find it.
         shared: What all jobs need; sent once to each process.
         place: Where to compute.
     """

@@ -194,8 +194,7 @@ class _Simulation:
             reading = sensors.read(state, self.drives, STATE_S)
             turn, felt = unit.sense(state)
             estimator.step(turn, felt, reading.position_rad, reading.velocity_rad_s, contacts.age, contacts.force_n)
-            record.put(state, reading, estimator, contacts.see(self._foot_force_n()), self.drives)
-            record.put_body(state, self.position, self.velocity, self.battery, self.drives)
+            record.put(state, reading, estimator, contacts.see(self._foot_force_n()), self.battery, self.drives)
             ticking = np.flatnonzero(number_of[state] >= 0)
             if len(ticking):
                 self._tick(record, ticking, number_of[state, ticking], state, held)

@@ -38,7 +38,6 @@ class InertialSignals:
     angular_vel_in_body_rad_s: Array
     velocity_rate_in_body_m_s2: Array
     """Rate of the velocity's components in the body frame, by the unit, at its own stamps."""
-    gravity_m_s2: float
 
     def finish(self, in_odom: Array) -> Array:
         """An acceleration in odom (N, 3) as the channel's rows have it, shape (n, 6)."""
@@ -85,7 +84,6 @@ def inertial_view(stack: Stack) -> ChannelView | ChannelOff:
             - np.cross(turn, rotate_inverse_wxyz(attitude, velocity))
         ),
         linear_vel_in_odom_m_s=velocity,
-        gravity_m_s2=gravity,
     )
     felt_now = signals.finish(felt) + age_s * signals.finish_rate(felt)
     upright = np.array([0.0, 0.0, gravity, 0.0, 0.0, 0.0])

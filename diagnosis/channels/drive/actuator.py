@@ -56,8 +56,6 @@ class ActuatorSignals:
     load_nm: Array
     command_age_s: Array
     """Since the command in effect was received. Shape (N,)."""
-    old_request_nm: Array
-    """The servo law under the command before the one in effect."""
     lag_s: float
     effects: tuple[Effect, ...] = ()
     """Of the nominal model."""
@@ -264,7 +262,7 @@ def _commanded(stack: Stack, rows: NDArray[np.intp], name: str) -> Array:
 def _signals(stack: Stack, effects: Sequence[Effect], lag_s: float) -> ActuatorSignals:
     position, velocity, rows = _at_lag(stack, lag_s)
     request = _request(stack, position, velocity, rows)
-    ages, before = _command_ages(stack, rows, lag_s)
+    ages = _command_ages(stack, rows, lag_s)
     return ActuatorSignals(
         stack=stack,
         position_rad=position,
@@ -276,26 +274,21 @@ def _signals(stack: Stack, effects: Sequence[Effect], lag_s: float) -> ActuatorS
         torque_nm=nominal_torque_nm(effects, request, position, velocity, stack.run, stack.period_s),
         load_nm=stack.filled(lambda r: r.load_nm),
         command_age_s=ages,
-        old_request_nm=_request(stack, position, velocity, before),
         lag_s=lag_s,
         effects=tuple(effects),
     )
 
 
-def _command_ages(stack: Stack, rows: NDArray[np.intp], lag_s: float) -> tuple[Array, NDArray[np.intp]]:
-    """Age of the command in effect at each row, and the row of the command that was in effect before it."""
-    ages, before = np.full(stack.n, np.inf), np.full(stack.n, -1, dtype=np.intp)
+def _command_ages(stack: Stack, rows: NDArray[np.intp], lag_s: float) -> Array:
+    """Age of the command in effect at each row. Shape (N,)."""
+    ages = np.full(stack.n, np.inf)
     for number, recording in enumerate(stack.recordings):
         mine = stack.run == number
         row = rows[mine]
         known = row >= 0
         received = recording.command_ns[np.maximum(row, 0)]
         ages[mine] = np.where(known, (recording.stamp_ns - received) * 1e-9 - lag_s, np.inf)
-        order = np.argsort(recording.command_ns, kind="stable")
-        previous = np.full(len(order), -1, dtype=np.intp)
-        previous[order[1:]] = order[:-1]
-        before[mine] = np.where(known, previous[np.maximum(row, 0)], -1)
-    return ages, before
+    return ages
 
 
 def _by_twelve(compute: Callable[..., Array], *columns: Array) -> Array:

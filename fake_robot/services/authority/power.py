@@ -158,8 +158,6 @@ class PowerService:
 
 def _why_not_on(snapshot: Snapshot) -> int | None:
     """The status that keeps the motors from powering on; None if nothing does."""
-    if snapshot.is_on_shore_power:
-        return int(power_pb2.STATUS_SHORE_POWER_CONNECTED)
     if snapshot.is_battery_missing:
         return int(power_pb2.STATUS_BATTERY_MISSING)
     if snapshot.estop_level is not EstopLevel.NONE:

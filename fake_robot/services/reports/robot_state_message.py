@@ -100,7 +100,7 @@ def _fill_power(
 ) -> None:
     power.timestamp.CopyFrom(timestamp_from_ns(snapshot.robot_stamp_ns))
     power.motor_power_state = _MOTOR_POWER[snapshot.motor_power]
-    power.shore_power_state = power.SHORE_POWER_STATE_ON if snapshot.is_on_shore_power else power.SHORE_POWER_STATE_OFF
+    power.shore_power_state = power.SHORE_POWER_STATE_OFF
     power.robot_power_state = power.ROBOT_POWER_STATE_ON
     power.payload_ports_power_state = (
         power.PAYLOAD_PORTS_POWER_STATE_ON if are_payload_ports_on else power.PAYLOAD_PORTS_POWER_STATE_OFF
@@ -120,7 +120,7 @@ def _fill_battery(battery: robot_state_pb2.BatteryState, snapshot: Snapshot) -> 
     battery.voltage.value = snapshot.battery_voltage_v
     battery.temperatures.extend(snapshot.battery_temperature_c)
     battery.communications_loss_percent.value = 0.0
-    battery.status = battery.STATUS_CHARGING if snapshot.is_on_shore_power else battery.STATUS_DISCHARGING
+    battery.status = battery.STATUS_DISCHARGING
 
 
 def _fill_estops(state: robot_state_pb2.RobotState, snapshot: Snapshot) -> None:

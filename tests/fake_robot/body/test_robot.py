@@ -258,7 +258,6 @@ def test_in_real_time_states_come_by_themselves():
     finally:
         robot.stop()
     assert all(got)
-    assert robot.lateness.wakes >= 50
     assert robot.crash is None
     stopped = robot.clock.now_ns()
     assert robot.clock.now_ns() == stopped

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,11 +9,6 @@ from spot_model.policy.contract import PolicyContract
 from spot_model.policy.observation import observed
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
-
-FEATURE_NAMES: Final = tuple(
-    f"{name} {kind}" for kind in ("position", "velocity", "action") for name in facts.JOINT_NAMES
-)
-"""The 36 features, in order."""
 
 
 def control_law_features(

@@ -21,7 +21,6 @@ class Battery:
         self._charge = np.full(n_runs, supply.charge)
         self._slow_v = np.zeros(n_runs)
         self._power_w = np.full(n_runs, supply.idle_w)
-        self.shown_power_w: Array = np.full(n_runs, supply.idle_w)
         self.bus_v: Array = self._open_v()
         self.shown_v: Array = self.bus_v.copy()
         self.shown_a: Array = self._power_w / self.bus_v

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot_model.policy.observation import N_OBSERVATION
-from spot_model.robot.facts import N_JOINTS, N_LEGS, STATE_PERIOD_NS, Array
+from spot_model.robot.facts import N_JOINTS, N_LEGS, STATE_PERIOD_NS
 from withheld.simulator.mechanics.drive import Drives
 from withheld.simulator.mechanics.supply import Battery
 from withheld.simulator.parameters import EstimatorParameters
@@ -33,10 +33,6 @@ class Recorder:
         self.linear = np.zeros((m, n, 3))
         self.angular = np.zeros((m, n, 3))
         self.flags = np.zeros((m, n, N_LEGS), dtype=np.bool_)
-        self.truth = np.zeros((m, n, 2 * N_JOINTS))
-        """Link positions, motor torques."""
-        self.body = np.zeros((m, n, 13))
-        """Position, quaternion, velocities."""
         self.power = np.zeros((m, n, 3))
         self.winding = np.zeros((m, n, N_JOINTS))
         self.observation = np.zeros((k, n, N_OBSERVATION), dtype=np.float32)
@@ -47,22 +43,22 @@ class Recorder:
         sigma = np.array([noise.velocity_noise_m_s] * 3 + [noise.position_noise_m] * 3)
         self._noise = np.stack([rng.standard_normal((m, 6)) for rng in rngs], axis=1) * sigma
 
-    def put(self, state: int, reading: Reading, estimator: Estimator, flags: NDArray[np.bool_], drives: Drives) -> None:
-        """What the robot reports at a state."""
-        truth = self.truth[state]
+    def put(
+        self,
+        state: int,
+        reading: Reading,
+        estimator: Estimator,
+        flags: NDArray[np.bool_],
+        battery: Battery,
+        drives: Drives,
+    ) -> None:
+        """What the robot reports at a state, and what the slow polls will find."""
         self.joints[state] = reading.all
         self.linear[state] = estimator.reported_velocity_m_s + self._noise[state, :, :3]
         self.place[state] = estimator.position_m + self._noise[state, :, 3:]
         self.attitude[state] = estimator.attitude_wxyz
         self.angular[state] = estimator.turn_rad_s
         self.flags[state] = flags
-        truth[:, :N_JOINTS] = drives.motion.link_rad
-        truth[:, N_JOINTS:] = drives.motor_nm
-
-    def put_body(self, state: int, position: Array, velocity: Array, battery: Battery, drives: Drives) -> None:
-        """The body's true place, quaternion and velocity, (n, 7) and (n, 6), and what the slow polls will find."""
-        self.body[state, :, :7] = position
-        self.body[state, :, 7:] = velocity
         power = self.power[state]
         power[:, 0], power[:, 1], power[:, 2] = battery.shown_v, battery.shown_a, battery.charge_percent
         self.winding[state] = drives.motors.winding_c
@@ -76,8 +72,6 @@ class Recorder:
         found = []
         for i, way in enumerate(ways):
             position, velocity, load = np.split(self.joints[:, i], 3, axis=1)
-            truth = self.truth[:, i]
-            height, up, speed = _body_truth(self.body[:, i])
             at, k = ticks[i], len(ticks[i])
             found.append(
                 RunArrays(
@@ -104,20 +98,6 @@ class Recorder:
                     battery_a=self.power[:, i, 1],
                     battery_percent=self.power[:, i, 2],
                     winding_c=self.winding[:, i],
-                    true_position_rad=truth[:, :N_JOINTS],
-                    motor_nm=truth[:, N_JOINTS:],
-                    true_height_m=height,
-                    true_up=up,
-                    true_velocity_m_s=speed,
                 )
             )
         return found
-
-
-def _body_truth(body: Array) -> tuple[Array, Array, Array]:
-    """Height (m,), the body's z axis on the vertical (m,), and velocity ahead and to the left (m, 2)."""
-    w, x, y, z = body[:, 3:7].T
-    heading = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-    cos, sin = np.cos(heading), np.sin(heading)
-    ahead, left = cos * body[:, 7] + sin * body[:, 8], cos * body[:, 8] - sin * body[:, 7]
-    return body[:, 2], 1.0 - 2.0 * (x * x + y * y), np.stack([ahead, left], axis=1)

@@ -48,12 +48,3 @@ class RunArrays:
     battery_percent: Array
     winding_c: Array
     """Shape (m, 12)."""
-    true_position_rad: Array
-    """Of the links, shape (m, 12): for tests alone, in no log."""
-    true_height_m: Array
-    true_up: Array
-    """The body's z axis on the vertical: 1 upright, shape (m,)."""
-    true_velocity_m_s: Array
-    """In the body's heading frame, forward and left, shape (m, 2)."""
-    motor_nm: Array
-    """Shape (m, 12); for tests alone."""
