@@ -8,11 +8,12 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from fake_robot.body.body_model import FIRST_JOINT_DOF, build_model
+from fake_robot.body.body_model import build_model
 from fake_robot.body.drive import Drive
 from fake_robot.scenario.scenario import Scenario
 from spot_model.effects.base import BodyEstimate, EstimateEffect, JointReading, Motion, SensorEffect, TorqueEffect
 from spot_model.plant.command_channel import ServoCommand
+from spot_model.plant.model_fields import FIRST_JOINT_DOF
 from spot_model.plant.sensing import Sensing
 from spot_model.robot import facts
 from spot_model.robot.facts import N_JOINTS, N_LEGS, Array

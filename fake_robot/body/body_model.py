@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
-
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from fake_robot.scenario.parts import PayloadConfig
 from fake_robot.scenario.scenario import Scenario
-from spot_model.effects.base import Effect, ModelEffect
+from spot_model.plant.model_fields import edit_model
 from spot_model.robot.facts import JOINT_NAMES, Array
 from spot_model.robot.mjcf import spot_mjcf
 from spot_model.robot.mjcf_options import FlatTerrain, MjcfOptions, NoiseTerrain
 
-FIRST_JOINT_DOF = 6
 _ACCELEROMETER = '<accelerometer name="imu" site="imu"/>'
 """The last of the sensors: specific force where the inertial unit sits, in the body's axes."""
 
@@ -28,7 +23,7 @@ def build_model(scenario: Scenario) -> mujoco.MjModel:
     model.site_pos[model.site("imu").id] = scenario.sensors.imu_from_body_m
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
     _add_payload(model, scenario.payload)
-    _edit(model, scenario.robot_model.effects)
+    edit_model(model, scenario.robot_model.effects)
     mujoco.mj_setConst(model, mujoco.MjData(model))
     return model
 
@@ -85,34 +80,3 @@ def _add_payload(model: mujoco.MjModel, payload: PayloadConfig) -> None:
 
 def _point_inertia(arm_m: Array) -> Array:
     return np.asarray(np.dot(arm_m, arm_m) * np.eye(3) - np.outer(arm_m, arm_m))
-
-
-def _edit(model: mujoco.MjModel, effects: Sequence[Effect]) -> None:
-    fields = _ModelFields(model)
-    for effect in effects:
-        if isinstance(effect, ModelEffect) and not effect.is_null:
-            effect.edit(fields)
-
-
-class _ModelFields:
-    """A model's fields in the shape in which effects expect them: with a leading axis of one simulation."""
-
-    def __init__(self, model: mujoco.MjModel) -> None:
-        self._model = model
-
-    def __getitem__(self, name: str) -> NDArray[Any]:
-        holder: Any = self._model
-        for part in name.split("."):
-            holder = getattr(holder, part)
-        field: NDArray[Any] = holder[np.newaxis]
-        return field
-
-    @property
-    def joint_dofs(self) -> NDArray[np.intp]:
-        return np.arange(FIRST_JOINT_DOF, FIRST_JOINT_DOF + len(JOINT_NAMES), dtype=np.intp)
-
-    def body_id(self, name: str) -> int:
-        return int(self._model.body(name).id)
-
-    def geom_id(self, name: str) -> int:
-        return int(self._model.geom(name).id)

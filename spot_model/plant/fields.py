@@ -5,18 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import mujoco
-import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
-from spot_model.robot import facts
-
-FIRST_JOINT_DOF = 6
-"""The free base has six degrees of freedom, and seven coordinates."""
-FIRST_JOINT_COORDINATE = 7
+from spot_model.plant.model_fields import MujocoFields
 
 
-class PlantFields:
+class PlantFields(MujocoFields):
     """Fields of the MuJoCo model, shape (n_sims, ...), named as in ``MjModel`` (``opt.<name>`` for options).
 
     Reading a field gives each simulation its own copy from then on. Call :meth:`commit` after writing, so that what
@@ -24,6 +19,7 @@ class PlantFields:
     """
 
     def __init__(self, batch: Batch) -> None:
+        super().__init__(batch.model)
         self._batch = batch
         self._names: set[str] = set()
 
@@ -36,19 +32,6 @@ class PlantFields:
         self._names.add(name)
         field: NDArray[Any] = self._batch.expand(name)
         return field
-
-    @property
-    def joint_dofs(self) -> NDArray[np.intp]:
-        """Degrees of freedom of the twelve joints, canonical order, shape (12,)."""
-        return np.arange(FIRST_JOINT_DOF, FIRST_JOINT_DOF + facts.N_JOINTS, dtype=np.intp)
-
-    def body_id(self, name: str) -> int:
-        """Number of the body ``name``; raises KeyError with the names there are."""
-        return int(self._batch.model.body(name).id)
-
-    def geom_id(self, name: str) -> int:
-        """Number of the geom ``name``; raises KeyError with the names there are."""
-        return int(self._batch.model.geom(name).id)
 
     def commit(self) -> None:
         """Bring derived constants up to date with what was written."""

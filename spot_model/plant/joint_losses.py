@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from spot_model.effects.base import Effect, ModelEffect
 from spot_model.errors import BadInputError
-from spot_model.plant.fields import FIRST_JOINT_DOF
-from spot_model.robot import facts
+from spot_model.plant.model_fields import MujocoFields
 from spot_model.robot.facts import Array
 from spot_model.robot.mjcf import MjcfOptions, spot_mjcf
 
@@ -79,25 +78,14 @@ def _bare_model() -> mujoco.MjModel:
     return mujoco.MjModel.from_xml_string(spot_mjcf(MjcfOptions(collision="feet", visuals=False)))
 
 
-class _Copies:
+class _Copies(MujocoFields):
     """Copies of a model's fields for an effect to write into, with a leading axis of one simulation."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
-        self._model = model
+        super().__init__(model)
         self._fields: dict[str, NDArray[Any]] = {}
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         if name not in self._fields:
-            holder = self._model.opt if name.startswith("opt.") else self._model
-            self._fields[name] = np.array(getattr(holder, name.removeprefix("opt.")))[np.newaxis]
+            self._fields[name] = super().__getitem__(name).copy()
         return self._fields[name]
-
-    @property
-    def joint_dofs(self) -> NDArray[np.intp]:
-        return np.arange(FIRST_JOINT_DOF, FIRST_JOINT_DOF + facts.N_JOINTS, dtype=np.intp)
-
-    def body_id(self, name: str) -> int:
-        return int(self._model.body(name).id)
-
-    def geom_id(self, name: str) -> int:
-        return int(self._model.geom(name).id)

@@ -8,7 +8,7 @@ from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from spot_model.effects.base import BodyEstimate, JointReading
-from spot_model.plant.fields import FIRST_JOINT_COORDINATE, FIRST_JOINT_DOF
+from spot_model.plant.model_fields import FIRST_JOINT_COORDINATE, FIRST_JOINT_DOF
 from spot_model.robot import facts
 from spot_model.robot.facts import Array
 from spot_model.robot.leg_kinematics import foot_position_and_jacobian, foot_position_in_body_m

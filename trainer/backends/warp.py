@@ -13,7 +13,7 @@ import torch
 import warp as wp
 
 from spot_model.effects.base import Effect
-from spot_model.plant.fields import FIRST_JOINT_COORDINATE, FIRST_JOINT_DOF
+from spot_model.plant.model_fields import FIRST_JOINT_COORDINATE, FIRST_JOINT_DOF
 from spot_model.plant.plant import Plant, PlantOptions
 from spot_model.robot import facts
 from spot_model.robot.control import saturate_setpoint

@@ -3,40 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from diagnosis.channels.channel_view import Array
-from spot_model.effects.base import Effect, ModelEffect
+from spot_model.effects.base import Effect
+from spot_model.plant.model_fields import FIRST_JOINT_DOF, edit_model
 from spot_model.robot import facts
 from spot_model.robot.mjcf import MjcfOptions, spot_mjcf
 
-FIRST_JOINT_DOF = 6
 N_DOFS = FIRST_JOINT_DOF + facts.N_JOINTS
-
-
-class _Fields:
-    """The fields of one MuJoCo model, as effects want them: with a leading axis of one simulation."""
-
-    def __init__(self, model: mujoco.MjModel) -> None:
-        self._model = model
-
-    def __getitem__(self, name: str) -> NDArray[Any]:
-        field: NDArray[Any] = getattr(self._model, name)
-        return field[np.newaxis]
-
-    @property
-    def joint_dofs(self) -> NDArray[np.intp]:
-        return np.arange(FIRST_JOINT_DOF, N_DOFS, dtype=np.intp)
-
-    def body_id(self, name: str) -> int:
-        return int(self._model.body(name).id)
-
-    def geom_id(self, name: str) -> int:
-        return int(self._model.geom(name).id)
 
 
 class BodyModel:
@@ -49,10 +26,7 @@ class BodyModel:
 
     def __init__(self, effects: Sequence[Effect] = ()) -> None:
         model = mujoco.MjModel.from_xml_string(spot_mjcf(MjcfOptions(collision="feet", visuals=False)))
-        fields = _Fields(model)
-        for effect in effects:
-            if isinstance(effect, ModelEffect) and not effect.is_null:
-                effect.edit(fields)
+        edit_model(model, effects)
         model.dof_frictionloss[:] = 0.0
         model.dof_damping[:] = 0.0
         model.dof_armature[:] = 0.0

@@ -18,11 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.channels.body.base_motion import GRAVITY_M_S2, base_motion, imu_gravity_m_s2, slope
-from diagnosis.channels.body.body_model import FIRST_JOINT_DOF, BodyModel
+from diagnosis.channels.body.body_model import BodyModel
 from diagnosis.channels.body.vectors import cross
 from diagnosis.channels.channel_view import Array, Flags
 from diagnosis.channels.stack import Stack
 from spot_model.effects.base import Effect
+from spot_model.plant.model_fields import FIRST_JOINT_DOF
 from spot_model.robot import facts
 from spot_model.robot.leg_kinematics import foot_position_and_jacobian
 from spot_model.robot.rotation import multiply_wxyz, rotate_inverse_wxyz, rotate_wxyz
