@@ -29,6 +29,10 @@ BY_CI = ("make check", "make test", "make safety")
 """Lines of ``.ci/run`` itself."""
 
 ELSEWHERE = {
+    "spot-rl fake-robot exec -- spot-rl fake-robot conformance --robot HOST": (
+        "fake_robot/test_conformance.py",
+        '["conformance", "--robot", host',
+    ),
     "spot-rl run --experiment FILE": ("spot_runtime/test_joint_script.py", '"--experiment", str(file)'),
     "spot-rl policy import exported/policy.onnx --like isaac-lab": (
         "trainer/test_foreign_policies.py",
@@ -85,7 +89,7 @@ FORMS = {
     "spot-rl run --config": "spot-rl run --robot HOST",
     "spot-rl fake-robot --lock-step --admin unix:$PWD/admin.sock --port 8443": "spot-rl fake-robot --lock-step --admin",
     "spot-rl compare logs/LOG.mcap paper_identified --out first": "spot-rl compare logs/LOG.mcap paper_identified",
-    "spot-rl fake-robot exec -- python PROGRAM HOST": "spot-rl fake-robot exec --",
+    "spot-rl fake-robot exec -- python PROGRAM HOST": "spot-rl fake-robot --lock-step --admin",
     "spot-rl serve --config FILE": "spot-rl serve --robot",
     "spot-rl log import MAPPING.yaml FILE --out LOG.mcap": "spot-rl log import mapping.yaml recording.csv",
     "spot-rl diagnose LOG --nominal MODEL --out DIR --policy POLICY.onnx --robot ROBOT.yaml --synthesis "
