@@ -20,7 +20,7 @@ from trainer.sysid.logs.read_logs import LogSet
 from trainer.sysid.search.config import CONTACT_CHOICES_S, SysidConfig
 from trainer.sysid.search.problem import CandidateResult, Problem, build_problem
 from trainer.sysid.search.search import Candidates, SearchState, run_search
-from trainer.sysid.search.surrogate import ScoreIntervals, score_intervals
+from trainer.sysid.search.surrogate import score_intervals
 from trainer.sysid.simulation.rollout import RolloutOptions
 from trainer.sysid.torque.fit import TorqueFit, fit_torque
 from trainer.sysid.torque.model import TorqueModel
@@ -49,7 +49,6 @@ class Identification:
 
     preparation: Preparation
     search: SearchState
-    intervals: ScoreIntervals | None
     fit: TorqueFit | None
     verdicts: tuple[ParameterVerdict, ...]
     model: RobotModel
@@ -140,4 +139,4 @@ def identify(
     final = preparation.final
     results = final.evaluate(np.stack([space.initial, mean, chosen]))
     scores = {name: final.score(result) for name, result in zip(names, results, strict=True)}
-    return Identification(preparation, state, intervals, fit, verdicts, space.model_with(chosen), scores)
+    return Identification(preparation, state, fit, verdicts, space.model_with(chosen), scores)

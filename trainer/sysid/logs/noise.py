@@ -50,7 +50,6 @@ class ObservationNoise:
     """
     load_nm: Array
     """Shape (12,); NaN where a log has no measured load."""
-    n_stretches: int
 
     def block(self, name: str) -> Array:
         """The part of ``sigma`` that belongs to a block of the observation's layout."""
@@ -123,7 +122,7 @@ def observation_noise(runs: Sequence[LoggedRun]) -> ObservationNoise:
     quiet = np.argsort(movement, kind="stable")[:n_quiet]
     sigma = _sigma_of_power(power[quiet], STATE_RATE_HZ, SEGMENT)
     sigma[~np.logical_and.reduce([_is_measured(run) for run in runs])] = np.nan
-    return ObservationNoise(sigma=sigma[:N_OBSERVATION], load_nm=sigma[N_OBSERVATION:], n_stretches=n_quiet)
+    return ObservationNoise(sigma=sigma[:N_OBSERVATION], load_nm=sigma[N_OBSERVATION:])
 
 
 def write_noise(noise: ObservationNoise, path: Path) -> None:
