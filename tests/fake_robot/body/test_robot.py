@@ -294,11 +294,6 @@ def test_calls_from_many_threads_do_not_disturb_time(make):
     assert driver.robot.clock.now_ns() - start == 600_000_000
 
 
-def test_the_truth_names_the_hidden_effects(make):
-    effects = [{"effect": "coulomb_friction", "joints": ["fl_kn"], "level_nm": 0.7}]
-    assert make(model={"effects": effects}).robot.truth().effects == {"0:coulomb_friction": {"level_nm": 0.7}}
-
-
 # Geometry of the stand -----------------------------------------------------------------------------------------------
 
 
