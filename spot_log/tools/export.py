@@ -40,7 +40,7 @@ def export_run(run: Run, directory: Path, file_format: str, topics: Sequence[str
         OSError: A file cannot be written.
     """
     if file_format not in FORMATS:
-        raise ExportError(f"format {file_format!r} is not known; allowed: {', '.join(FORMATS)}")
+        raise ExportError(f"format {file_format!r} is not known; allowed: {', '.join((*FORMATS, 'rosbag2'))}")
     tables = tables_of(run)
     for topic in topics or ():
         if topic not in tables:

@@ -117,8 +117,9 @@ class OperatorClient:
         code, words = error.code(), plain(error.details() or "")
         nobody = code is grpc.StatusCode.UNAVAILABLE and not words.partition(":")[0].replace("-", "").isalpha()
         if nobody or code is grpc.StatusCode.DEADLINE_EXCEEDED:
+            reason = words.rpartition(" error: ")[2]  # gRPC's innermost
             return UnreachableError(
-                f"no service answers at {self.address} ({words}); start it with 'spot-rl serve', or name its "
+                f"no service answers at {self.address} ({reason}); start it with 'spot-rl serve', or name its "
                 f"address with --address or {ADDRESS_VARIABLE}"
             )
         return RefusedError(words or str(code))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 from bosdyn.api import estop_pb2, license_pb2, robot_state_pb2
 
@@ -125,7 +126,7 @@ class RobotDoctor:
         if not message.battery_states:
             return fail("the robot reports no battery", "put one in")
         battery, bound = message.battery_states[0], self._config.safety.battery_percent
-        name = robot_state_pb2.BatteryState.Status.Name(battery.status).removeprefix("STATUS_").lower()
+        name = status_word(robot_state_pb2.BatteryState.Status, battery.status)
         percent = battery.charge_percentage.value
         found = f"{percent:.0f} %, {battery.voltage.value:.1f} V, {name}"
         if percent < bound:
@@ -184,7 +185,7 @@ class RobotDoctor:
     def license(self, reader: Reader) -> Finding:
         """Joint control is licensed."""
         info = reader.license_info()
-        name = license_pb2.LicenseInfo.Status.Name(info.status).removeprefix("STATUS_").lower()
+        name = status_word(license_pb2.LicenseInfo.Status, info.status)
         if info.status != license_pb2.LicenseInfo.STATUS_VALID:
             return fail(f"licence {info.id or '–'}: {name}", "ask the vendor for a licence with joint control")
         features = ", ".join(info.licensed_features) or "none named"
@@ -192,3 +193,9 @@ class RobotDoctor:
             advice = "if a run is refused joint control, ask the vendor for a licence with it"
             return warn(f"licence {info.id} is valid, features: {features}", advice)
         return ok(f"licence {info.id} is valid and names joint control")
+
+
+def status_word(enum: Any, number: int) -> str:
+    """A status by its name, or by its number where another server's is newer than ours."""
+    value = enum.DESCRIPTOR.values_by_number.get(number)
+    return f"status {number}" if value is None else value.name.removeprefix("STATUS_").lower()

@@ -90,7 +90,8 @@ def write_film(walk: Walk, velocity_at: VelocityAt, out: Path, seconds: float) -
         encoder.close()
         part.replace(out)
     except OSError as error:
-        raise BadInputError(f"--video {out}: ffmpeg could not write it: {error}") from error
+        told = str(error).partition("\n")[0]
+        raise BadInputError(f"--video {out} cannot be written ({told}); is there room on the disk?") from error
     finally:
         encoder.close()
         part.unlink(missing_ok=True)
