@@ -21,6 +21,7 @@ class Progress:
         what: Of which they are, such as ``generations``.
         total: How many.
         done: How many are done at the start; work that is resumed begins there, and its time left counts from there.
+        already_s: How long the work has gone on since then.
         console: Standard error by default.
         clock: Seconds, for the time left.
     """
@@ -31,12 +32,13 @@ class Progress:
         total: int,
         *,
         done: int = 0,
+        already_s: float = 0.0,
         console: Console | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._console = console or Console(stderr=True)
         self._what, self._total, self._first, self._clock = what, total, done, clock
-        self._began_s, self._next_line_s = clock(), 0.0
+        self._began_s, self._next_line_s = clock() - already_s, 0.0
         self._bar: Bar | None = None
         if self._console.is_terminal:
             columns = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())

@@ -101,7 +101,7 @@ class TrainingLog:
         with (self._folder / "metrics.jsonl").open("a", encoding="utf-8") as file:
             file.write(json.dumps({**metrics, "unix_s": time.time()}) + "\n")
         if self._progress is None:
-            self._progress = Progress("iterations", self._total, done=it)
+            self._progress = Progress("iterations", self._total, done=it, already_s=collect_time + learn_time)
         self._progress.update(it + 1, _summary(metrics))
 
     def checkpoint(self, runner: PpoRunner, iteration: int) -> None:
