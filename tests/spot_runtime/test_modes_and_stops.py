@@ -159,6 +159,8 @@ TABLE = {
     "operator_stop": (HAND_BACK, 10, False),
     "operator_damp": (DAMP, 11, False),
     "operator_estop": (ESTOP, 12, False),
+    "operator_gone": (HAND_BACK, 13, False),
+    "service_lost": (HAND_BACK, 14, False),
     "state_stale": (DAMP, 20, False),
     "state_lost": (EXPIRE, 21, False),
     "state_not_finite": (DAMP, 22, False),
@@ -173,6 +175,11 @@ TABLE = {
     "setpoint_step": (DAMP, 31, False),
     "setpoint_overshoot": (DAMP, 32, False),
     "ticks_skipped": (DAMP, 33, False),
+    "signal_frozen": (DAMP, 34, False),
+    "signals_contradict": (DAMP, 35, False),
+    "signal_doubted": (HAND_BACK, 36, False),
+    "signal_out_of_range": (DAMP, 37, False),
+    "policy_out_of_bounds": (DAMP, 38, False),
     "command_unconfirmed": (DAMP, 40, False),
     "command_refused": (EXPIRE, 41, False),
     "activation_failed": (EXPIRE, 42, False),
@@ -186,6 +193,7 @@ TABLE = {
     "battery_low": (HAND_BACK, 50, True),
     "motor_hot": (HAND_BACK, 51, True),
     "system_fault": (HAND_BACK, 52, True),
+    "battery_unknown": (HAND_BACK, 53, False),
     "log_failed": (HAND_BACK, 60, False),
     "internal_error": (DAMP, 70, False),
 }
@@ -194,7 +202,7 @@ TABLE = {
 
 def test_every_reason_does_what_the_table_says() -> None:
     told = {r.label: (r.reaction, r.exit_code, r.is_urgent) for r in StopReason}
-    assert {label: told[label] for label in TABLE} == TABLE
+    assert told == TABLE
     assert [r.level for r in (HAND_BACK, DAMP, EXPIRE, ESTOP)] == [0, 1, 2, 3]
 
 

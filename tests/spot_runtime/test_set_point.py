@@ -9,7 +9,14 @@ from spot_model.robot import facts
 from spot_model.robot.state import Gains
 from spot_runtime.config import HandoverConfig
 from spot_runtime.control.modes import Mode
-from spot_runtime.control.set_point import asked_setpoint, blend, hold_setpoint, policy_setpoint, within_stops
+from spot_runtime.control.set_point import (
+    asked_setpoint,
+    blend,
+    hold_setpoint,
+    hold_weight_out,
+    policy_setpoint,
+    within_stops,
+)
 
 CONFIG = HandoverConfig(ramp_in_s=2.0, ramp_out_s=1.0, damping_kd_nm_s_per_rad=7.0)
 POSE = facts.DEFAULT_POSITION_RAD
@@ -80,3 +87,13 @@ def test_a_measured_pose_is_brought_within_the_stops() -> None:
     np.testing.assert_array_equal(within_stops(POSE), POSE)
     np.testing.assert_array_equal(within_stops(facts.POSITION_HIGH_RAD + 0.1), facts.POSITION_HIGH_RAD)
     np.testing.assert_array_equal(within_stops(facts.POSITION_LOW_RAD - 0.1), facts.POSITION_LOW_RAD)
+
+
+def test_no_load_is_nobodys_to_change() -> None:
+    with pytest.raises(ValueError, match="read-only"):
+        policy_setpoint(POLICY_RAD, Gains.policy()).load_nm[0] = 1.0
+
+
+def test_the_way_back_begins_and_ends_where_the_ramp_does() -> None:
+    weights = [hold_weight_out(share) for share in (-1.0, 0.0, 0.5, 1.0, 3.0)]
+    assert weights == [0.0, 0.0, 0.125, 1.0, 1.0]

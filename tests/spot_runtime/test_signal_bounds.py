@@ -443,6 +443,18 @@ def test_feet_stand_below_their_hips() -> None:
         assert abs(feet_m[i, 0]) == pytest.approx(facts.HX_FROM_BODY_M[0], abs=0.2)
 
 
+def test_feet_of_legs_that_are_stretched() -> None:
+    """All joints at 0: thigh and shank hang down, outside of the hips."""
+    thigh_x, _, thigh_z = facts.KN_FROM_HY_M
+    for i, leg in enumerate(facts.LEG_NAMES):
+        expected = [
+            (1.0 if leg.startswith("f") else -1.0) * facts.HX_FROM_BODY_M[0] + thigh_x,
+            (1.0 if leg.endswith("l") else -1.0) * (facts.HX_FROM_BODY_M[1] + facts.HY_FROM_HX_M[1]),
+            thigh_z + facts.FOOT_FROM_KN_M[2],
+        ]
+        assert legs.feet(ZERO, ZERO).position_m[i] == pytest.approx(expected)
+
+
 def test_lower_legs_turn_with_hips_and_knees() -> None:
     """About the axes of a leg that hx has turned by 0.3 rad: 1 rad/s about x, 2 + 0.5 rad/s about its own y."""
     rates = legs.feet(np.tile([0.3, 0.9, -1.5], 4), np.tile([1.0, 2.0, 0.5], 4)).turn_rate_rad_s
