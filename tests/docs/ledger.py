@@ -158,7 +158,7 @@ NOT_RUN = {
     "python benchmarks/gait_on_robot.py policies/fast.onnx": CORES,
     "python examples/hidden_friction.py": CORES,
     "spot-rl bench ordinary": CORES,
-    "spot-rl bench ordinary --seed 31": CORES,
+    "spot-rl bench ordinary --seed 31 --runs 25 --out ordinary.jsonl": CORES,
     "spot-rl bench stop": "floods a service for minutes in real time; tests/spot_runtime/operator does so for seconds",
     "spot-rl bench stop --only unix --stops 8": "floods a service for minutes in real time, as the line above",
     "spot-rl bench faults --search --minutes 15 --seed 1": "searches for a quarter of an hour; its test for seconds",
