@@ -19,6 +19,7 @@ STYLE: Final = """
 .odds div { color: #fff; font-size: 13px; line-height: 26px; padding-left: 6px; white-space: nowrap; overflow: hidden; }
 .stage { margin: 12px 0 3px; } th { width: 90px; }
 """
+WIDE_LAST: Final = "td:last-child { min-width: 300px; } td:nth-child(-n+3) { min-width: 60px; }"
 SHADES: Final = ("#4e79a7", "#f28e2b", "#76b7b2", "#e15759", "#b07aa1", "#9c755f")
 GREY: Final = "#bab0ab"
 
@@ -34,20 +35,20 @@ def ranking_page(design: Design, offers: Sequence[Offer]) -> str:
         else:
             cells = (
                 f"{p.told.bits:.2f}",
-                f"{p.robot_s:.0f}",
+                f"{p.robot_s:.0f} s",
                 esc(p.decides(design.causes, design.weights)),
                 f"{esc(p.burden)}; needs {esc(p.candidate.needs)}<br><code>{esc(commands.get(id(p), ''))}</code>",
             )
             told = "".join(f"<td>{cell}</td>" for cell in cells)
         rows.append(f"<tr><td>{esc(p.candidate.title)}</td>{told}</tr>")
-    head = "<tr><th>experiment</th><th>bits</th><th>robot s</th><th>parts</th><th>loads, needs, command</th></tr>"
+    head = "<tr><th>experiment</th><th>bits</th><th>time</th><th>tells apart</th><th>loads, needs, command</th></tr>"
     about = "The most bits of the cause a second of robot time first. All were simulated on robots that the logs allow."
     body = [
         f"<section><h1>What to run next</h1><p class='lead'>{esc(_lead(design))}</p></section>",
         boxed("Still possible", "Probabilities of causes by the logs so far.", _bars(odds, _colours([odds]))),
         boxed("Experiments", about, f"<table>{head}{''.join(rows)}</table>"),
     ]
-    return framed("Next experiment", body)
+    return framed("Next experiment", body, WIDE_LAST)
 
 
 def story_page(story: Story) -> str:
@@ -114,7 +115,11 @@ def _lead(design: Design) -> str:
     if not design.worthwhile:
         return "No experiment that is safe tells more."
     best = design.worthwhile[0]
-    return f"{best.candidate.title}: {best.told.bits:.2f} of {best.told.of_bits:.2f} bits in {best.robot_s:.0f} s."
+    title = best.candidate.title
+    return (
+        f"{title[0].upper()}{title[1:]}. Expected to tell {best.told.bits:.2f} of the {best.told.of_bits:.2f} bits "
+        f"that part the causes, in {best.robot_s:.0f} s of robot time."
+    )
 
 
 def _colours(all_odds: Sequence[Mapping[str, float]]) -> dict[str, str]:
