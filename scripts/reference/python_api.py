@@ -17,7 +17,8 @@ from spot_log.read import run as tables
 from spot_log.tools.gaits import GaitSpan
 from spot_model.policy.contract import PolicyContract
 from spot_model.robot.gait import Gait
-from trainer.sysid.identify.result import MeasuredData, ParameterData, ResultData
+from trainer.sysid.identify.result import MeasuredData, ResultData
+from trainer.sysid.identify.verdict import ParameterVerdict
 
 from .words import attribute_docs, page, plain, table
 
@@ -49,7 +50,7 @@ ARRAYS = (
     ("a value of FoundEffect.parameters", Number),
     ("Verdict.shrink", Shrink),
     ("ResultData", ResultData),
-    ("an entry of ResultData.parameters", ParameterData),
+    ("an entry of ResultData.parameters", ParameterVerdict),
     ("an entry of ResultData.measured", MeasuredData),
 )
 

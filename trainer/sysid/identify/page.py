@@ -16,7 +16,8 @@ from spot_log.page.svg import esc, legend
 from spot_model.robot import facts
 from spot_model.text import counted
 from trainer.sysid.identify.identify import Identification
-from trainer.sysid.identify.result import ParameterData, ResultData
+from trainer.sysid.identify.result import ResultData
+from trainer.sysid.identify.verdict import ParameterVerdict
 
 OVERLAY_JOINTS: Final = ("fr_kn", "hr_kn")
 """Joints of the overlay: front and hind right knee, as in the paper's comparison figure."""
@@ -62,7 +63,7 @@ def identification_page(data: ResultData, overlays: Sequence[tuple[str, slice, f
     return framed("Identification", body)
 
 
-def _head(data: ResultData, known: Sequence[ParameterData]) -> str:
+def _head(data: ResultData, known: Sequence[ParameterVerdict]) -> str:
     end = data.score.get("identified")
     is_near = end is not None and data.score_is_over_floor and end <= NEAR
     badge, kind = ("Identified", "good") if len(known) == len(data.parameters) else ("In part", "fair")
@@ -85,7 +86,7 @@ def _head(data: ResultData, known: Sequence[ParameterData]) -> str:
     return headed(badge, kind, headline, told, f"policy file {data.policy_sha256[:12]}… (SHA-256)")
 
 
-def _values(parameters: Sequence[ParameterData]) -> str:
+def _values(parameters: Sequence[ParameterVerdict]) -> str:
     rows = "".join(
         f"<tr><th>{esc(_plain(p.name))}</th><td class='number'><b>{p.value:.4g}</b> {esc(p.unit)}</td>"
         f"<td class='number'>{p.low:.4g} to {p.high:.4g}</td><td>{esc(p.source)}</td></tr>"
@@ -94,7 +95,7 @@ def _values(parameters: Sequence[ParameterData]) -> str:
     return f"<table>{rows}</table>" if rows else ""
 
 
-def _reasons(parameters: Sequence[ParameterData]) -> str:
+def _reasons(parameters: Sequence[ParameterVerdict]) -> str:
     by_reason: dict[str, list[str]] = {}
     for p in parameters:
         by_reason.setdefault(p.reason, []).append(_plain(p.name))

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from spot_model.text import counted
-from trainer.sysid.identify.result import ParameterData, ResultData
+from trainer.sysid.identify.result import ResultData
+from trainer.sysid.identify.verdict import ParameterVerdict
 
 
 def summary(data: ResultData) -> str:
@@ -20,7 +21,7 @@ def summary(data: ResultData) -> str:
     )
 
 
-def text_table(parameters: Sequence[ParameterData]) -> str:
+def text_table(parameters: Sequence[ParameterVerdict]) -> str:
     """The parameters as lines for a terminal."""
     width = max(len(p.name) for p in parameters)
     lines = [

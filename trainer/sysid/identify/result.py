@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import save_model
 from trainer.sysid.identify.identify import Identification
-from trainer.sysid.identify.verdict import CONFIDENCE, Estimate, ParameterVerdict
+from trainer.sysid.identify.verdict import CONFIDENCE, ParameterVerdict
 from trainer.sysid.logs.delays import delay_histogram, write_delay_csv
 from trainer.sysid.logs.noise import write_noise
 from trainer.sysid.search.config import SysidConfig
@@ -25,37 +25,6 @@ DELAY_NAME: Final = "command_delay.csv"
 
 class _Data(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
-
-
-class EstimateData(_Data):
-    """A value with the bounds of its interval."""
-
-    value: float
-    low: float
-    high: float
-
-
-class ParameterData(_Data):
-    """One parameter; keys as in :class:`trainer.sysid.identify.verdict.ParameterVerdict`."""
-
-    name: str
-    """Effect, joints and parameter."""
-    unit: str
-    initial: float
-    """Where the search began."""
-    value: float
-    low: float
-    high: float
-    """Bounds of its interval."""
-    identified: bool
-    """Whether the logs determine it."""
-    source: Literal["measured torque", "distributions", "not identified"]
-    reason: str
-    """Why it is, or is not."""
-    by_search: EstimateData
-    """From comparing distributions."""
-    by_torque: EstimateData | None
-    """From measured torques; None where they say nothing."""
 
 
 class MeasuredData(_Data):
@@ -84,7 +53,7 @@ class ResultData(_Data):
     policy_sha256: str
     logs: list[str]
     confidence: float
-    parameters: list[ParameterData]
+    parameters: list[ParameterVerdict]
     measured: list[MeasuredData]
     score: dict[str, float | None]
     """Of the initial values, the search's mean and the identified model; in units of the floor where there is one."""
@@ -126,7 +95,7 @@ def result_data(found: Identification, config: SysidConfig) -> ResultData:
         policy_sha256=problem.policy.sha256,
         logs=[run.source for run in preparation.logs.runs],
         confidence=CONFIDENCE,
-        parameters=[_parameter(v) for v in found.verdicts],
+        parameters=list(found.verdicts),
         measured=[MeasuredData(what=c.what, value=c.value, unit=c.unit, source=c.source) for c in preparation.changes],
         score={name: _finite(value) for name, value in found.scores.items()},
         score_is_over_floor=all(s.repeats > 1 for s in sequences),
@@ -164,26 +133,6 @@ def write_result(found: Identification, config: SysidConfig, folder: Path) -> Re
         write_delay_csv(delay_histogram(transit), folder / DELAY_NAME)
     (folder / RESULT_NAME).write_text(data.model_dump_json(by_alias=True, indent=1) + "\n", encoding="utf-8")
     return data
-
-
-def _parameter(v: ParameterVerdict) -> ParameterData:
-    return ParameterData(
-        name=v.name,
-        unit=v.unit,
-        initial=v.initial,
-        value=v.value,
-        low=v.low,
-        high=v.high,
-        identified=v.identified,
-        source=v.source,
-        reason=v.reason,
-        by_search=_estimate(v.by_search),
-        by_torque=None if v.by_torque is None else _estimate(v.by_torque),
-    )
-
-
-def _estimate(e: Estimate) -> EstimateData:
-    return EstimateData(value=e.value, low=e.low, high=e.high)
 
 
 def _finite(value: float) -> float | None:

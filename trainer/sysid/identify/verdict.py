@@ -52,15 +52,21 @@ class ParameterVerdict:
     """What is known about one parameter."""
 
     name: str
+    """Effect, joints and parameter."""
     unit: str
     initial: float
+    """Where the search began."""
     value: float
     """For the model file; where the parameter is not identified, a value that the logs do not contradict."""
     low: float
     high: float
+    """Bounds of its interval."""
     identified: bool
+    """Whether the logs determine it."""
     source: Source
+    """``measured torque``, ``distributions``, or ``not identified``."""
     reason: str
+    """Why it is, or is not."""
     by_search: Estimate
     """From the distributions of joint position, velocity and action: the paper's method."""
     by_torque: Estimate | None
