@@ -252,6 +252,10 @@ def test_a_joint_rests_while_its_position_and_velocity_agree() -> None:
         (1.0, -1.0, False),
     ):
         seen = window(position_rad=moved * ONE)._replace(travel_rad=travelled * ONE)
+        seen = seen._replace(
+            first=replace(seen.first, position_rad=ZERO + 0.5),
+            last=replace(seen.last, position_rad=seen.last.position_rad + 0.5),
+        )
         assert motion.resting(seen).tolist() == [rests or joint != 3 for joint in range(12)]
 
 
