@@ -70,7 +70,7 @@ def _after_steps(runs: Sequence[Run]) -> float | None:
     by_row = np.convolve(response, np.full(round(1 / STEP_ROWS), STEP_ROWS), mode="same")
     peak = int(np.argmax(by_row))
     near = np.abs(centre - centre[peak])
-    if by_row[peak] < CLEAR * np.max(np.abs(by_row[near > AFTER_PEAK])):
+    if by_row[peak] <= CLEAR * np.max(np.abs(by_row[near > AFTER_PEAK])):
         return None
     around = (centre > centre[peak] - BEFORE_PEAK) & (centre < centre[peak] + AFTER_PEAK)
     so_far = np.cumsum(np.maximum(response[around], 0.0))
@@ -85,13 +85,13 @@ def _answers(run: Run) -> tuple[Array, Array, Array] | None:
     ask = np.nan_to_num(c.kp_nm_per_rad * c.position_rad)
     step = np.diff(ask, axis=0)
     change = np.diff(states.load_nm, axis=0)
-    kinds = np.flatnonzero(np.abs(step).max(axis=1) > 0.0) if len(step) else np.zeros(0, dtype=np.intp)
-    if not MIN_STEPS <= len(kinds) < SPARSE * len(states):
+    changed = np.flatnonzero(np.abs(step).max(axis=1) > 0.0) if len(step) else np.zeros(0, dtype=np.intp)
+    if not MIN_STEPS <= len(changed) < SPARSE * len(states):
         return None
-    step = step[kinds] / np.maximum(np.std(step[kinds], axis=0), 1e-9)
+    step = step[changed] / np.maximum(np.std(step[changed], axis=0), 1e-9)
     change = np.nan_to_num(change / np.maximum(np.nanstd(change, axis=0), 1e-9))
     change = np.clip(change, -OUTLIER, OUTLIER)
-    sent, stamp = c.robot_stamp_ns[kinds + 1], states.robot_stamp_ns[1:]
+    sent, stamp = c.robot_stamp_ns[changed + 1], states.robot_stamp_ns[1:]
     row = np.searchsorted(stamp, sent)[:, None] + np.arange(-MAX_ROWS_APART, MAX_ROWS_APART)
     inside = (row >= 0) & (row < len(stamp))
     row = np.clip(row, 0, len(stamp) - 1)

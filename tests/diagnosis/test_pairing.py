@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.read.pairing import rows_apart
+from diagnosis.read.pairing import _after_steps, rows_apart
 from spot_log.read.run import Run
 from spot_model.effects.drive.viscous_friction import ViscousFriction
 from spot_model.plant.delay import ConstantDelay
@@ -29,3 +29,9 @@ def test_a_delay_is_found_and_friction_is_not_taken_for_one(delay_ms: float, dam
     period_ms = 1e-6 * float(np.median(np.diff(runs[0].states.robot_stamp_ns)))
     # Half a state for a load that lags here by nothing, and a third for the grid of the states.
     assert abs(rows_apart(runs) * period_ms - delay_ms) < 0.85 * period_ms
+
+
+def test_a_load_that_never_changes_answers_no_step() -> None:
+    run = _without_receipts(planted_runs(Truth(), 1, sequence=walk_sequence(1.5))[0])
+    dead = replace(run, states=replace(run.states, load_nm=np.ones_like(run.states.load_nm)))
+    assert _after_steps([dead]) is None
