@@ -25,7 +25,7 @@ class Drive:
     """Robot clock when sitting down and powering off was asked for; 0 if it never was."""
     log_error: str = ""
     truth: Any = None
-    """The body's extremes from the start of joint control to its end."""
+    """The body's extremes from the start of joint control to its end; None where it never began."""
     was_off: bool = False
     """Whether the motors had no power any more when sitting down was asked for."""
 

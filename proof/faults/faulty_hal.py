@@ -28,6 +28,7 @@ class FaultyHal(BosdynHal):
         self.pace = self._pace
         self.happened_ns, self.power_off_ns = 0, 0
         self.truth: Any = None
+        self._has_begun = False
         self._due_ns = 0
         self._planned: list[tuple[int, Callable[[], None]]] = []
         self._spoilt: list[tuple[int, Callable[[RobotState], RobotState]]] = []
@@ -71,6 +72,7 @@ class FaultyHal(BosdynHal):
         """Begin, and count from here."""
         if self._rig is not None:
             self._rig.truth(reset_extremes=True)
+        self._has_begun = True
         self._begins("control")
         super().begin_joint_control(first)
 
@@ -97,7 +99,7 @@ class FaultyHal(BosdynHal):
         """Note when."""
         self.power_off_ns = self.robot_now_ns()
         if self._rig is not None:
-            self.truth = self._rig.truth()
+            self.truth = self._rig.truth() if self._has_begun else None
             self.was_off = self._rig.status().motor_power.lower().endswith("off")
         self._begins("down")
         super().power_off()

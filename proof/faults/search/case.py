@@ -13,7 +13,7 @@ from proof.faults.search.signals import KINDS, SIGNALS
 When = Literal["up", "control", "down"]
 WALK_S: Final = 2.5
 MAX_FAULTS: Final = 3
-_JOINTS: Final = ("fl.kn", "hr.kn", "fr.hy", "hl.hx")
+_JOINTS: Final = ("fl_kn", "hr_kn", "fr_hy", "hl_hx")
 
 INJECTIONS: Final[dict[str, dict[str, tuple[float, float] | tuple[str, ...]]]] = {
     "state_gap": {},
