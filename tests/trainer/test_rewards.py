@@ -137,7 +137,11 @@ def test_foot_slip_counts_only_feet_on_the_ground() -> None:
 
 
 def test_foot_impact_and_distance() -> None:
-    assert value("foot_impact", touchdown_speed_m_s=row(0.0, 0.7, 0.0, 0.3)) == pytest.approx(1.0)
+    landing = row(0.0, 0.7, 0.0, 0.3)
+    assert value("foot_impact", touchdown_speed_m_s=landing) == pytest.approx(1.0)
+    relieved = RewardShape(foot_impact_relief_s_per_m=0.5)
+    fast = moment(touchdown_speed_m_s=landing, command=row(2.4, 3.2, 9.0))
+    assert float(TERMS["foot_impact"](fast, relieved)) == pytest.approx(1 / 3)
     assert value("foot_distance") == 0.0
     close = torch.tensor([[[0.3, 0.04], [0.3, -0.04], [-0.3, 0.2], [-0.3, -0.2]]])
     assert value("foot_distance", foot_xy_m=close) == pytest.approx(0.18 - 0.08)

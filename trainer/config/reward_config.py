@@ -99,6 +99,8 @@ class RewardShape(Config):
     variance_cap_s: float = Field(default=0.5, gt=0.0)
     duty_window_s: float = Field(default=1.0, ge=0.02)
     """Time constant of the mean behind uneven_duty."""
+    foot_impact_relief_s_per_m: float = Field(default=0.0, ge=0.0)
+    """A touch-down speed counts divided by 1 + this × commanded speed: fast feet cannot land as softly as slow ones."""
     foot_distance_m: float = Field(default=0.18, gt=0.0)
     """Horizontal distance below which two feet count as too close."""
     standing_position_factor: float = Field(default=5.0, ge=0.0)

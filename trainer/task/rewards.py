@@ -178,9 +178,10 @@ def foot_slip(m: Moment, _c: RewardShape) -> Tensor:
     return (_norm(m.foot_velocity_m_s[..., :2]) * m.contact).sum(dim=-1)
 
 
-def foot_impact(m: Moment, _c: RewardShape) -> Tensor:
-    """Downward speed of the feet that touched down."""
-    return m.touchdown_speed_m_s.sum(dim=-1)
+def foot_impact(m: Moment, c: RewardShape) -> Tensor:
+    """Downward speed of the feet that touched down, worth less at higher commanded speed."""
+    relief = 1.0 + c.foot_impact_relief_s_per_m * _norm(m.command[:, :2])
+    return m.touchdown_speed_m_s.sum(dim=-1) / relief
 
 
 def foot_distance(m: Moment, c: RewardShape) -> Tensor:
