@@ -34,6 +34,7 @@ from spot_model.policy.observation import (
 )
 from spot_model.policy.onnx_session import check_shapes, open_session, words_for
 from spot_model.robot import facts
+from spot_model.robot.rotation import LEVEL_WXYZ
 from spot_model.robot.state import Gains, RobotState
 
 Array = NDArray[np.float64]
@@ -142,10 +143,11 @@ class Policy:
 
     def warm_up(self, ticks: int = 20) -> None:
         """Tick on a standing robot and discard the results: the first ticks load modules, which takes 0.1 s."""
-        level = np.array([1.0, 0.0, 0.0, 0.0])
         still, joints = np.zeros(3), np.zeros(facts.N_JOINTS)
         asked, feet = np.zeros(len(self.command_low)), np.ones(facts.N_LEGS, dtype=np.bool_)
-        state = RobotState(0, 0, facts.DEFAULT_POSITION_RAD, joints, joints, still, level, still, still, feet, 0, 0)
+        state = RobotState(
+            0, 0, facts.DEFAULT_POSITION_RAD, joints, joints, still, LEVEL_WXYZ, still, still, feet, 0, 0
+        )
         memory = TickMemory()
         for _ in range(ticks):
             memory, _ = self.tick(memory, state, asked)

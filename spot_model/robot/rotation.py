@@ -4,10 +4,16 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from spot_model.robot.arrays import namespace_of
 
 # Arrays are Any: one formula serves NumPy arrays and torch tensors, which share no static type.
 AnyArray = Any
+
+LEVEL_WXYZ = np.array([1.0, 0.0, 0.0, 0.0])
+"""No rotation at all."""
+LEVEL_WXYZ.flags.writeable = False
 
 
 def multiply_wxyz(a_wxyz: AnyArray, b_wxyz: AnyArray) -> AnyArray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,8 +11,7 @@ from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import Array, RobotState
 
 
-@dataclass(frozen=True)
-class LoadAverage:
+class LoadAverage(NamedTuple):
     """The mean joint load over the newest states, so that one noisy sample does not become a feed-forward torque."""
 
     window_ns: int

@@ -518,6 +518,12 @@ def test_the_ends_of_what_a_battery_does_are_believed_and_so_is_one_that_reports
         assert check_slow_state(make_slow(START_NS, **changes), START_NS, LIMITS) is None
 
 
+def test_an_empty_battery_is_low_and_not_unknown(make_slow: MakeSlow) -> None:
+    stop = check_slow_state(make_slow(START_NS, battery_charge_percent=0.0), START_NS, LIMITS)
+    assert stop is not None
+    assert stop.reason is StopReason.BATTERY_LOW
+
+
 def test_a_battery_does_not_charge_for_long_while_the_motors_have_power(make_slow: MakeSlow) -> None:
     def ends_after(currents: list[float], **changes: Any) -> int | None:
         """Seconds, at one poll a second."""
@@ -933,3 +939,15 @@ def test_the_way_back_takes_the_time_that_it_is_given() -> None:
 def test_exit_codes_of_the_service_stay() -> None:
     assert StopReason.OPERATOR_GONE.exit_code == 13
     assert StopReason.SERVICE_LOST.exit_code == 14
+
+
+def test_the_joint_that_goes_furthest_beyond_what_it_may_is_named() -> None:
+    """At 20 N·m/rad a hip of 45 N·m may ask for 2.25 rad beyond its stop, a stiff joint for 1.0."""
+    soft = STIFF.copy()
+    soft[3] = 20.0
+    request = facts.DEFAULT_POSITION_RAD.copy()
+    request[3], request[5] = facts.POSITION_HIGH_RAD[3] + 2.2, facts.POSITION_HIGH_RAD[5] + 1.1
+    before = SetpointMemory(None, overshoot_ticks=LIMITS.setpoint_overshoot_ticks)
+    _, _, stop = limit_setpoint(before, request, soft, LIMITS)
+    assert stop is not None
+    assert (stop.reason, stop.detail) == (StopReason.SETPOINT_OVERSHOOT, "fr_kn")

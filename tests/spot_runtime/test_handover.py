@@ -95,6 +95,13 @@ def test_the_load_is_averaged_over_the_window_alone(make_state: Callable[..., Ro
     np.testing.assert_allclose(average.mean_nm(), np.full(12, 1.0))
 
 
+def test_a_state_as_old_as_the_window_still_counts(make_state: Callable[..., RobotState]) -> None:
+    average = LoadAverage.over(0.3)
+    for stamp_ns, load_nm in ((-1, 900.0), (0, 4.0), (300_000_000, 2.0)):
+        average = average.after([make_state(stamp_ns, load_nm=np.full(12, load_nm))])
+    np.testing.assert_array_equal(average.mean_nm(), np.full(12, 3.0))
+
+
 def test_nine_tenths_of_the_window_are_full(make_state: Callable[..., RobotState]) -> None:
     average = LoadAverage.over(0.3)
     for i in range(90):

@@ -286,3 +286,12 @@ def test_a_state_that_is_too_old_to_begin_with_is_named(dogs: Dogs, make_state: 
     dogs.screen([make_state(late_ns + 3 * MS)], late_ns + 3 * MS)
     (stop,) = look(dogs, Mode.READY, late_ns + 3 * MS, mode_since_ns=START_NS)
     assert stop.reason is StopReason.STATE_LOST
+
+
+def test_a_battery_that_charges_while_the_robot_walks_ends_the_run(dogs: Dogs, robot: Any) -> None:
+    reasons = []
+    for second in range(14):
+        now_ns = START_NS + second * S
+        robot.slow = replace(robot.slow, battery_current_a=-5.0 if second < 2 else 5.0)
+        reasons.append([stop.reason for stop in look(dogs, now_ns=now_ns)])
+    assert reasons == [[]] * 12 + [[StopReason.BATTERY_UNKNOWN]] * 2

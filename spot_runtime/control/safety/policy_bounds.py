@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Final
 
 import numpy as np
 
 from spot_model.policy.contract import PolicyContract
+from spot_model.robot.rotation import LEVEL_WXYZ
 from spot_runtime.control.safety.body_height import body_height_m
 from spot_runtime.safety_limits import SafetyLimits
 from spot_runtime.stops import Stop, StopReason
-
-_LEVEL: Final = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 def check_policy(contract: PolicyContract, default_position_rad: np.ndarray, limits: SafetyLimits) -> Stop | None:
@@ -25,7 +23,7 @@ def check_policy(contract: PolicyContract, default_position_rad: np.ndarray, lim
         limits: The bounds.
     """
     wrong = [f"{name} = {value:g}, allowed: {allowed}" for name, value, allowed in _wrong(contract, limits)]
-    height_m = body_height_m(default_position_rad, _LEVEL)
+    height_m = body_height_m(default_position_rad, LEVEL_WXYZ)
     if height_m < limits.body_height_m:
         wrong.append(f"body height in the default pose = {height_m:.3f} m, allowed: from {limits.body_height_m:g}")
     return Stop(StopReason.POLICY_OUT_OF_BOUNDS, "; ".join(wrong)) if wrong else None

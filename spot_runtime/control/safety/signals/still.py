@@ -69,8 +69,8 @@ def still_windows(counts: Counts, first: RobotState, last: RobotState, resting: 
     # Half of the neighbours move by at least this much, in units of what a sensor resolves.
     moved = np.sort(changes, axis=1)[:, middle]
     moves = moved / _RESOLUTIONS
-    for number, (kind, change) in enumerate(zip(_KINDS, changes, strict=False)):
-        step = 0
+    for number, kind in enumerate(_KINDS):
+        change, step = changes[number], 0
         if moves[number] > 1.0:
             # Neighbours that move by few steps of their sensors say nothing.
             if moved[number] >= bounds.STEPS * change[change > 0.0].min():
