@@ -24,7 +24,7 @@ from typing import Any, Final
 import numpy as np
 import yaml
 
-from proof.fake_process import FakeAddress, FakeProcess
+from fake_robot.start.process import FakeAddress, FakeProcess
 from spot_model.io.velocity_sequence import VelocitySequence, Waypoint, save_sequence
 from spot_model.robot.facts import JOINT_NAMES
 from spot_model.robot.joints import select_joints

@@ -13,7 +13,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from proof.fake_process import FakeProcess
+from fake_robot.start.process import FakeProcess
 
 COMMAND = [sys.executable, "-m", "spot_model", "run"]
 

@@ -14,7 +14,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from proof.fake_process import FakeAddress, FakeProcess
+from fake_robot.start.process import FakeAddress, FakeProcess
 from spot_log import read_run
 
 SPOT_RL = [str(Path(sys.executable).with_name("spot-rl"))]

@@ -18,7 +18,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 from diagnose_fake import _environment, diagnose, nominal_file, sequences
 
-from proof.fake_process import FakeProcess
+from fake_robot.start.process import FakeProcess
 from spot_model.io.velocity_sequence import save_sequence
 
 COMMAND: Final = "from spot_model.io.command_line import main; main()"

@@ -38,7 +38,7 @@ from loop_measures import (
 from loop_picture import write_overlay
 
 from fake_robot.scenario.scenario import load_scenario
-from proof.fake_process import FakeProcess
+from fake_robot.start.process import FakeProcess
 from spot_log import Run, read_run
 from spot_model.io.velocity_sequence import save_sequence
 from spot_model.robot import facts

@@ -14,7 +14,7 @@ from typing import Final
 import yaml
 
 from fake_robot.scenario.scenario import load_scenario
-from proof.fake_process import FakeProcess
+from fake_robot.start.process import FakeProcess
 from trainer.collect.collect_run import Collection, Part
 from trainer.collect.plan import PlannedRun
 

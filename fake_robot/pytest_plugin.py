@@ -7,24 +7,15 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import json
 import os
 import subprocess
-import sys
-import tempfile
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-START_TIMEOUT_S = 60.0
-STOP_TIMEOUT_S = 10.0
-
-
-class FakeSpotError(Exception):
-    """The fake robot's process did not come up, or did not end; the message holds what it said."""
+from fake_robot.start.process import FakeProcess
 
 
 @dataclasses.dataclass(frozen=True)
@@ -95,23 +86,28 @@ def running_fake_spot(
     Args:
         scenario: A scenario file, the name of a shipped one, or the keys of one.
         lock_step: Robot time passes only by the admin service.
-        state_folder: Where certificates and password are kept; a temporary folder if None.
+        state_folder: Where certificates and password are kept; one a user if None.
 
     Raises:
-        FakeSpotError: It did not come up.
+        FakeProcessError: It did not come up; the message holds what it said.
     """
-    with tempfile.TemporaryDirectory(prefix="spot-rl-") as temporary:
-        folder = Path(temporary)
-        words = [sys.executable, "-m", "fake_robot", "--port", "0", "--json", "--until-stdin-closes"]
-        words += ["--state-dir", str(state_folder or folder / "state"), "--ready-file", str(folder / "ready.json")]
-        words += ["--lock-step"] if lock_step else []
-        words += ["--scenario", str(_scenario_file(scenario, folder))] if scenario is not None else []
-        with (folder / "log").open("wb") as log:
-            process = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=log)  # noqa: S603
-        try:
-            yield _wait_until_ready(process, folder)
-        finally:
-            _end(process)
+    process = FakeProcess(
+        scenario="default" if scenario is None else scenario,
+        is_lock_step=lock_step,
+        state_dir=state_folder,
+        is_silent=True,
+    )
+    with process:
+        ready = process.ready
+        yield FakeSpot(
+            host=ready["sdk_host"],
+            port=ready["port"],
+            username=ready["username"],
+            password=ready["password"],
+            ca_path=Path(ready["ca_file"]),
+            admin_target=ready["admin"],
+            environment=ready["environment"],
+        )
 
 
 @pytest.fixture(scope="session")
@@ -136,45 +132,3 @@ def fake_spot_factory(fake_spot_state_folder: Path) -> Iterator[Callable[..., Fa
             return stack.enter_context(running_fake_spot(state_folder=fake_spot_state_folder, **keywords))
 
         yield start
-
-
-def _scenario_file(scenario: str | Path | Mapping[str, Any], folder: Path) -> str | Path:
-    if not isinstance(scenario, Mapping):
-        return scenario
-    path = folder / "scenario.yaml"
-    path.write_text(json.dumps(dict(scenario)))  # JSON is YAML
-    return path
-
-
-def _wait_until_ready(process: subprocess.Popen[bytes], folder: Path) -> FakeSpot:
-    deadline_s = time.monotonic() + START_TIMEOUT_S
-    ready = folder / "ready.json"
-    while not ready.exists():
-        if process.poll() is not None or time.monotonic() > deadline_s:
-            said = (folder / "log").read_text(errors="replace").strip()
-            how = "did not come up" if process.returncode is None else f"ended with code {process.returncode}"
-            raise FakeSpotError(f"the fake robot {how}; it said: {said or 'nothing'}")
-        time.sleep(0.02)
-    told = json.loads(ready.read_text())
-    return FakeSpot(
-        host=told["sdk_host"],
-        port=told["port"],
-        username=told["username"],
-        password=told["password"],
-        ca_path=Path(told["ca_file"]),
-        admin_target=told["admin"],
-        environment=told["environment"],
-    )
-
-
-def _end(process: subprocess.Popen[bytes]) -> None:
-    """Ask it to end; kill it if it will not."""
-    if process.stdin is not None:
-        with contextlib.suppress(BrokenPipeError):
-            process.stdin.close()
-    process.terminate()
-    try:
-        process.wait(STOP_TIMEOUT_S)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()

@@ -10,7 +10,7 @@ from typing import Annotated, Final
 
 import typer
 
-from proof.fake_process import FakeAddress, FakeProcess
+from fake_robot.start.process import FakeAddress, FakeProcess
 from spot_log import read_run
 from spot_log.page.page import write_page
 from spot_log.page.summary import summarise

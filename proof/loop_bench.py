@@ -14,7 +14,7 @@ from typing import Annotated, Any, Final
 
 import typer
 
-from proof.fake_process import FakeAddress, FakeProcess
+from fake_robot.start.process import FakeAddress, FakeProcess
 from spot_model.errors import SpotRlError
 from spot_model.io.child_process import ChildProcess
 from spot_runtime.host.termination import exit_on_termination

@@ -14,7 +14,7 @@ from typing import Annotated, Final
 
 import typer
 
-from proof.fake_process import FakeProcess
+from fake_robot.start.process import FakeProcess
 from spot_log.write.logger_process import LoggerProcess
 from spot_log.write.sink import LogSink
 from spot_model.errors import BadInputError

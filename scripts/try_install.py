@@ -25,7 +25,7 @@ from pathlib import Path
 
 import grpc
 
-from proof.fake_process import FakeAddress, FakeProcess
+from fake_robot.start.process import FakeAddress, FakeProcess
 from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
 
 REPOSITORY = Path(__file__).resolve().parent.parent

@@ -24,7 +24,7 @@ from typing import Any
 
 from try_install import REPOSITORY, files, robot
 
-from proof.fake_process import FakeAddress
+from fake_robot.start.process import FakeAddress
 from spot_protos import fake_admin_pb2
 
 INSIDE = "SPOT_RL_TRY_SYSTEMD_INSIDE"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import subprocess
 import sys
@@ -16,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from typing_extensions import Self
 
 from fake_robot.scenario.scenario import scenario_from_data
-from proof.fake_process import FakeProcess
+from fake_robot.start.process import FakeProcess
 from spot_model.errors import BadInputError, SpotRlError
 from spot_rl.paths import AnyPath, existing, to_path
 
@@ -57,8 +56,7 @@ class FakeSpot:
         """Start the robot and wait until it serves."""
         with ExitStack() as stack:
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="spot-rl-")))
-            process = FakeProcess(scenario=_scenario_name(self._scenario, folder), is_lock_step=self.is_lock_step)
-            stack.enter_context(process)
+            process = stack.enter_context(FakeProcess(scenario=self._scenario, is_lock_step=self.is_lock_step))
             self._stack, self._running = stack.pop_all(), (process, folder)
         return self
 
@@ -159,11 +157,3 @@ class FakeSpot:
         if self._running is None:
             raise BadInputError("the fake robot is not running; use it in a block: with FakeSpot() as spot: ...")
         return self._running
-
-
-def _scenario_name(scenario: str | AnyPath | Mapping[str, Any], folder: Path) -> str:
-    if not isinstance(scenario, Mapping):
-        return os.fspath(scenario)
-    path = folder / "scenario.yaml"
-    path.write_text(json.dumps(dict(scenario)), encoding="utf-8")  # JSON is YAML
-    return str(path)

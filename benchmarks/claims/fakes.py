@@ -25,7 +25,7 @@ from bosdyn.client.robot_state import RobotStateStreamingClient
 from loop import textbook
 from textbook_loop import connect
 
-from proof.fake_process import FakeProcess
+from fake_robot.start.process import FakeProcess
 from proof.loop_bench import robot_beside
 
 ASKED_MS = ((0.0, 0.0), (1.5, 3.0), (5.0, 10.0))

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from proof.fake_process import FakeAddress
+from fake_robot.start.process import FakeAddress
 from proof.loop_bench import robot_beside, run_once
 from spot_log.read.reader import read_run
 

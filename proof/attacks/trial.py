@@ -12,7 +12,7 @@ from typing import Final, Literal
 
 from proof.attacks.certificates import LOOPBACK, Authority, role
 from spot_model.errors import SpotRlError
-from spot_model.io.child_process import ChildProcess
+from spot_model.io.child_process import HEARD, ChildProcess
 from spot_protos import operator_pb2
 from spot_tools.client.client import OperatorClient
 
@@ -97,7 +97,7 @@ def _serving(listen: Listen, folder: Path) -> Iterator[_Service]:
 @contextmanager
 def _child(module: str, *words: str) -> Iterator[str]:
     """A process while it is needed. Yields its first line."""
-    process = ChildProcess.start(module, *words, is_heard=True)
+    process = ChildProcess.start(module, *words, output=HEARD)
     try:
         yield process.output.readline().decode().strip()
     finally:

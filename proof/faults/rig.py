@@ -19,7 +19,7 @@ from bosdyn.client.estop import EstopClient
 from bosdyn.client.power import PowerClient
 from bosdyn.client.robot_command import RobotCommandBuilder, RobotCommandClient
 
-from proof.fake_process import FakeAddress, FakeProcess
+from fake_robot.start.process import FakeAddress, FakeProcess
 from proof.faults.drive import Drive, read_log
 from proof.faults.faulty_hal import FaultyHal, When
 from spot_log.format.records import RunHeader

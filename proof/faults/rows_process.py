@@ -6,6 +6,7 @@ import os
 import resource
 import select
 import signal
+import subprocess
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -17,7 +18,7 @@ from proof.faults.drive import read_log
 from proof.faults.rig import Rig
 from proof.faults.rows import NS_PER_MS, Finding, Row, tried_with
 from spot_log import LogReadError, recover_leftovers
-from spot_model.io.child_process import ChildProcess
+from spot_model.io.child_process import HEARD, ChildProcess
 from spot_protos import fake_admin_pb2
 from spot_runtime.hal.errors import HalError
 
@@ -68,7 +69,7 @@ def start(rig: Rig, command: Sequence[str]) -> ChildProcess:
     """``spot-rl`` with these words, for this robot."""
     environment = {**os.environ, **rig.address.environment}
     return ChildProcess.start(
-        "spot_model", *command, told=b"", environment=environment, is_heard=True, hears_errors=True
+        "spot_model", *command, told=b"", environment=environment, output=HEARD, errors=subprocess.STDOUT
     )
 
 

@@ -13,7 +13,7 @@ from typing_extensions import Self
 
 from spot_log.write.live_tap import SOCKET_VARIABLE
 from spot_model.errors import BadInputError, SpotRlError
-from spot_model.io.child_process import ChildProcess
+from spot_model.io.child_process import HEARD, ChildProcess
 from spot_model.io.private_folder import make_private_folder
 
 FOLDER_PREFIX: Final = "spot-rl-live-"
@@ -68,7 +68,7 @@ class LiveProcess:
                 Path(f"{path}.new").rename(path)
                 arguments = (str(listener.fileno()), str(self.port))
                 self._process = ChildProcess.start(
-                    "spot_log.live.live_child", *arguments, descriptors=(listener.fileno(),), is_heard=True
+                    "spot_log.live.live_child", *arguments, descriptors=(listener.fileno(),), output=HEARD
                 )
             self.port = self._wait_ready(self._process)
         except BaseException:

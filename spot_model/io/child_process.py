@@ -8,11 +8,13 @@ import signal
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
-from typing import IO
+from typing import IO, Final
 
 from typing_extensions import Self
 
 END_TIMEOUT_S = 5.0
+HEARD: Final = subprocess.PIPE
+"""For :attr:`ChildProcess.output` to read."""
 
 
 class ChildProcess:
@@ -30,8 +32,8 @@ class ChildProcess:
         told: bytes | None = None,
         descriptors: Sequence[int] = (),
         environment: Mapping[str, str] | None = None,
-        is_heard: bool = False,
-        hears_errors: bool = False,
+        output: IO[bytes] | int | None = None,
+        errors: IO[bytes] | int | None = None,
         has_own_session: bool = False,
     ) -> Self:
         """Start ``python -m module``.
@@ -43,8 +45,8 @@ class ChildProcess:
                 pipe that ends with this process, or with :meth:`end`.
             descriptors: What it inherits beside standard input, output and error.
             environment: Its own; this process's if None.
-            is_heard: Whether :attr:`output` is kept.
-            hears_errors: Whether its standard error goes there, too.
+            output: Where its standard output goes, as subprocess has it: this process's own if None; :data:`HEARD`.
+            errors: Where its standard error goes, likewise.
             has_own_session: Whether a terminal's Ctrl-C is kept from it.
 
         Raises:
@@ -59,8 +61,8 @@ class ChildProcess:
             process = subprocess.Popen(  # noqa: S603 - our own command line
                 [sys.executable, "-m", module, *arguments],
                 stdin=given,
-                stdout=subprocess.PIPE if is_heard else None,
-                stderr=subprocess.STDOUT if hears_errors else None,
+                stdout=output,
+                stderr=errors,
                 pass_fds=descriptors,
                 env=None if environment is None else dict(environment),
                 start_new_session=has_own_session,

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from spot_model.errors import SpotRlError
-from spot_model.io.child_process import ChildProcess
+from spot_model.io.child_process import HEARD, ChildProcess
 
 if TYPE_CHECKING:  # it sleeps for as long as all goes well, and should be small
     from spot_runtime.config import RunConfig
@@ -56,7 +56,9 @@ def start_guardian(
         "lock_step": lock_step,
         "is_heard": is_heard,
     }
-    return ChildProcess.start(MODULE, told=json.dumps(told).encode(), is_heard=is_heard, has_own_session=True)
+    return ChildProcess.start(
+        MODULE, told=json.dumps(told).encode(), output=HEARD if is_heard else None, has_own_session=True
+    )
 
 
 def open_process(pid: int) -> int | None:

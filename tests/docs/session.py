@@ -17,7 +17,7 @@ from types import TracebackType
 import grpc
 from typing_extensions import Self
 
-from proof.fake_process import FakeProcess
+from fake_robot.start.process import FakeProcess
 from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
 
 from .blocks import REPOSITORY

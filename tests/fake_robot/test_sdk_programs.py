@@ -21,8 +21,9 @@ import pytest
 import typer
 from google.protobuf.message import DecodeError
 
-from fake_robot.pytest_plugin import FakeSpot, FakeSpotError, running_fake_spot
+from fake_robot.pytest_plugin import FakeSpot, running_fake_spot
 from fake_robot.start.commands import app, in_one_line
+from fake_robot.start.process import FakeProcessError
 from spot_model.errors import SpotRlError
 
 PROGRAMS = Path(__file__).parent / "sdk_programs"
@@ -171,7 +172,7 @@ def test_plugin_gives_a_robot_and_truth(fake_spot: FakeSpot) -> None:
 
 
 def test_plugin_says_why_a_robot_did_not_come_up(fake_spot_factory: Callable[..., FakeSpot]) -> None:
-    with pytest.raises(FakeSpotError, match=r"(?s)ended with code 2.*gravity"):
+    with pytest.raises(FakeProcessError, match=r"(?s)exit code 2\); it said: .*gravity"):
         fake_spot_factory(scenario={"gravity": 9.81})
 
 

@@ -14,7 +14,7 @@ from bosdyn.client.lease import LeaseClient
 from bosdyn.client.sdk import create_standard_sdk
 from typer.testing import CliRunner
 
-from proof.fake_process import FakeAddress, FakeProcess
+from fake_robot.start.process import FakeAddress, FakeProcess
 from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
 from spot_runtime.config import RunConfig
 from spot_tools.doctor.check import Result, Verdict, is_fit, make

@@ -9,7 +9,7 @@ from typing import Any
 import grpc
 import pytest
 
-from proof.fake_process import FakeAddress, FakeProcess
+from fake_robot.start.process import FakeAddress, FakeProcess
 from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
 from spot_runtime.config import RunConfig
 from spot_runtime.rescue.lease_note import HeldNote, LeaseNote, note_path

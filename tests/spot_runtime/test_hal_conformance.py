@@ -10,7 +10,7 @@ import grpc
 import numpy as np
 import pytest
 
-from proof.fake_process import FakeProcess
+from fake_robot.start.process import FakeProcess
 from spot_log.write.sink import MemorySink
 from spot_model.errors import BadInputError
 from spot_model.robot import facts

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from proof.fake_process import FakeProcess
+from fake_robot.start.process import FakeProcess
 from spot_log import read_run
 from spot_log.write.sink import MemorySink
 from spot_model.errors import BadInputError

@@ -19,7 +19,7 @@ import grpc
 import numpy as np
 import pytest
 
-from proof.fake_process import FakeAddress, FakeProcess
+from fake_robot.start.process import FakeAddress, FakeProcess
 from spot_log import Run, read_run
 from spot_log.write.logger_process import LoggerProcess
 from spot_log.write.sink import LogSink

@@ -12,7 +12,7 @@ from typing import Any
 import grpc
 import pytest
 
-from proof.fake_process import FakeAddress, FakeProcess
+from fake_robot.start.process import FakeAddress, FakeProcess
 from spot_log.write.logger_process import LoggerProcess
 from spot_log.write.sink import LogSink
 from spot_model.policy.contract import sha256_hex

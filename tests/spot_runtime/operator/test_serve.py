@@ -18,7 +18,7 @@ from typing import Any
 import grpc
 import pytest
 
-from proof.fake_process import FakeAddress
+from fake_robot.start.process import FakeAddress
 from spot_log import read_run
 from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc, operator_pb2
 from spot_tools.client.client import OperatorClient, RefusedError
