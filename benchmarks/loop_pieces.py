@@ -29,7 +29,7 @@ def state_at(index: int) -> RobotState:
     position = facts.DEFAULT_POSITION_RAD + 1e-6 * (index % 7)
     level, still = np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)
     feet = np.ones(facts.N_LEGS, dtype=np.bool_)
-    return RobotState(stamp_ns, stamp_ns, position, ZEROS, ZEROS, still, level, still, still, feet, index, 0)
+    return RobotState(position, ZEROS, ZEROS, still, level, still, still, feet, stamp_ns, stamp_ns, index, 0)
 
 
 def report(name: str, piece: Callable[[int], object], repeats: int = 3000) -> None:

@@ -18,7 +18,7 @@ import typer
 from proof.claims import CLAIMS, Bound, Claim, Ratio
 from spot_model.errors import BadInputError, SpotRlError
 from spot_model.io.progress import Progress
-from spot_runtime.host.termination import exit_on_termination
+from spot_model.io.signals import exit_on_termination
 from trainer.shared.run_folder import git_revision
 
 SCRIPTS: Final = Path("benchmarks")

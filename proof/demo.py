@@ -15,7 +15,7 @@ from spot_log import read_run
 from spot_log.page.page import write_page
 from spot_log.page.summary import summarise
 from spot_model.errors import BadInputError, SpotRlError
-from spot_model.io.foreground import run_in_foreground
+from spot_model.io.signals import run_in_foreground
 from spot_model.io.velocity_sequence import VelocitySequence, forward_sequence, save_sequence
 from spot_model.policy.policy import load_policy
 

@@ -17,7 +17,7 @@ import typer
 from fake_robot.start.process import FakeAddress, FakeProcess
 from spot_model.errors import SpotRlError
 from spot_model.io.child_process import ChildProcess
-from spot_runtime.host.termination import exit_on_termination
+from spot_model.io.signals import exit_on_termination
 
 app = typer.Typer(no_args_is_help=True, add_completion=False)
 

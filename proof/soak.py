@@ -18,6 +18,7 @@ from fake_robot.start.process import FakeProcess
 from spot_log.write.logger_process import LoggerProcess
 from spot_log.write.sink import LogSink
 from spot_model.errors import BadInputError
+from spot_model.io.signals import exit_on_termination
 from spot_model.io.velocity_sequence import load_sequence
 from spot_model.policy.policy import load_policy
 from spot_model.robot.state import RobotState
@@ -28,7 +29,6 @@ from spot_runtime.hal.spot.adapter import BosdynHal
 from spot_runtime.hal.spot.lock_step import LockStep
 from spot_runtime.host.clock import HostClock
 from spot_runtime.host.console import Console
-from spot_runtime.host.termination import exit_on_termination
 from spot_runtime.session.run import RunRequest, run
 from spot_runtime.session.summary import resident_mb
 from spot_runtime.sources.scripted import ScriptedSource

@@ -10,19 +10,12 @@ import typer
 
 from spot_model.errors import BadInputError
 from spot_runtime.config import RunConfig, load_config
+from spot_runtime.hal.connection.address import as_people_write_it
 
 CA_VARIABLE = "SPOT_RL_CA_FILE"
 
 
-def _as_people_write_it(address: str) -> str:
-    """``ipv4:IP:PORT,IP``, which ``fake-robot exec`` puts in the place of HOST for SDK programs, as ``IP:PORT``."""
-    is_for_sdk = address.startswith("ipv4:") and "," in address
-    return address[len("ipv4:") :].partition(",")[0] if is_for_sdk else address
-
-
-RobotAddress = Annotated[
-    str, typer.Option(help="Address: HOST, HOST:PORT or unix:/path.", callback=_as_people_write_it)
-]
+RobotAddress = Annotated[str, typer.Option(help="Address: HOST, HOST:PORT or unix:/path.", callback=as_people_write_it)]
 ConfigFile = Annotated[Path | None, typer.Option(help="YAML configuration.")]
 CaFile = Annotated[Path | None, typer.Option(help=f"Certificate to trust beside the vendor's; also {CA_VARIABLE}.")]
 CredentialsFile = Annotated[Path | None, typer.Option(help="File with user name and password of the robot.")]

@@ -142,6 +142,10 @@ class StopReason(Enum):
         return self.value.exit_code
 
 
+WANTED_ENDS: Final = frozenset({StopReason.OPERATOR_STOP.label, StopReason.COMPLETED.label})
+"""Labels of the ends that are no incident, so that no flight record is written."""
+
+
 @dataclass(frozen=True)
 class Stop:
     """One stop that happened: the reason with its figures."""

@@ -10,7 +10,7 @@ from typing import Final
 
 from spot_log import read_run
 from spot_model.errors import SpotRlError
-from spot_model.io.foreground import run_in_foreground
+from spot_model.io.signals import run_in_foreground
 
 Start = Callable[[Sequence[str]], bool]
 """Runs ``spot-rl`` with arguments until it has ended; says whether a person asked to stop meanwhile."""

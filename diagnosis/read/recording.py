@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from spot_log.read.run import CommandTable, Run, SlowTable, TickTable
 from spot_model.errors import SpotRlError
+from spot_model.robot.state import Measured
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -47,8 +48,11 @@ class Imu:
 
 
 @dataclass(frozen=True)
-class Recording:
-    """A log on its grid. n rows, J joints, F feet; rows that the log lacks are NaN, and not ``present``."""
+class Recording(Measured):
+    """A log on its grid. n rows, J joints, F feet; rows that the log lacks are NaN, and not ``present``.
+
+    The signs of ``odom_from_body_wxyz`` are continuous in time; a log without contacts has none, shape (n, 0).
+    """
 
     run_id: str
     sequence: str
@@ -66,17 +70,6 @@ class Recording:
     """Robot stamp of each row, rising. Shape (n,)."""
     present: Flags
     """Shape (n,)."""
-    position_rad: Array
-    velocity_rad_s: Array
-    load_nm: Array
-    """Shape (n, J) each."""
-    position_of_body_in_odom_m: Array
-    odom_from_body_wxyz: Array
-    """Signs are continuous in time."""
-    linear_vel_of_body_in_odom_m_s: Array
-    angular_vel_of_body_in_odom_rad_s: Array
-    foot_contact: Flags
-    """Shape (n, F), or (n, 0)."""
     imu: Imu
     commands: CommandTable
     command_ns: Ints

@@ -5,8 +5,6 @@ from __future__ import annotations
 import logging
 import os
 import socket
-import subprocess
-import sys
 import threading
 from collections.abc import Sequence
 from multiprocessing.connection import Connection
@@ -17,12 +15,13 @@ from numpy.typing import NDArray
 
 from fake_robot.network.camera_view import CameraView
 from fake_robot.scenario.scenario import Scenario
+from spot_model.io.child_process import UNHEARD, ChildProcess
 
 _LOGGER = logging.getLogger(__name__)
 
 BACKENDS = ("egl", "osmesa")
 """OpenGL without a display, as MuJoCo names it: of the graphics driver, or of Mesa alone."""
-PROGRAM = (sys.executable, "-m", "fake_robot.eyes.draw")
+PROGRAM = "fake_robot.eyes.draw"
 _START_S, _PICTURE_S = 30.0, 10.0
 
 
@@ -36,11 +35,11 @@ class Eyes:
     Args:
         scenario: The world to draw.
         backends: Values of ``MUJOCO_GL`` to try in turn; by default what the environment says, else :data:`BACKENDS`.
-        program: What draws; the number of its socket is added.
+        program: What draws: a module, or the words of a program; the number of its socket is added.
     """
 
     def __init__(
-        self, scenario: Scenario, backends: Sequence[str] | None = None, program: Sequence[str] = PROGRAM
+        self, scenario: Scenario, backends: Sequence[str] | None = None, program: str | Sequence[str] = PROGRAM
     ) -> None:
         asked = os.environ.get("MUJOCO_GL")
         self._backends = tuple(backends or ((asked,) if asked else BACKENDS))
@@ -48,7 +47,7 @@ class Eyes:
         self._lock = threading.Lock()
         self._has_tried = False
         self._connection: Connection | None = None
-        self._process: subprocess.Popen[bytes] | None = None
+        self._process: ChildProcess | None = None
         self.backend = ""
         """What draws; empty before the first picture, and where nothing can."""
 
@@ -96,14 +95,15 @@ class Eyes:
     def _start(self, backend: str) -> Connection:
         ours, theirs = socket.socketpair()
         with theirs:
-            self._process = subprocess.Popen(  # noqa: S603 - this module's own program
-                [*self._program, str(theirs.fileno())],
-                env={**os.environ, "MUJOCO_GL": backend, "LP_NUM_THREADS": "1"},
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.DEVNULL,
-                pass_fds=(theirs.fileno(),),
-                start_new_session=True,
+            self._process = ChildProcess.start(
+                self._program,
+                str(theirs.fileno()),
+                told=b"",
+                descriptors=(theirs.fileno(),),
+                environment={**os.environ, "MUJOCO_GL": backend, "LP_NUM_THREADS": "1"},
+                output=UNHEARD,
+                errors=UNHEARD,
+                has_own_session=True,
             )
         return Connection(ours.detach())
 
@@ -113,8 +113,7 @@ class Eyes:
             self._connection.close()
             self._connection = None
         if self._process is not None:
-            self._process.kill()
-            self._process.wait()
+            self._process.end(0.0)
             self._process = None
 
 

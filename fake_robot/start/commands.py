@@ -9,7 +9,6 @@ import signal
 import sys
 import threading
 from pathlib import Path
-from types import FrameType
 from typing import Annotated
 
 import typer
@@ -20,7 +19,7 @@ from fake_robot.start.running import FakeOptions, RunningFake
 from fake_robot.start.server import FakeServer
 from fake_robot.start.state_folder import DEFAULT_USERNAME
 from spot_model.errors import BadInputError
-from spot_model.io.foreground import run_in_foreground
+from spot_model.io.signals import answered, run_in_foreground
 
 HOST_PLACEHOLDER = "HOST"
 HOST_VARIABLE = "SPOT_RL_FAKE_HOST"
@@ -68,7 +67,8 @@ def fake_robot(
     if context.invoked_subcommand is not None:
         context.obj = options
         return
-    with _signals_end_it() as stop, RunningFake(options) as fake:
+    stop = threading.Event()
+    with answered(lambda _: stop.set(), signal.SIGINT, signal.SIGTERM), RunningFake(options) as fake:
         description = json.dumps(fake.description())
         if ready_file is not None:
             _write_ready_file(ready_file, description)
@@ -129,22 +129,6 @@ def conformance(
         as_json=json_output,
     )
     raise typer.Exit(code)
-
-
-class _signals_end_it:  # noqa: N801 - reads as a phrase where it is used
-    """Turn SIGINT and SIGTERM into an event while the block runs."""
-
-    def __enter__(self) -> threading.Event:
-        self._event = threading.Event()
-        self._before = {number: signal.signal(number, self._note) for number in (signal.SIGINT, signal.SIGTERM)}
-        return self._event
-
-    def __exit__(self, *_: object) -> None:
-        for number, handler in self._before.items():
-            signal.signal(number, handler)
-
-    def _note(self, number: int, frame: FrameType | None) -> None:
-        self._event.set()
 
 
 def in_one_line(record: logging.LogRecord) -> bool:

@@ -19,8 +19,8 @@ from proof.faults.rows import Result, Row, tidy, try_row
 from proof.faults.search.search import searched
 from spot_model.errors import BadInputError
 from spot_model.io.progress import Progress
+from spot_model.io.signals import exit_on_termination
 from spot_model.policy.policy import load_policy
-from spot_runtime.host.termination import exit_on_termination
 
 ROWS: Final[tuple[Row, ...]] = (
     *rows_link.ROWS,

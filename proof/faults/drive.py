@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from spot_log import LogReadError, Run, read_run
+from spot_log.write.flight_recorder import flight_record_path
 from spot_log.write.run_writer import active_path
-from spot_runtime.session.flight_recorder import flight_record_path
 from spot_runtime.session.summary import RunSummary
 
 

@@ -19,6 +19,7 @@ from proof.faults.rig import Rig, rig, tilt_rad
 from proof.ordinary.draw import Reality, Sensors, draw_reality, draw_walk
 from spot_log.format.events import EventName
 from spot_log.write.sink import LogSink, MemorySink
+from spot_model.io.signals import exit_on_termination
 from spot_model.policy.policy import load_policy
 from spot_model.robot.facts import STATE_PERIOD_NS
 from spot_model.robot.stamps import NS_PER_S
@@ -28,7 +29,6 @@ from spot_runtime.hal.connection.address import parse_address
 from spot_runtime.hal.spot.lock_step import LockStep
 from spot_runtime.host.clock import HostClock
 from spot_runtime.host.console import Console
-from spot_runtime.host.termination import exit_on_termination
 from spot_runtime.session.run import RunRequest, run
 from spot_runtime.session.summary import RunSummary
 from spot_runtime.sources.scripted import ScriptedSource

@@ -1,4 +1,4 @@
-"""A Python process of our own: told what to do on its standard input, ended for sure."""
+"""A process that this one starts: told what to do on its standard input, ended for sure."""
 
 from __future__ import annotations
 
@@ -15,10 +15,11 @@ from typing_extensions import Self
 END_TIMEOUT_S = 5.0
 HEARD: Final = subprocess.PIPE
 """For :attr:`ChildProcess.output` to read."""
+UNHEARD: Final = subprocess.DEVNULL
 
 
 class ChildProcess:
-    """Runs a module of ours. Nothing here waits unless it says so."""
+    """Runs a program, mostly a module of ours. Nothing here waits unless it says so."""
 
     def __init__(self, process: subprocess.Popen[bytes]) -> None:
         self._process = process
@@ -27,7 +28,7 @@ class ChildProcess:
     @classmethod
     def start(
         cls,
-        module: str,
+        program: str | Sequence[str],
         *arguments: str,
         told: bytes | None = None,
         descriptors: Sequence[int] = (),
@@ -35,11 +36,12 @@ class ChildProcess:
         output: IO[bytes] | int | None = None,
         errors: IO[bytes] | int | None = None,
         has_own_session: bool = False,
+        reads_terminal: bool = False,
     ) -> Self:
-        """Start ``python -m module``.
+        """Start a module of this installation, as ``python -m`` does, or another program.
 
         Args:
-            module: Of this installation.
+            program: The module's name, or the words of the other program.
             arguments: Its command line.
             told: Its standard input, which ends after it; the call does not wait until it has been read. None: a
                 pipe that ends with this process, or with :meth:`end`.
@@ -48,18 +50,20 @@ class ChildProcess:
             output: Where its standard output goes, as subprocess has it: this process's own if None; :data:`HEARD`.
             errors: Where its standard error goes, likewise.
             has_own_session: Whether a terminal's Ctrl-C is kept from it.
+            reads_terminal: Whether it has this process's standard input, which then says nothing of an end.
 
         Raises:
             OSError: The system cannot start a process.
         """
         with contextlib.ExitStack() as stack:
-            given: IO[bytes] | int = subprocess.PIPE
+            given: IO[bytes] | int | None = None if reads_terminal else subprocess.PIPE
             if told is not None:
                 given = stack.enter_context(os.fdopen(os.memfd_create("told"), "w+b"))
                 given.write(told)
                 given.seek(0)
-            process = subprocess.Popen(  # noqa: S603 - our own command line
-                [sys.executable, "-m", module, *arguments],
+            words = [sys.executable, "-m", program] if isinstance(program, str) else program
+            process = subprocess.Popen(  # noqa: S603 - its callers' own command lines
+                [*words, *arguments],
                 stdin=given,
                 stdout=output,
                 stderr=errors,
@@ -103,10 +107,10 @@ class ChildProcess:
         """End it at once."""
         self._process.kill()
 
-    def wait(self, timeout_s: float) -> int | None:
+    def wait(self, timeout_s: float | None = None) -> int | None:
         """Wait for its end, at most this long. Returns its exit code; None if it still lives."""
         with contextlib.suppress(subprocess.TimeoutExpired):
-            self._process.wait(max(0.0, timeout_s))
+            self._process.wait(None if timeout_s is None else max(0.0, timeout_s))
         return self._process.returncode
 
     def hear_out(self, timeout_s: float) -> tuple[int | None, bytes]:

@@ -146,7 +146,7 @@ class Policy:
         still, joints = np.zeros(3), np.zeros(facts.N_JOINTS)
         asked, feet = np.zeros(len(self.command_low)), np.ones(facts.N_LEGS, dtype=np.bool_)
         state = RobotState(
-            0, 0, facts.DEFAULT_POSITION_RAD, joints, joints, still, LEVEL_WXYZ, still, still, feet, 0, 0
+            facts.DEFAULT_POSITION_RAD, joints, joints, still, LEVEL_WXYZ, still, still, feet, 0, 0, 0, 0
         )
         memory = TickMemory()
         for _ in range(ticks):

@@ -26,19 +26,18 @@ class ImuPacket:
 
 
 @dataclass(frozen=True)
-class RobotState:
-    """One message of the state stream, 333.33 Hz. All arrays in canonical joint order, SI units, float64."""
+class Measured:
+    """What a robot measures at one instant, or, with a row for each, at many. Canonical joint order, SI units, float64.
 
-    robot_stamp_ns: int
-    """When the joints were sampled, robot clock."""
-    host_stamp_ns: int
-    """When the message was received, host clock (UNIX time)."""
+    Shapes are those of one instant; Spot has J = 12 joints and F = 4 feet.
+    """
+
     position_rad: Array
-    """Shape (12,)."""
+    """Shape (J,)."""
     velocity_rad_s: Array
-    """Shape (12,)."""
+    """Shape (J,)."""
     load_nm: Array
-    """Torque measured at the joint's output, shape (12,)."""
+    """Torque measured at the joint's output, shape (J,)."""
     position_of_body_in_odom_m: Array
     """Shape (3,). Its z is not the height over ground."""
     odom_from_body_wxyz: Array
@@ -48,7 +47,17 @@ class RobotState:
     angular_vel_of_body_in_odom_rad_s: Array
     """Shape (3,)."""
     foot_contact: NDArray[np.bool_]
-    """Shape (4,), legs fl, fr, hl, hr."""
+    """Shape (F,), legs fl, fr, hl, hr."""
+
+
+@dataclass(frozen=True)
+class RobotState(Measured):
+    """One message of the state stream, 333.33 Hz."""
+
+    robot_stamp_ns: int
+    """When the joints were sampled, robot clock."""
+    host_stamp_ns: int
+    """When the message was received, host clock (UNIX time)."""
     last_command_key: int
     """Key of the newest command that the robot has received; 0 before the first."""
     last_command_robot_stamp_ns: int

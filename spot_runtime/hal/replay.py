@@ -6,7 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from spot_log import Run, read_run
+import numpy as np
+
+from spot_log import read_run
 from spot_log.write.sink import LogSink
 from spot_model.errors import BadInputError
 from spot_model.robot.stamps import NS_PER_S
@@ -29,34 +31,12 @@ def adapter(request: HalRequest) -> Adapter:
     if not len(run.ticks):
         raise BadInputError(f"log {path} holds no policy tick, so control never began; give a log of a run")
     begin_ns = int(run.ticks.robot_stamp_ns[0]) - BEFORE_CONTROL_NS
-    states = [state for state in states_of(run) if state.robot_stamp_ns >= begin_ns]
+    states = [run.states.state(int(row)) for row in np.flatnonzero(run.states.robot_stamp_ns >= begin_ns)]
 
     def make(sink: LogSink) -> Hal:
         return ReplayHal(states, sink, robot_id=run.header.robot_id)
 
     return Adapter(str(path), make)
-
-
-def states_of(run: Run) -> list[RobotState]:
-    """The states of a log, without packets of the inertial unit."""
-    table = run.states
-    return [
-        RobotState(
-            robot_stamp_ns=int(table.robot_stamp_ns[i]),
-            host_stamp_ns=int(table.host_stamp_ns[i]),
-            position_rad=table.position_rad[i],
-            velocity_rad_s=table.velocity_rad_s[i],
-            load_nm=table.load_nm[i],
-            position_of_body_in_odom_m=table.position_of_body_in_odom_m[i],
-            odom_from_body_wxyz=table.odom_from_body_wxyz[i],
-            linear_vel_of_body_in_odom_m_s=table.linear_vel_of_body_in_odom_m_s[i],
-            angular_vel_of_body_in_odom_rad_s=table.angular_vel_of_body_in_odom_rad_s[i],
-            foot_contact=table.foot_contact[i],
-            last_command_key=int(table.last_command_key[i]),
-            last_command_robot_stamp_ns=int(table.last_command_robot_stamp_ns[i]),
-        )
-        for i in range(len(table))
-    ]
 
 
 class ReplayHal:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import signal
 from pathlib import Path
-from types import FrameType
 from typing import Annotated
 
 import typer
@@ -13,12 +12,12 @@ import typer
 from spot_log.live.process import LiveProcess
 from spot_log.write.run_writer import make_log_folder
 from spot_model.errors import BadInputError
+from spot_model.io.signals import answered, exit_on_termination
 from spot_runtime.config import RunConfig, for_lock_step
 from spot_runtime.hal.connection.address import parse_address
 from spot_runtime.host.console import Console
 from spot_runtime.host.journal import Journal, tell_by
 from spot_runtime.host.service_manager import ServiceManager
-from spot_runtime.host.termination import exit_on_termination
 from spot_runtime.operator.server.server import OperatorServer
 from spot_runtime.operator.server.supervisor import Supervisor
 from spot_runtime.options import (
@@ -77,23 +76,17 @@ def _serve(robot: str, config: RunConfig, console: Console, lock_step: str) -> N
     tell = tell_by(Journal.if_heard(), console)
     supervisor = Supervisor(robot, config, manager=manager, tell=tell, lock_step=lock_step)
     ends: list[int] = []
-
-    def end(number: int, frame: FrameType | None) -> None:
-        del frame
-        ends.append(number)
-
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, end)
-    server = OperatorServer(supervisor, config)
-    try:
-        supervisor.begin()
-        console.say(f"idle; operators reach this service at {server.address}")
-        manager.ready()
-        manager.status("idle")
-        while not ends:
-            supervisor.turn()
-        manager.stopping()
-        console.say("ending")
-        supervisor.shut_down()
-    finally:
-        server.close()
+    with answered(ends.append, signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        server = OperatorServer(supervisor, config)
+        try:
+            supervisor.begin()
+            console.say(f"idle; operators reach this service at {server.address}")
+            manager.ready()
+            manager.status("idle")
+            while not ends:
+                supervisor.turn()
+            manager.stopping()
+            console.say("ending")
+            supervisor.shut_down()
+        finally:
+            server.close()

@@ -19,7 +19,6 @@ from spot_runtime.config import RunConfig
 from spot_runtime.hal.connection.address import parse_address
 from spot_runtime.hal.errors import CertificateError, ClockError, CredentialsError, HalError, LeaseHeldError
 from spot_runtime.hal.spot.lock_step import LockStep
-from spot_runtime.hal.spot.motions import Motions
 from spot_runtime.hal.spot.session import Session
 from spot_runtime.host.clock import HostClock, RobotClockEstimate
 from spot_runtime.rescue.lease_note import HeldNote, LeaseNote, note_path
@@ -114,13 +113,7 @@ def _try(note: LeaseNote, config: RunConfig, lock_step: str) -> Safety:
             time.sleep(duration_s) if pace is None else pace.pause(duration_s)
             session.retain_lease()
 
-        Motions(
-            session.calls,
-            config.robot,
-            is_powered=lambda: session.poll().motors_powered,
-            is_without_power=session.is_without_power,
-            pause=pause,
-        ).power_off()
+        session.motions(pause).power_off()
         return Safety.POWERED_OFF
     finally:
         session.close()

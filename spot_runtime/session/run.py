@@ -12,6 +12,7 @@ from pathlib import Path
 
 from spot_log.format.events import EventName
 from spot_log.format.records import EventRecord, RunHeader
+from spot_log.write.flight_recorder import FlightRecorder
 from spot_log.write.sink import LogSink
 from spot_model.policy.joint_script import JointScript
 from spot_model.policy.policy import Policy
@@ -26,12 +27,11 @@ from spot_runtime.host.clock import HostClock
 from spot_runtime.host.console import Console
 from spot_runtime.host.realtime import apply_real_time, freeze_garbage_collection
 from spot_runtime.host.service_manager import ServiceManager
-from spot_runtime.session.flight_recorder import FlightRecorder
 from spot_runtime.session.robot_session import ControlEnd, RobotSession, control_end
 from spot_runtime.session.signals import StopSignals
 from spot_runtime.session.summary import RunSummary, figures, resident_mb
 from spot_runtime.sources.base import CommandSource
-from spot_runtime.stops import StopReason
+from spot_runtime.stops import WANTED_ENDS, StopReason
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ def run(
         SpotRlError: The log cannot be opened. Whatever happens later is in the summary, and in the log.
     """
     header = header_of(request, HostClock().now_ns())
-    sink = FlightRecorder(make_sink(request.log_path, header))
+    sink = FlightRecorder(make_sink(request.log_path, header), WANTED_ENDS)
     with StopSignals() as signals:
         attempt = _Attempt(request, header, sink, console, manager or ServiceManager(), tell or console.event, signals)
         try:

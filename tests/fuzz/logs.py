@@ -117,7 +117,7 @@ def small_log() -> bytes:
     path.unlink(missing_ok=True)
     writer = RunWriter(path, RunHeader("seed", now_ns), min_free_bytes=0)
     three, level, feet = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.ones(4, dtype=np.bool_)
-    state = RobotState(now_ns, now_ns, zeros, zeros, zeros, three, level, three, three, feet, 1, now_ns)
+    state = RobotState(zeros, zeros, zeros, three, level, three, three, feet, now_ns, now_ns, 1, now_ns)
     command = JointCommand(1, zeros, zeros, zeros, Gains.policy(), now_ns + 50_000_000)
     small = np.zeros(12, dtype=np.float32)
     observation = np.zeros(48, dtype=np.float32)

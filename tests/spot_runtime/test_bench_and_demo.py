@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from proof.loop_bench import KEYS
-from spot_runtime.host.termination import exit_on_termination
+from spot_model.io.signals import exit_on_termination
 
 COMMAND = [sys.executable, "-c", "from spot_model.io.command_line import main; main()"]
 

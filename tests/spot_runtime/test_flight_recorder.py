@@ -10,9 +10,10 @@ import numpy as np
 from spot_log import read_run
 from spot_log.format.events import EventName
 from spot_log.format.records import CommandRecord, EventRecord, RunHeader, Severity, TickRecord
+from spot_log.write.flight_recorder import KEPT, FlightRecorder, flight_record_path
 from spot_log.write.sink import MemorySink
 from spot_model.robot.state import Gains, JointCommand, RobotState, SlowState
-from spot_runtime.session.flight_recorder import KEPT, FlightRecorder, flight_record_path
+from spot_runtime.stops import WANTED_ENDS
 
 MS = 1_000_000
 START_NS = 1_700_000_000_000_000_000
@@ -40,7 +41,7 @@ def feed(recorder: FlightRecorder, make_state: MakeState, first: int, count: int
 
 def test_everything_reaches_the_log_behind(make_state: MakeState, make_slow: MakeSlow) -> None:
     sink = MemorySink()
-    recorder = FlightRecorder(sink)
+    recorder = FlightRecorder(sink, WANTED_ENDS)
     recorder.state(b"wire", START_NS)
     feed(recorder, make_state, 0, 2)
     recorder.slow_state(make_slow())
@@ -52,7 +53,7 @@ def test_everything_reaches_the_log_behind(make_state: MakeState, make_slow: Mak
 
 
 def test_two_seconds_before_and_after_the_stop(make_state: MakeState, make_slow: MakeSlow, tmp_path: Path) -> None:
-    recorder = FlightRecorder(MemorySink())
+    recorder = FlightRecorder(MemorySink(), WANTED_ENDS)
     feed(recorder, make_state, 0, 2000)
     small = np.zeros(12, dtype=np.float32)
     at_ns = START_NS + 6000 * MS
@@ -78,7 +79,7 @@ def test_two_seconds_before_and_after_the_stop(make_state: MakeState, make_slow:
 
 
 def test_the_operators_stop_and_a_good_end_are_no_incidents(make_state: MakeState, tmp_path: Path) -> None:
-    recorder = FlightRecorder(MemorySink())
+    recorder = FlightRecorder(MemorySink(), WANTED_ENDS)
     feed(recorder, make_state, 0, 5)
     recorder.event(stop("operator_stop: the operator asked"))
     recorder.event(EventRecord(START_NS, START_NS, Severity.INFO, "completed", "completed: done"))
@@ -92,7 +93,7 @@ def test_the_operators_stop_and_a_good_end_are_no_incidents(make_state: MakeStat
 
 
 def test_a_broken_record_costs_itself_alone(make_state: MakeState, tmp_path: Path) -> None:
-    recorder = FlightRecorder(MemorySink())
+    recorder = FlightRecorder(MemorySink(), WANTED_ENDS)
     recorder.state(b"\xff\xff no state", START_NS)
     feed(recorder, make_state, 0, 3)
     recorder.event(stop("state_lost: no state of Spot's"))
@@ -101,7 +102,7 @@ def test_a_broken_record_costs_itself_alone(make_state: MakeState, tmp_path: Pat
 
 
 def test_what_is_there_already_is_not_overwritten(make_state: MakeState, tmp_path: Path) -> None:
-    recorder = FlightRecorder(MemorySink())
+    recorder = FlightRecorder(MemorySink(), WANTED_ENDS)
     feed(recorder, make_state, 0, 1)
     recorder.event(stop("tilt: x"))
     log = tmp_path / "run.mcap"
@@ -114,7 +115,7 @@ def test_what_is_there_already_is_not_overwritten(make_state: MakeState, tmp_pat
 
 
 def test_a_folder_that_cannot_be_made_is_said(make_state: MakeState, tmp_path: Path) -> None:
-    recorder = FlightRecorder(MemorySink())
+    recorder = FlightRecorder(MemorySink(), WANTED_ENDS)
     feed(recorder, make_state, 0, 1)
     recorder.event(stop("tilt: x"))
     (tmp_path / "incidents").write_text("in the way")

@@ -27,7 +27,7 @@ from spot_runtime.hal.spot.estop import needs_own_endpoint
 from spot_runtime.hal.spot.jobs import Jobs
 from spot_runtime.hal.spot.session import Session
 from spot_runtime.hal.spot.slow_state import slow_state_from_message
-from spot_runtime.hal.spot.vendor_errors import lease_held, translate
+from spot_runtime.hal.spot.vendor_errors import translate
 from spot_runtime.host.clock import HostClock, RobotClockEstimate
 
 STAMP_NS = 1_700_000_000_123_456_789
@@ -302,7 +302,7 @@ def test_our_own_errors_pass_untouched() -> None:
 
 def test_the_holder_of_the_lease_is_named() -> None:
     owner = SimpleNamespace(client_name="tablet-7", user_name="anna")
-    told = lease_held(ResourceAlreadyClaimedError(SimpleNamespace(lease_owner=owner), ""))
+    told = translate(ResourceAlreadyClaimedError(SimpleNamespace(lease_owner=owner), ""), "taking the lease")
     assert "held by tablet-7 / anna" in str(told)
     assert told.exit_code == 84
 

@@ -10,7 +10,7 @@ import typer
 
 from spot_model.errors import SpotRlError
 from spot_model.io.command_line import INTERRUPTED_EXIT_CODE
-from spot_model.io.foreground import run_in_foreground
+from spot_model.io.signals import run_in_foreground
 from spot_runtime.options import CaFile, CredentialsFile, LockStepAddress, RobotAddress
 
 

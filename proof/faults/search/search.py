@@ -12,7 +12,7 @@ import numpy as np
 from proof.faults.rig import Rig, rig
 from proof.faults.search.case import Case, draw, vary
 from proof.faults.search.laws import Verdict, judge_case
-from spot_runtime.host.termination import exit_on_termination
+from spot_model.io.signals import exit_on_termination
 
 KEPT: Final = 12
 """Of the worst so far, from which others are varied."""

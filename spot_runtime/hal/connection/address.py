@@ -41,20 +41,23 @@ class Address:
         return self.host if self.is_unix else f"{self.sdk_host}:{self.port}"
 
 
+def as_people_write_it(address: str) -> str:
+    """``ipv4:IP:PORT,IP``, by which an unmodified SDK program reaches another port than its own, as ``IP:PORT``."""
+    is_for_sdk = address.startswith("ipv4:") and "," in address
+    return address[len("ipv4:") :].partition(",")[0] if is_for_sdk else address
+
+
 def parse_address(text: str) -> Address:
     """Take apart ``HOST``, ``HOST:PORT``, ``[IPv6]:PORT``, ``unix:/path/socket`` or ``ipv4:IP:PORT,IP``.
-
-    The last is what an unmodified SDK program takes to reach another port than its own; its first part counts.
 
     Raises:
         BadInputError: It is none of these.
     """
+    text = as_people_write_it(text)
     if text.startswith("unix:"):
         if len(text) > len("unix:"):
             return Address(text, DEFAULT_PORT)
         raise BadInputError("robot address 'unix:' names no socket; allowed: unix:/path/to/socket")
-    if text.startswith("ipv4:") and "," in text:
-        return parse_address(text[len("ipv4:") :].partition(",")[0])
     host, port_text = text, str(DEFAULT_PORT)
     if text.startswith("["):
         host, bracket, rest = text[1:].partition("]")

@@ -217,14 +217,7 @@ class BosdynHal:
     # Details ---------------------------------------------------------------------------------------------------------
 
     def _motions(self) -> Motions:
-        session = self._session
-        return Motions(
-            session.calls,
-            self._config.robot,
-            is_powered=lambda: session.poll().motors_powered,
-            is_without_power=session.is_without_power,
-            pause=self._pause,
-        )
+        return self._session.motions(self._pause)
 
     def _power_off(self) -> None:
         """Try again while the robot does not answer: a link that is cut for a moment must not leave it standing."""

@@ -10,7 +10,7 @@ import grpc
 from spot_model.robot.facts import STATE_PERIOD_NS
 from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import RobotState
-from spot_protos import fake_admin_pb2
+from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
 from spot_runtime.hal.errors import LockStepError
 from spot_runtime.hal.spot.command_stream import CommandStream
 from spot_runtime.hal.spot.jobs import Jobs
@@ -20,7 +20,6 @@ from spot_runtime.hal.spot.step_socket import ANSWER_TIMEOUT_S, StepSocket
 from spot_runtime.hal.spot.vendor_errors import describe
 from spot_runtime.host.clock import ClockSample, RobotClockEstimate
 
-STATUS_METHOD: Final = "/spot_rl.fake.v1.FakeAdmin/GetStatus"
 STEP_MAX_NS: Final = 30_000_000
 COMMAND_TIMEOUT_S: Final = 2.0
 """Host time for which the fake robot waits for a command that was handed over, before it says that none came."""
@@ -216,13 +215,9 @@ class LockStep:
 
     def _status(self) -> Any:
         with grpc.insecure_channel(self._address) as channel:
-            call = channel.unary_unary(
-                STATUS_METHOD,
-                request_serializer=fake_admin_pb2.GetStatusRequest.SerializeToString,
-                response_deserializer=fake_admin_pb2.GetStatusResponse.FromString,
-            )
+            admin = fake_admin_pb2_grpc.FakeAdminStub(channel)  # type: ignore[no-untyped-call]
             try:
-                return call(fake_admin_pb2.GetStatusRequest(), timeout=ANSWER_TIMEOUT_S)
+                return admin.GetStatus(fake_admin_pb2.GetStatusRequest(), timeout=ANSWER_TIMEOUT_S)
             except grpc.RpcError as error:
                 doing = "asking for its status through the fake robot's admin service"
                 raise LockStepError(f"{doing} at {self._address} failed: {describe(error)}") from error

@@ -13,7 +13,7 @@ from bosdyn.client.auth import AuthClient
 from bosdyn.client.directory import DirectoryClient
 from bosdyn.client.estop import EstopClient
 from bosdyn.client.exceptions import Error as SdkError
-from bosdyn.client.lease import Lease, LeaseClient, ResourceAlreadyClaimedError
+from bosdyn.client.lease import Lease, LeaseClient
 from bosdyn.client.license import LicenseClient
 from bosdyn.client.power import PowerClient
 from bosdyn.client.processors import AddRequestHeader
@@ -33,9 +33,9 @@ from spot_runtime.hal.connection.trust import trusted_certificates
 from spot_runtime.hal.errors import ClockError, EstopError, FaultError, HalError
 from spot_runtime.hal.spot.calls import Calls
 from spot_runtime.hal.spot.estop import OwnEstop, needs_own_endpoint
-from spot_runtime.hal.spot.motions import POLL_S
+from spot_runtime.hal.spot.motions import POLL_S, Motions, Pause
 from spot_runtime.hal.spot.slow_state import pressed_estops, slow_state_from_message
-from spot_runtime.hal.spot.vendor_errors import lease_held, translate
+from spot_runtime.hal.spot.vendor_errors import translate
 from spot_runtime.host.clock import HostClock, RobotClockEstimate
 from spot_runtime.stops import CRITICAL
 
@@ -170,16 +170,13 @@ class Session:
 
     def set_up_estop(self) -> bool:
         """Make sure that an e-stop endpoint answers. Returns whether it is our own, which then needs check-ins."""
-        client = self.calls.client(EstopClient)
-        try:
-            status = client.get_status(timeout=self._config.rpc_timeout_s)
-            if not needs_own_endpoint(status, self._config.estop, self._config.client_name):
-                return False
-            self._own_estop = OwnEstop(
-                client, self._config.client_name, self._config.estop_timeout_s, self._config.rpc_timeout_s
-            )
-        except (SdkError, grpc.RpcError) as error:
-            raise translate(error, "setting up the e-stop") from error
+        client, name, doing = self.calls.client(EstopClient), self._config.client_name, "setting up the e-stop"
+        status = self.calls.make(doing, lambda: client.get_status(timeout=self._timeout_s))
+        if not needs_own_endpoint(status, self._config.estop, name):
+            return False
+        self._own_estop = self.calls.make(
+            doing, lambda: OwnEstop(client, name, self._config.estop_timeout_s, self._timeout_s)
+        )
         return True
 
     def check_estop(self, pause: Callable[[float], None]) -> None:
@@ -212,12 +209,7 @@ class Session:
     def acquire_lease(self) -> None:
         """Take the lease if it is free."""
         client = self.calls.client(LeaseClient)
-        try:
-            self._lease = client.acquire(timeout=self._config.rpc_timeout_s)
-        except ResourceAlreadyClaimedError as error:
-            raise lease_held(error) from error
-        except (SdkError, grpc.RpcError) as error:
-            raise translate(error, "taking the lease") from error
+        self._lease = self.calls.make("taking the lease", lambda: client.acquire(timeout=self._timeout_s))
         self.has_lease = True
 
     def retain_lease(self) -> None:
@@ -258,6 +250,16 @@ class Session:
         """Whether the motors are off, now; while they are being powered on or off, they are not."""
         off = robot_state_pb2.PowerState.MOTOR_POWER_STATE_OFF
         return bool(self._state().power_state.motor_power_state == off)
+
+    def motions(self, pause: Pause) -> Motions:
+        """The vendor's motions, between whose looks at the robot ``pause`` lets time pass."""
+        return Motions(
+            self.calls,
+            self._config,
+            is_powered=lambda: self.poll().motors_powered,
+            is_without_power=self.is_without_power,
+            pause=pause,
+        )
 
     # Channels and the end --------------------------------------------------------------------------------------------
 

@@ -48,6 +48,8 @@ def translate(error: Exception, doing: str, explain_connection: Callable[[str], 
         if isinstance(error, sdk.UnimplementedError):
             return HalError(f"{doing}: the robot has no such call ({describe(error)}); its software may be too old")
         return HalError(f"{doing}: the robot did not answer ({describe(error)}); check the link")
+    if isinstance(error, lease.ResourceAlreadyClaimedError):
+        return _lease_held(error)
     for kinds, ours, advice in _TABLE:
         if isinstance(error, kinds):
             return ours(f"{doing}: {describe(error)}; {advice}")
@@ -67,8 +69,7 @@ def describe(error: Exception) -> str:
     return " ".join(text.split())
 
 
-def lease_held(error: lease.ResourceAlreadyClaimedError) -> LeaseHeldError:
-    """Our error for a lease that somebody else holds; it names the holder."""
+def _lease_held(error: lease.ResourceAlreadyClaimedError) -> LeaseHeldError:
     owner = error.response.lease_owner
     who = " / ".join(name for name in (owner.client_name, owner.user_name) if name) or "an unnamed client"
     return LeaseHeldError(
@@ -99,7 +100,6 @@ def _faults(error: sdk.ResponseError) -> str:
 _TABLE: tuple[tuple[tuple[type[Exception], ...], type[HalError], str], ...] = (
     ((auth.AuthResponseError,), CredentialsError, "check user name and password"),
     ((sdk.LicenseError,), LicenseError, "ask the vendor for a licence with joint control"),
-    ((lease.ResourceAlreadyClaimedError,), LeaseHeldError, "release it there, then start again"),
     ((lease.LeaseResponseError, sdk.LeaseUseError), LeaseHeldError, "see who holds the lease"),
     ((estop.MotorsOnError,), EstopError, "have the robot sit and power off (on the tablet), then start again"),
     ((power.EstoppedError, estop.EstopResponseError), EstopError, "release every e-stop, then start again"),

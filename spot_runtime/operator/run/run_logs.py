@@ -10,10 +10,11 @@ from pathlib import Path
 
 from spot_log.format.events import EventName
 from spot_log.format.records import RunHeader
+from spot_log.write.flight_recorder import FlightRecorder
 from spot_log.write.run_writer import free_path
 from spot_log.write.sink import TOPICS, ForwardingSink, LogSink, NullSink
-from spot_runtime.session.flight_recorder import FlightRecorder
 from spot_runtime.session.run import SinkFactory
+from spot_runtime.stops import WANTED_ENDS
 
 
 class SwitchedSink(ForwardingSink):
@@ -67,7 +68,7 @@ class RunLogs:
             LogError: The log cannot be opened.
         """
         free = free_path(path)
-        self._flight, self._header = FlightRecorder(self._make_sink(free, header)), header
+        self._flight, self._header = FlightRecorder(self._make_sink(free, header), WANTED_ENDS), header
         self._sink.open(self._flight)
         self.paths.append(free)
         return free

@@ -7,7 +7,7 @@ offer: 50 to 60 states a second at uneven steps, no receipts, no ticks, no polic
 from __future__ import annotations
 
 from collections.abc import Set as AbstractSet
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -19,6 +19,7 @@ from spot_log.write.run_writer import RunWriter
 from spot_log.write.sink import TOPICS
 from spot_model.policy.policy import Policy
 from spot_model.robot.facts import JOINT_NAMES, LEG_NAMES, STATE_PERIOD_NS
+from spot_model.robot.state import Measured
 from spot_protos import log_pb2
 from withheld.plan import Detail, Signal
 from withheld.simulator.recording.run_arrays import RunArrays
@@ -146,17 +147,7 @@ class _Records:
         self._echo: list[int] = echo.tolist()
         self._arrived: list[int] = arrived.tolist()
         self._state: dict[str, list[Any]] = {
-            name: getattr(run, name).tolist()
-            for name in (
-                "position_rad",
-                "velocity_rad_s",
-                "load_nm",
-                "position_of_body_in_odom_m",
-                "odom_from_body_wxyz",
-                "linear_vel_of_body_in_odom_m_s",
-                "angular_vel_of_body_in_odom_rad_s",
-                "foot_contact",
-            )
+            field.name: getattr(run, field.name).tolist() for field in fields(Measured)
         }
         for signal, name in (("load", "load_nm"), ("contact", "foot_contact")):
             if signal in missing:

@@ -8,22 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot_model.robot.facts import Array
+from spot_model.robot.state import Measured
 from withheld.simulator.recording.transport import Deliveries
 
 
 @dataclass(frozen=True)
-class RunArrays:
-    """m states, k ticks, p polls; stamps count from state 0, ns."""
+class RunArrays(Measured):
+    """m states, as reported, k ticks, p polls; stamps count from state 0, ns."""
 
-    position_rad: Array
-    """Shape (m, 12), as reported; likewise the next two."""
-    velocity_rad_s: Array
-    load_nm: Array
-    position_of_body_in_odom_m: Array
-    odom_from_body_wxyz: Array
-    linear_vel_of_body_in_odom_m_s: Array
-    angular_vel_of_body_in_odom_rad_s: Array
-    foot_contact: NDArray[np.bool_]
     imu_acceleration_m_s2: Array
     """Three packets a state, oldest first, 2, 1 and 0 ms old. Shape (m, 3, 3)."""
     imu_turn_rad_s: Array

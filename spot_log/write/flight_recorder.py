@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import struct
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any, Final
 
@@ -22,15 +22,12 @@ from spot_log.write.run_writer import RunWriter
 from spot_log.write.sink import ForwardingSink, LogSink
 from spot_model.errors import SpotRlError
 from spot_model.robot.state import RobotState, SlowState
-from spot_runtime.stops import StopReason
 
 FOLDER: Final = "incidents"
 """Beside the logs, so that a run is not counted twice when logs are collected."""
 
 KEPT: Final = {"state": 667, "command": 667, "tick": 100, "slow_state": 10, "event": 200}
 """Records kept of each topic, before the stop and after it: 2 s."""
-
-NOT_INCIDENTS: Final = frozenset({StopReason.OPERATOR_STOP.label, StopReason.COMPLETED.label})
 
 _Kept = tuple[str, int, Callable[..., bytes], tuple[Any, ...]]
 
@@ -43,8 +40,10 @@ def flight_record_path(log_path: Path) -> Path:
 class FlightRecorder(ForwardingSink):
     """A log that passes everything on and remembers the newest of it."""
 
-    def __init__(self, sink: LogSink) -> None:
+    def __init__(self, sink: LogSink, wanted_ends: Collection[str]) -> None:
+        """Pass on to ``sink``; a stop for one of ``wanted_ends``, labels of reasons, is no incident."""
         super().__init__(sink)
+        self._wanted_ends = wanted_ends
         self._rings: dict[str, deque[_Kept]] = {topic: deque(maxlen=count) for topic, count in KEPT.items()}
         self._before: list[_Kept] = []
         self._is_written = False
@@ -80,7 +79,7 @@ class FlightRecorder(ForwardingSink):
         """Pass it on, and keep it; a stop ends the time before."""
         super().event(record)
         reason = record.text.partition(":")[0]
-        if record.name == EventName.STOP.label and not self.cause and reason not in NOT_INCIDENTS:
+        if record.name == EventName.STOP.label and not self.cause and reason not in self._wanted_ends:
             self.cause = reason
             self._before = [kept for ring in self._rings.values() for kept in list(ring)]
             # From now on the first records count, not the newest.
