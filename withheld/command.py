@@ -54,10 +54,11 @@ def run(
 ) -> None:
     """Draw cases, seal their truth, diagnose them behind a wall, open, and score."""
     from spot_model.errors import BadInputError
+    from trainer.shared.engine import Engine, Place
     from withheld.blind.execute import Job, case_folder
     from withheld.blind.jail import MEANING, hide_this_process, strongest_level
     from withheld.blind.progress import CaseProgress
-    from withheld.blind.run import Ray, processes, run_cases
+    from withheld.blind.run import run_case, run_cases
     from withheld.blind.run_folder import begin, go_on
     from withheld.cases.draw import chosen
     from withheld.cases.source import source_of
@@ -99,14 +100,11 @@ def run(
     jobs = [replace(job, number=n, is_searched=head.is_searched(n)) for n in numbers]
     done = sum((case_folder(out, job.number) / "outcome.json").exists() for job in jobs)
     progress = CaseProgress(len(jobs), done)
+    is_ray = engine is EngineName.RAY
+    place = Place(max(1, min(workers, len(jobs))), is_ray, ray_address, is_apart=not is_ray)
     try:
-        if engine is EngineName.RAY:
-            cluster = Ray(ray_address)
-            left = run_cases(jobs, cluster, out, until, progress.done)
-            cluster.close()
-        else:
-            with processes(min(workers, len(jobs))) as pool:
-                left = run_cases(jobs, pool, out, until, progress.done)
+        with Engine(run_case, None, place) as started:
+            left = run_cases(jobs, started, out, until, progress.done)
     except KeyboardInterrupt:
         typer.echo(f"interrupted; go on with `spot-rl withheld run --resume --out {out}`", err=True)
         raise typer.Exit(130) from None

@@ -9,14 +9,14 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from tests.withheld.scoring.made_up import outcome
+from trainer.shared.engine import Engine, Place
 from withheld.blind.execute import Job, case_folder
 from withheld.blind.ledger import Ledger, read_ledger
-from withheld.blind.run import Ray, run_cases
+from withheld.blind.run import run_cases
 from withheld.outcome import Outcome
 
 JOB = Job(0, 1, Path(), Path(), "audit hook")
@@ -35,23 +35,22 @@ def finish(job: Job) -> Outcome:
     return outcome(number=job.number)
 
 
-class OneByOne:
-    """Runs a case when it is waited for."""
+def finish_on_cluster(_: None, job: Job) -> Outcome:
+    return finish(job)
 
-    def __init__(self, places: int = 2, broken: Sequence[int] = ()) -> None:
-        self.places, self.broken, self.begun = places, broken, list[int]()
 
-    def start(self, job: Job) -> Any:
+class OneByOne(Engine[Sequence[int], Job, Outcome]):
+    """In this process; some cases are broken."""
+
+    def __init__(self, broken: Sequence[int] = ()) -> None:
+        super().__init__(self._finish, broken)
+        self.begun: list[int] = []
+
+    def _finish(self, broken: Sequence[int], job: Job) -> Outcome:
         self.begun.append(job.number)
-        return job
-
-    def finished(self, tickets: Sequence[Any], timeout_s: float) -> list[Any]:
-        return [tickets[0]]
-
-    def outcome(self, ticket: Any) -> Outcome:
-        if ticket.number in self.broken:
+        if job.number in broken:
             raise ValueError("the disk is full")
-        return finish(ticket)
+        return finish(job)
 
 
 def jobs(out: Path, n: int) -> list[Job]:
@@ -84,26 +83,23 @@ def test_after_the_budget_none_is_begun(tmp_path: Path) -> None:
 @pytest.mark.filterwarnings("ignore")
 def test_cases_run_on_a_ray_cluster(tmp_path: Path) -> None:
     pytest.importorskip("ray", reason="Ray is not installed (extra ray)")
-    cluster = Ray(None, finish)
-    try:
+    with Engine(finish_on_cluster, None, Place(ray=True)) as cluster:
         assert run_cases(jobs(tmp_path, 3), cluster, tmp_path, 1e9, silent) == 0
-    finally:
-        cluster.close()
     assert {e.data["case"] for e in read_ledger(tmp_path / "ledger.jsonl")} == {0, 1, 2}
 
 
 SLOW_CASES = """
 import sys, time
 from pathlib import Path
-from withheld.blind.run import processes
-def wait(folder):
+from trainer.shared.engine import Engine, Place
+def wait(_, folder):
     import os, subprocess
     Path(folder, str(os.getpid())).touch()
     subprocess.run([sys.executable, "-c", "import ctypes; ctypes.CDLL(None).prctl(1, 9, 0, 0, 0);"
                     f"import os, time, pathlib; pathlib.Path({folder!r}, str(os.getpid())).touch(); time.sleep(600)"])
 if __name__ == "__main__":
-    with processes(1) as pool:
-        pool._pool.submit(wait, sys.argv[1]).result()
+    with Engine(wait, None, Place(is_apart=True)) as engine:
+        engine.map([sys.argv[1]])
 """
 
 
