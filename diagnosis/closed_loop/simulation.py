@@ -90,5 +90,6 @@ def simulate(
         noise=noise,
         software=software,
         only_ticks=only_ticks,
+        tick_period_s=float(np.median([script.tick_period_s for script in scripts])),
     )
     return loop.runs() if tell is None else loop.runs(tell)

@@ -26,7 +26,9 @@ class Script:
     repeat: int
     start: StartState
     velocity_command: NDArray[np.float64]
-    """One a simulated policy tick, shape (n_ticks, 3): what was in force then, whatever the log's own rate."""
+    """One a simulated policy tick, shape (n_ticks, 3): what was in force then, however the log's own ticks slipped."""
+    tick_period_s: float = 1.0 / facts.POLICY_RATE_HZ
+    """As the program meant it: one that counts states runs the policy at every sixth, and a gait shows it."""
 
 
 def policy_ticks(run: Run) -> NDArray[np.intp]:
@@ -60,12 +62,20 @@ def script_of(run: Run) -> Script | None:
         angular_vel_of_body_in_world_rad_s=s.angular_vel_of_body_in_odom_rad_s[at],
         last_action=observed(t.observation[rows[0]], "last_action"),
     )
-    return Script(run.header.command_sequence or "unnamed", run.header.repeat, start, _replayed(t, rows))
+    name, period_ns = run.header.command_sequence or "unnamed", _period_ns(t.robot_stamp_ns[rows])
+    return Script(name, run.header.repeat, start, _replayed(t, rows, period_ns), 1e-9 * period_ns)
 
 
-def _replayed(ticks: TickTable, rows: NDArray[np.intp]) -> NDArray[np.float64]:
+def _period_ns(stamps_ns: NDArray[np.int64]) -> int:
+    """The mean of ticks that are not missing one, in thirds of a state's period: 50 Hz are 7, 7 and 6 states a tick."""
+    each = np.diff(stamps_ns)
+    whole = np.abs(each / np.median(each) - 1.0) < 0.25
+    third_ns = facts.STATE_PERIOD_NS / 3.0
+    return round(np.round(np.mean(each[whole]) / third_ns) * third_ns)
+
+
+def _replayed(ticks: TickTable, rows: NDArray[np.intp], period_ns: int) -> NDArray[np.float64]:
     """The operator's commands at even ticks from the first row on, each that of the logged tick nearest before."""
-    period_ns = round(1e9 / facts.POLICY_RATE_HZ)
     logged = ticks.robot_stamp_ns[rows] - ticks.robot_stamp_ns[rows[0]]
     even = np.arange(round(logged[-1] / period_ns) + 1) * period_ns
     # A logged tick counts from half a period before its stamp on: stamps are those of states, some late, some early.

@@ -119,6 +119,9 @@ def schedule_by_rate(n_ticks: int, rate_hz: float, timestep_s: float) -> list[tu
     return [(int(steps),) for steps in np.diff(ends)]
 
 
-def schedule_by_messages(n_ticks: int, steps_per_message: int) -> list[tuple[int, ...]]:
-    """Every message of the 3 ms state stream under a 50 Hz policy: 7, 7 and 6 of them a tick."""
-    return [(steps_per_message,) * facts.STATES_A_TICK[tick % 3] for tick in range(n_ticks)]
+def schedule_by_messages(
+    n_ticks: int, steps_per_message: int, period_s: float = 1.0 / facts.POLICY_RATE_HZ
+) -> list[tuple[int, ...]]:
+    """Every message of the 3 ms state stream: under a 50 Hz policy 7, 7 and 6 of them a tick."""
+    ends = np.ceil(np.arange(n_ticks + 1) * (period_s / (facts.STATE_PERIOD_NS * 1e-9)) - 1e-6).astype(int)
+    return [(steps_per_message,) * int(states) for states in np.diff(ends)]

@@ -129,9 +129,6 @@ STAND_KD_NM_S_PER_RAD: Final[Array] = per_joint(5.20, 5.20, 2.04)
 STATE_PERIOD_NS: Final = 3_000_000
 """Period of the state stream in robot time: exactly 3 ms. [log]"""
 
-STATES_A_TICK: Final = (7, 7, 6)
-"""State messages in three policy periods in a row: 50 Hz counted in stamps of the 3 ms stream."""
-
 ROBOT_CLOCK_SKEW_S: Final = -199.19
 """Robot clock minus client clock in the published recording. [log]"""
 

@@ -27,7 +27,6 @@ Array = NDArray[np.float64]
 
 START_NS = 1_000_000_000_000
 """Robot time of a simulated run's first state."""
-TICK_NS = 20_000_000
 COMMAND_VALID_NS = 100_000_000
 
 
@@ -67,6 +66,7 @@ class RecordedLoop:
         noise: Of the sensors.
         software: Effects of the program that drives the robot.
         only_ticks: Keep only the states that the policy saw.
+        tick_period_s: Of the program that runs the policy.
     """
 
     plant: Plant
@@ -79,6 +79,7 @@ class RecordedLoop:
     noise: SensorNoise = SensorNoise()
     software: Sequence[SoftwareEffect] = ()
     only_ticks: bool = False
+    tick_period_s: float = 1.0 / facts.POLICY_RATE_HZ
     _states: dict[str, list[Any]] = field(default_factory=dict, init=False)
     _ticks: dict[str, list[Any]] = field(default_factory=dict, init=False)
 
@@ -91,7 +92,8 @@ class RecordedLoop:
         commands = np.stack([padded(t.velocity_command, n_ticks) for t in self.told])
         steps = round(facts.STATE_PERIOD_NS * 1e-9 / self.plant.timestep_s)
         loop = ClosedLoop(self.plant, self.policy, path=self, sense=self._sense, see=lambda _, o: _as_seen(o))
-        for tick in loop.run(lambda i: commands[:, i], schedule_by_messages(n_ticks, steps), self.last_action):
+        schedule = schedule_by_messages(n_ticks, steps, self.tick_period_s)
+        for tick in loop.run(lambda i: commands[:, i], schedule, self.last_action):
             self._keep(tick)
             tell(tick.index / n_ticks)
         states = {name: np.array(rows) for name, rows in self._states.items()}
@@ -151,7 +153,7 @@ class RecordedLoop:
         told, gains = self.told[i], self.policy.gains()
         m = len(told.velocity_command)
         stamp = ticks["stamp"][:m]
-        kept = states["robot_stamp_ns"] < stamp[-1] + TICK_NS
+        kept = states["robot_stamp_ns"] < stamp[-1] + round(1e9 * self.tick_period_s)
         own = {k: np.ascontiguousarray((v if v.ndim == 1 else v[:, i])[kept]) for k, v in states.items()}
         key = np.arange(1, m + 1)
         name = f"simulated-{told.sequence}-{told.repeat}"
