@@ -71,7 +71,7 @@ def _period_ns(stamps_ns: NDArray[np.int64]) -> int:
     each = np.diff(stamps_ns)
     whole = np.abs(each / np.median(each) - 1.0) < 0.25
     third_ns = facts.STATE_PERIOD_NS / 3.0
-    return round(np.round(np.mean(each[whole]) / third_ns) * third_ns)
+    return round(round(float(np.mean(each[whole])) / third_ns) * third_ns)
 
 
 def _replayed(ticks: TickTable, rows: NDArray[np.intp], period_ns: int) -> NDArray[np.float64]:

@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 
 from spot_model.io.model_file import RobotModel
 from spot_model.plant.closed_loop import ClosedLoop
-from spot_model.plant.command_path import PlantPath
-from spot_model.plant.plant import Plant, PlantOptions
+from spot_model.plant.plant import Plant, PlantOptions, ServoCommand
 from spot_model.policy.observation import Sensed
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
 from spot_model.robot.facts import Array
 from spot_model.robot.mjcf import MjcfOptions
 from spot_model.robot.rotation import rotate_wxyz
+from spot_model.robot.state import Gains
 from withheld.features import Features, features_of_ticks
 
 STEP_S: Final = 1e-3
@@ -49,7 +49,7 @@ def simulate(
     loop = ClosedLoop(
         plant,
         policy,
-        path=_FromStand(PlantPath(plant, policy.gains()), held),
+        path=_FromStand(plant, policy.gains(), held),
         sense=lambda _: _reported(plant),
         act=lambda seen: _act(policy, seen),
     )
@@ -60,20 +60,27 @@ def simulate(
 
 
 class _FromStand:
-    """The plant's own channel, behind a blend from the stand's set-points to the policy's."""
+    """The plant's own channel, behind a stand as the realities have it: stiff first, then a blend to the policy's.
 
-    def __init__(self, path: PlantPath, held_rad: Array) -> None:
-        self._path, self._held = path, held_rad
+    A stand at the policy's gains alone gives way, and the policy starts by marching where the robot stood still.
+    """
+
+    def __init__(self, plant: Plant, gains: Gains, held_rad: Array) -> None:
+        self._plant, self._gains, self._held = plant, gains, held_rad
 
     def send(self, number: int, setpoint_rad: Array) -> None:
         """Blend by the number of the command, which counts from 1."""
+        softened = min(1.0, 1.5 * (number - 1) / STAND_TICKS)
+        kp = (1.0 - softened) * 0.5 * facts.STAND_KP_NM_PER_RAD + softened * self._gains.kp_nm_per_rad
+        kd = (1.0 - softened) * facts.STAND_KD_NM_S_PER_RAD + softened * self._gains.kd_nm_s_per_rad
         share = float(np.clip((number - 1) / STAND_TICKS - 1.0, 0.0, 1.0))
         blend = share * share * (3.0 - 2.0 * share)
-        self._path.send(number, self._held + blend * (setpoint_rad - self._held))
+        position = self._held + blend * (setpoint_rad - self._held)
+        self._plant.command(ServoCommand(position_rad=position, kp_nm_per_rad=kp, kd_nm_s_per_rad=kd))
 
     def step(self) -> None:
         """One physics step."""
-        self._path.step()
+        self._plant.advance()
 
 
 def _reported(plant: Plant) -> Sensed:

@@ -20,7 +20,7 @@ from withheld.plan import Made, Reality, RecordingPlan, Rehearsing, Walk
 MIN_TICKS: Final = 50
 TWIN_REPEATS: Final = 3
 """Runs of each sequence by the robot without a fault; several, so that there is a floor even for a case of one run."""
-SHRINK_REPEATS: Final = 2
+SHRINK_REPEATS: Final = 3
 """Runs of each new sequence, real and simulated, for the true S."""
 TAIL_S: Final = 0.1
 """What realities record after a sequence."""
