@@ -5,10 +5,11 @@
 
 ``robots`` draws cases as the withheld check does, but of its calibrating catalogue, and keeps what each diagnosis
 compared: it can be interrupted, and goes on. A robot whose fault moves it is diagnosed twice, the second time by a
-library without its effects. ``fit`` prints, with how many robots they rest on: the distance that faultless robots keep
-from models with their ordinary errors; the logistic regressions of "the effect is there" on evidence and distance, and
-of "something unknown matters" on the distance and what signals predict of the residuals that are left; and the
-regression of how far a fault moves a robot on how far it moves its model.
+library without its effects, and S of the delivered model is measured on new sequences. ``fit`` prints, with how many
+robots they rest on: the distance that faultless robots keep from models with their ordinary errors; the logistic
+regressions of "the effect is there" on evidence and distance, and of "something unknown matters" on the distance and
+what signals predict of the residuals that are left; the regression of how far a fault moves a robot on how far it moves
+its model; and S where the right effect was named, as stated and as measured.
 """
 
 from __future__ import annotations
@@ -32,16 +33,19 @@ from diagnosis.library.base import LibraryEffect
 from diagnosis.library.registry import LIBRARY
 from diagnosis.read.prepare import prepared
 from diagnosis.read.robot_file import SPOT
-from diagnosis.verdict.causes import ERRORS, decide
+from diagnosis.verdict.causes import ERRORS, Causes, decide
+from diagnosis.verdict.diagnose import diagnose
 from diagnosis.verdict.explain import explain
 from spot_log import read_run
 from spot_log.read.run import Run
+from spot_model.errors import SpotRlError
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import Policy, load_policy
-from withheld.cases.draw import draw, kind_of
+from withheld.cases.draw import Case, draw, kind_of
+from withheld.cases.sequences import ordinary_sequences
 from withheld.cases.source import source_of
-from withheld.measuring.distances import TWIN_REPEATS, moved, rehearse
-from withheld.plan import RecordingPlan
+from withheld.measuring.distances import SHRINK_REPEATS, TWIN_REPEATS, moved, rehearse, true_shrink
+from withheld.plan import Reality, RecordingPlan
 from withheld.scoring.sizes import LARGE, SMALL
 from withheld.simulator.simulation import RealityDivergedError
 
@@ -87,9 +91,15 @@ def robot(seed: int, number: int, out: Path) -> str:
         "n_runs": len(runs),
         "error_scale": reality.truth.error_scale,
         "faults": faults,
-        **diagnosed(runs, reality.nominal, policy, whole, case.diagnosis_seed),
     }
+    whole_rng = np.random.default_rng(case.diagnosis_seed)
+    whole_found = diagnose(runs, reality.nominal, policy, whole_rng, lambda _: None, library=whole)
+    kept |= compared(whole_found.causes)
     if any(m is not None and m >= LARGE for m in by):
+        shrink = whole_found.verdict.shrink
+        kept["named"] = [effect.name for effect in whole_found.verdict.effects]
+        kept["stated_s"] = None if shrink is None else shrink.s
+        kept["true_s"] = new_shrink(case, reality, whole_found.corrected, policy)
         less = {name: entry for name, entry in whole.items() if name not in hidden}
         kept["without"] = diagnosed(runs, reality.nominal, policy, less, case.diagnosis_seed)
     file.write_text(json.dumps(kept))
@@ -102,13 +112,17 @@ def diagnosed(
     """What a diagnosis with this library compares."""
     found = explain(runs, nominal, policy, library, lambda _: None)
     bench = Bench.of(runs, policy, LocalEngine(policy))
-    causes = decide(found, nominal, bench, library, np.random.default_rng(seed))
-    gains = dict(zip(found.effects, found.selection.gains, strict=True))
-    belief = causes.belief
+    return compared(decide(found, nominal, bench, library, np.random.default_rng(seed)))
+
+
+def compared(causes: Causes) -> dict[str, Any]:
+    """The numbers on which the probabilities of a diagnosis rest."""
+    belief, first = causes.belief, causes.first
+    gains = dict(zip(first.effects, first.selection.gains, strict=True))
     return {
         "distance": causes.distances.get(ERRORS),
         "best": causes.left,
-        "beyond": found.remainder().beyond(USUAL_LEFT),
+        "beyond": first.remainder().beyond(USUAL_LEFT),
         "found": [
             {"name": n, "nats": gains[n], "nearer": belief.nearer.get(n), "moved": causes.moved.get(n), "p": p}
             for n, p in belief.there.items()
@@ -117,6 +131,20 @@ def diagnosed(
         "none": belief.none,
         "unknown": belief.unknown,
     }
+
+
+def new_shrink(case: Case, reality: Reality, delivered: RobotModel, policy: Policy) -> float | None:
+    """S of a delivered model on sequences that the diagnosis did not see."""
+    new = ordinary_sequences(
+        policy.contract, np.random.default_rng([case.recording_seed, 2]), case.sequences[0].duration_s
+    )
+    plan = RecordingPlan(POLICIES / f"{case.policy}.onnx", new, SHRINK_REPEATS, case.recording_seed + 9)
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            walks = rehearse(reality, plan, Path(folder)).walks(policy)
+            return true_shrink(walks, new, reality.nominal, delivered, policy, case.recording_seed)
+        except (SpotRlError, ValueError):
+            return None
 
 
 def robots(given: Namespace) -> None:
@@ -166,6 +194,18 @@ def fit(given: Namespace) -> None:
     u, v = np.array(moves).T
     slope, offset = np.polyfit(u, v, 1)
     print(f"MOVED: {offset:.2f}, {slope:.2f}, {np.std(v - offset - slope * u):.2f}; {len(u)} effects that were there")
+    shrinks = [(row["stated_s"], row["true_s"]) for row in rows if row.get("named") and is_named(row)]
+    s = np.array([pair for pair in shrinks if None not in pair], dtype=np.float64).reshape(-1, 2)
+    if len(s):
+        print(f"S: {np.median(s[:, 0]):.2f} stated, {np.median(s[:, 1]):.2f} measured in the median of {len(s)} robots")
+
+
+def is_named(row: Mapping[str, Any]) -> bool:
+    """Whether every large fault's effect was named, and nothing that is not there."""
+    faults = [set(f["names"]) for f in row["faults"]]
+    large = [set(f["names"]) for f in row["faults"] if f["moved"] is not None and f["moved"] >= LARGE]
+    named = set(row["named"])
+    return all(named & fault for fault in large) and all(any(name in fault for fault in faults) for name in named)
 
 
 def unknowns(rows: list[dict[str, Any]]) -> tuple[np.ndarray, np.ndarray]:

@@ -44,6 +44,8 @@ class Causes:
 
     found: Explained
     """With the causes alone."""
+    first: Explained
+    """With all effects that residuals show."""
     belief: Belief
     seen: tuple[Seen, ...]
     stated: str
@@ -177,7 +179,7 @@ def _kept(
     library: Mapping[str, LibraryEffect],
 ) -> Causes:
     """The likeliest set less what is not there, or does not matter."""
-    moved = dict(tried.moved)
+    moved, first = dict(tried.moved), found
     residuals_best = hypotheses[name_of(found.selection.best) if found.selection.best is not None else ERRORS]
     likeliest = max(
         (name for name, h in hypotheses.items() if len(h.effects) == len(found.effects)),
@@ -204,6 +206,7 @@ def _kept(
     chosen = kept if kept.terms else None
     return Causes(
         found.with_effects(chosen, library),
+        first,
         belief,
         tuple(seen),
         name_of(chosen) if chosen is not None else ERRORS,
