@@ -47,6 +47,8 @@ class Verdict(enum.Enum):
 class Check:
     """One row of the table."""
 
+    name: str
+    """By which it is chosen, and named in reports."""
     rpc: str
     """Service, method and field."""
     sends: str
@@ -59,11 +61,6 @@ class Check:
     """Key of the scenario that changes the fake's answer; empty if there is none."""
     probe: Callable[[Server], str]
     """Sends it; returns the answer in the words of ``expects``."""
-
-    @property
-    def name(self) -> str:
-        """The probe's name, by which a check is chosen and named in reports."""
-        return self.probe.__name__
 
 
 @dataclass(frozen=True)
@@ -85,9 +82,9 @@ def check(
     needs: Needs = Needs.NOTHING,
     switch: str = "",
 ) -> Callable[[Callable[[Server], str]], Check]:
-    """Make a check of a probe."""
+    """Make a check of a probe, under the probe's name."""
     accepted = (expects,) if isinstance(expects, str) else expects
-    return lambda probe: Check(rpc, sends, accepted, basis, source, needs, switch, probe)
+    return lambda probe: Check(probe.__name__, rpc, sends, accepted, basis, source, needs, switch, probe)
 
 
 def judge(item: Check, server: Server, allowed: Needs) -> Result:

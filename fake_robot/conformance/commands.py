@@ -15,7 +15,7 @@ from bosdyn.api import (
 from bosdyn.client.math_helpers import SE2Pose
 from bosdyn.client.robot_command import RobotCommandBuilder
 
-from fake_robot.conformance.check import Basis, Needs, check
+from fake_robot.conformance.check import Basis, Check, Needs, check
 from fake_robot.conformance.powered import powered
 from fake_robot.conformance.server import RPC_TIMEOUT_S, Server, SkippedError, enum_name, header, is_off, status_of
 
@@ -47,10 +47,6 @@ def _refused(server: Server, command: Any, **keywords: Any) -> str:
         return status_of(send(server, lease, command, **keywords))
 
 
-def _at_rest() -> Any:
-    return RobotCommandBuilder.synchro_velocity_command(0.0, 0.0, 0.0)
-
-
 @check("RobotCommand.RobotCommand: lease", "no lease", "STATUS_INVALID_LEASE", source=_PROTO)
 def command_without_lease(server: Server) -> str:
     """Stand, without a lease."""
@@ -58,180 +54,140 @@ def command_without_lease(server: Server) -> str:
     return status_of(answer.lease_use_result)
 
 
-@check(
-    "RobotCommand.RobotCommand: command", "an empty command", "STATUS_INVALID_REQUEST", source=_PROTO, needs=Needs.LEASE
+_AT_REST = RobotCommandBuilder.synchro_velocity_command(0.0, 0.0, 0.0)
+_STAND = RobotCommandBuilder.synchro_stand_command()
+_HERE = SE2Pose(0.0, 0.0, 0.0).to_proto()
+_TO_NOWHERE = RobotCommandBuilder.synchro_se2_trajectory_command(_HERE, "odom")
+del _TO_NOWHERE.synchronized_command.mobility_command.se2_trajectory_request.trajectory.points[:]
+_ON_THREE_FEET = RobotCommandBuilder.stance_command(
+    "odom", *(geometry_pb2.Vec2(x=x, y=y) for x in (0.3, -0.3) for y in (0.2, -0.2))
 )
-def empty_command(server: Server) -> str:
-    """A command that asks for nothing."""
-    return _refused(server, robot_command_pb2.RobotCommand())
+del _ON_THREE_FEET.synchronized_command.mobility_command.stance_request.stance.foot_positions["hr"]
+
+_CLOCK, _END, _FRAME = "clock_identifier", "end_time", "se2_frame_name"
+_INVALID, _NO_TIME_SYNC = "STATUS_INVALID_REQUEST", "STATUS_NO_TIMESYNC"
+_EXPIRED, _UNPOWERED = "STATUS_EXPIRED", "STATUS_NOT_POWERED_ON"
+_CLOCK_SWITCH = "services.clock_identifier_check"
 
 
-@check(
-    "RobotCommand.RobotCommand: command",
-    "a synchronized command that is empty",
-    "STATUS_INVALID_REQUEST",
-    basis=Basis.GUESS,
-    source=_PROTO,
-    needs=Needs.LEASE,
+def _refusal(
+    name: str,
+    field: str,
+    sends: str,
+    command: Any,
+    *expects: str,
+    basis: Basis = Basis.DOCUMENTED,
+    source: str = _PROTO,
+    switch: str = "",
+    **keywords: Any,
+) -> Check:
+    """A command that is refused while the motors are off; ``keywords`` as of :func:`send`."""
+    rpc = "RobotCommand.RobotCommand" + (f": {field}" if field else "")
+
+    def probe(server: Server) -> str:
+        return _refused(server, command, **keywords)
+
+    return Check(name, rpc, sends, expects, basis, source, Needs.LEASE, switch, probe)
+
+
+def _guess(name: str, field: str, sends: str, command: Any, *expects: str, **keywords: Any) -> Check:
+    return _refusal(name, field, sends, command, *expects, basis=Basis.GUESS, **keywords)
+
+
+REFUSALS = (
+    _refusal("empty_command", "command", "an empty command", robot_command_pb2.RobotCommand(), _INVALID),
+    _guess(
+        "empty_synchronized_command",
+        "command",
+        "a synchronized command that is empty",
+        robot_command_pb2.RobotCommand(synchronized_command=synchronized_command_pb2.SynchronizedCommand.Request()),
+        _INVALID,
+    ),
+    _refusal(
+        "timed_without_clock",
+        _CLOCK,
+        "a timed command, no identifier",
+        _AT_REST,
+        _NO_TIME_SYNC,
+        clock="",
+        switch=_CLOCK_SWITCH,
+    ),
+    _refusal(
+        "timed_with_unknown_clock",
+        _CLOCK,
+        "a timed command, an identifier never given",
+        _AT_REST,
+        _NO_TIME_SYNC,
+        clock="no-such-client",
+        switch=_CLOCK_SWITCH,
+    ),
+    _guess(
+        "stand_without_clock",
+        _CLOCK,
+        "a stand, no identifier",
+        _STAND,
+        _NO_TIME_SYNC,
+        _UNPOWERED,
+        clock="",
+        switch=_CLOCK_SWITCH,
+    ),
+    _refusal("stand_without_power", "", "a stand, motors off", _STAND, _UNPOWERED),
+    _refusal("expired_command", _END, "an end time that has passed", _AT_REST, _EXPIRED, end_s=-1.0),
+    _guess(
+        "command_without_end",
+        _END,
+        "no end time",
+        _AT_REST,
+        _EXPIRED,
+        _INVALID,
+        end_s=None,
+        source=f"{_BASIC}: a required field",
+        switch="services.missing_end_time_refusal",
+    ),
+    _refusal(
+        "distant_command",
+        _END,
+        "an end time months ahead",
+        _AT_REST,
+        "STATUS_TOO_DISTANT",
+        end_s=FAR_S,
+        switch="services.max_command_duration_s",
+    ),
+    _refusal(
+        "unknown_frame",
+        _FRAME,
+        "a velocity in a frame that is none",
+        RobotCommandBuilder.synchro_velocity_command(0.0, 0.0, 0.0, frame_name="no-such-frame"),
+        "STATUS_UNKNOWN_FRAME",
+        source=_BASIC,
+    ),
+    _refusal(
+        "unknown_trajectory_frame",
+        _FRAME,
+        "a trajectory in a frame that is none",
+        RobotCommandBuilder.synchro_se2_trajectory_command(_HERE, "no-such-frame"),
+        "STATUS_UNKNOWN_FRAME",
+        source=_BASIC,
+    ),
+    _guess(
+        "velocity_not_a_number",
+        "velocity",
+        "a velocity that is no number",
+        RobotCommandBuilder.synchro_velocity_command(math.nan, 0.0, 0.0),
+        _INVALID,
+        _UNPOWERED,
+    ),
+    _guess("trajectory_without_points", "trajectory", "no point", _TO_NOWHERE, _INVALID, _UNPOWERED),
+    _guess(
+        "stance_of_three_feet",
+        "foot_positions",
+        "a stance of three feet",
+        _ON_THREE_FEET,
+        _INVALID,
+        _UNPOWERED,
+        source=f"{_BASIC}: required positions",
+    ),
 )
-def empty_synchronized_command(server: Server) -> str:
-    """A synchronised command that asks for nothing."""
-    inner = synchronized_command_pb2.SynchronizedCommand.Request()
-    return _refused(server, robot_command_pb2.RobotCommand(synchronized_command=inner))
-
-
-@check(
-    "RobotCommand.RobotCommand: clock_identifier",
-    "a timed command, no identifier",
-    "STATUS_NO_TIMESYNC",
-    source=_PROTO,
-    needs=Needs.LEASE,
-    switch="services.clock_identifier_check",
-)
-def timed_without_clock(server: Server) -> str:
-    """A velocity of zero from a client without time sync."""
-    return _refused(server, _at_rest(), clock="")
-
-
-@check(
-    "RobotCommand.RobotCommand: clock_identifier",
-    "a timed command, an identifier never given",
-    "STATUS_NO_TIMESYNC",
-    source=_PROTO,
-    needs=Needs.LEASE,
-    switch="services.clock_identifier_check",
-)
-def timed_with_unknown_clock(server: Server) -> str:
-    """A velocity of zero from a client of before a reboot."""
-    return _refused(server, _at_rest(), clock="no-such-client")
-
-
-@check(
-    "RobotCommand.RobotCommand: clock_identifier",
-    "a stand, no identifier",
-    ("STATUS_NO_TIMESYNC", "STATUS_NOT_POWERED_ON"),
-    basis=Basis.GUESS,
-    source=_PROTO,
-    needs=Needs.LEASE,
-    switch="services.clock_identifier_check",
-)
-def stand_without_clock(server: Server) -> str:
-    """Whether a command without an end time needs time sync, too."""
-    return _refused(server, RobotCommandBuilder.synchro_stand_command(), clock="")
-
-
-@check("RobotCommand.RobotCommand", "a stand, motors off", "STATUS_NOT_POWERED_ON", source=_PROTO, needs=Needs.LEASE)
-def stand_without_power(server: Server) -> str:
-    """Stand before power on."""
-    return _refused(server, RobotCommandBuilder.synchro_stand_command())
-
-
-@check(
-    "RobotCommand.RobotCommand: end_time",
-    "an end time that has passed",
-    "STATUS_EXPIRED",
-    source=_PROTO,
-    needs=Needs.LEASE,
-)
-def expired_command(server: Server) -> str:
-    """A velocity of zero that ended a second ago."""
-    return _refused(server, _at_rest(), end_s=-1.0)
-
-
-@check(
-    "RobotCommand.RobotCommand: end_time",
-    "no end time",
-    ("STATUS_EXPIRED", "STATUS_INVALID_REQUEST"),
-    basis=Basis.GUESS,
-    source=f"{_BASIC}: a required field",
-    needs=Needs.LEASE,
-    switch="services.missing_end_time_refusal",
-)
-def command_without_end(server: Server) -> str:
-    """A velocity of zero for ever."""
-    return _refused(server, _at_rest(), end_s=None)
-
-
-@check(
-    "RobotCommand.RobotCommand: end_time",
-    "an end time months ahead",
-    "STATUS_TOO_DISTANT",
-    source=_PROTO,
-    needs=Needs.LEASE,
-    switch="services.max_command_duration_s",
-)
-def distant_command(server: Server) -> str:
-    """A velocity of zero for months."""
-    return _refused(server, _at_rest(), end_s=FAR_S)
-
-
-@check(
-    "RobotCommand.RobotCommand: se2_frame_name",
-    "a velocity in a frame that is none",
-    "STATUS_UNKNOWN_FRAME",
-    source=_BASIC,
-    needs=Needs.LEASE,
-)
-def unknown_frame(server: Server) -> str:
-    """A velocity of zero in a frame that is none."""
-    return _refused(server, RobotCommandBuilder.synchro_velocity_command(0.0, 0.0, 0.0, frame_name="no-such-frame"))
-
-
-@check(
-    "RobotCommand.RobotCommand: se2_frame_name",
-    "a trajectory in a frame that is none",
-    "STATUS_UNKNOWN_FRAME",
-    source=_BASIC,
-    needs=Needs.LEASE,
-)
-def unknown_trajectory_frame(server: Server) -> str:
-    """A trajectory to here in a frame that is none."""
-    here = SE2Pose(0.0, 0.0, 0.0).to_proto()
-    return _refused(server, RobotCommandBuilder.synchro_se2_trajectory_command(here, "no-such-frame"))
-
-
-@check(
-    "RobotCommand.RobotCommand: velocity",
-    "a velocity that is no number",
-    ("STATUS_INVALID_REQUEST", "STATUS_NOT_POWERED_ON"),
-    basis=Basis.GUESS,
-    source=_PROTO,
-    needs=Needs.LEASE,
-)
-def velocity_not_a_number(server: Server) -> str:
-    """A velocity of NaN."""
-    return _refused(server, RobotCommandBuilder.synchro_velocity_command(math.nan, 0.0, 0.0))
-
-
-@check(
-    "RobotCommand.RobotCommand: trajectory",
-    "no point",
-    ("STATUS_INVALID_REQUEST", "STATUS_NOT_POWERED_ON"),
-    basis=Basis.GUESS,
-    source=_PROTO,
-    needs=Needs.LEASE,
-)
-def trajectory_without_points(server: Server) -> str:
-    """A trajectory that leads nowhere."""
-    command = RobotCommandBuilder.synchro_se2_trajectory_command(SE2Pose(0, 0, 0).to_proto(), "odom")
-    del command.synchronized_command.mobility_command.se2_trajectory_request.trajectory.points[:]
-    return _refused(server, command)
-
-
-@check(
-    "RobotCommand.RobotCommand: foot_positions",
-    "a stance of three feet",
-    ("STATUS_INVALID_REQUEST", "STATUS_NOT_POWERED_ON"),
-    basis=Basis.GUESS,
-    source=f"{_BASIC}: required positions",
-    needs=Needs.LEASE,
-)
-def stance_of_three_feet(server: Server) -> str:
-    """A stance without the hind right foot."""
-    feet = [geometry_pb2.Vec2(x=x, y=y) for x in (0.3, -0.3) for y in (0.2, -0.2)]
-    command = RobotCommandBuilder.stance_command("odom", *feet)
-    del command.synchronized_command.mobility_command.stance_request.stance.foot_positions["hr"]
-    return _refused(server, command)
 
 
 @check(

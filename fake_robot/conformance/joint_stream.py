@@ -7,7 +7,7 @@ from typing import Any
 
 from bosdyn.api import robot_command_pb2, robot_command_service_pb2_grpc
 
-from fake_robot.conformance.check import Basis, Needs, check
+from fake_robot.conformance.check import Basis, Check, Needs, check
 from fake_robot.conformance.server import Server, SkippedError, header, is_off, status_of
 
 _PROTO = "robot_command.proto"
@@ -39,12 +39,6 @@ def _stream(server: Server, *requests: Any) -> str:
     return status_of(stub.JointControlStream(iter(requests), timeout=_STREAM_TIMEOUT_S))
 
 
-def _spoilt(server: Server, spoil: Callable[[Any], None]) -> str:
-    request = _request(server)
-    spoil(request.joint_command)
-    return _stream(server, request)
-
-
 @check("JointControlStream: end_time", "an end time that has passed", "STATUS_EXPIRED", source=_PROTO)
 def stream_expired(server: Server) -> str:
     """A command that ended a second ago."""
@@ -63,66 +57,47 @@ def stream_too_distant(server: Server) -> str:
     return _stream(server, _request(server, ahead_s=1e5))
 
 
-@check("JointControlStream: position", "eleven values", "STATUS_INVALID_REQUEST", source=_JOINT)
-def stream_of_eleven_positions(server: Server) -> str:
-    """One joint is missing."""
-    return _spoilt(server, lambda command: command.position.pop())
+def _spoilt(name: str, field: str, sends: str, spoil: Callable[[Any], None], basis: Basis = Basis.DOCUMENTED) -> Check:
+    """One message in which a field is not as it must be."""
+
+    def probe(server: Server) -> str:
+        request = _request(server)
+        spoil(request.joint_command)
+        return _stream(server, request)
+
+    expects = ("STATUS_INVALID_REQUEST",)
+    return Check(name, f"JointControlStream: {field}", sends, expects, basis, _JOINT, Needs.NOTHING, "", probe)
 
 
-@check("JointControlStream: velocity", "eleven values", "STATUS_INVALID_REQUEST", source=_JOINT)
-def stream_of_eleven_velocities(server: Server) -> str:
-    """One joint's velocity is missing."""
-    return _spoilt(server, lambda command: command.velocity.pop())
-
-
-@check("JointControlStream: load", "eleven values", "STATUS_INVALID_REQUEST", source=_JOINT)
-def stream_of_eleven_loads(server: Server) -> str:
-    """One joint's load is missing."""
-    return _spoilt(server, lambda command: command.load.pop())
-
-
-@check("JointControlStream: gains", "none in the first message", "STATUS_INVALID_REQUEST", source=_JOINT)
-def stream_without_gains(server: Server) -> str:
-    """The first message has no gains."""
-    return _spoilt(server, lambda command: command.ClearField("gains"))
-
-
-@check("JointControlStream: gains.k_q_p", "eleven values", "STATUS_INVALID_REQUEST", source=_JOINT)
-def stream_of_partial_gains(server: Server) -> str:
-    """One joint's gain is missing."""
-    return _spoilt(server, lambda command: command.gains.k_q_p.pop())
-
-
-@check(
-    "JointControlStream: gains.k_qd_p", "a negative gain", "STATUS_INVALID_REQUEST", basis=Basis.GUESS, source=_JOINT
+_ELEVEN = "eleven values"
+SPOILT = (
+    _spoilt("stream_of_eleven_positions", "position", _ELEVEN, lambda command: command.position.pop()),
+    _spoilt("stream_of_eleven_velocities", "velocity", _ELEVEN, lambda command: command.velocity.pop()),
+    _spoilt("stream_of_eleven_loads", "load", _ELEVEN, lambda command: command.load.pop()),
+    _spoilt("stream_without_gains", "gains", "none in the first message", lambda command: command.ClearField("gains")),
+    _spoilt("stream_of_partial_gains", "gains.k_q_p", _ELEVEN, lambda command: command.gains.k_q_p.pop()),
+    _spoilt(
+        "stream_of_negative_gains",
+        "gains.k_qd_p",
+        "a negative gain",
+        lambda command: command.gains.k_qd_p.__setitem__(0, -1.0),
+        Basis.GUESS,
+    ),
+    _spoilt(
+        "stream_of_nan",
+        "position",
+        "a value that is no number",
+        lambda command: command.position.__setitem__(0, float("nan")),
+        Basis.GUESS,
+    ),
+    _spoilt(
+        "stream_of_negative_limit",
+        "velocity_safety_limit",
+        "a negative limit",
+        lambda command: setattr(command.velocity_safety_limit, "value", -1.0),
+        Basis.GUESS,
+    ),
 )
-def stream_of_negative_gains(server: Server) -> str:
-    """A gain that would drive a joint on."""
-    return _spoilt(server, lambda command: command.gains.k_qd_p.__setitem__(0, -1.0))
-
-
-@check(
-    "JointControlStream: position",
-    "a value that is no number",
-    "STATUS_INVALID_REQUEST",
-    basis=Basis.GUESS,
-    source=_JOINT,
-)
-def stream_of_nan(server: Server) -> str:
-    """A set-point of NaN."""
-    return _spoilt(server, lambda command: command.position.__setitem__(0, float("nan")))
-
-
-@check(
-    "JointControlStream: velocity_safety_limit",
-    "a negative limit",
-    "STATUS_INVALID_REQUEST",
-    basis=Basis.GUESS,
-    source=_JOINT,
-)
-def stream_of_negative_limit(server: Server) -> str:
-    """A limit that nothing can keep."""
-    return _spoilt(server, lambda command: setattr(command.velocity_safety_limit, "value", -1.0))
 
 
 @check(

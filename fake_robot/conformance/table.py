@@ -12,7 +12,10 @@ from fake_robot.conformance.server import Server
 
 
 def _checks_of(module: ModuleType) -> list[Check]:
-    return [value for value in vars(module).values() if isinstance(value, Check)]
+    found: list[Check] = []
+    for value in vars(module).values():
+        found += [item for item in (value if isinstance(value, tuple) else (value,)) if isinstance(item, Check)]
+    return found
 
 
 CHECKS: tuple[Check, ...] = tuple(
