@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import grpc
 import numpy as np
 import pytest
 
-from fake_robot.start.process import FakeProcess
+from fake_robot.start.process import FakeAddress, FakeProcess
 from spot_log.write.sink import MemorySink
 from spot_model.errors import BadInputError
 from spot_model.robot import facts
@@ -36,12 +35,25 @@ from tests.spot_runtime.conftest import HandMadeRobot
 MS = 1_000_000
 
 
+@pytest.fixture(scope="module")
+def fake(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FakeAddress]:
+    """One robot in lock-step for all: each test leaves it at rest, and its lease with nobody."""
+    with FakeProcess(is_lock_step=True, state_dir=tmp_path_factory.mktemp("state")) as process:
+        yield process.address
+
+
+def spot(fake: FakeAddress, sink: MemorySink, monkeypatch: pytest.MonkeyPatch) -> BosdynHal:
+    """The vendor's adapter of that robot."""
+    for name, value in fake.environment.items():
+        monkeypatch.setenv(name, value)
+    robot = RunConfig().robot.model_copy(update={"ca_file": fake.ca_file})
+    config = RunConfig().model_copy(update={"robot": robot})
+    return BosdynHal(parse_address(fake.robot), config, sink, LockStep(fake.admin, HostClock().now_ns()))
+
+
 @pytest.fixture(params=["hand-made", "replay", "bosdyn"])
 def hal(
-    request: pytest.FixtureRequest,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    make_state: Callable[..., RobotState],
+    request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, make_state: Callable[..., RobotState]
 ) -> Iterator[Hal]:
     """Each adapter, not yet connected."""
     if request.param == "hand-made":
@@ -50,13 +62,7 @@ def hal(
         states = [make_state(1_700_000_000_000_000_000 + i * 3 * MS) for i in range(2000)]
         yield ReplayHal(states, MemorySink(), robot_id="recorded")
     else:
-        with FakeProcess(is_lock_step=True, state_dir=tmp_path / "state") as fake:
-            for name, value in fake.address.environment.items():
-                monkeypatch.setenv(name, value)
-            robot = RunConfig().robot.model_copy(update={"ca_file": fake.address.ca_file})
-            config = RunConfig().model_copy(update={"robot": robot})
-            pace = LockStep(fake.address.admin, HostClock().now_ns())
-            yield BosdynHal(parse_address(fake.address.robot), config, MemorySink(), pace)
+        yield spot(request.getfixturevalue("fake"), MemorySink(), monkeypatch)
 
 
 def receive(hal: Hal, count: int) -> list[RobotState]:
@@ -138,51 +144,40 @@ def test_an_adapter_that_is_not_there(name: str, words: str) -> None:
         find_adapter(request(name))
 
 
-def test_the_robot_confirms_the_keys_it_has_received(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with FakeProcess(is_lock_step=True, state_dir=tmp_path / "state") as fake:
-        for name, value in fake.address.environment.items():
-            monkeypatch.setenv(name, value)
-        robot = RunConfig().robot.model_copy(update={"ca_file": fake.address.ca_file})
-        pace = LockStep(fake.address.admin, HostClock().now_ns())
-        sink = MemorySink()
-        hal = BosdynHal(parse_address(fake.address.robot), RunConfig().model_copy(update={"robot": robot}), sink, pace)
-        hal.connect()
-        hal.stand()
-        following = commands(hal, receive(hal, 1)[-1])
-        hal.begin_joint_control(next(following))
-        for _ in range(40):
-            states = receive(hal, 1)
-            hal.send(next(following))
-        assert 30 < states[-1].last_command_key < 41
-        assert states[-1].last_command_robot_stamp_ns < states[-1].robot_stamp_ns
-        assert hal.slow_state is not None
-        assert hal.slow_state.motors_powered
-        # What goes to the log is what came over the wire, message by message.
-        assert len(sink.states) > 1000
-        hal.power_off()
-        hal.close()
+def test_the_robot_confirms_the_keys_it_has_received(fake: FakeAddress, monkeypatch: pytest.MonkeyPatch) -> None:
+    sink = MemorySink()
+    hal = spot(fake, sink, monkeypatch)
+    hal.connect()
+    hal.stand()
+    following = commands(hal, receive(hal, 1)[-1])
+    hal.begin_joint_control(next(following))
+    for _ in range(40):
+        states = receive(hal, 1)
+        hal.send(next(following))
+    assert 30 < states[-1].last_command_key < 41
+    assert states[-1].last_command_robot_stamp_ns < states[-1].robot_stamp_ns
+    assert hal.slow_state is not None
+    assert hal.slow_state.motors_powered
+    # What goes to the log is what came over the wire, message by message.
+    assert len(sink.states) > 1000
+    hal.power_off()
+    hal.close()
 
 
-def test_motors_that_lost_power_are_not_powered_on_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_motors_that_lost_power_are_not_powered_on_again(fake: FakeAddress, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whoever cut the power may stand beside the robot, while a run that ends asks it to stand once more."""
-    with FakeProcess(is_lock_step=True, state_dir=tmp_path / "state") as fake:
-        for name, value in fake.address.environment.items():
-            monkeypatch.setenv(name, value)
-        robot = RunConfig().robot.model_copy(update={"ca_file": fake.address.ca_file})
-        pace = LockStep(fake.address.admin, HostClock().now_ns())
-        config = RunConfig().model_copy(update={"robot": robot})
-        hal = BosdynHal(parse_address(fake.address.robot), config, MemorySink(), pace)
-        hal.connect()
-        hal.stand()
-        with grpc.insecure_channel(fake.address.admin) as channel:
-            admin = fake_admin_pb2_grpc.FakeAdminStub(channel)  # type: ignore[no-untyped-call]
-            admin.InjectFault(fake_admin_pb2.InjectFaultRequest(name="power_loss", duration_s=0.1))
-            admin.Step(fake_admin_pb2.StepRequest(duration_ns=500_000_000))
-            with pytest.raises(MotionError, match="standing"):
-                hal.stand()
-            assert admin.GetStatus(fake_admin_pb2.GetStatusRequest()).motor_power == "off"
-        hal.power_off()
-        hal.close()
+    hal = spot(fake, MemorySink(), monkeypatch)
+    hal.connect()
+    hal.stand()
+    with grpc.insecure_channel(fake.admin) as channel:
+        admin = fake_admin_pb2_grpc.FakeAdminStub(channel)  # type: ignore[no-untyped-call]
+        admin.InjectFault(fake_admin_pb2.InjectFaultRequest(name="power_loss", duration_s=0.1))
+        admin.Step(fake_admin_pb2.StepRequest(duration_ns=500_000_000))
+        with pytest.raises(MotionError, match="standing"):
+            hal.stand()
+        assert admin.GetStatus(fake_admin_pb2.GetStatusRequest()).motor_power == "off"
+    hal.power_off()
+    hal.close()
 
 
 # Replay --------------------------------------------------------------------------------------------------------------
