@@ -72,6 +72,8 @@ class Rig:
     policy: Policy
     policy_file: Path
     is_lock_step: bool = True
+    calm: Mapping[str, Mapping[str, Any]] = field(default_factory=lambda: CALM)
+    """What every run's configuration begins with."""
     _count: int = field(default=0)
     estops: tuple[str, ...] = ()
     """Who held the robot's e-stop before the first run."""
@@ -141,8 +143,8 @@ class Rig:
     # Runs ------------------------------------------------------------------------------------------------------------
 
     def config(self, **changes: Mapping[str, Any]) -> RunConfig:
-        """The configuration of a run: :data:`CALM`, with these parts changed."""
-        parts: dict[str, Any] = {name: dict(part) for name, part in CALM.items()}
+        """The configuration of a run: :attr:`calm`, with these parts changed."""
+        parts: dict[str, Any] = {name: dict(part) for name, part in self.calm.items()}
         parts["robot"] = {"ca_file": str(self.address.ca_file)}
         for name, part in changes.items():
             parts[name] = {**parts.get(name, {}), **part}
