@@ -145,8 +145,6 @@ class TheirRobot:
 def random_state(rng: np.random.Generator) -> RobotState:
     attitude = rng.normal(size=4)
     return RobotState(
-        0,
-        0,
         facts.DEFAULT_POSITION_RAD + rng.normal(size=12) / 4,
         rng.normal(size=12),
         np.zeros(12),
@@ -155,6 +153,8 @@ def random_state(rng: np.random.Generator) -> RobotState:
         rng.normal(size=3),
         rng.normal(size=3),
         np.ones(4, dtype=np.bool_),
+        0,
+        0,
         0,
         0,
     )
