@@ -24,28 +24,11 @@ from typing import Any, Final
 import numpy as np
 import yaml
 
+from fake_robot.scenario.scenario import DEFAULT_EFFECTS
 from fake_robot.start.process import FakeAddress, FakeProcess
 from spot_model.io.velocity_sequence import VelocitySequence, Waypoint, save_sequence
 from spot_model.robot.facts import JOINT_NAMES
 from spot_model.robot.joints import select_joints
-
-BASE: Final[list[dict[str, Any]]] = [
-    {"effect": "coulomb_friction", "joints": ["hips"], "level_nm": 0.008},
-    {"effect": "coulomb_friction", "joints": ["knees"], "level_nm": 0.18},
-    {"effect": "torque_limit", "joints": ["hips"], "limit_nm": 45.0},
-    {
-        "effect": "torque_speed_curve",
-        "joints": ["knees"],
-        "torque_max_nm": 97.0,
-        "torque_min_nm": -108.79,
-        "speed_max_rad_s": 25.03,
-        "speed_min_rad_s": -22.22,
-        "intersect_max_rad_s": 9.48,
-        "intersect_min_rad_s": -8.32,
-    },
-    {"effect": "position_torque_limit", "motor_torque_nm": 1.5},
-]
-"""What the default fake robot and the nominal model share."""
 
 NOMINAL_ONLY: Final[list[dict[str, Any]]] = [
     {"effect": "armature", "joints": ["hips"], "inertia_kg_m2": 0.0403},
@@ -159,17 +142,20 @@ def sequences() -> tuple[VelocitySequence, ...]:
 
 def record(case: Case, folder: Path, policy: Path, repeats: int) -> None:
     """Make a case's logs."""
+    model = {"effects": [*DEFAULT_EFFECTS, *case.effects]}
+    collect({"schema": "spot-rl/scenario/1", "model": model, **case.changes}, folder, policy, repeats)
+
+
+def collect(scenario: str | dict[str, Any], folder: Path, policy: Path, repeats: int) -> None:
+    """Make logs of the three sequences on a fake robot."""
     folder.mkdir(parents=True, exist_ok=True)
-    scenario = folder / "scenario.yaml"
-    data = {"schema": "spot-rl/scenario/1", "model": {"effects": [*BASE, *case.effects]}, **case.changes}
-    scenario.write_text(yaml.safe_dump(data))
     names = []
     for sequence in sequences():
         path = folder / f"{sequence.name}.yaml"
         if not path.exists():
             save_sequence(sequence, path)
         names.append(str(path))
-    with FakeProcess(scenario=str(scenario), is_lock_step=True) as fake:
+    with FakeProcess(scenario=scenario, is_lock_step=True) as fake:
         words = ["collect", "--robot", fake.address.robot, "--policy", str(policy), "--out", str(folder / "logs")]
         words += ["--sequences", ",".join(names), "--repeats", str(repeats), "--lock-step", fake.address.admin]
         command = [sys.executable, "-c", "from spot_model.io.command_line import main; main()", *words]
@@ -193,7 +179,9 @@ def diagnose(folder: Path, nominal: Path, policy: Path, more: list[str]) -> floa
 def nominal_file(work: Path) -> Path:
     """The nominal model as a file."""
     path = work / "nominal.yaml"
-    path.write_text(yaml.safe_dump({"schema": "spot-rl/model/1", "robot": "spot", "effects": [*BASE, *NOMINAL_ONLY]}))
+    path.write_text(
+        yaml.safe_dump({"schema": "spot-rl/model/1", "robot": "spot", "effects": [*DEFAULT_EFFECTS, *NOMINAL_ONLY]})
+    )
     return path
 
 

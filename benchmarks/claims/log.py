@@ -17,6 +17,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from contextlib import closing
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -37,20 +38,9 @@ from spot_log.write.logger_process import LoggerProcess
 from spot_log.write.run_writer import RunWriter
 from spot_model.robot import facts
 from spot_model.robot.stamps import NS_PER_S
-from spot_model.robot.state import RobotState
+from spot_model.robot.state import Measured, RobotState
 
-FIELDS = (
-    "robot_stamp_ns",
-    "host_stamp_ns",
-    "position_rad",
-    "velocity_rad_s",
-    "load_nm",
-    "position_of_body_in_odom_m",
-    "odom_from_body_wxyz",
-    "linear_vel_of_body_in_odom_m_s",
-    "angular_vel_of_body_in_odom_rad_s",
-    "foot_contact",
-)
+FIELDS = ("robot_stamp_ns", "host_stamp_ns", *(field.name for field in fields(Measured)))
 PER_S = 333
 N_RECORDED = 10 * PER_S
 

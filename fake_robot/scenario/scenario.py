@@ -43,7 +43,7 @@ from spot_model.plant.delay import read_delay_csv
 SCHEMA: Final = "spot-rl/scenario/1"
 SHIPPED_FOLDER: Final = Path(__file__).parent / "shipped"
 
-_DEFAULT_EFFECTS: Final[tuple[dict[str, Any], ...]] = (
+DEFAULT_EFFECTS: Final[tuple[dict[str, Any], ...]] = (
     {"effect": "coulomb_friction", "joints": ["hips"], "level_nm": 0.008},
     {"effect": "coulomb_friction", "joints": ["knees"], "level_nm": 0.18},
     {"effect": "torque_limit", "joints": ["hips"], "limit_nm": 45.0},
@@ -68,7 +68,7 @@ class ModelConfig(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
     robot: Literal["spot"] = "spot"
-    effects: tuple[dict[str, Any], ...] = _DEFAULT_EFFECTS
+    effects: tuple[dict[str, Any], ...] = DEFAULT_EFFECTS
 
 
 class Scenario(BaseModel):
