@@ -19,7 +19,7 @@ from spot_model.errors import BadInputError
 
 WALK = Path(__file__).parents[3] / "policies" / "walk.onnx"
 
-BRISK = "power: {power_on_s: 0.2, power_off_s: 0.1}\nmotion: {stand_s: 0.6, sit_s: 0.6}\n"
+BRISK = "power: {power_on_s: 0.2, power_off_s: 0.1}\nmotion: {stand_s: 0.8, sit_s: 0.8}\n"
 """The default robot, but quicker to its feet: what happens before and after a fault costs a sixth of these tests."""
 
 BRISK_HANDOVER = {
