@@ -1,10 +1,10 @@
-"""Foretell the top speed of a withheld robot from logs at up to 4 m/s, then run it and compare.
+"""Predict the top speed of a withheld robot from logs at up to 4 m/s, then run it and compare.
 
     python benchmarks/predict_withheld.py --policy policies/fast.onnx --out DIR [--seed 1] [--speed 5.0]
 
 The robot is one of the withheld simulator, with ordinary errors and surroundings of its own and no fault. Three logs of
-8 s, ramps to 2, 3 and 4 m/s, are diagnosed against the judge's nominal model; then a ramp to ``--speed`` is foretold,
-recorded, and set beside what was foretold.
+8 s, ramps to 2, 3 and 4 m/s, are diagnosed against the judge's nominal model; then a ramp to ``--speed`` is predicted,
+recorded, and compared with the prediction.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def spot_rl(*words: str) -> None:
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Record, diagnose, foretell, record, compare."""
+    """Record, diagnose, predict, record, compare."""
     parser = ArgumentParser(description=__doc__)
     parser.add_argument("--policy", type=Path, required=True)
     parser.add_argument("--out", type=Path, required=True)

@@ -88,7 +88,7 @@ def predict_run(
     ] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of the robots that are drawn.")] = 0,
 ) -> None:
-    """Foretell what the robot will do on a command that was never run; after the run, say whether that held."""
+    """Predict what the robot will do on a command that was never run; after the run, say whether it did."""
     from diagnosis.next.session import Session
     from spot_model.errors import BadInputError
 

@@ -141,7 +141,7 @@ class Session:
             return design(posterior, self.policy, seed, tell, excluded=excluded, own=self.own)
 
     def predicted(self, sequence: str, log: Path | None, out: Path | None) -> list[str]:
-        """Foretell a run, or set what was foretold beside what came.
+        """Predict a run, or compare a prediction with the log of the run.
 
         Raises:
             BadInputError: There is no policy, or the command is beyond its range.
@@ -153,7 +153,9 @@ class Session:
         if path.exists():
             made = load_prediction(path)
         elif log is not None:
-            raise BadInputError(f"{path} is not there: a run can only be set beside what was foretold before it")
+            raise BadInputError(
+                f"{path} is not there: a run can only be compared with a prediction that was made before it"
+            )
         else:
             clipped = wanted.clipped(np.array(self.policy.command_low), np.array(self.policy.command_high))
             if clipped != wanted:

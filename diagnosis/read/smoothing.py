@@ -40,7 +40,7 @@ NOISE_GAIN: Final = float(np.sqrt(np.sum(_KERNEL**2)))
 
 
 def smooth(signal: Array) -> Array:
-    """Weighted mean over the kernel along the first axis; shape as given. Not a number spreads over its reach."""
+    """Weighted mean over the kernel along the first axis; shape as given. A NaN spreads over the kernel."""
     return np.asarray(convolve1d(np.asarray(signal, dtype=np.float64), _KERNEL, axis=0, mode="nearest"))
 
 

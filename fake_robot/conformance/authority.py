@@ -14,7 +14,7 @@ _OF_NOTHING = lease_pb2.Lease(resource="no-such-resource", epoch="e", sequence=[
 
 
 def use_lease(server: Server, lease: lease_pb2.Lease) -> str:
-    """How a robot judges a lease in a command that changes nothing: clearing a fault that is none."""
+    """How a robot judges a lease in a command that changes nothing: clearing an unknown fault."""
     answer = server.ask("robot-command", "ClearBehaviorFault", lease=lease, behavior_fault_id=0xFFFFFFF0)
     return status_of(answer.lease_use_result)
 
@@ -25,7 +25,7 @@ def _changed(lease: lease_pb2.Lease, **changes: object) -> lease_pb2.Lease:
     )
 
 
-@check("Lease.AcquireLease: resource", "a resource that is none", "STATUS_INVALID_RESOURCE", source=_LEASE)
+@check("Lease.AcquireLease: resource", "an unknown resource", "STATUS_INVALID_RESOURCE", source=_LEASE)
 def acquire_unknown_resource(server: Server) -> str:
     """Acquire what cannot be owned."""
     return status_of(server.ask("lease", "AcquireLease", resource="no-such-resource"))
@@ -50,7 +50,7 @@ def return_old_lease(server: Server) -> str:
     return status_of(server.ask("lease", "ReturnLease", lease=_OLD))
 
 
-@check("Lease.ReturnLease: resource", "a resource that is none", "STATUS_INVALID_RESOURCE", source=_LEASE)
+@check("Lease.ReturnLease: resource", "an unknown resource", "STATUS_INVALID_RESOURCE", source=_LEASE)
 def return_unknown_resource(server: Server) -> str:
     """Return what cannot be owned."""
     return status_of(server.ask("lease", "ReturnLease", lease=_OF_NOTHING))
@@ -69,7 +69,7 @@ def empty_lease(server: Server) -> str:
     return use_lease(server, lease_pb2.Lease())
 
 
-@check("commands: lease.resource", "a resource that is none", "STATUS_UNMANAGED", source=_LEASE)
+@check("commands: lease.resource", "an unknown resource", "STATUS_UNMANAGED", source=_LEASE)
 def unmanaged_lease(server: Server) -> str:
     """A command with a lease of something else."""
     return use_lease(server, _OF_NOTHING)
@@ -117,7 +117,7 @@ def retain_wrong_epoch(server: Server) -> str:
     return status_of(server.ask("lease", "RetainLease", lease=_OLD).lease_use_result)
 
 
-@check("Estop.SetEstopConfig: target_config_id", "an identifier that is none", "STATUS_INVALID_ID", source=_ESTOP)
+@check("Estop.SetEstopConfig: target_config_id", "an unknown identifier", "STATUS_INVALID_ID", source=_ESTOP)
 def estop_wrong_config(server: Server) -> str:
     """Replace a configuration that is not the active one."""
     return status_of(server.ask("estop", "SetEstopConfig", target_config_id="no-such-config"))
@@ -125,7 +125,7 @@ def estop_wrong_config(server: Server) -> str:
 
 @check(
     "Estop.RegisterEstopEndpoint: target_config_id",
-    "an identifier that is none",
+    "an unknown identifier",
     "STATUS_CONFIG_MISMATCH",
     source=_ESTOP,
 )
@@ -136,7 +136,7 @@ def estop_register_elsewhere(server: Server) -> str:
     return status_of(answer)
 
 
-@check("Estop.EstopCheckIn: endpoint", "an endpoint that is none", "STATUS_ENDPOINT_UNKNOWN", source=_ESTOP)
+@check("Estop.EstopCheckIn: endpoint", "an unknown endpoint", "STATUS_ENDPOINT_UNKNOWN", source=_ESTOP)
 def estop_unknown_endpoint(server: Server) -> str:
     """Check in without having registered."""
     unknown = {"unique_id": "no-such-endpoint", "role": "PDB_rooted"}
@@ -166,7 +166,7 @@ def power_while_stopped(server: Server) -> str:
 
 @check(
     "Power.PowerCommandFeedback: power_command_id",
-    "a number that is none",
+    "an unknown number",
     "CODE_INVALID_REQUEST",
     basis=Basis.GUESS,
     source="header.proto",
@@ -177,7 +177,7 @@ def power_feedback_of_nothing(server: Server) -> str:
     return enum_name(answer.header.error, "code")
 
 
-@check("Keepalive.CheckIn: policy_id", "a number that is none", "STATUS_INVALID_POLICY_ID", source="keepalive.proto")
+@check("Keepalive.CheckIn: policy_id", "an unknown number", "STATUS_INVALID_POLICY_ID", source="keepalive.proto")
 def keepalive_unknown_policy(server: Server) -> str:
-    """Check in for a policy that is none."""
+    """Check in for an unknown policy."""
     return status_of(server.ask("keepalive", "CheckIn", policy_id=0xFFFFFFF0))

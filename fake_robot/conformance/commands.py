@@ -156,7 +156,7 @@ REFUSALS = (
     _refusal(
         "unknown_frame",
         _FRAME,
-        "a velocity in a frame that is none",
+        "a velocity in an unknown frame",
         RobotCommandBuilder.synchro_velocity_command(0.0, 0.0, 0.0, frame_name="no-such-frame"),
         "STATUS_UNKNOWN_FRAME",
         source=_BASIC,
@@ -164,7 +164,7 @@ REFUSALS = (
     _refusal(
         "unknown_trajectory_frame",
         _FRAME,
-        "a trajectory in a frame that is none",
+        "a trajectory in an unknown frame",
         RobotCommandBuilder.synchro_se2_trajectory_command(_HERE, "no-such-frame"),
         "STATUS_UNKNOWN_FRAME",
         source=_BASIC,
@@ -206,20 +206,20 @@ def arm_command(server: Server) -> str:
 
 @check(
     "RobotCommand.ClearBehaviorFault: behavior_fault_id",
-    "a number that is none",
+    "an unknown number",
     "STATUS_NOT_CLEARED",
     source=_PROTO,
     needs=Needs.LEASE,
 )
 def clear_no_fault(server: Server) -> str:
-    """Clear a fault that is none."""
+    """Clear an unknown fault."""
     with server.lease() as lease:
         return status_of(server.ask("robot-command", "ClearBehaviorFault", lease=lease, behavior_fault_id=0xFFFFFFF0))
 
 
 @check(
     "RobotCommand.RobotCommandFeedback: robot_command_id",
-    "a number that is none",
+    "an unknown number",
     "CODE_INVALID_REQUEST",
     basis=Basis.GUESS,
     source="header.proto",

@@ -49,13 +49,13 @@ BASE_SERVICES = (
 
 @check("Auth.GetAuthToken: password", "a wrong password", "STATUS_INVALID_LOGIN", source="auth.proto")
 def wrong_password(server: Server) -> str:
-    """Log in with a password that is none."""
+    """Log in with a wrong password."""
     return status_of(server.ask("auth", "GetAuthToken", username=CLIENT_NAME, password=secrets.token_hex(8)))
 
 
-@check("Auth.GetAuthToken: token", "a token that is none", "STATUS_INVALID_TOKEN", source="auth.proto")
+@check("Auth.GetAuthToken: token", "an unknown token", "STATUS_INVALID_TOKEN", source="auth.proto")
 def wrong_token(server: Server) -> str:
-    """Renew a token that is none."""
+    """Renew an unknown token."""
     return status_of(server.ask("auth", "GetAuthToken", token="none"))  # noqa: S106
 
 
@@ -101,7 +101,7 @@ def base_services_are_listed(server: Server) -> str:
     source="directory.proto",
 )
 def unknown_service(server: Server) -> str:
-    """Look up a service that is none."""
+    """Look up an unknown service."""
     return status_of(server.ask("directory", "GetServiceEntry", service_name="no-such-service"))
 
 
@@ -112,7 +112,7 @@ def unknown_service(server: Server) -> str:
     source="directory_registration.proto",
 )
 def unregister_unknown(server: Server) -> str:
-    """Unregister a service that is none."""
+    """Unregister an unknown service."""
     return status_of(server.ask("directory-registration", "UnregisterService", service_name="no-such-service"))
 
 

@@ -91,13 +91,13 @@ def polled_state_is_complete(server: Server) -> str:
 
 @check(
     "RobotState.GetRobotLinkModel: link_name",
-    "a link that is none",
+    "an unknown link",
     "CODE_INVALID_REQUEST",
     basis=Basis.GUESS,
     source="header.proto",
 )
 def unknown_link(server: Server) -> str:
-    """Ask for the shape of a link that is none."""
+    """Ask for the shape of an unknown link."""
     return enum_name(server.ask("robot-state", "GetRobotLinkModel", link_name="no-such-link").header.error, "code")
 
 
@@ -108,7 +108,7 @@ def unknown_link(server: Server) -> str:
     source="service_fault.proto",
 )
 def clear_unknown_service_fault(server: Server) -> str:
-    """Clear a service fault that is none."""
+    """Clear an unknown service fault."""
     unknown = {"fault_name": "no-such-fault", "service_name": "no-such-service"}
     return status_of(server.ask("fault", "ClearServiceFault", fault_id=unknown))
 
@@ -130,21 +130,21 @@ def trigger_twice(server: Server) -> str:
         server.ask("fault", "ClearServiceFault", fault_id=identity)
 
 
-@check("Image.GetImage: image_source_name", "a camera that is none", "STATUS_UNKNOWN_CAMERA", source="image.proto")
+@check("Image.GetImage: image_source_name", "an unknown camera", "STATUS_UNKNOWN_CAMERA", source="image.proto")
 def unknown_camera(server: Server) -> str:
-    """Ask a camera that is none for an image."""
+    """Ask an unknown camera for an image."""
     answer = server.ask("image", "GetImage", image_requests=[{"image_source_name": "no-such-camera"}])
     return status_of(answer.image_responses[0])
 
 
 @check(
     "WorldObject.MutateWorldObjects: object.id",
-    "a number that is none",
+    "an unknown number",
     "STATUS_INVALID_MUTATION_ID",
     source="world_object.proto",
 )
 def delete_unknown_object(server: Server) -> str:
-    """Delete an object that is none."""
+    """Delete an unknown object."""
     mutation = {"action": "ACTION_DELETE", "object": {"id": 0x7FFFFFF0}}
     return status_of(server.ask("world-objects", "MutateWorldObjects", mutation=mutation))
 

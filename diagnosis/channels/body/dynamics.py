@@ -29,7 +29,7 @@ from spot_model.robot.leg_kinematics import foot_position_and_jacobian
 from spot_model.robot.rotation import multiply_wxyz, rotate_inverse_wxyz, rotate_wxyz
 
 STRIDE: Final = 4
-"""Every fourth row: inverse dynamics are dear, and smoothed signals change slowly."""
+"""Every fourth row: inverse dynamics are expensive, and smoothed signals change slowly."""
 CARRIES: Final = 0.1
 """Share of the robot's weight that a standing foot carries at least; in a trot it carries a half."""
 
@@ -62,7 +62,7 @@ class Residuals:
 
 @dataclass(frozen=True)
 class Known:
-    """What of the smoothed signals a change of some of them leaves as it is: dear, so it is computed once."""
+    """What stays the same when only some of the smoothed signals change; expensive, so it is computed once."""
 
     force: Array
     """What the motion needs, as :meth:`BodyModel.inverse_dynamics` has it. Shape (n, 18)."""

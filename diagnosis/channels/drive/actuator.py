@@ -60,7 +60,7 @@ class ActuatorSignals:
     effects: tuple[Effect, ...] = ()
     """Of the nominal model."""
     cache: dict[object, Any] = field(default_factory=dict, compare=False)
-    """For columns that are dear to compute; keyed by who computed them."""
+    """Columns that are expensive to compute, by who computed them."""
 
     @property
     def period_s(self) -> float:

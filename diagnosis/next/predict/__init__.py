@@ -1,1 +1,1 @@
-"""Foretelling: what the robot will do on a command that was never run."""
+"""Predictions: what the robot will do on a command that was never run."""

@@ -56,7 +56,7 @@ SEQUENCES: Final = 6
 
 @dataclass(frozen=True)
 class Forecast:
-    """One number that is foretold."""
+    """One predicted number."""
 
     name: str
     title: str
@@ -74,7 +74,7 @@ class Forecast:
 
 @dataclass(frozen=True)
 class Prediction:
-    """All that is foretold of a command."""
+    """All that is predicted of a command."""
 
     sequence: str
     forecasts: tuple[Forecast, ...]
@@ -122,7 +122,7 @@ def predict(
     logs: Sequence[Run],
     seed: int,
 ) -> Prediction:
-    """Foretell a run.
+    """Predict a run.
 
     Args:
         posterior: What is still possible.

@@ -46,7 +46,7 @@ def read_course(packed: object) -> BodyCourse:
     """Read the mobility params of a stand command.
 
     Raises:
-        InvalidCommandError: They cannot be read, or hold numbers that are none.
+        InvalidCommandError: They cannot be read, or hold a value that is not finite.
     """
     params = spot_command_pb2.MobilityParams()
     try:

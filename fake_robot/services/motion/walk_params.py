@@ -73,7 +73,7 @@ def read_trajectory(request: Any, params: Any, bounds: WalkBounds) -> Callable[[
     """Check an ``SE2TrajectoryCommand.Request``; returns what makes a plan of it once the robot's pose is known.
 
     Raises:
-        InvalidCommandError: It has no point, too many, or a number that is none.
+        InvalidCommandError: It has no point, too many, or a value that is not finite.
         UnknownFrameError: It is in another frame than the robot takes.
     """
     frame = _frame(request.se2_frame_name, ("body", *WORLD_FRAMES))
