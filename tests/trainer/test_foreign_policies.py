@@ -375,7 +375,7 @@ def test_torchscript(tmp_path: Path, run: Callable[..., Path]) -> None:
     [
         ({"height_scan": {"func": "isaaclab.envs.mdp.observations:height_scan"}}, "'height_scan' is nothing"),
         ({"joint_pos": {"modifiers": [{"func": "x"}]}}, "modifiers are not supported"),
-        ({"joint_pos": {"params": {"asset_cfg": {"joint_names": [".*_h[xy]"]}}}}, "moves each of fl_hx"),
+        ({"joint_pos": {"params": {"asset_cfg": {"joint_names": [".*_h[xy]"]}}}}, "sees and moves fl_hx"),
         ({"joint_pos": {"history_length": 99}}, "at most 50"),
     ],
 )
@@ -383,6 +383,37 @@ def test_what_cannot_be_is_refused_by_name(run: Callable[..., Path], change: dic
     path = run(environment(**change))
     assert told in str(invoke("import", str(path), "--like", "isaac-lab", "--yes", code=1).exception)
     assert not path.with_name("policy.spot.onnx").exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"class_type": "isaaclab.envs.mdp.actions.joint_actions:RelativeJointPositionAction"}, "is RelativeJoint"),
+        ({"clip": {".*": [-1.0, 1.0]}}, "joint_pos.clip is not supported"),
+        ({"use_default_offset": False}, "use_default_offset is false"),
+    ],
+)
+def test_actions_that_mean_something_else_are_refused(
+    run: Callable[..., Path], change: dict[str, Any], told: str
+) -> None:
+    env = environment()
+    env["actions"]["joint_pos"] |= change
+    assert told in str(invoke("import", str(run(env)), "--like", "isaac-lab", "--yes", code=1).exception)
+
+
+def test_of_a_robot_with_an_arm_only_the_legs_may_be_meant(run: Callable[..., Path]) -> None:
+    env = environment()
+    env["scene"]["robot"]["init_state"]["joint_pos"] = {**POSE, "arm0_sh0": 0.0}
+    env["actions"]["joint_pos"]["joint_names"] = [".*_h[xy]", ".*_kn"]
+    path = run(env)
+    told = str(invoke("import", str(path), "--like", "isaac-lab", "--yes", code=1).exception)
+    assert "observations.policy.joint_pos: joints fl_hx" in told
+    assert "arm0_sh0" in told
+    for term in ("joint_pos", "joint_vel"):
+        env["observations"]["policy"][term]["params"] = {"asset_cfg": {"joint_names": [".*_h[xy]", ".*_kn"]}}
+    (path.parent.parent / "params" / "env.yaml").write_text(yaml.dump(env))
+    invoke("import", str(path), "--like", "isaac-lab", "--yes")
+    assert load_policy(path.with_name("policy.spot.onnx")).contract.name == "policy"
 
 
 def test_networks_that_do_not_fit_are_refused(run: Callable[..., Path]) -> None:

@@ -79,8 +79,8 @@ def canonical_joints(names: Sequence[str], source: str) -> tuple[str, ...]:
     cleaned = tuple(name.strip().replace(".", "_").lower() for name in names)
     if sorted(cleaned) != sorted(facts.JOINT_NAMES):
         raise BadInputError(
-            f"{source}: joints {', '.join(cleaned) or 'none'}; a policy here moves each of "
-            f"{', '.join(facts.JOINT_NAMES)} and nothing else"
+            f"{source}: joints {', '.join(cleaned) or 'none'}; a policy here sees and moves "
+            f"{', '.join(facts.JOINT_NAMES)}, each once, and nothing else"
         )
     return cleaned
 

@@ -16,6 +16,7 @@ from trainer.foreign.terms import JOINT_FIELDS, LAST_ACTION, meaning_of
 
 _ABSOLUTE: Final = "joint_pos"
 """The function that gives joint positions as they are; the term of that name usually calls ``joint_pos_rel``."""
+_ACTION: Final = "JointPositionAction"
 _NOT_TERMS: Final = frozenset(
     {"concatenate_terms", "concatenate_dim", "enable_corruption", "history_length", "flatten_history_dim"}
 )
@@ -32,12 +33,13 @@ def describe(environment: Mapping[str, Any], name: str, *, joint_order: tuple[st
     Raises:
         BadInputError: Something is missing, or cannot be done here; the message names it.
     """
+    pose = get(environment, "scene.robot.init_state.joint_pos")
     natural = canonical_joints(joint_order, "--joint-order") if joint_order else BREADTH_FIRST
+    natural += _others(pose)
     action = get(environment, "actions.joint_pos")
+    _check_action(action)
     joints = _ordered(action, natural, "actions.joint_pos")
-    default = by_joint(get(environment, "scene.robot.init_state.joint_pos"), joints, "init_state.joint_pos")
-    if not action.get("use_default_offset", True):
-        raise BadInputError("actions.joint_pos.use_default_offset is false; set-points must start at the default pose")
+    default = by_joint(pose, joints, "init_state.joint_pos")
     (low, high), assumed = command_ranges(environment)
     rate_hz = 1.0 / (float(get(environment, "sim.dt")) * int(get(environment, "decimation")))
     order = () if joint_order else ("joints breadth first (all hx, all hy, all kn); --joint-order names another order",)
@@ -54,6 +56,23 @@ def describe(environment: Mapping[str, Any], name: str, *, joint_order: tuple[st
         command_high=high,
         assumed=(*order, *assumed),
     )
+
+
+def _others(pose: Any) -> tuple[str, ...]:
+    """Joints beside the legs' that the robot has, as an arm's: a term that means all joints means these too."""
+    names = [str(name) for name in pose] if isinstance(pose, Mapping) else []
+    return tuple(name for name in names if re.fullmatch(r"\w+", name) and name not in BREADTH_FIRST)
+
+
+def _check_action(action: Mapping[str, Any]) -> None:
+    """Raise ``BadInputError`` unless set-points are the default pose plus the scaled action, and nothing else."""
+    kind = str(action.get("class_type") or _ACTION).rpartition(":")[2].rpartition(".")[2]
+    if kind != _ACTION:
+        raise BadInputError(f"actions.joint_pos.class_type is {kind}; only {_ACTION} is supported")
+    if not action.get("use_default_offset", True):
+        raise BadInputError("actions.joint_pos.use_default_offset is false; set-points must start at the default pose")
+    if action.get("clip"):
+        raise BadInputError("actions.joint_pos.clip is not supported; train without it")
 
 
 def _terms(group: Mapping[str, Any], natural: tuple[str, ...], acted: tuple[str, ...]) -> tuple[Term, ...]:
