@@ -8,6 +8,7 @@ import platform
 import shlex
 import subprocess
 import sys
+import time
 from collections.abc import Mapping
 from pathlib import Path
 from statistics import median
@@ -60,12 +61,14 @@ def all_claims(
         for name, repeat in left:
             progress.update(done_s, f"{name}, repeat {repeat + 1}", is_told=True)
             done_s += round(claims[name].expected_s)
+            begin_s = time.monotonic()
             try:
-                parts[name, repeat] = run_script(claims[name].script)
+                told = run_script(claims[name].script)
             except ScriptError as error:
                 failed[name] = str(error)
                 progress.update(done_s, str(error), is_told=True)
                 continue
+            parts[name, repeat] = {**told, "script_took_s": round(time.monotonic() - begin_s, 1)}
             file.write(json.dumps({"claim": name, "repeat": repeat, "told": parts[name, repeat]}) + "\n")
             file.flush()
     result = {**summary(claims, parts), "failed": failed}

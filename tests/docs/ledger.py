@@ -157,6 +157,7 @@ NOT_RUN = {
     "python benchmarks/predict_withheld.py --policy policies/fast.onnx --out DIR": CORES,
     "python benchmarks/gait_figures.py POLICY": CORES,
     "python benchmarks/gait_on_robot.py policies/fast.onnx": CORES,
+    "python benchmarks/gait_on_robot.py POLICY --speeds 0.5,1,1.5": CORES,
     "python examples/hidden_friction.py": CORES,
     "spot-rl bench ordinary": CORES,
     "spot-rl bench ordinary --seed 31 --runs 25 --out ordinary.jsonl": CORES,

@@ -57,6 +57,7 @@ def test_repeats_are_interleaved_and_each_ratio_is_of_one_repeat(
     assert count["repeats"] == 3
     assert count["figures"]["ours.us"] == {"median": 12.0, "low": 10.0, "high": 13.0}
     assert "name" not in count["figures"]
+    assert count["figures"]["script_took_s"]["low"] >= 0.0
     assert count["ratios"]["times"] == {"median": 4.0, "low": 4.0, "high": 4.0, "asked": ">= 5", "holds": False}
     assert told["claims"]["other"]["ratios"]["us"]["holds"] is True
     assert told["revision"] == "r1"
