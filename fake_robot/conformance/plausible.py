@@ -16,7 +16,8 @@ from spot_model.robot.facts import JOINT_NAMES
 
 _STREAM, _POLL = "GetRobotStateStream", "RobotState.GetRobotState"
 _STILL_RAD_S = 0.2
-_NEAR_S, _NEAR_RAD, _NEAR_M = 1.0, 0.1, 0.1
+_NEAR_S, _NEAR_RAD, _NEAR_M, _NEAR_NM = 1.0, 0.1, 0.1, 10.0
+_REST_M_S, _REST_RAD_S = 0.1, 0.2
 _GRAVITY_M_S2 = (9.3, 10.3)
 
 
@@ -46,10 +47,13 @@ def stream_agrees_with_poll(server: Server) -> str:
     """The stream's joints, feet and body are those of the polled state."""
     polled, seen = _still(server)
     last, kinematics = seen[-1], polled.kinematic_state
-    wanted = [joint.position.value for joint in kinematics.joint_states]
-    for index, (a, b) in enumerate(zip(last.joint_states.position, wanted, strict=False)):
-        if abs(a - b) > _NEAR_RAD:
-            return f"joint {index}: {a:.2f}, polled {b:.2f} rad"
+    joints = last.joint_states
+    pairs = zip(joints.position, joints.load, kinematics.joint_states, strict=False)
+    for index, (at_rad, load_nm, joint) in enumerate(pairs):
+        if abs(at_rad - joint.position.value) > _NEAR_RAD:
+            return f"joint {index}: {at_rad:.2f}, polled {joint.position.value:.2f} rad"
+        if abs(load_nm - joint.load.value) > _NEAR_NM:
+            return f"joint {index}: {load_nm:.1f}, polled {joint.load.value:.1f} N·m"
     if [foot.contact for foot in polled.foot_state] != list(last.contact_states):
         return "the feet's contacts differ"
     edge = kinematics.transforms_snapshot.child_to_parent_edge_map["odom"].parent_tform_child
@@ -63,6 +67,19 @@ def stream_agrees_with_poll(server: Server) -> str:
         return "the body is elsewhere in odom"
     cosine = abs(sum(getattr(there, axis) * getattr(turn, axis) for axis in "wxyz"))
     return "as polled" if cosine > math.cos(0.5 * _NEAR_RAD) else "the body is turned otherwise in odom"
+
+
+@check("velocity_of_body", "a robot at rest", "at rest", source="robot_state.proto")
+def body_rests(server: Server) -> str:
+    """The body of a robot whose joints are still has no velocity, in either frame, polled or streamed."""
+    polled, seen = _still(server)
+    for source, kinematics in (("polled", polled.kinematic_state), ("streamed", seen[-1].kinematic_state)):
+        for frame in ("odom", "vision"):
+            velocity = getattr(kinematics, f"velocity_of_body_in_{frame}")
+            speed_m_s, turn_rad_s = (math.hypot(v.x, v.y, v.z) for v in (velocity.linear, velocity.angular))
+            if not (speed_m_s < _REST_M_S and turn_rad_s < _REST_RAD_S):
+                return f"{source}, in {frame}: {speed_m_s:.2f} m/s, {turn_rad_s:.2f} rad/s"
+    return "at rest"
 
 
 @check(f"{_STREAM}: contact_states", "200 messages", "made or lost", source="robot_state.proto")

@@ -211,6 +211,22 @@ PLANTED: dict[str, tuple[Callable[[pytest.MonkeyPatch], None], set[str]]] = {
         {"joint_names"},
     ),
     "the stream has the right legs first": (_states(_swap_legs), {"stream_agrees_with_poll"}),
+    "loads are shares of the largest": (
+        _states(lambda s: s.joint_states.load.__setitem__(slice(None), [25.0] * 12)),
+        {"stream_agrees_with_poll"},
+    ),
+    "the polled body's velocity is another's": (
+        _answers(
+            RobotStateService,
+            "GetRobotState",
+            lambda r: _set(r.robot_state.kinematic_state.velocity_of_body_in_vision.angular, z=1.0),
+        ),
+        {"body_rests"},
+    ),
+    "the streamed body's velocity is in mm/s": (
+        _states(lambda s: _set(s.kinematic_state.velocity_of_body_in_odom.linear, x=2.0)),
+        {"body_rests"},
+    ),
     "rotations are written x, y, z, w": (
         _states(lambda s: _turn(s.kinematic_state.odom_tform_body.rotation)),
         {"stream_agrees_with_poll"},
