@@ -71,8 +71,13 @@ class FakeSpot:
         return self._robot()[0].address.robot
 
     @property
+    def sdk_host(self) -> str:
+        """Host argument of a program of the vendor's SDK, which runs under ``environment``, in real time."""
+        return self._robot()[0].address.sdk_host
+
+    @property
     def environment(self) -> dict[str, str]:
-        """Variables with which a program trusts and opens the fake: user name, password, certificate."""
+        """Variables with which a program trusts and opens the fake: user name, password, certificate, Python's path."""
         return dict(self._robot()[0].address.environment)
 
     def walk(

@@ -93,8 +93,10 @@ def registration_is_kept(server: Server) -> str:
     """Register a service of nothing, and unregister it."""
     client, directory = server.robot.ensure_client("directory-registration"), server.robot.ensure_client("directory")
     client.register(_TRIAL, "spot_rl.NoService", "no-service.spot.robot", "127.0.0.1", 1)
-    was_listed = _TRIAL in {entry.name for entry in directory.list()}
-    client.unregister(_TRIAL)
+    try:
+        was_listed = _TRIAL in {entry.name for entry in directory.list()}
+    finally:
+        client.unregister(_TRIAL)
     return _kept(was_listed, _TRIAL in {entry.name for entry in directory.list()})
 
 
@@ -106,16 +108,19 @@ def world_object_is_kept(server: Server) -> str:
         mutation = {"action": action, "object": thing}
         return int(server.ask("world-objects", "MutateWorldObjects", mutation=mutation).mutated_object_id)
 
-    def listed() -> set[str]:
-        return {str(o.name) for o in server.robot.ensure_client("world-objects").list_world_objects().world_objects}
+    def is_listed() -> bool:
+        objects = server.robot.ensure_client("world-objects").list_world_objects().world_objects
+        return thing.id in {int(listed.id) for listed in objects}
 
     thing = world_object_pb2.WorldObject(name=_TRIAL, acquisition_time=server.robot_stamp(0.0))
     drawn = thing.drawable_properties.add(frame_name_drawable="odom")
     drawn.frame.arrow_length, drawn.frame.arrow_radius, drawn.color.a = 0.1, 0.01, 1.0
     thing.id = mutate("ACTION_ADD", thing)
-    was_listed = _TRIAL in listed()
-    mutate("ACTION_DELETE", thing)
-    return _kept(was_listed, _TRIAL in listed())
+    try:
+        was_listed = is_listed()
+    finally:
+        mutate("ACTION_DELETE", thing)
+    return _kept(was_listed, is_listed())
 
 
 def _kept(was_listed: bool, is_listed: bool) -> str:

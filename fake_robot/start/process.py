@@ -34,10 +34,12 @@ class FakeAddress:
 
     robot: str
     """``HOST:PORT`` for ``spot-rl run --robot``."""
+    sdk_host: str
+    """Host argument of a program of the vendor's SDK."""
     ca_file: Path
     admin: str
     environment: dict[str, str] = field(repr=False)
-    """With user name and password."""
+    """With user name and password, and what lets the vendor's SDK trust the fake's certificate."""
 
 
 class FakeProcess:
@@ -112,12 +114,8 @@ class FakeProcess:
     def address(self) -> FakeAddress:
         """How it is reached, once it is entered."""
         ready = self.ready
-        environment = {
-            "BOSDYN_CLIENT_USERNAME": str(ready["username"]),
-            "BOSDYN_CLIENT_PASSWORD": str(ready["password"]),
-            "SPOT_RL_CA_FILE": str(ready["ca_file"]),
-        }
-        return FakeAddress(f"{ready['host']}:{ready['port']}", Path(ready["ca_file"]), ready["admin"], environment)
+        robot, environment = f"{ready['host']}:{ready['port']}", dict(ready["environment"])
+        return FakeAddress(robot, ready["sdk_host"], Path(ready["ca_file"]), ready["admin"], environment)
 
 
 def _first_line(process: ChildProcess, log: IO[bytes] | None) -> bytes:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import multiprocessing
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -205,6 +206,20 @@ def test_what_is_wrong_is_said(call, told: str, tmp_path: Path, monkeypatch: pyt
     with pytest.raises(spot_rl.SpotRlError, match=told):
         call()
     assert not (tmp_path / "out").exists()
+
+
+def test_a_program_of_the_vendors_sdk_finds_the_fake() -> None:
+    program = """
+import sys
+from bosdyn.client import create_standard_sdk, util
+robot = create_standard_sdk("program").create_robot(sys.argv[1])
+util.authenticate(robot)
+print(robot.get_id().serial_number)
+"""
+    with spot_rl.FakeSpot(lock_step=False) as spot:
+        words = [sys.executable, "-c", program, spot.sdk_host]
+        told = subprocess.run(words, env={**os.environ, **spot.environment}, capture_output=True, text=True)
+    assert told.stdout.startswith("spot-FAKE"), told.stderr
 
 
 def test_a_policy_is_trained_and_exported(in_project: None, tmp_path: Path) -> None:
