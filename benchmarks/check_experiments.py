@@ -28,7 +28,7 @@ from spot_model.effects.drive.armature import Armature
 from spot_model.io.model_file import load_model
 from spot_model.policy.policy import load_policy
 from spot_model.robot import facts
-from spot_model.robot.rotation import projected_gravity
+from spot_model.robot.rotation import tilt_rad
 
 WIDE = 2.0
 SLICE = 10
@@ -42,8 +42,7 @@ def tilts_deg(runs: Sequence[Run]) -> list[float]:
     for run in runs:
         s = run.states
         rows = s.robot_stamp_ns >= s.robot_stamp_ns[0] + round(0.5 * STAND_S * 1e9)
-        down = np.asarray(projected_gravity(s.odom_from_body_wxyz[rows]))[:, 2]
-        out.append(float(np.degrees(np.arccos(np.clip(-down, -1.0, 1.0))).max()))
+        out.append(float(np.degrees(tilt_rad(s.odom_from_body_wxyz[rows])).max()))
     return out
 
 

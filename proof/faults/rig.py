@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import math
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -14,6 +13,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import grpc
+import numpy as np
 from bosdyn.api import power_pb2
 from bosdyn.client.estop import EstopClient
 from bosdyn.client.power import PowerClient
@@ -27,6 +27,7 @@ from spot_log.write.logger_process import LoggerProcess
 from spot_log.write.sink import LogSink
 from spot_model.io.velocity_sequence import VelocitySequence, Waypoint
 from spot_model.policy.policy import Policy, load_policy
+from spot_model.robot import rotation
 from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
 from spot_runtime.config import RobotConfig, RunConfig, for_lock_step
 from spot_runtime.hal.base import Hal
@@ -238,8 +239,7 @@ def clear_behavior_faults(robot: str, config: RobotConfig) -> tuple[str, ...]:
 
 def tilt_rad(truth: Any) -> float:
     """How far the body leans."""
-    _, x, y, _ = truth.world_from_body_wxyz
-    return math.acos(max(-1.0, 1.0 - 2.0 * (x * x + y * y)))
+    return float(rotation.tilt_rad(np.array(truth.world_from_body_wxyz)))
 
 
 def turn_over(robot: Rig) -> None:

@@ -13,6 +13,7 @@ from collections.abc import Callable
 from typing import Final, NamedTuple
 
 from spot_log.format.events import EventName
+from spot_model.robot.rotation import tilt_rad
 from spot_runtime.hal.base import Hal
 from spot_runtime.hal.errors import FaultError, HalError
 from spot_runtime.session.outcome import Outcome
@@ -49,11 +50,10 @@ def _refuse_if_tipped(hal: Hal) -> None:
         states = hal.receive(0, 0.1)
         if not states:
             continue
-        _, x, y, _ = states[-1].odom_from_body_wxyz.tolist()
-        tilt_rad = math.acos(max(-1.0, min(1.0, 1.0 - 2.0 * (x * x + y * y))))
+        lean_rad = float(tilt_rad(states[-1].odom_from_body_wxyz))
         # Values that are not finite are left to the loop, which checks every state before it takes over.
-        if tilt_rad > TIPPED_RAD:
-            raise FaultError(f"the body is tilted by {math.degrees(tilt_rad):.0f}°; set the robot on its belly or feet")
+        if lean_rad > TIPPED_RAD:
+            raise FaultError(f"the body is tilted by {math.degrees(lean_rad):.0f}°; set the robot on its belly or feet")
         return
 
 

@@ -11,7 +11,7 @@ from diagnosis.next.choose.trial import STAND_S
 from spot_log.read.run import Run
 from spot_model.robot import facts
 from spot_model.robot.leg_kinematics import foot_position_in_body_m
-from spot_model.robot.rotation import projected_gravity, rotate_wxyz
+from spot_model.robot.rotation import rotate_wxyz, tilt_rad
 
 TILT_RAD: Final = 0.6
 """The safety core stops at 0.785."""
@@ -49,7 +49,7 @@ def _wrong(run: Run) -> Iterator[tuple[str, float]]:
     if not all(np.isfinite(a).all() for a in (position, velocity, load, attitude)):
         yield "break their simulation", 0.0
         return
-    tilt = np.arccos(np.clip(-np.asarray(projected_gravity(attitude))[:, 2], -1.0, 1.0))
+    tilt = np.asarray(tilt_rad(attitude))
     feet = np.asarray(rotate_wxyz(attitude[:, None, :], np.asarray(foot_position_in_body_m(position))))
     height = facts.FOOT_RADIUS_M - feet[..., 2].min(axis=1)
     if tilt.max() > TILT_RAD:
