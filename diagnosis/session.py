@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -61,29 +62,18 @@ def run_session(request: Request, progress: Progress) -> tuple[Diagnosis, dict[s
     if policy is not None:
         file = find_policy_file(request.policy, policy)
         engine = RayEngine(file.read_bytes(), request.ray_address) if request.has_ray else LocalEngine(policy)
-        with engine:
-            result = diagnose(
-                runs,
-                request.nominal,
-                policy,
-                np.random.default_rng(request.seed),
-                progress,
-                library=request.library,
-                with_synthesis=request.with_synthesis,
-                nominal_name=request.nominal_name,
-                limits_rad=robot.limits_rad,
-                engine=engine,
-            )
-    else:
+    with nullcontext() if engine is None else engine:
         result = diagnose(
             runs,
             request.nominal,
-            None,
+            policy,
             np.random.default_rng(request.seed),
             progress,
             library=request.library,
+            with_synthesis=request.with_synthesis,
             nominal_name=request.nominal_name,
             limits_rad=robot.limits_rad,
+            engine=engine,
         )
     if robot is not SPOT:
         # The library's recordings are walks of Spot: what to do stays, the command that would make Spot do it goes.

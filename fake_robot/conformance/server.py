@@ -167,11 +167,6 @@ def enum_name(message: Any, field: str) -> str:
     return str(value) if found is None else str(found.name)
 
 
-def is_on(state: robot_state_pb2.RobotState) -> bool:
-    """Whether the motors have power."""
-    return bool(state.power_state.motor_power_state == robot_state_pb2.PowerState.STATE_ON)
-
-
 def is_off(state: robot_state_pb2.RobotState) -> bool:
     """Whether the motors have no power."""
     return bool(state.power_state.motor_power_state == robot_state_pb2.PowerState.STATE_OFF)

@@ -20,9 +20,6 @@ from spot_model.policy.policy import Policy
 from spot_model.robot import facts
 from spot_model.robot.facts import Array
 
-Schedule = Sequence[Sequence[int]]
-"""For each tick the physics steps after each of its state messages; the policy runs on a tick's first message."""
-
 CommandAt = Callable[[int], Array]
 """What is asked of all robots at a policy tick: velocities, shape (n, 3); offsets of a joint script, shape (n, 12)."""
 Observed = NDArray[Any]

@@ -27,8 +27,6 @@ from fake_robot.services.reports.robot_state_message import behavior_fault_messa
 from fake_robot.services.sensors.world import World
 
 MAX_COMMANDS = 1024
-SETTLING = (Verb.SIT, Verb.STOP, Verb.FREEZE, Verb.SELFRIGHT)
-"""Commands that are taken while a pressed e-stop lets the robot settle."""
 Response = robot_command_pb2.RobotCommandResponse
 
 
