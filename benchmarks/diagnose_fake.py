@@ -158,7 +158,7 @@ def collect(scenario: str | dict[str, Any], folder: Path, policy: Path, repeats:
     with FakeProcess(scenario=scenario, is_lock_step=True) as fake:
         words = ["collect", "--robot", fake.address.robot, "--policy", str(policy), "--out", str(folder / "logs")]
         words += ["--sequences", ",".join(names), "--repeats", str(repeats), "--lock-step", fake.address.admin]
-        command = [sys.executable, "-c", "from spot_model.io.command_line import main; main()", *words]
+        command = [sys.executable, "-m", "spot_model", *words]
         subprocess.run(command, env=_environment(fake.address), check=False)  # noqa: S603 - our own command
 
 
@@ -171,7 +171,7 @@ def diagnose(folder: Path, nominal: Path, policy: Path, more: list[str]) -> floa
     began = time.monotonic()
     words = ["diagnose", str(folder / "logs"), "--nominal", str(nominal), "--policy", str(policy)]
     words += ["--out", str(folder / "diagnosis"), *more]
-    command = [sys.executable, "-c", "from spot_model.io.command_line import main; main()", *words]
+    command = [sys.executable, "-m", "spot_model", *words]
     subprocess.run(command, check=False, env={**os.environ, "OMP_NUM_THREADS": "1"})  # noqa: S603 - our own command
     return time.monotonic() - began
 

@@ -118,7 +118,7 @@ def identify_truth(number: int, options: argparse.Namespace) -> None:
         arguments += ["--resume"] if (found / "search.jsonl").exists() else []
         with (folder / "sysid.log").open("ab") as file:
             subprocess.run(  # noqa: S603 - our own command
-                [sys.executable, "-c", "from spot_model.io.command_line import main; main()", *arguments],
+                [sys.executable, "-m", "spot_model", *arguments],
                 stdout=file,
                 stderr=file,
                 env={**os.environ, "OMP_NUM_THREADS": "1"},

@@ -31,8 +31,7 @@ def ramp(speed_m_s: float) -> VelocitySequence:
 
 def spot_rl(*words: str) -> None:
     """Run a command, and show what it says."""
-    code = "from spot_model.io.command_line import main; main()"
-    subprocess.run([sys.executable, "-c", code, *words], check=True)  # noqa: S603 - our own command
+    subprocess.run([sys.executable, "-m", "spot_model", *words], check=True)  # noqa: S603 - our own command
 
 
 def main(arguments: Sequence[str]) -> None:

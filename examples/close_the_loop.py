@@ -193,7 +193,7 @@ def _ratio(over: float, under: float) -> str:
 
 def _spot_rl(arguments: list[str], environment: dict[str, str] | None = None, *, may_fail: bool = False) -> None:
     print("spot-rl", " ".join(arguments), flush=True)
-    command = [sys.executable, "-c", "from spot_model.io.command_line import main; main()", *arguments]
+    command = [sys.executable, "-m", "spot_model", *arguments]
     code = subprocess.run(command, env={**os.environ, **(environment or {})}, check=False).returncode  # noqa: S603
     if code != 0 and not may_fail:
         raise SystemExit(f"spot-rl {arguments[0]} ended with exit code {code}; what went wrong stands above")

@@ -76,7 +76,7 @@ def _with_seed(scenario: str | Path, more: int, folder: Path) -> Path:
 
 
 def _spot_rl(arguments: Sequence[str], environment: dict[str, str], output: Path) -> int:
-    command = [sys.executable, "-c", "from spot_model.io.command_line import main; main()", *arguments]
+    command = [sys.executable, "-m", "spot_model", *arguments]
     with output.open("ab") as file:
         return subprocess.run(  # noqa: S603 - our own command line
             command, env={**os.environ, **environment}, stdout=file, stderr=file, check=False

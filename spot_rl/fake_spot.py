@@ -22,8 +22,6 @@ from spot_rl.paths import AnyPath, existing, to_path
 if TYPE_CHECKING:
     from spot_log.read.run import Run
 
-_LAUNCH = "import sys; from spot_model.io.command_line import main; main(sys.argv[1:])"
-
 
 class WalkError(SpotRlError):
     """A walk left no log; the message holds the runtime's last words."""
@@ -113,7 +111,7 @@ class FakeSpot:
         words += ["--log-dir", str(folder)]
         words += [w for key, value in (labels or {}).items() for w in ("--label", f"{key}={value}")]
         told = subprocess.run(  # noqa: S603 - our own command line
-            [sys.executable, "-c", _LAUNCH, *words],
+            [sys.executable, "-m", "spot_model", *words],
             env={**os.environ, **self.environment},
             capture_output=True,
             text=True,

@@ -47,5 +47,4 @@ def run_on_robot(words: Sequence[str], log_dir: Path, start: Start) -> Ran:
 
 def start_here(words: Sequence[str]) -> bool:
     """Start ``spot-rl``, wait until it has ended, and say whether somebody asked for that: the robot rests."""
-    code = "from spot_model.io.command_line import main; main()"
-    return run_in_foreground([sys.executable, "-c", code, *words]).is_interrupted
+    return run_in_foreground([sys.executable, "-m", "spot_model", *words]).is_interrupted
