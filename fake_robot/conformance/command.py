@@ -86,7 +86,8 @@ def connect(robot: str, ca_file: Path | None) -> Server:
             CLIENT_NAME, cert_resource_glob=None if trusted is None else str(trusted)
         ).create_robot(robot)
     except SdkError as error:
-        raise UnreachableError(f"{robot}: {type(error).__name__}: {error}") from error
+        what = str(error) or f"no time sync within {SYNC_TIMEOUT_S:g} s; the suite needs one to stamp its commands"
+        raise UnreachableError(f"{robot}: {type(error).__name__}: {what}") from error
     return Server(known, stranger)
 
 

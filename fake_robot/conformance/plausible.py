@@ -12,7 +12,7 @@ from bosdyn.client.math_helpers import Quat
 from fake_robot.conformance.check import Basis, check
 from fake_robot.conformance.reports import states
 from fake_robot.conformance.server import Server, SkippedError
-from spot_model.robot.facts import JOINT_NAMES
+from spot_model.robot.facts import JOINT_NAMES, LEG_NAMES
 
 _STREAM, _POLL = "GetRobotStateStream", "RobotState.GetRobotState"
 _STILL_RAD_S = 0.2
@@ -80,6 +80,18 @@ def body_rests(server: Server) -> str:
             if not (speed_m_s < _REST_M_S and turn_rad_s < _REST_RAD_S):
                 return f"{source}, in {frame}: {speed_m_s:.2f} m/s, {turn_rad_s:.2f} rad/s"
     return "at rest"
+
+
+@check(
+    f"{_POLL}: foot_state", "", "fl, fr, hl, hr: each under its hip", source="robot_state.proto: foot_position_rt_body"
+)
+def feet_are_in_order(server: Server) -> str:
+    """Each foot is before or behind, left or right of the body's middle, as its place in the list says."""
+    at = [foot.foot_position_rt_body for foot in server.state().foot_state]
+    corners = [("f" if foot.x > 0.0 else "h") + ("l" if foot.y > 0.0 else "r") for foot in at]
+    if corners == list(LEG_NAMES) and all(foot.z < 0.0 for foot in at):
+        return "fl, fr, hl, hr: each under its hip"
+    return ", ".join(f"{corner} at {foot.z:.2f} m" for corner, foot in zip(corners, at, strict=True))
 
 
 @check(f"{_STREAM}: contact_states", "200 messages", "made or lost", source="robot_state.proto")

@@ -11,6 +11,8 @@ from fake_robot.conformance.server import RPC_TIMEOUT_S, Server, enum_name, head
 
 _N_STATES = 200
 _N_JOINTS, _N_ARM_JOINTS = 12, 19
+_FRAMES = ("odom", "vision", "body", "flat_body", "gpe")
+"""Of a robot at rest. Source: frame_helpers of the SDK."""
 _RECORDING = "a published recording of a robot"
 
 
@@ -73,6 +75,7 @@ def stream_imu(server: Server) -> str:
 def polled_state_is_complete(server: Server) -> str:
     """Power, battery, e-stops, joints, frames and feet."""
     state = server.state()
+    frames = state.kinematic_state.transforms_snapshot.child_to_parent_edge_map
     missing = [
         name
         for name, is_there in {
@@ -80,8 +83,7 @@ def polled_state_is_complete(server: Server) -> str:
             "batteries": len(state.battery_states),
             "e-stops": len(state.estop_states),
             "joints": len(state.kinematic_state.joint_states) >= _N_JOINTS,
-            "odom": "odom" in state.kinematic_state.transforms_snapshot.child_to_parent_edge_map,
-            "vision": "vision" in state.kinematic_state.transforms_snapshot.child_to_parent_edge_map,
+            **{name: name in frames for name in _FRAMES},
             "feet": len(state.foot_state) == 4,
         }.items()
         if not is_there

@@ -223,6 +223,22 @@ PLANTED: dict[str, tuple[Callable[[pytest.MonkeyPatch], None], set[str]]] = {
         ),
         {"body_rests"},
     ),
+    "the feet are listed as the joints of another robot": (
+        _answers(
+            RobotStateService,
+            "GetRobotState",
+            lambda r: [_set(f.foot_position_rt_body, x=-f.foot_position_rt_body.x) for f in r.robot_state.foot_state],
+        ),
+        {"feet_are_in_order"},
+    ),
+    "the ground has no frame": (
+        _answers(
+            RobotStateService,
+            "GetRobotState",
+            lambda r: r.robot_state.kinematic_state.transforms_snapshot.child_to_parent_edge_map.pop("gpe"),
+        ),
+        {"polled_state_is_complete"},
+    ),
     "the streamed body's velocity is in mm/s": (
         _states(lambda s: _set(s.kinematic_state.velocity_of_body_in_odom.linear, x=2.0)),
         {"body_rests"},
