@@ -141,8 +141,9 @@ def new_shrink(case: Case, reality: Reality, delivered: RobotModel, policy: Poli
     plan = RecordingPlan(POLICIES / f"{case.policy}.onnx", new, SHRINK_REPEATS, case.recording_seed + 9)
     with tempfile.TemporaryDirectory() as folder:
         try:
-            walks = rehearse(reality, plan, Path(folder)).walks(policy)
-            return true_shrink(walks, new, reality.nominal, delivered, policy, case.recording_seed)
+            reality.record(plan, Path(folder))
+            later = [read_run(path) for path in sorted(Path(folder).glob("*.mcap"))]
+            return true_shrink(later, reality.nominal, delivered, policy, case.recording_seed)
         except (SpotRlError, ValueError):
             return None
 

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from spot_log import read_run
 from spot_model.effects.drive.torque_gain import TorqueGain
 from spot_model.io.velocity_sequence import VelocitySequence, Waypoint
 from spot_model.policy.policy import load_policy
@@ -42,15 +43,16 @@ def test_logs_and_runs_in_memory_are_the_same_walks(tmp_path: Path) -> None:
     assert written == pytest.approx(rehearsed)
 
 
-def test_the_right_model_shrinks_the_gap_and_a_wrong_one_does_not() -> None:
+def test_the_right_model_shrinks_the_gap_and_a_wrong_one_does_not(tmp_path: Path) -> None:
     reality = StandIn(4, SHORT_DRIVE)
     (fault,) = reality.truth.faults
     gain = fault.parameters["torque_gain.gain"]
-    walks, policy = _walks(SHORT_DRIVE, 2), load_policy(POLICY)
-    found = []
+    policy, found = load_policy(POLICY), []
+    reality.record(RecordingPlan(POLICY, (SEQUENCE,), 3, 2), tmp_path)
+    runs = [read_run(path) for path in sorted(tmp_path.glob("*.mcap"))]
     for value in (gain, 1.0, 2.0 - gain):
         model = reality.nominal.with_effects(TorqueGain(joints=fault.joints, gain=value))
-        found.append(true_shrink(walks, [SEQUENCE], reality.nominal, model, policy, 5))
+        found.append(true_shrink(runs, reality.nominal, model, policy, 5))
     right, same, wrong = found
     assert right is not None
     assert wrong is not None

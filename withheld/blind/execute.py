@@ -227,9 +227,9 @@ class _Execution:
         plan = RecordingPlan(self.policy, new, SHRINK_REPEATS, case.recording_seed + 9)
         with self._timed("true S"), tempfile.TemporaryDirectory(dir=self.work) as folder:
             try:
-                walks = rehearse(reality, plan, Path(folder)).walks(policy)
-                delivered = load_model(str(path))
-                return true_shrink(walks, new, reality.nominal, delivered, policy, case.recording_seed)
+                reality.record(plan, Path(folder))
+                runs = [read_run(log) for log in sorted(Path(folder).glob("*.mcap"))]
+                return true_shrink(runs, reality.nominal, load_model(str(path)), policy, case.recording_seed)
             except NO_DISTANCE:
                 return None
 

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
-from spot_log import read_run
+from spot_log import Run, read_run
 from spot_model.io.model_file import RobotModel
-from spot_model.io.velocity_sequence import VelocitySequence
 from spot_model.policy.policy import Policy
 from trainer.sysid.distance.measures import SequenceReference
 from withheld.features import Features, features_of_run
-from withheld.measuring.closed_loop import STEP_S, simulate
+from withheld.measuring.closed_loop import simulate
 from withheld.plan import Made, Reality, RecordingPlan, Rehearsing, Walk
 
 MIN_TICKS: Final = 50
@@ -22,8 +21,6 @@ TWIN_REPEATS: Final = 3
 """Runs of each sequence by the robot without a fault; several, so that there is a floor even for a case of one run."""
 SHRINK_REPEATS: Final = 3
 """Runs of each new sequence, real and simulated, for the true S."""
-TAIL_S: Final = 0.1
-"""What realities record after a sequence."""
 SMALLEST_GAP: Final = 0.25
 """In floors. A gap smaller than this above its floor cannot be shrunk by a share that means anything."""
 
@@ -73,18 +70,12 @@ def moved(walks: Sequence[Walk], twins: Sequence[Walk]) -> float | None:
 
 
 def true_shrink(
-    walks: Sequence[Walk],
-    sequences: Sequence[VelocitySequence],
-    nominal: RobotModel,
-    delivered: RobotModel,
-    policy: Policy,
-    seed: int,
+    runs: Sequence[Run], nominal: RobotModel, delivered: RobotModel, policy: Policy, seed: int
 ) -> float | None:
     """S = (D0 − D1)/(D0 − floor) of a delivered model, on runs of the reality that neither fit nor verdict saw.
 
     Args:
-        walks: New runs of the reality, several of each sequence.
-        sequences: What they were told.
+        runs: New logs of the reality, several of each sequence.
         nominal: The model that the diagnosis was given.
         delivered: The model that it wrote.
         policy: In the loop.
@@ -93,33 +84,23 @@ def true_shrink(
     Returns:
         None where the nominal model has no gap to speak of, or a robot falls.
     """
-    real = _by_sequence(walks)
-    d0, d1 = (_distance(real, sequences, model, policy, seed) for model in (nominal, delivered))
+    d0, d1 = (_distance(runs, model, policy, seed) for model in (nominal, delivered))
     return None if d0 is None or d1 is None or d0 < 1.0 + SMALLEST_GAP else (d0 - d1) / (d0 - 1.0)
 
 
-def _distance(
-    real: Mapping[str, list[Features]],
-    sequences: Sequence[VelocitySequence],
-    model: RobotModel,
-    policy: Policy,
-    seed: int,
-) -> float | None:
+def _distance(runs: Sequence[Run], model: RobotModel, policy: Policy, seed: int) -> float | None:
     """Mean over the sequences, in floors."""
+    made = simulate(model, policy, runs, np.random.default_rng(seed))
+    real = _by_sequence([(run.header.command_sequence, features_of_run(run, policy)) for run in runs])
+    simulated = _by_sequence([(run.header.command_sequence, f) for run, f in zip(runs, made, strict=True)])
     ratios = []
-    for sequence in sequences:
-        if len(real.get(sequence.name, ())) < 2:
+    for name, repeated in real.items():
+        if len(repeated) < 2:
             continue
-        # Programs differ in how often they run the policy, and a gait shows it.
-        most = max(len(f) for f in real[sequence.name])
-        tick_steps = round((sequence.duration_s + TAIL_S) / most / STEP_S)
-        command = np.stack([sequence.at(t) for t in np.arange(0.0, sequence.duration_s, tick_steps * STEP_S)])
-        made = simulate(model, policy, command, tick_steps, SHRINK_REPEATS, np.random.default_rng(seed))
-        reference = SequenceReference.build(sequence.name, real[sequence.name])
-        sound = [f for f in made if len(f) >= MIN_TICKS]
-        if not sound:
+        if name not in simulated:
             return None
-        ratios.append(float(np.mean([reference.distances(f) / reference.scale for f in sound])))
+        reference = SequenceReference.build(name, repeated)
+        ratios.append(float(np.mean([reference.distances(f) / reference.scale for f in simulated[name]])))
     return float(np.mean(ratios)) if ratios else None
 
 
