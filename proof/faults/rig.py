@@ -20,6 +20,7 @@ from bosdyn.client.power import PowerClient
 from bosdyn.client.robot_command import RobotCommandBuilder, RobotCommandClient
 
 from fake_robot.start.process import FakeAddress, FakeProcess
+from proof.bench_signals import ending_the_bench
 from proof.faults.drive import Drive, read_log
 from proof.faults.faulty_hal import FaultyHal, When
 from spot_log.format.records import RunHeader
@@ -185,7 +186,7 @@ class Rig:
             return hal
 
         console = Console(io.StringIO())
-        with self.environment():
+        with self.environment(), ending_the_bench():
             try:
                 summary = run(request, make_hal, make_sink, console)
             finally:

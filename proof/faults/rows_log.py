@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from proof.bench_signals import raise_as_fault
 from proof.faults.drive import Drive, read_log
 from proof.faults.faulty_hal import FaultyHal
 from proof.faults.rig import Rig
@@ -199,7 +200,7 @@ def estop_without_logger(rig: Rig) -> Finding:
 
     def act(hal: FaultyHal) -> None:
         logger.kill()
-        hal.later(0.2, lambda: signal.raise_signal(signal.SIGQUIT))
+        hal.later(0.2, lambda: raise_as_fault(signal.SIGQUIT))
 
     drive = rig.drive(act, make_sink=logger.start)
     finding = judge(drive, "operator_estop")

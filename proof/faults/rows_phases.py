@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 from collections.abc import Callable
 
+from proof.bench_signals import raise_as_fault
 from proof.faults.faulty_hal import FaultyHal, When
 from proof.faults.rig import Rig
 from proof.faults.rows import NS_PER_MS, Finding, Row, happens, judge, reacted, settle, tried_with
@@ -65,8 +66,8 @@ def two_signals(first: signal.Signals, then: signal.Signals, outcome: str) -> Ca
     """Two signals in one instant of the ramp: the stronger counts."""
 
     def act(_: FaultyHal) -> None:
-        signal.raise_signal(first)
-        signal.raise_signal(then)
+        raise_as_fault(first)
+        raise_as_fault(then)
 
     def attempt(rig: Rig) -> Finding:
         drive = rig.drive(act, at_s=0.1)
@@ -100,9 +101,9 @@ def estop_after_stop(rig: Rig) -> Finding:
     """SIGTERM while it sits down, and the e-stop right after: that still counts."""
 
     def act(hal: FaultyHal) -> None:
-        hal.prepare(rig, lambda _: signal.raise_signal(signal.SIGQUIT), 0.1, "down")
+        hal.prepare(rig, lambda _: raise_as_fault(signal.SIGQUIT), 0.1, "down")
         hal.happened_ns = 0
-        signal.raise_signal(signal.SIGTERM)
+        raise_as_fault(signal.SIGTERM)
 
     drive = rig.drive(act, when="down", at_s=0.1, seconds=0.3)
     finding = judge(drive, "operator_estop")
@@ -148,12 +149,12 @@ ROWS = (
     Row(
         "SIGQUIT while it stands up",
         0.0,
-        outside_control("up", lambda _: signal.raise_signal(signal.SIGQUIT), ("operator_estop",), cuts=True),
+        outside_control("up", lambda _: raise_as_fault(signal.SIGQUIT), ("operator_estop",), cuts=True),
     ),
     Row(
         "SIGQUIT while it sits down",
         0.0,
-        outside_control("down", lambda _: signal.raise_signal(signal.SIGQUIT), ("operator_estop",), cuts=True),
+        outside_control("down", lambda _: raise_as_fault(signal.SIGQUIT), ("operator_estop",), cuts=True),
     ),
     Row("SIGTERM, then SIGQUIT while it sits down", 0.0, estop_after_stop),
     Row("lease stolen in the ramp", 100.0, together(STOLEN, outcomes=("lease_lost",), at_s=0.1)),

@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from proof.bench_signals import raise_as_fault
 from proof.faults.drive import Drive
 from proof.faults.faulty_hal import FaultyHal
 from proof.faults.rig import Rig
@@ -53,7 +54,7 @@ def first_damping_ns(drive: Drive) -> int:
 @tried_with
 def software_estop(rig: Rig, endpoint: str) -> Finding:
     """The operator's own e-stop: damping at once, then no power."""
-    drive = rig.drive(lambda _: signal.raise_signal(signal.SIGQUIT), robot={"estop": endpoint})
+    drive = rig.drive(lambda _: raise_as_fault(signal.SIGQUIT), robot={"estop": endpoint})
     finding = judge(drive, "operator_estop")
     finding.reaction = "operator_estop → damping"
     finding.reaction_ms = (first_damping_ns(drive) - drive.happened_ns) / NS_PER_MS
@@ -162,7 +163,7 @@ def dead_man(rig: Rig) -> Finding:
 
     def act(hal: FaultyHal) -> None:
         pad.is_attached = False
-        hal.later(1.0, lambda: signal.raise_signal(signal.SIGTERM))
+        hal.later(1.0, lambda: raise_as_fault(signal.SIGTERM))
 
     drive = rig.drive(act, at_s=1.5, source=source)
     finding = judge(drive, "operator_stop")

@@ -14,6 +14,7 @@ from typing import Any, Final
 import numpy as np
 import yaml
 
+from proof.bench_signals import ending_the_bench
 from proof.faults.faulty_hal import FaultyHal
 from proof.faults.rig import Rig, rig, tilt_rad
 from proof.ordinary.draw import Reality, Sensors, draw_reality, draw_walk
@@ -160,7 +161,7 @@ def _walked(robot: Rig, policy: Path, reality: Reality, number: int, rng: np.ran
         return hal
 
     console = Console(io.StringIO())
-    with robot.environment():
+    with robot.environment(), ending_the_bench():
         try:
             summary = run(request, make_hal, lambda _path, _header: sink, console)
         finally:

@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterator
 import grpc
 import numpy as np
 import pytest
+import typer
+from typer.testing import CliRunner
 
 from fake_robot.start.process import FakeAddress, FakeProcess
 from spot_log.write.sink import MemorySink
@@ -18,12 +20,14 @@ from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
 from spot_runtime.config import RunConfig
 from spot_runtime.hal.base import Hal
 from spot_runtime.hal.connection.address import parse_address
-from spot_runtime.hal.errors import MotionError
+from spot_runtime.hal.connection.credentials import PASSWORD_VARIABLE, USERNAME_VARIABLE
+from spot_runtime.hal.errors import CredentialsError, MotionError
 from spot_runtime.hal.registry import Adapter, HalRequest, find_adapter
 from spot_runtime.hal.replay import ReplayHal
 from spot_runtime.hal.spot.adapter import BosdynHal
 from spot_runtime.hal.spot.lock_step import LockStep
 from spot_runtime.host.clock import HostClock
+from spot_runtime.session.run_command import run
 from spot_tools.hal_conformance import (
     CHECKS,
     ConformanceError,
@@ -33,6 +37,7 @@ from spot_tools.hal_conformance import (
 from tests.spot_runtime.conftest import HandMadeRobot
 
 MS = 1_000_000
+WALK = Path(__file__).parents[2] / "policies" / "walk.onnx"
 
 
 @pytest.fixture(scope="module")
@@ -123,13 +128,28 @@ def make_hand_made(request: HalRequest) -> Adapter:
     return Adapter(request.robot, lambda _: HandMadeRobot())
 
 
-def test_adapters_are_found_by_name() -> None:
+def test_adapters_are_found_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(USERNAME_VARIABLE, "user")
+    monkeypatch.setenv(PASSWORD_VARIABLE, "secret")
     spot = find_adapter(request("spot", "192.168.80.3"))
     assert spot.robot == "192.168.80.3:443"
     assert isinstance(spot.make(MemorySink()), BosdynHal)
     own = find_adapter(request(f"{__name__}:make_hand_made", "anything at all"))
     assert own.robot == "anything at all"
     assert isinstance(own.make(MemorySink()), HandMadeRobot)
+
+
+def test_a_run_without_credentials_is_refused_before_it_has_a_log(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in (USERNAME_VARIABLE, PASSWORD_VARIABLE, "CREDENTIALS_DIRECTORY"):
+        monkeypatch.delenv(name, raising=False)
+    words = ["--robot", "127.0.0.1:1", "--policy", str(WALK), "--log-dir", str(tmp_path)]
+    app = typer.Typer()
+    app.command()(run)
+    ended = CliRunner().invoke(app, words)
+    assert isinstance(ended.exception, CredentialsError)
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 from collections.abc import Callable
 
+from proof.bench_signals import raise_as_fault
 from proof.faults.faulty_hal import FaultyHal
 from proof.faults.rig import Rig
 from proof.faults.search.case import Case, Fault
@@ -26,7 +27,7 @@ def _plan(rig: Rig, hal: FaultyHal, fault: Fault) -> None:
     if kind == "inject":
         hal.plan(fault.at_s, lambda: rig.inject(rest, fault.lasts_s, **fault.values))
     elif kind == "signal":
-        hal.plan(fault.at_s, lambda: signal.raise_signal(signal.Signals[rest]))
+        hal.plan(fault.at_s, lambda: raise_as_fault(signal.Signals[rest]))
     else:
         name, _, way = rest.partition(" ")
         spoilt = SpoiltSignal(name, way, int(float(fault.values["index"])), float(fault.values["size"]))

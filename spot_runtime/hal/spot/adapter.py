@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Any, Final
@@ -16,6 +17,7 @@ from spot_model.robot.state import JointCommand, RobotState, SlowState
 from spot_runtime.config import RunConfig
 from spot_runtime.hal.base import Hal, JointControl, RobotInfo
 from spot_runtime.hal.connection.address import Address, parse_address
+from spot_runtime.hal.connection.credentials import find_credentials
 from spot_runtime.hal.errors import EstopError, HalError, LeaseHeldError, NoRobotError
 from spot_runtime.hal.registry import Adapter, HalRequest
 from spot_runtime.hal.spot.command_stream import CommandEncoder, CommandStream
@@ -30,8 +32,14 @@ from spot_runtime.stops import Stop, StopReason
 
 
 def adapter(request: HalRequest) -> Adapter:
-    """The adapter of a Spot or the fake one at ``HOST``, ``HOST:PORT`` or ``unix:/path``; for ``--hal spot``."""
+    """The adapter of a Spot or the fake one at ``HOST``, ``HOST:PORT`` or ``unix:/path``; for ``--hal spot``.
+
+    Raises:
+        BadInputError: The address is none.
+        CredentialsError: There are none to log in with; found here, before the run has a log.
+    """
     address = parse_address(request.robot)
+    find_credentials(request.config.robot.credentials_file, os.environ)
 
     def make(sink: LogSink) -> Hal:
         pace = LockStep(request.lock_step, HostClock().now_ns()) if request.lock_step else None
