@@ -33,18 +33,19 @@ class Adapter(NamedTuple):
     """Names the robot, so that only one process drives it at a time."""
     make: Callable[[LogSink], Hal]
     """Makes it, given the log."""
+    check: Callable[[], object] = lambda: None
+    """Raises SpotRlError where making it would be in vain; asked before a run has a log."""
 
 
 AdapterFactory = Callable[[HalRequest], Adapter]
-"""What a name stands for. Raises SpotRlError where the request is not one that it can serve."""
+"""What a name stands for. Raises BadInputError where the request is not one that it can serve."""
 
 
 def find_adapter(request: HalRequest) -> Adapter:
     """The adapter that the configuration names in ``robot.hal``.
 
     Raises:
-        BadInputError: There is none of that name.
-        SpotRlError: It cannot serve this request.
+        BadInputError: There is none of that name, or it cannot serve this request.
     """
     name = request.config.robot.hal
     installed = {entry.name: entry.value for entry in entry_points(group=ENTRY_POINT_GROUP)}

@@ -14,8 +14,10 @@ from typing import Final, NamedTuple
 
 from spot_log.format.events import EventName
 from spot_model.robot.rotation import tilt_rad
+from spot_runtime.control.safety.states import StateMemory, screen_state
 from spot_runtime.hal.base import Hal
 from spot_runtime.hal.errors import FaultError, HalError
+from spot_runtime.safety_limits import SafetyLimits
 from spot_runtime.session.outcome import Outcome
 from spot_runtime.session.signals import OperatorInterrupt, StopSignals
 from spot_runtime.stops import Ending, Reaction, Stop, StopReason
@@ -65,6 +67,7 @@ class RobotSession:
         signals: StopSignals,
         event: Callable[[EventName, str], None],
         *,
+        limits: SafetyLimits | None = None,
         say: Callable[[str], None] = lambda _: None,
         on_shut_down: Callable[[], None] = lambda: None,
     ) -> None:
@@ -73,9 +76,11 @@ class RobotSession:
         Args:
             signals: Entered; what the operator asks by them ends the session.
             event: Writes an event.
+            limits: By which a robot that was handed back is looked at.
             say: Takes words about progress.
             on_shut_down: Called when shutting down begins; once, so that its own failure cannot keep the power on.
         """
+        self._limits = limits or SafetyLimits()
         self._signals, self._event, self._say, self._on_shut_down = signals, event, say, on_shut_down
         self._has_told_shut_down = False
         self.hal: Hal | None = None
@@ -159,6 +164,15 @@ class RobotSession:
             hal.stand()
         except HalError as error:
             self._event(EventName.STAND_FAILED, f"{error}; it sits down as it is")
+            self.outcome = self.outcome.after_error(error)
+        self._look_at_fall(hal)
+
+    def _look_at_fall(self, hal: Hal) -> None:
+        """A robot that fell while it was handed back did not end well, whatever had been asked before."""
+        for state in hal.receive(0, 0.1)[-1:]:
+            _, _, stop = screen_state(StateMemory(), state, hal.robot_now_ns(), self._limits)
+            if stop is not None:
+                self._interrupted(stop)
 
     def _power_off(self, hal: Hal) -> None:
         """Sit and cut power; if that fails, log, outcome and summary say so."""

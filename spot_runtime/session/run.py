@@ -132,7 +132,10 @@ class _Attempt:
         self._header = header
         self._tell = tell
         self._clock, self._signals = HostClock(), signals
-        self.session = RobotSession(signals, self._event, say=self._say, on_shut_down=self._shutting_down)
+        limits = request.config.safety
+        self.session = RobotSession(
+            signals, self._event, limits=limits, say=self._say, on_shut_down=self._shutting_down
+        )
         self._loop: ControlLoop | None = None
         self._stats = LoopStats()
         self._refusals: tuple[str, ...] = ()

@@ -98,6 +98,7 @@ def run(
     manager = ServiceManager.from_environment(os.environ)
     tell = tell_by(Journal.if_heard(), console)
     try:
+        adapter.check()
         with InstanceLock(adapter.robot):
             summary = run_once(
                 request, guarded(adapter, wanted), LoggerProcess.start, console, manager=manager, tell=tell

@@ -22,7 +22,7 @@ from spot_log.format.records import EventRecord
 from spot_log.write.sink import MemorySink
 from spot_model.io.velocity_sequence import standing_sequence
 from spot_model.policy.policy import Policy
-from spot_model.robot.state import Gains, JointCommand
+from spot_model.robot.state import Gains, JointCommand, RobotState
 from spot_runtime.config import HandoverConfig, RobotConfig, RunConfig, for_lock_step
 from spot_runtime.hal.base import JointControl, RobotInfo
 from spot_runtime.hal.connection.address import parse_address
@@ -189,9 +189,21 @@ def test_no_later_signal_displaces_an_estop() -> None:
 def test_a_stand_that_fails_at_the_end_is_no_reason_to_leave_the_power_on(zero_policy: Policy, tmp_path: Path) -> None:
     robot = Troubled(troubles={("stand", 2): refuse("the robot did not stand within 10 s")})
     summary = robot.drive(zero_policy, tmp_path)
-    assert (summary.outcome, summary.exit_code) == ("completed", 0)
+    assert (summary.outcome, summary.exit_code) == ("motion_failed", 89)
     assert robot.calls[-2:] == ["power_off", "close"]
     assert robot.said()[-2:] == ["stand_failed", "power_off"]
+
+
+def test_a_robot_that_falls_while_it_is_handed_back_has_not_completed(zero_policy: Policy, tmp_path: Path) -> None:
+    def on_its_side(state: RobotState) -> list[RobotState]:
+        has_fallen = robot.calls.count("stand") == 2
+        return [replace(state, odom_from_body_wxyz=np.array([0.8, 0.6, 0.0, 0.0])) if has_fallen else state]
+
+    robot = Troubled(mutate=on_its_side)
+    summary = robot.drive(zero_policy, tmp_path)
+    assert (summary.outcome, summary.exit_code) == ("tilt", 26)
+    assert robot.calls[-2:] == ["power_off", "close"]
+    assert robot.said()[-3:] == ["stop", "power_off", "incident"]
 
 
 @pytest.mark.parametrize(

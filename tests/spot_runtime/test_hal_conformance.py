@@ -128,9 +128,7 @@ def make_hand_made(request: HalRequest) -> Adapter:
     return Adapter(request.robot, lambda _: HandMadeRobot())
 
 
-def test_adapters_are_found_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(USERNAME_VARIABLE, "user")
-    monkeypatch.setenv(PASSWORD_VARIABLE, "secret")
+def test_adapters_are_found_by_name() -> None:
     spot = find_adapter(request("spot", "192.168.80.3"))
     assert spot.robot == "192.168.80.3:443"
     assert isinstance(spot.make(MemorySink()), BosdynHal)

@@ -32,20 +32,14 @@ from spot_runtime.stops import Stop, StopReason
 
 
 def adapter(request: HalRequest) -> Adapter:
-    """The adapter of a Spot or the fake one at ``HOST``, ``HOST:PORT`` or ``unix:/path``; for ``--hal spot``.
-
-    Raises:
-        BadInputError: The address is none.
-        CredentialsError: There are none to log in with; found here, before the run has a log.
-    """
+    """The adapter of a Spot or the fake one at ``HOST``, ``HOST:PORT`` or ``unix:/path``; for ``--hal spot``."""
     address = parse_address(request.robot)
-    find_credentials(request.config.robot.credentials_file, os.environ)
 
     def make(sink: LogSink) -> Hal:
         pace = LockStep(request.lock_step, HostClock().now_ns()) if request.lock_step else None
         return BosdynHal(address, request.config, sink, pace)
 
-    return Adapter(str(address), make)
+    return Adapter(str(address), make, lambda: find_credentials(request.config.robot.credentials_file, os.environ))
 
 
 CHECK_INS_LOST: Final = 2

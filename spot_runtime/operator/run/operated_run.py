@@ -83,7 +83,9 @@ class OperatedRun:
     def drive(self, make_hal: HalFactory) -> operator_pb2.Outcome:
         """Do it all. Returns how it ended, which is also told to the service."""
         with StopSignals() as signals:
-            session = self._session = RobotSession(signals, self.event, on_shut_down=lambda: self.link.state("ending"))
+            session = self._session = RobotSession(
+                signals, self.event, limits=self._spec.config.safety, on_shut_down=lambda: self.link.state("ending")
+            )
             try:
                 for refusal in apply_real_time(self.config.real_time):
                     self.event(EventName.REAL_TIME_REFUSED, refusal)

@@ -17,7 +17,6 @@ from spot_log.write.run_writer import make_log_folder
 from spot_model.errors import BadInputError, SpotRlError
 from spot_model.io.validation import explain
 from spot_protos import operator_pb2
-from spot_runtime.hal.errors import HalError
 from spot_runtime.hal.registry import HalRequest, find_adapter
 from spot_runtime.host.instance_lock import InstanceLock
 from spot_runtime.host.service_manager import ServiceManager
@@ -56,8 +55,7 @@ def main() -> None:
     try:
         code = drive(read_spec(sys.stdin.buffer.read(MAX_SPEC_BYTES)), link)
     except SpotRlError as error:
-        outcome = error.label if isinstance(error, HalError) else type(error).__name__
-        link.ended(operator_pb2.Outcome(outcome=outcome, exit_code=error.exit_code, sentence=str(error)))
+        link.ended(operator_pb2.Outcome(outcome=type(error).__name__, exit_code=error.exit_code, sentence=str(error)))
         code = error.exit_code
     except Exception as error:
         sentence = f"{type(error).__name__}: {error}; report it"

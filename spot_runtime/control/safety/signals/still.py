@@ -38,7 +38,8 @@ NO_COUNTS.flags.writeable = False
 _KINDS: Final = tuple(slice(i * facts.N_JOINTS, (i + 1) * facts.N_JOINTS) for i in range(3))
 _POSITIONS, _, _LOADS = _KINDS
 _WHOLE: Final = slice(3 * facts.N_JOINTS, 4 * facts.N_JOINTS)
-"""A joint of which nothing changes at all, judged even if eleven of twelve are so."""
+"""A joint of which nothing changes at all, judged even if eleven of twelve are so, as long as one lives: all that it
+reports changes in each window, or it moves quickly."""
 _BODY: Final = slice(4 * facts.N_JOINTS, N_SIGNALS)
 _RESOLUTIONS: Final = np.array([bounds.POSITION_NOISE_RAD, bounds.VELOCITY_NOISE_RAD_S, bounds.LOAD_NOISE_NM])
 
@@ -68,7 +69,7 @@ def still_windows(counts: Counts, first: RobotState, last: RobotState, resting: 
     middle = round((1.0 - bounds.MOVING_SHARE) * facts.N_JOINTS)
     # Half of the neighbours move by at least this much, in units of what a sensor resolves.
     moved = np.sort(changes, axis=1)[:, middle]
-    moves = moved / _RESOLUTIONS
+    moves, moves_most = moved / _RESOLUTIONS, changes.max(axis=1) / _RESOLUTIONS
     for number, kind in enumerate(_KINDS):
         change, step = changes[number], 0
         if moves[number] > 1.0:
@@ -81,8 +82,11 @@ def still_windows(counts: Counts, first: RobotState, last: RobotState, resting: 
             step = int(np.delete(moves, number).min() > 1.0 and (kind is not _LOADS or last.load_nm.any()))
         is_judged = (kind is _LOADS) | ~resting | is_pair
         after[kind] = np.where(change == 0.0, counts[kind] + step * is_judged, 0)
-    has_motion = (changes[1:].max(axis=1) > _RESOLUTIONS[1:]).any()
-    after[_WHOLE] = np.where((changes == 0.0).all(axis=0), counts[_WHOLE] + int(has_motion), 0)
+    is_reported = np.array([True, True, last.load_nm.any()])
+    is_same = (changes == 0.0).all(axis=0)
+    # Coarse sensors of a robot at rest repeat, but for one that cannot decide between two of its steps.
+    is_alive = (changes[is_reported] > 0.0).all(axis=0).any() or (moves_most[:2] > bounds.QUICK_FACTOR).any()
+    after[_WHOLE] = np.where(is_same & is_alive, counts[_WHOLE] + 1, 0)
     after[_BODY] = np.where(_is_body_same(first, last), counts[_BODY] + int(moves[:2].max() > 1.0), 0)
     return after
 
