@@ -416,6 +416,17 @@ def test_of_a_robot_with_an_arm_only_the_legs_may_be_meant(run: Callable[..., Pa
     assert load_policy(path.with_name("policy.spot.onnx")).contract.name == "policy"
 
 
+def test_no_joint_order_is_assumed_where_the_file_tells_it(run: Callable[..., Path]) -> None:
+    told = {"joint_names": list(facts.JOINT_NAMES), "preserve_order": True}
+    env = environment(**{name: {"params": {"asset_cfg": told}} for name in ("joint_pos", "joint_vel")})
+    path = run(env)
+    assert "breadth first" in invoke("import", str(path), "--like", "isaac-lab", "--yes").output
+    env["actions"]["joint_pos"] |= told
+    (path.parent.parent / "params" / "env.yaml").write_text(yaml.dump(env))
+    again = invoke("import", str(path), "--like", "isaac-lab", "--yes", "--out", str(path.with_name("again.onnx")))
+    assert "breadth first" not in again.output
+
+
 def test_networks_that_do_not_fit_are_refused(run: Callable[..., Path]) -> None:
     path = run(environment(), width=45)
     assert "sees 45 numbers" in str(invoke("import", str(path), "--like", "isaac-lab", "--yes", code=1).exception)

@@ -17,6 +17,7 @@ from trainer.foreign.terms import JOINT_FIELDS, LAST_ACTION, meaning_of
 _ABSOLUTE: Final = "joint_pos"
 """The function that gives joint positions as they are; the term of that name usually calls ``joint_pos_rel``."""
 _ACTION: Final = "JointPositionAction"
+_ASSUMED_ORDER: Final = "joints breadth first (all hx, all hy, all kn); --joint-order names another order"
 _NOT_TERMS: Final = frozenset(
     {"concatenate_terms", "concatenate_dim", "enable_corruption", "history_length", "flatten_history_dim"}
 )
@@ -42,10 +43,14 @@ def describe(environment: Mapping[str, Any], name: str, *, joint_order: tuple[st
     default = by_joint(pose, joints, "init_state.joint_pos")
     (low, high), assumed = command_ranges(environment)
     rate_hz = 1.0 / (float(get(environment, "sim.dt")) * int(get(environment, "decimation")))
-    order = () if joint_order else ("joints breadth first (all hx, all hy, all kn); --joint-order names another order",)
+    group = get(environment, "observations.policy")
+    terms = _terms(group, natural, joints)
+    other = natural[::-1]
+    is_told = _ordered(action, other, "actions.joint_pos") == joints and _terms(group, other, joints) == terms
+    order = () if joint_order or is_told else (_ASSUMED_ORDER,)
     return ForeignPolicy(
         name=name,
-        terms=_terms(get(environment, "observations.policy"), natural, joints),
+        terms=terms,
         joint_names=joints,
         default_position_rad=default,
         action_scale_rad=by_joint(action.get("scale", 1.0), joints, "actions.joint_pos.scale"),
