@@ -86,7 +86,7 @@ def hold_weight_in(share: float) -> float:
 
 def hold_weight_out(share: float) -> float:
     """Weight of the held pose after a share (0 to 1) of the ramp back: the way in, reversed."""
-    return hold_weight_in(1.0 - min(1.0, max(0.0, share)))
+    return hold_weight_in(1.0 - share)
 
 
 def within_stops(position_rad: Array) -> Array:

@@ -98,16 +98,17 @@ def test_the_load_is_averaged_over_the_window_alone(make_state: Callable[..., Ro
 def test_a_state_as_old_as_the_window_still_counts(make_state: Callable[..., RobotState]) -> None:
     average = LoadAverage.over(0.3)
     for stamp_ns, load_nm in ((-1, 900.0), (0, 4.0), (300_000_000, 2.0)):
-        average = average.after([make_state(stamp_ns, load_nm=np.full(12, load_nm))])
-    np.testing.assert_array_equal(average.mean_nm(), np.full(12, 3.0))
+        average = average.after([make_state(stamp_ns, load_nm=load_nm + np.arange(12.0))])
+    np.testing.assert_array_equal(average.mean_nm(), 3.0 + np.arange(12.0))
 
 
 def test_nine_tenths_of_the_window_are_full(make_state: Callable[..., RobotState]) -> None:
     average = LoadAverage.over(0.3)
+    begin_ns = 1_700_000_000_000_000_000
     for i in range(90):
-        average = average.after([make_state(i * 3_000_000)])
+        average = average.after([make_state(begin_ns + i * 3_000_000)])
     assert not average.is_full
-    assert average.after([make_state(270_000_000)]).is_full
+    assert average.after([make_state(begin_ns + 270_000_000)]).is_full
 
 
 def test_the_average_of_too_few_states_is_not_full(make_state: Callable[..., RobotState]) -> None:

@@ -412,6 +412,14 @@ def test_a_load_may_lie_within_its_bound_of_what_was_asked(
         assert set(load.disagreeing(window(load_nm=np.full(12, load_nm)), commands)) == {is_wrong}
 
 
+def test_what_is_asked_of_one_joint_excuses_no_other() -> None:
+    joints = np.arange(12)
+    asked = replace(numbered(1), load_nm=np.where(joints == 3, 100.0, np.where(joints == 4, -100.0, 0.0)))
+    for load_nm in (60.0, -60.0):
+        measured = window(load_nm=np.where(joints == 7, load_nm, asked.load_nm))
+        assert load.disagreeing(measured, [asked]).tolist() == (joints == 7).tolist()
+
+
 def test_a_load_may_lag_behind_position_and_velocity() -> None:
     """2 rad/s gained within 18 ms: 12 ms of kp·2 = 60·2·0.012 and of kd·2/0.018 = 1.5·2/0.018·0.012; kd·2 is asked."""
     gains = Gains(np.full(12, 60.0), np.full(12, 1.5))
