@@ -382,6 +382,16 @@ def test_the_bodys_signals_count_while_joints_move(moves: dict[str, float], step
     assert set(counted(**moves)[48:]) == {3 + step}
 
 
+def test_rates_of_exactly_zero_count_while_joints_move_quickly() -> None:
+    first = replace(ROBOT.state(0), position_rad=ZERO)
+    first = replace(first, linear_vel_of_body_in_odom_m_s=np.array([0.0, 0.1, 0.0]))
+    first = replace(first, angular_vel_of_body_in_odom_rad_s=np.zeros(3))
+    for factor, zeros in ((1.01, 3), (bounds.QUICK_FACTOR, 3), (1.01 * bounds.QUICK_FACTOR, 4)):
+        last = replace(first, position_rad=ZERO + factor * bounds.POSITION_NOISE_RAD)
+        after = still.still_windows(np.full(55, 3), first, last, NONE)[48:]
+        assert after.tolist() == [4, zeros, 4, zeros, zeros, zeros, zeros]
+
+
 def test_each_of_the_bodys_signals_begins_anew_when_it_changes() -> None:
     first = ROBOT.state(0)
     same = replace(first, position_rad=first.position_rad + 1.0)

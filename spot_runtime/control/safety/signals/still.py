@@ -87,12 +87,15 @@ def still_windows(counts: Counts, first: RobotState, last: RobotState, resting: 
     # Coarse sensors of a robot at rest repeat, but for one that cannot decide between two of its steps.
     is_alive = (changes[is_reported] > 0.0).all(axis=0).any() or (moves_most[:2] > bounds.QUICK_FACTOR).any()
     after[_WHOLE] = np.where(is_same & is_alive, counts[_WHOLE] + 1, 0)
-    after[_BODY] = np.where(_is_body_same(first, last), counts[_BODY] + int(moves[:2].max() > 1.0), 0)
+    body = _body(last)
+    # An estimator may hold the rates of a robot at rest at exactly zero.
+    tells = moves[:2].max() > np.where(body == 0.0, bounds.QUICK_FACTOR, 1.0)
+    is_same = body == _body(first)
+    is_same[0] = bool((last.odom_from_body_wxyz == first.odom_from_body_wxyz).all())
+    after[_BODY] = np.where(is_same, counts[_BODY] + tells, 0)
     return after
 
 
-def _is_body_same(first: RobotState, last: RobotState) -> NDArray[np.bool_]:
-    linear: Array = last.linear_vel_of_body_in_odom_m_s == first.linear_vel_of_body_in_odom_m_s
-    angular: Array = last.angular_vel_of_body_in_odom_rad_s == first.angular_vel_of_body_in_odom_rad_s
-    attitude = bool((last.odom_from_body_wxyz == first.odom_from_body_wxyz).all())
-    return np.concatenate([[attitude], linear, angular])
+def _body(state: RobotState) -> Array:
+    linear, angular = state.linear_vel_of_body_in_odom_m_s, state.angular_vel_of_body_in_odom_rad_s
+    return np.concatenate([[1.0], linear, angular])
