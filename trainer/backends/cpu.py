@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
 from typing import Any
 
 import mujoco
@@ -157,14 +156,3 @@ def randomise(plant: Plant, draws: SimulationDraws) -> None:
 
 def _float(array: np.ndarray[Any, np.dtype[np.float64]]) -> Tensor:
     return torch.from_numpy(array).float()
-
-
-def _map_arrays(data: Any, kind: type, convert: Callable[[Any], Any]) -> Any:
-    if isinstance(data, kind):
-        return convert(data)
-    if isinstance(data, dict):
-        return {key: _map_arrays(value, kind, convert) for key, value in data.items()}
-    if isinstance(data, (list, tuple)):
-        parts = [_map_arrays(value, kind, convert) for value in data]
-        return type(data)(*parts) if hasattr(data, "_fields") else type(data)(parts)
-    return data
