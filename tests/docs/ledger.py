@@ -156,6 +156,9 @@ NOT_RUN = {
     "--figure experiments.svg": CORES,
     "python benchmarks/predict_withheld.py --policy policies/fast.onnx --out DIR": CORES,
     "python benchmarks/gait_figures.py POLICY": CORES,
+    "python benchmarks/gait_figures.py POLICY --model examples/loop/paper_truth.yaml --timestep 0.0025 "
+    "--integrator implicitfast": CORES,
+    "python benchmarks/judge_policy.py POLICY": CORES,
     "python benchmarks/gait_on_robot.py policies/fast.onnx": CORES,
     "python benchmarks/gait_on_robot.py POLICY --speeds 0.5,1,1.5": CORES,
     "python examples/hidden_friction.py": CORES,
