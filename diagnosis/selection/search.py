@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from diagnosis.channels.channel_view import Array, Shape
-from diagnosis.decision_constants import EFFECT_PRIOR_NATS, MAX_EFFECTS
+from diagnosis.decision_constants import LEAST_NATS_TO_TRY, MAX_EFFECTS
 from diagnosis.library.base import LibraryEffect
 from diagnosis.selection.evidence import Board
 from diagnosis.selection.scoring import Placed, Scored, Scorer
@@ -69,7 +69,7 @@ def search(board: Board, library: Mapping[str, LibraryEffect], say: Say) -> Sele
     best: Scored | None = None
     value = 0.0
     candidates = first
-    while len(terms) < MAX_EFFECTS and candidates and candidates[0].value - value > EFFECT_PRIOR_NATS:
+    while len(terms) < MAX_EFFECTS and candidates and candidates[0].value - value > LEAST_NATS_TO_TRY:
         best, value = candidates[0].scored, candidates[0].value
         terms = best.terms
         say(f"+ {terms[-1].effect.name}: {value:.0f} nats")
@@ -263,7 +263,7 @@ def _pruned(board: Board, best: Scored) -> Scored:
         value = best.score - price(best.terms, board)
         losses = [value - _value(board, best.terms[:i] + best.terms[i + 1 :]) for i in range(len(best.terms))]
         weakest = int(np.argmin(losses))
-        if losses[weakest] > EFFECT_PRIOR_NATS:
+        if losses[weakest] > LEAST_NATS_TO_TRY:
             break
         best = Scorer(board, best.terms[:weakest] + best.terms[weakest + 1 :]).now
     return best
