@@ -55,7 +55,7 @@ CLAIMS: Final = {
     ),
     "fake robot": Claim(
         "claims/fakes.py",
-        90.0,
+        120.0,
         {
             "error of delays, ms": Ratio("delay_ms.largest_error_ms", asked=("<=", 1.0)),
             "fakes held at 333 Hz": Ratio("fakes_held", asked=(">=", 2.0)),
@@ -79,7 +79,7 @@ CLAIMS: Final = {
     ),
     "training": Claim(
         "claims/training.py",
-        40.0,
+        22.0,
         {name: Ratio(f"{name}_share_of_bare") for name in ("plant", "physics", "collecting", "with_learning")},
     ),
     "speed of identification": Claim(
@@ -88,7 +88,7 @@ CLAIMS: Final = {
     "accuracy of identification": Claim("claims/identification.py", 120.0, repeats=1),
     "start-up": Claim(
         "start_up.py 1",
-        9.0,
+        16.0,
         {
             "help, s": Ratio("help_s.median", asked=("<=", 0.3)),
             "first state, s": Ratio("first_state_s.median", asked=("<=", 1.5)),
