@@ -68,10 +68,10 @@ def script_of(run: Run) -> Script | None:
 
 def _period_ns(stamps_ns: NDArray[np.int64]) -> int:
     """The mean of ticks that are not missing one, in thirds of a state's period: 50 Hz are 7, 7 and 6 states a tick."""
-    each = np.diff(stamps_ns)
-    whole = np.abs(each / np.median(each) - 1.0) < 0.25
-    third_ns = facts.STATE_PERIOD_NS / 3.0
-    return round(round(float(np.mean(each[whole])) / third_ns) * third_ns)
+    each = np.sort(np.diff(stamps_ns))
+    usual = each[len(each) // 2]
+    third_ns = facts.STATE_PERIOD_NS // 3
+    return third_ns * max(1, round(float(np.mean(each[np.abs(each - usual) <= 0.25 * usual])) / third_ns))
 
 
 def _replayed(ticks: TickTable, rows: NDArray[np.intp], period_ns: int) -> NDArray[np.float64]:

@@ -145,3 +145,17 @@ def test_commands_of_an_uneven_log_are_replayed_at_their_instants():
     # Every fifth tick is missing: the one before it holds, and nothing comes earlier than it did.
     held = np.where(np.arange(len(run.ticks)) % 5 == 2, np.arange(len(run.ticks)) - 1, np.arange(len(run.ticks)))
     np.testing.assert_array_equal(script.velocity_command, run.ticks.velocity_command[held])
+
+
+@pytest.mark.parametrize(
+    ("ticks_ms", "period_s"),
+    [((21, 21, 18), 0.020), ((18,), 0.018), ((18,) * 9 + (21,), 0.018), ((20, 20, 20, 40), 0.020), ((24, 12), 0.024)],
+    ids=["clock", "sixth state", "slips", "one in four lost", "alternating"],
+)
+def test_a_simulated_run_ticks_as_often_as_the_robots_program(ticks_ms, period_s):
+    run = planted_runs(Truth(noise=QUIET), 1, sequence=walk_sequence(1.3))[0]
+    steps_ms = np.resize(ticks_ms, len(run.ticks) - 1)
+    stamps = run.ticks.robot_stamp_ns[0] + 1_000_000 * np.concatenate([[0], np.cumsum(steps_ms)])
+    script = script_of(dataclasses.replace(run, ticks=dataclasses.replace(run.ticks, robot_stamp_ns=stamps)))
+    assert script is not None
+    assert script.tick_period_s == pytest.approx(period_s)

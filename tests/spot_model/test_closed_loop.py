@@ -88,6 +88,7 @@ def test_schedules_keep_an_absolute_pace():
     assert schedule_by_rate(6, 50.0, 0.003) == [(6,), (7,), (7,), (6,), (7,), (7,)]
     assert sum(steps for (steps,) in schedule_by_rate(300, 50.0, 0.003)) == 2000
     assert [len(messages) for messages in schedule_by_messages(4, 2)] == [7, 7, 6, 7]
+    assert [len(messages) for messages in schedule_by_messages(3, 2, 0.018)] == [6, 6, 6]
 
 
 def receipts(delay_s: float, n_steps: int) -> tuple[list[float], ReceiptPath]:
