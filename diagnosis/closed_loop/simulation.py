@@ -53,7 +53,7 @@ def simulate(
     Args:
         model: With which effects.
         policy: What controls.
-        scripts: How each run starts and what it is told.
+        scripts: How each run starts and what it is told; all with one tick period.
         rng: Draws the sensors' noise and the delays.
         noise: Of the sensors.
         only_ticks: Keep no state between the policy's ticks, and no loads of the links: enough to compare gaits.
@@ -90,6 +90,6 @@ def simulate(
         noise=noise,
         software=software,
         only_ticks=only_ticks,
-        tick_period_s=float(np.median([script.tick_period_s for script in scripts])),
+        tick_period_s=scripts[0].tick_period_s,
     )
     return loop.runs() if tell is None else loop.runs(tell)

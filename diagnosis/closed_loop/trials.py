@@ -13,7 +13,7 @@ from diagnosis.closed_loop.engine import Engine, LocalEngine, Tell
 from diagnosis.closed_loop.environment import Chosen, best_surroundings, run_all
 from diagnosis.closed_loop.shrink import Compared, Features, Shrinkage, compare, features_by_sequence, shrinkage
 from diagnosis.document import OtherGap, Placebo, Shrink
-from diagnosis.read.policy_ticks import Script, policy_ticks, script_of
+from diagnosis.read.policy_ticks import Script, policy_ticks, scripts_of
 from diagnosis.selection.evidence import Board
 from diagnosis.selection.nuisance_model import model_of
 from diagnosis.selection.scoring import Scored
@@ -51,7 +51,7 @@ class Bench:
         Logs at gains other than the policy's are left out. None where no log is long enough.
         """
         runs = [run for run in runs if run.header.policy_sha256 in ("", policy.sha256)]
-        scripts = [s for run in runs if (s := script_of(run)) is not None]
+        scripts = scripts_of(runs)
         for name in sorted({s.sequence for s in scripts}):
             own = [s for s in scripts if s.sequence == name]
             others = [s for s in scripts if s.sequence != name] or own

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,8 +48,38 @@ def _followed(t: TickTable) -> NDArray[np.intp]:
     return rows
 
 
-def script_of(run: Run) -> Script | None:
-    """The run as a simulator would start it; None where it is too short."""
+def scripts_of(runs: Sequence[Run]) -> list[Script]:
+    """Those of all runs that are long enough, with the tick period that most of them have."""
+    period_s = tick_period_s(runs)
+    return [script for run in runs if (script := script_of(run, period_s)) is not None]
+
+
+def tick_period_s(runs: Sequence[Run]) -> float:
+    """How often the robot's program runs the policy, in the median of the runs; the policy's own rate where none says.
+
+    From the numbers of the ticks, so that neither lost ones nor stamps of a coarse state stream count; to a
+    millisecond, and no shorter than a state's period.
+    """
+    found = []
+    for run in runs:
+        rows = policy_ticks(run)
+        if len(rows) < MIN_TICKS:
+            continue
+        numbers, stamps_ns = run.ticks.index[rows], run.ticks.robot_stamp_ns[rows]
+        n_ticks = max(int(numbers[-1] - numbers[0]), len(rows) - 1 + int(run.ticks.skipped[rows[1:]].sum()))
+        found.append(float(stamps_ns[-1] - stamps_ns[0]) * 1e-9 / n_ticks)
+    if not found:
+        return 1.0 / facts.POLICY_RATE_HZ
+    return max(round(1e3 * float(np.median(found))) / 1e3, facts.STATE_PERIOD_NS * 1e-9)
+
+
+def script_of(run: Run, period_s: float | None = None) -> Script | None:
+    """The run as a simulator would start it; None where it is too short.
+
+    Args:
+        run: A log.
+        period_s: Of its ticks; by default what the run itself shows.
+    """
     rows = policy_ticks(run)
     if len(rows) < MIN_TICKS:
         return None
@@ -62,16 +93,8 @@ def script_of(run: Run) -> Script | None:
         angular_vel_of_body_in_world_rad_s=s.angular_vel_of_body_in_odom_rad_s[at],
         last_action=observed(t.observation[rows[0]], "last_action"),
     )
-    name, period_ns = run.header.command_sequence or "unnamed", _period_ns(t.robot_stamp_ns[rows])
-    return Script(name, run.header.repeat, start, _replayed(t, rows, period_ns), 1e-9 * period_ns)
-
-
-def _period_ns(stamps_ns: NDArray[np.int64]) -> int:
-    """The mean of ticks that are not missing one, in thirds of a state's period: 50 Hz are 7, 7 and 6 states a tick."""
-    each = np.sort(np.diff(stamps_ns))
-    usual = each[len(each) // 2]
-    third_ns = facts.STATE_PERIOD_NS // 3
-    return third_ns * max(1, round(float(np.mean(each[np.abs(each - usual) <= 0.25 * usual])) / third_ns))
+    name, period_s = run.header.command_sequence or "unnamed", period_s or tick_period_s([run])
+    return Script(name, run.header.repeat, start, _replayed(t, rows, round(1e9 * period_s)), period_s)
 
 
 def _replayed(ticks: TickTable, rows: NDArray[np.intp], period_ns: int) -> NDArray[np.float64]:

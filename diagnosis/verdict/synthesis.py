@@ -10,7 +10,7 @@ import numpy as np
 from diagnosis.closed_loop.simulation import SensorNoise, simulate
 from diagnosis.document import Verdict
 from diagnosis.library.base import LibraryEffect
-from diagnosis.read.policy_ticks import script_of
+from diagnosis.read.policy_ticks import scripts_of
 from diagnosis.verdict.explain import explain
 from spot_log.read.run import Run
 from spot_model.io.model_file import RobotModel
@@ -32,8 +32,7 @@ def synthesis_check(
         ``passed``: every effect found comes back, itself or by a member of its group, with at least half of its
         joints; ``found``: what came back.
     """
-    scripts = [s for run in runs if (s := script_of(run)) is not None]
-    logs = simulate(corrected, policy, scripts, rng, SensorNoise())
+    logs = simulate(corrected, policy, scripts_of(runs), rng, SensorNoise())
     back = explain(logs, nominal, policy, library, lambda _: None)
     terms = back.selection.best.terms if back.selection.best is not None else ()
     robot = back.board.robot

@@ -172,7 +172,7 @@ REFUSALS = (
     _guess(
         "velocity_not_a_number",
         "velocity",
-        "a velocity that is no number",
+        "a velocity that is NaN",
         RobotCommandBuilder.synchro_velocity_command(math.nan, 0.0, 0.0),
         _INVALID,
         _UNPOWERED,

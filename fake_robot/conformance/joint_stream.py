@@ -86,7 +86,7 @@ SPOILT = (
     _spoilt(
         "stream_of_nan",
         "position",
-        "a value that is no number",
+        "a value that is NaN",
         lambda command: command.position.__setitem__(0, float("nan")),
         Basis.GUESS,
     ),

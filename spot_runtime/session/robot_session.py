@@ -46,6 +46,13 @@ def control_end(ending: Ending | None) -> ControlEnd:
     return ControlEnd(ending.cause, may_stand=is_mild)
 
 
+def fall_of(hal: Hal, limits: SafetyLimits) -> Stop | None:
+    """What forbids the robot to go on from the pose that the newest state shows; None: nothing, or no state came."""
+    for state in hal.receive(0, 0.1)[-1:]:
+        return screen_state(StateMemory(), state, hal.robot_now_ns(), limits)[2]
+    return None
+
+
 def _refuse_if_tipped(hal: Hal) -> None:
     """Raise FaultError for a robot that lies on its side or back: neither stand nor policy is asked to right it."""
     for _ in range(LOOKS):
@@ -157,7 +164,7 @@ class RobotSession:
 
     def _interrupted(self, stop: Stop) -> None:
         self.outcome = self.outcome.after_stop(stop)
-        self._event(EventName.STOP, stop.sentence())
+        self._event(EventName.STOP, f"{stop.reason.label}: {stop.sentence()}")
 
     def _stand(self, hal: Hal) -> None:
         try:
@@ -169,10 +176,9 @@ class RobotSession:
 
     def _look_at_fall(self, hal: Hal) -> None:
         """A robot that fell while it was handed back did not end well, whatever had been asked before."""
-        for state in hal.receive(0, 0.1)[-1:]:
-            _, _, stop = screen_state(StateMemory(), state, hal.robot_now_ns(), self._limits)
-            if stop is not None:
-                self._interrupted(stop)
+        stop = fall_of(hal, self._limits)
+        if stop is not None:
+            self._interrupted(stop)
 
     def _power_off(self, hal: Hal) -> None:
         """Sit and cut power; if that fails, log, outcome and summary say so."""

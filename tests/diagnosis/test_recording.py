@@ -3,7 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from diagnosis.read.policy_ticks import script_of
+from diagnosis.read.policy_ticks import script_of, scripts_of
 from diagnosis.read.recording import NEVER_NS, RecordingError, record
 from spot_log.read.run import StateTable
 
@@ -149,13 +149,31 @@ def test_commands_of_an_uneven_log_are_replayed_at_their_instants():
 
 @pytest.mark.parametrize(
     ("ticks_ms", "period_s"),
-    [((21, 21, 18), 0.020), ((18,), 0.018), ((18,) * 9 + (21,), 0.018), ((20, 20, 20, 40), 0.020), ((24, 12), 0.024)],
-    ids=["clock", "sixth state", "slips", "one in four lost", "alternating"],
+    [
+        ((21, 21, 18), 0.020),
+        ((18,), 0.018),
+        ((18,) * 9 + (21,), 0.018),
+        ((17, 17, 17, 16, 33), 0.020),
+        ((24, 12), 0.018),
+    ],
+    ids=["clock", "sixth state", "slips", "states at 60 Hz", "alternating"],
 )
-def test_a_simulated_run_ticks_as_often_as_the_robots_program(ticks_ms, period_s):
+def test_a_simulated_run_ticks_as_often_as_the_robots_program(ticks_ms: tuple[int, ...], period_s: float) -> None:
     run = planted_runs(Truth(noise=QUIET), 1, sequence=walk_sequence(1.3))[0]
     steps_ms = np.resize(ticks_ms, len(run.ticks) - 1)
     stamps = run.ticks.robot_stamp_ns[0] + 1_000_000 * np.concatenate([[0], np.cumsum(steps_ms)])
-    script = script_of(dataclasses.replace(run, ticks=dataclasses.replace(run.ticks, robot_stamp_ns=stamps)))
-    assert script is not None
-    assert script.tick_period_s == pytest.approx(period_s)
+    whole = dataclasses.replace(run, ticks=dataclasses.replace(run.ticks, robot_stamp_ns=stamps))
+    lossy = dataclasses.replace(whole, ticks=whole.ticks.rows(np.flatnonzero(np.arange(len(stamps)) % 7 != 3)))
+    for log in (whole, lossy):
+        script = script_of(log)
+        assert script is not None
+        assert script.tick_period_s == pytest.approx(period_s)
+
+
+def test_scripts_of_a_robot_that_was_run_by_two_programs_share_the_period_of_most() -> None:
+    run = planted_runs(Truth(noise=QUIET), 1, sequence=walk_sequence(1.3))[0]
+    stamps = run.ticks.robot_stamp_ns[0] + 18_000_000 * np.arange(len(run.ticks))
+    other = dataclasses.replace(run, ticks=dataclasses.replace(run.ticks, robot_stamp_ns=stamps))
+    assert {s.tick_period_s for s in scripts_of([other, run, other])} == {0.018}
+    # The commands still come when they came.
+    assert len(scripts_of([other, run, other])[1].velocity_command) == round(len(run.ticks) * 20 / 18)

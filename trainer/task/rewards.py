@@ -179,7 +179,7 @@ def foot_slip(m: Moment, _c: RewardShape) -> Tensor:
 
 
 def foot_impact(m: Moment, c: RewardShape) -> Tensor:
-    """Downward speed of the feet that touched down, worth less at higher commanded speed."""
+    """Downward speed of the feet that touched down, worth less at higher commanded speed where a relief is set."""
     relief = 1.0 + c.foot_impact_relief_s_per_m * _norm(m.command[:, :2])
     return m.touchdown_speed_m_s.sum(dim=-1) / relief
 

@@ -25,7 +25,11 @@ STAND_S: Final = 1.0
 
 
 def try_on(
-    motion: Motion, models: Sequence[RobotModel], policy: Policy | None, rng: np.random.Generator
+    motion: Motion,
+    models: Sequence[RobotModel],
+    policy: Policy | None,
+    rng: np.random.Generator,
+    tick_period_s: float | None = None,
 ) -> tuple[Run, ...]:
     """Runs of an experiment, one a robot, with every state of the stream.
 
@@ -34,6 +38,7 @@ def try_on(
         models: The robots.
         policy: For velocity sequences.
         rng: Draws sensors' noise and delays.
+        tick_period_s: Of the program that will run it; by default the contract's.
 
     Raises:
         BadInputError: A velocity sequence needs a policy, or asks for more than it knows, a joint experiment breaks its
@@ -50,17 +55,19 @@ def try_on(
                 f"experiment {motion.name} asks for more than the policy knows: V_x, V_y (m/s), ω_z (rad/s) from "
                 f"{_numbers(policy.command_low)} to {_numbers(policy.command_high)}"
             )
-        controller, asked = policy, motion.sampled(policy.contract.rate_hz)
+        controller, rate_hz = policy, 1.0 / tick_period_s if tick_period_s else policy.contract.rate_hz
+        asked = motion.sampled(rate_hz)
     else:
         controller = joint_script(motion)
-        asked = controller.motion.sampled(controller.contract.rate_hz)
-    stand = np.zeros((round(STAND_S * controller.contract.rate_hz), asked.shape[1]))
+        rate_hz = controller.contract.rate_hz
+        asked = controller.motion.sampled(rate_hz)
+    stand = np.zeros((round(STAND_S * rate_hz), asked.shape[1]))
     still, joints = np.zeros(3), np.zeros(facts.N_JOINTS)
     start = StartState(
         facts.DEFAULT_POSITION_RAD, joints, np.array([1.0, 0.0, 0.0, 0.0]), still, still, joints.astype(np.float32)
     )
     command = np.concatenate([stand, asked])
-    scripts = [Script(motion.name, number, start, command) for number in range(len(models))]
+    scripts = [Script(motion.name, number, start, command, 1.0 / rate_hz) for number in range(len(models))]
     return tuple(simulate(together, controller, scripts, rng, SensorNoise()))
 
 

@@ -37,7 +37,7 @@ from diagnosis.next.predict.outcome import (
     warmed_c,
     work_and_time,
 )
-from diagnosis.read.policy_ticks import policy_ticks, script_of
+from diagnosis.read.policy_ticks import policy_ticks, script_of, tick_period_s
 from diagnosis.verdict.posterior_file import Posterior
 from spot_log.read.run import Run
 from spot_model.errors import BadInputError
@@ -134,7 +134,7 @@ def predict(
     """
     rng = np.random.default_rng(seed)
     models = [compact(posterior.draw(library, rng)) for _ in range(DRAWS)]
-    runs = try_on(sequence, models, policy, rng)
+    runs = try_on(sequence, models, policy, rng, tick_period_s(logs))
     numbers = np.array([motion_numbers(run) for run in runs])
     whole = np.isfinite(numbers).all(axis=1) & np.array([_is_whole(run, sequence) for run in runs])
     notes: list[str] = []
@@ -173,9 +173,9 @@ def _errors(models: Sequence[RobotModel], policy: Policy, logs: Sequence[Run], r
     for log in logs:
         if log.header.policy_sha256 in ("", policy.sha256) and script_of(log) is not None:
             by_name.setdefault(log.header.command_sequence, []).append(log)
-    found = []
+    found, period_s = [], tick_period_s(logs)
     for own in list(by_name.values())[:SEQUENCES]:
-        script = script_of(own[0])
+        script = script_of(own[0], period_s)
         together = merged(list(models))
         if script is None or together is None:
             continue

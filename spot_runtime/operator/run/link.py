@@ -45,6 +45,9 @@ def receive(connection: socket.socket, kind: Any, most: int) -> Received:
             data = connection.recv(MAX_DATAGRAM_BYTES)
         except (BlockingIOError, InterruptedError):
             break
+        except ConnectionResetError:
+            # It closed with a word of ours unread. That is told once, before what it had said itself.
+            continue
         except OSError:
             data = b""
         if not data:

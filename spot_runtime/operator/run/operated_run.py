@@ -34,7 +34,7 @@ from spot_runtime.operator.run.run_spec import RunSpec
 from spot_runtime.operator.run.run_status import STATUS_PERIOD_NS, status_of
 from spot_runtime.operator.run.standby import check_standing
 from spot_runtime.operator.run.steering import Attendance, OperatorSource
-from spot_runtime.session.robot_session import ControlEnd, RobotSession, control_end
+from spot_runtime.session.robot_session import ControlEnd, RobotSession, control_end, fall_of
 from spot_runtime.session.run import HalFactory, RunRequest, SinkFactory, header_of, log_file_name
 from spot_runtime.session.signals import StopSignals
 from spot_runtime.stops import Reaction, Stop, StopReason
@@ -148,13 +148,16 @@ class OperatedRun:
             if stop is not None:
                 return ControlEnd(stop, may_stand=False)
             end = self._control(hal, signals)
-            keeps = self.keeps_standing and end.may_stand and end.stop.reason is StopReason.OPERATOR_STOP
-            if keeps:
-                self.link.state("arming")
-            self._end_log(end.stop.reason.label)
-            if not keeps:
+            if not (self.keeps_standing and end.may_stand and end.stop.reason is StopReason.OPERATOR_STOP):
                 return end
+            self.link.state("arming")
             hal.stand()
+            fallen = fall_of(hal, self.config.safety)
+            if fallen is not None:
+                self.event(EventName.STOP, f"{fallen.reason.label}: {fallen.sentence()}")
+                return ControlEnd(fallen, may_stand=False)
+            # Only now: a robot that does not stand has not ended as the operator wanted.
+            self._end_log(end.stop.reason.label)
             self._tell_armed()
 
     def _stand_by(self, hal: Hal, signals: StopSignals) -> Stop | None:

@@ -41,7 +41,7 @@ class PendingRequests:
 
     def let_all_go(self) -> None:
         """Release all requests that wait: no answer will come."""
-        for pending in self._waiting.values():
+        for pending in list(self._waiting.values()):
             pending.cancel()
 
 

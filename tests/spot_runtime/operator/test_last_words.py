@@ -14,7 +14,7 @@ import pytest
 from spot_log.format.records import EventRecord, Severity
 from spot_model.io.child_process import ChildProcess
 from spot_protos import operator_pb2, run_link_pb2
-from spot_runtime.operator.run.link import RunLink
+from spot_runtime.operator.run.link import RunLink, receive
 from spot_runtime.operator.server import run_process
 from spot_runtime.operator.server.run_process import RunProcess
 
@@ -107,3 +107,16 @@ def test_the_word_of_the_end_waits_for_room_and_is_cut_to_fit() -> None:
     assert list(told[-1].ended.log_paths) == paths[-10:]
     link.close()
     peer.close()
+
+
+def test_the_last_word_is_read_though_the_other_end_closed_before_it_had_read_ours() -> None:
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    ours.setblocking(False)
+    with ours:
+        ours.send(run_link_pb2.ToRun(attend=operator_pb2.AttendRequest()).SerializeToString())
+        link = RunLink(theirs)
+        link.ended(operator_pb2.Outcome(outcome="no_credentials", exit_code=69))
+        link.close()
+        received = receive(ours, run_link_pb2.FromRun, 10)
+    assert [message.ended.outcome for message in received.messages] == ["no_credentials"]
+    assert received.is_end

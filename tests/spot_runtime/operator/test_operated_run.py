@@ -14,6 +14,7 @@ from spot_log.page.details import detail_lines
 from spot_log.tools.log_info import log_info
 from spot_model.policy.contract import sha256_hex
 from spot_protos import operator_pb2, run_link_pb2
+from spot_runtime.hal.errors import MotionError
 from spot_runtime.hal.spot.adapter import BosdynHal
 
 from .conftest import POLICIES, Arming
@@ -162,6 +163,29 @@ def test_damping(arming: Arming) -> None:
     modes = [e.text for e in log_of(outcome).events if e.name == "mode"]
     assert modes[-2:] == ["active → damping", "damping → released"]
     assert arming.status().motor_power.lower().endswith("off")
+
+
+@pytest.mark.parametrize("keep_standing", [False, True])
+def test_a_log_of_a_robot_that_did_not_stand_up_again_does_not_say_that_all_went_well(
+    arming: Arming, monkeypatch: pytest.MonkeyPatch, keep_standing: bool
+) -> None:
+    stood, original = [], BosdynHal.stand
+
+    def fails_the_second_time(hal: BosdynHal) -> None:
+        stood.append(1)
+        if len(stood) > 1:
+            raise MotionError("the robot does not stand: FAILED")
+        original(hal)
+
+    monkeypatch.setattr(BosdynHal, "stand", fails_the_second_time)
+    attend(arming)
+    start(arming)
+    stop(arming, CONTROL_S + 0.3, keep_standing=keep_standing)
+    outcome = arming.drive()
+    log = log_of(outcome)
+    assert log.outcome == outcome.outcome == "motion_failed"
+    assert "does not stand" in "".join(event.text for event in log.events)
+    assert arming.is_at_rest()
 
 
 def test_what_does_not_fit_is_refused_in_words(arming: Arming) -> None:
