@@ -12,6 +12,10 @@ class HalError(SpotRlError):
     exit_code = 80
 
 
+class NoServiceError(HalError):
+    """The robot does not offer a service; nothing is said of the robot itself."""
+
+
 class NoRobotError(HalError):
     """Nothing answers at the address."""
 

@@ -11,8 +11,14 @@ from bosdyn.api import estop_pb2, license_pb2, robot_state_pb2
 from spot_model.errors import SpotRlError
 from spot_runtime.config import RunConfig
 from spot_runtime.hal.connection.address import parse_address
+from spot_runtime.hal.errors import NoServiceError
 from spot_runtime.hal.spot.estop import is_alive
-from spot_runtime.hal.spot.slow_state import pressed_estops, slow_state_from_message
+from spot_runtime.hal.spot.slow_state import (
+    charge_percent,
+    pressed_estops,
+    reporting_battery,
+    slow_state_from_message,
+)
 from spot_runtime.stops import CRITICAL
 from spot_tools.doctor.check import Check, Finding, Verdict, fail, ok, skipped, warn
 from spot_tools.doctor.link import Link
@@ -22,6 +28,7 @@ SKEW_WARN_S = 1.0
 ROUND_TRIP_WARN_S = 0.010
 JOINT_CONTROL_FEATURE = "joint_control"
 """The feature's code in the licence as the fake robot knows it; the vendor publishes no list."""
+NO_FEATURE_ADVICE = "if a run is refused joint control, ask the vendor for a licence with it"
 BATTERY_WARN_PERCENT = 30.0
 MOTOR_MARGIN_C = 10.0
 
@@ -122,13 +129,12 @@ class RobotDoctor:
 
     def battery(self, reader: Reader) -> Finding:
         """Enough charge for a run."""
-        message = reader.state()
-        if not message.battery_states:
+        message, bound = reader.state(), self._config.safety.battery_percent
+        percent, battery = charge_percent(message), reporting_battery(message)
+        if percent is None:
             return fail("the robot reports no battery", "put one in")
-        battery, bound = message.battery_states[0], self._config.safety.battery_percent
         name = status_word(robot_state_pb2.BatteryState.Status, battery.status)
-        percent = battery.charge_percentage.value
-        found = f"{percent:.0f} %, {battery.voltage.value:.1f} V, {name}"
+        found = f"{percent:.0f} %" + (f", {battery.voltage.value:.1f} V, {name}" if battery.HasField("voltage") else "")
         if percent < bound:
             return fail(found, f"below {bound:g} % a run ends at once: charge or change it")
         if percent < BATTERY_WARN_PERCENT:
@@ -184,14 +190,16 @@ class RobotDoctor:
 
     def license(self, reader: Reader) -> Finding:
         """Joint control is licensed."""
-        info = reader.license_info()
+        try:
+            info = reader.license_info()
+        except NoServiceError:
+            return warn("the robot offers no licence service", NO_FEATURE_ADVICE)
         name = status_word(license_pb2.LicenseInfo.Status, info.status)
         if info.status != license_pb2.LicenseInfo.STATUS_VALID:
             return fail(f"licence {info.id or '–'}: {name}", "ask the vendor for a licence with joint control")
         features = ", ".join(info.licensed_features) or "none named"
         if not reader.has_feature(JOINT_CONTROL_FEATURE):
-            advice = "if a run is refused joint control, ask the vendor for a licence with it"
-            return warn(f"licence {info.id} is valid, features: {features}", advice)
+            return warn(f"licence {info.id} is valid, features: {features}", NO_FEATURE_ADVICE)
         return ok(f"licence {info.id} is valid and names joint control")
 
 

@@ -17,8 +17,10 @@ from typer.testing import CliRunner
 from fake_robot.start.process import FakeAddress, FakeProcess
 from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
 from spot_runtime.config import RunConfig
+from spot_runtime.hal.errors import HalError, NoServiceError
 from spot_tools.doctor.check import Result, Verdict, is_fit, make
 from spot_tools.doctor.command import doctor
+from spot_tools.doctor.reader import Reader
 from spot_tools.doctor.robot import RobotDoctor
 
 CheckUp = Callable[..., dict[str, Result]]
@@ -115,6 +117,23 @@ def test_an_ill_robot(
     assert failed(results) == {check}, results
     assert words in results[check].found
     assert advice in results[check].advice
+
+
+def test_a_robot_without_a_licence_service_may_run_and_one_whose_service_is_silent_is_not_fit() -> None:
+    patient = RobotDoctor("192.168.80.3", RunConfig())
+    told = patient.license(_Licence(NoServiceError("finding license: not registered")))
+    assert (told.verdict, told.found) == (Verdict.WARN, "the robot offers no licence service")
+    assert "joint control" in told.advice
+    with pytest.raises(HalError, match="did not answer"):
+        patient.license(_Licence(HalError("reading the licence: the robot did not answer")))
+
+
+class _Licence(Reader):
+    def __init__(self, error: HalError) -> None:
+        self._error = error
+
+    def license_info(self) -> Any:
+        raise self._error
 
 
 def test_a_lease_that_a_client_holds(check_up: CheckUp, address: FakeAddress) -> None:

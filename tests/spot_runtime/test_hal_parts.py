@@ -21,12 +21,12 @@ from spot_model.robot import facts
 from spot_model.robot.state import Gains, JointCommand
 from spot_runtime.config import RobotConfig
 from spot_runtime.hal.connection.address import parse_address
-from spot_runtime.hal.errors import CredentialsError, EstopError, HalError, NoRobotError
+from spot_runtime.hal.errors import CredentialsError, EstopError, HalError, NoRobotError, NoServiceError
 from spot_runtime.hal.spot.command_stream import CommandEncoder, LatestSlot
 from spot_runtime.hal.spot.estop import needs_own_endpoint
 from spot_runtime.hal.spot.jobs import Jobs
 from spot_runtime.hal.spot.session import Session
-from spot_runtime.hal.spot.slow_state import slow_state_from_message
+from spot_runtime.hal.spot.slow_state import charge_percent, slow_state_from_message
 from spot_runtime.hal.spot.vendor_errors import translate
 from spot_runtime.host.clock import HostClock, RobotClockEstimate
 
@@ -176,6 +176,23 @@ def test_the_slow_state_takes_every_value_from_its_place() -> None:
     assert slow.behavior_faults == ("fall (3)",)
 
 
+def test_the_charge_is_the_summary_of_the_robot_else_that_of_the_emptiest_battery_that_reports_one() -> None:
+    message = robot_state_pb2.RobotState()
+    assert charge_percent(message) is None
+    message.battery_states.add(identifier="bay", status=robot_state_pb2.BatteryState.STATUS_MISSING)
+    assert charge_percent(message) is None
+    for percent, voltage in ((64.0, 52.0), (58.0, 51.0)):
+        battery = message.battery_states.add()
+        battery.charge_percentage.value, battery.voltage.value = percent, voltage
+    message.battery_states.add(status=robot_state_pb2.BatteryState.STATUS_BOOTING)
+    slow = slow_state_from_message(message, STAMP_NS)
+    assert (slow.battery_charge_percent, slow.battery_voltage_v) == (58.0, 51.0)
+    message.power_state.locomotion_charge_percentage.value = 61.0
+    assert slow_state_from_message(message, STAMP_NS).battery_charge_percent == 61.0
+    message.ClearField("battery_states")
+    assert slow_state_from_message(message, STAMP_NS).battery_charge_percent == 61.0
+
+
 def test_a_robot_with_an_arm_is_refused_before_anything_moves(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = HostClock()
     session = Session(parse_address("127.0.0.1:1"), RobotConfig(), clock, RobotClockEstimate(), clock.now_ns)
@@ -282,6 +299,7 @@ def test_no_connection_is_explained_where_that_is_asked() -> None:
     told = translate(sdk.UnimplementedError(_FailedCall(), "doc"), "setting up the e-stop")
     assert "setting up the e-stop: the robot has no such call" in str(told)
     told = translate(UnregisteredServiceNameError("robot-command-streaming"), "finding robot-command-streaming")
+    assert isinstance(told, NoServiceError)
     assert "the robot does not offer it" in str(told)
 
 

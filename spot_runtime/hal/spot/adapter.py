@@ -18,7 +18,7 @@ from spot_runtime.config import RunConfig
 from spot_runtime.hal.base import Hal, JointControl, RobotInfo
 from spot_runtime.hal.connection.address import Address, parse_address
 from spot_runtime.hal.connection.credentials import find_credentials
-from spot_runtime.hal.errors import EstopError, HalError, LeaseHeldError, NoRobotError
+from spot_runtime.hal.errors import EstopError, HalError, LeaseHeldError, NoRobotError, NoServiceError
 from spot_runtime.hal.registry import Adapter, HalRequest
 from spot_runtime.hal.spot.command_stream import CommandEncoder, CommandStream
 from spot_runtime.hal.spot.jobs import Jobs
@@ -48,6 +48,9 @@ power yet."""
 
 RETRY_S: Final = 0.5
 """Robot time between two attempts to power off a robot that does not answer."""
+
+RETRIED: Final = (HalError, NoRobotError, NoServiceError)
+"""What such an attempt ends with; whatever else the robot answers is final."""
 
 
 class BosdynHal:
@@ -228,8 +231,7 @@ class BosdynHal:
             try:
                 return self._motions().power_off()
             except HalError as error:
-                # Whatever the robot did answer, and a lease that is gone, is final.
-                if type(error) not in (HalError, NoRobotError) or self._pace.chore_now_s() >= until_s:
+                if type(error) not in RETRIED or self._pace.chore_now_s() >= until_s:
                     raise
             self._pause(RETRY_S)
 

@@ -19,14 +19,14 @@ def slow_state_from_message(message: robot_state_pb2.RobotState, host_stamp_ns: 
     Returns:
         The slow state; a value that the robot does not report is 0 or missing.
     """
-    power, battery = message.power_state, _battery(message)
+    power, battery = message.power_state, reporting_battery(message)
     stamp = power.timestamp
     return SlowState(
         robot_stamp_ns=stamp.seconds * NS_PER_S + stamp.nanos,
         host_stamp_ns=host_stamp_ns,
         motors_powered=power.motor_power_state == robot_state_pb2.PowerState.MOTOR_POWER_STATE_ON,
         estopped=bool(pressed_estops(message)),
-        battery_charge_percent=battery.charge_percentage.value,
+        battery_charge_percent=charge_percent(message) or 0.0,
         battery_voltage_v=battery.voltage.value,
         battery_current_a=battery.current.value,
         battery_temperature_c=tuple(battery.temperatures),
@@ -44,8 +44,21 @@ def pressed_estops(message: robot_state_pb2.RobotState) -> list[str]:
     return [estop.name or "unnamed" for estop in message.estop_states if estop.state == stopped]
 
 
-def _battery(message: robot_state_pb2.RobotState) -> robot_state_pb2.BatteryState:
-    return message.battery_states[0] if message.battery_states else robot_state_pb2.BatteryState()
+def charge_percent(message: robot_state_pb2.RobotState) -> float | None:
+    """The charge for walking: the robot's own summary, else that of its emptiest battery; None if neither is reported."""
+    if message.power_state.HasField("locomotion_charge_percentage"):
+        return message.power_state.locomotion_charge_percentage.value
+    battery = reporting_battery(message)
+    return battery.charge_percentage.value if battery.HasField("charge_percentage") else None
+
+
+def reporting_battery(message: robot_state_pb2.RobotState) -> robot_state_pb2.BatteryState:
+    """Of the batteries that report a charge, the emptiest; an empty message if none does.
+
+    The list may begin with a bay that is empty or a battery that still boots.
+    """
+    reporting = [battery for battery in message.battery_states if battery.HasField("charge_percentage")]
+    return min(reporting, key=lambda b: b.charge_percentage.value, default=robot_state_pb2.BatteryState())
 
 
 def _system_fault(fault: robot_state_pb2.SystemFault) -> str:

@@ -19,6 +19,7 @@ from spot_runtime.hal.errors import (
     LeaseHeldError,
     LicenseError,
     MotionError,
+    NoServiceError,
 )
 
 NO_CONNECTION = (
@@ -108,7 +109,7 @@ _TABLE: tuple[tuple[tuple[type[Exception], ...], type[HalError], str], ...] = (
         FaultError,
         "clear the cause on the robot's own page",
     ),
-    ((UnregisteredServiceError,), HalError, "the robot does not offer it; its software may be too old"),
+    ((UnregisteredServiceError,), NoServiceError, "the robot does not offer it; its software may be too old"),
     ((robot_command.BehaviorFaultError,), FaultError, "clear the behaviour fault on the tablet"),
     (
         (robot_command.NoTimeSyncError, robot_command.ExpiredError, robot_command.TooDistantError),
