@@ -12,10 +12,6 @@ class HalError(SpotRlError):
     exit_code = 80
 
 
-class NoServiceError(HalError):
-    """The robot does not offer a service; nothing is said of the robot itself."""
-
-
 class NoRobotError(HalError):
     """Nothing answers at the address."""
 
@@ -84,3 +80,10 @@ class LockStepError(HalError):
 
     label = "lock_step_failed"
     exit_code = 90
+
+
+class NoServiceError(HalError):
+    """The robot does not offer a service that is needed."""
+
+    label = "no_service"
+    exit_code = 91
