@@ -47,9 +47,9 @@ def pressed_estops(message: robot_state_pb2.RobotState) -> list[str]:
 def charge_percent(message: robot_state_pb2.RobotState) -> float | None:
     """The charge for walking: the robot's own summary, else that of its emptiest battery; None without either."""
     if message.power_state.HasField("locomotion_charge_percentage"):
-        return message.power_state.locomotion_charge_percentage.value
+        return float(message.power_state.locomotion_charge_percentage.value)
     battery = reporting_battery(message)
-    return battery.charge_percentage.value if battery.HasField("charge_percentage") else None
+    return float(battery.charge_percentage.value) if battery.HasField("charge_percentage") else None
 
 
 def reporting_battery(message: robot_state_pb2.RobotState) -> robot_state_pb2.BatteryState:
