@@ -32,7 +32,7 @@ TESTS_OF = {
     **{f"spot_runtime/control/safety/signals/{name}.py": (*_SIGNALS, _ANSWERS) for name in ("check", "load")},
     "spot_runtime/control/modes.py": (_MODES, _BOUNDS),
     "spot_runtime/stops.py": (_MODES, _BOUNDS),
-    "spot_runtime/control/safety/watchdogs.py": ("tests/spot_runtime/test_watchdogs.py",),
+    "spot_runtime/control/safety/watchdogs.py": ("tests/spot_runtime/test_watchdogs.py", _SIGNAL_BOUNDS),
     "spot_runtime/control/load_average.py": ("tests/spot_runtime/test_handover.py",),
     "spot_runtime/control/set_point.py": (_SET_POINT, "tests/spot_runtime/test_handover.py", _BOUNDS),
 }

@@ -112,6 +112,7 @@ class SlowState:
     motors_powered: bool
     estopped: bool
     battery_charge_percent: float
+    """NaN where the robot does not report it."""
     battery_voltage_v: float
     battery_current_a: float
     """Negative while discharging. [sdk]"""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -131,8 +132,8 @@ class RobotDoctor:
         """Enough charge for a run."""
         message, bound = reader.state(), self._config.safety.battery_percent
         percent, battery = charge_percent(message), reporting_battery(message)
-        if percent is None:
-            return fail("the robot reports no battery", "put one in")
+        if math.isnan(percent):
+            return fail("the robot does not report its battery's charge", "see the robot's own page")
         name = status_word(robot_state_pb2.BatteryState.Status, battery.status)
         found = f"{percent:.0f} %" + (f", {battery.voltage.value:.1f} V, {name}" if battery.HasField("voltage") else "")
         if percent < bound:

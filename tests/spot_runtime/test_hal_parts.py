@@ -19,9 +19,10 @@ from bosdyn.client.robot import UnregisteredServiceNameError
 
 from spot_model.robot import facts
 from spot_model.robot.state import Gains, JointCommand
-from spot_runtime.config import RobotConfig
+from spot_runtime.config import RobotConfig, RunConfig
+from spot_runtime.control.safety.slow_state import check_slow_state
 from spot_runtime.hal.connection.address import parse_address
-from spot_runtime.hal.errors import CredentialsError, EstopError, HalError, NoRobotError, NoServiceError
+from spot_runtime.hal.errors import CredentialsError, EstopError, FaultError, HalError, NoRobotError, NoServiceError
 from spot_runtime.hal.spot.command_stream import CommandEncoder, LatestSlot
 from spot_runtime.hal.spot.estop import needs_own_endpoint
 from spot_runtime.hal.spot.jobs import Jobs
@@ -178,9 +179,9 @@ def test_the_slow_state_takes_every_value_from_its_place() -> None:
 
 def test_the_charge_is_the_summary_of_the_robot_else_that_of_the_emptiest_battery_that_reports_one() -> None:
     message = robot_state_pb2.RobotState()
-    assert charge_percent(message) is None
+    assert np.isnan(charge_percent(message))
     message.battery_states.add(identifier="bay", status=robot_state_pb2.BatteryState.STATUS_MISSING)
-    assert charge_percent(message) is None
+    assert np.isnan(charge_percent(message))
     for percent, voltage in ((64.0, 52.0), (58.0, 51.0)):
         battery = message.battery_states.add()
         battery.charge_percentage.value, battery.voltage.value = percent, voltage
@@ -205,6 +206,24 @@ def test_a_robot_with_an_arm_is_refused_before_anything_moves(monkeypatch: pytes
     for name in ("arm0.sh0", "arm0.f1x"):
         state.kinematic_state.joint_states.add(name=name)
     with pytest.raises(HalError, match=r"an arm \(2 joints, arm0.sh0 to arm0.f1x\).* take the arm off"):
+        session.check_faults(8.0)
+
+
+def test_a_charge_that_is_not_reported_is_not_known_and_starts_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock, state = HostClock(), robot_state_pb2.RobotState()
+    session = Session(parse_address("127.0.0.1:1"), RobotConfig(), clock, RobotClockEstimate(), clock.now_ns)
+    monkeypatch.setattr(session, "_state", lambda: state)
+    for _ in range(2):  # no battery; one that tells its voltage alone
+        slow = slow_state_from_message(state, STAMP_NS)
+        assert np.isnan(slow.battery_charge_percent)
+        stop = check_slow_state(replace(slow, motors_powered=True), STAMP_NS, RunConfig().safety)
+        assert stop is not None
+        assert (stop.reason.label, stop.detail) == ("battery_unknown", "charge")
+        with pytest.raises(FaultError, match="does not report its battery's charge"):
+            session.check_faults(8.0)
+        state.battery_states.add().voltage.value = 52.0
+    state.battery_states[0].charge_percentage.value = 0.0
+    with pytest.raises(FaultError, match="holds 0 %"):
         session.check_faults(8.0)
 
 

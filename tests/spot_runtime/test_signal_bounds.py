@@ -16,7 +16,7 @@ from spot_runtime.control.safety.command_loss import LossMemory, confirm
 from spot_runtime.control.safety.commands import SetpointMemory
 from spot_runtime.control.safety.signals import bounds, check, ground, imu, legs, load, motion, still, weight
 from spot_runtime.control.safety.signals.check import SignalMemory, check_signals
-from spot_runtime.control.safety.signals.window import Window, window_of
+from spot_runtime.control.safety.signals.window import Window, length, turned_rad, window_of
 from spot_runtime.control.safety.states import StateMemory
 from spot_runtime.control.safety.watchdogs import WatchMemory
 from tests.spot_runtime.conftest import STAND_LOAD_NM
@@ -121,11 +121,30 @@ def test_an_amount_at_its_bound_is_no_stop(name: str, value: float, monkeypatch:
     assert value in stop.values.values()
 
 
-def test_feet_that_slide_for_half_the_time_make_a_long_travel_a_contradiction() -> None:
-    for sliding_s, is_doubted in ((0.499, True), (0.5, False)):
-        memory = SignalMemory(ground=ground.GroundMemory(1.0, sliding_s, travel_m=2.0 * bounds.TRAVEL_M))
-        (stop,) = check._stops(memory)
-        assert (stop.reason.name == "SIGNAL_DOUBTED") is is_doubted
+@pytest.mark.parametrize(
+    ("touching_s", "sliding_s", "is_doubted"),
+    [(1.0, 0.499, True), (1.0, 0.5, False), (0.4, 0.199, True), (0.4, 0.2, False)],
+)
+def test_feet_that_slide_for_half_the_time_make_a_long_travel_a_contradiction(
+    touching_s: float, sliding_s: float, is_doubted: bool
+) -> None:
+    memory = SignalMemory(ground=ground.GroundMemory(touching_s, sliding_s, travel_m=2.0 * bounds.TRAVEL_M))
+    (stop,) = check._stops(memory)
+    assert (stop.reason.name == "SIGNAL_DOUBTED") is is_doubted
+
+
+def test_the_sum_of_windows_with_wrong_loads_begins_anew_after_a_right_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(load, "disagreeing", lambda *_: ONE)
+    memory = SignalMemory(commands=(numbered(1),), load_windows=np.full(12, 2))
+    memory, _ = check_signals(memory, [ROBOT.state(i) for i in range(7)], is_standing=False, is_driven=True)
+    assert memory.load_windows.tolist() == [0, 0, 0, 3, *[0] * 8]
+
+
+@pytest.mark.parametrize(("load_nm", "felt_s"), [(ZERO, 0.0), (5.0 * ONE, 0.018)])
+def test_one_load_that_is_reported_is_held_against_what_was_asked(load_nm: np.ndarray, felt_s: float) -> None:
+    states = [replace(ROBOT.state(i), load_nm=load_nm, last_command_key=1) for i in range(7)]
+    memory, _ = check_signals(SignalMemory(commands=(numbered(1),)), states, is_standing=False, is_driven=True)
+    assert memory.answer.felt_s == pytest.approx(felt_s, abs=1e-6)
 
 
 # From windows to memory ----------------------------------------------------------------------------------------------
@@ -260,6 +279,24 @@ def test_a_joint_rests_while_its_position_and_velocity_agree() -> None:
         assert motion.resting(seen).tolist() == [rests or joint != 3 for joint in range(12)]
 
 
+def test_a_joint_that_misses_by_just_as_much_as_is_allowed_rests() -> None:
+    seen = window()
+    allowed = bounds.SLOPE_RAD * seen.duration_s / bounds.SLOPE_MEMORY_S
+    assert motion.resting(seen._replace(travel_rad=ZERO + allowed)).all()
+    assert not motion.resting(seen._replace(travel_rad=ZERO - np.nextafter(allowed, 1.0))).any()
+
+
+def test_a_foot_may_press_sideways_up_to_a_share_of_what_it_carries(monkeypatch: pytest.MonkeyPatch) -> None:
+    loaded = window(load_nm=np.ones(12))
+    monkeypatch.setattr(bounds, "WEIGHT_N", 400.0)
+    monkeypatch.setattr(bounds, "SIDEWAYS_SHARE", 0.25)
+    for sideways_n, is_wrong in ((25.0, False), (-25.0, False), (25.001, True)):
+        forces = np.tile([0.0, 0.0, 100.0], (4, 1))
+        forces[2, 1] = sideways_n
+        monkeypatch.setattr(weight, "ground_forces_n", lambda *_, forces=forces: forces)
+        assert weight.is_burden_wrong(loaded) is is_wrong
+
+
 def test_resting_excuses_only_while_commands_drive_the_joints() -> None:
     """In ready, where the vendor's stand keeps the robot still, the noise of the neighbours alone is the measure."""
     states = [replace(ROBOT.state(i), velocity_rad_s=np.full(12, 1e-6 * i)) for i in range(7)]
@@ -343,6 +380,13 @@ def test_joints_of_a_robot_that_reports_no_loads_live_by_position_and_velocity()
     moved = np.where(np.arange(12) == 0, 1e-6, 0.0)
     last = replace(first, position_rad=moved, velocity_rad_s=moved)
     assert set(still.still_windows(np.full(55, 3), first, last, NONE)[37:48]) == {4}
+
+
+def test_one_load_is_enough_for_loads_to_be_reported_and_then_they_must_live_too() -> None:
+    first = replace(ROBOT.state(0), position_rad=ZERO, velocity_rad_s=ZERO, load_nm=5.0 * ONE)
+    moved = np.where(np.arange(12) == 0, 1e-6, 0.0)
+    last = replace(first, position_rad=moved, velocity_rad_s=moved)
+    assert set(still.still_windows(np.full(55, 3), first, last, NONE)[37:48]) == {0}
 
 
 @pytest.mark.parametrize("steps", [(1e-4, 0.01, 0.055), (3e-4, 0.03, 0.2), (1e-3, 0.1, 1.0), (1e-4, 0.05, 3.0)])
@@ -453,12 +497,14 @@ def packet(**changes: Any) -> ImuPacket:
 def test_the_units_attitude_and_turn_rate_may_differ_up_to_their_bounds(monkeypatch: pytest.MonkeyPatch) -> None:
     turned = window(imu=(packet(odom_from_link_wxyz=np.array([np.cos(0.15), np.sin(0.15), 0.0, 0.0])),))
     spun = window(imu=(packet(angular_vel_of_link_in_link_rad_s=np.array([0.0, 2.0, 0.0])),))
-    monkeypatch.setattr(bounds, "IMU_ANGLE_RAD", 0.3 + 1e-9)
+    angle = length(turned_rad(turned.last.odom_from_body_wxyz, turned.imu[0].odom_from_link_wxyz))
+    assert angle == pytest.approx(0.3)
+    monkeypatch.setattr(bounds, "IMU_ANGLE_RAD", angle)
     monkeypatch.setattr(bounds, "IMU_TURN_RATE_RAD_S", 2.0)
     before = imu.ImuMemory(angle_windows=2, turn_rate_windows=3)
     assert imu.after_window(before, turned).angle_windows == 0
     assert imu.after_window(before, spun).turn_rate_windows == 0
-    monkeypatch.setattr(bounds, "IMU_ANGLE_RAD", 0.3 - 1e-9)
+    monkeypatch.setattr(bounds, "IMU_ANGLE_RAD", below(angle))
     monkeypatch.setattr(bounds, "IMU_TURN_RATE_RAD_S", below(2.0))
     assert imu.after_window(before, turned).angle_windows == 3
     assert imu.after_window(before, spun).turn_rate_windows == 4

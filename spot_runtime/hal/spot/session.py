@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import os
 from collections.abc import Callable
 from typing import Any, Final
@@ -34,7 +35,7 @@ from spot_runtime.hal.errors import ClockError, EstopError, FaultError, HalError
 from spot_runtime.hal.spot.calls import Calls
 from spot_runtime.hal.spot.estop import OwnEstop, needs_own_endpoint
 from spot_runtime.hal.spot.motions import POLL_S, Motions, Pause
-from spot_runtime.hal.spot.slow_state import charge_percent, pressed_estops, slow_state_from_message
+from spot_runtime.hal.spot.slow_state import pressed_estops, slow_state_from_message
 from spot_runtime.hal.spot.vendor_errors import translate
 from spot_runtime.host.clock import HostClock, RobotClockEstimate
 from spot_runtime.stops import CRITICAL
@@ -160,8 +161,8 @@ class Session:
                 f"the robot reports a behaviour fault: {', '.join(slow.behavior_faults)}; clear it on the tablet, "
                 f"it is never cleared by this program"
             )
-        if charge_percent(state) is None:
-            raise FaultError("the robot reports no battery, so its charge is not known; see the robot's own page")
+        if math.isnan(slow.battery_charge_percent):
+            raise FaultError("the robot does not report its battery's charge; see the robot's own page")
         if slow.battery_charge_percent < battery_percent:
             raise FaultError(
                 f"the battery holds {slow.battery_charge_percent:.0f} %; needed: {battery_percent:g} %; charge it"

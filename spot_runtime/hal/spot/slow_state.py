@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from bosdyn.api import robot_state_pb2, service_fault_pb2
 
 from spot_model.robot.stamps import NS_PER_S
@@ -17,7 +19,7 @@ def slow_state_from_message(message: robot_state_pb2.RobotState, host_stamp_ns: 
         host_stamp_ns: When it was received, host clock.
 
     Returns:
-        The slow state; a value that the robot does not report is 0 or missing.
+        The slow state; a charge that the robot does not report is NaN, any other such value 0 or missing.
     """
     power, battery = message.power_state, reporting_battery(message)
     stamp = power.timestamp
@@ -26,7 +28,7 @@ def slow_state_from_message(message: robot_state_pb2.RobotState, host_stamp_ns: 
         host_stamp_ns=host_stamp_ns,
         motors_powered=power.motor_power_state == robot_state_pb2.PowerState.MOTOR_POWER_STATE_ON,
         estopped=bool(pressed_estops(message)),
-        battery_charge_percent=charge_percent(message) or 0.0,
+        battery_charge_percent=charge_percent(message),
         battery_voltage_v=battery.voltage.value,
         battery_current_a=battery.current.value,
         battery_temperature_c=tuple(battery.temperatures),
@@ -44,21 +46,25 @@ def pressed_estops(message: robot_state_pb2.RobotState) -> list[str]:
     return [estop.name or "unnamed" for estop in message.estop_states if estop.state == stopped]
 
 
-def charge_percent(message: robot_state_pb2.RobotState) -> float | None:
-    """The charge for walking: the robot's own summary, else that of its emptiest battery; None without either."""
+def charge_percent(message: robot_state_pb2.RobotState) -> float:
+    """The charge for walking: the robot's own summary, else that of its emptiest battery; NaN without either."""
     if message.power_state.HasField("locomotion_charge_percentage"):
         return float(message.power_state.locomotion_charge_percentage.value)
     battery = reporting_battery(message)
-    return float(battery.charge_percentage.value) if battery.HasField("charge_percentage") else None
+    return float(battery.charge_percentage.value) if battery.HasField("charge_percentage") else math.nan
 
 
 def reporting_battery(message: robot_state_pb2.RobotState) -> robot_state_pb2.BatteryState:
-    """Of the batteries that report a charge, the emptiest; an empty message if none does.
+    """Of the batteries that report a charge, the emptiest, or one whose charge is no number; an empty message if none.
 
     The list may begin with a bay that is empty or a battery that still boots.
     """
     reporting = [battery for battery in message.battery_states if battery.HasField("charge_percentage")]
-    return min(reporting, key=lambda b: b.charge_percentage.value, default=robot_state_pb2.BatteryState())
+    return min(
+        reporting,
+        key=lambda b: -math.inf if math.isnan(b.charge_percentage.value) else b.charge_percentage.value,
+        default=robot_state_pb2.BatteryState(),
+    )
 
 
 def _system_fault(fault: robot_state_pb2.SystemFault) -> str:

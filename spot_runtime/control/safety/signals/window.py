@@ -60,7 +60,7 @@ def window_of(states: Sequence[RobotState]) -> Window | None:
         turn_rad=weights @ turn_rate,
         turn_rate_range_rad_s=float((turn_rate.max(axis=0) - turn_rate.min(axis=0)).max()),
         odom_from_body=rotation_matrix(states[-1].odom_from_body_wxyz),
-        contact_changed=bool((contacts != contacts[0]).any()),
+        contact_changed=bool((contacts.any(axis=0) != contacts.all(axis=0)).any()),
         imu=tuple(packet for state in states[1:] for packet in state.imu),
     )
 
