@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import os
+import select
 import signal
 import subprocess
 import sys
+import weakref
 from collections.abc import Mapping, Sequence
 from typing import IO, Final
 
@@ -18,12 +20,35 @@ HEARD: Final = subprocess.PIPE
 UNHEARD: Final = subprocess.DEVNULL
 
 
+def open_process(pid: int) -> int | None:
+    """A descriptor of a process that lives, which no other of that number can be mistaken for; None: it is gone."""
+    with contextlib.suppress(OSError):
+        return os.pidfd_open(pid) if pid else None
+    return None
+
+
+def has_ended(process: int | None, within_s: float | None = 0.0) -> bool:
+    """Whether the process of a descriptor has ended, or does so within a time; None: whenever that is."""
+    if process is None:
+        return True
+    poll = select.poll()
+    poll.register(process, select.POLLIN)
+    return bool(poll.poll(None if within_s is None else max(0.0, 1e3 * within_s)))
+
+
 class ChildProcess:
-    """Runs a program, mostly a module of ours. Nothing here waits unless it says so."""
+    """Runs a program, mostly a module of ours. Nothing here waits unless it says so.
+
+    A descriptor of the process tells whether it lives, and takes signals to it. Popen by itself reads a child whose
+    status it cannot get as one that ended with exit code 0, though it may still run, and sends it no signal any more.
+    """
 
     def __init__(self, process: subprocess.Popen[bytes]) -> None:
         self._process = process
         self.pid = process.pid
+        self._descriptor = open_process(process.pid)
+        if self._descriptor is not None:
+            weakref.finalize(self, os.close, self._descriptor)
 
     @classmethod
     def start(
@@ -89,7 +114,7 @@ class ChildProcess:
     @property
     def exit_code(self) -> int | None:
         """Its exit code, negative for a signal; None while it lives."""
-        return self._process.poll()
+        return self._process.poll() if self._has_ended(0.0) else None
 
     @property
     def end_in_words(self) -> str:
@@ -101,17 +126,19 @@ class ChildProcess:
 
     def send(self, number: signal.Signals) -> None:
         """Send it a signal; one that has ended gets none."""
-        self._process.send_signal(number)
+        if self._descriptor is None:
+            self._process.send_signal(number)
+            return
+        with contextlib.suppress(ProcessLookupError):
+            signal.pidfd_send_signal(self._descriptor, number)
 
     def kill(self) -> None:
         """End it at once."""
-        self._process.kill()
+        self.send(signal.SIGKILL)
 
     def wait(self, timeout_s: float | None = None) -> int | None:
         """Wait for its end, at most this long. Returns its exit code; None if it still lives."""
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            self._process.wait(None if timeout_s is None else max(0.0, timeout_s))
-        return self._process.returncode
+        return self._process.wait() if self._has_ended(timeout_s) else None
 
     def hear_out(self, timeout_s: float) -> tuple[int | None, bytes]:
         """Its exit code, and what it says from now to its end; None and nothing where that does not come in time."""
@@ -126,9 +153,18 @@ class ChildProcess:
         if self._process.stdin is not None:
             with contextlib.suppress(OSError):
                 self._process.stdin.close()
-        if self.wait(timeout_s) is None:
+        if not self._has_ended(timeout_s):
             self.kill()
+            self._has_ended(None)
         code = self._process.wait()
         if self._process.stdout is not None:
             self._process.stdout.close()
         return code
+
+    def _has_ended(self, within_s: float | None) -> bool:
+        if self._descriptor is not None:
+            return has_ended(self._descriptor, within_s)
+        # It was gone at once, or the system gives no such descriptors.
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(None if within_s is None else max(0.0, within_s))
+        return self._process.returncode is not None

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
-import select
 import signal
 import sys
 import time
@@ -17,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from spot_model.errors import SpotRlError
-from spot_model.io.child_process import HEARD, ChildProcess
+from spot_model.io.child_process import HEARD, ChildProcess, has_ended, open_process
 
 if TYPE_CHECKING:  # it sleeps for as long as all goes well, and should be small
     from spot_runtime.config import RunConfig
@@ -61,18 +59,6 @@ def start_guardian(
     )
 
 
-def open_process(pid: int) -> int | None:
-    """A descriptor of a process that lives, which no other of that number can be mistaken for; None: it is gone."""
-    with contextlib.suppress(OSError):
-        return os.pidfd_open(pid) if pid else None
-    return None
-
-
-def is_alive(process: int | None) -> bool:
-    """Whether the process of a descriptor lives."""
-    return process is not None and not select.select([process], [], [], 0.0)[0]
-
-
 def main() -> None:
     """Watch, and act if need be."""
     # A signal that ends a run goes to all its processes; this one acts afterwards.
@@ -80,12 +66,11 @@ def main() -> None:
         signal.signal(number, signal.SIG_IGN)
     told = json.loads(sys.stdin.buffer.read())
     control, service = open_process(told["control_pid"]), open_process(told["service_pid"])
-    if control is not None:
-        select.select([control], [], [])
+    has_ended(control, None)
     from spot_runtime.rescue.lease_note import note_path
 
     note = note_path(told["robot"], Path(told["folder"]))
-    while note.exists() and is_alive(service):
+    while note.exists() and not has_ended(service):
         time.sleep(LOOK_PERIOD_S)
     if not note.exists() and not told["is_heard"]:
         return

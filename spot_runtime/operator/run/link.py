@@ -7,7 +7,6 @@ a stalled service nor one that floods can hold up the loop.
 from __future__ import annotations
 
 import contextlib
-import select
 import socket
 import time
 from collections.abc import Sequence
@@ -18,6 +17,7 @@ from google.protobuf.message import DecodeError
 from spot_log.format import codec
 from spot_log.format.records import EventRecord
 from spot_protos import operator_pb2, run_link_pb2
+from spot_runtime.host.descriptors import is_ready
 
 MAX_DATAGRAM_BYTES: Final = 16_384
 MAX_SENTENCE: Final = 2_000
@@ -104,7 +104,7 @@ class RunLink:
         untold, deadline_s = self.untold, time.monotonic() + LAST_WORD_S
         while not self._tell(message) and not self.is_lost and time.monotonic() < deadline_s:
             self.untold = untold
-            select.select([], [self._socket], [], 0.05)
+            is_ready(self._socket, 0.05, to_send=True)
 
     def close(self) -> None:
         """Give the socket back."""

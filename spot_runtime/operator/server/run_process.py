@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import select
 import signal
 import socket
 import time
@@ -12,6 +11,7 @@ from typing import Final
 
 from spot_model.io.child_process import ChildProcess
 from spot_protos import run_link_pb2
+from spot_runtime.host.descriptors import is_ready
 from spot_runtime.host.service_manager import PROCESS_VARIABLE
 from spot_runtime.operator.run.link import receive
 from spot_runtime.operator.run.run_spec import RunSpec
@@ -66,7 +66,7 @@ class RunProcess:
         if self._is_all_told:
             time.sleep(timeout_s)
             return ()
-        if not select.select([self._socket], [], [], timeout_s)[0]:
+        if not is_ready(self._socket, timeout_s):
             return ()
         received = receive(self._socket, run_link_pb2.FromRun, MAX_READ)
         self._is_all_told = received.is_end
@@ -75,8 +75,7 @@ class RunProcess:
     def exit_code(self) -> int | None:
         """Its exit code, negative for a signal; None while it lives, or while messages of it are unread.
 
-        The exit status alone is not enough: the last message may still lie in the socket, and a status
-        that somebody else has taken reads as 0 while the process still runs. The end of its words is what counts.
+        The last message may still lie in the socket when the process has gone.
         """
         code = self._process.exit_code
         if code is None or self._is_all_told:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
-import os
+import fcntl
+import resource
+import signal
 import socket
 import subprocess
 import sys
@@ -61,14 +63,48 @@ def test_the_verdict_waits_for_the_last_words_of_a_process_that_is_gone(monkeypa
     run.close()
 
 
-def test_a_status_that_somebody_else_has_taken_is_no_verdict() -> None:
-    process, ours, theirs = talker(83)
+def test_a_process_that_runs_has_not_ended_whatever_popen_says(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Popen reads a child that it cannot wait for as ended with 0, and sends it no signal."""
+    monkeypatch.setattr(run_process, "LAST_WORDS_S", 0.0)
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    words = [sys.executable, "-c", f"input(); {SAYS}", str(theirs.fileno()), "83"]
+    process = subprocess.Popen(words, pass_fds=(theirs.fileno(),), stdin=subprocess.PIPE)
     theirs.close()
     run = RunProcess(ChildProcess(process), ours)
-    process.returncode = 0  # what Popen makes of a child that it cannot wait for, long before this one has spoken
+    process.returncode = 0
+    for _ in range(3):
+        assert run.read(0.01) == ()
+        assert run.exit_code() is None
+    assert process.stdin is not None
+    process.stdin.write(b"\n")
+    process.stdin.flush()
     assert all_told(run)[-1] == "ended"
     run.close()
-    os.waitpid(process.pid, 0)
+    process.returncode = None
+    assert process.wait() == 83
+
+
+def test_signals_reach_a_process_that_popen_takes_for_ended() -> None:
+    process = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
+    child = ChildProcess(process)
+    process.returncode = 0
+    assert child.exit_code is None
+    assert child.wait(0.0) is None
+    child.end(0.0)
+    process.returncode = None
+    assert process.wait() == -signal.SIGKILL
+
+
+def test_a_link_may_have_any_number() -> None:
+    """A service that many clients are connected to has descriptors beyond the 1,023 that select takes."""
+    resource.setrlimit(resource.RLIMIT_NOFILE, (4096, resource.getrlimit(resource.RLIMIT_NOFILE)[1]))
+    process, ours, theirs = talker(5)
+    theirs.close()
+    high = socket.socket(fileno=fcntl.fcntl(ours.fileno(), fcntl.F_DUPFD_CLOEXEC, 2000))
+    ours.close()
+    run = RunProcess(ChildProcess(process), high)
+    assert all_told(run)[-1] == "ended"
+    run.close()
 
 
 def test_a_link_that_a_grandchild_holds_does_not_keep_the_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
