@@ -610,6 +610,19 @@ def test_a_window_knows_the_range_of_each_velocity_and_holds_no_gap(monkeypatch:
     assert window_of(states) is None
 
 
+@pytest.mark.parametrize("changed", [(), (2,), (0, 1, 2, 3)])
+@pytest.mark.parametrize("touched", [True, False])
+def test_one_foot_that_lifts_off_or_touches_down_is_a_change(touched: bool, changed: tuple[int, ...]) -> None:
+    contacts = np.full(4, touched)
+    states = [replace(ROBOT.state(i), foot_contact=contacts) for i in range(7)]
+    contacts = contacts.copy()
+    contacts[list(changed)] = not touched
+    states[3] = replace(states[3], foot_contact=contacts)
+    made = window_of(states)
+    assert made is not None
+    assert made.contact_changed is bool(changed)
+
+
 def test_a_foot_moves_with_the_body_with_its_turn_and_with_its_leg() -> None:
     """Along y: 1 m/s of the body, 2 rad/s at 1 m from its middle, and 0.5 m/s of the leg."""
     away, ahead = np.tile([1.0, 0.0, 0.0], (4, 1)), np.array([0.0, 1.0, 0.0])
