@@ -48,7 +48,7 @@ class EstopError(HalError):
 
 
 class FaultError(HalError):
-    """The robot reports a fault, or its battery is low."""
+    """The robot reports a fault, or its battery is low or unknown."""
 
     label = "robot_fault"
     exit_code = 86
