@@ -1,4 +1,4 @@
-"""Waiting for a descriptor of any number: ``select`` takes none from 1,024 on, which busy services get to."""
+"""Waiting for a descriptor of any number: ``select`` takes none from 1,024 on, which a process with many files has."""
 
 from __future__ import annotations
 

@@ -96,7 +96,7 @@ def test_signals_reach_a_process_that_popen_takes_for_ended() -> None:
 
 
 def test_a_link_may_have_any_number() -> None:
-    """A service that many clients are connected to has descriptors beyond the 1,023 that select takes."""
+    """A process with many files has descriptors beyond the 1,023 that select takes."""
     resource.setrlimit(resource.RLIMIT_NOFILE, (4096, resource.getrlimit(resource.RLIMIT_NOFILE)[1]))
     process, ours, theirs = talker(5)
     theirs.close()
