@@ -69,6 +69,11 @@ class FakeSpot:
         return self._robot()[0].address.robot
 
     @property
+    def admin(self) -> str:
+        """Address of its admin service, for ``--lock-step`` where the robot is in lock-step mode."""
+        return self._robot()[0].address.admin
+
+    @property
     def sdk_host(self) -> str:
         """Host argument of a program of the vendor's SDK, which runs under ``environment``, in real time."""
         return self._robot()[0].address.sdk_host

@@ -20,7 +20,7 @@ from diagnosis.selection.nuisance_model import model_of
 from diagnosis.selection.scoring import Placed, Scored, Scorer, null_of, without
 from diagnosis.selection.search import price
 from diagnosis.verdict.explain import Explained
-from diagnosis.verdict.posterior import Belief, Hypothesis, believe, between_formulas, capped, log_odds
+from diagnosis.verdict.posterior import Belief, Hypothesis, believe, between_formulas, log_odds
 from spot_model.io.model_file import RobotModel
 
 ERRORS = "ordinary errors alone"
@@ -78,7 +78,7 @@ def candidates_of(found: Explained) -> dict[str, Scored]:
         out.setdefault(name_of(less), less)
         top = rivals[0].value if rivals else 0.0
         for rival in rivals[1:]:
-            if capped(between_formulas(rival.value - top, top), found.n_runs) > np.log(GROUP_ODDS):
+            if between_formulas(rival.value - top, top) > np.log(GROUP_ODDS):
                 out.setdefault(name_of(rival.scored), rival.scored)
     return out
 
@@ -183,7 +183,7 @@ def _kept(
     residuals_best = hypotheses[name_of(found.selection.best) if found.selection.best is not None else ERRORS]
     likeliest = max(
         (name for name, h in hypotheses.items() if len(h.effects) == len(found.effects)),
-        key=lambda name: log_odds(hypotheses[name], residuals_best, found.n_runs),
+        key=lambda name: log_odds(hypotheses[name], residuals_best),
     )
     for ours, rival in zip(
         set(found.effects) - set(hypotheses[likeliest].effects),

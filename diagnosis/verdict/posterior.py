@@ -21,7 +21,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.special import expit, ndtr
+from numpy.typing import NDArray
+from scipy.special import expit, ndtr, softmax
 
 from diagnosis.decision_constants import (
     FORMULA_ERROR,
@@ -86,12 +87,20 @@ class Belief:
         return {name: w / total for name, w in ranked if w >= GROUP_ODDS * ranked[0][1]} if total > 0.0 else {}
 
 
-def capped(nats: float, n_runs: int) -> float:
-    """Evidence of runs of which some are odd; nats, with the sign of what goes in."""
-    x = nats / max(n_runs, 1)
-    one = np.logaddexp(np.log(1.0 - ODD_RUN) + x, np.log(ODD_RUN))
-    other = np.logaddexp(np.log(1.0 - ODD_RUN), np.log(ODD_RUN) + x)
-    return float(max(n_runs, 1) * (one - other))
+def shares(nats: Sequence[float], n_runs: int) -> NDArray[np.float64]:
+    """Probabilities of hypotheses that were as likely before runs of which some are odd; shape (n,), adding up to 1.
+
+    Each run by itself gives p; an odd one points to any of the other hypotheses:
+
+        q = (1 − ε) p + ε (1 − p) / (n − 1)
+
+    Args:
+        nats: Evidence of all runs together, one a hypothesis.
+        n_runs: How many they are.
+    """
+    runs = max(n_runs, 1)
+    p = softmax(np.asarray(nats, dtype=np.float64) / runs)
+    return np.asarray(softmax(runs * np.log((1.0 - ODD_RUN) * p + ODD_RUN * (1.0 - p) / max(len(p) - 1, 1))))
 
 
 def believe(
@@ -115,10 +124,8 @@ def believe(
     by_set = {frozenset(h.effects): h for h in hypotheses}
     nothing, stated = by_set[frozenset()], by_set[frozenset(best)]
     is_simulated = all(h.distance is not None for h in hypotheses)
-    logs = np.array([log_odds(h, stated, n_runs) for h in hypotheses])
-    shares = np.exp(logs - logs.max())
-    shares /= shares.sum()
-    weights = {h.effects: float(w) for h, w in zip(hypotheses, shares, strict=True)}
+    odds = shares([log_odds(h, stated) for h in hypotheses], n_runs)
+    weights = {h.effects: float(w) for h, w in zip(hypotheses, odds, strict=True)}
     nearer = {n: _distance(by_set, frozenset(best) - {n}) - float(stated.distance or 0.0) for n in best}
     so_far = Belief(best, 0.0, 0.0, {}, {}, weights, nearer if is_simulated else {})
     # Effects can make up for each other, and all of them together lead away from the robot.
@@ -155,10 +162,10 @@ def is_unknown(left: float, explained: float, beyond_nats: float) -> float:
     return float(expit(np.dot(UNKNOWN, (1.0, gap, np.log1p(beyond_nats)))))
 
 
-def log_odds(rival: Hypothesis, stated: Hypothesis, n_runs: int) -> float:
+def log_odds(rival: Hypothesis, stated: Hypothesis) -> float:
     """Of a set of effects against the stated one, from residuals and, where they were run, closed loops."""
     farther = (rival.distance or 0.0) - (stated.distance or 0.0)
-    return capped(between_formulas(rival.nats - stated.nats, stated.nats) - farther / GAP_SPREAD, n_runs)
+    return between_formulas(rival.nats - stated.nats, stated.nats) - farther / GAP_SPREAD
 
 
 def between_formulas(more_nats: float, nats: float) -> float:

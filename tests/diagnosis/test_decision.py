@@ -16,18 +16,28 @@ from diagnosis.decision_constants import (
     UNKNOWN,
 )
 from diagnosis.verdict.assemble import finite
-from diagnosis.verdict.posterior import Belief, Hypothesis, believe, capped, is_gap, is_there, is_unknown, matters
+from diagnosis.verdict.posterior import Belief, Hypothesis, believe, is_gap, is_there, is_unknown, matters, shares
 
 FAR = ORDINARY_GAP + 3.0
 
 
 def test_no_run_tells_more_than_its_odds_of_being_odd() -> None:
-    most = np.log((1.0 - ODD_RUN) / ODD_RUN)
-    assert capped(1000.0, 1) == pytest.approx(most)
-    assert capped(-1000.0, 5) == pytest.approx(-5.0 * most)
-    assert capped(0.0, 3) == 0.0
+    most = (1.0 - ODD_RUN) / ODD_RUN
+    first, second = shares([0.0, -1000.0], 1)
+    assert first / second == pytest.approx(most)
+    first, second = shares([-5000.0, 0.0], 5)
+    assert second / first == pytest.approx(most**5)
+    assert shares([7.0, 7.0, 7.0], 3) == pytest.approx([1.0 / 3.0] * 3)
     # Small evidence loses the share of odd runs, twice.
-    assert capped(1e-6, 1) == pytest.approx((1.0 - 2.0 * ODD_RUN) * 1e-6, rel=1e-4)
+    first, second = shares([1e-6, 0.0], 1)
+    assert np.log(first / second) == pytest.approx((1.0 - 2.0 * ODD_RUN) * 1e-6, rel=1e-4)
+
+
+@pytest.mark.parametrize("n_rivals", [1, 5, 36])
+def test_one_run_leaves_all_rivals_together_the_odds_of_an_odd_run(n_rivals: int) -> None:
+    told = shares([0.0] + [-1000.0] * n_rivals, 1)
+    assert told[0] == pytest.approx(1.0 - ODD_RUN)
+    assert told[1:] == pytest.approx([ODD_RUN / n_rivals] * n_rivals)
 
 
 def test_one_run_alone_proves_no_cause() -> None:
@@ -82,10 +92,12 @@ def test_formulas_that_explain_nearly_as_much_are_one_group() -> None:
         )
         return _believed(hypotheses, ("torque_delay",), torque_delay=4.0).group("torque_delay")
 
-    # 46 nats of 300 are one nat: FORMULA_ERROR is 0.15, and each of nine runs may be odd.
-    odds = np.exp(capped(-1.0, 9))
+    # 46 nats of 300 are one nat: FORMULA_ERROR is 0.15. An odd one of the nine runs points to either of two others.
+    runs = np.exp(np.array([0.0, -1.0, -300.0 / 46.0 - (FAR - 1.2) / GAP_SPREAD]) / 9.0)
+    p = runs / runs.sum()
+    delay, bandwidth, _ = ((1.0 - ODD_RUN) * p + ODD_RUN * (1.0 - p) / 2.0) ** 9
     assert group(300.0 - 46.0) == pytest.approx(
-        {"torque_delay": 1.0 / (1.0 + odds), "torque_bandwidth": odds / (1.0 + odds)}
+        {"torque_delay": delay / (delay + bandwidth), "torque_bandwidth": bandwidth / (delay + bandwidth)}
     )
     assert list(group(100.0)) == ["torque_delay"]
 
