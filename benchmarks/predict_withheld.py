@@ -1,25 +1,38 @@
-"""Predict the top speed of a withheld robot from logs at up to 4 m/s, then run it and compare.
+"""Predict the top speed of withheld robots from logs at up to 4 m/s, then run them and compare.
 
-    python benchmarks/predict_withheld.py --policy policies/fast.onnx --out DIR [--seed 1] [--speed 5.0]
+    python benchmarks/predict_withheld.py robots --seed 51 --count 8 --out DIR [--catalogue calibrating] [--until 600]
+    python benchmarks/predict_withheld.py score DIR
 
-The robot is one of the withheld simulator, with ordinary errors and surroundings of its own and no fault. Three logs of
-8 s, ramps to 2, 3 and 4 m/s, are diagnosed against the judge's nominal model; then a ramp to ``--speed`` is predicted,
-recorded, and compared with the prediction.
+Each robot has ordinary errors and surroundings of its own and one fault of the catalogue, drawn as the withheld check
+draws single faults. Three logs of 8 s, ramps to 2, 3 and 4 m/s, are diagnosed against the judge's nominal model; then a
+ramp to ``--speed`` is predicted, recorded, and compared with the prediction. It can be interrupted, and goes on.
 """
 
 from __future__ import annotations
 
-import subprocess
-import sys
-from argparse import ArgumentParser
-from collections.abc import Sequence
+import json
+import shutil
+import time
+from argparse import ArgumentParser, Namespace
+from itertools import count, islice
 from pathlib import Path
+from typing import Any, Final
 
+import numpy as np
+
+from diagnosis.next.inputs import Inputs
+from diagnosis.next.predict.prediction import load_prediction, with_log
+from diagnosis.next.session import Session, diagnosed
+from spot_log import read_run
+from spot_model.errors import SpotRlError
 from spot_model.io.model_file import save_model
 from spot_model.io.velocity_sequence import VelocitySequence, Waypoint, save_sequence
+from withheld.cases.draw import draw, kind_of
+from withheld.cases.source import source_of
 from withheld.plan import RecordingPlan
-from withheld.realities.judging.catalogue import CATALOGUE
-from withheld.realities.reality import make
+
+SLOW_M_S: Final = (2.0, 3.0, 4.0)
+WANTED_M_S: Final = 0.15
 
 
 def ramp(speed_m_s: float) -> VelocitySequence:
@@ -29,42 +42,87 @@ def ramp(speed_m_s: float) -> VelocitySequence:
     return VelocitySequence(name=f"ramp_{speed_m_s:g}", duration_s=8.0, waypoints=waypoints)
 
 
-def spot_rl(*words: str) -> None:
-    """Run a command, and show what it says."""
-    subprocess.run([sys.executable, "-m", "spot_model", *words], check=True)  # noqa: S603 - our own command
-
-
-def main(arguments: Sequence[str]) -> None:
-    """Record, diagnose, predict, record, compare."""
-    parser = ArgumentParser(description=__doc__)
-    parser.add_argument("--policy", type=Path, required=True)
-    parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--speed", type=float, default=5.0)
-    given = parser.parse_args(arguments)
-    reality = make((), given.seed, CATALOGUE)
-    out, found = given.out, given.out / "found"
+def robot(number: int, given: Namespace) -> str:
+    """Record, diagnose, predict, record, compare; a line to print."""
+    out = given.out / f"{given.seed}-{number:04d}"
+    file = out.with_suffix(".json")
+    if file.exists():
+        return f"{number}: there"
+    shutil.rmtree(out, ignore_errors=True)  # of an interrupted start
     out.mkdir(parents=True)
+    began_s = time.monotonic()
+    case = draw(given.seed, number, source_of(given.catalogue), given.policy.parent)
+    reality = source_of(given.catalogue).make(case.requests, case.reality_seed)
     save_model(reality.nominal, out / "nominal.yaml")
-    slow = tuple(ramp(v) for v in (2.0, 3.0, 4.0))
-    reality.record(RecordingPlan(given.policy, slow, 1, given.seed), out / "logs")
-    spot_rl(
-        "diagnose",
-        str(out / "logs"),
-        "--nominal",
-        str(out / "nominal.yaml"),
-        "--policy",
-        str(given.policy),
-        "--out",
-        str(found),
-    )
     fast = ramp(given.speed)
-    save_sequence(fast, out / "fast.yaml")
-    spot_rl("diagnose", "predict", str(found), "--sequence", str(out / "fast.yaml"))
-    reality.record(RecordingPlan(given.policy, (fast,), 1, given.seed + 1), out / "fast")
-    log = next((out / "fast").glob("*.mcap"))
-    spot_rl("diagnose", "predict", str(found), "--sequence", str(out / "fast.yaml"), "--log", str(log))
+    kept: dict[str, Any] = {"number": number, "kind": case.requests[0].kind, "error_scale": reality.truth.error_scale}
+    try:
+        plan = RecordingPlan(given.policy, tuple(map(ramp, SLOW_M_S)), 1, case.recording_seed)
+        reality.record(plan, out / "logs")
+        logs = tuple(str(p.absolute()) for p in sorted((out / "logs").glob("*.mcap")))
+        inputs = Inputs(logs=logs, nominal=str(out / "nominal.yaml"), policy=str(given.policy.absolute()))
+        kept["verdict"] = diagnosed(inputs, (), out / "found").sentence
+        session = Session.opened(out / "found", [], None, None, case.diagnosis_seed)
+        save_sequence(fast, out / "fast.yaml")
+        session.predicted(str(out / "fast.yaml"), None, out / "prediction.json")
+        reality.record(RecordingPlan(given.policy, (fast,), 1, case.recording_seed + 1), out / "fast")
+        (log,) = (out / "fast").glob("*.mcap")
+        made = with_log(load_prediction(out / "prediction.json"), read_run(log))
+        lines = made.lines()
+        kept["numbers"] = {
+            f.name: (f.value, f.low, f.high, f.measured) for f in made.forecasts if f.measured is not None
+        }
+    except SpotRlError as error:
+        kept["error"], lines = str(error), [str(error)]
+    file.write_text(json.dumps(kept, indent=1))
+    return "\n".join([f"{number}: {kept['kind']}, {time.monotonic() - began_s:.0f} s", *lines])
+
+
+def robots(given: Namespace) -> None:
+    """Make what is missing."""
+    given.out.mkdir(parents=True, exist_ok=True)
+    began_s = time.monotonic()
+    for number in islice((n for n in count() if kind_of(given.seed, n) == "single"), given.count):
+        if time.monotonic() - began_s < given.until:
+            print(robot(number, given), flush=True)
+
+
+def score(given: Namespace) -> None:
+    """Print how far top speeds were off, and how many intervals held."""
+    rows = [json.loads(path.read_text()) for path in sorted(given.folder.glob("*.json"))]
+    for row in rows:
+        print(f"{row['number']:4d} {row['kind']:22s} {row.get('error') or row['verdict']}")
+        for name, (value, low, high, measured) in row.get("numbers", {}).items():
+            held = "held" if low <= measured <= high else "did not hold"
+            print(f"     {name:24s} {value:7.2f} ({low:.2f} to {high:.2f}), measured {measured:.2f}: {held}")
+    made = [row["numbers"] for row in rows if "numbers" in row]
+    off = np.array([own["top_speed"][0] - own["top_speed"][3] for own in made])
+    print(f"top speed within {WANTED_M_S} m/s: {np.sum(np.abs(off) <= WANTED_M_S)} of {len(off)}")
+    print(f"root mean square {np.sqrt(np.mean(off**2)):.3f} m/s, mean {off.mean():+.3f} m/s")
+    for name in dict.fromkeys(n for own in made for n in own):
+        own = [o[name] for o in made if name in o]
+        print(f"{name}: interval held for {sum(low <= m <= high for _, low, high, m in own)} of {len(own)}")
+
+
+def main() -> None:
+    """Read the command line."""
+    parser = ArgumentParser(description=__doc__)
+    steps = parser.add_subparsers(required=True)
+    one = steps.add_parser("robots")
+    one.add_argument("--policy", type=Path, default=Path("policies/fast.onnx"))
+    one.add_argument("--catalogue", default="calibrating")
+    one.add_argument("--seed", type=int, required=True)
+    one.add_argument("--count", type=int, required=True)
+    one.add_argument("--speed", type=float, default=5.0)
+    one.add_argument("--out", type=Path, required=True)
+    one.add_argument("--until", type=float, default=1e9, help="begin no robot after so many seconds")
+    one.set_defaults(step=robots)
+    two = steps.add_parser("score")
+    two.add_argument("folder", type=Path)
+    two.set_defaults(step=score)
+    given = parser.parse_args()
+    given.step(given)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()

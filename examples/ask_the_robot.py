@@ -1,6 +1,6 @@
 """Hide slow motors in the fake robot, walk it once, and let the diagnosis ask for what it needs to name them.
 
-    python examples/ask_the_robot.py asked [torque_bandwidth | command_delay | backlash | knee_spring | slippery | soft_ground]
+    python examples/ask_the_robot.py asked [FAULT]
 
 One walk of five seconds leaves several causes possible. ``spot-rl diagnose next --run`` diagnoses it, chooses
 experiments, runs them on the robot, and ends where one cause stands; ``OUT/found/asked/story.html`` tells how.
@@ -12,6 +12,7 @@ import os
 import subprocess
 import sys
 import time
+from argparse import ArgumentParser
 from pathlib import Path
 from typing import Any, Final
 
@@ -44,9 +45,14 @@ def main(out: Path, fault: str) -> None:
         words += [str(out / "nominal.yaml"), "--policy", POLICY, "--run", "--yes", "--robot", spot.address]
         words += ["--lock-step", spot.admin]
         began_s = time.monotonic()
-        subprocess.run([sys.executable, "-m", "spot_model", *words], env={**os.environ, **spot.environment}, check=True)
+        command, environment = [sys.executable, "-m", "spot_model", *words], {**os.environ, **spot.environment}
+        subprocess.run(command, env=environment, check=True)  # noqa: S603 - our own command
     print(f"hidden: {HIDDEN[fault]}; {time.monotonic() - began_s:.0f} s")
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1] if len(sys.argv) > 1 else "asked"), sys.argv[2] if len(sys.argv) > 2 else "torque_bandwidth")
+    parser = ArgumentParser(description=__doc__)
+    parser.add_argument("out", type=Path, nargs="?", default=Path("asked"))
+    parser.add_argument("fault", choices=HIDDEN, nargs="?", default="torque_bandwidth")
+    given = parser.parse_args()
+    main(given.out, given.fault)

@@ -9,6 +9,7 @@ from typing import Final
 from diagnosis.next.choose.design import Design, in_words
 from diagnosis.next.files import Offer
 from diagnosis.next.story import OTHERS, SURE, Asked, Story
+from diagnosis.report.output import NAMES
 from spot_log.page.look import boxed, framed, headed
 from spot_log.page.svg import esc
 
@@ -20,7 +21,7 @@ STYLE: Final = """
 .stage { margin: 12px 0 3px; } th { width: 90px; }
 """
 WIDE_LAST: Final = "td:last-child { min-width: 300px; } td:nth-child(-n+3) { min-width: 60px; }"
-SHADES: Final = ("#4e79a7", "#f28e2b", "#76b7b2", "#e15759", "#b07aa1", "#9c755f")
+SHADES: Final = ("#4e79a7", "#f28e2b", "#76b7b2", "#e15759", "#b07aa1", "#9c755f", "#59a14f", "#edc948", "#2f4b7c")
 GREY: Final = "#bab0ab"
 
 
@@ -84,10 +85,18 @@ def _round(number: int, asked: Asked) -> str:
         "to part": f"{esc(asked.parts)}; {asked.expected_bits:.2f} bits were expected",
         "came": esc(came) + (f"<br><code>{esc(Path(asked.log).name)}</code>" if asked.log else ""),
         "odds": "<br>".join(moved) if moved else "moved by less than 1 %" if asked.found else "not diagnosed yet",
-        "verdict": esc(asked.sentence),
+        "verdict": esc(asked.sentence) + _report(asked),
     }
     table = "".join(f"<tr><th>{name}</th><td>{text}</td></tr>" for name, text in rows.items())
     return boxed(f"Experiment {number}: {asked.name.replace('_', ' ')}", "", f"<table>{table}</table>")
+
+
+def _report(asked: Asked) -> str:
+    """A link to the round's diagnosis, from the story beside the rounds' folders."""
+    if not asked.found:
+        return ""
+    report = (Path(asked.found) / NAMES["report"]).relative_to(Path(asked.folder).parent)
+    return f"<br><a href='{esc(report.as_posix())}'>diagnosis of all logs so far</a>"
 
 
 def _moves(stages: Sequence[tuple[str, Mapping[str, float]]]) -> str:

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from diagnosis.command import diagnose
 from diagnosis.decision_constants import ODD_RUN
 from diagnosis.library.registry import LIBRARY
-from diagnosis.next.choose.candidates import Candidate, candidates, given
+from diagnosis.next.choose.candidates import HEAT, Candidate, candidates, given
 from diagnosis.next.choose.design import Design, Proposal, in_words, judged
 from diagnosis.next.choose.information import Told, entropy_bits, told_by
 from diagnosis.next.choose.robots import (
@@ -100,6 +100,12 @@ def test_robots_that_are_alike_tell_nothing() -> None:
     causes = np.repeat([0, 1, 2], 12)
     told = told_by(rng.standard_normal((36, 40)), causes, np.array([0.6, 0.3, 0.1]), rng)
     assert told.bits < 0.05
+
+
+@pytest.mark.parametrize(("share", "is_enough"), [(0.71, False), (0.73, True)])
+def test_four_fifths_of_what_a_run_can_tell_are_enough(share: float, is_enough: bool) -> None:
+    """One run in ten is odd: of two bits a run can tell 1.8, and 0.8 · 1.8 = 1.44 = 0.72 · 2."""
+    assert Told(share * 2.0, 2.0, np.zeros((3, 3))).is_enough is is_enough
 
 
 def test_what_is_nearly_certain_leaves_little_to_tell() -> None:
@@ -192,12 +198,19 @@ def _contract():  # type: ignore[no-untyped-def]
     )
 
 
-@pytest.mark.parametrize("candidate", candidates(_contract(), JOINT_NAMES[:3]), ids=lambda c: c.name)
+@pytest.mark.parametrize("candidate", candidates(_contract(), JOINT_NAMES[:3], (HEAT,)), ids=lambda c: c.name)
 def test_every_corner_of_a_candidates_bounds_can_be_built(candidate: Candidate) -> None:
     for side in ("start", "low"):
         values = {name: getattr(free, side) for name, free in candidate.free.items()}
         motion = candidate.replace_values(values).motion()
-        assert 4.0 <= motion.duration_s <= 20.0
+        assert 4.0 <= motion.duration_s <= (40.0 if candidate.name == "warm_up" else 20.0)
+
+
+def test_motors_are_warmed_only_where_heat_may_be_the_cause() -> None:
+    def names(*effects: str) -> set[str]:
+        return {c.name for c in candidates(_contract(), (), effects)}
+
+    assert names(HEAT) - names("torque_gain") == {"warm_up"}
 
 
 def write(path: Path, **data: object) -> Path:
@@ -354,6 +367,7 @@ def test_it_goes_on_until_one_cause_stands(tmp_path: Path) -> None:
     assert story.ending == "torque gain stands at 0.97"
     assert [next(iter(r.after.values())) for r in story.rounds] == pytest.approx([0.8, 0.97])
     assert "Experiment 2" in fake.pages[-1]
+    assert "href='round_2/found/report.html'" in fake.pages[-1]
     assert '"ending": "torque gain stands at 0.97"' in story.to_json()
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -31,6 +31,8 @@ class Free:
     unit: str
 
 
+HEAT: Final = "thermal_derating"
+"""The effect that a warm-up shows; without it, a minute of squats is not worth its time."""
 GAINS: Final[Mapping[str, Free]] = {
     "kp_nm_per_rad": Free(250.0, 200.0, 300.0, "N·m/rad"),
     "kd_nm_s_per_rad": Free(5.0, 3.0, 6.0, "N·m·s/rad"),
@@ -70,14 +72,18 @@ class Candidate:
         return self.motion().duration_s + HANDOVER_S
 
 
-def candidates(policy: PolicyContract | None, suspects: Sequence[str]) -> tuple[Candidate, ...]:
+def candidates(
+    policy: PolicyContract | None, suspects: Sequence[str], effects: Collection[str] = ()
+) -> tuple[Candidate, ...]:
     """All that could be next.
 
     Args:
         policy: Contract of the policy for walks; None where there is none.
         suspects: Joints at which something may be wrong, the likeliest first.
+        effects: Names of those that may be the cause.
     """
-    return (*(_walks(policy) if policy is not None else ()), *_in_the_stand(), *_sweeps(suspects))
+    walks = _walks(policy) if policy is not None else ()
+    return (*walks, *_in_the_stand(), *(_warm_up() if HEAT in effects else ()), *_sweeps(suspects))
 
 
 def given(motion: Motion) -> Candidate:
@@ -181,6 +187,24 @@ def _in_the_stand() -> tuple[Candidate, ...]:
                 frequency_hz=v["frequency_hz"],
                 kp_nm_per_rad=v["kp_nm_per_rad"],
                 kd_nm_s_per_rad=v["kd_nm_s_per_rad"],
+            ),
+        ),
+    )
+
+
+def _warm_up() -> tuple[Candidate, ...]:
+    return (
+        Candidate(
+            "warm_up",
+            "go down and up until the motors are warm",
+            "level ground; the motors get hot: keep hands off them afterwards",
+            {
+                "depth_m": Free(0.12, 0.06, 0.14, "m"),
+                "frequency_hz": Free(0.8, 0.4, 1.0, "Hz"),
+                "duration_s": Free(40.0, 30.0, 50.0, "s"),
+            },
+            lambda v: Squat(
+                name="warm_up", duration_s=v["duration_s"], depth_m=v["depth_m"], frequency_hz=v["frequency_hz"]
             ),
         ),
     )

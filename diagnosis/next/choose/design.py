@@ -23,10 +23,8 @@ from spot_model.robot.facts import Array
 
 EACH: Final = 6
 """Robots of each cause."""
-REFINED: Final = 1
-"""Best kinds whose numbers are chosen."""
 TRIES: Final = 5
-"""Simulations for each of them."""
+"""Simulations in which the numbers of the best kind are chosen."""
 WORTH_BITS: Final = 0.05
 """An experiment that tells less is not worth anybody's time."""
 Tell = Callable[[float], None]
@@ -110,19 +108,19 @@ def design(
         own: A user's own experiment, in the place of all others.
     """
     robots = drawn_robots(posterior, EACH, np.random.default_rng(seed))
-    all_of = candidates(policy.contract if policy is not None else None, suspects(posterior))
+    effects = {name for cause in robots.causes for name in cause}
+    all_of = candidates(policy.contract if policy is not None else None, suspects(posterior), effects)
     kinds = [c for c in all_of if c.name not in excluded] if own is None else [given(own)]
-    n_steps, done = len(kinds) + REFINED * tries, 0
+    n_steps = len(kinds) + tries
     found: list[Proposal] = []
-    for candidate in kinds:
+    for done, candidate in enumerate(kinds, start=1):
         found.append(judged(candidate, robots, policy, seed))
-        done += 1
         tell(done / n_steps)
-    if len(robots.causes) > 1 and own is None:
-        for number in sorted(range(len(found)), key=lambda i: _rank(found[i]))[:REFINED]:
+    if len(robots.causes) > 1 and own is None and found:
+        number = min(range(len(found)), key=lambda i: _rank(found[i]))
+        if not found[number].told.is_enough:
             found[number] = _improved(found[number], robots, policy, seed, tries)
-            done += tries
-            tell(done / n_steps)
+        tell(1.0)
     return Design(robots.causes, robots.weights, tuple(sorted(found, key=_rank)))
 
 

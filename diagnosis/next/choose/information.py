@@ -27,6 +27,7 @@ from spot_model.robot.facts import Array
 
 FOLDS: Final = 3
 CLEAR: Final = 3.0
+ENOUGH: Final = 0.8
 REDRAWN: Final = 6
 """Draws of folds, and of what formulas leave, over which Δ is averaged."""
 
@@ -40,6 +41,11 @@ class Told:
     """Entropy of the causes before."""
     apart: Array
     """Δ of each two causes, shape (C, C)."""
+
+    @property
+    def is_enough(self) -> bool:
+        """Whether it is nearly all that one run can tell: a better experiment is not worth looking for."""
+        return self.bits >= ENOUGH * (1.0 - ODD_RUN) * self.of_bits
 
     def right(self, first: int, second: int) -> float:
         """How often a run tells these two causes apart rightly."""
