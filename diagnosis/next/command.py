@@ -22,7 +22,7 @@ def next_experiment(
     ] = None,
     run: Annotated[bool, typer.Option("--run", help="Run the experiments on a robot until one cause is left.")] = False,
     robot: Annotated[str | None, typer.Option("--robot", help="With --run: HOST, HOST:PORT or unix:/path.")] = None,
-    yes: Annotated[bool, typer.Option("--yes", help="Ask nobody before a run; for a fake robot.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Ask nobody before a run: fake robots alone.")] = False,
     budget_s: Annotated[float, typer.Option("--budget", min=10.0, max=3600.0, help="Robot time, s.")] = 120.0,
     rounds: Annotated[int, typer.Option("--rounds", min=1, max=20, help="Experiments, at most.")] = 5,
     config: Annotated[Path | None, typer.Option("--config", help="Run configuration (YAML).")] = None,
@@ -37,6 +37,7 @@ def next_experiment(
 ) -> None:
     """Say which experiment would tell most of the cause of a gap; with --run, ask the robot until one cause is left."""
     from diagnosis.next.files import load_motion
+    from diagnosis.next.robot_run import is_here
     from diagnosis.next.rounds import Limits
     from diagnosis.next.session import Session
     from spot_model.errors import BadInputError
@@ -44,6 +45,8 @@ def next_experiment(
 
     if run and robot is None:
         raise BadInputError("--run needs a robot; give --robot HOST")
+    if run and yes and robot is not None and lock_step is None and not is_here(robot):
+        raise BadInputError(f"--yes is for a fake robot on this computer, not for {robot}; a person confirms each run")
     own = load_motion(experiment) if experiment is not None else None
     session = Session.opened(folder, logs or [], nominal, policy, seed)
     session.own = own

@@ -11,6 +11,8 @@ from typing import Final
 from spot_log import read_run
 from spot_model.errors import SpotRlError
 from spot_model.io.signals import run_in_foreground
+from spot_runtime.hal.connection.address import parse_address
+from spot_runtime.operator.listening import is_loopback, is_unix
 
 Start = Callable[[Sequence[str]], bool]
 """Runs ``spot-rl`` with arguments until it has ended; says whether a person asked to stop meanwhile."""
@@ -43,6 +45,16 @@ def run_on_robot(words: Sequence[str], log_dir: Path, start: Start) -> Ran:
     except SpotRlError as error:
         return Ran(None, 0.0, str(error), is_interrupted)
     return Ran(made[-1], run.duration_s, run.outcome, is_interrupted)
+
+
+def is_here(robot: str) -> bool:
+    """Whether an address is of this computer, where no real robot is.
+
+    Raises:
+        BadInputError: It is no address.
+    """
+    address = parse_address(robot)
+    return is_loopback(address.host if is_unix(address.host) else f"{address.host}:{address.port}")
 
 
 def start_here(words: Sequence[str]) -> bool:

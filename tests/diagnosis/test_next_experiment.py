@@ -32,7 +32,7 @@ from diagnosis.next.inputs import Inputs, save_inputs
 from diagnosis.next.page import ranking_page, story_page
 from diagnosis.next.predict.outcome import MOTION
 from diagnosis.next.predict.prediction import Forecast, Prediction, _forecast, load_prediction
-from diagnosis.next.robot_run import WHOLE, Ran, run_on_robot
+from diagnosis.next.robot_run import WHOLE, Ran, is_here, run_on_robot
 from diagnosis.next.rounds import Lab, Limits, ask_robot
 from diagnosis.next.session import Session, found_in
 from diagnosis.next.story import SURE, Found, Story, read_story
@@ -405,6 +405,28 @@ def test_after_ctrl_c_another_start_goes_on_with_the_logs_there_are(tmp_path: Pa
     assert fake.ran == ["a", "a"]
     assert [bool(r.found) for r in story.rounds] == [True, True]
     assert story.ending == "torque gain stands at 0.97"
+
+
+@pytest.mark.parametrize(
+    ("robot", "here"),
+    [
+        ("127.0.0.1:8443", True),
+        ("localhost", True),
+        ("[::1]:8443", True),
+        ("unix:/run/spot.sock", True),
+        ("192.168.80.3", False),
+        ("spot.local:8443", False),
+    ],
+)
+def test_nobody_but_a_fake_robot_on_this_computer_moves_without_being_asked_for(robot: str, here: bool) -> None:
+    assert is_here(robot) is here
+
+
+def test_a_robot_elsewhere_is_not_run_without_a_person(tmp_path: Path) -> None:
+    words = ["next", str(tmp_path), "--run", "--yes", "--robot", "192.168.80.3"]
+    told = CliRunner().invoke(diagnose, words)
+    assert isinstance(told.exception, BadInputError)
+    assert "a person confirms each run" in str(told.exception)
 
 
 def test_a_file_that_is_no_story_is_named(tmp_path: Path) -> None:
