@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from diagnosis.next.choose.candidates import candidates
+from diagnosis.next.choose.candidates import HEAT, candidates
 from diagnosis.next.choose.robots import compact, with_ordinary_errors
 from diagnosis.next.choose.safety_check import burden, refusals
 from diagnosis.next.choose.trial import STAND_S, try_on
@@ -31,8 +31,6 @@ from spot_model.robot import facts
 from spot_model.robot.rotation import tilt_rad
 
 WIDE = 2.0
-SLICE = 10
-"""Robots side by side."""
 SUSPECTS = ("fl_kn", "hr_hy", "hl_hx")
 
 
@@ -55,7 +53,7 @@ def main(arguments: Sequence[str]) -> None:
     parser.add_argument("--robots", type=int, default=50)
     parser.add_argument("--bounds", action="store_true")
     parser.add_argument("--only", default="", help="A part of the names of the experiments to run.")
-    parser.add_argument("--once", action="store_true", help="Run one slice of robots, then stop; may be repeated.")
+    parser.add_argument("--once", action="store_true", help="Run one experiment, then stop; may be repeated.")
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args(arguments)
     policy = load_policy(given.policy)
@@ -67,28 +65,22 @@ def main(arguments: Sequence[str]) -> None:
     nominal = load_model("paper_identified").with_effects(*rotors)
     models = [compact(with_ordinary_errors(nominal, rng, WIDE)) for _ in range(given.robots)]
     rows: dict[str, Any] = json.loads(given.out.read_text()) if given.out.exists() else {}
-    for candidate in candidates(policy.contract, SUSPECTS)[::-1]:
+    for candidate in candidates(policy.contract, SUSPECTS, (HEAT,))[::-1]:
         most = {n: free.high for n, free in candidate.free.items()}
         sizes = {"as proposed": candidate, "at its bounds": candidate.replace_values(most)}
         for words, chosen in list(sizes.items())[: 2 if given.bounds else 1]:
             row = rows.setdefault(f"{candidate.name}, {words}", {"refused": [], "tilts_deg": []})
-            while len(row["tilts_deg"]) < given.robots and given.only in candidate.name:
-                done, began_s = len(row["tilts_deg"]), time.monotonic()
-                runs = try_on(
-                    chosen.motion(), models[done : done + SLICE], policy, np.random.default_rng([given.seed, done])
-                )
-                row["refused"] += refusals(runs)
-                row["tilts_deg"] += tilts_deg(runs)
-                row["loads"] = burden(runs)
-                given.out.write_text(json.dumps(rows))
-                told = "; ".join(row["refused"]) or "borne by all"
-                print(
-                    f"{candidate.name}, {words}, {len(row['tilts_deg'])} robots: {told}; {row['loads']}; "
-                    f"{time.monotonic() - began_s:.0f} s",
-                    flush=True,
-                )
-                if given.once:
-                    return
+            if row["tilts_deg"] or given.only not in candidate.name:
+                continue
+            began_s = time.monotonic()
+            runs = try_on(chosen.motion(), models, policy, np.random.default_rng(given.seed))
+            row |= {"refused": refusals(runs), "tilts_deg": tilts_deg(runs), "loads": burden(runs)}
+            given.out.write_text(json.dumps(rows))
+            told = "; ".join(row["refused"]) or f"borne by all, {max(row['tilts_deg']):.0f} degrees of lean at most"
+            seconds = time.monotonic() - began_s
+            print(f"{candidate.name}, {words}: {told}; {row['loads']}; {seconds:.0f} s", flush=True)
+            if given.once:
+                return
     rows = {name: row for name, row in rows.items() if row["tilts_deg"]}
     borne = sum(not row["refused"] for row in rows.values())
     print(f"{borne} of {len(rows)} borne by all {given.robots} robots; the others are refused before they run")

@@ -163,6 +163,7 @@ NOT_RUN = {
     "python benchmarks/gait_on_robot.py policies/fast.onnx": CORES,
     "python benchmarks/gait_on_robot.py POLICY --speeds 0.5,1,1.5": CORES,
     "python examples/hidden_friction.py": CORES,
+    "python examples/ask_the_robot.py": CORES,
     "spot-rl bench ordinary": CORES,
     "spot-rl bench ordinary --seed 31 --runs 25 --out ordinary.jsonl": CORES,
     "spot-rl bench stop": "floods a service for minutes in real time; tests/spot_runtime/operator does so for seconds",
