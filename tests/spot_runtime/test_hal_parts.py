@@ -23,6 +23,7 @@ from spot_runtime.config import RobotConfig, RunConfig
 from spot_runtime.control.safety.slow_state import check_slow_state
 from spot_runtime.hal.connection.address import parse_address
 from spot_runtime.hal.errors import CredentialsError, EstopError, FaultError, HalError, NoRobotError, NoServiceError
+from spot_runtime.hal.spot.calls import Calls
 from spot_runtime.hal.spot.command_stream import CommandEncoder, LatestSlot
 from spot_runtime.hal.spot.estop import needs_own_endpoint
 from spot_runtime.hal.spot.jobs import Jobs
@@ -320,6 +321,39 @@ def test_no_connection_is_explained_where_that_is_asked() -> None:
     told = translate(UnregisteredServiceNameError("robot-command-streaming"), "finding robot-command-streaming")
     assert isinstance(told, NoServiceError)
     assert "the robot does not offer it" in str(told)
+
+
+def test_two_calls_that_one_expired_token_refuses_are_both_served_by_one_login() -> None:
+    logins: list[int] = []
+    calls = Calls(object(), lambda: logins.append(1))
+
+    def refused_until_login() -> str:
+        if not logins:
+            raise sdk.UnauthenticatedError(_FailedCall(), "doc")
+        return "answer"
+
+    def overtaken() -> str:
+        """Refused, too, but by the time its refusal arrives another thread's call has logged in."""
+        if logins:
+            return "answer"
+        assert calls.make("keeping the lease", refused_until_login) == "answer"
+        raise sdk.UnauthenticatedError(_FailedCall(), "doc")
+
+    assert calls.make("polling", overtaken) == "answer"
+    assert len(logins) == 1
+
+
+def test_a_robot_that_refuses_a_fresh_token_is_not_asked_again_and_again() -> None:
+    logins: list[int] = []
+    calls = Calls(object(), lambda: logins.append(1))
+
+    def refused() -> None:
+        raise sdk.UnauthenticatedError(_FailedCall(), "doc")
+
+    for _ in range(3):
+        with pytest.raises(CredentialsError, match="denies access"):
+            calls.make("polling", refused)
+    assert len(logins) == 1
 
 
 def test_the_digits_of_a_port_do_not_decide_what_an_error_is() -> None:

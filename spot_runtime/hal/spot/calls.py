@@ -28,6 +28,7 @@ class Calls:
         self._robot, self._log_in = robot, log_in
         self._lock = threading.Lock()
         self._next_login_s = 0.0
+        self._logins = 0
 
     def client(self, kind: Any) -> Any:
         """The SDK's client of a service, given its class."""
@@ -38,19 +39,23 @@ class Calls:
 
     def make(self, doing: str, call: Callable[[], Any]) -> Any:
         """Make a call; ``doing`` says in errors what it was for."""
+        logins = self._logins
         try:
             return call()
         except (SdkError, grpc.RpcError) as error:
             ours = translate(error, doing)
-            if not (isinstance(ours, CredentialsError) and self._has_logged_in_again()):
+            if not (isinstance(ours, CredentialsError) and self._has_logged_in_since(logins)):
                 raise ours from error
         try:
             return call()
         except (SdkError, grpc.RpcError) as error:
             raise translate(error, doing) from error
 
-    def _has_logged_in_again(self) -> bool:
+    def _has_logged_in_since(self, logins: int) -> bool:
+        """Whether the token is newer than after so many logins; another thread's call may have fetched it."""
         with self._lock:
+            if self._logins > logins:
+                return True
             now_s = time.monotonic()
             if self._log_in is None or now_s < self._next_login_s:
                 return False
@@ -59,4 +64,5 @@ class Calls:
                 self._log_in()
             except (SdkError, grpc.RpcError, HalError):
                 return False
+            self._logins += 1
             return True
