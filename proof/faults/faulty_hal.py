@@ -99,7 +99,8 @@ class FaultyHal(BosdynHal):
         """Note when."""
         self.power_off_ns = self.robot_now_ns()
         if self._rig is not None:
-            self.truth = self._rig.truth() if self._has_begun else None
+            if self._has_begun and self.truth is None:  # a second call finds the robot half-way down
+                self.truth = self._rig.truth()
             self.was_off = self._rig.status().motor_power.lower().endswith("off")
         self._begins("down")
         super().power_off()

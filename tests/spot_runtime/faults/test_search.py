@@ -39,3 +39,10 @@ def test_a_robot_that_is_stopped_before_it_stands_has_not_fallen(tmp_path: Path)
     with rig(tmp_path, WALK) as robot:
         verdict = judge_case(robot, case)
     assert (verdict.outcome, verdict.problems) == ("operator_stop", [])
+
+
+def test_a_robot_that_is_half_way_down_when_it_is_stopped_has_not_fallen(tmp_path: Path) -> None:
+    case = Case("down", 1.6, (Fault("signal SIGINT", 1.475, 0.0, {}),))
+    with rig(tmp_path, WALK) as robot:
+        verdict = judge_case(robot, case)
+    assert (verdict.outcome, verdict.problems) == ("operator_stop", [])
