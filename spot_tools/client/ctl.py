@@ -44,6 +44,8 @@ def ctl(
 @app.command()
 def status(context: typer.Context, as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False) -> None:
     """Tell how it stands: state, mode, figures, and how the last run ended."""
+    from spot_tools.client.watch import charge_words
+
     with _client(context) as client:
         answer = client.call("GetStatus", operator_pb2.GetStatusRequest())
     if as_json:
@@ -53,7 +55,7 @@ def status(context: typer.Context, as_json: Annotated[bool, typer.Option("--json
     typer.echo(f"state    {answer.state}" + (f", {run.mode}, policy {run.policy}" if run.mode else ""))
     typer.echo(f"robot    {answer.robot} {run.robot_id}".rstrip())
     if run.mode:
-        typer.echo(f"battery  {run.battery_charge_percent:.0f} %")
+        typer.echo(f"battery  {charge_words(run.battery_charge_percent)}")
         typer.echo(f"log      {run.log_path or 'none'}")
     if answer.last.outcome:
         typer.echo(f"last run {answer.last.outcome}: {answer.last.sentence}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import threading
 import time
 from collections import deque
@@ -106,11 +107,16 @@ def _figures(status: operator_pb2.Status) -> Table:
     return table
 
 
+def charge_words(percent: float) -> str:
+    """A battery's charge for a person."""
+    return "not reported" if math.isnan(percent) else f"{percent:.0f} %"
+
+
 def _body(run: operator_pb2.RunStatus) -> Table:
     table = _pairs()
     charge = run.battery_charge_percent
-    style = "bold red" if charge < 10.0 else ("yellow" if charge < 20.0 else "green")
-    table.add_row("battery", Text(f"{charge:.0f} %  {run.battery_voltage_v:.1f} V", style=style))
+    style = "green" if charge >= 20.0 else ("yellow" if charge >= 10.0 else "bold red")  # NaN, too, is no good charge
+    table.add_row("battery", Text(f"{charge_words(charge)}  {run.battery_voltage_v:.1f} V", style=style))
     table.add_row("motors", Text("on", style="bold") if run.motors_powered else Text("off", style="dim"))
     table.add_row("e-stop", Text("PRESSED", style="bold red") if run.estopped else Text("released", style="green"))
     table.add_row("tilt", f"{run.tilt_rad * 57.29578:.1f}°")

@@ -35,6 +35,7 @@ from spot_runtime.operator.server.states import State
 from spot_runtime.service_config import ServiceConfig
 from spot_runtime.stops import StopReason
 from spot_tools.client import ctl
+from spot_tools.client.watch import _body
 
 from .conftest import POLICIES, wait_until
 
@@ -418,3 +419,18 @@ def test_steering_waits_until_the_policy_is_in_full_control(monkeypatch: pytest.
     ctl._wait_until_active(service)  # type: ignore[arg-type]
     assert service.modes == ["never asked"]
     assert service.attended == len(ctl.BEFORE_CONTROL)
+
+
+@pytest.mark.parametrize(
+    ("percent", "words", "style"),
+    [
+        (64.4, "64 %", "green"),
+        (15.0, "15 %", "yellow"),
+        (5.0, "5 %", "bold red"),
+        (math.nan, "not reported", "bold red"),
+    ],
+)
+def test_the_screen_shows_a_charge_that_is_not_reported_as_a_bad_one(percent: float, words: str, style: str) -> None:
+    table = _body(operator_pb2.RunStatus(battery_charge_percent=percent, battery_voltage_v=52.0))
+    cell = next(iter(table.columns[1].cells))
+    assert (str(cell), cell.style) == (f"{words}  52.0 V", style)  # type: ignore[union-attr]
