@@ -11,6 +11,7 @@ import numpy as np
 from support import Target, folder, refusing, text_file
 
 MODELS = ("spot_model",)
+IMPORTING = ("spot_log.importing", "spot_model")
 
 
 def scenario(data: bytes) -> None:
@@ -227,9 +228,9 @@ FILES = {
     "scenario": Target(scenario, scenario_seeds, ("fake_robot", "spot_model"), 300, YAML_WORDS, PURE_PYTHON),
     "config": Target(config, config_seeds, ("spot_runtime", "spot_model"), 300, YAML_WORDS, PURE_PYTHON),
     "model_file": Target(model_file, model_file_seeds, MODELS, 300, YAML_WORDS, PURE_PYTHON),
-    "mapping": Target(mapping, mapping_seeds, max_len=300, words=YAML_WORDS, why_slow=PURE_PYTHON),
+    "mapping": Target(mapping, mapping_seeds, IMPORTING, 300, YAML_WORDS, PURE_PYTHON),
     "sequence": Target(sequence, sequence_seeds, MODELS, 256, YAML_WORDS, PURE_PYTHON),
     "credentials": Target(credentials, credentials_seeds, max_len=128, words=YAML_WORDS),
-    "recording": Target(recording, recording_seeds, max_len=1200, why_slow="NumPy's reader of NPZ, some 200 µs a file"),
+    "recording": Target(recording, recording_seeds, IMPORTING, 1200, (), "NumPy's reader of NPZ, some 200 µs a file"),
     "delays": Target(delays, delays_seeds, MODELS, 256),
 }

@@ -84,7 +84,7 @@ def address_seeds() -> list[bytes]:
 
 
 WIRE = {
-    "vendor_state": Target(vendor_state, vendor_state_seeds, ("spot_runtime",), 1024),
+    "vendor_state": Target(vendor_state, vendor_state_seeds, ("spot_log.format", "spot_runtime"), 1024),
     "joint_command": Target(joint_command, joint_command_seeds, ("fake_robot",), 512),
     "address": Target(address, address_seeds, ("spot_runtime",), 64, (b"unix:", b"ipv4:", b"://", b"[::1]", b"\xff")),
 }
