@@ -12,7 +12,7 @@ def compare(
     log: Annotated[str, typer.Argument(help="A log (*.mcap): what the others are compared with.", metavar="LOG")],
     others: Annotated[
         list[str],
-        typer.Argument(help="Other logs, or models: a model is simulated with LOG's commands.", metavar="OTHER..."),
+        typer.Argument(help="Other logs, or models: a model is simulated with LOG's commands.", metavar="OTHER"),
     ],
     out: Annotated[Path, typer.Option("--out", help="Folder for page, ghost log, figures and layout.")],
     policy: Annotated[

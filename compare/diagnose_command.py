@@ -1,4 +1,4 @@
-"""``spot-rl diagnose``: the diagnosis, then a log beside the nominal and the corrected model."""
+"""Explain a sim-to-real gap: the effect that causes it, where it lies, how far it shrinks, what to run next."""
 
 from __future__ import annotations
 

@@ -73,7 +73,8 @@ def _head(tracks: Sequence[Track], found: Sequence[Differences], cause: str) -> 
         f"{len(reference) * STEP_S:.1f} s under the same velocity commands · simulated runs are in closed loop, with "
         "the policy that ran"
     )
-    headline = f"{reference.name} beside {' and '.join(t.name for t in tracks[1:])}"
+    verb = "walks like" if is_close else "walks unlike"
+    headline = f"{reference.name} {verb} {' and '.join(t.name for t in tracks[1:])}"
     return headed("Close" if is_close else "Apart", "good" if is_close else "bad", headline, lines, meta)
 
 

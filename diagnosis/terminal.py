@@ -34,12 +34,15 @@ def twelve_lines(verdict: Verdict, paths: Mapping[str, Path]) -> list[str]:
     ]
     effects = [f"effect     {_effect(e)}" for e in v.effects[:3]] or [f"effect     none found{_seen(v)}"]
     lines += effects
-    lines.append(f"none       {v.probability_none:.2f}    unknown {v.probability_unknown:.2f}{_unknown(v)}")
+    lines.append(
+        f"else       probability of no effect {v.probability_none:.2f}, of an unknown one "
+        f"{v.probability_unknown:.2f}{_unknown(v)}"
+    )
     lines.append(f"shrink     {_shrink(v)}")
     # With fewer effects there is room for more.
     lines += [f"beside     {_beside(v)}", f"invisible  {_invisible(v)}"][: 3 - len(effects)]
     split = next((e.split for e in v.effects if e.split is not None), None)
-    lines.append(f"to split   {split.command if split else 'nothing to split'}")
+    lines.append(f"to split   {split.command if split else 'no experiment is needed'}")
     lines.append(f"advice     {v.log_advice[0] if v.log_advice else 'none'}")
     lines.append(f"model      {paths.get('model', '-')}")
     lines.append(f"report     {paths.get('report', '-')}")
@@ -60,7 +63,7 @@ def _effect(e: FoundEffect) -> str:
         f"{n} {p.value:.4g} ({p.low:.4g} to {p.high:.4g}) {p.unit}".rstrip() for n, p in e.parameters.items()
     )
     group = f" [or {', '.join(e.group[1:])}]" if len(e.group) > 1 else ""
-    return f"{e.name} {e.probability:.2f}{group} at {joints_in_short(e.joints)}: {values}"
+    return f"{e.name}{group}, probability {e.probability:.2f}, at {joints_in_short(e.joints)}: {values}"
 
 
 def _seen(v: Verdict) -> str:
@@ -84,7 +87,7 @@ def _beside(v: Verdict) -> str:
 
 
 def _invisible(v: Verdict) -> str:
-    return ", ".join(v.invisible) if v.invisible else "no effect of the library"
+    return ", ".join(v.invisible) if v.invisible else "none: these logs could show every effect"
 
 
 def _unknown(v: Verdict) -> str:
@@ -100,4 +103,5 @@ def _shrink(v: Verdict) -> str:
     if s.s is None or s.s_low is None or s.s_high is None:
         return f"D0 {s.d0:.2f} does not exceed its floor {s.floor:.2f}"
     placebo = f"; placebo {s.placebo.name} {s.placebo.s:.2f}" if s.placebo else ""
-    return f"D {s.d0:.2f} to {s.d1:.2f}, floor {s.floor:.2f}: S {s.s:.2f} ({s.s_low:.2f} to {s.s_high:.2f}){placebo}"
+    interval = f"90 % interval {s.s_low:.2f} to {s.s_high:.2f}"
+    return f"S {s.s:.2f} ({interval}): distance {s.d0:.2f} to {s.d1:.2f}, floor {s.floor:.2f}{placebo}"

@@ -22,16 +22,21 @@ LogFile = Annotated[Path, typer.Argument(help="A log: *.mcap, or *.mcap.active a
 @app.command()
 def info(
     file: LogFile,
+    everything: Annotated[
+        bool, typer.Option("--all", help="Also time in each mode, loads by joint, a histogram of delays, the header.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of words.")] = False,
 ) -> None:
-    """Summarise a log: rates, gaps, ages, delays, drops, falls, temperatures, events."""
+    """Summarise a log: gait, falls, rates, gaps, ages, delays, drops, temperatures, events."""
     from spot_log.page.details import detail_lines
+    from spot_log.page.summary import summary_lines
 
     told = log_info(read_run(file))
     if as_json:
         typer.echo(json.dumps(told.to_json(), ensure_ascii=False, indent=2))
     else:
-        typer.echo(plain_lines("\n".join(detail_lines(told))))
+        lines = detail_lines(told) if everything else [told.file, *summary_lines(told)]
+        typer.echo(plain_lines("\n".join(lines)))
 
 
 @app.command()

@@ -94,7 +94,8 @@ def shrink_line(shrink: Shrink) -> str:
             )
         )
         far = abs(x - at(shrink.s)) > 70
-        parts.append(text(x, y - 14 if far else y + 60, "best wrong effect", size=12, anchor="middle", css="soft"))
+        named = plain(shrink.placebo.name)
+        parts.append(text(x, y - 14 if far else y + 60, named, size=12, anchor="middle", css="soft"))
     return svg(width, 128, parts, told)
 
 

@@ -1,4 +1,4 @@
-"""All that ``spot-rl log info`` prints: the summary, then per-joint figures, the delay histogram, the header."""
+"""What ``spot-rl log info --all`` prints: the summary, then per-joint figures, the delay histogram, the header."""
 
 from __future__ import annotations
 

@@ -54,8 +54,9 @@ td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; wh
 details { margin: 6px 0; } summary { cursor: pointer; font-weight: 500; }
 .panels { display: grid; grid-template-columns: repeat(4, 1fr); gap: 6px 8px; }
 section { overflow-x: auto; } h1 { overflow-wrap: anywhere; }
-/* On a narrow screen a figure keeps its labels' size and is moved sideways, its words stay where they are. */
-@media (max-width: 700px) { section svg { min-width: calc(0.9 * var(--width)); } .panels { min-width: 1060px; }
+/* On a narrow screen a figure of half a page fits; a wider one keeps its labels' size and is moved sideways. */
+@media (max-width: 700px) { section svg { min-width: clamp(0px, 1000 * (var(--width) - 700px), 0.9 * var(--width)); }
+  .panels { grid-template-columns: 1fr 1fr; }
   section > h2, section > h3, section > p { position: sticky; left: 0; } main { padding: 12px 10px 40px; } }
 @media print { section { break-inside: avoid; } body { background: #fff; } h1 { font-size: 22px; } }
 """

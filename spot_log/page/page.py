@@ -21,7 +21,8 @@ MAX_EVENT_ROWS: Final = 300
 MAX_HEADER_TEXT: Final = 4000
 _MORE: Final = """
 tr.error td { color: var(--bad); } tr.warning td { color: var(--warn); } pre { max-height: 220px; overflow: auto; }
-td { overflow-wrap: anywhere; min-width: 70px; }
+td { overflow-wrap: anywhere; min-width: 76px; } th + td:last-child, td:nth-child(4) { min-width: 160px; }
+td:nth-child(3) { min-width: 90px; }
 """
 
 
@@ -68,7 +69,7 @@ def _head(info: LogInfo, told: dict[str, str]) -> str:
         badge, kind = "Log damaged", "bad"
     elif falls:
         badge, kind = "Fell", "bad"
-    elif any(event["severity"] == "error" for event in info.events):
+    elif any(event["severity"] == "error" and not _is_wish(event) for event in info.events):
         badge, kind = "Errors", "bad"
     else:
         badge, kind = "No fault", "good"
@@ -79,6 +80,11 @@ def _head(info: LogInfo, told: dict[str, str]) -> str:
     header = info.header
     meta = f"robot {header['robot_id'] or 'unnamed'} · repeat {header['repeat']} · {Path(info.file).name}"
     return headed(badge, kind, _title(info), lines, meta)
+
+
+def _is_wish(event: dict[str, Any]) -> bool:
+    """Whether a stop is the operator's, which is no fault."""
+    return bool(event["name"] == "stop" and event["text"].startswith("operator_stop"))
 
 
 def _section(figure: Figure, run: Run) -> str:
@@ -107,7 +113,7 @@ def _events(info: LogInfo) -> str:
     left = len(info.events) - MAX_EVENT_ROWS
     more = note(f"{left} more are in the log." if left > 0 else "")
     head = ("time", "severity", "name", "what", "values")
-    return table(head, rows, row_classes=[event["severity"] for event in shown]) + more
+    return table(head, rows, row_classes=["info" if _is_wish(event) else event["severity"] for event in shown]) + more
 
 
 def _header(info: LogInfo) -> Iterator[tuple[str, str]]:

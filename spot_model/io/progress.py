@@ -51,13 +51,14 @@ class Progress:
         if self._bar is not None:
             self._bar.update(self._bar.task_ids[0], completed=done, text=text)
             if is_told:
-                self._console.print(text, markup=False)
+                self._console.print(text, markup=False, soft_wrap=True)
             return
         now = self._clock()
         if is_told or now >= self._next_line_s or done == self._total:
             self._next_line_s = now + PLAIN_INTERVAL_S
             parts = [f"{self._what} {done}/{self._total}", self._left(now, done), text]
-            self._console.print("  ".join(part for part in parts if part), markup=False, highlight=False)
+            told = "  ".join(part for part in parts if part)
+            self._console.print(told, markup=False, highlight=False, soft_wrap=True)
 
     def stop(self) -> None:
         """Leave the last state on the screen."""

@@ -81,8 +81,9 @@ class Gait:
         """The gait in a line."""
         if self.name == "stand":
             return "stand"
+        name = "no regular gait" if self.name == "none" else f"{self.name} ({self.clarity:.0%} of strides)"
         return (
-            f"{self.name} ({self.clarity:.0%} of strides), {self.stride_hz:.1f} strides/s, "
+            f"{name}, {self.stride_hz:.1f} strides/s, "
             f"duty {np.mean(self.duty):.2f}, flight {self.flight_share:.0%}, "
             f"diagonals agree {self.diagonals_agree:.2f}, other pairs at most {self.others_agree:.2f}"
         )

@@ -139,6 +139,7 @@ def velocity(
     request = operator_pb2.SetVelocityRequest(v_x_m_s=v_x, v_y_m_s=v_y, yaw_rate_rad_s=yaw_rate, operator=operator)
     with _client(context) as client:
         _wait_until_active(client)
+        typer.echo(f"steering for {seconds:g} s: {v_x:+.2f} {v_y:+.2f} m/s {yaw_rate:+.2f} rad/s")
         until_s = time.monotonic() + seconds
         while time.monotonic() < until_s:
             client.call("SetVelocity", request, 2.0)

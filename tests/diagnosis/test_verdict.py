@@ -81,7 +81,14 @@ def test_the_terminal_says_it_in_twelve_lines() -> None:
     for n in (0, 2, 3, 4):
         assert len(twelve_lines(_verdict().model_copy(update={"effects": (one,) * n}), {})) == 12
     text = "\n".join(lines)
-    for word in ("explained", "fl_kn", "coulomb_friction 0.90", "S 0.88", "placebo armature 0.20", "Record more."):
+    for word in (
+        "explained",
+        "fl_kn",
+        "coulomb_friction, probability 0.90",
+        "S 0.88",
+        "placebo armature 0.20",
+        "Record more.",
+    ):
         assert word in text
 
 

@@ -93,9 +93,9 @@ FORMS = {
     "spot-rl serve --config FILE": "spot-rl serve --robot",
     "spot-rl log import MAPPING.yaml FILE --out LOG.mcap": "spot-rl log import mapping.yaml recording.csv",
     "spot-rl diagnose LOG --nominal MODEL --out DIR --policy POLICY.onnx --robot ROBOT.yaml --synthesis "
-    "--add-effect module:Class --without EFFECT --engine ray": "spot-rl diagnose logs --nominal paper_identified",
-    "spot-rl diagnose LOGS --nominal MODEL --out DIR --add-effect my_effects:GreaseDrag": "spot-rl diagnose logs "
-    "--nominal paper_identified",
+    "--add-effect module:Class --without EFFECT --engine ray": "spot-rl diagnose fake-walks --nominal paper_identified",
+    "spot-rl diagnose LOGS --nominal MODEL --out DIR --add-effect my_effects:GreaseDrag": "spot-rl diagnose "
+    "fake-walks --nominal paper_identified",
 }
 """Command with words to be filled in, and how a command begins that is run and has them filled in."""
 

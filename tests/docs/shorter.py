@@ -11,8 +11,8 @@ SHORTER = {
     "spot-rl bench train --json": "--set n_envs=16 --iterations 1",
     # The first try of the page has recorded these runs: none is missing, so no robot is asked.
     "spot-rl collect --sequences all --repeats 5 --robot 192.168.50.3 --credentials-file credentials.yaml "
-    "--policy policies/baseline.onnx --out logs": "--sequences ahead.yaml,aside.yaml --repeats 1 "
-    "--policy policies/walk.onnx",
+    "--policy policies/baseline.onnx --out spot-walks": "--sequences ahead.yaml,aside.yaml --repeats 1 "
+    "--policy policies/walk.onnx --out fake-walks",
 }
 
 

@@ -181,7 +181,7 @@ def folder_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]
         folder = tmp_path_factory.mktemp(name) / "a folder"
         if name in ("log", "compare", "other-tools"):
             (folder / "logs").mkdir(parents=True)
-            log = next((played("sysid") / "logs").glob("*.mcap")).read_bytes()
+            log = next((played("sysid") / "fake-walks").glob("*.mcap")).read_bytes()
             for copy in ("LOG", "OTHER"):
                 (folder / "logs" / f"{copy}.mcap").write_bytes(log)
             (folder / "logs" / "LOG.mcap.active").write_bytes(log[: len(log) * 2 // 3])

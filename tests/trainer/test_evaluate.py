@@ -1,6 +1,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -74,9 +75,19 @@ def test_a_whole_evaluation_and_its_page() -> None:
         update={"velocity_command_low": (-0.5, -0.5, -0.5), "velocity_command_high": (0.5, 0.5, 0.5)}
     )
     slow = replace(setting.policy, contract=contract)
-    told: list[str] = []
-    result = evaluate(Setting(slow, n_threads=1), n=3, tell=told.append)
-    assert told == ["tracking", "top_speed", "episodes_slow", "pushes", "slippery_patch"]
+    told: dict[str, float] = {}
+    kept: list[dict[str, Any]] = []
+    result = evaluate(
+        Setting(slow, n_threads=1), n=3, tell=told.__setitem__, keep=lambda figures: kept.append(dict(figures))
+    )
+    assert list(told) == ["tracking", "top_speed", "episodes_slow", "pushes", "slippery_patch"]
+    assert list(told.values()) == sorted(told.values())
+    assert told["tracking"] == 0.0
+    assert told["slippery_patch"] < 1.0
+    again: list[str] = []
+    resumed = evaluate(Setting(slow, n_threads=1), n=3, done=kept[3], tell=lambda name, _: again.append(name))
+    assert again == ["slippery_patch"]  # what had ended is not run again
+    assert resumed == result == kept[-1]
     assert json.loads(json.dumps(result)) == result
     assert result["top_speed"]["sustained_m_s"] == pytest.approx(0.5, abs=0.15)
     assert result["pushes"]["trials"] == 3

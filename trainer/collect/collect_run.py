@@ -77,7 +77,7 @@ class Collection:
                 if run.problem:
                     say(f"{run.path} does not count: {run.problem}")
             missing = missing_runs(part.plan, found)
-            say(f"{part.label}: {len(part.plan) - len(missing)} of {len(part.plan)} runs are there")
+            say(f"{part.label}: {len(part.plan) - len(missing)} of {len(part.plan)} runs are recorded already")
             for number, planned in enumerate(missing, start=1):
                 if has_fault:
                     left.append(planned)

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+if TYPE_CHECKING:
+    from trainer.evaluate.setting import Setting
+
 FILM_S = 12.0
+UNFINISHED = "unfinished.json"
+"""The trials of an evaluation that goes on or was interrupted."""
 
 
 def evaluate(
@@ -32,7 +37,6 @@ def evaluate(
     from spot_model.policy.policy import load_policy
     from spot_model.robot.mjcf import MjcfOptions
     from trainer.evaluate.page import evaluation_page
-    from trainer.evaluate.report import evaluate as run_trials
     from trainer.evaluate.setting import Setting
     from trainer.play.film import check_film, top_speed_ramp, write_film
     from trainer.play.walk import Walk
@@ -50,10 +54,10 @@ def evaluate(
     except ValueError as error:
         raise BadInputError(str(error)) from error
     setting = Setting(policy=loaded, model=load_model(model), mjcf=mjcf, seed=seed)
-    result = run_trials(setting, n=n, tell=lambda name: typer.echo(f"trial {name}", err=True))
-    out.mkdir(parents=True, exist_ok=True)
-    (out / "evaluation.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    result = _evaluated(setting, n, out / UNFINISHED)
     (out / "evaluation.html").write_text(evaluation_page(result), encoding="utf-8")
+    _write(out / "evaluation.json", result)
+    (out / UNFINISHED).unlink()
     if video:
         walk = Walk(loaded, setting.plant(1), np.random.default_rng(seed))
         write_film(walk, top_speed_ramp(loaded, FILM_S), out / "video.mp4", FILM_S)
@@ -64,3 +68,43 @@ def evaluate(
             for fall in figures.get("fell", ()) if isinstance(figures, dict) else ():
                 typer.echo(f"{name}: {fall['why']}")
         typer.echo(f"wrote {out / 'evaluation.json'} and {out / 'evaluation.html'}")
+
+
+def _evaluated(setting: Setting, n: int, unfinished: Path) -> dict[str, Any]:
+    """Run the trials, each kept in ``unfinished`` as soon as it ends; those that it holds are not run again."""
+    from spot_model.errors import BadInputError
+    from spot_model.io.progress import Progress
+    from trainer.evaluate.report import about
+    from trainer.evaluate.report import evaluate as run_trials
+
+    same = {**about(setting), "robots": n}
+    done = json.loads(unfinished.read_text(encoding="utf-8")) if unfinished.exists() else same
+    if {key: done.get(key) for key in same} != same:
+        raise BadInputError(
+            f"--out {unfinished.parent} holds an interrupted evaluation of another policy or model, or with another "
+            "--n, --seed, --timestep or --integrator: name another folder"
+        )
+    unfinished.parent.mkdir(parents=True, exist_ok=True)
+    _write(unfinished, done)
+    try:
+        with Progress("trials, %", 100) as progress:
+            result = run_trials(
+                setting,
+                n=n,
+                done=done,
+                tell=lambda name, share: progress.update(round(100 * share), name.replace("_", " "), is_told=True),
+                keep=lambda figures: _write(unfinished, figures),
+            )
+            progress.update(100, "all trials")
+    except KeyboardInterrupt:
+        typer.echo(f"the trials that ended are in {unfinished}; the same command goes on from there", err=True)
+        raise
+    del result["robots"]
+    return result
+
+
+def _write(path: Path, figures: dict[str, Any]) -> None:
+    """Write a file that is whole at any time."""
+    part = path.with_name(f"{path.name}.part")
+    part.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
+    part.replace(path)

@@ -42,8 +42,8 @@ def evaluation_page(result: dict[str, Any]) -> str:
     )
     physics = result["physics"]
     about = (
-        f"Policy file {result['policy_sha256'][:12]}…, model {result['model_sha256'][:12]}…, physics steps of "
-        f"{1000 * physics['timestep_s']:g} ms ({physics['integrator']}), seed {result['seed']}."
+        f"Simulated in physics steps of {1000 * physics['timestep_s']:g} ms ({physics['integrator']}), seed "
+        f"{result['seed']}. The digests of policy and model are among the figures."
     )
     body = [
         _head(result),

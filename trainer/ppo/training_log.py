@@ -142,7 +142,6 @@ class TrainingLog:
 
 def _summary(metrics: dict[str, float]) -> str:
     parts = [f"{metrics['steps_per_s']:,.0f} steps/s"]
-    for key, label in (("reward", "reward"), ("episode_length", "length"), ("fall_share", "falls")):
-        if key in metrics:
-            parts.append(f"{label} {metrics[key]:.2f}")
+    told = (("reward", "return {:.2f}"), ("episode_length", "{:.0f} ticks an episode"), ("fall_share", "{:.0%} fell"))
+    parts += [words.format(metrics[key]) for key, words in told if key in metrics]
     return "  ".join(parts)

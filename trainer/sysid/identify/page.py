@@ -83,7 +83,7 @@ def _head(data: ResultData, known: Sequence[ParameterVerdict]) -> str:
         told.append(f"Simulated runs are {near}: {end:.2f} times the distance of two real runs{before}.")
     elif not data.score_is_over_floor:
         told.append("Without repeats there is no floor: record each sequence at least twice to know how near it is.")
-    return headed(badge, kind, headline, told, f"policy file {data.policy_sha256[:12]}… (SHA-256)")
+    return headed(badge, kind, headline, told)
 
 
 def _values(parameters: Sequence[ParameterVerdict]) -> str:
