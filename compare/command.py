@@ -30,7 +30,9 @@ def compare(
     from compare.cause import read_verdict
     from compare.compare import LAYOUT_NAME, LOG_NAME, PAGE_NAME, Named, compare_runs, named, write_comparison
     from compare.sources import is_model, read_other, read_reference
+    from spot_model.io.whole import check_writable
 
+    check_writable(out)
     told = read_verdict(verdict) if verdict is not None else None
     reference = read_reference(log)
     runs = [Named(log, reference)]

@@ -14,6 +14,7 @@ from diagnosis.verdict.diagnose import Diagnosis
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import save_model
 from spot_model.io.velocity_sequence import save_sequence
+from spot_model.io.whole import check_writable
 from spot_model.robot.facts import JOINT_NAMES
 
 NAMES = {
@@ -29,12 +30,14 @@ def check_free(out: Path) -> None:
 
     Raises:
         BadInputError: It does, or is no folder.
+        OSError: It may not be written to.
     """
     if out.exists() and not out.is_dir():
         raise BadInputError(f"--out {out} is a file; give a folder")
     for name in (*NAMES.values(), FILE):
         if (out / name).exists():
             raise BadInputError(f"{out / name} exists; choose another folder with --out")
+    check_writable(out)
 
 
 def write_all(result: Diagnosis, out: Path, library: Mapping[str, LibraryEffect]) -> dict[str, Path]:

@@ -132,6 +132,8 @@ def _system_words(error: OSError) -> str:
     told = f"{error.filename}: {error.strerror}" if error.filename and error.strerror else str(error.strerror or error)
     if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
         return f"{told}; make room, or write elsewhere, and run the command again"
+    if error.errno in (errno.EROFS, errno.EACCES, errno.EPERM) and error.filename:
+        return f"{told}; check its permissions, or name another path"
     if error.errno == errno.ENOENT and error.filename:
         return f"{told}; check the path, or make its folder first"
     return told

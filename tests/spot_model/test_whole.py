@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import errno
+import os
 from pathlib import Path
 
 import pytest
 
-from spot_model.io.whole import whole
+from spot_model.io.whole import check_writable, whole
 
 
 @pytest.mark.parametrize("error", [OSError, KeyboardInterrupt])
@@ -45,3 +47,18 @@ def test_without_an_error_everything_stays(tmp_path: Path) -> None:
     with whole(tmp_path / "a"):
         (tmp_path / "a").write_text("all")
     assert (tmp_path / "a").read_text() == "all"
+
+
+def test_the_error_of_a_full_disk_names_the_file(tmp_path: Path) -> None:
+    with pytest.raises(OSError, match=r"page\.html") as told, whole(tmp_path / "page.html"):
+        raise OSError(errno.ENOSPC, "No space left on device")
+    assert told.value.filename == str(tmp_path / "page.html")
+
+
+def test_an_output_that_could_not_be_written_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    check_writable(tmp_path / "new" / "folder")
+    monkeypatch.setattr(os, "access", lambda *_: False)  # root may write wherever permissions forbid it
+    with pytest.raises(PermissionError, match="may not be written to") as told:
+        check_writable(tmp_path / "new" / "folder")
+    assert told.value.filename == str(tmp_path)
+    assert not (tmp_path / "new").exists()

@@ -57,7 +57,7 @@ def evaluate(
     result = _evaluated(setting, n, out / UNFINISHED)
     (out / "evaluation.html").write_text(evaluation_page(result), encoding="utf-8")
     _write(out / "evaluation.json", result)
-    (out / UNFINISHED).unlink()
+    (out / UNFINISHED).unlink(missing_ok=True)
     if video:
         walk = Walk(loaded, setting.plant(1), np.random.default_rng(seed))
         write_film(walk, top_speed_ramp(loaded, FILM_S), out / "video.mp4", FILM_S)

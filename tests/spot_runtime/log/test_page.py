@@ -51,6 +51,18 @@ def test_text_from_a_log_cannot_become_markup(run):
     assert "&lt;script&gt;alert(1)" in text
 
 
+@pytest.mark.parametrize(
+    ("text", "badge"),
+    [
+        ("operator_stop: the operator asked to stop; start again when ready", "No fault"),
+        ("state_stale: the newest state is 61 ms old", "Errors"),
+    ],
+)
+def test_a_stop_that_the_operator_wished_is_no_fault(run, text, badge):
+    event = run.events[0]._replace(name="stop", text=text, severity=type(run.events[0].severity).ERROR)
+    assert f">{badge}</span>" in page_html(replace(run, events=(event,)))
+
+
 def test_a_log_without_data_gives_a_page_that_says_so(run):
     empty = replace(
         run,
