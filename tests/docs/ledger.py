@@ -84,6 +84,7 @@ ELSEWHERE = {
 """Command, the test file that runs the same with arguments of its own, and its words there."""
 
 FORMS = {
+    "spot-rl log info --all": "spot-rl log info",
     "spot-rl collect --other-gains": "spot-rl collect --sequences",
     "spot-rl COMMAND --help": "spot-rl --help",
     "spot-rl run --config": "spot-rl run --robot HOST",
