@@ -18,7 +18,7 @@ WORDS = {
     "explained": "explained: the effects below account for the gap",
     "partly_explained": "partly explained: the effects below, and something else",
     "unknown_effect": "unknown effect: nothing in the library explains the gap",
-    "no_gap": "no gap: the robot lies where the nominal model with ordinary errors lies",
+    "no_gap": "no gap: the robot differs from the nominal model by ordinary errors alone",
     "cannot_tell": "cannot tell: these logs lack what would show it",
 }
 

@@ -72,7 +72,7 @@ def headline(v: Verdict) -> str:
     told = " and ".join(_found(e) for e in v.effects[:3])
     split = next((e.split for e in v.effects if len(e.group) > 1 and e.split is not None), None)
     if v.status == "no_gap":
-        return "Train on this model: the robot lies where it lies, give or take ordinary errors"
+        return "Train on this model: the robot differs from it by ordinary errors alone"
     if v.status == "unknown_effect":
         where = f" at {joints_in_short(v.unknown.joints)}" if v.unknown and v.unknown.joints else ""
         what = f"something acts{where} that no effect of the library explains"

@@ -62,7 +62,7 @@ class Belief:
     best: tuple[str, ...]
     """Effects of the set that was found, whether or not they matter."""
     none: float
-    """That the robot lies where the nominal model with ordinary errors lies."""
+    """That the robot differs from the nominal model by ordinary errors alone."""
     unknown: float
     """That something matters that no effect of the library is."""
     there: Mapping[str, float]

@@ -56,7 +56,7 @@ details { margin: 6px 0; } summary { cursor: pointer; font-weight: 500; }
 section { overflow-x: auto; } h1 { overflow-wrap: anywhere; }
 /* On a narrow screen a figure of half a page fits; a wider one keeps its labels' size and is moved sideways. */
 @media (max-width: 700px) { section svg { min-width: clamp(0px, 1000 * (var(--width) - 700px), 0.9 * var(--width)); }
-  .panels { grid-template-columns: 1fr 1fr; }
+  .panels { grid-template-columns: 1fr 1fr; } td:has(code) { min-width: 220px; }
   section > h2, section > h3, section > p { position: sticky; left: 0; } main { padding: 12px 10px 40px; } }
 @media print { section { break-inside: avoid; } body { background: #fff; } h1 { font-size: 22px; } }
 """

@@ -132,8 +132,9 @@ def _case(o: Outcome, folder: Path, out: Path) -> Sequence[str]:
 
 def _protocol(data: Mapping[str, Any]) -> str:
     return (
-        f"<p class='note'>diagnosis {data['protocol']}<br>generator {data['generator']}<br>catalogue {data['reality']}"
-        f"<br>seed {data['seed']}, its digest before the first case {data['seed_digest']}<br>"
-        f"locked in: {esc(', '.join(data['locked_in']))}; "
-        f"{data['core_seconds_a_case']['mean']:.0f} core-seconds a case</p>"
+        f"<p>Catalogue {esc(data['reality'])}; locked in by {esc(', '.join(data['locked_in']))}; "
+        f"{data['core_seconds_a_case']['mean']:.0f} core-seconds a case.</p>"
+        "<details><summary>Digests and seed</summary>"
+        f"<pre>diagnosis {data['protocol']}\ngenerator {data['generator']}\nseed {data['seed']}\n"
+        f"its digest before the first case {data['seed_digest']}</pre></details>"
     )
