@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bosdyn.api import lease_pb2
+from bosdyn.api import estop_pb2, lease_pb2
 
 from fake_robot.conformance.check import Basis, Needs, check
 from fake_robot.conformance.server import Server, SkippedError, enum_name, status_of
@@ -134,6 +134,17 @@ def estop_register_elsewhere(server: Server) -> str:
     new = {"name": "conformance", "role": "PDB_rooted"}
     answer = server.ask("estop", "RegisterEstopEndpoint", target_config_id="no-such-config", new_endpoint=new)
     return status_of(answer)
+
+
+@check("Estop.GetEstopSystemStatus: stop_level", "", "the most restrictive", source=_ESTOP)
+def estop_is_the_most_restrictive(server: Server) -> str:
+    """The system's level is no milder than any endpoint's, and that of the software e-stop which the state reports."""
+    status, none = server.ask("estop", "GetEstopSystemStatus").status, estop_pb2.ESTOP_LEVEL_NONE
+    if not status.stop_level or status.stop_level > min((e.stop_level or none for e in status.endpoints), default=none):
+        return f"{enum_name(status, 'stop_level')}, milder than an endpoint's"
+    told = {e.state == e.STATE_ESTOPPED for e in server.state().estop_states if e.type == e.TYPE_SOFTWARE}
+    is_other = bool(told) and (status.stop_level != none) not in told
+    return f"{enum_name(status, 'stop_level')}, the state says otherwise" if is_other else "the most restrictive"
 
 
 @check("Estop.EstopCheckIn: endpoint", "an unknown endpoint", "STATUS_ENDPOINT_UNKNOWN", source=_ESTOP)

@@ -29,12 +29,13 @@ def returned_lease(server: Server) -> str:
 
 @check("Lease.TakeLease", "the lease before it was taken", "refused", source=_LEASE, needs=Needs.LEASE)
 def taken_lease(server: Server) -> str:
-    """A command with a lease that somebody took; here its own holder took it."""
+    """A command with a lease that somebody took, before and after the new one is used; here its own holder took it."""
     with server.lease() as lease:
         taken = server.ask("lease", "TakeLease", resource="body").lease
         try:
+            before = _refusal(use_lease(server, lease))
             use_lease(server, taken)
-            return _refusal(use_lease(server, lease))
+            return before if before == "accepted" else _refusal(use_lease(server, lease))
         finally:
             server.ask("lease", "ReturnLease", lease=taken)
 
@@ -91,6 +92,7 @@ def entry_is_as_listed(server: Server) -> str:
 @check("DirectoryRegistration", "a service, then nothing", _KEPT, source="directory_registration.proto")
 def registration_is_kept(server: Server) -> str:
     """Register a service of nothing, and unregister it."""
+    server.require("directory-registration")
     client, directory = server.robot.ensure_client("directory-registration"), server.robot.ensure_client("directory")
     client.register(_TRIAL, "spot_rl.NoService", "no-service.spot.robot", "127.0.0.1", 1)
     try:

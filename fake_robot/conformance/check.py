@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import grpc
 from bosdyn.client.exceptions import Error as SdkError
+from bosdyn.client.robot import UnregisteredServiceError
 
 from fake_robot.conformance.server import Server, SkippedError
 
@@ -95,6 +96,8 @@ def judge(item: Check, server: Server, allowed: Needs) -> Result:
         seen = item.probe(server)
     except SkippedError as reason:
         return Result(item, Verdict.SKIPPED, str(reason))
+    except UnregisteredServiceError as error:
+        return Result(item, Verdict.SKIPPED, f"the server does not offer it: {error}")
     except grpc.RpcError as error:
         seen = error.code().name
     except SdkError as error:

@@ -39,12 +39,21 @@ def send(
     return stub.RobotCommand(request, timeout=RPC_TIMEOUT_S)
 
 
-def _refused(server: Server, command: Any, **keywords: Any) -> str:
-    """The answer to a command while the motors are off, so that nothing can move."""
+def _refused(server: Server, command: Any, *expects: str, **keywords: Any) -> str:
+    """The answer to a command while the motors are off, so that nothing can move.
+
+    Raises:
+        SkippedError: The motors are on, or the server refuses every command for their sake before it looks further.
+    """
     if not is_off(server.state()):
         raise SkippedError("the motors are on")
     with server.lease() as lease:
-        return status_of(send(server, lease, command, **keywords))
+        seen = status_of(send(server, lease, command, **keywords))
+        if seen == _UNPOWERED and seen not in expects:
+            all_wrong = send(server, lease, _NOWHERE, clock="no-such-client", end_s=-1.0)
+            if status_of(all_wrong) == _UNPOWERED:
+                raise SkippedError("the server looks at the motors' power before anything else")
+        return seen
 
 
 @check("RobotCommand.RobotCommand: lease", "no lease", "STATUS_INVALID_LEASE", source=_PROTO)
@@ -57,6 +66,7 @@ def command_without_lease(server: Server) -> str:
 _AT_REST = RobotCommandBuilder.synchro_velocity_command(0.0, 0.0, 0.0)
 _STAND = RobotCommandBuilder.synchro_stand_command()
 _HERE = SE2Pose(0.0, 0.0, 0.0).to_proto()
+_NOWHERE = RobotCommandBuilder.synchro_velocity_command(0.0, 0.0, 0.0, frame_name="no-such-frame")
 _TO_NOWHERE = RobotCommandBuilder.synchro_se2_trajectory_command(_HERE, "odom")
 del _TO_NOWHERE.synchronized_command.mobility_command.se2_trajectory_request.trajectory.points[:]
 _ON_THREE_FEET = RobotCommandBuilder.stance_command(
@@ -85,7 +95,7 @@ def _refusal(
     rpc = "RobotCommand.RobotCommand" + (f": {field}" if field else "")
 
     def probe(server: Server) -> str:
-        return _refused(server, command, **keywords)
+        return _refused(server, command, *expects, **keywords)
 
     return Check(name, rpc, sends, expects, basis, source, Needs.LEASE, switch, probe)
 
@@ -133,17 +143,6 @@ REFUSALS = (
     ),
     _refusal("stand_without_power", "", "a stand, motors off", _STAND, _UNPOWERED),
     _refusal("expired_command", _END, "an end time that has passed", _AT_REST, _EXPIRED, end_s=-1.0),
-    _guess(
-        "command_without_end",
-        _END,
-        "no end time",
-        _AT_REST,
-        _EXPIRED,
-        _INVALID,
-        end_s=None,
-        source=f"{_BASIC}: a required field",
-        switch="services.missing_end_time_refusal",
-    ),
     _refusal(
         "distant_command",
         _END,
@@ -157,7 +156,7 @@ REFUSALS = (
         "unknown_frame",
         _FRAME,
         "a velocity in an unknown frame",
-        RobotCommandBuilder.synchro_velocity_command(0.0, 0.0, 0.0, frame_name="no-such-frame"),
+        _NOWHERE,
         "STATUS_UNKNOWN_FRAME",
         source=_BASIC,
     ),
@@ -188,6 +187,20 @@ REFUSALS = (
         source=f"{_BASIC}: required positions",
     ),
 )
+
+
+@check(
+    f"RobotCommand.RobotCommand: {_END}",
+    "no end time",
+    "refused",
+    source=f"{_BASIC}: a required field",
+    needs=Needs.LEASE,
+    switch="services.missing_end_time_refusal",
+)
+def command_without_end(server: Server) -> str:
+    """A velocity for ever; the proto does not name the status."""
+    seen = _refused(server, _AT_REST, end_s=None)
+    return "refused" if seen in {_EXPIRED, _INVALID} else seen
 
 
 @check(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import secrets
+import time
 
 from bosdyn.api import robot_state_pb2, robot_state_service_pb2_grpc
 
@@ -45,6 +46,9 @@ BASE_SERVICES = (
     "world-objects",
 )
 """Names of the services for which the SDK has default clients, or that its examples need of any base robot."""
+
+_SKEW_SLACK_NS = 5_000_000
+"""Drift of the clocks and jitter of the estimate."""
 
 
 @check("Auth.GetAuthToken: password", "a wrong password", "STATUS_INVALID_LOGIN", source="auth.proto")
@@ -150,6 +154,23 @@ def time_sync_is_reached(server: Server) -> str:
     """The SDK's own time sync has finished; its estimate has a skew."""
     response = server.robot.time_sync.endpoint.response
     return "no answer" if response is None else status_of(response.state)
+
+
+@check(
+    "TimeSync.TimeSyncUpdate: clock_skew",
+    "a round trip",
+    "between its two legs",
+    source="time_sync.proto: TimeSyncEstimate",
+)
+def skew_is_the_clocks(server: Server) -> str:
+    """The estimate of the finished time sync is a skew that the times of one more round trip allow."""
+    skew_ns = server.robot.time_sync.endpoint.clock_skew.ToNanoseconds()
+    sent_ns = time.time_ns()
+    told = server.ask("time-sync", "TimeSyncUpdate").header
+    most_ns = told.request_received_timestamp.ToNanoseconds() - sent_ns
+    least_ns = told.response_timestamp.ToNanoseconds() - time.time_ns()
+    off_ns = max(least_ns - skew_ns, skew_ns - most_ns)
+    return "between its two legs" if off_ns < _SKEW_SLACK_NS else f"{off_ns * 1e-6:.0f} ms outside"
 
 
 @check(

@@ -57,12 +57,21 @@ def stream_too_distant(server: Server) -> str:
     return _stream(server, _request(server, ahead_s=1e5))
 
 
+@check("JointControlStream: end_time", "no end time", "refused", source=f"{_JOINT}: a required field")
+def stream_without_end(server: Server) -> str:
+    """A command for ever; the proto does not name the status."""
+    request = _request(server)
+    request.joint_command.ClearField("end_time")
+    seen = _stream(server, request)
+    return "refused" if seen in {"STATUS_EXPIRED", "STATUS_INVALID_REQUEST"} else seen
+
+
 def _spoilt(name: str, field: str, sends: str, spoil: Callable[[Any], None], basis: Basis = Basis.DOCUMENTED) -> Check:
     """One message in which a field is not as it must be."""
 
     def probe(server: Server) -> str:
         request = _request(server)
-        spoil(request.joint_command)
+        spoil(request)
         return _stream(server, request)
 
     expects = ("STATUS_INVALID_REQUEST",)
@@ -71,31 +80,38 @@ def _spoilt(name: str, field: str, sends: str, spoil: Callable[[Any], None], bas
 
 _ELEVEN = "eleven values"
 SPOILT = (
-    _spoilt("stream_of_eleven_positions", "position", _ELEVEN, lambda command: command.position.pop()),
-    _spoilt("stream_of_eleven_velocities", "velocity", _ELEVEN, lambda command: command.velocity.pop()),
-    _spoilt("stream_of_eleven_loads", "load", _ELEVEN, lambda command: command.load.pop()),
-    _spoilt("stream_without_gains", "gains", "none in the first message", lambda command: command.ClearField("gains")),
-    _spoilt("stream_of_partial_gains", "gains.k_q_p", _ELEVEN, lambda command: command.gains.k_q_p.pop()),
+    _spoilt("stream_of_eleven_positions", "position", _ELEVEN, lambda r: r.joint_command.position.pop()),
+    _spoilt("stream_of_eleven_velocities", "velocity", _ELEVEN, lambda r: r.joint_command.velocity.pop()),
+    _spoilt("stream_of_eleven_loads", "load", _ELEVEN, lambda r: r.joint_command.load.pop()),
+    _spoilt(
+        "stream_without_gains", "gains", "none in the first message", lambda r: r.joint_command.ClearField("gains")
+    ),
+    _spoilt("stream_of_partial_gains", "gains.k_q_p", _ELEVEN, lambda r: r.joint_command.gains.k_q_p.pop()),
     _spoilt(
         "stream_of_negative_gains",
         "gains.k_qd_p",
         "a negative gain",
-        lambda command: command.gains.k_qd_p.__setitem__(0, -1.0),
+        lambda r: r.joint_command.gains.k_qd_p.__setitem__(0, -1.0),
         Basis.GUESS,
     ),
     _spoilt(
         "stream_of_nan",
         "position",
         "a value that is NaN",
-        lambda command: command.position.__setitem__(0, float("nan")),
+        lambda r: r.joint_command.position.__setitem__(0, float("nan")),
         Basis.GUESS,
     ),
     _spoilt(
         "stream_of_negative_limit",
         "velocity_safety_limit",
         "a negative limit",
-        lambda command: setattr(command.velocity_safety_limit, "value", -1.0),
-        Basis.GUESS,
+        lambda r: setattr(r.joint_command.velocity_safety_limit, "value", -1.0),
+    ),
+    _spoilt(
+        "stream_of_three_contacts",
+        "contact_advice",
+        "three values",
+        lambda r: r.contact_advice.contact_advice.extend([1, 1, 1]),
     ),
 )
 

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+import re
 from itertools import pairwise
 from typing import Any
 
 from bosdyn.api import robot_state_pb2
 from bosdyn.client.math_helpers import Quat
 
-from fake_robot.conformance.check import Basis, check
+from fake_robot.conformance.check import Basis, Needs, check
+from fake_robot.conformance.powered import powered
 from fake_robot.conformance.reports import states
 from fake_robot.conformance.server import Server, SkippedError
 from spot_model.robot.facts import JOINT_NAMES, LEG_NAMES
@@ -19,6 +21,7 @@ _STILL_RAD_S = 0.2
 _NEAR_S, _NEAR_RAD, _NEAR_M, _NEAR_NM = 1.0, 0.1, 0.1, 10.0
 _REST_M_S, _REST_RAD_S = 0.1, 0.2
 _GRAVITY_M_S2 = (9.3, 10.3)
+_URDF_LINK = re.compile(r"""<link\s[^>]*?name=["']([^"']+)["']""")
 
 
 def _ns(stamp: Any) -> int:
@@ -33,28 +36,43 @@ def _still(server: Server) -> tuple[robot_state_pb2.RobotState, list[robot_state
     return server.state(), seen
 
 
-@check(f"{_POLL}: joint_states.name", "", "fl.hx to hr.kn, in order", source="SDK: joint_control examples, URDF")
+_NAMES = tuple(name.replace("_", ".") for name in JOINT_NAMES)
+
+
+@check(f"{_POLL}: joint_states.name", "", "fl.hx to hr.kn, each once", source="SDK: joint_control examples, URDF")
 def joint_names(server: Server) -> str:
-    """The twelve joints of the legs come first, leg by leg."""
-    names = [joint.name for joint in server.state().kinematic_state.joint_states][: len(JOINT_NAMES)]
-    wanted = [name.replace("_", ".") for name in JOINT_NAMES]
-    wrong = [seen for seen, right in zip(names, wanted, strict=False) if seen != right]
-    return f"wrong: {', '.join(wrong)}" if wrong or len(names) < len(wanted) else "fl.hx to hr.kn, in order"
+    """The twelve joints of the legs have their names; polled joints are told apart by name, so their order is free."""
+    names = [joint.name for joint in server.state().kinematic_state.joint_states]
+    wrong = [name for name in _NAMES if names.count(name) != 1]
+    return f"not there, or twice: {', '.join(wrong)}" if wrong else "fl.hx to hr.kn, each once"
 
 
 @check(f"{_STREAM}: joint_states", "a robot at rest", "as polled", source="robot_state.proto")
 def stream_agrees_with_poll(server: Server) -> str:
-    """The stream's joints, feet and body are those of the polled state."""
+    """The stream's joints, in the SDK's order, its feet and its body are those of the polled state."""
+    return _compared(server)
+
+
+@check(f"{_STREAM}: joint_states", "a robot that stands", "as polled", source="robot_state.proto", needs=Needs.MOTION)
+def stream_agrees_while_standing(server: Server) -> str:
+    """The same with power, when loads carry the robot."""
+    with powered(server):
+        return _compared(server)
+
+
+def _compared(server: Server) -> str:
     polled, seen = _still(server)
     last, kinematics = seen[-1], polled.kinematic_state
-    joints = last.joint_states
-    pairs = zip(joints.position, joints.load, kinematics.joint_states, strict=False)
-    for index, (at_rad, load_nm, joint) in enumerate(pairs):
+    joints, by_name = last.joint_states, {joint.name: joint for joint in kinematics.joint_states}
+    for name, at_rad, load_nm in zip(_NAMES, joints.position, joints.load, strict=False):
+        joint = by_name.get(name)
+        if joint is None:
+            return f"{name} is not polled"
         if abs(at_rad - joint.position.value) > _NEAR_RAD:
-            return f"joint {index}: {at_rad:.2f}, polled {joint.position.value:.2f} rad"
+            return f"{name}: {at_rad:.2f}, polled {joint.position.value:.2f} rad"
         if abs(load_nm - joint.load.value) > _NEAR_NM:
-            return f"joint {index}: {load_nm:.1f}, polled {joint.load.value:.1f} N·m"
-    if [foot.contact for foot in polled.foot_state] != list(last.contact_states):
+            return f"{name}: {load_nm:.1f}, polled {joint.load.value:.1f} N·m"
+    if polled.foot_state and [foot.contact for foot in polled.foot_state] != list(last.contact_states):
         return "the feet's contacts differ"
     edge = kinematics.transforms_snapshot.child_to_parent_edge_map["odom"].parent_tform_child
     there = Quat.from_proto(edge.rotation).inverse()
@@ -67,6 +85,21 @@ def stream_agrees_with_poll(server: Server) -> str:
         return "the body is elsewhere in odom"
     cosine = abs(sum(getattr(there, axis) * getattr(turn, axis) for axis in "wxyz"))
     return "as polled" if cosine > math.cos(0.5 * _NEAR_RAD) else "the body is turned otherwise in odom"
+
+
+@check(f"{_STREAM}: joint_states.velocity", "200 messages", "the slope of position", source="robot_state.proto")
+def velocity_is_the_slope(server: Server) -> str:
+    """Over all messages, each joint travels as far as its velocity says."""
+    seen = [state.joint_states for state in states(server)]
+    stamps = [_ns(joints.acquisition_timestamp) for joints in seen]
+    for index, name in enumerate(_NAMES):
+        velocity = [joints.velocity[index] for joints in seen]
+        pairs = zip(pairwise(velocity), pairwise(stamps), strict=True)
+        travel_rad = sum(0.5 * (a + b) * (until - since) * 1e-9 for (a, b), (since, until) in pairs)
+        moved_rad = seen[-1].position[index] - seen[0].position[index]
+        if abs(travel_rad - moved_rad) > _NEAR_RAD:
+            return f"{name} moved by {moved_rad:.2f} rad, by its velocity {travel_rad:.2f}"
+    return "the slope of position"
 
 
 @check("velocity_of_body", "a robot at rest", "at rest", source="robot_state.proto")
@@ -91,7 +124,11 @@ def feet_are_in_order(server: Server) -> str:
     corners = [("f" if foot.x > 0.0 else "h") + ("l" if foot.y > 0.0 else "r") for foot in at]
     if corners == list(LEG_NAMES) and all(foot.z < 0.0 for foot in at):
         return "fl, fr, hl, hr: each under its hip"
-    return ", ".join(f"{corner} at {foot.z:.2f} m" for corner, foot in zip(corners, at, strict=True))
+    return (
+        "no foot"
+        if not at
+        else ", ".join(f"{corner} at {foot.z:.2f} m" for corner, foot in zip(corners, at, strict=True))
+    )
 
 
 @check(f"{_STREAM}: contact_states", "200 messages", "made or lost", source="robot_state.proto")
@@ -146,12 +183,14 @@ def imu_feels_gravity(server: Server) -> str:
     source="a published recording of a robot",
 )
 def imu_period(server: Server) -> str:
-    """The median distance of two samples; none goes back."""
+    """The median distance of two samples, to a hundredth; none goes back."""
     stamps = [_ns(packet.timestamp) for state in states(server) for packet in state.inertial_state.packets]
     steps = sorted(b - a for a, b in pairwise(stamps))
-    if not steps or steps[0] <= 0:
+    if not steps:
+        return "no packet"
+    if steps[0] <= 0:
         return "a stamp goes back or stays"
-    return f"{steps[len(steps) // 2] / 1e6:g} ms apart"
+    return f"{round(steps[len(steps) // 2] / 1e6, 2):g} ms apart"
 
 
 @check(
@@ -161,13 +200,16 @@ def imu_period(server: Server) -> str:
     source="robot_state.proto; time_sync.proto",
 )
 def stamps_are_robot_time(server: Server) -> str:
-    """Stamps of joints, body and answer agree with the time sync."""
-    last = states(server)[-1]
+    """Stamps of joints, body, power, batteries and e-stops agree with the time sync."""
+    last, polled = states(server)[-1], server.state()
     now_ns = _ns(server.robot_stamp(0.0))
     stamps = {
         "joints": last.joint_states.acquisition_timestamp,
         "body": last.kinematic_state.acquisition_timestamp,
-        "polled": server.state().kinematic_state.acquisition_timestamp,
+        "polled": polled.kinematic_state.acquisition_timestamp,
+        "power": polled.power_state.timestamp,
+        **{f"battery {b.identifier}": b.timestamp for b in polled.battery_states if b.HasField("timestamp")},
+        **{f"e-stop {e.name}": e.timestamp for e in polled.estop_states if e.HasField("timestamp")},
     }
     for name, stamp in stamps.items():
         if abs(_ns(stamp) - now_ns) > _NEAR_S * 1e9:
@@ -188,11 +230,13 @@ def _header_ns(server: Server) -> int:
 
 @check(f"{_POLL}: battery_states", "", "plausible", source="robot_state.proto: percent, volts")
 def battery_is_plausible(server: Server) -> str:
-    """Charge within 0 and 100 percent, a voltage, and a known status."""
+    """Of each battery that is in: charge within 0 and 100 percent, and a voltage above 0, where they are told."""
     for battery in server.state().battery_states:
-        charge = battery.charge_percentage.value
-        if not (0.0 <= charge <= 100.0 and battery.voltage.value > 0.0 and battery.status):
-            return f"{charge:g} %, {battery.voltage.value:g} V, status {battery.status}"
+        if battery.status in {battery.STATUS_MISSING, battery.STATUS_BOOTING}:
+            continue
+        charge, is_flat = battery.charge_percentage.value, battery.HasField("voltage") and battery.voltage.value <= 0.0
+        if not 0.0 <= charge <= 100.0 or is_flat:
+            return f"{charge:g} %, {battery.voltage.value:g} V"
     return "plausible"
 
 
@@ -206,15 +250,13 @@ def estops_are_known(server: Server) -> str:
 
 @check("RobotState.GetRobotHardwareConfiguration", "", "links of every joint", source="robot_state.proto: skeleton")
 def skeleton_has_the_legs(server: Server) -> str:
-    """The skeleton has links for the legs."""
-    links = [
-        link.name
-        for link in server.robot.ensure_client("robot-state").get_robot_hardware_configuration().skeleton.links
-    ]
-    missing = [
-        leg for leg in ("front_left", "front_right", "rear_left", "rear_right") if not any(leg in x for x in links)
-    ]
-    return f"no link of {', '.join(missing)}" if missing else "links of every joint"
+    """The skeleton has a body and a link behind each joint, under the names that its URDF uses where it tells one."""
+    skeleton = server.robot.ensure_client("robot-state").get_robot_hardware_configuration().skeleton
+    links = {link.name for link in skeleton.links}
+    if len(links) <= len(_NAMES):
+        return f"{len(links)} links"
+    unknown = links - set(_URDF_LINK.findall(skeleton.urdf)) if skeleton.urdf else set()
+    return f"not in the URDF: {', '.join(sorted(unknown))}" if unknown else "links of every joint"
 
 
 @check("RobotId.GetRobotId", "asked twice", "one robot", source="robot_id.proto")

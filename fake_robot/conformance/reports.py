@@ -58,10 +58,10 @@ def stream_stamps_rise(server: Server) -> str:
 
 @check("GetRobotStateStream", "200 messages", "3 ms apart", basis=Basis.MEASURED, source=_RECORDING)
 def stream_period(server: Server) -> str:
-    """The median distance of two stamps."""
+    """The median distance of two stamps, to a hundredth."""
     stamps = [state.joint_states.acquisition_timestamp.ToNanoseconds() for state in states(server)]
     steps = sorted(b - a for a, b in pairwise(stamps))
-    return f"{steps[len(steps) // 2] / 1e6:g} ms apart"
+    return f"{round(steps[len(steps) // 2] / 1e6, 2):g} ms apart"
 
 
 @check("GetRobotStateStream: inertial_state", "200 messages", "3 packets", basis=Basis.MEASURED, source=_RECORDING)

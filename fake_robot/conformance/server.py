@@ -80,18 +80,31 @@ class Server:
 
     def __init__(self, robot: Robot, stranger: Robot) -> None:
         self.robot, self.stranger = robot, stranger
+        self._listed: frozenset[str] | None = None
 
     def stub(self, stub_type: Any, service_name: str) -> Any:
         """The vendor's stub of a service."""
         return stub_type(self.robot.ensure_channel(service_name))
 
+    def require(self, service: str) -> None:
+        """Raise SkippedError where the directory does not list a service: what is not offered breaks no rule."""
+        if self._listed is None:
+            self._listed = frozenset(entry.name for entry in self.robot.ensure_client("directory").list())
+        if service not in self._listed:
+            raise SkippedError(f"the server offers no {service}")
+
     def ask(self, service: str, method: str, *, stranger_at: str = "", **fields: Any) -> Any:
         """Call a unary method of a service, by its name in the directory, with these fields of the request.
 
         A service that needs no login is asked without a token; so is one whose authority is given.
+
+        Raises:
+            SkippedError: The directory does not list the service.
         """
         found = _METHODS[service, method]
         authority = stranger_at or _NO_TOKEN.get(service)
+        if not authority:
+            self.require(service)
         channel = self.stranger.ensure_secure_channel(authority) if authority else self.robot.ensure_channel(service)
         request_type, response_type = GetMessageClass(found.input_type), GetMessageClass(found.output_type)
         call = channel.unary_unary(

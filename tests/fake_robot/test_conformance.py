@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import secrets
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from fake_robot.robot import state_message, streamed_command
 from fake_robot.robot.joint_control import JointControl
 from fake_robot.robot.robot import Robot
 from fake_robot.scenario.scenario import scenario_from_data
+from fake_robot.services.authority.estop import EstopService
 from fake_robot.services.authority.estop_endpoints import EstopEndpoints
 from fake_robot.services.authority.lease import LeaseService
 from fake_robot.services.authority.lease_records import LeaseRecords
@@ -131,6 +133,16 @@ def _answers(service: Any, method: str, change: Callable[[Any], None]) -> Callab
         return response
 
     return lambda m: m.setattr(service, method, changed)
+
+
+def _ahead(best: Callable[..., Any]) -> Callable[..., Any]:
+    """Estimates that are 50 ms off."""
+
+    def changed(*arguments: Any) -> Any:
+        sample = best(*arguments)
+        return None if sample is None else replace(sample, clock_skew_ns=sample.clock_skew_ns + 50_000_000)
+
+    return changed
 
 
 def _turn(rotation: Any) -> None:
@@ -284,6 +296,38 @@ PLANTED: dict[str, tuple[Callable[[pytest.MonkeyPatch], None], set[str]]] = {
         _answers(RobotStateService, "GetRobotState", lambda r: _set(r.robot_state.estop_states[0], type=0)),
         {"estops_are_known"},
     ),
+    "batteries bear the host's time": (
+        _answers(RobotStateService, "GetRobotState", lambda r: _late(r.robot_state.battery_states[0].timestamp)),
+        {"stamps_are_robot_time"},
+    ),
+    "joints have the velocities of others": (
+        _states(lambda s: s.joint_states.velocity.__setitem__(slice(None), [0.19] * 12)),
+        {"velocity_is_the_slope"},
+    ),
+    "a joint is polled under another's name": (
+        _answers(
+            RobotStateService,
+            "GetRobotState",
+            lambda r: _set(r.robot_state.kinematic_state.joint_states[3], name="fl.hx"),
+        ),
+        {"joint_names", "stream_agrees_with_poll"},
+    ),
+    "the e-stop's system is milder than an endpoint": (
+        _answers(EstopService, "GetEstopSystemStatus", lambda r: r.status.endpoints.add(stop_level=1)),
+        {"estop_is_the_most_restrictive"},
+    ),
+    "links bear names of their own": (
+        _answers(
+            RobotStateService,
+            "GetRobotHardwareConfiguration",
+            lambda r: _set(r.hardware_configuration.skeleton, urdf='<robot name="r"><link name="body"/></robot>'),
+        ),
+        {"skeleton_has_the_legs"},
+    ),
+    "the skew is another's": (
+        lambda m: m.setattr(TimeSyncClients, "best", _ahead(TimeSyncClients.best)),
+        {"skew_is_the_clocks"},
+    ),
     "the skeleton is empty": (
         _answers(
             RobotStateService,
@@ -353,6 +397,47 @@ def test_a_planted_error_is_found(serve: Serve, monkeypatch: pytest.MonkeyPatch,
     results = {r.check.name: r for r in run_checks(server, Needs.LEASE, tuple(finders))}
     missed = {name for name in finders if results[name].verdict is not Verdict.FAIL}
     assert not missed, {name: results[name].seen for name in missed}
+
+
+def test_what_a_server_does_not_offer_is_skipped(serve: Serve, monkeypatch: pytest.MonkeyPatch) -> None:
+    for table in (directory_entries.OWN_SERVICES, directory_entries.LISTED_ONLY):
+        for name in ("world-objects", "image", "directory-registration"):
+            monkeypatch.delitem(table, name, raising=False)
+    names = ("unknown_camera", "image_is_as_large_as_its_source", "delete_unknown_object", "registration_is_kept")
+    results = list(run_checks(serve(), Needs.LEASE, (*names, "base_services_are_listed")))
+    assert {r.check.name: r.verdict for r in results} == {
+        "base_services_are_listed": Verdict.FAIL,
+        **dict.fromkeys(names, Verdict.SKIPPED),
+    }
+
+
+def test_polled_joints_may_come_in_any_order_and_a_battery_bay_may_be_empty(
+    serve: Serve, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def change(response: Any) -> None:
+        state = response.robot_state
+        joints = list(state.kinematic_state.joint_states)[::-1]
+        del state.kinematic_state.joint_states[:]
+        state.kinematic_state.joint_states.extend(joints)
+        state.battery_states.insert(0, robot_state_pb2.BatteryState(status=robot_state_pb2.BatteryState.STATUS_MISSING))
+
+    _answers(RobotStateService, "GetRobotState", change)(monkeypatch)
+    names = ("joint_names", "stream_agrees_with_poll", "battery_is_plausible", "stamps_are_robot_time")
+    results = run_checks(serve(), Needs.LEASE, names)
+    assert {r.check.name: r.verdict for r in results} == dict.fromkeys(names, Verdict.PASS)
+
+
+def test_a_server_that_looks_at_the_power_first_leaves_other_refusals_open(
+    serve: Serve, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    unpowered = robot_command_pb2.RobotCommandResponse.STATUS_NOT_POWERED_ON
+    _answers(RobotCommandService, "RobotCommand", lambda r: _set(r, status=unpowered))(monkeypatch)
+    names = ("unknown_frame", "expired_command", "timed_without_clock", "stand_without_power")
+    results = run_checks(serve(), Needs.LEASE, names)
+    assert {r.check.name: r.verdict for r in results} == {
+        **dict.fromkeys(names, Verdict.SKIPPED),
+        "stand_without_power": Verdict.PASS,
+    }
 
 
 def test_names_are_one_each_and_every_guess_with_several_answers_has_a_switch_or_is_about_order() -> None:
