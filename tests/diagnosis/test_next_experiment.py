@@ -290,6 +290,13 @@ def test_the_best_is_the_most_telling_that_is_safe() -> None:
     assert made_design({"a": 0.01}).worthwhile == ()
 
 
+@pytest.mark.parametrize("refused", [(), ("1 of 2 simulated robots tip over",)])
+def test_a_users_own_experiment_is_run_whatever_it_tells_if_it_is_safe(refused: tuple[str, ...]) -> None:
+    own = Proposal(given(SQUAT), SQUAT, Told(0.0, 1.0, np.zeros((2, 2))), "", refused)
+    plan = Design((("torque_gain",), ()), np.array([0.6, 0.4]), (own,))
+    assert plan.worthwhile == (() if refused else (own,))
+
+
 def test_files_commands_and_pages_of_a_ranking(tmp_path: Path) -> None:
     plan = made_design({"a": 0.2, "bad": 0.9}, refused=("bad",))
     offers = write_offers(plan, tmp_path, None)

@@ -52,6 +52,8 @@ class Candidate:
     build: Callable[[Mapping[str, float]], Motion]
     values: Mapping[str, float] = field(default_factory=dict)
     """Chosen so far; the starts of the rest."""
+    is_own: bool = False
+    """A user's own, which is run whatever it tells, if it is safe."""
 
     @property
     def chosen(self) -> dict[str, float]:
@@ -88,7 +90,9 @@ def candidates(
 
 def given(motion: Motion) -> Candidate:
     """A user's own experiment; nothing of it may be chosen."""
-    return Candidate(motion.name, f"{motion.name}, from a file", "what the file asks for", {}, lambda _: motion)
+    return Candidate(
+        motion.name, f"{motion.name}, from a file", "what the file asks for", {}, lambda _: motion, is_own=True
+    )
 
 
 def _walks(policy: PolicyContract) -> tuple[Candidate, ...]:

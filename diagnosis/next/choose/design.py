@@ -77,8 +77,9 @@ class Design:
 
     @property
     def worthwhile(self) -> tuple[Proposal, ...]:
-        """Those that may be run and tell enough, the most telling first."""
-        return tuple(p for p in self.proposals if not p.refused and p.told.bits >= WORTH_BITS)
+        """Those that may be run and tell enough, or that a user asks for, the most telling first."""
+        safe = (p for p in self.proposals if not p.refused)
+        return tuple(p for p in safe if p.told.bits >= WORTH_BITS or p.candidate.is_own)
 
 
 def in_words(cause: Cause) -> str:
