@@ -68,9 +68,9 @@ def run_words(motion: Motion, file: Path, policy: str | None, log_dir: str) -> l
 
 
 def write_offers(design: Design, folder: Path, policy: str | None) -> tuple[Offer, ...]:
-    """Write the experiments that may be run, the most telling first, and ``ranking.json``."""
+    """Write the experiments that are safe and worth their time, the most telling first, and ``ranking.json``."""
     offers = []
-    for number, proposal in enumerate((p for p in design.proposals if not p.refused), start=1):
+    for number, proposal in enumerate(design.worthwhile, start=1):
         file = folder / f"{number:02d}_{proposal.candidate.name}.yaml"
         save_motion(proposal.motion, file)
         words = run_words(proposal.motion, file, policy, "MORE_LOGS")
@@ -119,5 +119,6 @@ def ranking_lines(design: Design, offers: Sequence[Offer]) -> list[str]:
         if p.told.bits > 0.0:
             lines.append(f"   parts    {p.decides(design.causes, design.weights)}")
         lines.append(f"   loads    {p.burden}; needs {p.candidate.needs}")
-        lines.append(f"   run      {commands.get(id(p), '')}")
+        if id(p) in commands:
+            lines.append(f"   run      {commands[id(p)]}")
     return lines

@@ -18,7 +18,6 @@ from diagnosis.next.choose.design import Design, Proposal, in_words, judged
 from diagnosis.next.choose.information import Told, entropy_bits, told_by
 from diagnosis.next.choose.robots import (
     N_WIDE,
-    NO_CAUSE,
     beliefs,
     compact,
     drawn_robots,
@@ -130,8 +129,9 @@ def test_causes_and_suspects_of_a_posterior() -> None:
 def test_every_cause_gets_as_many_robots_and_a_seed_gives_the_same_ones() -> None:
     own = posterior(torque_gain=0.7, none=0.3)
     first, second = (drawn_robots(own, 3, np.random.default_rng(5)) for _ in range(2))
-    assert first.cause_of.tolist() == [0, 0, 0, 1, 1, 1] + [NO_CAUSE] * N_WIDE
-    assert repr(first.models) == repr(second.models)
+    assert first.cause_of.tolist() == [0, 0, 0, 1, 1, 1]
+    assert len(first.wide) == N_WIDE
+    assert repr((first.models, first.wide)) == repr((second.models, second.wide))
 
 
 def test_effects_at_single_joints_become_one_and_act_as_before() -> None:

@@ -121,7 +121,10 @@ def _walks(policy: PolicyContract) -> tuple[Candidate, ...]:
             "to_and_fro",
             "walk ahead and back by turns",
             needs,
-            {"speed_m_s": Free(0.5 * min(top, 1.6), 0.2, min(top, 1.5), "m/s"), "period_s": Free(2.0, 1.2, 4.0, "s")},
+            {
+                "speed_m_s": Free(0.3 * min(top, 1.6), 0.2, 0.5 * min(top, 1.6), "m/s"),
+                "period_s": Free(3.0, 2.0, 4.0, "s"),
+            },
             lambda v: _to_and_fro(v["speed_m_s"], v["period_s"]),
         ),
         Candidate(
@@ -149,7 +152,13 @@ def _walks(policy: PolicyContract) -> tuple[Candidate, ...]:
             needs,
             {"speed_m_s": Free(0.25, 0.1, 0.5, "m/s")},
             lambda v: _sequence(
-                "slow_walk", 8.0, (0.0, 0.0, 0.0, 0.0), (0.5, v["speed_m_s"], 0.0, 0.0), (7.5, 0.0, 0.0, 0.0)
+                "slow_walk",
+                8.0,
+                (0.0, 0.0, 0.0, 0.0),
+                (1.0, v["speed_m_s"], 0.0, 0.0),
+                (6.5, v["speed_m_s"], 0.0, 0.0),
+                (7.5, 0.0, 0.0, 0.0),
+                is_ramped=True,
             ),
         ),
     )
@@ -245,10 +254,15 @@ def _sweep(joint: str) -> Candidate:
 
 
 def _to_and_fro(speed_m_s: float, period_s: float) -> VelocitySequence:
-    duration_s = 8.0
-    turns = np.arange(0.5, duration_s - 1.0, 0.5 * period_s)
-    points = [(float(t), speed_m_s * (-1.0) ** i, 0.0, 0.0) for i, t in enumerate(turns)]
-    return _sequence("to_and_fro", duration_s, (0.0, 0.0, 0.0, 0.0), *points, (duration_s - 0.5, 0.0, 0.0, 0.0))
+    """Each way for a quarter of the period; the turn-round takes as long."""
+    duration_s, quarter_s = 8.0, 0.25 * period_s
+    points = [(0.5, 0.0, 0.0, 0.0)]
+    for i, t in enumerate(np.arange(0.5 + quarter_s, duration_s - 1.0 - quarter_s, 2.0 * quarter_s)):
+        speed = speed_m_s * (-1.0) ** i
+        points += [(float(t), speed, 0.0, 0.0), (float(t + quarter_s), speed, 0.0, 0.0)]
+    return _sequence(
+        "to_and_fro", duration_s, (0.0, 0.0, 0.0, 0.0), *points, (duration_s - 0.5, 0.0, 0.0, 0.0), is_ramped=True
+    )
 
 
 def _sequence(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Final
 
@@ -12,7 +12,7 @@ from scipy.optimize import minimize
 
 from diagnosis.next.choose.candidates import Candidate, Motion, candidates, given
 from diagnosis.next.choose.information import Told, told_by
-from diagnosis.next.choose.robots import NO_CAUSE, Cause, Robots, drawn_robots, suspects
+from diagnosis.next.choose.robots import Cause, Robots, drawn_robots, suspects
 from diagnosis.next.choose.safety_check import burden, refusals
 from diagnosis.next.choose.signature import signature
 from diagnosis.next.choose.trial import try_on
@@ -47,6 +47,11 @@ class Proposal:
         return self.candidate.robot_s
 
     @property
+    def is_worthwhile(self) -> bool:
+        """Whether it may be run, and tells enough or is a user's own."""
+        return not self.refused and (self.told.bits >= WORTH_BITS or self.candidate.is_own)
+
+    @property
     def values(self) -> str:
         """Its chosen numbers, in words."""
         units = {name: free.unit for name, free in self.candidate.free.items()}
@@ -78,8 +83,7 @@ class Design:
     @property
     def worthwhile(self) -> tuple[Proposal, ...]:
         """Those that may be run and tell enough, or that a user asks for, the most telling first."""
-        safe = (p for p in self.proposals if not p.refused)
-        return tuple(p for p in safe if p.told.bits >= WORTH_BITS or p.candidate.is_own)
+        return tuple(p for p in self.proposals if p.is_worthwhile)
 
 
 def in_words(cause: Cause) -> str:
@@ -121,12 +125,13 @@ def design(
         number = min(range(len(found)), key=lambda i: _rank(found[i]))
         if not found[number].told.is_enough:
             found[number] = _improved(found[number], robots, policy, seed, tries)
-        tell(1.0)
+    found = [proved(p, robots, policy, seed) if p.is_worthwhile else p for p in found]
+    tell(1.0)
     return Design(robots.causes, robots.weights, tuple(sorted(found, key=_rank)))
 
 
 def judged(candidate: Candidate, robots: Robots, policy: Policy | None, seed: int) -> Proposal:
-    """What a candidate tells and loads, and whether all robots bear it."""
+    """What a candidate tells and loads, and whether all robots that the logs allow bear it."""
     nothing = Told(0.0, 0.0, np.zeros((len(robots.weights),) * 2))
     motion = candidate.motion()
     try:
@@ -135,11 +140,17 @@ def judged(candidate: Candidate, robots: Robots, policy: Policy | None, seed: in
         return Proposal(candidate, motion, nothing, "", (str(error),))
     refused = refusals(runs)
     told = nothing
-    known = robots.cause_of != NO_CAUSE
-    signatures = np.array([signature(run) for run, k in zip(runs, known, strict=True) if k])
+    signatures = np.array([signature(run) for run in runs])
     if len(robots.causes) > 1 and np.isfinite(signatures).all():
-        told = told_by(signatures, robots.cause_of[known], robots.weights, np.random.default_rng([seed, 2]))
+        told = told_by(signatures, robots.cause_of, robots.weights, np.random.default_rng([seed, 2]))
     return Proposal(candidate, motion, told, burden(runs), refused)
+
+
+def proved(proposal: Proposal, robots: Robots, policy: Policy | None, seed: int) -> Proposal:
+    """The proposal, refused if one of the robots with wide errors does not bear it."""
+    return replace(
+        proposal, refused=refusals(try_on(proposal.motion, robots.wide, policy, np.random.default_rng([seed, 3])))
+    )
 
 
 def _rank(proposal: Proposal) -> tuple[bool, float]:

@@ -26,8 +26,7 @@ LEFT: Final = 0.5
 """Share of the published range of ordinary errors that the first logs leave open. Not calibrated."""
 WIDE: Final = 2.0
 """Share of the published range that robots for the safety check alone are drawn from."""
-N_WIDE: Final = 8
-NO_CAUSE: Final = -1
+N_WIDE: Final = 50
 LIKELY: Final = 0.01
 """Causes below this weight are left out."""
 MOST_CAUSES: Final = 4
@@ -42,14 +41,16 @@ Cause = tuple[str, ...]
 
 @dataclass(frozen=True)
 class Robots:
-    """Robots that the logs allow, as many of each cause; then some with wide errors, for safety alone."""
+    """Robots that the logs allow, as many of each cause."""
 
     causes: tuple[Cause, ...]
     weights: np.ndarray
     """Of the causes, shape (C,), adding up to 1."""
     models: tuple[RobotModel, ...]
     cause_of: np.ndarray
-    """Index of each model's cause, :data:`NO_CAUSE` for one with wide errors, shape (n,)."""
+    """Index of each model's cause, shape (n,)."""
+    wide: tuple[RobotModel, ...]
+    """Robots of any of the causes, with wide errors, for safety alone."""
 
 
 def cause_of(possibility: Possibility, posterior: Posterior) -> Cause:
@@ -104,10 +105,10 @@ def drawn_robots(
             model = Posterior(possibilities=own).draw(library, rng)
             models.append(with_ordinary_errors(compact(model), rng, LEFT, without=SETTLED))
             index.append(number)
-    for _ in range(N_WIDE):
-        models.append(with_ordinary_errors(compact(posterior.draw(library, rng)), rng, WIDE, without=SETTLED))
-        index.append(NO_CAUSE)
-    return Robots(tuple(odds), np.array(list(odds.values())), tuple(models), np.array(index))
+    wide = tuple(
+        with_ordinary_errors(compact(posterior.draw(library, rng)), rng, WIDE, without=SETTLED) for _ in range(N_WIDE)
+    )
+    return Robots(tuple(odds), np.array(list(odds.values())), tuple(models), np.array(index), wide)
 
 
 def with_ordinary_errors(
