@@ -30,8 +30,9 @@ def bench_train(config: TrainConfig, device: str, *, iterations: int = 5) -> dic
 
     Returns:
         ``processes`` (that torchrun started; the speeds are theirs together), ``device``, ``n_envs`` of each,
-        ``network``, ``policy_steps_per_s`` (with learning), ``collect_steps_per_s``, ``physics_steps_per_s``, the
-        shares of physics, task and learning in an iteration, ``peak_memory_mb``.
+        ``network``, ``policy_steps_per_s`` (with learning), ``collect_steps_per_s``, ``collect_core_us`` (CPU time of a
+        robot's step while collecting, µs, which other work on the computer hardly changes), ``physics_steps_per_s``,
+        the shares of physics, task and learning in an iteration, ``peak_memory_mb``.
     """
     config = config.model_copy(update={"iterations": iterations + WARM_UP_ITERATIONS, "save_every": 10**9})
     with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stderr(io.StringIO()):
@@ -44,6 +45,7 @@ def bench_train(config: TrainConfig, device: str, *, iterations: int = 5) -> dic
     steps = config.ppo.steps_per_iteration
     collect_s = sum(t[0] for t in times) / iterations
     learn_s = sum(t[1] for t in times) / iterations
+    core_s = sum(t[2] for t in times) / iterations
     total_s = collect_s + learn_s
     substeps = config.task.physics_rate_hz / facts.POLICY_RATE_HZ
     return {
@@ -53,6 +55,7 @@ def bench_train(config: TrainConfig, device: str, *, iterations: int = 5) -> dic
         "network": list(config.ppo.hidden),
         "policy_steps_per_s": round(runner.gpu_world_size * config.n_envs * steps / total_s),
         "collect_steps_per_s": round(runner.gpu_world_size * config.n_envs * steps / collect_s),
+        "collect_core_us": round(1e6 * core_s / (config.n_envs * steps), 1),
         "physics_steps_per_s": round(runner.gpu_world_size * config.n_envs * substeps / physics_s),
         "physics_share": round(physics_s * steps / total_s, 4),
         "task_share": round((collect_s - physics_s * steps) / total_s, 4),
@@ -61,19 +64,19 @@ def bench_train(config: TrainConfig, device: str, *, iterations: int = 5) -> dic
     }
 
 
-def _iterate(runner: PpoRunner, device: str) -> tuple[float, float]:
-    """One iteration; seconds of collecting and of learning."""
+def _iterate(runner: PpoRunner, device: str) -> tuple[float, float, float]:
+    """One iteration; seconds of collecting and of learning, and CPU time of collecting."""
     observations = runner.env.get_observations()
-    start = _now(device)
+    start, core_start = _now(device), time.process_time()
     with torch.inference_mode():
         for _ in range(runner.cfg["num_steps_per_env"]):
             actions = runner.alg.act(observations)
             observations, rewards, dones, extras = runner.env.step(actions)
             runner.alg.process_env_step(observations, rewards, dones, extras)
-        collected = _now(device)
+        collected, core_s = _now(device), time.process_time() - core_start
         runner.alg.compute_returns(observations)
     runner.alg.update()
-    return collected - start, _now(device) - collected
+    return collected - start, _now(device) - collected, core_s
 
 
 def _physics_s(runner: PpoRunner, device: str, n: int = 20) -> float:
