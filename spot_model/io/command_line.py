@@ -134,6 +134,8 @@ def _system_words(error: OSError) -> str:
         return f"{told}; make room, or write elsewhere, and run the command again"
     if error.errno in (errno.EROFS, errno.EACCES, errno.EPERM) and error.filename:
         return f"{told}; check its permissions, or name another path"
+    if error.errno == errno.EEXIST and error.filename:
+        return f"{told}; nothing is overwritten: choose another name"
     if error.errno == errno.ENOENT and error.filename:
         return f"{told}; check the path, or make its folder first"
     return told

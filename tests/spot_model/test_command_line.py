@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import errno
 import os
 import subprocess
 import sys
@@ -232,3 +233,20 @@ def test_the_short_help_is_the_long_one(capsys: pytest.CaptureFixture[str]) -> N
 def test_every_command_has_a_place_in_the_help() -> None:
     placed = {name for names in command_line.PANELS.values() for name in names} - {"play"}
     assert placed <= {word for name in find_commands() for word in (name, name.partition(".")[0])}
+
+
+@pytest.mark.parametrize(
+    ("number", "next_step"),
+    [
+        (errno.ENOSPC, "make room, or write elsewhere"),
+        (errno.EROFS, "check its permissions, or name another path"),
+        (errno.EACCES, "check its permissions, or name another path"),
+        (errno.EEXIST, "nothing is overwritten: choose another name"),
+        (errno.ENOENT, "check the path, or make its folder first"),
+    ],
+)
+def test_an_error_of_the_system_names_the_file_and_the_next_step(number: int, next_step: str) -> None:
+    line = command_line.error_line(OSError(number, os.strerror(number), "out/page.html"), "compare", is_debug=False)
+    assert line.startswith(f"spot-rl compare: error: out/page.html: {os.strerror(number)}; ")
+    assert next_step in line
+    assert "\n" not in line
