@@ -28,7 +28,7 @@ from sklearn.linear_model import LogisticRegression
 
 from diagnosis.closed_loop.engine import LocalEngine
 from diagnosis.closed_loop.trials import Bench
-from diagnosis.decision_constants import LEFT_SHARE, ORDINARY_GAP, USUAL_LEFT
+from diagnosis.decision_constants import LEFT_SHARE, USUAL_LEFT
 from diagnosis.library.base import LibraryEffect
 from diagnosis.library.registry import LIBRARY
 from diagnosis.read.prepare import prepared
@@ -36,6 +36,7 @@ from diagnosis.read.robot_file import SPOT
 from diagnosis.verdict.causes import ERRORS, Causes, decide
 from diagnosis.verdict.diagnose import diagnose
 from diagnosis.verdict.explain import explain
+from diagnosis.verdict.posterior import ordinary_gap
 from spot_log import read_run
 from spot_log.read.run import Run
 from spot_model.errors import SpotRlError
@@ -121,6 +122,7 @@ def compared(causes: Causes) -> dict[str, Any]:
     gains = dict(zip(first.effects, first.selection.gains, strict=True))
     return {
         "distance": causes.distances.get(ERRORS),
+        "scatter_nm": causes.scatter_nm,
         "best": causes.left,
         "beyond": first.remainder().beyond(USUAL_LEFT),
         "found": [
@@ -151,7 +153,7 @@ def new_shrink(case: Case, reality: Reality, delivered: RobotModel, policy: Poli
 def robots(given: Namespace) -> None:
     """Make what is missing."""
     given.out.mkdir(parents=True, exist_ok=True)
-    numbers = [n for n in range(given.first, given.to) if kind_of(given.seed, n) in KINDS]
+    numbers = [n for n in range(given.first, given.to) if kind_of(given.seed, n) in (given.kind or KINDS)]
     began_s = time.monotonic()
     with ProcessPoolExecutor(given.workers) as pool:
         late_s = began_s + given.until
@@ -168,9 +170,13 @@ def _unless_late(until_s: float, seed: int, number: int, out: Path) -> str:
 def fit(given: Namespace) -> None:
     """Print the numbers."""
     rows = [json.loads(path.read_text()) for path in sorted(given.folder.glob("*.json"))]
-    clean = [r["distance"] for r in rows if not r["faults"] and r["distance"] is not None]
-    quantiles = np.quantile(clean, [0.5, 0.95, 1.0]).round(2)
-    print(f"ORDINARY_GAP: {len(clean)} faultless robots, 50, 95, 100 %: {quantiles}")
+    clean = [(r["distance"], r["scatter_nm"]) for r in rows if not r["faults"] and r["distance"] is not None]
+    distance, scatter_nm = np.array(clean).T
+    left_nm = scatter_nm * np.sqrt(np.maximum(distance**2 - 1.0, 0.0))
+    most_nm = float(np.quantile(left_nm, 0.95))
+    slope = 1.7 / np.std(np.log(distance / np.hypot(1.0, most_nm / scatter_nm)))
+    print(f"ORDINARY_LEFT_NM: {len(clean)} faultless robots, 50, 95, 100 %: {np.quantile(left_nm, [0.5, 0.95, 1]).round(2)}")
+    print(f"GAP_SLOPE: {slope:.1f}")
     found, right, moves = [], [], []
     for row in rows:
         by_name = {name: f["moved"] for f in row["faults"] for name in f["names"]}
@@ -229,8 +235,8 @@ def unknowns(rows: list[dict[str, Any]]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _left(row: dict[str, Any]) -> tuple[float, float]:
-    closed = max(row["distance"] - row["best"], 0.0)
-    return float(np.log(row["best"] / (ORDINARY_GAP + LEFT_SHARE * closed))), float(np.log1p(row["beyond"]))
+    usual = ordinary_gap(row["scatter_nm"]) + LEFT_SHARE * max(row["distance"] - row["best"], 0.0)
+    return float(np.log(row["best"] / usual)), float(np.log1p(row["beyond"]))
 
 
 def main() -> None:
@@ -242,6 +248,7 @@ def main() -> None:
     one.add_argument("--first", type=int, default=0)
     one.add_argument("--to", type=int, required=True)
     one.add_argument("--out", type=Path, required=True)
+    one.add_argument("--kind", action="append", choices=KINDS, help="these alone")
     one.add_argument("--workers", type=int, default=2)
     one.add_argument("--until", type=float, default=1e9, help="begin no robot after so many seconds")
     one.set_defaults(step=robots)

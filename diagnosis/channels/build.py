@@ -11,7 +11,7 @@ from diagnosis.channels.body.stance import StanceSignals, stance_view
 from diagnosis.channels.body.swing import swing_view, swinging_legs
 from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelOff, ChannelView
-from diagnosis.channels.drive.actuator import ActuatorSignals, actuator_view
+from diagnosis.channels.drive.actuator import ActuatorSignals, actuator_view, stand_in_view
 from diagnosis.channels.drive.joint_rates import rate_view
 from diagnosis.channels.drive.power import power_view
 from diagnosis.channels.drive.sensor_noise import noise_view
@@ -57,7 +57,14 @@ def build_views(
         power_view(stack),
     ]
     missing = missing_for_dynamics(stack)
-    dynamics = None if missing else dynamics_signals(stack, effects)
+    dynamics = None
+    if not missing:
+        has_loads = all(r.has("load_nm") for r in stack.recordings)
+        has_commands = all(len(r.commands) > 0 for r in stack.recordings)
+        if has_loads or has_commands:
+            dynamics = dynamics_signals(stack, effects, None if has_loads else stand_in_view(stack, effects))
+        else:
+            missing = "no joint torques"
     stance = stance_view(stack, effects, dynamics)
     found.append(stance)
     if dynamics is None:

@@ -63,6 +63,8 @@ class ChannelView:
     """Leg of each joint of the robot, -1 for none. Shape (J,)."""
     signals: Any
     """What effects compute their columns from; a class of the channel's own file."""
+    is_measured: bool = True
+    """Whether the response tells anything; where something stands in for a signal that logs lack, it does not."""
     is_robust: bool = True
     """Whether a fit holds outliers down; where rare samples are the effect itself (losses, noise), it must not."""
     measured: Mapping[str, float] = field(default_factory=dict)

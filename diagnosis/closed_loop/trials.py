@@ -147,6 +147,10 @@ class Trials:
         names = self.compared[0].models if self.compared else ()
         return {name: typical([c.models[name] for c in self.compared]) for name in names}
 
+    def scatter_nm(self) -> float:
+        """The floor's W1 part, over the sequences; NaN where nothing was compared."""
+        return float(np.exp(np.mean([np.log(c.scale[0]) for c in self.compared]))) if self.compared else float("nan")
+
     def moved(self, name: str, other: str, policy: Policy) -> float:
         """How far one model's runs lie from another's, beyond their scatter, in the robot's floors; NaN if unknown."""
         first, second = (features_by_sequence(self.runs[key], policy) for key in (name, other))

@@ -77,6 +77,8 @@ class LibraryEffect(ABC):
     separable: ClassVar[frozenset[Channel]] = frozenset(
         {Channel.SET_POINT_TO_LOAD, Channel.JOINT_RATES, Channel.POLICY_REPLAY}
     )
+    of_load_cell: ClassVar[bool] = False
+    """It changes what is measured of a load, and nothing else."""
     location: ClassVar[Location] = Location.JOINT
     singly: ClassVar[bool] = False
     """Each unit has its own size by nature, so that several of one size are no fault but a coincidence."""
@@ -169,6 +171,9 @@ class LibraryEffect(ABC):
 
     def show(self, views: Views) -> tuple[Channel, ...]:
         """Channels in which the effect can be seen in these logs."""
+        drive = views.get(Channel.SET_POINT_TO_LOAD)
+        if self.of_load_cell and (drive is None or not drive.is_measured):
+            return ()
         return tuple(c for c in self.channels if c in views)
 
 

@@ -13,6 +13,7 @@ from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelView, Flags, Ints, Shape, Views
 from diagnosis.decision_constants import DEGREES_OF_FREEDOM, DISCREPANCY, FORMULA_ERROR, ErrorScale
 from diagnosis.library.base import LibraryEffect
+from diagnosis.library.through_motion import ThroughMotion, drive_of, with_stand_in
 from diagnosis.selection.nuisance import Ordinary, ordinary
 from diagnosis.selection.places import Robot
 
@@ -168,11 +169,12 @@ class Board:
         found_units: list[Ints] = [np.zeros(0, dtype=np.intp)] * len(self.blocks)
         found_x: list[Array] = [np.zeros((len(b.y), 0, size)) for b in self.blocks]
         for channel, numbers in self.by_channel.items():
-            if channel not in effect.channels:
-                continue
             view = self.views[channel]
+            through = self._through(effect, shape, view)
+            if channel not in effect.channels and through is None:
+                continue
             if channel in effect.separable or len(units) == 1:
-                whole = effect.columns(view, shape, np.ones(self.robot.n_joints, dtype=np.bool_))
+                whole = self._seen(effect, shape, view, through, np.ones(self.robot.n_joints, dtype=np.bool_))
                 for number in numbers:
                     block = self.blocks[number]
                     joint = int(view.row_joint[block.row])
@@ -180,7 +182,7 @@ class Board:
                     if unit >= 0:
                         self._put(found_units, found_x, number, [unit], whole[block.samples, block.row][:, None, :])
             else:
-                parts = [effect.columns(view, shape, unit > 0.5) for unit in units]
+                parts = [self._seen(effect, shape, view, through, unit > 0.5) for unit in units]
                 for number in numbers:
                     block = self.blocks[number]
                     self._put(
@@ -191,6 +193,19 @@ class Board:
                         np.stack([p[block.samples, block.row] for p in parts], axis=1),
                     )
         return Columns(tuple(found_units), tuple(found_x))
+
+    def _through(self, effect: LibraryEffect, shape: Shape, view: ChannelView) -> ThroughMotion | None:
+        shows = Channel.SET_POINT_TO_LOAD in effect.channels and drive_of(view) is not None
+        return ThroughMotion(effect, shape, view) if shows else None
+
+    def _seen(
+        self, effect: LibraryEffect, shape: Shape, view: ChannelView, through: ThroughMotion | None, joints: Flags
+    ) -> Array:
+        """An effect's columns at some joints: its own in the channel, and what it changes in a drive without loads."""
+        if through is None:
+            return effect.columns(view, shape, joints)
+        added = through.columns(joints)
+        return added + effect.columns(view, shape, joints) if view.name in effect.channels else added
 
     def _put(self, found_units: list[Ints], found_x: list[Array], number: int, units: list[int], raw: Array) -> None:
         block = self.blocks[number]
@@ -225,13 +240,15 @@ def lay_out(
     blocks: list[Block] = []
     n_folds = len(fold_names)
     for name, view in views.items():
+        if not view.is_measured:
+            continue
         step = max(1, round(view.n / MAX_SAMPLES))
         for row in range(len(view.rows)):
             block = _block(name, view, row, step, np.asarray(fold_of_run), n_folds, DISCREPANCY.get(name, 0.0))
             if block is not None:
                 blocks.append(block)
     board = Board(
-        views,
+        with_stand_in(views),
         robot,
         tuple(blocks),
         max(n_folds, 2),

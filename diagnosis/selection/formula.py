@@ -120,7 +120,7 @@ def find_formula(board: Board, residuals: Sequence[Array], joints: Flags) -> For
         residuals: By block, units of the noise.
         joints: Where the unknown effect acts, shape (J,).
     """
-    if Channel.SET_POINT_TO_LOAD not in board.views:
+    if Channel.SET_POINT_TO_LOAD not in board.by_channel:
         return None
     columns = _Columns(board, residuals, joints)
     if not columns.numbers:

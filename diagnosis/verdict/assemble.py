@@ -98,7 +98,7 @@ def assemble(
         probability_unknown=unknown_too,
         unknown=unknown,
         channels={**{str(name): "used" for name in found.views}, **off},
-        invisible=tuple(sorted(n for n, e in LIBRARY.items() if not e.show(found.views))),
+        invisible=tuple(sorted(n for n, e in LIBRARY.items() if not e.show(found.board.views))),
         shrink=shrink if effects else None,
         log_advice=advice(found.stack, found.views, found.off, effects, unknown),
         timeline=tuple(_timeline(found)),

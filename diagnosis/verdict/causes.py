@@ -20,7 +20,7 @@ from diagnosis.selection.nuisance_model import model_of
 from diagnosis.selection.scoring import Placed, Scored, Scorer, null_of, without
 from diagnosis.selection.search import price
 from diagnosis.verdict.explain import Explained
-from diagnosis.verdict.posterior import Belief, Hypothesis, believe, between_formulas, log_odds
+from diagnosis.verdict.posterior import Belief, Hypothesis, believe, between_formulas, log_odds, ordinary_gap
 from spot_model.io.model_file import RobotModel
 
 ERRORS = "ordinary errors alone"
@@ -55,6 +55,8 @@ class Causes:
     """By name of a hypothesis, and of the nominal model; floors. Empty where nothing can be said."""
     moved: Mapping[str, float]
     """By effect of the best set, (D − floor)/floor between runs with it and without it."""
+    scatter_nm: float
+    """The floor's W1 part, N·m; NaN where nothing was simulated."""
     notes: tuple[str, ...]
 
     @property
@@ -103,6 +105,8 @@ class Tried:
     """By name of a candidate, and of the nominal model; floors. Empty where nothing was simulated."""
     moved: Mapping[str, float]
     """By name of an effect of the best set: (D − floor)/floor between runs with and without it, all else alike."""
+    scatter_nm: float = float("nan")
+    """The floor's W1 part."""
     notes: tuple[str, ...] = ()
 
 
@@ -132,7 +136,7 @@ def try_out(
         less = ALONE if len(found.effects) == 1 else " + ".join(sorted(set(found.effects) - {effect}))
         if best in trials.runs and less in trials.runs:
             moved[effect] = trials.moved(best, less, bench.policy)
-    return Tried(trials.distances(), moved, trials.notes)
+    return Tried(trials.distances(), moved, trials.scatter_nm(), trials.notes)
 
 
 def decide(
@@ -195,7 +199,8 @@ def _kept(
         found = found.with_effects(candidates[likeliest], library)
     gains = dict(zip(found.effects, found.selection.gains, strict=True))
     beyond = found.remainder().beyond(USUAL_LEFT)
-    belief = believe(tuple(hypotheses.values()), found.effects, gains, found.n_runs, beyond, moved)
+    ordinary = ordinary_gap(tried.scatter_nm)
+    belief = believe(tuple(hypotheses.values()), found.effects, gains, found.n_runs, beyond, moved, ordinary)
     best = found.selection.best or null_of(found.board)
     kept, seen = best, []
     for term in best.terms:
@@ -213,6 +218,7 @@ def _kept(
         dict(candidates),
         dict(tried.distances),
         moved,
+        tried.scatter_nm,
         tried.notes,
     )
 

@@ -33,7 +33,7 @@ from diagnosis.decision_constants import (
     LEFT_SHARE,
     MOVED,
     ODD_RUN,
-    ORDINARY_GAP,
+    ORDINARY_LEFT_NM,
     THERE,
     THERE_BY_RESIDUALS,
     UNKNOWN,
@@ -110,6 +110,7 @@ def believe(
     n_runs: int,
     beyond_nats: float,
     moved: Mapping[str, float],
+    ordinary: float,
 ) -> Belief:
     """Probabilities of the hypotheses, and of none of them.
 
@@ -120,6 +121,7 @@ def believe(
         n_runs: Logs.
         beyond_nats: What signals still predict of the residuals that the best set leaves, beyond the usual.
         moved: By effect of the best set, (D − floor)/floor between runs with it and without it.
+        ordinary: Distance in floors that is ordinary for this robot, as :func:`ordinary_gap` has it.
     """
     by_set = {frozenset(h.effects): h for h in hypotheses}
     nothing, stated = by_set[frozenset()], by_set[frozenset(best)]
@@ -135,14 +137,24 @@ def believe(
     there = {n: min(at_all, is_there(gains[n], nearer[n] if is_simulated else None, n_runs)) for n in best}
     if not is_simulated or nothing.distance is None:
         unknown = beyond_nats / (beyond_nats + sum(USUAL_LEFT.values()))
-        none = (1.0 - max(there.values(), default=0.0)) * (1.0 - unknown)
+        none = min((1.0 - max(there.values(), default=0.0)) * (1.0 - unknown), expit(most_log_odds(n_runs)))
         effects = {n: p * (1.0 - unknown) for n, p in there.items()}
         return replace(so_far, none=none, unknown=unknown, there=there, effects=effects)
     effects = {n: p * matters(moved.get(n, 0.0)) for n, p in there.items()}
     explained = max(nothing.distance - float(stated.distance or 0.0), 0.0)
-    none = (1.0 - is_gap(nothing.distance, ORDINARY_GAP)) * (1.0 - max(effects.values(), default=0.0))
-    unknown = is_unknown(float(stated.distance or 0.0), explained, beyond_nats)
+    none = (1.0 - is_gap(nothing.distance, ordinary)) * (1.0 - max(effects.values(), default=0.0))
+    none = min(none, float(expit(most_log_odds(n_runs))))
+    unknown = is_unknown(float(stated.distance or 0.0), explained, beyond_nats, ordinary)
     return replace(so_far, none=none, unknown=unknown, there=there, effects=effects)
+
+
+def ordinary_gap(scatter_nm: float) -> float:
+    """Distance in floors that 95 of 100 robots without a fault keep from a model with their ordinary errors.
+
+    Args:
+        scatter_nm: The floor's W1 part: between repeats of the robot's own runs, N·m.
+    """
+    return float(np.hypot(1.0, ORDINARY_LEFT_NM / max(scatter_nm, 1e-6)))
 
 
 def is_gap(distance: float, ordinary: float) -> float:
@@ -150,15 +162,16 @@ def is_gap(distance: float, ordinary: float) -> float:
     return float(expit(GAP_SLOPE * np.log(max(distance, 1e-3) / ordinary)))
 
 
-def is_unknown(left: float, explained: float, beyond_nats: float) -> float:
+def is_unknown(left: float, explained: float, beyond_nats: float, ordinary: float) -> float:
     """Probability that something matters that no effect of the library is.
 
     Args:
         left: Distance of the best set's closed loops, in floors.
         explained: By how much that is less than with ordinary errors alone; formulas leave a share of it.
         beyond_nats: What signals still predict of the residuals, beyond the usual.
+        ordinary: Distance in floors that is ordinary for this robot.
     """
-    gap = np.log(max(left, 1e-3) / (ORDINARY_GAP + LEFT_SHARE * explained))
+    gap = np.log(max(left, 1e-3) / (ordinary + LEFT_SHARE * explained))
     return float(expit(np.dot(UNKNOWN, (1.0, gap, np.log1p(beyond_nats)))))
 
 
@@ -189,8 +202,12 @@ def is_there(nats: float, nearer: float | None, n_runs: int) -> float:
         log_odds = float(np.dot(THERE_BY_RESIDUALS, (1.0, size)))
     else:
         log_odds = float(np.dot(THERE, (1.0, size, nearer)))
-    most = max(n_runs, 1) * float(np.log((1.0 - ODD_RUN) / ODD_RUN))
-    return float(expit(min(log_odds, most)))
+    return float(expit(min(log_odds, most_log_odds(n_runs))))
+
+
+def most_log_odds(n_runs: int) -> float:
+    """What so many runs can tell at most, for or against."""
+    return max(n_runs, 1) * float(np.log((1.0 - ODD_RUN) / ODD_RUN))
 
 
 def matters(moved: float) -> float:

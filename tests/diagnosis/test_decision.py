@@ -11,13 +11,24 @@ from diagnosis.decision_constants import (
     LEFT_SHARE,
     MOVED,
     ODD_RUN,
-    ORDINARY_GAP,
+    ORDINARY_LEFT_NM,
     THERE,
     UNKNOWN,
 )
 from diagnosis.verdict.assemble import finite
-from diagnosis.verdict.posterior import Belief, Hypothesis, believe, is_gap, is_there, is_unknown, matters, shares
+from diagnosis.verdict.posterior import (
+    Belief,
+    Hypothesis,
+    believe,
+    is_gap,
+    is_there,
+    is_unknown,
+    matters,
+    ordinary_gap,
+    shares,
+)
 
+ORDINARY_GAP = 2.3
 FAR = ORDINARY_GAP + 3.0
 
 
@@ -71,7 +82,7 @@ def _believed(
     """Of nine logs; what each effect adds is what the hypotheses differ by."""
     nats = {frozenset(h.effects): h.nats for h in hypotheses}
     gains = {n: nats[frozenset(best)] - nats.get(frozenset(best) - {n}, 0.0) for n in best}
-    return believe(hypotheses, best, gains, 9, beyond_nats, moved)
+    return believe(hypotheses, best, gains, 9, beyond_nats, moved, ORDINARY_GAP)
 
 
 def test_what_is_beyond_doubt_and_moves_nothing_is_there_and_no_cause() -> None:
@@ -174,10 +185,28 @@ def test_what_robots_without_a_fault_keep_is_no_gap() -> None:
     assert is_gap(2.0 * ORDINARY_GAP, ORDINARY_GAP) > 0.98
 
 
+def test_a_robot_that_repeats_itself_well_keeps_more_floors_from_its_model() -> None:
+    # 3-4-5: the model's error is four thirds of the scatter.
+    assert ordinary_gap(0.75 * ORDINARY_LEFT_NM) == pytest.approx(5.0 / 3.0)
+    assert ordinary_gap(100.0 * ORDINARY_LEFT_NM) == pytest.approx(1.0, abs=1e-4)
+    assert ordinary_gap(0.1) > ordinary_gap(0.2)
+
+
+@pytest.mark.parametrize("distance", [None, 0.5])
+def test_one_run_does_not_prove_that_nothing_is_wrong(distance: float | None) -> None:
+    def none(n_runs: int) -> float:
+        return believe((Hypothesis((), 0.0, distance),), (), {}, n_runs, 0.0, {}, ORDINARY_GAP).none
+
+    assert none(1) == pytest.approx(1.0 - ODD_RUN)
+    assert none(3) > 0.99
+
+
 def test_the_right_effects_may_leave_a_share_of_what_they_close() -> None:
     after = ORDINARY_GAP + 1.0
-    assert is_unknown(after, 1.0 / LEFT_SHARE, 30.0) == pytest.approx(is_unknown(ORDINARY_GAP, 0.0, 30.0))
-    assert is_unknown(after, 10.0, 30.0) < is_unknown(after, 0.0, 30.0)
+    assert is_unknown(after, 1.0 / LEFT_SHARE, 30.0, ORDINARY_GAP) == pytest.approx(
+        is_unknown(ORDINARY_GAP, 0.0, 30.0, ORDINARY_GAP)
+    )
+    assert is_unknown(after, 10.0, 30.0, ORDINARY_GAP) < is_unknown(after, 0.0, 30.0, ORDINARY_GAP)
 
 
 def test_rivals_that_come_as_near_share_a_place() -> None:

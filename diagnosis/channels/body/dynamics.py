@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from diagnosis.channels.body.base_motion import GRAVITY_M_S2, base_motion, imu_gravity_m_s2, slope
 from diagnosis.channels.body.body_model import BodyModel
 from diagnosis.channels.body.vectors import cross
-from diagnosis.channels.channel_view import Array, Flags
+from diagnosis.channels.channel_view import Array, ChannelView, Flags
 from diagnosis.channels.stack import Stack
 from spot_model.effects.base import Effect
 from spot_model.plant.model_fields import FIRST_JOINT_DOF
@@ -98,6 +98,8 @@ class DynamicsSignals:
     uses_imu: bool
     imu_gravity_m_s2: float
     """In the unit's readings; 0 without a unit."""
+    drive: ChannelView | None = None
+    """What the nominal drive gives, where it stands in for loads that no log has."""
     cache: dict[object, Any] = field(default_factory=dict, compare=False)
 
     def with_inputs(self, key: object, **changes: Array) -> Residuals:
@@ -155,13 +157,12 @@ class DynamicsSignals:
 
 
 def missing_for_dynamics(stack: Stack) -> str:
-    """What logs lack for channels *load to motion* and *base wrench*; empty if nothing."""
+    """What logs lack for channels *load to motion* and *base wrench*, loads apart; empty if nothing."""
     if stack.recordings[0].joint_names != facts.JOINT_NAMES:
         return "no body model of this robot"
     if stack.too_coarse():
         return stack.too_coarse()
     for signal, name in (
-        ("load_nm", "joint torques"),
         ("position_rad", "joint positions"),
         ("velocity_rad_s", "joint velocities"),
         ("odom_from_body_wxyz", "attitude"),
@@ -175,14 +176,20 @@ def missing_for_dynamics(stack: Stack) -> str:
     return ""
 
 
-def dynamics_signals(stack: Stack, effects: Sequence[Effect]) -> DynamicsSignals:
-    """Smooth, differentiate and compute the nominal residuals."""
+def dynamics_signals(stack: Stack, effects: Sequence[Effect], drive: ChannelView | None = None) -> DynamicsSignals:
+    """Smooth, differentiate and compute the nominal residuals.
+
+    Args:
+        stack: The recordings.
+        effects: The nominal model's.
+        drive: What stands in for the loads; None where they were measured.
+    """
     usable = stack.inner(stack.used)
     rows = np.flatnonzero(usable)
     rows = rows[rows % STRIDE == 0]
     base = base_motion(stack)
     velocity = stack.filled(lambda r: r.velocity_rad_s)
-    load = stack.filled(lambda r: r.load_nm)
+    load = stack.filled(lambda r: r.load_nm) if drive is None else drive.signals.load_nm
     raw = Inputs(
         world_from_body_wxyz=base.odom_from_body_wxyz,
         angular_vel_in_body_rad_s=base.angular_vel_in_body_rad_s,
@@ -220,6 +227,7 @@ def dynamics_signals(stack: Stack, effects: Sequence[Effect]) -> DynamicsSignals
         known=Known(force, place),
         uses_imu=base.uses_imu,
         imu_gravity_m_s2=imu_gravity_m_s2(stack) or 0.0,
+        drive=drive,
     )
 
 
@@ -300,6 +308,19 @@ def contact_point_and_jacobian(
     axes = leg_axes(position_rad, legs)
     turned = np.swapaxes(cross(axes, arm[:, :, None, :]), -1, -2)
     return centre + arm, jacobian + turned
+
+
+def wrench_of_joints(signals: DynamicsSignals) -> Array:
+    """Force and moment on the body for each newton metre that a joint's load exceeds the model's; shape (n, 12, 6)."""
+    if "wrench_of_joints" not in signals.cache:
+        n = len(signals.rows)
+        out = np.empty((n, facts.N_JOINTS, 6))
+        for k in range(3):
+            joint = np.broadcast_to(np.arange(facts.N_JOINTS) % 3 == k, (n, facts.N_JOINTS)).astype(np.float64)
+            out[:, k::3] = feet_wrench(signals.inputs, joint, signals.model.foot_radius_m, signals.known.place)
+        signals.cache["wrench_of_joints"] = out
+    found: Array = signals.cache["wrench_of_joints"]
+    return found
 
 
 def leg_axes(position_rad: Array, legs: slice = slice(None)) -> Array:

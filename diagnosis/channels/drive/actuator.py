@@ -8,7 +8,7 @@ less the lag: joints interpolated between states, and the command that was in ef
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 import numpy as np
@@ -174,6 +174,43 @@ def actuator_view(
         signals=signals,
         measured={"load_lag_s": lag_s},
         notes=(note,) if note else (),
+    )
+
+
+def stand_in_view(stack: Stack, effects: Sequence[Effect]) -> ChannelView:
+    """What the nominal drive gives, for logs without loads.
+
+    It tells nothing by itself. Effects take their columns from it, and show in the channels of the body, which compare
+    it with the motion.
+    """
+    bare = _signals(stack, effects, 0.0)
+    losing = [effect for effect in effects if has_joint_loss(effect)]
+    load = bare.torque_nm
+    if losing:
+        motion = LossMotion(
+            velocity_rad_s=bare.still_velocity_rad_s,
+            acceleration_rad_s2=stack.rate(bare.velocity_rad_s),
+            direction=direction(bare.still_velocity_rad_s),
+        )
+        load = load - joint_losses_nm(losing, motion)
+    signals = replace(bare, load_nm=load)
+    legs = leg_of_joint(stack.recordings[0].joint_names, stack.recordings[0].foot_names)
+    shape = signals.finish(load).shape
+    return ChannelView(
+        name=Channel.SET_POINT_TO_LOAD,
+        rows=stack.recordings[0].joint_names,
+        unit="N·m",
+        response=np.zeros(shape),
+        usable=np.repeat(stack.inner(stack.used)[::STRIDE, None], shape[1], axis=1),
+        run=stack.run[::STRIDE],
+        state=stack.state[::STRIDE],
+        noise=np.ones(shape[1]),
+        nuisance=np.zeros((*shape, 0)),
+        row_joint=np.arange(shape[1], dtype=np.intp),
+        row_leg=legs,
+        leg_of_joint=legs,
+        signals=signals,
+        is_measured=False,
     )
 
 

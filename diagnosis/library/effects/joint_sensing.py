@@ -112,6 +112,7 @@ class LoadSensorEntry(LibraryEffect):
 
     title: ClassVar[str] = "torque sensor's scale and zero"
     effect: ClassVar[type[Effect]] = LoadSensorGain
+    of_load_cell: ClassVar[bool] = True
     channels: ClassVar[tuple[Channel, ...]] = (Channel.SET_POINT_TO_LOAD, Channel.LOAD_TO_MOTION, Channel.BASE_WRENCH)
     coefficients: ClassVar[tuple[Coefficient, ...]] = (
         Coefficient("gain", "1", -0.8, 2.0),
@@ -145,6 +146,7 @@ class LoadFilterEntry(LibraryEffect):
     name: ClassVar[str] = "load_filter"
     title: ClassVar[str] = "lag of the torque sensor"
     effect: ClassVar[type[Effect]] = LoadFilter
+    of_load_cell: ClassVar[bool] = True
     channels: ClassVar[tuple[Channel, ...]] = (Channel.SET_POINT_TO_LOAD, Channel.LOAD_TO_MOTION, Channel.BASE_WRENCH)
     coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("time_constant_s", "s", 0.0, 0.1),)
     least: ClassVar[Mapping[str, float]] = {"time_constant_s": 5e-4}
