@@ -42,7 +42,8 @@ WIDER = 0.5
 def status_of(causes: Causes) -> Status:
     """The verdict in a word."""
     found, belief = causes.found, causes.belief
-    if not found.views.keys() & {Channel.SET_POINT_TO_LOAD, Channel.BASE_WRENCH, Channel.LOAD_TO_MOTION}:
+    has_forces = found.views.keys() & {Channel.SET_POINT_TO_LOAD, Channel.BASE_WRENCH, Channel.LOAD_TO_MOTION}
+    if not has_forces and not causes.distances:
         return "cannot_tell"
     if belief.unknown > UNKNOWN_IS_LIKELY and _closed(causes) < CLOSES_SOME:
         return "unknown_effect"

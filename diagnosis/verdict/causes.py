@@ -105,9 +105,9 @@ class Tried:
     """By name of a candidate, and of the nominal model; floors. Empty where nothing was simulated."""
     moved: Mapping[str, float]
     """By name of an effect of the best set: (D − floor)/floor between runs with and without it, all else alike."""
-    scatter_nm: float = float("nan")
-    """The floor's W1 part."""
     notes: tuple[str, ...] = ()
+    scatter_nm: float = float("nan")
+    """The floor's W1 part, N·m."""
 
 
 def try_out(
@@ -136,7 +136,7 @@ def try_out(
         less = ALONE if len(found.effects) == 1 else " + ".join(sorted(set(found.effects) - {effect}))
         if best in trials.runs and less in trials.runs:
             moved[effect] = trials.moved(best, less, bench.policy)
-    return Tried(trials.distances(), moved, trials.scatter_nm(), trials.notes)
+    return Tried(trials.distances(), moved, trials.notes, trials.scatter_nm())
 
 
 def decide(
