@@ -175,7 +175,8 @@ def fit(given: Namespace) -> None:
     left_nm = scatter_nm * np.sqrt(np.maximum(distance**2 - 1.0, 0.0))
     most_nm = float(np.quantile(left_nm, 0.95))
     slope = 1.7 / np.std(np.log(distance / np.hypot(1.0, most_nm / scatter_nm)))
-    print(f"ORDINARY_LEFT_NM: {len(clean)} faultless robots, 50, 95, 100 %: {np.quantile(left_nm, [0.5, 0.95, 1]).round(2)}")
+    quantiles = np.quantile(left_nm, [0.5, 0.95, 1.0]).round(2)
+    print(f"ORDINARY_LEFT_NM: {len(clean)} faultless robots, 50, 95, 100 %: {quantiles}")
     print(f"GAP_SLOPE: {slope:.1f}")
     found, right, moves = [], [], []
     for row in rows:

@@ -130,9 +130,9 @@ ORDINARY_LEFT_NM: Final = 0.58
 
 It is what such models are off by, and no robot's own scatter: in floors it is more for a robot that repeats itself well
 (:func:`~diagnosis.verdict.posterior.ordinary_gap`). Of 62 faultless robots of the calibrating catalogue's simulator,
-errors 0.5 to 5 times the usual, floors 0.1 to 1.2 N·m, half are off by 0.26 N·m and 95 % by 0.58; the distance in floors
-goes with the floor by a correlation of -0.82 of their logarithms (``benchmarks/calibrate_diagnosis.py robots --seed 70001
---kind faultless``, revision ``cc7490b``).
+errors 0.5 to 5 times the usual, floors 0.1 to 1.2 N·m, half are off by 0.26 N·m and 95 % by 0.58; the logarithms of
+distance in floors and floor are correlated by -0.82 (``benchmarks/calibrate_diagnosis.py robots --seed 70001 --kind
+faultless``, revision ``cc7490b``).
 """
 GAP_SLOPE: Final = 7.5
 """Odds of a gap rise by this power of the distance: 1.7 over the standard deviation of the logarithm of a distance over

@@ -39,7 +39,8 @@ class ThroughMotion:
 
     def __init__(self, effect: LibraryEffect, shape: Shape, view: ChannelView) -> None:
         signals: DynamicsSignals = view.signals
-        assert signals.drive is not None
+        if signals.drive is None:
+            raise ValueError(f"channel {view.name} has measured loads")
         self._effect, self._shape, self._drive = effect, shape, signals.drive
         self._rows = signals.rows // STRIDE
         self._wrench = wrench_of_joints(signals) if view.name == Channel.BASE_WRENCH else None
