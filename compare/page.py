@@ -73,7 +73,7 @@ def _head(tracks: Sequence[Track], found: Sequence[Differences], cause: str) -> 
         f"{len(reference) * STEP_S:.1f} s under the same velocity commands · simulated runs are in closed loop, with "
         "the policy that ran"
     )
-    verb = "walks like" if is_close else "walks unlike"
+    verb = "walks like" if is_close else "walks differently from"
     headline = f"{reference.name} {verb} {' and '.join(t.name for t in tracks[1:])}"
     return headed("Close" if is_close else "Apart", "good" if is_close else "bad", headline, lines, meta)
 

@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+import errno
+from typing import Final
+
+DISK_FULL: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+"""Numbers of the system's errors for a disk, a quota or a file that takes no more."""
+
 
 class SpotRlError(Exception):
     """An error whose message is meant for the user.

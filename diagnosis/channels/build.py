@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from diagnosis.channels.body.base_wrench import base_view, calm_rows
 from diagnosis.channels.body.contact_events import contact_view
 from diagnosis.channels.body.dynamics import dynamics_signals, missing_for_dynamics
@@ -60,11 +62,11 @@ def build_views(
     dynamics = None
     if not missing:
         has_loads = all(r.has("load_nm") for r in stack.recordings)
-        has_commands = all(len(r.commands) > 0 for r in stack.recordings)
-        if has_loads or has_commands:
+        has_gains = all(np.isfinite(r.commands.kp_nm_per_rad).any() for r in stack.recordings)
+        if has_loads or has_gains:
             dynamics = dynamics_signals(stack, effects, None if has_loads else stand_in_view(stack, effects))
         else:
-            missing = "no joint torques"
+            missing = "no joint torques, nor commands with gains from which the servo law has them"
     stance = stance_view(stack, effects, dynamics)
     found.append(stance)
     if dynamics is None:

@@ -22,7 +22,7 @@ def next_experiment(
     ] = None,
     run: Annotated[bool, typer.Option("--run", help="Run the experiments on a robot until one cause is left.")] = False,
     robot: Annotated[str | None, typer.Option("--robot", help="With --run: HOST, HOST:PORT or unix:/path.")] = None,
-    yes: Annotated[bool, typer.Option("--yes", help="Ask nobody before a run: fake robots alone.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask before each run; for a fake robot only.")] = False,
     budget_s: Annotated[float, typer.Option("--budget", min=10.0, max=3600.0, help="Robot time, s.")] = 120.0,
     rounds: Annotated[int, typer.Option("--rounds", min=1, max=20, help="Experiments, at most.")] = 5,
     config: Annotated[Path | None, typer.Option("--config", help="Run configuration (YAML).")] = None,

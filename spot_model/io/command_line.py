@@ -12,7 +12,7 @@ from typing import Annotated, Any, cast
 
 import typer
 
-from spot_model.errors import SpotRlError
+from spot_model.errors import DISK_FULL, SpotRlError
 from spot_model.io.command_registry import describe_command, explain_missing_module, find_commands, load_command
 from spot_model.text import plain_lines
 
@@ -130,7 +130,7 @@ def error_line(error: Exception, command: str | None, *, is_debug: bool) -> str:
 def _system_words(error: OSError) -> str:
     """What the system says, with the file first and the number left out."""
     told = f"{error.filename}: {error.strerror}" if error.filename and error.strerror else str(error.strerror or error)
-    if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+    if error.errno in DISK_FULL:
         return f"{told}; make room, or write elsewhere, and run the command again"
     if error.errno in (errno.EROFS, errno.EACCES, errno.EPERM) and error.filename:
         return f"{told}; check its permissions, or name another path"

@@ -9,6 +9,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from spot_model.errors import DISK_FULL
+
 
 @contextmanager
 def whole(*paths: Path) -> Iterator[None]:
@@ -21,7 +23,7 @@ def whole(*paths: Path) -> Iterator[None]:
     try:
         yield
     except BaseException as error:
-        if isinstance(error, OSError) and error.filename is None and error.strerror and paths:
+        if isinstance(error, OSError) and error.errno in DISK_FULL and error.filename is None and paths:
             error.filename = str(paths[0])
         for path in sorted(set(made), key=lambda p: len(p.parts), reverse=True):
             if path in paths and path.is_dir():

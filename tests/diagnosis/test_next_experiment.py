@@ -206,6 +206,13 @@ def test_every_corner_of_a_candidates_bounds_can_be_built(candidate: Candidate) 
         assert 4.0 <= motion.duration_s <= (40.0 if candidate.name == "warm_up" else 20.0)
 
 
+@pytest.mark.parametrize("top_m_s", [0.3, 0.5, 0.8, 1.6, 5.0])
+def test_to_and_fro_starts_within_its_bounds_whatever_the_policys_top_speed(top_m_s: float) -> None:
+    contract = _contract().model_copy(update={"velocity_command_high": (top_m_s, 0.6, 1.0)})
+    speed = next(c for c in candidates(contract, ()) if c.name == "to_and_fro").free["speed_m_s"]
+    assert speed.low <= speed.start <= speed.high <= top_m_s
+
+
 def test_motors_are_warmed_only_where_heat_may_be_the_cause() -> None:
     def names(*effects: str) -> set[str]:
         return {c.name for c in candidates(_contract(), (), effects)}

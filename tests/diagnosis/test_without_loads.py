@@ -81,6 +81,18 @@ def test_a_load_cell_that_nobody_reads_cannot_be_wrong(views: Views) -> None:
     assert LIBRARY["torque_gain"].show(with_drive)
 
 
+def test_commands_without_gains_are_no_servo_law() -> None:
+    def without_gains(run: Run) -> Run:
+        unknown = np.full_like(run.commands.kp_nm_per_rad, np.nan)
+        return dataclasses.replace(
+            run, commands=dataclasses.replace(run.commands, kp_nm_per_rad=unknown, kd_nm_s_per_rad=unknown)
+        )
+
+    on, off = build_views(stack([record(without_gains(run)) for run in _without_loads(Truth(()))]), NOMINAL)
+    assert not on.keys() & {Channel.LOAD_TO_MOTION, Channel.BASE_WRENCH}
+    assert "no joint torques" in {c.name: c.reason for c in off}[Channel.BASE_WRENCH]
+
+
 @pytest.mark.parametrize("joint", [0, 4, 11])
 def test_a_newton_metre_at_a_joint_shows_in_the_wrench_as_inverse_dynamics_have_it(views: Views, joint: int) -> None:
     signals = views[Channel.BASE_WRENCH].signals

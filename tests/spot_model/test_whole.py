@@ -55,6 +55,12 @@ def test_the_error_of_a_full_disk_names_the_file(tmp_path: Path) -> None:
     assert told.value.filename == str(tmp_path / "page.html")
 
 
+def test_an_error_that_is_not_the_disks_names_no_file(tmp_path: Path) -> None:
+    with pytest.raises(BrokenPipeError) as told, whole(tmp_path / "page.html"):
+        raise BrokenPipeError(errno.EPIPE, "Broken pipe")
+    assert told.value.filename is None
+
+
 def test_an_output_that_could_not_be_written_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     check_writable(tmp_path / "new" / "folder")
     monkeypatch.setattr(os, "access", lambda *_: False)  # root may write wherever permissions forbid it

@@ -99,6 +99,7 @@ def _walks(policy: PolicyContract) -> tuple[Candidate, ...]:
     top, turn = policy.velocity_command_high[0], policy.velocity_command_high[2]
     aside = policy.velocity_command_high[1]
     fast = Free(0.6 * top, 0.3 * top, 0.8 * top, "m/s")
+    brisk = min(top, 1.6)
     needs = "the policy, and room to walk"
     return (
         Candidate(
@@ -122,7 +123,7 @@ def _walks(policy: PolicyContract) -> tuple[Candidate, ...]:
             "walk ahead and back by turns",
             needs,
             {
-                "speed_m_s": Free(0.3 * min(top, 1.6), 0.2, 0.5 * min(top, 1.6), "m/s"),
+                "speed_m_s": Free(0.3 * brisk, min(0.2, 0.2 * brisk), 0.5 * brisk, "m/s"),
                 "period_s": Free(3.0, 2.0, 4.0, "s"),
             },
             lambda v: _to_and_fro(v["speed_m_s"], v["period_s"]),

@@ -97,10 +97,14 @@ def test_signals_reach_a_process_that_popen_takes_for_ended() -> None:
 
 def test_a_link_may_have_any_number() -> None:
     """A process with many files has descriptors beyond the 1,023 that select takes."""
-    resource.setrlimit(resource.RLIMIT_NOFILE, (4096, resource.getrlimit(resource.RLIMIT_NOFILE)[1]))
     process, ours, theirs = talker(5)
     theirs.close()
-    high = socket.socket(fileno=fcntl.fcntl(ours.fileno(), fcntl.F_DUPFD_CLOEXEC, 2000))
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
+    try:
+        high = socket.socket(fileno=fcntl.fcntl(ours.fileno(), fcntl.F_DUPFD_CLOEXEC, 2000))
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
     ours.close()
     run = RunProcess(ChildProcess(process), high)
     assert all_told(run)[-1] == "ended"
