@@ -6,7 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from spot_model.errors import BadInputError
 from spot_model.policy.policy import load_policy
+from trainer.evaluate import report
+from trainer.evaluate.command import _evaluated
 from trainer.evaluate.figures import gait, mean_velocity, tracking_error
 from trainer.evaluate.page import evaluation_page
 from trainer.evaluate.report import evaluate
@@ -103,3 +106,29 @@ def test_a_whole_evaluation_and_its_page() -> None:
     assert page.index("fall 4") < page.index("2 more") < page.index("fall 5")
     assert "src=" not in page
     assert len(page) < 1_500_000
+
+
+def test_an_interrupted_evaluation_goes_on_and_takes_no_trials_of_another(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ran: list[str] = []
+
+    def trial(name: str) -> dict[str, Any]:
+        ran.append(name)
+        if ran == ["first", "second"]:
+            raise KeyboardInterrupt
+        return {"trials": 3}
+
+    steps = {name: (1.0, lambda name=name: trial(name)) for name in ("first", "second")}
+    monkeypatch.setattr(report, "_trials", lambda *_: steps)
+    setting, kept = Setting(load_policy(POLICY)), tmp_path / "out" / "unfinished.json"
+    with pytest.raises(KeyboardInterrupt):
+        _evaluated(setting, 3, kept)
+    for other, n in ((replace(setting, seed=1), 3), (setting, 4)):
+        with pytest.raises(BadInputError, match="interrupted evaluation of another"):
+            _evaluated(other, n, kept)
+    assert _evaluated(setting, 3, kept) == {**report.about(setting), "first": {"trials": 3}, "second": {"trials": 3}}
+    assert ran == ["first", "second", "second"]
+    kept.write_text("{")
+    with pytest.raises(BadInputError, match="cannot be read"):
+        _evaluated(setting, 3, kept)

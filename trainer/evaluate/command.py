@@ -78,8 +78,11 @@ def _evaluated(setting: Setting, n: int, unfinished: Path) -> dict[str, Any]:
     from trainer.evaluate.report import evaluate as run_trials
 
     same = {**about(setting), "robots": n}
-    done = json.loads(unfinished.read_text(encoding="utf-8")) if unfinished.exists() else same
-    if {key: done.get(key) for key in same} != same:
+    try:
+        done = json.loads(unfinished.read_text(encoding="utf-8")) if unfinished.exists() else same
+    except ValueError as error:
+        raise BadInputError(f"{unfinished} cannot be read ({error}); delete it, or name another folder") from error
+    if not isinstance(done, dict) or {key: done.get(key) for key in same} != same:
         raise BadInputError(
             f"--out {unfinished.parent} holds an interrupted evaluation of another policy or model, or with another "
             "--n, --seed, --timestep or --integrator: name another folder"
