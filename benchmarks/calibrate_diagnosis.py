@@ -123,6 +123,7 @@ def compared(causes: Causes) -> dict[str, Any]:
     return {
         "distance": causes.distances.get(ERRORS),
         "scatter_nm": causes.scatter_nm,
+        "errors": causes.errors,
         "best": causes.left,
         "beyond": first.remainder().beyond(USUAL_LEFT),
         "found": [
@@ -170,11 +171,11 @@ def _unless_late(until_s: float, seed: int, number: int, out: Path) -> str:
 def fit(given: Namespace) -> None:
     """Print the numbers."""
     rows = [json.loads(path.read_text()) for path in sorted(given.folder.glob("*.json"))]
-    clean = [(r["distance"], r["scatter_nm"]) for r in rows if not r["faults"] and r["distance"] is not None]
-    distance, scatter_nm = np.array(clean).T
-    left_nm = scatter_nm * np.sqrt(np.maximum(distance**2 - 1.0, 0.0))
+    clean = [r for r in rows if not r["faults"] and r["distance"] is not None]
+    distance, scatter_nm, errors = (np.array([r[name] for r in clean]) for name in ("distance", "scatter_nm", "errors"))
+    left_nm = scatter_nm * np.sqrt(np.maximum(distance**2 - 1.0, 0.0)) / errors
     most_nm = float(np.quantile(left_nm, 0.95))
-    slope = 1.7 / np.std(np.log(distance / np.hypot(1.0, most_nm / scatter_nm)))
+    slope = 1.7 / np.std(np.log(distance / np.hypot(1.0, most_nm * errors / scatter_nm)))
     quantiles = np.quantile(left_nm, [0.5, 0.95, 1.0]).round(2)
     print(f"ORDINARY_LEFT_NM: {len(clean)} faultless robots, 50, 95, 100 %: {quantiles}")
     print(f"GAP_SLOPE: {slope:.1f}")
@@ -236,7 +237,7 @@ def unknowns(rows: list[dict[str, Any]]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _left(row: dict[str, Any]) -> tuple[float, float]:
-    usual = ordinary_gap(row["scatter_nm"]) + LEFT_SHARE * max(row["distance"] - row["best"], 0.0)
+    usual = ordinary_gap(row["scatter_nm"], row["errors"]) + LEFT_SHARE * max(row["distance"] - row["best"], 0.0)
     return float(np.log(row["best"] / usual)), float(np.log1p(row["beyond"]))
 
 

@@ -39,6 +39,22 @@ def with_errors(model: RobotModel, board: Board, pulls: Array) -> RobotModel:
     return model
 
 
+def size_of_errors(board: Board, pulls: Array) -> float:
+    """How large a robot's ordinary errors are, in published standard deviations.
+
+    The geometric mean over kinds that act in closed loops, so that a fault which one kind takes up hardly counts.
+
+    Args:
+        board: Has their columns.
+        pulls: Each in its usual size, shape (Q,).
+    """
+    size = np.abs(pulls) * board.ordinary.scale / board.ordinary.published
+    names = np.array(board.ordinary.names)
+    acting = [kind.effect.name for kind in board.ordinary.kinds if ERROR_SCALES[kind.effect.name].acts_in_closed_loop]
+    by_kind = [float(np.sqrt(np.mean(size[names == name] ** 2))) for name in acting]
+    return float(np.exp(np.mean(np.log(np.maximum(by_kind, SMALLEST))))) if by_kind else 1.0
+
+
 def model_of(nominal: RobotModel, board: Board, scored: Scored, fold: int | None = None) -> RobotModel:
     """The nominal model with this robot's ordinary errors and the effects.
 

@@ -16,7 +16,7 @@ from diagnosis.closed_loop.environment import SURROUNDING_EFFECTS
 from diagnosis.closed_loop.trials import NOMINAL, Bench, run_trials
 from diagnosis.decision_constants import GROUP_ODDS, OPEN_LOOP_MATTERS, USUAL_LEFT
 from diagnosis.library.base import LibraryEffect
-from diagnosis.selection.nuisance_model import model_of
+from diagnosis.selection.nuisance_model import model_of, size_of_errors
 from diagnosis.selection.scoring import Placed, Scored, Scorer, null_of, without
 from diagnosis.selection.search import price
 from diagnosis.verdict.explain import Explained
@@ -57,6 +57,8 @@ class Causes:
     """By effect of the best set, (D − floor)/floor between runs with it and without it."""
     scatter_nm: float
     """The floor's W1 part, N·m; NaN where nothing was simulated."""
+    errors: float
+    """Size of the robot's ordinary errors, in published standard deviations."""
     notes: tuple[str, ...]
 
     @property
@@ -199,7 +201,8 @@ def _kept(
         found = found.with_effects(candidates[likeliest], library)
     gains = dict(zip(found.effects, found.selection.gains, strict=True))
     beyond = found.remainder().beyond(USUAL_LEFT)
-    ordinary = ordinary_gap(tried.scatter_nm)
+    errors = size_of_errors(found.board, (found.selection.best or null_of(found.board)).pulls)
+    ordinary = ordinary_gap(tried.scatter_nm, errors)
     belief = believe(tuple(hypotheses.values()), found.effects, gains, found.n_runs, beyond, moved, ordinary)
     best = found.selection.best or null_of(found.board)
     kept, seen = best, []
@@ -219,6 +222,7 @@ def _kept(
         dict(tried.distances),
         moved,
         tried.scatter_nm,
+        errors,
         tried.notes,
     )
 

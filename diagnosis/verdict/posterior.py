@@ -137,24 +137,26 @@ def believe(
     there = {n: min(at_all, is_there(gains[n], nearer[n] if is_simulated else None, n_runs)) for n in best}
     if not is_simulated or nothing.distance is None:
         unknown = beyond_nats / (beyond_nats + sum(USUAL_LEFT.values()))
-        none = min((1.0 - max(there.values(), default=0.0)) * (1.0 - unknown), expit(most_log_odds(n_runs)))
+        none = min((1.0 - max(there.values(), default=0.0)) * (1.0 - unknown), float(expit(most_log_odds(n_runs))))
         effects = {n: p * (1.0 - unknown) for n, p in there.items()}
         return replace(so_far, none=none, unknown=unknown, there=there, effects=effects)
     effects = {n: p * matters(moved.get(n, 0.0)) for n, p in there.items()}
     explained = max(nothing.distance - float(stated.distance or 0.0), 0.0)
     none = (1.0 - is_gap(nothing.distance, ordinary)) * (1.0 - max(effects.values(), default=0.0))
     none = min(none, float(expit(most_log_odds(n_runs))))
-    unknown = is_unknown(float(stated.distance or 0.0), explained, beyond_nats, ordinary)
+    # What makes no gap does not matter.
+    unknown = min(is_unknown(float(stated.distance or 0.0), explained, beyond_nats, ordinary), 1.0 - none)
     return replace(so_far, none=none, unknown=unknown, there=there, effects=effects)
 
 
-def ordinary_gap(scatter_nm: float) -> float:
+def ordinary_gap(scatter_nm: float, errors: float) -> float:
     """Distance in floors that 95 of 100 robots without a fault keep from a model with their ordinary errors.
 
     Args:
         scatter_nm: The floor's W1 part: between repeats of the robot's own runs, N·m.
+        errors: Size of the robot's ordinary errors, in published standard deviations.
     """
-    return float(np.hypot(1.0, ORDINARY_LEFT_NM / max(scatter_nm, 1e-6)))
+    return float(np.hypot(1.0, ORDINARY_LEFT_NM * errors / max(scatter_nm, 1e-6)))
 
 
 def is_gap(distance: float, ordinary: float) -> float:

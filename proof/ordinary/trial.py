@@ -27,6 +27,7 @@ from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import JointCommand, RobotState
 from spot_runtime.hal.base import Hal
 from spot_runtime.hal.connection.address import parse_address
+from spot_runtime.hal.errors import MotionError
 from spot_runtime.hal.spot.lock_step import LockStep
 from spot_runtime.host.clock import HostClock
 from spot_runtime.host.console import Console
@@ -55,8 +56,8 @@ class Outcome:
     sentence: str
     """Of what was doubted first; otherwise of the stop."""
     verdict: str
-    """``completed``, ``fell`` (the robot itself did, so that a stop was right), ``not begun``, ``false stop`` or ``fell
-    unseen``."""
+    """``completed``, ``fell`` (the robot itself did, so that a stop was right), ``fell later`` (under the vendor's
+    controller, to which it was handed back at the end), ``not begun``, ``false stop`` or ``fell unseen``."""
     control_s: float
 
     def to_json(self) -> str:
@@ -187,6 +188,8 @@ def _verdict(summary: RunSummary, hal: Watched, doubted_ns: int | None, robot: R
         return "false stop"
     if summary.outcome == "completed":
         return "completed"
+    if summary.outcome == MotionError.label and not is_down and _is_down(robot.truth()):
+        return "fell later"
     return "fell" if is_down else "false stop"
 
 

@@ -187,9 +187,10 @@ def test_what_robots_without_a_fault_keep_is_no_gap() -> None:
 
 def test_a_robot_that_repeats_itself_well_keeps_more_floors_from_its_model() -> None:
     # 3-4-5: the model's error is four thirds of the scatter.
-    assert ordinary_gap(0.75 * ORDINARY_LEFT_NM) == pytest.approx(5.0 / 3.0)
-    assert ordinary_gap(100.0 * ORDINARY_LEFT_NM) == pytest.approx(1.0, abs=1e-4)
-    assert ordinary_gap(0.1) > ordinary_gap(0.2)
+    assert ordinary_gap(0.75 * 0.3 * ORDINARY_LEFT_NM, 0.3) == pytest.approx(5.0 / 3.0)
+    assert ordinary_gap(100.0 * ORDINARY_LEFT_NM, 1.0) == pytest.approx(1.0, abs=1e-4)
+    assert ordinary_gap(0.1, 0.3) > ordinary_gap(0.2, 0.3)
+    assert ordinary_gap(0.2, 0.4) == pytest.approx(ordinary_gap(0.1, 0.2))
 
 
 @pytest.mark.parametrize("distance", [None, 0.5])
@@ -199,6 +200,12 @@ def test_one_run_does_not_prove_that_nothing_is_wrong(distance: float | None) ->
 
     assert none(1) == pytest.approx(1.0 - ODD_RUN)
     assert none(3) > 0.99
+
+
+def test_what_makes_no_gap_is_no_unknown_that_matters() -> None:
+    near = believe((Hypothesis((), 0.0, 0.5 * ORDINARY_GAP),), (), {}, 9, 1e4, {}, ORDINARY_GAP)
+    assert near.none > 0.95
+    assert near.unknown == pytest.approx(1.0 - near.none)
 
 
 def test_the_right_effects_may_leave_a_share_of_what_they_close() -> None:
