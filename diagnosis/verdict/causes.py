@@ -233,7 +233,7 @@ def _is_cause(found: Explained, best: Scored, term: Placed, belief: Belief) -> b
     if there <= 0.5:
         return False
     if belief.nearer:
-        return belief.effects[term.effect.name] > 0.5 * there
+        return belief.effects[term.effect.name] > 0.5
     others = tuple(t for t in best.terms if t is not term)
     less = Scorer(found.board, others).now
     board = found.board
