@@ -8,8 +8,10 @@ import select
 import signal
 import subprocess
 import sys
+import time
 import weakref
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import IO, Final
 
 from typing_extensions import Self
@@ -18,21 +20,53 @@ END_TIMEOUT_S = 5.0
 HEARD: Final = subprocess.PIPE
 """For :attr:`ChildProcess.output` to read."""
 UNHEARD: Final = subprocess.DEVNULL
+LOOK_PERIOD_S: Final = 0.2
 
 
-def open_process(pid: int) -> int | None:
-    """A descriptor of a process that lives, which no other of that number can be mistaken for; None: it is gone."""
-    with contextlib.suppress(OSError):
-        return os.pidfd_open(pid) if pid else None
-    return None
+class LivingProcess:
+    """A process that this one did not start, watched to its end.
 
+    A descriptor tells its end, so that no other process of its number can be mistaken for it. Where the system gives
+    none (Linux before 5.3, a sandbox), the process table is read now and then.
 
-def has_ended(process: int | None, within_s: float | None = 0.0) -> bool:
-    """Whether the process of a descriptor has ended, or does so within a time; None: whenever that is."""
-    if process is None:
+    Args:
+        pid: Its number; 0: there is none, which counts as ended.
+    """
+
+    def __init__(self, pid: int) -> None:
+        self._pid = pid
+        self._descriptor: int | None = None
+        with contextlib.suppress(OSError):
+            self._descriptor = os.pidfd_open(pid) if pid else None
+        self._began = _began(pid)
+
+    def has_ended(self, within_s: float | None = 0.0) -> bool:
+        """Whether it has ended, or does so within a time; None: whenever that is."""
+        if self._descriptor is not None:
+            return ends(self._descriptor, within_s)
+        began_s = time.monotonic()
+        while self._began is not None and _began(self._pid) == self._began:
+            if within_s is not None and time.monotonic() - began_s >= within_s:
+                return False
+            time.sleep(LOOK_PERIOD_S)
         return True
+
+
+def _began(pid: int) -> str | None:
+    """When a process began, in the kernel's words; None where it has ended, or there is none."""
+    try:
+        words = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+    except FileNotFoundError:
+        return None
+    except OSError:
+        return ""
+    return None if words[0] in "ZX" else words[19]
+
+
+def ends(descriptor: int, within_s: float | None) -> bool:
+    """Whether the process of a descriptor has ended, or does so within a time; None: whenever that is."""
     poll = select.poll()
-    poll.register(process, select.POLLIN)
+    poll.register(descriptor, select.POLLIN)
     return bool(poll.poll(None if within_s is None else max(0.0, 1e3 * within_s)))
 
 
@@ -46,7 +80,9 @@ class ChildProcess:
     def __init__(self, process: subprocess.Popen[bytes]) -> None:
         self._process = process
         self.pid = process.pid
-        self._descriptor = open_process(process.pid)
+        self._descriptor: int | None = None
+        with contextlib.suppress(OSError):
+            self._descriptor = os.pidfd_open(process.pid)
         if self._descriptor is not None:
             weakref.finalize(self, os.close, self._descriptor)
 
@@ -163,7 +199,7 @@ class ChildProcess:
 
     def _has_ended(self, within_s: float | None) -> bool:
         if self._descriptor is not None:
-            return has_ended(self._descriptor, within_s)
+            return ends(self._descriptor, within_s)
         # It was gone at once, or the system gives no such descriptors.
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(None if within_s is None else max(0.0, within_s))

@@ -15,12 +15,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from spot_model.errors import SpotRlError
-from spot_model.io.child_process import HEARD, ChildProcess, has_ended, open_process
+from spot_model.io.child_process import HEARD, LOOK_PERIOD_S, ChildProcess, LivingProcess
 
 if TYPE_CHECKING:  # it sleeps for as long as all goes well, and should be small
     from spot_runtime.config import RunConfig
 
-LOOK_PERIOD_S: Final = 0.2
 MODULE: Final = "spot_runtime.rescue.guardian"
 
 
@@ -65,12 +64,12 @@ def main() -> None:
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
         signal.signal(number, signal.SIG_IGN)
     told = json.loads(sys.stdin.buffer.read())
-    control, service = open_process(told["control_pid"]), open_process(told["service_pid"])
-    has_ended(control, None)
+    control, service = LivingProcess(told["control_pid"]), LivingProcess(told["service_pid"])
+    control.has_ended(None)
     from spot_runtime.rescue.lease_note import note_path
 
     note = note_path(told["robot"], Path(told["folder"]))
-    while note.exists() and not has_ended(service):
+    while note.exists() and not service.has_ended():
         time.sleep(LOOK_PERIOD_S)
     if not note.exists() and not told["is_heard"]:
         return

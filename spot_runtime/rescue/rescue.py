@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from pathlib import Path
 from typing import Final
 
 from spot_model.io.child_process import ChildProcess
@@ -19,8 +20,8 @@ KILL_AFTER_S: Final = WITHIN_S + 35.0
 class Rescue:
     """One attempt, by a guardian that has nobody to wait for. Nothing here waits for it."""
 
-    def __init__(self, process: ChildProcess) -> None:
-        self._process = process
+    def __init__(self, process: ChildProcess, note: Path) -> None:
+        self._process, self._note = process, note
         self._deadline_s = time.monotonic() + KILL_AFTER_S
 
     @staticmethod
@@ -32,7 +33,8 @@ class Rescue:
     def start(robot: str, config: RunConfig, lock_step: str) -> Rescue:
         """Begin. Raises OSError where the system cannot start a process."""
         address, folder = str(parse_address(robot)), note_folder(os.environ)
-        return Rescue(start_guardian(address, config, folder, lock_step=lock_step, is_heard=True))
+        guardian = start_guardian(address, config, folder, lock_step=lock_step, is_heard=True)
+        return Rescue(guardian, note_path(address, folder))
 
     def result(self) -> tuple[bool, str] | None:
         """Whether the robot is safe, and what was done; None while it is under way."""
@@ -42,4 +44,6 @@ class Rescue:
             return None
         words = self._process.output.read(4096)
         code = self._process.end()
-        return code == 0, words.decode(errors="replace").strip() or f"{MAY_HAVE_POWER}: exit code {code}"
+        # An exit code may be lost and read as 0; the note is gone only where the robot was made safe.
+        is_safe = code == 0 and not self._note.exists()
+        return is_safe, words.decode(errors="replace").strip() or f"{MAY_HAVE_POWER}: exit code {code}"

@@ -1,0 +1,22 @@
+"""A robot is safe when its note is gone, whatever exit code the system hands out for the process that saw to it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from spot_model.io.child_process import HEARD, ChildProcess
+from spot_runtime.rescue.rescue import Rescue
+
+
+@pytest.mark.parametrize(
+    ("code", "has_note", "is_safe"), [(0, False, True), (0, True, False), (79, True, False), (79, False, False)]
+)
+def test_safe_is_what_leaves_no_note(tmp_path: Path, code: int, has_note: bool, is_safe: bool) -> None:
+    note = tmp_path / "note"
+    if has_note:
+        note.write_text("{}")
+    process = ChildProcess.start(["sh", "-c", f"echo done; exit {code}"], output=HEARD)
+    process.wait(30.0)
+    assert Rescue(process, note).result() == (is_safe, "done")
