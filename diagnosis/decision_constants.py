@@ -129,11 +129,11 @@ ORDINARY_LEFT_NM: Final = 2.3
 """W1 distance that models with a robot's ordinary errors alone stay under where nothing is wrong, 95 in 100: for errors
 of one published standard deviation (:func:`~diagnosis.selection.nuisance_model.size_of_errors`).
 
-It is what such models are off by at the policies' usual gains, and no robot's own scatter: in floors it is more for a robot that repeats itself well
-(:func:`~diagnosis.verdict.posterior.ordinary_gap`). Of 62 faultless robots of the calibrating catalogue's simulator,
-errors 0.5 to 5 times the usual, floors 0.1 to 1.2 N·m, models are off by 0.26 N·m in the median and 0.58 at 95 %. The
-logarithm of that goes with the logarithm of the errors' size, 0.12 to 0.46, by a correlation of 0.57
-(``benchmarks/calibrate_diagnosis.py robots --seed 70001 --kind faultless``, revision ``cc7490b``).
+It is what such models are off by, at the policies' usual gains, and no robot's own scatter: in floors it is more for a
+robot that repeats itself well (:func:`~diagnosis.verdict.posterior.ordinary_gap`). Of 62 faultless robots of the
+calibrating catalogue's simulator, errors 0.5 to 5 times the usual, floors 0.1 to 1.2 N·m, models are off by 0.26 N·m in
+the median and 0.58 at 95 %. The logarithm of that goes with the logarithm of the errors' size, 0.12 to 0.46, by a
+correlation of 0.59 (``benchmarks/calibrate_diagnosis.py robots --seed 70001 --kind faultless``, revision ``cc7490b``).
 """
 GAP_SLOPE: Final = 8.8
 """Odds of a gap rise by this power of the distance: 1.7 over the standard deviation of the logarithm of a distance over
@@ -146,8 +146,8 @@ e-fold of nats that signals still predict.
 
 Logistic regression over 52 diagnoses of 47 robots of the calibrating catalogue, 12 of them by a library without the
 effect that moved the robot. On 76 diagnoses of 60 others, those of seed 40961 whose faults clearly matter or clearly do
-not, it is right for 93 % and calls none unknown wrongly; a fit to those is (−3.15, 2.23, 0.99), right for 89 %. Fitted when 2.3
-floors were ordinary for every robot.
+not, it is right for 93 % and calls none unknown wrongly; a fit to those is (−3.15, 2.23, 0.99), right for 89 %.
+All were fitted when 2.3 floors were ordinary for every robot.
 """
 GAP_SPREAD: Final = 0.25
 """Standard deviation of a distance between a robot and its right model, over draws of noise and of environments."""
