@@ -172,6 +172,7 @@ NOT_RUN = {
     "spot-rl bench stop": "floods a service for minutes in real time; tests/spot_runtime/operator does so for seconds",
     "spot-rl bench stop --only unix --stops 8": "floods a service for minutes in real time, as the line above",
     "spot-rl bench faults --search --minutes 50 --seed 20": "searches for most of an hour; its test tries one case",
+    "spot-rl bench faults --search --minutes 8 --seed 301": "the same, for eight minutes",
     "bash benchmarks/identify_session.sh run inertia --inertia --policy policies/baseline.onnx --config "
     "benchmarks/identify_short.yaml --truths-at-once 6 --runs-at-once 3 --workers 2": CORES,
     "python examples/close_the_loop.py --out OUT": CORES,
