@@ -45,18 +45,23 @@ class LivingProcess:
         if self._descriptor is not None:
             return ends(self._descriptor, within_s)
         began_s = time.monotonic()
-        while self._began is not None and _began(self._pid) == self._began:
+        while self._is_there():
             if within_s is not None and time.monotonic() - began_s >= within_s:
                 return False
             time.sleep(LOOK_PERIOD_S)
         return True
 
+    def _is_there(self) -> bool:
+        """Whether the process table has it still; a table that cannot be read tells of no end."""
+        now = _began(self._pid)
+        return self._began is not None and now is not None and (now == self._began or "" in (now, self._began))
+
 
 def _began(pid: int) -> str | None:
-    """When a process began, in the kernel's words; None where it has ended, or there is none."""
+    """When a process began, in the kernel's words; empty where they cannot be read, None where there is no process."""
     try:
         words = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
-    except FileNotFoundError:
+    except (FileNotFoundError, ProcessLookupError):
         return None
     except OSError:
         return ""

@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 from typing import NoReturn
 
 import pytest
@@ -58,3 +59,21 @@ def test_another_process_of_its_number_is_not_taken_for_it(
     watched = LivingProcess(sleeper.pid)
     monkeypatch.setattr("spot_model.io.child_process._began", lambda _: "another time")
     assert watched.has_ended()
+
+
+def test_a_process_table_that_cannot_be_read_tells_of_no_end(
+    sleeper: subprocess.Popen[bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: int) -> NoReturn:
+        raise OSError(errno.EMFILE, "refused")
+
+    monkeypatch.setattr(os, "pidfd_open", refuse)
+    watched = LivingProcess(sleeper.pid)
+    with monkeypatch.context() as patched:
+        patched.setattr(Path, "read_text", refuse)
+        assert not watched.has_ended()
+        begun_blind = LivingProcess(sleeper.pid)
+        assert not begun_blind.has_ended()
+    assert not begun_blind.has_ended()
+    sleeper.kill()
+    assert begun_blind.has_ended(30.0)
