@@ -22,11 +22,12 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from try_install import REPOSITORY, files, robot
+import grpc
 
-from fake_robot.start.process import FakeAddress
-from spot_protos import fake_admin_pb2
+from fake_robot.start.process import FakeAddress, FakeProcess
+from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
 
+REPOSITORY = Path(__file__).resolve().parent.parent
 INSIDE = "SPOT_RL_TRY_SYSTEMD_INSIDE"
 GROUP = "spot-rl-trial"
 PROGRAM = "/opt/spot-rl/current/venv/bin/spot-rl"
@@ -63,17 +64,8 @@ class Container:
 
     def run(self, *words: str, **options: Any) -> subprocess.CompletedProcess[str]:
         """Run a command inside, as root."""
-        enter = [
-            "nsenter",
-            f"--target={self.leader}",
-            "--mount",
-            "--uts",
-            "--ipc",
-            "--pid",
-            "--cgroup",
-            "--root",
-            "--wd",
-        ]
+        namespaces = ["--mount", "--uts", "--ipc", "--pid", "--cgroup", "--root", "--wd"]
+        enter = ["nsenter", f"--target={self.leader}", *namespaces]
         environment = {"PATH": "/usr/sbin:/usr/bin:/sbin:/bin", "HOME": "/root", "LANG": "C.UTF-8"}
         return subprocess.run([*enter, *words], env=environment, capture_output=True, text=True, check=False, **options)
 
@@ -127,6 +119,22 @@ def _command_line(pid: int) -> bytes:
         return b""
 
 
+def files(root: Path) -> set[str]:
+    """Every file, folder and link, but for what the kernel shows and what Python caches."""
+    found = set()
+    for folder, folders, names in os.walk(root):
+        folders[:] = [f for f in folders if f != "__pycache__" and Path(folder, f) not in (root / "proc", root / "sys")]
+        found |= {str(Path(folder, name).relative_to(root)) for name in [*folders, *names]}
+    return found
+
+
+@contextlib.contextmanager
+def robot(folder: Path) -> Iterator[tuple[FakeAddress, fake_admin_pb2_grpc.FakeAdminStub]]:
+    """A fake robot outside the container, on the loopback of this network namespace."""
+    with FakeProcess(fifo_priority=30, state_dir=folder) as fake, grpc.insecure_channel(fake.address.admin) as channel:
+        yield fake.address, fake_admin_pb2_grpc.FakeAdminStub(channel)  # type: ignore[no-untyped-call]
+
+
 def wait_for(is_so: Callable[[], bool], what: str) -> float:
     """Wait. Returns the seconds; ends the program where it does not come."""
     began_s = time.monotonic()
@@ -176,10 +184,8 @@ def life(box: Container, python: str, bundles: tuple[Path, Path], scratch: Path)
     with robot(scratch) as (fake, admin):
 
         def left() -> dict[str, object]:
-            status, truth = (
-                admin.GetStatus(fake_admin_pb2.GetStatusRequest()),
-                admin.GetTruth(fake_admin_pb2.GetTruthRequest()),
-            )
+            status = admin.GetStatus(fake_admin_pb2.GetStatusRequest())
+            truth = admin.GetTruth(fake_admin_pb2.GetTruthRequest())
             return {
                 "motor_power": status.motor_power,
                 "lease_owner": status.lease_owner,
@@ -218,38 +224,21 @@ def life(box: Container, python: str, bundles: tuple[Path, Path], scratch: Path)
         wanted = ("Uid", "CapEff", "NoNewPrivs", "Seccomp", "VmLck")
         yield "control_process", [" ".join(line.split()) for line in told if line.split(":")[0] in wanted]
         yield "stop", box.ctl("stop", "--wait").splitlines()[-1]
-        yield (
-            "journal_fields",
-            sorted(
-                k
-                for k in json.loads(
-                    box.must("journalctl", "-u", "spot-rl", "SPOT_RL_EVENT=stop", "-o", "json", "-n", "1")
-                )
-                if k.startswith("SPOT_RL")
-            ),
-        )
+        entry = json.loads(box.must("journalctl", "-u", "spot-rl", "SPOT_RL_EVENT=stop", "-o", "json", "-n", "1"))
+        yield "journal_fields", sorted(k for k in entry if k.startswith("SPOT_RL"))
 
         yield "walk before it hangs", walk(box)
         os.kill(box.control_process(), signal.SIGSTOP)
-        yield (
-            "hung: systemd saw it after s",
-            wait_for(
-                lambda: box.say("journalctl", "-q", "-u", "spot-rl", "--no-pager", "--grep", "Watchdog timeout") != "",
-                "watchdog",
-            ),
-        )
+        journal = ("journalctl", "-u", "spot-rl", "--no-pager")
+        seen_s = wait_for(lambda: box.say(*journal, "-q", "--grep", "Watchdog timeout") != "", "watchdog")
+        yield "hung: systemd saw it after s", seen_s
         yield "hung: motors off after s more", wait_for(is_off, "the motors are off")
         yield "hung: robot", left()
         yield "hung: idle again after s more", wait_for(is_idle_again, "the service is idle again")
         yield "hung: restarts", box.show("NRestarts")
-        yield (
-            "hung: journal",
-            [
-                line
-                for line in box.say("journalctl", "-u", "spot-rl", "--no-pager", "-o", "cat").splitlines()
-                if any(w in line for w in ("is safe", "atchdog", "Fatal Python", "recovered"))
-            ],
-        )
+        lines = box.say(*journal, "-o", "cat").splitlines()
+        marks = ("is safe", "atchdog", "Fatal Python", "recovered")
+        yield "hung: journal", [line for line in lines if any(mark in line for mark in marks)]
 
         yield "walk before the service is killed", walk(box)
         box.must("systemctl", "kill", "--kill-who=main", "--signal=SIGKILL", "spot-rl")
