@@ -51,13 +51,7 @@ def cause_in_words(verdict: Verdict) -> str:
 
 
 def causes(verdict: Verdict, run: Run, track: Track) -> list[Cause]:
-    """Stretches of the log that carry the gap, on the time of the aligned track.
-
-    Args:
-        verdict: What the diagnosis says.
-        run: The reference's log.
-        track: The reference after alignment.
-    """
+    """Stretches of the log that carry the gap, on the time of the aligned track."""
     words = cause_in_words(verdict) or "gap"
     end_s = len(track) * STEP_S
     # The diagnosis counts time from the log's first state.

@@ -31,12 +31,7 @@ SIT_POSITION_RAD = np.array([v for leg in facts.LEG_NAMES for v in (0.3 * facts.
 
 
 class Body:
-    """One body. Arrays are live views of the simulation: copy what has to last.
-
-    Args:
-        scenario: Its physics, ground, payload and effects.
-        rng: Of the effects that draw.
-    """
+    """One body. Arrays are live views of the simulation: copy what has to last."""
 
     def __init__(self, scenario: Scenario, rng: np.random.Generator) -> None:
         self.model = build_model(scenario)

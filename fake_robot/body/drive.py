@@ -35,13 +35,7 @@ class Drive:
         self._now = np.empty((3, N_JOINTS))
 
     def torque_nm(self, servo: ServoCommand, motion: Motion, reading: JointReading | Motion) -> Array:
-        """Motor torque at this physics step, shape (1, 12), N·m.
-
-        Args:
-            servo: Set-points and gains.
-            motion: How the joints move.
-            reading: What the servos believe of it.
-        """
+        """Motor torque at this physics step, shape (1, 12), N·m."""
         own_damping = isinstance(reading, JointReading) and reading.servo_velocity_rad_s is not None
         if not self._can_idle or own_damping:
             return self._chain.torque_nm(servo, motion, reading)

@@ -13,12 +13,7 @@ Quaternion = tuple[float, float, float, float]
 
 
 class Frame:
-    """A frame that is shifted, and turned about the vertical, from the world.
-
-    Args:
-        position_in_world_m: Its origin.
-        yaw_rad: Its heading.
-    """
+    """A frame that is shifted, and turned about the vertical, from the world."""
 
     def __init__(self, position_in_world_m: Vector, yaw_rad: float) -> None:
         self._x, self._y, self._z = position_in_world_m

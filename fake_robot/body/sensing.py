@@ -45,13 +45,7 @@ class Report(NamedTuple):
 
 
 class Sensing:
-    """Samples the body at every physics step, and reports once a state message.
-
-    Args:
-        scenario: Its noise, and where the inertial unit sits.
-        body: What is sensed.
-        rng: Of the noise, used by this object alone.
-    """
+    """Samples the body at every physics step, and reports once a state message."""
 
     def __init__(self, scenario: Scenario, body: Body, rng: np.random.Generator) -> None:
         self._body = body

@@ -25,9 +25,6 @@ _LENS_FROM_OPENGL_WXYZ = np.array([0.0, 1.0, 0.0, 0.0])
 class Scene:
     """The scenario's world, as its cameras see it.
 
-    Args:
-        scenario: Its ground and robot.
-
     Raises:
         Exception: MuJoCo cannot draw on this computer; which error it is, its OpenGL decides.
     """

@@ -49,10 +49,5 @@ class ServiceFault(Fault):
     """A fault of the services or the network, which the body does not notice."""
 
     def begin(self, world: Any, duration_s: float | None) -> Callable[[], None] | None:
-        """Make it happen; returns what ends it, None for one that happens in an instant.
-
-        Args:
-            world: What the services share.
-            duration_s: How long it shall last; None until it is cleared.
-        """
+        """Make it happen; returns what ends it, None for one that happens in an instant."""
         raise NotImplementedError

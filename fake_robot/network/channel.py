@@ -18,10 +18,6 @@ class Channel(Generic[MessageT]):
     """Messages under way. Times are nanoseconds of robot time since the start.
 
     A message arrives at max(arrival of the one before, sent + delay): a stream never overtakes itself.
-
-    Args:
-        config: Distribution of the delay, and the share of messages that get lost.
-        rng: Of delays and losses; used by this channel alone.
     """
 
     def __init__(self, config: ChannelConfig, rng: np.random.Generator) -> None:

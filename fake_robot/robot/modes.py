@@ -29,14 +29,7 @@ class MotionRefusedError(SpotRlError):
 
 
 class Modes:
-    """The mode machine of one robot. Times are nanoseconds of robot time since the start.
-
-    Args:
-        scenario: Durations and policies.
-        body: What moves.
-        joint_control: Commands of the streams.
-        motion: What begins and ends.
-    """
+    """The mode machine of one robot. Times are nanoseconds of robot time since the start."""
 
     def __init__(self, scenario: Scenario, body: Body, joint_control: JointControl, motion: MotionSequence) -> None:
         self._power, self._fall_tilt_rad = scenario.power, scenario.motion.fall_tilt_rad

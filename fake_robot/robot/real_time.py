@@ -20,13 +20,6 @@ class RealTimeLoop:
     The thread wakes when the next state is to be sampled and when the next message reaches the client, whichever comes
     first. The simulation is never ahead of the clock, so every command that has arrived by then is known. After a
     stall it runs as fast as it can; what is more than ``max_catch_up_s`` behind is taken off the robot's clock.
-
-    Args:
-        simulation: What runs.
-        clock: Robot time.
-        lock: Guards the simulation; released between any two states.
-        max_catch_up_s: See above.
-        on_crash: Called in the thread when an exception ends it.
     """
 
     def __init__(

@@ -47,9 +47,6 @@ class Robot:
     """A fake Spot without its network. It starts on the ground with its motors off.
 
     Verbs that the robot cannot follow raise :class:`fake_robot.robot.modes.MotionRefusedError`.
-
-    Args:
-        scenario: What makes this robot what it is.
     """
 
     def __init__(self, scenario: Scenario) -> None:

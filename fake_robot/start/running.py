@@ -41,9 +41,6 @@ class FakeOptions:
 class RunningFake:
     """A fake that serves, and what a program must know to reach it. A context manager.
 
-    Args:
-        options: What to serve, and where.
-
     Raises:
         SpotRlError: The scenario, folder, password or address cannot be used.
     """

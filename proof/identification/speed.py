@@ -37,11 +37,6 @@ BASELINE_S: Final = 10.0
 def bench_sysid(policy_path: Path, *, workers: int, generations: int) -> dict[str, float]:
     """Time the paper's search on four 20 s sequences.
 
-    Args:
-        policy_path: Policy to run.
-        workers: Processes.
-        generations: Generations of ten candidates to time, after one that is not timed.
-
     Returns:
         ``evaluation_s`` (wall time of one candidate through all four sequences), ``evaluations_1000_min``, the CPU time
         of one evaluation in one process and what a thousand would take by it on as many free cores as workers,

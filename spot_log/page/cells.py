@@ -14,13 +14,7 @@ class Html(str):
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[object]], *, row_classes: Sequence[str] = ()) -> Html:
-    """A table.
-
-    Args:
-        head: Names of the columns; none for a table without them.
-        rows: Cells; floats are given four digits, None a dash.
-        row_classes: CSS class of each row.
-    """
+    """A table."""
     names = "".join(f"<th>{escaped(name)}</th>" for name in head)
     lines = [f"<tr>{names}</tr>"] if head else []
     for i, row in enumerate(rows):

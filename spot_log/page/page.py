@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any, Final
 
 from spot_log.page.cells import Html, escaped, facts, note, table
-from spot_log.page.errors import ReportError
 from spot_log.page.figures import FIGURES, Figure
 from spot_log.page.look import boxed, framed, headed
 from spot_log.page.summary import seconds_text, summary_lines
 from spot_log.read.run import Run
 from spot_log.tools.info import LogInfo
 from spot_log.tools.log_info import log_info
+from spot_model.errors import BadInputError
 from spot_model.io.whole import whole
 
 MAX_EVENT_ROWS: Final = 300
@@ -24,6 +24,10 @@ tr.error td { color: var(--bad); } tr.warning td { color: var(--warn); } pre { m
 td { overflow-wrap: anywhere; min-width: 76px; } th + td:last-child, td:nth-child(4) { min-width: 160px; }
 td:nth-child(3) { min-width: 90px; }
 """
+
+
+class ReportError(BadInputError):
+    """A page cannot be made; the message says why and what to do."""
 
 
 def write_page(run: Run, path: str | Path) -> Path:

@@ -20,12 +20,6 @@ _TEXT: Final = "log record {name}: row {row} has {found} values, expected {width
 def gather(kind: type[TableT], messages: Messages, widths: Mapping[str, int], **given: Any) -> TableT:
     """A table of messages whose fields are named as its columns.
 
-    Args:
-        kind: Which table.
-        messages: One a row.
-        widths: Of columns whose parts the header names.
-        given: Columns that the messages do not hold as such.
-
     Raises:
         LogReadError: A message holds an array of another length.
     """

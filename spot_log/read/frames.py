@@ -18,10 +18,6 @@ class FrameError(BadInputError):
 def frame_of(run: Run, topic: str = "state") -> Any:
     """One topic as a ``pandas.DataFrame``: one row a message, one column a signal and joint, such as ``load_nm.fl_kn``.
 
-    Args:
-        run: A log, or a simulated run.
-        topic: state, imu, command, tick, slow_state or event.
-
     Returns:
         The frame, indexed by ``time_s``: seconds of the robot's clock since the run's first state. A row without a
         robot stamp has the index NaN.

@@ -47,9 +47,6 @@ class GaitSpan:
 def gaits(run: Run) -> list[GaitSpan]:
     """Measure the gait of every stretch of three seconds or more in which the velocity command was held or ramped.
 
-    Args:
-        run: A log, or a simulated run.
-
     Returns:
         A span each, in order: ``start_s``, ``end_s``, ``command`` and ``gait`` (``name``, ``stride_hz``, ``duty``,
         ``flight_share``, …; ``gait.sentence()`` says it in words). Empty where the run has no contacts or no policy.

@@ -33,17 +33,7 @@ def tail(
     counts: Mapping[int, int],
     times_ns: tuple[int, int],
 ) -> bytes:
-    """Everything behind the data: end of data, summary, offsets, footer.
-
-    Args:
-        size: Bytes before it.
-        schemas: Those in the file.
-        channels: Those in the file.
-        chunks: Index of each chunk.
-        attachments: Index of each attachment.
-        counts: Messages by channel.
-        times_ns: First and last log time.
-    """
+    """Everything behind the data: end of data, summary, offsets, footer."""
     statistics = Statistics(
         attachment_count=len(attachments),
         channel_count=len(channels),

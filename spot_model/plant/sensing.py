@@ -13,14 +13,7 @@ from spot_model.plant.memory import leaves, restarted, with_leaves
 
 
 class Sensing:
-    """The sensor and estimator effects of a batch of simulations with their memories.
-
-    Args:
-        sensors: Effects on the joints' sensors.
-        estimators: Effects on the state estimator.
-        reading: A true joint reading, for shapes and for the first memories.
-        estimate: A true body estimate, likewise.
-    """
+    """The sensor and estimator effects of a batch of simulations with their memories."""
 
     def __init__(
         self,

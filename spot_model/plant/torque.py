@@ -28,11 +28,6 @@ class TorqueChain:
     def torque_nm(self, command: ServoCommand, motion: Motion, reading: JointReading | Motion) -> Array:
         """Motor torque at this physics step; moves the effects' memories on by one step.
 
-        Args:
-            command: What the servos are told.
-            motion: How the joints move.
-            reading: What the servos believe of it, from the joints' sensors.
-
         Returns:
             Shape (n_sims, 12), N·m.
         """

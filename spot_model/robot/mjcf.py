@@ -38,9 +38,6 @@ def spot_mjcf(options: MjcfOptions = MjcfOptions()) -> str:  # noqa: B008
 
     Limits of torque and speed, friction and delays are effects, so the motors have no bound here.
 
-    Args:
-        options: What is a choice and not a fact.
-
     Returns:
         MJCF text for ``mujoco.MjModel.from_xml_string``.
     """

@@ -29,15 +29,7 @@ start has them (``benchmarks/solver_options.py``)."""
 
 
 class CpuBackend:
-    """``n_envs`` robots on the CPU's cores.
-
-    Args:
-        config: Physics rate and terrain are taken from it.
-        effects: What acts in the robots.
-        draws: Friction and mass of each simulation.
-        n_threads: Threads, 0 for all cores; results do not depend on it.
-        seed: Of effects that draw as they act.
-    """
+    """``n_envs`` robots on the CPU's cores."""
 
     def __init__(
         self,

@@ -61,14 +61,7 @@ class Collection:
     def record(
         self, shared: Sequence[str], start: Starter, *, attempts: int, say: Callable[[str], None]
     ) -> tuple[PlannedRun, ...]:
-        """Make what is missing; returns what is missing still.
-
-        Args:
-            shared: Arguments of every run.
-            start: Starts one run.
-            attempts: Tries of a run that does not complete.
-            say: Where progress goes.
-        """
+        """Make what is missing; returns what is missing still."""
         left: list[PlannedRun] = []
         has_fault = False
         for part in self.parts:

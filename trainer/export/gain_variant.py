@@ -12,12 +12,6 @@ from spot_model.robot import facts
 def write_gain_variant(policy: Path, path: Path, kp_nm_per_rad: float, kd_nm_s_per_rad: float) -> Path:
     """Write a copy of a policy file with other gains in its contract; a file that is there already is kept.
 
-    Args:
-        policy: The policy.
-        path: Where the copy goes.
-        kp_nm_per_rad: Stiffness of all joints.
-        kd_nm_s_per_rad: Damping of all joints.
-
     Raises:
         PolicyError: ``policy`` is not valid.
     """

@@ -27,11 +27,6 @@ TOLERANCE: Final = 1e-4
 def ours_from(network: bytes, policy: ForeignPolicy, *, revision: str) -> bytes:
     """The file that our runtime loads.
 
-    Args:
-        network: The foreign ONNX file.
-        policy: What its numbers mean.
-        revision: What the contract says of where it came from.
-
     Raises:
         BadInputError: The network is recurrent, has other shapes than the description, or the file that was made does
             not give the foreign network's actions.

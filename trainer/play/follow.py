@@ -14,12 +14,7 @@ LOOKED_EVERY_S = 2.0
 
 
 class NewestPolicy:
-    """Looks for a newer checkpoint now and then.
-
-    Args:
-        run: Folder of a training.
-        tell: Called with the name of each checkpoint that is taken.
-    """
+    """Looks for a newer checkpoint now and then."""
 
     def __init__(self, run: Path, tell: Callable[[str], None]) -> None:
         self._run, self._tell = run, tell

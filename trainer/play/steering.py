@@ -34,13 +34,7 @@ ACCELERATION_M_S2: Final = 2.0
 
 
 class KeySteering:
-    """Each press moves the wanted velocity by a step, within the policy's range; the command follows it gently.
-
-    Args:
-        contract: States the range.
-        wanted: The velocity to begin with, shape (3,).
-        push: Called when the key for pushes was pressed.
-    """
+    """Each press moves the wanted velocity by a step, within the policy's range; the command follows it gently."""
 
     def __init__(self, contract: PolicyContract, wanted: Array, push: Callable[[], None] | None = None) -> None:
         self._low, self._high = np.array(contract.velocity_command_low), np.array(contract.velocity_command_high)

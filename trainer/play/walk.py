@@ -29,14 +29,7 @@ PUSH_M_S = 1.0
 
 
 class Walk:
-    """A robot in closed loop, and what it did in the last moments.
-
-    Args:
-        policy: The policy.
-        plant: One robot, at rest.
-        rng: Draws the directions of pushes.
-        newer: Asked after every period for a policy that takes over; the robot then starts anew.
-    """
+    """A robot in closed loop, and what it did in the last moments."""
 
     def __init__(
         self,

@@ -35,12 +35,6 @@ def check_display() -> None:
 def show(walk: Walk, velocity_at: VelocityAt, press: Callable[[int], None], seconds: float | None) -> None:
     """Walk until the window is closed, or ``seconds`` have passed.
 
-    Args:
-        walk: The walk.
-        velocity_at: Velocity commands.
-        press: Called with the GLFW code of each key.
-        seconds: Simulated time, or None for no end.
-
     Raises:
         BadInputError: The window cannot be opened.
     """

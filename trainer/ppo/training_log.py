@@ -22,17 +22,7 @@ if TYPE_CHECKING:
 
 
 class TrainingLog:
-    """Stands in for rsl-rl's logger; only the first of several processes writes.
-
-    Args:
-        folder: The run's folder.
-        env: Where episode statistics come from.
-        save_every: Iterations between checkpoints.
-        total_iterations: Of the whole run.
-        steps_per_iteration: Over all environments and processes.
-        is_first: Whether this process writes.
-        logger: ``tensorboard`` or ``wandb``.
-    """
+    """Stands in for rsl-rl's logger; only the first of several processes writes."""
 
     def __init__(
         self,

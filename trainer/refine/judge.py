@@ -46,13 +46,7 @@ class Judgement:
 
 
 def judge(policy: Policy, config: RefineConfig, seed: int) -> Judgement:
-    """Run a policy on every robot and through the random starts.
-
-    Args:
-        policy: The candidate.
-        config: Robots, commands, starts, weights.
-        seed: Of the starts; candidates that are compared share it.
-    """
+    """Run a policy on every robot and through the random starts."""
     steady = tuple(run_steadily(policy, robot, config) for robot in config.robots)
     falls = tuple(run_starts(policy, config.robots[0], start, seed + i) for i, start in enumerate(config.starts))
     score = sum(score_steady(s, config.weights) for s in steady)

@@ -56,12 +56,6 @@ def search(
 ) -> Array:
     """Search, or go on where the checkpoint ends; the outcome does not depend on where it was cut, or on ``place``.
 
-    Args:
-        problem: What is searched.
-        checkpoint: File of finished generations.
-        place: Where candidates are judged.
-        tell: Called after each generation, also for those read from the checkpoint.
-
     Returns:
         The mean of the last search distribution, in units of the gains' scales.
 

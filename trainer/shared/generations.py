@@ -53,11 +53,6 @@ class Generations(Generic[ResultT]):
     ) -> tuple[Generation[ResultT], ...]:
         """Search for ``n`` generations, or go on where the file ends; the outcome is the same bit for bit.
 
-        Args:
-            optimiser: Fresh.
-            n: Generations.
-            on_generation: Called after each, also for those read from the file.
-
         Raises:
             BadInputError: The file is damaged or belongs to another search.
         """

@@ -17,9 +17,6 @@ class RayCluster:
     def __init__(self, address: str | None = None) -> None:
         """Prepare; nothing is started yet.
 
-        Args:
-            address: Of a running cluster; None starts one on this machine.
-
         Raises:
             EngineError: Ray is not installed.
         """

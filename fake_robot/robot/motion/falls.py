@@ -14,12 +14,7 @@ _LYING_COUNTS = (Mode.STANDING, Mode.STEPPING, Mode.WALKING, Mode.JOINT_CONTROL)
 
 
 class FallWatch:
-    """Looks at the body once a state message. Times are nanoseconds of robot time since the start.
-
-    Args:
-        body: The body.
-        fall_tilt_rad: A body tilted further has fallen.
-    """
+    """Looks at the body once a state message. Times are nanoseconds of robot time since the start."""
 
     def __init__(self, body: Body, fall_tilt_rad: float) -> None:
         self._body, self._fall_tilt_rad = body, fall_tilt_rad

@@ -36,13 +36,6 @@ class MotionSequence:
     """One motion after another, each of them a mode. Times are nanoseconds of robot time since the start.
 
     It takes for granted that the motors have power; :class:`fake_robot.robot.modes.Modes` decides what may begin.
-
-    Args:
-        scenario: Durations, heights and policies.
-        body: What moves.
-        joint_control: Commands of the streams.
-        walker: What walks by itself.
-        body_on_ground: Where the body is in odom.
     """
 
     def __init__(

@@ -38,13 +38,7 @@ class Steering:
 
 
 def steer(plan: WalkPlan, since_s: float, pose: GroundPose) -> Steering:
-    """The velocity that follows the plan.
-
-    Args:
-        plan: What was asked for.
-        since_s: Time since the walk began, s.
-        pose: Where the body is.
-    """
+    """The velocity that follows the plan."""
     if isinstance(plan, VelocityPlan):
         wanted = plan.velocity if plan.is_in_body else _turned(plan.velocity, -pose.yaw_rad)
         return Steering(_clipped(wanted, plan.limits), is_there=wanted == _AT_REST)

@@ -15,15 +15,7 @@ from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
 
 
 class AdminService(fake_admin_pb2_grpc.FakeAdminServicer):
-    """Answers whoever runs the fake.
-
-    Args:
-        world: The robot and its services.
-        faults: The faults that can be injected.
-        stepping: Lets robot time pass.
-        request_stop: Ends the server, soon.
-        step_socket: Where steps are taken without gRPC; empty for nowhere.
-    """
+    """Answers whoever runs the fake."""
 
     def __init__(
         self,

@@ -26,11 +26,7 @@ class LastingFault:
 
 
 class FaultInjector:
-    """The faults of one fake, whatever they act on. Thread-safe.
-
-    Args:
-        world: What the services share, the robot among it.
-    """
+    """The faults of one fake, whatever they act on. Thread-safe."""
 
     def __init__(self, world: Any) -> None:
         self._world = world

@@ -31,12 +31,7 @@ class StepRefusedError(Exception):
 
 
 class Stepping:
-    """Takes one step at a time, from any thread.
-
-    Args:
-        world: The robot and its services.
-        faults: The faults that can be injected.
-    """
+    """Takes one step at a time, from any thread."""
 
     def __init__(self, world: World, faults: FaultInjector) -> None:
         self._world, self._faults = world, faults

@@ -20,13 +20,7 @@ _STATUS = {
 
 
 class LicenseService:
-    """Shows the robot's licence, which a scenario or a fault can make expired or missing.
-
-    Args:
-        serial_number: The robot's.
-        state: Returns ``valid``, ``expired`` or ``missing``.
-        robot_now_ns: Robot time.
-    """
+    """Shows the robot's licence, which a scenario or a fault can make expired or missing."""
 
     def __init__(self, serial_number: str, state: Callable[[], str], robot_now_ns: Callable[[], int]) -> None:
         self._serial_number = serial_number

@@ -25,11 +25,7 @@ MAX_SPAN_NS = 24 * 3600 * NS_PER_S
 
 
 class LogBook:
-    """The logs asked for, by number. Thread-safe.
-
-    Args:
-        now_ns: Robot time.
-    """
+    """The logs asked for, by number. Thread-safe."""
 
     def __init__(self, now_ns: Callable[[], int]) -> None:
         self.now_ns = now_ns

@@ -21,15 +21,7 @@ VARIED_SHARE: Final = 0.5
 
 
 def searched(seed: int, minutes: float, policy: Path, folder: Path, scenario: str = "default") -> Iterator[Verdict]:
-    """Try cases for some minutes; a robot that a case leaves unusable is replaced by a new one.
-
-    Args:
-        seed: Of all that is drawn; the cases are the same for the same seed, as long as the time lasts.
-        minutes: After which no new case is begun.
-        policy: The policy that walks.
-        folder: For logs.
-        scenario: Of the fake robot.
-    """
+    """Try cases for some minutes; a robot that a case leaves unusable is replaced by a new one."""
     rng, until_s = np.random.default_rng(seed), time.monotonic() + 60.0 * minutes
     worst: list[Verdict] = []
     number = 0

@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 
 from spot_log import read_run
-from spot_log.page.errors import ReportError
 from spot_log.page.figures import FIGURES, torque_limit_nm
-from spot_log.page.page import page_html, write_page
+from spot_log.page.page import ReportError, page_html, write_page
 from spot_log.page.svg import thinned
 
 CHROMIUM = next(

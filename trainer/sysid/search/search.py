@@ -63,13 +63,6 @@ def run_search(
 ) -> SearchState:
     """Search, or go on where the checkpoint ends; the outcome is the same bit for bit.
 
-    Args:
-        problem: What is searched.
-        engine: Where candidates are evaluated.
-        config: Generations, population, step size, seed.
-        checkpoint: File of finished generations, one JSON object a line; made where it is missing.
-        on_generation: Called after each generation, also for those read from the checkpoint.
-
     Raises:
         BadInputError: The checkpoint belongs to another search.
     """

@@ -58,14 +58,7 @@ class TorqueFit:
 def fit_torque(
     model: TorqueModel, samples: TorqueSamples, starts: Sequence[Array], rng: np.random.Generator
 ) -> TorqueFit:
-    """Fit by soft-L1 least squares; the best of several starts.
-
-    Args:
-        model: Predicts load.
-        samples: All samples.
-        starts: Values to start from, each of shape (n,).
-        rng: Draws the rows.
-    """
+    """Fit by soft-L1 least squares; the best of several starts."""
     keep = usable(samples)
     rough, fine = (_selection(samples, keep, n, rng) for n in (N_ROUGH, N_FINE))
     attempts = []
