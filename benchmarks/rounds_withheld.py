@@ -1,23 +1,28 @@
 """How many experiments until the right name: designed ones, a fixed menu in fixed order, and a random one.
 
-    python benchmarks/rounds_withheld.py robots --seed 31 --to 40 --out DIR [--catalogue judging] [--until 600]
+    python benchmarks/rounds_withheld.py robots --out DIR --to 40 [--seed S] [--catalogue judging] [--workers 32]
     python benchmarks/rounds_withheld.py score DIR
 
-``robots`` draws single faults as the withheld check does, records one short walk of each robot, diagnoses it, and lets
-each strategy ask for up to two experiments more; a strategy ends when one cause stands, as ``spot-rl diagnose next
---run`` does. It can be interrupted, and goes on. ``score`` prints how often the verdict is what a perfect diagnosis
-would say after none, one and two experiments, over robots whose fault moves the gap by twice its floor, and the robot
-time that was used; then the same over those whose first log leaves a group of two or three causes.
+``robots`` draws single faults as the withheld check does, by a seed of the operating system or a given one. Of each
+robot whose fault moves the gap by twice its floor it records one short walk and diagnoses it; then each strategy asks
+for up to two experiments more, and ends when one cause stands, as ``spot-rl diagnose next --run`` does. Every step is
+written as it is made. After ``--until`` seconds it stops at once, and the same command goes on; what is large (logs,
+reports) lies in ``--work``, and is made again where it is gone. ``score`` prints shares with their 95 % intervals.
 """
 
 from __future__ import annotations
 
 import json
+import os
+import secrets
 import shutil
 import time
 from argparse import ArgumentParser, Namespace
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from heapq import heappop, heappush
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
@@ -31,21 +36,23 @@ from diagnosis.next.inputs import Inputs
 from diagnosis.next.robot_run import WHOLE, Ran
 from diagnosis.next.rounds import Lab, Limits, ask_robot
 from diagnosis.next.session import diagnosed, found_in
-from diagnosis.next.story import Found, Story
+from diagnosis.next.story import SURE, Found, Story, read_story
 from diagnosis.verdict.posterior_file import Posterior
+from spot_model.errors import SpotRlError
 from spot_model.io.model_file import save_model
 from spot_model.io.velocity_sequence import VelocitySequence
 from spot_model.policy.policy import Policy, load_policy
 from spot_model.robot import facts
+from trainer.shared.engine import Engine, Place
 from withheld.cases.draw import Case, draw, kind_of
 from withheld.cases.source import CATALOGUES, source_of
 from withheld.measuring.distances import TWIN_REPEATS, moved
 from withheld.outcome import Outcome, Round
 from withheld.plan import RecordingPlan
 from withheld.realities.reality import ComposedReality, make
-from withheld.scoring.scores import is_right
+from withheld.scoring.scores import causes, is_right
 from withheld.scoring.sizes import Size, size_of
-from withheld.scoring.statistics import Share
+from withheld.scoring.statistics import Estimate, Share, mean
 from withheld.simulator.simulation import RealityDivergedError
 from withheld.verdict import read_verdict
 
@@ -55,165 +62,308 @@ WALKS: Final = 1
 """Command sequences of the first logs, once each."""
 IN_GROUP: Final = 0.05
 """A cause of this probability is in the group that the first logs leave."""
+FIRST: Final = "first"
 STRATEGIES: Final = ("designed", "menu", "random")
-Choose = Callable[[Posterior, int, Sequence[str]], Design]
+Choose = Callable[[Posterior, int, Sequence[str], float], Design]
 
 
-def strategies(policy: Policy, seed: int) -> dict[str, Choose]:
-    """How the next experiment is chosen, by name."""
-    menu = candidates(policy.contract, facts.JOINT_NAMES[:3])
-    order = np.random.default_rng([seed, 7]).permutation(len(menu))
-    return {
-        "designed": lambda own, number, less: design(own, policy, number, excluded=less),
-        "menu": _listed(iter(menu)),
-        "random": _listed(iter([menu[i] for i in order])),
-    }
+@dataclass(frozen=True)
+class Setting:
+    """What all robots have in common."""
 
-
-def _listed(items: Iterator[Candidate]) -> Choose:
-    def choose(own: Posterior, seed: int, excluded: Sequence[str]) -> Design:
-        del seed, excluded
-        odds, candidate = beliefs(own), next(items)
-        told = Told(1.0, 1.0, np.zeros((len(odds), len(odds))))
-        return Design(tuple(odds), np.array([*odds.values()]), (Proposal(candidate, candidate.motion(), told, ""),))
-
-    return choose
-
-
-def asked(first: Found, reality: ComposedReality, case: Case, given: Inputs, choose: Choose, folder: Path) -> Story:
-    """The rounds of one strategy on one robot."""
-
-    def run(chosen: Proposal, place: Path) -> Ran:
-        logs, motion = place / "logs", chosen.motion
-        seed = case.recording_seed + 101 + len(chosen.candidate.name)
-        if isinstance(motion, VelocitySequence):
-            reality.record(RecordingPlan(Path(given.policy or ""), (motion,), 1, seed), logs)
-        else:
-            reality.perform(motion, seed, logs)
-        return Ran(next(logs.glob("*.mcap")), chosen.robot_s, WHOLE)
-
-    lab = Lab(
-        folder, choose, lambda *_: True, run, lambda logs, out: diagnosed(given, logs, out), found_in, lambda _: None
-    )
-    return ask_robot(Story(first), lab, Limits(1e9, ROUNDS), case.diagnosis_seed, lambda _: None)
+    seed: int
+    catalogue: str
+    out: Path
+    """For what is small."""
+    work: Path
+    """For logs and reports."""
 
 
 @dataclass(frozen=True)
 class Subject:
-    """A robot with its first diagnosis."""
+    """A robot, and where what is known of it goes."""
 
     case: Case
     reality: ComposedReality
-    inputs: Inputs
-    first: Found
-    moved: float | None
+    policy: Path
+    out: Path
+    work: Path
+
+    @staticmethod
+    def of(setting: Setting, number: int) -> Subject:
+        """Draw it."""
+        case = draw(setting.seed, number, source_of(setting.catalogue), POLICIES)
+        reality = make(case.requests, case.reality_seed, CATALOGUES[setting.catalogue])
+        policy = (POLICIES / f"{case.policy}.onnx").absolute()
+        return Subject(case, reality, policy, setting.out / f"{number:04d}", setting.work / f"{number:04d}")
+
+    @property
+    def plan(self) -> RecordingPlan:
+        """Of the first logs."""
+        return RecordingPlan(self.policy, self.case.sequences[:WALKS], 1, self.case.recording_seed)
+
+    def inputs(self) -> Inputs:
+        """Of the first diagnosis; records its logs where they are gone."""
+        place, part = self.work / "given", self.work / f"given-{os.getpid()}"
+        if not place.exists():
+            self.reality.record(self.plan, part)
+            save_model(self.reality.nominal, part / "nominal.yaml")
+            with suppress(OSError):  # another strategy was faster
+                part.rename(place)
+        logs = tuple(str(path) for path in sorted(place.glob("*.mcap")))
+        return Inputs(logs=logs, nominal=str(place / "nominal.yaml"), policy=str(self.policy))
 
 
-def subject(given: Namespace, number: int, folder: Path) -> Subject | None:
-    """Draw, record and diagnose a robot; or open what an earlier start made. None where its simulation breaks down."""
-    case = draw(given.seed, number, source_of(given.catalogue), POLICIES)
-    catalogue = CATALOGUES[given.catalogue]
-    reality = make(case.requests, case.reality_seed, catalogue)
-    path = POLICIES / f"{case.policy}.onnx"
-    plan = RecordingPlan(path, case.sequences[:WALKS], 1, case.recording_seed)
-    file = folder / "robot.json"
-    if not file.exists():
-        shutil.rmtree(folder, ignore_errors=True)
-        twins = RecordingPlan(path, plan.sequences, TWIN_REPEATS, case.recording_seed + 1)
-        policy = load_policy(path)
+def opened(own: Subject, catalogue: str) -> dict[str, Any]:
+    """Measure how far the fault moves the robot; diagnose its first log where that matters."""
+    twin = make((), own.case.reality_seed, CATALOGUES[catalogue])
+    twins = RecordingPlan(own.policy, own.plan.sequences, TWIN_REPEATS, own.case.recording_seed + 1)
+    told: dict[str, Any] = {"kind": own.case.requests[0].kind, "names": list(own.reality.truth.faults[0].names)}
+    try:
+        policy = load_policy(own.policy)
+        by = moved(own.reality.rehearse(own.plan).walks(policy), twin.rehearse(twins).walks(policy))
+        told["moved"] = None if by is None else round(by, 3)
+        if size_of(by) is Size.LARGE:
+            inputs, place = own.inputs(), own.work / FIRST
+            shutil.rmtree(place, ignore_errors=True)
+            told["first"] = diagnosed(inputs, (), place).odds
+            kept = own.out / FIRST
+            kept.mkdir(parents=True, exist_ok=True)
+            for name in ("verdict.json", "posterior.json"):
+                shutil.copy(place / name, kept / name)
+    except (RealityDivergedError, SpotRlError) as error:
+        told["problem"] = str(error)
+    return told
+
+
+def choosing(name: str, policy: Policy, case: Case, seed: int) -> Choose:
+    """How the next experiment is chosen."""
+    if name == "designed":
+        return lambda own, number, less, left_s: design(own, policy, number, excluded=less, wanted=1, most_s=left_s)
+    menu = candidates(policy.contract, facts.JOINT_NAMES[:3])
+    order = np.random.default_rng([seed, 7]).permutation(len(menu)) if name == "random" else range(len(menu))
+    return lambda own, number, *_: _alone(own, menu[order[number - case.diagnosis_seed]])
+
+
+def _alone(own: Posterior, candidate: Candidate) -> Design:
+    odds = beliefs(own)
+    told = Told(1.0, 1.0, np.zeros((len(odds), len(odds))))
+    proposal = Proposal(candidate, candidate.motion(), told, "", is_proved=True)
+    return Design(tuple(odds), np.array([*odds.values()]), (proposal,))
+
+
+def played(own: Subject, name: str, seed: int) -> Story:
+    """The rounds of one strategy on one robot; a round that was interrupted is made again."""
+    inputs, place, kept = own.inputs(), own.work / name, own.out / f"{name}.json"
+    policy, first = load_policy(own.policy), found_in(own.out / FIRST)
+    place.mkdir(exist_ok=True)
+
+    def run(chosen: Proposal, folder: Path) -> Ran:
+        logs, motion = folder / "logs", chosen.motion
+        own_seed = own.case.recording_seed + 101 + len(chosen.candidate.name)
         try:
-            made = reality.rehearse(plan)
-            by = moved(made.walks(policy), make((), case.reality_seed, catalogue).rehearse(twins).walks(policy))
-        except RealityDivergedError:
-            return None
-        made.write(folder / "logs")
-        save_model(reality.nominal, folder / "nominal.yaml")
-    logs = tuple(str(p) for p in sorted((folder / "logs").glob("*.mcap")))
-    inputs = Inputs(logs=logs, nominal=str(folder / "nominal.yaml"), policy=str(path.absolute()))
-    if not file.exists():
-        first = diagnosed(inputs, (), folder / "first")
-        file.write_text(json.dumps({"kind": case.requests[0].kind, "moved": by, "first": first.odds}, indent=1))
-    kept = json.loads(file.read_text())
-    return Subject(case, reality, inputs, found_in(folder / "first"), kept["moved"])
+            if isinstance(motion, VelocitySequence):
+                own.reality.record(RecordingPlan(own.policy, (motion,), 1, own_seed), logs)
+            else:
+                own.reality.perform(motion, own_seed, logs)
+        except RealityDivergedError as error:
+            return Ran(None, chosen.robot_s, str(error))
+        return Ran(next(logs.glob("*.mcap")), chosen.robot_s, WHOLE)
 
+    def told(story: Story) -> None:
+        is_done = bool(story.ending)
+        _write(place / "story.json", story.to_json())
+        _write(kept, json.dumps({"is_done": is_done, **_told(own, first, story)}, indent=1))
 
-def played(own: Subject, choose: Choose, folder: Path) -> dict[str, Any]:
-    """What came of one strategy."""
-    shutil.rmtree(folder, ignore_errors=True)  # of an interrupted start
-    folder.mkdir()
-    story = asked(own.first, own.reality, own.case, own.inputs, choose, folder)
-    if story.is_interrupted:
-        raise KeyboardInterrupt
-    found = [own.first.folder, *(Path(r.found) if r.found else own.first.folder for r in story.rounds)]
-    spent = np.cumsum([0.0, *(r.robot_s for r in story.rounds)])
-    rounds = tuple(
-        Round(experiments=k, robot_s=float(s), verdict=read_verdict(f / "verdict.json"))
-        for k, (f, s) in enumerate(zip(found, spent, strict=True))
+    lab = Lab(
+        place,
+        choosing(name, policy, own.case, seed),
+        lambda *_: True,
+        run,
+        lambda logs, out: diagnosed(inputs, logs, out),
+        found_in,
+        lambda _: None,
     )
+    return ask_robot(read_story(place / "story.json", first), lab, Limits(1e9, ROUNDS), own.case.diagnosis_seed, told)
+
+
+def _told(own: Subject, first: Found, story: Story) -> dict[str, Any]:
+    """What is scored of a story, round by round; the first row is of the first log alone."""
+    rounds = [Round(verdict=read_verdict(first.folder / "verdict.json"))]
+    for asked in story.rounds:
+        new = read_verdict(Path(asked.found) / "verdict.json") if asked.found else rounds[-1].verdict
+        rounds.append(Round(robot_s=rounds[-1].robot_s + asked.robot_s, verdict=new))
+    size = json.loads((own.out / "robot.json").read_text())["moved"]
     outcome = Outcome(
         case=own.case,
         truth=own.reality.truth,
-        rounds=rounds,
-        moved=(own.moved,),
+        rounds=tuple(rounds),
+        moved=(size,),
         seal="",
         verdict_sha256="",
         locked_in="none",
         seconds={},
     )
-    return {
-        "right": [is_right(outcome, k) for k in range(len(rounds))],
-        "robot_s": [r.robot_s for r in rounds],
-        "asked": [r.name for r in story.rounds],
-        "odds": [own.first.odds, *(r.after for r in story.rounds)],
-        "ending": story.ending,
-    }
+    odds = [first.odds, *(r.after for r in story.rounds)]
+    rows = []
+    for k, row in enumerate(outcome.rounds):
+        is_so = bool(is_right(outcome, k))
+        rows.append(
+            {
+                "right": is_so,
+                "alone": is_so and all(len(cause.names) == 1 for cause in causes(row.verdict)),
+                "robot_s": row.robot_s,
+                "odds": odds[k],
+                "asked": story.rounds[k - 1].name if k else "",
+                "outcome": story.rounds[k - 1].outcome if k else "",
+                "expected_bits": story.rounds[k - 1].expected_bits if k else 0.0,
+                "status": row.verdict.status if row.verdict else "",
+            }
+        )
+    return {"rows": rows, "ending": story.ending}
+
+
+def _write(path: Path, text: str) -> None:
+    part = path.with_suffix(".part")
+    part.write_text(text, encoding="utf-8")
+    os.replace(part, path)  # noqa: PTH105 - one step: the file is whole at any time
+
+
+Task = tuple[int, str]
+"""Number of a robot, and :data:`FIRST` or a strategy."""
+
+
+def work(setting: Setting, task: Task) -> str:
+    """One step of one robot; a line to print."""
+    number, step = task
+    began_s, own = time.monotonic(), Subject.of(setting, number)
+    if step == FIRST:
+        told = opened(own, setting.catalogue)
+        own.out.mkdir(parents=True, exist_ok=True)
+        _write(own.out / "robot.json", json.dumps(told, indent=1))
+        says = f"{told['kind']}, moved {told.get('moved')}, {told.get('problem') or told.get('first') or ''}"
+    else:
+        story = played(own, step, setting.seed + number)
+        says = f"{[r.name for r in story.rounds]}, {story.ending}"
+    return f"{number} {step}: {says}; {time.monotonic() - began_s:.0f} s"
+
+
+def _next(setting: Setting, number: int, names: Sequence[str]) -> list[Task]:
+    """What a robot lacks."""
+    folder = setting.out / f"{number:04d}"
+    if not (folder / "robot.json").exists():
+        return [(number, FIRST)]
+    if not (folder / FIRST / "posterior.json").exists():
+        return []
+    made = {n: json.loads((folder / f"{n}.json").read_text()) for n in names if (folder / f"{n}.json").exists()}
+    return [(number, n) for n in names if not made.get(n, {}).get("is_done")]
 
 
 def robots(given: Namespace) -> None:
-    """Make what is missing, a line a strategy."""
-    late_s = time.monotonic() + given.until
-    for number in (n for n in range(given.to) if kind_of(given.seed, n) == "single"):
-        folder = given.out.absolute() / f"{given.seed}-{number:04d}"
-        if time.monotonic() > late_s or all((folder / f"{name}.json").exists() for name in STRATEGIES):
-            continue
-        own = subject(given, number, folder)
-        if own is None:
-            print(f"{number}: its simulation broke down", flush=True)
-            continue
-        policy = load_policy(Path(own.inputs.policy or ""))
-        for name, choose in strategies(policy, given.seed + number).items():
-            file, began_s = folder / f"{name}.json", time.monotonic()
-            if file.exists() or began_s > late_s:
-                continue
-            told = played(own, choose, folder / name)
-            file.write_text(json.dumps(told, indent=1))
-            kind = f"{own.case.requests[0].kind}, moved {own.moved or float('nan'):.1f}"
-            seconds = time.monotonic() - began_s
-            print(f"{number}: {kind}; {name}: {told['right']} {told['asked']}; {seconds:.0f} s", flush=True)
+    """Make what is missing, robot by robot, on all workers."""
+    end_s = time.monotonic() + given.until
+    out = given.out.absolute()
+    out.mkdir(parents=True, exist_ok=True)
+    head = out / "run.json"
+    if not head.exists():
+        seed = secrets.randbits(31) if given.seed is None else given.seed
+        _write(head, json.dumps({"seed": seed, "catalogue": given.catalogue}))
+    run = json.loads(head.read_text())
+    setting = Setting(run["seed"], run["catalogue"], out, (given.work or out / "work").absolute())
+    print(f"seed {setting.seed}, {setting.catalogue} catalogue", flush=True)
+    waiting: list[tuple[bool, Task]] = []
+
+    def add(number: int) -> None:
+        for task in _next(setting, number, given.strategies):
+            heappush(waiting, (task[1] == FIRST, task))
+
+    for number in (n for n in range(given.to) if kind_of(setting.seed, n) == "single"):
+        add(number)
+    place = Place(given.workers, is_apart=True)
+    running: dict[Any, Task] = {}
+    try:
+        with Engine(work, setting, place) as engine:
+            while waiting or running:
+                while waiting and len(running) < engine.places:
+                    task = heappop(waiting)[1]
+                    running[engine.start(task)] = task
+                for ticket in engine.finished(list(running), min(5.0, max(0.1, end_s - time.monotonic()))):
+                    task = running.pop(ticket)
+                    try:
+                        print(engine.result(ticket), flush=True)
+                    except Exception as error:  # noqa: BLE001 - one broken robot must not end the others
+                        print(f"{task[0]} {task[1]} failed: {type(error).__name__}: {error}", flush=True)
+                        continue
+                    if task[1] == FIRST:
+                        add(task[0])
+                if time.monotonic() > end_s:
+                    raise TimeoutError
+    except TimeoutError:
+        print(f"stopped after {given.until:.0f} s; {len(waiting) + len(running)} steps are left at least")
 
 
 def score(given: Namespace) -> None:
-    """Print shares with their 95 % intervals, and seconds; a strategy that ended keeps its last verdict."""
-    rows = []
-    for folder in sorted(path.parent for path in given.folder.glob("*/robot.json")):
-        made = {
-            n: json.loads((folder / f"{n}.json").read_text()) for n in STRATEGIES if (folder / f"{n}.json").exists()
-        }
-        rows.append((json.loads((folder / "robot.json").read_text()), made))
-    print(f"{len(rows)} robots, {sum(size_of(r['moved']) is Size.LARGE for r, _ in rows)} moved by their fault")
-    large = [(r, made) for r, made in rows if size_of(r["moved"]) is Size.LARGE]
-    grouped = [(r, made) for r, made in large if sum(p >= IN_GROUP for p in r["first"].values()) in (2, 3)]
-    for words, some in (
-        ("whose fault moves the gap", large),
-        ("and whose first log leaves two or three causes", grouped),
-    ):
+    """Print what came of all robots before the first that is not finished; a strategy that ended keeps its last row."""
+    run = json.loads((given.folder / "run.json").read_text())
+    rows: list[tuple[dict[str, Any], dict[str, list[dict[str, Any]]]]] = []
+    names: tuple[str, ...] = tuple(n for n in STRATEGIES if any(given.folder.glob(f"*/{n}.json")))
+    n_robots, n_failed, left_out = 0, 0, []
+    numbers = [n for n in range(given.to) if kind_of(run["seed"], n) == "single"]
+    for number in numbers:
+        folder = given.folder / f"{number:04d}"
+        if not (folder / "robot.json").exists():
+            left_out.append(number)
+            continue
+        robot = json.loads((folder / "robot.json").read_text())
+        n_robots, n_failed = n_robots + 1, n_failed + ("problem" in robot)
+        if "first" not in robot:
+            continue
+        made = {n: json.loads(p.read_text()) for n in names if (p := folder / f"{n}.json").exists()}
+        if all(made.get(n, {}).get("is_done") for n in names):
+            rows.append((robot, {n: story["rows"] for n, story in made.items()}))
+        else:
+            left_out.append(number)
+    print(f"seed {run['seed']}, {run['catalogue']} catalogue: {n_robots} robots, {len(rows)} moved by their fault")
+    print(f"not finished: {len(left_out)}; broke down: {n_failed}")
+    grouped = [row for row in rows if sum(p >= IN_GROUP for p in row[0]["first"].values()) in (2, 3)]
+    for words, some in (("whose fault moves the gap", rows), ("and whose first log leaves two or three", grouped)):
         print(f"robots {words}: {len(some)}")
-        for name in STRATEGIES:
-            own = [made[name] for _, made in some if name in made]
-            for k in range(ROUNDS + 1 if own else 0):
-                right = Share.of([bool(s["right"][min(k, len(s["right"]) - 1)]) for s in own])
-                seconds = np.mean([s["robot_s"][min(k, len(s["robot_s"]) - 1)] for s in own])
-                print(f"  {name}, after {k}: right {right}, {seconds:.0f} s of robot time")
+        for name in names if some else ():
+            _print_strategy(name, [(robot, made[name]) for robot, made in some])
+        if some and {"designed", "menu"} <= set(names):
+            pairs = [(made["designed"][-1]["robot_s"], made["menu"][-1]["robot_s"]) for _, made in some]
+            ratio = Estimate.of(pairs, lambda v: float(v[:, 0].sum() / max(v[:, 1].sum(), 1e-9)))
+            print(f"  robot time, designed over menu: {ratio}")
+
+
+def _print_strategy(name: str, some: Sequence[tuple[dict[str, Any], list[dict[str, Any]]]]) -> None:
+    for k in range(ROUNDS + 1):
+        at = [(robot, rows[min(k, len(rows) - 1)]) for robot, rows in some]
+        top = [next(iter(row["odds"].items())) for _, row in at]
+        hits = [_is_truth(cause, robot) for (cause, _), (robot, _) in zip(top, at, strict=True)]
+        stands = [p >= SURE for _, p in top]
+        print(
+            f"  {name}, after {k}: right {Share.of([row['right'] for _, row in at])}, by one name "
+            f"{Share.of([row['alone'] for _, row in at])}; likeliest right {Share.of(hits)}, one stands "
+            f"{Share.of(stands)}, rightly {Share.of([h for h, s in zip(hits, stands, strict=True) if s])}; "
+            f"{Estimate.of([row['robot_s'] for _, row in at], mean)} s"
+        )
+    bits = [
+        (after["expected_bits"], _bits(after["odds"], robot) - _bits(before["odds"], robot))
+        for robot, rows in some
+        for before, after in pairwise(rows)
+    ]
+    if bits and name == "designed":
+        expected, gained = (Estimate.of([b[i] for b in bits], mean) for i in (0, 1))
+        print(f"  {name}: bits expected {expected}, gained for the truth {gained}")
+
+
+def _is_truth(cause: str, robot: dict[str, Any]) -> bool:
+    return cause in {n.replace("_", " ") for n in robot["names"]}
+
+
+def _bits(odds: dict[str, float], robot: dict[str, Any]) -> float:
+    return float(np.log2(max(sum(p for cause, p in odds.items() if _is_truth(cause, robot)), 1e-3)))
 
 
 def main() -> None:
@@ -221,15 +371,19 @@ def main() -> None:
     parser = ArgumentParser(description=__doc__)
     steps = parser.add_subparsers(required=True)
     one = steps.add_parser("robots")
-    one.add_argument("--seed", type=int, required=True)
-    one.add_argument("--to", type=int, required=True)
+    one.add_argument("--seed", type=int, help="By default one of the operating system's.")
     one.add_argument("--out", type=Path, required=True)
+    one.add_argument("--work", type=Path, help="For logs and reports; by default OUT/work.")
     one.add_argument("--catalogue", choices=CATALOGUES, default="judging")
-    one.add_argument("--until", type=float, default=1e9, help="begin no robot after so many seconds")
+    one.add_argument("--strategies", nargs="+", choices=STRATEGIES, default=STRATEGIES)
+    one.add_argument("--workers", type=int, default=1)
+    one.add_argument("--until", type=float, default=1e9, help="Stop after so many seconds.")
     one.set_defaults(step=robots)
     two = steps.add_parser("score")
     two.add_argument("folder", type=Path)
     two.set_defaults(step=score)
+    for part in (one, two):
+        part.add_argument("--to", type=int, required=True, help="Numbers of cases are below this.")
     given = parser.parse_args()
     given.step(given)
 

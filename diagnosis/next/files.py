@@ -6,14 +6,18 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from diagnosis.next.choose.candidates import Motion
 from diagnosis.next.choose.design import Design, Proposal, in_words
+from spot_model.errors import BadInputError
 from spot_model.io.joint_experiment import SCHEMA as JOINT_EXPERIMENT
 from spot_model.io.joint_experiment import joint_experiment_from_data, save_joint_experiment
 from spot_model.io.velocity_sequence import VelocitySequence, load_sequence, save_sequence
 from spot_model.io.yaml_text import read_yaml
+
+LASTS_S: Final = (4.0, 60.0)
+"""Of a walk that is judged: it is simulated on some seventy robots."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +60,14 @@ def load_motion(path: Path) -> Motion:
     data = read_yaml(path, "experiment")
     if isinstance(data, dict) and data.get("schema") == JOINT_EXPERIMENT:
         return joint_experiment_from_data(data, source=f"joint experiment {path}")
-    return load_sequence(str(path))
+    walk = load_sequence(str(path))
+    low, high = LASTS_S
+    if not low <= walk.duration_s <= high:
+        raise BadInputError(
+            f"experiment {path}: duration_s is {walk.duration_s:g}; allowed: {low:g} to {high:g} s, as for a joint "
+            "experiment; run a longer one with 'spot-rl run'"
+        )
+    return walk
 
 
 def run_words(motion: Motion, file: Path, policy: str | None, log_dir: str) -> list[str]:

@@ -17,7 +17,7 @@ NAMED: Final = 0.12
 """A part of a bar that is at least so wide says its number."""
 STYLE: Final = """
 .odds { display: flex; height: 26px; border-radius: 6px; overflow: hidden; background: var(--empty); }
-.odds div { color: #fff; font-size: 13px; line-height: 26px; padding-left: 6px; white-space: nowrap; overflow: hidden; }
+.odds div { color: #fff; font-size: 13px; line-height: 26px; text-indent: 6px; white-space: nowrap; overflow: hidden; }
 .stage { margin: 12px 0 3px; } th { width: 90px; }
 """
 WIDE_LAST: Final = "td:last-child { min-width: 300px; } td:nth-child(-n+3) { min-width: 60px; }"
@@ -57,7 +57,10 @@ def story_page(story: Story) -> str:
     cause, odds = next(iter(story.odds.items()))
     is_sure = odds >= SURE
     stages = [("First logs", story.first.odds)]
-    stages += [(f"{number}. {r.title}, {r.robot_s:.0f} s", r.after) for number, r in enumerate(story.rounds, start=1)]
+    stages += [
+        (f"{number}. {r.title}, {r.robot_s:.0f} s{'' if r.found else ', not diagnosed yet'}", r.after)
+        for number, r in enumerate(story.rounds, start=1)
+    ]
     ending = f"It ended: {story.ending}." if story.ending else "It goes on."
     n = len(story.rounds)
     meta = f"{n} experiment{'s' if n != 1 else ''}, {story.robot_s:.0f} s of robot time. {ending}"
@@ -80,11 +83,12 @@ def _round(number: int, asked: Asked) -> str:
         if abs(p - asked.before.get(name, 0.0)) >= 0.01
     ]
     came = f"{asked.outcome}, {asked.robot_s:.0f} s of robot time"
+    bits = f"{asked.came_bits:.2f} bits came; {asked.expected_bits:.2f} were expected" if asked.found else ""
     rows = {
         "asked": f"{esc(asked.title)} ({esc(asked.values)})",
-        "to part": f"{esc(asked.parts)}; {asked.expected_bits:.2f} bits were expected",
+        "to tell apart": esc(asked.parts),
         "came": esc(came) + (f"<br><code>{esc(Path(asked.log).name)}</code>" if asked.log else ""),
-        "odds": "<br>".join(moved) if moved else "moved by less than 1 %" if asked.found else "not diagnosed yet",
+        "odds": "<br>".join([*(moved or ["moved by less than 1 %"]), bits]) if asked.found else "not diagnosed yet",
         "verdict": esc(asked.sentence) + _report(asked),
     }
     table = "".join(f"<tr><th>{name}</th><td>{text}</td></tr>" for name, text in rows.items())

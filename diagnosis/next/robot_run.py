@@ -11,8 +11,6 @@ from typing import Final
 from spot_log import read_run
 from spot_model.errors import SpotRlError
 from spot_model.io.signals import run_in_foreground
-from spot_runtime.hal.connection.address import parse_address
-from spot_runtime.operator.listening import is_loopback, is_unix
 
 Start = Callable[[Sequence[str]], bool]
 """Runs ``spot-rl`` with arguments until it has ended; says whether a person asked to stop meanwhile."""
@@ -53,6 +51,10 @@ def is_here(robot: str) -> bool:
     Raises:
         BadInputError: It is no address.
     """
+    # Here: a ranking needs no connection, and no gRPC.
+    from spot_runtime.hal.connection.address import parse_address
+    from spot_runtime.operator.listening import is_loopback, is_unix
+
     address = parse_address(robot)
     return is_loopback(address.host if is_unix(address.host) else f"{address.host}:{address.port}")
 

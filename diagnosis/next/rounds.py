@@ -25,7 +25,7 @@ class Lab:
 
     Args:
         folder: Where experiments, logs and diagnoses go, a folder a round.
-        choose: Ranks experiments, by a seed and without those of some names.
+        choose: Ranks experiments, by a seed, without those of some names, within some robot time in seconds.
         confirm: Asks a person whether an experiment may run.
         run: Runs one on the robot; its files go into a folder.
         diagnose: Diagnoses the first logs with these ones into a folder.
@@ -34,7 +34,7 @@ class Lab:
     """
 
     folder: Path
-    choose: Callable[[Posterior, int, Sequence[str]], Design]
+    choose: Callable[[Posterior, int, Sequence[str], float], Design]
     confirm: Callable[[Proposal, Design], bool]
     run: Callable[[Proposal, Path], Ran]
     diagnose: Callable[[Sequence[Path], Path], Found]
@@ -88,13 +88,13 @@ def _round(story: Story, found: Found, lab: Lab, limits: Limits, seed: int, told
         return found
     left_s = limits.budget_s - story.robot_s
     lab.say(f"choosing experiment {len(story.rounds) + 1}; {left_s:.0f} s of robot time are left")
-    plan = lab.choose(found.posterior, seed + len(story.rounds), story.excluded)
-    if not plan.worthwhile:
-        story.ending = f"no experiment that is safe tells more: {_why(plan)}"
-        return found
+    plan = lab.choose(found.posterior, seed + len(story.rounds), story.excluded, left_s)
     chosen = next((p for p in plan.worthwhile if p.robot_s <= left_s), None)
-    if chosen is None:
+    if chosen is None and any(p.is_promising for p in plan.proposals):
         story.ending = f"the budget of {limits.budget_s:.0f} s of robot time is used up"
+    elif chosen is None:
+        story.ending = f"no experiment that is safe tells more: {_why(plan)}"
+    if chosen is None:
         return found
     if not lab.confirm(chosen, plan):
         story.ending = f"a person declined {chosen.candidate.name}"

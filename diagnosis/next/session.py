@@ -84,7 +84,7 @@ class Session:
 
     def rank(self) -> list[str]:
         """Rank experiments, write them, and say so."""
-        plan = self._chosen(self.found.posterior, self.seed)
+        plan = self._chosen(self.found.posterior, self.seed, wanted=None)
         place = free_folder(self.folder, "next")
         offers = write_offers(plan, place, self.inputs.policy)
         self.page = place / "next.html"
@@ -132,13 +132,29 @@ class Session:
             limits = replace(limits, rounds=min(limits.rounds, len(story.rounds) + 1))
         return ask_robot(story, lab, limits, self.seed, told)
 
-    def _chosen(self, posterior: Posterior, seed: int, excluded: Sequence[str] = ()) -> Design:
+    def _chosen(
+        self,
+        posterior: Posterior,
+        seed: int,
+        excluded: Sequence[str] = (),
+        most_s: float = float("inf"),
+        wanted: int | None = 1,
+    ) -> Design:
         with Bar("% of the choice", 100) as bar:
 
             def tell(share: float) -> None:
                 bar.update(round(100 * share), "trying experiments on simulated robots")
 
-            return design(posterior, self.policy, seed, tell, excluded=excluded, own=self.own)
+            return design(
+                posterior,
+                self.policy,
+                seed,
+                tell,
+                excluded=excluded,
+                own=self.own,
+                wanted=wanted,
+                most_s=most_s,
+            )
 
     def predicted(self, sequence: str, log: Path | None, out: Path | None) -> list[str]:
         """Predict a run, or compare a prediction with the log of the run.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass, field
+from math import log2
 from pathlib import Path
 from typing import Final
 
@@ -18,6 +19,8 @@ SURE: Final = 0.95
 """A cause of this probability is the answer."""
 STILL: Final = 0.05
 """An experiment that moves less probability told nothing."""
+LEAST: Final = 1e-3
+"""No probability counts as less."""
 LACKING: Final = "an effect that the library lacks"
 OTHERS: Final = "others"
 SHOWN: Final = 6
@@ -75,6 +78,12 @@ class Asked:
         """Probability that went over from some causes to others."""
         names = {*self.before, *self.after}
         return 0.5 * sum(abs(self.after.get(n, 0.0) - self.before.get(n, 0.0)) for n in names)
+
+    @property
+    def came_bits(self) -> float:
+        """What the run told: Σ q log₂(q/p) from the odds p before to those q after; its expectation was foretold."""
+        pairs = [(q, max(self.before.get(name, 0.0), LEAST)) for name, q in self.after.items() if q > LEAST]
+        return max(sum(q * log2(q / p) for q, p in pairs), 0.0)
 
 
 @dataclass

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from typer.testing import CliRunner
 from diagnosis.command import diagnose
 from diagnosis.decision_constants import ODD_RUN
 from diagnosis.library.registry import LIBRARY
+from diagnosis.next.choose import design as choice
 from diagnosis.next.choose.candidates import HEAT, Candidate, candidates, given
 from diagnosis.next.choose.design import Design, Proposal, in_words, judged
 from diagnosis.next.choose.information import Told, entropy_bits, told_by
@@ -263,6 +265,21 @@ def test_a_walk_beyond_the_policys_range_is_refused_with_the_range(tmp_path: Pat
     assert refused[0].endswith("(m/s), ω_z (rad/s) from -0.8, -0.5, -1 to 1.7, 0.5, 1")
 
 
+@pytest.mark.parametrize("duration_s", [0.5, 3600.0])
+def test_a_walk_that_nobody_would_wait_for_is_refused_before_it_is_simulated(tmp_path: Path, duration_s: float) -> None:
+    points = [{"time_s": 0.0, "v_x_m_s": 0.5}]
+    file = write(
+        tmp_path / "own.yaml", schema="spot-rl/velocity-sequence/1", name="own", duration_s=duration_s, waypoints=points
+    )
+    with pytest.raises(BadInputError, match=f"duration_s is {duration_s:g}; allowed: 4 to 60 s"):
+        load_motion(file)
+
+
+def test_the_name_of_a_users_own_experiment_leads_to_no_other_folder() -> None:
+    """Its file is written under its name."""
+    assert given(SQUAT.model_copy(update={"name": "../../a b/ü"})).name == "_a_b_ü"
+
+
 # The choice ----------------------------------------------------------------------------------------------------------
 
 
@@ -286,7 +303,7 @@ def made_design(bits: dict[str, float], refused: Sequence[str] = ()) -> Design:
         own = Candidate(name, name, "level ground", squat.free, squat.build)
         apart = np.array([[0.0, 2.0], [2.0, 0.0]])
         reasons = ("1 of 2 simulated robots tip over",) if name in refused else ()
-        made.append(Proposal(own, own.motion(), Told(told, 1.0, apart), "knee up to 30 N·m", reasons))
+        made.append(Proposal(own, own.motion(), Told(told, 1.0, apart), "knee up to 30 N·m", reasons, is_proved=True))
     made.sort(key=lambda p: (bool(p.refused), -p.bits_a_second))
     return Design((("torque_gain",), ()), np.array([0.6, 0.4]), tuple(made))
 
@@ -297,9 +314,34 @@ def test_the_best_is_the_most_telling_that_is_safe() -> None:
     assert made_design({"a": 0.01}).worthwhile == ()
 
 
+def test_what_was_not_proved_on_robots_with_wide_errors_is_not_run() -> None:
+    plan = made_design({"a": 0.5})
+    unproved = replace(plan.proposals[0], is_proved=False)
+    assert unproved.is_promising
+    assert replace(plan, proposals=(unproved,)).worthwhile == ()
+
+
+def test_where_one_experiment_is_wanted_the_best_is_proved_and_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of three that last as long, b tells most."""
+    names: list[str] = []
+
+    def prove(proposal: Proposal, *_: object) -> Proposal:
+        names.append(proposal.candidate.name)
+        return replace(proposal, is_proved=True)
+
+    plan = made_design({"a": 0.5, "b": 0.9, "c": 0.7})
+    found = iter([replace(p, is_proved=False) for p in plan.proposals])
+    monkeypatch.setattr(choice, "proved", prove)
+    monkeypatch.setattr(choice, "judged", lambda *_: next(found))
+    monkeypatch.setattr(choice, "candidates", lambda *_: [p.candidate for p in plan.proposals])
+    made = choice.design(posterior(torque_gain=1.0), None, 0, wanted=1)
+    assert names == ["b"]
+    assert [p.candidate.name for p in made.worthwhile] == ["b"]
+
+
 @pytest.mark.parametrize("refused", [(), ("1 of 2 simulated robots tip over",)])
 def test_a_users_own_experiment_is_run_whatever_it_tells_if_it_is_safe(refused: tuple[str, ...]) -> None:
-    own = Proposal(given(SQUAT), SQUAT, Told(0.0, 1.0, np.zeros((2, 2))), "", refused)
+    own = Proposal(given(SQUAT), SQUAT, Told(0.0, 1.0, np.zeros((2, 2))), "", refused, is_proved=True)
     plan = Design((("torque_gain",), ()), np.array([0.6, 0.4]), (own,))
     assert plan.worthwhile == (() if refused else (own,))
 
@@ -345,8 +387,8 @@ class FakeLab:
     def found(self, folder: Path, odds: float) -> Found:
         return Found(folder, posterior(torque_gain=odds, none=1.0 - odds), "explained", "words")
 
-    def choose(self, own: Posterior, seed: int, excluded: Sequence[str]) -> Design:
-        del own, seed
+    def choose(self, own: Posterior, seed: int, excluded: Sequence[str], left_s: float) -> Design:
+        del own, seed, left_s
         if self.stops_at == "choose":
             raise KeyboardInterrupt
         self.excluded.append(list(excluded))
@@ -448,6 +490,13 @@ def test_a_file_that_is_no_story_is_named(tmp_path: Path) -> None:
     fake.story_file.write_text("{}")
     with pytest.raises(BadInputError, match="is no story"):
         fake.ask()
+
+
+def test_bits_that_came_by_hand(tmp_path: Path) -> None:
+    """0.8 · log₂(0.8/0.6) + 0.2 · log₂(0.2/0.4) = 0.332 − 0.2; what came is never less than nothing."""
+    story = FakeLab(tmp_path, [0.6, 0.8, 0.8, 0.97]).ask(rounds=2)
+    assert story.rounds[0].came_bits == pytest.approx(0.8 * np.log2(0.8 / 0.6) - 0.2)
+    assert story.rounds[1].came_bits == 0.0
 
 
 def test_experiments_that_fail_are_not_asked_again_and_two_end_it(tmp_path: Path) -> None:

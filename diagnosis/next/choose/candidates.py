@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
@@ -89,10 +90,9 @@ def candidates(
 
 
 def given(motion: Motion) -> Candidate:
-    """A user's own experiment; nothing of it may be chosen."""
-    return Candidate(
-        motion.name, f"{motion.name}, from a file", "what the file asks for", {}, lambda _: motion, is_own=True
-    )
+    """A user's own experiment; nothing of it may be chosen. Its name becomes one that a file can have."""
+    name = re.sub(r"[^\w-]+", "_", motion.name)
+    return Candidate(name, f"{motion.name}, from a file", "what the file asks for", {}, lambda _: motion, is_own=True)
 
 
 def _walks(policy: PolicyContract) -> tuple[Candidate, ...]:

@@ -40,6 +40,8 @@ class Proposal:
     burden: str
     refused: tuple[str, ...] = ()
     """Why it must not be run; empty where it may."""
+    is_proved: bool = False
+    """Whether robots with wide errors bear it, too."""
 
     @property
     def robot_s(self) -> float:
@@ -47,9 +49,14 @@ class Proposal:
         return self.candidate.robot_s
 
     @property
-    def is_worthwhile(self) -> bool:
-        """Whether it may be run, and tells enough or is a user's own."""
+    def is_promising(self) -> bool:
+        """Whether nothing was found against it so far, and it tells enough or is a user's own."""
         return not self.refused and (self.told.bits >= WORTH_BITS or self.candidate.is_own)
+
+    @property
+    def is_worthwhile(self) -> bool:
+        """Whether it may be run, and should be."""
+        return self.is_promising and self.is_proved
 
     @property
     def values(self) -> str:
@@ -100,8 +107,10 @@ def design(
     tries: int = TRIES,
     excluded: Sequence[str] = (),
     own: Motion | None = None,
+    wanted: int | None = None,
+    most_s: float = float("inf"),
 ) -> Design:
-    """Rank the experiments that could be next.
+    """Rank the experiments that could be next, and prove them on robots with wide errors, the most telling first.
 
     Args:
         posterior: What is still possible.
@@ -111,12 +120,14 @@ def design(
         tries: Simulations in which the numbers of a good candidate are chosen.
         excluded: Names of candidates that are left out.
         own: A user's own experiment, in the place of all others.
+        wanted: So many are proved; by default all that tell enough.
+        most_s: Of robot time; longer ones are not proved.
     """
     robots = drawn_robots(posterior, EACH, np.random.default_rng(seed))
     effects = {name for cause in robots.causes for name in cause}
     all_of = candidates(policy.contract if policy is not None else None, suspects(posterior), effects)
     kinds = [c for c in all_of if c.name not in excluded] if own is None else [given(own)]
-    n_steps = len(kinds) + tries
+    n_steps = len(kinds) + tries + 2
     found: list[Proposal] = []
     for done, candidate in enumerate(kinds, start=1):
         found.append(judged(candidate, robots, policy, seed))
@@ -125,9 +136,15 @@ def design(
         number = min(range(len(found)), key=lambda i: _rank(found[i]))
         if not found[number].told.is_enough:
             found[number] = _improved(found[number], robots, policy, seed, tries)
-    found = [proved(p, robots, policy, seed) if p.is_worthwhile else p for p in found]
+    tell((n_steps - 2) / n_steps)
+    ranked = sorted(found, key=_rank)
+    for at, proposal in enumerate(ranked):
+        if wanted is not None and sum(p.is_worthwhile for p in ranked) >= wanted:
+            break
+        if proposal.is_promising and proposal.robot_s <= most_s:
+            ranked[at] = proved(proposal, robots, policy, seed)
     tell(1.0)
-    return Design(robots.causes, robots.weights, tuple(sorted(found, key=_rank)))
+    return Design(robots.causes, robots.weights, tuple(sorted(ranked, key=_rank)))
 
 
 def judged(candidate: Candidate, robots: Robots, policy: Policy | None, seed: int) -> Proposal:
@@ -148,9 +165,8 @@ def judged(candidate: Candidate, robots: Robots, policy: Policy | None, seed: in
 
 def proved(proposal: Proposal, robots: Robots, policy: Policy | None, seed: int) -> Proposal:
     """The proposal, refused if one of the robots with wide errors does not bear it."""
-    return replace(
-        proposal, refused=refusals(try_on(proposal.motion, robots.wide, policy, np.random.default_rng([seed, 3])))
-    )
+    runs = try_on(proposal.motion, robots.wide, policy, np.random.default_rng([seed, 3]))
+    return replace(proposal, refused=refusals(runs), is_proved=True)
 
 
 def _rank(proposal: Proposal) -> tuple[bool, float]:
