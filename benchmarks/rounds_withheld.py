@@ -1,6 +1,6 @@
 """How many experiments until the right name: designed ones, a fixed menu in fixed order, and a random one.
 
-    python benchmarks/rounds_withheld.py robots --out DIR --to 40 [--seed S] [--catalogue judging] [--workers 32]
+    python benchmarks/rounds_withheld.py robots --out DIR [--seed S] [--to 40] [--catalogue judging] [--workers 32]
     python benchmarks/rounds_withheld.py score DIR
 
 ``robots`` draws single faults as the withheld check does, by a seed of the operating system or a given one. Of each
@@ -45,6 +45,7 @@ from spot_model.policy.policy import Policy, load_policy
 from spot_model.robot import facts
 from trainer.shared.engine import Engine, Place
 from withheld.cases.draw import Case, draw, kind_of
+from withheld.cases.protocol import WHOLE_RUN
 from withheld.cases.source import CATALOGUES, source_of
 from withheld.measuring.distances import TWIN_REPEATS, moved
 from withheld.outcome import Outcome, Round
@@ -305,26 +306,22 @@ def robots(given: Namespace) -> None:
 def score(given: Namespace) -> None:
     """Print what came of all robots before the first that is not finished; a strategy that ended keeps its last row."""
     run = json.loads((given.folder / "run.json").read_text())
+    names = tuple(n for n in STRATEGIES if any(given.folder.glob(f"*/{n}.json")))
     rows: list[tuple[dict[str, Any], dict[str, list[dict[str, Any]]]]] = []
-    names: tuple[str, ...] = tuple(n for n in STRATEGIES if any(given.folder.glob(f"*/{n}.json")))
-    n_robots, n_failed, left_out = 0, 0, []
-    numbers = [n for n in range(given.to) if kind_of(run["seed"], n) == "single"]
-    for number in numbers:
+    n_robots, n_failed, end = 0, 0, given.to
+    for number in (n for n in range(given.to) if kind_of(run["seed"], n) == "single"):
         folder = given.folder / f"{number:04d}"
-        if not (folder / "robot.json").exists():
-            left_out.append(number)
-            continue
-        robot = json.loads((folder / "robot.json").read_text())
-        n_robots, n_failed = n_robots + 1, n_failed + ("problem" in robot)
-        if "first" not in robot:
-            continue
+        file = folder / "robot.json"
+        robot = json.loads(file.read_text()) if file.exists() else {"first": None}
         made = {n: json.loads(p.read_text()) for n in names if (p := folder / f"{n}.json").exists()}
-        if all(made.get(n, {}).get("is_done") for n in names):
+        if "first" in robot and not all(made.get(n, {}).get("is_done") for n in names):
+            # Robots that need few experiments are finished first: those beyond would be no fair part.
+            end = number
+            break
+        n_robots, n_failed = n_robots + 1, n_failed + ("problem" in robot)
+        if "first" in robot:
             rows.append((robot, {n: story["rows"] for n, story in made.items()}))
-        else:
-            left_out.append(number)
-    print(f"seed {run['seed']}, {run['catalogue']} catalogue: {n_robots} robots, {len(rows)} moved by their fault")
-    print(f"not finished: {len(left_out)}; broke down: {n_failed}")
+    print(f"seed {run['seed']}, {run['catalogue']} catalogue: {n_robots} robots before case {end}; {n_failed} failed")
     grouped = [row for row in rows if sum(p >= IN_GROUP for p in row[0]["first"].values()) in (2, 3)]
     for words, some in (("whose fault moves the gap", rows), ("and whose first log leaves two or three", grouped)):
         print(f"robots {words}: {len(some)}")
@@ -339,15 +336,14 @@ def score(given: Namespace) -> None:
 def _print_strategy(name: str, some: Sequence[tuple[dict[str, Any], list[dict[str, Any]]]]) -> None:
     for k in range(ROUNDS + 1):
         at = [(robot, rows[min(k, len(rows) - 1)]) for robot, rows in some]
-        top = [next(iter(row["odds"].items())) for _, row in at]
-        hits = [_is_truth(cause, robot) for (cause, _), (robot, _) in zip(top, at, strict=True)]
-        stands = [p >= SURE for _, p in top]
-        print(
-            f"  {name}, after {k}: right {Share.of([row['right'] for _, row in at])}, by one name "
-            f"{Share.of([row['alone'] for _, row in at])}; likeliest right {Share.of(hits)}, one stands "
-            f"{Share.of(stands)}, rightly {Share.of([h for h, s in zip(hits, stands, strict=True) if s])}; "
-            f"{Estimate.of([row['robot_s'] for _, row in at], mean)} s"
-        )
+        top = [
+            (_is_truth(cause, robot), p >= SURE) for robot, row in at for cause, p in [next(iter(row["odds"].items()))]
+        ]
+        print(f"  {name}, after {k} experiments, {Estimate.of([row['robot_s'] for _, row in at], mean)} s:")
+        print(f"    verdict right {Share.of([row['right'] for _, row in at])}")
+        print(f"    verdict right, by one name {Share.of([row['alone'] for _, row in at])}")
+        print(f"    likeliest cause right {Share.of([hit for hit, _ in top])}")
+        print(f"    one cause stands {Share.of([s for _, s in top])}, rightly {Share.of([h for h, s in top if s])}")
     bits = [
         (after["expected_bits"], _bits(after["odds"], robot) - _bits(before["odds"], robot))
         for robot, rows in some
@@ -383,7 +379,7 @@ def main() -> None:
     two.add_argument("folder", type=Path)
     two.set_defaults(step=score)
     for part in (one, two):
-        part.add_argument("--to", type=int, required=True, help="Numbers of cases are below this.")
+        part.add_argument("--to", type=int, default=WHOLE_RUN, help="Numbers of cases are below this.")
     given = parser.parse_args()
     given.step(given)
 
