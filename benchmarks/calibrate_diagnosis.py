@@ -44,7 +44,7 @@ from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import Policy, load_policy
 from withheld.cases.draw import Case, draw, kind_of
 from withheld.cases.sequences import ordinary_sequences
-from withheld.cases.source import source_of
+from withheld.cases.source import Source, source_of
 from withheld.measuring.distances import SHRINK_REPEATS, TWIN_REPEATS, moved, rehearse, true_shrink
 from withheld.plan import Reality, RecordingPlan
 from withheld.scoring.sizes import LARGE, SMALL
@@ -62,27 +62,11 @@ def robot(seed: int, number: int, out: Path) -> str:
     began_s = time.monotonic()
     source = source_of("calibrating")
     case = draw(seed, number, source, POLICIES)
-    policy_path = POLICIES / f"{case.policy}.onnx"
-    policy = load_policy(policy_path)
-
-    def plan(repeats: int, recording_seed: int) -> RecordingPlan:
-        return RecordingPlan(policy_path, case.sequences, repeats, recording_seed, frozenset(case.missing), case.detail)
-
-    with tempfile.TemporaryDirectory() as folder:
-        logs = Path(folder) / "logs"
-        logs.mkdir()
-        reality = source.make(case.requests, case.reality_seed)
-        try:
-            made = rehearse(reality, plan(case.repeats, case.recording_seed), logs)
-        except RealityDivergedError:
-            return f"{number}: its simulation broke down"
-        made.write(logs)
-        walks, by = made.walks(policy), []
-        for i in range(len(case.requests)):
-            twin = source.make(case.requests[:i] + case.requests[i + 1 :], case.reality_seed)
-            healthy = rehearse(twin, plan(TWIN_REPEATS, case.recording_seed + 1 + i), Path(folder) / str(i))
-            by.append(moved(walks, healthy.walks(policy)))
-        runs, _ = prepared([read_run(path) for path in sorted(logs.glob("*.mcap"))], SPOT)
+    policy = load_policy(POLICIES / f"{case.policy}.onnx")
+    try:
+        reality, runs, by = recorded(case, source, policy)
+    except RealityDivergedError:
+        return f"{number}: its simulation broke down"
     faults = [{"names": fault.names, "moved": m} for fault, m in zip(reality.truth.faults, by, strict=True)]
     hidden = {name for fault in reality.truth.faults for name in fault.names}
     whole = {name: entry for name, entry in LIBRARY.items() if name not in case.without}
@@ -105,6 +89,32 @@ def robot(seed: int, number: int, out: Path) -> str:
         kept["without"] = diagnosed(runs, reality.nominal, policy, less, case.diagnosis_seed)
     file.write_text(json.dumps(kept))
     return f"{number}: {case.kind}, {time.monotonic() - began_s:.0f} s"
+
+
+def recorded(case: Case, source: Source, policy: Policy) -> tuple[Reality, list[Run], list[float | None]]:
+    """A case's robot, its logs as a diagnosis reads them, and how far each fault moves it, in floors.
+
+    Raises:
+        RealityDivergedError: Its simulation broke down.
+    """
+    path = POLICIES / f"{case.policy}.onnx"
+
+    def plan(repeats: int, recording_seed: int) -> RecordingPlan:
+        return RecordingPlan(path, case.sequences, repeats, recording_seed, frozenset(case.missing), case.detail)
+
+    with tempfile.TemporaryDirectory() as folder:
+        logs = Path(folder) / "logs"
+        logs.mkdir()
+        reality = source.make(case.requests, case.reality_seed)
+        made = rehearse(reality, plan(case.repeats, case.recording_seed), logs)
+        made.write(logs)
+        walks, by = made.walks(policy), []
+        for i in range(len(case.requests)):
+            twin = source.make(case.requests[:i] + case.requests[i + 1 :], case.reality_seed)
+            healthy = rehearse(twin, plan(TWIN_REPEATS, case.recording_seed + 1 + i), Path(folder) / str(i))
+            by.append(moved(walks, healthy.walks(policy)))
+        runs, _ = prepared([read_run(path) for path in sorted(logs.glob("*.mcap"))], SPOT)
+    return reality, list(runs), by
 
 
 def diagnosed(

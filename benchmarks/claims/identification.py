@@ -4,7 +4,7 @@ Fake robots with known actuators (the paper's, and others drawn as in benchmarks
 `identify` then searches as the paper does (CMA-ES on Wasserstein distances of closed-loop runs) and fits torques. Both
 answers are taken from the same run: the search's mean with all its parameters, and what `identify` gives, with those
 that it calls identified. An error counts as a share of the truth, of friction as a share of 0.3 N·m, so that 10 % is
-the bound of docs/benchmarks.md.
+the bound of docs/benchmarks.md. Rotor inertia, which is read off the torques, stands beside the truth.
 
     python benchmarks/claims/identification.py [--truth 0] [--generations 12] [--seconds 10]
 """
@@ -25,6 +25,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from identify_fake import NAMES, scenario_data, truths
 
+from fake_robot.scenario.scenario import Scenario
 from spot_model.policy.policy import load_policy
 from spot_rl.fake_spot import FakeSpot
 from trainer.shared.engine import Place
@@ -91,12 +92,23 @@ def main() -> None:
         "search_s": round(ends[-1] - begin_s, 1),
         "all_s": round(all_s, 1),
         "paper_search": told_of(errors(truth, names, mean)),
-        "ours_identified": told_of(errors(truth, [v.name for v in known], [v.value for v in known])),
+        "ours_identified": {
+            **told_of(errors(truth, [v.name for v in known], [v.value for v in known])),
+            "in_interval": sum(v.low <= getattr(truth, NAMES[v.name]) <= v.high for v in known),
+        },
         "paper_search_on_identified": told_of(
             errors(truth, [v.name for v in known], [mean[names.index(v.name)] for v in known])
         ),
     }
-    print(json.dumps(told))
+    physics = Scenario().physics
+    true = {"hips": physics.armature_hip_kg_m2, "knees": physics.armature_knee_kg_m2}
+    told["ours_inertia_kg_m2"] = {
+        joints: round(change.value, 4)
+        for joints in true
+        for change in preparation.changes
+        if change.what == f"reflected inertia of {joints}"
+    }
+    print(json.dumps(told | {"true_inertia_kg_m2": true}))
 
 
 if __name__ == "__main__":

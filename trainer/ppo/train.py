@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 from pathlib import Path
 
@@ -82,7 +83,11 @@ def make_runner(config: TrainConfig, folder: Path, device: str) -> PpoRunner:
         is_first=is_first_process(),
         logger=config.logger,
     )
-    return PpoRunner(env, config, log, device)
+    runner = PpoRunner(env, config, log, device)
+    # What is there now lasts: the collector need not walk through it again and again while robots move.
+    gc.collect()
+    gc.freeze()
+    return runner
 
 
 def is_first_process() -> bool:
