@@ -10,8 +10,8 @@ with a threshold (least_squares.py), a two-sample test and a CMA-ES ranking of e
 how often each means ranks a right effect first, and among its first three; and how well it tells these robots from
 those without a fault: the area under its ROC curve, 0.5 by chance. Intervals are of 95 %.
 
-    python benchmarks/claims/diagnosis.py robots --seed 2207 --to 40 --out DIR [--until 600]
-    python benchmarks/claims/diagnosis.py table DIR
+    python benchmarks/claims/diagnosis_peers.py robots --seed 2207 --to 40 --out DIR [--until 600]
+    python benchmarks/claims/diagnosis_peers.py table DIR
 """
 
 from __future__ import annotations

@@ -1,0 +1,55 @@
+"""Peers of the identification in benchmarks/: PACE's cost has its least at the robot's own numbers."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+CLAIMS = Path(__file__).parents[2] / "benchmarks" / "claims"
+
+
+@pytest.fixture(autouse=True)
+def _scripts(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(CLAIMS))
+    monkeypatch.setattr(sys, "path", list(sys.path))
+
+
+def test_paces_cost_is_least_near_the_truth() -> None:
+    import pace
+    from identify_fake import truths
+
+    truth = truths()[2]
+    setpoint = pace.chirp(1.5)
+    measured = pace.recorded(truth, setpoint, np.random.default_rng(0))
+    friction = [truth.hip_friction_nm, truth.hip_friction_nm, truth.knee_friction_nm] * 4
+    right = np.array([*([0.0403, 0.0403, 0.0731] * 4), *np.zeros(12), *friction, *np.zeros(12), 1.0])
+    offset, heavy, late, rough = right.copy(), right.copy(), right.copy(), right.copy()
+    offset[36 + 5] = 0.02
+    heavy[2] = 0.15
+    late[-1] = 3.0
+    rough[24:36] += 0.5
+    costs = pace.Simulator(setpoint, measured, 5, 1).costs(np.array([right, offset, heavy, late, rough]))
+    assert costs[0] < 0.5 * costs[1:].min()
+    # Steps of 3 ms in place of 1 ms, and no torque limits: milliradians.
+    assert np.sqrt(costs[0] / 12) < 0.01
+
+
+def test_paces_bounds_hold_every_truth() -> None:
+    import pace
+    from identify_fake import truths
+
+    low, high = pace.BOUNDS.T
+    assert pace.BOUNDS.shape == (49, 2)
+    for truth in truths():
+        assert low[24] <= truth.hip_friction_nm <= high[24]
+        assert low[35] <= truth.knee_friction_nm <= high[35]
+
+
+def test_an_error_is_a_share_of_its_scale() -> None:
+    import pace
+
+    told = pace.error(np.array([[0.1, 0.3], [0.2, 0.2]]), 0.1, 0.4)
+    assert told == {"true": 0.1, "found": 0.2, "error_percent": 25.0, "worst_joint_percent": 50.0}
