@@ -23,7 +23,7 @@ LAGS: Final = (0, 3, 6)
 """States, of 3 ms."""
 SCALE: Final = torch.tensor([0.2] * len(LAGS) + [5.0] * len(LAGS))
 TORQUE_NM: Final = 20.0
-EPOCHS: Final = 400
+EPOCHS: Final = 300
 BATCH: Final = 2048
 SAMPLES: Final = 60_000
 """Of a type of joint, at most."""

@@ -35,9 +35,11 @@ Array = NDArray[np.float64]
 
 SHARES: Final = (0.05, 0.2)
 SHAPES: Final = 3
+MOST: Final = 16
+"""Candidates of an effect, evenly chosen."""
 TYPES: Final = ("hx", "hy", "kn")
 SEQUENCES: Final = 2
-TICKS: Final = 200
+TICKS: Final = 150
 FALLEN: Final = 1e3
 """Stands for the distance of a model that falls or cannot be simulated."""
 SEARCHED: Final = 10
@@ -89,9 +91,10 @@ def candidates(views: Views) -> list[Candidate]:
         rows = [row for some in sizes for row in some] or [np.array([c.high for c in effect.coefficients])]
         is_of_joints = effect.location is Location.JOINT and not effect.singly
         places = (("all",), *((kind,) for kind in TYPES)) if is_of_joints else (("all",),)
-        found += [
+        own = [
             Candidate(effect, place, effect.values(row, shape)) for shape in shapes for row in rows for place in places
         ]
+        found += [own[i] for i in np.unique(np.linspace(0, len(own) - 1, MOST).round().astype(int))]
     return found
 
 

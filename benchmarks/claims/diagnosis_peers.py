@@ -10,7 +10,7 @@ with a threshold (least_squares.py), a two-sample test and a CMA-ES ranking of e
 how often each means ranks a right effect first, and among its first three; and how well it tells these robots from
 those without a fault: the area under its ROC curve, 0.5 by chance. Intervals are of 95 %.
 
-    python benchmarks/claims/diagnosis_peers.py robots --seed 2207 --to 40 --out DIR [--until 600]
+    python benchmarks/claims/diagnosis_peers.py robots --seed 2207 --to 40 --out DIR [--workers 2] [--until 600]
     python benchmarks/claims/diagnosis_peers.py table DIR
 """
 
@@ -21,6 +21,7 @@ import sys
 import time
 from argparse import ArgumentParser, Namespace
 from collections.abc import Callable, Mapping
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any, Final
 
@@ -29,6 +30,7 @@ from actuator_network import ratios
 from closed_loop_ranking import Distances, candidates, distances_of, nearest, searched
 from least_squares import estimates, ranking
 from sklearn.metrics import roc_auc_score
+from torch import set_num_threads
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
@@ -59,9 +61,11 @@ MEANS: Final = {
 }
 
 
-def robot(seed: int, number: int, out: Path) -> str:
+def robot(seed: int, number: int, out: Path, late_s: float) -> str:
     """Simulate one robot, ask every means, and write what they say; returns a line to print."""
     file = out / f"{seed}-{number:04d}.json"
+    if time.monotonic() > late_s:
+        return f"{number}: left for another time"
     source = source_of("calibrating")
     case = draw(seed, number, source, POLICIES)
     if file.exists() or case.missing:
@@ -124,12 +128,12 @@ def print_no(line: str) -> None:
 def robots(given: Namespace) -> None:
     """Make what is missing."""
     given.out.mkdir(parents=True, exist_ok=True)
-    begin_s = time.monotonic()
-    for number in [n for n in range(given.first, given.to) if kind_of(given.seed, n) in KINDS]:
-        if time.monotonic() - begin_s > given.until:
-            print("the time is over; the same command goes on", flush=True)
-            break
-        print(robot(given.seed, number, given.out), flush=True)
+    late_s = time.monotonic() + given.until
+    numbers = [n for n in range(given.first, given.to) if kind_of(given.seed, n) in KINDS]
+    with ProcessPoolExecutor(given.workers, initializer=set_num_threads, initargs=(1,)) as pool:
+        waiting = [pool.submit(robot, given.seed, n, given.out, late_s) for n in numbers]
+        for k, done in enumerate(as_completed(waiting), 1):
+            print(f"{done.result()} ({k} of {len(waiting)})", flush=True)
 
 
 def said(row: Mapping[str, Any], healthy: list[Any]) -> dict[str, tuple[float, dict[str, float]]]:
@@ -197,6 +201,7 @@ def main() -> None:
     one.add_argument("--first", type=int, default=0)
     one.add_argument("--to", type=int, required=True)
     one.add_argument("--out", type=Path, required=True)
+    one.add_argument("--workers", type=int, default=1, help="processes, each on one core")
     one.add_argument("--until", type=float, default=1e9, help="begin no robot after so many seconds")
     one.set_defaults(step=robots)
     two = steps.add_parser("table")

@@ -60,6 +60,8 @@ ELSEWHERE = {
         '("log", "--seconds 0.1 --minutes 0.02")',
     ),
     "python benchmarks/claims/size.py": ("spot_runtime/test_bench_all.py", '("size", "")'),
+    "python benchmarks/claims/pace.py": ("trainer/test_identification_peers.py", "pace.Simulator("),
+    "python benchmarks/claims/diagnosis_peers.py table peers": ("diagnosis/test_peers.py", "script.table("),
     "spot-rl bench loop --json": ("spot_runtime/test_bench_and_demo.py", '"bench", "loop", "--json"'),
     "spot-rl refine FILE --config policies/fast_refine.yaml --out NEW": (
         "trainer/test_refine.py",
@@ -146,6 +148,8 @@ NOT_RUN = {
     "python benchmarks/rounds_withheld.py score rounds": CORES,
     "python benchmarks/mjlab_speed.py": GPU,
     "python benchmarks/mujoco_sysid.py": "needs mujoco's extra sysid, which is not among this project's packages",
+    "python benchmarks/claims/identification.py": CORES,
+    "python benchmarks/claims/diagnosis_peers.py robots --seed 2207 --to 80 --out peers": CORES,
     "python benchmarks/solver_options.py": CORES,
     "spot-rl bench train --device cuda --set n_envs=N --json": GPU,
     "torchrun --nproc-per-node 2": GPU,

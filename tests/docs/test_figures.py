@@ -13,7 +13,8 @@ from .blocks import REPOSITORY
 BENCHMARKS = REPOSITORY / "docs" / "benchmarks.md"
 PAGES = (BENCHMARKS, REPOSITORY / "docs" / "withheld.md", REPOSITORY / "policies" / "README.md")
 COMMAND = re.compile(r"`{1,3}(?:sh\n)?[^`]*?\b(?:spot-rl \w+|python \S+\.py|make \w+|bash benchmarks/|torchrun )")
-FIGURE = re.compile(r"(?<![\w.,`])\d[\d,]*(?:\.\d+)?(?= ?(?:%|ms|µs|s|MB|GB|m/s|Hz|robots|policy steps)\b|(?<=\d\.\d\d))")
+UNITS = ("%", "ms", "µs", "s", "MB", "GB", "m/s", "Hz", "times", "robots", "policy steps", "faults")
+FIGURE = re.compile(rf"(?<![\w.,`])\d[\d,]*(?:\.\d+)?(?= (?:{'|'.join(UNITS)})(?!\w))")
 PART = re.compile(r"^(?=##+ |\*\*[A-Z])", re.MULTILINE)
 
 
@@ -29,12 +30,12 @@ def without_command(page: str) -> list[str]:
 
 def rows_of_readme(text: str) -> list[str]:
     """Answers of the README's table of figures."""
-    section = text.split("## Six figures")[1].split("\n## ")[0]
+    section = text.partition("## Six figures")[2].partition("\n## ")[0]
     return [line.split("|")[2] for line in section.splitlines() if line.startswith("| ") and "?" in line]
 
 
 def unknown_figures(row: str, pages: str) -> list[str]:
-    """Numbers with a unit, or with two decimals, that stand on none of the pages."""
+    """Numbers with a unit that stand on none of the pages."""
     found = {match.group() for match in FIGURE.finditer(row)}
     return sorted(n for n in found if not re.search(rf"(?<![\d.,]){re.escape(n)}(?![\d]|[.,]\d)", pages))
 

@@ -24,18 +24,22 @@ def test_paces_cost_is_least_near_the_truth() -> None:
     truth = truths()[2]
     setpoint = pace.chirp(1.5)
     measured = pace.recorded(truth, setpoint, np.random.default_rng(0))
-    friction = [truth.hip_friction_nm, truth.hip_friction_nm, truth.knee_friction_nm] * 4
-    right = np.array([*([0.0403, 0.0403, 0.0731] * 4), *np.zeros(12), *friction, *np.zeros(12), 1.0])
+    friction = [truth.hip_friction_nm, truth.hip_friction_nm, truth.knee_friction_nm]
+    leg = np.array([0.0403, 0.0403, 0.0731, 0.0, 0.0, 0.0, *friction, 0.0, 0.0, 0.0, 1.0])
+    right = np.tile(leg, (4, 1))
     offset, heavy, late, rough = right.copy(), right.copy(), right.copy(), right.copy()
-    offset[36 + 5] = 0.02
-    heavy[2] = 0.15
-    late[-1] = 3.0
-    rough[24:36] += 0.5
+    offset[1, 11] = 0.02
+    heavy[0, 2] = 0.15
+    late[:, -1] = 3.0
+    rough[:, 6:9] += 0.5
     costs = pace.Simulator(setpoint, measured, 5, 1).costs(np.array([right, offset, heavy, late, rough]))
     # An encoder's offset moves set-point and reading alike, and shows by gravity alone.
-    assert costs[0] < costs[1]
-    assert costs[0] < 0.1 * costs[2:].min()
-    assert np.sqrt(costs[0] / 12) < 0.005
+    assert costs[0, 1] < costs[1, 1]
+    assert costs[0, 0] < 0.1 * costs[2, 0]
+    assert (costs[0] < 0.1 * costs[3:].min(axis=0)).all()
+    assert np.sqrt(costs[0].max()) < 0.005
+    # A leg's numbers change nothing of the others.
+    assert costs[2, 1:] == pytest.approx(costs[0, 1:], rel=1e-6)
 
 
 def test_paces_bounds_hold_every_truth() -> None:
@@ -43,10 +47,10 @@ def test_paces_bounds_hold_every_truth() -> None:
     from identify_fake import truths
 
     low, high = pace.BOUNDS.T
-    assert pace.BOUNDS.shape == (49, 2)
+    assert pace.BOUNDS.shape == (13, 2)
     for truth in truths():
-        assert low[24] <= truth.hip_friction_nm <= high[24]
-        assert low[35] <= truth.knee_friction_nm <= high[35]
+        assert low[6] <= truth.hip_friction_nm <= high[6]
+        assert low[8] <= truth.knee_friction_nm <= high[8]
 
 
 def test_an_error_is_a_share_of_its_scale() -> None:
