@@ -187,6 +187,7 @@ USUAL_LEFT: Final[Mapping[str, float]] = {
 # ---- words
 
 UNKNOWN_IS_LIKELY: Final = 0.5
+NO_GAP_IS_LIKELY: Final = 0.5
 CLOSES_SOME: Final = 0.25
 """Effects that close this share of the gap explain a part of it, whatever else is unknown."""
 PARTLY: Final = 0.3

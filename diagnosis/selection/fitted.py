@@ -20,6 +20,8 @@ from spot_model.robot.joints import describe_joints
 Z_90: Final = 1.645
 PROFILE_NATS: Final = 1.35
 """A shape whose score is within this of the best is within its 90 % interval."""
+NEVER_MET: Final = 1e5
+"""Null values from here on stand for a limit that is never met."""
 
 
 def joint_words(robot: Robot, term: Placed) -> tuple[str, ...]:
@@ -94,7 +96,7 @@ def numbers(scorer: Scorer, scored: Scored) -> dict[str, Number]:
 def with_formula_error(value: float, low: float, high: float, null: float) -> tuple[float, float]:
     """An interval widened by what formulas are usually wrong by, counted from where the effect vanishes.
 
-    A null value at infinity (a limit that is never met) is no place to count from; zero is, then.
+    The null value of a limit that is never met is no place to count from; zero is, then.
     """
-    formula = Z_90 * PARAMETER_SPREAD * abs(value - null if math.isfinite(null) else value)
+    formula = Z_90 * PARAMETER_SPREAD * abs(value - null if abs(null) < NEVER_MET else value)
     return value - math.hypot(value - low, formula), value + math.hypot(high - value, formula)

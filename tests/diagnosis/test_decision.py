@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -15,7 +18,7 @@ from diagnosis.decision_constants import (
     THERE,
     UNKNOWN,
 )
-from diagnosis.verdict.assemble import finite
+from diagnosis.verdict.assemble import finite, status_of
 from diagnosis.verdict.posterior import (
     Belief,
     Hypothesis,
@@ -240,3 +243,19 @@ def test_without_the_smaller_set_nearer_is_infinite() -> None:
     both = ("armature", "coulomb_friction")
     found = _believed((Hypothesis((), 0.0, FAR), Hypothesis(both, 60.0, 1.0)), both, **dict.fromkeys(both, 2.0))
     assert found.nearer == dict.fromkeys(both, float("inf"))
+
+
+@pytest.mark.parametrize(
+    ("none", "unknown", "status"),
+    [(0.9, 0.05, "no_gap"), (0.5, 0.5, "no_gap"), (0.24, 0.04, "unknown_effect"), (0.1, 0.8, "unknown_effect")],
+)
+def test_a_gap_that_no_cause_explains_is_unknown_however_doubtful_each_cause_is(
+    none: float, unknown: float, status: str
+) -> None:
+    causes: Any = SimpleNamespace(
+        found=SimpleNamespace(views={}, selection=SimpleNamespace(best=None)),
+        belief=Belief((), none, unknown, {}, {}),
+        distances={"nominal": 2.0},
+        left=2.0,
+    )
+    assert status_of(causes) == status

@@ -19,6 +19,9 @@ from diagnosis.library.registry import LIBRARY
 from diagnosis.read.recording import record
 from spot_model.effects.base import ModelEffect, ModelFields, TorqueEffect, parameter
 from spot_model.effects.friction import smooth_sign
+from spot_model.effects.limits.torque_speed_curve import TorqueSpeedCurve
+from spot_model.io.model_file import RobotModel, paper_model
+from spot_model.robot.facts import PAPER_IDENTIFIED
 from spot_model.robot.joints import select_joints
 
 from .cases import CASES
@@ -59,7 +62,7 @@ def test_a_column_is_the_effects_own_formula(name, shape, by_hand, view):
     np.testing.assert_allclose(column, by_hand(view.signals), atol=1e-9 * np.max(np.abs(column)) + 1e-9)
 
 
-@pytest.mark.parametrize("name", ["torque_bandwidth", "torque_delay", "bus_sag"])
+@pytest.mark.parametrize("name", ["torque_bandwidth", "torque_delay"])
 def test_a_faster_formula_is_that_of_the_effect(name, view):
     case = next(c for c in CASES if c.effect == name)
     entry = LIBRARY[name]
@@ -67,6 +70,24 @@ def test_a_faster_formula_is_that_of_the_effect(name, view):
     own, effects = entry.columns(view, shape, ALL), effect_columns(entry, view.signals, shape)
     usable = view.usable
     assert np.std((own - effects)[usable]) < 0.2 * np.std(effects[usable])
+
+
+def test_a_lower_voltage_takes_torque_of_joints_that_the_nominal_model_bounds_by_speed(runs, view):
+    knees = next(e for e in paper_model(PAPER_IDENTIFIED).effects if isinstance(e, TorqueSpeedCurve))
+    bounded = actuator_view(stack([record(r) for r in runs]), (knees,))
+    assert isinstance(bounded, ChannelView)
+    entry, is_knee = LIBRARY["bus_sag"], select_joints(("kn",))
+    shape = entry.shapes({Channel.SET_POINT_TO_LOAD: bounded}, ALL)[-1]
+    # The curve at full voltage: 25.03 rad/s without load, falling by 97 N·m over 25.03 − 9.48 rad/s.
+    assert shape["open_voltage_v"] / shape["back_emf_v_s_per_rad"] == pytest.approx(0.8 * 25.03)
+    assert shape["stall_nm_per_v"] * shape["open_voltage_v"] == pytest.approx(97.0 * 25.03 / (25.03 - 9.48))
+    weak = {**shape, "stall_nm_per_v": 0.1}
+    for about, cut in ((bounded, is_knee), (view, ALL)):
+        touched = entry.columns(about, weak, ALL)[:, :, 0].any(axis=0)
+        np.testing.assert_array_equal(touched, cut)
+    model = RobotModel(effects=(knees,))
+    assert entry.add_to(model, weak, ("all",)).effects[-1].mask.tolist() == is_knee.tolist()
+    assert entry.add_to(RobotModel(), weak, ("all",)).effects[-1].mask.all()
 
 
 @dataclass(frozen=True, kw_only=True)

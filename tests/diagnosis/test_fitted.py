@@ -21,8 +21,9 @@ def test_the_scatter_of_the_data_and_the_formulas_error_add_as_squares() -> None
     assert high == pytest.approx(math.hypot(0.4, FORMULA_ERROR))
 
 
-def test_a_limit_that_is_never_met_is_counted_from_zero() -> None:
-    low, high = with_formula_error(50.0, 50.0, 50.0, null=math.inf)
+@pytest.mark.parametrize("null", [math.inf, 1e6])
+def test_a_limit_that_is_never_met_is_counted_from_zero(null: float) -> None:
+    low, high = with_formula_error(50.0, 50.0, 50.0, null=null)
     assert (low, high) == pytest.approx((50.0 * (1.0 - FORMULA_ERROR), 50.0 * (1.0 + FORMULA_ERROR)))
 
 

@@ -208,7 +208,14 @@ ACTIVE = (
     ThermalDerating(loss_per_k=0.004, heating_k_per_nm2_s=0.5, cooling_time_s=2.0),
     TorqueRipple(amplitude_nm=0.5, cycles_per_rad=50.0, phase_rad=0.5, second_nm=0.2, second_phase_rad=-0.4),
     PowerLimit(power_w=1500.0, copper_w_per_nm2=0.01),
-    BusSag(resistance_ohm=0.05, open_voltage_v=55.0, back_emf_v_s_per_rad=2.0, stall_nm_per_v=2.0, smoothing_s=0.01),
+    BusSag(
+        resistance_ohm=0.05,
+        open_voltage_v=55.0,
+        back_emf_v_s_per_rad=2.0,
+        stall_nm_per_v=2.0,
+        copper_w_per_nm2=0.1,
+        smoothing_s=0.01,
+    ),
     Backlash(gap_rad=0.01, rotor_inertia_kg_m2=0.04),
     PayloadMass(mass_kg=3.0, x_m=0.1, y_m=0.05, z_m=0.1),
     ComOffset(x_m=0.02, y_m=0.01, z_m=0.01),
@@ -388,6 +395,23 @@ def test_a_power_limit_far_off_and_one_that_brakes_use_up(power_w: float, scale:
     torque, velocity = np.array([[20.0, 10.0]]), np.array([[10.0, -5.0]])
     np.testing.assert_allclose(scale_to_power(torque, velocity, power_w, 0.5), [[scale]])
     np.testing.assert_allclose(scale_to_power(0.0 * torque, velocity, power_w, 0.5), [[1.0]])
+
+
+def test_the_bus_falls_to_where_the_source_gives_what_the_motors_draw():
+    torque, velocity = np.zeros((1, 12)), np.zeros((1, 12))
+    torque[0, :3], velocity[0, :3] = [50.0, -20.0, 10.0], [10.0, 5.0, 0.0]
+    sag = BusSag(
+        resistance_ohm=0.8, open_voltage_v=50.0, back_emf_v_s_per_rad=2.0, stall_nm_per_v=4.0, copper_w_per_nm2=0.1
+    )
+    # One joint drives with 500 W, and windings take 0.1 · (2500 + 400 + 100) = 300 W.
+    np.testing.assert_allclose(sag.power_w(torque, velocity), [[800.0]])
+    # At 700 W the source gives 50 V − 0.8 Ω · 21.17 A = 33.06 V, and 33.06 V · 21.17 A = 700 W.
+    volts, amperes = sag.bound_nm(np.array([[700.0]]), np.zeros((1, 1)))[0, 0] / 4.0, 700.0 / 33.0623
+    np.testing.assert_allclose(volts, 50.0 - 0.8 * amperes, rtol=1e-4)
+    np.testing.assert_allclose(volts, 33.0623, rtol=1e-4)
+    # A joint at 10 rad/s has 20 V less; a source that cannot give the power keeps half of its voltage.
+    np.testing.assert_allclose(sag.bound_nm(np.array([[700.0]]), np.array([[-10.0]])), [[4.0 * 13.0623]], rtol=1e-4)
+    np.testing.assert_allclose(sag.bound_nm(np.array([[1e4]]), np.array([[0.0]])), [[4.0 * 25.0]])
 
 
 def test_backlash_holds_the_torque_back_for_the_time_the_rotor_needs():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import ClassVar, Final
 
 import numpy as np
@@ -14,6 +15,9 @@ from diagnosis.library.experiments import SPRINT, Experiment
 from spot_model.effects.base import Effect
 from spot_model.effects.limits.bus_sag import BusSag
 from spot_model.effects.limits.power_limit import PowerLimit
+from spot_model.effects.limits.torque_speed_curve import TorqueSpeedCurve
+from spot_model.io.model_file import RobotModel
+from spot_model.robot.facts import JOINT_NAMES
 
 DEFAULT_COPPER_W_PER_NM2: Final = 0.02
 """Tried beside none where the battery was not recorded."""
@@ -38,10 +42,8 @@ class PowerLimitEntry(LibraryEffect):
     def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:
         """Bounds within the total power that is asked for, without and with copper loss."""
         s: ActuatorSignals = views[Channel.SET_POINT_TO_LOAD].signals
+        coppers = {0.0, *copper_losses(views)}
         found: list[Shape] = []
-        coppers = {0.0, DEFAULT_COPPER_W_PER_NM2}
-        if Channel.BATTERY_POWER in views and "copper_w_per_nm2" in views[Channel.BATTERY_POWER].measured:
-            coppers.add(round(max(0.0, views[Channel.BATTERY_POWER].measured["copper_w_per_nm2"]), 4))
         for copper in sorted(coppers):
             total = _asked_w(s, copper)[s.stack.used]
             quantiles = np.quantile(total, (0.5, 0.7, 0.8, 0.87, 0.92, 0.96, 0.98, 0.99, 0.995))
@@ -74,10 +76,10 @@ def _asked_w(s: ActuatorSignals, copper_w_per_nm2: float) -> Array:
 
 
 class BusSagEntry(LibraryEffect):
-    """Driving torque bounded by back-EMF against a voltage that falls with the total current.
+    """Driving torque bounded by back-EMF against a voltage that falls with the power of all motors.
 
-    Numbers that logs tell: stall torque and no-load speed at full voltage, and the resistance. The open voltage is the
-    battery's where it was recorded.
+    Numbers that logs tell: the resistance, and the motors' stall torque and no-load speed at full voltage, of which the
+    nominal model's own curves are tried first. The open voltage is the battery's where it was recorded.
     """
 
     title: ClassVar[str] = "sagging bus voltage"
@@ -88,49 +90,72 @@ class BusSagEntry(LibraryEffect):
     split_by: ClassVar[Experiment] = SPRINT
 
     def shapes(self, views: Views, joints: Flags) -> tuple[Shape, ...]:
-        """No-load speeds and stall torques around what occurs, and resistances."""
+        """Resistances and copper losses beside the nominal curves, as they are and slower."""
         s: ActuatorSignals = views[Channel.SET_POINT_TO_LOAD].signals
         open_v, measured_ohm = supply(views)
-        fastest = float(np.quantile(np.abs(s.velocity_rad_s[s.stack.used]), 0.9995))
-        largest = float(np.quantile(np.abs(s.torque_nm[s.stack.used]), 0.999))
-        resistances = sorted({0.05, 0.2, 0.6, round(measured_ohm, 4)} - {0.0})
+        lines = [(f * no_load, stall) for no_load, stall in nominal_lines(s.effects) for f in (1.0, 0.8)]
+        if not lines:
+            fastest = float(np.quantile(np.abs(s.velocity_rad_s[s.stack.used]), 0.9995))
+            largest = float(np.quantile(np.abs(s.torque_nm[s.stack.used]), 0.999))
+            lines = [(f * fastest, g * largest) for f in (0.9, 1.15, 1.5, 2.2) for g in (0.7, 1.2, 2.5, 8.0)]
+        resistances = sorted({0.05, 0.2, 0.6, 1.2, round(measured_ohm, 4)} - {0.0})
         return tuple(
-            _sag(ohm, open_v, no_load * fastest, stall * largest)
+            _plain(ohm, open_v, open_v / no_load, stall / open_v, copper)
             for ohm in resistances
-            for no_load in (0.9, 1.15, 1.5, 2.2)
-            for stall in (0.7, 1.2, 2.5, 8.0)
+            for no_load, stall in lines
+            for copper in copper_losses(views)
         )
 
     def neighbours(self, shape: Shape) -> tuple[Shape, ...]:
         """One number changed at a time."""
-        ohm, open_v = shape["resistance_ohm"], shape["open_voltage_v"]
+        ohm, open_v, copper = shape["resistance_ohm"], shape["open_voltage_v"], shape["copper_w_per_nm2"]
         emf, stall = shape["back_emf_v_s_per_rad"], shape["stall_nm_per_v"]
-        found = [_plain(ohm * f, open_v, emf, stall) for f in (0.6, 0.8, 1.25, 1.6) if ohm * f <= 2.0]
-        found += [_plain(ohm, open_v, emf * f, stall) for f in (0.85, 0.93, 1.08, 1.17)]
-        found += [_plain(ohm, open_v, emf, stall * f) for f in (0.7, 0.85, 1.17, 1.4)]
+        found = [_plain(ohm * f, open_v, emf, stall, copper) for f in (0.6, 0.8, 1.25, 1.6) if ohm * f <= 2.0]
+        found += [_plain(ohm, open_v, emf * f, stall, copper) for f in (0.85, 0.93, 1.08, 1.17)]
+        found += [_plain(ohm, open_v, emf, stall * f, copper) for f in (0.7, 0.85, 1.17, 1.4)]
+        found += [_plain(ohm, open_v, emf, stall, copper * f) for f in (0.7, 1.4)]
         return tuple(found)
 
-    n_free: ClassVar[int] = 3
+    n_free: ClassVar[int] = 4
 
     def polished(self, shape: Shape, factors: Array) -> Shape | None:
-        """Resistance, back-EMF and stall torque."""
-        ohm, emf, stall = (
-            shape[name] * float(f)
-            for name, f in zip(("resistance_ohm", "back_emf_v_s_per_rad", "stall_nm_per_v"), factors, strict=True)
-        )
-        return _plain(ohm, shape["open_voltage_v"], emf, stall) if ohm <= 2.0 and emf <= 10.0 and stall >= 0.1 else None
+        """Resistance, back-EMF, stall torque and copper loss."""
+        names = ("resistance_ohm", "back_emf_v_s_per_rad", "stall_nm_per_v", "copper_w_per_nm2")
+        ohm, emf, stall, copper = (shape[name] * float(f) for name, f in zip(names, factors, strict=True))
+        if ohm > 2.0 or emf > 10.0 or stall < 0.1 or copper > 1.0:
+            return None
+        return _plain(ohm, shape["open_voltage_v"], emf, stall, copper)
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
-        """What the voltage that is left cuts off, with the current from the measured loads."""
+        """What is cut at the joints that the voltage bounds."""
         s: ActuatorSignals = view.signals
-        open_v = shape["open_voltage_v"]
-        power = np.sum(np.maximum(s.load_nm * s.velocity_rad_s, 0.0), axis=1, keepdims=True)
-        current = s.low_pass(power / open_v, BusSag().smoothing_s)
-        headroom = open_v - shape["resistance_ohm"] * current - shape["back_emf_v_s_per_rad"] * np.abs(s.velocity_rad_s)
-        bound = shape["stall_nm_per_v"] * np.maximum(headroom, 0.0)
-        driving = s.torque_nm * s.velocity_rad_s > 0.0
-        cut = np.where(driving, np.clip(s.torque_nm, -bound, bound) - s.torque_nm, 0.0)
-        return on_joints(s.finish(cut), joints)
+        sag = BusSag(joints=("all",), **shape)
+        bounded = curved(s.effects)
+        return on_joints(s.finish(s.torque_after_nm(sag) - s.torque_nm), joints & np.resize(bounded, len(joints)))
+
+    def add_to(self, model: RobotModel, values: Mapping[str, float], joints: tuple[str, ...]) -> RobotModel:
+        """At the joints that the voltage bounds."""
+        bounded = tuple(name for name, is_bounded in zip(JOINT_NAMES, curved(model.effects), strict=True) if is_bounded)
+        return model.with_effects(self.make(values, joints if len(bounded) == len(JOINT_NAMES) else bounded))
+
+
+def curved(effects: Sequence[Effect]) -> Flags:
+    """Joints whose torque the nominal model bounds by speed, shape (12,); all if it bounds none.
+
+    The others' motors have speed to spare: a lower voltage takes nothing of theirs.
+    """
+    masks = [e.mask for e in effects if isinstance(e, TorqueSpeedCurve)]
+    return np.any(masks, axis=0) if masks else np.ones(len(JOINT_NAMES), dtype=np.bool_)
+
+
+def nominal_lines(effects: Sequence[Effect]) -> tuple[tuple[float, float], ...]:
+    """No-load speed (rad/s) and stall torque (N·m) of the falling lines that the nominal model's drives have."""
+    curves = [e for e in effects if isinstance(e, TorqueSpeedCurve) and np.isfinite(e.speed_max_rad_s)]
+    return tuple(
+        (c.speed_max_rad_s, c.torque_max_nm * c.speed_max_rad_s / (c.speed_max_rad_s - c.intersect_max_rad_s))
+        for c in curves
+        if c.speed_max_rad_s > c.intersect_max_rad_s
+    )
 
 
 def supply(views: Views) -> tuple[float, float]:
@@ -141,14 +166,18 @@ def supply(views: Views) -> tuple[float, float]:
     return BusSag().open_voltage_v, 0.1
 
 
-def _sag(ohm: float, open_v: float, no_load_rad_s: float, stall_nm: float) -> Shape:
-    return _plain(ohm, open_v, open_v / no_load_rad_s, stall_nm / open_v)
+def copper_losses(views: Views) -> tuple[float, ...]:
+    """The windings' loss: the usual, and what the battery told if it told one; W/(N·m)²."""
+    measured = views[Channel.BATTERY_POWER].measured if Channel.BATTERY_POWER in views else {}
+    found = round(measured.get("copper_w_per_nm2", 0.0), 4)
+    return tuple(sorted({DEFAULT_COPPER_W_PER_NM2, *([found] if found > 0.0 else [])}))
 
 
-def _plain(ohm: float, open_v: float, back_emf: float, stall: float) -> Shape:
+def _plain(ohm: float, open_v: float, back_emf: float, stall: float, copper: float) -> Shape:
     return {
         "resistance_ohm": float(ohm),
         "open_voltage_v": float(open_v),
         "back_emf_v_s_per_rad": float(min(back_emf, 10.0)),
         "stall_nm_per_v": float(max(stall, 0.1)),
+        "copper_w_per_nm2": float(min(copper, 1.0)),
     }

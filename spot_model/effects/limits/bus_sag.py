@@ -13,12 +13,14 @@ from spot_model.robot.rotation import AnyArray
 
 @dataclass(frozen=True, kw_only=True)
 class BusSag(TorqueEffect):
-    """Driving torque is bounded by back-EMF against a bus voltage that falls with the total current.
+    """Driving torque is bounded by back-EMF against a bus voltage that falls with the power of all motors.
 
-    V = V0 − R·I with I = Σ max(τ·q̇, 0) / V0, smoothed over the supply's capacitance; a joint's driving torque is
-    bounded by s·(V − k·|q̇|), at least 0.
+    The source gives V0 behind a resistance R, and the motors draw P = Σ max(τ·q̇, 0) + c·Σ τ², smoothed over the
+    supply's capacitance: V² − V0·V + R·P = 0, so V = (V0 + √(V0² − 4·R·P))/2, and half of V0 where the source cannot
+    give P. A joint's driving torque is bounded by s·(V − k·|q̇|), at least 0.
 
-    Source: a brushless motor at voltage V: τ ≤ (kt/R_phase)·(V − ke·ω), at the joint.
+    Source: a brushless motor at voltage V: τ ≤ (kt/R_phase)·(V − ke·ω), at the joint; a load of constant power behind a
+    resistance.
     """
 
     name: ClassVar[str] = "bus_sag"
@@ -29,22 +31,34 @@ class BusSag(TorqueEffect):
         null=0.0, low=0.0, high=10.0, unit="V·s/rad", source="no-load speed 22 to 25 rad/s"
     )
     stall_nm_per_v: Any = parameter(null=1e6, low=0.1, high=1e6, unit="N·m/V", source="stall torque / voltage")
+    copper_w_per_nm2: Any = parameter(null=0.0, low=0.0, high=1.0, unit="W/(N·m)²", source="winding resistance / kt²")
     smoothing_s: Any = parameter(null=0.01, low=1e-4, high=1.0, unit="s", source="supply capacitance × resistance")
 
     def start(self, torque_nm: AnyArray) -> Memory:
-        """No current, as a value for each simulation."""
+        """No power, as a value for each simulation."""
         return array_namespace(torque_nm).zeros_like(torque_nm[:, :1])
 
     def torque(self, torque_nm: AnyArray, motion: Motion, memory: Memory) -> tuple[AnyArray, Memory]:
         """Bound the driving torque by the voltage that is left."""
         xp = array_namespace(torque_nm)
         velocity = motion.velocity_rad_s
-        voltage = self.open_voltage_v - self.resistance_ohm * memory
-        headroom = xp.clip(voltage - self.back_emf_v_s_per_rad * xp.abs(velocity), 0.0, 1e9)
-        bound = self.stall_nm_per_v * headroom
+        bound = self.bound_nm(memory, velocity)
         driving = torque_nm * velocity > 0.0
         torque = xp.where(driving, xp.minimum(xp.maximum(torque_nm, -bound), bound), torque_nm)
-        mechanical = torque * velocity
-        power = xp.sum(xp.where(mechanical > 0.0, mechanical, xp.zeros_like(mechanical)), axis=-1, keepdims=True)
         blend = 1.0 - xp.exp(-motion.dt_s / self.smoothing_s)
-        return torque, memory + blend * (power / self.open_voltage_v - memory)
+        return torque, memory + blend * (self.power_w(torque, velocity) - memory)
+
+    def power_w(self, torque_nm: AnyArray, velocity_rad_s: AnyArray) -> AnyArray:
+        """What all motors draw, shape (..., 1), from torque and velocity of shape (..., J)."""
+        xp = array_namespace(torque_nm)
+        mechanical = torque_nm * velocity_rad_s
+        drawn = xp.where(mechanical > 0.0, mechanical, xp.zeros_like(mechanical))
+        return xp.sum(drawn + self.copper_w_per_nm2 * torque_nm * torque_nm, axis=-1, keepdims=True)
+
+    def bound_nm(self, power_w: AnyArray, velocity_rad_s: AnyArray) -> AnyArray:
+        """Largest driving torque, shape (..., J), while the motors draw a power of shape (..., 1)."""
+        xp = array_namespace(velocity_rad_s)
+        open_v = self.open_voltage_v
+        root = xp.sqrt(xp.clip(open_v * open_v - 4.0 * self.resistance_ohm * power_w, 0.0, 1e9))
+        voltage = 0.5 * (open_v + root)
+        return self.stall_nm_per_v * xp.clip(voltage - self.back_emf_v_s_per_rad * xp.abs(velocity_rad_s), 0.0, 1e9)
