@@ -20,7 +20,7 @@ from proof.claims import CLAIMS, Bound, Claim, Ratio
 from spot_model.errors import BadInputError, SpotRlError
 from spot_model.io.progress import Progress
 from spot_model.io.signals import exit_on_termination
-from trainer.shared.run_folder import git_revision
+from spot_model.version import software_revision
 
 SCRIPTS: Final = Path("benchmarks")
 
@@ -92,7 +92,7 @@ def chosen_claims(only: list[str]) -> dict[str, Claim]:
 def head() -> dict[str, Any]:
     """What was measured, and where."""
     return {
-        "revision": git_revision(),
+        "revision": software_revision(),
         "python": platform.python_version(),
         "machine": platform.machine(),
         "cpus": len(os.sched_getaffinity(0)),

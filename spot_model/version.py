@@ -1,8 +1,17 @@
-"""The version of this software, as it is installed."""
+"""The version of this software, as it is installed, and the revision of its sources."""
 
 from __future__ import annotations
 
+import functools
+import os
+import subprocess
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Final
+
+REVISION_VARIABLE: Final = "SPOT_RL_REVISION"
+UNKNOWN: Final = "unknown"
+GIT_TIMEOUT_S: Final = 5.0
 
 
 def software_version() -> str:
@@ -11,3 +20,30 @@ def software_version() -> str:
         return version("spot-rl")
     except PackageNotFoundError:
         return ""
+
+
+def software_revision() -> str:
+    """The sources' revision, with ``+changes`` if files differ from it; ``unknown`` outside a checkout.
+
+    Where the sources were copied without their history, the environment variable SPOT_RL_REVISION says it.
+    """
+    return os.environ.get(REVISION_VARIABLE) or _checked_out(Path(__file__).parents[1])
+
+
+@functools.cache
+def _checked_out(folder: Path) -> str:
+    """Of the checkout whose root this is; whatever other project a wheel was installed in does not count."""
+    try:
+        root, revision = _git("rev-parse", "--show-toplevel", "HEAD", folder=folder).splitlines()
+        if not Path(root).samefile(folder):
+            return UNKNOWN
+        changes = _git("status", "--porcelain", "--untracked-files=no", folder=folder)
+    except (OSError, ValueError, subprocess.SubprocessError):
+        return UNKNOWN
+    return revision + ("+changes" if changes else "")
+
+
+def _git(*arguments: str, folder: Path) -> str:
+    words = ["git", "--no-optional-locks", *arguments]
+    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=True, timeout=GIT_TIMEOUT_S)  # noqa: S603
+    return done.stdout.strip()

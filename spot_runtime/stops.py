@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Final, NamedTuple
 
+from spot_log.format.events import EventName
+
 CRITICAL: Final = "critical: "
 """Prefix of a system fault that must end a run."""
 
@@ -38,7 +40,9 @@ class StopReason(Enum):
 
     COMPLETED = StopRule(Reaction.HAND_BACK, 0, "the command sequence is done", "")
     RECORDING_OVER = StopRule(Reaction.EXPIRE, 0, "the recording is over", "")
-    OPERATOR_STOP = StopRule(Reaction.HAND_BACK, 10, "the operator asked to stop", "start again when ready")
+    OPERATOR_STOP = StopRule(
+        Reaction.HAND_BACK, 10, "the operator asked to stop", "when ready, 'spot-rl ctl arm' or 'spot-rl run'"
+    )
     OPERATOR_DAMP = StopRule(Reaction.DAMP, 11, "the operator asked twice to stop", "check the robot, then start again")
     OPERATOR_ESTOP = StopRule(
         Reaction.ESTOP, 12, "the operator pressed the e-stop", "check the robot, then start again"
@@ -155,6 +159,13 @@ class Stop:
     """What exactly, in words: a joint's name, the robot's own message."""
     values: dict[str, float] = field(default_factory=dict)
     """Measured value, bound and the like, unit in the key."""
+
+    @property
+    def event_name(self) -> EventName:
+        """What it is in the log: an end that somebody wanted is no error."""
+        if self.reason.exit_code == 0:
+            return EventName.COMPLETED
+        return EventName.STOP_WANTED if self.reason.label in WANTED_ENDS else EventName.STOP
 
     def sentence(self) -> str:
         """One line for a person: what happened, with which figures, and what to do next."""

@@ -28,6 +28,7 @@ class EventName(Enum):
     LOG_PROBLEM = (Severity.WARNING, "the log lost something")
     FAULT = (Severity.WARNING, "the robot reports a fault that does not end the run")
     STOP = (Severity.ERROR, "the run ends before its time; the text says why")
+    STOP_WANTED = (Severity.INFO, "an operator ends the run in good order; its name in the log is stop, too")
     COMPLETED = (Severity.INFO, "the command sequence is done")
     INCIDENT = (Severity.INFO, "what led to the stop was written to a file of its own")
     INCIDENT_FAILED = (Severity.WARNING, "the incident file could not be written")
@@ -43,7 +44,7 @@ class EventName(Enum):
     @property
     def label(self) -> str:
         """The name in the log."""
-        return self.name.lower()
+        return "stop" if self is EventName.STOP_WANTED else self.name.lower()
 
     @property
     def severity(self) -> Severity:

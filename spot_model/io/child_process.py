@@ -51,6 +51,14 @@ class LivingProcess:
             time.sleep(LOOK_PERIOD_S)
         return True
 
+    def send(self, number: signal.Signals) -> None:
+        """Send it a signal; one that has ended gets none."""
+        with contextlib.suppress(ProcessLookupError):
+            if self._descriptor is not None:
+                signal.pidfd_send_signal(self._descriptor, number)
+            elif self._is_there():
+                os.kill(self._pid, number)
+
     def _is_there(self) -> bool:
         """Whether the process table has it still; a table that cannot be read tells of no end."""
         now = _began(self._pid)

@@ -178,8 +178,7 @@ def _end(memory: Memory, stop: Stop, notes: Notes) -> tuple[Memory, tuple[Act, .
     ending = ending_after(memory.ending, stop)
     if ending is memory.ending:
         return memory, ()
-    name = EventName.STOP if stop.reason.exit_code else EventName.COMPLETED
-    notes.event(name, f"{stop.reason.label}: {stop.sentence()}", stop.values)
+    notes.event(stop.event_name, f"{stop.reason.label}: {stop.sentence()}", stop.values)
     # A hand-back that has begun keeps its pace: a ramp must not jump.
     is_hastened = memory.ending is None and stop.reason.is_urgent
     handover = memory.handover.hastened() if is_hastened else memory.handover

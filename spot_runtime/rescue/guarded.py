@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+from typing import Final
 
 from spot_log.write.sink import LogSink
 from spot_model.io.child_process import ChildProcess
+from spot_model.robot.state import RobotState
 from spot_runtime.config import RunConfig
 from spot_runtime.hal.base import Hal
 from spot_runtime.hal.connection.address import Address, parse_address
@@ -18,7 +21,10 @@ from spot_runtime.hal.spot.lock_step import LockStep
 from spot_runtime.hal.spot.pace import Pace
 from spot_runtime.host.clock import HostClock
 from spot_runtime.rescue.guardian import start_guardian
+from spot_runtime.rescue.heartbeat import Heartbeat, Hold
 from spot_runtime.rescue.lease_note import HeldNote, LeaseNote, LeaseNoteError, note_folder, note_path
+
+GUARD_PERIOD_S: Final = 1.0
 
 
 class NotingHal(BosdynHal):
@@ -32,7 +38,7 @@ class NotingHal(BosdynHal):
         pace: Pace | None,
         *,
         folder: Path,
-        guardian: Callable[[], ChildProcess] | None = None,
+        guardian: Callable[[LeaseNote, Heartbeat], ChildProcess] | None = None,
         on_pause: Callable[[], None] = lambda: None,
     ) -> None:
         """As its parent.
@@ -49,9 +55,9 @@ class NotingHal(BosdynHal):
         super().__init__(address, config, sink, pace)
         self._on_pause, self._start_guardian = on_pause, guardian
         self._guardian: ChildProcess | None = None
+        self._heartbeat = Heartbeat.new()
         self._robot, self._path = str(address), note_path(str(address), folder)
         self._note: HeldNote | None = None
-        self._is_at_rest = False
 
     def stand(self) -> None:
         """See the protocol. The note is there before the motors have power."""
@@ -60,18 +66,34 @@ class NotingHal(BosdynHal):
             note = LeaseNote(self._robot, lease.resource, lease.epoch, lease.sequence[0], self._session.token)
             try:
                 self._note = HeldNote.write(self._path, note)
-                self._guardian = None if self._start_guardian is None else self._start_guardian()
-            except (LeaseNoteError, OSError) as error:
+            except LeaseNoteError as error:
                 raise HalError(str(error)) from error
-        self._is_at_rest = False
+            self._guard(note)
+            self._jobs.add("guardian", GUARD_PERIOD_S, partial(self._guard, note), now_s=self._pace.chore_now_s())
+        self._heartbeat.hold = Hold.IN_HAND
         super().stand()
+
+    def receive(self, until_robot_ns: int, timeout_s: float) -> list[RobotState]:
+        """See the protocol."""
+        self._heartbeat.beat()
+        return super().receive(until_robot_ns, timeout_s)
 
     def power_off(self) -> None:
         """See the protocol."""
         super().power_off()
-        self._is_at_rest = True
+        self._heartbeat.hold = Hold.AT_REST
+
+    def _guard(self, note: LeaseNote) -> None:
+        """See that a guardian lives; one that was killed gets a successor. Raises HalError."""
+        if self._start_guardian is None or (self._guardian is not None and self._guardian.exit_code is None):
+            return
+        try:
+            self._guardian = self._start_guardian(note, self._heartbeat)
+        except OSError as error:
+            raise HalError(f"no guardian of the robot can be started: {error}") from error
 
     def _pause(self, duration_s: float) -> None:
+        self._heartbeat.beat()
         self._on_pause()
         super()._pause(duration_s)
 
@@ -80,13 +102,16 @@ class NotingHal(BosdynHal):
 
         It goes stale in some seconds, and then the robot acts by itself, or ``make-safe`` does.
         """
-        if self._note is not None and not self._is_at_rest:
-            self._session.has_lease = False
+        is_at_rest = self._heartbeat.hold is Hold.AT_REST
+        if not is_at_rest:
+            self._heartbeat.hold = Hold.LET_GO
+            if self._note is not None:
+                self._session.has_lease = False
         super().close()
         note, self._note = self._note, None
         if note is not None:
-            note.remove() if self._is_at_rest else note.let_go()
-        if self._guardian is not None and self._is_at_rest:
+            note.remove() if is_at_rest else note.let_go()
+        if self._guardian is not None and is_at_rest:
             self._guardian.end(0.0)
 
 
@@ -105,12 +130,14 @@ def guarded(
         return adapter.make
     address, folder = parse_address(request.robot), note_folder(os.environ)
 
-    def guardian() -> ChildProcess:
+    def guardian(note: LeaseNote, heartbeat: Heartbeat) -> ChildProcess:
         return start_guardian(
             str(address),
             request.config,
             folder,
             control_pid=os.getpid(),
+            heartbeat=heartbeat,
+            note=note,
             service_pid=service_pid,
             lock_step=request.lock_step,
         )

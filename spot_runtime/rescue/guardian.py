@@ -1,7 +1,8 @@
 """A process that outlives the one in control, and makes the robot safe if no other process does.
 
-It is started before the motors get power, and sleeps. When the control process is gone and its note is still there, it
-lets the operator's service act, if that lives; if that is gone too, it acts itself.
+It is started before the motors get power, and sleeps. A control process that hangs is aborted, then killed. When it is
+gone without having brought the robot to rest, the operator's service has its turn, if it lives; then this one asks the
+robot, and does what is left to do. It knows the lease by itself: a note that somebody deletes is not missed.
 """
 
 from __future__ import annotations
@@ -11,16 +12,29 @@ import json
 import signal
 import sys
 import time
+from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from spot_model.errors import SpotRlError
 from spot_model.io.child_process import HEARD, LOOK_PERIOD_S, ChildProcess, LivingProcess
+from spot_runtime.rescue.heartbeat import Heartbeat, Hold
 
 if TYPE_CHECKING:  # it sleeps for as long as all goes well, and should be small
     from spot_runtime.config import RunConfig
+    from spot_runtime.rescue.lease_note import LeaseNote
 
 MODULE: Final = "spot_runtime.rescue.guardian"
+SILENT_S: Final = 5.0
+"""A control process that does not beat for so long, and two calls that wait for their time-outs, hangs."""
+
+ABORT_TAKES_S: Final = 2.0
+SERVICE_TURN_S: Final = 5.0
+"""The service acts within a second of the end of its control process, unless it hangs."""
+
+OTHERS_TURN_S: Final = 60.0
+"""Whoever holds the note is done within this."""
 
 
 def start_guardian(
@@ -28,34 +42,46 @@ def start_guardian(
     config: RunConfig,
     folder: Path,
     *,
-    control_pid: int = 0,
+    control_pid: int,
+    heartbeat: Heartbeat,
+    note: LeaseNote,
     service_pid: int = 0,
     lock_step: str = "",
-    is_heard: bool = False,
 ) -> ChildProcess:
-    """Start one. Raises OSError.
+    """Start one that watches. Raises OSError.
 
     Args:
         robot: The robot's address.
         config: How to reach it.
         folder: Where the note lies.
-        control_pid: The process in control; 0: it is gone already.
+        control_pid: The process in control.
+        heartbeat: What that shows.
+        note: Of its lease.
         service_pid: The operator's service, which comes first; 0: there is none.
-        lock_step: Admin address of a fake robot in lock-step mode.
-        is_heard: Whether what was done goes to the process's output, and not to standard error.
+        lock_step: Admin address of a fake robot in lock-step mode, whose time stands still while nobody controls it.
     """
-    told = {
-        "robot": robot,
-        "config": config.model_dump_json(by_alias=True),
-        "folder": str(folder),
+    watch = {
         "control_pid": control_pid,
         "service_pid": service_pid,
-        "lock_step": lock_step,
-        "is_heard": is_heard,
+        "heartbeat": heartbeat.descriptor,
+        "silent_s": 0.0 if lock_step else SILENT_S + 2.0 * config.robot.rpc_timeout_s,
+        "note": asdict(note),
     }
+    told = _told(robot, config, folder, lock_step) | watch
     return ChildProcess.start(
-        MODULE, told=json.dumps(told).encode(), output=HEARD if is_heard else None, has_own_session=True
+        MODULE, told=json.dumps(told).encode(), descriptors=(heartbeat.descriptor,), has_own_session=True
     )
+
+
+def start_rescuer(robot: str, config: RunConfig, folder: Path, *, lock_step: str = "") -> ChildProcess:
+    """Start one that acts at once on the note of a process that is gone; what it did is heard. Raises OSError."""
+    told = json.dumps(_told(robot, config, folder, lock_step)).encode()
+    return ChildProcess.start(MODULE, told=told, output=HEARD, has_own_session=True)
+
+
+def _told(robot: str, config: RunConfig, folder: Path, lock_step: str) -> dict[str, Any]:
+    text = config.model_dump_json(by_alias=True)
+    return {"robot": robot, "config": text, "folder": str(folder), "lock_step": lock_step}
 
 
 def main() -> None:
@@ -64,27 +90,70 @@ def main() -> None:
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
         signal.signal(number, signal.SIG_IGN)
     told = json.loads(sys.stdin.buffer.read())
-    control, service = LivingProcess(told["control_pid"]), LivingProcess(told["service_pid"])
-    control.has_ended(None)
-    from spot_runtime.rescue.lease_note import note_path
-
-    note = note_path(told["robot"], Path(told["folder"]))
-    while note.exists() and not service.has_ended():
-        time.sleep(LOOK_PERIOD_S)
-    if not note.exists() and not told["is_heard"]:
+    is_heard = "note" not in told
+    if not is_heard and not _is_left_to_us(told):
         return
     from spot_runtime.config import RunConfig
+    from spot_runtime.rescue.lease_note import LeaseNote
     from spot_runtime.rescue.make_safe import WITHIN_S, make_safe_by_note
 
-    config = RunConfig.model_validate_json(told["config"])
+    config, folder = RunConfig.model_validate_json(told["config"]), Path(told["folder"])
+    known = None if is_heard else LeaseNote(**told["note"])
     code = 0
     try:
-        words = make_safe_by_note(told["robot"], config, note.parent, lock_step=told["lock_step"], within_s=WITHIN_S)
+        words = make_safe_by_note(
+            told["robot"], config, folder, lock_step=told["lock_step"], within_s=WITHIN_S, known=known
+        )
     except SpotRlError as error:
         words, code = str(error), error.exit_code
     with contextlib.suppress(OSError):
-        print(words, file=sys.stdout if told["is_heard"] else sys.stderr, flush=True)
+        print(words, file=sys.stdout if is_heard else sys.stderr, flush=True)
     raise SystemExit(code)
+
+
+def _is_left_to_us(told: dict[str, Any]) -> bool:
+    """Wait for the end of the control process, and for others who act. Returns whether it left a robot with power."""
+    control, service = LivingProcess(told["control_pid"]), LivingProcess(told["service_pid"])
+    heartbeat = Heartbeat(told["heartbeat"])
+    outlive(control, heartbeat, told["silent_s"])
+    if heartbeat.hold is Hold.AT_REST:
+        return False
+    from spot_runtime.rescue.lease_note import is_held, note_path
+
+    note = note_path(told["robot"], Path(told["folder"]))
+    _wait_while(lambda: note.exists() and not service.has_ended(), SERVICE_TURN_S)
+    _wait_while(lambda: is_held(note), OTHERS_TURN_S)
+    return True
+
+
+def outlive(control: LivingProcess, heartbeat: Heartbeat, silent_s: float) -> None:
+    """Wait for the end of a process; one that has the robot in hand and does not beat is aborted, then killed.
+
+    Looks are counted, not seconds: while a computer sleeps, nobody looks.
+
+    Args:
+        control: The process.
+        heartbeat: What it shows.
+        silent_s: Without a beat for so long it hangs; 0: it is never held to hang.
+    """
+    last, silent, is_ending = heartbeat.count, 0, False
+    while not control.has_ended(LOOK_PERIOD_S if silent_s else None):
+        beats = heartbeat.count != last or heartbeat.hold is not Hold.IN_HAND
+        last, silent = heartbeat.count, 0 if beats and not is_ending else silent + 1
+        if silent * LOOK_PERIOD_S > silent_s + 2.0 * ABORT_TAKES_S:
+            return  # it waits for a disk, and not even that signal ends it
+        if silent * LOOK_PERIOD_S > silent_s + ABORT_TAKES_S:
+            control.send(signal.SIGKILL)
+        elif silent * LOOK_PERIOD_S > silent_s and not is_ending:
+            is_ending = True
+            control.send(signal.SIGABRT)
+
+
+def _wait_while(is_so: Callable[[], bool], longest_s: float) -> None:
+    for _ in range(round(longest_s / LOOK_PERIOD_S)):
+        if not is_so():
+            return
+        time.sleep(LOOK_PERIOD_S)
 
 
 if __name__ == "__main__":

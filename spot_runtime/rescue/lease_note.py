@@ -58,6 +58,19 @@ def note_path(robot: str, folder: Path) -> Path:
     return folder / f"lease-{hashlib.sha256(robot.encode()).hexdigest()[:16]}.json"
 
 
+def is_held(path: Path) -> bool:
+    """Whether somebody lives who wrote this note, or acts on it."""
+    try:
+        found = HeldNote.find(path)
+    except NoteHeldError:
+        return True
+    except LeaseNoteError:
+        return False
+    if found is not None:
+        found[0].let_go()
+    return False
+
+
 class HeldNote:
     """A note that this process holds: others see that its holder lives, until it is released."""
 

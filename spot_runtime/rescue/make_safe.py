@@ -21,7 +21,7 @@ from spot_runtime.hal.errors import CertificateError, ClockError, CredentialsErr
 from spot_runtime.hal.spot.lock_step import LockStep
 from spot_runtime.hal.spot.session import Session
 from spot_runtime.host.clock import HostClock, RobotClockEstimate
-from spot_runtime.rescue.lease_note import HeldNote, LeaseNote, note_path
+from spot_runtime.rescue.lease_note import HeldNote, LeaseNote, LeaseNoteError, note_path
 
 WITHIN_S: Final = 20.0
 """With a last try of some 30 s, less than the unit gives everything that comes after a stop."""
@@ -73,24 +73,42 @@ def make_safe(note: LeaseNote, config: RunConfig, *, lock_step: str = "", within
         time.sleep(RETRY_S)
 
 
-def make_safe_by_note(robot: str, config: RunConfig, folder: Path, *, lock_step: str, within_s: float) -> str:
+def make_safe_by_note(
+    robot: str, config: RunConfig, folder: Path, *, lock_step: str, within_s: float, known: LeaseNote | None = None
+) -> str:
     """Make one robot safe if there is a note of it. Returns what was done.
+
+    Args:
+        robot: The robot's address.
+        config: How to reach it.
+        folder: Where the note lies.
+        lock_step: Admin address of a fake robot in lock-step mode.
+        within_s: As :func:`make_safe` has it.
+        known: What stood in the note, for one that is gone or damaged, or whose holder cannot be ended.
 
     Raises:
         NotSafeError: It could not be done; the note stays, for the next try.
         SpotRlError: The note cannot be read, its writer lives, or an address or a file is not valid.
     """
     address = str(parse_address(robot))
-    found = HeldNote.find(note_path(address, folder))
-    if found is None:
+    try:
+        found = HeldNote.find(note_path(address, folder))
+    except LeaseNoteError:
+        if known is None:
+            raise
+        found = None
+    held, note = found or (None, known)
+    if note is None:
         return f"nothing to do: no process of this computer has left {address} with power"
-    (held, note), began_s = found, time.monotonic()
+    began_s = time.monotonic()
     try:
         safety = make_safe(note, config, lock_step=lock_step, within_s=within_s)
     except NotSafeError:
-        held.let_go()
+        if held is not None:
+            held.let_go()
         raise
-    held.remove()
+    if held is not None:
+        held.remove()
     verb = "was left to its holder" if safety is Safety.NOT_OURS else "is safe"
     return f"{address} {verb} after {time.monotonic() - began_s:.1f} s: {safety.value}"
 

@@ -10,7 +10,7 @@ from typing import Final
 from spot_model.io.child_process import ChildProcess
 from spot_runtime.config import RunConfig
 from spot_runtime.hal.connection.address import parse_address
-from spot_runtime.rescue.guardian import start_guardian
+from spot_runtime.rescue.guardian import start_rescuer
 from spot_runtime.rescue.lease_note import note_folder, note_path
 from spot_runtime.rescue.make_safe import MAY_HAVE_POWER, WITHIN_S
 
@@ -18,7 +18,7 @@ KILL_AFTER_S: Final = WITHIN_S + 35.0
 
 
 class Rescue:
-    """One attempt, by a guardian that has nobody to wait for. Nothing here waits for it."""
+    """One attempt, by a process of its own. Nothing here waits for it."""
 
     def __init__(self, process: ChildProcess, note: Path) -> None:
         self._process, self._note = process, note
@@ -33,8 +33,7 @@ class Rescue:
     def start(robot: str, config: RunConfig, lock_step: str) -> Rescue:
         """Begin. Raises OSError where the system cannot start a process."""
         address, folder = str(parse_address(robot)), note_folder(os.environ)
-        guardian = start_guardian(address, config, folder, lock_step=lock_step, is_heard=True)
-        return Rescue(guardian, note_path(address, folder))
+        return Rescue(start_rescuer(address, config, folder, lock_step=lock_step), note_path(address, folder))
 
     def result(self) -> tuple[bool, str] | None:
         """Whether the robot is safe, and what was done; None while it is under way."""

@@ -149,7 +149,7 @@ class RobotSession:
         except Exception as error:  # noqa: BLE001 - a defect here must not leave the robot standing with power
             stop = Stop(StopReason.INTERNAL_ERROR, f"{type(error).__name__}: {error}")
             self.outcome = self.outcome.after_stop(stop)
-            self._event(EventName.STOP, f"{stop.reason.label}: {stop.sentence()}")
+            self._event(stop.event_name, f"{stop.reason.label}: {stop.sentence()}")
             self.shut_down()
 
     def _connect(self, hal: Hal) -> None:
@@ -164,7 +164,7 @@ class RobotSession:
 
     def _interrupted(self, stop: Stop) -> None:
         self.outcome = self.outcome.after_stop(stop)
-        self._event(EventName.STOP, f"{stop.reason.label}: {stop.sentence()}")
+        self._event(stop.event_name, f"{stop.reason.label}: {stop.sentence()}")
 
     def _stand(self, hal: Hal) -> None:
         try:

@@ -16,7 +16,7 @@ from spot_log.write.flight_recorder import FlightRecorder
 from spot_log.write.sink import LogSink
 from spot_model.policy.joint_script import JointScript
 from spot_model.policy.policy import Policy
-from spot_model.version import software_version
+from spot_model.version import software_revision, software_version
 from spot_runtime.admission import gait_event
 from spot_runtime.config import RunConfig
 from spot_runtime.control.loop import ControlLoop
@@ -68,7 +68,7 @@ def header_of(request: RunRequest, started_host_stamp_ns: int) -> RunHeader:
         repeat=request.repeat,
         labels={**request.config.log.labels, **request.labels},
         software_version=software_version(),
-        software_revision="",
+        software_revision=software_revision(),
     )
 
 

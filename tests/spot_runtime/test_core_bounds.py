@@ -16,7 +16,7 @@ from spot_model.robot.state import Gains, JointCommand, RobotState, SlowState
 from spot_runtime.config import HandoverConfig
 from spot_runtime.control.modes import Mode, ModeInputs
 from spot_runtime.control.safety import states
-from spot_runtime.control.safety.battery import BatteryMemory, watch_current
+from spot_runtime.control.safety.battery import BatteryMemory, watch
 from spot_runtime.control.safety.body_height import body_height_m
 from spot_runtime.control.safety.command_loss import LossMemory
 from spot_runtime.control.safety.commands import LimitedSetpoint, SetpointMemory, check_command, limit_setpoint
@@ -530,7 +530,7 @@ def test_a_battery_does_not_charge_for_long_while_the_motors_have_power(make_slo
         memory = BatteryMemory()
         for second, current_a in enumerate(currents):
             slow = make_slow(START_NS + second * 1000 * MS, battery_current_a=current_a, **changes)
-            memory, stop = watch_current(memory, slow)
+            memory, stop = watch(memory, slow)
             if stop is not None:
                 values = {"charging_s": 10.0, "bound_s": 10.0}
                 assert stop == Stop(
@@ -543,6 +543,7 @@ def test_a_battery_does_not_charge_for_long_while_the_motors_have_power(make_slo
     assert ends_after([-5.0, *[5.0] * 10, -1.0, *[5.0] * 10]) is None
     assert ends_after([-5.0, *[5.0] * 10, 0.0, *[5.0] * 11]) == 22
     assert ends_after([5.0] * 30) is None
+
     assert ends_after([-5.0, *[5.0] * 30], motors_powered=False) is None
 
 
@@ -951,3 +952,24 @@ def test_the_joint_that_goes_furthest_beyond_what_it_may_is_named() -> None:
     _, _, stop = limit_setpoint(before, request, soft, LIMITS)
     assert stop is not None
     assert (stop.reason, stop.detail) == (StopReason.SETPOINT_OVERSHOOT, "fr_kn")
+
+
+@pytest.mark.parametrize(("before", "after", "leaps"), [(90, 80, 0), (90, 79.9, 1), (20, 30.1, 1), (50, np.nan, 0)])
+def test_the_charge_of_a_battery_does_not_leap(make_slow: MakeSlow, before: float, after: float, leaps: int) -> None:
+    memory, stop = watch(BatteryMemory(), make_slow(START_NS, battery_charge_percent=float(before)))
+    assert stop is None
+    memory, stop = watch(memory, make_slow(START_NS, battery_charge_percent=float(after)))
+    assert memory.charge_percent == pytest.approx(after, nan_ok=True)
+    assert (stop is not None) == bool(leaps)
+    if stop is not None:
+        assert (stop.reason, stop.detail) == (StopReason.BATTERY_UNKNOWN, "charge: it leaps")
+        assert stop.values == {"leap_percent": pytest.approx(abs(after - before)), "bound_percent": 10.0}
+
+
+def test_temperatures_that_are_no_longer_reported_are_unknown(make_slow: MakeSlow) -> None:
+    all_of_them = make_slow(START_NS, motor_temperature_c={"fl_hx": 30.0, "fl_hy": 31.0}, battery_temperature_c=(25.0,))
+    memory, stop = watch(BatteryMemory(), all_of_them)
+    assert (memory.temperatures, stop) == (3, None)
+    assert watch(memory, all_of_them)[1] is None
+    _, stop = watch(memory, make_slow(START_NS, motor_temperature_c={"fl_hx": 30.0}, battery_temperature_c=()))
+    assert stop == Stop(StopReason.BATTERY_UNKNOWN, "temperatures: some are missing", {"missing": 2.0})

@@ -11,7 +11,8 @@ import pytest
 
 from spot_model.robot import facts
 from spot_model.robot.state import Gains, ImuPacket, JointCommand, SlowState
-from spot_runtime.control.safety.battery import BatteryMemory, watch_current
+from spot_runtime.control.safety.battery import BatteryMemory
+from spot_runtime.control.safety.battery import watch as watch_battery
 from spot_runtime.control.safety.command_loss import LossMemory, confirm
 from spot_runtime.control.safety.commands import SetpointMemory
 from spot_runtime.control.safety.signals import bounds, check, ground, imu, legs, load, motion, still, weight
@@ -652,9 +653,9 @@ def test_half_an_ampere_is_a_charge_or_a_discharge() -> None:
     def slow(current_a: float, stamp_s: float) -> SlowState:
         return SlowState(0, round(stamp_s * 1e9), True, False, 50.0, 52.0, current_a)
 
-    assert watch_current(BatteryMemory(), slow(-0.5, 1.0))[0].has_discharged
-    assert not watch_current(BatteryMemory(), slow(0.0, 1.0))[0].has_discharged
-    charging, stop = watch_current(BatteryMemory(has_discharged=True), slow(0.5, 1.0))
+    assert watch_battery(BatteryMemory(), slow(-0.5, 1.0))[0].has_discharged
+    assert not watch_battery(BatteryMemory(), slow(0.0, 1.0))[0].has_discharged
+    charging, stop = watch_battery(BatteryMemory(has_discharged=True), slow(0.5, 1.0))
     assert stop is None
     assert charging.charging_since_ns == 1_000_000_000
-    assert watch_current(charging, slow(0.5, 11.0))[1] is not None
+    assert watch_battery(charging, slow(0.5, 11.0))[1] is not None

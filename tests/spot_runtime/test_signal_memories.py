@@ -55,10 +55,10 @@ def test_differences_of_motion_fade_and_add_up() -> None:
     before = motion.MotionMemory(
         slope_rad=np.full(12, 0.01),
         change_rad_s=np.full(12, -3.0),
-        range_rad_s=np.full(12, 2.0),
+        blur_rad=np.full(12, 0.02),
         turn_rad=np.array([0.01, 0.02, -0.03]),
         turn_change_rad_s=np.array([1.0, 0.0, -1.0]),
-        turn_rate_range_rad_s=1.0,
+        turn_blur_rad=0.01,
     )
     seen = window(
         position_rad=np.full(12, 0.02),
@@ -69,11 +69,17 @@ def test_differences_of_motion_fade_and_add_up() -> None:
     after = motion.after_window(before, seen)
     np.testing.assert_allclose(after.slope_rad, 0.01 * (1.0 - 0.018 / 0.2) + 0.02 - 0.0015)
     np.testing.assert_allclose(after.change_rad_s, -3.0 * 0.91 + 1.0)
-    np.testing.assert_allclose(after.range_rad_s, 2.0 * 0.91)
+    np.testing.assert_allclose(after.blur_rad, 0.02 * 0.91)
     fade = 1.0 - 0.018 / 0.5
     np.testing.assert_allclose(after.turn_rad, np.array([0.01, 0.02, -0.03]) * fade + [0.0, 0.0, 0.05 - 0.003])
     np.testing.assert_allclose(after.turn_change_rad_s, np.array([1.0, 0.0, -1.0]) * fade + [0.0, 0.0, 2.0])
-    assert after.turn_rate_range_rad_s == pytest.approx(2.0)
+    assert after.turn_blur_rad == pytest.approx(2.0 * bounds.TURN_BEND_S)
+    # What lies in a hole between two states is known by half of it: 8 ms of 16 ms, times what the rates changed by.
+    holed = motion.after_window(before, seen._replace(hole_s=0.016))
+    longer = motion.after_window(motion.MotionMemory(), seen._replace(hole_s=0.016))
+    np.testing.assert_allclose(longer.blur_rad, 1.0 * (bounds.SLOPE_BEND_S + 0.008))
+    np.testing.assert_allclose(holed.blur_rad, 0.02 * 0.91)
+    assert holed.turn_blur_rad == pytest.approx(2.0 * (bounds.TURN_BEND_S + 0.008))
     long = motion.after_window(before, seen._replace(duration_s=3.0))
     np.testing.assert_allclose(long.slope_rad, 0.02 - 0.0015)
     np.testing.assert_allclose(long.turn_rad, [0.0, 0.0, 0.05 - 0.003], atol=1e-12)
@@ -172,7 +178,13 @@ def test_what_the_inertial_unit_felt_fades_and_adds_up() -> None:
     np.testing.assert_allclose(after.force_m_s2, felt)
     assert after.felt_s == pytest.approx(0.5 * fade + 0.018)
     assert (after.angle_windows, after.turn_rate_windows) == (3, 4)
-    assert imu.after_window(before, window()) is before
+    assert imu.after_window(imu.ImuMemory(), window()) == imu.ImuMemory()
+    assert imu.after_window(before, window()) == before._replace(silent_windows=1)
+    assert imu.after_window(before._replace(silent_windows=5), seen).silent_windows == 0
+    holed = imu.after_window(before, seen._replace(hole_s=1.01 * bounds.GRAVITY_HOLE_S))
+    assert (holed.felt_s, holed.angle_windows, holed.turn_rate_windows) == (0.5, 3, 4)
+    assert holed.force_m_s2 is before.force_m_s2
+    assert imu.after_window(before, seen._replace(hole_s=bounds.GRAVITY_HOLE_S)).felt_s > 0.5
     forgotten = imu.after_window(before, seen._replace(duration_s=2.0))
     assert forgotten.felt_s == pytest.approx(2.0)
 

@@ -29,6 +29,13 @@ def states_of(robot: WalkingRobot, seconds: float) -> tuple[RobotState, ...]:
 
 WALKING = states_of(WalkingRobot(), 6.0)
 STANDING = states_of(WalkingRobot(is_walking=False), 2.0)
+SPARSE = {
+    "half the rate": WALKING[::2],
+    "100 Hz": WALKING[::3],
+    "50 Hz": WALKING[::7],
+    "half of them lost": tuple(WALKING[i] for i in np.flatnonzero(np.random.default_rng(5).random(2000) < 0.5)),
+}
+"""A slow stream, and one that loses states."""
 
 
 def seen(
@@ -37,17 +44,20 @@ def seen(
     """The first stop and when it came, s since the lie began; None where there is none."""
     memory, is_standing = check.SignalMemory(), states is STANDING
     lie: Lie | None = None
-    for index, true_state in enumerate(states):
+    asked = -1
+    for true_state in states:
         state, true_rad = true_state, true_state.position_rad
-        if make_lie is not None and index * 0.003 >= begin_s:
+        passed_s, index = (state.robot_stamp_ns - states[0].robot_stamp_ns) / 1e9, state.last_command_key
+        if make_lie is not None and passed_s >= begin_s - 1e-9:
             lie = lie or make_lie()
             state = lie(state)
-        if index % 7 == 0 and not is_standing:  # set-points that gave these loads where the joints really are
+        if index // 7 > asked and not is_standing:  # set-points that gave these loads where the joints really are
             wanted = true_rad + STAND_LOAD_NM / facts.POLICY_KP_NM_PER_RAD
+            asked = index // 7
             memory = check.asked(memory, JointCommand(index, wanted, np.zeros(12), np.zeros(12), Gains.policy(), 1))
         memory, stops = check.check_signals(memory, [state], is_standing=is_standing, is_driven=not is_standing)
         if stops:
-            return index * 0.003 - begin_s, stops[0]
+            return passed_s - begin_s, stops[0]
     return None
 
 
@@ -223,15 +233,50 @@ def test_joints_that_move_though_the_robot_should_stand() -> None:
     assert any(stop.detail == "a robot that stands, and its velocities" for stop in stops), stops
 
 
-def test_states_with_holes_between_them_are_not_judged_and_those_after_are() -> None:
+NEEDS_ALL = {"gravity from the side"}
+"""What is felt between states is missing from the mean."""
+
+
+@pytest.mark.parametrize("rate", SPARSE)
+def test_a_slow_or_a_lossy_stream_is_believed_while_it_tells_the_truth(rate: str) -> None:
+    assert seen(SPARSE[rate]) is None
+
+
+@pytest.mark.parametrize("rate", SPARSE)
+@pytest.mark.parametrize("name", [name for name in LIES if name not in NEEDS_ALL])
+def test_a_lie_is_found_in_a_slow_or_a_lossy_stream(name: str, rate: str) -> None:
+    lie, within_s = LIES[name]
+    found = seen(SPARSE[rate], lie)
+    assert found is not None
+    assert found[0] <= 1.5 * within_s + 0.1, found[1].sentence()
+
+
+@pytest.mark.parametrize("joint", [2, 7])
+@pytest.mark.parametrize("rate", SPARSE)
+def test_a_frozen_joint_is_found_in_a_slow_or_a_lossy_stream(joint: int, rate: str) -> None:
+    found = seen(SPARSE[rate], frozen("position_rad", joint))
+    assert found is not None
+    assert facts.JOINT_NAMES[joint] in found[1].detail
+    assert found[0] < 0.4
+
+
+def test_states_too_far_apart_are_not_judged_and_those_after_are() -> None:
     memory = check.SignalMemory()
-    holes = [state for index, state in enumerate(WALKING[:400]) if index % 7]
-    for state in holes:
+    for state in WALKING[:400:9]:
         memory, stops = check.check_signals(memory, [state], is_standing=False, is_driven=False)
-        assert stops == ()
-    late = [replace(state, robot_stamp_ns=state.robot_stamp_ns + 9_000_000) for state in WALKING[400:414]]
-    memory, stops = check.check_signals(memory, late, is_standing=False, is_driven=False)
+        assert (stops, memory.motion) == ((), check.SignalMemory().motion)
+    memory, stops = check.check_signals(memory, WALKING[400:414], is_standing=False, is_driven=False)
     assert stops == ()
+    assert memory.motion.slope_rad.any()
+
+
+def test_an_inertial_unit_that_falls_silent_is_doubted_and_one_that_never_spoke_is_not() -> None:
+    silent = changed(imu=lambda _: ())
+    assert seen(WALKING, silent, begin_s=0.0) is None
+    found = seen(WALKING, silent)
+    assert found is not None
+    assert found[1] == Stop(StopReason.SIGNAL_DOUBTED, "the inertial unit no longer reports")
+    assert found[0] == pytest.approx(bounds.IMU_SILENT_WINDOWS * 0.018, abs=0.05)
 
 
 def test_feet_of_which_none_stands_contradict_the_bodys_velocity() -> None:
@@ -321,11 +366,15 @@ def test_a_rotation_between_attitudes_is_the_short_way_round_whatever_the_sign()
 
 def test_a_window_with_a_hole_is_not_judged() -> None:
     robot = WalkingRobot()
-    assert window_of([robot.state(i) for i in (0, 1, 2, 5, 6)]) is None
+    assert window_of([robot.state(i) for i in (0, 9)]) is None
     assert window_of([robot.state(0)]) is None
+    lossy = window_of([robot.state(i) for i in (0, 1, 2, 5, 6)])
+    assert lossy is not None
+    assert lossy.hole_s == pytest.approx(0.006)
     whole = window_of([robot.state(i) for i in range(7)])
     assert whole is not None
     assert whole.duration_s == pytest.approx(0.018)
+    assert whole.hole_s == pytest.approx(0.0, abs=1e-9)
     assert len(whole.imu) == 18
 
 

@@ -26,13 +26,14 @@ def refine(
     from spot_model.io.progress import Progress
     from spot_model.policy.contract import TrainingRecord, sha256_hex
     from spot_model.policy.policy import load_policy
+    from spot_model.version import software_revision
     from trainer.refine.config import load_refine_config
     from trainer.refine.gains import gains_of, with_gains
     from trainer.refine.judge import in_words
     from trainer.refine.network import policy_of, read_layers
     from trainer.refine.search import Problem, compare, search
     from trainer.shared.engine import Place
-    from trainer.shared.run_folder import command_line, git_revision
+    from trainer.shared.run_folder import command_line
 
     if out.exists():
         raise BadInputError(f"policy file {out} exists; choose another name")
@@ -60,7 +61,7 @@ def refine(
         "policy": in_words(before, settings),
         "refined": in_words(after, settings),
     }
-    command, revision = command_line(), git_revision()
+    command, revision = command_line(), software_revision()
     result = {
         "schema": "spot-rl/refinement/1",
         "command": command,

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import json
-import os
 import platform
-import subprocess
 import sys
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from spot_model.errors import BadInputError
+from spot_model.version import software_revision
 from trainer.config.train_config import TrainConfig, config_yaml
-
-REVISION_VARIABLE: Final = "SPOT_RL_REVISION"
 
 
 def make_run_folder(folder: Path, config: TrainConfig, command: str, device: str) -> None:
@@ -30,7 +27,7 @@ def make_run_folder(folder: Path, config: TrainConfig, command: str, device: str
     record: dict[str, Any] = {
         "command": command,
         "device": device,
-        "revision": git_revision(),
+        "revision": software_revision(),
         "python": platform.python_version(),
         "versions": {name: _version(name) for name in ("torch", "mujoco", "mujoco-warp", "rsl-rl-lib", "numpy")},
     }
@@ -46,30 +43,9 @@ def read_run_record(folder: Path) -> dict[str, Any]:
     return record
 
 
-def git_revision() -> str:
-    """The source's revision, with ``+changes`` if files differ from it; ``unknown`` outside a checkout.
-
-    Where the source was copied without its history, the environment variable SPOT_RL_REVISION says it.
-    """
-    if REVISION_VARIABLE in os.environ:
-        return os.environ[REVISION_VARIABLE]
-    here = Path(__file__).parent
-    try:
-        revision = _git("rev-parse", "HEAD", cwd=here)
-        changes = _git("status", "--porcelain", "--untracked-files=no", cwd=here)
-    except (OSError, subprocess.CalledProcessError):
-        return "unknown"
-    return revision + ("+changes" if changes else "")
-
-
 def command_line() -> str:
     """The command that runs, without the path to its interpreter."""
     return " ".join(["spot-rl", *sys.argv[1:]])
-
-
-def _git(*arguments: str, cwd: Path) -> str:
-    done = subprocess.run(["git", *arguments], cwd=cwd, capture_output=True, text=True, check=True)  # noqa: S603, S607
-    return done.stdout.strip()
 
 
 def _version(package: str) -> str | None:

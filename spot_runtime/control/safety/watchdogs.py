@@ -12,7 +12,8 @@ from spot_model.robot.state import RobotState
 from spot_runtime.config import RunConfig
 from spot_runtime.control.modes import Mode
 from spot_runtime.control.notes import Notes
-from spot_runtime.control.safety.battery import BatteryMemory, watch_current
+from spot_runtime.control.safety.battery import BatteryMemory
+from spot_runtime.control.safety.battery import watch as watch_battery
 from spot_runtime.control.safety.command_loss import LossMemory, confirm
 from spot_runtime.control.safety.slow_state import check_slow_state
 from spot_runtime.control.safety.states import StateMemory, check_age, check_echo, screen_state
@@ -80,9 +81,9 @@ def look(
     if phase.mode is not Mode.READY:
         stops += _ages(memory, now.robot_ns, phase, config.safety, notes)
     if now.slow is not None:
-        battery, charging = watch_current(memory.battery, now.slow)
+        battery, doubt = watch_battery(memory.battery, now.slow)
         memory = memory._replace(battery=battery)
-        stops += _some(check_slow_state(now.slow, now.host_ns, config.safety) or charging)
+        stops += _some(check_slow_state(now.slow, now.host_ns, config.safety) or doubt)
     if now.log is not None:
         memory = memory._replace(next_log_check_ns=now.robot_ns + LOG_CHECK_PERIOD_NS)
         _look_at_clock(now.clock_age_s, config, notes)

@@ -19,6 +19,7 @@ from spot_log.format.events import EventName
 from spot_log.format.records import EventRecord
 from spot_model.policy.policy import Policy
 from spot_model.robot.state import RobotState
+from spot_model.version import software_revision
 from spot_protos import operator_pb2
 from spot_runtime.admission import gait_event
 from spot_runtime.control.loop import ControlLoop
@@ -62,6 +63,7 @@ class OperatedRun:
         self._spec, self.config, self.link = spec, spec.config, link
         self._manager = manager or ServiceManager()
         self._clock = HostClock()
+        software_revision()  # kept from now on: no later log waits for git while the robot stands
         self._sink = SwitchedSink()
         self._logs = RunLogs(make_sink, self._sink)
         self.source = OperatorSource(spec.config)
@@ -119,7 +121,7 @@ class OperatedRun:
             hal = self._hal
             if stop.reason.reaction is Reaction.ESTOP and hal is not None:
                 hal.estop()
-            self.event(EventName.STOP, f"{stop.reason.label}: {stop.sentence()}")
+            self.event(stop.event_name, f"{stop.reason.label}: {stop.sentence()}")
 
     def begin_log(self, labels: dict[str, str]) -> Path:
         """Open a log. Raises LogError."""
@@ -154,7 +156,7 @@ class OperatedRun:
             hal.stand()
             fallen = fall_of(hal, self.config.safety)
             if fallen is not None:
-                self.event(EventName.STOP, f"{fallen.reason.label}: {fallen.sentence()}")
+                self.event(fallen.event_name, f"{fallen.reason.label}: {fallen.sentence()}")
                 return ControlEnd(fallen, may_stand=False)
             # Only now: a robot that does not stand has not ended as the operator wanted.
             self._end_log(end.stop.reason.label)

@@ -53,7 +53,7 @@ def test_text_from_a_log_cannot_become_markup(run):
 @pytest.mark.parametrize(
     ("text", "badge"),
     [
-        ("operator_stop: the operator asked to stop; start again when ready", "No fault"),
+        ("operator_stop: the operator asked to stop; when ready, 'spot-rl ctl arm' or 'spot-rl run'", "No fault"),
         ("state_stale: the newest state is 61 ms old", "Errors"),
     ],
 )

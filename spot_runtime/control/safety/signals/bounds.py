@@ -16,8 +16,9 @@ from spot_model.robot import facts
 WINDOW_S: Final = 0.018
 """A window of states spans at least this: one policy period of 20 ms, less a state of 3 ms that may be early."""
 
-GAP_S: Final = 0.0075
-"""Two states further apart than two and a half periods of 3 ms leave a hole in a window, which is then not judged."""
+GAP_S: Final = 0.025
+"""Two states further apart leave a hole in which nothing is known, and their window is not judged: a stream of 50 Hz is
+judged, and one that is slower loses ticks of the policy."""
 
 # Signals that stand still ---------------------------------------------------------------------------------------------
 
@@ -95,6 +96,9 @@ GRAVITY_M_S2: Final = 9.81
 GRAVITY_MEMORY_S: Final = 1.0
 """Specific force, less the change of the body's velocity, is averaged over this: several strides of any gait."""
 
+GRAVITY_HOLE_S: Final = 0.0045
+"""What was felt in a longer hole between states, one and a half of their periods, is missing from the mean."""
+
 GRAVITY_ANGLE_RAD: Final = 0.25
 """Between averaged specific force and the attitude's vertical: 3° of estimator, 2° of mounting, and a mean acceleration
 that is not seen in the velocity of 1.5 m/s² (8.7°) are 14°."""
@@ -113,6 +117,9 @@ IMU_TURN_RATE_SHARE: Final = 0.3
 """The same, for what grows with the rate: 15 ms of lag in a swing of 3 Hz are 0.28 of it."""
 IMU_WINDOWS: Final = 5
 """In a row, 0.1 s."""
+
+IMU_SILENT_WINDOWS: Final = 25
+"""Windows in a row without a packet, half a second: those of a link that loses nine states of ten hold some."""
 
 # The body's velocity against feet that stand --------------------------------------------------------------------------
 

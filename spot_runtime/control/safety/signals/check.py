@@ -131,6 +131,8 @@ def _stops(memory: SignalMemory) -> Iterator[Stop]:
         yield _contradiction("turn rate of the body and of its inertial unit")
     if memory.imu.unknown_windows >= bounds.IMU_WINDOWS:
         yield Stop(StopReason.SIGNAL_DOUBTED, "the inertial unit reports what is no number")
+    if memory.imu.silent_windows >= bounds.IMU_SILENT_WINDOWS:
+        yield Stop(StopReason.SIGNAL_DOUBTED, "the inertial unit no longer reports")
     if memory.ground.sliding_share > bounds.FOOT_SHARE:
         values = {"foot_speed_m_s": memory.ground.speed_m_s, "share": memory.ground.sliding_share}
         yield _contradiction("the body's velocity and feet that stand", values)

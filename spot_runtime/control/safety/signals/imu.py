@@ -25,6 +25,8 @@ class ImuMemory(NamedTuple):
     turn_rate_windows: int = 0
     unknown_windows: int = 0
     """In a row with a packet that holds what is no number."""
+    silent_windows: int = 0
+    """In a row without a packet, of a unit that has reported."""
 
     @property
     def tilt_error_rad(self) -> float:
@@ -37,25 +39,35 @@ class ImuMemory(NamedTuple):
 
 
 def after_window(memory: ImuMemory, window: Window) -> ImuMemory:
-    """The memory after one more window; without packets nothing is judged."""
+    """The memory after one more window; where no packet ever came, nothing is judged."""
     if not window.imu:
-        return memory
-    packets, first, last = window.imu, window.first, window.last
+        has_reported = memory.felt_s > 0.0 or memory.unknown_windows > 0
+        return memory._replace(silent_windows=memory.silent_windows + has_reported)
+    packets, last = window.imu, window.last
     force = np.mean([packet.acceleration_of_imu_in_link_m_s2 for packet in packets], axis=0)
     turn_rate = np.mean([packet.angular_vel_of_link_in_link_rad_s for packet in packets], axis=0)
     attitude = packets[-1].odom_from_link_wxyz
     if not np.isfinite(np.concatenate([force, turn_rate, attitude])).all():
-        return memory._replace(unknown_windows=memory.unknown_windows + 1)
-    gained = last.linear_vel_of_body_in_odom_m_s - first.linear_vel_of_body_in_odom_m_s
-    fade = max(0.0, 1.0 - window.duration_s / bounds.GRAVITY_MEMORY_S)
-    felt = memory.force_m_s2 * fade + window.odom_from_body @ force * window.duration_s - gained
+        return memory._replace(unknown_windows=memory.unknown_windows + 1, silent_windows=0)
+    force_m_s2, felt_s = memory.force_m_s2, memory.felt_s
+    if window.hole_s <= bounds.GRAVITY_HOLE_S:
+        force_m_s2, felt_s = _felt(memory, window, force)
     # Where the unit reports no attitude of its own, there is nothing to compare.
     angle = length(turned_rad(last.odom_from_body_wxyz, attitude)) if attitude.any() else 0.0
     expected = window.turn_rad / window.duration_s
     rate_error = length(window.odom_from_body @ turn_rate - expected) - bounds.IMU_TURN_RATE_SHARE * length(expected)
     return ImuMemory(
-        felt,
-        memory.felt_s * fade + window.duration_s,
+        force_m_s2,
+        felt_s,
         memory.angle_windows + 1 if angle > bounds.IMU_ANGLE_RAD else 0,
         memory.turn_rate_windows + 1 if rate_error > bounds.IMU_TURN_RATE_RAD_S else 0,
     )
+
+
+def _felt(memory: ImuMemory, window: Window, force_m_s2: Array) -> tuple[Array, float]:
+    """The specific force and the time in which it was felt, after one more window."""
+    first, last = window.first, window.last
+    gained = last.linear_vel_of_body_in_odom_m_s - first.linear_vel_of_body_in_odom_m_s
+    fade = max(0.0, 1.0 - window.duration_s / bounds.GRAVITY_MEMORY_S)
+    felt = memory.force_m_s2 * fade + window.odom_from_body @ force_m_s2 * window.duration_s - gained
+    return felt, memory.felt_s * fade + window.duration_s

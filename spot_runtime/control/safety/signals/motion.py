@@ -24,15 +24,15 @@ class MotionMemory(NamedTuple):
     """Shape (12,)."""
     change_rad_s: Array = _NO_JOINTS
     """Of each joint's velocity. Shape (12,)."""
-    range_rad_s: Array = _NO_JOINTS
-    """The widest over which each velocity moved within a window. Shape (12,)."""
+    blur_rad: Array = _NO_JOINTS
+    """The most that a window leaves open: the bend of a lag, and holes between states. Shape (12,)."""
     slope_windows: NDArray[np.int64] = _NO_COUNTS
     """In a row, beyond the bound."""
     turn_rad: Array = _NO_TURN
     """Shape (3,), odom."""
     turn_change_rad_s: Array = _NO_TURN
     """Of the turn rate. Shape (3,), odom."""
-    turn_rate_range_rad_s: float = 0.0
+    turn_blur_rad: float = 0.0
     turn_windows: int = 0
 
 
@@ -53,22 +53,24 @@ def after_window(memory: MotionMemory, window: Window) -> MotionMemory:
     moved = last.position_rad - first.position_rad
     slope = memory.slope_rad * fade + (moved - window.travel_rad)
     change = memory.change_rad_s * fade + (last.velocity_rad_s - first.velocity_rad_s)
-    ranges = np.maximum(memory.range_rad_s * fade, window.velocity_range_rad_s)
-    allowed = bounds.SLOPE_RAD + bounds.SLOPE_LAG_S * np.abs(change) + bounds.SLOPE_BEND_S * ranges
+    # In a hole a rate may have been any of those at its ends.
+    open_s = 0.5 * window.hole_s
+    blur = np.maximum(memory.blur_rad * fade, (bounds.SLOPE_BEND_S + open_s) * window.velocity_range_rad_s)
+    allowed = bounds.SLOPE_RAD + bounds.SLOPE_LAG_S * np.abs(change) + blur
     fade = max(0.0, 1.0 - window.duration_s / bounds.TURN_MEMORY_S)
     turn = turned_rad(first.odom_from_body_wxyz, last.odom_from_body_wxyz) - window.turn_rad
     turn = memory.turn_rad * fade + turn
     turn_change = memory.turn_change_rad_s * fade
     turn_change = turn_change + (last.angular_vel_of_body_in_odom_rad_s - first.angular_vel_of_body_in_odom_rad_s)
-    turn_range = max(memory.turn_rate_range_rad_s * fade, window.turn_rate_range_rad_s)
-    turn_allowed = bounds.TURN_RAD + bounds.TURN_LAG_S * length(turn_change) + bounds.TURN_BEND_S * turn_range
+    turn_blur = max(memory.turn_blur_rad * fade, (bounds.TURN_BEND_S + open_s) * window.turn_rate_range_rad_s)
+    turn_allowed = bounds.TURN_RAD + bounds.TURN_LAG_S * length(turn_change) + turn_blur
     return MotionMemory(
         slope,
         change,
-        ranges,
+        blur,
         np.where(np.abs(slope) > allowed, memory.slope_windows + 1, 0),
         turn,
         turn_change,
-        turn_range,
+        turn_blur,
         memory.turn_windows + 1 if length(turn) > turn_allowed else 0,
     )

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from spot_model.robot import facts
 from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import Array, ImuPacket, RobotState
 from spot_runtime.control.safety.signals import bounds
@@ -20,6 +21,8 @@ class Window(NamedTuple):
     first: RobotState
     last: RobotState
     duration_s: float
+    hole_s: float
+    """By how much the two states that are furthest apart are so beyond the usual period."""
     travel_rad: Array
     """Integral of each joint's velocity. Shape (12,)."""
     velocity_range_rad_s: Array
@@ -42,7 +45,8 @@ def window_of(states: Sequence[RobotState]) -> Window | None:
         return None
     stamps_s = [(state.robot_stamp_ns - states[0].robot_stamp_ns) / NS_PER_S for state in states]
     steps_s = np.diff(stamps_s)
-    if steps_s.max() > bounds.GAP_S:
+    longest_s = float(steps_s.max())
+    if longest_s > bounds.GAP_S:
         return None
     # Trapezoid rule: each state counts with half the time to its neighbours.
     weights = np.zeros(len(states))
@@ -55,6 +59,7 @@ def window_of(states: Sequence[RobotState]) -> Window | None:
         first=states[0],
         last=states[-1],
         duration_s=stamps_s[-1],
+        hole_s=max(0.0, longest_s - facts.STATE_PERIOD_NS / NS_PER_S),
         travel_rad=weights @ velocity,
         velocity_range_rad_s=velocity.max(axis=0) - velocity.min(axis=0),
         turn_rad=weights @ turn_rate,
