@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
 import signal
@@ -122,17 +123,22 @@ def service(tmp_path: Path, fake: FakeAddress) -> Iterator[Service]:
     started.end()
 
 
-def started_run(fake: FakeAddress, folder: Path, *words: str) -> subprocess.Popen[bytes]:
-    """``spot-rl run``, with its note below the folder."""
+@contextlib.contextmanager
+def started_run(fake: FakeAddress, folder: Path, *words: str) -> Iterator[subprocess.Popen[bytes]]:
+    """``spot-rl run``, with its note below the folder; killed at the end if it still runs."""
     environment = {**os.environ, **fake.environment, "XDG_STATE_HOME": str(folder / "state")}
     policy = str(POLICIES / "walk.onnx")
     command = [SPOT_RL, "run", "--robot", fake.robot, "--policy", policy, "--log-dir", str(folder / "logs")]
-    return subprocess.Popen(
+    with subprocess.Popen(
         [*command, "--duration", "600", "--sequence", "forward", *words],
         env=environment,
         stderr=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
-    )
+    ) as run:
+        try:
+            yield run
+        finally:
+            run.kill()
 
 
 def walks(run: subprocess.Popen[bytes], admin: Any) -> None:
@@ -143,7 +149,7 @@ def walks(run: subprocess.Popen[bytes], admin: Any) -> None:
 def test_a_note_that_somebody_deletes_is_not_missed(tmp_path: Path, fake: FakeAddress, admin: Any) -> None:
     with started_run(fake, tmp_path, "--lock-step", fake.admin) as run:
         walks(run, admin)
-        guardian = child_of(run.pid, "guardian")
+        guardian = child_of(run.pid, "rescue.guardian")
         shutil.rmtree(tmp_path / "state")
         run.kill()
     wait_until(lambda: not is_alive(guardian), "the guardian has done its work")
@@ -153,11 +159,11 @@ def test_a_note_that_somebody_deletes_is_not_missed(tmp_path: Path, fake: FakeAd
 def test_a_guardian_that_is_killed_has_a_successor(tmp_path: Path, fake: FakeAddress, admin: Any) -> None:
     with started_run(fake, tmp_path, "--lock-step", fake.admin) as run:
         walks(run, admin)
-        first = child_of(run.pid, "guardian")
+        first = child_of(run.pid, "rescue.guardian")
         os.kill(first, signal.SIGKILL)
         wait_until(lambda: not is_alive(first), "it has ended")
         wait_until(lambda: has_guardian(run.pid), "another one is there")
-        guardian = child_of(run.pid, "guardian")
+        guardian = child_of(run.pid, "rescue.guardian")
         run.kill()
     wait_until(lambda: not is_alive(guardian), "the guardian has done its work")
     assert at_rest(admin)
@@ -165,7 +171,7 @@ def test_a_guardian_that_is_killed_has_a_successor(tmp_path: Path, fake: FakeAdd
 
 def has_guardian(pid: int) -> bool:
     try:
-        return is_alive(child_of(pid, "guardian"))
+        return bool(is_alive(child_of(pid, "rescue.guardian")))
     except ValueError:
         return False
 
@@ -175,7 +181,7 @@ def test_a_service_that_hangs_is_not_waited_for(service: Service, admin: Any) ->
     service.ctl("start")
     service.wait_for(mode="active")
     control = service.control_pid()
-    guardian = child_of(control, "guardian")
+    guardian = child_of(control, "rescue.guardian")
     os.kill(service.process.pid, signal.SIGSTOP)
     os.kill(control, signal.SIGKILL)
     wait_until(lambda: not is_alive(guardian), "the guardian has done its work")
@@ -190,7 +196,7 @@ def test_a_run_that_hangs_is_killed_without_a_service(tmp_path: Path, fake: Fake
     config.write_text("schema: spot-rl/run/1\nrobot: {rpc_timeout_s: 1.0}\n")
     with started_run(fake, tmp_path, "--config", str(config)) as run:
         walks(run, admin)
-        guardian = child_of(run.pid, "guardian")
+        guardian = child_of(run.pid, "rescue.guardian")
         os.kill(run.pid, signal.SIGSTOP)
         wait_until(lambda: run.poll() is not None, "the run is ended")
     wait_until(lambda: not is_alive(guardian), "the guardian has done its work")
