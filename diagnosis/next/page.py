@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-from diagnosis.next.choose.design import Design, in_words
+from diagnosis.next.choose.design import Design, Proposal, in_words
 from diagnosis.next.files import Offer
 from diagnosis.next.story import OTHERS, SURE, Asked, Story
 from diagnosis.report.output import NAMES
@@ -20,7 +20,6 @@ STYLE: Final = """
 .odds div { color: #fff; font-size: 13px; line-height: 26px; text-indent: 6px; white-space: nowrap; overflow: hidden; }
 .stage { margin: 12px 0 3px; } th { width: 90px; }
 """
-WIDE_LAST: Final = "td:last-child { min-width: 300px; } td:nth-child(-n+3) { min-width: 60px; }"
 SHADES: Final = ("#4e79a7", "#f28e2b", "#76b7b2", "#e15759", "#b07aa1", "#9c755f", "#59a14f", "#edc948", "#2f4b7c")
 GREY: Final = "#bab0ab"
 
@@ -29,27 +28,34 @@ def ranking_page(design: Design, offers: Sequence[Offer]) -> str:
     """The page of a ranking, as text."""
     odds = {in_words(c): float(w) for c, w in zip(design.causes, design.weights, strict=True)}
     commands = {id(o.proposal): o.command for o in offers}
-    rows = []
-    for p in design.proposals:
-        if p.refused:
-            told = f"<td colspan='4'>refused: {esc('; '.join(p.refused))}</td>"
-        else:
-            cells = (
-                f"{p.told.bits:.2f}",
-                f"{p.robot_s:.0f} s",
-                esc(p.decides(design.causes, design.weights)),
-                f"{esc(p.burden)}; needs {esc(p.candidate.needs)}<br><code>{esc(commands.get(id(p), ''))}</code>",
-            )
-            told = "".join(f"<td>{cell}</td>" for cell in cells)
-        rows.append(f"<tr><td>{esc(p.candidate.title)}</td>{told}</tr>")
-    head = "<tr><th>experiment</th><th>bits</th><th>time</th><th>tells apart</th><th>loads, needs, command</th></tr>"
+    offered = [p for p in design.proposals if not p.refused]
     about = "The most bits of the cause a second of robot time first. All were simulated on robots that the logs allow."
     body = [
         f"<section><h1>What to run next</h1><p class='lead'>{esc(_lead(design))}</p></section>",
-        boxed("Still possible", "Probabilities of causes by the logs so far.", _bars(odds, _colours([odds]))),
-        boxed("Experiments", about, f"<table>{head}{''.join(rows)}</table>"),
+        boxed("Still possible", "Probabilities of causes by the logs so far.", _moves([("", odds)])),
+        boxed("Experiments", about, "".join(_offered(p, design, commands.get(id(p), "")) for p in offered)),
     ]
-    return framed("Next experiment", body, WIDE_LAST)
+    refused = {p.candidate.title: esc("; ".join(p.refused)) for p in design.proposals if p.refused}
+    body += [boxed("Refused", "No robot is to run these.", _rows(refused))] if refused else []
+    return framed("Next experiment", body, STYLE)
+
+
+def _offered(proposal: Proposal, design: Design, command: str) -> str:
+    told = proposal.told
+    rows = {
+        "tells": f"{told.bits:.2f} of {told.of_bits:.2f} bits in {proposal.robot_s:.0f} s of robot time",
+        "tells apart": esc(proposal.decides(design.causes, design.weights)),
+        "numbers": esc(proposal.values),
+        "loads": esc(proposal.burden),
+        "needs": esc(proposal.candidate.needs),
+        "run": f"<code>{esc(command)}</code>" if command else "",
+    }
+    title = proposal.candidate.title
+    return f"<h3>{esc(title[0].upper() + title[1:])}</h3>{_rows({k: v for k, v in rows.items() if v})}"
+
+
+def _rows(rows: Mapping[str, str]) -> str:
+    return f"<table>{''.join(f'<tr><th>{esc(k)}</th><td>{v}</td></tr>' for k, v in rows.items())}</table>"
 
 
 def story_page(story: Story) -> str:
@@ -91,8 +97,7 @@ def _round(number: int, asked: Asked) -> str:
         "odds": "<br>".join([*(moved or ["moved by less than 1 %"]), bits]) if asked.found else "not diagnosed yet",
         "verdict": esc(asked.sentence) + _report(asked),
     }
-    table = "".join(f"<tr><th>{name}</th><td>{text}</td></tr>" for name, text in rows.items())
-    return boxed(f"Experiment {number}: {asked.name.replace('_', ' ')}", "", f"<table>{table}</table>")
+    return boxed(f"Experiment {number}: {asked.name.replace('_', ' ')}", "", _rows(rows))
 
 
 def _report(asked: Asked) -> str:
@@ -131,19 +136,10 @@ def _lead(design: Design) -> str:
     title = best.candidate.title
     return (
         f"{title[0].upper()}{title[1:]}. Expected to tell {best.told.bits:.2f} of the {best.told.of_bits:.2f} bits "
-        f"that part the causes, in {best.robot_s:.0f} s of robot time."
+        f"that would tell the causes apart, in {best.robot_s:.0f} s of robot time."
     )
 
 
 def _colours(all_odds: Sequence[Mapping[str, float]]) -> dict[str, str]:
     names = list(dict.fromkeys(name for odds in all_odds for name in odds))
     return {name: GREY if name == OTHERS else SHADES[i % len(SHADES)] for i, name in enumerate(names)}
-
-
-def _bars(odds: Mapping[str, float], colours: Mapping[str, str]) -> str:
-    lines = [
-        f"<tr><td>{esc(name)}</td><td style='width:50%'><div style='background:{colours[name]};height:12px;"
-        f"width:{100.0 * p:.1f}%'></div></td><td>{p:.2f}</td></tr>"
-        for name, p in odds.items()
-    ]
-    return f"<table>{''.join(lines)}</table>"
