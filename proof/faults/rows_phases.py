@@ -1,4 +1,4 @@
-"""Rows by the phase of a run: before the start, standing up, in the ramps, on the way back, sitting down."""
+"""Rows by the phase of a run, from before the start to sitting down, and of two or three faults at once."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from proof.bench_signals import raise_as_fault
 from proof.faults.faulty_hal import FaultyHal, When
-from proof.faults.rig import Rig
+from proof.faults.rig import AT_S, Rig
 from proof.faults.rows import NS_PER_MS, Finding, Row, happens, judge, reacted, settle, tried_with
 from proof.faults.rows_robot import first_damping_ns
 from proof.faults.rows_state import drive_way
@@ -20,6 +20,11 @@ AHEAD: Named = ("clock_jump", {"jump_s": 1.0})
 LOW: Named = ("low_battery", {"percent": 4.0})
 STOLEN: Named = ("lease_stolen", {"owner": "tablet-7"})
 ESTOP: Named = ("estop_pressed", {})
+DROPS: Named = ("command_drops", {"probability": 0.5})
+FALL: Named = ("behavior_fault", {"cause": "fall"})
+FROZEN: Named = ("frozen_sensors", {})
+BACK: Named = ("clock_jump", {"jump_s": -1.0})
+DAMPED = ("state_stale", "state_not_finite", "clock_jumped", "state_rejected", "command_unconfirmed", "state_frozen")
 ASKED_MS = 1e3 / RobotConfig().slow_state_rate_hz
 """Battery, temperatures and faults are asked for so often: how long it takes until they are known depends on luck."""
 
@@ -161,4 +166,31 @@ ROWS = (
     Row("NaN in the ramp", 25.0, together(NAN, outcomes=("state_not_finite",), at_s=0.1)),
     Row("stale as joint control begins", 80.0, together(GAP, outcomes=("state_stale",), at_s=0.0)),
     Row("e-stop as joint control begins", 100.0, together(ESTOP, outcomes=("estopped",), at_s=0.0)),
+    Row(
+        "stale and lease stolen at once",
+        100.0,
+        together(GAP, STOLEN, outcomes=("state_stale", "lease_lost"), at_s=AT_S),
+    ),
+    Row("NaN and e-stop at once", 100.0, together(NAN, ESTOP, outcomes=("state_not_finite", "estopped"), at_s=AT_S)),
+    Row(
+        "battery low, then no states",
+        300.0,
+        together(LOW, GAP, outcomes=("battery_low", "state_stale"), at_s=AT_S),
+    ),
+    Row(
+        "clock back and behaviour fault at once",
+        100.0,
+        together(BACK, FALL, outcomes=("behavior_fault", "state_rejected"), at_s=AT_S),
+    ),
+    Row("commands lost and stale in the ramp", 100.0, together(DROPS, GAP, outcomes=DAMPED, at_s=0.1)),
+    Row(
+        "frozen, commands lost and lease stolen",
+        100.0,
+        together(FROZEN, DROPS, STOLEN, outcomes=("lease_lost", "state_frozen"), at_s=AT_S),
+    ),
+    Row(
+        "NaN, behaviour fault and low battery",
+        100.0,
+        together(NAN, FALL, LOW, outcomes=("state_not_finite", "behavior_fault"), at_s=AT_S),
+    ),
 )

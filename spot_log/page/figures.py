@@ -9,9 +9,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from spot_log.page.chart import Series, Shade, chart
+from spot_log.page.chart import Series, Shade, chart, histogram
 from spot_log.page.frame import QUARTER
-from spot_log.page.histogram import histogram
 from spot_log.page.look import panels
 from spot_log.page.stance import stance
 from spot_log.page.svg import legend

@@ -16,8 +16,7 @@ from spot_model.errors import BadInputError
 from spot_model.io.joint_experiment import LIFT_S, JointExperiment, Squat, Standing
 from spot_model.robot import facts
 from spot_model.robot.facts import Array
-from spot_model.robot.leg_inverse import joints_of_feet
-from spot_model.robot.leg_kinematics import foot_position_and_jacobian, foot_position_in_body_m
+from spot_model.robot.leg_kinematics import foot_position_and_jacobian, foot_position_in_body_m, joints_of_feet
 
 TABLE_HZ: Final = 100.0
 FADE_S: Final = 1.5

@@ -25,8 +25,7 @@ from spot_model.policy.joint_motion import SPEED_RAD_S, TABLE_HZ, motion_of
 from spot_model.policy.joint_script import joint_script
 from spot_model.policy.observation import Sensed
 from spot_model.robot import facts
-from spot_model.robot.leg_inverse import joints_of_feet
-from spot_model.robot.leg_kinematics import foot_position_in_body_m
+from spot_model.robot.leg_kinematics import foot_position_in_body_m, joints_of_feet
 from spot_model.robot.mjcf import MjcfOptions
 from spot_model.robot.rotation import projected_gravity
 

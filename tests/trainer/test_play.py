@@ -13,8 +13,7 @@ from spot_model.policy.policy import load_policy
 from spot_runtime.sources.gamepad import PadReading
 from trainer.play.command import play
 from trainer.play.drawing import columns, gait_diagram
-from trainer.play.gamepad import stick_steering
-from trainer.play.steering import PUSH, STAND, KeySteering, parse_velocity
+from trainer.play.steering import PUSH, STAND, KeySteering, parse_velocity, stick_steering
 from trainer.play.walk import PUSH_M_S, Walk
 from trainer.play.window import check_display
 

@@ -21,8 +21,7 @@ from spot_model.robot.rotation import rotate_wxyz
 from trainer.backends.backend import InitialState, PlantState, SimulationDraws
 from trainer.backends.cpu import mjcf_options, randomise
 from trainer.backends.torch_servo import DelayedSetpoints, TorchTorqueChain, refuse_other_effects
-from trainer.backends.warp_contacts import GroundContacts
-from trainer.backends.warp_model import put_plant
+from trainer.backends.warp_model import GroundContacts, put_plant
 from trainer.config.task_config import TaskConfig
 
 Tensor = torch.Tensor

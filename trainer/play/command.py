@@ -48,8 +48,7 @@ def play(
     from spot_model.robot.facts import Array
     from spot_runtime.sources.gamepad import PygamePad
     from trainer.play.film import check_film, top_speed_ramp, write_film
-    from trainer.play.gamepad import stick_steering
-    from trainer.play.steering import HELP, KeySteering, parse_velocity
+    from trainer.play.steering import HELP, KeySteering, parse_velocity, stick_steering
     from trainer.play.walk import Walk
     from trainer.play.window import check_display, show
 

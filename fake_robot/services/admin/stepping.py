@@ -10,10 +10,36 @@ from bosdyn.api import robot_command_pb2
 from google.protobuf.message import DecodeError
 
 from fake_robot.services.admin.injection import FaultInjector
-from fake_robot.services.admin.step_states import StateTap
 from fake_robot.services.sensors.world import World
 from spot_model.robot.stamps import NS_PER_S
 from spot_protos import fake_admin_pb2
+
+
+class StateTap:
+    """Collects what a state stream would bring. Whatever ends state streams ends this one, too."""
+
+    def __init__(self, world: World) -> None:
+        """Collect from now on."""
+        self._subscription = world.robot.subscribe_state()
+        self._forget = world.link.listen("state", self._subscription.close)
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether no message will come any more."""
+        return self._subscription.is_closed
+
+    def take(self) -> list[bytes]:
+        """The messages since the last call."""
+        messages = []
+        while (message := self._subscription.get(0.0)) is not None:
+            messages.append(message)
+        return messages
+
+    def close(self) -> None:
+        """Collect no more."""
+        self._forget()
+        self._subscription.close()
+
 
 DEFAULT_WAIT_S = 5.0
 MAX_STEP_NS = 3600 * NS_PER_S

@@ -6,6 +6,7 @@ import io
 import math
 import threading
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -19,10 +20,27 @@ from fake_robot.network.status import Snapshot
 from fake_robot.services.calls.access import refuse_request
 from fake_robot.services.calls.stamps import timestamp_from_ns
 from fake_robot.services.reports.robot_state_message import ROOT_FRAME, frame_tree
-from fake_robot.services.sensors.test_card import card_pixels
 from fake_robot.services.sensors.world import World
 from spot_model.robot.mjcf import BODY_HALF_SIZE_M
 from spot_model.robot.stamps import NS_PER_S
+
+_FIELD = 8
+"""Pixels of one side of a field."""
+_DARK, _LIGHT, _RANGE = 40, 110, 100
+
+
+@lru_cache(maxsize=4)
+def card_pixels(cols: int, rows: int) -> NDArray[np.uint8]:
+    """A grey chessboard that gets lighter to the right, inverted at the upper left; shape (rows, cols).
+
+    Up, down, left and right differ.
+    """
+    width, height = -(-cols // _FIELD), -(-rows // _FIELD)
+    y, x = np.mgrid[0:height, 0:width]
+    card = np.where((x + y) % 2 == 0, _DARK, _LIGHT) + (x * _RANGE) // max(1, width - 1)
+    card[: height // 4, : width // 4] = 255 - card[: height // 4, : width // 4]
+    return np.kron(card.astype(np.uint8), np.ones((_FIELD, _FIELD), dtype=np.uint8))[:rows, :cols]
+
 
 VISUAL_SIZE = (640, 480)
 DEPTH_SIZE = (424, 240)

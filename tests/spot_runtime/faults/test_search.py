@@ -11,7 +11,7 @@ import numpy as np
 from fake_robot.faults.registry import make_fault
 from proof.faults.rig import rig
 from proof.faults.search.case import INJECTIONS, Case, Fault, draw, vary
-from proof.faults.search.laws import judge_case
+from proof.faults.search.search import judge_case
 
 WALK = Path(__file__).parents[3] / "policies" / "walk.onnx"
 

@@ -16,9 +16,8 @@ from spot_model.plant.delay import read_delay_csv
 from spot_model.policy.policy import load_policy
 from trainer.shared.engine import Place
 from trainer.sysid.identify.identify import prepare
-from trainer.sysid.identify.report import summary
 from trainer.sysid.identify.result import ResultData
-from trainer.sysid.identify.run_identification import run_identification
+from trainer.sysid.identify.run_identification import run_identification, summary
 from trainer.sysid.logs.delays import MeasuredDelays
 from trainer.sysid.logs.logged_run import LoggedRun
 from trainer.sysid.logs.measured import with_measured
