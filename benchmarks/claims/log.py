@@ -30,7 +30,7 @@ from mcap_protobuf.schema import build_file_descriptor_set
 
 from fake_robot.robot.robot import Robot
 from fake_robot.scenario.scenario import Scenario
-from spot_log.format.records import RunHeader
+from spot_log.format.records import RunHeader, WireState
 from spot_log.format.vendor_record import state_record_from_wire
 from spot_log.format.vendor_state import robot_state_from_wire
 from spot_log.read.reader import read_run
@@ -63,7 +63,7 @@ class Ours:
 
     def put(self, wire: bytes, state: RobotState) -> None:
         """Keep one state."""
-        self._sink.state(wire, state.host_stamp_ns)
+        self._sink.put(WireState(wire, state.host_stamp_ns))
 
     def close(self) -> None:
         """Finish the file."""

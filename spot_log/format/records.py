@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spot_model.robot.facts import JOINT_NAMES, LEG_NAMES
-from spot_model.robot.state import Array, JointCommand
+from spot_model.robot.state import Array, JointCommand, RobotState, SlowState
 
 SCHEMA_NAME: Final = "spot-rl/log/1"
 """Name and version of the log's records, in every header."""
@@ -57,6 +57,13 @@ class RunHeader:
     foot_names: tuple[str, ...] = LEG_NAMES
     """Order of the feet."""
     schema: str = SCHEMA_NAME
+
+
+class WireState(NamedTuple):
+    """A state as the wire bytes of a vendor ``RobotStateStreamResponse``, and when it was received."""
+
+    wire: bytes
+    host_stamp_ns: int
 
 
 class CommandRecord(NamedTuple):
@@ -112,3 +119,16 @@ class EventRecord(NamedTuple):
     """One sentence for a person."""
     values: Mapping[str, float] = {}
     """Measured value, bound and the like, unit in the key."""
+
+
+Record: TypeAlias = WireState | RobotState | CommandRecord | TickRecord | SlowState | EventRecord
+"""All that the loop logs; decoded states come from an adapter that has no wire bytes."""
+
+TOPIC_OF_RECORD: Final[Mapping[type[Record], str]] = {
+    WireState: "state",
+    RobotState: "state",
+    CommandRecord: "command",
+    TickRecord: "tick",
+    SlowState: "slow_state",
+    EventRecord: "event",
+}

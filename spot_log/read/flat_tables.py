@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot_log.read.run import Run
+from spot_model.errors import BadInputError
 
 Table = dict[str, NDArray[Any]]
 """Columns of equal length by name; ``pandas.DataFrame`` takes one as it is."""
@@ -50,3 +51,27 @@ def _events(run: Run) -> Table:
             ["; ".join(f"{key}={value!r}" for key, value in event.values.items()) for event in events], dtype=np.str_
         ),
     }
+
+
+class FrameError(BadInputError):
+    """A run cannot be given as a data frame."""
+
+
+def frame_of(run: Run, topic: str) -> Any:
+    """One topic as a ``pandas.DataFrame``, indexed by ``time_s``: robot time since the first state, or NaN.
+
+    Raises:
+        FrameError: The topic is unknown, or pandas is not installed.
+    """
+    try:
+        import pandas as pd
+    except ImportError as error:
+        raise FrameError("data frames need pandas: pip install 'spot-rl[report]'") from error
+    tables = tables_of(run)
+    if topic not in tables:
+        raise FrameError(f"topic {topic!r} is not in a log; allowed: {', '.join(tables)}")
+    table = tables[topic]
+    stamps = table["robot_stamp_ns"]
+    start_ns = int(run.states.robot_stamp_ns[0]) if len(run.states) else int(stamps.min(initial=0))
+    time_s = np.where(stamps > 0, (stamps - start_ns) * 1e-9, np.nan)
+    return pd.DataFrame(dict(table), index=pd.Index(time_s, name="time_s"))

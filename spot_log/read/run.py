@@ -13,15 +13,9 @@ from numpy.typing import NDArray
 from spot_log.format import events
 from spot_log.format.records import EventRecord, RunHeader
 from spot_log.format.tables import CommandTable, ImuTable, Ints, SlowTable, StateTable, TickTable
-from spot_log.read.flat_tables import tables_of
-from spot_model.errors import BadInputError
 from spot_model.policy.observation import N_OBSERVATION
 
 __all__ = ["CommandTable", "ImuTable", "Ints", "Run", "RunFooter", "SlowTable", "StateTable", "TickTable"]
-
-
-class FrameError(BadInputError):
-    """A run cannot be given as a data frame."""
 
 
 @dataclass(frozen=True)
@@ -81,18 +75,9 @@ class Run:
         Raises:
             FrameError: The topic is unknown, or pandas is not installed.
         """
-        try:
-            import pandas as pd
-        except ImportError as error:
-            raise FrameError("data frames need pandas: pip install 'spot-rl[report]'") from error
-        tables = tables_of(self)
-        if topic not in tables:
-            raise FrameError(f"topic {topic!r} is not in a log; allowed: {', '.join(tables)}")
-        table = tables[topic]
-        stamps = table["robot_stamp_ns"]
-        start_ns = int(self.states.robot_stamp_ns[0]) if len(self.states) else int(stamps.min(initial=0))
-        time_s = np.where(stamps > 0, (stamps - start_ns) * 1e-9, np.nan)
-        return pd.DataFrame(dict(table), index=pd.Index(time_s, name="time_s"))
+        from spot_log.read.flat_tables import frame_of
+
+        return frame_of(self, topic)
 
     @property
     def duration_s(self) -> float:

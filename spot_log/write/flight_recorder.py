@@ -9,27 +9,24 @@ from __future__ import annotations
 import os
 import struct
 from collections import deque
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any, Final
 
 from google.protobuf.message import DecodeError
 
 from spot_log.format.events import EventName
-from spot_log.format.records import CommandRecord, EventRecord, RunHeader, TickRecord
+from spot_log.format.records import TOPIC_OF_RECORD, EventRecord, Record, RunHeader
 from spot_log.write import hand_off
 from spot_log.write.run_writer import RunWriter
 from spot_log.write.sink import ForwardingSink, LogSink
 from spot_model.errors import SpotRlError
-from spot_model.robot.state import RobotState, SlowState
 
 FOLDER: Final = "incidents"
 """Beside the logs, so that a run is not counted twice when logs are collected."""
 
 KEPT: Final = {"state": 667, "command": 667, "tick": 100, "slow_state": 10, "event": 200}
 """Records kept of each topic, before the stop and after it: 2 s."""
-
-_Kept = tuple[str, int, Callable[..., bytes], tuple[Any, ...]]
 
 
 def flight_record_path(log_path: Path) -> Path:
@@ -44,47 +41,26 @@ class FlightRecorder(ForwardingSink):
         """Pass on to ``sink``; a stop for one of ``wanted_ends``, labels of reasons, is no incident."""
         super().__init__(sink)
         self._wanted_ends = wanted_ends
-        self._rings: dict[str, deque[_Kept]] = {topic: deque(maxlen=count) for topic, count in KEPT.items()}
-        self._before: list[_Kept] = []
+        self._rings: dict[str, deque[Record]] = {topic: deque(maxlen=count) for topic, count in KEPT.items()}
+        self._before: list[Record] = []
         self._is_written = False
         self.cause = ""
         """The reason of the stop that began the incident; empty while there is none."""
 
-    def state(self, wire: bytes, host_stamp_ns: int) -> None:
-        """Pass it on, and keep it."""
-        super().state(wire, host_stamp_ns)
-        self._keep("state", host_stamp_ns, hand_off.pack_state_wire, wire, host_stamp_ns)
-
-    def decoded_state(self, state: RobotState) -> None:
-        """Pass it on, and keep it."""
-        super().decoded_state(state)
-        self._keep("state", state.host_stamp_ns, hand_off.pack_state, state)
-
-    def command(self, record: CommandRecord) -> None:
-        """Pass it on, and keep it."""
-        super().command(record)
-        self._keep("command", record.host_stamp_ns, hand_off.pack_command, record)
-
-    def tick(self, record: TickRecord) -> None:
-        """Pass it on, and keep it."""
-        super().tick(record)
-        self._keep("tick", record.host_stamp_ns, hand_off.pack_tick, record)
-
-    def slow_state(self, state: SlowState) -> None:
-        """Pass it on, and keep it."""
-        super().slow_state(state)
-        self._keep("slow_state", state.host_stamp_ns, hand_off.pack_slow_state, state)
-
-    def event(self, record: EventRecord) -> None:
+    def put(self, record: Record) -> None:
         """Pass it on, and keep it; a stop ends the time before."""
-        super().event(record)
-        reason = record.text.partition(":")[0]
-        if record.name == EventName.STOP.label and not self.cause and reason not in self._wanted_ends:
-            self.cause = reason
-            self._before = [kept for ring in self._rings.values() for kept in list(ring)]
-            # From now on the first records count, not the newest.
-            self._rings = {topic: deque() for topic in KEPT}
-        self._keep("event", record.host_stamp_ns, hand_off.pack_event, record)
+        super().put(record)
+        if isinstance(record, EventRecord) and record.name == EventName.STOP.label and not self.cause:
+            reason = record.text.partition(":")[0]
+            if reason not in self._wanted_ends:
+                self.cause = reason
+                self._before = [kept for ring in self._rings.values() for kept in list(ring)]
+                # From now on the first records count, not the newest.
+                self._rings = {topic: deque() for topic in KEPT}
+        topic = TOPIC_OF_RECORD[type(record)]
+        ring = self._rings[topic]
+        if len(ring) < KEPT[topic] or not self.cause:
+            ring.append(record)
 
     def write(self, log_path: Path, header: RunHeader, outcome: str) -> tuple[EventName, str] | None:
         """Write what led to the stop to disk, once; call it when the joints are at rest.
@@ -109,21 +85,17 @@ class FlightRecorder(ForwardingSink):
         path.parent.mkdir(mode=0o750, parents=True, exist_ok=True)
         writer = RunWriter(path, header, min_free_bytes=0)
         numbers = dict.fromkeys(KEPT, 0)
-        for topic, _, pack, record in sorted(kept, key=lambda entry: entry[1]):
-            numbers[topic] += _add(writer, pack, numbers[topic], record)
+        for record in sorted(kept, key=lambda record: record.host_stamp_ns):
+            topic = TOPIC_OF_RECORD[type(record)]
+            numbers[topic] += _add(writer, numbers[topic], record)
         writer.close({}, outcome)
         _sync(path.parent)
 
-    def _keep(self, topic: str, host_stamp_ns: int, pack: Callable[..., bytes], *record: Any) -> None:
-        ring = self._rings[topic]
-        if len(ring) < KEPT[topic] or not self.cause:
-            ring.append((topic, host_stamp_ns, pack, record))
 
-
-def _add(writer: RunWriter, pack: Callable[..., bytes], number: int, record: tuple[Any, ...]) -> int:
+def _add(writer: RunWriter, number: int, record: Record) -> int:
     """Add a record; 1, or 0 for one that is so broken that no log takes it."""
     try:
-        message: Any = hand_off.unpack(pack(number, *record)).message
+        message: Any = hand_off.unpack(hand_off.pack(number, record)).message
     except (TypeError, ValueError, OverflowError, struct.error, DecodeError, SpotRlError):
         return 0
     writer.add(message, number)

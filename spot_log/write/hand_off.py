@@ -8,14 +8,16 @@ building a protobuf costs several times as much; the rest is protobuf.
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
 from enum import IntEnum
 from operator import attrgetter
 from typing import Any, Final, NamedTuple
 
 import numpy as np
+from google.protobuf.message import Message
 
 from spot_log.format import codec
-from spot_log.format.records import CommandRecord, EventRecord, TickRecord
+from spot_log.format.records import CommandRecord, EventRecord, Record, TickRecord, WireState
 from spot_log.format.tables import TickTable
 from spot_log.format.vendor_record import state_record_from_wire
 from spot_model.robot.facts import N_JOINTS
@@ -67,22 +69,30 @@ class Datagram(NamedTuple):
     message: log_pb2.State | log_pb2.Command | log_pb2.Tick | log_pb2.SlowState | log_pb2.Event | log_pb2.Footer
 
 
-def pack_state_wire(sequence: int, wire: bytes, host_stamp_ns: int) -> bytes:
-    """Pack a vendor state message with its receive stamp."""
-    return _STATE_HEAD.pack(Kind.STATE_WIRE, sequence, host_stamp_ns) + wire
-
-
-def pack_state(sequence: int, state: RobotState) -> bytes:
-    """Pack a decoded state."""
-    return _HEAD.pack(Kind.STATE, sequence) + codec.state_to_proto(state).SerializeToString()
-
-
-def pack_command(sequence: int, record: CommandRecord) -> bytes:
-    """Pack a command.
+def pack(sequence: int, record: Record) -> bytes:
+    """Pack a record.
 
     Raises:
-        ValueError: An array has another length than 12.
+        ValueError: An array of a command has another length than 12.
     """
+    if isinstance(record, WireState):
+        return _STATE_HEAD.pack(Kind.STATE_WIRE, sequence, record.host_stamp_ns) + record.wire
+    if isinstance(record, CommandRecord):
+        return _pack_command(sequence, record)
+    if isinstance(record, TickRecord):
+        return _pack_tick(sequence, record)
+    kind, to_proto = _OWN[type(record)]
+    return _HEAD.pack(kind, sequence) + to_proto(record).SerializeToString()
+
+
+_OWN: Final[dict[type[Record], tuple[Kind, Callable[[Any], Message]]]] = {
+    RobotState: (Kind.STATE, codec.state_to_proto),
+    SlowState: (Kind.SLOW_STATE, codec.slow_state_to_proto),
+    EventRecord: (Kind.EVENT, codec.event_to_proto),
+}
+
+
+def _pack_command(sequence: int, record: CommandRecord) -> bytes:
     command = record.command
     gains = command.gains
     arrays = np.array(
@@ -110,21 +120,10 @@ def pack_command(sequence: int, record: CommandRecord) -> bytes:
     return head + arrays.tobytes()
 
 
-def pack_tick(sequence: int, record: TickRecord) -> bytes:
-    """Pack a tick."""
+def _pack_tick(sequence: int, record: TickRecord) -> bytes:
     parts = [_tick_part(getattr(record, name), dtype) for name, dtype in _TICK_PARTS.items()]
     head = _TICK_HEAD.pack(Kind.TICK, sequence, *_tick_numbers(record), *map(len, parts))
     return b"".join((head, *parts))
-
-
-def pack_slow_state(sequence: int, state: SlowState) -> bytes:
-    """Pack a slow state."""
-    return _HEAD.pack(Kind.SLOW_STATE, sequence) + codec.slow_state_to_proto(state).SerializeToString()
-
-
-def pack_event(sequence: int, record: EventRecord) -> bytes:
-    """Pack an event."""
-    return _HEAD.pack(Kind.EVENT, sequence) + codec.event_to_proto(record).SerializeToString()
 
 
 def pack_close(footer: log_pb2.Footer) -> bytes:

@@ -9,24 +9,22 @@ import select
 import socket
 import struct
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from spot_log.errors import LogError
 from spot_log.format import codec
-from spot_log.format.records import CommandRecord, EventRecord, RunHeader, TickRecord
+from spot_log.format.records import TOPIC_OF_RECORD, Record, RunHeader
 from spot_log.write import hand_off
 from spot_log.write.run_writer import active_path, check_can_start
 from spot_log.write.sink import TOPICS, SinkHealth
 from spot_model.io.child_process import ChildProcess
-from spot_model.robot.state import RobotState, SlowState
 from spot_protos import log_pb2
 
 SEND_BUFFER_BYTES: Final = 4 << 20
 START_TIMEOUT_S: Final = 20.0
 CLOSE_TIMEOUT_S: Final = 10.0
-_STATE, _COMMAND, _TICK, _SLOW_STATE, _EVENT = range(len(TOPICS))
 _ENCODING_ERRORS: Final = (TypeError, ValueError, AttributeError, OverflowError, struct.error)
 _FLAGS: Final = socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL
 
@@ -40,8 +38,7 @@ class LoggerProcess:
         self._child = child
         self._socket = connection
         self.path = path
-        self._sequence = [0] * len(TOPICS)
-        self._dropped = [0] * len(TOPICS)
+        self._sequence, self._dropped = dict.fromkeys(TOPICS, 0), dict.fromkeys(TOPICS, 0)
         self._is_alive = True
         self._is_closed = False
         self._child_problem = ""
@@ -89,34 +86,29 @@ class LoggerProcess:
         """The number of the log's process."""
         return self._child.pid
 
-    def state(self, wire: bytes, host_stamp_ns: int) -> None:
-        """Log one state as wire bytes and receive stamp."""
-        self._hand_over(_STATE, hand_off.pack_state_wire, wire, host_stamp_ns)
-
-    def decoded_state(self, state: RobotState) -> None:
-        """Log one decoded state."""
-        self._hand_over(_STATE, hand_off.pack_state, state)
-
-    def command(self, record: CommandRecord) -> None:
-        """Log one command."""
-        self._hand_over(_COMMAND, hand_off.pack_command, record)
-
-    def tick(self, record: TickRecord) -> None:
-        """Log one tick."""
-        self._hand_over(_TICK, hand_off.pack_tick, record)
-
-    def slow_state(self, state: SlowState) -> None:
-        """Log one slow state."""
-        self._hand_over(_SLOW_STATE, hand_off.pack_slow_state, state)
-
-    def event(self, record: EventRecord) -> None:
-        """Log one event."""
-        self._hand_over(_EVENT, hand_off.pack_event, record)
+    def put(self, record: Record) -> None:
+        """Hand a record to the log's process, or count it as dropped."""
+        topic = TOPIC_OF_RECORD[type(record)]
+        sequence = self._sequence[topic]
+        self._sequence[topic] = sequence + 1
+        if not self._is_alive:
+            self._dropped[topic] += 1
+            return
+        try:
+            self._socket.send(hand_off.pack(sequence, record), _FLAGS)
+        except (BlockingIOError, InterruptedError):
+            self._dropped[topic] += 1
+        except (ConnectionError, TimeoutError):
+            self._is_alive = False
+            self._dropped[topic] += 1
+        except (OSError, *_ENCODING_ERRORS) as error:
+            self._dropped[topic] += 1
+            self._own_problem = f"a {topic} record could not be handed to the log: {error}"
 
     @property
     def dropped(self) -> Mapping[str, int]:
         """Messages that did not reach the log's process, by topic."""
-        return dict(zip(TOPICS, self._dropped, strict=True))
+        return dict(self._dropped)
 
     def health(self) -> SinkHealth:
         """Read the process's reports, without waiting."""
@@ -128,8 +120,8 @@ class LoggerProcess:
             problem = (
                 f"the log's process ended ({self._child.end_in_words}); {active_path(self.path)} holds what it had"
             )
-        elif not problem and any(self._dropped):
-            problem = f"the log's process does not keep up: {sum(self._dropped)} messages dropped"
+        elif not problem and any(self._dropped.values()):
+            problem = f"the log's process does not keep up: {sum(self._dropped.values())} messages dropped"
         return SinkHealth(self._is_alive, self.dropped, dict(self._unwritten), problem)
 
     def close(self, outcome: str) -> None:
@@ -150,23 +142,6 @@ class LoggerProcess:
         self.health()
         self._is_closed, self._is_alive = True, False
         self._socket.close()
-
-    def _hand_over(self, topic: int, pack: Callable[..., bytes], *record: Any) -> None:
-        sequence = self._sequence[topic]
-        self._sequence[topic] = sequence + 1
-        if not self._is_alive:
-            self._dropped[topic] += 1
-            return
-        try:
-            self._socket.send(pack(sequence, *record), _FLAGS)
-        except (BlockingIOError, InterruptedError):
-            self._dropped[topic] += 1
-        except (ConnectionError, TimeoutError):
-            self._is_alive = False
-            self._dropped[topic] += 1
-        except (OSError, *_ENCODING_ERRORS) as error:
-            self._dropped[topic] += 1
-            self._own_problem = f"a {TOPICS[topic]} record could not be handed to the log: {error}"
 
     def _wait_ready(self, timeout_s: float) -> None:
         readable, _, _ = select.select([self._socket], [], [], timeout_s)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Final, Protocol
+from dataclasses import dataclass, field, replace
+from typing import Any, Final, Protocol
 
-from spot_log.format.records import CommandRecord, EventRecord, TickRecord
+from spot_log.format.records import TOPIC_OF_RECORD, CommandRecord, EventRecord, Record, TickRecord, WireState
 from spot_model.robot.state import RobotState, SlowState
 
-TOPICS: Final = ("state", "command", "tick", "slow_state", "event")
+TOPICS: Final = tuple(dict.fromkeys(TOPIC_OF_RECORD.values()))
 """Topics that the loop writes; header and footer are the log's own."""
 
 
@@ -32,23 +32,8 @@ class LogSink(Protocol):
     Each topic is written by one thread at a time; different topics may be written by different threads.
     """
 
-    def state(self, wire: bytes, host_stamp_ns: int) -> None:
-        """Log one state as the wire bytes of a vendor RobotStateStreamResponse, and when it was received."""
-
-    def decoded_state(self, state: RobotState) -> None:
-        """Log one state of an adapter that has no wire bytes (replay)."""
-
-    def command(self, record: CommandRecord) -> None:
-        """Log one command that was sent."""
-
-    def tick(self, record: TickRecord) -> None:
-        """Log one policy tick."""
-
-    def slow_state(self, state: SlowState) -> None:
-        """Log one poll of battery, temperatures and faults."""
-
-    def event(self, record: EventRecord) -> None:
-        """Log one event."""
+    def put(self, record: Record) -> None:
+        """Log a state, a command that was sent, a policy tick, a poll of the slow state, or an event."""
 
     @property
     def dropped(self) -> Mapping[str, int]:
@@ -64,22 +49,7 @@ class LogSink(Protocol):
 class NullSink:
     """A log that keeps nothing."""
 
-    def state(self, wire: bytes, host_stamp_ns: int) -> None:
-        """Forget it."""
-
-    def decoded_state(self, state: RobotState) -> None:
-        """Forget it."""
-
-    def command(self, record: CommandRecord) -> None:
-        """Forget it."""
-
-    def tick(self, record: TickRecord) -> None:
-        """Forget it."""
-
-    def slow_state(self, state: SlowState) -> None:
-        """Forget it."""
-
-    def event(self, record: EventRecord) -> None:
+    def put(self, record: Record) -> None:
         """Forget it."""
 
     @property
@@ -101,29 +71,9 @@ class ForwardingSink:
     def __init__(self, to: LogSink) -> None:
         self._to = to
 
-    def state(self, wire: bytes, host_stamp_ns: int) -> None:
+    def put(self, record: Record) -> None:
         """Pass it on."""
-        self._to.state(wire, host_stamp_ns)
-
-    def decoded_state(self, state: RobotState) -> None:
-        """Pass it on."""
-        self._to.decoded_state(state)
-
-    def command(self, record: CommandRecord) -> None:
-        """Pass it on."""
-        self._to.command(record)
-
-    def tick(self, record: TickRecord) -> None:
-        """Pass it on."""
-        self._to.tick(record)
-
-    def slow_state(self, state: SlowState) -> None:
-        """Pass it on."""
-        self._to.slow_state(state)
-
-    def event(self, record: EventRecord) -> None:
-        """Pass it on."""
-        self._to.event(record)
+        self._to.put(record)
 
     @property
     def dropped(self) -> Mapping[str, int]:
@@ -140,10 +90,10 @@ class ForwardingSink:
 
 
 @dataclass
-class MemorySink:
+class MemorySink(NullSink):
     """A log in memory, for tests: everything in the order of its topic."""
 
-    states: list[tuple[bytes, int]] = field(default_factory=list)
+    states: list[WireState] = field(default_factory=list)
     decoded_states: list[RobotState] = field(default_factory=list)
     commands: list[CommandRecord] = field(default_factory=list)
     ticks: list[TickRecord] = field(default_factory=list)
@@ -151,40 +101,22 @@ class MemorySink:
     events: list[EventRecord] = field(default_factory=list)
     outcome: str | None = None
 
-    def state(self, wire: bytes, host_stamp_ns: int) -> None:
-        """Keep the bytes and the stamp."""
-        self.states.append((wire, host_stamp_ns))
-
-    def decoded_state(self, state: RobotState) -> None:
-        """Keep the state."""
-        self.decoded_states.append(state)
-
-    def command(self, record: CommandRecord) -> None:
-        """Keep the record."""
-        self.commands.append(record)
-
-    def tick(self, record: TickRecord) -> None:
-        """Keep the record."""
-        self.ticks.append(record)
-
-    def slow_state(self, state: SlowState) -> None:
-        """Keep the state."""
-        self.slow_states.append(state)
-
-    def event(self, record: EventRecord) -> None:
-        """Keep the record."""
-        self.events.append(record)
-
-    @property
-    def dropped(self) -> Mapping[str, int]:
-        """Nothing is ever lost."""
-        return dict.fromkeys(TOPICS, 0)
+    def put(self, record: Record) -> None:
+        """Keep it."""
+        kept: dict[type[Record], list[Any]] = {
+            WireState: self.states,
+            RobotState: self.decoded_states,
+            CommandRecord: self.commands,
+            TickRecord: self.ticks,
+            SlowState: self.slow_states,
+            EventRecord: self.events,
+        }
+        kept[type(record)].append(record)
 
     def health(self) -> SinkHealth:
         """Always well, until closed."""
-        return SinkHealth(is_alive=self.outcome is None, dropped=self.dropped, unwritten=dict.fromkeys(TOPICS, 0))
+        return replace(super().health(), is_alive=self.outcome is None)
 
     def close(self, outcome: str) -> None:
         """Keep the first outcome."""
-        if self.outcome is None:
-            self.outcome = outcome
+        self.outcome = self.outcome or outcome

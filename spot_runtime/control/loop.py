@@ -156,12 +156,12 @@ class ControlLoop:
         if command is not None:
             sent_host_ns = self._hal.host_now_ns()
             let_others_run()
-            self._sink.command(command_record(step, command, sent_host_ns))
+            self._sink.put(command_record(step, command, sent_host_ns))
         if step.tick is not None:
             if command is not None:
                 self.stats.sent(command.key, step.tick.state.host_stamp_ns)
             record = tick_record(step, step.tick, now, compute_s)
-            self._sink.tick(record)
+            self._sink.put(record)
             stamp_ns = step.tick.state.robot_stamp_ns
             acquisition_age_s = (now.robot_ns - stamp_ns) / NS_PER_S
             self.stats.ticked(stamp_ns, compute_s, state_age_s(step.tick, now), acquisition_age_s, step.tick.lost)
@@ -175,7 +175,7 @@ class ControlLoop:
         """Remember, tell, and do what a step wants beside sending."""
         self.memory = step.memory
         for event in step.events:
-            self._sink.event(event)
+            self._sink.put(event)
             self._on_event(event)
         for act in step.acts:
             if act is Act.RELEASE:

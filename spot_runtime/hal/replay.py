@@ -77,7 +77,7 @@ class ReplayHal:
             if received and state.robot_stamp_ns > until_robot_ns:
                 break
             received.append(state)
-            self._sink.decoded_state(state)
+            self._sink.put(state)
             self._now_ns = state.robot_stamp_ns
             self._played += 1
         if not received:

@@ -218,7 +218,7 @@ class _Attempt:
         hal = self.session.hal
         host_ns = self._clock.now_ns() if hal is None else hal.host_now_ns()
         record = EventRecord(host_ns, 0, name.severity, name.label, text)
-        self._sink.event(record)
+        self._sink.put(record)
         self._tell(record)
 
     def _say(self, text: str) -> None:

@@ -123,11 +123,11 @@ def small_log() -> bytes:
     observation = np.zeros(48, dtype=np.float32)
     tick = TickRecord(1, now_ns, now_ns, "active", observation, small, three, 0.0, 0.0, 0.0, 1, 0)
     for packed in (
-        hand_off.pack_state(0, state),
-        hand_off.pack_command(0, CommandRecord(command, zeros, now_ns, now_ns, now_ns)),
-        hand_off.pack_tick(0, tick),
-        hand_off.pack_slow_state(0, SlowState(now_ns, now_ns, True, False, 80.0, 55.0, -5.0, (30.0,), {"fl_kn": 40.0})),
-        hand_off.pack_event(0, EventRecord(now_ns, now_ns, Severity.INFO, "mode", "ready → activating", {"a": 1.0})),
+        hand_off.pack(0, state),
+        hand_off.pack(0, CommandRecord(command, zeros, now_ns, now_ns, now_ns)),
+        hand_off.pack(0, tick),
+        hand_off.pack(0, SlowState(now_ns, now_ns, True, False, 80.0, 55.0, -5.0, (30.0,), {"fl_kn": 40.0})),
+        hand_off.pack(0, EventRecord(now_ns, now_ns, Severity.INFO, "mode", "ready → activating", {"a": 1.0})),
     ):
         message: Any = hand_off.unpack(packed).message
         writer.add(message, 0)

@@ -13,7 +13,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from spot_log.format.records import RunHeader
+from spot_log.format.records import RunHeader, WireState
 from spot_log.read.reader import read_run
 from spot_log.write.logger_process import LoggerProcess
 from spot_log.write.run_writer import RunWriter
@@ -60,7 +60,7 @@ def test_a_state_handed_to_the_log() -> None:
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     sink = LoggerProcess(None, ours, Path("unused"))  # type: ignore[arg-type]
     wire = state(1).SerializeToString()
-    assert calls(lambda: sink.state(wire, 1)) < 10  # 7
+    assert calls(lambda: sink.put(WireState(wire, 1))) < 10  # 7
     assert theirs.recv(1 << 20).endswith(wire)
     ours.close()
     theirs.close()

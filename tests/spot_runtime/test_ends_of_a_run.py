@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spot_log.format.records import EventRecord
+from spot_log.format.records import EventRecord, Record
 from spot_log.write.sink import MemorySink
 from spot_model.io.velocity_sequence import standing_sequence
 from spot_model.policy.policy import Policy
@@ -101,9 +101,9 @@ class Interrupting(MemorySink):
     at: str = ""
     number: signal.Signals = signal.SIGTERM
 
-    def event(self, record: EventRecord) -> None:
-        super().event(record)
-        if record.name == self.at:
+    def put(self, record: Record) -> None:
+        super().put(record)
+        if isinstance(record, EventRecord) and record.name == self.at:
             self.at = ""
             send(self.number)
 

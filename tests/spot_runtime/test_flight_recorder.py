@@ -9,7 +9,7 @@ import numpy as np
 
 from spot_log import read_run
 from spot_log.format.events import EventName
-from spot_log.format.records import CommandRecord, EventRecord, RunHeader, Severity, TickRecord
+from spot_log.format.records import CommandRecord, EventRecord, RunHeader, Severity, TickRecord, WireState
 from spot_log.write.flight_recorder import KEPT, FlightRecorder, flight_record_path
 from spot_log.write.sink import MemorySink
 from spot_model.robot.state import Gains, JointCommand, RobotState, SlowState
@@ -35,17 +35,17 @@ def command(key: int, at_ns: int) -> CommandRecord:
 def feed(recorder: FlightRecorder, make_state: MakeState, first: int, count: int) -> None:
     for i in range(first, first + count):
         at_ns = START_NS + 3 * i * MS
-        recorder.decoded_state(make_state(at_ns))
-        recorder.command(command(i + 1, at_ns))
+        recorder.put(make_state(at_ns))
+        recorder.put(command(i + 1, at_ns))
 
 
 def test_everything_reaches_the_log_behind(make_state: MakeState, make_slow: MakeSlow) -> None:
     sink = MemorySink()
     recorder = FlightRecorder(sink, WANTED_ENDS)
-    recorder.state(b"wire", START_NS)
+    recorder.put(WireState(b"wire", START_NS))
     feed(recorder, make_state, 0, 2)
-    recorder.slow_state(make_slow())
-    recorder.event(stop("tilt: too far"))
+    recorder.put(make_slow())
+    recorder.put(stop("tilt: too far"))
     recorder.close("tilt")
     assert sink.states == [(b"wire", START_NS)]
     assert (len(sink.decoded_states), len(sink.commands), len(sink.slow_states), len(sink.events)) == (2, 2, 1, 1)
@@ -57,9 +57,9 @@ def test_two_seconds_before_and_after_the_stop(make_state: MakeState, make_slow:
     feed(recorder, make_state, 0, 2000)
     small = np.zeros(12, dtype=np.float32)
     at_ns = START_NS + 6000 * MS
-    recorder.tick(TickRecord(1, at_ns, at_ns, "active", np.zeros(48, np.float32), small, np.zeros(3), 0, 0, 0, 1, 0))
-    recorder.slow_state(make_slow(at_ns))
-    recorder.event(stop("tilt: the body tilts too far", at_ns))
+    recorder.put(TickRecord(1, at_ns, at_ns, "active", np.zeros(48, np.float32), small, np.zeros(3), 0, 0, 0, 1, 0))
+    recorder.put(make_slow(at_ns))
+    recorder.put(stop("tilt: the body tilts too far", at_ns))
     feed(recorder, make_state, 2000, 2000)
     log = tmp_path / "logs" / "run.mcap"
     path = flight_record_path(log)
@@ -81,22 +81,22 @@ def test_two_seconds_before_and_after_the_stop(make_state: MakeState, make_slow:
 def test_the_operators_stop_and_a_good_end_are_no_incidents(make_state: MakeState, tmp_path: Path) -> None:
     recorder = FlightRecorder(MemorySink(), WANTED_ENDS)
     feed(recorder, make_state, 0, 5)
-    recorder.event(stop("operator_stop: the operator asked"))
-    recorder.event(EventRecord(START_NS, START_NS, Severity.INFO, "completed", "completed: done"))
+    recorder.put(stop("operator_stop: the operator asked"))
+    recorder.put(EventRecord(START_NS, START_NS, Severity.INFO, "completed", "completed: done"))
     assert recorder.write(tmp_path / "a.mcap", HEADER, "operator_stop") is None
     assert list(tmp_path.iterdir()) == []
     # What goes wrong afterwards is one, and of several the first counts.
-    recorder.event(stop("state_stale: old"))
-    recorder.event(stop("state_lost: gone"))
+    recorder.put(stop("state_stale: old"))
+    recorder.put(stop("state_lost: gone"))
     assert recorder.cause == "state_stale"
     assert recorder.write(tmp_path / "a.mcap", HEADER, "state_stale") is not None
 
 
 def test_a_broken_record_costs_itself_alone(make_state: MakeState, tmp_path: Path) -> None:
     recorder = FlightRecorder(MemorySink(), WANTED_ENDS)
-    recorder.state(b"\xff\xff no state", START_NS)
+    recorder.put(WireState(b"\xff\xff no state", START_NS))
     feed(recorder, make_state, 0, 3)
-    recorder.event(stop("state_lost: no state of Spot's"))
+    recorder.put(stop("state_lost: no state of Spot's"))
     assert recorder.write(tmp_path / "run.mcap", HEADER, "state_lost") is not None
     assert len(read_run(flight_record_path(tmp_path / "run.mcap")).states) == 3
 
@@ -104,7 +104,7 @@ def test_a_broken_record_costs_itself_alone(make_state: MakeState, tmp_path: Pat
 def test_what_is_there_already_is_not_overwritten(make_state: MakeState, tmp_path: Path) -> None:
     recorder = FlightRecorder(MemorySink(), WANTED_ENDS)
     feed(recorder, make_state, 0, 1)
-    recorder.event(stop("tilt: x"))
+    recorder.put(stop("tilt: x"))
     log = tmp_path / "run.mcap"
     flight_record_path(log).parent.mkdir()
     flight_record_path(log).write_text("precious")
@@ -117,7 +117,7 @@ def test_what_is_there_already_is_not_overwritten(make_state: MakeState, tmp_pat
 def test_a_folder_that_cannot_be_made_is_said(make_state: MakeState, tmp_path: Path) -> None:
     recorder = FlightRecorder(MemorySink(), WANTED_ENDS)
     feed(recorder, make_state, 0, 1)
-    recorder.event(stop("tilt: x"))
+    recorder.put(stop("tilt: x"))
     (tmp_path / "incidents").write_text("in the way")
     name, words = recorder.write(tmp_path / "run.mcap", HEADER, "tilt") or (None, "")
     assert name is EventName.INCIDENT_FAILED

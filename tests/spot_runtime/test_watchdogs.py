@@ -84,7 +84,7 @@ class Dogs:
     def _keep(self, notes: Notes) -> None:
         self.told = notes.told
         for event in notes.events:
-            self.sink.event(event)
+            self.sink.put(event)
 
 
 @pytest.fixture

@@ -250,7 +250,7 @@ class BosdynHal:
         def open_stream() -> StateReceiver:
             return self._state_stream(lost)
 
-        self._states = self._pace.open_states(open_stream, self._sink.state, lost)
+        self._states = self._pace.open_states(open_stream, self._sink.put, lost)
 
     def _state_stream(self, on_end: OnEnd) -> StateReceiver:
         request = robot_state_pb2.RobotStateStreamRequest()
@@ -261,7 +261,7 @@ class BosdynHal:
             self._session.streaming_channel(RobotStateStreamingClient),
             request,
             now_ns=self._pace.host_now_ns,
-            on_wire=self._sink.state,
+            on_wire=self._sink.put,
             on_end=on_end,
         )
 
@@ -327,7 +327,7 @@ class BosdynHal:
     def _poll(self) -> None:
         slow = self._session.poll()
         self._slow = slow
-        self._sink.slow_state(slow)
+        self._sink.put(slow)
 
     def _check_in_failed(self, error: Exception) -> None:
         """One failed check-in is not a pressed e-stop: after a lost answer the robot also refuses the next one."""

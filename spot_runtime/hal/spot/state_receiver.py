@@ -10,6 +10,7 @@ from typing import Any, Final
 import grpc
 from bosdyn.api import robot_state_pb2
 
+from spot_log.format.records import WireState
 from spot_log.format.vendor_state import StateMessageError, robot_state_from_wire
 from spot_model.robot.state import RobotState
 from spot_runtime.hal.spot.vendor_errors import describe
@@ -20,7 +21,7 @@ STATE_METHOD: Final = "/bosdyn.api.RobotStateStreamingService/GetRobotStateStrea
 StateQueue = queue.SimpleQueue[RobotState | None]
 """States as they come; None after the last one."""
 
-OnWire = Callable[[bytes, int], None]
+OnWire = Callable[[WireState], None]
 """Takes a message's bytes and the instant of its receipt, host clock."""
 
 OnEnd = Callable[[str], None]
@@ -78,7 +79,7 @@ class StateReceiver:
                 # The log can wait until the loop has answered, and the answer has left; each gets a turn.
                 let_others_run()
                 let_others_run()
-                on_wire(wire, stamp_ns)
+                on_wire(WireState(wire, stamp_ns))
             reason = "the robot closed the state stream"
         except grpc.RpcError as error:
             reason = describe(error)
@@ -106,7 +107,7 @@ class PolledStates:
             for wire in wires:
                 state = robot_state_from_wire(wire, self._receipt_ns)
                 self.states.put(state)
-                self._on_wire(wire, state.host_stamp_ns)
+                self._on_wire(WireState(wire, state.host_stamp_ns))
         except StateMessageError as error:
             ended = str(error)
         if ended:

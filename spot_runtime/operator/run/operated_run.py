@@ -134,7 +134,7 @@ class OperatedRun:
     def event(self, name: EventName, text: str) -> None:
         """Write an event to the log of the moment, and tell the service."""
         record = EventRecord(self._now_ns(), 0, name.severity, name.label, text)
-        self._sink.event(record)
+        self._sink.put(record)
         self.link.event(record)
 
     # The way through --------------------------------------------------------------------------------------------------

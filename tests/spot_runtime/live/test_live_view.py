@@ -82,8 +82,8 @@ def test_what_is_logged_is_seen(live: LiveProcess, tmp_path: Path, make_state: A
     viewer = Viewer(live.url)
     sink = LoggerProcess.start(tmp_path / "run.mcap", RunHeader("id", START_NS))
     for i in range(70):
-        sink.decoded_state(make_state(START_NS + i * 3 * MS))
-    sink.event(EventRecord(START_NS, START_NS, Severity.WARNING, "state_old", "an event"))
+        sink.put(make_state(START_NS + i * 3 * MS))
+    sink.put(EventRecord(START_NS, START_NS, Severity.WARNING, "state_old", "an event"))
     seen: dict[str, list[tuple[int, bytes]]] = {}
     for topic, stamp_ns, data in viewer.messages():
         seen.setdefault(topic, []).append((stamp_ns, data))
@@ -119,9 +119,9 @@ def test_a_client_that_never_reads_loses_messages_and_delays_nobody(
     sink = LoggerProcess.start(tmp_path / "run.mcap", RunHeader("id", START_NS))
     count = 3000
     for i in range(count):
-        sink.decoded_state(make_state(START_NS + i * 20 * MS))
+        sink.put(make_state(START_NS + i * 20 * MS))
     other = Viewer(live.url)
-    sink.event(EventRecord(START_NS, START_NS, Severity.INFO, "mode", "still here"))
+    sink.put(EventRecord(START_NS, START_NS, Severity.INFO, "mode", "still here"))
     assert any(topic == "/event" for topic, _, _ in other.messages())
     other.close()
     sink.close("completed")
@@ -135,10 +135,10 @@ def test_a_view_that_is_stopped_or_gone_costs_messages_of_the_view_alone(tmp_pat
         sink = LoggerProcess.start(tmp_path / "run.mcap", RunHeader("id", START_NS))
         os.kill(live.pid, 19)  # SIGSTOP
         for i in range(2000):
-            sink.decoded_state(make_state(START_NS + i * 20 * MS))
+            sink.put(make_state(START_NS + i * 20 * MS))
         os.kill(live.pid, 9)
     for i in range(2000, 2100):
-        sink.decoded_state(make_state(START_NS + i * 20 * MS))
+        sink.put(make_state(START_NS + i * 20 * MS))
     sink.close("completed")
     assert sink.dropped["state"] == 0
     assert (tmp_path / "run.mcap").is_file()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,7 +9,16 @@ import numpy as np
 import pytest
 from bosdyn.api import robot_state_pb2
 
-from spot_log.format.records import CommandRecord, EventRecord, RunHeader, Severity, TickRecord
+from spot_log.format.records import (
+    TOPIC_OF_RECORD,
+    CommandRecord,
+    EventRecord,
+    Record,
+    RunHeader,
+    Severity,
+    TickRecord,
+    WireState,
+)
 from spot_log.write import hand_off
 from spot_log.write.run_writer import RunWriter
 from spot_log.write.sink import LogSink
@@ -179,16 +187,16 @@ class SyntheticRun:
         tick_of_state = {s: k for k, s in enumerate(self.tick_states)}
         for i in range(self.n_states):
             if i * 3 >= n_slow * 200:
-                sink.slow_state(self.slow_state(n_slow))
+                sink.put(self.slow_state(n_slow))
                 n_slow += 1
             while events and events[0].host_stamp_ns <= self.received_ns(i):
-                sink.event(events.pop(0))
+                sink.put(events.pop(0))
                 n_events += 1
-            sink.state(self.message(i).SerializeToString(), self.received_ns(i))
+            sink.put(WireState(self.message(i).SerializeToString(), self.received_ns(i)))
             if i in tick_of_state:
                 k = tick_of_state[i]
-                sink.tick(self.tick(k, i))
-                sink.command(self.command(k, i))
+                sink.put(self.tick(k, i))
+                sink.put(self.command(k, i))
                 n_ticks += 1
         return {
             "state": self.n_states,
@@ -215,29 +223,14 @@ class FileSink:
         self._n = 0
         self._numbers: dict[str, int] = {}
 
-    def _add(self, topic: str, pack: Callable[..., bytes], *record: object) -> None:
+    def put(self, record: Record) -> None:
+        topic = TOPIC_OF_RECORD[type(record)]
         number = self._numbers.get(topic, 0)
         self._numbers[topic] = number + 1
-        message = hand_off.unpack(pack(number, *record)).message
-        self.writer.add(message, number)
+        self.writer.add(hand_off.unpack(hand_off.pack(number, record)).message, number)
         self._n += 1
         if self._n % self._flush_every == 0:
             self.writer.flush()
-
-    def state(self, wire: bytes, host_stamp_ns: int) -> None:
-        self._add("state", hand_off.pack_state_wire, wire, host_stamp_ns)
-
-    def command(self, record: CommandRecord) -> None:
-        self._add("command", hand_off.pack_command, record)
-
-    def tick(self, record: TickRecord) -> None:
-        self._add("tick", hand_off.pack_tick, record)
-
-    def slow_state(self, state: SlowState) -> None:
-        self._add("slow_state", hand_off.pack_slow_state, state)
-
-    def event(self, record: EventRecord) -> None:
-        self._add("event", hand_off.pack_event, record)
 
 
 @pytest.fixture(scope="session")

@@ -11,6 +11,7 @@ from mcap.opcode import Opcode
 
 from spot_log import read_run
 from spot_log.errors import LogReadError
+from spot_log.format.records import WireState
 from spot_log.read.mcap_chunk import FREE_BYTES, MAX_EXPANSION, Budget
 from spot_log.read.mcap_scan import scan_mcap
 from spot_log.write.mcap_file import MAGIC
@@ -95,7 +96,7 @@ def test_a_state_with_a_flood_of_packets_is_refused(tmp_path, synthetic_run) -> 
 def feed(sink, synthetic_run, count: int, start: int = 0) -> None:
     wire = synthetic_run().message(0).SerializeToString()
     for i in range(count):
-        sink.state(wire, start + i)
+        sink.put(WireState(wire, start + i))
 
 
 def unwritten_when_settled(sink) -> int:

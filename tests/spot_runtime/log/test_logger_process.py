@@ -14,6 +14,7 @@ import pytest
 
 from spot_log import read_run
 from spot_log.errors import LogError, LogExistsError
+from spot_log.format.records import WireState
 from spot_log.write import logger_child
 from spot_log.write.logger_process import LoggerProcess
 from spot_log.write.run_writer import RunWriter, active_path
@@ -28,7 +29,7 @@ from spot_log.format.records import RunHeader
 sink = LoggerProcess.start(Path(sys.argv[1]), RunHeader(run_id="parent", started_host_stamp_ns=1))
 wire = bytes.fromhex(sys.stdin.readline())
 for i in range(200):
-    sink.state(wire, 1_000 + i)
+    sink.put(WireState(wire, 1_000 + i))
 print("fed", flush=True)
 time.sleep(600)
 """
@@ -83,7 +84,7 @@ def test_a_flood_drops_without_waiting_and_every_drop_is_counted(synthetic_run, 
     wire = synthetic_run().message(0).SerializeToString()
     os.kill(sink._child.pid, signal.SIGSTOP)
     for i in range(30_000):
-        sink.state(wire, i)
+        sink.put(WireState(wire, i))
     dropped = sink.dropped["state"]
     assert 0 < dropped < 30_000
     assert "does not keep up" in sink.health().problem
@@ -108,10 +109,10 @@ def test_drops_are_counted_by_gaps_where_the_parent_cannot_tell(tmp_path, synthe
         child = logger_child.LoggerChild(theirs, tmp_path / "run.mcap", codec.header_to_proto(synthetic_run().header))
         wire = synthetic_run().message(0).SerializeToString()
         for number in (0, 1, 4):
-            ours.send(hand_off.pack_state_wire(number, wire, 9))
+            ours.send(hand_off.pack(number, WireState(wire, 9)))
         ours.send(b"\x63nonsense")
-        ours.send(hand_off.pack_state_wire(5, b"\xff\xff\xff", 9))
-        ours.send(hand_off.pack_state_wire(6, wire, 9))
+        ours.send(hand_off.pack(5, WireState(b"\xff\xff\xff", 9)))
+        ours.send(hand_off.pack(6, WireState(wire, 9)))
         ours.shutdown(socket.SHUT_WR)
         child.run()
     run = read_run(tmp_path / "run.mcap")
@@ -130,8 +131,8 @@ def test_a_dead_logger_harms_nobody_and_leaves_a_readable_log(synthetic_run, sin
     sink._child.wait(60.0)
     before = sink.dropped["state"]
     for i in range(50):
-        sink.state(made_up.message(0).SerializeToString(), i)
-    sink.command(made_up.command(0, 0))
+        sink.put(WireState(made_up.message(0).SerializeToString(), i))
+    sink.put(made_up.command(0, 0))
     assert sink.dropped["state"] == before + 50
     assert sink.dropped["command"] == 1
     health = sink.health()
@@ -175,7 +176,7 @@ def test_the_process_outlives_the_signals_that_end_the_loop(synthetic_run, sink)
 
 def test_a_record_that_cannot_be_packed_is_counted_and_named(synthetic_run, sink):
     good = synthetic_run().command(0, 0)
-    sink.command(good._replace(requested_position_rad=good.requested_position_rad[:11]))
+    sink.put(good._replace(requested_position_rad=good.requested_position_rad[:11]))
     assert sink.dropped["command"] == 1
     assert "a command record could not be handed to the log" in sink.health().problem
 
@@ -203,7 +204,7 @@ def test_a_full_disk_is_reported_and_the_log_stays_readable(synthetic_run, tmp_p
     def add(first: int, last: int) -> None:
         for i in range(first, last):
             wire = made_up.message(i).SerializeToString()
-            writer.add(hand_off.unpack(hand_off.pack_state_wire(i, wire, made_up.received_ns(i))).message, i)
+            writer.add(hand_off.unpack(hand_off.pack(i, WireState(wire, made_up.received_ns(i)))).message, i)
 
     add(0, 50)
     writer.flush()

@@ -14,6 +14,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from spot_log import read_run
 from spot_log.errors import DiskSpaceError, LogExistsError
 from spot_log.format import codec
+from spot_log.format.records import WireState
 from spot_log.format.vendor_state import robot_state_from_wire
 from spot_log.write import hand_off
 from spot_log.write.run_writer import RunWriter, active_path
@@ -118,7 +119,7 @@ def test_ticks_without_a_policy_are_rows_of_nan(synthetic_run, tmp_path):
     tick = synthetic_run().tick(0, 0)
     empty = np.zeros(0, dtype=np.float32)
     for number, record in enumerate((tick, replace(tick, mode="standing", observation=empty, action=empty))):
-        writer.add(hand_off.unpack(hand_off.pack_tick(number, record)).message, number)
+        writer.add(hand_off.unpack(hand_off.pack(number, record)).message, number)
     writer.close({}, "completed")
     ticks = read_run(tmp_path / "run.mcap").ticks
     assert ticks.mode.tolist() == ["active", "standing"]
@@ -132,8 +133,8 @@ def test_a_decoded_state_is_the_same_as_its_wire_bytes(synthetic_run):
 
     wire = synthetic_run().message(7).SerializeToString()
     state = robot_state_from_wire(wire, 5)
-    a = hand_off.unpack(hand_off.pack_state_wire(0, wire, 5)).message
-    b = hand_off.unpack(hand_off.pack_state(0, state)).message
+    a = hand_off.unpack(hand_off.pack(0, WireState(wire, 5))).message
+    b = hand_off.unpack(hand_off.pack(0, state)).message
     assert a == b
 
 
@@ -236,12 +237,12 @@ def test_publish_times_never_go_back_when_the_clocks_difference_becomes_better_k
     writer = RunWriter(path, run.header)
     command = run.command(0, 0)
     for i in range(6):
-        wire = hand_off.pack_state_wire(i, run.message(i).SerializeToString(), run.received_ns(i))
+        wire = hand_off.pack(i, WireState(run.message(i).SerializeToString(), run.received_ns(i)))
         writer.add(hand_off.unpack(wire).message, i)
         if i == 2:
             # The robot's clock turns out to be 1 s further ahead of the host's than the first state let one think.
             later = command._replace(robot_stamp_ns=command.robot_stamp_ns + 1_000_000_000)
-            writer.add(hand_off.unpack(hand_off.pack_command(0, later)).message, 0)
+            writer.add(hand_off.unpack(hand_off.pack(0, later)).message, 0)
     writer.close({}, "completed")
     newest: dict[str, int] = {}
     with path.open("rb") as file:
