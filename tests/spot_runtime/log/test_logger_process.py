@@ -25,7 +25,7 @@ PARENT = """
 import os, sys, time
 from pathlib import Path
 from spot_log.write.logger_process import LoggerProcess
-from spot_log.format.records import RunHeader
+from spot_log.format.records import RunHeader, WireState
 sink = LoggerProcess.start(Path(sys.argv[1]), RunHeader(run_id="parent", started_host_stamp_ns=1))
 wire = bytes.fromhex(sys.stdin.readline())
 for i in range(200):
