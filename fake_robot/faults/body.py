@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
 from typing_extensions import override
 
 from fake_robot.body.fault_effects import FaultEffects
-from fake_robot.faults.fault import Fault, Victim
+from fake_robot.faults.fault import Fault
 from fake_robot.network.status import SystemFault
 from fake_robot.scenario.parts import JointName
 from spot_model.robot.facts import JOINT_NAMES
@@ -86,8 +86,8 @@ class BehaviorFaultRaised(Fault):
     )
 
     @override
-    def start(self, victim: Victim) -> None:
-        victim.fail_behavior(self.cause, "injected")
+    def start(self, simulation: Any) -> None:
+        simulation.modes.add_behavior_fault(self.cause, "injected")
 
 
 class PowerLoss(Fault):
@@ -96,8 +96,8 @@ class PowerLoss(Fault):
     name: ClassVar[str] = "power_loss"
 
     @override
-    def start(self, victim: Victim) -> None:
-        victim.lose_power("the motors lost power")
+    def start(self, simulation: Any) -> None:
+        simulation.modes.power_off("the motors lost power")
 
 
 class Push(Fault):
@@ -112,8 +112,8 @@ class Push(Fault):
     yaw_rad_s: float = Field(default=0.0, ge=-30.0, le=30.0, description="about the body's z, rad/s")
 
     @override
-    def start(self, victim: Victim) -> None:
-        victim.push(
+    def start(self, simulation: Any) -> None:
+        simulation.body.push(
             np.array([self.forward_m_s, self.left_m_s, self.up_m_s]),
             np.array([self.roll_rad_s, self.pitch_rad_s, self.yaw_rad_s]),
         )

@@ -3,28 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, ClassVar, Final, Protocol
+from typing import Any, ClassVar, Final
 
 from pydantic import BaseModel, ConfigDict
 
 from fake_robot.body.fault_effects import FaultEffects
-from spot_model.robot.facts import Array
 
 FAULTS: Final[dict[str, type[Fault]]] = {}
 """Every fault by its name: those of the body, and those of the services."""
-
-
-class Victim(Protocol):
-    """What a fault of the body may do once."""
-
-    def push(self, linear_velocity_m_s: Array, angular_velocity_rad_s: Array) -> None:
-        """Add to the body's velocity."""
-
-    def lose_power(self, reason: str) -> None:
-        """Cut the motors' power now."""
-
-    def fail_behavior(self, cause: str, message: str) -> None:
-        """Raise a behaviour fault."""
 
 
 class Fault(BaseModel):
@@ -41,8 +27,8 @@ class Fault(BaseModel):
     def apply(self, effects: FaultEffects, onset_robot_stamp_ns: int) -> None:
         """Add to what is changed, as long as the fault is active."""
 
-    def start(self, victim: Victim) -> None:
-        """Do something once."""
+    def start(self, simulation: Any) -> None:
+        """Do something once to the robot's :class:`~fake_robot.robot.simulation.Simulation`."""
 
 
 class ServiceFault(Fault):

@@ -113,11 +113,6 @@ class Modes:
         if self.mode in (Mode.WALKING, Mode.JOINT_CONTROL, Mode.FROZEN) and not self.behavior_faults:
             self.begin("stand", on_feet=True).stand()
 
-    def leave_joint_control(self) -> None:
-        """Go back to the vendor's own stand; nothing if joint control is not active."""
-        if self.mode is Mode.JOINT_CONTROL:
-            self.begin("stand", on_feet=True).stand()
-
     def set_estop_level(self, level: EstopLevel) -> None:
         """Follow the e-stop: cut power, or settle on the ground first."""
         previous, self.estop_level = self.estop_level, level

@@ -20,9 +20,8 @@ from fake_robot.eyes.eyes import Eyes
 from fake_robot.faults.fault import ServiceFault
 from fake_robot.faults.registry import fault_kinds, make_fault
 from fake_robot.network.camera_view import CameraView
-from fake_robot.network.malformed import spoil
 from fake_robot.network.stand_pose import StandPose
-from fake_robot.network.state_stream import StateSubscription
+from fake_robot.network.state_stream import StateSubscription, spoil
 from fake_robot.network.status import EstopLevel, FaultKind, Snapshot, StreamFailure
 from fake_robot.network.walk_plan import WalkPlan
 from fake_robot.robot.joint_control import Stream
@@ -213,11 +212,6 @@ class Robot:
         """Let an open command stream, or the next one, move the joints."""
         with self._changed:
             self._simulation.modes.begin("joint control", on_feet=True).enter_joint_control()
-
-    def leave_joint_control(self) -> None:
-        """Go back to the vendor's own stand."""
-        with self._changed:
-            self._simulation.modes.leave_joint_control()
 
     def set_estop_level(self, level: EstopLevel) -> None:
         """Obey the e-stop."""

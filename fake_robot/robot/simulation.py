@@ -14,9 +14,8 @@ from fake_robot.body.energy import Energy
 from fake_robot.body.frames import Frame
 from fake_robot.body.sensing import Sensing
 from fake_robot.body.truth import Extremes
-from fake_robot.faults.active_faults import ActiveFaults
+from fake_robot.faults.active_faults import ActiveFaults, active_system_faults
 from fake_robot.faults.fault import Fault
-from fake_robot.faults.system_faults import active_system_faults
 from fake_robot.network.channel import Channel
 from fake_robot.network.status import MotorPower, SystemFault
 from fake_robot.robot.joint_control import JointControl, Stream
@@ -30,7 +29,7 @@ from fake_robot.robot.streamed_command import StreamedCommand
 from fake_robot.scenario.scenario import Scenario
 from spot_model.effects.base import CommandEffect, SoftwareEffect
 from spot_model.plant.command_channel import ServoCommand
-from spot_model.robot.facts import STATE_PERIOD_NS, Array
+from spot_model.robot.facts import STATE_PERIOD_NS
 from spot_model.robot.leg_kinematics import foot_position_in_body_m
 from spot_model.robot.stamps import NS_PER_S
 
@@ -121,18 +120,6 @@ class Simulation:
         cleared = self.faults.clear(fault_ids or None)
         self._apply_faults()
         return cleared
-
-    def push(self, linear_velocity_m_s: Array, angular_velocity_rad_s: Array) -> None:
-        """Add to the body's velocity at once."""
-        self.body.push(linear_velocity_m_s, angular_velocity_rad_s)
-
-    def lose_power(self, reason: str) -> None:
-        """Cut the motors' power now."""
-        self.modes.power_off(reason)
-
-    def fail_behavior(self, cause: str, message: str) -> None:
-        """Raise a behaviour fault."""
-        self.modes.add_behavior_fault(cause, message)
 
     def system_faults(self) -> tuple[SystemFault, ...]:
         """System faults that are active now."""

@@ -267,8 +267,8 @@ def test_a_new_fault_is_one_class(make) -> None:
 
         name: ClassVar[str] = "thrown_away_nudge"
 
-        def start(self, victim) -> None:
-            victim.push(np.array([0.0, 0.0, 1.0]), np.zeros(3))
+        def start(self, simulation) -> None:
+            simulation.body.push(np.array([0.0, 0.0, 1.0]), np.zeros(3))
 
     class Chatter(ServiceFault):
         """Nothing happens."""
