@@ -32,8 +32,9 @@ from spot_model.robot import rotation
 from spot_protos import fake_admin_pb2, fake_admin_pb2_grpc
 from spot_runtime.config import RobotConfig, RunConfig, for_lock_step
 from spot_runtime.hal.base import Hal
-from spot_runtime.hal.connection.address import parse_address
+from spot_runtime.hal.connection.address import Address, parse_address
 from spot_runtime.hal.spot.lock_step import LockStep
+from spot_runtime.hal.spot.pace import Pace
 from spot_runtime.hal.spot.session import Session
 from spot_runtime.host.clock import HostClock, RobotClockEstimate
 from spot_runtime.host.console import Console
@@ -170,6 +171,7 @@ class Rig:
         source: CommandSource | None = None,
         policy: Policy | None = None,
         make_sink: Callable[[Path, RunHeader], LogSink] = LoggerProcess.start,
+        make_faulty: Callable[[Address, RunConfig, LogSink, Pace | None], FaultyHal] = FaultyHal,
         **changes: Mapping[str, Any],
     ) -> Drive:
         """One run; ``happens`` is called once, ``at_s`` of robot time after joint control (or ``when``) began."""
@@ -179,8 +181,7 @@ class Rig:
         meddlers: list[FaultyHal] = []
 
         def make_hal(sink: LogSink) -> Hal:
-            pace = self._pace()
-            hal = FaultyHal(parse_address(self.address.robot), config, sink, pace)
+            hal = make_faulty(parse_address(self.address.robot), config, sink, self._pace())
             hal.prepare(self, happens, at_s, when)
             meddlers.append(hal)
             return hal

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
@@ -14,24 +13,17 @@ from typing import Any, Final
 import numpy as np
 import yaml
 
-from proof.bench_signals import ending_the_bench
 from proof.faults.faulty_hal import FaultyHal
 from proof.faults.rig import Rig, rig, tilt_rad
 from proof.ordinary.draw import Reality, Sensors, draw_reality, draw_walk
 from spot_log.format.events import EventName
-from spot_log.write.sink import LogSink, MemorySink
+from spot_log.write.sink import MemorySink
 from spot_model.io.signals import exit_on_termination
 from spot_model.policy.policy import load_policy
 from spot_model.robot.facts import STATE_PERIOD_NS
 from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import JointCommand, RobotState
-from spot_runtime.hal.base import Hal
-from spot_runtime.hal.connection.address import parse_address
 from spot_runtime.hal.errors import MotionError
-from spot_runtime.hal.spot.lock_step import LockStep
-from spot_runtime.host.clock import HostClock
-from spot_runtime.host.console import Console
-from spot_runtime.session.run import RunRequest, run
 from spot_runtime.session.summary import RunSummary
 from spot_runtime.sources.scripted import ScriptedSource
 
@@ -143,30 +135,27 @@ def tried(number: int, seed: int, policies: Sequence[Path], folder: Path) -> Ite
 
 def _walked(robot: Rig, policy: Path, reality: Reality, number: int, rng: np.random.Generator) -> Outcome:
     """One run. What the checks of the signals find is told, and ends nothing, so that it is seen what comes of it."""
-    config, sink, made = robot.config(safety={"signals": "warn"}), MemorySink(), list[Watched]()
-    walks = load_policy(policy)
-    source = ScriptedSource(draw_walk(rng, walks.contract))
-    request = RunRequest(robot.address.robot, walks, source, config, robot.new_log_path())
+    walks, sink, made = load_policy(policy), MemorySink(), list[Watched]()
 
     def begin(faulty: FaultyHal) -> None:
         for push in reality.pushes:
             values = {"forward_m_s": push.forward_m_s, "left_m_s": push.left_m_s, "yaw_rad_s": push.yaw_rad_s}
             faulty.plan(push.at_s, partial(robot.inject, "push", 0.01, **values))
 
-    def make_hal(sink: LogSink) -> Hal:
-        pace = LockStep(robot.address.admin, HostClock().now_ns(), every_state=True)
-        hal = Watched(parse_address(robot.address.robot), config, sink, pace)
-        hal.prepare(robot, begin, 0.0, "control")
-        hal.sensor_model, hal.rig = SensorModel(reality.sensors), robot
-        made.append(hal)
-        return hal
+    def make_watched(*given: Any) -> FaultyHal:
+        made.append(Watched(*given))
+        made[0].sensor_model, made[0].rig = SensorModel(reality.sensors), robot
+        return made[0]
 
-    console = Console(io.StringIO())
-    with robot.environment(), ending_the_bench():
-        try:
-            summary = run(request, make_hal, lambda _path, _header: sink, console)
-        finally:
-            console.close()
+    summary = robot.drive(
+        begin,
+        at_s=0.0,
+        source=ScriptedSource(draw_walk(rng, walks.contract)),
+        policy=walks,
+        make_sink=lambda _path, _header: sink,
+        make_faulty=make_watched,
+        safety={"signals": "warn"},
+    ).summary
     stopped_ns = made[0].stopped_ns or sink.events[-1].robot_stamp_ns
     doubts = [
         event
