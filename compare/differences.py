@@ -9,6 +9,8 @@ import numpy as np
 
 from compare.tracks import Array, Track
 from spot_model.robot import facts
+from spot_model.robot.rotation import yaw_rad
+from trainer.sysid.distance.measures import wasserstein_sorted
 
 SIGNALS: Final = {"position_rad": "rad", "velocity_rad_s": "rad/s", "load_nm": "N·m", "set_point_rad": "rad"}
 TITLES: Final = {
@@ -76,11 +78,6 @@ def differences(reference: Track, other: Track) -> Differences:
     )
 
 
-def wasserstein(a: Array, b: Array) -> Array:
-    """1-Wasserstein distance of each column's values: the mean difference of the sorted samples. Shape (columns,)."""
-    return np.asarray(np.abs(np.sort(a, axis=0) - np.sort(b, axis=0)).mean(axis=0))
-
-
 def _signal(name: str, reference: Array, other: Array) -> SignalDifference:
     over_time = other - reference
     good = np.isfinite(over_time).all(axis=1)
@@ -91,7 +88,7 @@ def _signal(name: str, reference: Array, other: Array) -> SignalDifference:
         signal=name,
         over_time=over_time,
         rms=np.sqrt((over_time[good] ** 2).mean(axis=0)),
-        distance=wasserstein(reference[good], other[good]),
+        distance=wasserstein_sorted(*(np.sort(values[good], axis=0).T for values in (reference, other))),
         spread=reference[good].std(axis=0),
     )
 
@@ -107,12 +104,6 @@ def _speed_error(track: Track) -> float:
 def _travelled(track: Track) -> Array:
     """Where the body ends, seen from where it started and looked, on the ground. Shape (2,), m."""
     moved = (track.position_of_body_in_odom_m[-1] - track.position_of_body_in_odom_m[0])[:2]
-    yaw = yaw_rad(track.odom_from_body_wxyz[0])
+    yaw = float(yaw_rad(track.odom_from_body_wxyz[0]))
     turn = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
     return np.asarray(turn @ moved)
-
-
-def yaw_rad(odom_from_body_wxyz: Array) -> float:
-    """Heading of a body, rad."""
-    w, x, y, z = odom_from_body_wxyz
-    return float(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))

@@ -18,14 +18,14 @@ from google.protobuf.message import Message
 from google.protobuf.timestamp_pb2 import Timestamp
 
 from compare.cause import Cause
-from compare.differences import Differences, yaw_rad
+from compare.differences import Differences
 from compare.tracks import STEP_S, Array, Track
 from spot_log.format.scene import BODY_FRAME, spot_scene
 from spot_log.format.topics import Topic
 from spot_log.format.viewer import ODOM_FRAME, joint_states, odometry, transforms
 from spot_log.write.mcap_file import CHUNK_BYTES, McapFile
 from spot_model.robot import facts
-from spot_model.robot.rotation import multiply_wxyz, rotate_wxyz
+from spot_model.robot.rotation import multiply_wxyz, rotate_wxyz, yaw_rad
 from spot_protos import log_pb2
 
 EVERY: Final = 2
@@ -111,8 +111,8 @@ def _messages(
 
 def _place(track: Track, reference: Track, beside_m: float) -> tuple[Array, Array]:
     """Positions and attitudes of a body that starts where the reference does; shapes (n, 3) and (n, 4)."""
-    heading = yaw_rad(reference.odom_from_body_wxyz[0])
-    turn = heading - yaw_rad(track.odom_from_body_wxyz[0])
+    heading = float(yaw_rad(reference.odom_from_body_wxyz[0]))
+    turn = heading - float(yaw_rad(track.odom_from_body_wxyz[0]))
     turn_wxyz = np.array([[np.cos(turn / 2), 0.0, 0.0, np.sin(turn / 2)]])
     moved = rotate_wxyz(turn_wxyz, track.position_of_body_in_odom_m - track.position_of_body_in_odom_m[0])
     left = beside_m * np.array([-np.sin(heading), np.cos(heading), 0.0])

@@ -7,7 +7,7 @@ import pytest
 
 from compare.align import aligned, shift
 from compare.compare import Comparison
-from compare.differences import differences, wasserstein
+from compare.differences import differences
 from compare.errors import DifferentCommandsError, TooShortError
 from compare.ghost import _place
 from compare.page import comparison_page, sentence
@@ -66,11 +66,6 @@ def test_a_wave_out_of_step_differs_in_rms_and_hardly_in_distribution(make_track
     position = found.signals["position_rad"]
     np.testing.assert_allclose(position.rms, 0.2 / np.sqrt(2.0), rtol=1e-3)
     assert (position.distance < 1e-3).all()
-
-
-def test_the_distance_by_hand() -> None:
-    # Sorted: 0, 1, 3 against 1, 2, 6: (1 + 1 + 3) / 3.
-    np.testing.assert_allclose(wasserstein(np.array([[3.0], [0.0], [1.0]]), np.array([[2.0], [6.0], [1.0]])), [5 / 3])
 
 
 def test_bodies_are_compared_from_where_they_start_and_look(make_track) -> None:

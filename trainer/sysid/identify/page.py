@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from spot_log.page.cells import table
 from spot_log.page.chart import Series, chart
 from spot_log.page.frame import HALF
 from spot_log.page.look import boxed, framed, headed
@@ -87,12 +88,8 @@ def _head(data: ResultData, known: Sequence[ParameterVerdict]) -> str:
 
 
 def _values(parameters: Sequence[ParameterVerdict]) -> str:
-    rows = "".join(
-        f"<tr><th>{esc(_plain(p.name))}</th><td class='number'><b>{p.value:.4g}</b> {esc(p.unit)}</td>"
-        f"<td class='number'>{p.low:.4g} to {p.high:.4g}</td><td>{esc(p.source)}</td></tr>"
-        for p in parameters
-    )
-    return f"<table>{rows}</table>" if rows else ""
+    rows = [(_plain(p.name), f"{p.value:.4g} {p.unit}", f"{p.low:.4g} to {p.high:.4g}", p.source) for p in parameters]
+    return table((), rows) if rows else ""
 
 
 def _reasons(parameters: Sequence[ParameterVerdict]) -> str:
@@ -126,21 +123,22 @@ def _score(data: ResultData) -> str:
 
 
 def _details(data: ResultData) -> str:
-    rows = "".join(
-        f"<tr><th>{esc(_plain(p.name))}</th><td>{p.initial:.4g}</td><td>{p.value:.4g} {esc(p.unit)}</td>"
-        f"<td>{p.low:.4g} to {p.high:.4g}</td><td>{p.by_search.value:.4g} ({p.by_search.low:.4g} to "
-        f"{p.by_search.high:.4g})</td></tr>"
+    rows = [
+        (
+            _plain(p.name),
+            p.initial,
+            f"{p.value:.4g} {p.unit}",
+            f"{p.low:.4g} to {p.high:.4g}",
+            f"{p.by_search.value:.4g} ({p.by_search.low:.4g} to {p.by_search.high:.4g})",
+        )
         for p in data.parameters
-    )
-    head = "<tr><th>parameter</th><th>initial</th><th>value</th><th>90 %</th><th>by the search alone</th></tr>"
-    floors = "".join(
-        f"<tr><th>{esc(s.name)}</th><td>{s.repeats}</td><td>{_number(s.floor_w1_nm)}</td><td>{_number(s.floor_mmd)}</td></tr>"
-        for s in data.sequences
-    )
-    floor_head = "<tr><th>sequence</th><th>repeats</th><th>floor: Wasserstein, N·m</th><th>MMD</th></tr>"
+    ]
+    head = ("parameter", "initial", "value", "90 %", "by the search alone")
+    floors = [(s.name, s.repeats, s.floor_w1_nm, s.floor_mmd) for s in data.sequences]
+    floor_head = ("sequence", "repeats", "floor: Wasserstein, N·m", "MMD")
     parts = [
-        _folded("Every parameter", f"<table>{head}{rows}</table>"),
-        _folded("Command sequences, and how far two real runs differ", f"<table>{floor_head}{floors}</table>"),
+        _folded("Every parameter", table(head, rows)),
+        _folded("Command sequences, and how far two real runs differ", table(floor_head, floors)),
         _folded("Logs", "<ul>" + "".join(f"<li>{esc(log)}</li>" for log in data.logs) + "</ul>"),
     ]
     if data.warnings:
@@ -161,10 +159,6 @@ def _plain(name: str) -> str:
     for unit in ("_nm_s_per_rad", "_kg_m2", "_rad_s", "_nm", "_rad", "_kg", "_m_s", "_m", "_s"):
         parameter = parameter.removesuffix(unit)
     return f"{effect.replace('[', ', ')}: {parameter}".replace("_", " ")
-
-
-def _number(value: float | None) -> str:
-    return "–" if value is None else f"{value:.4g}"
 
 
 def _overlays(found: Identification) -> Iterator[tuple[str, slice, float, Traces]]:
