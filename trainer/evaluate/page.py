@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from spot_log.page.cells import facts, table
+from spot_log.page.cells import facts
 from spot_log.page.chart import Series, chart
 from spot_log.page.frame import HALF
 from spot_log.page.look import boxed, framed, headed
@@ -135,11 +135,12 @@ def _trials(result: Mapping[str, Any]) -> str:
     ]
     rows.append(("told to stand", f"moves at {result['tracking']['standing_speed_m_s']:.3f} m/s", ""))
     rows.append(("largest torque", f"{result['tracking']['peak_torque_nm']:g} N·m", ""))
+    cells = "".join(f"<tr><th>{esc(a)}</th><td><b>{esc(b)}</b></td><td>{esc(c)}</td></tr>" for a, b, c in rows)
     falls = [(TRIALS[name], fall["why"]) for name, figures in result.items() for fall in _fell(figures)]
     why = f"<h3>When and why</h3>{facts(falls[:SHOWN])}" if falls else ""
     if falls[SHOWN:]:
         why += f"<details><summary>{len(falls) - SHOWN} more</summary>{facts(falls[SHOWN:])}</details>"
-    return table((), rows) + why
+    return f"<table>{cells}</table>{why}"
 
 
 def turns_at_speed(tracking: Mapping[str, Any]) -> Iterator[tuple[float, float, float]]:
