@@ -9,9 +9,9 @@ from typing import Final
 import numpy as np
 
 from diagnosis.channels.channel_view import Array
-from diagnosis.closed_loop.engine import Engine, LocalEngine, Tell
+from diagnosis.closed_loop.engine import Engine, Tell
 from diagnosis.closed_loop.environment import Chosen, best_surroundings, run_all
-from diagnosis.closed_loop.shrink import Compared, Features, Shrinkage, compare, features_by_sequence, shrinkage
+from diagnosis.closed_loop.shrink import Compared, Features, compare, features_by_sequence, shrinkage
 from diagnosis.document import OtherGap, Placebo, Shrink
 from diagnosis.read.policy_ticks import Script, policy_ticks, scripts_of
 from diagnosis.selection.evidence import Board
@@ -253,28 +253,6 @@ def measure_shrink(bench: Bench, trials: Trials, stated: str, wrong: str, rng: n
         placebo=Placebo(name=wrong, s=placebo.s) if placebo is not None and placebo.s is not None else None,
         beside=tuple(_beside(bench.runs, trials.runs[NOMINAL], trials.runs[stated])),
     )
-
-
-def shrink_of(
-    runs: Sequence[Run], nominal: RobotModel, corrected: RobotModel, policy: Policy, rng: np.random.Generator
-) -> Shrinkage | None:
-    """S of two model files on any runs, as they stand: with runs of sequences that no fit saw this is the true S.
-
-    None where no run can be compared.
-
-    Args:
-        runs: Real logs.
-        nominal: Before.
-        corrected: After.
-        policy: The policy that ran.
-        rng: Draws seeds and resamples.
-    """
-    bench = Bench.of(runs, policy, LocalEngine(policy))
-    if bench is None:
-        return None
-    models = {name: dict.fromkeys(bench.sequences, m) for name, m in ((NOMINAL, nominal), ("corrected", corrected))}
-    compared, _ = compared_by_sequence(bench, roll_out(bench, models, {}, rng, lambda _: None))
-    return shrinkage(compared, NOMINAL, "corrected", rng) if compared else None
 
 
 def compared_by_sequence(bench: Bench, models: Mapping[str, Sequence[Run]]) -> tuple[list[Compared], list[str]]:

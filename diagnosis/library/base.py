@@ -132,10 +132,6 @@ class LibraryEffect(ABC):
         legs = legs_of(joints, view)
         return np.asarray((view.row_leg < 0) | legs[np.maximum(view.row_leg, 0)])
 
-    def polished(self, shape: Shape, factors: Array) -> Shape | None:
-        """The shape with each of its free numbers times a factor, shape (:attr:`n_free`,); None where not allowed."""
-        return None
-
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
         """What one unit of each coefficient adds to the response. Shape (n, R, len(coefficients)).
 

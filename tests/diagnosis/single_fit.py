@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.optimize import lsq_linear, minimize
+from scipy.optimize import lsq_linear
 
 from diagnosis.channels.channel_view import Array, ChannelView, Flags, Ints, Shape, Views
 from diagnosis.library.base import Coefficient, LibraryEffect
@@ -17,7 +17,6 @@ HUBER: Final = 2.5
 BLOCK_S: Final = 1.0
 """With few runs, errors come from blocks of about this length; with many, from whole runs."""
 MANY_RUNS: Final = 5
-POLISH_EVALUATIONS: Final = 60
 MIN_SAMPLES: Final = 10
 REFINEMENTS: Final = 8
 """Rounds around the best shape, at most; they end when none is better."""
@@ -113,25 +112,7 @@ def fit(effect: LibraryEffect, views: Views, joints: Flags) -> Fit:
             break
         found, previous = [best], best
         shapes = effect.refined(found[0].terms[0].shape)
-    return _polished(found[0], views) if effect.n_free else found[0]
-
-
-def _polished(start: Fit, views: Views) -> Fit:
-    """A simplex search over the free numbers of the shape, from the best one of the rounds."""
-    effect, joints, shape = start.terms[0].effect, start.terms[0].joints, start.terms[0].shape
-    found = [start]
-
-    def cost(logs: Array) -> float:
-        moved = effect.polished(shape, np.exp(logs))
-        if moved is None:
-            return 2.0 * start.cost_null
-        found.append(fit_terms([Term(effect, joints, moved)], views))
-        return found[-1].cost
-
-    steps = np.concatenate([np.zeros((1, effect.n_free)), 0.08 * np.eye(effect.n_free)])
-    options = {"maxfev": POLISH_EVALUATIONS, "xatol": 2e-3, "fatol": 1e-3 * start.cost, "initial_simplex": steps}
-    minimize(cost, np.zeros(effect.n_free), method="Nelder-Mead", options=options)
-    return min(found, key=lambda f: f.cost)
+    return found[0]
 
 
 def fit_terms(terms: Sequence[Term], views: Views) -> Fit:

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from diagnosis.closed_loop.engine import LocalEngine, RayEngine, Rollout
 from diagnosis.closed_loop.surroundings import Surroundings
-from diagnosis.closed_loop.trials import shrink_of
 from spot_log.read.run import Run
-from spot_model.effects.body.payload_mass import PayloadMass
 from spot_model.effects.drive.coulomb_friction import CoulombFriction
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import Policy, load_policy
@@ -70,14 +66,3 @@ def test_surroundings_act_and_their_own_values_change_no_bit(policy: Policy, oth
     own = Surroundings().around(MODEL)
     assert _same(plain, engine.simulate(_rollouts(own)[:1], lambda _: None))
     assert not _same(plain, engine.simulate(_rollouts(Surroundings(**other).around(MODEL))[:1], lambda _: None))
-
-
-def test_a_model_that_is_the_truth_shrinks_the_gap_to_its_floor(policy: Policy) -> None:
-    truth = RobotModel((PayloadMass(mass_kg=9.0),))
-    many = tuple(replace(s, repeat=k) for k in range(2) for s in scripts(80))
-    real = LocalEngine(policy).simulate([Rollout(truth, many, 1)], lambda _: None)[0]
-    found = shrink_of(real, RobotModel(), truth, policy, np.random.default_rng(0))
-    assert found is not None
-    assert found.s is not None
-    assert found.d0 > 1.5 * found.floor
-    assert found.s > 0.8

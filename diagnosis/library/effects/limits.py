@@ -101,14 +101,6 @@ class SpeedCurveEntry(_LimitEntry):
 
     n_free: ClassVar[int] = 3
 
-    def polished(self, shape: Shape, factors: Array) -> Shape | None:
-        """Stall torque, no-load speed, and the corner's distance from it."""
-        no_load = shape["speed_max_rad_s"] * float(factors[1])
-        corner = no_load - float(factors[2]) * (shape["speed_max_rad_s"] - shape["intersect_max_rad_s"])
-        if not 0.0 <= corner < no_load:
-            return None
-        return _curve(shape["torque_max_nm"] * float(factors[0]), no_load, corner)
-
 
 def _curve(stall_nm: float, no_load_rad_s: float, corner_rad_s: float) -> Shape:
     return {

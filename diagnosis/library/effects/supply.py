@@ -63,11 +63,6 @@ class PowerLimitEntry(LibraryEffect):
 
     n_free: ClassVar[int] = 2
 
-    def polished(self, shape: Shape, factors: Array) -> Shape | None:
-        """Bound and copper loss."""
-        power, copper = shape["power_w"] * float(factors[0]), shape["copper_w_per_nm2"] * float(factors[1])
-        return {"power_w": power, "copper_w_per_nm2": copper} if power >= 50.0 and copper <= 1.0 else None
-
 
 def _asked_w(s: ActuatorSignals, copper_w_per_nm2: float) -> Array:
     """Mechanical plus copper power that all joints ask for, shape (N,), W."""
@@ -117,14 +112,6 @@ class BusSagEntry(LibraryEffect):
         return tuple(found)
 
     n_free: ClassVar[int] = 4
-
-    def polished(self, shape: Shape, factors: Array) -> Shape | None:
-        """Resistance, back-EMF, stall torque and copper loss."""
-        names = ("resistance_ohm", "back_emf_v_s_per_rad", "stall_nm_per_v", "copper_w_per_nm2")
-        ohm, emf, stall, copper = (shape[name] * float(f) for name, f in zip(names, factors, strict=True))
-        if ohm > 2.0 or emf > 10.0 or stall < 0.1 or copper > 1.0:
-            return None
-        return _plain(ohm, shape["open_voltage_v"], emf, stall, copper)
 
     def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
         """What is cut at the joints that the voltage bounds."""
