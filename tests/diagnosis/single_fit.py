@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.optimize import lsq_linear
+from scipy.optimize import lsq_linear, minimize
 
 from diagnosis.channels.channel_view import Array, ChannelView, Flags, Ints, Shape, Views
 from diagnosis.library.base import Coefficient, LibraryEffect
@@ -17,6 +17,9 @@ HUBER: Final = 2.5
 BLOCK_S: Final = 1.0
 """With few runs, errors come from blocks of about this length; with many, from whole runs."""
 MANY_RUNS: Final = 5
+POLISHED: Final = {"bus_sag": ("resistance_ohm", "back_emf_v_s_per_rad", "stall_nm_per_v")}
+"""Numbers of a shape whose steps are too coarse to recover it."""
+POLISH_EVALUATIONS: Final = 60
 MIN_SAMPLES: Final = 10
 REFINEMENTS: Final = 8
 """Rounds around the best shape, at most; they end when none is better."""
@@ -112,7 +115,26 @@ def fit(effect: LibraryEffect, views: Views, joints: Flags) -> Fit:
             break
         found, previous = [best], best
         shapes = effect.refined(found[0].terms[0].shape)
-    return found[0]
+    return _polished(found[0], views) if effect.name in POLISHED else found[0]
+
+
+def _polished(start: Fit, views: Views) -> Fit:
+    """A simplex search over the free numbers of the shape, from the best one of the rounds."""
+    effect, joints, shape = start.terms[0].effect, start.terms[0].joints, start.terms[0].shape
+    free, bounds = POLISHED[effect.name], {p.name: (p.low, p.high) for p in effect.effect.parameters()}
+    found = [start]
+
+    def cost(logs: Array) -> float:
+        moved = {**shape, **{name: shape[name] * float(np.exp(log)) for name, log in zip(free, logs, strict=True)}}
+        if not all(bounds[name][0] <= moved[name] <= bounds[name][1] for name in free):
+            return 2.0 * start.cost_null
+        found.append(fit_terms([Term(effect, joints, moved)], views))
+        return found[-1].cost
+
+    steps = np.concatenate([np.zeros((1, len(free))), 0.08 * np.eye(len(free))])
+    options = {"maxfev": POLISH_EVALUATIONS, "xatol": 2e-3, "fatol": 1e-3 * start.cost, "initial_simplex": steps}
+    minimize(cost, np.zeros(len(free)), method="Nelder-Mead", options=options)
+    return min(found, key=lambda f: f.cost)
 
 
 def fit_terms(terms: Sequence[Term], views: Views) -> Fit:
