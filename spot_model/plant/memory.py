@@ -7,9 +7,10 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spot_model.effects.base import Memory
+from spot_model.robot.arrays import namespace_of
+from spot_model.robot.rotation import AnyArray
 
 
 def map_leaves(change: Callable[..., Any], tree: Any, *others: Any) -> Any:
@@ -26,16 +27,16 @@ def map_leaves(change: Callable[..., Any], tree: Any, *others: Any) -> Any:
     return change(tree, *others)
 
 
-def restarted(rows: NDArray[np.bool_], fresh: Memory, old: Memory) -> Memory:
-    """``fresh`` in the simulations of ``rows`` (shape (n_sims,)), ``old`` elsewhere.
+def restarted(rows: AnyArray, fresh: Memory, old: Memory) -> Memory:
+    """``fresh`` in the simulations of ``rows`` (shape (n_sims,), of the leaves' array library), ``old`` elsewhere.
 
     An array whose first axis has ``n_sims`` entries holds one entry a simulation; anything else is shared and stays.
     """
 
     def choose(new: Any, kept: Any) -> Any:
-        if not isinstance(new, np.ndarray) or new.ndim == 0 or new.shape[0] != len(rows):
+        if getattr(new, "ndim", 0) == 0 or new.shape[0] != len(rows):
             return kept
-        return np.where(rows.reshape((-1,) + (1,) * (new.ndim - 1)), new, kept)
+        return namespace_of(new).where(rows.reshape((-1,) + (1,) * (new.ndim - 1)), new, kept)
 
     return map_leaves(choose, fresh, old)
 

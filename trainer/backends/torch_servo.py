@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from typing import Any
 
@@ -11,6 +10,7 @@ import torch
 
 from spot_model.effects.base import CommandEffect, Effect, ModelEffect, Motion, TorqueEffect
 from spot_model.errors import BadInputError
+from spot_model.plant.memory import restarted
 from spot_model.robot import facts
 from spot_model.robot.control import pd_torque
 
@@ -88,8 +88,7 @@ class TorchTorqueChain:
     def reset(self, mask: Tensor) -> None:
         """Start the memories afresh in the simulations of ``mask``."""
         for i, effect in enumerate(self._effects):
-            if _has_rows(self.memory[i], len(mask)):
-                self.memory[i] = _restarted(mask, effect.start(self._still), self.memory[i])
+            self.memory[i] = restarted(mask, effect.start(self._still), self.memory[i])
 
 
 def refuse_other_effects(effects: tuple[Effect, ...]) -> None:
@@ -120,35 +119,3 @@ def constant_delay_s(effect: CommandEffect, n: int) -> np.ndarray[Any, np.dtype[
             "train on the CPU or leave it out"
         )
     return delays[0]
-
-
-def _parts(memory: Any) -> list[Any]:
-    if isinstance(memory, dict):
-        return list(memory.values())
-    if isinstance(memory, (tuple, list)):
-        return list(memory)
-    if dataclasses.is_dataclass(memory) and not isinstance(memory, type):
-        return [getattr(memory, f.name) for f in dataclasses.fields(memory)]
-    return []
-
-
-def _has_rows(memory: Any, n: int) -> bool:
-    if isinstance(memory, Tensor):
-        return memory.ndim > 0 and memory.shape[0] == n
-    return any(_has_rows(part, n) for part in _parts(memory))
-
-
-def _restarted(mask: Tensor, fresh: Any, old: Any) -> Any:
-    """``fresh`` in the simulations of ``mask``, ``old`` elsewhere."""
-    if isinstance(fresh, Tensor):
-        if fresh.ndim == 0 or fresh.shape[0] != len(mask):
-            return old
-        return torch.where(mask.reshape((-1,) + (1,) * (fresh.ndim - 1)), fresh, old)
-    parts = [_restarted(mask, f, o) for f, o in zip(_parts(fresh), _parts(old), strict=True)]
-    if not parts:
-        return old
-    if isinstance(fresh, dict):
-        return dict(zip(fresh, parts, strict=True))
-    if isinstance(fresh, (tuple, list)):
-        return type(fresh)(*parts) if hasattr(fresh, "_fields") else type(fresh)(parts)
-    return dataclasses.replace(fresh, **{f.name: p for f, p in zip(dataclasses.fields(fresh), parts, strict=True)})
