@@ -17,7 +17,7 @@ HUBER: Final = 2.5
 BLOCK_S: Final = 1.0
 """With few runs, errors come from blocks of about this length; with many, from whole runs."""
 MANY_RUNS: Final = 5
-POLISHED: Final = {"bus_sag": ("resistance_ohm", "back_emf_v_s_per_rad", "stall_nm_per_v")}
+POLISHED: Final = {"bus_sag": ("resistance_ohm", "back_emf_v_s_per_rad", "stall_nm_per_v", "copper_w_per_nm2")}
 """Numbers of a shape whose steps are too coarse to recover it."""
 POLISH_EVALUATIONS: Final = 60
 MIN_SAMPLES: Final = 10
