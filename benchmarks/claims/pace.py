@@ -12,7 +12,7 @@ numbers.
 The robot: the project's bodies, held, at steps of 1 ms, with the truth's friction and torque limits, the default fake
 robot's rotor inertia, and its sensor noise; set-points take 3 ms.
 
-    python benchmarks/claims/pace.py [--truth 0] [--generations 120] [--population 32] [--seconds 6]
+    python benchmarks/claims/pace.py [--truth 0] [--generations 100] [--population 32] [--seconds 5]
 """
 
 from __future__ import annotations
@@ -159,9 +159,9 @@ def main() -> None:
     """Print one JSON object."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--truth", type=int, default=0)
-    parser.add_argument("--seconds", type=float, default=6.0, help="of the chirp")
+    parser.add_argument("--seconds", type=float, default=5.0, help="of the chirp")
     parser.add_argument("--population", type=int, default=32)
-    parser.add_argument("--generations", type=int, default=120)
+    parser.add_argument("--generations", type=int, default=100)
     chosen = parser.parse_args()
     truth = truths()[chosen.truth]
     setpoint = chirp(chosen.seconds)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import os
 from pathlib import Path
 
@@ -83,11 +82,7 @@ def make_runner(config: TrainConfig, folder: Path, device: str) -> PpoRunner:
         is_first=is_first_process(),
         logger=config.logger,
     )
-    runner = PpoRunner(env, config, log, device)
-    # What is there now lasts: the collector need not walk through it again and again while robots move.
-    gc.collect()
-    gc.freeze()
-    return runner
+    return PpoRunner(env, config, log, device)
 
 
 def is_first_process() -> bool:
