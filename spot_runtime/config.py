@@ -124,6 +124,9 @@ class RealTimeConfig(_Part):
     cpu_affinity: tuple[Annotated[int, Field(ge=0, le=4095)], ...] = Field(
         default=(), description="CPUs to stay on; empty: all."
     )
+    watch_processor: bool = Field(
+        default=True, description="Watch how long threads wait for a processor, which tells why a state is old."
+    )
     freeze_garbage_collection: bool = True
     switch_interval_s: float = Field(default=0.0005, ge=0.0001, le=0.01)
 
@@ -158,7 +161,7 @@ class RunConfig(_Part):
 
 def for_lock_step(config: RunConfig) -> RunConfig:
     """The same run where robot time waits for us: nothing is gained by real-time rights or warm caches."""
-    off = RealTimeConfig(fifo_priority=0, lock_memory=False, freeze_garbage_collection=False)
+    off = RealTimeConfig(fifo_priority=0, lock_memory=False, freeze_garbage_collection=False, watch_processor=False)
     control = config.control.model_copy(update={"warm_up": False})
     return config.model_copy(update={"real_time": off, "control": control})
 

@@ -43,16 +43,17 @@ def _refused(server: Server, command: Any, *expects: str, **keywords: Any) -> st
     """The answer to a command while the motors are off, so that nothing can move.
 
     Raises:
-        SkippedError: The motors are on, or the server refuses every command for their sake before it looks further.
+        SkippedError: The motors are on, or the server refuses a command for their sake before it looks at end times and
+            frames; the protos name no order.
     """
     if not is_off(server.state()):
         raise SkippedError("the motors are on")
     with server.lease() as lease:
         seen = status_of(send(server, lease, command, **keywords))
         if seen == _UNPOWERED and seen not in expects:
-            all_wrong = send(server, lease, _NOWHERE, clock="no-such-client", end_s=-1.0)
+            all_wrong = send(server, lease, _NOWHERE, clock=keywords.get("clock"), end_s=-1.0)
             if status_of(all_wrong) == _UNPOWERED:
-                raise SkippedError("the server looks at the motors' power before anything else")
+                raise SkippedError("the server looks at the motors' power before what is wrong here")
         return seen
 
 

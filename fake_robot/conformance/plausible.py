@@ -8,7 +8,8 @@ from itertools import pairwise
 from typing import Any
 
 from bosdyn.api import robot_state_pb2
-from bosdyn.client.math_helpers import Quat
+from bosdyn.client.frame_helpers import get_a_tform_b
+from bosdyn.client.math_helpers import Quat, SE3Pose
 
 from fake_robot.conformance.check import Basis, Needs, check
 from fake_robot.conformance.powered import powered
@@ -74,17 +75,19 @@ def _compared(server: Server) -> str:
             return f"{name}: {load_nm:.1f}, polled {joint.load.value:.1f} N·m"
     if polled.foot_state and [foot.contact for foot in polled.foot_state] != list(last.contact_states):
         return "the feet's contacts differ"
-    edge = kinematics.transforms_snapshot.child_to_parent_edge_map["odom"].parent_tform_child
-    there = Quat.from_proto(edge.rotation).inverse()
-    at, turn = (
-        last.kinematic_state.odom_tform_body.position,
-        Quat.from_proto(last.kinematic_state.odom_tform_body.rotation),
-    )
-    gap = there.transform_point(-edge.position.x, -edge.position.y, -edge.position.z)
-    if math.dist(gap, (at.x, at.y, at.z)) > _NEAR_M:
-        return "the body is elsewhere in odom"
-    cosine = abs(sum(getattr(there, axis) * getattr(turn, axis) for axis in "wxyz"))
-    return "as polled" if cosine > math.cos(0.5 * _NEAR_RAD) else "the body is turned otherwise in odom"
+    for frame, other in (
+        ("odom", last.kinematic_state.odom_tform_body),
+        ("vision", last.kinematic_state.vision_tform_body),
+    ):
+        there, at = get_a_tform_b(kinematics.transforms_snapshot, frame, "body"), SE3Pose.from_proto(other)
+        if there is None:
+            return f"no frame {frame} is polled"
+        if math.dist((there.x, there.y, there.z), (at.x, at.y, at.z)) > _NEAR_M:
+            return f"the body is elsewhere in {frame}"
+        cosine = abs(sum(getattr(there.rot, axis) * getattr(at.rot, axis) for axis in "wxyz"))
+        if cosine < math.cos(0.5 * _NEAR_RAD):
+            return f"the body is turned otherwise in {frame}"
+    return "as polled"
 
 
 @check(f"{_STREAM}: joint_states.velocity", "200 messages", "the slope of position", source="robot_state.proto")

@@ -28,6 +28,7 @@ from fake_robot.services.calls.access import refuse_request
 from fake_robot.services.calls.unary import Answer, Call
 from fake_robot.services.reports.log_status import ANSWERS as LOG_ANSWERS
 from fake_robot.services.sensors.cameras import CAMERAS
+from fake_robot.services.sensors.local_grids import get_grids, list_types
 from fake_robot.services.sensors.ray_cast import cast_ray
 
 _REGISTERED: Final = (
@@ -75,13 +76,6 @@ def _undocked(call: Call) -> None:
     state.status = state.DOCK_STATUS_UNDOCKED
 
 
-def _no_local_grids(call: Call) -> None:
-    call.response.num_local_grid_errors = len(call.request.local_grid_requests)
-    for wanted in call.request.local_grid_requests:
-        entry = call.response.local_grid_responses.add(local_grid_type_name=wanted.local_grid_type_name)
-        entry.status = entry.STATUS_NO_SUCH_GRID
-
-
 def _no_point_clouds(call: Call) -> None:
     for _ in call.request.point_cloud_requests:
         entry = call.response.point_cloud_responses.add()
@@ -119,7 +113,7 @@ ANSWERS: Final[Mapping[str, Mapping[str, Answer]]] = {
         "ListStoredAlertData": _empty,
         "ListStoredData": _empty,
     },
-    "bosdyn.api.LocalGridService": {"GetLocalGridTypes": _empty, "GetLocalGrids": _no_local_grids},
+    "bosdyn.api.LocalGridService": {"GetLocalGridTypes": list_types, "GetLocalGrids": get_grids},
     "bosdyn.api.PointCloudService": {
         "ListPointCloudSources": _empty,
         "GetPointCloud": _no_point_clouds,

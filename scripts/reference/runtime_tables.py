@@ -8,20 +8,43 @@ import itertools
 from collections.abc import Iterator
 from types import ModuleType
 
+from spot_log.live.process import LiveViewError
+from spot_model.errors import SpotRlError
 from spot_runtime.control.safety import battery, states
 from spot_runtime.control.safety.signals import bounds
 from spot_runtime.hal import errors
+from spot_runtime.host.instance_lock import AlreadyRunningError, LockError
+from spot_runtime.operator.listening import ListenError
+from spot_runtime.rescue.lease_note import LeaseNoteError
+from spot_runtime.rescue.make_safe import NotSafeError
 from spot_runtime.safety_limits import SafetyLimits
 from spot_runtime.stops import StopReason
+from spot_tools.client.client import RefusedError, UnreachableError
 
 from .words import plain, table
 
+COMMAND_ERRORS: tuple[type[SpotRlError], ...] = (
+    LeaseNoteError,
+    NotSafeError,
+    AlreadyRunningError,
+    RefusedError,
+    UnreachableError,
+    ListenError,
+    LiveViewError,
+    LockError,
+)
 MARKER = "written by scripts/write_docs.py"
 
 
 def runtime_page(text: str) -> str:
     """The page with its tables as they should be now, between the markers of each."""
-    tables = {"stops": stops_table(), "errors": errors_table(), "limits": limits_table(), "bounds": bounds_table()}
+    tables = {
+        "stops": stops_table(),
+        "errors": errors_table(),
+        "codes": codes_table(),
+        "limits": limits_table(),
+        "bounds": bounds_table(),
+    }
     for name, made in tables.items():
         begin, end = f"<!-- {name}: {MARKER} -->", f"<!-- end of {name} -->"
         head, _, rest = text.partition(begin)
@@ -42,9 +65,15 @@ def stops_table() -> str:
 def errors_table() -> str:
     """Every reason for which a run does not begin."""
     kinds = [kind for _, kind in inspect.getmembers(errors, inspect.isclass) if issubclass(kind, errors.HalError)]
-    kinds = sorted((kind for kind in kinds if kind is not errors.HalError), key=lambda kind: kind.exit_code)
+    kinds.sort(key=lambda kind: kind.exit_code)
     rows = [(f"`{kind.label}`", str(kind.exit_code), (kind.__doc__ or "").strip()) for kind in kinds]
     return table(("reason", "exit code", "meaning"), rows)
+
+
+def codes_table() -> str:
+    """Every exit code with which a command ends that did not begin to drive a robot, or did not need to."""
+    rows = {kind.exit_code: (kind.__doc__ or "").strip() for kind in COMMAND_ERRORS}
+    return table(("exit code", "meaning"), [(str(code), rows[code]) for code in sorted(rows)])
 
 
 def limits_table() -> str:

@@ -51,7 +51,8 @@ def robot_state_from_message(
 ) -> RobotState:
     """Convert a RobotStateStreamResponse; the seven arm joints, where there are any, are left out.
 
-    The state's stamp is the joints' acquisition stamp. No value is checked here, so NaN passes through.
+    The state's stamp is the joints' acquisition stamp. No value is checked here, so NaN passes through. A robot that
+    reports no contacts touches the ground with no foot.
 
     Raises:
         StateMessageError: Arrays have other lengths than Spot's.
@@ -59,8 +60,8 @@ def robot_state_from_message(
     joints, kinematics, last = message.joint_states, message.kinematic_state, message.last_command
     odom_from_body, velocity = kinematics.odom_tform_body, kinematics.velocity_of_body_in_odom
     contacts = message.contact_states
-    if len(contacts) != N_LEGS:
-        raise StateMessageError(f"state message has {len(contacts)} contact states; Spot sends {N_LEGS}")
+    if len(contacts) not in (0, N_LEGS):
+        raise StateMessageError(f"state message has {len(contacts)} contact states; Spot sends {N_LEGS}, or none")
     robot_stamp_ns = _stamp_ns(joints.acquisition_timestamp)
     return RobotState(
         robot_stamp_ns=robot_stamp_ns,
@@ -72,7 +73,7 @@ def robot_state_from_message(
         odom_from_body_wxyz=_quaternion_wxyz(odom_from_body.rotation),
         linear_vel_of_body_in_odom_m_s=_vector(velocity.linear),
         angular_vel_of_body_in_odom_rad_s=_vector(velocity.angular),
-        foot_contact=np.array(contacts[:]) == _CONTACT_MADE,
+        foot_contact=np.array(contacts[:]) == _CONTACT_MADE if contacts else np.zeros(N_LEGS, dtype=np.bool_),
         last_command_key=last.user_command_key,
         last_command_robot_stamp_ns=_stamp_ns(last.received_timestamp),
         imu=tuple(_imu_packet(packet) for packet in message.inertial_state.packets) if with_imu else (),

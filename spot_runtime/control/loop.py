@@ -28,6 +28,7 @@ from spot_runtime.control.snapshot import Snapshot
 from spot_runtime.control.step import after_failure, check_step, control_step, stopped
 from spot_runtime.control.warm_up import WarmReceiver
 from spot_runtime.hal.base import Hal, JointControl
+from spot_runtime.host.cpu_wait import CpuWait
 from spot_runtime.host.realtime import let_others_run
 from spot_runtime.sources.base import CommandSource, Wanted
 from spot_runtime.stops import Ending, Stop
@@ -60,6 +61,7 @@ class ControlLoop:
         *,
         on_event: Callable[[EventRecord], None] = lambda _: None,
         wall_s: Callable[[], float] = time.perf_counter,
+        cpu_wait: CpuWait | None = None,
     ) -> None:
         """Prepare; the robot stands under the vendor's control.
 
@@ -71,7 +73,9 @@ class ControlLoop:
             sink: The log.
             on_event: Also told of every event; must not block.
             wall_s: Measures how long computing takes.
+            cpu_wait: Tells whether this computer is why states are old; None where robot time waits for it.
         """
+        self._cpu_wait = cpu_wait
         self._hal, self._sink, self._on_event, self._wall_s = hal, sink, on_event, wall_s
         contract, pose_rad = policy.contract, policy.default_position_rad[policy.canonical_from_policy]
         self._plan = Plan(
@@ -168,6 +172,8 @@ class ControlLoop:
         if step.usable:
             self.memory = check_step(step)
         self.stats.departures(self._hal.departures())
+        if now.log is not None and self._cpu_wait is not None:
+            self._cpu_wait.mark()
         if step.newest is not None:
             self._receiver.arrivals.add(step.newest)
 
@@ -209,9 +215,15 @@ class ControlLoop:
         hal, watch = self._hal, self.memory.watch
         host_ns, robot_ns = hal.host_now_ns(), hal.robot_now_ns()
         log = self._sink.health() if robot_ns >= watch.next_log_check_ns else None
-        return Snapshot(
-            host_ns, robot_ns, states, hal.joint_control, hal.problems(), hal.slow_state, hal.clock_age_s, log
-        )
+        newest = states[-1] if states else watch.newest
+        waited_s, control, problems = self._cpu_wait_s(newest, robot_ns), hal.joint_control, hal.problems()
+        return Snapshot(host_ns, robot_ns, states, control, problems, hal.slow_state, hal.clock_age_s, log, waited_s)
+
+    def _cpu_wait_s(self, newest: RobotState | None, robot_ns: int) -> float | None:
+        if self._cpu_wait is None or newest is None or self.memory.ending is not None:
+            return None
+        is_old = (robot_ns - newest.robot_stamp_ns) / NS_PER_S > self._plan.limits.state_age_warn_s
+        return self._cpu_wait.since_mark_s() if is_old else None
 
     def _now(self) -> Snapshot:
         return Snapshot(self._hal.host_now_ns(), self._hal.robot_now_ns(), joint_control=self._hal.joint_control)

@@ -26,6 +26,8 @@ class Snapshot(NamedTuple):
     clock_age_s: float = 0.0
     log: SinkHealth | None = None
     """How the log is doing; None between two looks at it."""
+    cpu_wait_s: float | None = None
+    """Longest time that a thread of this process has waited for a processor of late; None unless states are old."""
 
 
 class Phase(NamedTuple):

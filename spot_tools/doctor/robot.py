@@ -12,11 +12,12 @@ from bosdyn.api import estop_pb2, license_pb2, robot_state_pb2
 from spot_model.errors import SpotRlError
 from spot_runtime.config import RunConfig
 from spot_runtime.hal.connection.address import parse_address
-from spot_runtime.hal.errors import NoServiceError
+from spot_runtime.hal.errors import HalError, NoServiceError
 from spot_runtime.hal.spot.estop import is_alive
 from spot_runtime.hal.spot.slow_state import (
     charge_percent,
     pressed_estops,
+    refuse_arm,
     reporting_battery,
     slow_state_from_message,
 )
@@ -52,6 +53,7 @@ class RobotDoctor:
         }
         of_the_robot = (
             ("clock", self.clock),
+            ("joints", self.joints),
             ("faults", self.faults),
             ("battery", self.battery),
             ("motors", self.motors),
@@ -114,6 +116,15 @@ class RobotDoctor:
         if abs(skew_s) > SKEW_WARN_S:
             return warn(found, "a run allows for it, but stamps of two logs will not agree: set both clocks by NTP")
         return ok(found)
+
+    def joints(self, reader: Reader) -> Finding:
+        """Those that policies drive, and no arm's."""
+        message = reader.state()
+        try:
+            refuse_arm(message)
+        except HalError as error:
+            return fail(*str(error).rsplit("; ", 1))
+        return ok(f"{len(message.kinematic_state.joint_states)}, no arm")
 
     def faults(self, reader: Reader) -> Finding:
         """No fault that keeps the motors off."""
@@ -195,13 +206,14 @@ class RobotDoctor:
             info = reader.license_info()
         except NoServiceError:
             return warn("the robot offers no licence service", NO_FEATURE_ADVICE)
+        named = info.id or "without a number"
         name = status_word(license_pb2.LicenseInfo.Status, info.status)
         if info.status != license_pb2.LicenseInfo.STATUS_VALID:
-            return fail(f"licence {info.id or '–'}: {name}", "ask the vendor for a licence with joint control")
+            return fail(f"licence {named}: {name}", "ask the vendor for a licence with joint control")
         features = ", ".join(info.licensed_features) or "none named"
         if not reader.has_feature(JOINT_CONTROL_FEATURE):
-            return warn(f"licence {info.id} is valid, features: {features}", NO_FEATURE_ADVICE)
-        return ok(f"licence {info.id} is valid and names joint control")
+            return warn(f"licence {named} is valid, features: {features}", NO_FEATURE_ADVICE)
+        return ok(f"licence {named} is valid and names joint control")
 
 
 def status_word(enum: Any, number: int) -> str:

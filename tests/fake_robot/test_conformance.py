@@ -11,6 +11,8 @@ from typing import Any
 
 import pytest
 from bosdyn.api import lease_pb2, robot_command_pb2, robot_state_pb2, time_sync_pb2
+from bosdyn.api.local_grid_pb2 import LocalGrid
+from bosdyn.client.frame_helpers import get_a_tform_b
 from bosdyn.client.sdk import create_standard_sdk
 from typer.testing import CliRunner
 
@@ -28,6 +30,7 @@ from fake_robot.services.authority.lease import LeaseService
 from fake_robot.services.authority.lease_records import LeaseRecords
 from fake_robot.services.calls import access
 from fake_robot.services.identity import directory_entries, time_sync_clients
+from fake_robot.services.identity.directory import DirectoryService
 from fake_robot.services.identity.license import LicenseService
 from fake_robot.services.identity.robot_id import RobotIdService
 from fake_robot.services.identity.time_sync_clients import TimeSyncClients
@@ -35,6 +38,7 @@ from fake_robot.services.identity.tokens import Credentials, LoginResult, TokenM
 from fake_robot.services.motion.robot_command import RobotCommandService
 from fake_robot.services.reports import robot_state_message
 from fake_robot.services.reports.robot_state import RobotStateService
+from fake_robot.services.sensors import local_grids
 from fake_robot.services.sensors.cameras import ImageService
 from fake_robot.services.sensors.world_objects import WorldObjectService
 from fake_robot.start.commands import app
@@ -370,6 +374,66 @@ PLANTED: dict[str, tuple[Callable[[pytest.MonkeyPatch], None], set[str]]] = {
         _answers(ImageService, "GetImage", lambda r: _set(r.image_responses[0].shot.image, rows=1)),
         {"image_is_as_large_as_its_source"},
     ),
+    "a report is an error": (
+        _answers(RobotStateService, "GetRobotMetrics", lambda r: _set(r.header.error, code=2)),
+        {"reads_succeed"},
+    ),
+    "no service asks for a token": (
+        _answers(
+            DirectoryService,
+            "ListServiceEntries",
+            lambda r: [_set(entry, user_token_required=False) for entry in r.service_entries],
+        ),
+        {"token_is_asked_for_as_listed"},
+    ),
+    "leases form no tree": (
+        _answers(LeaseService, "ListLeases", lambda r: r.ClearField("resource_tree")),
+        {"leases_form_a_tree"},
+    ),
+    "refused leases do not come back": (
+        _answers(RobotCommandService, "ClearBehaviorFault", lambda r: r.lease_use_result.ClearField("attempted_lease")),
+        {"attempted_lease_is_told"},
+    ),
+    "the e-stop's status has no endpoints": (
+        _answers(EstopService, "GetEstopSystemStatus", lambda r: r.status.ClearField("endpoints")),
+        {"estop_endpoints_agree"},
+    ),
+    "the e-stop's configuration has no identifier": (
+        _answers(EstopService, "GetEstopConfig", lambda r: r.active_config.ClearField("unique_id")),
+        {"estop_endpoints_agree"},
+    ),
+    "temperatures are in kelvin": (
+        _answers(
+            RobotStateService,
+            "GetRobotState",
+            lambda r: [_set(m, temperature=300.0) for m in r.robot_state.system_state.motor_temperatures],
+        ),
+        {"temperatures_are_in_celsius"},
+    ),
+    "a command that nobody sent is confirmed": (
+        _states(lambda s: _set(s.last_command, user_command_key=7)),
+        {"last_command_has_a_time"},
+    ),
+    "service faults are not reported": (
+        _answers(RobotStateService, "GetRobotState", lambda r: r.robot_state.service_fault_state.ClearField("faults")),
+        {"service_fault_is_reported"},
+    ),
+    "images have no time": (
+        _answers(
+            ImageService, "GetImage", lambda r: [i.shot.ClearField("acquisition_time") for i in r.image_responses]
+        ),
+        {"images_tell_when_and_where"},
+    ),
+    "cameras have no focal length": (
+        _answers(
+            ImageService, "GetImage", lambda r: [i.source.pinhole.ClearField("intrinsics") for i in r.image_responses]
+        ),
+        {"images_tell_when_and_where"},
+    ),
+    "grids have cells of another size": (
+        lambda m: m.setitem(local_grids._FORMATS, "no_step", (LocalGrid.CELL_FORMAT_INT16, b"\0")),
+        {"grids_have_their_cells"},
+    ),
     "the licence has no status": (
         _answers(LicenseService, "GetLicenseInfo", lambda r: _set(r.license, status=0)),
         {"license_is_told"},
@@ -438,6 +502,44 @@ def test_a_server_that_looks_at_the_power_first_leaves_other_refusals_open(
         **dict.fromkeys(names, Verdict.SKIPPED),
         "stand_without_power": Verdict.PASS,
     }
+
+
+def test_a_server_that_looks_at_clocks_then_power_leaves_end_times_and_frames_open(
+    serve: Serve, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The protos name no order of what is looked at."""
+    kinds = robot_command_pb2.RobotCommandResponse
+
+    def power_second(response: Any) -> None:
+        if response.status != kinds.STATUS_NO_TIMESYNC:
+            response.status = kinds.STATUS_NOT_POWERED_ON
+
+    _answers(RobotCommandService, "RobotCommand", power_second)(monkeypatch)
+    names = ("unknown_frame", "expired_command", "timed_without_clock", "timed_with_unknown_clock")
+    results = run_checks(serve(), Needs.LEASE, names)
+    assert {r.check.name: r.verdict for r in results} == {
+        "unknown_frame": Verdict.SKIPPED,
+        "expired_command": Verdict.SKIPPED,
+        "timed_without_clock": Verdict.PASS,
+        "timed_with_unknown_clock": Verdict.PASS,
+    }
+
+
+def test_a_tree_of_frames_may_have_any_root(serve: Serve, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Odom at the root, and the body and vision below it."""
+
+    def replant(response: Any) -> None:
+        snapshot = response.robot_state.kinematic_state.transforms_snapshot
+        edges = snapshot.child_to_parent_edge_map
+        poses = {name: get_a_tform_b(snapshot, "odom", name) for name in ("body", "vision")}
+        for name, pose in poses.items():
+            edges[name].parent_frame_name = "odom"
+            edges[name].parent_tform_child.CopyFrom(pose.to_proto())
+        edges["odom"].Clear()
+
+    _answers(RobotStateService, "GetRobotState", replant)(monkeypatch)
+    (result,) = run_checks(serve(), Needs.LEASE, ("stream_agrees_with_poll",))
+    assert result.verdict is Verdict.PASS, result.seen
 
 
 def test_names_are_one_each_and_every_guess_with_several_answers_has_a_switch_or_is_about_order() -> None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import struct
 import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
 from bosdyn.api import data_buffer_pb2, data_index_pb2, payload_pb2, power_pb2, ray_cast_pb2, service_fault_pb2
+from bosdyn.api.keepalive import keepalive_pb2
 from bosdyn.api.log_status.log_status_pb2 import LogStatus
 from bosdyn.api.spot.inverse_kinematics_pb2 import InverseKinematicsRequest
 from bosdyn.client import ray_cast
@@ -18,6 +20,7 @@ from bosdyn.client.directory_registration import DirectoryRegistrationClient, Se
 from bosdyn.client.docking import DockingClient
 from bosdyn.client.exceptions import InvalidRequestError, UnimplementedError
 from bosdyn.client.fault import FaultClient, ServiceFaultAlreadyExistsError, ServiceFaultDoesNotExistError
+from bosdyn.client.frame_helpers import get_a_tform_b
 from bosdyn.client.keepalive import InvalidPolicyError, KeepaliveClient, Policy, PolicyKeepalive
 from bosdyn.client.license import LicenseClient
 from bosdyn.client.local_grid import LocalGridClient
@@ -31,7 +34,7 @@ from bosdyn.client.math_helpers import Vec3
 from bosdyn.client.payload import PayloadClient
 from bosdyn.client.payload_registration import PayloadRegistrationClient
 from bosdyn.client.point_cloud import PointCloudClient
-from bosdyn.client.power import PowerClient
+from bosdyn.client.power import KeepaliveMotorsOffError, PowerClient
 from bosdyn.client.robot import UnregisteredServiceNameError
 from bosdyn.client.robot_state import RobotStateClient
 from bosdyn.client.world_object import WorldObjectClient
@@ -207,11 +210,30 @@ def test_data_buffer_and_what_it_keeps(robot: Any) -> None:
 
 def test_senses_are_empty_but_answer(robot: Any, call: Callable[..., Any]) -> None:
     assert list(call(PointCloudClient, "list_point_cloud_sources")) == []
-    assert list(call(LocalGridClient, "get_local_grid_types")) == []
     assert list(call(WorldObjectClient, "list_world_objects").world_objects) == []
     docked = call(DockingClient, "get_docking_state")
     assert docked.status == docked.DOCK_STATUS_UNDOCKED
     assert list(call(LogStatusClient, "get_active_log_statuses").log_statuses) == []
+
+
+def test_local_grids_map_the_ground_below_the_body(robot: Any) -> None:
+    client = robot.ensure_client(LocalGridClient.default_service_name)
+    names = [listed.name for listed in client.get_local_grid_types()]
+    assert {"terrain", "obstacle_distance"} <= set(names)
+    (unknown,) = client.get_local_grids(["no-such-grid"])
+    assert unknown.status == unknown.STATUS_NO_SUCH_GRID
+    for answer in client.get_local_grids(names):
+        grid = answer.local_grid
+        size = {grid.CELL_FORMAT_FLOAT32: 4, grid.CELL_FORMAT_UINT8: 1}[grid.cell_format]
+        assert len(grid.data) == size * grid.extent.num_cells_x * grid.extent.num_cells_y
+        corner = get_a_tform_b(grid.transforms_snapshot, "odom", grid.frame_name_local_grid_data)
+        body = get_a_tform_b(grid.transforms_snapshot, "odom", "body")
+        half_m = 0.5 * grid.extent.cell_size * grid.extent.num_cells_x
+        assert corner.x + half_m == pytest.approx(body.x, abs=grid.extent.cell_size)
+        assert corner.y + half_m == pytest.approx(body.y, abs=grid.extent.cell_size)
+        if answer.local_grid_type_name == "terrain":
+            ground = get_a_tform_b(grid.transforms_snapshot, "odom", "gpe")
+            assert corner.z + struct.unpack_from("<f", grid.data)[0] == pytest.approx(ground.z, abs=1e-6)
 
 
 def test_a_log_runs_until_its_end_or_until_it_is_terminated(robot: Any, call: Callable[..., Any], stub: Any) -> None:
@@ -271,6 +293,16 @@ def test_keepalive_policy_acts_once_when_its_client_is_silent(robot: Any, stub: 
         stub.server.world.tick()
         stub.server.world.tick()
         assert stub.robot.calls.count("safe_power_off") == 1
+        # What a silent client's policy has switched off, nobody switches on before that client is heard, or gone.
+        power, leases = robot.ensure_client(PowerClient.default_service_name), robot.ensure_client("lease")
+        leases.acquire()
+        motors_off = keepalive_pb2.GetStatusResponse.POLICY_CONTROL_ACTION_MOTORS_OFF
+        assert list(client.get_status().active_control_actions) == [motors_off]
+        with pytest.raises(KeepaliveMotorsOffError):
+            power.power_command(power_pb2.PowerCommandRequest.REQUEST_ON_MOTORS)
+        client.check_in(client.get_status().status[0].policy_id)
+        assert list(client.get_status().active_control_actions) == []
+        power.power_command(power_pb2.PowerCommandRequest.REQUEST_ON_MOTORS)
     assert not client.get_status().status
     with pytest.raises(InvalidPolicyError):
         client.check_in(77)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
 from types import SimpleNamespace
-from typing import Literal
+from typing import Any, Literal
 
 import grpc
 import numpy as np
@@ -17,18 +18,20 @@ from bosdyn.client.channel import translate_exception
 from bosdyn.client.lease import ResourceAlreadyClaimedError
 from bosdyn.client.robot import UnregisteredServiceNameError
 
+from spot_log.format.vendor_state import StateMessageError, robot_state_from_wire
 from spot_model.robot import facts
 from spot_model.robot.state import Gains, JointCommand
 from spot_runtime.config import RobotConfig, RunConfig
 from spot_runtime.control.safety.slow_state import check_slow_state
 from spot_runtime.hal.connection.address import parse_address
 from spot_runtime.hal.errors import CredentialsError, EstopError, FaultError, HalError, NoRobotError, NoServiceError
-from spot_runtime.hal.spot.calls import Calls
+from spot_runtime.hal.spot.calls import RETRY_PAUSES_S, Calls, patiently
 from spot_runtime.hal.spot.command_stream import CommandEncoder, LatestSlot
 from spot_runtime.hal.spot.estop import needs_own_endpoint
 from spot_runtime.hal.spot.jobs import Jobs
 from spot_runtime.hal.spot.session import Session
 from spot_runtime.hal.spot.slow_state import charge_percent, slow_state_from_message
+from spot_runtime.hal.spot.state_receiver import StateReceiver
 from spot_runtime.hal.spot.vendor_errors import translate
 from spot_runtime.host.clock import HostClock, RobotClockEstimate
 
@@ -308,6 +311,9 @@ class _FailedCall(grpc.RpcError):
         return self._details
 
 
+_UNAUTHENTICATED = sdk.UnauthenticatedError(_FailedCall("token expired", grpc.StatusCode.UNAUTHENTICATED), "doc")
+
+
 def test_no_connection_is_explained_where_that_is_asked() -> None:
     error = sdk.UnableToConnectToRobotError(_FailedCall(), "doc")
     told = translate(error, "logging in", lambda reason: NoRobotError(f"because {reason}"))
@@ -329,7 +335,7 @@ def test_two_calls_that_one_expired_token_refuses_are_both_served_by_one_login()
 
     def refused_until_login() -> str:
         if not logins:
-            raise sdk.UnauthenticatedError(_FailedCall(), "doc")
+            raise _UNAUTHENTICATED
         return "answer"
 
     def overtaken() -> str:
@@ -337,10 +343,111 @@ def test_two_calls_that_one_expired_token_refuses_are_both_served_by_one_login()
         if logins:
             return "answer"
         assert calls.make("keeping the lease", refused_until_login) == "answer"
-        raise sdk.UnauthenticatedError(_FailedCall(), "doc")
+        raise _UNAUTHENTICATED
 
     assert calls.make("polling", overtaken) == "answer"
     assert len(logins) == 1
+
+
+@pytest.mark.parametrize("code", [grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.RESOURCE_EXHAUSTED])
+@pytest.mark.parametrize("wrap", [lambda e: e, lambda e: sdk.TooManyRequestsError(e, "doc")])
+def test_a_call_that_is_turned_away_is_made_again_after_a_pause(code: grpc.StatusCode, wrap: Any) -> None:
+    for failures in range(4):
+        made, pauses = [], []
+
+        def call(failures: int = failures, made: list[int] = made) -> str:
+            made.append(1)
+            if len(made) <= failures:
+                raise wrap(_FailedCall("connection termination", code))
+            return "answer"
+
+        if failures == 3:
+            with pytest.raises((sdk.TooManyRequestsError, _FailedCall)):
+                patiently(call, pauses.append)
+        else:
+            assert patiently(call, pauses.append) == "answer"
+        assert len(made) == min(failures + 1, 3)
+        assert pauses == list(RETRY_PAUSES_S)[:failures]
+
+
+def test_whatever_else_a_call_ends_with_is_an_answer() -> None:
+    """A time-out says nothing of whether the call was carried out, and a refusal stays one."""
+    held = SimpleNamespace(
+        lease_owner=SimpleNamespace(client_name="tablet", user_name=""), header=SimpleNamespace(error=None)
+    )
+    answers = [_FailedCall(code=grpc.StatusCode.DEADLINE_EXCEEDED), _UNAUTHENTICATED]
+    for answer in (*answers, ResourceAlreadyClaimedError(held, "doc")):
+        made: list[int] = []
+
+        def call(answer: Exception = answer, made: list[int] = made) -> None:
+            made.append(1)
+            raise answer
+
+        with pytest.raises(type(answer)):
+            patiently(call, lambda _: pytest.fail("there is nothing to wait for"))
+        assert len(made) == 1
+
+
+class _Stream(list[bytes]):
+    """What one call of the state stream brings, written by hand."""
+
+    def __init__(self, messages: int = 0, error: Exception | None = None) -> None:
+        super().__init__([_state_wire()] * messages)
+        self._error = error
+        self.is_cancelled = False
+
+    def __iter__(self) -> Iterator[bytes]:
+        yield from super().__iter__()
+        if self._error is not None:
+            raise self._error
+
+    def cancel(self) -> None:
+        self.is_cancelled = True
+
+
+def _state_wire(contacts: int = 4) -> bytes:
+    message = robot_state_pb2.RobotStateStreamResponse(contact_states=[1] * contacts)
+    for name in ("position", "velocity", "load"):
+        getattr(message.joint_states, name).extend([0.0] * 12)
+    return bytes(message.SerializeToString())
+
+
+def received(streams: list[_Stream], lives_s: float) -> tuple[int, list[str]]:
+    """How many states such streams bring, each of which lives so long, and with which words they end."""
+    opened, ends, rest = [0], [], list(streams)
+
+    def open_stream(_request: object) -> _Stream:
+        opened[0] += 1
+        return rest.pop(0)
+
+    def now_ns() -> int:
+        now_ns.calls += 1  # type: ignore[attr-defined]
+        return int(now_ns.calls * lives_s * 1e9)  # type: ignore[attr-defined]
+
+    now_ns.calls = 0  # type: ignore[attr-defined]
+    channel: Any = SimpleNamespace(unary_stream=lambda *_, **__: open_stream)
+    request = robot_state_pb2.RobotStateStreamRequest()
+    receiver = StateReceiver(channel, request, now_ns=now_ns, on_wire=lambda *_: None, on_end=ends.append)
+    states = list(iter(receiver.states.get, None))
+    receiver.stop()
+    return len(states), ends
+
+
+def test_a_state_stream_that_the_robot_closes_is_opened_again() -> None:
+    lost = _FailedCall("gone")
+    assert received([_Stream(4), _Stream(2), _Stream(1, lost)], lives_s=1.1) == (7, ["UNAVAILABLE: gone"])
+
+
+def test_a_state_stream_that_lives_for_a_moment_or_breaks_is_not_opened_again() -> None:
+    assert received([_Stream(0)], lives_s=0.9) == (0, ["the robot closed the state stream"])
+    assert received([_Stream(3, _FailedCall("gone"))], lives_s=1.1) == (3, ["UNAVAILABLE: gone"])
+
+
+def test_a_robot_may_report_four_contacts_or_none() -> None:
+    assert robot_state_from_wire(_state_wire(4), 0).foot_contact.all()
+    assert robot_state_from_wire(_state_wire(0), 0).foot_contact.tolist() == [False] * 4
+    with pytest.raises(StateMessageError, match="3 contact states; Spot sends 4, or none"):
+        robot_state_from_wire(_state_wire(3), 0)
 
 
 def test_a_robot_that_refuses_a_fresh_token_is_not_asked_again_and_again() -> None:
@@ -348,7 +455,7 @@ def test_a_robot_that_refuses_a_fresh_token_is_not_asked_again_and_again() -> No
     calls = Calls(object(), lambda: logins.append(1))
 
     def refused() -> None:
-        raise sdk.UnauthenticatedError(_FailedCall(), "doc")
+        raise _UNAUTHENTICATED
 
     for _ in range(3):
         with pytest.raises(CredentialsError, match="denies access"):

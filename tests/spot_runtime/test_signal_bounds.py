@@ -298,6 +298,16 @@ def test_a_foot_may_press_sideways_up_to_a_share_of_what_it_carries(monkeypatch:
         assert weight.is_burden_wrong(loaded) is is_wrong
 
 
+def test_a_stand_on_rubber_may_use_all_that_it_holds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Feet pressed apart by up to 0.83 of what each carries, as another server's stand does."""
+    loaded = window(load_nm=np.ones(12))
+    for share, is_wrong in ((0.83, False), (0.99, False), (1.01, True)):
+        upward_n = 0.25 * bounds.WEIGHT_N
+        forces = np.array([[0.0, side * share * upward_n, upward_n] for side in (1, -1, 1, -1)])
+        monkeypatch.setattr(weight, "ground_forces_n", lambda *_, forces=forces: forces)
+        assert weight.is_burden_wrong(loaded) is is_wrong
+
+
 def test_resting_excuses_only_while_commands_drive_the_joints() -> None:
     """In ready, where the vendor's stand keeps the robot still, the noise of the neighbours alone is the measure."""
     states = [replace(ROBOT.state(i), velocity_rad_s=np.full(12, 1e-6 * i)) for i in range(7)]

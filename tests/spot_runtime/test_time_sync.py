@@ -19,7 +19,7 @@ from bosdyn.api import (
 )
 from bosdyn.client.robot_command import NoTimeSyncError, RobotCommandBuilder
 
-from spot_runtime.hal.connection.time_sync import SyncedCommandClient, TimeSync
+from spot_runtime.hal.connection.time_sync import ATTEMPTS, SyncedCommandClient, TimeSync
 from spot_runtime.host.clock import HostClock
 
 IDENTIFIER = "client-17"
@@ -56,23 +56,50 @@ class TimeSyncService:
     def __init__(self, robot_minus_unix_ns: int = 0) -> None:
         self.robot_minus_unix_ns = robot_minus_unix_ns
         self.during = lambda: None
+        self.identifier = IDENTIFIER
+        self.status = time_sync_pb2.TimeSyncState.STATUS_OK
         self.asked: list[tuple[Any, str]] = []
 
     def get_time_sync_update(self, previous: Any, clock_identifier: str, *, timeout: float) -> Any:
         self.asked.append((previous, clock_identifier))
-        answer = time_sync_pb2.TimeSyncUpdateResponse(clock_identifier=IDENTIFIER)
+        answer = time_sync_pb2.TimeSyncUpdateResponse(clock_identifier=self.identifier)
         answer.header.request_header.request_timestamp.FromNanoseconds(time.time_ns())
         answer.header.request_received_timestamp.FromNanoseconds(time.time_ns() + self.robot_minus_unix_ns)
         self.during()
         answer.header.response_timestamp.CopyFrom(answer.header.request_received_timestamp)
-        answer.state.status = time_sync_pb2.TimeSyncState.STATUS_OK
+        answer.state.status = self.status
         return answer
 
 
-def test_a_command_before_any_answer_is_refused_by_a_strict_robot(client: SyncedCommandClient) -> None:
-    client.use(TimeSync(TimeSyncService(), HostClock(), 1.0))
+def test_a_robot_that_does_not_know_the_client_is_synced_with_anew(client: SyncedCommandClient) -> None:
+    """As one that was rebooted does not, or one whose time-sync service was."""
+    service = TimeSyncService()
+    sync = TimeSync(service, HostClock(), 1.0)
+    client.use(sync)
+    sync.round_trip()
+    sync.clock_identifier = "of-another-boot"
+    assert client.robot_command(RobotCommandBuilder.synchro_stand_command()) == 1
+    assert service.asked == [(None, ""), (None, "")]
+    assert sync.clock_identifier == IDENTIFIER
+
+
+def test_a_robot_that_knows_no_client_refuses_the_second_command_too(
+    client: SyncedCommandClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    service = TimeSyncService()
+    monkeypatch.setattr(service, "identifier", "another-client")
+    client.use(TimeSync(service, HostClock(), 1.0))
     with pytest.raises(NoTimeSyncError):
         client.robot_command(RobotCommandBuilder.synchro_stand_command())
+
+
+def test_a_sync_that_is_not_reached_is_given_up() -> None:
+    service = TimeSyncService()
+    service.status = time_sync_pb2.TimeSyncState.STATUS_SERVICE_NOT_READY
+    sync = TimeSync(service, HostClock(), 1.0)
+    sync.renew()
+    assert len(service.asked) == ATTEMPTS
+    assert not sync.is_established
 
 
 def test_every_command_after_the_first_answer_carries_the_identifier(client: SyncedCommandClient) -> None:

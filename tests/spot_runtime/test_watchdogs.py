@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from spot_runtime.control.safety.command_loss import WINDOW_KEYS, LossMemory
 from spot_runtime.control.safety.watchdogs import WatchMemory, lost_ticks, screen
 from spot_runtime.control.safety.watchdogs import look as watch
 from spot_runtime.control.snapshot import Phase, Snapshot
+from spot_runtime.host.cpu_wait import CpuWait
 from spot_runtime.stops import Stop, StopReason
 
 MS = 1_000_000
@@ -68,12 +70,13 @@ class Dogs:
         self._keep(notes)
         return stops[0] if stops else None
 
-    def look(self, phase: Phase, now_ns: int) -> list[Stop]:
+    def look(self, phase: Phase, now_ns: int, cpu_wait_s: float | None = None) -> list[Stop]:
         notes, robot = self._notes(now_ns), self.robot
         log = self.sink.health() if now_ns >= self.memory.next_log_check_ns else None
         now = Snapshot(
             now_ns, now_ns, (), robot.joint_control, robot.problems(), robot.slow_state, robot.clock_age_s, log
         )
+        now = now._replace(cpu_wait_s=cpu_wait_s)
         self.memory, stops = watch(self.memory, now, phase, self.config, notes)
         self._keep(notes)
         return list(stops)
@@ -203,6 +206,45 @@ def test_ages_count_in_every_mode_but_ready(dogs: Dogs, make_state: MakeState) -
     for mode in Mode:
         stops = look(dogs, mode, START_NS + 50 * MS)
         assert [s.reason for s in stops] == ([] if mode is Mode.READY else [StopReason.STATE_STALE])
+
+
+@pytest.mark.parametrize(
+    ("cpu_wait_s", "words"),
+    [
+        (None, ""),
+        (0.0, "it was sent or carried late, for no thread of this program waited more than 0.0 ms"),
+        (0.0249, "it was sent or carried late, for no thread of this program waited more than 24.9 ms"),
+        (0.025, "this computer is too busy, a thread of this program waited 25.0 ms"),
+        (0.3, "this computer is too busy, a thread of this program waited 300.0 ms"),
+    ],
+)
+def test_a_stale_state_tells_whose_doing_it_is(
+    dogs: Dogs, make_state: MakeState, cpu_wait_s: float | None, words: str
+) -> None:
+    dogs.screen([make_state(START_NS)], START_NS)
+    (stop,) = dogs.look(Phase(Mode.ACTIVE, START_NS, START_NS, START_NS), START_NS + 50 * MS, cpu_wait_s)
+    assert stop.reason is StopReason.STATE_STALE
+    assert stop.detail.startswith(words)
+    assert bool(stop.detail) == bool(words)
+
+
+def test_the_wait_for_a_processor_is_that_of_the_thread_that_waited_longest(tmp_path: Path) -> None:
+    def write(**waited_ns: int) -> None:
+        for thread, ns in waited_ns.items():
+            (tmp_path / thread).mkdir(exist_ok=True)
+            (tmp_path / thread / "schedstat").write_text(f"123456789 {ns} 42\n")
+
+    watch = CpuWait(tmp_path)
+    assert watch.since_mark_s() is None
+    write(t1=5_000_000, t2=900_000_000)
+    assert watch.since_mark_s() is None, "nothing is marked yet"
+    watch.mark()
+    assert watch.since_mark_s() == 0.0
+    write(t1=47_000_000, t2=910_000_000, t3=30_000_000)
+    assert watch.since_mark_s() == pytest.approx(0.042)
+    (tmp_path / "t1" / "schedstat").write_text("")  # a thread that is just ending
+    assert watch.since_mark_s() == pytest.approx(0.030)
+    assert CpuWait(tmp_path / "none").since_mark_s() is None
 
 
 def test_the_echo_counts_where_the_policy_runs(dogs: Dogs, make_state: MakeState) -> None:

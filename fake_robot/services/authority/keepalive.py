@@ -13,6 +13,14 @@ from fake_robot.services.authority.liveness import Heartbeat, LivenessClock
 from fake_robot.services.calls.stamps import ns_from_duration, timestamp_from_ns
 
 MAX_POLICIES = 64
+Control = keepalive_pb2.GetStatusResponse
+_CONTROLS = {
+    "auto_return": Control.POLICY_CONTROL_ACTION_AUTO_RETURN,
+    "controlled_motors_off": Control.POLICY_CONTROL_ACTION_MOTORS_OFF,
+    "immediate_motors_off": Control.POLICY_CONTROL_ACTION_MOTORS_OFF,
+    "immediate_robot_off": Control.POLICY_CONTROL_ACTION_ROBOT_OFF,
+}
+"""What actions do for as long as their client stays silent."""
 
 Act = Callable[[keepalive_pb2.ActionAfter], None]
 
@@ -79,6 +87,16 @@ class KeepalivePolicies:
                         actions.append(action)
         return actions
 
+    def controls(self) -> set[Any]:
+        """What the policies of silent clients do with the robot now, as values of ``PolicyControlAction``."""
+        with self._lock:
+            kinds = [p.proto.actions[index].WhichOneof("action") for p in self._policies.values() for index in p.taken]
+        return {_CONTROLS[kind] for kind in kinds if kind in _CONTROLS}
+
+    def holds_motors_off(self) -> bool:
+        """Whether a silent client's policy keeps the motors without power."""
+        return Control.POLICY_CONTROL_ACTION_MOTORS_OFF in self.controls()
+
     def reset(self) -> None:
         """Drop every policy, as a reboot does."""
         with self._lock:
@@ -119,8 +137,10 @@ class KeepaliveService:
         return response
 
     def GetStatus(self, request: Any) -> Any:  # noqa: N802
-        """List the active policies."""
-        return keepalive_pb2.GetStatusResponse(status=[_to_proto(policy) for policy in self._records.policies()])
+        """List the active policies, and what they do with the robot."""
+        status = [_to_proto(policy) for policy in self._records.policies()]
+        controls = sorted(self._records.controls())
+        return keepalive_pb2.GetStatusResponse(status=status, active_control_actions=controls)
 
 
 def _to_proto(policy: LivePolicy) -> keepalive_pb2.LivePolicy:

@@ -140,6 +140,8 @@ class PowerService:
         if refusal is not None:
             response.blocking_faults.extend(map(system_fault_message, _blocking(snapshot)))
             return refusal
+        if world.keepalive.holds_motors_off():
+            return int(power_pb2.STATUS_KEEPALIVE_MOTORS_OFF)
         if snapshot.motor_power is MotorPower.ON:
             return int(power_pb2.STATUS_SUCCESS)
         world.robot.power_on()

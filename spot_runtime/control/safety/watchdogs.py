@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final, NamedTuple
 
 from spot_log.format.events import EventName
@@ -22,6 +23,9 @@ from spot_runtime.safety_limits import SafetyLimits
 from spot_runtime.stops import Stop, StopReason
 
 LOG_CHECK_PERIOD_NS: Final = NS_PER_S // 2
+
+OWN_SHARE: Final = 0.5
+"""Of the age of a state, which is mostly this computer's doing if a thread waited as long for a processor."""
 
 _ANSWERS: Final = {
     Mode.READY: (StopReason.STATE_LOST, "before joint control"),
@@ -79,7 +83,7 @@ def look(
     """Look at everything that is not a new state."""
     stops = (*now.problems, *_waited_too_long(memory, phase, now.robot_ns, config))
     if phase.mode is not Mode.READY:
-        stops += _ages(memory, now.robot_ns, phase, config.safety, notes)
+        stops += _ages(memory, now, phase, config.safety, notes)
     if now.slow is not None:
         battery, doubt = watch_battery(memory.battery, now.slow)
         memory = memory._replace(battery=battery)
@@ -103,8 +107,8 @@ def lost_ticks(
     return memory._replace(lost_at_ns=recent), stops
 
 
-def _ages(memory: WatchMemory, robot_ns: int, phase: Phase, limits: SafetyLimits, notes: Notes) -> tuple[Stop, ...]:
-    newest = memory.newest
+def _ages(memory: WatchMemory, now: Snapshot, phase: Phase, limits: SafetyLimits, notes: Notes) -> tuple[Stop, ...]:
+    newest, robot_ns = memory.newest, now.robot_ns
     if newest is None:
         return ()
     age_s, bound_s = (robot_ns - newest.robot_stamp_ns) / NS_PER_S, limits.state_age_warn_s
@@ -112,9 +116,21 @@ def _ages(memory: WatchMemory, robot_ns: int, phase: Phase, limits: SafetyLimits
         values = {"age_s": age_s, "bound_s": bound_s}
         notes.once(EventName.STATE_OLD, f"the newest state is {age_s * 1e3:.1f} ms old", values)
     stop = check_age(memory.states, robot_ns, limits)
+    if stop is not None and stop.reason is StopReason.STATE_STALE:
+        stop = replace(stop, detail=why_old(stop.values["age_s"], now.cpu_wait_s))
     if stop is None and phase.mode.runs_policy:
         stop = check_echo(memory.states, phase.control_since_ns, limits)
     return _some(stop)
+
+
+def why_old(age_s: float, cpu_wait_s: float | None) -> str:
+    """Whether this computer or what lies before it is why a state is so old; empty where that is not known."""
+    if cpu_wait_s is None:
+        return ""
+    waited = f"{cpu_wait_s * 1e3:.1f} ms of the last half second"
+    if cpu_wait_s >= OWN_SHARE * age_s:
+        return f"this computer is too busy, a thread of this program waited {waited} for a processor"
+    return f"it was sent or carried late, for no thread of this program waited more than {waited} for a processor"
 
 
 def _look_at_clock(clock_age_s: float, config: RunConfig, notes: Notes) -> None:

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+import threading
 import time
-from typing import Any
+from typing import Any, Final
 
 from bosdyn.api import time_sync_pb2
 from bosdyn.client.common import BaseClient
 from bosdyn.client.lease import add_lease_wallet_processors
-from bosdyn.client.robot_command import RobotCommandClient
+from bosdyn.client.robot_command import NoTimeSyncError, RobotCommandClient
 from bosdyn.client.time_sync import TimeSyncClient
 
 from spot_model.robot.stamps import NS_PER_S
 from spot_runtime.host.clock import ClockSample, HostClock
 
+ATTEMPTS: Final = 40
+"""Round trips within which a sync is established, or is given up."""
+
 
 class TimeSync:
-    """Does round trips; for one thread.
+    """Does round trips, one at a time.
 
     The service wants the client's UNIX stamps and gives its own estimate. We take the robot's two stamps of each
     answer and compare them with the host clock that never jumps.
@@ -27,6 +31,7 @@ class TimeSync:
         self._clock = clock
         self.timeout_s = timeout_s
         self._previous: Any = None
+        self._lock = threading.RLock()
         self.clock_identifier = ""
         """The service's name for this client, which commands carry; empty before the first answer."""
         self.status = "no answer yet"
@@ -37,6 +42,19 @@ class TimeSync:
 
         The wall clock may be set while the answer is under way, so durations come from the clock that never jumps.
         """
+        with self._lock:
+            return self._round_trip()
+
+    def renew(self) -> None:
+        """Begin again as a new client, for a robot that no longer knows this one. Raises the SDK's errors."""
+        with self._lock:
+            self.clock_identifier = ""
+            for _ in range(ATTEMPTS):
+                self._round_trip()
+                if self.is_established:
+                    return
+
+    def _round_trip(self) -> ClockSample:
         began_ns = self._clock.now_ns()
         host_from_unix_ns = began_ns - time.time_ns()
         previous = self._previous if self.clock_identifier else None  # one without the other is an invalid request
@@ -76,6 +94,14 @@ class SyncedCommandClient(RobotCommandClient):  # type: ignore[misc]
     def use(self, time_sync: TimeSync) -> None:
         """Send the clock identifier of this time sync with every command."""
         self._timesync_endpoint = time_sync
+
+    def robot_command(self, command: Any, *arguments: Any, **keywords: Any) -> Any:
+        """As the SDK's; to a robot that has forgotten this client, as one that was rebooted has, once more."""
+        try:
+            return super().robot_command(command, *arguments, **keywords)
+        except NoTimeSyncError:
+            self._timesync_endpoint.renew()
+        return super().robot_command(command, *arguments, **keywords)
 
 
 def _ns(stamp: Any) -> int:

@@ -5,22 +5,46 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import grpc
 from bosdyn.client.exceptions import Error as SdkError
 
 from spot_runtime.hal.errors import CredentialsError, HalError
-from spot_runtime.hal.spot.vendor_errors import translate
+from spot_runtime.hal.spot.vendor_errors import code_of, translate
+
+T = TypeVar("T")
 
 LOGIN_PERIOD_S: Final = 5.0
 """Host time between two attempts to log in again: a robot locks out a client that tries too often."""
+
+TURNED_AWAY: Final = (grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.RESOURCE_EXHAUSTED)
+"""Codes of a call that did not reach its service: a connection that was just closed, or too many calls at once."""
+
+RETRY_PAUSES_S: Final = (0.05, 0.25)
+"""Host time before such a call is made again. An e-stop endpoint or a lease is silent for no longer than this."""
+
+
+def patiently(call: Callable[[], T], pause: Callable[[float], None] = time.sleep) -> T:
+    """Make a call, and make it again while it is turned away, which says nothing of what was asked.
+
+    Raises the SDK's and gRPC's errors: any other at once, the last of these after so many pauses.
+    """
+    for pause_s in RETRY_PAUSES_S:
+        try:
+            return call()
+        except (SdkError, grpc.RpcError) as error:
+            if code_of(error) not in TURNED_AWAY:
+                raise
+        pause(pause_s)
+    return call()
 
 
 class Calls:
     """Finds the SDK's clients and makes calls. Every method raises HalError and nothing else.
 
-    A call that the robot refuses for the token's sake (it expired, or was revoked) is made once more after a login.
+    A call that the robot refuses for the token's sake (it expired, or was revoked) is made once more after a login, and
+    one that does not reach its service is made again.
     """
 
     def __init__(self, robot: Any = None, log_in: Callable[[], None] | None = None) -> None:
@@ -41,13 +65,13 @@ class Calls:
         """Make a call; ``doing`` says in errors what it was for."""
         logins = self._logins
         try:
-            return call()
+            return patiently(call)
         except (SdkError, grpc.RpcError) as error:
             ours = translate(error, doing)
             if not (isinstance(ours, CredentialsError) and self._has_logged_in_since(logins)):
                 raise ours from error
         try:
-            return call()
+            return patiently(call)
         except (SdkError, grpc.RpcError) as error:
             raise translate(error, doing) from error
 

@@ -24,24 +24,22 @@ from bosdyn.client.robot_state import RobotStateClient, RobotStateStreamingClien
 from bosdyn.client.sdk import Sdk, generate_client_name
 from bosdyn.client.time_sync import TimeSyncClient
 
-from spot_model.robot.facts import N_JOINTS
 from spot_model.robot.state import SlowState
 from spot_runtime.config import RobotConfig
 from spot_runtime.hal.connection.address import Address, explain_no_connection
-from spot_runtime.hal.connection.credentials import find_credentials
-from spot_runtime.hal.connection.time_sync import SyncedCommandClient, TimeSync
+from spot_runtime.hal.connection.credentials import Credentials, find_credentials
+from spot_runtime.hal.connection.time_sync import ATTEMPTS, SyncedCommandClient, TimeSync
 from spot_runtime.hal.connection.trust import trusted_certificates
 from spot_runtime.hal.errors import ClockError, EstopError, FaultError, HalError
-from spot_runtime.hal.spot.calls import Calls
+from spot_runtime.hal.spot.calls import Calls, patiently
 from spot_runtime.hal.spot.estop import OwnEstop, needs_own_endpoint
 from spot_runtime.hal.spot.motions import POLL_S, Motions, Pause
-from spot_runtime.hal.spot.slow_state import pressed_estops, slow_state_from_message
+from spot_runtime.hal.spot.slow_state import pressed_estops, refuse_arm, slow_state_from_message
 from spot_runtime.hal.spot.vendor_errors import translate
 from spot_runtime.host.clock import HostClock, RobotClockEstimate
 from spot_runtime.stops import CRITICAL
 
 SYNC_ROUND_TRIPS: Final = 12
-SYNC_ATTEMPTS: Final = 40
 LATER_SYNC_TIMEOUT_S: Final = 1.0
 """A slower answer is useless for a clock, and the lease and the polls wait for it."""
 
@@ -60,9 +58,6 @@ SERVICES: Final = (
     TimeSyncClient,
 )
 """The vendor's services that a run uses."""
-
-ARM_PREFIX: Final = "arm"
-"""Of the names of an arm's joints: arm0.sh0, arm0.sh1, ..."""
 
 ESTOP_RELEASE_S: Final = 1.0
 ONE_THREAD_A_STREAM: Final = "SingleThreadedUnaryStream"
@@ -121,7 +116,7 @@ class Session:
             return explain_no_connection(self._address, trusted_pem, reason, timeout_s)
 
         try:
-            self._robot.authenticate(credentials.username, credentials.password, timeout=timeout_s)
+            self._authenticate(credentials)
             return self._learn_who_it_is()
         except (SdkError, grpc.RpcError) as error:
             raise translate(error, f"logging in to {self._address}", explain) from error
@@ -130,12 +125,12 @@ class Session:
         """Bring the estimate of the robot's clock about, and the clock identifier that commands carry from now on."""
         self._time_sync = TimeSync(self.calls.client(TimeSyncClient), self._clock, self._config.rpc_timeout_s)
         self.calls.client(SyncedCommandClient).use(self._time_sync)
-        for attempt in range(SYNC_ATTEMPTS):
+        for attempt in range(ATTEMPTS):
             self.sync_once()
             if attempt + 1 >= SYNC_ROUND_TRIPS and self._time_sync.is_established:
                 self._time_sync.timeout_s = min(LATER_SYNC_TIMEOUT_S, self._config.rpc_timeout_s)
                 return
-        raise ClockError(f"time sync was not established in {SYNC_ATTEMPTS} round trips ({self._time_sync.status})")
+        raise ClockError(f"time sync was not established in {ATTEMPTS} round trips ({self._time_sync.status})")
 
     def sync_once(self) -> int:
         """One round trip. Returns how far it lies from the estimate, ns."""
@@ -146,12 +141,7 @@ class Session:
     def check_faults(self, battery_percent: float) -> SlowState:
         """Refuse a robot that must not move, has an arm, or less charge than this. Returns its slow state."""
         state = self._state()
-        arm = [joint.name for joint in state.kinematic_state.joint_states if joint.name.startswith(ARM_PREFIX)]
-        if arm:
-            raise HalError(
-                f"the robot has an arm ({len(arm)} joints, {arm[0]} to {arm[-1]}): it wants set-points for all joints, "
-                f"and policies here drive the {N_JOINTS} of the legs; take the arm off, or use a robot without one"
-            )
+        refuse_arm(state)
         slow = slow_state_from_message(state, self._host_now_ns())
         critical = [fault.removeprefix(CRITICAL) for fault in slow.system_faults if fault.startswith(CRITICAL)]
         if critical:
@@ -286,13 +276,13 @@ class Session:
         if self._own_estop is not None:
             own, self._own_estop = self._own_estop, None
             try:
-                own.let_go()
+                patiently(own.let_go)
             except (SdkError, grpc.RpcError):
                 logging.getLogger(__name__).debug("the e-stop endpoint was not taken back", exc_info=True)
         if self.has_lease:
             client = self.calls.client(LeaseClient)
             try:
-                client.return_lease(self._lease, timeout=self._timeout_s)
+                patiently(lambda: client.return_lease(self._lease, timeout=self._timeout_s))
             except (SdkError, grpc.RpcError):
                 logging.getLogger(__name__).debug("the lease was not returned", exc_info=True)
             self.has_lease = False
@@ -311,8 +301,8 @@ class Session:
         return self._config.rpc_timeout_s
 
     def _learn_who_it_is(self) -> str:
-        robot_id = self._robot.get_cached_robot_id(timeout=self._timeout_s)
-        self._robot.sync_with_directory()
+        robot_id = patiently(lambda: self._robot.get_cached_robot_id(timeout=self._timeout_s))
+        patiently(self._robot.sync_with_directory)
         return f"{robot_id.serial_number} {robot_id.nickname}".strip()
 
     def _make_robot(self) -> bytes:
@@ -334,5 +324,7 @@ class Session:
 
     def _log_in_again(self) -> None:
         """A token that the robot no longer takes is replaced. Raises the SDK's errors, and CredentialsError."""
-        credentials = find_credentials(self._config.credentials_file, os.environ)
-        self._robot.authenticate(credentials.username, credentials.password, timeout=self._timeout_s)
+        self._authenticate(find_credentials(self._config.credentials_file, os.environ))
+
+    def _authenticate(self, by: Credentials) -> None:
+        patiently(lambda: self._robot.authenticate(by.username, by.password, timeout=self._timeout_s))

@@ -12,6 +12,7 @@ from bosdyn.api import robot_state_pb2
 
 from spot_log.format.records import WireState
 from spot_log.format.vendor_state import StateMessageError, robot_state_from_wire
+from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import RobotState
 from spot_runtime.hal.spot.vendor_errors import describe
 from spot_runtime.host.realtime import let_others_run
@@ -26,6 +27,10 @@ OnWire = Callable[[WireState], None]
 
 OnEnd = Callable[[str], None]
 """Takes why a stream has ended."""
+
+REOPEN_AFTER_NS: Final = NS_PER_S
+"""A stream that the robot closes is opened again, but not one that lived for less than this: it would go on so. While
+no state comes, the newest grows old, and the watchdogs act as on a link that is silent."""
 
 
 class StateReceiver:
@@ -55,12 +60,13 @@ class StateReceiver:
         self.states: StateQueue = queue.SimpleQueue()
         self._now_ns, self._on_wire, self._on_end = now_ns, on_wire, on_end
         self._is_stopped = False
-        stream = channel.unary_stream(
+        self._request = request
+        self._stream = channel.unary_stream(
             STATE_METHOD,
             request_serializer=robot_state_pb2.RobotStateStreamRequest.SerializeToString,
             response_deserializer=bytes,
         )
-        self._call: Any = stream(request)
+        self._call: Any = self._stream(request)
         self._thread = threading.Thread(target=self._run, name="states", daemon=True)
         self._thread.start()
 
@@ -71,6 +77,22 @@ class StateReceiver:
         self._thread.join(timeout=2.0)
 
     def _run(self) -> None:
+        reason = ""
+        while not reason and not self._is_stopped:
+            opened_ns = self._now_ns()
+            reason = self._drain()
+            if not reason and self._now_ns() - opened_ns < REOPEN_AFTER_NS:
+                reason = "the robot closed the state stream"
+            elif not reason:
+                self._call = self._stream(self._request)
+        if self._is_stopped:
+            self._call.cancel()  # stopped while it was opened again
+        else:
+            self._on_end(reason)
+        self.states.put(None)
+
+    def _drain(self) -> str:
+        """Take what one stream brings. Returns what is wrong with it; empty where the robot just closed it."""
         put, now_ns, on_wire = self.states.put, self._now_ns, self._on_wire
         try:
             for wire in self._call:
@@ -80,15 +102,12 @@ class StateReceiver:
                 let_others_run()
                 let_others_run()
                 on_wire(WireState(wire, stamp_ns))
-            reason = "the robot closed the state stream"
         except grpc.RpcError as error:
-            reason = describe(error)
+            return describe(error)
         except StateMessageError as error:
             self._call.cancel()
-            reason = str(error)
-        if not self._is_stopped:
-            self._on_end(reason)
-        put(None)
+            return str(error)
+        return ""
 
 
 class PolledStates:

@@ -42,7 +42,7 @@ def translate(error: Exception, doing: str, explain_connection: Callable[[str], 
     if isinstance(error, HalError):
         return error
     if isinstance(error, sdk.RpcError):
-        if explain_connection is not None and _code(error) in NO_CONNECTION:
+        if explain_connection is not None and code_of(error) in NO_CONNECTION:
             return explain_connection(describe(error))
         if isinstance(error, (sdk.UnauthenticatedError, sdk.PermissionDeniedError)):
             return CredentialsError(f"{doing}: the robot denies access ({describe(error)}); check the user's rights")
@@ -78,8 +78,9 @@ def _lease_held(error: lease.ResourceAlreadyClaimedError) -> LeaseHeldError:
     )
 
 
-def _code(error: sdk.RpcError) -> grpc.StatusCode | None:
-    code = getattr(error.error, "code", None)
+def code_of(error: Exception) -> grpc.StatusCode | None:
+    """The code of a call's error, given gRPC's or the SDK's around it; None if it has none."""
+    code = getattr(getattr(error, "error", error), "code", None)
     return code() if callable(code) else None
 
 

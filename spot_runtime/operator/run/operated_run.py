@@ -25,6 +25,7 @@ from spot_runtime.admission import gait_event
 from spot_runtime.control.loop import ControlLoop
 from spot_runtime.hal.base import Hal
 from spot_runtime.host.clock import HostClock
+from spot_runtime.host.cpu_wait import cpu_wait
 from spot_runtime.host.realtime import apply_real_time, freeze_garbage_collection
 from spot_runtime.host.service_manager import ServiceManager
 from spot_runtime.operator.run.background_tasks import BackgroundTask
@@ -186,7 +187,10 @@ class OperatedRun:
     def _control(self, hal: Hal, signals: StopSignals) -> ControlEnd:
         self.keeps_standing = False
         self.source.let_go()
-        loop = ControlLoop(hal, self.policy, self.source, self.config, self._sink, on_event=self.link.event)
+        watch = cpu_wait(self.config.real_time)
+        loop = ControlLoop(
+            hal, self.policy, self.source, self.config, self._sink, on_event=self.link.event, cpu_wait=watch
+        )
         freeze_garbage_collection(self.config.real_time)
         self.loop, self._status_ticks = loop, -1
         self.link.state("running")

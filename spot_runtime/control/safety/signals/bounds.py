@@ -203,9 +203,10 @@ gear friction of half the load lie between; a load of the wrong sign or unit doe
 
 WEIGHT_N: Final = facts.TOTAL_MASS_KG * GRAVITY_M_S2
 
-SIDEWAYS_SHARE: Final = 0.6
-"""Force along the ground on a foot of a robot that stands, as a share of the upward one: what rubber holds on a smooth
-floor, and the tangent of a slope of 31°. Legs taken for those of the other side seem to press harder."""
+SIDEWAYS_SHARE: Final = 1.0
+"""Force along the ground on a foot of a robot that stands, as a share of the upward one. Rubber holds this much on dry
+concrete (OpenStax, College Physics, table 5.1), and a robot may press its feet apart with all of it. On the vendor's
+steepest slope, 30°, a share of 0.58 is its own weight's. Legs taken for others may seem to press harder."""
 
 FOOT_LEAST_SHARE: Final = 0.1
 """Of the weight on one foot; the direction of a smaller force says little."""

@@ -1,0 +1,69 @@
+"""Whatever a run, a service or a command ends with stands on the page of the runtime."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from spot_runtime.hal.errors import HalError
+from spot_runtime.stops import StopReason
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = (ROOT / "docs" / "runtime.md").read_text(encoding="utf-8")
+PACKAGES = ("spot_runtime", "spot_log", "spot_tools")
+
+
+def trees() -> Iterator[ast.AST]:
+    for package in PACKAGES:
+        for path in sorted((ROOT / package).rglob("*.py")):
+            yield from ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+
+
+def written_outcomes() -> set[str]:
+    """Labels that are written out where an outcome is made, or prefixed to one."""
+    found = set()
+    for node in trees():
+        if isinstance(node, ast.Call) and getattr(node.func, "id", getattr(node.func, "attr", "")) == "Outcome":
+            given = [*node.args[:1], *(k.value for k in node.keywords if k.arg in ("label", "outcome"))]
+            found |= {value.value for value in given if isinstance(value, ast.Constant)}
+    return found - {""}
+
+
+def exit_codes() -> set[int]:
+    """Codes that classes of errors declare; 1 to 3 and 70 stand in the sentence above the tables."""
+    declared = (node for node in trees() if isinstance(node, ast.ClassDef))
+    assignments = (line for node in declared for line in node.body if isinstance(line, ast.Assign))
+    return {
+        line.value.value
+        for line in assignments
+        if getattr(line.targets[0], "id", "") == "exit_code" and isinstance(line.value, ast.Constant)
+    }
+
+
+def test_outcomes_are_found_in_the_code() -> None:
+    """So that the tests below cannot pass by finding nothing."""
+    assert {"power_off_failed", "control_process_died", "internal_error"} <= written_outcomes()
+    assert {78, 79, 80, 91, 94, 95, 96, 97, 98, 99} <= exit_codes()
+
+
+@pytest.mark.parametrize("reason", StopReason)
+def test_every_stop_has_its_row(reason: StopReason) -> None:
+    assert f"| `{reason.label}` | {reason.exit_code} |" in PAGE
+
+
+@pytest.mark.parametrize("kind", [HalError, *HalError.__subclasses__()])
+def test_every_reason_for_which_a_run_does_not_begin_has_its_row(kind: type[HalError]) -> None:
+    assert f"| `{kind.label}` | {kind.exit_code} |" in PAGE
+
+
+@pytest.mark.parametrize("label", sorted(written_outcomes()))
+def test_every_outcome_that_is_written_out_is_explained(label: str) -> None:
+    assert f"`{label}`" in PAGE
+
+
+@pytest.mark.parametrize("code", sorted(exit_codes() - {1, 2, 3, 70}))
+def test_every_exit_code_has_its_row(code: int) -> None:
+    assert f"| {code} |" in PAGE
