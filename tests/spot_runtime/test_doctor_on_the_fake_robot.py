@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import grpc
 import pytest
 import typer
+from bosdyn.api import robot_state_pb2
 from bosdyn.client.lease import LeaseClient
 from bosdyn.client.sdk import create_standard_sdk
 from typer.testing import CliRunner
@@ -117,6 +119,18 @@ def test_an_ill_robot(
     assert failed(results) == {check}, results
     assert words in results[check].found
     assert advice in results[check].advice
+
+
+def test_an_arm_is_told_before_a_run_is_refused_for_it() -> None:
+    patient, message = RobotDoctor("192.168.80.3", RunConfig()), robot_state_pb2.RobotState()
+    reader: Any = SimpleNamespace(state=lambda: message)
+    message.kinematic_state.joint_states.add(name="hr.kn")
+    assert patient.joints(reader).verdict is Verdict.OK
+    message.kinematic_state.joint_states.add(name="arm0.sh0")
+    told = patient.joints(reader)
+    assert told.verdict is Verdict.FAIL
+    assert told.found.startswith("the robot has an arm (1 joints, arm0.sh0 to arm0.sh0)")
+    assert told.advice == "take the arm off, or use a robot without one"
 
 
 def test_a_robot_without_a_licence_service_may_run_and_one_whose_service_is_silent_is_not_fit() -> None:
