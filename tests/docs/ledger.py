@@ -48,7 +48,7 @@ ELSEWHERE = {
     ),
     "spot-rl play policies/walk.onnx --video walk.mp4 --velocity 1,0,0": (
         "trainer/test_play.py",
-        '"--video", str(film), "--seconds", "0.4", "--velocity", "1,0,0"',
+        '"--video", str(film), "--seconds", "0.1", "--velocity", "1,0,0"',
     ),
     "spot-rl train --config policies/walk.yaml --set logger=wandb": (
         "trainer/test_logger.py",
