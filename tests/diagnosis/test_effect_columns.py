@@ -52,7 +52,7 @@ def _clipped(s: ActuatorSignals) -> Array:
         ("viscous_friction", {}, lambda s: s.finish(-s.velocity_rad_s)),
         ("armature", {}, lambda s: s.finish_rate(-s.inertial_velocity_rad_s)),
         ("torque_gain", {}, lambda s: s.finish(s.torque_nm)),
-        ("load_friction", {}, lambda s: s.finish(-np.abs(s.torque_nm) * smooth_sign(s.velocity_rad_s))),
+        ("load_friction", {}, lambda s: s.finish(-np.abs(s.load_nm) * smooth_sign(s.velocity_rad_s))),
         ("torque_limit", {"limit_nm": 30.0}, _clipped),
         ("torque_ripple", {"cycles_per_rad": 60.0}, lambda s: s.finish(np.sin(60.0 * s.position_rad))),
     ],

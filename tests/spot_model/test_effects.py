@@ -397,6 +397,14 @@ def test_a_power_limit_far_off_and_one_that_brakes_use_up(power_w: float, scale:
     np.testing.assert_allclose(scale_to_power(0.0 * torque, velocity, power_w, 0.5), [[1.0]])
 
 
+def test_a_gear_passes_on_less_of_what_drives_it_and_holds_more_of_what_drives_it_back():
+    torque, velocity = np.zeros((1, 12)), np.zeros((1, 12))
+    torque[0, :3], velocity[0, :3] = [30.0, -30.0, 30.0], [10.0, -10.0, -10.0]
+    out, _ = LoadFriction(share=0.25).torque(torque, Motion(velocity * 0.0, velocity, 0.005), None)
+    # 24 N·m and a quarter of them are 30; driven back, 40 N·m less a quarter are.
+    np.testing.assert_allclose(out[0, :3], [24.0, -24.0, 40.0], rtol=1e-6)
+
+
 def test_the_bus_falls_to_where_the_source_gives_what_the_motors_draw():
     torque, velocity = np.zeros((1, 12)), np.zeros((1, 12))
     torque[0, :3], velocity[0, :3] = [50.0, -20.0, 10.0], [10.0, 5.0, 0.0]

@@ -16,6 +16,7 @@ from spot_model.effects.drive.coulomb_friction import CoulombFriction
 from spot_model.effects.drive.load_friction import LoadFriction
 from spot_model.effects.drive.stribeck_friction import StribeckFriction
 from spot_model.effects.drive.viscous_friction import ViscousFriction
+from spot_model.effects.friction import smooth_sign
 
 BUILDS_UP_RAD: Final = "builds_up_rad"
 FASTEST_RAD_S: Final = 1.2
@@ -82,10 +83,15 @@ class StribeckEntry(LibraryEffect):
 
 
 class LoadFrictionEntry(LibraryEffect):
-    """−k·|τ|·sign(q̇): a gear's efficiency."""
+    """−k·|g|·sign(q̇), with g the load that is measured behind the gear: its efficiency."""
 
     title: ClassVar[str] = "friction that grows with load"
     effect: ClassVar[type[Effect]] = LoadFriction
     coefficients: ClassVar[tuple[Coefficient, ...]] = (Coefficient("share", "1", 0.0, 0.9),)
     confused_with: ClassVar[tuple[str, ...]] = ("coulomb_friction", "torque_gain", "backlash")
     split_by: ClassVar[Experiment] = LOADED_WALK
+
+    def columns(self, view: ChannelView, shape: Shape, joints: Flags) -> Array:
+        """The loss at a share of 1, from the measured load."""
+        s: ActuatorSignals = view.signals
+        return on_joints(s.finish(-np.abs(s.load_nm) * smooth_sign(s.velocity_rad_s)), joints)

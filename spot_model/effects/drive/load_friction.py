@@ -14,7 +14,10 @@ from spot_model.robot.rotation import AnyArray
 
 @dataclass(frozen=True, kw_only=True)
 class LoadFriction(TorqueEffect):
-    """Torque loss k·|τ|·sign(q̇): a gear's efficiency, which opens the torque loop in proportion to load.
+    """Loss of k times the torque that the gear passes on, against the motion: a gear's efficiency.
+
+    Of a motor's torque τ it passes on g = τ − k·|g|·sign(q̇), so g = τ/(1 + k·sign(τ·q̇)): less than τ where the motor
+    drives, more where the load drives it back.
 
     Source: load-dependent friction models of geared actuators (BAM, arXiv 2410.08650); 2 to 10 %, and 10 to 25 %
     in lead screws.
@@ -25,6 +28,6 @@ class LoadFriction(TorqueEffect):
     share: Any = parameter(null=0.0, low=0.0, high=0.9, unit="1", source="gears 0.02 to 0.10, lead screws 0.10 to 0.25")
 
     def torque(self, torque_nm: AnyArray, motion: Motion, memory: Memory) -> tuple[AnyArray, Memory]:
-        """Subtract the friction."""
+        """What is passed on."""
         xp = array_namespace(torque_nm)
-        return torque_nm - self.share * xp.abs(torque_nm) * smooth_sign(motion.velocity_rad_s), memory
+        return torque_nm / (1.0 + self.share * xp.sign(torque_nm) * smooth_sign(motion.velocity_rad_s)), memory

@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
+import os
 import re
+import signal
 import stat
+import sys
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from ipaddress import IPv4Address
@@ -18,6 +23,7 @@ from grpc_health.v1 import health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection_pb2, reflection_pb2_grpc
 
 from proof.attacks.certificates import Authority, role
+from spot_model.io.child_process import ChildProcess
 from spot_protos import operator_pb2, operator_pb2_grpc
 from spot_runtime.config import RunConfig
 from spot_runtime.host.service_manager import ServiceManager
@@ -194,7 +200,17 @@ def how_this_process_is() -> str:
     """What may be odd about a process whose children's statuses are lost, for a defect that whole runs alone show."""
     signals = [line.strip() for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("Sig")]
     descriptors = sorted(int(entry.name) for entry in Path("/proc/self/fd").iterdir())
-    return f"{signals}, {len(descriptors)} descriptors to {descriptors[-1]}, {threading.active_count()} threads"
+    began_s = time.monotonic()
+    with ChildProcess.start([sys.executable, "-c", "raise SystemExit(7)"]) as probe:
+        code = probe.wait(30.0)
+    action = (ctypes.c_char * 256)()  # glibc's struct sigaction: handler, mask of 128 bytes, flags (2: no zombies)
+    ctypes.CDLL(None).sigaction(signal.SIGCHLD, None, action)
+    known = sorted(name for name in os.environ if re.search("BOSDYN|SPOT|PY|proxy|MAKE|TMP", name))
+    return (
+        f"{signals}, {len(descriptors)} descriptors to {descriptors[-1]}, {threading.active_count()} threads, a child "
+        f"that should end with 7 ended with {code} after {time.monotonic() - began_s:.2f} s, SIGCHLD "
+        f"{bytes(action)[136:140].hex()}, in {Path.cwd()}, {sys.executable}, {known}"
+    )
 
 
 def test_arming_a_robot_that_is_not_there_is_refused_and_ends_idle(tmp_path: Path) -> None:
@@ -202,7 +218,7 @@ def test_arming_a_robot_that_is_not_there_is_refused_and_ends_idle(tmp_path: Pat
         with pytest.raises(RefusedError, match="arming did not succeed: ") as refused:
             client.call("Arm", operator_pb2.ArmRequest(policy="walk"), 120.0)
         if "said nothing more" in str(refused.value):
-            told = [(event.name, event.text) for event in supervisor.events.after(0)]
+            told = [(event.host_stamp_ns, event.name, event.text) for event in supervisor.events.after(0)]
             pytest.xfail(f"the control process's status and last word were lost; {how_this_process_is()}; {told}")
         assert re.search("user name|answers", str(refused.value))
         status = client.call("GetStatus", operator_pb2.GetStatusRequest())
