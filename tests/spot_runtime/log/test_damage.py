@@ -26,10 +26,10 @@ def true_messages(log_bytes):
     return set(scan_mcap(log_bytes).messages)
 
 
-def check(path, tmp_path, true_messages) -> str:
-    """Read and recover one damaged log; return what happened."""
-    kept = scan_mcap(path.read_bytes()).messages
-    assert set(kept) <= true_messages, "a message that nobody wrote"
+def check(path, tmp_path, true_messages):
+    """Read and recover one damaged log; return what happened, and what a scan finds in it."""
+    scan = scan_mcap(path.read_bytes())
+    assert set(scan.messages) <= true_messages, "a message that nobody wrote"
     result = tmp_path / f"{path.stem}-recovered.mcap"
     try:
         run = read_run(path)
@@ -37,15 +37,15 @@ def check(path, tmp_path, true_messages) -> str:
         with pytest.raises(LogReadError, match=str(path)):
             recover_log(path, result)
         assert not result.exists()
-        return "refused"
+        return "refused", scan
     recovery = recover_log(path, result)
     again = read_run(result)
     assert len(again.states) == len(run.states) == recovery.kept["state"]
     np.testing.assert_array_equal(again.states.position_rad, run.states.position_rad)
     assert not active_path(result).exists()
-    assert bool(recovery.damage) == bool(scan_mcap(path.read_bytes()).damage)
+    assert bool(recovery.damage) == bool(scan.damage)
     result.unlink()
-    return "read"
+    return "read", scan
 
 
 def test_fifty_cuts(log_bytes, true_messages, tmp_path):
@@ -56,10 +56,10 @@ def test_fifty_cuts(log_bytes, true_messages, tmp_path):
     for n, cut in enumerate(sorted(int(c) for c in cuts)):
         path = tmp_path / f"cut{n}.mcap"
         path.write_bytes(log_bytes[:cut])
-        outcomes[check(path, tmp_path, true_messages)] += 1
-        counts.append(len(scan_mcap(log_bytes[:cut]).messages))
+        outcome, scan = check(path, tmp_path, true_messages)
+        outcomes[outcome] += 1
+        counts.append(len(scan.messages))
         if cut < len(log_bytes) - 40_000:
-            scan = scan_mcap(log_bytes[:cut])
             assert scan.is_cut
     assert counts == sorted(counts)
     assert outcomes["read"] >= 44
@@ -74,8 +74,9 @@ def test_eighty_flipped_bits(log_bytes, true_messages, tmp_path):
         data[bit // 8] ^= 1 << (bit % 8)
         path = tmp_path / f"flip{n}.mcap"
         path.write_bytes(data)
-        assert check(path, tmp_path, true_messages) == "read"
-        worst = min(worst, len(scan_mcap(bytes(data)).messages))
+        outcome, scan = check(path, tmp_path, true_messages)
+        assert outcome == "read"
+        worst = min(worst, len(scan.messages))
         path.unlink()
     # One bit costs one chunk of at most 300 records and their viewer copies at most.
     assert worst >= len(true_messages) - 500
