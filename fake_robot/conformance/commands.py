@@ -16,8 +16,16 @@ from bosdyn.client.math_helpers import SE2Pose
 from bosdyn.client.robot_command import RobotCommandBuilder
 
 from fake_robot.conformance.check import Basis, Check, Needs, check
-from fake_robot.conformance.powered import powered
-from fake_robot.conformance.server import RPC_TIMEOUT_S, Server, SkippedError, enum_name, header, is_off, status_of
+from fake_robot.conformance.server import (
+    RPC_TIMEOUT_S,
+    Server,
+    SkippedError,
+    enum_name,
+    header,
+    is_off,
+    powered,
+    status_of,
+)
 
 _PROTO = "robot_command.proto"
 _BASIC = "basic_command.proto"

@@ -12,9 +12,8 @@ from bosdyn.client.frame_helpers import get_a_tform_b
 from bosdyn.client.math_helpers import Quat, SE3Pose
 
 from fake_robot.conformance.check import Basis, Needs, check
-from fake_robot.conformance.powered import powered
 from fake_robot.conformance.reports import states
-from fake_robot.conformance.server import Server, SkippedError
+from fake_robot.conformance.server import Server, SkippedError, powered
 from spot_model.robot.facts import JOINT_NAMES, LEG_NAMES
 
 _STREAM, _POLL = "GetRobotStateStream", "RobotState.GetRobotState"

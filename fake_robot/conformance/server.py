@@ -29,7 +29,9 @@ from bosdyn.api.docking import docking_service_pb2
 from bosdyn.api.graph_nav import graph_nav_service_pb2
 from bosdyn.api.keepalive import keepalive_service_pb2
 from bosdyn.api.mission import mission_service_pb2
+from bosdyn.client.lease import LeaseKeepAlive
 from bosdyn.client.robot import Robot
+from bosdyn.client.robot_command import blocking_stand
 from google.protobuf.message_factory import GetMessageClass
 from google.protobuf.timestamp_pb2 import Timestamp
 
@@ -183,3 +185,25 @@ def enum_name(message: Any, field: str) -> str:
 def is_off(state: robot_state_pb2.RobotState) -> bool:
     """Whether the motors have no power."""
     return bool(state.power_state.motor_power_state == robot_state_pb2.PowerState.STATE_OFF)
+
+
+@contextlib.contextmanager
+def powered(server: Server) -> Iterator[lease_pb2.Lease]:
+    """Acquire the lease, power on, stand; at the end sit, power off, return the lease.
+
+    Raises:
+        SkippedError: Somebody holds the lease, or the e-stop is pressed.
+    """
+    robot = server.robot
+    if robot.is_estopped():
+        raise SkippedError("the e-stop is pressed")
+    if robot.is_powered_on():
+        raise SkippedError("the motors are on already")
+    with server.lease(), LeaseKeepAlive(robot.ensure_client("lease"), return_at_exit=False):
+        try:
+            robot.power_on(timeout_sec=MOTION_TIMEOUT_S)
+            blocking_stand(robot.ensure_client("robot-command"), timeout_sec=MOTION_TIMEOUT_S)
+            # The commands so far went out under newer sub-leases, so the one that was granted is too old.
+            yield robot.lease_wallet.advance("body").lease_proto
+        finally:
+            robot.power_off(cut_immediately=False, timeout_sec=MOTION_TIMEOUT_S)

@@ -1,4 +1,4 @@
-"""The fields of one MuJoCo model, as effects read and write them."""
+"""The fields of MuJoCo models, of one or a value each simulation, as effects and randomisation read and write them."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from spot_model.effects.base import Effect, ModelEffect
@@ -48,3 +49,32 @@ def edit_model(model: mujoco.MjModel, effects: Iterable[Effect]) -> None:
     for effect in effects:
         if isinstance(effect, ModelEffect) and not effect.is_null:
             effect.edit(fields)
+
+
+class PlantFields(MujocoFields):
+    """Fields of the MuJoCo model, shape (n_sims, ...), named as in ``MjModel`` (``opt.<name>`` for options).
+
+    Reading a field gives each simulation its own copy from then on. Call :meth:`commit` after writing, so that what
+    MuJoCo derives from a field follows.
+    """
+
+    def __init__(self, batch: Batch) -> None:
+        super().__init__(batch.model)
+        self._batch = batch
+        self._names: set[str] = set()
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        """The live field; writing into it edits the model.
+
+        Raises:
+            ValueError: MuJoCo cannot give ``name`` per-simulation values.
+        """
+        self._names.add(name)
+        field: NDArray[Any] = self._batch.expand(name)
+        return field
+
+    def commit(self) -> None:
+        """Bring derived constants up to date with what was written."""
+        derives = set(mujoco.MjModel._setconst_inputs)
+        if any(name in derives or name.startswith("opt.") for name in self._names):
+            self._batch.set_const()

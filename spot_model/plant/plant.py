@@ -26,8 +26,8 @@ from spot_model.effects.base import (
 )
 from spot_model.errors import SpotRlError
 from spot_model.plant.command_channel import CommandChannel, ServoCommand
-from spot_model.plant.fields import PlantFields
 from spot_model.plant.memory import leaves, with_leaves
+from spot_model.plant.model_fields import PlantFields
 from spot_model.plant.plant_state import PlantState
 from spot_model.plant.sensing import Sensing
 from spot_model.plant.torque import TorqueChain

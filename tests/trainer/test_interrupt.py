@@ -11,8 +11,7 @@ from typing import Any
 import pytest
 
 from trainer.ppo import training_log
-from trainer.ppo.interrupt import StopRequest, TrainingInterruptedError
-from trainer.ppo.training_log import TrainingLog
+from trainer.ppo.training_log import StopRequest, TrainingInterruptedError, TrainingLog
 
 
 def test_the_first_signal_is_a_request_and_the_second_acts_as_before() -> None:
