@@ -28,11 +28,11 @@ def compare(
 ) -> None:
     """Set a log beside other logs or simulations: one page, and a ghost Spot in Foxglove."""
     from compare.cause import read_verdict
-    from compare.compare import LAYOUT_NAME, LOG_NAME, PAGE_NAME, Named, compare_runs, named, write_comparison
+    from compare.compare import FILES, LAYOUT_NAME, LOG_NAME, PAGE_NAME, Named, compare_runs, named, write_comparison
     from compare.sources import is_model, read_other, read_reference
-    from spot_model.io.whole import check_writable
+    from spot_model.io.whole import check_new
 
-    check_writable(out)
+    check_new(*(out / name for name in FILES))
     told = read_verdict(verdict) if verdict is not None else None
     reference = read_reference(log)
     runs = [Named(log, reference)]

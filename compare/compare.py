@@ -20,13 +20,14 @@ from compare.page import comparison_page, sentence
 from compare.tracks import STEP_S, Track, track_of
 from diagnosis.document import Verdict
 from spot_log.read.run import Run
-from spot_model.io.whole import whole
+from spot_model.io.whole import whole_folder
 from spot_model.robot.facts import JOINT_NAMES
 
 PAGE_NAME: Final = "compare.html"
 LOG_NAME: Final = "compare.mcap"
 DATA_NAME: Final = "compare.json"
 LAYOUT_NAME: Final = "layout.foxglove.json"
+FILES: Final = (PAGE_NAME, LOG_NAME, DATA_NAME, LAYOUT_NAME)
 SCHEMA: Final = "spot-rl/compare/1"
 
 
@@ -114,21 +115,17 @@ def write_comparison(found: Comparison, out: Path, beside_m: float = 0.7) -> dic
     """Write page, ghost log, figures and a Foxglove layout into a folder.
 
     Raises:
-        CompareError: One of them is there.
+        OutputExistsError: One of them is there.
         OSError: They cannot be written.
     """
-    paths = {name: out / name for name in (PAGE_NAME, LOG_NAME, DATA_NAME, LAYOUT_NAME)}
-    taken = [p.name for p in paths.values() if p.exists()]
-    if taken:
-        raise CompareError(f"{out} holds {', '.join(taken)}; nothing is overwritten: choose another folder")
+    paths = {name: out / name for name in FILES}
     layout = files("compare").joinpath("layout.foxglove.json").read_text(encoding="utf-8")
     page = comparison_page(found.tracks, found.differences, found.causes, found.cause, found.notes)
-    with whole(*paths.values()):
-        out.mkdir(parents=True, exist_ok=True)
-        write_ghosts(paths[LOG_NAME], found.tracks, found.differences, found.causes, beside_m)
-        paths[PAGE_NAME].write_text(page, encoding="utf-8")
-        paths[DATA_NAME].write_text(json.dumps(found.to_json(), indent=1) + "\n", encoding="utf-8")
-        paths[LAYOUT_NAME].write_text(layout, encoding="utf-8")
+    with whole_folder(out) as part:
+        write_ghosts(part / LOG_NAME, found.tracks, found.differences, found.causes, beside_m)
+        (part / PAGE_NAME).write_text(page, encoding="utf-8")
+        (part / DATA_NAME).write_text(json.dumps(found.to_json(), indent=1) + "\n", encoding="utf-8")
+        (part / LAYOUT_NAME).write_text(layout, encoding="utf-8")
     return paths
 
 

@@ -28,10 +28,10 @@ diagnose.command("predict")(predict_run)
 def explain_and_compare(**asked: Any) -> None:
     """The diagnosis' own options and help; the comparison never fails a diagnosis that is written."""
     from compare.errors import CompareError
+    from spot_model.io.whole import check_new
 
     folder = Path(asked["out"]) / FOLDER
-    if folder.exists():
-        raise CompareError(f"{folder} exists; choose another folder with --out")
+    check_new(folder)
     result = cast("Diagnosis", command.explain_logs(**asked))
     try:
         typer.echo(f"compare    {set_beside(result, folder)}")

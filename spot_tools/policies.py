@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from spot_model.io.whole import check_new, whole_file
 from spot_model.policy.card import card_lines, card_of, load_card, write_card
-from spot_model.policy.contract import PolicyError
 from spot_model.policy.gait_sentence import gait_sentence
 from spot_model.policy.policy import Policy, load_policy
 from spot_model.policy.signature import check_signature, private_key, signature_path, signed_line
@@ -59,9 +58,12 @@ def key(
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
     from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat, PublicFormat
 
+    check_new(private, public)
     made = Ed25519PrivateKey.generate()
-    _write_new(private, made.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()), 0o600)
-    _write_new(public, made.public_key().public_bytes(Encoding.PEM, PublicFormat.SubjectPublicKeyInfo), 0o644)
+    with whole_file(private) as private_part, whole_file(public) as public_part:
+        private_part.touch(mode=0o600)
+        private_part.write_bytes(made.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()))
+        public_part.write_bytes(made.public_key().public_bytes(Encoding.PEM, PublicFormat.SubjectPublicKeyInfo))
     typer.echo(f"{private} signs; name {public} in service.policy_public_key of the robots that shall trust it")
 
 
@@ -73,12 +75,8 @@ def sign(
     loaded: Policy = load_policy(policy)
     path = signature_path(policy)
     signature = private_key(key).sign(signed_line(loaded.sha256))
-    partial = path.with_name(path.name + ".new")
-    try:
-        partial.write_bytes(signature)
-        partial.replace(path)
-    except OSError as error:
-        raise PolicyError(f"signature {path} cannot be written: {error.strerror}") from error
+    with whole_file(path, replace=True) as part:
+        part.write_bytes(signature)
     typer.echo(plain(f"{path}: {loaded.contract.name}, SHA-256 {loaded.sha256}"))
 
 
@@ -89,14 +87,3 @@ def verify(
     """Check a policy's signature as a run would; exit code 3 where it does not hold."""
     loaded = load_policy(policy, admit=lambda sha256: check_signature(policy, sha256, public_key))
     typer.echo(plain(f"{policy} is signed: {loaded.contract.name}, SHA-256 {loaded.sha256}"))
-
-
-def _write_new(path: Path, data: bytes, mode: int) -> None:
-    try:
-        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode)
-    except FileExistsError as error:
-        raise PolicyError(f"{path} exists; keys are never overwritten: name another file") from error
-    except OSError as error:
-        raise PolicyError(f"{path} cannot be made: {error.strerror}; name another file") from error
-    with os.fdopen(descriptor, "wb") as stream:
-        stream.write(data)

@@ -78,15 +78,18 @@ def run_words(motion: Motion, file: Path, policy: str | None, log_dir: str) -> l
     return ["run", *what, "--log-dir", log_dir]
 
 
-def write_offers(design: Design, folder: Path, policy: str | None) -> tuple[Offer, ...]:
-    """Write the experiments that are safe and worth their time, the most telling first, and ``ranking.json``."""
+def write_offers(design: Design, part: Path, folder: Path, policy: str | None) -> tuple[Offer, ...]:
+    """Write the experiments that are safe and worth their time, the most telling first, and ``ranking.json``.
+
+    They are written into ``part`` and named as they will lie in ``folder``.
+    """
     offers = []
     for number, proposal in enumerate(design.worthwhile, start=1):
         file = folder / f"{number:02d}_{proposal.candidate.name}.yaml"
-        save_motion(proposal.motion, file)
+        save_motion(proposal.motion, part / file.name)
         words = run_words(proposal.motion, file, policy, "MORE_LOGS")
         offers.append(Offer(proposal, file, " ".join(["spot-rl", *words, "--robot", "HOST"])))
-    (folder / "ranking.json").write_text(json.dumps(_data(design, offers), indent=1) + "\n", encoding="utf-8")
+    (part / "ranking.json").write_text(json.dumps(_data(design, offers), indent=1) + "\n", encoding="utf-8")
     return tuple(offers)
 
 

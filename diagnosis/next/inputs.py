@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from spot_model.errors import BadInputError
 from spot_model.io.validation import explain
+from spot_model.io.whole import write_over
 
 NAME: Final = "inputs.json"
 
@@ -28,7 +29,7 @@ class Inputs(BaseModel):
 
 def save_inputs(inputs: Inputs, folder: Path) -> None:
     """Write them into a diagnosis' folder."""
-    (folder / NAME).write_text(inputs.model_dump_json(by_alias=True, indent=1) + "\n", encoding="utf-8")
+    write_over(folder / NAME, inputs.model_dump_json(by_alias=True, indent=1) + "\n")
 
 
 def load_inputs(folder: Path) -> Inputs:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from math import prod
@@ -36,6 +35,7 @@ from spot_model.io.model_file import load_model
 from spot_model.io.progress import Progress as Bar
 from spot_model.io.validation import explain
 from spot_model.io.velocity_sequence import load_sequence
+from spot_model.io.whole import whole_folder, write_new, write_over
 from spot_model.policy.policy import Policy, load_policy
 
 
@@ -86,9 +86,10 @@ class Session:
         """Rank experiments, write them, and say so."""
         plan = self._chosen(self.found.posterior, self.seed, wanted=None)
         place = free_folder(self.folder, "next")
-        offers = write_offers(plan, place, self.inputs.policy)
+        with whole_folder(place) as part:
+            offers = write_offers(plan, part, place, self.inputs.policy)
+            (part / "next.html").write_text(ranking_page(plan, offers), encoding="utf-8")
         self.page = place / "next.html"
-        self.page.write_text(ranking_page(plan, offers), encoding="utf-8")
         return [*ranking_lines(plan, offers), "", f"page: {self.page}"]
 
     def ask(
@@ -107,9 +108,7 @@ class Session:
 
         def told(story: Story) -> None:
             for path, text in ((page, story_page(story)), (place / "story.json", story.to_json())):
-                part = path.with_suffix(".part")
-                part.write_text(text, encoding="utf-8")
-                os.replace(part, path)  # noqa: PTH105 - one step: the page is whole at any time
+                write_over(path, text)
 
         def run(chosen: Proposal, round_folder: Path) -> Ran:
             file, logs = round_folder / f"{chosen.candidate.name}.yaml", round_folder / "logs"
@@ -179,7 +178,7 @@ class Session:
             library = chosen_library(list(self.inputs.add_effect), list(self.inputs.without))
             runs, _ = read_all([Path(p) for p in self.inputs.logs])
             made = predict(self.found.posterior, dict(library), wanted, self.policy, runs, self.seed)
-            path.write_text(made.to_json(), encoding="utf-8")
+            write_new(path, made.to_json())
         if log is None:
             return [*made.lines(), f"written to {path}; after the run give --log LOG"]
         return with_log(made, read_run(log)).lines()

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Mapping
 from pathlib import Path
-from tempfile import mkdtemp
 
 from diagnosis.library.base import LibraryEffect
 from diagnosis.report.effect_file import FILE, effect_source
 from diagnosis.report.page import page
 from diagnosis.verdict.diagnose import Diagnosis
-from spot_model.errors import BadInputError
 from spot_model.io.model_file import save_model
 from spot_model.io.velocity_sequence import save_sequence
-from spot_model.io.whole import check_writable
+from spot_model.io.whole import check_new, whole_folder
 from spot_model.robot.facts import JOINT_NAMES
 
 NAMES = {
@@ -29,15 +26,10 @@ def check_free(out: Path) -> None:
     """Refuse a folder that holds a diagnosis already, before any work is done.
 
     Raises:
-        BadInputError: It does, or is no folder.
-        OSError: It may not be written to.
+        OutputExistsError: It does.
+        OSError: It is no folder, or may not be written to.
     """
-    if out.exists() and not out.is_dir():
-        raise BadInputError(f"--out {out} is a file; give a folder")
-    for name in (*NAMES.values(), FILE):
-        if (out / name).exists():
-            raise BadInputError(f"{out / name} exists; choose another folder with --out")
-    check_writable(out)
+    check_new(*(out / name for name in (*NAMES.values(), FILE)))
 
 
 def write_all(result: Diagnosis, out: Path, library: Mapping[str, LibraryEffect]) -> dict[str, Path]:
@@ -49,20 +41,10 @@ def write_all(result: Diagnosis, out: Path, library: Mapping[str, LibraryEffect]
         library: The effects that were tried: theirs are the experiments.
 
     Raises:
-        BadInputError: The folder holds a verdict already.
+        OutputExistsError: The folder holds one of the files already; none is written then.
     """
-    check_free(out)
-    out.mkdir(parents=True, exist_ok=True)
-    part = Path(mkdtemp(prefix=".part-", dir=out))
-    try:
+    with whole_folder(out) as part:
         names = _write(result, part, library)
-        for file in sorted(p for p in part.rglob("*") if p.is_file()):
-            place = out / file.relative_to(part)
-            if not place.exists():
-                place.parent.mkdir(exist_ok=True)
-                file.replace(place)
-    finally:
-        shutil.rmtree(part, ignore_errors=True)
     return {key: out / name for key, name in names.items()}
 
 

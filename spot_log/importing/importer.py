@@ -10,7 +10,8 @@ from spot_log.format.records import RunHeader
 from spot_log.importing.mapping import Mapping
 from spot_log.importing.rows import Record, records_of
 from spot_log.importing.signals import Recording
-from spot_log.write.run_writer import RunWriter, active_path
+from spot_log.write.run_writer import RunWriter, check_can_start
+from spot_model.io.whole import whole_file
 
 _COMPLETE = (
     "velocity",
@@ -48,6 +49,7 @@ def import_log(mapping: Mapping, source: Path, result: Path, run_id: str = "") -
         LogError: ``result`` exists, or the disk is too full.
         OSError: A file cannot be read or written.
     """
+    check_can_start(result)
     recording = Recording(source, mapping)
     records = records_of(recording)
     header = RunHeader(
@@ -64,7 +66,8 @@ def import_log(mapping: Mapping, source: Path, result: Path, run_id: str = "") -
         joint_names=mapping.joint_names,
         foot_names=mapping.foot_names,
     )
-    _write(result, header, records)
+    with whole_file(result) as part:
+        _write(part, header, records)
     stamps = recording.stamps_ns
     rate = (len(stamps) - 1) / ((stamps[-1] - stamps[0]) * 1e-9) if len(stamps) > 1 else float("nan")
     return Imported(result, len(stamps), float(rate), _missing(mapping))
@@ -92,7 +95,6 @@ def _write(result: Path, header: RunHeader, records: list[Record]) -> None:
             if writer.is_chunk_full:
                 writer.flush()
         writer.close({}, "imported")
-    except OSError:
+    except BaseException:
         writer.abandon()
-        active_path(result).unlink(missing_ok=True)
         raise

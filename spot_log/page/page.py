@@ -14,8 +14,7 @@ from spot_log.page.summary import seconds_text, summary_lines
 from spot_log.read.run import Run
 from spot_log.tools.info import LogInfo
 from spot_log.tools.log_info import log_info
-from spot_model.errors import BadInputError
-from spot_model.io.whole import whole
+from spot_model.io.whole import check_new, write_new
 
 MAX_EVENT_ROWS: Final = 300
 MAX_HEADER_TEXT: Final = 4000
@@ -34,15 +33,12 @@ def write_page(run: Run, path: str | Path) -> Path:
     """Write the page of a run.
 
     Raises:
-        ReportError: The page exists already.
+        OutputExistsError: The page exists already.
         OSError: The page cannot be written.
     """
     path = Path(path)
-    if path.exists():
-        raise ReportError(f"page {path} exists already; pages are never overwritten: choose another name")
-    text = page_html(run)
-    with whole(path), path.open("x", encoding="utf-8") as file:
-        file.write(text)
+    check_new(path)
+    write_new(path, page_html(run))
     return path
 
 

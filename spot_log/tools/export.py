@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from spot_log.read.flat_tables import Table, tables_of
 from spot_log.read.run import Run
 from spot_model.errors import BadInputError
-from spot_model.io.whole import whole
+from spot_model.io.whole import check_new, whole_folder
 
 FORMATS: Final = ("parquet", "csv")
 
@@ -36,7 +36,8 @@ def export_run(run: Run, directory: Path, file_format: str, topics: Sequence[str
         The files written.
 
     Raises:
-        ExportError: Format or topic unknown, a file exists, or pyarrow is not installed. Nothing is written then.
+        ExportError: Format or topic unknown, or pyarrow is not installed. Nothing is written then.
+        OutputExistsError: A file exists. Nothing is written then.
         OSError: A file cannot be written.
     """
     if file_format not in FORMATS:
@@ -46,18 +47,15 @@ def export_run(run: Run, directory: Path, file_format: str, topics: Sequence[str
         if topic not in tables:
             raise ExportError(f"topic {topic!r} is not in a log; allowed: {', '.join(tables)}")
     chosen = {name: table for name, table in tables.items() if (name in topics if topics else _n_rows(table))}
-    targets = {name: directory / f"{name}.{file_format}" for name in chosen}
-    header_path = directory / "header.json"
-    for path in (*targets.values(), header_path):
-        if path.exists():
-            raise ExportError(f"{path} exists already; nothing was written: choose another --out, or remove it")
+    names = [*(f"{name}.{file_format}" for name in chosen), "header.json"]
+    check_new(*(directory / name for name in names))
     write = _write_csv if file_format == "csv" else _parquet_writer()
-    with whole(*targets.values(), header_path):
-        directory.mkdir(parents=True, exist_ok=True)
+    header = json.dumps(asdict(run.header), indent=2, ensure_ascii=False) + "\n"
+    with whole_folder(directory) as part:
         for name, table in chosen.items():
-            write(table, targets[name])
-        header_path.write_text(json.dumps(asdict(run.header), indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
-    return [*targets.values(), header_path]
+            write(table, part / f"{name}.{file_format}")
+        (part / "header.json").write_text(header, encoding="utf-8")
+    return [directory / name for name in names]
 
 
 def _n_rows(table: Table) -> int:
@@ -65,7 +63,7 @@ def _n_rows(table: Table) -> int:
 
 
 def _write_csv(table: Table, path: Path) -> None:
-    with path.open("x", newline="", encoding="utf-8") as file:
+    with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(table)
         # repr of a Python float gives back the same number, so a CSV loses nothing.

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from spot_log.format.records import Severity
 from spot_log.read.run import Run
 from spot_model.errors import BadInputError
-from spot_model.io.whole import whole
+from spot_model.io.whole import check_new, whole_file
 from spot_model.robot.rotation import rotate_inverse_wxyz
 
 TOPICS: Final = {
@@ -42,19 +42,18 @@ def write_rosbag2(run: Run, directory: Path) -> Path:
         directory: The bag's folder, which must not exist.
 
     Raises:
-        RosExportError: The folder exists, or ``rosbags`` is not installed.
+        OutputExistsError: The folder exists.
+        RosExportError: ``rosbags`` is not installed.
         OSError: It cannot be written.
     """
-    if directory.exists():
-        raise RosExportError(f"{directory} exists; a bag is a folder of its own: choose another --out")
+    check_new(directory)
     try:
         from rosbags.rosbag2 import StoragePlugin, Writer
         from rosbags.typesys import Stores, get_typestore
     except ImportError as error:
         raise RosExportError("a ROS 2 bag needs rosbags: pip install 'spot-rl[ros]'") from error
     store = get_typestore(Stores.ROS2_HUMBLE)
-    directory.parent.mkdir(parents=True, exist_ok=True)
-    with whole(directory), Writer(directory, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+    with whole_file(directory) as part, Writer(part, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         connections = {topic: writer.add_connection(topic, kind, typestore=store) for topic, kind in TOPICS.items()}
         for stamp_ns, topic, message in sorted(_messages(run, store.types), key=lambda m: m[0]):
             writer.write(connections[topic], stamp_ns, store.serialize_cdr(message, TOPICS[topic]))

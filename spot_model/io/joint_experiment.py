@@ -19,6 +19,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError,
 
 from spot_model.errors import BadInputError
 from spot_model.io.validation import explain
+from spot_model.io.whole import write_new
 from spot_model.io.yaml_text import read_yaml
 from spot_model.robot import facts
 
@@ -113,9 +114,6 @@ def save_joint_experiment(experiment: JointExperiment, path: Path) -> None:
     """Write a joint experiment as YAML; refuses to overwrite.
 
     Raises:
-        BadInputError: The file exists.
+        OutputExistsError: The file exists.
     """
-    if path.exists():
-        raise BadInputError(f"joint experiment {path} exists; choose another name")
-    data = experiment.model_dump(by_alias=True, mode="json")
-    path.write_text(yaml.safe_dump(data, sort_keys=False), encoding="utf-8")
+    write_new(path, yaml.safe_dump(experiment.model_dump(by_alias=True, mode="json"), sort_keys=False))

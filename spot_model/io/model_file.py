@@ -28,6 +28,7 @@ from spot_model.effects.limits.torque_speed_curve import TorqueSpeedCurve
 from spot_model.effects.registry import make_effect
 from spot_model.errors import BadInputError
 from spot_model.io.validation import explain
+from spot_model.io.whole import write_new
 from spot_model.io.yaml_text import read_yaml
 from spot_model.robot import facts
 from spot_model.robot.knee_table import KNEE_MOTOR_TORQUE_NM
@@ -111,11 +112,9 @@ def save_model(model: RobotModel, path: Path) -> None:
     """Write a model as YAML; refuses to overwrite.
 
     Raises:
-        BadInputError: The file exists.
+        OutputExistsError: The file exists.
     """
-    if path.exists():
-        raise BadInputError(f"model file {path} exists; choose another name")
-    path.write_text(yaml.safe_dump(model.to_data(), sort_keys=False, allow_unicode=True), encoding="utf-8")
+    write_new(path, yaml.safe_dump(model.to_data(), sort_keys=False, allow_unicode=True))
 
 
 def paper_model(actuator: facts.PaperActuator) -> RobotModel:

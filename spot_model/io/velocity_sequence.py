@@ -17,6 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from spot_model.errors import BadInputError
 from spot_model.io.validation import explain
+from spot_model.io.whole import write_new
 from spot_model.io.yaml_text import read_yaml
 
 Array = NDArray[np.float64]
@@ -170,8 +171,6 @@ def save_sequence(sequence: VelocitySequence, path: Path) -> None:
     """Write a sequence as YAML; refuses to overwrite.
 
     Raises:
-        BadInputError: The file exists.
+        OutputExistsError: The file exists.
     """
-    if path.exists():
-        raise BadInputError(f"velocity sequence {path} exists; choose another name")
-    path.write_text(yaml.safe_dump(sequence.model_dump(by_alias=True, mode="json"), sort_keys=False), encoding="utf-8")
+    write_new(path, yaml.safe_dump(sequence.model_dump(by_alias=True, mode="json"), sort_keys=False))

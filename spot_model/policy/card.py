@@ -16,6 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from spot_model.errors import BadInputError
 from spot_model.io.validation import explain
+from spot_model.io.whole import write_new
 from spot_model.io.yaml_text import read_yaml
 from spot_model.policy.policy import Policy
 
@@ -64,14 +65,12 @@ def write_card(policy: Path, card: PolicyCard) -> Path:
     """Write a card beside its policy.
 
     Raises:
-        BadInputError: There is one.
+        OutputExistsError: There is one.
     """
     path = card_path(policy)
-    if path.exists():
-        raise BadInputError(f"policy card {path} exists; nothing is overwritten: remove it first")
     data = card.model_dump(mode="json", by_alias=True, exclude_defaults=True)
     text = yaml.safe_dump({"schema": SCHEMA, **data}, sort_keys=False, allow_unicode=True, width=110)
-    path.write_text(text, encoding="utf-8")
+    write_new(path, text)
     return path
 
 

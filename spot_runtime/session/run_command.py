@@ -16,6 +16,7 @@ from spot_log.write.run_writer import free_path, make_log_folder
 from spot_model.errors import BadInputError
 from spot_model.io.joint_experiment import load_joint_experiment
 from spot_model.io.velocity_sequence import load_sequence
+from spot_model.io.whole import check_new, write_new
 from spot_model.policy.joint_script import joint_script
 from spot_model.policy.policy import Policy, load_policy
 from spot_model.text import plain_lines
@@ -66,6 +67,8 @@ def run(
 
     With --experiment a joint experiment runs in the policy's place, under the same safety core.
     """
+    if summary_json is not None:
+        check_new(summary_json)
     settings = resolve_config(config, ca_file=ca_file, credentials_file=credentials_file, log_dir=log_dir, hal=hal)
     settings = settings if lock_step is None else for_lock_step(settings)
     wanted = HalRequest(robot, settings, lock_step or "")
@@ -109,9 +112,9 @@ def run(
     _say_last(summary.to_text())
     if summary_json is not None:
         try:
-            summary_json.write_text(summary.to_json() + "\n", encoding="utf-8")
-        except OSError as error:
-            typer.echo(f"the summary {summary_json} cannot be written: {error.strerror}", err=True)
+            write_new(summary_json, summary.to_json() + "\n")
+        except (OSError, BadInputError) as error:
+            typer.echo(f"the summary {summary_json} cannot be written: {error}", err=True)
     raise typer.Exit(summary.exit_code)
 
 

@@ -13,9 +13,9 @@ import pytest
 
 from compare import diagnose_command
 from compare.compare import DATA_NAME, LOG_NAME, PAGE_NAME
-from compare.errors import CompareError
 from diagnosis import command
 from diagnosis.verdict.diagnose import Diagnosis
+from spot_model.io.whole import OutputExistsError
 from tests.diagnosis import report_case
 
 
@@ -63,7 +63,7 @@ def test_nothing_simulated_is_said_and_nothing_is_written(
 
 def test_a_comparison_that_is_there_stays(ask: Callable[..., Path], tmp_path: Path) -> None:
     (tmp_path / diagnose_command.FOLDER).mkdir()
-    with pytest.raises(CompareError, match="exists; choose another folder with --out"):
+    with pytest.raises(OutputExistsError, match="exists; nothing is overwritten"):
         ask()
 
 

@@ -348,7 +348,7 @@ def test_a_users_own_experiment_is_run_whatever_it_tells_if_it_is_safe(refused: 
 
 def test_files_commands_and_pages_of_a_ranking(tmp_path: Path) -> None:
     plan = made_design({"a": 0.2, "bad": 0.9}, refused=("bad",))
-    offers = write_offers(plan, tmp_path, None)
+    offers = write_offers(plan, tmp_path, tmp_path, None)
     assert [o.file.name for o in offers] == ["01_a.yaml"]
     assert load_joint_experiment(offers[0].file) == plan.proposals[0].motion
     told = "\n".join(ranking_lines(plan, offers))

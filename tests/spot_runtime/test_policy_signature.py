@@ -14,6 +14,7 @@ from cryptography.hazmat.primitives.serialization import BestAvailableEncryption
 from typer.testing import CliRunner
 
 import spot_model.policy.policy
+from spot_model.io.whole import OutputExistsError
 from spot_model.policy.contract import PolicyError
 from spot_model.policy.policy import load_policy
 from spot_model.policy.signature import check_signature, private_key, public_keys, signature_path, signed_line
@@ -130,8 +131,8 @@ def test_keys_are_never_overwritten(signed: tuple[Path, Path, Path]) -> None:
     _, private, public = signed
     before = private.read_bytes()
     again = CliRunner().invoke(app, ["key", str(private), str(public)])
-    assert isinstance(again.exception, PolicyError)
-    assert "never overwritten" in str(again.exception)
+    assert isinstance(again.exception, OutputExistsError)
+    assert "nothing is overwritten" in str(again.exception)
     assert private.read_bytes() == before
     assert private.stat().st_mode & 0o777 == 0o600
 

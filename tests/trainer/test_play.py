@@ -159,7 +159,7 @@ def test_a_window(capsys: pytest.CaptureFixture[str]) -> None:
 def test_a_film_of_that_name_stays(tmp_path: Path) -> None:
     film = tmp_path / "mine.mp4"
     film.write_bytes(b"mine")
-    with pytest.raises(BadInputError, match="is there already"):
+    with pytest.raises(BadInputError, match="exists; nothing is overwritten"):
         play(POLICY, video=film)
     assert film.read_bytes() == b"mine"
 

@@ -146,7 +146,7 @@ def test_the_command_leaves_a_better_policy_and_its_figures(tmp_path: Path) -> N
 
     before = out.read_bytes()
     _, again = refine(tmp_path, "faster", "top_speed_per_m_s: 10, top_speed_wanted_m_s: 3")
-    assert "exists; choose another name" in str(again.exception)
+    assert "exists; nothing is overwritten" in str(again.exception)
     assert out.read_bytes() == before
 
 

@@ -34,6 +34,7 @@ def evaluate(
 
     from spot_model.errors import BadInputError
     from spot_model.io.model_file import load_model
+    from spot_model.io.whole import check_new, whole_folder
     from spot_model.policy.policy import load_policy
     from spot_model.robot.mjcf import MjcfOptions
     from trainer.evaluate.page import evaluation_page
@@ -41,9 +42,9 @@ def evaluate(
     from trainer.play.film import check_film, top_speed_ramp, write_film
     from trainer.play.walk import Walk
 
-    if (out / "evaluation.json").exists():
-        raise BadInputError(f"--out {out} holds an evaluation; nothing is overwritten: name another folder")
+    check_new(out / "evaluation.json", out / "evaluation.html")
     if video:
+        check_new(out / "video.mp4")
         check_film(out / "video.mp4")
     loaded = load_policy(policy)
     period = 1.0 / loaded.contract.rate_hz
@@ -55,8 +56,9 @@ def evaluate(
         raise BadInputError(str(error)) from error
     setting = Setting(policy=loaded, model=load_model(model), mjcf=mjcf, seed=seed)
     result = _evaluated(setting, n, out / UNFINISHED)
-    (out / "evaluation.html").write_text(evaluation_page(result), encoding="utf-8")
-    _write(out / "evaluation.json", result)
+    with whole_folder(out) as part:
+        (part / "evaluation.html").write_text(evaluation_page(result), encoding="utf-8")
+        (part / "evaluation.json").write_text(_json(result), encoding="utf-8")
     (out / UNFINISHED).unlink(missing_ok=True)
     if video:
         walk = Walk(loaded, setting.plant(1), np.random.default_rng(seed))
@@ -74,6 +76,7 @@ def _evaluated(setting: Setting, n: int, unfinished: Path) -> dict[str, Any]:
     """Run the trials, each kept in ``unfinished`` as soon as it ends; those that it holds are not run again."""
     from spot_model.errors import BadInputError
     from spot_model.io.progress import Progress
+    from spot_model.io.whole import write_over
     from trainer.evaluate.report import about
     from trainer.evaluate.report import evaluate as run_trials
 
@@ -87,8 +90,7 @@ def _evaluated(setting: Setting, n: int, unfinished: Path) -> dict[str, Any]:
             f"--out {unfinished.parent} holds an interrupted evaluation of another policy or model, or with another "
             "--n, --seed, --timestep or --integrator: name another folder"
         )
-    unfinished.parent.mkdir(parents=True, exist_ok=True)
-    _write(unfinished, done)
+    write_over(unfinished, _json(done))
     try:
         with Progress("trials, %", 100) as progress:
             result = run_trials(
@@ -96,7 +98,7 @@ def _evaluated(setting: Setting, n: int, unfinished: Path) -> dict[str, Any]:
                 n=n,
                 done=done,
                 tell=lambda name, share: progress.update(round(100 * share), name.replace("_", " "), is_told=True),
-                keep=lambda figures: _write(unfinished, figures),
+                keep=lambda figures: write_over(unfinished, _json(figures)),
             )
             progress.update(100, "all trials")
     except KeyboardInterrupt:
@@ -106,8 +108,5 @@ def _evaluated(setting: Setting, n: int, unfinished: Path) -> dict[str, Any]:
     return result
 
 
-def _write(path: Path, figures: dict[str, Any]) -> None:
-    """Write a file that is whole at any time."""
-    part = path.with_name(f"{path.name}.part")
-    part.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
-    part.replace(path)
+def _json(figures: dict[str, Any]) -> str:
+    return json.dumps(figures, indent=1) + "\n"

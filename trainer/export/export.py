@@ -6,9 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel, load_model
-from spot_model.io.whole import whole
+from spot_model.io.whole import check_new, whole_file
 from spot_model.policy.contract import StatedGait
 from spot_model.policy.policy import Policy, policy_from_bytes
 from trainer.evaluate.figures import gait
@@ -58,15 +57,14 @@ def export_policy(run: Path, out: Path, name: str | None = None) -> Path:
         name: Name in the contract; the config's by default.
 
     Raises:
-        BadInputError: There is no checkpoint, ``out`` exists, or the networks disagree by more than 1e-5.
+        OutputExistsError: ``out`` exists.
+        BadInputError: There is no checkpoint, or the networks disagree by more than 1e-5.
     """
-    if out.exists():
-        raise BadInputError(f"policy file {out} exists; choose another name")
+    check_new(out)
     config, layers, contract = read_actor(find_checkpoint(run), name)
     measured = stated_gaits(policy_from_bytes(onnx_bytes(layers, contract), source="export"), load_model(config.model))
     data = onnx_bytes(layers, contract.model_copy(update={"gait": measured}))
     check_agreement(layers, data)
-    with whole(out):
-        out.parent.mkdir(parents=True, exist_ok=True)
-        out.write_bytes(data)
+    with whole_file(out) as part:
+        part.write_bytes(data)
     return out

@@ -30,9 +30,12 @@ def export(
         for path in export_for(run, framework, out):
             typer.echo(f"{path} ({path.stat().st_size} bytes)")
         return
+    from spot_model.io.whole import check_new
     from trainer.export.export import export_policy
     from trainer.ppo.checkpoint import find_checkpoint, save_networks
 
+    if networks is not None:
+        check_new(networks)
     path = export_policy(run, out, name)
     if networks is not None:
         save_networks(find_checkpoint(run), networks)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from spot_model.io.whole import whole_file
 from spot_model.policy.contract import METADATA_KEY, PolicyContract
 from spot_model.policy.policy import load_policy
 from spot_model.robot import facts
@@ -28,10 +29,10 @@ def write_gain_variant(policy: Path, path: Path, kp_nm_per_rad: float, kd_nm_s_p
     )
     if path.exists():
         return path
-    path.parent.mkdir(parents=True, exist_ok=True)
     model = onnx.load(policy)
     for entry in model.metadata_props:
         if entry.key == METADATA_KEY:
             entry.value = PolicyContract.model_validate(changed.model_dump(by_alias=True)).to_json()
-    onnx.save(model, path)
+    with whole_file(path) as part:
+        onnx.save(model, part)
     return path

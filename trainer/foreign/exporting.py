@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from onnx import compose, helper, numpy_helper
 
 from spot_model.errors import BadInputError
-from spot_model.io.whole import whole
+from spot_model.io.whole import check_new, whole_folder
 from spot_model.policy.contract import INPUT_NAME, OUTPUT_NAME
 from spot_model.policy.observation import COLUMNS, N_OBSERVATION, OBSERVATION
 from spot_model.policy.policy import Policy, load_policy
@@ -55,13 +55,11 @@ def export_for(policy_path: Path, framework: str, out: Path) -> list[Path]:
         others = [path for pattern in ("*.json", "*.onnx") for path in out.glob(pattern)]
         if others:
             raise BadInputError(f"{out} holds {others[0].name}; the example wants a folder of one policy")
-    taken = [path for path in files if path.exists()]
-    if taken:
-        raise BadInputError(f"{taken[0]} exists; choose another name")
-    with whole(*files):
+    check_new(*files)
+    folder = out.parent if out in files else out
+    with whole_folder(folder) as part:
         for path, data in files.items():
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_bytes(data)
+            (part / path.name).write_bytes(data)
     return list(files)
 
 

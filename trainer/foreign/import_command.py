@@ -39,13 +39,13 @@ def import_policy(
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask whether what was read is right.")] = False,
 ) -> None:
     """Make a policy of another framework one that runs here, and prove that its network gives the same."""
+    from spot_model.io.whole import check_new, whole_file
     from spot_model.policy.policy import load_policy
     from trainer.foreign.importing import describe_file, read_network
     from trainer.foreign.rewrite import ours_from
 
     target = out or policy.with_name(f"{policy.stem}.spot.onnx")
-    if target.exists():
-        raise BadInputError(f"policy file {target} exists; choose another with --out")
+    check_new(target)
     order = tuple(word for word in joint_order.split(",") if word)
     described = describe_file(policy, like.value, env, name or policy.stem, order)
     described = _with_options(described, rate_hz, commands)
@@ -53,7 +53,9 @@ def import_policy(
     if not yes and not typer.confirm("Is this what the policy was trained with?"):
         raise BadInputError("nothing was written; correct the side file, or name it with --env")
     network = read_network(policy, described.width)
-    target.write_bytes(ours_from(network, described, revision=f"{like.value}/{policy.name}"))
+    data = ours_from(network, described, revision=f"{like.value}/{policy.name}")
+    with whole_file(target) as part:
+        part.write_bytes(data)
     typer.echo(f"policy {target}: SHA-256 {load_policy(target).sha256}; the network's actions are the same")
 
 

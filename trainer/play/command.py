@@ -43,6 +43,7 @@ def play(
             f"({type(error).__name__}: {error}); unset it, or install the package libegl1 (egl) or libosmesa6 (osmesa)"
         ) from error
     from spot_model.io.model_file import load_model
+    from spot_model.io.whole import check_new
     from spot_model.plant.plant import Plant, PlantOptions
     from spot_model.policy.policy import load_policy
     from spot_model.robot.facts import Array
@@ -65,8 +66,7 @@ def play(
     if video is not None:
         if gamepad:
             raise BadInputError("--gamepad steers in a window, and --video opens none; leave one of them out")
-        if video.exists():
-            raise BadInputError(f"--video {video} is there already and stays as it is; name another file")
+        check_new(video)
         check_film(video)
     else:
         check_display()

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from spot_model.errors import BadInputError
 from spot_model.io.progress import Progress
+from spot_model.io.whole import whole_file
 from spot_model.policy.policy import Policy
 from trainer.play.drawing import columns, gait_diagram
 from trainer.play.walk import VelocityAt, Walk
@@ -77,24 +78,20 @@ def write_film(walk: Walk, velocity_at: VelocityAt, out: Path, seconds: float) -
 
     is_gif = out.suffix == ".gif"
     rate = GIF_RATE_HZ if is_gif else FRAME_RATE_HZ
-    out.parent.mkdir(parents=True, exist_ok=True)
-    part = out.with_name(f"{out.stem}.part{out.suffix}")
     how = {"codec": "gif", "pix_fmt_out": "pal8", "output_params": _GIF} if is_gif else {"quality": 7}
-    encoder = imageio_ffmpeg.write_frames(part, (WIDTH, HEIGHT), fps=rate, ffmpeg_log_level="error", **how)
-    try:
-        encoder.send(None)
-        with Progress("frames", frames_in(seconds, rate)) as progress:
-            for number, frame in enumerate(frames(walk, velocity_at, seconds, rate), 1):
-                encoder.send(frame)
-                progress.update(number)
-        encoder.close()
-        part.replace(out)
-    except OSError as error:
-        told = str(error).partition("\n")[0]
-        raise BadInputError(f"--video {out} cannot be written ({told}); is there room on the disk?") from error
-    finally:
-        encoder.close()
-        part.unlink(missing_ok=True)
+    with whole_file(out) as part:
+        encoder = imageio_ffmpeg.write_frames(part, (WIDTH, HEIGHT), fps=rate, ffmpeg_log_level="error", **how)
+        try:
+            encoder.send(None)
+            with Progress("frames", frames_in(seconds, rate)) as progress:
+                for number, frame in enumerate(frames(walk, velocity_at, seconds, rate), 1):
+                    encoder.send(frame)
+                    progress.update(number)
+        except OSError as error:
+            told = str(error).partition("\n")[0]
+            raise BadInputError(f"--video {out} cannot be written ({told}); is there room on the disk?") from error
+        finally:
+            encoder.close()
 
 
 def frames(walk: Walk, velocity_at: VelocityAt, seconds: float, rate_hz: float) -> Iterator[NDArray[np.uint8]]:

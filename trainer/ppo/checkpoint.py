@@ -10,7 +10,7 @@ import torch
 import yaml
 
 from spot_model.errors import BadInputError
-from spot_model.io.whole import whole
+from spot_model.io.whole import whole_file
 from spot_model.policy.observation import OBSERVATION_LAYOUT
 from spot_model.robot import facts
 from trainer.config.train_config import TrainConfig, config_from_data, config_yaml
@@ -45,10 +45,8 @@ def save_checkpoint(path: Path, runner: PpoRunner, iterations_done: int) -> None
     }
     packed = io.BytesIO()
     torch.save(content, packed)  # torch words a full disk as a defect of its own
-    partial = path.with_suffix(".partial")
-    with whole(partial):
-        partial.write_bytes(packed.getbuffer())
-    partial.rename(path)
+    with whole_file(path, replace=True) as part:
+        part.write_bytes(packed.getbuffer())
 
 
 def read_checkpoint(path: Path) -> dict[str, Any]:
@@ -81,7 +79,10 @@ def save_networks(checkpoint: Path, out: Path) -> None:
     content = read_checkpoint(checkpoint)
     keys = ("actor_state_dict", "critic_state_dict")
     small = {key: content[key] for key in ("schema", "contract", "config", "iterations_done")}
-    torch.save({**small, "algorithm": {key: content["algorithm"][key] for key in keys}}, out)
+    packed = io.BytesIO()
+    torch.save({**small, "algorithm": {key: content["algorithm"][key] for key in keys}}, packed)
+    with whole_file(out) as part:
+        part.write_bytes(packed.getbuffer())
 
 
 def config_of(content: dict[str, Any], source: str) -> TrainConfig:

@@ -24,6 +24,7 @@ def refine(
     """Search a trained policy's gains in whole-gait trials: even feet, safe starts, top speed."""
     from spot_model.errors import BadInputError
     from spot_model.io.progress import Progress
+    from spot_model.io.whole import check_new, whole_file, write_over
     from spot_model.policy.contract import TrainingRecord, sha256_hex
     from spot_model.policy.policy import load_policy
     from spot_model.version import software_revision
@@ -35,8 +36,7 @@ def refine(
     from trainer.shared.engine import Place
     from trainer.shared.run_folder import command_line
 
-    if out.exists():
-        raise BadInputError(f"policy file {out} exists; choose another name")
+    check_new(out)
     settings = load_refine_config(config)
     if generations is not None:
         settings = settings.model_copy(update={"generations": generations})
@@ -71,7 +71,7 @@ def refine(
         "gains": {g.name: round(float(v * g.scale), 6) for g, v in zip(gains, values, strict=True)},
         "figures": figures,
     }
-    (folder / "refinement.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    write_over(folder / "refinement.json", json.dumps(result, indent=1) + "\n")
     for name, row in figures.items():
         typer.echo(f"{name}: " + "  ".join(f"{key} {value}" for key, value in row.items()))
     if not figures["refined"]["score"] < figures["policy"]["score"]:
@@ -86,6 +86,6 @@ def refine(
         seed=settings.seed,
         model_sha256=contract.training.model_sha256,
     )
-    out.parent.mkdir(parents=True, exist_ok=True)
-    out.write_bytes(policy_of(with_gains(layers, gains, values), contract, record)[1])
+    with whole_file(out) as part:
+        part.write_bytes(policy_of(with_gains(layers, gains, values), contract, record)[1])
     typer.echo(f"policy {out} ({out.stat().st_size} bytes)")

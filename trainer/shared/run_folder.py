@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from spot_model.errors import BadInputError
+from spot_model.io.whole import whole_folder
 from spot_model.version import software_revision
 from trainer.config.train_config import TrainConfig, config_yaml
 
@@ -22,8 +23,6 @@ def make_run_folder(folder: Path, config: TrainConfig, command: str, device: str
     """
     if folder.exists() and any(folder.iterdir()):
         raise BadInputError(f"run folder {folder} is not empty; choose another with --out, or --resume it")
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "config.yaml").write_text(config_yaml(config), encoding="utf-8")
     record: dict[str, Any] = {
         "command": command,
         "device": device,
@@ -31,7 +30,9 @@ def make_run_folder(folder: Path, config: TrainConfig, command: str, device: str
         "python": platform.python_version(),
         "versions": {name: _version(name) for name in ("torch", "mujoco", "mujoco-warp", "rsl-rl-lib", "numpy")},
     }
-    (folder / "run.json").write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+    with whole_folder(folder) as part:
+        (part / "config.yaml").write_text(config_yaml(config), encoding="utf-8")
+        (part / "run.json").write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
 
 
 def read_run_record(folder: Path) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from spot_model.errors import BadInputError
+from spot_model.io.whole import check_new, whole_file
 from withheld.blind.run_folder import RUN, SEED_FILE
 
 KEPT: Final = ("outcome.json", "verdict.json", "ledger.jsonl", "corrected_model.yaml")
@@ -16,20 +17,21 @@ def pack(out: Path, file: Path, most_mib: float) -> int:
     """Write a ``.tar.gz``; returns its cases. Unpacked it is a run's folder that can be scored and resumed.
 
     Raises:
-        BadInputError: The file exists, or is larger than ``most_mib``.
+        OutputExistsError: The file exists.
+        BadInputError: It would be larger than ``most_mib``; nothing is written.
     """
-    if file.exists():
-        raise BadInputError(f"{file} exists; choose another name")
+    check_new(file)
     folders = sorted(p.parent for p in (out / "cases").glob("*/outcome.json"))
-    with tarfile.open(file, "w:gz", compresslevel=9) as archive:
-        for path in (out / RUN, out / SEED_FILE, out / "ledger.jsonl", out / "scores.json"):
-            if path.exists():
-                archive.add(path, path.name)
-        for folder in folders:
-            for name in KEPT:
-                if (folder / name).exists():
-                    archive.add(folder / name, f"cases/{folder.name}/{name}")
-    size = file.stat().st_size / 2**20
-    if size > most_mib:
-        raise BadInputError(f"{file} has {size:.1f} MiB; allowed: {most_mib:g} (--most-mib)")
+    with whole_file(file) as part:
+        with tarfile.open(part, "w:gz", compresslevel=9) as archive:
+            for path in (out / RUN, out / SEED_FILE, out / "ledger.jsonl", out / "scores.json"):
+                if path.exists():
+                    archive.add(path, path.name)
+            for folder in folders:
+                for name in KEPT:
+                    if (folder / name).exists():
+                        archive.add(folder / name, f"cases/{folder.name}/{name}")
+        size = part.stat().st_size / 2**20
+        if size > most_mib:
+            raise BadInputError(f"{file} would have {size:.1f} MiB; allowed: {most_mib:g} (--most-mib)")
     return len(folders)

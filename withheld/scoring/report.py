@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from spot_model.errors import BadInputError
+from spot_model.io.whole import write_over
 from withheld.outcome import Outcome
 from withheld.scoring.corner import ATTAINABLE, corner_rows
 from withheld.scoring.leak import leaks
@@ -33,8 +34,8 @@ def write_scores(folders: Sequence[Path], out: Path) -> list[str]:
     """
     checked = check(folders, Path("policies"))
     data = scores(checked, [f / ATTAINABLE for f in folders])
-    (out / SCORES).write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
-    (out / PAGE).write_text(page(data, checked, out), encoding="utf-8")
+    write_over(out / SCORES, json.dumps(data, indent=1) + "\n")
+    write_over(out / PAGE, page(data, checked, out))
     return [*lines(data), f"page {out / PAGE}  table {out / SCORES}"]
 
 

@@ -12,6 +12,7 @@ from pyarrow import parquet
 
 from spot_log import read_run
 from spot_log.tools.export import ExportError, export_run
+from spot_model.io.whole import OutputExistsError
 from spot_model.robot.facts import JOINT_NAMES
 
 
@@ -74,7 +75,7 @@ def test_refusals(run, tmp_path):
     with pytest.raises(ExportError, match="topic 'lidar' is not in a log; allowed: state, imu, command"):
         export_run(run, tmp_path, "csv", ["lidar"])
     (tmp_path / "tick.csv").write_text("precious")
-    with pytest.raises(ExportError, match=r"tick\.csv exists already; nothing was written"):
+    with pytest.raises(OutputExistsError, match=r"tick\.csv exists; nothing is overwritten"):
         export_run(run, tmp_path, "csv")
     assert [path.name for path in tmp_path.iterdir()] == ["tick.csv"]
 

@@ -12,8 +12,9 @@ import pytest
 
 from spot_log import read_run
 from spot_log.page.figures import FIGURES, torque_limit_nm
-from spot_log.page.page import ReportError, page_html, write_page
+from spot_log.page.page import page_html, write_page
 from spot_log.page.svg import thinned
+from spot_model.io.whole import OutputExistsError
 
 CHROMIUM = next(
     (found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None
@@ -107,7 +108,7 @@ def test_contact_bars_cover_the_stance(run):
 
 def test_pages_are_never_overwritten(run, page):
     before = page.read_bytes()
-    with pytest.raises(ReportError, match="exists already; pages are never overwritten: choose another name"):
+    with pytest.raises(OutputExistsError, match="exists; nothing is overwritten: choose another name"):
         write_page(run, page)
     assert page.read_bytes() == before
 

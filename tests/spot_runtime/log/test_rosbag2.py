@@ -11,8 +11,9 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 from spot_log import read_run
-from spot_log.tools.rosbag2 import RosExportError, write_rosbag2
+from spot_log.tools.rosbag2 import write_rosbag2
 from spot_model.io.command_line import main
+from spot_model.io.whole import OutputExistsError
 
 
 def test_a_bag_holds_the_log(synthetic_log: Path, tmp_path: Path) -> None:
@@ -39,7 +40,7 @@ def test_a_bag_holds_the_log(synthetic_log: Path, tmp_path: Path) -> None:
     assert math.hypot(twist.x, twist.y, twist.z) == pytest.approx(expected)
     assert max(m.twist.linear.x for m in found["/cmd_vel"]) == 1.0
     assert [m.name for m in found["/rosout"]] == [event.name for event in run.events]
-    with pytest.raises(RosExportError, match=r"exists; a bag is a folder of its own"):
+    with pytest.raises(OutputExistsError, match="exists; nothing is overwritten"):
         write_rosbag2(run, bag)
 
 

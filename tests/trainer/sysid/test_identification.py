@@ -86,7 +86,7 @@ def test_the_page_stands_alone_and_escapes_what_it_shows(out: Path) -> None:
 
 def test_nothing_is_overwritten(out: Path, logs: list[LoggedRun], policy_path: Path, tmp_path: Path) -> None:
     before = {p.name: p.read_bytes() for p in out.iterdir()}
-    with pytest.raises(BadInputError, match="of an earlier run; give another --out folder"):
+    with pytest.raises(BadInputError, match="exists; nothing is overwritten"):
         run_identification(log_set(logs), policy_path, QUICK, out)
     assert {p.name: p.read_bytes() for p in out.iterdir()} == before
     (tmp_path / "search.jsonl").write_text("")

@@ -75,7 +75,7 @@ def test_the_file_holds_what_trainer_and_fake_robot_take(make_logs: MakeLogs, tm
         "body_angular_velocity_rad_s",
         "attitude_rad",
     }
-    with pytest.raises(BadInputError, match="exists; choose another folder"):
+    with pytest.raises(BadInputError, match="exists; nothing is overwritten"):
         write_noise(observation_noise(runs), tmp_path / "noise.yaml")
 
 

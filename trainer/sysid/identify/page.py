@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -32,9 +31,9 @@ Traces = Sequence[tuple[NDArray[Any], NDArray[Any]]]
 """Action and torque, each of shape (ticks, 12), of robot, initial and identified simulation."""
 
 
-def write_report(found: Identification, data: ResultData, path: Path) -> None:
-    """Write a page that opens from disk, with all it needs inside."""
-    path.write_text(identification_page(data, list(_overlays(found))), encoding="utf-8")
+def report_page(found: Identification, data: ResultData) -> str:
+    """A page that opens from disk, with all it needs inside."""
+    return identification_page(data, list(_overlays(found)))
 
 
 def identification_page(data: ResultData, overlays: Sequence[tuple[str, slice, float, Traces]] = ()) -> str:

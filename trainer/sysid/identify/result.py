@@ -8,7 +8,6 @@ from typing import Any, Final, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from spot_model.errors import BadInputError
 from spot_model.io.model_file import save_model
 from trainer.sysid.identify.identify import Identification
 from trainer.sysid.identify.verdict import CONFIDENCE, ParameterVerdict
@@ -21,6 +20,8 @@ RESULT_NAME: Final = "result.json"
 MODEL_NAME: Final = "identified.yaml"
 NOISE_NAME: Final = "noise.yaml"
 DELAY_NAME: Final = "command_delay.csv"
+REPORT_NAME: Final = "report.html"
+OUTPUTS: Final = (RESULT_NAME, MODEL_NAME, NOISE_NAME, DELAY_NAME, REPORT_NAME)
 
 
 class _Data(BaseModel):
@@ -112,19 +113,8 @@ def result_data(found: Identification, config: SysidConfig) -> ResultData:
     )
 
 
-def check_out_folder(folder: Path) -> None:
-    """Refuse a folder in which a result would be overwritten.
-
-    Raises:
-        BadInputError: One of the result's files is there.
-    """
-    present = [name for name in (RESULT_NAME, MODEL_NAME, NOISE_NAME, DELAY_NAME) if (folder / name).exists()]
-    if present:
-        raise BadInputError(f"folder {folder} holds {', '.join(present)} of an earlier run; give another --out folder")
-
-
 def write_result(found: Identification, config: SysidConfig, folder: Path) -> ResultData:
-    """Write result, identified model, noise and delays into a folder that :func:`check_out_folder` accepted."""
+    """Write result, identified model, noise and delays into a folder that holds none of them."""
     data = result_data(found, config)
     save_model(found.model, folder / MODEL_NAME)
     write_noise(found.preparation.noise, folder / NOISE_NAME)

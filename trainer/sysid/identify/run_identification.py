@@ -8,13 +8,14 @@ from pathlib import Path
 
 from spot_model.errors import BadInputError
 from spot_model.io.progress import Progress
+from spot_model.io.whole import check_new, whole_folder
 from spot_model.policy.policy import load_policy
 from spot_model.text import counted
 from trainer.shared.engine import IN_THIS_PROCESS, Place
 from trainer.shared.generations import Generation
 from trainer.sysid.identify.identify import identify, prepare
-from trainer.sysid.identify.page import write_report
-from trainer.sysid.identify.result import MODEL_NAME, ResultData, check_out_folder, write_result
+from trainer.sysid.identify.page import report_page
+from trainer.sysid.identify.result import MODEL_NAME, OUTPUTS, REPORT_NAME, ResultData, write_result
 from trainer.sysid.identify.verdict import ParameterVerdict
 from trainer.sysid.logs.read_logs import LogSet
 from trainer.sysid.search.config import SysidConfig
@@ -46,7 +47,6 @@ def text_table(parameters: Sequence[ParameterVerdict]) -> str:
 
 
 CHECKPOINT_NAME = "search.jsonl"
-REPORT_NAME = "report.html"
 
 
 def run_identification(
@@ -64,7 +64,7 @@ def run_identification(
     Raises:
         BadInputError: ``out`` holds an earlier result, or an unfinished search that ``resume`` does not ask for.
     """
-    check_out_folder(out)
+    check_new(*(out / name for name in OUTPUTS))
     checkpoint = out / CHECKPOINT_NAME
     if checkpoint.exists() and not resume:
         raise BadInputError(f"folder {out} holds an unfinished search; give --resume to go on, or another --out folder")
@@ -81,8 +81,9 @@ def run_identification(
             progress.update(generation.index + 1, f"best score of the generation {best:.3f}")
 
         found = identify(preparation, config, engine, checkpoint, show)
-    data = write_result(found, config, out)
-    write_report(found, data, out / REPORT_NAME)
+    with whole_folder(out) as part:
+        data = write_result(found, config, part)
+        (part / REPORT_NAME).write_text(report_page(found, data), encoding="utf-8")
     say(text_table(data.parameters))
     say(summary(data))
     say(f"model {out / MODEL_NAME}  report {out / REPORT_NAME}")

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot_model.errors import BadInputError
+from spot_model.io.whole import whole_file
 from spot_model.plant.delay import EmpiricalDelay
 from trainer.sysid.logs.logged_run import LoggedRun
 
@@ -86,11 +87,9 @@ def write_delay_csv(delay: EmpiricalDelay, path: Path) -> None:
     """Write a histogram as :func:`spot_model.plant.delay.read_delay_csv` reads it; refuses to overwrite.
 
     Raises:
-        BadInputError: The file exists.
+        OutputExistsError: The file exists.
     """
-    if path.exists():
-        raise BadInputError(f"delay histogram {path} exists; choose another folder")
-    with path.open("w", newline="", encoding="utf-8") as file:
+    with whole_file(path) as part, part.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(["low_s", "high_s", "count"])
         for low, high, count in zip(delay.edges_s, delay.edges_s[1:], delay.counts, strict=False):

@@ -24,6 +24,7 @@ import yaml
 from numpy.typing import NDArray
 
 from spot_model.errors import BadInputError
+from spot_model.io.whole import write_new
 from spot_model.policy.observation import N_OBSERVATION, OBSERVATION, ObservationField, build_observation, observed
 from spot_model.robot import facts
 from trainer.sysid.logs.logged_run import LoggedRun
@@ -129,12 +130,10 @@ def write_noise(noise: ObservationNoise, path: Path) -> None:
     """Write what a training config takes under ``task.noise`` and a scenario under ``sensors``; refuses to overwrite.
 
     Raises:
-        BadInputError: The file exists.
+        OutputExistsError: The file exists.
     """
-    if path.exists():
-        raise BadInputError(f"noise file {path} exists; choose another folder")
     data = {"task": {"noise": noise.trainer_data()}, "sensors": noise.scenario_data()}
-    path.write_text(yaml.safe_dump(data, sort_keys=False), encoding="utf-8")
+    write_new(path, yaml.safe_dump(data, sort_keys=False))
 
 
 def _signals(run: LoggedRun, piece: slice) -> Array:
