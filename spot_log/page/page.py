@@ -25,10 +25,6 @@ td:nth-child(3) { min-width: 90px; }
 """
 
 
-class ReportError(BadInputError):
-    """A page cannot be made; the message says why and what to do."""
-
-
 def write_page(run: Run, path: str | Path) -> Path:
     """Write the page of a run.
 
