@@ -91,8 +91,8 @@ def config_page() -> str:
     text = (
         "# Configuration\n\n"
         + NOTE
-        + "A YAML file, `--config FILE` of `spot-rl run`, `serve` and `collect`. Every key may be left "
-        "out; an unknown one is refused. The whole configuration, with what was left out, is in each log's header.\n\n"
+        + "A YAML file, `--config FILE` of `spot-rl run`, `serve` and `collect`. All keys are "
+        "optional; unknown keys are refused. Each log's header holds the whole configuration, defaults included.\n\n"
         "```yaml\nschema: spot-rl/run/1\nlog:\n  directory: logs\n```\n"
     )
     for name, field in RunConfig.model_fields.items():

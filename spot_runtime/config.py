@@ -20,7 +20,7 @@ class _Part(BaseModel):
 
 
 class RobotConfig(_Part):
-    """How to reach the robot. Passwords never stand here: they come from a file or the environment."""
+    """Connection to the robot. Passwords are not part of it; they come from a file or the environment."""
 
     hal: str = Field(
         default="spot",
@@ -28,14 +28,14 @@ class RobotConfig(_Part):
         max_length=200,
         description="Adapter: 'spot', 'replay', the name of an installed one, or module:function.",
     )
-    ca_file: Path | None = Field(default=None, description="PEM file trusted beside the vendor's own certificate.")
+    ca_file: Path | None = Field(default=None, description="PEM file to trust in addition to the vendor's certificate.")
     credentials_file: Path | None = Field(
         default=None, description="YAML file with 'username' and 'password', readable by its owner alone."
     )
     client_name: str = Field(default="spot-rl", min_length=1, max_length=40)
     estop: Literal["auto", "own", "external"] = Field(
         default="auto",
-        description="'external' relies on the endpoint that is there, 'own' replaces it, 'auto' makes an own one only "
+        description="'external' relies on an existing endpoint, 'own' replaces it, 'auto' makes one only "
         "where no endpoint answers.",
     )
     estop_timeout_s: float = Field(default=9.0, ge=1.0, le=60.0)
@@ -44,7 +44,10 @@ class RobotConfig(_Part):
     stand_timeout_s: float = Field(default=10.0, gt=0.0, le=60.0)
     slow_state_rate_hz: float = Field(default=5.0, gt=0.0, le=20.0)
     lease_period_s: float = Field(
-        default=0.06, ge=0.02, le=4.0, description="How often the lease is kept, and so how soon a theft is seen."
+        default=0.06,
+        ge=0.02,
+        le=4.0,
+        description="Period of keeping the lease, and so the delay until a lost lease is noticed.",
     )
     time_sync_period_s: float = Field(default=2.0, ge=0.1, le=60.0)
 
@@ -53,7 +56,10 @@ class ControlConfig(_Part):
     """What every command carries."""
 
     end_time_ahead_s: float = Field(
-        default=0.05, ge=0.02, le=0.1, description="A command is void this long after it was sent, robot clock."
+        default=0.05,
+        ge=0.02,
+        le=0.1,
+        description="A command expires this long after it was sent, by the robot's clock.",
     )
     velocity_safety_limit_rad_s: float = Field(
         default=40.0, gt=0.0, le=100.0, description="Joint speed above which the robot itself stops."
@@ -62,21 +68,22 @@ class ControlConfig(_Part):
         default=True, description="Send the current set-points again, with a new end time, on each state message."
     )
     inference: Literal["cpu", "cuda", "tensorrt"] = Field(
-        default="cpu", description="Where ONNX Runtime computes the policy; refused where it is not there."
+        default="cpu",
+        description="Provider with which ONNX Runtime computes the policy; refused if it is not available.",
     )
     warm_up: bool = Field(
         default=True,
         validation_alias=AliasChoices("warm_up", "rehearse"),
-        description="Also take a step shortly before the state of a tick, for nothing, and await that without "
+        description="Compute a dummy step shortly before the state of a tick to warm caches, then wait without "
         "sleeping. Formerly ``rehearse``, which is still read.",
     )
 
 
 class HandoverConfig(_Part):
-    """The way from the vendor's stand to the policy, and back."""
+    """From the vendor's stand to the policy, and back."""
 
     settle_s: float = Field(
-        default=0.3, ge=0.3, le=10.0, description="Time before the take-over: loads are averaged, signals judged."
+        default=0.3, ge=0.3, le=10.0, description="Time before the take-over, to average loads and check signals."
     )
     activation_timeout_s: float = Field(default=3.0, gt=0.0, le=30.0)
     ramp_in_s: float = Field(default=2.0, ge=0.1, le=20.0)
@@ -86,7 +93,10 @@ class HandoverConfig(_Part):
     damping_s: float = Field(default=1.5, ge=0.1, le=10.0)
     damping_kd_nm_s_per_rad: float = Field(default=8.0, gt=0.0, le=50.0)
     urgent_share: float = Field(
-        default=0.5, ge=0.1, le=1.0, description="Share of the times of the way back when battery or motors urge."
+        default=0.5,
+        ge=0.1,
+        le=1.0,
+        description="Factor on the times of the way back if battery or motors require haste.",
     )
 
     def hastened(self) -> HandoverConfig:
@@ -102,7 +112,9 @@ class OperatorConfig(_Part):
     top_v_y_m_s: float = Field(default=0.5, gt=0.0, le=5.0)
     top_yaw_rate_rad_s: float = Field(default=1.0, gt=0.0, le=5.0)
     acceleration_m_s2: float = Field(default=2.0, gt=0.0, le=20.0, description="Rise of the command; rad/s² for turns.")
-    release_s: float = Field(default=0.25, gt=0.0, le=2.0, description="Time in which a released command fades to 0.")
+    release_s: float = Field(
+        default=0.25, gt=0.0, le=2.0, description="Time in which a released command fades to zero."
+    )
     keyboard_silence_s: float = Field(
         default=0.6, gt=0.0, le=5.0, description="Dead-man: no key for this long counts as released."
     )
@@ -115,7 +127,7 @@ class OperatorConfig(_Part):
 
 
 class RealTimeConfig(_Part):
-    """What is asked of the system; what it refuses is said once, with what to grant."""
+    """Requests to the operating system; refusals are logged once, with the permission to grant."""
 
     fifo_priority: int = Field(
         default=40, ge=0, le=98, description="SCHED_FIFO for the whole process; 0 asks for none."

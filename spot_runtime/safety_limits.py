@@ -12,11 +12,13 @@ class SafetyLimits(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
-    state_age_warn_s: float = Field(default=0.015, gt=0.0, le=1.0, description="An older state is told of once.")
-    state_age_damp_s: float = Field(default=0.040, gt=0.0, le=1.0, description="A staler state ends in damping.")
-    state_age_stop_s: float = Field(default=0.200, gt=0.0, le=5.0, description="Then nothing is sent any more.")
+    state_age_warn_s: float = Field(
+        default=0.015, gt=0.0, le=1.0, description="A warning is logged once for an older state."
+    )
+    state_age_damp_s: float = Field(default=0.040, gt=0.0, le=1.0, description="An older state ends in damping.")
+    state_age_stop_s: float = Field(default=0.200, gt=0.0, le=5.0, description="Age at which sending stops.")
     state_from_future_s: float = Field(
-        default=0.050, gt=0.0, le=5.0, description="A state stamped later than this from now means a jumped clock."
+        default=0.050, gt=0.0, le=5.0, description="A state stamped further in the future means that a clock jumped."
     )
     rejected_states: int = Field(default=10, ge=1, le=1000, description="Duplicated or back-dated states in a row.")
     frozen_s: float = Field(default=0.040, gt=0.0, le=5.0, description="Joint values identical for this long.")
@@ -28,29 +30,32 @@ class SafetyLimits(BaseModel):
         default=0.25, ge=0.0, le=0.6, description="Body over its lowest foot's sole; a lower body has collapsed."
     )
     body_velocity_m_s: float = Field(
-        default=10.0, gt=0.0, le=100.0, description="Measured; half as much again as the quickest gait."
+        default=10.0, gt=0.0, le=100.0, description="Measured; 1.5 times that of the fastest gait."
     )
     body_turn_rate_rad_s: float = Field(
-        default=20.0, gt=0.0, le=100.0, description="Measured; three turns a second are none of a robot that walks."
+        default=20.0, gt=0.0, le=100.0, description="Measured; about three turns per second."
     )
     load_nm: float = Field(
         default=400.0, gt=0.0, le=5000.0, description="Measured, any joint: more than three times the knee's limit."
     )
     joint_velocity_rad_s: float = Field(default=40.0, gt=0.0, le=100.0, description="Measured, any joint.")
     joint_position_margin_rad: float = Field(
-        default=0.25, ge=0.0, le=1.0, description="A joint measured this far beyond its stop is not believed."
+        default=0.25, ge=0.0, le=1.0, description="A joint position this far beyond its stop is rejected."
     )
     signals: Literal["stop", "warn"] = Field(
-        default="stop", description="What follows when signals stand still or contradict each other: a stop, or a word."
+        default="stop", description="Reaction to frozen or contradictory signals: stop, or only a warning."
     )
     setpoint_step_rad: float = Field(
-        default=1.5, gt=0.0, le=10.0, description="A set-point may move this far in a policy period; the rest is cut."
+        default=1.5,
+        gt=0.0,
+        le=10.0,
+        description="Largest change of a set-point in a policy period; larger ones are clipped.",
     )
     setpoint_speed_rad_s: float = Field(
         default=75.0,
         gt=0.0,
         le=500.0,
-        description="The same as a speed, for policies of another rate than 50 Hz: three times what a knee can do.",
+        description="The same as a speed, for policies with a rate other than 50 Hz; three times the speed of a knee.",
     )
     policy_kp_nm_per_rad: float = Field(
         default=300.0, gt=0.0, le=1000.0, description="Stiffness that a policy's contract may ask for, any joint."
@@ -67,12 +72,12 @@ class SafetyLimits(BaseModel):
     policy_rate_hz: tuple[float, float] = Field(
         default=(10.0, 200.0), description="Least and largest rate that a contract may ask for."
     )
-    setpoint_step_ticks: int = Field(default=5, ge=1, le=1000, description="Cut steps in a row before the stop.")
+    setpoint_step_ticks: int = Field(default=5, ge=1, le=1000, description="Clipped steps in a row before the stop.")
     setpoint_overshoot_rad: float = Field(
         default=1.0,
         gt=0.0,
         le=20.0,
-        description="A request so far beyond a stop, and further than all of the joint's torque takes: a wrong policy.",
+        description="A request this far beyond a stop, and beyond the joint's torque, means a wrong policy.",
     )
     setpoint_overshoot_ticks: int = Field(
         default=5, ge=1, le=1000, description="Such requests in a row before the stop."
@@ -86,14 +91,16 @@ class SafetyLimits(BaseModel):
     )
     skipped_ticks: int = Field(default=10, ge=1, le=1000, description="Policy ticks lost within a second.")
     clock_jump_s: float = Field(
-        default=0.050, gt=0.0, le=5.0, description="A round trip this far from the estimate means a clock that was set."
+        default=0.050, gt=0.0, le=5.0, description="A round trip this far from the estimate means that a clock was set."
     )
     clock_unsynced_warn_s: float = Field(
-        default=10.0, gt=0.0, le=600.0, description="A time sync that is late by more than this is told of once."
+        default=10.0, gt=0.0, le=600.0, description="A warning is logged once if time sync is late by more than this."
     )
     battery_percent: float = Field(default=8.0, ge=0.0, le=100.0, description="Below this the run ends.")
     motor_temperature_c: float = Field(default=75.0, gt=0.0, le=150.0, description="Above this the run ends.")
-    slow_state_age_s: float = Field(default=3.0, gt=0.0, le=60.0, description="Without a poll for this long: stop.")
+    slow_state_age_s: float = Field(
+        default=3.0, gt=0.0, le=60.0, description="Age of the last poll at which the run stops."
+    )
 
     @model_validator(mode="after")
     def _ages_rise(self) -> SafetyLimits:

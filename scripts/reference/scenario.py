@@ -7,9 +7,9 @@ from fake_robot.scenario.scenario import Scenario, shipped_names
 from .words import page, sections
 
 ABOUT = """\
-What makes one fake robot what it is: what it hides (`model`, [effects](reference/effects.md) that no program is told
-of), its ground, payload, channels, sensors, clock, battery, and what it refuses. A YAML file, `--scenario FILE` of
-`spot-rl fake-robot`. Every key may be left out; an unknown one is refused.
+A scenario describes one fake robot: its hidden [effects](reference/effects.md) (`model`), ground, payload, network,
+sensors, clock, battery, and what it refuses. It is a YAML file for `spot-rl fake-robot --scenario FILE`. All keys are
+optional; unknown keys are refused.
 
 ```yaml
 schema: spot-rl/scenario/1
@@ -22,5 +22,7 @@ def scenario_page() -> str:
     """The page."""
     shipped = ", ".join(f"`{name}`" for name in shipped_names())
     return page(
-        "The fake robot's scenario", f"{ABOUT}\n\n`--scenario NAME` takes a shipped one: {shipped}.", sections(Scenario)
+        "The fake robot's scenario",
+        f"{ABOUT}\n\n`--scenario NAME` selects a built-in one: {shipped}.",
+        sections(Scenario),
     )

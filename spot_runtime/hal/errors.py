@@ -34,7 +34,7 @@ class CredentialsError(HalError):
 
 
 class LeaseHeldError(HalError):
-    """Somebody else holds the lease."""
+    """Another client holds the lease."""
 
     label = "lease_held"
     exit_code = 84
@@ -62,7 +62,7 @@ class LicenseError(HalError):
 
 
 class ClockError(HalError):
-    """The clocks cannot be brought together."""
+    """The clocks cannot be synchronised."""
 
     label = "clock_not_synced"
     exit_code = 88
@@ -76,14 +76,14 @@ class MotionError(HalError):
 
 
 class LockStepError(HalError):
-    """The fake robot's lock-step does not do what was asked."""
+    """The fake robot's lock-step failed."""
 
     label = "lock_step_failed"
     exit_code = 90
 
 
 class NoServiceError(HalError):
-    """The robot does not offer a service that is needed."""
+    """The robot lacks a required service."""
 
     label = "no_service"
     exit_code = 91
