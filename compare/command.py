@@ -9,24 +9,27 @@ import typer
 
 
 def compare(
-    log: Annotated[str, typer.Argument(help="A log (*.mcap): what the others are compared with.", metavar="LOG")],
+    log: Annotated[str, typer.Argument(help="The log (*.mcap) that the others are compared with.", metavar="LOG")],
     others: Annotated[
         list[str],
         typer.Argument(help="Other logs, or models: a model is simulated with LOG's commands.", metavar="OTHER"),
     ],
     out: Annotated[Path, typer.Option("--out", help="Folder for page, ghost log, figures and layout.")],
     policy: Annotated[
-        Path | None, typer.Option("--policy", help="The policy that ran; without it one in policies/ with its digest.")
+        Path | None,
+        typer.Option("--policy", help="The policy that ran; default: the file in policies/ with its digest."),
     ] = None,
     verdict: Annotated[
-        Path | None, typer.Option("--verdict", help="A diagnosis of LOG (its folder): marks the cause on the timeline.")
+        Path | None,
+        typer.Option("--verdict", help="Folder of a diagnosis of LOG, whose cause is marked on the timeline."),
     ] = None,
     beside: Annotated[
-        float, typer.Option("--beside", min=0.0, max=10.0, help="Metres from the robot to its ghost; 0: inside it.")
+        float,
+        typer.Option("--beside", min=0.0, max=10.0, help="Distance from the robot to its ghost, m; 0: inside it."),
     ] = 0.7,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Of simulated sensors and delays.")] = 0,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Random seed of simulated sensors and delays.")] = 0,
 ) -> None:
-    """Set a log beside other logs or simulations: one page, and a ghost Spot in Foxglove."""
+    """Compare a log with other logs or simulations: one page, and a ghost Spot in Foxglove."""
     from compare.cause import read_verdict
     from compare.compare import FILES, LAYOUT_NAME, LOG_NAME, PAGE_NAME, Named, compare_runs, named, write_comparison
     from compare.sources import is_model, read_other, read_reference

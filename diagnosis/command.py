@@ -50,25 +50,27 @@ def explain_logs(
     nominal: Annotated[str, typer.Option("--nominal", help="The simulator's model: a file (YAML) or a built-in name.")],
     out: Annotated[Path, typer.Option("--out", help="Folder for verdict, report and corrected model.")],
     policy: Annotated[
-        Path | None, typer.Option("--policy", help="The policy that ran; without it one in policies/ with its digest.")
+        Path | None,
+        typer.Option("--policy", help="The policy that ran; default: the file in policies/ with its digest."),
     ] = None,
     robot: Annotated[
-        Path | None, typer.Option("--robot", help="Another robot than Spot: a file (YAML) that describes it.")
+        Path | None, typer.Option("--robot", help="YAML file that describes a robot other than Spot.")
     ] = None,
     add_effect: Annotated[
-        list[str] | None, typer.Option("--add-effect", help="One more effect to try, module:Class; may repeat.")
+        list[str] | None, typer.Option("--add-effect", help="One more effect to try, module:Class; repeatable.")
     ] = None,
     without: Annotated[
-        list[str] | None, typer.Option("--without", help="Leave an effect out of the library; may repeat.")
+        list[str] | None, typer.Option("--without", help="Leave an effect out of the library; repeatable.")
     ] = None,
     synthesis: Annotated[
-        bool, typer.Option("--synthesis", help="Also diagnose the nominal simulator with the effects put in.")
+        bool,
+        typer.Option("--synthesis", help="As a check, also diagnose the nominal simulator with the effects added."),
     ] = False,
     engine: Annotated[
         EngineName, typer.Option("--engine", help="Where closed-loop runs are computed.")
     ] = EngineName.LOCAL,
     ray_address: Annotated[str | None, typer.Option("--ray-address", help="A running Ray cluster.")] = None,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Of simulated sensors, permutations, resamples.")] = 0,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Random seed.")] = 0,
 ) -> object:  # A Diagnosis: naming it would make --help import it.
     """Explain a sim-to-real gap: where it lies, which effect causes it, how far it shrinks."""
     from diagnosis.library.extra_effect import chosen_library

@@ -85,7 +85,7 @@ def running_fake_spot(
 
     Args:
         scenario: A scenario file, the name of a shipped one, or the keys of one.
-        lock_step: Robot time passes only by the admin service.
+        lock_step: Robot time advances only through the admin service.
         state_folder: Where certificates and password are kept; one a user if None.
 
     Raises:

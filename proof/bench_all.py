@@ -35,14 +35,14 @@ class ScriptError(SpotRlError):
 
 
 def all_claims(
-    out: Annotated[Path, typer.Option(help="File of the parts, a line each; an old one is gone on with.")] = Path(
+    out: Annotated[Path, typer.Option(help="File of the results, a line each; an existing one is continued.")] = Path(
         "bench-all.jsonl"
     ),
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
-    only: Annotated[list[str] | None, typer.Option(help="Name of a claim, or its beginning; may repeat.")] = None,
-    repeats: Annotated[int, typer.Option(min=0, max=100, help="Of each claim; 0: as its table says.")] = 0,
+    only: Annotated[list[str] | None, typer.Option(help="Name of a claim, or its beginning; repeatable.")] = None,
+    repeats: Annotated[int, typer.Option(min=0, max=100, help="Repeats of each claim; 0: its default.")] = 0,
 ) -> None:
-    """Measure every claim beside what a user would take instead; run it in the project's folder."""
+    """Measure every claim against its alternatives; run it in the project's folder."""
     claims = chosen_claims(only or [])
     if not SCRIPTS.is_dir():
         raise BadInputError(f"there is no folder {SCRIPTS}: run this in the folder of the project's sources")

@@ -37,10 +37,10 @@ def demo(
         float, typer.Option(min=0.0, max=5.0, help="Top speed of the sequence, m/s; 0: the policy's own.")
     ] = 0.0,
     lock_step: Annotated[
-        bool, typer.Option("--lock-step", help="Not in real time: the robot waits, so any computer is fast enough.")
+        bool, typer.Option("--lock-step", help="Do not run in real time; works on a slow computer, too.")
     ] = False,
 ) -> None:
-    """Walk a fake Spot through the forward sequence in real time; leave a log, a summary and a page with plots."""
+    """Walk a fake Spot through the forward sequence in real time; write a log, a summary and a page of plots."""
     began_s = time.monotonic()
     contract = load_policy(policy).contract
     speed_m_s = min(contract.velocity_command_high[0] * TOP_SPEED_SHARE, top_speed or float("inf"))

@@ -86,7 +86,7 @@ def soak(
     sequence: Annotated[str, typer.Option(help="Velocity commands; they repeat.")] = "standing",
     scenario: Annotated[str, typer.Option(help="Scenario of the fake robot.")] = "default",
 ) -> None:
-    """Run for an hour of robot time in lock-step: memory, descriptors and threads of the process must not grow."""
+    """Run for an hour of robot time in lock-step; memory, descriptors and threads must not grow."""
     if not policy.is_file():
         raise BadInputError(f"policy {policy} is no file; give an ONNX file with its contract")
     result = measure(minutes=minutes, policy=policy, sequence=sequence, scenario=scenario)

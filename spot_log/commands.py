@@ -1,4 +1,4 @@
-"""Look into logs, turn them into tables, repair them."""
+"""Inspect, plot, convert and repair logs."""
 
 from __future__ import annotations
 
@@ -23,7 +23,10 @@ LogFile = Annotated[Path, typer.Argument(help="A log: *.mcap, or *.mcap.active a
 def info(
     file: LogFile,
     everything: Annotated[
-        bool, typer.Option("--all", help="Also time in each mode, loads by joint, a histogram of delays, the header.")
+        bool,
+        typer.Option(
+            "--all", help="Also show time in each mode, loads by joint, a histogram of delays, and the header."
+        ),
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of words.")] = False,
 ) -> None:
@@ -68,7 +71,7 @@ def recover(
     file: LogFile,
     out: Annotated[Path, typer.Option("--out", help="Name of the repaired log; never overwritten.")],
 ) -> None:
-    """Make a whole log of a cut or damaged one, and say what is lost."""
+    """Repair a cut or damaged log, and report what is lost."""
     recovery = recover_log(file, out)
     for text in recovery.damage or ("nothing was damaged",):
         typer.echo(plain(f"{file}: {text}"))
@@ -78,11 +81,11 @@ def recover(
 
 @app.command("import")
 def import_recording(
-    mapping: Annotated[Path, typer.Argument(help="YAML file that says which array is which signal.")],
+    mapping: Annotated[Path, typer.Argument(help="YAML file that maps arrays to signals.")],
     file: Annotated[Path, typer.Argument(help="The recording: .npz, .csv, .parquet, .h5 or .hdf5.")],
     out: Annotated[Path, typer.Option("--out", help="Name of the log to write; never overwritten.")],
 ) -> None:
-    """Turn somebody else's recording into a log."""
+    """Convert another program's recording to a log."""
     from spot_log.importing import import_log, load_mapping
 
     imported = import_log(load_mapping(mapping), file, out)

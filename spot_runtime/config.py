@@ -144,7 +144,7 @@ class RealTimeConfig(_Part):
 
 
 class LogConfig(_Part):
-    """Where logs go."""
+    """Folder of the logs."""
 
     directory: Path = Path("logs")
     labels: dict[str, str] = Field(default_factory=dict)

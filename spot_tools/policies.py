@@ -16,7 +16,7 @@ from spot_model.text import plain
 
 
 def show(policy: Annotated[Path, typer.Argument(help="ONNX file with its contract.")]) -> None:
-    """Load a policy as a run would, and print its card: speeds, gait, gains, training, what it was tried on."""
+    """Check a policy file, and print its card: speeds, gait, gains, training, what it was tried on."""
     loaded = load_policy(policy)
     for line in card_lines(loaded, load_card(policy)):
         typer.echo(plain(line))
@@ -27,15 +27,15 @@ def show(policy: Annotated[Path, typer.Argument(help="ONNX file with its contrac
 def card(
     policy: Annotated[Path, typer.Argument(help="ONNX file with its contract.")],
     evaluation: Annotated[Path, typer.Argument(help="evaluation.json of 'spot-rl evaluate' of that file.")],
-    about: Annotated[str, typer.Option(help="One line for whoever chooses a policy.")] = "",
-    gait: Annotated[str, typer.Option(help="Which gait it shows: trot, bound, ...")] = "",
+    about: Annotated[str, typer.Option(help="Description in one line.")] = "",
+    gait: Annotated[str, typer.Option(help="Its gait: trot, bound, ...")] = "",
     tried_on: Annotated[
         list[str] | None,
-        typer.Option(help="A robot or ground that it walked on; may repeat."),
+        typer.Option(help="Robot or ground that it walked on; repeatable."),
     ] = None,
     not_tried_on: Annotated[
         list[str] | None,
-        typer.Option(help="What somebody might take for granted; may repeat."),
+        typer.Option(help="Robot or ground that it was not tried on; repeatable."),
     ] = None,
 ) -> None:
     """Write a policy's card beside it, with the figures of its evaluation."""
@@ -51,8 +51,8 @@ def card(
 
 
 def key(
-    private: Annotated[Path, typer.Argument(help="Where the private key goes; keep it away from robots.")],
-    public: Annotated[Path, typer.Argument(help="Where the public key goes; for service.policy_public_key.")],
+    private: Annotated[Path, typer.Argument(help="File for the private key; keep it off the robots.")],
+    public: Annotated[Path, typer.Argument(help="File for the public key; name it in service.policy_public_key.")],
 ) -> None:
     """Make a pair of Ed25519 keys."""
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
@@ -68,7 +68,7 @@ def key(
 
 
 def sign(
-    policy: Annotated[Path, typer.Argument(help="ONNX file; it is loaded first, so that no broken one is signed.")],
+    policy: Annotated[Path, typer.Argument(help="ONNX file.")],
     key: Annotated[Path, typer.Option(help="The private key.")],  # noqa: A002, RUF100 - the option's name
 ) -> None:
     """Write a signature beside a policy; an older one is replaced."""
@@ -84,6 +84,6 @@ def verify(
     policy: Annotated[Path, typer.Argument(help="ONNX file.")],
     public_key: Annotated[Path, typer.Option(help="PEM file of the keys that are trusted.")],
 ) -> None:
-    """Check a policy's signature as a run would; exit code 3 where it does not hold."""
+    """Check a policy's signature; exit code 3 if it is not valid."""
     loaded = load_policy(policy, admit=lambda sha256: check_signature(policy, sha256, public_key))
     typer.echo(plain(f"{policy} is signed: {loaded.contract.name}, SHA-256 {loaded.sha256}"))

@@ -1,4 +1,4 @@
-"""Judge the diagnosis on realities whose truth is sealed."""
+"""Test the diagnosis on robots with sealed faults."""
 
 from __future__ import annotations
 
@@ -24,35 +24,37 @@ class EngineName(str, Enum):
 @app.command()
 def run(
     out: Annotated[Path, typer.Option("--out", help="Folder of the run.")],
-    cases: Annotated[int, typer.Option("--cases", min=1, max=100_000, help="How many.")] = 800,
-    seed: Annotated[int | None, typer.Option("--seed", min=0, help="Draws the cases; published with the run.")] = None,
+    cases: Annotated[int, typer.Option("--cases", min=1, max=100_000, help="Number of cases.")] = 800,
+    seed: Annotated[
+        int | None, typer.Option("--seed", min=0, help="Random seed of the cases; published with the run.")
+    ] = None,
     seed_from_os: Annotated[
-        bool, typer.Option("--seed-from-os", help="A seed that nobody chose; published by `score`.")
+        bool, typer.Option("--seed-from-os", help="Take the seed from the operating system; `score` publishes it.")
     ] = False,
     only: Annotated[
         str, typer.Option("--only", help="A part, FIRST:END, such as 0:200; kept for --resume; `score` merges folders.")
     ] = "",
     kind: Annotated[
-        list[str] | None, typer.Option("--kind", help="Cases of this kind alone; may repeat, and is the order then.")
+        list[str] | None, typer.Option("--kind", help="Run only cases of this kind; repeatable, in this order.")
     ] = None,
     workers: Annotated[int, typer.Option("--workers", min=1, max=1024, help="Processes.")] = 2,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on where an interrupted run, or part, ended.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Continue an interrupted run or part.")] = False,
     reality: Annotated[
         str,
-        typer.Option("--reality", help="judging, calibrating (its cases judge nothing), or your own, module:Class."),
+        typer.Option("--reality", help="judging, calibrating, or your own as module:Class."),
     ] = "judging",
     policies: Annotated[Path, typer.Option("--policies", help="Folder of policies (ONNX).")] = Path("policies"),
     engine: Annotated[EngineName, typer.Option("--engine", help="Where cases run.")] = EngineName.LOCAL,
     ray_address: Annotated[str | None, typer.Option("--ray-address", help="A running Ray cluster.")] = None,
-    until: Annotated[float, typer.Option("--until", min=1.0, help="Begin no case after so many seconds.")] = 1e9,
+    until: Annotated[float, typer.Option("--until", min=1.0, help="Start no case after this many seconds.")] = 1e9,
     timeout: Annotated[float, typer.Option("--timeout", min=10.0, help="Seconds for one diagnosis.")] = 900.0,
     search_every: Annotated[
-        int, typer.Option("--search-every", min=0, help="The paper's search in one of so many cases; 0: none.")
+        int, typer.Option("--search-every", min=0, help="Run the paper's search in one of this many cases; 0: none.")
     ] = 0,
-    quick: Annotated[bool, typer.Option("--quick", help="Short runs: to try it out, no figure.")] = False,
-    keep_logs: Annotated[bool, typer.Option("--keep-logs", help="Keep what the diagnosis was given.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Short runs, for a quick test.")] = False,
+    keep_logs: Annotated[bool, typer.Option("--keep-logs", help="Keep the logs given to the diagnosis.")] = False,
 ) -> None:
-    """Draw cases, seal their truth, diagnose them behind a wall, open, and score."""
+    """Draw cases, seal their truth, diagnose them in isolation, open the seals, and score."""
     from spot_model.errors import BadInputError
     from trainer.shared.engine import Engine, Place
     from withheld.blind.execute import Job, case_folder
@@ -120,7 +122,7 @@ def run(
 def score(
     folders: Annotated[list[Path], typer.Argument(help="Folders of one run, or of its parts.")],
     out: Annotated[
-        Path | None, typer.Option("--out", help="Where table and page go; default: the first folder.")
+        Path | None, typer.Option("--out", help="Folder for table and page; default: the first folder.")
     ] = None,
 ) -> None:
     """Check seals and ledgers, score, and write table and page."""
@@ -131,9 +133,9 @@ def score(
 def attainable(
     folder: Annotated[Path, typer.Argument(help="Folder of a run with corner cases.")],
     policies: Annotated[Path, typer.Option("--policies", help="Folder of policies (ONNX).")] = Path("policies"),
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the simulated robots.")] = 1,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Random seed of the simulated robots.")] = 1,
 ) -> None:
-    """Compute how well the corner's cases can be told apart at all, and score again beside it."""
+    """Compute the best possible result for the corner cases, and score again."""
     from withheld.scoring.corner import measure
     from withheld.scoring.verify import check
 
@@ -153,10 +155,10 @@ def table(folder: Annotated[Path, typer.Argument(help="Folder of a scored run.")
 @app.command()
 def pack(
     folder: Annotated[Path, typer.Argument(help="Folder of a run.")],
-    file: Annotated[Path, typer.Argument(help="What is written, .tar.gz.")],
-    most_mib: Annotated[float, typer.Option("--most-mib", min=0.1, help="Refuse what is larger.")] = 16.0,
+    file: Annotated[Path, typer.Argument(help="File to write, .tar.gz.")],
+    most_mib: Annotated[float, typer.Option("--most-mib", min=0.1, help="Largest size of the file, MiB.")] = 16.0,
 ) -> None:
-    """Put a run into one file, without its reports; unpacked it can be scored."""
+    """Pack a run without its reports into one file that can be scored after unpacking."""
     from withheld.blind.pack import pack as write
 
     typer.echo(f"{write(folder, file, most_mib)} cases in {file}")

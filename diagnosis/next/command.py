@@ -12,19 +12,21 @@ def next_experiment(
     folder: Annotated[Path, typer.Argument(help="Folder of a diagnosis; with --logs, where the first one goes.")],
     logs: Annotated[
         list[Path] | None,
-        typer.Option("--logs", help="First logs, where there is no diagnosis yet; may repeat."),
+        typer.Option("--logs", help="First logs, if there is no diagnosis yet; repeatable."),
     ] = None,
     nominal: Annotated[str | None, typer.Option("--nominal", help="With --logs: the simulator's model.")] = None,
-    policy: Annotated[Path | None, typer.Option("--policy", help="For walks; by default the one of the logs.")] = None,
+    policy: Annotated[
+        Path | None, typer.Option("--policy", help="Policy for walks; default: the policy of the logs.")
+    ] = None,
     experiment: Annotated[
         Path | None,
-        typer.Option("--experiment", help="One of your own (YAML): what it tells, and whether the robot bears it."),
+        typer.Option("--experiment", help="Evaluate your own experiment (YAML) instead."),
     ] = None,
     run: Annotated[bool, typer.Option("--run", help="Run the experiments on a robot until one cause is left.")] = False,
     robot: Annotated[str | None, typer.Option("--robot", help="With --run: HOST, HOST:PORT or unix:/path.")] = None,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask before each run; for a fake robot only.")] = False,
     budget_s: Annotated[float, typer.Option("--budget", min=10.0, max=3600.0, help="Robot time, s.")] = 120.0,
-    rounds: Annotated[int, typer.Option("--rounds", min=1, max=20, help="Experiments, at most.")] = 5,
+    rounds: Annotated[int, typer.Option("--rounds", min=1, max=20, help="Largest number of experiments.")] = 5,
     config: Annotated[Path | None, typer.Option("--config", help="Run configuration (YAML).")] = None,
     ca_file: Annotated[Path | None, typer.Option("--ca-file", help="Certificate to trust beside the vendor's.")] = None,
     credentials_file: Annotated[
@@ -33,9 +35,9 @@ def next_experiment(
     lock_step: Annotated[
         str | None, typer.Option("--lock-step", help="Admin address of a fake robot in lock-step mode.")
     ] = None,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the robots that are drawn.")] = 0,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Random seed.")] = 0,
 ) -> None:
-    """Say which experiment would tell most of the cause of a gap; with --run, ask the robot until one cause is left."""
+    """Propose the experiment that tells most about a cause; with --run, run experiments until one cause is left."""
     from diagnosis.next.files import load_motion
     from diagnosis.next.robot_run import is_here
     from diagnosis.next.rounds import Limits
@@ -81,17 +83,17 @@ def next_experiment(
 def predict_run(
     folder: Annotated[Path, typer.Argument(help="Folder of a diagnosis.")],
     sequence: Annotated[
-        str | None, typer.Option("--sequence", help="Velocity commands that were never run: a name or a YAML file.")
+        str | None, typer.Option("--sequence", help="Velocity commands to predict: a built-in name or a YAML file.")
     ] = None,
-    policy: Annotated[Path | None, typer.Option("--policy", help="By default the one of the logs.")] = None,
-    log: Annotated[Path | None, typer.Option("--log", help="The run: says whether the prediction held.")] = None,
+    policy: Annotated[Path | None, typer.Option("--policy", help="Default: the policy of the logs.")] = None,
+    log: Annotated[Path | None, typer.Option("--log", help="Log of the run to compare with the prediction.")] = None,
     out: Annotated[
         Path | None,
         typer.Option("--out", help="The prediction's file; by default prediction_SEQUENCE.json."),
     ] = None,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the robots that are drawn.")] = 0,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Random seed.")] = 0,
 ) -> None:
-    """Predict what the robot will do on a command that was never run; after the run, say whether it did."""
+    """Predict a run of a new command sequence; afterwards, compare the run with the prediction."""
     from diagnosis.next.session import Session
     from spot_model.errors import BadInputError
 

@@ -79,7 +79,7 @@ def diagnose(
         rng: Draws noise of simulated sensors, permutations, resamples.
         say: Where progress goes.
         library: Effects that are tried.
-        with_synthesis: Also diagnose the nominal simulator with the effects put in.
+        with_synthesis: As a check, also diagnose the nominal simulator with the effects added.
         nominal_name: For the verdict.
         limits_rad: Joint stops of a robot other than Spot, low and high.
         engine: Computes closed-loop runs; in this process by default.

@@ -1,4 +1,4 @@
-"""Serve a fake Spot that speaks Boston Dynamics' own services."""
+"""Start a fake Spot that implements Boston Dynamics' network services."""
 
 from __future__ import annotations
 
@@ -32,24 +32,24 @@ app = typer.Typer(invoke_without_command=True, no_args_is_help=False, add_comple
 def fake_robot(
     context: typer.Context,
     scenario: Annotated[
-        str, typer.Option(help="Scenario file (YAML), or the name of a shipped one; without it, the default robot.")
+        str, typer.Option(help="Scenario file (YAML), or the name of a built-in one; default: the default robot.")
     ] = "",
     lock_step: Annotated[
-        bool, typer.Option("--lock-step", help="Robot time passes only by the admin service.")
+        bool, typer.Option("--lock-step", help="Robot time advances only through the admin service.")
     ] = False,
     address: Annotated[str, typer.Option(help="IP address to listen on.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=0, max=65535, help="TCP port; 0 picks a free one.")] = 8443,
     socket: Annotated[Path | None, typer.Option(help="Listen on this Unix socket instead of TCP.")] = None,
     admin: Annotated[
         str,
-        typer.Option(help="Where the admin service listens: unix:/PATH or 127.0.0.1:PORT; a private socket if empty."),
+        typer.Option(help="Address of the admin service: unix:/PATH or 127.0.0.1:PORT; default: a private socket."),
     ] = "",
     state_dir: Annotated[
-        Path | None, typer.Option(help="Folder of certificates and password; one a user if not given.")
+        Path | None, typer.Option(help="Folder of certificates and password; default: one per user.")
     ] = None,
     username: Annotated[str, typer.Option(help="User name that the robot knows.")] = DEFAULT_USERNAME,
     password_file: Annotated[
-        Path | None, typer.Option(help="File with the password, mode 0600; one is made up if not given.")
+        Path | None, typer.Option(help="File with the password, mode 0600; default: a random password.")
     ] = None,
     json_output: Annotated[bool, typer.Option("--json", help="Print one JSON object when ready.")] = False,
     ready_file: Annotated[Path | None, typer.Option(help="Also write that JSON object to this file.")] = None,
@@ -58,7 +58,7 @@ def fake_robot(
     ] = False,
     verbose: Annotated[bool, typer.Option("--verbose", help="Log what the server does.")] = False,
 ) -> None:
-    """Serve a fake Spot that speaks Boston Dynamics' own services."""
+    """Start a fake Spot that implements Boston Dynamics' network services."""
     logging.basicConfig(level=logging.INFO if verbose else logging.WARNING, format="%(levelname)s %(message)s")
     logging.getLogger("grpc._common").addFilter(in_one_line)
     if socket is not None and address != "127.0.0.1":
@@ -83,7 +83,7 @@ def fake_robot(
 
 @app.command("exec", context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
 def exec_program(context: typer.Context) -> None:
-    """Run a program against a fake of its own: exec -- python your_program.py HOST.
+    """Run a program against its own fake robot: exec -- python your_program.py HOST.
 
     Every argument that is HOST becomes the host argument; it is also in $SPOT_RL_FAKE_HOST. Ctrl-C is the program's to
     answer: the fake ends after it.

@@ -17,10 +17,10 @@ EXIT_FAILED = 1
 
 def stop(
     json_output: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
-    only: Annotated[str, typer.Option(help="Only attacks whose name, or listening, holds this.")] = "",
+    only: Annotated[str, typer.Option(help="Only attacks whose name or address contains this.")] = "",
     stops: Annotated[int, typer.Option(min=1, help="Stops of a new client, and as many of a connected one.")] = 20,
 ) -> None:
-    """Attack the operator's service in every way known, and measure how soon a stop gets through."""
+    """Attack the operator's service in eight ways, and measure the latency of a stop."""
     chosen = [(attack, listen) for listen in LISTENS for attack in ATTACKS if only in attack or only == listen]
     if not chosen:
         raise BadInputError(f"no attack holds {only!r}; attacks: {', '.join(ATTACKS)}; listening: {', '.join(LISTENS)}")

@@ -37,16 +37,16 @@ EXIT_FAILED: Final = 1
 
 def faults(
     json_output: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
-    real_time: Annotated[bool, typer.Option("--real-time", help="Only the rows of time, in real time.")] = False,
-    only: Annotated[str, typer.Option(help="Only rows whose name holds this.")] = "",
-    quick: Annotated[bool, typer.Option("--quick", help="Leave out the rows that take minutes.")] = False,
+    real_time: Annotated[bool, typer.Option("--real-time", help="Only the rows about time, in real time.")] = False,
+    only: Annotated[str, typer.Option(help="Only rows whose name contains this.")] = "",
+    quick: Annotated[bool, typer.Option("--quick", help="Skip the rows that take minutes.")] = False,
     policy: Annotated[Path, typer.Option(help="ONNX file with its contract.")] = Path("policies/walk.onnx"),
     scenario: Annotated[str, typer.Option(help="Scenario of the fake robot.")] = "default",
-    search: Annotated[bool, typer.Option("--search", help="Draw faults that nobody listed instead.")] = False,
+    search: Annotated[bool, typer.Option("--search", help="Inject random faults instead.")] = False,
     minutes: Annotated[float, typer.Option(min=0.1, help="How long to search.")] = 60.0,
-    seed: Annotated[int, typer.Option(min=0, help="Of what the search draws.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Random seed of the search.")] = 0,
 ) -> None:
-    """Try every row of the fault matrix on a fake robot, in lock-step: what happens, how soon, and what is left."""
+    """Inject every fault of the fault table into a fake robot in lock-step, and check the reaction."""
     load_policy(policy)
     if search:
         raise typer.Exit(EXIT_FAILED if search_and_tell(seed, minutes, policy, scenario, json_output) else 0)

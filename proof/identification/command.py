@@ -15,7 +15,7 @@ def sysid(
     generations: Annotated[int, typer.Option("--generations", min=1, help="Generations of ten to time.")] = 3,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
-    """Measure the speed of an identification's evaluations, beside a plain mj_step loop."""
+    """Measure the speed of an identification against a plain mj_step loop."""
     from proof.identification.speed import bench_sysid
 
     result = bench_sysid(policy, workers=workers, generations=generations)

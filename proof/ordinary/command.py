@@ -22,14 +22,14 @@ _WRONG: Final = ("false stop", "fell unseen", "not begun")
 
 
 def ordinary(
-    out: Annotated[Path, typer.Option(help="File of the outcomes, a line each; an old one is gone on with.")],
+    out: Annotated[Path, typer.Option(help="File of the outcomes, a line each; an existing one is continued.")],
     json_output: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
     runs: Annotated[int, typer.Option(min=1, help="Runs of each policy, each on another robot.")] = 100,
-    policy: Annotated[list[Path] | None, typer.Option(help="ONNX file with its contract; may repeat.")] = None,
+    policy: Annotated[list[Path] | None, typer.Option(help="ONNX file with its contract; repeatable.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the robots and the commands.")] = 0,
-    minutes: Annotated[float, typer.Option(min=0.1, help="Begin no robot after so long.")] = 1e6,
+    minutes: Annotated[float, typer.Option(min=0.1, help="Start no robot after this many minutes.")] = 1e6,
 ) -> None:
-    """Walk robots drawn anew each time: ground, pushes, payload, sensors, delays. None may be stopped that stands."""
+    """Walk randomly drawn robots (ground, pushes, payload, sensors, delays) and count false stops."""
     policies = policy or POLICIES
     for path in policies:
         load_policy(path)

@@ -29,12 +29,12 @@ class LogFile:
 
 
 def prune_logs(
-    folder: Annotated[Path, typer.Argument(help="Folder of the logs; folders in it are not looked into.")],
-    quota_gb: Annotated[float, typer.Option(min=0.0, help="All logs together may take this much, GB.")],
-    min_free_gb: Annotated[float, typer.Option(min=0.0, help="The disk shall have this much room, GB.")] = 0.0,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only say what would go.")] = False,
+    folder: Annotated[Path, typer.Argument(help="Folder of the logs, without its subfolders.")],
+    quota_gb: Annotated[float, typer.Option(min=0.0, help="Largest total size of the logs, GB.")],
+    min_free_gb: Annotated[float, typer.Option(min=0.0, help="Free space to keep on the disk, GB.")] = 0.0,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only list what would be deleted.")] = False,
 ) -> None:
-    """Delete the oldest logs of a folder until they fit a quota; those being written, or marked .keep, stay."""
+    """Delete the oldest logs of a folder until they fit a quota; open logs and those marked .keep are kept."""
     if not folder.is_dir():
         raise BadInputError(f"log folder {folder} is no folder; name the one that logs are written to")
     logs = closed_logs(folder)

@@ -32,7 +32,7 @@ FOR_DEVELOPERS = ("bench", "withheld")
 """Commands that ``spot-rl --help`` leaves out."""
 GROUP_HELP = {
     "bench": "Measure one thing on this machine; with --json, print it as one object.",
-    "policy": "Look at policies, sign them, check signatures, and take those of other frameworks.",
+    "policy": "Show, sign and verify policies, and import those of other frameworks.",
 }
 
 
@@ -163,8 +163,8 @@ def _group_options(
 ) -> None:
     """Train, run, log and explain reinforcement-learning policies for Boston Dynamics Spot.
 
-    'spot-rl --install-completion' teaches your shell the commands. For developers: 'spot-rl bench --help' measures
-    this computer, 'spot-rl withheld --help' judges the diagnosis.
+    'spot-rl --install-completion' sets up completion in your shell. For developers there are also 'spot-rl bench'
+    (measurements) and 'spot-rl withheld' (tests of the diagnosis).
     """
 
 

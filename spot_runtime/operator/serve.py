@@ -37,19 +37,19 @@ def serve(
     policies: Annotated[Path | None, typer.Option(help="Folder of the policies that may be armed, by name.")] = None,
     listen: Annotated[
         str | None,
-        typer.Option(help="unix:/path or HOST:PORT; off loopback only with the configuration's tls_ files."),
+        typer.Option(help="unix:/path or HOST:PORT; other hosts need the configuration's tls_ files."),
     ] = None,
     config: ConfigFile = None,
     ca_file: CaFile = None,
     credentials_file: CredentialsFile = None,
-    log_dir: Annotated[Path | None, typer.Option(help="Where logs go.")] = None,
+    log_dir: Annotated[Path | None, typer.Option(help="Folder of the logs.")] = None,
     live_port: Annotated[
         int | None,
-        typer.Option(min=1, max=65535, help="Also show it live in Foxglove, on this port of loopback."),
+        typer.Option(min=1, max=65535, help="Also show the run live in Foxglove, on this local port."),
     ] = None,
     lock_step: LockStepAddress = None,
 ) -> None:
-    """Wait for an operator, idle: no lease is held and nothing commanded until 'spot-rl ctl arm'."""
+    """Start the operator's service for a robot; it is idle, without a lease, until 'spot-rl ctl arm'."""
     settings = resolve_config(config, ca_file=ca_file, credentials_file=credentials_file, log_dir=log_dir)
     settings = settings if lock_step is None else for_lock_step(settings)
     changes = {"policies": policies, "listen": listen, "live_port": live_port}

@@ -19,14 +19,14 @@ def make_safe(
     ca_file: CaFile = None,
     credentials_file: CredentialsFile = None,
     state_dir: Annotated[
-        Path | None, typer.Option(help="Where the dead process left its note; the service's own folder if none.")
+        Path | None, typer.Option(help="Folder of the note that the dead process left; default: the service's folder.")
     ] = None,
     within: Annotated[
-        float, typer.Option(min=0.0, max=600.0, help="Seconds after which no new try is made.")
+        float, typer.Option(min=0.0, max=600.0, help="Seconds after which it stops retrying.")
     ] = WITHIN_S,
     lock_step: LockStepAddress = None,
 ) -> None:
-    """Let a robot sit and cut its power whose control process died, if nobody has had it since.
+    """Sit a robot down and cut its power after its control process died, unless another client has had it since.
 
     Does nothing where no process of this computer has left a robot so, and never touches anybody else's lease.
     """

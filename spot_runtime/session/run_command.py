@@ -52,13 +52,13 @@ def run(
     keyboard: Annotated[bool, typer.Option("--keyboard", help="Velocity commands from the keyboard.")] = False,
     gamepad: Annotated[bool, typer.Option("--gamepad", help="Velocity commands from a gamepad.")] = False,
     duration: Annotated[
-        float | None, typer.Option(help="End after so many seconds of control; a sequence repeats.")
+        float | None, typer.Option(help="End after this many seconds of control; the sequence repeats.")
     ] = None,
     config: ConfigFile = None,
     ca_file: CaFile = None,
     credentials_file: CredentialsFile = None,
     log_dir: Annotated[Path | None, typer.Option("--log-dir", "--out", help="Folder of the log.")] = None,
-    label: Annotated[list[str] | None, typer.Option(help="Label of the log, KEY=VALUE; may repeat.")] = None,
+    label: Annotated[list[str] | None, typer.Option(help="Label of the log, KEY=VALUE; repeatable.")] = None,
     repeat: Annotated[int, typer.Option(min=0, help="Number of this repetition, for the log.")] = 0,
     lock_step: LockStepAddress = None,
     summary_json: Annotated[Path | None, typer.Option(help="Also write the summary here, as JSON.")] = None,

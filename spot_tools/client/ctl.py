@@ -1,4 +1,4 @@
-"""Operate a robot that 'spot-rl serve' looks after.
+"""Operate a robot through 'spot-rl serve'.
 
 A stop must not wait for libraries: what only steering and the screen need is imported there.
 """
@@ -22,7 +22,7 @@ STEER_PERIOD_S = 0.04
 BEFORE_CONTROL = ("", "standing by", "ready", "activating", "ramping_in")
 """Modes that a run tells between its start and full control; it tells them late, a few times a second."""
 
-Label = Annotated[list[str] | None, typer.Option("--label", help="KEY=VALUE; may repeat.")]
+Label = Annotated[list[str] | None, typer.Option("--label", help="KEY=VALUE; repeatable.")]
 Sha256 = Annotated[str, typer.Option(help="Refuse a policy file with another digest.")]
 
 
@@ -31,19 +31,19 @@ def ctl(
     context: typer.Context,
     address: Annotated[
         str | None,
-        typer.Option(help="unix:/path or HOST:PORT; also SPOT_RL_OPERATOR; the service on this computer if none."),
+        typer.Option(help="unix:/path or HOST:PORT; also SPOT_RL_OPERATOR; default: the service on this computer."),
     ] = None,
     ca: Annotated[Path | None, typer.Option(help="PEM file that signed the service's certificate.")] = None,
     cert: Annotated[Path | None, typer.Option(help="PEM file: your certificate.")] = None,
     key: Annotated[Path | None, typer.Option(help="PEM file: its key.")] = None,
 ) -> None:
-    """Operate a robot that 'spot-rl serve' looks after: status, arm, start, steer, stop."""
+    """Operate a robot through 'spot-rl serve': status, arm, start, steer, stop."""
     context.obj = lambda: client_from(address, ca, cert, key)
 
 
 @app.command()
 def status(context: typer.Context, as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False) -> None:
-    """Tell how it stands: state, mode, figures, and how the last run ended."""
+    """Show state, mode, figures, and how the last run ended."""
     from spot_tools.client.watch import charge_words
 
     with _client(context) as client:
@@ -63,7 +63,7 @@ def status(context: typer.Context, as_json: Annotated[bool, typer.Option("--json
 
 @app.command()
 def modes(context: typer.Context) -> None:
-    """List the states of the service and the modes of the control loop, with what may be asked in each."""
+    """List the states of the service and the modes of the control loop, and the commands allowed in each."""
     with _client(context) as client:
         answer = client.call("ListModes", operator_pb2.ListModesRequest())
     for mode in answer.states:
@@ -130,9 +130,11 @@ def damp(context: typer.Context) -> None:
 def velocity(
     context: typer.Context,
     v_x: Annotated[float, typer.Argument(help="Forward, m/s.")],
-    v_y: Annotated[float, typer.Argument(help="To the left, m/s.")] = 0.0,
-    yaw_rate: Annotated[float, typer.Argument(help="Turning left, rad/s.")] = 0.0,
-    seconds: Annotated[float, typer.Option("--for", min=0.1, max=600.0, help="How long; then it fades.")] = 2.0,
+    v_y: Annotated[float, typer.Argument(help="Left, m/s.")] = 0.0,
+    yaw_rate: Annotated[float, typer.Argument(help="Turn to the left, rad/s.")] = 0.0,
+    seconds: Annotated[
+        float, typer.Option("--for", min=0.1, max=600.0, help="Duration, s; then the velocity fades to zero.")
+    ] = 2.0,
     operator: Annotated[str, typer.Option(help="Who steers.")] = "ctl velocity",
 ) -> None:
     """Steer for a while, once the policy is in full control."""
@@ -178,7 +180,7 @@ def switch_policy(
 
 @app.command("start-log")
 def start_log(context: typer.Context, label: Label = None) -> None:
-    """Log from now on, while standing; without it a log begins with the start."""
+    """Start a log while standing; otherwise the log begins with 'start'."""
     with _client(context) as client:
         answer = client.call("StartLog", operator_pb2.StartLogRequest(labels=parse_labels(label or [])))
     typer.echo(answer.path)
@@ -193,8 +195,8 @@ def label_log(context: typer.Context, labels: Annotated[list[str], typer.Argumen
 @app.command()
 def events(
     context: typer.Context,
-    past: Annotated[int, typer.Option(min=0, max=500, help="Begin with so many of the last.")] = 20,
-    follow: Annotated[bool, typer.Option("--follow", help="Go on as they come.")] = False,
+    past: Annotated[int, typer.Option(min=0, max=500, help="Start with this many past events.")] = 20,
+    follow: Annotated[bool, typer.Option("--follow", help="Keep printing new events.")] = False,
 ) -> None:
     """Show the last events."""
     with _client(context) as client:
@@ -211,7 +213,7 @@ def events(
 
 @app.command()
 def attend(context: typer.Context) -> None:
-    """Say that you see the robot and can stop it, once; 'spot-rl ctl watch --attend' goes on saying it."""
+    """Confirm once that an operator is present; 'spot-rl ctl watch --attend' does so continuously."""
     _ask(context, "Attend", operator_pb2.AttendRequest())
 
 
@@ -219,7 +221,7 @@ def attend(context: typer.Context) -> None:
 def watch(
     context: typer.Context,
     is_attending: Annotated[
-        bool, typer.Option("--attend", help="You see the robot and can stop it, as long as this runs.")
+        bool, typer.Option("--attend", help="Confirm that an operator is present, as long as this runs.")
     ] = False,
 ) -> None:
     """Show everything on one screen: mode, rates, ages, temperatures, battery, the last events. Ctrl-C leaves it."""

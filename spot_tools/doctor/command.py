@@ -22,15 +22,15 @@ _COLOUR = {Verdict.OK: "green", Verdict.WARN: "yellow", Verdict.FAIL: "bold red"
 
 
 def doctor(
-    robot: Annotated[list[str] | None, typer.Option(help="Address of a robot to look at; may repeat.")] = None,
+    robot: Annotated[list[str] | None, typer.Option(help="Address of a robot to look at; repeatable.")] = None,
     policy: Annotated[Path | None, typer.Option(help="ONNX file to check.")] = None,
     config: ConfigFile = None,
     ca_file: CaFile = None,
     credentials_file: CredentialsFile = None,
-    log_dir: Annotated[Path | None, typer.Option(help="Where logs will go.")] = None,
+    log_dir: Annotated[Path | None, typer.Option(help="Folder of the logs.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
-    """Check what a first run needs, on this computer and on robots; nothing is moved, powered or claimed.
+    """Check what a run needs, on this computer and on the robot, without moving, powering or claiming it.
 
     Exit code 1 if a check failed.
     """

@@ -29,20 +29,23 @@ class CollectionInterruptedError(SpotRlError):
 def collect(
     robot: RobotAddress,
     policy: Annotated[Path, typer.Option(help="ONNX file with its contract.")],
-    out: Annotated[Path, typer.Option(help="Folder of the logs; whole runs that are there are kept.")],
+    out: Annotated[Path, typer.Option(help="Folder of the logs; complete runs in it are kept.")],
     sequences: Annotated[
-        str, typer.Option(help="all (forward, six_directions, random, user), or names and YAML files with commas.")
+        str,
+        typer.Option(
+            help="all (forward, six_directions, random, user), or a comma-separated list of names and YAML files."
+        ),
     ] = "all",
     repeats: Annotated[int, typer.Option(min=1, max=1000, help="Runs of each sequence.")] = 5,
     other_gains: Annotated[
-        str | None, typer.Option(help="Also run the first sequence once a repeat at other gains, KP,KD.")
+        str | None, typer.Option(help="Also run the first sequence once per repeat with other gains, KP,KD.")
     ] = None,
     config: Annotated[Path | None, typer.Option(help="Run configuration (YAML).")] = None,
     ca_file: CaFile = None,
     credentials_file: CredentialsFile = None,
-    label: Annotated[list[str] | None, typer.Option(help="Label of the logs, KEY=VALUE; may repeat.")] = None,
+    label: Annotated[list[str] | None, typer.Option(help="Label of the logs, KEY=VALUE; repeatable.")] = None,
     lock_step: LockStepAddress = None,
-    attempts: Annotated[int, typer.Option(min=1, max=20, help="Tries of a run that does not complete.")] = 2,
+    attempts: Annotated[int, typer.Option(min=1, max=20, help="Attempts for a run that does not complete.")] = 2,
 ) -> None:
     """Record the paper's command sequences several times on a robot, for spot-rl sysid."""
     from trainer.collect.collect_run import Collection, run_arguments

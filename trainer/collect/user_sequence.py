@@ -23,7 +23,7 @@ def user_sequence(
     out: Annotated[Path, typer.Option(help="YAML file to write.")],
     name: Annotated[str, typer.Option(help="Name of the sequence.")] = "user",
 ) -> None:
-    """Turn the velocity commands that a user gave in a run into a sequence for collect and run."""
+    """Convert the velocity commands of a steered run to a sequence for collect and run."""
     sequence = sequence_of_run(read_run(log), name)
     save_sequence(sequence, out)
     typer.echo(f"{out}: {len(sequence.waypoints)} waypoints over {sequence.duration_s:g} s")

@@ -23,7 +23,7 @@ def evaluate(
     ),
     model: Annotated[str, typer.Option("--model", help="Built-in model, or a model file.")] = "paper_identified",
     n: Annotated[int, typer.Option("--n", help="Robots in the trials that count falls.", min=1)] = 100,
-    seed: Annotated[int, typer.Option("--seed", help="Of everything drawn.", min=0)] = 0,
+    seed: Annotated[int, typer.Option("--seed", help="Random seed.", min=0)] = 0,
     timestep: Annotated[float, typer.Option("--timestep", help="Physics step, s; must divide 0.02.")] = 0.005,
     integrator: Annotated[str, typer.Option("--integrator", help="Euler or implicitfast.")] = "Euler",
     video: Annotated[bool, typer.Option("--video", help="Also write video.mp4 (needs EGL or OSMesa).")] = False,

@@ -17,7 +17,7 @@ def export(
         Path | None, typer.Option("--networks", help="Also write the networks alone, for start_from.")
     ] = None,
     framework: Annotated[
-        str | None, typer.Option("--for", help="Write what mjlab or spot-rl-example reads, of an ONNX policy of ours.")
+        str | None, typer.Option("--for", help="Convert an ONNX policy of this project for mjlab or spot-rl-example.")
     ] = None,
     name: Annotated[str | None, typer.Option("--name", help="The policy's name; the config's by default.")] = None,
 ) -> None:

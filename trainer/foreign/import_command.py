@@ -23,7 +23,7 @@ class Framework(str, enum.Enum):
 
 def import_policy(
     policy: Annotated[Path, typer.Argument(help="ONNX file, or a TorchScript file (.pt, .jit).")],
-    like: Annotated[Framework, typer.Option(help="Whose conventions it follows.")],
+    like: Annotated[Framework, typer.Option(help="Framework whose conventions the policy follows.")],
     env: Annotated[
         Path | None, typer.Option(help="The run's env.yaml or JSON; looked for beside the policy if not given.")
     ] = None,
@@ -32,13 +32,15 @@ def import_policy(
     ] = None,
     name: Annotated[str | None, typer.Option(help="Name in the contract; the file's if not given.")] = None,
     joint_order: Annotated[str, typer.Option(help="The robot's joints in training, comma-separated.")] = "",
-    rate_hz: Annotated[float | None, typer.Option(min=1.0, max=333.0, help="Rate, where no file names one.")] = None,
+    rate_hz: Annotated[
+        float | None, typer.Option(min=1.0, max=333.0, help="Rate of the policy, Hz, if no file names it.")
+    ] = None,
     commands: Annotated[
-        str, typer.Option(help="Least and largest V_x,V_y,ω_z as 'a,b,c:d,e,f', where no file names a range.")
+        str, typer.Option(help="Lower and upper limits of V_x,V_y,ω_z as 'a,b,c:d,e,f', if no file names them.")
     ] = "",
-    yes: Annotated[bool, typer.Option("--yes", help="Do not ask whether what was read is right.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask for confirmation.")] = False,
 ) -> None:
-    """Make a policy of another framework one that runs here, and prove that its network gives the same."""
+    """Import a policy of another framework, and check that its network gives the same actions."""
     from spot_model.io.whole import check_new, whole_file
     from spot_model.policy.policy import load_policy
     from trainer.foreign.importing import describe_file, read_network

@@ -10,22 +10,20 @@ import typer
 
 
 def play(
-    policy: Annotated[Path, typer.Argument(help="ONNX policy, or the folder of a training that is under way.")],
+    policy: Annotated[Path, typer.Argument(help="ONNX policy, or the folder of a running training.")],
     model: Annotated[str, typer.Option("--model", help="Built-in model, or a model file.")] = "paper_identified",
     velocity: Annotated[
         str | None,
-        typer.Option(
-            "--velocity", help="vx,vy,wz in m/s and rad/s to begin with; a film speeds up forward without it."
-        ),
+        typer.Option("--velocity", help="Initial vx,vy,wz in m/s and rad/s; by default a film accelerates forward."),
     ] = None,
     seconds: Annotated[
-        float | None, typer.Option("--seconds", help="End after this long; a film lasts 12 s without it.")
+        float | None, typer.Option("--seconds", help="End after this many seconds; default for a film: 12.")
     ] = None,
     gamepad: Annotated[bool, typer.Option("--gamepad", help="Hold the dead-man button and use the sticks.")] = False,
     video: Annotated[
         Path | None, typer.Option("--video", help="Write a film, FILE.mp4 or FILE.gif, and open no window.")
     ] = None,
-    seed: Annotated[int, typer.Option("--seed", help="Of the directions of pushes.", min=0)] = 0,
+    seed: Annotated[int, typer.Option("--seed", help="Random seed of the directions of pushes.", min=0)] = 0,
 ) -> None:
     """Watch a policy walk in a window that takes velocity commands and pushes, or film it.
 

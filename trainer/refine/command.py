@@ -16,9 +16,11 @@ def refine(
     config: Annotated[Path | None, typer.Option("--config", help="Config file (YAML).")] = None,
     folder: Annotated[
         Path | None,
-        typer.Option("--folder", help="Checkpoint and figures; goes on with what lies there. [OUT's name + .refine]"),
+        typer.Option(
+            "--folder", help="Folder of checkpoint and figures; an existing one is continued. [OUT's name + .refine]"
+        ),
     ] = None,
-    jobs: Annotated[int, typer.Option("--jobs", help="Processes; 0 for one a CPU.", min=0)] = 0,
+    jobs: Annotated[int, typer.Option("--jobs", help="Processes; 0: one per CPU.", min=0)] = 0,
     generations: Annotated[int | None, typer.Option("--generations", help="In place of the config's.", min=1)] = None,
 ) -> None:
     """Search a trained policy's gains in whole-gait trials: even feet, safe starts, top speed."""

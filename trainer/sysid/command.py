@@ -20,8 +20,10 @@ def sysid(
     logs: Annotated[list[Path], typer.Argument(help="Log files of one policy, or folders of them.")],
     policy: Annotated[Path, typer.Option("--policy", help="The policy that ran (ONNX).")],
     out: Annotated[Path, typer.Option("--out", help="Folder for the result; nothing in it is overwritten.")],
-    config: Annotated[Path | None, typer.Option("--config", help="What is searched and how (YAML).")] = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on where an interrupted search in --out ended.")] = False,
+    config: Annotated[
+        Path | None, typer.Option("--config", help="Parameters and settings of the search (YAML).")
+    ] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Continue an interrupted search in --out.")] = False,
     workers: Annotated[int, typer.Option("--workers", min=1, max=256, help="Processes; the result is the same.")] = 2,
     engine: Annotated[EngineName, typer.Option("--engine", help="Where candidates are evaluated.")] = EngineName.LOCAL,
     ray_address: Annotated[str | None, typer.Option("--ray-address", help="A running Ray cluster.")] = None,

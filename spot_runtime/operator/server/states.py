@@ -1,4 +1,4 @@
-"""The states of the service, with what may be asked in each."""
+"""The states of the service, and the commands allowed in each."""
 
 from __future__ import annotations
 
