@@ -28,7 +28,7 @@ class WalkError(SpotRlError):
 
 
 class FakeSpot:
-    """A fake Spot that answers Boston Dynamics' services while the block runs.
+    """A fake Spot that implements Boston Dynamics' services while the block runs.
 
     ::
 
@@ -36,9 +36,9 @@ class FakeSpot:
             run = spot.walk("policies/walk.onnx", velocity=(0.5, 0.0, 0.0), duration_s=3.0)
 
     Args:
-        scenario: A scenario file, the name of a shipped one, or its keys as a mapping: what the robot hides.
-        lock_step: Whether robot time passes only when the runtime asks, as fast as the computer can. In real time a
-            busy computer ends runs with ``state_stale``.
+        scenario: The robot: a scenario file, the name of a built-in one, or its keys as a mapping.
+        lock_step: Whether robot time advances only when the runtime asks for it, as fast as the computer can. In real
+            time, a busy computer ends runs with ``state_stale``.
     """
 
     def __init__(self, scenario: str | AnyPath | Mapping[str, Any] = "default", *, lock_step: bool = True) -> None:
@@ -101,7 +101,7 @@ class FakeSpot:
             sequence: In place of ``velocity``: a built-in sequence (``forward``, ``six_directions``, ``random``,
                 ``standing``) or a YAML file.
             duration_s: How long the policy controls the joints, > 0, s.
-            log_dir: Where the log stays; by default it is read and removed with the robot.
+            log_dir: Folder for the log; by default it is read and then deleted.
             labels: Labels of the log.
 
         Returns:

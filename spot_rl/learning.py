@@ -36,7 +36,7 @@ def train(
 
     Raises:
         SpotRlError: The config is not valid (the message lists the allowed keys), the folder is not empty, or the
-            device is not there.
+            device does not exist.
     """
     # Spinning threads take the cores from the physics; torch reads this when it is first imported.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
@@ -50,7 +50,7 @@ def train(
 
 
 def export(run: AnyPath, out: AnyPath, *, name: str | None = None) -> Path:
-    """Write a trained policy as an ONNX file that carries its contract.
+    """Write a trained policy as an ONNX file with its contract.
 
     Args:
         run: A run folder, or a checkpoint.
@@ -77,7 +77,7 @@ def evaluate(
         policy: ONNX file.
         model: The simulated robot: a built-in name, a model file, or a model.
         n: Robots in each trial that counts falls; 100 take some minutes on two cores.
-        seed: Of everything drawn.
+        seed: Random seed.
 
     Returns:
         Figures by trial, as in the ``evaluation.json`` of ``spot-rl evaluate``: ``tracking``

@@ -55,10 +55,10 @@ def diagnose(
         logs: Log files of one robot, or folders of them; best three command sequences, each several times.
         nominal: The simulator's model: a built-in name (``paper_identified``), a model file, or a model.
         out: Folder for verdict.json, report.html and corrected_model.yaml; nothing in it is overwritten.
-        policy: The policy that ran; without it one in ``policies/`` with the logs' digest, if there is one.
-        without: Effects to leave out of the library.
+        policy: The policy that ran; by default the file in ``policies/`` with the logs' digest, if there is one.
+        without: Effects to exclude from the library.
         add_effects: Effects of your own, ``module:Class``.
-        seed: Of simulated sensors, permutations and resamples.
+        seed: Random seed.
         progress: Whether to show stage, share and time left on stderr.
 
     Returns:
@@ -105,17 +105,17 @@ def identify(
 ) -> ResultData:
     """Fit physical parameters of the simulator to logs, by the paper's method and from measured torques.
 
-    A hundred generations take some seven minutes on two cores; one is enough to see what the torques say.
+    A hundred generations take about seven minutes on two cores; one is enough for the parameters that the torques determine.
 
     Args:
         logs: Log files of one policy, or folders of them; each has at least five seconds under it.
         policy: The policy that ran, an ONNX file.
         out: Folder for identified.yaml, result.json and report.html; nothing in it is overwritten.
-        config: What is searched and how: a YAML file, or the same keys as a mapping. Default: the paper's parameters.
+        config: Parameters and settings of the search: a YAML file, or the same keys as a mapping. Default: the paper's parameters.
         generations: Generations of the search, in place of the config's.
         workers: Processes, which import the script that calls this: put its own lines under
             ``if __name__ == "__main__":``, or give 1. The result does not depend on them.
-        resume: Go on where an interrupted search in ``out`` ended.
+        resume: Continue an interrupted search in ``out``.
 
     Returns:
         The result: ``parameters`` (name, value, low, high, identified, reason), ``score``, ``measured``.

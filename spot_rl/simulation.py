@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def load_policy(path: AnyPath) -> Policy:
-    """Load a policy from its ONNX file, and check all that its contract promises.
+    """Load a policy from its ONNX file, and check its contract.
 
     Args:
         path: A file of ``spot-rl export``, or one from ``policies/``.
@@ -78,9 +78,9 @@ def simulate(
     Args:
         run: A log, from :func:`read_run`.
         model: The simulated robot: a built-in name, a model file, or a model.
-        policy: The policy that controls; without it one in ``policies/`` with the log's digest.
-        seed: Of the sensors' noise and the delays.
-        noise: Whether the sensors are noisy, about as a real Spot's.
+        policy: The policy that controls; by default the file in ``policies/`` with the log's digest.
+        seed: Random seed of sensor noise and delays.
+        noise: Whether to simulate sensor noise, about as large as a real Spot's.
 
     Returns:
         A run with the same arrays as a log's, for the time under the policy; it has no IMU packets, polls or events,
@@ -117,13 +117,13 @@ def simulate(
 
 
 def compare(runs: Sequence[Run], out: AnyPath | None = None, *, names: Sequence[str] | None = None) -> Comparison:
-    """Set runs side by side, aligned by their velocity commands.
+    """Compare runs, aligned by their velocity commands.
 
     Args:
         runs: Two or more; the first is the reference.
         out: Folder for compare.html, compare.mcap (a ghost Spot beside the robot, for Foxglove) and compare.json;
             nothing is overwritten. Default: nothing is written.
-        names: What the runs are called; their policy, sequence and repeat by default.
+        names: Names of the runs; by default their policy, sequence and repeat.
 
     Returns:
         The comparison: ``sentences``, ``tracks`` (aligned arrays) and ``differences`` by signal and joint.

@@ -15,7 +15,7 @@ from diagnosis.document import FoundEffect, GapCell, Number, SeenEffect, Shrink,
 from spot_log.format.records import EventRecord, RunHeader
 from spot_log.read import run as tables
 from spot_log.tools.gaits import GaitSpan
-from spot_model.policy.contract import PolicyContract
+from spot_model.policy.contract import PolicyContract, StatedGait, TrainingRecord
 from spot_model.robot.gait import Gait
 from trainer.sysid.identify.result import MeasuredData, ResultData
 from trainer.sysid.identify.verdict import ParameterVerdict
@@ -23,9 +23,9 @@ from trainer.sysid.identify.verdict import ParameterVerdict
 from .words import attribute_docs, page, plain, table
 
 ABOUT = """\
-`import spot_rl` and use what you need: every name is imported when it is first asked for. Paths may be text or
-`pathlib.Path`. What is wrong with an input raises `spot_rl.SpotRlError`, whose message says what is allowed. To
-begin with: [Python](../python.md)."""
+All public names of `spot_rl`. Each is imported when it is first used, so `import spot_rl` is fast. Paths may be strings
+or `pathlib.Path`. Invalid input raises `spot_rl.SpotRlError`; the message says what is allowed. For an introduction,
+see [Python](../python.md)."""
 SECTION = re.compile(r"^(Args|Returns|Raises):\n", re.MULTILINE)
 ITEM = re.compile(r"^(\w[\w ]*): ", re.MULTILINE)
 EXAMPLE = re.compile(r"::\n\n((?:    .*\n?)+)")
@@ -40,6 +40,8 @@ ARRAYS = (
     ("an entry of gaits(run)", GaitSpan),
     ("gaits(run)[i].gait", Gait),
     ("Policy.contract", PolicyContract),
+    ("Policy.contract.training", TrainingRecord),
+    ("an entry of Policy.contract.gait", StatedGait),
     ("an entry of Comparison.tracks", Track),
     ("an entry of Comparison.differences", Differences),
     ("an entry of Differences.signals", SignalDifference),

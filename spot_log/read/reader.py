@@ -57,7 +57,7 @@ def read_log_file(path: Path) -> bytes:
         OSError: It cannot be read.
     """
     if path.exists() and not path.is_file():
-        raise LogReadError(f"{path} is no file; give a log written by spot-rl (*.mcap, or *.mcap.active after a crash)")
+        raise LogReadError(f"{path} is not a file; give one log of spot-rl (*.mcap, or *.mcap.active after a crash)")
     try:
         return path.read_bytes()
     except FileNotFoundError as error:

@@ -65,7 +65,7 @@ class Run:
     def to_pandas(self, topic: str = "state") -> Any:
         """One topic as a ``pandas.DataFrame``, indexed by seconds since the first state; NaN without a robot stamp.
 
-        A column is called after its array and what its values belong to: ``load_nm.fl_kn`` (a joint),
+        The name of a column is that of its array and element: ``load_nm.fl_kn`` (a joint),
         ``foot_contact.fl`` (a foot), ``position_of_body_in_odom_m.x``, ``odom_from_body_wxyz.w``,
         ``velocity_command.x_m_s`` (``y_m_s``, ``yaw_rad_s``), ``observation.00``.
 

@@ -43,7 +43,7 @@ def test_devices_that_never_end_are_not_read_to_their_end(tmp_path: Path) -> Non
         read_certificates(zero)
     for read in (read_run, lambda path: recover_log(path, tmp_path / "out.mcap")):
         for odd in (zero, tmp_path):
-            with pytest.raises(LogReadError, match="is no file; give a log"):
+            with pytest.raises(LogReadError, match="is not a file; give one log"):
                 read(odd)
 
 
