@@ -105,13 +105,13 @@ def identify(
 ) -> ResultData:
     """Fit physical parameters of the simulator to logs, by the paper's method and from measured torques.
 
-    A hundred generations take about seven minutes on two cores; one is enough for the parameters that the torques determine.
+    A hundred generations take about seven minutes on two cores; one is enough for parameters that torques determine.
 
     Args:
         logs: Log files of one policy, or folders of them; each has at least five seconds under it.
         policy: The policy that ran, an ONNX file.
         out: Folder for identified.yaml, result.json and report.html; nothing in it is overwritten.
-        config: Parameters and settings of the search: a YAML file, or the same keys as a mapping. Default: the paper's parameters.
+        config: Parameters and settings of the search: a YAML file, or its keys as a mapping. Default: the paper's.
         generations: Generations of the search, in place of the config's.
         workers: Processes, which import the script that calls this: put its own lines under
             ``if __name__ == "__main__":``, or give 1. The result does not depend on them.

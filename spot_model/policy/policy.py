@@ -213,8 +213,8 @@ class Policy:
         batch = np.asarray(observation, dtype=np.float32)
         if batch.shape[-1] != self.width:
             raise PolicyError(
-                f"policy {self.contract.name} expects {self.width} numbers ({N_OBSERVATION} per tick of its history), got "
-                f"{batch.shape[-1]}; Policy.window() adds the ticks before"
+                f"policy {self.contract.name} expects {self.width} numbers ({N_OBSERVATION} per tick of "
+                f"its history), got {batch.shape[-1]}; Policy.window() adds the ticks before"
             )
         if batch.ndim == 1:
             return self._act_on_one(batch)
