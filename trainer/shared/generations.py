@@ -14,6 +14,7 @@ from cmaes import CMA
 from numpy.typing import NDArray
 
 from spot_model.errors import BadInputError
+from spot_model.io.whole import write_new, write_over
 
 
 def read_or_begin(path: Path, head: dict[str, Any]) -> list[dict[str, Any]]:
@@ -24,16 +25,17 @@ def read_or_begin(path: Path, head: dict[str, Any]) -> list[dict[str, Any]]:
         head: What the search is of; a file with another head belongs to another search.
 
     Raises:
+        OutputExistsError: Another process began it at the same time.
         BadInputError: The file is damaged, or belongs to another search.
     """
     if not path.exists():
-        append_line(path, head)
+        write_new(path, json.dumps(head) + "\n")
         return []
     lines = path.read_text(encoding="utf-8").split("\n")
     complete, torn = lines[:-1], lines[-1]
     if torn:
         # The process ended while it wrote this line; that generation is searched again.
-        path.write_text("".join(f"{line}\n" for line in complete), encoding="utf-8")
+        write_over(path, "".join(f"{line}\n" for line in complete))
     try:
         entries = [json.loads(line) for line in complete]
     except json.JSONDecodeError as error:
