@@ -42,7 +42,9 @@ def read_other(name: str, reference: Run, policy: Path | None, seed: int) -> Run
     if not is_model(name):
         if not Path(name).exists():
             models = ", ".join(BUILT_IN)
-            raise CompareError(f"{name!r} is no file; allowed: a log (*.mcap), a model file (YAML), or one of {models}")
+            raise CompareError(
+                f"{name!r} is not a file; allowed: a log (*.mcap), a model file (YAML), or one of {models}"
+            )
         return read_run(Path(name))
     found = find_policy(policy, [reference])
     if found is None:

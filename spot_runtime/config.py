@@ -189,4 +189,4 @@ def load_config(path: Path) -> RunConfig:
         # By way of JSON, pydantic's strict mode takes a list for a tuple, but neither "3" nor true for 3.
         return RunConfig.model_validate_json(json.dumps({} if content is None else content, default=str), strict=True)
     except ValidationError as error:
-        raise BadInputError(f"configuration {path}:\n{explain(error)}") from error
+        raise BadInputError(f"configuration {path}:\n{explain(error, RunConfig)}") from error

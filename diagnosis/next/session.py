@@ -70,7 +70,9 @@ class Session:
             if not (folder / NAMES["verdict"]).exists():
                 diagnosed(given, (), folder)
             elif load_inputs(folder).model_copy(update={"policy": given.policy}) != given:
-                raise BadInputError(f"{folder} holds a diagnosis of other logs or another model; choose another folder")
+                raise BadInputError(
+                    f"{folder} holds a diagnosis of other logs or another model; leave --logs out to use it, or choose another folder"
+                )
         inputs = load_inputs(folder)
         if policy is not None:
             inputs = inputs.model_copy(update={"policy": str(policy.absolute())})

@@ -112,7 +112,7 @@ def load_robot(path: Path) -> RobotDescription:
         raise BadInputError(f"robot file {path} is not valid:\n{explain(error, RobotFile)}") from error
     mjcf = path.parent / file.mjcf if file.mjcf is not None else None
     if mjcf is not None and not mjcf.is_file():
-        raise BadInputError(f"robot file {path}: mjcf {mjcf} is no file; allowed: an MJCF beside the robot file")
+        raise BadInputError(f"robot file {path}: mjcf {mjcf} is not a file; allowed: an MJCF beside the robot file")
 
     def each(value: PerJoint | None) -> Array | None:
         return None if value is None else np.broadcast_to(value, (len(file.joint_names),)).astype(np.float64)

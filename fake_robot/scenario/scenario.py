@@ -163,7 +163,8 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
         path = shipped
     if not path.is_file():
         raise BadInputError(
-            f"scenario {str(name_or_path)!r} is no file; allowed: a YAML file, or one of {', '.join(shipped_names())}"
+            f"scenario {str(name_or_path)!r} is not a file; allowed: a YAML file, or one of "
+            f"{', '.join(shipped_names())}"
         )
     data = read_yaml(path, "scenario file")
     return scenario_from_data(data, source=f"scenario file {path}", folder=path.parent)

@@ -79,7 +79,7 @@ def model_from_data(data: Any, *, source: str = "model") -> RobotModel:
     try:
         parsed = ModelFileData.model_validate(data)
     except ValidationError as error:
-        raise BadInputError(f"{source}:\n{explain(error)}") from error
+        raise BadInputError(f"{source}:\n{explain(error, ModelFileData)}") from error
     effects = []
     for index, entry in enumerate(parsed.effects):
         fields = dict(entry)
@@ -103,7 +103,9 @@ def load_model(name_or_path: str) -> RobotModel:
         return BUILT_IN[name_or_path]
     path = Path(name_or_path)
     if not path.is_file():
-        raise BadInputError(f"model {name_or_path!r} is no file; allowed: a YAML file, or one of {', '.join(BUILT_IN)}")
+        raise BadInputError(
+            f"model {name_or_path!r} is not a file; allowed: a YAML file, or one of {', '.join(BUILT_IN)}"
+        )
     data = read_yaml(path, "model file")
     return model_from_data(data, source=f"model file {path}")
 

@@ -150,14 +150,14 @@ def load_sequence(name_or_path: str) -> VelocitySequence:
     path = Path(name_or_path)
     if not _is_file(path):
         raise BadInputError(
-            f"velocity sequence {name_or_path!r} is no file; allowed: a YAML file, or one of {', '.join(BUILT_IN)}"
+            f"velocity sequence {name_or_path!r} is not a file; allowed: a YAML file, or one of {', '.join(BUILT_IN)}"
         )
     data = read_yaml(path, "velocity sequence")
     try:
         # By way of JSON, pydantic's strict mode takes a list for a tuple, but neither "3" nor true for 3.
         return VelocitySequence.model_validate_json(json.dumps(data, default=str), strict=True)
     except ValidationError as error:
-        raise BadInputError(f"velocity sequence {path}:\n{explain(error)}") from error
+        raise BadInputError(f"velocity sequence {path}:\n{explain(error, VelocitySequence)}") from error
 
 
 def _is_file(path: Path) -> bool:

@@ -136,7 +136,7 @@ def read_yaml(path: Path, what: str) -> Any:
     except OSError as error:
         raise BadInputError(f"{what} {path} cannot be read: {error.strerror or error}; give a YAML file") from error
     except (FileTooLargeError, YamlError) as error:
-        raise BadInputError(f"{what} {path} cannot be read, it is no YAML that is taken: {error}") from error
+        raise BadInputError(f"{what} {path} is not valid YAML: {error}") from error
 
 
 def _expanded(node: yaml.Node, known: dict[int, int]) -> int:

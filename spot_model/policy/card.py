@@ -58,7 +58,7 @@ def load_card(policy: Path) -> PolicyCard | None:
     try:
         return PolicyCard.model_validate(read_yaml(path, "policy card"))
     except ValidationError as error:
-        raise BadInputError(f"policy card {path}:\n{explain(error)}") from error
+        raise BadInputError(f"policy card {path}:\n{explain(error, PolicyCard)}") from error
 
 
 def write_card(policy: Path, card: PolicyCard) -> Path:
@@ -93,7 +93,9 @@ def card_of(
     except OSError as error:
         raise BadInputError(f"evaluation {evaluation} cannot be read: {error.strerror}") from error
     except ValueError as error:
-        raise BadInputError(f"evaluation {evaluation} is no JSON: {error}") from error
+        raise BadInputError(
+            f"evaluation {evaluation} is no JSON ({error}); give the evaluation.json of 'spot-rl evaluate'"
+        ) from error
     if not isinstance(told, dict) or told.get("schema") != EVALUATION_SCHEMA:
         raise BadInputError(f"{evaluation} is no evaluation; give the evaluation.json of 'spot-rl evaluate'")
     if told.get("policy_sha256") != policy.sha256:

@@ -168,7 +168,7 @@ def _walk(data: bytes, kind: str, at: slice, head: OnnxHead) -> dict[int, Field]
     for item in fields(data, at):
         rule = rules.get(item.number)
         if rule is None:
-            words = f"its {kind} at byte {at.start} has a field {item.number}, which no policy needs; export it plainly"
+            words = f"its {kind} at byte {at.start} has a field {item.number}, which an ONNX policy does not have"
             raise OnnxHeadError(_REFUSED.get((kind, item.number), words))
         if item.wire not in rule.wires:
             raise OnnxHeadError(f"field {item.number} of its {kind} at byte {at.start} is not of its type")

@@ -55,5 +55,5 @@ def test_bad_data_is_refused_in_words(data, message: str):
 
 
 def test_no_such_model():
-    with pytest.raises(BadInputError, match="'nothing' is no file; allowed: a YAML file, or one of ideal"):
+    with pytest.raises(BadInputError, match="'nothing' is not a file; allowed: a YAML file, or one of ideal"):
         load_model("nothing")

@@ -56,7 +56,7 @@ def test_file_round_trip(name: str, tmp_path: Path):
 
 def test_bad_files_are_refused_in_words(tmp_path: Path):
     file = tmp_path / "s.yaml"
-    with pytest.raises(BadInputError, match="is no file; allowed: a YAML file, or one of forward"):
+    with pytest.raises(BadInputError, match="is not a file; allowed: a YAML file, or one of forward"):
         load_sequence(str(file))
     file.write_text("schema: spot-rl/velocity-sequence/1\nname: x\nduration_s: 3\nwaypoints: [{time_s: 0, v_x: 1}]\n")
     with pytest.raises(BadInputError, match=r"waypoints\.0\.v_x"):

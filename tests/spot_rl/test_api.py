@@ -104,7 +104,7 @@ def test_the_command_compares_logs_and_models(
     assert figures["reference"] == "walk held_0.8_0_0 r0"
     for words, told in (
         (["paper_identified", log], "the first run must be a log"),
-        ([log, "nothing"], "'nothing' is no file; allowed: a log"),
+        ([log, "nothing"], "'nothing' is not a file; allowed: a log"),
         ([log, log, "--verdict", str(tmp_path)], "cannot be read"),
     ):
         with pytest.raises(SystemExit) as left:

@@ -118,4 +118,4 @@ def load_refine_config(path: Path | None) -> RefineConfig:
     try:
         return RefineConfig.model_validate(read_yaml(path, "refinement"))
     except ValidationError as error:
-        raise BadInputError(f"refinement {path}: {explain(error)}") from error
+        raise BadInputError(f"refinement {path}: {explain(error, RefineConfig)}") from error

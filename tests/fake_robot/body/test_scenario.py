@@ -73,7 +73,7 @@ def test_a_bad_file_gets_key_value_and_what_is_allowed(tmp_path: Path, text: str
 
 def test_a_missing_file_names_the_shipped_ones():
     with pytest.raises(
-        BadInputError, match=r"'nowhere' is no file; allowed: a YAML file, or one of .*default.*slippery"
+        BadInputError, match=r"'nowhere' is not a file; allowed: a YAML file, or one of .*default.*slippery"
     ):
         load_scenario("nowhere")
 

@@ -63,7 +63,7 @@ def test_a_pipe_into_which_nobody_writes_is_refused_and_not_waited_for(tmp_path:
         for read in (load_policy, load_config):
             with pytest.raises(SpotRlError, match=r"cannot be read: (embedded null byte|File name too long)"):
                 read(Path(odd))
-        with pytest.raises(SpotRlError, match="is no file; allowed"):
+        with pytest.raises(SpotRlError, match="is not a file; allowed"):
             load_sequence(odd)
 
 

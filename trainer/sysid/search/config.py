@@ -144,7 +144,7 @@ def config_from_data(data: Any, *, source: str) -> SysidConfig:
     try:
         return SysidConfig.model_validate(data)
     except ValidationError as error:
-        raise BadInputError(f"{source}:\n{explain(error)}") from error
+        raise BadInputError(f"{source}:\n{explain(error, SysidConfig)}") from error
 
 
 def load_config(path: Path) -> SysidConfig:
