@@ -71,7 +71,8 @@ class Session:
                 diagnosed(given, (), folder)
             elif load_inputs(folder).model_copy(update={"policy": given.policy}) != given:
                 raise BadInputError(
-                    f"{folder} holds a diagnosis of other logs or another model; leave --logs out to use it, or choose another folder"
+                    f"{folder} holds a diagnosis of other logs or another model; leave --logs out to use it, or "
+                    "choose another folder"
                 )
         inputs = load_inputs(folder)
         if policy is not None:

@@ -66,7 +66,7 @@ def test_bad_files_are_refused_in_words(tmp_path: Path):
         with pytest.raises(BadInputError, match=r"waypoints\.0\.v_x_m_s = "):
             load_sequence(str(file))
     file.write_text("{")
-    with pytest.raises(BadInputError, match="cannot be read"):
+    with pytest.raises(BadInputError, match="is not valid YAML"):
         load_sequence(str(file))
     with pytest.raises(ValueError, match="must start at 0 and rise"):
         VelocitySequence(name="x", duration_s=3.0, waypoints=(Waypoint(time_s=1.0),))
