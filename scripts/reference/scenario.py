@@ -8,8 +8,8 @@ from .words import page, sections
 
 ABOUT = """\
 A scenario describes one fake robot: its hidden [effects](reference/effects.md) (`model`), ground, payload, network,
-sensors, clock, battery, and what it refuses. It is a YAML file for `spot-rl fake-robot --scenario FILE`. All keys are
-optional; unknown keys are refused.
+sensors, clock, battery, and what it refuses. It is a YAML file, for the option `--scenario FILE` of
+`spot-rl fake-robot`. All keys are optional; unknown keys are refused.
 
 ```yaml
 schema: spot-rl/scenario/1
