@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
-from diagnosis.next.choose.design import Design, Proposal
+from diagnosis.next.choose.design import Design, Proposal, in_words
 from diagnosis.next.files import free_folder
 from diagnosis.next.robot_run import WHOLE, Ran
 from diagnosis.next.story import SURE, Asked, Found, Story
@@ -140,7 +140,8 @@ def _why(plan: Design) -> str:
 
 def _ending(found: Found, story: Story, limits: Limits) -> str:
     cause, odds = found.top
-    if odds >= SURE:
+    # Ordinary errors alone are no answer where the verdict sees a gap: of that they explain nothing.
+    if odds >= SURE and (cause != in_words(()) or found.status == "no_gap"):
         return f"{cause} stands at {odds:.2f}"
     if len(story.failed) >= MOST_FAILURES:
         return f"{len(story.failed)} experiments did not run to their end; see to the robot"

@@ -433,6 +433,13 @@ def test_a_cause_that_stands_already_asks_for_nothing(tmp_path: Path) -> None:
     assert fake.ran == []
 
 
+@pytest.mark.parametrize(("status", "n_rounds"), [("no_gap", 0), ("unknown_effect", 1)])
+def test_ordinary_errors_alone_are_an_answer_where_there_is_no_gap(tmp_path: Path, status: str, n_rounds: int) -> None:
+    fake = FakeLab(tmp_path, [0.6, 0.97])
+    story = Story(Found(tmp_path, posterior(none=0.97, torque_gain=0.03), status, "words"))
+    assert len(ask_robot(story, fake.lab, Limits(100.0, 5), 0, fake.told).rounds) == n_rounds
+
+
 def test_the_budget_of_robot_time_ends_it(tmp_path: Path) -> None:
     fake = FakeLab(tmp_path, [0.6, 0.7, 0.8, 0.63])
     story = fake.ask(budget_s=20.0)
