@@ -20,6 +20,7 @@ from diagnosis.next.choose.design import Design, Proposal, in_words, judged
 from diagnosis.next.choose.information import Told, entropy_bits, told_by
 from diagnosis.next.choose.robots import (
     N_WIDE,
+    Robots,
     beliefs,
     compact,
     drawn_robots,
@@ -27,6 +28,7 @@ from diagnosis.next.choose.robots import (
     with_ordinary_errors,
 )
 from diagnosis.next.choose.safety_check import refusals
+from diagnosis.next.choose.signature import _roughness
 from diagnosis.next.choose.trial import try_on
 from diagnosis.next.files import free_folder, load_motion, ranking_lines, run_words, write_offers
 from diagnosis.next.inputs import Inputs, save_inputs
@@ -319,6 +321,29 @@ def test_what_was_not_proved_on_robots_with_wide_errors_is_not_run() -> None:
     unproved = replace(plan.proposals[0], is_proved=False)
     assert unproved.is_promising
     assert replace(plan, proposals=(unproved,)).worthwhile == ()
+
+
+@pytest.mark.parametrize(("weights", "each"), [((1.0,), 12), ((0.6, 0.4), 12), ((0.5, 0.3, 0.2), 8)])
+def test_causes_share_the_robots(monkeypatch: pytest.MonkeyPatch, weights: tuple[float, ...], each: int) -> None:
+    """24 in all, and no more of a single cause than of two."""
+    asked: list[int] = []
+
+    def draw(own: Posterior, n: int, rng: np.random.Generator) -> Robots:
+        asked.append(n)
+        return Robots(tuple(beliefs(own)), np.array([*beliefs(own).values()]), (), np.zeros(0), ())
+
+    monkeypatch.setattr(choice, "drawn_robots", draw)
+    monkeypatch.setattr(choice, "candidates", lambda *_: [])
+    names = ("torque_gain", "viscous_friction", "armature")
+    choice.design(posterior(**dict(zip(names, weights, strict=False))), None, 0)
+    assert asked == [each]
+
+
+def test_a_rougher_load_shows_in_the_signature() -> None:
+    """White noise of 1 N·m: second differences have a variance of 1 + 4 + 1 = 6."""
+    rough = _roughness(np.random.default_rng(0).standard_normal((4000, 12)))
+    assert rough == pytest.approx(1.0, abs=0.05)
+    assert _roughness(np.linspace(0.0, 50.0, 4000)[:, None] * np.ones(12)) == pytest.approx(0.0, abs=1e-9)
 
 
 def test_where_one_experiment_is_wanted_the_best_is_proved_and_no_other(monkeypatch: pytest.MonkeyPatch) -> None:

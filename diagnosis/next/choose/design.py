@@ -12,7 +12,7 @@ from scipy.optimize import minimize
 
 from diagnosis.next.choose.candidates import Candidate, Motion, candidates, given
 from diagnosis.next.choose.information import Told, told_by
-from diagnosis.next.choose.robots import Cause, Robots, drawn_robots, suspects
+from diagnosis.next.choose.robots import Cause, Robots, beliefs, drawn_robots, suspects
 from diagnosis.next.choose.safety_check import burden, refusals
 from diagnosis.next.choose.signature import signature
 from diagnosis.next.choose.trial import try_on
@@ -22,7 +22,9 @@ from spot_model.policy.policy import Policy
 from spot_model.robot.facts import Array
 
 EACH: Final = 6
-"""Robots of each cause."""
+"""Robots of each cause, at least."""
+ROBOTS: Final = 24
+"""Of all causes together: where few causes are left, more of each show smaller differences."""
 TRIES: Final = 5
 """Simulations in which the numbers of the best kind are chosen."""
 WORTH_BITS: Final = 0.05
@@ -123,7 +125,8 @@ def design(
         wanted: So many are proved; by default all that tell enough.
         most_s: Of robot time; longer ones are not proved.
     """
-    robots = drawn_robots(posterior, EACH, np.random.default_rng(seed))
+    each = max(EACH, ROBOTS // max(2, len(beliefs(posterior))))
+    robots = drawn_robots(posterior, each, np.random.default_rng(seed))
     effects = {name for cause in robots.causes for name in cause}
     all_of = candidates(policy.contract if policy is not None else None, suspects(posterior), effects)
     kinds = [c for c in all_of if c.name not in excluded] if own is None else [given(own)]

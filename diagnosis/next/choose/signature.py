@@ -1,8 +1,9 @@
 """What a run says of its robot in a few numbers, the same for all runs of one experiment.
 
 Of each joint: what the servo law does not explain of its load, projected on what losses and limits depend on, each in
-N·m root mean square; the load itself on acceleration; how far it stays behind its set-point. Of the body: speed,
-attitude, height. Of the link: how late commands act. The diagnosis looks at the same quantities in its channels.
+N·m root mean square; the load itself on acceleration; how rough load and speed are, from state to state; how far it
+stays behind its set-point. Of the body: speed, attitude, height. Of the link: how late commands act. The diagnosis
+looks at the same quantities in its channels.
 """
 
 from __future__ import annotations
@@ -23,8 +24,16 @@ SOFT_RAD_S: Final = 0.1
 STATE_S: Final = facts.STATE_PERIOD_NS * 1e-9
 SMOOTHED: Final = 5
 """States over which rates are taken."""
-FORMULA_FLOOR: Final[dict[str, float]] = {"torque": 0.15, "position": 0.003, "body": 0.02, "link": 0.5}
-"""What formulas leave in each kind of number: N·m, rad, m/s (or rad, m), ms. Not calibrated."""
+FORMULA_FLOOR: Final[dict[str, float]] = {
+    "torque": 0.15,
+    "rough load": 0.4,
+    "rough speed": 0.03,
+    "position": 0.003,
+    "body": 0.02,
+    "link": 0.5,
+}
+"""What formulas leave in each kind of number: N·m, N·m, rad/s, rad, m/s (or rad, m), ms; of what is rough as much as
+sensors' usual noise. Not calibrated."""
 
 
 def signature(run: Run) -> Array:
@@ -54,6 +63,8 @@ def signature(run: Run) -> Array:
     late_ms = _late_ms(run)
     parts = [
         np.concatenate(torques) / FORMULA_FLOOR["torque"],
+        _roughness(load) / FORMULA_FLOOR["rough load"],
+        _roughness(v) / FORMULA_FLOOR["rough speed"],
         np.concatenate(behind) / FORMULA_FLOOR["position"],
         _body(run, rows) / FORMULA_FLOOR["body"],
         np.array([late_ms.mean(), late_ms.std()]) / FORMULA_FLOOR["link"],
@@ -65,6 +76,11 @@ def _along(values: Array, basis: Array) -> Array:
     """Root mean square of the part of each column along a basis, with its sign, shape (12,)."""
     size = np.sqrt(np.mean(basis**2, axis=0))
     return np.asarray(np.mean(values * basis, axis=0) / np.maximum(size, 1e-9))
+
+
+def _roughness(values: Array) -> Array:
+    """Standard deviation of white noise with the same second differences, shape (12,): knocks stand out of it."""
+    return np.asarray(np.std(np.diff(values, n=2, axis=0), axis=0) / np.sqrt(6.0))
 
 
 def _rate(values: Array) -> Array:
