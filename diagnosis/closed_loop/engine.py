@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from typing_extensions import Self
@@ -17,7 +17,6 @@ from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import Policy, policy_from_bytes
 from trainer.shared.ray_cluster import RayCluster
 
-USUAL_NOISE: Final = SensorNoise()
 Tell = Callable[[float], None]
 """Called now and then with the share that is done."""
 
@@ -52,8 +51,8 @@ class Engine(Protocol):
 class LocalEngine:
     """Computes one rollout after the other in this process."""
 
-    def __init__(self, policy: Policy, noise: SensorNoise = USUAL_NOISE) -> None:
-        self._policy, self._noise = policy, noise
+    def __init__(self, policy: Policy) -> None:
+        self._policy = policy
 
     def __enter__(self) -> Self:
         return self
@@ -69,7 +68,7 @@ class LocalEngine:
             def part(share: float, i: int = i) -> None:
                 tell((i + share) / len(rollouts))
 
-            out.append(run_rollout(rollout, self._policy, self._noise, part))
+            out.append(run_rollout(rollout, self._policy, part))
         return out
 
 
@@ -79,13 +78,12 @@ class RayEngine:
     Args:
         policy: The policy file's content.
         address: Of a running cluster.
-        noise: Of the sensors.
     """
 
-    def __init__(self, policy: bytes, address: str | None = None, noise: SensorNoise = USUAL_NOISE) -> None:
+    def __init__(self, policy: bytes, address: str | None = None) -> None:
         self._cluster = RayCluster(address)
         self._ray = self._cluster.ray
-        self._policy, self._noise = policy, noise
+        self._policy = policy
         self._shared: Any = None
         self._task: Any = None
 
@@ -100,7 +98,7 @@ class RayEngine:
 
     def simulate(self, rollouts: Sequence[Rollout], tell: Tell) -> list[list[Run]]:
         """Runs of each rollout."""
-        waiting = [self._task.remote(self._shared, r, self._noise) for r in rollouts]
+        waiting = [self._task.remote(self._shared, r) for r in rollouts]
         left, n = list(waiting), len(waiting)
         while left:
             _, left = self._ray.wait(left, num_returns=1)
@@ -114,21 +112,16 @@ class RayEngine:
         return runs
 
 
-def run_rollout(rollout: Rollout, policy: Policy, noise: SensorNoise, tell: Tell) -> list[Run]:
+def run_rollout(rollout: Rollout, policy: Policy, tell: Tell) -> list[Run]:
     """One rollout, here."""
+    rng = np.random.default_rng(rollout.seed)
     return simulate(
-        rollout.model,
-        policy,
-        rollout.scripts,
-        np.random.default_rng(rollout.seed),
-        noise,
-        tell=tell,
-        only_ticks=rollout.only_ticks,
+        rollout.model, policy, rollout.scripts, rng, SensorNoise(), tell=tell, only_ticks=rollout.only_ticks
     )
 
 
-def _remote(policy: bytes, rollout: Rollout, noise: SensorNoise) -> list[Run] | BadInputError:
+def _remote(policy: bytes, rollout: Rollout) -> list[Run] | BadInputError:
     try:
-        return run_rollout(rollout, policy_from_bytes(policy, source="of the cluster"), noise, lambda _: None)
+        return run_rollout(rollout, policy_from_bytes(policy, source="of the cluster"), lambda _: None)
     except BadInputError as error:
         return error
