@@ -83,14 +83,9 @@ class PayloadRegistrationService:
     def UpdatePayloadVersion(self, request: Any) -> Any:  # noqa: N802
         """Change a payload's software version."""
         response = payload_registration_pb2.UpdatePayloadVersionResponse()
-        payload, is_right = self._records.find(*_credentials(request))
-        if payload is None:
-            response.status = response.STATUS_DOES_NOT_EXIST
-        elif not is_right:
-            response.status = response.STATUS_INVALID_CREDENTIALS
-        else:
+        payload = self._known(response, *_credentials(request))
+        if payload is not None:
             payload.version.CopyFrom(request.updated_version)
-            response.status = response.STATUS_OK
         return response
 
     def GetPayloadAuthToken(self, request: Any) -> Any:  # noqa: N802
@@ -106,15 +101,21 @@ class PayloadRegistrationService:
     def UpdatePayloadAttached(self, request: Any) -> Any:  # noqa: N802
         """Attach or detach a payload."""
         response = payload_registration_pb2.UpdatePayloadAttachedResponse()
-        payload, is_right = self._records.find(request.payload_credentials.guid, request.payload_credentials.secret)
+        payload = self._known(response, request.payload_credentials.guid, request.payload_credentials.secret)
+        if payload is not None:
+            payload.is_enabled = request.request == request.REQUEST_ATTACH
+        return response
+
+    def _known(self, response: Any, guid: str, secret: str) -> payload_pb2.Payload | None:
+        """The payload that shows its secret; else None. The answer's status says which."""
+        payload, is_right = self._records.find(guid, secret)
         if payload is None:
             response.status = response.STATUS_DOES_NOT_EXIST
         elif not is_right:
             response.status = response.STATUS_INVALID_CREDENTIALS
         else:
-            payload.is_enabled = request.request == request.REQUEST_ATTACH
             response.status = response.STATUS_OK
-        return response
+        return payload if is_right else None
 
 
 def _credentials(
