@@ -61,7 +61,7 @@ def _motion_text(info: LogInfo) -> str:
     text += f"largest tilt {number(math.degrees(motion.tilt_max_rad), '.1f')}°"
     if motion.tracking_rms and all(math.isfinite(value) for value in motion.tracking_rms):
         vx, vy, wz = motion.tracking_rms
-        text += f", velocity error (RMS) {vx:.2f} and {vy:.2f} m/s, {wz:.2f} rad/s"
+        text += f", velocity error (RMS) forward {vx:.2f} m/s, sideways {vy:.2f} m/s, turning {wz:.2f} rad/s"
     return text
 
 
