@@ -201,7 +201,7 @@ class Verdict(_Part):
     """Effects of the library that these logs cannot show."""
     shrink: Shrink | None
     synthesis: dict[str, Any] | None = None
-    """What the diagnosis says of the nominal simulator with the effects put in; null if it was not asked for."""
+    """What the diagnosis says of the nominal simulator with the effects added; null if it was not asked for."""
     log_advice: tuple[str, ...]
     timeline: tuple[Stretch, ...] = ()
     without: tuple[str, ...] = ()

@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 
 class ServiceConfig(BaseModel):
-    """Operator's service (``spot-rl serve``): who may ask, how often, and what happens when nobody is there."""
+    """Operator's service (``spot-rl serve``): access, rates, and reactions when no operator is present."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
@@ -29,7 +29,10 @@ class ServiceConfig(BaseModel):
         description="PEM file of Ed25519 public keys: if given, only policies that one of them has signed may run.",
     )
     deadman_s: float = Field(
-        default=0.25, gt=0.0, le=2.0, description="Silence of whoever steers after which the velocity fades to zero."
+        default=0.25,
+        gt=0.0,
+        le=2.0,
+        description="Silence of the steering operator after which the velocity fades to zero.",
     )
     attendance_s: float = Field(
         default=10.0,

@@ -17,7 +17,7 @@ class Reaction(Enum):
 
     HAND_BACK = "stop in place, hand back to the vendor's stand, sit, power off"
     DAMP = "joints damped until the body rests, then power off"
-    EXPIRE = "nothing more is sent, the last command lapses, then power off"
+    EXPIRE = "nothing more is sent, the last command expires, then power off"
     ESTOP = "joints damped at once, and the motors' power cut by the software e-stop"
 
     @property
@@ -48,10 +48,10 @@ class StopReason(Enum):
         Reaction.ESTOP, 12, "the operator pressed the e-stop", "check the robot, then start again"
     )
     OPERATOR_GONE = StopRule(
-        Reaction.HAND_BACK, 13, "nobody attends the robot any more", "attend it ('spot-rl ctl watch') and start again"
+        Reaction.HAND_BACK, 13, "no operator attends the robot", "attend it ('spot-rl ctl watch') and start again"
     )
     SERVICE_LOST = StopRule(
-        Reaction.HAND_BACK, 14, "the operator's service is gone", "see its journal; it starts again, and idle"
+        Reaction.HAND_BACK, 14, "the operator's service is gone", "see its journal; it restarts idle"
     )
     STATE_STALE = StopRule(
         Reaction.DAMP,
@@ -60,9 +60,7 @@ class StopReason(Enum):
         "check link and load; a slower link needs a larger safety.state_age_damp_s",
     )
     STATE_LOST = StopRule(Reaction.EXPIRE, 21, "no state arrives any more", "check the link to the robot")
-    STATE_NOT_FINITE = StopRule(
-        Reaction.DAMP, 22, "a state holds a value that is no number", "check the robot's sensors"
-    )
+    STATE_NOT_FINITE = StopRule(Reaction.DAMP, 22, "a state contains a non-finite value", "check the robot's sensors")
     STATE_FROZEN = StopRule(Reaction.DAMP, 23, "joint values no longer change", "check the robot's sensors")
     STATE_REJECTED = StopRule(
         Reaction.DAMP, 24, "states arrive duplicated or back-dated", "check the link and the robot's clock"
@@ -72,16 +70,14 @@ class StopReason(Enum):
     BODY_LOW = StopRule(Reaction.DAMP, 29, "the body is too low", "check policy, ground and payload")
     JOINT_VELOCITY = StopRule(Reaction.DAMP, 27, "a joint moves too fast", "check policy and ground")
     JOINT_POSITION = StopRule(Reaction.DAMP, 28, "a joint is measured beyond its stop", "check the robot's calibration")
-    POLICY_NOT_FINITE = StopRule(
-        Reaction.DAMP, 30, "the policy gave a value that is no number", "check the policy file"
-    )
+    POLICY_NOT_FINITE = StopRule(Reaction.DAMP, 30, "the policy gave a non-finite value", "check the policy file")
     SETPOINT_STEP = StopRule(Reaction.DAMP, 31, "set-points keep jumping", "check the policy's scale and joint order")
     SETPOINT_OVERSHOOT = StopRule(
         Reaction.DAMP, 32, "set-points stay far beyond a joint's stop", "check the policy's scale and joint order"
     )
     TICKS_SKIPPED = StopRule(Reaction.DAMP, 33, "too many policy ticks were lost", "check load and priority")
     SIGNAL_FROZEN = StopRule(
-        Reaction.DAMP, 34, "a signal stands still though its neighbours move", "check the robot's sensors"
+        Reaction.DAMP, 34, "a signal is frozen although its neighbours move", "check the robot's sensors"
     )
     SIGNALS_CONTRADICT = StopRule(
         Reaction.DAMP, 35, "signals contradict each other", "check the robot's sensors and its joint order"
@@ -90,7 +86,7 @@ class StopReason(Enum):
         Reaction.HAND_BACK, 36, "a signal that control does not need is wrong", "check the robot's sensors"
     )
     SIGNAL_OUT_OF_RANGE = StopRule(
-        Reaction.DAMP, 37, "a signal is beyond what any Spot can do", "check the robot's sensors and units"
+        Reaction.DAMP, 37, "a signal is beyond the range of a Spot", "check the robot's sensors and units"
     )
     POLICY_OUT_OF_BOUNDS = StopRule(
         Reaction.DAMP, 38, "the policy's contract asks for more than is allowed", "check it, or the keys of 'safety'"
@@ -104,7 +100,7 @@ class StopReason(Enum):
         Reaction.DAMP, 49, "the vendor's stand did not take the robot back", "see the robot's own page"
     )
     CLOCK_JUMPED = StopRule(Reaction.DAMP, 43, "the robot's clock jumped", "wait for time sync, then start again")
-    LEASE_LOST = StopRule(Reaction.EXPIRE, 44, "the lease is gone; it is never taken back", "see who holds it")
+    LEASE_LOST = StopRule(Reaction.EXPIRE, 44, "the lease was lost; it is not taken back", "see who holds it")
     ESTOPPED = StopRule(Reaction.EXPIRE, 45, "an e-stop is pressed", "release the e-stop, then start again")
     MOTORS_OFF = StopRule(Reaction.EXPIRE, 46, "the motors have no power", "power on, then start again")
     BEHAVIOR_FAULT = StopRule(

@@ -24,7 +24,7 @@ from spot_model.text import counted
 COLOURS = (
     ("var(--real)", "real"),
     ("var(--nominal)", "nominal model"),
-    ("var(--corrected)", "with the effects put in"),
+    ("var(--corrected)", "with the effects added"),
 )
 
 
@@ -123,7 +123,7 @@ def _shrink(v: Verdict) -> str:
         else ("measured on the sequence that the fit saw")
     )
     about = (
-        "The policy runs in closed loop on the nominal model and on the one with the effects put in, "
+        "The policy runs in closed loop on the nominal model and on the one with the effects added, "
         f"{held}. 100 % means that the simulator lies as near to the robot as two runs of the robot lie to each other."
     )
     left = bars.shrink_line(s) or "<p>The gap does not exceed its floor: there is nothing to shrink.</p>"

@@ -100,7 +100,7 @@ class SensorConfig(Part):
     contact_threshold_n: float = Field(default=15.0, ge=0.0, le=200.0)
     """A foot is said to touch the ground above this normal force."""
     has_negated_imu_quaternion: bool = True
-    """``odom_rot_link`` comes as −q: the same rotation, and a trap for whoever compares components."""
+    """``odom_rot_link`` comes as −q: the same rotation with other components."""
 
 
 class FrameConfig(Part):
@@ -187,7 +187,7 @@ class MotionConfig(Part):
 
 
 class JointControlConfig(Part):
-    """Joint control: the rules that nobody knows without a robot, each a named policy."""
+    """Joint control: rules that cannot be known without a robot, each a named policy."""
 
     on_command_expiry: Literal["damp", "hold_vendor_stand", "freeze_torque"] = "damp"
     """What the body does once the newest command is past its end time, or the stream has ended: damp the joints, return

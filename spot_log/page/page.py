@@ -70,7 +70,7 @@ def _head(info: LogInfo, told: dict[str, str]) -> str:
     else:
         badge, kind = "No fault", "good"
     lines = [f"Ended: {info.outcome}.", *info.damage, f"{told['motion'][:1].upper()}{told['motion'][1:]}."]
-    walked = dict.fromkeys(span.gait.name for span in info.gaits if span.gait.name != "none")
+    walked = dict.fromkeys(span.gait.name for span in info.gaits if span.gait.name not in ("none", "stand"))
     lines += [f"Gait: {', '.join(walked)}."] if walked else []
     lines += [f"Falls: {told['falls']}."] if falls else []
     header = info.header

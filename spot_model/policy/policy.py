@@ -88,7 +88,7 @@ class _OneRow:
 class Policy:
     """A network with its contract.
 
-    Observations and actions stand in the contract's joint order, set-points in the canonical one.
+    Observations and actions are in the contract's joint order, set-points in the canonical one.
     """
 
     contract: PolicyContract

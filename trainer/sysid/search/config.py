@@ -110,7 +110,7 @@ class SysidConfig(_Part):
     search: SearchConfig = SearchConfig()
     simulation: SimulationConfig = SimulationConfig()
     sequence_weights: dict[str, float] = Field(default_factory=dict)
-    """Weight of a command sequence in the score; 1 where it is not named."""
+    """Weight of a command sequence in the score; 1 by default."""
 
     def space(self) -> SearchSpace:
         """The search space.

@@ -104,7 +104,7 @@ GRAVITY_ANGLE_RAD: Final = 0.25
 that is not seen in the velocity of 1.5 m/s² (8.7°) are 14°."""
 
 GRAVITY_LEAST_M_S2: Final = 6.0
-"""A shorter average is none of gravity: the robot reports accelerations without it, and nothing can be told."""
+"""A shorter average does not contain gravity: the robot reports accelerations without it, and the check is off."""
 
 IMU_ANGLE_RAD: Final = 0.2
 """Between the attitude of the body and that of the inertial unit, which is bolted to it: 11°, of which 2° are mounting,
