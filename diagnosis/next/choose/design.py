@@ -24,7 +24,8 @@ from spot_model.robot.facts import Array
 EACH: Final = 6
 """Robots of each cause, at least."""
 ROBOTS: Final = 24
-"""Of all causes together: where few causes are left, more of each show smaller differences."""
+"""Of all causes together: few robots hide small differences. For 0.03 rad of backlash in a knee or none, walking to and
+fro told 0.01 bits with six robots of each cause, 0.12 with twelve, 0.18 with 24."""
 TRIES: Final = 5
 """Simulations in which the numbers of the best kind are chosen."""
 WORTH_BITS: Final = 0.05
