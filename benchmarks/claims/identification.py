@@ -95,6 +95,7 @@ def main() -> None:
         "ours_identified": {
             **told_of(errors(truth, [v.name for v in known], [v.value for v in known])),
             "in_interval": sum(v.low <= getattr(truth, NAMES[v.name]) <= v.high for v in known),
+            "values": {NAMES[v.name]: [round(x, 4) for x in (v.low, v.value, v.high)] for v in known},
         },
         "paper_search_on_identified": told_of(
             errors(truth, [v.name for v in known], [mean[names.index(v.name)] for v in known])
