@@ -95,12 +95,16 @@ def robot(seed: int, number: int, out: Path, late_s: float) -> str:
 
     kept: dict[str, Any] = {"number": number, "kind": case.kind, "seconds": seconds}
     kept["faults"] = [{"names": f.names, "moved": m} for f, m in zip(reality.truth.faults, moved, strict=True)]
+    is_large = any(m is not None and m >= LARGE for m in moved)
+    if moved and not is_large:
+        file.write_text(json.dumps(kept))
+        return f"{number}: {case.kind}, its fault does not matter"
     kept["least_squares"] = timed("least_squares", least_squares)
     kept["network"] = timed("network", network)
     measure = Distances(runs, policy, case.diagnosis_seed)
     gap = timed("two_sample", lambda: measure.to([nominal])[0])
     kept["two_sample"], kept["cma_es"] = {"gap": gap[1], "effects": {}}, {"gap": gap.mean(), "effects": {}}
-    if any(m is not None and m >= LARGE for m in moved):
+    if is_large:
         views, _ = build_views(stack([record(run) for run in runs]), nominal, policy=policy)
         tried = candidates(views)
         distances = timed("two_sample", lambda: distances_of(measure, nominal, tried))
