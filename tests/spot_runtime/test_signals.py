@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -27,22 +28,34 @@ def states_of(robot: WalkingRobot, seconds: float) -> tuple[RobotState, ...]:
     return tuple(robot.state(index, key=index) for index in range(round(seconds / 0.003)))
 
 
-WALKING = states_of(WalkingRobot(), 6.0)
-STANDING = states_of(WalkingRobot(is_walking=False), 2.0)
+@cache
+def walking() -> tuple[RobotState, ...]:
+    return states_of(WalkingRobot(), 6.0)
+
+
+@cache
+def standing() -> tuple[RobotState, ...]:
+    return states_of(WalkingRobot(is_walking=False), 2.0)
+
+
 SPARSE = {
-    "half the rate": WALKING[::2],
-    "100 Hz": WALKING[::3],
-    "50 Hz": WALKING[::7],
-    "half of them lost": tuple(WALKING[i] for i in np.flatnonzero(np.random.default_rng(5).random(2000) < 0.5)),
+    "half the rate": np.arange(0, 2000, 2),
+    "100 Hz": np.arange(0, 2000, 3),
+    "50 Hz": np.arange(0, 2000, 7),
+    "half of them lost": np.flatnonzero(np.random.default_rng(5).random(2000) < 0.5),
 }
-"""A slow stream, and one that loses states."""
+"""States that arrive of a slow stream, and of one that loses states."""
+
+
+def sparse(rate: str) -> tuple[RobotState, ...]:
+    return tuple(walking()[index] for index in SPARSE[rate])
 
 
 def seen(
     states: tuple[RobotState, ...], make_lie: Callable[[], Lie] | None = None, *, begin_s: float = 0.6
 ) -> tuple[float, Stop] | None:
     """The first stop and when it came, s since the lie began; None where there is none."""
-    memory, is_standing = check.SignalMemory(), states is STANDING
+    memory, is_standing = check.SignalMemory(), states is standing()
     lie: Lie | None = None
     asked = -1
     for true_state in states:
@@ -118,8 +131,8 @@ def without_imu(maker: Callable[[], Lie]) -> Callable[[], Lie]:
 
 
 def test_a_robot_that_tells_the_truth_is_believed() -> None:
-    assert seen(WALKING) is None
-    assert seen(STANDING) is None
+    assert seen(walking()) is None
+    assert seen(standing()) is None
     assert seen(states_of(WalkingRobot(is_walking=False, noise=0.0), 0.6)) is None
     assert seen(states_of(WalkingRobot(turn_rate_rad_s=-1.5, noise=3.0), 1.0)) is None
     assert seen(states_of(WalkingRobot(noise=0.01), 1.0)) is None
@@ -129,7 +142,7 @@ def test_a_robot_that_tells_the_truth_is_believed() -> None:
 @pytest.mark.parametrize("joint", [0, 4, 8, 11])
 @pytest.mark.parametrize("is_walking", [True, False])
 def test_one_frozen_signal_of_one_joint(name: str, joint: int, is_walking: bool) -> None:
-    found = seen(WALKING if is_walking else STANDING, frozen(name, joint))
+    found = seen(walking() if is_walking else standing(), frozen(name, joint))
     assert found is not None
     after_s, stop = found
     assert facts.JOINT_NAMES[joint] in stop.detail
@@ -189,7 +202,7 @@ LIES = {
 @pytest.mark.parametrize("name", LIES)
 def test_a_robot_that_lies_while_it_walks(name: str) -> None:
     lie, within_s = LIES[name]
-    found = seen(WALKING, lie)
+    found = seen(walking(), lie)
     assert found is not None
     after_s, stop = found
     assert after_s <= within_s, stop.sentence()
@@ -218,7 +231,7 @@ STANDING_LIES = (
 
 @pytest.mark.parametrize("name", STANDING_LIES)
 def test_a_robot_that_lies_while_it_stands(name: str) -> None:
-    found = seen(STANDING, LIES[name][0])
+    found = seen(standing(), LIES[name][0])
     assert found is not None
     assert found[0] < (0.8 if name == "all loads" else 0.27)
 
@@ -226,7 +239,7 @@ def test_a_robot_that_lies_while_it_stands(name: str) -> None:
 def test_joints_that_move_though_the_robot_should_stand() -> None:
     """The same states that are a good walk are no good stand."""
     memory = check.SignalMemory()
-    for state in WALKING[:200]:
+    for state in walking()[:200]:
         memory, stops = check.check_signals(memory, [state], is_standing=True, is_driven=False)
         if stops:
             break
@@ -239,14 +252,14 @@ NEEDS_ALL = {"gravity from the side"}
 
 @pytest.mark.parametrize("rate", SPARSE)
 def test_a_slow_or_a_lossy_stream_is_believed_while_it_tells_the_truth(rate: str) -> None:
-    assert seen(SPARSE[rate]) is None
+    assert seen(sparse(rate)) is None
 
 
 @pytest.mark.parametrize("rate", SPARSE)
 @pytest.mark.parametrize("name", [name for name in LIES if name not in NEEDS_ALL])
 def test_a_lie_is_found_in_a_slow_or_a_lossy_stream(name: str, rate: str) -> None:
     lie, within_s = LIES[name]
-    found = seen(SPARSE[rate], lie)
+    found = seen(sparse(rate), lie)
     assert found is not None
     assert found[0] <= 1.5 * within_s + 0.1, found[1].sentence()
 
@@ -254,7 +267,7 @@ def test_a_lie_is_found_in_a_slow_or_a_lossy_stream(name: str, rate: str) -> Non
 @pytest.mark.parametrize("joint", [2, 7])
 @pytest.mark.parametrize("rate", SPARSE)
 def test_a_frozen_joint_is_found_in_a_slow_or_a_lossy_stream(joint: int, rate: str) -> None:
-    found = seen(SPARSE[rate], frozen("position_rad", joint))
+    found = seen(sparse(rate), frozen("position_rad", joint))
     assert found is not None
     assert facts.JOINT_NAMES[joint] in found[1].detail
     assert found[0] < 0.4
@@ -262,18 +275,18 @@ def test_a_frozen_joint_is_found_in_a_slow_or_a_lossy_stream(joint: int, rate: s
 
 def test_states_too_far_apart_are_not_judged_and_those_after_are() -> None:
     memory = check.SignalMemory()
-    for state in WALKING[:400:9]:
+    for state in walking()[:400:9]:
         memory, stops = check.check_signals(memory, [state], is_standing=False, is_driven=False)
         assert (stops, memory.motion) == ((), check.SignalMemory().motion)
-    memory, stops = check.check_signals(memory, WALKING[400:414], is_standing=False, is_driven=False)
+    memory, stops = check.check_signals(memory, walking()[400:414], is_standing=False, is_driven=False)
     assert stops == ()
     assert memory.motion.slope_rad.any()
 
 
 def test_an_inertial_unit_that_falls_silent_is_doubted_and_one_that_never_spoke_is_not() -> None:
     silent = changed(imu=lambda _: ())
-    assert seen(WALKING, silent, begin_s=0.0) is None
-    found = seen(WALKING, silent)
+    assert seen(walking(), silent, begin_s=0.0) is None
+    found = seen(walking(), silent)
     assert found is not None
     assert found[1] == Stop(StopReason.SIGNAL_DOUBTED, "the inertial unit no longer reports")
     assert found[0] == pytest.approx(bounds.IMU_SILENT_WINDOWS * 0.018, abs=0.05)
@@ -283,7 +296,7 @@ def test_feet_of_which_none_stands_contradict_the_bodys_velocity() -> None:
     for share, expected in ((1.0, 1), (0.9 * bounds.FOOT_SHARE, 0)):
         of_late = ground.GroundMemory(bounds.FOOT_MEMORY_S, share * bounds.FOOT_MEMORY_S, has_touched=True)
         memory, stops = check.check_signals(
-            check.SignalMemory(ground=of_late), WALKING[:8], is_standing=False, is_driven=False
+            check.SignalMemory(ground=of_late), walking()[:8], is_standing=False, is_driven=False
         )
         assert len(stops) == expected
         for stop in stops:
@@ -298,24 +311,24 @@ def test_sensors_that_resolve_little_and_have_no_noise_may_repeat_themselves() -
     coarse = changed(position_rad=lambda q: np.round(q / step_rad) * step_rad)
     swaying = tuple(
         replace(state, position_rad=facts.DEFAULT_POSITION_RAD + 4e-3 * np.sin(0.003 * i * np.arange(1, 13) / 2.0))
-        for i, state in enumerate(STANDING)
+        for i, state in enumerate(standing())
     )
     found = seen(swaying, coarse, begin_s=0.0)
     assert found is None or "position of" not in found[1].detail
-    assert seen(WALKING, both(coarse, frozen("position_rad", 4))) is not None
+    assert seen(walking(), both(coarse, frozen("position_rad", 4))) is not None
 
 
 def test_an_inertial_unit_without_an_attitude_of_its_own() -> None:
     bare = changed(imu=lambda p: tuple(replace(x, odom_from_link_wxyz=np.zeros(4)) for x in p))
-    assert seen(WALKING, bare) is None
+    assert seen(walking(), bare) is None
 
 
 def test_loads_that_are_not_reported_are_no_lie() -> None:
-    assert seen(STANDING, changed(load_nm=lambda v: v * 0.0), begin_s=0.0) is None
+    assert seen(standing(), changed(load_nm=lambda v: v * 0.0), begin_s=0.0) is None
 
 
 def test_loads_that_push_the_robot_into_the_ground_are_one() -> None:
-    found = seen(STANDING, changed(load_nm=lambda v: -v))
+    found = seen(standing(), changed(load_nm=lambda v: -v))
     assert found is not None
     assert found[1].detail == "loads, legs and weight of a robot that stands"
 
