@@ -13,7 +13,16 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from proof.faults import rows_link, rows_log, rows_phases, rows_policy, rows_process, rows_robot, rows_state
+from proof.faults import (
+    rows_link,
+    rows_log,
+    rows_phases,
+    rows_policy,
+    rows_process,
+    rows_robot,
+    rows_signals,
+    rows_state,
+)
 from proof.faults.rig import rig
 from proof.faults.rows import Result, Row, tidy, try_row
 from proof.faults.search.search import searched
@@ -30,6 +39,7 @@ ROWS: Final[tuple[Row, ...]] = (
     *rows_process.ROWS,
     *rows_log.ROWS,
     *rows_phases.ROWS,
+    *rows_signals.ROWS,
     *rows_robot.ALONE,
 )
 EXIT_FAILED: Final = 1

@@ -33,6 +33,7 @@ class FaultyHal(BosdynHal):
         self._planned: list[tuple[int, Callable[[], None]]] = []
         self._spoilt: list[tuple[int, Callable[[RobotState], RobotState]]] = []
         self._spoilt_slow: list[tuple[int, Callable[[SlowState], SlowState]]] = []
+        self._arrives: Callable[[RobotState], bool] = lambda _: True
         self._at_ns = 0
         self._when: When = "control"
         self.was_off = False
@@ -58,6 +59,10 @@ class FaultyHal(BosdynHal):
     def spoil_slow(self, spoilt: Callable[[SlowState], SlowState], lasts_s: float) -> None:
         """As :meth:`spoil`, what is polled."""
         self._spoilt_slow.append((self._until_ns(lasts_s), spoilt))
+
+    def thin(self, arrives: Callable[[RobotState], bool]) -> None:
+        """Let only these states arrive from now on."""
+        self._arrives = arrives
 
     @property
     def slow_state(self) -> SlowState | None:
@@ -89,7 +94,7 @@ class FaultyHal(BosdynHal):
     def receive(self, until_robot_ns: int, timeout_s: float) -> list[RobotState]:
         """Spoil what came."""
         self._let_happen()
-        states = super().receive(until_robot_ns, timeout_s)
+        states = [state for state in super().receive(until_robot_ns, timeout_s) if self._arrives(state)]
         for until_ns, spoilt in self._spoilt:
             if self.robot_now_ns() < until_ns:
                 states = [spoilt(state) for state in states]

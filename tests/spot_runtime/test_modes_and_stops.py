@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from spot_log.format.records import Severity
 from spot_runtime.config import HandoverConfig
 from spot_runtime.control.modes import Mode, ModeInputs, next_mode
 from spot_runtime.stops import Ending, Reaction, Stop, StopReason, ending_after
@@ -211,3 +212,23 @@ def test_a_stop_says_what_happened_with_figures_and_what_to_do() -> None:
     assert stop.sentence() == (
         "a joint moves too fast: fr_kn (velocity_rad_s = 41, bound_rad_s = 40); check policy and ground"
     )
+
+
+@pytest.mark.parametrize(
+    ("reason", "name", "severity"),
+    [
+        (StopReason.COMPLETED, "completed", Severity.INFO),
+        (StopReason.RECORDING_OVER, "completed", Severity.INFO),
+        (StopReason.OPERATOR_STOP, "stop", Severity.INFO),
+        (StopReason.OPERATOR_DAMP, "stop", Severity.ERROR),
+        (StopReason.OPERATOR_ESTOP, "stop", Severity.ERROR),
+        (StopReason.TILT, "stop", Severity.ERROR),
+    ],
+)
+def test_an_end_that_an_operator_wanted_is_no_error(reason: StopReason, name: str, severity: Severity) -> None:
+    event = Stop(reason).event_name
+    assert (event.label, event.severity) == (name, severity)
+
+
+def test_the_operator_is_told_how_to_begin_again() -> None:
+    assert "'spot-rl ctl arm'" in Stop(StopReason.OPERATOR_STOP).sentence()

@@ -180,7 +180,10 @@ def test_what_the_inertial_unit_felt_fades_and_adds_up() -> None:
     assert (after.angle_windows, after.turn_rate_windows) == (3, 4)
     assert imu.after_window(imu.ImuMemory(), window()) == imu.ImuMemory()
     assert imu.after_window(before, window()) == before._replace(silent_windows=1)
+    assert imu.after_window(imu.ImuMemory(unknown_windows=1), window()).silent_windows == 1
     assert imu.after_window(before._replace(silent_windows=5), seen).silent_windows == 0
+    broken = window(imu=(replace(packet, odom_from_link_wxyz=np.full(4, np.nan)),))
+    assert imu.after_window(before._replace(silent_windows=5), broken).silent_windows == 0
     holed = imu.after_window(before, seen._replace(hole_s=1.01 * bounds.GRAVITY_HOLE_S))
     assert (holed.felt_s, holed.angle_windows, holed.turn_rate_windows) == (0.5, 3, 4)
     assert holed.force_m_s2 is before.force_m_s2
