@@ -290,7 +290,7 @@ def test_an_inertial_unit_that_falls_silent_is_doubted_and_one_that_never_spoke_
     assert found is not None
     assert found[1] == Stop(StopReason.SIGNAL_DOUBTED, "the inertial unit no longer reports")
     assert found[0] == pytest.approx(bounds.IMU_SILENT_WINDOWS * 0.018, abs=0.05)
-    quiet = [replace(state, imu=()) for state in WALKING[:8]]
+    quiet = [replace(state, imu=()) for state in walking()[:8]]
     for windows, count in ((2, 0), (1, 1)):
         last = imu.ImuMemory(felt_s=0.5, silent_windows=bounds.IMU_SILENT_WINDOWS - windows)
         _, stops = check.check_signals(check.SignalMemory(imu=last), quiet, is_standing=False, is_driven=False)
