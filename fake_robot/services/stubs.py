@@ -9,7 +9,6 @@ from collections.abc import Mapping
 from typing import Final
 
 from bosdyn.api import (
-    data_acquisition_service_pb2,
     data_acquisition_store_service_pb2,
     ir_enable_disable_service_pb2,
     local_grid_service_pb2,
@@ -27,7 +26,6 @@ from bosdyn.api.spot import spot_check_service_pb2
 from fake_robot.services.calls.access import refuse_request
 from fake_robot.services.calls.unary import Answer, Call
 from fake_robot.services.reports.log_status import ANSWERS as LOG_ANSWERS
-from fake_robot.services.sensors.cameras import CAMERAS
 from fake_robot.services.sensors.local_grids import get_grids, list_types
 from fake_robot.services.sensors.ray_cast import cast_ray
 
@@ -36,7 +34,6 @@ _REGISTERED: Final = (
     ir_enable_disable_service_pb2,
     ray_cast_service_pb2,
     registration_service_pb2,
-    data_acquisition_service_pb2,
     data_acquisition_store_service_pb2,
     docking_service_pb2,
     graph_nav_service_pb2,
@@ -87,12 +84,6 @@ def _no_mission(call: Call) -> None:
     state.status, state.tick_counter, state.mission_id = state.STATUS_NONE, -1, -1
 
 
-def _capabilities(call: Call) -> None:
-    """What a base robot can capture: the images of its cameras; no plug-in is registered."""
-    if call.world.config.cameras != "none":
-        call.response.capabilities.image_sources.add(service_name="image", image_source_names=sorted(CAMERAS))
-
-
 def _not_localized(call: Call) -> None:
     call.response.lost_detector_state.SetInParent()
 
@@ -100,15 +91,7 @@ def _not_localized(call: Call) -> None:
 _NO_SPOT_CHECK: Final = _refused("the robot has no cameras to calibrate and no payload to check")
 
 ANSWERS: Final[Mapping[str, Mapping[str, Answer]]] = {
-    "bosdyn.api.DataAcquisitionService": {
-        "GetServiceInfo": _capabilities,
-        "AcquireData": _status("STATUS_UNKNOWN_CAPTURE_TYPE"),
-        "GetStatus": _status("STATUS_REQUEST_ID_DOES_NOT_EXIST"),
-        "CancelAcquisition": _status("STATUS_REQUEST_ID_DOES_NOT_EXIST"),
-    },
     "bosdyn.api.DataAcquisitionStoreService": {
-        "ListCaptureActions": _empty,
-        "ListStoredImages": _empty,
         "ListStoredMetadata": _empty,
         "ListStoredAlertData": _empty,
         "ListStoredData": _empty,

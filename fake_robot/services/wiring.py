@@ -5,6 +5,8 @@ from __future__ import annotations
 import grpc
 from bosdyn.api import (
     auth_service_pb2,
+    data_acquisition_service_pb2,
+    data_acquisition_store_service_pb2,
     data_buffer_service_pb2,
     data_service_pb2,
     directory_registration_service_pb2,
@@ -44,6 +46,7 @@ from fake_robot.services.reports.data_buffer import DataBufferService, DataServi
 from fake_robot.services.reports.fault import FaultService
 from fake_robot.services.reports.robot_state import RobotStateService, stream_handler
 from fake_robot.services.sensors.cameras import ImageService
+from fake_robot.services.sensors.captures import Captures, DataAcquisitionService, DataAcquisitionStoreService
 from fake_robot.services.sensors.world import World
 from fake_robot.services.sensors.world_objects import WorldObjectService
 from fake_robot.services.stubs import ANSWERS
@@ -52,6 +55,7 @@ from fake_robot.services.stubs import ANSWERS
 def add_services(server: grpc.Server, world: World, username: str) -> None:
     """Add every service; the full name of a method tells them apart, so one server has room for all."""
     licence = LicenseService(world.config.serial_number, lambda: world.license_state, world.now_ns)
+    images, captures = ImageService(world), Captures()
     own = {
         auth_service_pb2: AuthService(world.tokens),
         directory_service_pb2: DirectoryService(world.directory),
@@ -70,7 +74,9 @@ def add_services(server: grpc.Server, world: World, username: str) -> None:
         keepalive_service_pb2: KeepaliveService(world.keepalive),
         data_buffer_service_pb2: DataBufferService(world.notes),
         data_service_pb2: DataService(world.notes),
-        image_service_pb2: ImageService(world),
+        image_service_pb2: images,
+        data_acquisition_service_pb2: DataAcquisitionService(world, images, captures),
+        data_acquisition_store_service_pb2: DataAcquisitionStoreService(captures),
         world_object_service_pb2: WorldObjectService(world.robot.snapshot),
     }
     services = {f"{module.DESCRIPTOR.package}.{type(service).__name__}": service for module, service in own.items()}

@@ -9,10 +9,15 @@ from typing import Any
 
 import pytest
 from bosdyn.api import data_buffer_pb2, data_index_pb2, payload_pb2, power_pb2, ray_cast_pb2, service_fault_pb2
+from bosdyn.api.data_acquisition_pb2 import AcquisitionRequestList, DataCapture, ImageSourceCapture
+from bosdyn.api.data_acquisition_store_pb2 import DataQueryParams
+from bosdyn.api.image_pb2 import ImageRequest
 from bosdyn.api.keepalive import keepalive_pb2
 from bosdyn.api.log_status.log_status_pb2 import LogStatus
 from bosdyn.api.spot.inverse_kinematics_pb2 import InverseKinematicsRequest
 from bosdyn.client import ray_cast
+from bosdyn.client.data_acquisition import CancellationFailedError, UnknownCaptureTypeError
+from bosdyn.client.data_acquisition import RequestIdDoesNotExistError as NoSuchRequestError
 from bosdyn.client.data_buffer import DataBufferClient
 from bosdyn.client.data_service import DataServiceClient
 from bosdyn.client.directory import DirectoryClient, NonexistentServiceError
@@ -214,6 +219,33 @@ def test_senses_are_empty_but_answer(robot: Any, call: Callable[..., Any]) -> No
     docked = call(DockingClient, "get_docking_state")
     assert docked.status == docked.DOCK_STATUS_UNDOCKED
     assert list(call(LogStatusClient, "get_active_log_statuses").log_statuses) == []
+
+
+def test_images_are_acquired_at_once_and_listed_by_action(robot: Any) -> None:
+    client, store = robot.ensure_client("data-acquisition"), robot.ensure_client("data-acquisition-store")
+    source = client.get_service_info().image_sources[0].image_source_names[0]
+
+    def of(name: str, service: str = "image") -> AcquisitionRequestList:
+        capture = ImageSourceCapture(image_service=service, image_request=ImageRequest(image_source_name=name))
+        return AcquisitionRequestList(image_captures=[capture])
+
+    request_id = client.acquire_data(of(source), "door", "tour")
+    client.acquire_data(of(source), "stairs", "tour")
+    status = client.get_status(request_id)
+    assert status.status == status.STATUS_COMPLETE
+    assert [(data.channel, data.action_id.action_name) for data in status.data_saved] == [(source, "door")]
+    everything, door = DataQueryParams(), DataQueryParams()
+    door.action_ids.action_ids.add(action_name="door", group_name="tour")
+    assert [action.action_name for action in store.list_capture_actions(everything)] == ["door", "stairs"]
+    assert list(store.list_stored_images(door)) == list(status.data_saved)
+    with pytest.raises(CancellationFailedError):
+        client.cancel_acquisition(request_id)
+    plugin = AcquisitionRequestList(data_captures=[DataCapture(name="gas")])
+    for refused in (of("no-such-camera"), of(source, "thermal-camera"), plugin):
+        with pytest.raises(UnknownCaptureTypeError):
+            client.acquire_data(refused, "door", "tour")
+    with pytest.raises(NoSuchRequestError):
+        client.get_status(99)
 
 
 def test_local_grids_map_the_ground_below_the_body(robot: Any) -> None:
