@@ -224,6 +224,7 @@ def test_senses_are_empty_but_answer(robot: Any, call: Callable[..., Any]) -> No
 def test_images_are_acquired_at_once_and_listed_by_action(robot: Any) -> None:
     client, store = robot.ensure_client("data-acquisition"), robot.ensure_client("data-acquisition-store")
     source = client.get_service_info().image_sources[0].image_source_names[0]
+    robot.time_sync.wait_for_sync(timeout_sec=20)
 
     def of(name: str, service: str = "image") -> AcquisitionRequestList:
         capture = ImageSourceCapture(image_service=service, image_request=ImageRequest(image_source_name=name))
@@ -246,6 +247,7 @@ def test_images_are_acquired_at_once_and_listed_by_action(robot: Any) -> None:
             client.acquire_data(refused, "door", "tour")
     with pytest.raises(NoSuchRequestError):
         client.get_status(99)
+    robot.stop_time_sync()
 
 
 def test_local_grids_map_the_ground_below_the_body(robot: Any) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
 from bosdyn.api import data_acquisition_pb2, data_acquisition_store_pb2, image_pb2
 
@@ -16,7 +16,7 @@ IMAGE_SERVICE: Final = "image"
 MAX_REQUESTS: Final = 256
 """Whose images are kept; the oldest give way."""
 
-Identifier = data_acquisition_pb2.DataIdentifier
+Identifier: TypeAlias = data_acquisition_pb2.DataIdentifier
 
 
 class Captures:
