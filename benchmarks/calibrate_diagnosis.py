@@ -28,7 +28,7 @@ from sklearn.linear_model import LogisticRegression
 
 from diagnosis.closed_loop.engine import LocalEngine
 from diagnosis.closed_loop.trials import Bench
-from diagnosis.decision_constants import LEFT_SHARE, USUAL_LEFT
+from diagnosis.decision_constants import LEFT_SHARE, RUNS_APART, USUAL_LEFT
 from diagnosis.library.base import LibraryEffect
 from diagnosis.library.registry import LIBRARY
 from diagnosis.read.prepare import prepared
@@ -183,9 +183,9 @@ def fit(given: Namespace) -> None:
     rows = [json.loads(path.read_text()) for path in sorted(given.folder.glob("*.json"))]
     clean = [r for r in rows if not r["faults"] and r["distance"] is not None]
     distance, scatter_nm, errors = (np.array([r[name] for r in clean]) for name in ("distance", "scatter_nm", "errors"))
-    left_nm = scatter_nm * np.sqrt(np.maximum(distance**2 - 1.0, 0.0)) / errors
+    left_nm = scatter_nm * np.sqrt(np.maximum(distance**2 - RUNS_APART**2, 0.0)) / errors
     most_nm = float(np.quantile(left_nm, 0.95))
-    slope = 1.7 / np.std(np.log(distance / np.hypot(1.0, most_nm * errors / scatter_nm)))
+    slope = 1.7 / np.std(np.log(distance / np.hypot(RUNS_APART, most_nm * errors / scatter_nm)))
     quantiles = np.quantile(left_nm, [0.5, 0.95, 1.0]).round(2)
     print(f"ORDINARY_LEFT_NM: {len(clean)} faultless robots, 50, 95, 100 %: {quantiles}")
     print(f"GAP_SLOPE: {slope:.1f}")

@@ -29,11 +29,13 @@ from diagnosis.decision_constants import (
     GAP_SLOPE,
     GAP_SPREAD,
     GROUP_ODDS,
+    LARGEST_ERRORS,
     LEAST_MOVED,
     LEFT_SHARE,
     MOVED,
     ODD_RUN,
     ORDINARY_LEFT_NM,
+    RUNS_APART,
     THERE,
     THERE_BY_RESIDUALS,
     UNKNOWN,
@@ -156,7 +158,7 @@ def ordinary_gap(scatter_nm: float, errors: float) -> float:
         scatter_nm: The floor's W1 part: between repeats of the robot's own runs, N·m.
         errors: Size of the robot's ordinary errors, in published standard deviations.
     """
-    return float(np.hypot(1.0, ORDINARY_LEFT_NM * errors / max(scatter_nm, 1e-6)))
+    return float(np.hypot(RUNS_APART, ORDINARY_LEFT_NM * min(errors, LARGEST_ERRORS) / max(scatter_nm, 1e-6)))
 
 
 def is_gap(distance: float, ordinary: float) -> float:

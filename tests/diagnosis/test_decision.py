@@ -10,11 +10,13 @@ import pytest
 
 from diagnosis.decision_constants import (
     GAP_SPREAD,
+    LARGEST_ERRORS,
     LEAST_MOVED,
     LEFT_SHARE,
     MOVED,
     ODD_RUN,
     ORDINARY_LEFT_NM,
+    RUNS_APART,
     THERE,
     UNKNOWN,
 )
@@ -189,11 +191,17 @@ def test_what_robots_without_a_fault_keep_is_no_gap() -> None:
 
 
 def test_a_robot_that_repeats_itself_well_keeps_more_floors_from_its_model() -> None:
-    # 3-4-5: the model's error is four thirds of the scatter.
-    assert ordinary_gap(0.75 * 0.3 * ORDINARY_LEFT_NM, 0.3) == pytest.approx(5.0 / 3.0)
-    assert ordinary_gap(100.0 * ORDINARY_LEFT_NM, 1.0) == pytest.approx(1.0, abs=1e-4)
+    # 3-4-5: the model's error is four thirds of what even a right model keeps.
+    scatter_nm = 0.75 * 0.3 * ORDINARY_LEFT_NM / RUNS_APART
+    assert ordinary_gap(scatter_nm, 0.3) == pytest.approx(5.0 / 3.0 * RUNS_APART)
+    assert ordinary_gap(100.0 * ORDINARY_LEFT_NM, 0.5) == pytest.approx(RUNS_APART, abs=1e-4)
     assert ordinary_gap(0.1, 0.3) > ordinary_gap(0.2, 0.3)
     assert ordinary_gap(0.2, 0.4) == pytest.approx(ordinary_gap(0.1, 0.2))
+
+
+def test_errors_beyond_any_ordinary_ones_excuse_no_distance() -> None:
+    assert ordinary_gap(0.2, 4.0 * LARGEST_ERRORS) == ordinary_gap(0.2, LARGEST_ERRORS)
+    assert ordinary_gap(0.2, LARGEST_ERRORS) > ordinary_gap(0.2, 0.9 * LARGEST_ERRORS)
 
 
 @pytest.mark.parametrize("distance", [None, 0.5])
