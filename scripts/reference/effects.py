@@ -23,8 +23,8 @@ HOOKS = {
 }
 PICTURES = Path(__file__).resolve().parents[2] / "docs" / "reference" / "effects"
 ABOUT = """\
-An *effect* is something physical that a simulator may lack: friction, a limit, a delay, play in a gear. These are
-built in; the fake robot, identification, diagnosis and training use the same ones. In a [model file](files.md) an
+An *effect* is a physical phenomenon that a simulator may lack: friction, a limit, a delay, backlash. These effects
+are built in, and shared by the fake robot, identification, diagnosis and training. In a [model file](files.md) an
 effect is one line:
 
 ```yaml
@@ -32,10 +32,10 @@ effect is one line:
 ```
 
 `joints` takes joint names (`fl_hx` … `hr_kn`), `hips`, `knees`, `all`, or a leg (`fl`, `fr`, `hl`, `hr`). At its
-*null* value a parameter does nothing, bit for bit. *Looks like* says what the effect does to a log, and the
-channels of the diagnosis in which that shows; *confused with* names effects that can look the same, and *told apart
-by* the recording that separates them. Each picture shows the front left knee over 0.6 s of walking in the paper's
-identified model, without the effect (grey) and with it (red), from the same start. An effect of your own: [add an
+*null* value a parameter has no influence at all. *Looks like* describes the effect in a log and the channels of the
+diagnosis that show it; *confused with* lists effects that look similar, and *told apart by* the recording that
+distinguishes them. Each picture shows the front left knee over 0.6 s of walking in the paper's identified model,
+without (grey) and with the effect (red), from the same start. To write your own, see [add an
 effect](../add-an-effect.md)."""
 
 

@@ -11,9 +11,9 @@ from trainer.sysid.search.config import ParameterConfig, SysidConfig
 from .words import keys_table, page, plain, sections
 
 ABOUT = """\
-YAML files, each with its `schema` in the first line. An unknown key is refused, and the message lists the allowed
-ones. [Run configurations](../config.md), [scenarios](../scenario.md) and [training configs](training-config.md) have
-pages of their own."""
+These are YAML files with their `schema` in the first line. An unknown key is refused with a list of the allowed ones.
+[Run configurations](../config.md), [scenarios](../scenario.md) and [training configs](training-config.md) have their
+own pages."""
 
 
 def files_page() -> str:
@@ -33,7 +33,7 @@ def files_page() -> str:
             ),
             keys_table(ModelFileData),
             (
-                "## Velocity sequence\n\nWhat a robot is told over time: `--sequence FILE`, and built in: "
+                "## Velocity sequence\n\nVelocity commands over time, for `--sequence FILE`. Built in: "
                 f"{_names(SEQUENCES)}.\n"
             ),
             (

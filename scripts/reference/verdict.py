@@ -13,7 +13,7 @@ from .words import attribute_docs, is_part, page, plain, table, type_words
 
 ABOUT = """\
 `spot-rl diagnose` writes `verdict.json`; in Python, `spot_rl.diagnose` returns it as an object with the same
-attributes. A JSON Schema lies in `diagnosis/verdict.schema.json`. How it comes about, and what its words mean:
+attributes. The JSON Schema is `diagnosis/verdict.schema.json`. For the method and its terms, see
 [diagnose](../diagnosis.md)."""
 
 
