@@ -9,8 +9,8 @@ from trainer.task.rewards import TERMS
 from .words import keys_table, page, parts_of, plain, table
 
 ABOUT = """\
-`spot-rl train --config FILE`, and `--set key.path=value` for single keys; the prefix `task.` may be omitted: `--set
-rewards.gait=10`. The whole config, defaults included, is written into the run folder.
+`spot-rl train --config FILE`, and `--set key.path=value` for single keys; the prefix `task.` may be omitted:
+`--set rewards.gait=10`. The whole config, defaults included, is written into the run folder.
 
 ```yaml
 schema: spot-rl/train/1
