@@ -24,7 +24,6 @@ from diagnosis.closed_loop.shrink import features_by_sequence
 from diagnosis.closed_loop.trials import Bench
 from diagnosis.library.base import LibraryEffect, Location
 from diagnosis.library.registry import LIBRARY
-from diagnosis.read.policy_ticks import Script
 from spot_log.read.run import Run
 from spot_model.errors import SpotRlError
 from spot_model.io.model_file import RobotModel
@@ -111,10 +110,6 @@ class Distances:
         first = [next(s for s in bench.scripts if s.sequence == name) for name in names]
         self._scripts = [replace(s, velocity_command=s.velocity_command[:TICKS]) for s in first]
         self._references = {name: SequenceReference.build(name, real[name]) for name in names}
-
-    def scripts(self) -> list[Script]:
-        """One of each sequence."""
-        return self._scripts
 
     def to(self, models: Sequence[RobotModel]) -> Array:
         """W1 and MMD in floors, mean over the sequences, shape (len(models), 2)."""
