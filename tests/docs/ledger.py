@@ -175,6 +175,8 @@ NOT_RUN = {
     "spot-rl bench ordinary --seed 31 --runs 25 --out ordinary.jsonl": CORES,
     "spot-rl bench stop": "floods a service for minutes in real time; tests/spot_runtime/operator does so for seconds",
     "spot-rl bench stop --only unix --stops 8": "floods a service for minutes in real time, as the line above",
+    "spot-rl bench stop --only tls --stops 4": "the same over TLS",
+    "spot-rl bench faults --only 100 Hz": "a row of the matrix, which tests/spot_runtime/faults/test_matrix.py tries",
     "spot-rl bench faults --search --minutes 50 --seed 20": "searches for most of an hour; its test tries one case",
     "spot-rl bench faults --search --minutes 8 --seed 301": "the same, for eight minutes",
     "bash benchmarks/identify_session.sh run inertia --inertia --policy policies/baseline.onnx --config "
