@@ -17,6 +17,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from bosdyn.api import power_pb2
+from bosdyn.client.power import CommandInProgressError
 
 from spot_log.format.records import EventRecord, Record
 from spot_log.write.sink import MemorySink
@@ -355,6 +357,25 @@ def test_a_robot_that_refuses_to_power_off_while_an_estop_cuts_its_power_is_off_
     with nullcontext() if is_off else pytest.raises(MotionError, match="NotPoweredOnError"):
         motions.power_off()
     assert sum(waited) == pytest.approx(min(cut_after_s, CUT_S), abs=0.06)
+
+
+@pytest.mark.parametrize(("under_way_s", "is_on"), [(0.0, True), (1.0, True), (1e6, False)])
+def test_a_change_of_power_that_is_under_way_is_waited_for(under_way_s: float, is_on: bool) -> None:
+    waited: list[float] = []
+
+    def power_command(_request: Any, timeout: float) -> Any:
+        if sum(waited) < under_way_s:
+            raise CommandInProgressError(power_pb2.PowerCommandResponse(), "cannot be overwritten")
+        return power_pb2.PowerCommandResponse(status=power_pb2.STATUS_SUCCESS)
+
+    robot = SimpleNamespace(ensure_client=lambda _name: SimpleNamespace(power_command=power_command))
+    config = RobotConfig()
+    motions = Motions(
+        Calls(robot), config, is_powered=lambda: False, is_without_power=lambda: True, pause=waited.append
+    )
+    with nullcontext() if is_on else pytest.raises(MotionError, match="cannot be overwritten"):
+        motions.power_on()
+    assert sum(waited) == pytest.approx(min(under_way_s, config.power_timeout_s), abs=0.06)
 
 
 # A terminal that goes away -------------------------------------------------------------------------------------------

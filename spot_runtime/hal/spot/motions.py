@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any, Final
 
 from bosdyn.api import basic_command_pb2, power_pb2
-from bosdyn.client.power import PowerClient
+from bosdyn.client.power import CommandInProgressError, PowerClient
 from bosdyn.client.robot_command import RobotCommandBuilder
 
 from spot_runtime.config import RobotConfig
@@ -57,7 +57,7 @@ class Motions:
             return
         client, timeout_s = self._calls.client(PowerClient), self._config.rpc_timeout_s
         request = power_pb2.PowerCommandRequest.REQUEST_ON_MOTORS
-        answer = self._calls.make("powering on", lambda: client.power_command(request, timeout=timeout_s))
+        answer = self._ask_for_power(lambda: client.power_command(request, timeout=timeout_s))
         command_id = answer.power_command_id
 
         def is_done() -> bool:
@@ -70,6 +70,19 @@ class Motions:
 
         if answer.status != power_pb2.STATUS_SUCCESS:
             self._wait(is_done, "power on", self._config.power_timeout_s)
+
+    def _ask_for_power(self, call: Callable[[], Any]) -> Any:
+        """A change of power that is under way cannot be overwritten, as of a run that has just ended; wait for it."""
+        waited_s = 0.0
+        while True:
+            try:
+                return self._calls.make("powering on", call)
+            except MotionError as error:
+                is_under_way = isinstance(error.__cause__, CommandInProgressError)
+                if not is_under_way or waited_s >= self._config.power_timeout_s:
+                    raise
+            self._pause(POLL_S)
+            waited_s += POLL_S
 
     def stand(self) -> None:
         """Let the vendor's controller stand; returns when it does."""
