@@ -6,7 +6,7 @@ import os
 import sys
 import time
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated
 
 import typer
 
@@ -16,11 +16,8 @@ from spot_log.page.page import write_page
 from spot_log.page.summary import summarise
 from spot_model.errors import BadInputError, SpotRlError
 from spot_model.io.signals import run_in_foreground
-from spot_model.io.velocity_sequence import VelocitySequence, forward_sequence, save_sequence
+from spot_model.io.velocity_sequence import forward_sequence, save_sequence
 from spot_model.policy.policy import load_policy
-
-TOP_SPEED_SHARE: Final = 1.0
-"""Share of the policy's own top speed that the sequence reaches."""
 
 
 class DemoError(SpotRlError):
@@ -43,13 +40,13 @@ def demo(
     """Walk a fake Spot through the forward sequence in real time; write a log, a summary and a page of plots."""
     began_s = time.monotonic()
     contract = load_policy(policy).contract
-    speed_m_s = min(contract.velocity_command_high[0] * TOP_SPEED_SHARE, top_speed or float("inf"))
+    speed_m_s = min(contract.velocity_command_high[0], top_speed or float("inf"))
     if speed_m_s <= 0.0:
         raise BadInputError(f"policy {policy} takes no forward speed (its highest is {speed_m_s} m/s); give another")
     folder = out / time.strftime("%Y%m%d-%H%M%S")
     folder.mkdir(parents=True, exist_ok=False)
     sequence = folder / "sequence.yaml"
-    save_sequence(scaled_forward(speed_m_s), sequence)
+    save_sequence(forward_sequence(speed_m_s).model_copy(update={"name": f"forward_{speed_m_s:g}"}), sequence)
     _say(began_s, f"starting a fake Spot (scenario {scenario}) in a process of its own")
     pace = "in lock-step" if lock_step else "in real time over the real API (about 30 s)"
     with FakeProcess(scenario=scenario, is_lock_step=lock_step, fifo_priority=0 if lock_step else 30) as fake:
@@ -64,11 +61,6 @@ def demo(
     write_page(run, page)
     _say(began_s, "done")
     typer.echo(f"log   {log}\npage  {page}")
-
-
-def scaled_forward(top_speed_m_s: float) -> VelocitySequence:
-    """The paper's forward sequence at the speed that a policy can reach."""
-    return forward_sequence(top_speed_m_s).model_copy(update={"name": f"forward_{top_speed_m_s:g}"})
 
 
 def _walk(address: FakeAddress, policy: Path, sequence: Path, folder: Path, more: list[str]) -> None:

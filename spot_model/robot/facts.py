@@ -24,9 +24,6 @@ JOINT_TYPES: Final = ("hx", "hy", "kn")
 JOINT_NAMES: Final = tuple(f"{leg}_{joint}" for leg in LEG_NAMES for joint in JOINT_TYPES)
 """The one canonical joint order of this project: the SDK's. [sdk]"""
 
-ISAAC_JOINT_NAMES: Final = tuple(f"{leg}_{joint}" for joint in JOINT_TYPES for leg in LEG_NAMES)
-"""Isaac Lab's order: all hx, then all hy, then all kn. [isaac]"""
-
 N_JOINTS: Final = len(JOINT_NAMES)
 N_LEGS: Final = len(LEG_NAMES)
 

@@ -14,6 +14,9 @@ from spot_model.robot.state import RobotState
 onnx = pytest.importorskip("onnx")
 from onnx import TensorProto, helper, numpy_helper  # noqa: E402
 
+ISAAC_LAB = tuple(f"{leg}_{joint}" for joint in facts.JOINT_TYPES for leg in facts.LEG_NAMES)
+"""Isaac Lab's order of the joints."""
+
 
 def network(*, inputs: int = 48, outputs: int = 12, batch: object = "batch", seed: int = 0):
     rng = np.random.default_rng(seed)
@@ -92,13 +95,13 @@ def test_one_observation_at_a_time_gives_the_bits_of_a_run_with_new_arrays():
 
 def test_another_joint_order_is_undone_on_both_sides():
     model, weight = network()
-    isaac = [facts.JOINT_NAMES.index(n) for n in facts.ISAAC_JOINT_NAMES]
+    isaac = [facts.JOINT_NAMES.index(n) for n in ISAAC_LAB]
     policy = policy_from_bytes(
         onnx_bytes(
             model,
             contract(
                 weight,
-                joint_names=facts.ISAAC_JOINT_NAMES,
+                joint_names=ISAAC_LAB,
                 default_position_rad=tuple(facts.DEFAULT_POSITION_RAD[isaac]),
                 kp_nm_per_rad=tuple(np.arange(12.0)[isaac]),
             ).to_json(),

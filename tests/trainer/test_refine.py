@@ -83,8 +83,9 @@ def test_a_scaled_feature_is_seen_scaled() -> None:
 
 
 def test_the_joint_order_is_the_policys() -> None:
-    gains = {g.name: g for g in gains_of(facts.ISAAC_JOINT_NAMES)}
-    names = [facts.ISAAC_JOINT_NAMES[i] for i in gains["offset.hind_hx"].columns]
+    by_type = tuple(f"{leg}_{joint}" for joint in facts.JOINT_TYPES for leg in facts.LEG_NAMES)  # as Isaac Lab's
+    gains = {g.name: g for g in gains_of(by_type)}
+    names = [by_type[i] for i in gains["offset.hind_hx"].columns]
     assert names == ["hl_hx", "hr_hx"]
     assert gains["offset.hind_hx"].signs == (1.0, -1.0)
 

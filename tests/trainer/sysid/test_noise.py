@@ -7,14 +7,21 @@ import pytest
 import yaml
 
 from spot_model.errors import BadInputError
+from spot_model.policy.observation import OBSERVATION
 from spot_model.policy.policy import policy_from_bytes
 from spot_model.robot.facts import PAPER_IDENTIFIED
-from trainer.sysid.logs.noise import NOISY_BLOCKS, noise_sigma, observation_noise, write_noise
+from trainer.sysid.logs import noise as estimate
+from trainer.sysid.logs.noise import observation_noise, write_noise
 from trainer.sysid.simulation.recorded_loop import SensorNoise
 
 from .conftest import MakeLogs, oscillator_bytes
 
 PLANTED = SensorNoise(position_rad=0.001, velocity_rad_s=0.1, load_nm=0.5, linear_vel_m_s=0.02, angular_vel_rad_s=0.05)
+
+
+def noise_sigma(signal: np.ndarray, rate_hz: float) -> np.ndarray:
+    power = estimate._stretch_power(signal, estimate.SEGMENT)
+    return estimate._sigma_of_power(power, rate_hz, estimate.SEGMENT)
 
 
 @pytest.mark.parametrize("n", [200, 5000])
@@ -51,7 +58,7 @@ def test_planted_noise_of_every_feature_is_found_while_the_robot_moves(make_logs
     runs = make_logs(PAPER_IDENTIFIED, sequences={"a": 0.0}, n_ticks=250, n_repeats=2, noise=PLANTED, with_policy=calm)
     found = observation_noise(runs)
     planted = (0.02, 0.05, None, 0.001, 0.1)
-    for block, sigma in zip(NOISY_BLOCKS, planted, strict=True):
+    for block, sigma in zip([field.name for field in OBSERVATION if field.noise], planted, strict=True):
         if sigma is not None:
             assert found.block(block) == pytest.approx(np.full_like(found.block(block), sigma), rel=0.15), block
     assert found.load_nm == pytest.approx(np.full(12, 0.5), rel=0.15)

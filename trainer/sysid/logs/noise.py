@@ -38,7 +38,6 @@ QUIET_SHARE: Final = 0.1
 """Share of the stretches that count, those with the least movement of set-points."""
 MIN_QUIET: Final = 50
 """At least so many stretches count, where there are as many."""
-NOISY_BLOCKS: Final = tuple(field.name for field in OBSERVATION if field.noise)
 
 
 @dataclass(frozen=True)
@@ -83,23 +82,6 @@ class ObservationNoise:
             "body_angular_velocity_rad_s": mean(trainer["angular_vel_rad_s"]),
             "attitude_rad": mean(trainer["gravity"][:2]),
         }
-
-
-def noise_sigma(signal: Array, rate_hz: float, *, segment: int = SEGMENT) -> Array:
-    """Standard deviation of the white noise in a signal.
-
-    Args:
-        signal: Shape (n, ...), evenly sampled, any unit.
-        rate_hz: Sampling rate.
-        segment: Samples of a stretch; stretches overlap by half.
-
-    Returns:
-        Shape (...), the signal's unit.
-
-    Raises:
-        ValueError: The signal is shorter than one stretch.
-    """
-    return _sigma_of_power(_stretch_power(signal, segment), rate_hz, segment)
 
 
 def observation_noise(runs: Sequence[LoggedRun]) -> ObservationNoise:
