@@ -321,12 +321,12 @@ QUARTER_N = 0.25 * WEIGHT_N
     ("foot", "is_wrong"),
     [
         ([0.0, 0.0, QUARTER_N], False),
-        ([0.59 * QUARTER_N, 0.0, QUARTER_N], False),
-        ([0.61 * QUARTER_N, 0.0, QUARTER_N], True),
-        ([0.0, -0.61 * QUARTER_N, QUARTER_N], True),
-        ([0.45 * QUARTER_N, 0.45 * QUARTER_N, QUARTER_N], True),
-        ([0.9 * 0.099 * WEIGHT_N, 0.0, 0.099 * WEIGHT_N], False),
-        ([0.9 * 0.101 * WEIGHT_N, 0.0, 0.101 * WEIGHT_N], True),
+        ([0.99 * QUARTER_N, 0.0, QUARTER_N], False),
+        ([1.01 * QUARTER_N, 0.0, QUARTER_N], True),
+        ([0.0, -1.01 * QUARTER_N, QUARTER_N], True),
+        ([0.72 * QUARTER_N, 0.72 * QUARTER_N, QUARTER_N], True),
+        ([1.1 * 0.099 * WEIGHT_N, 0.0, 0.099 * WEIGHT_N], False),
+        ([1.1 * 0.101 * WEIGHT_N, 0.0, 0.101 * WEIGHT_N], True),
     ],
 )
 def test_the_feet_of_a_robot_that_stands_press_down(foot: list[float], is_wrong: bool) -> None:
