@@ -41,6 +41,7 @@ from diagnosis.verdict.posterior_file import Posterior
 from spot_model.errors import SpotRlError
 from spot_model.io.model_file import save_model
 from spot_model.io.velocity_sequence import VelocitySequence
+from spot_model.io.whole import write_over
 from spot_model.policy.policy import Policy, load_policy
 from spot_model.robot import facts
 from trainer.shared.engine import Engine, Place
@@ -173,8 +174,8 @@ def played(own: Subject, name: str, seed: int) -> Story:
 
     def told(story: Story) -> None:
         is_done = bool(story.ending)
-        _write(place / "story.json", story.to_json())
-        _write(kept, json.dumps({"is_done": is_done, **_told(own, first, story)}, indent=1))
+        write_over(place / "story.json", story.to_json())
+        write_over(kept, json.dumps({"is_done": is_done, **_told(own, first, story)}, indent=1))
 
     lab = Lab(
         place,
@@ -224,12 +225,6 @@ def _told(own: Subject, first: Found, story: Story) -> dict[str, Any]:
     return {"rows": rows, "ending": story.ending}
 
 
-def _write(path: Path, text: str) -> None:
-    part = path.with_suffix(".part")
-    part.write_text(text, encoding="utf-8")
-    os.replace(part, path)  # noqa: PTH105 - one step: the file is whole at any time
-
-
 Task = tuple[int, str]
 """Number of a robot, and :data:`FIRST` or a strategy."""
 
@@ -241,7 +236,7 @@ def work(setting: Setting, task: Task) -> str:
     if step == FIRST:
         told = opened(own, setting.catalogue)
         own.out.mkdir(parents=True, exist_ok=True)
-        _write(own.out / "robot.json", json.dumps(told, indent=1))
+        write_over(own.out / "robot.json", json.dumps(told, indent=1))
         says = f"{told['kind']}, moved {told.get('moved')}, {told.get('problem') or told.get('first') or ''}"
     else:
         story = played(own, step, setting.seed + number)
@@ -268,7 +263,7 @@ def robots(given: Namespace) -> None:
     head = out / "run.json"
     if not head.exists():
         seed = secrets.randbits(31) if given.seed is None else given.seed
-        _write(head, json.dumps({"seed": seed, "catalogue": given.catalogue}))
+        write_over(head, json.dumps({"seed": seed, "catalogue": given.catalogue}))
     run = json.loads(head.read_text())
     setting = Setting(run["seed"], run["catalogue"], out, (given.work or out / "work").absolute())
     print(f"seed {setting.seed}, {setting.catalogue} catalogue", flush=True)

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from spot_model.errors import BadInputError
 from spot_model.io.whole import check_new, whole_file
 from spot_model.policy.card import card_lines, card_of, load_card, write_card
 from spot_model.policy.gait_sentence import gait_sentence
@@ -59,8 +60,10 @@ def key(
     from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat, PublicFormat
 
     check_new(private, public)
+    if private.resolve() == public.resolve():
+        raise BadInputError(f"{private} is named twice; give one file for the private key and one for the public one")
     made = Ed25519PrivateKey.generate()
-    with whole_file(private) as private_part, whole_file(public) as public_part:
+    with whole_file(public) as public_part, whole_file(private) as private_part:
         private_part.touch(mode=0o600)
         private_part.write_bytes(made.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()))
         public_part.write_bytes(made.public_key().public_bytes(Encoding.PEM, PublicFormat.SubjectPublicKeyInfo))

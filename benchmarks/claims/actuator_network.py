@@ -1,8 +1,8 @@
 """A peer of the diagnosis: the residual of an actuator network (Hwangbo et al., 2019).
 
-A small network learns, from healthy walks, a joint's torque from three samples of its position error and velocity; one
-network for each type of joint. Where a robot's torques are farther off than those of healthy walks that it did not
-learn from, something differs at that joint. It says where, and not what.
+A small network learns, from simulated walks of the nominal model, a joint's torque from three samples of its position
+error and velocity; one network for each type of joint. Where a robot's torques are farther off than those of simulated
+walks that it did not learn from, something differs at that joint, be it an ordinary error. It says where, and not what.
 """
 
 from __future__ import annotations

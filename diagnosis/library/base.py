@@ -173,6 +173,11 @@ class LibraryEffect(ABC):
         return tuple(c for c in self.channels if c in views)
 
 
+def acts_last(effect: LibraryEffect) -> bool:
+    """Whether it comes into a model after those of the whole robot, which go by the joints of the nominal model."""
+    return effect.location is not Location.ROBOT
+
+
 def legs_of(joints: Flags, view: ChannelView) -> Flags:
     """Legs with any of the joints, shape (number of legs,); at least one entry."""
     legs = np.zeros(max(1, int(view.leg_of_joint.max(initial=-1)) + 1), dtype=np.bool_)

@@ -19,8 +19,8 @@ SURE: Final = 0.95
 """A cause of this probability is the answer."""
 STILL: Final = 0.05
 """An experiment that moves less probability told nothing."""
-LEAST: Final = 1e-3
-"""No probability counts as less."""
+LEAST: Final = 0.01
+"""No probability counts as less: what is below is not told by name."""
 LACKING: Final = "an effect that the library lacks"
 OTHERS: Final = "others"
 SHOWN: Final = 6

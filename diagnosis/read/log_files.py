@@ -11,6 +11,7 @@ from pathlib import Path
 from diagnosis.read.recording import record
 from spot_log import Run, read_run
 from spot_model.errors import BadInputError, SpotRlError
+from spot_model.io.whole import finished
 from spot_model.policy.contract import PolicyContract
 from spot_model.policy.policy import Policy, load_policy
 
@@ -24,8 +25,8 @@ def read_all(
         BadInputError: None is left.
     """
     runs: list[Run] = []
-    warnings = [f"folder {p} has no .mcap file" for p in paths if p.is_dir() and not any(p.rglob("*.mcap"))]
-    files = [f for p in paths for f in (sorted(p.rglob("*.mcap")) if p.is_dir() else [p])]
+    warnings = [f"folder {p} has no .mcap file" for p in paths if p.is_dir() and not finished(p, "*.mcap")]
+    files = [f for p in paths for f in (finished(p, "*.mcap") if p.is_dir() else [p])]
     for i, file in enumerate(files):
         tell(i / len(files))
         try:

@@ -11,6 +11,7 @@ import numpy as np
 from diagnosis.channels.channel_view import Array
 from diagnosis.decision_constants import PARAMETER_SPREAD
 from diagnosis.document import Number
+from diagnosis.library.base import acts_last
 from diagnosis.selection.places import Robot
 from diagnosis.selection.scoring import Placed, Scored, Scorer
 from spot_model.io.model_file import RobotModel
@@ -39,7 +40,8 @@ def corrected_model(
         BadInputError: A value is out of its effect's bounds.
     """
     model = nominal
-    for term, own in zip(scored.terms, coefficients or scored.coefficients, strict=True):
+    terms = zip(scored.terms, coefficients or scored.coefficients, strict=True)
+    for term, own in sorted(terms, key=lambda pair: acts_last(pair[0].effect)):
         model = term.effect.add_to(model, term.effect.values(own, term.shape), joint_words(robot, term))
     return model
 

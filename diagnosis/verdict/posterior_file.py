@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from diagnosis.channels.channel_view import Array
 from diagnosis.closed_loop.surroundings import Surroundings
 from diagnosis.decision_constants import PARAMETER_SPREAD
-from diagnosis.library.base import LibraryEffect
+from diagnosis.library.base import LibraryEffect, acts_last
 from diagnosis.selection.fitted import joint_words
 from diagnosis.selection.nuisance_model import by_joint, with_errors
 from diagnosis.selection.scoring import Scored
@@ -69,7 +69,7 @@ class Posterior(_Part):
         weights = np.array([p.weight for p in self.possibilities])
         chosen = self.possibilities[int(rng.choice(len(weights), p=weights / weights.sum()))]
         model = model_from_data(chosen.model, source="posterior")
-        for term in chosen.terms:
+        for term in sorted(chosen.terms, key=lambda term: acts_last(library[term.effect])):
             effect = library[term.effect]
             low, high = (np.array([getattr(c, side) for c in effect.coefficients]) for side in ("low", "high"))
             own = np.clip(rng.multivariate_normal(term.mean, term.covariance, method="eigh"), low, high)

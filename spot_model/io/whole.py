@@ -12,8 +12,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import mkdtemp
+from typing import Final
 
 from spot_model.errors import DISK_FULL, BadInputError
+
+PART: Final = ".spot-rl-part-"
+"""How the names of folders begin that hold unfinished output; a process that was killed may leave one."""
 
 
 class OutputExistsError(BadInputError):
@@ -52,7 +56,7 @@ def whole_folder(folder: Path, *, replace: bool = False) -> Iterator[Path]:
         OutputExistsError: One of the files exists; none is written then.
         OSError: A file cannot be written; that of a full disk names it.
     """
-    part = Path(mkdtemp(prefix=".spot-rl-part-", dir=_nearest_that_exists(folder / "any")))
+    part = Path(mkdtemp(prefix=PART, dir=_nearest_that_exists(folder / "any")))
     made: list[Path] = []
     try:
         yield part
@@ -103,8 +107,17 @@ def write_new(path: Path, text: str) -> None:
 
 def write_over(path: Path, text: str) -> None:
     """Write a text file, in the place of an older one if there is one; see :func:`whole_file`."""
-    with whole_file(path, replace=True) as part:
+    with whole_file(path.resolve(), replace=True) as part:
         part.write_text(text, encoding="utf-8")
+
+
+def finished(folder: Path, pattern: str) -> list[Path]:
+    """Files below a folder whose names fit, sorted, without unfinished output."""
+    return [
+        file
+        for file in sorted(folder.rglob(pattern))
+        if not any(part.startswith(PART) for part in file.relative_to(folder).parts)
+    ]
 
 
 def _nearest_that_exists(path: Path) -> Path:

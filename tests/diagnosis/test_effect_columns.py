@@ -13,7 +13,7 @@ from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelView
 from diagnosis.channels.drive.actuator import ActuatorSignals, actuator_view
 from diagnosis.channels.stack import stack
-from diagnosis.library.base import effect_columns
+from diagnosis.library.base import acts_last, effect_columns
 from diagnosis.library.plain_effect import entry_of
 from diagnosis.library.registry import LIBRARY
 from diagnosis.read.recording import record
@@ -88,6 +88,9 @@ def test_a_lower_voltage_takes_torque_of_joints_that_the_nominal_model_bounds_by
     model = RobotModel(effects=(knees,))
     assert entry.add_to(model, weak, ("all",)).effects[-1].mask.tolist() == is_knee.tolist()
     assert entry.add_to(RobotModel(), weak, ("all",)).effects[-1].mask.all()
+    # A bound by speed that is a cause beside it is no part of the nominal model.
+    assert not acts_last(entry)
+    assert acts_last(LIBRARY["torque_speed_curve"])
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,7 +13,15 @@ from pathlib import Path
 import pytest
 
 from spot_model.io import whole
-from spot_model.io.whole import OutputExistsError, check_new, whole_file, whole_folder, write_new, write_over
+from spot_model.io.whole import (
+    OutputExistsError,
+    check_new,
+    finished,
+    whole_file,
+    whole_folder,
+    write_new,
+    write_over,
+)
 
 
 def names(folder: Path) -> list[str]:
@@ -195,3 +203,23 @@ def test_an_output_that_exists_or_could_not_be_written_is_refused(
         check_new(tmp_path / "new" / "folder")
     assert told.value.filename == str(tmp_path)
     assert not (tmp_path / "new").exists()
+
+
+def test_unfinished_output_is_not_among_a_folders_files(tmp_path: Path) -> None:
+    (tmp_path / "a.mcap").write_text("whole")
+    (tmp_path / "runs").mkdir()
+    (tmp_path / "runs" / "b.mcap").write_text("whole")
+    with whole_file(tmp_path / "runs" / "c.mcap") as part:
+        part.write_text("half")
+        assert len(list(tmp_path.rglob("*.mcap"))) == 3
+        assert finished(tmp_path, "*.mcap") == [tmp_path / "a.mcap", tmp_path / "runs" / "b.mcap"]
+    assert [file.name for file in finished(tmp_path, "*.mcap")] == ["a.mcap", "b.mcap", "c.mcap"]
+
+
+def test_writing_over_a_link_writes_where_it_points(tmp_path: Path) -> None:
+    (tmp_path / "there").mkdir()
+    (tmp_path / "there" / "file").write_text("old")
+    (tmp_path / "link").symlink_to(tmp_path / "there" / "file")
+    write_over(tmp_path / "link", "new")
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "there" / "file").read_text() == "new"

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import json
+import signal
+import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,21 +15,13 @@ import torch
 from rsl_rl.utils import WandbLogWriter
 from torch.utils.tensorboard import SummaryWriter
 
-from spot_model.errors import BadInputError
+from spot_model.errors import BadInputError, SpotRlError
 from spot_model.io.progress import Progress
 from trainer.ppo.checkpoint import save_checkpoint
 
 if TYPE_CHECKING:
     from trainer.ppo.ppo import PpoRunner
     from trainer.ppo.vec_env import TaskVecEnv
-
-
-import signal
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
-
-from spot_model.errors import SpotRlError
 
 
 class TrainingInterruptedError(SpotRlError):

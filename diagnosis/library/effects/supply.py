@@ -131,7 +131,7 @@ def curved(effects: Sequence[Effect]) -> Flags:
 
     The others' motors have speed to spare: a lower voltage takes nothing of theirs.
     """
-    masks = [e.mask for e in effects if isinstance(e, TorqueSpeedCurve)]
+    masks = [e.mask for e in effects if isinstance(e, TorqueSpeedCurve) and np.isfinite(e.speed_max_rad_s)]
     return np.any(masks, axis=0) if masks else np.ones(len(JOINT_NAMES), dtype=np.bool_)
 
 

@@ -13,6 +13,7 @@ from spot_log import Run, read_run
 from spot_log.format.names import FOLLOWING_MODE
 from spot_log.format.tables import StateTable
 from spot_model.errors import BadInputError, SpotRlError
+from spot_model.io.whole import finished
 from spot_model.policy.observation import is_fallen
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
@@ -163,7 +164,7 @@ def _files(paths: Sequence[Path]) -> list[Path]:
     files: list[Path] = []
     for path in paths:
         # An incident's recording repeats the end of the log beside it.
-        inside = [p for p in sorted(path.rglob("*.mcap")) if INCIDENTS not in p.relative_to(path).parts[:-1]]
+        inside = [p for p in finished(path, "*.mcap") if INCIDENTS not in p.relative_to(path).parts[:-1]]
         found = inside if path.is_dir() else [path]
         if not found:
             raise BadInputError(f"folder {path} has no .mcap file; give logs of 'spot-rl collect' or 'spot-rl run'")
