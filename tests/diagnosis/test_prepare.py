@@ -171,7 +171,7 @@ def test_loads_from_motion_are_those_of_a_pendulum(tmp_path: Path) -> None:
         ({"kp_nm_per_rad": [1, 2, 3]}, "kp_nm_per_rad has 3 values; allowed: 1, or one for each joint"),
         ({"position_low_rad": 0}, "come together"),
         ({"load": "from_motion"}, "needs the key mjcf"),
-        ({"mjcf": "missing.xml"}, "missing.xml is no file"),
+        ({"mjcf": "missing.xml"}, "missing.xml is not a file"),
     ],
 )
 def test_a_wrong_robot_file_is_refused_by_name(tmp_path: Path, changes: dict[str, object], words: str) -> None:

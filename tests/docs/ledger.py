@@ -158,7 +158,8 @@ NOT_RUN = {
     "python benchmarks/calibrate_diagnosis.py robots --seed 20261 --to 240 --out ensemble": CORES,
     "python benchmarks/calibrate_diagnosis.py fit ensemble": CORES,
     "spot-rl withheld run --cases 80 --seed-from-os --out DIR": CORES,
-    "python benchmarks/withheld_share.py share --first 0 --end 400 --seed 2838031080066232607 --minutes 7.2": CORES,
+    "python benchmarks/withheld_share.py share --first 0 --end 800 --seed 2555331358616426029 --minutes 6.7 "
+    "--to FOLDER": CORES,
     "python benchmarks/check_experiments.py --policy policies/walk.onnx --out experiments.json "
     "--figure experiments.svg": CORES,
     "python benchmarks/predict_withheld.py robots --seed 51 --count 8 --out predicted": CORES,

@@ -239,7 +239,7 @@ def test_another_layout_scales_clips_and_a_history(run: Callable[..., Path]) -> 
         {"of": "actions", "history": 2},
     ]
     assert_same_setpoints(made, TheirRobot(path, theirs, ISAAC, pose_of(ISAAC)), dict.fromkeys(ISAAC, 0.2))
-    with pytest.raises(PolicyError, match="sees 144 numbers"):
+    with pytest.raises(PolicyError, match="expects 144 numbers"):
         made.act(np.zeros(48))
     plant = Plant((), n_sims=2)
     seen: list[Any] = []

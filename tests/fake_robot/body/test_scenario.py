@@ -56,8 +56,8 @@ def test_every_top_level_change_changes_the_digest():
         ("schema: spot-rl/scenario/9", ["schema = 'spot-rl/scenario/9'", "spot-rl/scenario/1"]),
         ("battery: {full_voltage_v: 40.0}", ["battery", "above empty_voltage_v = 44 V"]),
         ("[1, 2]", ["a scenario is a mapping of keys, not [1, 2]"]),
-        ("a: [", ["cannot be read"]),
-        ("? {}\n", ["cannot be read"]),
+        ("a: [", ["is not valid YAML"]),
+        ("? {}\n", ["is not valid YAML"]),
     ],
 )
 def test_a_bad_file_gets_key_value_and_what_is_allowed(tmp_path: Path, text: str, parts: list[str]):
@@ -81,7 +81,7 @@ def test_a_missing_file_names_the_shipped_ones():
 def test_no_yaml_tag_builds_an_object(tmp_path: Path):
     path = tmp_path / "evil.yaml"
     path.write_text("seed: !!python/object/apply:os.getpid []")
-    with pytest.raises(BadInputError, match="cannot be read"):
+    with pytest.raises(BadInputError, match="is not valid YAML"):
         load_scenario(path)
 
 
