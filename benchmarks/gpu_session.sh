@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # One stage of a session on a GPU machine without a network; run from the repository's root.
-#   setup            lay the packed wheels (.gpu, .whl) into $SITE
+#   setup            unpack the packed wheels (.gpu, .whl) into the folder $SITE; set SITE for the other stages, too
 #   check            parity of the two back ends, then training speed at three sizes, as JSON
 #   train NAME [S]   train policies/NAME.yaml for at most S seconds, then export to $OUT; CUDA_VISIBLE_DEVICES picks a GPU
 #   trainings FILE S   several side by side, FILE's lines being: GPU LABEL NAME OPTIONS...; each on $CORES_A_GPU (2)
@@ -12,13 +12,13 @@
 #   cpubench CORES   training speed on these CPU cores ("6,7"), as JSON
 #   scale N          training speed on N GPUs by torchrun, as JSON
 set -euo pipefail
-SITE=${SITE:-/tmp/site}
 OUT=${OUT:-out}
 DEVICE=${DEVICE:-cuda}
-export PYTHONPATH="$SITE:$PWD" PYTHONUNBUFFERED=1 OMP_WAIT_POLICY=PASSIVE
-mkdir -p "$OUT"
+export PYTHONPATH="${SITE:+$SITE:}$PWD" PYTHONUNBUFFERED=1 OMP_WAIT_POLICY=PASSIVE
+mkdir -p "$OUT" runs
 
 setup() {
+    : "${SITE:?set SITE to the folder into which the wheels are unpacked}"
     for part in .gpu/1 .gpu/2; do
         if [ -d "$part" ]; then python3 "$part/gpu_stack.py" unpack "$part" "$SITE"; fi
     done
@@ -52,7 +52,7 @@ trainings() {
         # Each with its own kernel cache: two that compile into one at once are in each other's way.
         # shellcheck disable=SC2086
         (
-            export CUDA_VISIBLE_DEVICES=$gpu WARP_CACHE_PATH=/tmp/warp-$label
+            export CUDA_VISIBLE_DEVICES=$gpu WARP_CACHE_PATH=$PWD/runs/warp-$label
             cores=$((each * gpu))-$((each * gpu + each - 1))
             taskset -c "$cores" \
                 bash "$0" one_training "$label" "$seconds" --config "policies/$name.yaml" --device "$DEVICE" $options
@@ -83,9 +83,9 @@ one_training() {
     local label=$1 seconds=$2 run=runs/$1
     shift 2
     rm -rf "$run"
-    timeout --signal=INT "$seconds" python3 -m trainer train "$@" --out "$run" >"/tmp/$label.log" 2>&1 || true
-    python3 -m trainer export "$run" --out "$run/policy.onnx" --networks "$run/networks.pt" >>"/tmp/$label.log" 2>&1 || true
-    mv "/tmp/$label.log" "$run/training.log"
+    timeout --signal=INT "$seconds" python3 -m trainer train "$@" --out "$run" >"$run.log" 2>&1 || true
+    python3 -m trainer export "$run" --out "$run/policy.onnx" --networks "$run/networks.pt" >>"$run.log" 2>&1 || true
+    mv "$run.log" "$run/training.log"
 }
 
 piece() {
@@ -97,9 +97,9 @@ piece() {
         rm -f "$run/policy.onnx"
     fi
     taskset -c "$cores" timeout --signal=INT "$seconds" \
-        python3 -m trainer train "${what[@]}" --device cpu >>"/tmp/$label.log" 2>&1 || true
-    taskset -c "$cores" python3 -m trainer export "$run" --out "$run/policy.onnx" >>"/tmp/$label.log" 2>&1 || true
-    cp "/tmp/$label.log" "$run/training.log"
+        python3 -m trainer train "${what[@]}" --device cpu >>"$run.log" 2>&1 || true
+    taskset -c "$cores" python3 -m trainer export "$run" --out "$run/policy.onnx" >>"$run.log" 2>&1 || true
+    cp "$run.log" "$run/training.log"
     # shellcheck disable=SC2012
     ls "$run"/checkpoint_* | head -n -1 | xargs -r rm
     tar -czf "$OUT/$label.tar.gz" --exclude tensorboard "$run"

@@ -1,17 +1,19 @@
 #!/usr/bin/env bash
 # The accuracy of identification on a machine of many cores without a network; run from the repository's root.
-#   identify_session.sh setup            lay the packed wheels (.cache/sysid_wheels) into $SITE
+#   identify_session.sh setup            unpack the packed wheels (.cache/sysid_wheels) into the folder $SITE; set SITE for the
+#                                        other stages, too
 #   identify_session.sh run NAME ...     benchmarks/identify_fake.py with these options; $OUT/NAME.tar.gz at the end
 #   identify_session.sh loop TRUTH IDENTIFIED.onnx ORACLE.onnx      the closed loop's table; $OUT/loop-TRUTH.tar.gz
-# What is there after $LIMIT_S seconds is packed, finished or not.
+# Everything else goes to $WORK, by default a new temporary folder. What is there after $LIMIT_S seconds is packed, finished or not.
 set -euo pipefail
-SITE=${SITE:-/tmp/site_identify}
+WORK=${WORK:-$(mktemp -d)}
 OUT=${OUT:-out}
 LIMIT_S=${LIMIT_S:-480}
-export PYTHONPATH="$SITE:$PWD" PYTHONUNBUFFERED=1 OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
+export PYTHONPATH="${SITE:+$SITE:}$PWD" PYTHONUNBUFFERED=1 OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 mkdir -p "$OUT"
 
 setup() {
+    : "${SITE:?set SITE to the folder into which the wheels are unpacked}"
     if [ ! -d "$SITE/mcap" ]; then
         for wheel in .cache/sysid_wheels/*.whl; do
             python3 -m zipfile -e "$wheel" "$SITE"
@@ -22,7 +24,7 @@ print("ready:", mujoco.__version__, numpy.__version__, scipy.__version__, grpc._
 }
 
 run() {
-    local name=$1 folder=/tmp/identify-$1
+    local name=$1 folder=$WORK/identify-$1
     shift
     mkdir -p "$folder"
     timeout --signal=INT --kill-after=10 "$LIMIT_S" \
@@ -31,7 +33,7 @@ run() {
 }
 
 loop() {
-    local truth=$1 folder=/tmp/loop-$1
+    local truth=$1 folder=$WORK/loop-$1
     mkdir -p "$folder"
     timeout --signal=INT --kill-after=10 "$LIMIT_S" python3 examples/close_the_loop.py --out "$folder" --truth "$truth" \
         --identified "$2" --oracle "$3" --runs-at-once 6 >"$folder/console.txt" 2>&1 || true

@@ -1,7 +1,7 @@
 """Explain a sim-to-real gap: where it lies, which effect causes it, how far it shrinks, and what to run next.
 
-'spot-rl diagnose LOGS ...' explains ('spot-rl diagnose explain --help' lists its options); 'next' and 'predict' in
-the place of logs go on from what it found.
+'spot-rl diagnose LOGS ...' explains the gap ('spot-rl diagnose explain --help' lists its options); 'spot-rl diagnose
+next' and 'predict' continue from its result.
 """
 
 from __future__ import annotations

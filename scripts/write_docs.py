@@ -10,6 +10,7 @@ import argparse
 import sys
 import typing
 from collections.abc import Iterator
+from enum import Enum
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
@@ -33,6 +34,8 @@ from spot_model.io.command_registry import COMMAND_GROUP, load_command
 from spot_runtime.config import RunConfig
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
+EVERYWHERE = ("help", "install_completion", "show_completion")
+"""Options that say nothing about a command."""
 
 
 def commands_page() -> str:
@@ -68,7 +71,7 @@ def command_section(words: str, command: click.Command) -> str:
     """One command."""
     group = GROUP_HELP.get(words.partition(" ")[2], "")
     lines = [f"## {words}\n", " ".join((command.help or group).split()) + "\n"]
-    rows = [parameter_row(p) for p in command.params if not getattr(p, "hidden", False) and p.name != "help"]
+    rows = [parameter_row(p) for p in command.params if not getattr(p, "hidden", False) and p.name not in EVERYWHERE]
     if rows:
         lines += ["| | default | meaning |", "|---|---|---|", *rows, ""]
     return "\n".join(lines)
@@ -81,8 +84,9 @@ def parameter_row(parameter: click.Parameter) -> str:
         name = "`" + ", ".join(parameter.opts + parameter.secondary_opts) + "`"
     else:
         name = f"`{(parameter.name or '').upper()}`"
-    default = parameter.default
-    shown = "" if default in (None, "", (), [], False) or callable(default) else f"`{default}`"
+    default = parameter.default if getattr(parameter, "show_default", True) else None
+    value = default.value if isinstance(default, Enum) else default
+    shown = "" if value in (None, "", (), [], False) or callable(value) else f"`{value}`"
     return f"| {name}{' (required)' if parameter.required else ''} | {shown} | {help_text} |"
 
 

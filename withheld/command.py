@@ -46,7 +46,9 @@ def run(
     policies: Annotated[Path, typer.Option("--policies", help="Folder of policies (ONNX).")] = Path("policies"),
     engine: Annotated[EngineName, typer.Option("--engine", help="Where cases run.")] = EngineName.LOCAL,
     ray_address: Annotated[str | None, typer.Option("--ray-address", help="A running Ray cluster.")] = None,
-    until: Annotated[float, typer.Option("--until", min=1.0, help="Start no case after this many seconds.")] = 1e9,
+    until: Annotated[
+        float, typer.Option("--until", min=1.0, show_default=False, help="Start no case after this many seconds.")
+    ] = 1e9,
     timeout: Annotated[float, typer.Option("--timeout", min=10.0, help="Seconds for one diagnosis.")] = 900.0,
     search_every: Annotated[
         int, typer.Option("--search-every", min=0, help="Run the paper's search in one of this many cases; 0: none.")

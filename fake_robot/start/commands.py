@@ -85,8 +85,8 @@ def fake_robot(
 def exec_program(context: typer.Context) -> None:
     """Run a program against its own fake robot: exec -- python your_program.py HOST.
 
-    Every argument that is HOST becomes the host argument; it is also in $SPOT_RL_FAKE_HOST. Ctrl-C is the program's to
-    answer: the fake ends after it.
+    Every argument that is HOST becomes the host argument; it is also in $SPOT_RL_FAKE_HOST. Ctrl-C goes
+    to the program; the fake robot ends when the program has ended.
     """
     if not context.args:
         raise BadInputError("exec needs a program: spot-rl fake-robot exec -- python your_program.py HOST")

@@ -27,7 +27,9 @@ def ordinary(
     runs: Annotated[int, typer.Option(min=1, help="Runs of each policy, each on another robot.")] = 100,
     policy: Annotated[list[Path] | None, typer.Option(help="ONNX file with its contract; repeatable.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the robots and the commands.")] = 0,
-    minutes: Annotated[float, typer.Option(min=0.1, help="Start no robot after this many minutes.")] = 1e6,
+    minutes: Annotated[
+        float, typer.Option(min=0.1, show_default=False, help="Start no robot after this many minutes.")
+    ] = 1e6,
 ) -> None:
     """Walk randomly drawn robots (ground, pushes, payload, sensors, delays) and count false stops."""
     policies = policy or POLICIES

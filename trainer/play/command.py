@@ -27,7 +27,7 @@ def play(
 ) -> None:
     """Watch a policy walk in a window that takes velocity commands and pushes, or film it.
 
-    Of a training's folder the newest checkpoint walks, and each newer one takes over when it is written.
+    Given a training's folder, it plays the newest checkpoint and switches to each new one when it is written.
     """
     import numpy as np
 
