@@ -156,7 +156,7 @@ class OtherGap(_Part):
 
 
 class Shrink(_Part):
-    """How much of the gap goes away with the effects added, closed loop, on sequences that the fit never saw."""
+    """How much of the gap closes with the effects added, in closed loop, on sequences not used for fitting."""
 
     metric: Literal["w1_mmd"] = "w1_mmd"
     d0: float

@@ -32,7 +32,7 @@ class Progress:
 
     def __init__(self, console: Console | None = None, clock: Callable[[], float] = time.monotonic) -> None:
         console = console or Console(stderr=True)
-        self._bar = progress.Progress("diagnosis, %", 100, console=console, clock=clock)
+        self._bar = progress.Progress("diagnosis", console=console, clock=clock)
         self._has_lines = not console.is_terminal
         self._first, self._last = 0.0, 0.0
         self._text = ""

@@ -35,14 +35,14 @@ def twelve_lines(verdict: Verdict, paths: Mapping[str, Path]) -> list[str]:
     effects = [f"effect     {_effect(e)}" for e in v.effects[:3]] or [f"effect     none found{_seen(v)}"]
     lines += effects
     lines.append(
-        f"else       probability of no effect {v.probability_none:.2f}, of an unknown one "
+        f"otherwise  probability of no effect {v.probability_none:.2f}, of an unknown one "
         f"{v.probability_unknown:.2f}{_unknown(v)}"
     )
     lines.append(f"shrink     {_shrink(v)}")
     # With fewer effects there is room for more.
-    lines += [f"beside     {_beside(v)}", f"invisible  {_invisible(v)}"][: 3 - len(effects)]
+    lines += [f"signals    {_beside(v)}", f"invisible  {_invisible(v)}"][: 3 - len(effects)]
     split = next((e.split for e in v.effects if e.split is not None), None)
-    lines.append(f"to split   {split.command if split else 'no experiment is needed'}")
+    lines.append(f"to decide  {split.command if split else 'no experiment is needed'}")
     lines.append(f"advice     {v.log_advice[0] if v.log_advice else 'none'}")
     lines.append(f"model      {paths.get('model', '-')}")
     lines.append(f"report     {paths.get('report', '-')}")
@@ -68,7 +68,7 @@ def _effect(e: FoundEffect) -> str:
 
 def _seen(v: Verdict) -> str:
     names = ", ".join(f"{s.name} at {joints_in_short(s.joints)}" for s in v.seen)
-    return f"; seen, and moves nothing here: {names}" if names else ""
+    return f"; seen, but without influence here: {names}" if names else ""
 
 
 def _where(v: Verdict) -> str:
@@ -83,7 +83,10 @@ def _where(v: Verdict) -> str:
 def _beside(v: Verdict) -> str:
     if v.shrink is None or not v.shrink.beside:
         return "no gaps of torque and velocity"
-    return "; ".join(f"{o.name} {o.before:.3g} to {o.after:.3g} {o.unit}, floor {o.floor:.3g}" for o in v.shrink.beside)
+    return "; ".join(
+        f"{o.name} {o.before:.3g} to {o.after:.3g} {o.unit}{f', floor {o.floor:.3g}' if o.floor > 0.0 else ''}"
+        for o in v.shrink.beside
+    )
 
 
 def _invisible(v: Verdict) -> str:

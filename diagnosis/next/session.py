@@ -142,7 +142,7 @@ class Session:
         most_s: float = float("inf"),
         wanted: int | None = 1,
     ) -> Design:
-        with Bar("% of the choice", 100) as bar:
+        with Bar("choosing") as bar:
 
             def tell(share: float) -> None:
                 bar.update(round(100 * share), "trying experiments on simulated robots")

@@ -73,8 +73,8 @@ def shrink_line(shrink: Shrink) -> str:
             text(at(tick), y + 24, f"{100 * tick:.0f} %", size=12, anchor="middle", css="soft"),
         ]
     parts.append(text(at(0.0), y + 42, "no change", size=12, anchor="middle", css="soft"))
-    parts.append(text(at(1.0), y + 42, "as near as its own runs", size=12, anchor="middle", css="soft"))
-    told = f"{100 * shrink.s:.0f} % of the gap goes"
+    parts.append(text(at(1.0), y + 42, "as close as its own runs", size=12, anchor="middle", css="soft"))
+    told = f"{100 * shrink.s:.0f} % of the gap closes"
     if shrink.s_low is not None and shrink.s_high is not None:
         told += f", 90 % interval {100 * shrink.s_low:.0f} to {100 * shrink.s_high:.0f} %"
         parts.append(line([(at(shrink.s_low), y), (at(shrink.s_high), y)], "var(--corrected)", 9, "opacity:.45"))
@@ -111,6 +111,8 @@ def gap_bars(shrink: Shrink) -> str:
         parts.append(text(left - 10, y + 1.5 * bar, name, size=13, anchor="end"))
         parts.append(text(left - 10, y + 2.6 * bar, unit, size=11, anchor="end", css="soft"))
         for value, colour in zip(values, colours, strict=True):
+            if colour == colours[-1] and value <= 0.0:  # without repeats there is no floor
+                continue
             span = (width - left - 70) * value / top
             parts.append(rect(left, y, span, bar - 2, colour, f"{name}: {value:.3g} {unit}"))
             parts.append(text(left + span + 6, y + bar - 4, f"{value:.3g}", size=12))

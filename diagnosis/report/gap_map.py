@@ -76,10 +76,11 @@ def note(cells: Sequence[GapCell]) -> str:
     """How to read it."""
     if has_floor(cells):
         return (
-            "How far runs of your simulator lie from the robot's, over how far the robot's own runs lie apart. "
-            f"A dot: not by chance (p ≤ {SIGNIFICANT}, corrected for the number of cells). Hover for figures."
+            "Distance of your simulator's runs from the robot's, divided by that between the robot's own runs. "
+            f"A dot marks what is not due to chance (p ≤ {SIGNIFICANT}, corrected for the number of "
+            "cells). Hover for figures."
         )
     return (
-        "How far runs of your simulator lie from the robot's, each signal on its own scale. No sequence was repeated, "
-        "so that nothing says how much of it is chance."
+        "Distance of your simulator's runs from the robot's, each signal on its own scale. No sequence was repeated, "
+        "so it is not known how much of it is due to chance."
     )

@@ -93,12 +93,12 @@ def _by_joint(cells: tuple[GapCell, ...]) -> dict[str, GapCell]:
 def _where(result: Diagnosis, by_joint: dict[str, GapCell], named: frozenset[str]) -> str:
     largest = max((c.gap for c in by_joint.values()), default=0.0)
     shares = {j: share_of(c, largest) for j, c in by_joint.items()}
-    ringed = " A blue ring: the verdict names the joint." if named else ""
+    ringed = " A blue ring marks a joint that the verdict names." if named else ""
     if not by_joint:
         listed = f"<p>The verdict names {esc(joints_in_short(tuple(sorted(named))))}.</p>" if named else ""
-        return boxed("Where", "No closed-loop run of the nominal model: no gap in figures.", listed)
+        return boxed("Where", "The nominal model was not run in closed loop, so the gap has no figures.", listed)
     signal = next(iter(by_joint.values())).signal
-    about = f"Gap of the {signal} over all of the motion.{ringed}"
+    about = f"Gap of the {signal} over the whole motion.{ringed}"
     if tuple(result.board.robot.joint_names) == JOINT_NAMES:
         tips = {j: told(c) for j, c in by_joint.items()}
         figure = picture(shares, tips, named, in_floors=has_floor(tuple(by_joint.values())))
@@ -109,8 +109,8 @@ def _where(result: Diagnosis, by_joint: dict[str, GapCell], named: frozenset[str
 
 def _which_note(v: Verdict) -> str:
     if any(len(e.group) > 1 for e in v.effects):
-        return "Red: found. Orange: these logs cannot rule it out in the same place."
-    return "Red: found. Grey: tried in its place and worse." if v.effects else "Nothing in the library is found."
+        return "Red: found. Orange: these logs cannot rule it out."
+    return "Red: found. Grey: tried instead, and worse." if v.effects else "Nothing in the library is found."
 
 
 def _shrink(v: Verdict) -> str:
@@ -118,20 +118,19 @@ def _shrink(v: Verdict) -> str:
     if s is None:
         return ""
     held = (
-        f"measured on sequences that the fit never saw ({', '.join(s.held_out)})"
+        f"measured on sequences that were not used for fitting ({', '.join(s.held_out)})"
         if s.held_out
-        else ("measured on the sequence that the fit saw")
+        else ("measured on the sequence that was used for fitting")
     )
     about = (
         "The policy runs in closed loop on the nominal model and on the one with the effects added, "
-        f"{held}. 100 % means that the simulator lies as near to the robot as two runs of the robot lie to each other."
+        f"{held}. 100 % means that the simulator is as close to the robot as two runs of the robot are to each other."
     )
     left = bars.shrink_line(s) or "<p>The gap does not exceed its floor: there is nothing to shrink.</p>"
     placebo = ""
     if s.placebo is not None:
         placebo = (
-            f"<p class='note'>For comparison, {esc(words.plain(s.placebo.name))} in its place closes "
-            f"{100 * s.placebo.s:.0f} %.</p>"
+            f"<p class='note'>For comparison, {esc(words.plain(s.placebo.name))} close {100 * s.placebo.s:.0f} %.</p>"
         )
     key = legend(
         (
@@ -141,7 +140,7 @@ def _shrink(v: Verdict) -> str:
         )
     )
     content = f"<div class='two' style='margin:0'><div>{left}{placebo}</div><div>{key}{bars.gap_bars(s)}</div></div>"
-    return boxed("How much of the gap goes", about, content)
+    return boxed("How much of the gap closes", about, content)
 
 
 def _effects(v: Verdict) -> str:
@@ -154,8 +153,8 @@ def _effect(e: FoundEffect) -> str:
         hand = f" Besides: {esc(e.split.by_hand)}." if e.split is not None and e.split.by_hand else ""
         command = f"<pre>{esc(e.split.command)}</pre>" if e.split is not None and e.split.command else ""
         group = (
-            f"<p>These logs cannot rule out <b>{esc(', '.join(words.plain(n) for n in e.group[1:]))}</b>. To tell: "
-            f"{esc(e.split_by)}{hand}</p>{command}"
+            f"<p>These logs cannot rule out <b>{esc(', '.join(words.plain(n) for n in e.group[1:]))}</b>. "
+            f"To distinguish them: {esc(e.split_by)}{hand}</p>{command}"
         )
     total = sum(g for g in e.channels.values() if g > 0.0)
     channels = ", ".join(
@@ -176,7 +175,7 @@ def _unknown(v: Verdict) -> str:
         return ""
     about = (
         f"At {joints_in_short(u.joints)}, largest in {u.regime or 'all regimes'}; {100 * u.predictable_share:.0f} % of "
-        f"what is left is predictable from {' and '.join(u.depends_on)}."
+        f"the rest is predictable from {' and '.join(u.depends_on)}."
     )
     told = "<p>Write it as an effect, and diagnose again with <code>--add-effect module:Class</code>.</p>"
     if u.formula is not None:
@@ -196,7 +195,7 @@ def _seen(v: Verdict) -> str:
     for s in v.seen:
         values = ", ".join(f"{words.parameter(n)} {p.value:.3g} {p.unit}".strip() for n, p in s.parameters.items())
         told.append(f"{s.title or words.plain(s.name)} at {joints_in_short(s.joints)}: {values}.")
-    about = "The logs show these, but the simulator moves hardly otherwise with them."
+    about = "The logs show these, but they hardly change the simulated motion."
     return boxed("Seen, does not matter here", about, _list(told))
 
 
@@ -227,7 +226,7 @@ def _channels(v: Verdict) -> str:
         mark = "<b style='color:var(--good)'>on</b>" if state == "used" else f"<span>{esc(state)}</span>"
         title = esc(CHANNEL_TITLES.get(name, name))
         rows.append(f"<tr><th>{title}</th><td>{mark}</td><td>{evidence}</td></tr>")
-    return boxed("How each channel did", "", f"<table>{''.join(rows)}</table>")
+    return boxed("Channels", "", f"<table>{''.join(rows)}</table>")
 
 
 def _timeline(result: Diagnosis) -> str:

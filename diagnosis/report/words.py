@@ -110,11 +110,11 @@ def second_line(v: Verdict) -> str:
         parts.append(f"What is left depends most on {' and '.join(v.unknown.depends_on)}.")
     s = v.shrink
     if s is not None and s.s is not None and v.effects:
-        what = "Put into the simulator, it closes"
+        what = "Added to the simulator, it closes"
         if v.status == "unknown_effect":
             what = f"The best that the library has, {_found(v.effects[0])}, closes"
         elif len(v.effects) > 1:
-            what = "Put into the simulator, they close"
+            what = "Added to the simulator, they close"
         parts.append(f"{what} {_share(s)}.")
     named = "; ".join(f"{_found(e)} {100 * e.probability:.0f} %" for e in v.effects[:2])
     none = f"no effect {100 * v.probability_none:.0f} %, an unknown one {100 * v.probability_unknown:.0f} %"
@@ -123,11 +123,11 @@ def second_line(v: Verdict) -> str:
 
 
 def _share(shrink: Shrink) -> str:
-    """How much of the gap goes; an interval as wide as the gap itself is told as what it is."""
+    """How much of the gap closes; an interval as wide as the gap itself is told as what it is."""
     assert shrink.s is not None  # noqa: S101  (the caller asks)
     told = f"{100 * shrink.s:.0f} % of the gap"
     if shrink.s_low is None or shrink.s_high is None:
         return told
     if shrink.s_high - shrink.s_low > WIDEST:
-        return f"{told}, which so few runs leave uncertain"
+        return f"{told}; with so few runs, this is uncertain"
     return f"{told} (90 %: {100 * shrink.s_low:.0f} to {100 * shrink.s_high:.0f} %)"

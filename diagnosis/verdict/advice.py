@@ -66,8 +66,8 @@ def advice(
     if len(gains) == 1 and gains != {(0.0, 0.0)} and Channel.SET_POINT_TO_LOAD in views:
         how = " (spot-rl collect --other-gains 50,1)" if is_spot else ""
         out.append(
-            "All logs have the same servo gains: a wrong gain cannot be told from friction or a torque gain. "
-            f"Record one short log at others{how}."
+            "All logs have the same servo gains: a wrong gain cannot be distinguished from friction or a torque gain. "
+            f"Record one short log at other gains{how}."
         )
     speeds = [np.nanmax(np.abs(r.velocity_command[:, 0]), initial=0.0) for r in logs.recordings]
     if is_spot and max(speeds) < FAST_M_S:

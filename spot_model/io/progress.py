@@ -7,7 +7,14 @@ from collections.abc import Callable
 from typing import Final
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    TaskProgressColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 from rich.progress import Progress as Bar
 from typing_extensions import Self
 
@@ -19,7 +26,7 @@ class Progress:
 
     Args:
         what: Of which they are, such as ``generations``.
-        total: How many.
+        total: How many; None if ``done`` is in per cent.
         done: How many are done at the start; work that is resumed begins there, and its time left counts from there.
         already_s: How long the work has gone on since then.
         console: Standard error by default.
@@ -29,7 +36,7 @@ class Progress:
     def __init__(
         self,
         what: str,
-        total: int,
+        total: int | None = None,
         *,
         done: int = 0,
         already_s: float = 0.0,
@@ -37,13 +44,15 @@ class Progress:
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._console = console or Console(stderr=True)
-        self._what, self._total, self._first, self._clock = what, total, done, clock
+        self._what, self._total, self._first, self._clock = what, 100 if total is None else total, done, clock
+        self._unit = " %" if total is None else f"/{total}"
         self._began_s, self._next_line_s = clock() - already_s, 0.0
         self._bar: Bar | None = None
         if self._console.is_terminal:
-            columns = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+            count = TaskProgressColumn() if total is None else MofNCompleteColumn()
+            columns = (BarColumn(), count, TimeElapsedColumn(), TimeRemainingColumn())
             self._bar = Bar(TextColumn(what), *columns, TextColumn("{task.fields[text]}"), console=self._console)
-            self._bar.add_task(what, total=total, completed=done, text="")
+            self._bar.add_task(what, total=self._total, completed=done, text="")
             self._bar.start()
 
     def update(self, done: int, text: str = "", *, is_told: bool = False) -> None:
@@ -56,7 +65,7 @@ class Progress:
         now = self._clock()
         if is_told or now >= self._next_line_s or done == self._total:
             self._next_line_s = now + PLAIN_INTERVAL_S
-            parts = [f"{self._what} {done}/{self._total}", self._left(now, done), text]
+            parts = [f"{self._what} {done}{self._unit}", self._left(now, done), text]
             told = "  ".join(part for part in parts if part)
             self._console.print(told, markup=False, highlight=False, soft_wrap=True)
 

@@ -40,9 +40,9 @@ def test_stage_share_and_time_left_in_a_file() -> None:
     progress("a note")
     progress.close()
     lines = stream.getvalue().splitlines()
-    assert lines[0] == "diagnosis, % 0/100  reading logs"
+    assert lines[0] == "diagnosis 0 %  reading logs"
     # A tenth in 10 s: nine tenths, 90 s, are left.
-    assert lines[1] == "diagnosis, % 10/100  left 1:30  building channels of 3 logs"
+    assert lines[1] == "diagnosis 10 %  left 1:30  building channels of 3 logs"
     assert progress.share == pytest.approx(0.1 + 0.15 * 0.5 + 0.25 * 0.075)
 
 

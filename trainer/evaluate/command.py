@@ -92,7 +92,7 @@ def _evaluated(setting: Setting, n: int, unfinished: Path) -> dict[str, Any]:
         )
     write_over(unfinished, _json(done))
     try:
-        with Progress("trials, %", 100) as progress:
+        with Progress("trials") as progress:
             result = run_trials(
                 setting,
                 n=n,

@@ -75,7 +75,7 @@ def test_what_few_samples_part_from_the_others_is_not_identified(logs: list[Logg
     few = replace(fit, errors=replace(fit.errors, independent_samples=independent))
     found = {v.name: v for v in judge(MODEL, samples, few, MODEL.space.initial, None)}[name]
     assert not found.identified
-    assert "only 25 in effect tell it from the others" in found.reason
+    assert "effectively only 25 distinguish it from the others" in found.reason
 
 
 def test_inertia_between_motor_and_sensor_is_found_beside_the_parameters(make_logs: MakeLogs) -> None:

@@ -104,8 +104,8 @@ def with_best_contact(problem: Problem, values: Array) -> tuple[Problem, DirectC
         candidate = replace(problem, options=replace(problem.options, contact_time_constant_s=choice_s))
         choices.append((candidate.score(candidate.evaluate(values[None, :])[0]), choice_s, candidate))
     _, best_s, chosen = min(choices, key=lambda c: c[:2])
-    scores = ", ".join(f"{1e3 * s:g} ms {value:.2f}" for value, s, _ in choices)
-    return chosen, DirectChange("contact time constant", best_s, "s", f"best score of {len(choices)} choices: {scores}")
+    scores = ", ".join(f"{value:.3g} at {1e3 * s:g} ms" for value, s, _ in choices)
+    return chosen, DirectChange("contact time constant", best_s, "s", f"the best of {len(choices)} by score: {scores}")
 
 
 def identify(

@@ -48,16 +48,16 @@ def identification_page(data: ResultData, overlays: Sequence[tuple[str, slice, f
     body = [
         _head(data, known),
         "<div class='two'>",
-        boxed("Identified", "With 90 % intervals.", _values(known) or "<p>Nothing: see beside, and why.</p>"),
+        boxed("Identified", "", _values(known) or "<p>Nothing; the other box gives the reasons.</p>"),
         boxed(
             "Not identified",
-            "In the model file stand values that the logs do not contradict, no more.",
+            "For these, the model file contains values that the logs do not contradict.",
             _reasons(unknown),
         ),
         "</div>",
-        boxed("Measured directly", "Read off the logs, not searched.", _measured(data)),
+        boxed("Measured directly", "Measured from the logs, without a search.", _measured(data)),
         *(_overlay(*overlay) for overlay in overlays),
-        boxed("Search", "The score of each generation's best model. 1: as near as two real runs.", _score(data)),
+        boxed("Search", "The score of each generation's best model; 1 means as close as two real runs.", _score(data)),
         boxed("Details", "", _details(data)),
     ]
     return framed("Identification", body)
@@ -76,19 +76,19 @@ def _head(data: ResultData, known: Sequence[ParameterVerdict]) -> str:
         start = data.score.get("initial")
         before = "" if start is None else f", {start:.2f} before"
         near = (
-            "as near to the robot as a real run, or nearly"
+            "as close to the robot as another real run, or nearly"
             if is_near
             else "still farther from the robot than a real run"
         )
         told.append(f"Simulated runs are {near}: {end:.2f} times the distance of two real runs{before}.")
     elif not data.score_is_over_floor:
-        told.append("Without repeats there is no floor: record each sequence at least twice to know how near it is.")
+        told.append("Record each sequence at least twice: without repeats it is not known how close the simulation is.")
     return headed(badge, kind, headline, told)
 
 
 def _values(parameters: Sequence[ParameterVerdict]) -> str:
     rows = [(_plain(p.name), f"{p.value:.4g} {p.unit}", f"{p.low:.4g} to {p.high:.4g}", p.source) for p in parameters]
-    return table((), rows) if rows else ""
+    return table(("parameter", "value", "90 % interval", "from"), rows) if rows else ""
 
 
 def _reasons(parameters: Sequence[ParameterVerdict]) -> str:
@@ -100,8 +100,13 @@ def _reasons(parameters: Sequence[ParameterVerdict]) -> str:
 
 
 def _measured(data: ResultData) -> str:
-    items = [f"<li>{esc(m.what)}: <b>{m.value:.4g}</b> {esc(m.unit)} ({esc(m.source)})</li>" for m in data.measured]
+    items = [f"<li>{esc(m.what)}: <b>{_amount(m.value, m.unit)}</b> ({esc(m.source)})</li>" for m in data.measured]
     return f"<ul>{''.join(items)}</ul>" if items else ""
+
+
+def _amount(value: float, unit: str) -> str:
+    """A value with its unit; times in milliseconds."""
+    return f"{1e3 * value:.3g} ms" if unit == "s" else f"{value:.4g} {esc(unit)}"
 
 
 def _score(data: ResultData) -> str:
@@ -132,7 +137,7 @@ def _details(data: ResultData) -> str:
         )
         for p in data.parameters
     ]
-    head = ("parameter", "initial", "value", "90 %", "by the search alone")
+    head = ("parameter", "initial", "value", "90 % interval", "by the search alone")
     floors = [(s.name, s.repeats, s.floor_w1_nm, s.floor_mmd) for s in data.sequences]
     floor_head = ("sequence", "repeats", "floor: Wasserstein, N·m", "MMD")
     parts = [

@@ -128,8 +128,8 @@ def _verdict(
         independent = fit.errors.independent_samples[i]
         if enough and independent >= MIN_INDEPENDENT and is_narrow(p, by_torque):
             reason = (
-                f"{fit.errors.active_samples[i]} samples of {fit.errors.active_runs[i]} runs bear on it, "
-                f"{independent:.0f} of them in effect on it alone"
+                f"{fit.errors.active_samples[i]} samples of {fit.errors.active_runs[i]} runs depend on it, "
+                f"effectively {independent:.0f} of them on it alone"
             )
             return made(by_torque, by_torque.value, "measured torque", reason)
         reason = why_not(model.space, fit, samples, i, enough=bool(enough))
@@ -139,7 +139,7 @@ def _verdict(
     reason = (
         "without repeats there is no interval"
         if intervals is None
-        else "the score hardly changes with it: the runs do not excite what it governs"
+        else "the score hardly changes with it: the runs do not excite it"
     )
     return made(by_search, by_search.value, "not identified", reason)
 
@@ -158,7 +158,7 @@ def why_not(space: SearchSpace, fit: TorqueFit, samples: TorqueSamples, i: int, 
     if n == 0:
         return f"never reached: no sample depends on it; {_reached(p, samples)}"
     if runs < MIN_RUNS and n >= MIN_ACTIVE:
-        return f"one run alone bears on it ({n} samples); how far it can be trusted shows from {MIN_RUNS} runs on"
+        return f"only one run depends on it ({n} samples); {MIN_RUNS} runs are needed to check it"
     if not enough:
         needed = f"{MIN_ACTIVE} of {MIN_RUNS} runs are needed"
         return f"hardly reached: {n} samples of {runs} runs depend on it, {needed}; {_reached(p, samples)}"
@@ -173,10 +173,10 @@ def why_not(space: SearchSpace, fit: TorqueFit, samples: TorqueSamples, i: int, 
     independent = fit.errors.independent_samples[i]
     if independent < MIN_INDEPENDENT:
         return (
-            f"{n} samples of {runs} runs bear on it, but only {independent:.0f} in effect tell it from the others; "
-            f"{MIN_INDEPENDENT:.0f} are needed"
+            f"{n} samples of {runs} runs depend on it, but effectively only {independent:.0f} distinguish it from the "
+            f"others; {MIN_INDEPENDENT:.0f} are needed"
         )
-    return f"{n} samples of {runs} runs bear on it, but they do not agree closely enough"
+    return f"{n} samples of {runs} runs depend on it, but they do not agree closely enough"
 
 
 def kept_value(model: TorqueModel, samples: TorqueSamples, fit: TorqueFit, i: int) -> float:

@@ -37,9 +37,7 @@ def with_measured(
     if use_delay and np.isfinite(delays.path_median_s) and ("command_delay", "delay_s") not in searched:
         model = _with_delay(model, delays.path_median_s)
         changes.append(
-            DirectChange(
-                "command delay", delays.path_median_s, "s", f"median of {len(delays.path_s)} commands' receipts"
-            )
+            DirectChange("command delay", delays.path_median_s, "s", f"median of {len(delays.path_s)} command receipts")
         )
     has_armature = any(isinstance(e, Armature) for e in model.effects)
     if use_inertia and fit is not None and not has_armature:

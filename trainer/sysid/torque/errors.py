@@ -34,7 +34,7 @@ class FitErrors:
     correlation: Array
     """Between the estimates, shape (n, n)."""
     active_samples: NDArray[np.intp]
-    """Samples that bear on it."""
+    """Samples that depend on it."""
     active_runs: NDArray[np.intp]
     """Runs that have such samples."""
     independent_samples: Array
