@@ -118,7 +118,7 @@ def _data(design: Design, offers: Sequence[Offer]) -> dict[str, Any]:
 def ranking_lines(design: Design, offers: Sequence[Offer]) -> list[str]:
     """For a terminal."""
     commands = {id(o.proposal): o.command for o in offers}
-    lines = ["what is still possible"]
+    lines = ["possible causes"]
     lines += [f"  {w:5.2f}  {in_words(c)}" for c, w in zip(design.causes, design.weights, strict=True)]
     for number, p in enumerate(design.proposals, start=1):
         lines.append("")
@@ -129,10 +129,10 @@ def ranking_lines(design: Design, offers: Sequence[Offer]) -> list[str]:
         tells = (
             f"{p.told.bits:.2f} of {p.told.of_bits:.2f} bits in {p.robot_s:.0f} s: {p.bits_a_second:.3f} bits a second"
         )
-        lines.append(f"   tells    {tells}")
+        lines.append(f"   information  {tells}")
         if p.told.bits > 0.0:
-            lines.append(f"   parts    {p.decides(design.causes, design.weights)}")
-        lines.append(f"   loads    {p.burden}; needs {p.candidate.needs}")
+            lines.append(f"   separates    {p.decides(design.causes, design.weights)}")
+        lines.append(f"   loads        {p.burden}; needs {p.candidate.needs}")
         if id(p) in commands:
-            lines.append(f"   run      {commands[id(p)]}")
+            lines.append(f"   run          {commands[id(p)]}")
     return lines

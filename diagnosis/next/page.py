@@ -29,23 +29,26 @@ def ranking_page(design: Design, offers: Sequence[Offer]) -> str:
     odds = {in_words(c): float(w) for c, w in zip(design.causes, design.weights, strict=True)}
     commands = {id(o.proposal): o.command for o in offers}
     offered = [p for p in design.proposals if not p.refused]
-    about = "The most bits of the cause a second of robot time first. All were simulated on robots that the logs allow."
+    about = (
+        "Ranked by information about the cause per second of robot time, simulated on robots that agree with the logs. "
+        "Those without a command tell too little."
+    )
     body = [
         f"<section><h1>What to run next</h1><p class='lead'>{esc(_lead(design))}</p></section>",
-        boxed("Still possible", "Probabilities of causes by the logs so far.", _moves([("", odds)])),
+        boxed("Possible causes", "Their probabilities, from the logs so far.", _moves([("", odds)])),
         boxed("Experiments", about, "".join(_offered(p, design, commands.get(id(p), "")) for p in offered)),
     ]
     refused = {p.candidate.title: esc("; ".join(p.refused)) for p in design.proposals if p.refused}
-    body += [boxed("Refused", "No robot is to run these.", _rows(refused))] if refused else []
+    body += [boxed("Refused", "Do not run these on a robot.", _rows(refused))] if refused else []
     return framed("Next experiment", body, STYLE)
 
 
 def _offered(proposal: Proposal, design: Design, command: str) -> str:
     told = proposal.told
     rows = {
-        "tells": f"{told.bits:.2f} of {told.of_bits:.2f} bits in {proposal.robot_s:.0f} s of robot time",
-        "tells apart": esc(proposal.decides(design.causes, design.weights)),
-        "numbers": esc(proposal.values),
+        "information": f"{told.bits:.2f} of {told.of_bits:.2f} bits in {proposal.robot_s:.0f} s of robot time",
+        "separates": esc(proposal.decides(design.causes, design.weights)),
+        "settings": esc(proposal.values),
         "loads": esc(proposal.burden),
         "needs": esc(proposal.candidate.needs),
         "run": f"<code>{esc(command)}</code>" if command else "",
@@ -67,19 +70,19 @@ def story_page(story: Story) -> str:
         (f"{number}. {r.title}, {r.robot_s:.0f} s{'' if r.found else ', not diagnosed yet'}", r.after)
         for number, r in enumerate(story.rounds, start=1)
     ]
-    ending = f"It ended: {story.ending}." if story.ending else "It goes on."
+    ending = f"Ended: {story.ending}." if story.ending else "Not finished."
     n = len(story.rounds)
     meta = f"{n} experiment{'s' if n != 1 else ''}, {story.robot_s:.0f} s of robot time. {ending}"
-    badge, kind = ("one cause stands", "good") if is_sure else ("not one cause yet", "fair")
+    badge, kind = ("One cause is left", "good") if is_sure else ("Several causes are possible", "fair")
     parts = [
         headed(badge, kind, f"{cause[0].upper()}{cause[1:]}: {_percent(odds)}", [story.sentence], meta),
         boxed(
-            "How the odds moved",
-            "Probability that each cause is there, after each experiment, by all logs so far.",
+            "Probabilities after each experiment",
+            "Probability of each cause, from all logs until then.",
             _moves(stages),
         ),
     ]
-    return framed("The robot was asked", [*parts, *map(_round, range(1, len(story.rounds) + 1), story.rounds)], STYLE)
+    return framed("Experiments", [*parts, *map(_round, range(1, len(story.rounds) + 1), story.rounds)], STYLE)
 
 
 def _round(number: int, asked: Asked) -> str:
@@ -89,12 +92,14 @@ def _round(number: int, asked: Asked) -> str:
         if abs(p - asked.before.get(name, 0.0)) >= 0.01
     ]
     came = f"{asked.outcome}, {asked.robot_s:.0f} s of robot time"
-    bits = f"{asked.came_bits:.2f} bits came; {asked.expected_bits:.2f} were expected" if asked.found else ""
+    bits = f"{asked.came_bits:.2f} bits of information; {asked.expected_bits:.2f} were expected" if asked.found else ""
     rows = {
-        "asked": f"{esc(asked.title)} ({esc(asked.values)})",
-        "to tell apart": esc(asked.parts),
-        "came": esc(came) + (f"<br><code>{esc(Path(asked.log).name)}</code>" if asked.log else ""),
-        "odds": "<br>".join([*(moved or ["moved by less than 1 %"]), bits]) if asked.found else "not diagnosed yet",
+        "experiment": f"{esc(asked.title)} ({esc(asked.values)})",
+        "separates": esc(asked.parts),
+        "outcome": esc(came) + (f"<br><code>{esc(Path(asked.log).name)}</code>" if asked.log else ""),
+        "beliefs": "<br>".join([*(moved or ["changed by less than 1 %"]), bits])
+        if asked.found
+        else "not diagnosed yet",
         "verdict": esc(asked.sentence) + _report(asked),
     }
     return boxed(f"Experiment {number}: {asked.name.replace('_', ' ')}", "", _rows(rows))
@@ -129,14 +134,14 @@ def _percent(p: float) -> str:
 
 def _lead(design: Design) -> str:
     if len(design.causes) < 2:
-        return f"One cause is left: {in_words(design.causes[0])}. There is nothing to part."
+        return f"One cause is left: {in_words(design.causes[0])}. No experiment is needed."
     if not design.worthwhile:
-        return "No experiment that is safe tells more."
+        return "No safe experiment would tell more."
     best = design.worthwhile[0]
     title = best.candidate.title
     return (
-        f"{title[0].upper()}{title[1:]}. Expected to tell {best.told.bits:.2f} of the {best.told.of_bits:.2f} bits "
-        f"that would tell the causes apart, in {best.robot_s:.0f} s of robot time."
+        f"{title[0].upper()}{title[1:]}. Expected to give {best.told.bits:.2f} of the {best.told.of_bits:.2f} bits "
+        f"that decide between the causes, in {best.robot_s:.0f} s of robot time."
     )
 
 

@@ -157,7 +157,6 @@ NOT_RUN = {
     "python benchmarks/calibrate_diagnosis.py": CORES,
     "python benchmarks/calibrate_diagnosis.py robots --seed 20261 --to 240 --out ensemble": CORES,
     "python benchmarks/calibrate_diagnosis.py fit ensemble": CORES,
-    "spot-rl withheld run --cases 80 --seed-from-os --out DIR": CORES,
     "python benchmarks/withheld_share.py share --first 0 --end 800 --seed 2555331358616426029 --minutes 6.7 "
     "--to FOLDER": CORES,
     "python benchmarks/check_experiments.py --policy policies/walk.onnx --out experiments.json "
@@ -178,7 +177,6 @@ NOT_RUN = {
     "spot-rl bench stop --only unix --stops 8": "floods a service for minutes in real time, as the line above",
     "spot-rl bench stop --only tls --stops 4": "the same over TLS",
     "spot-rl bench faults --only 100 Hz": "a row of the matrix, which tests/spot_runtime/faults/test_matrix.py tries",
-    "spot-rl bench faults --search --minutes 50 --seed 20": "searches for most of an hour; its test tries one case",
     "spot-rl bench faults --search --minutes 8 --seed 301": "the same, for eight minutes",
     "bash benchmarks/identify_session.sh run inertia --inertia --policy policies/baseline.onnx --config "
     "benchmarks/identify_short.yaml --truths-at-once 6 --runs-at-once 3 --workers 2": CORES,

@@ -49,12 +49,12 @@ def evaluation_page(result: dict[str, Any]) -> str:
     body = [
         _head(result),
         "<div class='two'>",
-        boxed("Speed against command", "Forward, held for 10 s. A gap: the robot fell.", _speed(result)),
+        boxed("Speed against command", "Forward, held for 10 s. A gap means that the robot fell.", _speed(result)),
         boxed("Tracking error", "One command at a time, from a straight walk.", _errors(result)),
         "</div>",
         boxed(
             "Falls and disturbances",
-            "Friction, masses and starts are drawn at random, one robot a trial.",
+            "Friction, masses and starts are drawn at random, one robot per trial.",
             _trials(result),
         ),
         _gait(result),
@@ -87,7 +87,7 @@ def _sentences(top: Mapping[str, Any], tracking: Mapping[str, Any], slow: Mappin
     if top["sustained_m_s"] is not None:
         named = f"a {top['gait']}, " if top.get("gait") not in (None, "", "none") else ""
         yield (
-            f"At its highest speed: {named}{top['stride_hz']:.1f} strides a second, no foot on the ground for "
+            f"At its highest speed: {named}{top['stride_hz']:.1f} strides a second, all feet in the air for "
             f"{100 * top['flight_share']:.0f} % of the time."
         )
 
@@ -178,7 +178,7 @@ def _gait(result: Mapping[str, Any]) -> str:
     )
     picture = chart(lines, "share of time", x_title="commanded forward, m/s", height=190, zero=True)
     diagrams = "".join(_stride(p) for p in _chosen(points))
-    about = "How long each foot stands, and how long none does. Even feet lie on each other."
+    about = "Share of time that each foot is on the ground, and that none is. In an even gait the four lines coincide."
     return boxed("Gait", about, key + picture + diagrams)
 
 

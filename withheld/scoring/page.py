@@ -37,28 +37,28 @@ def page(data: Mapping[str, Any], checked: Checked, out: Path) -> str:
         _head(data, shown),
         boxed(
             "Figures",
-            "'Not shown': the interval holds both what is asked and what is not. A fault matters if it moves the gap "
+            "'Not shown' means that the interval contains the target. A fault matters if it moves the gap "
             "between this robot and the same one without it by twice the gap's floor.",
             _table(("figure", "measured (cases; 95 % interval)", "asked", ""), map(_figure, shown)) + _unasked(empty),
         ),
         boxed(
-            "Where it is right",
+            "Right answers by kind of case",
             "Cases whose truth is clear: faults that matter, or none that does.",
-            _table(("by", "", "right"), _breakdown(data["breakdown"])),
+            _table(("grouped by", "", "right"), _breakdown(data["breakdown"])),
         ),
         boxed(
             "Stated probabilities",
-            "Of causes, of no gap and of an unknown effect, in steps of a tenth.",
-            _table(("stated", "was so"), [(f"{b['said']:.2f}", _share(b)) for b in data["reliability"]]),
+            "Of causes, no gap, and an unknown effect, in steps of a tenth.",
+            _table(("stated", "came true"), [(f"{b['said']:.2f}", _share(b)) for b in data["reliability"]]),
         ),
         boxed(
             "Metadata alone",
-            "A classifier on names, sizes, stamps, counts and headers has to be at chance.",
+            "A classifier that sees only names, sizes, stamps, counts and headers must be no better than chance.",
             _table(("question", "balanced accuracy", "by chance", "p"), map(_leak, data["metadata_alone"])),
         ),
         boxed(
             "Cases",
-            "Each with its report, where reports were kept.",
+            "The number links to the case's report, if it was kept.",
             _table(
                 ("case", "kind", "logs", "hidden", "said", "S", ""),
                 [_case(o, checked.folders[o.case.number], out) for o in checked.outcomes],
@@ -74,16 +74,16 @@ def _head(data: Mapping[str, Any], shown: Sequence[Mapping[str, Any]]) -> str:
     met = [r for r in asked if r["met"] == "met"]
     missed = [r["title"] for r in asked if r["met"] == "not met"]
     kind = "good" if asked and len(met) == len(asked) else "bad" if missed else "fair"
-    lines = [f"{data['cases']} of {data['asked_cases']} cases are judged: robots whose faults were sealed first."]
+    lines = [f"{data['cases']} of {data['asked_cases']} cases are judged."]
     lines += [f"Missed: {'; '.join(missed)}."] if missed else []
-    meta = "Met: the whole 95 % interval lies where it is asked to."
-    headline = f"{len(met)} of {len(asked)} aims are met" if asked else "Too few cases for any aim"
+    meta = "'Met' means that the whole 95 % interval meets the target."
+    headline = f"{len(met)} of {len(asked)} targets are met" if asked else "Too few cases for any target"
     return headed("Withheld check", kind, headline, lines, meta)
 
 
 def _unasked(titles: Sequence[str]) -> str:
     listed = "".join(f"<li>{esc(title)}</li>" for title in titles)
-    return f"<details><summary>No case asks about these</summary><ul>{listed}</ul></details>" if titles else ""
+    return f"<details><summary>Figures without a case</summary><ul>{listed}</ul></details>" if titles else ""
 
 
 def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> Html:
@@ -132,7 +132,7 @@ def _case(o: Outcome, folder: Path, out: Path) -> Sequence[str]:
 
 def _protocol(data: Mapping[str, Any]) -> str:
     return (
-        f"<p>Catalogue {esc(data['reality'])}; locked in by {esc(', '.join(data['locked_in']))}; "
+        f"<p>Catalogue {esc(data['reality'])}; isolated by {esc(', '.join(data['locked_in']))}; "
         f"{data['core_seconds_a_case']['mean']:.0f} core-seconds a case.</p>"
         "<details><summary>Digests and seed</summary>"
         f"<pre>diagnosis {data['protocol']}\ngenerator {data['generator']}\nseed {data['seed']}\n"

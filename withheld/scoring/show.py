@@ -58,7 +58,7 @@ def fault_words(f: Fault) -> str:
     names = ", ".join(f.names) or "no effect of the library"
     numbers = ", ".join(f"{n} {v:.4g}" for n, v in f.parameters.items())
     at = f" at {', '.join(f.joints)}" if f.joints else ""
-    return f"{f.kind or f.family}: {names}{at}, size {f.size:g}{'; ' + numbers if numbers else ''}"
+    return f"{f.kind or f.family}: {names}{at}, size {f.size:.2g}{'; ' + numbers if numbers else ''}"
 
 
 def verdict_words(o: Outcome) -> str:

@@ -79,7 +79,7 @@ class Proposal:
         pairs = list(combinations(range(len(causes)), 2))
         i, j = max(pairs, key=lambda p: weights[p[0]] * weights[p[1]] * (self.told.right(*p) - 0.5))
         right = self.told.right(i, j)
-        return f"{in_words(causes[i])} from {in_words(causes[j])} (right afterwards: {100.0 * right:.0f} %)"
+        return f"{in_words(causes[i])} from {in_words(causes[j])} (decided correctly in {100.0 * right:.0f} %)"
 
 
 @dataclass(frozen=True)
