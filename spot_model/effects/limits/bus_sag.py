@@ -51,14 +51,18 @@ class BusSag(TorqueEffect):
     def power_w(self, torque_nm: AnyArray, velocity_rad_s: AnyArray) -> AnyArray:
         """What all motors draw, shape (..., 1), from torque and velocity of shape (..., J)."""
         xp = array_namespace(torque_nm)
-        mechanical = torque_nm * velocity_rad_s
-        drawn = xp.where(mechanical > 0.0, mechanical, xp.zeros_like(mechanical))
+        drawn = _positive(torque_nm * velocity_rad_s)
         return xp.sum(drawn + self.copper_w_per_nm2 * torque_nm * torque_nm, axis=-1, keepdims=True)
 
     def bound_nm(self, power_w: AnyArray, velocity_rad_s: AnyArray) -> AnyArray:
         """Largest driving torque, shape (..., J), while the motors draw a power of shape (..., 1)."""
         xp = array_namespace(velocity_rad_s)
         open_v = self.open_voltage_v
-        root = xp.sqrt(xp.clip(open_v * open_v - 4.0 * self.resistance_ohm * power_w, 0.0, 1e9))
+        root = xp.sqrt(_positive(open_v * open_v - 4.0 * self.resistance_ohm * power_w))
         voltage = 0.5 * (open_v + root)
-        return self.stall_nm_per_v * xp.clip(voltage - self.back_emf_v_s_per_rad * xp.abs(velocity_rad_s), 0.0, 1e9)
+        return self.stall_nm_per_v * _positive(voltage - self.back_emf_v_s_per_rad * xp.abs(velocity_rad_s))
+
+
+def _positive(value: AnyArray) -> AnyArray:
+    """The value where it is positive, else 0; several times faster than a clip, and it runs in every physics step."""
+    return 0.5 * (value + abs(value))
