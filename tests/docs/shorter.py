@@ -6,6 +6,9 @@ The line runs as it stands on the page, with these words at its end; where an op
 from __future__ import annotations
 
 SHORTER = {
+    "spot-rl train --config policies/walk.yaml --set n_envs=64 --set iterations=2 --out runs/try": "--set n_envs=16 "
+    "--set iterations=1",
+    "spot-rl evaluate try.onnx --n 2 --out try-evaluation": "--n 1",
     "spot-rl train --config policies/walk_cpu.yaml": "--set n_envs=16 --set iterations=1",
     "spot-rl train --resume runs/walk_cpu-…": "--set iterations=2",
     "spot-rl bench train --json": "--set n_envs=16 --iterations 1",

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
 
 from spot_model.effects.base import BodyEstimate, EstimateEffect, JointReading, Memory, parameter
-from spot_model.robot.rotation import multiply_wxyz, rotate_inverse_wxyz
+from spot_model.robot.rotation import AnyArray, multiply_wxyz, rotate_inverse_wxyz
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,14 +29,9 @@ class ImuTilt(EstimateEffect):
         self, estimate: BodyEstimate, joints: JointReading, dt_s: float, memory: Memory, rng: np.random.Generator
     ) -> tuple[BodyEstimate, Memory]:
         """Tilt attitude, turn rates and velocity."""
-        if self.is_null:
+        body_from_imu = self._body_from_imu_wxyz
+        if body_from_imu is None:
             return estimate, memory
-        n = estimate.world_from_body_wxyz.shape[0]
-        roll, pitch = (np.broadcast_to(0.5 * np.asarray(v), (n, 1)) for v in (self.roll_rad, self.pitch_rad))
-        zero = np.zeros((n, 1))
-        about_x = np.concatenate([np.cos(roll), np.sin(roll), zero, zero], axis=1)
-        about_y = np.concatenate([np.cos(pitch), zero, np.sin(pitch), zero], axis=1)
-        body_from_imu = multiply_wxyz(about_x, about_y)
         linear = rotate_inverse_wxyz(body_from_imu, estimate.linear_vel_of_body_in_body_m_s)
         angular = rotate_inverse_wxyz(body_from_imu, estimate.angular_vel_of_body_in_body_rad_s)
         tilted = dataclasses.replace(
@@ -45,3 +41,15 @@ class ImuTilt(EstimateEffect):
             linear_vel_of_body_in_body_m_s=linear,
         )
         return tilted, memory
+
+    @cached_property
+    def _body_from_imu_wxyz(self) -> AnyArray | None:
+        """The tilt, shape (1, 4) or (n, 4); None where there is none."""
+        if self.is_null:
+            return None
+        angles = (0.5 * np.reshape(np.asarray(v), (-1, 1)) for v in (self.roll_rad, self.pitch_rad))
+        roll, pitch = np.broadcast_arrays(*angles)
+        zero = np.zeros_like(roll)
+        about_x = np.concatenate([np.cos(roll), np.sin(roll), zero, zero], axis=1)
+        about_y = np.concatenate([np.cos(pitch), zero, np.sin(pitch), zero], axis=1)
+        return multiply_wxyz(about_x, about_y)
