@@ -18,7 +18,7 @@ import json
 import tempfile
 import time
 from argparse import ArgumentParser, Namespace
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any, Final
@@ -251,22 +251,30 @@ def _left(row: dict[str, Any]) -> tuple[float, float]:
     return float(np.log(row["best"] / usual)), float(np.log1p(row["beyond"]))
 
 
-def main() -> None:
-    """Read the command line."""
-    parser = ArgumentParser(description=__doc__)
+def two_steps(
+    about: str | None, robots: Callable[[Namespace], object], name: str, judged: Callable[[Namespace], object]
+) -> tuple[ArgumentParser, ArgumentParser]:
+    """A command line of two steps, ``robots`` and one that reads their folder; the parser of all and of the first."""
+    parser = ArgumentParser(description=about)
     steps = parser.add_subparsers(required=True)
     one = steps.add_parser("robots")
     one.add_argument("--seed", type=int, required=True)
-    one.add_argument("--first", type=int, default=0)
-    one.add_argument("--to", type=int, required=True)
     one.add_argument("--out", type=Path, required=True)
-    one.add_argument("--kind", action="append", choices=KINDS, help="these alone")
-    one.add_argument("--workers", type=int, default=2)
     one.add_argument("--until", type=float, default=1e9, help="begin no robot after so many seconds")
     one.set_defaults(step=robots)
-    two = steps.add_parser("fit")
+    two = steps.add_parser(name)
     two.add_argument("folder", type=Path)
-    two.set_defaults(step=fit)
+    two.set_defaults(step=judged)
+    return parser, one
+
+
+def main() -> None:
+    """Read the command line."""
+    parser, one = two_steps(__doc__, robots, "fit", fit)
+    one.add_argument("--first", type=int, default=0)
+    one.add_argument("--to", type=int, required=True)
+    one.add_argument("--kind", action="append", choices=KINDS, help="these alone")
+    one.add_argument("--workers", type=int, default=2)
     given = parser.parse_args()
     given.step(given)
 

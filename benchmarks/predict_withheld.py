@@ -13,12 +13,13 @@ from __future__ import annotations
 import json
 import shutil
 import time
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from itertools import count, islice
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from calibrate_diagnosis import two_steps
 
 from diagnosis.next.inputs import Inputs
 from diagnosis.next.predict.prediction import load_prediction, with_log
@@ -106,20 +107,11 @@ def score(given: Namespace) -> None:
 
 def main() -> None:
     """Read the command line."""
-    parser = ArgumentParser(description=__doc__)
-    steps = parser.add_subparsers(required=True)
-    one = steps.add_parser("robots")
+    parser, one = two_steps(__doc__, robots, "score", score)
     one.add_argument("--policy", type=Path, default=Path("policies/fast.onnx"))
     one.add_argument("--catalogue", default="calibrating")
-    one.add_argument("--seed", type=int, required=True)
     one.add_argument("--count", type=int, required=True)
     one.add_argument("--speed", type=float, default=5.0)
-    one.add_argument("--out", type=Path, required=True)
-    one.add_argument("--until", type=float, default=1e9, help="begin no robot after so many seconds")
-    one.set_defaults(step=robots)
-    two = steps.add_parser("score")
-    two.add_argument("folder", type=Path)
-    two.set_defaults(step=score)
     given = parser.parse_args()
     given.step(given)
 
