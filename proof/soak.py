@@ -31,7 +31,7 @@ from spot_runtime.host.clock import HostClock
 from spot_runtime.host.console import Console
 from spot_runtime.session.run import RunRequest, run
 from spot_runtime.session.summary import resident_mb
-from spot_runtime.sources.scripted import ScriptedSource
+from spot_tools.run.scripted import ScriptedSource
 
 GROWTH_BOUND_MB: Final = 4.0
 

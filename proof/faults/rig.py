@@ -40,7 +40,7 @@ from spot_runtime.host.clock import HostClock, RobotClockEstimate
 from spot_runtime.host.console import Console
 from spot_runtime.session.run import RunRequest, run
 from spot_runtime.sources.base import CommandSource
-from spot_runtime.sources.scripted import ScriptedSource
+from spot_tools.run.scripted import ScriptedSource
 
 CALM: Final[Mapping[str, Mapping[str, Any]]] = {
     "real_time": {"fifo_priority": 0, "lock_memory": False, "freeze_garbage_collection": False},

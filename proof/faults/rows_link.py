@@ -8,7 +8,7 @@ from proof.faults.drive import Drive
 from proof.faults.rig import Rig
 from proof.faults.rows import NS_PER_MS, Finding, Row, happens, judge, reacted, tried_with, went_on
 from spot_model.io.velocity_sequence import standing_sequence
-from spot_runtime.sources.scripted import ScriptedSource
+from spot_tools.run.scripted import ScriptedSource
 
 LONG_TICKS = 15_000
 

@@ -17,7 +17,7 @@ from proof.faults.rows import Finding, Row, judge, reacted, tried_with, went_on
 from spot_model.io.velocity_sequence import standing_sequence
 from spot_model.policy.contract import PolicyError
 from spot_model.policy.policy import Policy, load_policy, policy_from_bytes
-from spot_runtime.sources.scripted import ScriptedSource
+from spot_tools.run.scripted import ScriptedSource
 
 Actions = NDArray[np.float32]
 FIVE_TICKS_MS = 125.0

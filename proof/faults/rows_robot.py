@@ -15,7 +15,7 @@ from proof.faults.rig import Rig
 from proof.faults.rows import NS_PER_MS, Finding, Row, happens, judge, reacted, tried_with, went_on
 from proof.faults.rows_state import drive_way
 from spot_runtime.hal.errors import HalError
-from spot_runtime.sources.gamepad import GamepadSource, PadReading
+from spot_tools.run.gamepad import GamepadSource, PadReading
 
 END_TIME_JUMP_MS = 5.0
 

@@ -25,7 +25,7 @@ from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import JointCommand, RobotState
 from spot_runtime.hal.errors import MotionError
 from spot_runtime.session.summary import RunSummary
-from spot_runtime.sources.scripted import ScriptedSource
+from spot_tools.run.scripted import ScriptedSource
 
 TIPPED_RAD: Final = 0.7
 SUNK_M: Final = 0.27

@@ -13,7 +13,7 @@ from spot_runtime.config import RunConfig
 from spot_runtime.hal.base import Hal
 
 ENTRY_POINT_GROUP: Final = "spot_rl.hal"
-BUILT_IN: Final = {"spot": "spot_runtime.hal.spot.adapter:adapter", "replay": "spot_runtime.hal.replay:adapter"}
+BUILT_IN: Final = {"spot": "spot_runtime.hal.spot.adapter:adapter"}
 
 
 class HalRequest(NamedTuple):

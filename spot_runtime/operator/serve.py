@@ -29,7 +29,7 @@ from spot_runtime.options import (
     check_encodable,
     resolve_config,
 )
-from spot_runtime.session.run_command import recover_at_start
+from spot_runtime.session.run import recover_at_start
 
 
 def serve(

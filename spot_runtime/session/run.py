@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from pathlib import Path
 
+from spot_log import recover_leftovers
 from spot_log.format.events import EventName
 from spot_log.format.records import EventRecord, RunHeader
 from spot_log.write.flight_recorder import FlightRecorder
@@ -79,6 +80,15 @@ def log_file_name(policy_name: str, sequence: str, repeat: int, now: datetime | 
     words = [now.strftime("%Y%m%d-%H%M%S"), policy_name, sequence, f"r{repeat}"]
     safe = ["".join(c if c.isalnum() or c in "-_." else "_" for c in word) for word in words]
     return "-".join(safe) + ".mcap"
+
+
+def recover_at_start(directory: Path, console: Console) -> None:
+    """Repair what a crash has left behind; a run starts even if that fails."""
+    try:
+        for recovery in recover_leftovers(directory):
+            console.say(f"{recovery.result}: recovered from a run that did not end cleanly")
+    except OSError as error:
+        console.say(f"warning: leftovers in {directory} could not be recovered: {error.strerror or error}")
 
 
 def run(

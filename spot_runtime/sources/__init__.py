@@ -1,1 +1,1 @@
-"""Sources of velocity commands: scripted, keyboard, gamepad."""
+"""What a source of commands to the policy is, and how its velocities are shaped."""

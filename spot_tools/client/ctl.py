@@ -157,8 +157,8 @@ def drive(
     """Steer by keyboard or gamepad until you press x."""
     from spot_runtime.config import OperatorConfig
     from spot_runtime.host.console import Console
-    from spot_runtime.sources.manual import manual_source
     from spot_tools.client.drive import drive_by
+    from spot_tools.run.manual import manual_source
 
     console = Console()
     with _client(context) as client:

@@ -38,9 +38,9 @@ from spot_runtime.session.robot_session import ControlEnd, RobotSession
 from spot_runtime.session.run import RunRequest, run
 from spot_runtime.session.signals import OperatorInterrupt, StopSignals
 from spot_runtime.session.summary import RunSummary
-from spot_runtime.sources.keyboard import QUIT, TerminalKeys
-from spot_runtime.sources.scripted import ScriptedSource
 from spot_runtime.stops import Stop, StopReason
+from spot_tools.run.keyboard import QUIT, TerminalKeys
+from spot_tools.run.scripted import ScriptedSource
 from tests.spot_runtime.conftest import HandMadeRobot
 
 HANDOVER = HandoverConfig(settle_s=0.3, ramp_in_s=0.1, ramp_out_s=0.1, soft_stop_s=0.0, soft_stop_settle_s=0.0)

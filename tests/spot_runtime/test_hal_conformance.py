@@ -24,17 +24,17 @@ from spot_runtime.hal.connection.address import parse_address
 from spot_runtime.hal.connection.credentials import PASSWORD_VARIABLE, USERNAME_VARIABLE
 from spot_runtime.hal.errors import CredentialsError, MotionError
 from spot_runtime.hal.registry import Adapter, HalRequest, find_adapter
-from spot_runtime.hal.replay import ReplayHal
 from spot_runtime.hal.spot.adapter import BosdynHal
 from spot_runtime.hal.spot.lock_step import LockStep
 from spot_runtime.host.clock import HostClock
-from spot_runtime.session.run_command import run
 from spot_tools.hal_conformance import (
     CHECKS,
     ConformanceError,
     brings_states_in_order,
     takes_commands_and_hands_back,
 )
+from spot_tools.run.command import run
+from spot_tools.run.replay import ReplayHal
 from tests.spot_runtime.conftest import HandMadeRobot
 
 MS = 1_000_000

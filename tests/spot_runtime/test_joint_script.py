@@ -29,9 +29,9 @@ from spot_runtime.control.safety.policy_bounds import with_speed_limit
 from spot_runtime.control.safety.signals.load import torque_nm
 from spot_runtime.safety_limits import SafetyLimits
 from spot_runtime.service_config import ServiceConfig
-from spot_runtime.session.run_command import run as run_command
-from spot_runtime.sources.joint_script import JointScriptSource
 from spot_runtime.stops import Stop, StopReason
+from spot_tools.run.command import run as run_command
+from spot_tools.run.joint_script import JointScriptSource
 from tests.spot_runtime.test_loop import drive, drive_until, modes_of
 
 SCRIPT = joint_script(Standing(name="sway", duration_s=4.0))

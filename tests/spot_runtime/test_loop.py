@@ -19,8 +19,8 @@ from spot_runtime.config import RunConfig
 from spot_runtime.control.loop import ControlLoop
 from spot_runtime.control.modes import Mode
 from spot_runtime.sources.base import Wanted
-from spot_runtime.sources.scripted import ScriptedSource
 from spot_runtime.stops import Stop, StopReason
+from spot_tools.run.scripted import ScriptedSource
 from tests.spot_runtime.conftest import STAND_LOAD_NM
 
 MS = 1_000_000

@@ -31,11 +31,11 @@ from spot_runtime.host.console import Console
 from spot_runtime.host.instance_lock import AlreadyRunningError, InstanceLock
 from spot_runtime.host.locked_file import open_locked
 from spot_runtime.session.run import log_file_name
-from spot_runtime.session.run_command import make_source
 from spot_runtime.session.signals import OperatorInterrupt, StopSignals
 from spot_runtime.session.summary import RunSummary, figures, resident_mb
-from spot_runtime.sources.gamepad import PygamePad
 from spot_runtime.stops import StopReason
+from spot_tools.run.command import make_source
+from spot_tools.run.gamepad import PygamePad
 
 ROOT = Path(__file__).parents[2]
 MS = 1_000_000

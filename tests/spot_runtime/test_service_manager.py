@@ -23,7 +23,7 @@ from spot_runtime.host.console import Console
 from spot_runtime.host.journal import Journal, entry_of, goes_to_journal, tell_by
 from spot_runtime.host.service_manager import ServiceManager
 from spot_runtime.session.run import RunRequest, run
-from spot_runtime.sources.scripted import ScriptedSource
+from spot_tools.run.scripted import ScriptedSource
 
 
 class Listener:

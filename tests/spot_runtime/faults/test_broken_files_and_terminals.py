@@ -106,7 +106,7 @@ def test_odd_names_on_the_command_line(words: tuple[str, ...], code: int, said: 
 
 
 def test_a_terminal_that_knows_only_ascii() -> None:
-    code = "from spot_runtime.session.run_command import _say_last; _say_last('tick 5 µs → fine')"
+    code = "from spot_tools.run.command import _say_last; _say_last('tick 5 µs → fine')"
     surroundings = {**os.environ, "PYTHONIOENCODING": "ascii"}
     done = subprocess.run([sys.executable, "-c", code], env=surroundings, capture_output=True, timeout=60)
     assert done.returncode == 0, done.stderr
@@ -114,7 +114,7 @@ def test_a_terminal_that_knows_only_ascii() -> None:
 
 
 def test_a_terminal_that_nobody_reads() -> None:
-    code = "from spot_runtime.session.run_command import _say_last; _say_last('x' * 100000); raise SystemExit(10)"
+    code = "from spot_tools.run.command import _say_last; _say_last('x' * 100000); raise SystemExit(10)"
     process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE)
     assert process.stdout is not None
     process.stdout.close()

@@ -24,8 +24,8 @@ from spot_runtime.config import RunConfig
 from spot_runtime.control.loop import ControlLoop
 from spot_runtime.control.modes import Mode
 from spot_runtime.hal.base import JointControl
-from spot_runtime.sources.scripted import ScriptedSource
 from spot_runtime.stops import Stop, StopReason
+from spot_tools.run.scripted import ScriptedSource
 
 REPOSITORY = Path(__file__).parents[3]
 MS = 1_000_000

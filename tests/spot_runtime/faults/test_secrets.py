@@ -113,7 +113,7 @@ def test_only_policies_on_the_list_run(fake: Rig, tmp_path: Path) -> None:
     check_allowed(Path("walk.onnx"), policy.sha256, ("0" * 64, policy.sha256))
     with pytest.raises(PolicyError, match=f"digest {policy.sha256}.*service.policy_sha256"):
         check_allowed(Path("walk.onnx"), policy.sha256, ("0" * 64,))
-    from spot_runtime.session.run_command import run
+    from spot_tools.run.command import run
 
     config = tmp_path / "run.yaml"
     config.write_text(f"service: {{policy_sha256: ['{'0' * 64}']}}\n", encoding="utf-8")

@@ -10,7 +10,6 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from spot_log import recover_leftovers
 from spot_log.write.logger_process import LoggerProcess
 from spot_log.write.run_writer import free_path, make_log_folder
 from spot_model.errors import BadInputError
@@ -30,12 +29,12 @@ from spot_runtime.host.service_manager import ServiceManager
 from spot_runtime.options import CaFile, ConfigFile, CredentialsFile, LockStepAddress, RobotAddress, resolve_config
 from spot_runtime.rescue.guarded import guarded
 from spot_runtime.session.labels import parse_labels
-from spot_runtime.session.run import RunRequest, log_file_name
+from spot_runtime.session.run import RunRequest, log_file_name, recover_at_start
 from spot_runtime.session.run import run as run_once
 from spot_runtime.sources.base import CommandSource
-from spot_runtime.sources.joint_script import JointScriptSource
-from spot_runtime.sources.manual import manual_source
-from spot_runtime.sources.scripted import ScriptedSource
+from spot_tools.run.joint_script import JointScriptSource
+from spot_tools.run.manual import manual_source
+from spot_tools.run.scripted import ScriptedSource
 
 
 def run(
@@ -126,15 +125,6 @@ def _say_last(text: str) -> None:
         nothing = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nothing, sys.stdout.fileno())
         os.close(nothing)
-
-
-def recover_at_start(directory: Path, console: Console) -> None:
-    """Repair what a crash has left behind; a run starts even if that fails."""
-    try:
-        for recovery in recover_leftovers(directory):
-            console.say(f"{recovery.result}: recovered from a run that did not end cleanly")
-    except OSError as error:
-        console.say(f"warning: leftovers in {directory} could not be recovered: {error.strerror or error}")
 
 
 def make_source(

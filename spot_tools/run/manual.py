@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 from spot_runtime.config import OperatorConfig
 from spot_runtime.sources.base import CommandSource
-from spot_runtime.sources.gamepad import GamepadSource, PygamePad
-from spot_runtime.sources.keyboard import HELP, KeyboardSource, TerminalKeys
+from spot_tools.run.gamepad import GamepadSource, PygamePad
+from spot_tools.run.keyboard import HELP, KeyboardSource, TerminalKeys
 
 
 def manual_source(config: OperatorConfig, say: Callable[[str], None], *, is_gamepad: bool) -> CommandSource:
