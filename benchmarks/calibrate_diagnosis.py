@@ -45,7 +45,7 @@ from spot_model.policy.policy import Policy, load_policy
 from withheld.cases.draw import Case, draw, kind_of
 from withheld.cases.sequences import ordinary_sequences
 from withheld.cases.source import Source, source_of
-from withheld.measuring.distances import SHRINK_REPEATS, TWIN_REPEATS, moved, rehearse, true_shrink
+from withheld.measuring.distances import SHRINK_REPEATS, TWIN_REPEATS, make_runs, moved, true_shrink
 from withheld.plan import Reality, RecordingPlan
 from withheld.scoring.sizes import LARGE, SMALL
 from withheld.simulator.simulation import RealityDivergedError
@@ -106,12 +106,12 @@ def recorded(case: Case, source: Source, policy: Policy) -> tuple[Reality, list[
         logs = Path(folder) / "logs"
         logs.mkdir()
         reality = source.make(case.requests, case.reality_seed)
-        made = rehearse(reality, plan(case.repeats, case.recording_seed), logs)
+        made = make_runs(reality, plan(case.repeats, case.recording_seed), logs)
         made.write(logs)
         walks, by = made.walks(policy), []
         for i in range(len(case.requests)):
             twin = source.make(case.requests[:i] + case.requests[i + 1 :], case.reality_seed)
-            healthy = rehearse(twin, plan(TWIN_REPEATS, case.recording_seed + 1 + i), Path(folder) / str(i))
+            healthy = make_runs(twin, plan(TWIN_REPEATS, case.recording_seed + 1 + i), Path(folder) / str(i))
             by.append(moved(walks, healthy.walks(policy)))
         runs, _ = prepared([read_run(path) for path in sorted(logs.glob("*.mcap"))], SPOT)
     return reality, list(runs), by

@@ -123,7 +123,7 @@ def opened(own: Subject, catalogue: str) -> dict[str, Any]:
     told: dict[str, Any] = {"kind": own.case.requests[0].kind, "names": list(own.reality.truth.faults[0].names)}
     try:
         policy = load_policy(own.policy)
-        by = moved(own.reality.rehearse(own.plan).walks(policy), twin.rehearse(twins).walks(policy))
+        by = moved(own.reality.make_runs(own.plan).walks(policy), twin.make_runs(twins).walks(policy))
         told["moved"] = None if by is None else round(by, 3)
         if size_of(by) is Size.LARGE:
             inputs, place = own.inputs(), own.work / FIRST

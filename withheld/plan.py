@@ -121,9 +121,9 @@ class Reality(Protocol):
 
 
 @runtime_checkable
-class Rehearsing(Reality, Protocol):
+class MakesRuns(Reality, Protocol):
     """A reality that can make its runs before it is known whether they are wanted; the package's own can."""
 
-    def rehearse(self, plan: RecordingPlan) -> Made:
+    def make_runs(self, plan: RecordingPlan) -> Made:
         """The runs that :meth:`Reality.record` would write."""
         ...

@@ -26,7 +26,7 @@ MIN_NOISE: Final = 1e-6
 class Stack:
     """Recordings with their segmentations, n rows in all.
 
-    Filters run over the seams between recordings; ``inner`` keeps away from them.
+    Filters run over the boundaries between recordings; ``inner`` keeps away from them.
     """
 
     recordings: tuple[Recording, ...]

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterator
 from types import ModuleType
 
-from fake_robot.conformance import authority, books, commands, contents, identity, joint_stream, plausible, reports
+from fake_robot.conformance import answers, authority, commands, identity, joint_stream, measurements, memory, reports
 from fake_robot.conformance.check import Basis, Check, Needs, Result, Verdict, judge
 from fake_robot.conformance.server import Server
 
@@ -20,7 +20,7 @@ def _checks_of(module: ModuleType) -> list[Check]:
 
 CHECKS: tuple[Check, ...] = tuple(
     item
-    for module in (identity, authority, commands, joint_stream, reports, plausible, books, contents)
+    for module in (identity, authority, commands, joint_stream, reports, measurements, memory, answers)
     for item in _checks_of(module)
 )
 

@@ -25,7 +25,7 @@ _GOVERNORS: Final = "sys/devices/system/cpu/cpu[0-9]*/cpufreq/scaling_governor"
 
 
 def checks_of_computer(host: Host, config: RunConfig, policy: Path | None) -> list[Check]:
-    """All of them, in the order in which they are worth mending."""
+    """All of them, in the order in which to fix them."""
     real_time = config.real_time
     return [
         Check("python", lambda: python(host)),

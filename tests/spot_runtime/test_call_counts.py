@@ -53,7 +53,7 @@ def test_a_cycle_of_the_loop(robot: Any, zero_policy: Policy) -> None:
     assert len(with_tick) >= 9
     assert median(with_tick) < 480  # 370
     assert median(without) < 300  # 229
-    assert sum(with_tick + without) / 70 < 430  # 330: before some cycles the next step is rehearsed
+    assert sum(with_tick + without) / 70 < 430  # 330: before some cycles the next step is warmed up
 
 
 def test_a_state_handed_to_the_log() -> None:

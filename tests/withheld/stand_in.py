@@ -58,8 +58,8 @@ class StandIn(Alone):
 
     KINDS = KINDS
 
-    def rehearse(self, plan: RecordingPlan) -> Made:
-        return self._made.rehearse(plan)
+    def make_runs(self, plan: RecordingPlan) -> Made:
+        return self._made.make_runs(plan)
 
 
 class Brittle(StandIn):
@@ -67,9 +67,9 @@ class Brittle(StandIn):
 
     attempts: ClassVar[dict[str, int]] = {}
 
-    def rehearse(self, plan: RecordingPlan) -> Made:
+    def make_runs(self, plan: RecordingPlan) -> Made:
         name = repr(plan.sequences)
         self.attempts[name] = self.attempts.get(name, 0) + 1
         if self.attempts[name] == 1:
             raise RealityDivergedError("not a number")
-        return super().rehearse(plan)
+        return super().make_runs(plan)

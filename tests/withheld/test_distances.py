@@ -22,7 +22,7 @@ SHORT_DRIVE = (FaultRequest(kind="flux_change", place="all", size=1.0),)
 
 def _walks(requests: tuple[FaultRequest, ...], seed: int) -> list[Walk]:
     plan = RecordingPlan(POLICY, (SEQUENCE,), 3, seed)
-    return StandIn(4, requests).rehearse(plan).walks(load_policy(POLICY))
+    return StandIn(4, requests).make_runs(plan).walks(load_policy(POLICY))
 
 
 def test_a_fault_moves_the_measure_and_none_does_not() -> None:
@@ -38,9 +38,9 @@ def test_logs_and_runs_in_memory_are_the_same_walks(tmp_path: Path) -> None:
     plan = RecordingPlan(POLICY, (SEQUENCE,), 1, 5)
     policy = load_policy(POLICY)
     ((name, written),) = Written(Alone(4, SHORT_DRIVE), plan, tmp_path).walks(policy)
-    ((other, rehearsed),) = StandIn(4, SHORT_DRIVE).rehearse(plan).walks(policy)
+    ((other, in_memory),) = StandIn(4, SHORT_DRIVE).make_runs(plan).walks(policy)
     assert name == other == "ahead"
-    assert written == pytest.approx(rehearsed)
+    assert written == pytest.approx(in_memory)
 
 
 def test_the_right_model_shrinks_the_gap_and_a_wrong_one_does_not(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""The seam between the task and the physics: many robots, stepped by one policy period at a time."""
+"""The interface between the task and the physics: many robots, stepped by one policy period at a time."""
 
 from __future__ import annotations
 

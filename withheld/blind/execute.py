@@ -25,7 +25,7 @@ from withheld.blind.seal import Seal, file_digest
 from withheld.cases.draw import draw
 from withheld.cases.sequences import fast_sequences, ordinary_sequences
 from withheld.cases.source import source_of
-from withheld.measuring.distances import SHRINK_REPEATS, TWIN_REPEATS, moved, rehearse, true_shrink
+from withheld.measuring.distances import SHRINK_REPEATS, TWIN_REPEATS, make_runs, moved, true_shrink
 from withheld.measuring.paper_search import paper_search
 from withheld.outcome import Outcome, Round, load_outcome
 from withheld.plan import Made, Reality, RecordingPlan, Truth, Walk
@@ -156,7 +156,7 @@ class _Execution:
                 self.policy, case.sequences, case.repeats, case.recording_seed, frozenset(case.missing), case.detail
             )
             try:
-                made = rehearse(reality, plan, logs)
+                made = make_runs(reality, plan, logs)
             except RealityDivergedError:
                 continue
             made.write(logs)
@@ -211,7 +211,7 @@ class _Execution:
                 twin = self.source.make(rest, case.reality_seed)
                 plan = RecordingPlan(self.policy, case.sequences, TWIN_REPEATS, case.recording_seed + 1 + number)
                 try:
-                    made = rehearse(twin, plan, Path(folder) / str(number))
+                    made = make_runs(twin, plan, Path(folder) / str(number))
                     found.append(moved(walks, made.walks(policy)))
                 except NO_DISTANCE:
                     found.append(None)

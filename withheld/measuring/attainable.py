@@ -113,7 +113,7 @@ def summaries_of_case(case: Case, policies: Path) -> Array:
     """Of a case, simulated once more from its seeds; the mean over its runs."""
     path = policies / f"{case.policy}.onnx"
     reality = make(case.requests, case.reality_seed, CATALOGUE)
-    made = reality.rehearse(RecordingPlan(path, case.sequences, case.repeats, case.recording_seed))
+    made = reality.make_runs(RecordingPlan(path, case.sequences, case.repeats, case.recording_seed))
     return np.asarray(np.mean([summaries(run, load_policy(path)) for _, _, _, run in made.runs], axis=0))
 
 
@@ -126,7 +126,7 @@ def _robot(path: Path, policy: Policy, kind: str, place: str, scale: float, seed
     reality = make(requests, seed, catalogue, error_scale=scale)
     sequences = ordinary_sequences(policy.contract, np.random.default_rng(seed), SECONDS)
     try:
-        made = reality.rehearse(RecordingPlan(path, sequences, 1, seed))
+        made = reality.make_runs(RecordingPlan(path, sequences, 1, seed))
     except RealityDivergedError:
         return None
     return np.asarray(np.mean([summaries(run, policy) for _, _, _, run in made.runs], axis=0))

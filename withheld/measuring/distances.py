@@ -14,7 +14,7 @@ from spot_model.policy.policy import Policy
 from trainer.sysid.distance.measures import SequenceReference
 from withheld.features import Features, features_of_run
 from withheld.measuring.closed_loop import simulate
-from withheld.plan import Made, Reality, RecordingPlan, Rehearsing, Walk
+from withheld.plan import Made, MakesRuns, Reality, RecordingPlan, Walk
 
 MIN_TICKS: Final = 50
 TWIN_REPEATS: Final = 3
@@ -47,9 +47,9 @@ class Written:
         """They are there."""
 
 
-def rehearse(reality: Reality, plan: RecordingPlan, folder: Path) -> Made:
+def make_runs(reality: Reality, plan: RecordingPlan, folder: Path) -> Made:
     """The runs of a plan, without logs where the reality can; ``folder`` is for those of one that cannot."""
-    return reality.rehearse(plan) if isinstance(reality, Rehearsing) else Written(reality, plan, folder)
+    return reality.make_runs(plan) if isinstance(reality, MakesRuns) else Written(reality, plan, folder)
 
 
 def moved(walks: Sequence[Walk], twins: Sequence[Walk]) -> float | None:

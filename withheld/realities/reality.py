@@ -62,7 +62,7 @@ class ComposedReality:
             PolicyError: The policy cannot be loaded.
             OSError: The folder cannot be written.
         """
-        self.rehearse(plan).write(folder)
+        self.make_runs(plan).write(folder)
 
     def perform(self, experiment: JointExperiment, seed: int, folder: Path) -> None:
         """Simulate a joint experiment once, and write its log.
@@ -76,7 +76,7 @@ class ComposedReality:
         (run,) = simulate(self.robot(), script, [RunRequest(asked, stream(seed, "run", 0, 0))], self.settings)
         Made(plan, script, ((0, 0, asked, run),)).write(folder)
 
-    def rehearse(self, plan: RecordingPlan) -> Made:
+    def make_runs(self, plan: RecordingPlan) -> Made:
         """Simulate.
 
         Raises:

@@ -20,7 +20,7 @@ SEED = 11
 class Broken(StandIn):
     """Breaks every simulation."""
 
-    def rehearse(self, plan: RecordingPlan) -> Made:
+    def make_runs(self, plan: RecordingPlan) -> Made:
         raise RealityDivergedError("not a number")
 
 
