@@ -6,10 +6,10 @@
 ``robots`` draws cases as the withheld check does, but of its calibrating catalogue, and keeps what each diagnosis
 compared: it can be interrupted, and goes on. A robot whose fault moves it is diagnosed twice, the second time by a
 library without its effects, and S of the delivered model is measured on new sequences. ``fit`` prints, with how many
-robots they rest on: the distance that faultless robots keep from models with their ordinary errors; the logistic
-regressions of "the effect is there" on evidence and distance, and of "something unknown matters" on the distance and
-what signals predict of the residuals that are left; the regression of how far a fault moves a robot on how far it moves
-its model; and S where the right effect was named, as stated and as measured.
+robots they rest on: the distance that faultless robots keep from models with their ordinary errors, and what their
+signals leave; the logistic regressions of "the effect is there" on evidence and distance, and of "something unknown
+matters" on the distance and what signals predict of the residuals that are left; the regression of how far a fault
+moves a robot on how far it moves its model; and S where the right effect was named, as stated and as measured.
 """
 
 from __future__ import annotations
@@ -28,14 +28,16 @@ from sklearn.linear_model import LogisticRegression
 
 from diagnosis.closed_loop.engine import LocalEngine
 from diagnosis.closed_loop.trials import Bench
-from diagnosis.decision_constants import LEFT_SHARE, RUNS_APART, USUAL_LEFT
+from diagnosis.decision_constants import LEFT_SHARE, ORDINARY_EXCESS, RUNS_APART, USUAL_LEFT
 from diagnosis.library.base import LibraryEffect
 from diagnosis.library.registry import LIBRARY
 from diagnosis.read.prepare import prepared
 from diagnosis.read.robot_file import SPOT
+from diagnosis.selection.scoring import null_of
 from diagnosis.verdict.causes import ERRORS, Causes, decide
 from diagnosis.verdict.diagnose import diagnose
 from diagnosis.verdict.explain import explain
+from diagnosis.verdict.left_over import excess
 from diagnosis.verdict.posterior import ordinary_gap
 from spot_log import read_run
 from spot_log.read.run import Run
@@ -136,6 +138,7 @@ def compared(causes: Causes) -> dict[str, Any]:
         "errors": causes.errors,
         "best": causes.left,
         "beyond": first.remainder().beyond(USUAL_LEFT),
+        "excess": excess(first.board, null_of(first.board)),
         "found": [
             {"name": n, "nats": gains[n], "nearer": belief.nearer.get(n), "moved": causes.moved.get(n), "p": p}
             for n, p in belief.there.items()
@@ -189,6 +192,9 @@ def fit(given: Namespace) -> None:
     quantiles = np.quantile(left_nm, [0.5, 0.95, 1.0]).round(2)
     print(f"ORDINARY_LEFT_NM: {len(clean)} faultless robots, 50, 95, 100 %: {quantiles}")
     print(f"GAP_SLOPE: {slope:.1f}")
+    for channel in ORDINARY_EXCESS:
+        own = [r["excess"][channel] for r in clean if channel in r["excess"]]
+        print(f"ORDINARY_EXCESS: {channel}: {np.median(own):.2f}, {np.std(own):.2f}; {len(own)} robots" if own else "")
     found, right, moves = [], [], []
     for row in rows:
         by_name = {name: f["moved"] for f in row["faults"] for name in f["names"]}

@@ -20,6 +20,7 @@ from diagnosis.selection.nuisance_model import model_of, size_of_errors
 from diagnosis.selection.scoring import Placed, Scored, Scorer, null_of, without
 from diagnosis.selection.search import price
 from diagnosis.verdict.explain import Explained
+from diagnosis.verdict.left_over import excess, is_odd
 from diagnosis.verdict.posterior import Belief, Hypothesis, believe, between_formulas, log_odds, ordinary_gap
 from spot_model.io.model_file import RobotModel
 
@@ -59,6 +60,8 @@ class Causes:
     """The floor's W1 part, N·m; NaN where nothing was simulated."""
     errors: float
     """Size of the robot's ordinary errors, in published standard deviations."""
+    odd: float
+    """Probability that residuals leave more than ordinary errors do, whatever is said of it."""
     notes: tuple[str, ...]
 
     @property
@@ -201,10 +204,10 @@ def _kept(
         found = found.with_effects(candidates[likeliest], library)
     gains = dict(zip(found.effects, found.selection.gains, strict=True))
     beyond = found.remainder().beyond(USUAL_LEFT)
-    errors = size_of_errors(found.board, (found.selection.best or null_of(found.board)).pulls)
-    ordinary = ordinary_gap(tried.scatter_nm, errors)
-    belief = believe(tuple(hypotheses.values()), found.effects, gains, found.n_runs, beyond, moved, ordinary)
     best = found.selection.best or null_of(found.board)
+    errors, odd = size_of_errors(found.board, best.pulls), is_odd(excess(found.board, best))
+    ordinary = ordinary_gap(tried.scatter_nm, errors, odd)
+    belief = believe(tuple(hypotheses.values()), found.effects, gains, found.n_runs, beyond, moved, ordinary)
     kept, seen = best, []
     for term in best.terms:
         if not _is_cause(found, best, term, belief):
@@ -223,6 +226,7 @@ def _kept(
         moved,
         tried.scatter_nm,
         errors,
+        odd,
         tried.notes,
     )
 

@@ -39,6 +39,7 @@ from diagnosis.decision_constants import (
     THERE,
     THERE_BY_RESIDUALS,
     UNKNOWN,
+    USUAL_ERRORS,
     USUAL_LEFT,
 )
 
@@ -151,14 +152,16 @@ def believe(
     return replace(so_far, none=none, unknown=unknown, there=there, effects=effects)
 
 
-def ordinary_gap(scatter_nm: float, errors: float) -> float:
+def ordinary_gap(scatter_nm: float, errors: float, odd: float = 0.0) -> float:
     """Distance in floors that 95 of 100 robots without a fault keep from a model with their ordinary errors.
 
     Args:
         scatter_nm: The floor's W1 part: between repeats of the robot's own runs, N·m.
         errors: Size of the robot's ordinary errors, in published standard deviations.
+        odd: Probability that residuals leave more than ordinary errors do: the errors fitted to them mean little then.
     """
-    return float(np.hypot(RUNS_APART, ORDINARY_LEFT_NM * min(errors, LARGEST_ERRORS) / max(scatter_nm, 1e-6)))
+    largest = LARGEST_ERRORS + odd * (USUAL_ERRORS - LARGEST_ERRORS)
+    return float(np.hypot(RUNS_APART, ORDINARY_LEFT_NM * min(errors, largest) / max(scatter_nm, 1e-6)))
 
 
 def is_gap(distance: float, ordinary: float) -> float:

@@ -19,6 +19,7 @@ from diagnosis.decision_constants import (
     RUNS_APART,
     THERE,
     UNKNOWN,
+    USUAL_ERRORS,
 )
 from diagnosis.verdict.assemble import finite, status_of
 from diagnosis.verdict.posterior import (
@@ -202,6 +203,12 @@ def test_a_robot_that_repeats_itself_well_keeps_more_floors_from_its_model() -> 
 def test_errors_beyond_any_ordinary_ones_excuse_no_distance() -> None:
     assert ordinary_gap(0.2, 4.0 * LARGEST_ERRORS) == ordinary_gap(0.2, LARGEST_ERRORS)
     assert ordinary_gap(0.2, LARGEST_ERRORS) > ordinary_gap(0.2, 0.9 * LARGEST_ERRORS)
+
+
+def test_errors_that_residuals_contradict_excuse_what_usual_ones_would() -> None:
+    assert ordinary_gap(0.2, LARGEST_ERRORS, odd=1.0) == pytest.approx(ordinary_gap(0.2, USUAL_ERRORS))
+    assert ordinary_gap(0.2, 0.5 * USUAL_ERRORS, odd=1.0) == ordinary_gap(0.2, 0.5 * USUAL_ERRORS)
+    assert ordinary_gap(0.2, LARGEST_ERRORS) > ordinary_gap(0.2, LARGEST_ERRORS, odd=0.5) > ordinary_gap(0.2, 0.3)
 
 
 @pytest.mark.parametrize("distance", [None, 0.5])

@@ -12,6 +12,7 @@ from withheld.realities.calibrating import (
     friction,
     ground,
     limits,
+    outside,
     sensing,
     supply,
     thermal,
@@ -44,6 +45,7 @@ _KINDS: Final = (
     FaultKind("boots", "body", ("leg_mass",), ("type", "leg", "all"), body.boots),
     FaultKind("slippery_ground", "ground", ("ground_friction",), LEG_PLACES, ground.slippery),
     FaultKind("soft_ground", "ground", ("ground_compliance",), LEG_PLACES, ground.soft),
+    *outside.KINDS,
 )
 
 CATALOGUE: Final[Mapping[str, FaultKind]] = {kind.name: kind for kind in _KINDS}
