@@ -6,6 +6,7 @@ import subprocess
 import sys
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 import typer
@@ -250,3 +251,19 @@ def test_an_error_of_the_system_names_the_file_and_the_next_step(number: int, ne
     assert line.startswith(f"spot-rl compare: error: out/page.html: {os.strerror(number)}; ")
     assert next_step in line
     assert "\n" not in line
+
+
+class _Interrupted(ModuleType):
+    """A module while whose import somebody presses Ctrl-C."""
+
+    def __getattr__(self, name: str) -> object:
+        raise KeyboardInterrupt
+
+
+def test_ctrl_c_during_the_first_imports_is_one_line(monkeypatch, capsys) -> None:
+    name = "spot_model.io.command_line"
+    monkeypatch.setitem(sys.modules, name, _Interrupted(name))
+    with pytest.raises(SystemExit) as end:
+        entry_points(group="console_scripts", name="spot-rl")["spot-rl"].load()()
+    assert end.value.code == 130
+    assert capsys.readouterr().err == "spot-rl: interrupted\n"
