@@ -55,6 +55,10 @@ class Comparison:
     notes: tuple[str, ...] = ()
     """What could not be compared, a sentence each."""
 
+    def __repr__(self) -> str:
+        """The sentences: the arrays would fill a screen."""
+        return f"<Comparison: {' '.join(self.sentences)}>"
+
     @property
     def sentences(self) -> tuple[str, ...]:
         """What differs most, one sentence for each other run."""

@@ -36,15 +36,27 @@ class Run:
     """One log."""
 
     path: Path
+    """The file; of a simulated run, what messages call it."""
     header: RunHeader
+    """Robot, policy, configuration and labels."""
     states: StateTable
+    """Each message of the robot's state stream, 333 per second."""
     commands: CommandTable
+    """Each command sent to the robot."""
     ticks: TickTable
+    """Each step of the policy, 50 per second."""
     slow_states: SlowTable
+    """Battery, temperatures and power, 5 per second."""
     events: tuple[EventRecord, ...]
+    """Modes, stops, warnings and labels."""
     footer: RunFooter | None
+    """Counts, and how the run ended; None if the log was not closed."""
     damage: tuple[str, ...] = ()
     """What could not be read, a sentence each; empty for a whole log."""
+
+    def __repr__(self) -> str:
+        """In one line: the arrays would fill a screen."""
+        return f"<Run {self.path.name}: {self.duration_s:.1f} s, {len(self.states)} states, {self.outcome}>"
 
     @property
     def truncated(self) -> bool:
