@@ -57,6 +57,9 @@ def recover_log(source: Path, result: Path) -> Recovery:
         _write(file, messages)
         _verify(active_path(result), messages)
         os.link(active_path(result), result)
+    except OSError as error:
+        error.filename = error.filename or str(result)
+        raise
     finally:
         file.close()
         active_path(result).unlink()

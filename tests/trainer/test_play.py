@@ -184,3 +184,16 @@ def test_a_film(tmp_path: Path, ending: str) -> None:
     head = film.read_bytes()[:12]
     assert head.startswith(b"GIF8") if ending == "gif" else head[4:8] == b"ftyp"
     assert [path.name for path in tmp_path.iterdir()] == [film.name]
+
+
+def test_a_film_for_which_the_disk_has_no_room_is_refused(tmp_path: Path) -> None:
+    pytest.importorskip("imageio_ffmpeg")
+    words = [str(POLICY), "--video", str(tmp_path / "walk.mp4"), "--seconds", "0.4"]
+    command = [sys.executable, "-c", "from spot_model.io.command_line import main; main()", "play", *words]
+    done = subprocess.run(["sh", "-c", 'ulimit -f 4; exec "$@"', "sh", *command], capture_output=True, text=True)
+    if "MuJoCo cannot draw" in done.stderr:
+        pytest.skip("no OpenGL that works without a display")
+    assert done.returncode == 2
+    assert "walk.mp4 cannot be written" in done.stderr
+    assert "is there room on the disk?" in done.stderr
+    assert not list(tmp_path.iterdir())

@@ -81,17 +81,28 @@ def write_film(walk: Walk, velocity_at: VelocityAt, out: Path, seconds: float) -
     how = {"codec": "gif", "pix_fmt_out": "pal8", "output_params": _GIF} if is_gif else {"quality": 7}
     with whole_file(out) as part:
         encoder = imageio_ffmpeg.write_frames(part, (WIDTH, HEIGHT), fps=rate, ffmpeg_log_level="error", **how)
+        total = frames_in(seconds, rate)
         try:
             encoder.send(None)
-            with Progress("frames", frames_in(seconds, rate)) as progress:
+            with Progress("frames", total) as progress:
                 for number, frame in enumerate(frames(walk, velocity_at, seconds, rate), 1):
                     encoder.send(frame)
                     progress.update(number)
         except OSError as error:
-            told = str(error).partition("\n")[0]
-            raise BadInputError(f"--video {out} cannot be written ({told}); is there room on the disk?") from error
+            raise _unwritten(out, str(error).partition("\n")[0]) from error
         finally:
             encoder.close()
+        # imageio-ffmpeg does not report that the encoder failed.
+        try:
+            written, _ = imageio_ffmpeg.count_frames_and_secs(str(part))
+        except RuntimeError:
+            written = 0
+        if written < total:
+            raise _unwritten(out, f"{written} of {total} frames are in it")
+
+
+def _unwritten(out: Path, why: str) -> BadInputError:
+    return BadInputError(f"--video {out} cannot be written ({why}); is there room on the disk?")
 
 
 def frames(walk: Walk, velocity_at: VelocityAt, seconds: float, rate_hz: float) -> Iterator[NDArray[np.uint8]]:
