@@ -53,7 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         chosen = next((name for name in (".".join(named), chosen) if name in commands), chosen)
         entry = commands.get(chosen) if chosen else None
         app = build_app(commands, chosen)
-        typer.main.get_command(app).main(args=words, prog_name="spot-rl")
+        _in_capitals(typer.main.get_command(app)).main(args=words, prog_name="spot-rl")
     except (KeyboardInterrupt, SystemExit) as end:
         if isinstance(end, SystemExit) and not _was_interrupted(end):
             raise
@@ -65,6 +65,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
             traceback.print_exception(error)
         typer.echo(error_line(told, chosen, is_debug=is_debug), err=True)
         raise SystemExit(exit_code_of(told)) from None
+
+
+def _in_capitals(command: Any) -> Any:
+    """The same command, whose arguments, and those of its sub-commands, are called as in the documentation: LOGS."""
+    for parameter in command.params:
+        if parameter.param_type_name == "argument" and parameter.metavar is None:
+            parameter.metavar = parameter.name.upper()
+    for child in getattr(command, "commands", {}).values():
+        _in_capitals(child)
+    return command
 
 
 def _was_interrupted(end: SystemExit) -> bool:
