@@ -126,7 +126,7 @@ def damp(context: typer.Context) -> None:
     _ask(context, "Damp", operator_pb2.DampRequest())
 
 
-@app.command()
+@app.command(context_settings={"ignore_unknown_options": True})  # -0.2 is a velocity, not an option
 def velocity(
     context: typer.Context,
     v_x: Annotated[float, typer.Argument(help="Forward, m/s.")],

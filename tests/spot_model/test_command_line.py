@@ -267,3 +267,11 @@ def test_ctrl_c_during_the_first_imports_is_one_line(monkeypatch, capsys) -> Non
         entry_points(group="console_scripts", name="spot-rl")["spot-rl"].load()()
     assert end.value.code == 130
     assert capsys.readouterr().err == "spot-rl: interrupted\n"
+
+
+def test_a_negative_velocity_is_no_option(tmp_path: Path, capsys) -> None:
+    with pytest.raises(SystemExit):
+        command_line.main(
+            ["ctl", "--address", f"unix:{tmp_path}/none.sock", "velocity", "-0.2", "-.1", "-1", "--for", "1"]
+        )
+    assert "no service answers" in capsys.readouterr().err
