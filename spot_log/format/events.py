@@ -22,6 +22,7 @@ class EventName(Enum):
     STATE_OLD = (Severity.WARNING, "the newest state is older than the warning bound")
     STATE_REJECTED = (Severity.WARNING, "a duplicated or back-dated state was not used")
     STATES_MISSED = (Severity.WARNING, "states did not arrive")
+    STATES_REOPENED = (Severity.WARNING, "the robot closed the state stream, and it was opened again")
     COMMANDS_LOST = (Severity.WARNING, "the link loses commands")
     TICKS_SKIPPED = (Severity.WARNING, "policy ticks were lost")
     CLOCK_UNSYNCED = (Severity.WARNING, "the robot does not answer time syncs; its clock is extrapolated")

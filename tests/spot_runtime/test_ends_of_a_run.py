@@ -32,7 +32,7 @@ from spot_runtime.hal.errors import EstopError, HalError, LeaseHeldError, Motion
 from spot_runtime.hal.spot.adapter import BosdynHal
 from spot_runtime.hal.spot.calls import Calls
 from spot_runtime.hal.spot.estop import OwnEstop
-from spot_runtime.hal.spot.motions import CUT_S, Motions
+from spot_runtime.hal.spot.motions import CUT_S, Helm, Motions
 from spot_runtime.host.console import Console
 from spot_runtime.session.robot_session import ControlEnd, RobotSession
 from spot_runtime.session.run import RunRequest, run
@@ -323,7 +323,7 @@ def test_where_the_stand_does_not_take_the_joints_back_damping_still_goes_out(
     hal: BosdynHal, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(hal, "_joint_control", JointControl.LEAVING)
-    hal._leave()  # there is no connection
+    hal._leave(hal._motions())  # there is no connection
     assert [stop.reason for stop in hal.problems()] == [StopReason.HAND_BACK_FAILED]
     zeros = np.zeros(12)
     hal.send(JointCommand(7, zeros, zeros, zeros, Gains(zeros, zeros), 1))
@@ -349,6 +349,7 @@ def test_a_robot_that_refuses_to_power_off_while_an_estop_cuts_its_power_is_off_
     motions = Motions(
         Calls(),
         RobotConfig(),
+        helm=Helm(lambda: None),
         is_powered=lambda: True,
         is_without_power=lambda: sum(waited) >= cut_after_s,
         pause=waited.append,
@@ -371,7 +372,12 @@ def test_a_change_of_power_that_is_under_way_is_waited_for(under_way_s: float, i
     robot = SimpleNamespace(ensure_client=lambda _name: SimpleNamespace(power_command=power_command))
     config = RobotConfig()
     motions = Motions(
-        Calls(robot), config, is_powered=lambda: False, is_without_power=lambda: True, pause=waited.append
+        Calls(robot),
+        config,
+        helm=Helm(lambda: None),
+        is_powered=lambda: False,
+        is_without_power=lambda: True,
+        pause=waited.append,
     )
     with nullcontext() if is_on else pytest.raises(MotionError, match="cannot be overwritten"):
         motions.power_on()

@@ -19,12 +19,14 @@ from bosdyn.client.lease import ResourceAlreadyClaimedError
 from bosdyn.client.robot import UnregisteredServiceNameError
 
 from spot_log.format.vendor_state import StateMessageError, robot_state_from_wire
+from spot_log.write.sink import MemorySink
 from spot_model.robot import facts
 from spot_model.robot.state import Gains, JointCommand
 from spot_runtime.config import RobotConfig, RunConfig
 from spot_runtime.control.safety.slow_state import check_slow_state
 from spot_runtime.hal.connection.address import parse_address
 from spot_runtime.hal.errors import CredentialsError, EstopError, FaultError, HalError, NoRobotError, NoServiceError
+from spot_runtime.hal.spot.adapter import BosdynHal
 from spot_runtime.hal.spot.calls import RETRY_PAUSES_S, Calls, patiently
 from spot_runtime.hal.spot.command_stream import CommandEncoder, LatestSlot
 from spot_runtime.hal.spot.estop import needs_own_endpoint
@@ -33,7 +35,8 @@ from spot_runtime.hal.spot.session import Session
 from spot_runtime.hal.spot.slow_state import charge_percent, slow_state_from_message
 from spot_runtime.hal.spot.state_receiver import StateReceiver
 from spot_runtime.hal.spot.vendor_errors import translate
-from spot_runtime.host.clock import HostClock, RobotClockEstimate
+from spot_runtime.host.clock import ClockSample, HostClock, RobotClockEstimate
+from spot_runtime.stops import StopReason
 
 STAMP_NS = 1_700_000_000_123_456_789
 
@@ -427,7 +430,14 @@ def received(streams: list[_Stream], lives_s: float) -> tuple[int, list[str]]:
     now_ns.calls = 0  # type: ignore[attr-defined]
     channel: Any = SimpleNamespace(unary_stream=lambda *_, **__: open_stream)
     request = robot_state_pb2.RobotStateStreamRequest()
-    receiver = StateReceiver(channel, request, now_ns=now_ns, on_wire=lambda *_: None, on_end=ends.append)
+    receiver = StateReceiver(
+        channel,
+        request,
+        now_ns=now_ns,
+        on_wire=lambda *_: None,
+        on_end=ends.append,
+        on_reopen=lambda lived_s: ends.append(f"open for {lived_s:.1f} s"),
+    )
     states = list(iter(receiver.states.get, None))
     receiver.stop()
     return len(states), ends
@@ -435,12 +445,31 @@ def received(streams: list[_Stream], lives_s: float) -> tuple[int, list[str]]:
 
 def test_a_state_stream_that_the_robot_closes_is_opened_again() -> None:
     lost = _FailedCall("gone")
-    assert received([_Stream(4), _Stream(2), _Stream(1, lost)], lives_s=1.1) == (7, ["UNAVAILABLE: gone"])
+    count, told = received([_Stream(4), _Stream(2), _Stream(1, lost)], lives_s=1.1)
+    assert count == 7
+    # Each look at the clock is 1.1 s after the one before; a message takes one.
+    assert told == ["open for 5.5 s", "open for 3.3 s", "UNAVAILABLE: gone"]
 
 
 def test_a_state_stream_that_lives_for_a_moment_or_breaks_is_not_opened_again() -> None:
     assert received([_Stream(0)], lives_s=0.9) == (0, ["the robot closed the state stream"])
     assert received([_Stream(3, _FailedCall("gone"))], lives_s=1.1) == (3, ["UNAVAILABLE: gone"])
+
+
+def test_a_state_stream_that_was_opened_again_is_an_event_in_the_log(monkeypatch: pytest.MonkeyPatch) -> None:
+    sink, rest = MemorySink(), [_Stream(4), _Stream(1, _FailedCall("gone"))]
+    hal = BosdynHal(parse_address("127.0.0.1:1"), RunConfig(), sink)
+    hal._estimate.add(ClockSample(0, 0, 0, 0))
+    now_ns = iter(range(STAMP_NS, STAMP_NS + 100_000_000_000, 500_000_000))
+    monkeypatch.setattr(hal._pace, "host_now_ns", lambda: next(now_ns))
+    channel = SimpleNamespace(unary_stream=lambda *_, **__: lambda _request: rest.pop(0))
+    monkeypatch.setattr(hal._session, "streaming_channel", lambda _: channel)
+    hal._open_states()
+    states: Any = hal._states
+    assert len(list(iter(states.states.get, None))) == 5
+    states.stop()
+    assert [(event.name, event.text) for event in sink.events] == [("states_reopened", "it had been open for 2.5 s")]
+    assert [stop.reason for stop in hal.problems()] == [StopReason.STATE_LOST]
 
 
 def test_a_robot_may_report_four_contacts_or_none() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import threading
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -59,9 +60,11 @@ class TimeSyncService:
         self.identifier = IDENTIFIER
         self.status = time_sync_pb2.TimeSyncState.STATUS_OK
         self.asked: list[tuple[Any, str]] = []
+        self.timeouts_s: list[float] = []
 
     def get_time_sync_update(self, previous: Any, clock_identifier: str, *, timeout: float) -> Any:
         self.asked.append((previous, clock_identifier))
+        self.timeouts_s.append(timeout)
         answer = time_sync_pb2.TimeSyncUpdateResponse(clock_identifier=self.identifier)
         answer.header.request_header.request_timestamp.FromNanoseconds(time.time_ns())
         answer.header.request_received_timestamp.FromNanoseconds(time.time_ns() + self.robot_minus_unix_ns)
@@ -78,7 +81,7 @@ def test_a_robot_that_does_not_know_the_client_is_synced_with_anew(client: Synce
     client.use(sync)
     sync.round_trip()
     sync.clock_identifier = "of-another-boot"
-    assert client.robot_command(RobotCommandBuilder.synchro_stand_command()) == 1
+    assert client.synced(lambda: client.robot_command(RobotCommandBuilder.synchro_stand_command())) == 1
     assert service.asked == [(None, ""), (None, "")]
     assert sync.clock_identifier == IDENTIFIER
 
@@ -90,16 +93,73 @@ def test_a_robot_that_knows_no_client_refuses_the_second_command_too(
     monkeypatch.setattr(service, "identifier", "another-client")
     client.use(TimeSync(service, HostClock(), 1.0))
     with pytest.raises(NoTimeSyncError):
-        client.robot_command(RobotCommandBuilder.synchro_stand_command())
+        client.synced(lambda: client.robot_command(RobotCommandBuilder.synchro_stand_command()))
 
 
 def test_a_sync_that_is_not_reached_is_given_up() -> None:
     service = TimeSyncService()
     service.status = time_sync_pb2.TimeSyncState.STATUS_SERVICE_NOT_READY
     sync = TimeSync(service, HostClock(), 1.0)
-    sync.renew()
+    sync.renew("")
     assert len(service.asked) == ATTEMPTS
     assert not sync.is_established
+
+
+class Clock(HostClock):
+    """Shows what it is told."""
+
+    def __init__(self) -> None:
+        self.shown_ns = 1_700_000_000_000_000_000
+
+    def now_ns(self) -> int:
+        return self.shown_ns
+
+
+def test_a_sync_that_takes_too_long_is_given_up_after_one_time_out() -> None:
+    service, clock = TimeSyncService(), Clock()
+    service.status = time_sync_pb2.TimeSyncState.STATUS_MORE_SAMPLES_NEEDED
+
+    def takes_long() -> None:
+        clock.shown_ns += 400_000_000
+
+    service.during = takes_long
+    sync = TimeSync(service, clock, 1.0)
+    sync.renew("")
+    assert service.timeouts_s == pytest.approx([1.0, 0.6, 0.2])
+
+
+def test_others_get_their_turn_between_the_round_trips_of_a_new_sync() -> None:
+    service, sync_lock = TimeSyncService(), threading.RLock()
+    trips_of_turns: list[int] = []
+
+    class Turns:
+        def __enter__(self) -> None:
+            sync_lock.acquire()
+            trips_of_turns.append(-len(service.asked))
+
+        def __exit__(self, *_: object) -> None:
+            trips_of_turns[-1] += len(service.asked)
+            sync_lock.release()
+
+    service.status = time_sync_pb2.TimeSyncState.STATUS_MORE_SAMPLES_NEEDED
+    sync = TimeSync(service, HostClock(), 60.0)
+    sync._lock = Turns()  # type: ignore[assignment]
+    sync.renew("")
+    assert max(trips_of_turns) == 1
+    assert sum(trips_of_turns) == ATTEMPTS
+
+
+def test_a_new_sync_that_another_thread_has_made_serves_and_commands_bear_an_identifier_meanwhile() -> None:
+    service, borne = TimeSyncService(), []
+    sync = TimeSync(service, HostClock(), 1.0)
+    sync.round_trip()
+    sync.renew("of-another-boot")
+    assert len(service.asked) == 1
+    service.identifier = "client-18"
+    service.during = lambda: borne.append(sync.clock_identifier)
+    sync.renew(IDENTIFIER)
+    assert borne == [IDENTIFIER]
+    assert sync.clock_identifier == "client-18"
 
 
 def test_every_command_after_the_first_answer_carries_the_identifier(client: SyncedCommandClient) -> None:

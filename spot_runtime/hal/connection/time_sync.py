@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import threading
 import time
-from typing import Any, Final
+from collections.abc import Callable
+from typing import Any, Final, TypeVar
 
 from bosdyn.api import time_sync_pb2
 from bosdyn.client.common import BaseClient
@@ -14,6 +15,8 @@ from bosdyn.client.time_sync import TimeSyncClient
 
 from spot_model.robot.stamps import NS_PER_S
 from spot_runtime.host.clock import ClockSample, HostClock
+
+T = TypeVar("T")
 
 ATTEMPTS: Final = 40
 """Round trips within which a sync is established, or is given up."""
@@ -30,6 +33,7 @@ class TimeSync:
         self._client = client
         self._clock = clock
         self.timeout_s = timeout_s
+        self._renewal_ns = round(timeout_s * NS_PER_S)
         self._previous: Any = None
         self._lock = threading.RLock()
         self.clock_identifier = ""
@@ -43,22 +47,31 @@ class TimeSync:
         The wall clock may be set while the answer is under way, so durations come from the clock that never jumps.
         """
         with self._lock:
-            return self._round_trip()
+            return self._round_trip(self.clock_identifier, self.timeout_s)
 
-    def renew(self) -> None:
-        """Begin again as a new client, for a robot that no longer knows this one. Raises the SDK's errors."""
-        with self._lock:
-            self.clock_identifier = ""
-            for _ in range(ATTEMPTS):
-                self._round_trip()
-                if self.is_established:
+    def renew(self, unknown: str) -> None:
+        """Begin again as a new client, for a robot that does not know this identifier (any more).
+
+        Takes no longer than the first time-out and the round trip of another thread, which may come between two of
+        these. Does nothing where another thread has renewed it. Raises the SDK's errors.
+        """
+        until_ns, has_begun = self._clock.now_ns() + self._renewal_ns, False
+        for _ in range(ATTEMPTS):
+            with self._lock:
+                has_begun = has_begun or self.clock_identifier != unknown
+                if has_begun and self.is_established:
                     return
+                left_s = (until_ns - self._clock.now_ns()) / NS_PER_S
+                if left_s <= 0.0:
+                    return
+                self._round_trip(self.clock_identifier if has_begun else "", min(self.timeout_s, left_s))
+                has_begun = True
 
-    def _round_trip(self) -> ClockSample:
+    def _round_trip(self, identifier: str, timeout_s: float) -> ClockSample:
         began_ns = self._clock.now_ns()
         host_from_unix_ns = began_ns - time.time_ns()
-        previous = self._previous if self.clock_identifier else None  # one without the other is an invalid request
-        response = self._client.get_time_sync_update(previous, self.clock_identifier, timeout=self.timeout_s)
+        previous = self._previous if identifier else None  # one without the other is an invalid request
+        response = self._client.get_time_sync_update(previous, identifier, timeout=timeout_s)
         ended_ns = self._clock.now_ns()
         header = response.header
         sent_unix_ns = _ns(header.request_header.request_timestamp)
@@ -95,13 +108,14 @@ class SyncedCommandClient(RobotCommandClient):  # type: ignore[misc]
         """Send the clock identifier of this time sync with every command."""
         self._timesync_endpoint = time_sync
 
-    def robot_command(self, command: Any, *arguments: Any, **keywords: Any) -> Any:
-        """As the SDK's; to a robot that has forgotten this client, as one that was rebooted has, once more."""
+    def synced(self, send: Callable[[], T]) -> T:
+        """Send a command; to a robot that has forgotten this client, as one that was rebooted has, once more."""
+        identifier = self._timesync_endpoint.clock_identifier
         try:
-            return super().robot_command(command, *arguments, **keywords)
+            return send()
         except NoTimeSyncError:
-            self._timesync_endpoint.renew()
-        return super().robot_command(command, *arguments, **keywords)
+            self._timesync_endpoint.renew(identifier)
+        return send()
 
 
 def _ns(stamp: Any) -> int:

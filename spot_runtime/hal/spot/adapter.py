@@ -5,20 +5,23 @@ from __future__ import annotations
 import os
 from collections import deque
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, Final
 
 from bosdyn.api import robot_state_pb2
 from bosdyn.client.robot_command import RobotCommandStreamingClient
 from bosdyn.client.robot_state import RobotStateStreamingClient
 
+from spot_log.format.events import EventName
+from spot_log.format.records import EventRecord
 from spot_log.write.sink import LogSink
 from spot_model.robot.stamps import NS_PER_S
-from spot_model.robot.state import JointCommand, RobotState, SlowState
+from spot_model.robot.state import Gains, JointCommand, RobotState, SlowState
 from spot_runtime.config import RunConfig
 from spot_runtime.hal.base import Hal, JointControl, RobotInfo
 from spot_runtime.hal.connection.address import Address, parse_address
 from spot_runtime.hal.connection.credentials import find_credentials
-from spot_runtime.hal.errors import EstopError, HalError, LeaseHeldError, NoRobotError, NoServiceError
+from spot_runtime.hal.errors import EstopError, HalError, LeaseHeldError
 from spot_runtime.hal.registry import Adapter, HalRequest
 from spot_runtime.hal.spot.command_stream import CommandEncoder, CommandStream
 from spot_runtime.hal.spot.jobs import Jobs
@@ -47,10 +50,7 @@ CHECK_INS_LOST: Final = 2
 power yet."""
 
 RETRY_S: Final = 0.5
-"""Robot time between two attempts to power off a robot that does not answer."""
-
-RETRIED: Final = (HalError, NoRobotError, NoServiceError)
-"""What such an attempt ends with; whatever else the robot answers is final."""
+"""Robot time between two attempts to power off."""
 
 
 class BosdynHal:
@@ -75,13 +75,14 @@ class BosdynHal:
         self._slow: SlowState | None = None
         self._synced_ns = 0
         self._failed_check_ins = 0
-        self._has_powered_on = False
+        self._has_powered_on, self._is_power_in_doubt, self._is_powering_off = False, False, False
         self._states: States | None = None
         self._commands: CommandStream | None = None
         self._send: Callable[[int, bytes], None] = lambda _key, _wire: None
         self._command_channel: Any = None
         self._encoder = CommandEncoder(config.robot.client_name, config.control.velocity_safety_limit_rad_s)
         self._joint_control = JointControl.OFF
+        self._gains: Gains | None = None
         self._is_closed = False
 
     # The protocol ----------------------------------------------------------------------------------------------------
@@ -97,9 +98,10 @@ class BosdynHal:
         session.acquire_lease()
         now_s = self._pace.chore_now_s()
         self._jobs.add("lease", robot.lease_period_s, session.retain_lease, now_s=now_s)
-        if session.set_up_estop():
-            self._jobs.add("estop", robot.estop_timeout_s / 3.0, self._check_in, now_s=now_s)
         self._pace.start(self._jobs)
+        if session.set_up_estop():
+            now_s = self._pace.chore_now_s()
+            self._jobs.add("estop", robot.estop_timeout_s / 3.0, self._check_in, now_s=now_s)
         session.check_estop(self._pause)
         now_s = self._pace.chore_now_s()
         self._jobs.add("time_sync", robot.time_sync_period_s, self._sync_clocks, now_s=now_s)
@@ -112,8 +114,9 @@ class BosdynHal:
     def stand(self) -> None:
         """See the protocol."""
         if not self._has_powered_on:
+            self._is_power_in_doubt = True
             self._motions().power_on()
-            self._has_powered_on = True
+            self._has_powered_on, self._is_power_in_doubt = True, False
         self._motions().stand()
         # States have piled up meanwhile; the loop starts with the present.
         if self._states is not None:
@@ -146,12 +149,13 @@ class BosdynHal:
         )
         self._send = self._pace.sender(self._commands)
         self._pace.opened(first.key)
-        self._pace.begin(self._activate)
+        self._pace.begin(partial(self._activate, self._motions()))
 
     def end_joint_control(self) -> None:
         """See the protocol."""
+        motions = self._motions()
         self._joint_control = JointControl.LEAVING
-        self._pace.begin(self._leave)
+        self._pace.begin(partial(self._leave, motions))
 
     @property
     def joint_control(self) -> JointControl:
@@ -162,6 +166,10 @@ class BosdynHal:
         """See the protocol."""
         commands = self._commands  # another thread may end the stream meanwhile
         if commands is not None and self._joint_control is not JointControl.FAILED:
+            if command.gains is not self._gains:
+                self._gains = command.gains
+                if not command.gains.kp_nm_per_rad.any():
+                    self._session.end_motions()  # joints that are damped are given up
             self._send(command.key, self._encoder.encode(command, self._pace.host_now_ns()))
 
     def departures(self) -> Sequence[tuple[int, int]]:
@@ -171,15 +179,13 @@ class BosdynHal:
 
     def release(self) -> None:
         """See the protocol."""
+        self._session.end_motions()
         self._pace.finish_step()
-        self._joint_control = JointControl.OFF
-        commands, self._commands = self._commands, None
-        if commands is not None:
-            commands.stop()
-            self._pace.released()
+        self._stop_commands()
 
     def estop(self) -> None:
         """See the protocol."""
+        self._session.end_motions()
         self._jobs.remove("estop")
         self._pace.begin(self._cut_power)
 
@@ -202,6 +208,7 @@ class BosdynHal:
 
     def power_off(self) -> None:
         """See the protocol."""
+        self._is_powering_off = True
         if self._session.has_lease:
             self._power_off()
         self.release()
@@ -225,22 +232,24 @@ class BosdynHal:
         return self._session.motions(self._pause)
 
     def _power_off(self) -> None:
-        """Try again while the robot does not answer: a link that is cut for a moment must not leave it standing."""
+        """Try again, also where the robot refuses: what is in the way for a moment must not leave it standing."""
         until_s = self._pace.chore_now_s() + self._config.robot.power_timeout_s
         while True:
             try:
-                return self._motions().power_off()
-            except HalError as error:
-                if type(error) not in RETRIED or self._pace.chore_now_s() >= until_s:
+                return self._motions().power_off(even_if_off=self._is_power_in_doubt)
+            except LeaseHeldError:
+                raise
+            except HalError:
+                if self._pace.chore_now_s() >= until_s:
                     raise
             self._pause(RETRY_S)
 
     def _pause(self, duration_s: float) -> None:
         self._pace.pause(duration_s)
-        for problem in self._problems:
+        for problem in tuple(self._problems):  # another thread may add to them
             if problem.reason is StopReason.LEASE_LOST:
                 raise LeaseHeldError(problem.sentence())
-            if problem.reason is StopReason.ESTOPPED:
+            if problem.reason is StopReason.ESTOPPED and not self._is_powering_off:
                 raise EstopError(problem.sentence())
 
     def _open_states(self) -> None:
@@ -257,39 +266,62 @@ class BosdynHal:
         request.header.client_name = self._config.robot.client_name
         stamp = request.header.request_timestamp
         stamp.seconds, stamp.nanos = divmod(self._pace.host_now_ns(), NS_PER_S)
+
+        def reopened(lived_s: float) -> None:
+            name, text = EventName.STATES_REOPENED, f"it had been open for {lived_s:.1f} s"
+            host_ns, robot_ns = self.host_now_ns(), self.robot_now_ns()
+            self._sink.put(EventRecord(host_ns, robot_ns, name.severity, name.label, text))
+
         return StateReceiver(
             self._session.streaming_channel(RobotStateStreamingClient),
             request,
             now_ns=self._pace.host_now_ns,
             on_wire=self._sink.put,
             on_end=on_end,
+            on_reopen=reopened,
         )
 
-    def _activate(self) -> None:
+    # Each of these three has a thread of its own, whose end with an error nobody would see.
+
+    def _activate(self, motions: Motions) -> None:
         try:
-            self._motions().ask_for_joint_control()
-        except HalError as error:
-            self._joint_control = JointControl.FAILED
-            self._problems.append(Stop(StopReason.ACTIVATION_FAILED, str(error)))
+            motions.ask_for_joint_control()
+        except Exception as error:  # noqa: BLE001
+            stop = Stop(StopReason.ACTIVATION_FAILED, str(error))
+            motions.if_wanted(lambda: self._fail(JointControl.FAILED, stop))
         else:
-            if self._joint_control is JointControl.PENDING:
-                self._joint_control = JointControl.ACTIVE
+            motions.if_wanted(self._activated)
 
     def _cut_power(self) -> None:
         try:
             self._session.cut_power()
-        except HalError as error:
+        except Exception as error:  # noqa: BLE001
             self._problems.append(Stop(StopReason.LINK_LOST, f"the e-stop could not be pressed: {error}"))
 
-    def _leave(self) -> None:
+    def _leave(self, motions: Motions) -> None:
         try:
-            self._motions().ask_for_stand()
-        except HalError as error:
-            self._problems.append(Stop(StopReason.HAND_BACK_FAILED, str(error)))
+            motions.ask_for_stand()
+        except Exception as error:  # noqa: BLE001
+            stop = Stop(StopReason.HAND_BACK_FAILED, str(error))
             # The joints are still ours, and so are the commands that damp them.
-            self._joint_control = JointControl.ACTIVE
+            motions.if_wanted(lambda: self._fail(JointControl.ACTIVE, stop))
         else:
-            self.release()
+            motions.if_wanted(self._stop_commands)
+
+    def _activated(self) -> None:
+        if self._joint_control is JointControl.PENDING:
+            self._joint_control = JointControl.ACTIVE
+
+    def _fail(self, joint_control: JointControl, stop: Stop) -> None:
+        self._joint_control = joint_control
+        self._problems.append(stop)
+
+    def _stop_commands(self) -> None:
+        self._joint_control = JointControl.OFF
+        commands, self._commands = self._commands, None
+        if commands is not None:
+            commands.stop()
+            self._pace.released()
 
     def _commands_ended(self, verdict: str) -> None:
         # The robot ends the stream by itself when the vendor's stand takes over.

@@ -8,10 +8,9 @@ from collections.abc import Callable
 from typing import Any, Final, TypeVar
 
 import grpc
-from bosdyn.client.exceptions import Error as SdkError
 
 from spot_runtime.hal.errors import CredentialsError, HalError
-from spot_runtime.hal.spot.vendor_errors import code_of, translate
+from spot_runtime.hal.spot.vendor_errors import SDK_ERRORS, code_of, translate
 
 T = TypeVar("T")
 
@@ -33,7 +32,7 @@ def patiently(call: Callable[[], T], pause: Callable[[float], None] = time.sleep
     for pause_s in RETRY_PAUSES_S:
         try:
             return call()
-        except (SdkError, grpc.RpcError) as error:
+        except SDK_ERRORS as error:
             if code_of(error) not in TURNED_AWAY:
                 raise
         pause(pause_s)
@@ -66,13 +65,13 @@ class Calls:
         logins = self._logins
         try:
             return patiently(call)
-        except (SdkError, grpc.RpcError) as error:
+        except SDK_ERRORS as error:
             ours = translate(error, doing)
             if not (isinstance(ours, CredentialsError) and self._has_logged_in_since(logins)):
                 raise ours from error
         try:
             return patiently(call)
-        except (SdkError, grpc.RpcError) as error:
+        except SDK_ERRORS as error:
             raise translate(error, doing) from error
 
     def _has_logged_in_since(self, logins: int) -> bool:
@@ -86,7 +85,7 @@ class Calls:
             self._next_login_s = now_s + LOGIN_PERIOD_S
             try:
                 self._log_in()
-            except (SdkError, grpc.RpcError, HalError):
+            except (*SDK_ERRORS, HalError):
                 return False
             self._logins += 1
             return True

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from typing import Any, Final
 
@@ -27,14 +28,49 @@ Pause = Callable[[float], None]
 """Lets this many seconds of robot time pass."""
 
 
+class Helm:
+    """Lets one motion command the robot: the one that was asked for last.
+
+    A call is made again by a thread that waited, when the run may long want something else. Each command gets a lease
+    that is newer than the one before, so the robot refuses one that was overtaken on its way.
+    """
+
+    def __init__(self, newer_lease: Callable[[], Any]) -> None:
+        self._newer_lease = newer_lease
+        self._lock = threading.Lock()
+        self._holder: object = None
+
+    def hand_to(self, holder: object) -> None:
+        """From now on no other holder's command leaves."""
+        with self._lock:
+            self._holder = holder
+
+    def lease_for(self, holder: object) -> Any:
+        """The lease of one command, in the vendor's message. Raises MotionError for any but the holder."""
+        with self._lock:
+            if holder is not self._holder:
+                raise MotionError("it is no longer wanted")
+            return self._newer_lease()
+
+    def do_for(self, holder: object, act: Callable[[], None]) -> None:
+        """Do this if the holder still is one, and let nobody take over meanwhile."""
+        with self._lock:
+            if holder is self._holder:
+                act()
+
+
 class Motions:
-    """The vendor's motions. Every method raises HalError and nothing else."""
+    """The vendor's motions. Every method raises HalError and nothing else.
+
+    Where another one was made since, or the helm was taken away, no method commands the robot any more.
+    """
 
     def __init__(
         self,
         calls: Calls,
         config: RobotConfig,
         *,
+        helm: Helm,
         is_powered: Callable[[], bool],
         is_without_power: Callable[[], bool],
         pause: Pause,
@@ -44,12 +80,19 @@ class Motions:
         Args:
             calls: Reaches the robot.
             config: Time-outs.
+            helm: Taken over.
             is_powered: Asks the robot whether its motors have power.
             is_without_power: Asks whether they have none; while they are being powered on, neither is so.
             pause: Lets robot time pass.
         """
         self._calls, self._config, self._pause = calls, config, pause
         self._is_powered, self._is_without_power = is_powered, is_without_power
+        self._helm = helm
+        helm.hand_to(self)
+
+    def if_wanted(self, act: Callable[[], None]) -> None:
+        """Do this unless something else is wanted of the robot by now."""
+        self._helm.do_for(self, act)
 
     def power_on(self) -> None:
         """Give the motors power; returns when they have it."""
@@ -97,9 +140,14 @@ class Motions:
         """Ask the robot to follow the command stream."""
         self._command(RobotCommandBuilder.joint_command(), "entering joint control")
 
-    def power_off(self) -> None:
-        """Sit where needed and cut power; returns when it is cut."""
-        if self._is_without_power():
+    def power_off(self, *, even_if_off: bool = False) -> None:
+        """Sit where needed and cut power; returns when it is cut.
+
+        Args:
+            even_if_off: Ask for it also where the motors are off, since a request to power them on may be under way:
+                it bears an older lease, and is refused from now on.
+        """
+        if not even_if_off and self._is_without_power():
             return
         try:
             self._command(RobotCommandBuilder.safe_power_off_command(), "powering off")
@@ -121,7 +169,11 @@ class Motions:
 
     def _command(self, command: Any, doing: str) -> Any:
         client, timeout_s = self._calls.client(SyncedCommandClient), self._config.rpc_timeout_s
-        return self._calls.make(doing, lambda: client.robot_command(command, timeout=timeout_s))
+
+        def send() -> Any:
+            return client.robot_command(command, lease=self._helm.lease_for(self), timeout=timeout_s)
+
+        return self._calls.make(doing, lambda: client.synced(send))
 
     def _stands(self, command_id: Any) -> bool:
         client, timeout_s = self._calls.client(SyncedCommandClient), self._config.rpc_timeout_s

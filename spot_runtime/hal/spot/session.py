@@ -10,11 +10,11 @@ from typing import Any, Final
 
 import grpc
 from bosdyn.api import power_pb2, robot_state_pb2
-from bosdyn.client.auth import AuthClient
+from bosdyn.client.auth import AuthClient, InvalidTokenError
 from bosdyn.client.directory import DirectoryClient
 from bosdyn.client.estop import EstopClient
-from bosdyn.client.exceptions import Error as SdkError
-from bosdyn.client.lease import Lease, LeaseClient
+from bosdyn.client.exceptions import RpcError, UnauthenticatedError
+from bosdyn.client.lease import Lease, LeaseClient, ResourceAlreadyClaimedError
 from bosdyn.client.license import LicenseClient
 from bosdyn.client.power import PowerClient
 from bosdyn.client.processors import AddRequestHeader
@@ -30,12 +30,12 @@ from spot_runtime.hal.connection.address import Address, explain_no_connection
 from spot_runtime.hal.connection.credentials import Credentials, find_credentials
 from spot_runtime.hal.connection.time_sync import ATTEMPTS, SyncedCommandClient, TimeSync
 from spot_runtime.hal.connection.trust import trusted_certificates
-from spot_runtime.hal.errors import ClockError, EstopError, FaultError, HalError
+from spot_runtime.hal.errors import ClockError, CredentialsError, EstopError, FaultError, HalError
 from spot_runtime.hal.spot.calls import Calls, patiently
 from spot_runtime.hal.spot.estop import OwnEstop, needs_own_endpoint
-from spot_runtime.hal.spot.motions import POLL_S, Motions, Pause
+from spot_runtime.hal.spot.motions import POLL_S, Helm, Motions, Pause
 from spot_runtime.hal.spot.slow_state import pressed_estops, refuse_arm, slow_state_from_message
-from spot_runtime.hal.spot.vendor_errors import translate
+from spot_runtime.hal.spot.vendor_errors import SDK_ERRORS, code_of, translate
 from spot_runtime.host.clock import HostClock, RobotClockEstimate
 from spot_runtime.stops import CRITICAL
 
@@ -60,6 +60,9 @@ SERVICES: Final = (
 """The vendor's services that a run uses."""
 
 ESTOP_RELEASE_S: Final = 1.0
+BODY: Final = "body"
+"""The resource whose lease commands need."""
+
 ONE_THREAD_A_STREAM: Final = "SingleThreadedUnaryStream"
 """gRPC's option by which the thread that reads a stream also waits for it: one thread switch less for each state."""
 
@@ -92,6 +95,8 @@ class Session:
         self._own_estop: OwnEstop | None = None
         self._lease: Any = None
         self.has_lease = False
+        self._client_name = ""
+        self._helm = Helm(lambda: self._robot.lease_wallet.advance(BODY).lease_proto)
 
     # Connecting ------------------------------------------------------------------------------------------------------
 
@@ -101,25 +106,15 @@ class Session:
         With a token of an earlier login no password is needed, as long as the robot takes it.
         """
         if token:
-            self._make_robot()
             try:
-                self._robot.authenticate_with_token(token, timeout=self._config.rpc_timeout_s)
-                return self._learn_who_it_is()
-            except (SdkError, grpc.RpcError) as error:
+                return self._reach(lambda: self._robot.authenticate_with_token(token, timeout=self._timeout_s))
+            except CredentialsError as error:
+                if not isinstance(error.__cause__, (InvalidTokenError, UnauthenticatedError)):
+                    raise
                 logging.getLogger(__name__).debug("the token was not taken", exc_info=error)
                 self.close()
         credentials = find_credentials(self._config.credentials_file, os.environ)
-        trusted_pem = self._make_robot()
-        timeout_s = self._config.rpc_timeout_s
-
-        def explain(reason: str) -> HalError:
-            return explain_no_connection(self._address, trusted_pem, reason, timeout_s)
-
-        try:
-            self._authenticate(credentials)
-            return self._learn_who_it_is()
-        except (SdkError, grpc.RpcError) as error:
-            raise translate(error, f"logging in to {self._address}", explain) from error
+        return self._reach(lambda: self._authenticate(credentials))
 
     def sync_clocks(self) -> None:
         """Bring the estimate of the robot's clock about, and the clock identifier that commands carry from now on."""
@@ -198,10 +193,26 @@ class Session:
         self.calls.make("cutting power", lambda: client.power_command(request, timeout=self._timeout_s))
 
     def acquire_lease(self) -> None:
-        """Take the lease if it is free."""
-        client = self.calls.client(LeaseClient)
-        self._lease = self.calls.make("taking the lease", lambda: client.acquire(timeout=self._timeout_s))
-        self.has_lease = True
+        """Take the lease if it is free, or ours by a call whose answer was lost."""
+        client, is_unanswered = self.calls.client(LeaseClient), False
+
+        def acquire() -> Any:
+            nonlocal is_unanswered
+            try:
+                return client.acquire(BODY, timeout=self._timeout_s).lease_proto
+            except RpcError as error:
+                is_second, is_unanswered = is_unanswered, True
+                if is_second or code_of(error) is not grpc.StatusCode.DEADLINE_EXCEEDED:
+                    raise
+            except ResourceAlreadyClaimedError as error:
+                is_ours = is_unanswered and error.response.lease_owner.client_name == self._client_name
+                claim = self.newest_lease(BODY, self._client_name) if is_ours else None
+                if claim is None:
+                    raise
+                return claim
+            return acquire()
+
+        self.adopt_lease(self.calls.make("taking the lease", acquire))
 
     def retain_lease(self) -> None:
         """Keep the lease alive."""
@@ -219,13 +230,14 @@ class Session:
         """The lease that is or was held, in the vendor's message; None before there was one."""
         return None if self._lease is None else self._lease.lease_proto
 
-    def newest_lease(self, resource: str) -> Any:
-        """The newest lease of a resource that the robot knows of, whoever holds it; None if there is none."""
+    def newest_lease(self, resource: str, owner: str = "") -> Any:
+        """The newest lease of a resource that the robot knows of, of one owner or anybody; None if there is none."""
         client = self.calls.client(LeaseClient)
         listed = self.calls.make(
             "listing leases", lambda: client.list_leases(include_full_lease_info=True, timeout=self._timeout_s)
         )
-        return next((r.lease for r in listed if r.resource == resource and r.lease.sequence), None)
+        found = (r for r in listed if r.resource == resource and r.lease.sequence)
+        return next((r.lease for r in found if owner in ("", r.lease_owner.client_name)), None)
 
     def adopt_lease(self, lease: Any) -> None:
         """Go on with a lease that another process of ours held, given in the vendor's message."""
@@ -243,14 +255,22 @@ class Session:
         return bool(self._state().power_state.motor_power_state == off)
 
     def motions(self, pause: Pause) -> Motions:
-        """The vendor's motions, between whose looks at the robot ``pause`` lets time pass."""
+        """The vendor's motions, between whose looks at the robot ``pause`` lets time pass.
+
+        Nothing that was asked for by an earlier one is asked for again.
+        """
         return Motions(
             self.calls,
             self._config,
+            helm=self._helm,
             is_powered=lambda: self.poll().motors_powered,
             is_without_power=self.is_without_power,
             pause=pause,
         )
+
+    def end_motions(self) -> None:
+        """Ask for nothing again that was asked for by any :meth:`motions`."""
+        self._helm.hand_to(None)
 
     # Channels and the end --------------------------------------------------------------------------------------------
 
@@ -277,13 +297,13 @@ class Session:
             own, self._own_estop = self._own_estop, None
             try:
                 patiently(own.let_go)
-            except (SdkError, grpc.RpcError):
+            except SDK_ERRORS:
                 logging.getLogger(__name__).debug("the e-stop endpoint was not taken back", exc_info=True)
         if self.has_lease:
             client = self.calls.client(LeaseClient)
             try:
                 patiently(lambda: client.return_lease(self._lease, timeout=self._timeout_s))
-            except (SdkError, grpc.RpcError):
+            except SDK_ERRORS:
                 logging.getLogger(__name__).debug("the lease was not returned", exc_info=True)
             self.has_lease = False
         self._robot._shutdown()
@@ -300,9 +320,18 @@ class Session:
     def _timeout_s(self) -> float:
         return self._config.rpc_timeout_s
 
-    def _learn_who_it_is(self) -> str:
-        robot_id = patiently(lambda: self._robot.get_cached_robot_id(timeout=self._timeout_s))
-        patiently(self._robot.sync_with_directory)
+    def _reach(self, log_in: Callable[[], None]) -> str:
+        trusted_pem = self._make_robot()
+
+        def explain(reason: str) -> HalError:
+            return explain_no_connection(self._address, trusted_pem, reason, self._timeout_s)
+
+        try:
+            patiently(log_in)
+            robot_id = patiently(lambda: self._robot.get_cached_robot_id(timeout=self._timeout_s))
+            patiently(self._robot.sync_with_directory)
+        except SDK_ERRORS as error:
+            raise translate(error, f"logging in to {self._address}", explain) from error
         return f"{robot_id.serial_number} {robot_id.nickname}".strip()
 
     def _make_robot(self) -> bytes:
@@ -312,7 +341,7 @@ class Session:
             logging.getLogger(name).propagate = False
         # Built by hand: the SDK's own function registers forty services and warns of deprecated calls.
         sdk = Sdk(self._config.client_name)
-        name = generate_client_name(self._config.client_name)
+        name = self._client_name = generate_client_name(self._config.client_name)
         sdk.request_processors.append(AddRequestHeader(lambda: name))
         sdk.cert = trusted_certificates(self._config.ca_file)
         for service in SERVICES:
@@ -324,7 +353,8 @@ class Session:
 
     def _log_in_again(self) -> None:
         """A token that the robot no longer takes is replaced. Raises the SDK's errors, and CredentialsError."""
-        self._authenticate(find_credentials(self._config.credentials_file, os.environ))
+        credentials = find_credentials(self._config.credentials_file, os.environ)
+        patiently(lambda: self._authenticate(credentials))
 
     def _authenticate(self, by: Credentials) -> None:
-        patiently(lambda: self._robot.authenticate(by.username, by.password, timeout=self._timeout_s))
+        self._robot.authenticate(by.username, by.password, timeout=self._timeout_s)

@@ -47,6 +47,7 @@ class StateReceiver:
         now_ns: Callable[[], int],
         on_wire: OnWire,
         on_end: OnEnd,
+        on_reopen: Callable[[float], None] = lambda _: None,
     ) -> None:
         """Open the stream.
 
@@ -56,9 +57,10 @@ class StateReceiver:
             now_ns: The host's clock.
             on_wire: Takes each message's bytes and the instant of its receipt.
             on_end: Takes the reason when the stream ends other than by :meth:`stop`.
+            on_reopen: Takes for how many seconds a stream was open that the robot closed, and that was opened again.
         """
         self.states: StateQueue = queue.SimpleQueue()
-        self._now_ns, self._on_wire, self._on_end = now_ns, on_wire, on_end
+        self._now_ns, self._on_wire, self._on_end, self._on_reopen = now_ns, on_wire, on_end, on_reopen
         self._is_stopped = False
         self._request = request
         self._stream = channel.unary_stream(
@@ -81,10 +83,14 @@ class StateReceiver:
         while not reason and not self._is_stopped:
             opened_ns = self._now_ns()
             reason = self._drain()
-            if not reason and self._now_ns() - opened_ns < REOPEN_AFTER_NS:
+            if reason or self._is_stopped:
+                break
+            lived_ns = self._now_ns() - opened_ns
+            if lived_ns < REOPEN_AFTER_NS:
                 reason = "the robot closed the state stream"
-            elif not reason:
+            else:
                 self._call = self._stream(self._request)
+                self._on_reopen(lived_ns / NS_PER_S)
         if self._is_stopped:
             self._call.cancel()  # stopped while it was opened again
         else:

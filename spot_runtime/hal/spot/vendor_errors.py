@@ -22,6 +22,9 @@ from spot_runtime.hal.errors import (
     NoServiceError,
 )
 
+SDK_ERRORS = (sdk.Error, lease.Error, grpc.RpcError)
+"""What a call raises; the SDK's errors of its lease wallet are no others of its errors."""
+
 NO_CONNECTION = (
     grpc.StatusCode.UNAVAILABLE,
     grpc.StatusCode.DEADLINE_EXCEEDED,
@@ -102,7 +105,7 @@ def _faults(error: sdk.ResponseError) -> str:
 _TABLE: tuple[tuple[tuple[type[Exception], ...], type[HalError], str], ...] = (
     ((auth.AuthResponseError,), CredentialsError, "check user name and password"),
     ((sdk.LicenseError,), LicenseError, "ask the vendor for a licence with joint control"),
-    ((lease.LeaseResponseError, sdk.LeaseUseError), LeaseHeldError, "see who holds the lease"),
+    ((lease.LeaseResponseError, lease.Error, sdk.LeaseUseError), LeaseHeldError, "see who holds the lease"),
     ((estop.MotorsOnError,), EstopError, "have the robot sit and power off (on the tablet), then start again"),
     ((power.EstoppedError, estop.EstopResponseError), EstopError, "release every e-stop, then start again"),
     (
