@@ -17,7 +17,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bosdyn.api import power_pb2
+from bosdyn.api import estop_pb2, power_pb2
+from bosdyn.client.estop import IncorrectChallengeResponseError
 from bosdyn.client.power import CommandInProgressError
 
 from spot_log.format.records import EventRecord, Record
@@ -273,6 +274,29 @@ def test_a_press_waits_for_the_check_in_under_way_and_no_other_follows() -> None
         thread.join(30.0)
     own.check_in()
     assert endpoint.calls == ["allow", "press"]
+
+
+class Forgetful:
+    """An endpoint whose last answer got lost: the robot wants another challenge, and does not stop without it."""
+
+    def __init__(self, refusals: int) -> None:
+        self.refusals, self.is_pressed = refusals, False
+
+    def settle_then_cut(self, timeout: float) -> None:
+        self.refusals -= 1
+        if self.refusals >= 0:
+            raise IncorrectChallengeResponseError(estop_pb2.EstopCheckInResponse(), "incorrect")
+        self.is_pressed = True
+
+
+@pytest.mark.parametrize("refusals", [0, 1, 2])
+def test_a_press_after_a_lost_answer_is_made_again_with_the_challenge_of_its_refusal(refusals: int) -> None:
+    endpoint = Forgetful(refusals)
+    own = OwnEstop.__new__(OwnEstop)
+    own._lock, own._is_pressed, own._rpc_timeout_s, own._endpoint = threading.Lock(), False, 3.0, endpoint
+    with nullcontext() if refusals < 2 else pytest.raises(IncorrectChallengeResponseError):
+        own.press()
+    assert endpoint.is_pressed is (refusals < 2)
 
 
 # One check-in ------

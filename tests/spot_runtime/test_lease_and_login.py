@@ -13,7 +13,7 @@ import pytest
 from bosdyn.api import auth_pb2, header_pb2, lease_pb2, lease_service_pb2_grpc
 from bosdyn.client import auth
 from bosdyn.client import exceptions as sdk
-from bosdyn.client.lease import LeaseClient, LeaseWallet
+from bosdyn.client.lease import Lease, LeaseClient, LeaseWallet, LeaseWalletResponseProcessor
 
 from spot_runtime.config import RobotConfig
 from spot_runtime.hal.connection.address import parse_address
@@ -47,6 +47,10 @@ class StrangeLeases(lease_service_pb2_grpc.LeaseServiceServicer):
     """Who takes the lease by force just before it is listed."""
     root: int = 1
     asked: int = 0
+    newest: lease_pb2.Lease | None = None
+    """That it has seen; an older one is refused, also to retain."""
+    overtakes: Callable[[], None] = lambda: None
+    """What arrives before a retain does."""
 
     def AcquireLease(self, request: Any, context: Any) -> Any:  # noqa: N802 - the service's name
         self.asked += 1
@@ -72,6 +76,19 @@ class StrangeLeases(lease_service_pb2_grpc.LeaseServiceServicer):
         entry.lease_owner.client_name = self.owner
         return answer
 
+    def RetainLease(self, request: Any, context: Any) -> Any:  # noqa: N802 - the service's name
+        self.asked += 1
+        self.overtakes()
+        answer = lease_pb2.RetainLeaseResponse()
+        answer.header.error.code = header_pb2.CommonError.CODE_OK
+        use, lease = answer.lease_use_result, Lease(request.lease)
+        newest = Lease(self.newest or self._lease())
+        is_older = lease.compare(newest) in (Lease.CompareResult.OLDER, Lease.CompareResult.SUPER_LEASE)
+        use.status = use.STATUS_OLDER if is_older else use.STATUS_OK
+        use.attempted_lease.CopyFrom(request.lease)
+        use.latest_known_lease.CopyFrom(newest.lease_proto)
+        return answer
+
     def _lease(self) -> lease_pb2.Lease:
         return lease_pb2.Lease(resource=BODY, epoch="e", sequence=[self.root])
 
@@ -92,6 +109,7 @@ def session(leases: StrangeLeases, monkeypatch: pytest.MonkeyPatch) -> Iterator[
         wallet = LeaseWallet()
         client = LeaseClient(wallet)
         client.channel = channel
+        client.response_processors.append(LeaseWalletResponseProcessor(wallet))
         robot = SimpleNamespace(ensure_client=lambda _: client, lease_wallet=wallet)
         monkeypatch.setattr(made, "_robot", robot)
         monkeypatch.setattr(made, "_client_name", US)
@@ -142,6 +160,24 @@ def test_a_lease_that_is_taken_from_us_at_once_is_not_ours(session: Session, lea
     with pytest.raises(LeaseHeldError):
         session.acquire_lease()
     assert not session.has_lease
+
+
+def test_a_command_that_overtakes_a_keep_alive_has_not_taken_the_lease(session: Session, leases: StrangeLeases) -> None:
+    session.acquire_lease()
+    wallet, times = session._robot.lease_wallet, [2]
+
+    def command() -> None:
+        if times[0]:
+            times[0] -= 1
+            leases.newest = wallet.advance().lease_proto
+
+    leases.asked, leases.overtakes = 0, command
+    session.retain_lease()
+    assert leases.asked == 3
+    leases.newest = lease_pb2.Lease(resource=BODY, epoch="e", sequence=[3])
+    with pytest.raises(LeaseHeldError):
+        session.retain_lease()
+    assert leases.asked == 4
 
 
 def test_two_time_outs_are_an_end(session: Session, leases: StrangeLeases) -> None:

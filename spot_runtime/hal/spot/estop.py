@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any, Literal
 
 from bosdyn.api import estop_pb2
-from bosdyn.client.estop import EstopClient, EstopEndpoint
+from bosdyn.client.estop import EstopClient, EstopEndpoint, IncorrectChallengeResponseError
 
 from spot_runtime.hal.errors import EstopError
 
@@ -85,7 +85,11 @@ class OwnEstop:
         """
         self._is_pressed = True
         with self._lock:
-            self._endpoint.settle_then_cut(timeout=self._rpc_timeout_s)
+            try:
+                self._endpoint.settle_then_cut(timeout=self._rpc_timeout_s)
+            except IncorrectChallengeResponseError:
+                # The answer to a check-in got lost, and its challenge with it. The refusal has brought another one.
+                self._endpoint.settle_then_cut(timeout=self._rpc_timeout_s)
 
 
 def _is_taken_back(endpoint: Any, our_name: str) -> bool:

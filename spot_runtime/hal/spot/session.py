@@ -13,7 +13,7 @@ from bosdyn.api import power_pb2, robot_state_pb2
 from bosdyn.client.auth import AuthClient, InvalidTokenError
 from bosdyn.client.directory import DirectoryClient
 from bosdyn.client.estop import EstopClient
-from bosdyn.client.exceptions import RpcError, UnauthenticatedError
+from bosdyn.client.exceptions import LeaseUseError, RpcError, UnauthenticatedError
 from bosdyn.client.lease import Lease, LeaseClient, ResourceAlreadyClaimedError
 from bosdyn.client.license import LicenseClient
 from bosdyn.client.power import PowerClient
@@ -179,8 +179,9 @@ class Session:
 
     def check_in_estop(self) -> None:
         """Keep our own endpoint alive."""
-        if self._own_estop is not None:
-            self.calls.make("checking in to the e-stop", self._own_estop.check_in)
+        own = self._own_estop  # another thread may press it
+        if own is not None:
+            self.calls.make("checking in to the e-stop", own.check_in)
 
     def cut_power(self) -> None:
         """Press our own e-stop, or where another endpoint holds it, have the motors' power cut."""
@@ -216,9 +217,18 @@ class Session:
 
     def retain_lease(self) -> None:
         """Keep the lease alive."""
-        client = self.calls.client(LeaseClient)
-        wallet = self._robot.lease_wallet
-        self.calls.make("keeping the lease", lambda: client.retain_lease(wallet.get_lease(), timeout=self._timeout_s))
+        client, wallet = self.calls.client(LeaseClient), self._robot.lease_wallet
+
+        def retain() -> Any:
+            lease = wallet.get_lease()
+            try:
+                return client.retain_lease(lease, timeout=self._timeout_s)
+            except LeaseUseError:
+                if wallet.get_lease() is lease:
+                    raise
+            return retain()  # a command, which bears a newer lease, has overtaken it
+
+        self.calls.make("keeping the lease", retain)
 
     @property
     def token(self) -> str:
