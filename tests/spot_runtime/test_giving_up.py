@@ -289,10 +289,13 @@ def test_a_pressed_estop_is_no_reason_to_stop_powering_off(
     assert stranger.power == POWER.MOTOR_POWER_STATE_OFF
 
 
+@pytest.mark.parametrize("off_after", [1, 99])
 def test_power_that_may_still_come_on_is_switched_off(
-    hal: BosdynHal, stranger: Stranger, monkeypatch: pytest.MonkeyPatch
+    hal: BosdynHal, stranger: Stranger, monkeypatch: pytest.MonkeyPatch, off_after: int
 ) -> None:
     """An operator interrupts the wait for the answer to a power-on, which may arrive after a look at the motors."""
+    monkeypatch.setattr(hal._pace, "pause", lambda _: None)
+    stranger.off_after = off_after
 
     class InterruptError(BaseException):
         """As a signal's handler raises it."""

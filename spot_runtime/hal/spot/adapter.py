@@ -239,9 +239,11 @@ class BosdynHal:
                 return self._motions().power_off(even_if_off=self._is_power_in_doubt)
             except LeaseHeldError:
                 raise
-            except HalError:
+            except HalError as error:
                 if self._pace.chore_now_s() >= until_s:
                     raise
+                # A robot that refuses has seen the newer lease, too.
+                self._is_power_in_doubt &= type(error) is HalError
             self._pause(RETRY_S)
 
     def _pause(self, duration_s: float) -> None:
