@@ -272,7 +272,7 @@ def test_a_lease_under_which_power_off_failed_is_not_given_back(robot: Robot, mo
     hal.connect()
     hal.stand()
 
-    def refuse(_: object) -> None:
+    def refuse(*_: object, **__: object) -> None:
         raise MotionError("refused")
 
     with monkeypatch.context() as patched:
