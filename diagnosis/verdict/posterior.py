@@ -12,7 +12,8 @@ probability by evidence and distance.
 
 An effect that is there is a cause if it matters: runs of the best model with it and without it, all else alike, lie
 apart by more than a floor beyond their own scatter. By how much a robot's do follows from how much a model's do, by a
-regression on the same simulated robots.
+regression on the same simulated robots. It matters, too, if there is a gap that it closes and that nothing unknown
+explains.
 """
 
 from __future__ import annotations
@@ -143,12 +144,17 @@ def believe(
         none = min((1.0 - max(there.values(), default=0.0)) * (1.0 - unknown), float(expit(most_log_odds(n_runs))))
         effects = {n: p * (1.0 - unknown) for n, p in there.items()}
         return replace(so_far, none=none, unknown=unknown, there=there, effects=effects)
-    effects = {n: p * matters(moved.get(n, 0.0)) for n, p in there.items()}
     explained = max(nothing.distance - float(stated.distance or 0.0), 0.0)
-    none = (1.0 - is_gap(nothing.distance, ordinary)) * (1.0 - max(effects.values(), default=0.0))
+    unknown = is_unknown(float(stated.distance or 0.0), explained, beyond_nats, ordinary)
+    gap = is_gap(nothing.distance, ordinary)
+    closed = closed_by(nothing.distance, explained, nearer, ordinary)
+    effects = {
+        n: p * either(matters(moved.get(n, 0.0)), gap * (1.0 - unknown) * closed[n]) for n, p in there.items()
+    }
+    none = (1.0 - gap) * (1.0 - max(effects.values(), default=0.0))
     none = min(none, float(expit(most_log_odds(n_runs))))
     # What makes no gap does not matter.
-    unknown = min(is_unknown(float(stated.distance or 0.0), explained, beyond_nats, ordinary), 1.0 - none)
+    unknown = min(unknown, 1.0 - none)
     return replace(so_far, none=none, unknown=unknown, there=there, effects=effects)
 
 
@@ -162,6 +168,26 @@ def ordinary_gap(scatter_nm: float, errors: float, odd: float = 0.0) -> float:
     """
     largest = LARGEST_ERRORS + odd * (USUAL_ERRORS - LARGEST_ERRORS)
     return float(np.hypot(RUNS_APART, ORDINARY_LEFT_NM * min(errors, largest) / max(scatter_nm, 1e-6)))
+
+
+def closed_by(distance: float, explained: float, nearer: Mapping[str, float], ordinary: float) -> dict[str, float]:
+    """By effect, the share of the gap that it closes; what closes a gap that is there, and leaves none, matters.
+
+    Args:
+        distance: Of closed loops with ordinary errors alone, in floors.
+        explained: By how much the best set's are nearer.
+        nearer: By effect, how much nearer they are with it than without it; infinite where that was not run.
+        ordinary: Distance in floors that is ordinary for this robot.
+    """
+    whole = min(explained / (distance - ordinary), 1.0) if distance > ordinary else 0.0
+    each = {n: float(np.clip(floors, 0.0, explained)) for n, floors in nearer.items()}
+    total = sum(each.values())
+    return {n: whole * floors / total if total > 0.0 else 0.0 for n, floors in each.items()}
+
+
+def either(p: float, q: float) -> float:
+    """Probability of one or the other of two that are independent."""
+    return 1.0 - (1.0 - p) * (1.0 - q)
 
 
 def is_gap(distance: float, ordinary: float) -> float:

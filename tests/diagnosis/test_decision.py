@@ -26,6 +26,7 @@ from diagnosis.verdict.posterior import (
     Belief,
     Hypothesis,
     believe,
+    closed_by,
     is_gap,
     is_there,
     is_unknown,
@@ -132,6 +133,28 @@ def test_an_effect_that_closes_the_gap_is_its_cause() -> None:
     assert found.nearer["payload_mass"] == pytest.approx(FAR - 1.2)
     assert found.unknown < 0.05
     assert found.none < 0.01
+
+
+def test_what_alone_closes_a_gap_is_its_cause_however_little_the_model_moves() -> None:
+    far, near = 2.0 * ORDINARY_GAP, 0.5 * ORDINARY_GAP
+
+    def found(left: float, beyond_nats: float = 0.0) -> Belief:
+        sets = (Hypothesis((), 0.0, far), Hypothesis(("torque_bandwidth",), 200.0, left))
+        return _believed(sets, ("torque_bandwidth",), beyond_nats, torque_bandwidth=0.2)
+
+    assert found(near).effects["torque_bandwidth"] > 0.9
+    # Half of the gap is left, or signals still predict much: the rest of it has another cause.
+    half = found(ORDINARY_GAP + 0.5 * (far - ORDINARY_GAP))
+    assert half.effects["torque_bandwidth"] < found(near, 1000.0).effects["torque_bandwidth"] + 0.2 < 0.95
+
+
+def test_effects_share_the_gap_that_they_close_by_how_much_nearer_each_comes() -> None:
+    # 4 floors apart, 2 of them ordinary; the set closes 1.5 of the gap of 2.
+    shares_of = closed_by(4.0, 1.5, {"leg_mass": 0.9, "imu_tilt": 0.3, "backlash": -0.2}, 2.0)
+    assert shares_of == pytest.approx({"leg_mass": 0.75 * 0.75, "imu_tilt": 0.75 * 0.25, "backlash": 0.0})
+    assert closed_by(1.9, 1.5, {"leg_mass": 1.5}, 2.0) == {"leg_mass": 0.0}
+    assert closed_by(4.0, 3.0, {"leg_mass": float("inf")}, 2.0) == {"leg_mass": 1.0}
+    assert closed_by(4.0, 0.0, {"leg_mass": 0.3}, 2.0) == {"leg_mass": 0.0}
 
 
 def test_an_effect_with_which_closed_loops_lie_farther_off_needs_so_much_more_evidence() -> None:
