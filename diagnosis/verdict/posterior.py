@@ -148,9 +148,7 @@ def believe(
     unknown = is_unknown(float(stated.distance or 0.0), explained, beyond_nats, ordinary)
     gap = is_gap(nothing.distance, ordinary)
     closed = closed_by(nothing.distance, explained, nearer, ordinary)
-    effects = {
-        n: p * either(matters(moved.get(n, 0.0)), gap * (1.0 - unknown) * closed[n]) for n, p in there.items()
-    }
+    effects = {n: p * either(matters(moved.get(n, 0.0)), gap * (1.0 - unknown) * closed[n]) for n, p in there.items()}
     none = (1.0 - gap) * (1.0 - max(effects.values(), default=0.0))
     none = min(none, float(expit(most_log_odds(n_runs))))
     # What makes no gap does not matter.
