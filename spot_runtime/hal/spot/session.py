@@ -13,8 +13,8 @@ from bosdyn.api import power_pb2, robot_state_pb2
 from bosdyn.client.auth import AuthClient, InvalidTokenError
 from bosdyn.client.directory import DirectoryClient
 from bosdyn.client.estop import EstopClient
-from bosdyn.client.exceptions import LeaseUseError, RpcError, UnauthenticatedError
-from bosdyn.client.lease import Lease, LeaseClient, ResourceAlreadyClaimedError
+from bosdyn.client.exceptions import UnauthenticatedError
+from bosdyn.client.lease import Lease, LeaseClient
 from bosdyn.client.license import LicenseClient
 from bosdyn.client.power import PowerClient
 from bosdyn.client.processors import AddRequestHeader
@@ -28,6 +28,7 @@ from spot_model.robot.state import SlowState
 from spot_runtime.config import RobotConfig
 from spot_runtime.hal.connection.address import Address, explain_no_connection
 from spot_runtime.hal.connection.credentials import Credentials, find_credentials
+from spot_runtime.hal.connection.leases import BODY, Acquisition, newest_lease, retain
 from spot_runtime.hal.connection.time_sync import ATTEMPTS, SyncedCommandClient, TimeSync
 from spot_runtime.hal.connection.trust import trusted_certificates
 from spot_runtime.hal.errors import ClockError, CredentialsError, EstopError, FaultError, HalError
@@ -35,7 +36,7 @@ from spot_runtime.hal.spot.calls import Calls, patiently
 from spot_runtime.hal.spot.estop import OwnEstop, needs_own_endpoint
 from spot_runtime.hal.spot.motions import POLL_S, Helm, Motions, Pause
 from spot_runtime.hal.spot.slow_state import pressed_estops, refuse_arm, slow_state_from_message
-from spot_runtime.hal.spot.vendor_errors import SDK_ERRORS, code_of, translate
+from spot_runtime.hal.spot.vendor_errors import SDK_ERRORS, translate
 from spot_runtime.host.clock import HostClock, RobotClockEstimate
 from spot_runtime.stops import CRITICAL
 
@@ -60,9 +61,6 @@ SERVICES: Final = (
 """The vendor's services that a run uses."""
 
 ESTOP_RELEASE_S: Final = 1.0
-BODY: Final = "body"
-"""The resource whose lease commands need."""
-
 ONE_THREAD_A_STREAM: Final = "SingleThreadedUnaryStream"
 """gRPC's option by which the thread that reads a stream also waits for it: one thread switch less for each state."""
 
@@ -194,41 +192,14 @@ class Session:
         self.calls.make("cutting power", lambda: client.power_command(request, timeout=self._timeout_s))
 
     def acquire_lease(self) -> None:
-        """Take the lease if it is free, or ours by a call whose answer was lost."""
-        client, is_unanswered = self.calls.client(LeaseClient), False
-
-        def acquire() -> Any:
-            nonlocal is_unanswered
-            try:
-                return client.acquire(BODY, timeout=self._timeout_s).lease_proto
-            except RpcError as error:
-                is_second, is_unanswered = is_unanswered, True
-                if is_second or code_of(error) is not grpc.StatusCode.DEADLINE_EXCEEDED:
-                    raise
-            except ResourceAlreadyClaimedError as error:
-                is_ours = is_unanswered and error.response.lease_owner.client_name == self._client_name
-                claim = self.newest_lease(BODY, self._client_name) if is_ours else None
-                if claim is None:
-                    raise
-                return claim
-            return acquire()
-
-        self.adopt_lease(self.calls.make("taking the lease", acquire))
+        """Take the lease if it is free."""
+        acquisition = Acquisition(self.calls.client(LeaseClient), self._client_name, self._timeout_s)
+        self.adopt_lease(self.calls.make("taking the lease", acquisition.ask))
 
     def retain_lease(self) -> None:
         """Keep the lease alive."""
         client, wallet = self.calls.client(LeaseClient), self._robot.lease_wallet
-
-        def retain() -> Any:
-            lease = wallet.get_lease()
-            try:
-                return client.retain_lease(lease, timeout=self._timeout_s)
-            except LeaseUseError:
-                if wallet.get_lease() is lease:
-                    raise
-            return retain()  # a command, which bears a newer lease, has overtaken it
-
-        self.calls.make("keeping the lease", retain)
+        self.calls.make("keeping the lease", lambda: retain(client, wallet, self._timeout_s))
 
     @property
     def token(self) -> str:
@@ -240,14 +211,10 @@ class Session:
         """The lease that is or was held, in the vendor's message; None before there was one."""
         return None if self._lease is None else self._lease.lease_proto
 
-    def newest_lease(self, resource: str, owner: str = "") -> Any:
-        """The newest lease of a resource that the robot knows of, of one owner or anybody; None if there is none."""
+    def newest_lease(self, resource: str) -> Any:
+        """The newest lease of a resource that the robot knows of, whoever holds it; None if there is none."""
         client = self.calls.client(LeaseClient)
-        listed = self.calls.make(
-            "listing leases", lambda: client.list_leases(include_full_lease_info=True, timeout=self._timeout_s)
-        )
-        found = (r for r in listed if r.resource == resource and r.lease.sequence)
-        return next((r.lease for r in found if owner in ("", r.lease_owner.client_name)), None)
+        return self.calls.make("listing leases", lambda: newest_lease(client, resource, self._timeout_s))
 
     def adopt_lease(self, lease: Any) -> None:
         """Go on with a lease that another process of ours held, given in the vendor's message."""
