@@ -181,11 +181,14 @@ def test_a_command_that_overtakes_a_keep_alive_has_not_taken_the_lease(session: 
     assert leases.asked == 4
 
 
-def test_two_time_outs_are_an_end(session: Session, leases: StrangeLeases) -> None:
-    leases.lost = [DEADLINE, DEADLINE]
+@pytest.mark.parametrize("lost", [[DEADLINE, DEADLINE], [grpc.StatusCode.INTERNAL]])
+def test_two_time_outs_are_an_end_and_so_is_any_other_error(
+    session: Session, leases: StrangeLeases, lost: list[grpc.StatusCode]
+) -> None:
+    leases.lost, asked = lost, len(lost)
     with pytest.raises(HalError, match="taking the lease: the robot did not answer"):
         session.acquire_lease()
-    assert leases.asked == 2
+    assert leases.asked == asked
 
 
 # The token -----------------------------------------------------------------------------------------------------------

@@ -38,12 +38,14 @@ class Acquisition:
             is_second, self._is_unanswered = self._is_unanswered, True
             if is_second or error.error.code() is not grpc.StatusCode.DEADLINE_EXCEEDED:
                 raise
-        except ResourceAlreadyClaimedError as error:
-            is_ours = self._is_unanswered and error.response.lease_owner.client_name == self._our_name
-            claim = newest_lease(self._client, BODY, self._timeout_s, self._our_name) if is_ours else None
-            if claim is None:
+        except ResourceAlreadyClaimedError:
+            # Only after such a call: another of our sessions in this process has the same name.
+            if not self._is_unanswered:
                 raise
-            return claim
+            ours = newest_lease(self._client, BODY, self._timeout_s, self._our_name)
+            if ours is None:
+                raise
+            return ours
         return self.ask()
 
 
