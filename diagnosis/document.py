@@ -187,28 +187,40 @@ class Verdict(_Part):
     schema_name: Literal["spot-rl/verdict/1"] = Field(default=SCHEMA, alias="schema")
     status: Status
     where: tuple[GapCell, ...]
+    """Where the gap is largest, largest first."""
     effects: tuple[FoundEffect, ...]
+    """The causes, most important first."""
     seen: tuple[SeenEffect, ...] = ()
+    """Effects that the logs show, but that hardly change the motion."""
     distances: dict[str, float] = Field(default_factory=dict)
-    """Of the models' closed loops to the robot's, in distances between the robot's own repeats: the nominal model, the
-    one with this robot's ordinary errors alone, and each set of effects that was tried; empty where nothing was run."""
+    """Distance between closed-loop runs and the robot's, in floors: of the nominal model, of the one with ordinary
+    errors only, and of each set of effects that was tried; empty if nothing was simulated."""
     probability_none: float = Field(ge=0.0, le=1.0)
+    """Probability that there is no cause: only ordinary errors."""
     probability_unknown: float = Field(ge=0.0, le=1.0)
+    """Probability that an effect acts that the library lacks."""
     unknown: UnknownEffect | None
+    """What no effect explains; null if nothing remains to be described."""
     channels: dict[str, str]
-    """``used``, or ``off`` and why, by channel; verdicts of before the names had a letter each."""
+    """``used``, or ``off`` and the reason, by channel."""
     invisible: tuple[str, ...] = ()
     """Effects of the library that these logs cannot show."""
     shrink: Shrink | None
+    """How much of the gap closes; null if nothing could be simulated or nothing was found."""
     synthesis: dict[str, Any] | None = None
     """What the diagnosis says of the nominal simulator with the effects added; null if it was not asked for."""
     log_advice: tuple[str, ...]
+    """What to record next, a sentence each."""
     timeline: tuple[Stretch, ...] = ()
+    """Stretches of the logs that were cut out, or that contain much of the gap."""
     without: tuple[str, ...] = ()
-    """Effects that were left out of the library (``--without``), and so could not be found."""
+    """Effects that were excluded from the library (``--without``), and so could not be found."""
     logs: tuple[str, ...] = ()
+    """Names of the logs that were used."""
     nominal: str = ""
+    """The nominal model: its file or built-in name."""
     notes: tuple[str, ...] = ()
+    """What limits the verdict, a sentence each."""
 
     def to_json(self) -> str:
         """As text for ``verdict.json``."""

@@ -38,7 +38,7 @@ def training_page() -> str:
                     f"## {path}\n\nWeights of the rewards, each a term of the sum over one policy period. "
                     "Formulas: `trainer/task/rewards.py`; shared: [task.reward_shape](#taskreward_shape).\n"
                 ),
-                table(("reward", "weight", "what is paid or charged"), rewards),
+                table(("reward", "weight", "what is rewarded or penalised"), rewards),
             ]
         else:
             parts += [f"## {path}\n\n{plain(part.__doc__ or '')}\n", keys_table(part)]

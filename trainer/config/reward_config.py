@@ -84,7 +84,7 @@ class RewardShape(Config):
     yaw_rate_scale_rad_s: float = Field(default=2.0, gt=0.0)
     swing_time_s: float = Field(default=0.3, gt=0.0)
     moving_above_m_s: float = Field(default=0.5, ge=0.0)
-    """A robot that was told to stand counts as moving above this speed."""
+    """A robot that is commanded to stand counts as moving above this speed."""
     standing_command_below: float = Field(default=0.05, ge=0.0)
     """A command whose norm over V_x, V_y (m/s), ω_z (rad/s) is below this means: stand."""
     gait_scale_s2: float = Field(default=0.1, gt=0.0)

@@ -12,7 +12,7 @@ from trainer.config.reward_config import RewardShape, RewardWeights, check_rewar
 
 
 class CommandConfig(Config):
-    """Velocity commands: drawn evenly, held, drawn anew. Source: the paper."""
+    """Velocity commands: drawn uniformly, held, then drawn again. Source: the paper."""
 
     v_x_m_s: Range = (-2.0, 5.5)
     v_y_m_s: Range = (-1.5, 1.5)
@@ -24,7 +24,7 @@ class CommandConfig(Config):
     turning_share: float = Field(default=0.0, ge=0.0, le=1.0)
     """Share of commands with V_x and V_y zero."""
     slow_share: float = Field(default=0.0, ge=0.0, le=1.0)
-    """Share of commands drawn from a quarter of the ranges, of which wide ranges give few."""
+    """Share of commands drawn from the slowest quarter of the ranges, which are rare in wide ranges."""
     lateral_acceleration_limit_m_s2: float = Field(default=1.0e3, gt=0.0)
     """V_y and ω_z are scaled down where |V_x·ω_z| exceeds this."""
     curriculum_iterations: int = Field(default=0, ge=0)
@@ -36,7 +36,7 @@ class RandomisationConfig(Config):
     """What differs between episodes (initial state) and between simulations (friction, mass). Source: the paper."""
 
     foot_friction: Range = (0.3, 1.0)
-    """One sliding coefficient a simulation: MuJoCo has no separate static one."""
+    """One sliding coefficient per simulation; MuJoCo has no separate static one."""
     added_body_mass_kg: Range = (-2.5, 2.5)
     initial_xy_m: Range = (-0.5, 0.5)
     initial_yaw_rad: Range = (-3.14159, 3.14159)
@@ -51,9 +51,9 @@ class RandomisationConfig(Config):
     push_m_s: Range = (-0.5, 0.5)
     push_interval_s: Range = (10.0, 15.0)
     replaced_effects: tuple[str, ...] = ()
-    """Effects of the model, by name, that are left out because an entry below takes their place."""
+    """Names of the model's effects that an entry below replaces."""
     effects: tuple[dict[str, Any], ...] = ()
-    """Effects added to the model's, as in a model file; a parameter may be [low, high], drawn once a simulation."""
+    """Additional effects, as in a model file; a parameter may be [low, high], drawn once per simulation."""
 
 
 class NoiseConfig(Config):
@@ -91,7 +91,7 @@ class TerrainConfig(Config):
 
 
 class LateRewards(Config):
-    """Weights that others take on in the course of a training: first a gait, then its refinement."""
+    """Reward weights that change during the training, so that the gait is learned first and refined later."""
 
     weights: dict[str, float] = Field(default_factory=dict)
     """By the names of the rewards."""
@@ -111,12 +111,12 @@ class LateRewards(Config):
 
 
 class TaskConfig(Config):
-    """Everything about the environment, apart from how many there are."""
+    """The environment."""
 
     episode_s: float = Field(default=20.0, gt=0.0)
     short_episode_s: float = Field(default=3.0, gt=0.0)
     short_episode_share: float = Field(default=0.0, ge=0.0, le=1.0)
-    """Share of the robots whose episodes are the short ones: starts come often, without taking from long runs."""
+    """Share of the robots with short episodes, so that starts are practised more often."""
     physics_rate_hz: float = Field(default=200.0, gt=0.0)
     commands: CommandConfig = CommandConfig()
     randomisation: RandomisationConfig = RandomisationConfig()

@@ -24,7 +24,7 @@ class PpoConfig(Config):
     hidden: tuple[int, ...] = Field(default=(512, 256, 128), min_length=1)
     initial_std: float = Field(default=1.0, gt=0.0)
     start_std: float | None = Field(default=None, gt=0.0)
-    """Deviation of a run that starts from another's networks; None: theirs."""
+    """Standard deviation of a run with `start_from`; None keeps the checkpoint's."""
     steps_per_iteration: int = Field(default=24, ge=1)
     learning_rate: float = Field(default=1.0e-3, gt=0.0)
     schedule: Literal["adaptive", "fixed"] = "adaptive"
@@ -63,9 +63,9 @@ class TrainConfig(Config):
     iterations: int = Field(ge=1)
     save_every: int = Field(default=100, ge=1)
     logger: Literal["tensorboard", "wandb"] = "tensorboard"
-    """Where metrics go beside metrics.jsonl; ``wandb`` is rsl-rl's writer for Weights & Biases."""
+    """Where metrics go, in addition to metrics.jsonl; ``wandb`` is rsl-rl's writer for Weights & Biases."""
     start_from: str = ""
-    """A checkpoint whose networks this run starts from; empty: from nothing."""
+    """Checkpoint whose networks this run starts from; empty to start from scratch."""
     task: TaskConfig = TaskConfig()
     ppo: PpoConfig = PpoConfig()
 
