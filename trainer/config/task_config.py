@@ -24,7 +24,7 @@ class CommandConfig(Config):
     turning_share: float = Field(default=0.0, ge=0.0, le=1.0)
     """Share of commands with V_x and V_y zero."""
     slow_share: float = Field(default=0.0, ge=0.0, le=1.0)
-    """Share of commands drawn from the slowest quarter of the ranges, which are rare in wide ranges."""
+    """Share of commands scaled down to a quarter, so that slow ones are not rare."""
     lateral_acceleration_limit_m_s2: float = Field(default=1.0e3, gt=0.0)
     """V_y and ω_z are scaled down where |V_x·ω_z| exceeds this."""
     curriculum_iterations: int = Field(default=0, ge=0)
