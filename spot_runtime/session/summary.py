@@ -1,4 +1,4 @@
-"""How a run ended, for a person and for programs."""
+"""How a run ended, for programs."""
 
 from __future__ import annotations
 
@@ -52,29 +52,6 @@ class RunSummary:
         """One JSON object; figures that were not measured are null."""
         values = {k: None if isinstance(v, float) and math.isnan(v) else v for k, v in asdict(self).items()}
         return json.dumps(values)
-
-    def to_text(self) -> str:
-        """A few lines for a person."""
-        lines = [f"outcome            {self.outcome}: {self.sentence}"]
-        if self.ticks:
-            lines += [
-                f"control            {self.control_robot_s:.1f} s of robot time in {self.control_wall_s:.1f} s",
-                f"policy ticks       {self.ticks} at {self.rate_hz:.3f} Hz of robot time, {self.skipped_ticks} skipped",
-                _pair("tick compute", self.tick_compute_p50_us, self.tick_compute_p99_us, "µs"),
-                _pair("state to command", self.state_to_command_p50_ms, self.state_to_command_p99_ms, "ms"),
-                _pair("state age, receipt", self.state_age_p50_ms, self.state_age_p99_ms, "ms"),
-                _pair("state age, robot", self.acquisition_age_p50_ms, self.acquisition_age_p99_ms, "ms"),
-            ]
-        lost = self.log_dropped + self.log_unwritten
-        lines.append(f"log                {self.log_path} ({lost} messages lost)")
-        if self.log_problem:
-            lines.append(f"log's problem      {self.log_problem}")
-        return "\n".join(lines)
-
-
-def _pair(name: str, p50: float, p99: float, unit: str) -> str:
-    digits = 0 if unit == "µs" else 2
-    return f"{name:<18} p50 {p50:.{digits}f} {unit}, p99 {p99:.{digits}f} {unit}"
 
 
 def figures(stats: LoopStats) -> dict[str, float | int]:

@@ -35,6 +35,7 @@ from spot_runtime.sources.base import CommandSource
 from spot_tools.run.joint_script import JointScriptSource
 from spot_tools.run.manual import manual_source
 from spot_tools.run.scripted import ScriptedSource
+from spot_tools.run.summary_text import summary_text
 
 
 def run(
@@ -108,7 +109,7 @@ def run(
     finally:
         source.close()
         console.close()
-    _say_last(summary.to_text())
+    _say_last(summary_text(summary))
     if summary_json is not None:
         try:
             write_new(summary_json, summary.to_json() + "\n")

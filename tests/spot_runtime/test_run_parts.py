@@ -36,6 +36,7 @@ from spot_runtime.session.summary import RunSummary, figures, resident_mb
 from spot_runtime.stops import StopReason
 from spot_tools.run.command import make_source
 from spot_tools.run.gamepad import PygamePad
+from spot_tools.run.summary_text import summary_text
 
 ROOT = Path(__file__).parents[2]
 MS = 1_000_000
@@ -189,7 +190,7 @@ def summary(**changes: Any) -> RunSummary:
 
 def test_figures_that_were_not_measured_are_null_and_take_no_line() -> None:
     assert json.loads(summary().to_json())["tick_compute_p50_us"] is None
-    assert summary().to_text().splitlines() == [
+    assert summary_text(summary()).splitlines() == [
         "outcome            completed: done",
         "log                run.mcap (0 messages lost)",
     ]
@@ -201,7 +202,7 @@ def test_the_summary_shows_what_was_measured() -> None:
         stats.ticked(i * 20 * MS, 200e-6, 1e-4, 2e-3, 0)
         stats.sent(i, i * 20 * MS)
         stats.departures([(i, i * 20 * MS + 400_000)])
-    text = summary(**figures(stats)).to_text()
+    text = summary_text(summary(**figures(stats)))
     assert "policy ticks       101 at 50.000 Hz of robot time, 0 skipped" in text
     assert "tick compute       p50 200 µs, p99 200 µs" in text
     assert "state to command   p50 0.40 ms, p99 0.40 ms" in text

@@ -19,6 +19,7 @@ from spot_log.write.flight_recorder import flight_record_path
 from spot_log.write.logger_process import without_secrets
 from spot_model.policy.contract import PolicyError
 from spot_runtime.admission import check_allowed
+from spot_tools.run.summary_text import summary_text
 
 WALK = Path(__file__).parents[3] / "policies" / "walk.onnx"
 
@@ -73,7 +74,7 @@ def test_a_canary_is_found_nowhere(fake: Rig, capfd: pytest.CaptureFixture[str],
     seen |= {
         "log": unpacked(drive.log_path),
         "incident": unpacked(flight_record_path(drive.log_path)),
-        "summary": (drive.summary.to_json() + drive.summary.to_text() + summarise(drive.log)).encode(),
+        "summary": (drive.summary.to_json() + summary_text(drive.summary) + summarise(drive.log)).encode(),
         "page": page.read_bytes(),
         "output": (said.out + said.err).encode(),
     }
