@@ -105,7 +105,7 @@ def compare_runs(runs: Sequence[Named], verdict: Verdict | None = None) -> Compa
         CompareError: There are fewer than two, or they cannot be compared.
     """
     if len(runs) < 2:
-        raise CompareError("a comparison needs two runs: a log, and a log or a model to set beside it")
+        raise CompareError("a comparison needs two runs: a log, and another log or a model")
     tracks = aligned([track_of(r.run, r.name, is_simulated=r.is_simulated) for r in runs])
     notes = [f"{r.name}: {text}" for r in runs for text in r.run.damage]
     found = Comparison(tuple(tracks), tuple(differences(tracks[0], t) for t in tracks[1:]), notes=tuple(notes))

@@ -22,7 +22,7 @@ def show(policy: Annotated[Path, typer.Argument(help="ONNX file with its contrac
     for line in card_lines(loaded, load_card(policy)):
         typer.echo(plain(line))
     typer.echo(plain(gait_sentence(loaded.contract)))
-    typer.echo("signature beside it" if signature_path(policy).exists() else "no signature beside it")
+    typer.echo("signature file found" if signature_path(policy).exists() else "no signature file")
 
 
 def card(

@@ -38,7 +38,7 @@ def run_suite(
     """
     if not robot.startswith(_LOCAL) and not is_attended:
         raise BadInputError(
-            f"{robot} may be a real robot; stand beside it with its e-stop in your hand and say --i-stand-beside-it"
+            f"{robot} may be a real robot; stand beside it with its e-stop in your hand, then add --i-stand-beside-it"
         )
     unknown = set(names) - {item.name for item in CHECKS}
     if unknown:

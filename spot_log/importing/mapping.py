@@ -129,7 +129,7 @@ class Mapping(_Strict):
         if unknown:
             raise ValueError(f"unknown signal {unknown[0]!r}; allowed: {', '.join(SIGNALS)}")
         if "position" not in signals:
-            raise ValueError("the signal 'position' is missing; a log without joint positions tells nothing")
+            raise ValueError("the signal 'position' is missing; a log needs joint positions")
         return signals
 
     @model_validator(mode="after")

@@ -131,7 +131,7 @@ def card_lines(policy: Policy, card: PolicyCard | None) -> Iterator[str]:
     ):
         yield _line(name, text)
     if card is None:
-        yield _line("card", "none beside it; 'spot-rl policy card' writes one from an evaluation")
+        yield _line("card", "no card file; 'spot-rl policy card' writes one from an evaluation")
         return
     if card.policy_sha256 != policy.sha256:
         yield _line("card", f"of another file (SHA-256 {card.policy_sha256[:12]}…), not shown; write a new one")

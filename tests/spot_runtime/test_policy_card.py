@@ -59,7 +59,7 @@ def test_a_card_is_written_from_an_evaluation_and_shown(policy: Path, capsys: py
 
 def test_a_policy_without_a_card_says_how_to_make_one(policy: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run("show", str(policy)) == 0
-    assert "none beside it; 'spot-rl policy card' writes one" in capsys.readouterr().out
+    assert "no card file; 'spot-rl policy card' writes one" in capsys.readouterr().out
 
 
 def test_a_card_of_another_file_is_not_believed(policy: Path, capsys: pytest.CaptureFixture[str]) -> None:

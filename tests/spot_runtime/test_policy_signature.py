@@ -156,7 +156,7 @@ def test_the_shelf_and_the_control_process_ask_for_the_signature(signed: tuple[P
 def test_verify_and_show(signed: tuple[Path, Path, Path]) -> None:
     policy, _, public = signed
     assert "is signed: walk" in CliRunner().invoke(app, ["verify", str(policy), "--public-key", str(public)]).output
-    assert "signature beside it" in CliRunner().invoke(app, ["show", str(policy)]).output
+    assert "signature file found" in CliRunner().invoke(app, ["show", str(policy)]).output
 
 
 @pytest.mark.skipif(shutil.which("openssl") is None, reason="openssl is not here")

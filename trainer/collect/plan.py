@@ -71,7 +71,9 @@ def plan_runs(sources: Sequence[str], repeats: int, policy: Policy) -> tuple[Pla
     names = [s.name for s in sequences]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        raise BadInputError(f"two sequences are called {', '.join(twice)}; their logs could not be told apart")
+        raise BadInputError(
+            f"two sequences are called {', '.join(twice)}; their logs could not be distinguished; rename one"
+        )
     return tuple(
         PlannedRun(sequence, source, repeat)
         for repeat in range(1, repeats + 1)

@@ -102,7 +102,7 @@ def _evaluated(setting: Setting, n: int, unfinished: Path) -> dict[str, Any]:
             )
             progress.update(100, "all trials")
     except KeyboardInterrupt:
-        typer.echo(f"the trials that ended are in {unfinished}; the same command goes on from there", err=True)
+        typer.echo(f"finished trials are in {unfinished}; the same command continues from there", err=True)
         raise
     del result["robots"]
     return result

@@ -58,7 +58,7 @@ def check(folders: Sequence[Path], policies: Path | None = None) -> Checked:
             if entered.get(number, end := read_ledger(path.parent / LEDGER)[-1].hash) != end:
                 raise LedgerError(f"{path.parent / LEDGER} is not the one that the run's own ledger entered")
             if number in outcomes:
-                raise BadInputError(f"case {number} lies in {where[number]} and in {path.parent}; leave one out")
+                raise BadInputError(f"case {number} is in {where[number]} and in {path.parent}; leave one out")
             outcomes[number], where[number] = outcome, path.parent
     if not outcomes:
         raise BadInputError(f"{', '.join(str(f) for f in folders)}: no finished case; run or resume first")

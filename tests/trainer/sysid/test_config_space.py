@@ -90,7 +90,7 @@ def test_a_bad_parameter_is_named(change: dict[str, object], text: str) -> None:
 
 
 def test_a_parameter_that_stands_there_twice_is_named() -> None:
-    with pytest.raises(BadInputError, match="stands there twice"):
+    with pytest.raises(BadInputError, match="is listed twice"):
         config_from_data({"parameters": [ENTRY, ENTRY]}, source="x").space()
 
 

@@ -131,7 +131,7 @@ class SysidConfig(_Part):
         space = SearchSpace(model, tuple(parameters))
         twice = {name for name in space.names if space.names.count(name) > 1}
         if twice:
-            raise BadInputError(f"parameters: {', '.join(sorted(twice))} stands there twice; name it once")
+            raise BadInputError(f"parameters: {', '.join(sorted(twice))} is listed twice; list it once")
         return space
 
 
