@@ -72,7 +72,7 @@ def plan_runs(sources: Sequence[str], repeats: int, policy: Policy) -> tuple[Pla
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise BadInputError(
-            f"two sequences are called {', '.join(twice)}; their logs could not be distinguished; rename one"
+            f"two sequences are called {', '.join(twice)}; rename one, so that their logs differ"
         )
     return tuple(
         PlannedRun(sequence, source, repeat)
