@@ -71,9 +71,7 @@ def plan_runs(sources: Sequence[str], repeats: int, policy: Policy) -> tuple[Pla
     names = [s.name for s in sequences]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        raise BadInputError(
-            f"two sequences are called {', '.join(twice)}; rename one, so that their logs differ"
-        )
+        raise BadInputError(f"two sequences are called {', '.join(twice)}; rename one, so that their logs differ")
     return tuple(
         PlannedRun(sequence, source, repeat)
         for repeat in range(1, repeats + 1)
