@@ -148,8 +148,6 @@ ORDINARY_EXCESS: Final[Mapping[Channel, tuple[float, float]]] = {
     Channel.SET_POINT_TO_LOAD: (0.37, 0.59),
     Channel.LOAD_TO_MOTION: (-0.67, 0.73),
     Channel.BASE_WRENCH: (-0.81, 0.38),
-    Channel.STANCE_KINEMATICS: (-1.42, 0.63),
-    Channel.INERTIAL_UNIT: (-1.28, 0.25),
     Channel.JOINT_RATES: (-0.2, 0.5),
     # A program's arithmetic is replayed to the bit, but for its rounding.
     Channel.POLICY_REPLAY: (-1.0, 0.5),
@@ -157,8 +155,8 @@ ORDINARY_EXCESS: Final[Mapping[Channel, tuple[float, float]]] = {
 """Excess of the signal that is farthest off (:func:`~diagnosis.verdict.left_over.excess`), by channel: median and
 standard deviation over 35 robots of the calibrating catalogue's simulator, seeds 91001 and 92001, without a fault and
 with errors 0.7 to 5 times the usual, on which it hardly depends (``benchmarks/calibrate_diagnosis.py`` prints it).
-Channels of forces, motion and the program alone: flags, stamps, noise and the battery differ between robots of one kind
-without any gap.
+Channels of forces and of the program alone: flags, stamps, noise and the battery differ between robots of one kind
+without any gap, and kinematics and the inertial unit between gaits.
 """
 ODD_EXCESS: Final = (3.0, 1.7)
 """At so many standard deviations above the median it is even whether a signal leaves more than ordinary errors do, one

@@ -20,7 +20,7 @@ from diagnosis.selection.nuisance_model import model_of, size_of_errors
 from diagnosis.selection.scoring import Placed, Scored, Scorer, null_of, without
 from diagnosis.selection.search import price
 from diagnosis.verdict.explain import Explained
-from diagnosis.verdict.left_over import excess, is_odd
+from diagnosis.verdict.left_over import excess, is_odd, only_alike
 from diagnosis.verdict.posterior import Belief, Hypothesis, believe, between_formulas, log_odds, ordinary_gap
 from spot_model.io.model_file import RobotModel
 
@@ -207,7 +207,8 @@ def _kept(
     best = found.selection.best or null_of(found.board)
     errors, odd = size_of_errors(found.board, best.pulls), is_odd(excess(found.board, best))
     ordinary = ordinary_gap(tried.scatter_nm, errors, odd)
-    belief = believe(tuple(hypotheses.values()), found.effects, gains, found.n_runs, beyond, moved, ordinary)
+    alike = only_alike(found.board, best)
+    belief = believe(tuple(hypotheses.values()), found.effects, gains, found.n_runs, beyond, moved, ordinary, alike)
     kept, seen = best, []
     for term in best.terms:
         if not _is_cause(found, best, term, belief):

@@ -115,6 +115,7 @@ def believe(
     beyond_nats: float,
     moved: Mapping[str, float],
     ordinary: float,
+    alike: Mapping[str, float] | None = None,
 ) -> Belief:
     """Probabilities of the hypotheses, and of none of them.
 
@@ -126,6 +127,8 @@ def believe(
         beyond_nats: What signals still predict of the residuals that the best set leaves, beyond the usual.
         moved: By effect of the best set, (D − floor)/floor between runs with it and without it.
         ordinary: Distance in floors that is ordinary for this robot, as :func:`ordinary_gap` has it.
+        alike: By effect of the best set, the probability that its own signals leave more than ordinary with it: what is
+            there is only like it then.
     """
     by_set = {frozenset(h.effects): h for h in hypotheses}
     nothing, stated = by_set[frozenset()], by_set[frozenset(best)]
@@ -138,7 +141,11 @@ def believe(
     at_all = 1.0
     if is_simulated and best:
         at_all = is_there(stated.nats, float(nothing.distance or 0.0) - float(stated.distance or 0.0), n_runs)
-    there = {n: min(at_all, is_there(gains[n], nearer[n] if is_simulated else None, n_runs)) for n in best}
+    there = {
+        n: min(at_all, is_there(gains[n], nearer[n] if is_simulated else None, n_runs))
+        * (1.0 - (alike or {}).get(n, 0.0))
+        for n in best
+    }
     if not is_simulated or nothing.distance is None:
         unknown = beyond_nats / (beyond_nats + sum(USUAL_LEFT.values()))
         none = min((1.0 - max(there.values(), default=0.0)) * (1.0 - unknown), float(expit(most_log_odds(n_runs))))

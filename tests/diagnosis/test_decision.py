@@ -157,6 +157,19 @@ def test_effects_share_the_gap_that_they_close_by_how_much_nearer_each_comes() -
     assert closed_by(4.0, 0.0, {"leg_mass": 0.3}, 2.0) == {"leg_mass": 0.0}
 
 
+def test_an_effect_that_is_only_alike_is_not_there() -> None:
+    sets = (Hypothesis((), 0.0, 4.0 * ORDINARY_GAP), Hypothesis(("torque_gain",), 200.0, 2.0 * ORDINARY_GAP))
+
+    def found(alike: float) -> Belief:
+        gains = {"torque_gain": 200.0}
+        return believe(
+            sets, ("torque_gain",), gains, 9, 0.0, {"torque_gain": 4.0}, ORDINARY_GAP, {"torque_gain": alike}
+        )
+
+    assert found(0.0).effects["torque_gain"] > 0.95
+    assert found(0.6).effects["torque_gain"] == pytest.approx(0.4 * found(0.0).effects["torque_gain"])
+
+
 def test_an_effect_with_which_closed_loops_lie_farther_off_needs_so_much_more_evidence() -> None:
     doubtful, clear = (
         _believed(
