@@ -158,9 +158,9 @@ with errors 0.7 to 5 times the usual, on which it hardly depends (``benchmarks/c
 Channels of forces and of the program alone: flags, stamps, noise and the battery differ between robots of one kind
 without any gap, and kinematics and the inertial unit between gaits.
 """
-ODD_EXCESS: Final = (3.0, 1.7)
+ODD_EXCESS: Final = (3.0, 3.0)
 """At so many standard deviations above the median it is even whether a signal leaves more than ordinary errors do, one
-robot in 700 for each channel; and the slope of the log odds there, a normal distribution's."""
+robot in 700 for each channel; and the slope of the log odds, that of a normal density there."""
 GAP_SLOPE: Final = 10.0
 """Odds of a gap rise by this power of the distance: 1.7 over the standard deviation of the logarithm of a distance over
 the ordinary one on those robots, 0.17."""
