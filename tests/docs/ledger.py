@@ -157,6 +157,7 @@ NOT_RUN = {
     "python benchmarks/calibrate_diagnosis.py": CORES,
     "python benchmarks/calibrate_diagnosis.py robots --seed 20261 --to 240 --out ensemble": CORES,
     "python benchmarks/calibrate_diagnosis.py fit ensemble": CORES,
+    "spot-rl withheld run --cases 800 --kind outside --seed 97885689941007904 --out DIR": CORES,
     "python benchmarks/withheld_share.py share --first 0 --end 800 --seed 2555331358616426029 --minutes 6.7 "
     "--to FOLDER": CORES,
     "python benchmarks/check_experiments.py --policy policies/walk.onnx --out experiments.json "
