@@ -24,7 +24,7 @@ from spot_model.text import counted
 COLOURS = (
     ("var(--real)", "real"),
     ("var(--nominal)", "nominal model"),
-    ("var(--corrected)", "with the effects added"),
+    ("var(--corrected)", "corrected model"),
 )
 
 
@@ -123,7 +123,7 @@ def _shrink(v: Verdict) -> str:
         else ("measured on the sequence that was used for fitting")
     )
     about = (
-        "The policy runs in closed loop on the nominal model and on the one with the effects added, "
+        "The policy runs in closed loop on the nominal model and on the corrected one, "
         f"{held}. 100 % means that the simulator is as close to the robot as two runs of the robot are to each other."
     )
     left = bars.shrink_line(s) or "<p>The gap does not exceed its floor: there is nothing to shrink.</p>"
