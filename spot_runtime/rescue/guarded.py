@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import os
+from collections import deque
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Final
 
+from spot_log.format.events import EventName
+from spot_log.format.records import EventRecord
 from spot_log.write.sink import LogSink
 from spot_model.io.child_process import ChildProcess
 from spot_model.robot.state import RobotState
@@ -22,6 +25,7 @@ from spot_runtime.hal.spot.pace import Pace
 from spot_runtime.host.clock import HostClock
 from spot_runtime.rescue.guardian import start_guardian
 from spot_runtime.rescue.heartbeat import Heartbeat, Hold
+from spot_runtime.rescue.keeper import GuardianKeeper, longest_silence_s
 from spot_runtime.rescue.lease_note import HeldNote, LeaseNote, LeaseNoteError, note_folder, note_path
 
 GUARD_PERIOD_S: Final = 1.0
@@ -40,6 +44,7 @@ class NotingHal(BosdynHal):
         folder: Path,
         guardian: Callable[[LeaseNote, Heartbeat], ChildProcess] | None = None,
         on_pause: Callable[[], None] = lambda: None,
+        tell: Callable[[EventRecord], None] = lambda _: None,
     ) -> None:
         """As its parent.
 
@@ -51,16 +56,18 @@ class NotingHal(BosdynHal):
             folder: Where notes lie.
             guardian: Starts the process that acts on the note if no other is left.
             on_pause: Told of each look at a motion of the vendor's.
+            tell: Also told of every event; must not block.
         """
         super().__init__(address, config, sink, pace)
-        self._on_pause, self._start_guardian = on_pause, guardian
-        self._guardian: ChildProcess | None = None
+        self._on_pause, self._start_guardian, self._tell = on_pause, guardian, tell
+        self._guardian: GuardianKeeper | None = None
+        self._ended_guardians: deque[str] = deque()
         self._heartbeat = Heartbeat.new()
         self._robot, self._path = str(address), note_path(str(address), folder)
         self._note: HeldNote | None = None
 
     def stand(self) -> None:
-        """See the protocol. The note is there before the motors have power."""
+        """See the protocol. The note is there, and a guardian watches, before the motors have power."""
         lease = self._session.lease
         if self._note is None and lease is not None:
             note = LeaseNote(self._robot, lease.resource, lease.epoch, lease.sequence[0], self._session.token)
@@ -68,14 +75,15 @@ class NotingHal(BosdynHal):
                 self._note = HeldNote.write(self._path, note)
             except LeaseNoteError as error:
                 raise HalError(str(error)) from error
-            self._guard(note)
-            self._jobs.add("guardian", GUARD_PERIOD_S, partial(self._guard, note), now_s=self._pace.chore_now_s())
+            if self._start_guardian is not None:
+                self._guard(partial(self._start_guardian, note, self._heartbeat))
         self._heartbeat.hold = Hold.IN_HAND
         super().stand()
 
     def receive(self, until_robot_ns: int, timeout_s: float) -> list[RobotState]:
         """See the protocol."""
         self._heartbeat.beat()
+        self._tell_of_guardians()
         return super().receive(until_robot_ns, timeout_s)
 
     def power_off(self) -> None:
@@ -83,17 +91,24 @@ class NotingHal(BosdynHal):
         super().power_off()
         self._heartbeat.hold = Hold.AT_REST
 
-    def _guard(self, note: LeaseNote) -> None:
-        """See that a guardian lives; one that was killed gets a successor. Raises HalError."""
-        if self._start_guardian is None or (self._guardian is not None and self._guardian.exit_code is None):
-            return
-        try:
-            self._guardian = self._start_guardian(note, self._heartbeat)
-        except OSError as error:
-            raise HalError(f"no guardian of the robot can be started: {error}") from error
+    def _guard(self, start: Callable[[], ChildProcess]) -> None:
+        """Have a guardian, and see that there is one from now on. Raises HalError."""
+        keeper = self._guardian = GuardianKeeper(start, self._heartbeat, self._ended_guardians.append)
+        keeper.begin()
+        pace = self._pace
+        self._jobs.add("guardian", GUARD_PERIOD_S, lambda: keeper.look(pace.chore_now_s()), now_s=pace.chore_now_s())
+
+    def _tell_of_guardians(self) -> None:
+        """By the thread that writes the run's events, whichever thread looked at the guardian."""
+        while self._ended_guardians:
+            name, text = EventName.GUARDIAN_LOST, self._ended_guardians.popleft()
+            record = EventRecord(self.host_now_ns(), 0, name.severity, name.label, text)
+            self._sink.put(record)
+            self._tell(record)
 
     def _pause(self, duration_s: float) -> None:
         self._heartbeat.beat()
+        self._tell_of_guardians()
         self._on_pause()
         super()._pause(duration_s)
 
@@ -108,15 +123,21 @@ class NotingHal(BosdynHal):
             if self._note is not None:
                 self._session.has_lease = False
         super().close()
+        self._heartbeat.beat()
         note, self._note = self._note, None
         if note is not None:
             note.remove() if is_at_rest else note.let_go()
         if self._guardian is not None and is_at_rest:
-            self._guardian.end(0.0)
+            self._guardian.end()
 
 
 def guarded(
-    adapter: Adapter, request: HalRequest, *, service_pid: int = 0, on_pause: Callable[[], None] = lambda: None
+    adapter: Adapter,
+    request: HalRequest,
+    *,
+    service_pid: int = 0,
+    on_pause: Callable[[], None] = lambda: None,
+    tell: Callable[[EventRecord], None] = lambda _: None,
 ) -> Callable[[LogSink], Hal]:
     """What makes the adapter, guarded where it is the vendor's; any other is as it is, and its robot on its own.
 
@@ -125,6 +146,7 @@ def guarded(
         request: What it is made for.
         service_pid: The operator's service, which acts before the guardian does; 0: there is none.
         on_pause: Told of each look at a motion of the vendor's.
+        tell: Also told of every event; must not block.
     """
     if request.config.robot.hal != "spot":
         return adapter.make
@@ -137,6 +159,7 @@ def guarded(
             folder,
             control_pid=os.getpid(),
             heartbeat=heartbeat,
+            silent_s=longest_silence_s(request.config.robot),
             note=note,
             service_pid=service_pid,
             lock_step=request.lock_step,
@@ -144,6 +167,8 @@ def guarded(
 
     def make(sink: LogSink) -> Hal:
         pace = LockStep(request.lock_step, HostClock().now_ns()) if request.lock_step else None
-        return NotingHal(address, request.config, sink, pace, folder=folder, guardian=guardian, on_pause=on_pause)
+        return NotingHal(
+            address, request.config, sink, pace, folder=folder, guardian=guardian, on_pause=on_pause, tell=tell
+        )
 
     return make

@@ -12,7 +12,7 @@ import json
 import signal
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -26,9 +26,6 @@ if TYPE_CHECKING:  # it sleeps for as long as all goes well, and should be small
     from spot_runtime.rescue.lease_note import LeaseNote
 
 MODULE: Final = "spot_runtime.rescue.guardian"
-SILENT_S: Final = 5.0
-"""A control process that does not beat for so long, and two calls that wait for their time-outs, hangs."""
-
 ABORT_TAKES_S: Final = 2.0
 SERVICE_TURN_S: Final = 5.0
 """The service acts within a second of the end of its control process, unless it hangs."""
@@ -44,6 +41,7 @@ def start_guardian(
     *,
     control_pid: int,
     heartbeat: Heartbeat,
+    silent_s: float,
     note: LeaseNote,
     service_pid: int = 0,
     lock_step: str = "",
@@ -56,6 +54,7 @@ def start_guardian(
         folder: Where the note lies.
         control_pid: The process in control.
         heartbeat: What that shows.
+        silent_s: Without a beat for so long it hangs.
         note: Of its lease.
         service_pid: The operator's service, which comes first; 0: there is none.
         lock_step: Admin address of a fake robot in lock-step mode, whose time stands still while nobody controls it.
@@ -64,7 +63,8 @@ def start_guardian(
         "control_pid": control_pid,
         "service_pid": service_pid,
         "heartbeat": heartbeat.descriptor,
-        "silent_s": 0.0 if lock_step else SILENT_S + 2.0 * config.robot.rpc_timeout_s,
+        "silent_s": silent_s,
+        "may_be_silent": [Hold.AT_REST, *([Hold.IN_HAND] if lock_step else [])],
         "note": asdict(note),
     }
     told = _told(robot, config, folder, lock_step) | watch
@@ -115,7 +115,8 @@ def _is_left_to_us(told: dict[str, Any]) -> bool:
     """Wait for the end of the control process, and for others who act. Returns whether it left a robot with power."""
     control, service = LivingProcess(told["control_pid"]), LivingProcess(told["service_pid"])
     heartbeat = Heartbeat(told["heartbeat"])
-    outlive(control, heartbeat, told["silent_s"])
+    heartbeat.is_watched = True
+    outlive(control, heartbeat, told["silent_s"], told["may_be_silent"])
     if heartbeat.hold is Hold.AT_REST:
         return False
     from spot_runtime.rescue.lease_note import is_held, note_path
@@ -126,20 +127,24 @@ def _is_left_to_us(told: dict[str, Any]) -> bool:
     return True
 
 
-def outlive(control: LivingProcess, heartbeat: Heartbeat, silent_s: float) -> None:
-    """Wait for the end of a process; one that has the robot in hand and does not beat is aborted, then killed.
+def outlive(
+    control: LivingProcess, heartbeat: Heartbeat, silent_s: float, may_be_silent: Collection[int] = (Hold.AT_REST,)
+) -> None:
+    """Wait for the end of a process; one that does not beat though it must is aborted, then killed.
 
     Looks are counted, not seconds: while a computer sleeps, nobody looks.
 
     Args:
         control: The process.
-        heartbeat: What it shows.
-        silent_s: Without a beat for so long it hangs; 0: it is never held to hang.
+        heartbeat: What it shows; letting the robot go counts as a beat.
+        silent_s: Without a beat for so long it hangs.
+        may_be_silent: Holds in which it need not beat.
     """
-    last, silent, is_ending = heartbeat.count, 0, False
-    while not control.has_ended(LOOK_PERIOD_S if silent_s else None):
-        beats = heartbeat.count != last or heartbeat.hold is not Hold.IN_HAND
-        last, silent = heartbeat.count, 0 if beats and not is_ending else silent + 1
+    last, silent, is_ending = (heartbeat.count, heartbeat.hold), 0, False
+    while not control.has_ended(LOOK_PERIOD_S):
+        now = heartbeat.count, heartbeat.hold
+        beats = now != last or heartbeat.hold in may_be_silent
+        last, silent = now, 0 if beats and not is_ending else silent + 1
         if silent * LOOK_PERIOD_S > silent_s + 2.0 * ABORT_TAKES_S:
             return  # it waits for a disk, and not even that signal ends it
         if silent * LOOK_PERIOD_S > silent_s + ABORT_TAKES_S:

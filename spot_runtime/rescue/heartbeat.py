@@ -1,6 +1,6 @@
-"""What a process in control shows its guardian: that it works, and how it leaves the robot.
+"""What a process in control and its guardian show each other: that both work, and how the robot is left.
 
-The two share two bytes of memory, so that neither waits for the other, nor for a disk.
+The two share three bytes of memory, so that neither waits for the other, nor for a disk.
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ from typing import Final
 
 _COUNT: Final = 0
 _HOLD: Final = 1
-_BYTES: Final = 2
+_WATCHED: Final = 2
+_BYTES: Final = 3
 
 
 class Hold(IntEnum):
@@ -22,13 +23,13 @@ class Hold(IntEnum):
     IN_HAND = 0
     """It must beat."""
     LET_GO = 1
-    """It is done with the robot, which may have power."""
+    """It is done with the robot, which may have power; it must still end, or beat."""
     AT_REST = 2
     """The robot has no power: nothing is left to do."""
 
 
 class Heartbeat:
-    """Two shared bytes: a count that rises while the process works, and what it has of the robot."""
+    """Shared bytes: a count that rises while the process works, what it has of the robot, and whether it is watched."""
 
     def __init__(self, descriptor: int) -> None:
         """Share the memory of a descriptor, which is closed with this object."""
@@ -60,3 +61,12 @@ class Heartbeat:
     @hold.setter
     def hold(self, hold: Hold) -> None:
         self._shared[_HOLD] = hold
+
+    @property
+    def is_watched(self) -> bool:
+        """Whether a guardian has begun to watch."""
+        return bool(self._shared[_WATCHED])
+
+    @is_watched.setter
+    def is_watched(self, is_watched: bool) -> None:
+        self._shared[_WATCHED] = is_watched

@@ -169,7 +169,7 @@ class _Attempt:
             self._event(EventName.REAL_TIME_REFUSED, refusal)
         self._say(f"connecting to {self._request.robot} …")
         try:
-            self.session.drive(lambda: make_hal(self._sink), self._control)
+            self.session.drive(lambda: self._make(make_hal), self._control)
         finally:
             self._write_flight_record()
 
@@ -194,6 +194,11 @@ class _Attempt:
             **figures(self._stats),  # type: ignore[arg-type]
         )
 
+    def _make(self, make_hal: HalFactory) -> Hal:
+        """The adapter. What takes long is done first: later the robot has power, and nobody would look after it."""
+        self._request.policy.warm_up()
+        return make_hal(self._sink)
+
     def _control(self, hal: Hal) -> ControlEnd:
         policy, source, config = self._request.policy, self._request.source, self._request.config
         loop = ControlLoop(
@@ -201,7 +206,6 @@ class _Attempt:
         )
         self._loop, self._stats = loop, loop.stats
         self._console.show(lambda: self._show(_progress(loop)))
-        self._request.policy.warm_up()
         freeze_garbage_collection(self._request.config.real_time)
         self._rss_start_mb = resident_mb()
         self._manager.ready()

@@ -103,9 +103,8 @@ def run(
     try:
         adapter.check()
         with InstanceLock(adapter.robot):
-            summary = run_once(
-                request, guarded(adapter, wanted), LoggerProcess.start, console, manager=manager, tell=tell
-            )
+            make_hal = guarded(adapter, wanted, tell=tell)
+            summary = run_once(request, make_hal, LoggerProcess.start, console, manager=manager, tell=tell)
     finally:
         source.close()
         console.close()

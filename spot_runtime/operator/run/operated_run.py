@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import time
 from datetime import datetime, timezone
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -92,17 +93,17 @@ class OperatedRun:
             try:
                 for refusal in apply_real_time(self.config.real_time):
                     self.event(EventName.REAL_TIME_REFUSED, refusal)
-                session.drive(lambda: make_hal(self._sink), lambda hal: self._serve(hal, signals))
+                session.drive(lambda: self._make(make_hal), lambda hal: self._serve(hal, signals))
             finally:
                 self._end_log(session.outcome.label or StopReason.INTERNAL_ERROR.label)
-        outcome = operator_pb2.Outcome(
-            outcome=session.outcome.label,
-            exit_code=session.outcome.exit_code,
-            sentence=session.outcome.sentence,
-            log_paths=[str(path) for path in self._logs.paths],
-            host_stamp_ns=self._clock.now_ns(),
-        )
-        self.link.ended(outcome)
+            outcome = operator_pb2.Outcome(
+                outcome=session.outcome.label,
+                exit_code=session.outcome.exit_code,
+                sentence=session.outcome.sentence,
+                log_paths=[str(path) for path in self._logs.paths],
+                host_stamp_ns=self._clock.now_ns(),
+            )
+            self.link.ended(outcome)  # a signal that came before it would otherwise take this word away
         return outcome
 
     # What requests use ------------------------------------------------------------------------------------------------
@@ -140,9 +141,13 @@ class OperatedRun:
 
     # The way through --------------------------------------------------------------------------------------------------
 
+    def _make(self, make_hal: HalFactory) -> Hal:
+        """The adapter. What takes long is done first: later the robot has power, and nobody would look after it."""
+        self.policy.warm_up()
+        return make_hal(self._sink)
+
     def _serve(self, hal: Hal, signals: StopSignals) -> ControlEnd:
         """Stand by and control in turn, until something ends it."""
-        self.policy.warm_up()
         self.attendance = Attendance(self.config, hal.host_now_ns())
         self.event(EventName.ARMED, f"policy {self.policy.contract.name}")
         self._tell_armed()
@@ -159,9 +164,8 @@ class OperatedRun:
             if fallen is not None:
                 self.event(fallen.event_name, f"{fallen.reason.label}: {fallen.sentence()}")
                 return ControlEnd(fallen, may_stand=False)
-            # Only now: a robot that does not stand has not ended as the operator wanted.
-            self._end_log(end.stop.reason.label)
-            self._tell_armed()
+            # Only now: a robot that does not stand has not ended as the operator wanted. A slow disk takes seconds.
+            self.background.run(partial(self._logs.end, end.stop.reason.label), self._log_ended)
 
     def _stand_by(self, hal: Hal, signals: StopSignals) -> Stop | None:
         """Until a start is asked for (None), or the end."""
@@ -229,6 +233,11 @@ class OperatedRun:
         if told is not None:
             self.event(*told)
         self._logs.end(label)
+
+    def _log_ended(self, _: None, error: Exception | None) -> None:
+        if error is not None:
+            raise error
+        self._tell_armed()
 
     # Details ----------------------------------------------------------------------------------------------------------
 

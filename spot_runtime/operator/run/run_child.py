@@ -43,7 +43,7 @@ def drive(spec: RunSpec, link: RunLink) -> int:
     make_log_folder(spec.config.log.directory)
     manager = ServiceManager.from_environment(os.environ)
     # The watchdog is also fed while the robot sits down, because the operator's service may be gone.
-    make_hal = guarded(adapter, request, service_pid=os.getppid(), on_pause=manager.progressed)
+    make_hal = guarded(adapter, request, service_pid=os.getppid(), on_pause=manager.progressed, tell=link.event)
     with InstanceLock(adapter.robot):
         run = OperatedRun(spec, policy, link, LoggerProcess.start, manager=manager)
         return int(run.drive(make_hal).exit_code)

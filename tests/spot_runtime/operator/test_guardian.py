@@ -81,9 +81,35 @@ def test_who_cannot_be_killed_is_not_waited_for() -> None:
     assert process.looks * LOOK_PERIOD_S <= SILENT_S + 2.0 * ABORT_TAKES_S + 2.0 * LOOK_PERIOD_S
 
 
-@pytest.mark.parametrize("hold", [Hold.LET_GO, Hold.AT_REST])
-def test_who_is_done_with_the_robot_may_be_silent(hold: Hold) -> None:
-    assert watched(Scripted([False] * 1000, (), hold)) == []
+def test_who_left_the_robot_without_power_may_be_silent() -> None:
+    assert watched(Scripted([False] * 1000, (), Hold.AT_REST)) == []
+
+
+def test_who_let_a_robot_go_that_may_have_power_must_end_in_time() -> None:
+    process = Scripted([True] * 5 + [False] * 1000, (signal.SIGKILL,), Hold.LET_GO)
+    assert watched(process) == [signal.SIGABRT, signal.SIGKILL]
+    assert process.looks * LOOK_PERIOD_S <= 1.0 + SILENT_S + ABORT_TAKES_S + 2.0 * LOOK_PERIOD_S
+
+
+def test_to_let_go_is_a_sign_of_life() -> None:
+    looks = round(SILENT_S / LOOK_PERIOD_S)
+
+    class LetsGo(Scripted):
+        def has_ended(self, within_s: float | None = 0.0) -> bool:
+            if self.looks == looks:
+                self.heartbeat.hold = Hold.LET_GO
+            return super().has_ended(within_s)
+
+    assert watched(LetsGo([False] * 2 * looks, ())) == []
+    assert watched(LetsGo([False] * (2 * looks + 2), ())) == [signal.SIGABRT]
+
+
+def test_robot_time_that_stands_still_excuses_no_one_who_has_let_go() -> None:
+    holds = (Hold.AT_REST, Hold.IN_HAND)
+    for hold, sent in ((Hold.IN_HAND, []), (Hold.AT_REST, []), (Hold.LET_GO, [signal.SIGABRT])):
+        process = Scripted([False] * 1000, (signal.SIGABRT,), hold)
+        outlive(process, process.heartbeat, SILENT_S, holds)
+        assert process.sent == sent
 
 
 def test_what_one_process_shows_another_sees() -> None:
@@ -96,6 +122,9 @@ def test_what_one_process_shows_another_sees() -> None:
     for _ in range(255):
         shown.beat()
     assert seen.count == 0
+    assert not shown.is_watched
+    seen.is_watched = True
+    assert (shown.is_watched, shown.count, shown.hold) == (True, 0, Hold.AT_REST)
 
 
 # Real processes -------------------------------------------------------------------------------------------------------
