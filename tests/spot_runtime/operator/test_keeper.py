@@ -204,20 +204,22 @@ class Watching(HandMadeRobot):
 
     operator: Operator = field(default_factory=Operator)
     waits: int = 0
+    asks: list[tuple[str, dict[str, object]]] = field(
+        default_factory=lambda: [
+            ("armed", {"start": operator_pb2.StartRequest()}),
+            ("running", {"stop": operator_pb2.StopRequest(keep_standing=True)}),
+            ("armed", {"stop": operator_pb2.StopRequest()}),
+        ]
+    )
 
     def receive(self, until_robot_ns: int, timeout_s: float) -> list[RobotState]:
         self.waits += 1
         self.operator.read()
         states = self.operator.states
-        asked = len(self.operator.answers)
         if self.waits % 100 == 0:
             self.operator.attend()
-        if states[-1:] == ["armed"] and asked == 0 and self.waits % 100 == 50:
-            self.operator.send(start=operator_pb2.StartRequest())
-        if states[-1:] == ["running"] and asked == 1 and self.waits % 100 == 50:
-            self.operator.send(stop=operator_pb2.StopRequest(keep_standing=True))
-        if states[-3:] == ["running", "arming", "armed"] and asked == 2 and self.waits % 100 == 50:
-            self.operator.send(stop=operator_pb2.StopRequest())
+        if self.asks and states[-1:] == [self.asks[0][0]]:  # each once, however long its answer takes
+            self.operator.send(**self.asks.pop(0)[1])
         return super().receive(until_robot_ns, timeout_s)
 
 
