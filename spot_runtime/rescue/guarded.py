@@ -46,18 +46,7 @@ class NotingHal(BosdynHal):
         on_pause: Callable[[], None] = lambda: None,
         tell: Callable[[EventRecord], None] = lambda _: None,
     ) -> None:
-        """As its parent.
-
-        Args:
-            address: The robot's.
-            config: Of the run.
-            sink: The log.
-            pace: Of a fake robot in lock-step mode.
-            folder: Where notes lie.
-            guardian: Starts the process that acts on the note if no other is left.
-            on_pause: Told of each look at a motion of the vendor's.
-            tell: Also told of every event; must not block.
-        """
+        """As its parent; notes lie in ``folder``, and the rest is as :func:`guarded` has it."""
         super().__init__(address, config, sink, pace)
         self._on_pause, self._start_guardian, self._tell = on_pause, guardian, tell
         self._guardian: GuardianKeeper | None = None
@@ -92,7 +81,6 @@ class NotingHal(BosdynHal):
         self._heartbeat.hold = Hold.AT_REST
 
     def _guard(self, start: Callable[[], ChildProcess]) -> None:
-        """Have a guardian, and see that there is one from now on. Raises HalError."""
         keeper = self._guardian = GuardianKeeper(start, self._heartbeat, self._ended_guardians.append)
         keeper.begin()
         pace = self._pace

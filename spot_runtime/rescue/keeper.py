@@ -13,13 +13,10 @@ from spot_runtime.rescue.heartbeat import Heartbeat
 
 CALLS_IN_A_ROW: Final = 4
 """Most calls to the robot between two beats: is there power, power on, stand, does it stand."""
-
 SPARE_S: Final = 5.0
 """For what else a control process does between two beats, such as writing to a slow disk, and for a busy computer."""
-
 WATCHES_WITHIN_S: Final = 20.0
 """It starts within half a second, unless the computer is very busy."""
-
 LOOK_S: Final = 0.02
 LEAST_PAUSE_S: Final = 1.0
 LONGEST_PAUSE_S: Final = 60.0
@@ -27,11 +24,7 @@ LONGEST_PAUSE_S: Final = 60.0
 
 
 def longest_silence_s(robot: RobotConfig) -> float:
-    """A control process that has not beaten for so long hangs.
-
-    The two longest things that it may do without a beat are calls to a robot that answers just within the time-out, and
-    closing a log once it has let the robot go.
-    """
+    """Without a beat for so long a process hangs: calls just within their time-out and closing a log take longest."""
     return SPARE_S + max(CALLS_IN_A_ROW * robot.rpc_timeout_s, CLOSE_TIMEOUT_S)
 
 
@@ -39,13 +32,7 @@ class GuardianKeeper:
     """Starts guardians, which share a heartbeat."""
 
     def __init__(self, start: Callable[[], ChildProcess], heartbeat: Heartbeat, tell: Callable[[str], None]) -> None:
-        """Prepare.
-
-        Args:
-            start: Starts one; raises OSError.
-            heartbeat: By which a guardian shows that it watches.
-            tell: Told of each that has ended, in words.
-        """
+        """With what starts one or raises OSError, what one shows, and what is told in words of each that has ended."""
         self._start, self._heartbeat, self._tell = start, heartbeat, tell
         self._guardian: ChildProcess | None = None
         self._pause_s, self._began_s, self._alive_s = 0.0, 0.0, 0.0
