@@ -80,12 +80,9 @@ class RobotSession:
     ) -> None:
         """Prepare.
 
-        Args:
-            signals: Entered; what the operator asks by them ends the session.
-            event: Writes an event.
-            limits: By which a robot that was handed back is looked at.
-            say: Takes words about progress.
-            on_shut_down: Called when shutting down begins; once, so that its own failure cannot keep the power on.
+        ``signals``: entered; what the operator asks by them ends the session; ``event``: writes an event; ``limits``:
+        by which a robot that was handed back is looked at; ``say``: takes words about progress; ``on_shut_down``:
+        called when shutting down begins; once, so that its own failure cannot keep the power on.
         """
         self._limits = limits or SafetyLimits()
         self._signals, self._event, self._say, self._on_shut_down = signals, event, say, on_shut_down

@@ -37,9 +37,7 @@ class CommandEncoder:
     def encode(self, command: JointCommand, host_stamp_ns: int) -> bytes:
         """The wire bytes of one command.
 
-        Args:
-            command: What to send.
-            host_stamp_ns: When it is sent, host clock, for the header.
+        ``command``: what to send; ``host_stamp_ns``: when it is sent, host clock, for the header.
         """
         stamp = self._message.header.request_timestamp
         stamp.seconds, stamp.nanos = divmod(host_stamp_ns, NS_PER_S)
@@ -113,11 +111,9 @@ class CommandStream:
     ) -> None:
         """Open the stream.
 
-        Args:
-            channel: Secure channel to the command streaming service.
-            first: Key and wire bytes of the first command.
-            now_ns: The host's clock.
-            on_end: Takes the robot's verdict when the stream ends other than by :meth:`stop`.
+        ``channel``: secure channel to the command streaming service; ``first``: key and wire bytes of the first
+        command; ``now_ns``: the host's clock; ``on_end``: takes the robot's verdict when the stream ends other than by
+        :meth:`stop`.
         """
         self._slot: LatestSlot[tuple[int, bytes]] = LatestSlot()
         self._slot.put(first)

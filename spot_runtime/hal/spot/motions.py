@@ -77,13 +77,9 @@ class Motions:
     ) -> None:
         """Prepare.
 
-        Args:
-            calls: Reaches the robot.
-            config: Time-outs.
-            helm: Taken over.
-            is_powered: Asks the robot whether its motors have power.
-            is_without_power: Asks whether they have none; while they are being powered on, neither is so.
-            pause: Lets robot time pass.
+        ``calls``: reaches the robot; ``config``: time-outs; ``helm``: taken over; ``is_powered``: asks the robot
+        whether its motors have power; ``is_without_power``: asks whether they have none; while they are being powered
+        on, neither is so; ``pause``: lets robot time pass.
         """
         self._calls, self._config, self._pause = calls, config, pause
         self._is_powered, self._is_without_power = is_powered, is_without_power

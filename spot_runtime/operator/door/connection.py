@@ -32,10 +32,8 @@ class Connection:
     ) -> None:
         """Take over an accepted socket; call it from the event loop.
 
-        Args:
-            outer: The accepted socket.
-            on_first_byte: Called once; :meth:`open` should follow.
-            on_end: Called once, when either end has gone.
+        ``outer``: the accepted socket; ``on_first_byte``: called once; :meth:`open` should follow; ``on_end``: called
+        once, when either end has gone.
         """
         self.peer: Peer = peer_of(outer)
         self.group = self.peer.group

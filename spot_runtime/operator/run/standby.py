@@ -17,10 +17,7 @@ STATE_SILENCE_S: Final = 1.0
 def check_standing(hal: Hal, newest_host_ns: int, limits: SafetyLimits) -> Stop | None:
     """What ends the waiting, if anything does.
 
-    Args:
-        hal: The robot.
-        newest_host_ns: When the newest state was received, host clock.
-        limits: The bounds.
+    ``hal``: the robot; ``newest_host_ns``: when the newest state was received, host clock; ``limits``: the bounds.
     """
     problems = hal.problems()
     if problems:

@@ -53,9 +53,7 @@ class PolicyFolder:
     def find(self, name: str, sha256: str) -> OfferedPolicy:
         """The policy that may be armed under this name.
 
-        Args:
-            name: File name without its ending.
-            sha256: The digest that the operator expects; empty: any.
+        ``name``: file name without its ending; ``sha256``: the digest that the operator expects; empty: any.
 
         Raises:
             Refusal: There is none, or it is not the expected one, or not an allowed one.
