@@ -51,9 +51,8 @@ class WarmReceiver:
     def __init__(self, hal: Hal, *, may_poll: bool | None = None) -> None:
         """Receive from ``hal``.
 
-        Args:
-            hal: The robot.
-            may_poll: Whether to poll; by default only with a real-time priority, without which nothing is gained.
+        ``hal``: the robot; ``may_poll``: whether to poll; by default only with a real-time priority, without which
+        nothing is gained.
         """
         self._hal = hal
         self._may_poll = has_real_time_priority() if may_poll is None else may_poll

@@ -30,10 +30,9 @@ class ServiceManager:
     ) -> None:
         """Connect.
 
-        Args:
-            address: Path of a datagram socket, or ``@name`` for an abstract one; empty for none.
-            watchdog_ns: The interval within which the manager expects a sign of progress; 0 for none.
-            monotonic_ns: The clock of the watchdog.
+        ``address``: path of a datagram socket, or ``@name`` for an abstract one; empty for none; ``watchdog_ns``: the
+        interval within which the manager expects a sign of progress; 0 for none; ``monotonic_ns``: the clock of the
+        watchdog.
         """
         self._address = "\0" + address[1:] if address.startswith("@") else address
         self._monotonic_ns = monotonic_ns

@@ -107,9 +107,8 @@ class RobotSession:
     def shut_down(self, reaction: Reaction = Reaction.EXPIRE, *, may_stand: bool = False) -> None:
         """Bring the robot to rest and see that its motors are off. :meth:`drive` then returns lease and e-stop.
 
-        Args:
-            reaction: The strongest that anything has asked for; the e-stop is pressed first.
-            may_stand: Whether to let the vendor's controller stand first; any signal then cuts that short.
+        ``reaction``: the strongest that anything has asked for; the e-stop is pressed first; ``may_stand``: whether to
+        let the vendor's controller stand first; any signal then cuts that short.
         """
         hal = self.hal
         if hal is None:

@@ -24,9 +24,8 @@ class CommandSource(Protocol):
     def sample(self, active_s: float, host_stamp_ns: int) -> Wanted:
         """The command at this instant.
 
-        Args:
-            active_s: Robot time since the policy has been in full control.
-            host_stamp_ns: The host's clock, for dead-man timers.
+        ``active_s``: robot time since the policy has been in full control; ``host_stamp_ns``: the host's clock, for
+        dead-man timers.
         """
 
     def close(self) -> None:

@@ -21,9 +21,8 @@ class Shaper:
     def follow(self, wanted: Array | None, host_stamp_ns: int) -> Array:
         """The command now.
 
-        Args:
-            wanted: V_x, V_y (m/s), ω_z (rad/s), shape (3,); None when nobody holds the dead-man.
-            host_stamp_ns: The host's clock.
+        ``wanted``: v_x, V_y (m/s), ω_z (rad/s), shape (3,); None when nobody holds the dead-man; ``host_stamp_ns``: the
+        host's clock.
         """
         elapsed_s = 0.0 if self._last_ns is None else max(0.0, (host_stamp_ns - self._last_ns) / 1e9)
         self._last_ns = host_stamp_ns

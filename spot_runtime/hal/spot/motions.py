@@ -139,9 +139,8 @@ class Motions:
     def power_off(self, *, even_if_off: bool = False) -> None:
         """Sit where needed and cut power; returns when it is cut.
 
-        Args:
-            even_if_off: Ask for it also where the motors are off, since a request to power them on may be under way:
-                it bears an older lease, and is refused from now on.
+        ``even_if_off``: ask for it also where the motors are off, since a request to power them on may be under way: it
+        bears an older lease, and is refused from now on.
         """
         if not even_if_off and self._is_without_power():
             return

@@ -25,9 +25,8 @@ class Acceptor:
     def __init__(self, listener: socket.socket, wake: Callable[[], None]) -> None:
         """Accept on ``listener`` from now on.
 
-        Args:
-            listener: A bound socket.
-            wake: Called in another thread when there is something to take, once until it is taken.
+        ``listener``: a bound socket; ``wake``: called in another thread when there is something to take, once until it
+        is taken.
         """
         self._listener, self._wake = listener, wake
         self._waiting: dict[str, deque[socket.socket]] = {}

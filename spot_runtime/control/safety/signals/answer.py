@@ -45,10 +45,7 @@ class AnswerMemory(NamedTuple):
 def after_window(memory: AnswerMemory, window: Window, command: JointCommand) -> AnswerMemory:
     """The memory after one more window.
 
-    Args:
-        memory: Before it.
-        window: The newest.
-        command: The newest that the robot says it has.
+    ``memory``: before it; ``window``: the newest; ``command``: the newest that the robot says it has.
     """
     state = window.last
     asked, load = torque_nm(command, state.position_rad, state.velocity_rad_s), state.load_nm

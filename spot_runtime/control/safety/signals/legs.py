@@ -36,8 +36,7 @@ def foot_jacobians(position_rad: Array) -> tuple[Array, Array]:
 
     A leg turns by hx about x at its hip, by hy about y at the upper leg's end, and by kn about y at the knee.
 
-    Args:
-        position_rad: Joint positions, shape (12,), canonical order.
+    ``position_rad``: joint positions, shape (12,), canonical order.
 
     Returns:
         Positions of shape (4, 3), m, and their derivatives by hx, hy and kn of the leg, in columns: (4, 3, 3), m/rad.
@@ -58,9 +57,7 @@ def foot_jacobians(position_rad: Array) -> tuple[Array, Array]:
 def feet(position_rad: Array, velocity_rad_s: Array) -> Feet:
     """Forward kinematics of positions and velocities.
 
-    Args:
-        position_rad: Joint positions, shape (12,), canonical order.
-        velocity_rad_s: Joint velocities, as above.
+    ``position_rad``: joint positions, shape (12,), canonical order; ``velocity_rad_s``: joint velocities, as above.
     """
     position, jacobians = foot_jacobians(position_rad)
     rates, hx = velocity_rad_s.reshape(facts.N_LEGS, 3), position_rad[::3]
@@ -76,9 +73,7 @@ def ground_forces_n(position_rad: Array, load_nm: Array) -> Array:
 
     For each leg, load = -Jᵀ·force, with J the foot's Jacobian in the body's frame.
 
-    Args:
-        position_rad: Joint positions, shape (12,), canonical order.
-        load_nm: Measured loads, as above.
+    ``position_rad``: joint positions, shape (12,), canonical order; ``load_nm``: measured loads, as above.
     """
     _, jacobians = foot_jacobians(position_rad)
     forces = np.linalg.solve(jacobians.transpose(0, 2, 1), load_nm.reshape(facts.N_LEGS, 3, 1))[..., 0]
