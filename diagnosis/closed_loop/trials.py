@@ -278,8 +278,12 @@ def compared_by_sequence(bench: Bench, models: Mapping[str, Sequence[Run]]) -> t
 
 
 def _beside(runs: Sequence[Run], before: Sequence[Run], after: Sequence[Run]) -> list[OtherGap]:
-    """Gaps of measured torque, joint and body speed: mean Wasserstein distance over the signal's components."""
+    """Gaps of measured torque, joint and body speed: mean Wasserstein distance over the signal's components.
+
+    A run that ended before the policy's first tick has none of them.
+    """
     out = []
+    runs = [run for run in runs if len(policy_ticks(run))]
     for name, unit, pick in (
         ("load", "N·m", _load),
         ("joint velocity", "rad/s", _joint_velocity),
@@ -291,7 +295,7 @@ def _beside(runs: Sequence[Run], before: Sequence[Run], after: Sequence[Run]) ->
             _w1(pick(a), pick(b))
             for i, a in enumerate(runs)
             for b in runs[:i]
-            if a.header.command_sequence == b.header.command_sequence and len(policy_ticks(a)) and len(policy_ticks(b))
+            if a.header.command_sequence == b.header.command_sequence
         ]
         if gaps and np.isfinite(gaps).all():
             b, a = np.mean(gaps, axis=0)

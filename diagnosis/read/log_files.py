@@ -8,6 +8,7 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
+from diagnosis.read.policy_ticks import policy_ticks
 from diagnosis.read.recording import record
 from spot_log import Run, read_run
 from spot_model.errors import BadInputError, SpotRlError
@@ -39,6 +40,12 @@ def read_all(
         runs.append(run)
     if not runs:
         raise BadInputError("no log can be diagnosed:\n" + "\n".join(f"  {w}" for w in warnings))
+    is_commanded = [bool(len(run.commands) or len(policy_ticks(run))) for run in runs]
+    if any(is_commanded):
+        # One log that lacks a signal switches its channels off for all.
+        idle = [run.path.name for run, is_it in zip(runs, is_commanded, strict=True) if not is_it]
+        warnings += [f"{name}: left out: the robot got no command in it" for name in idle]
+        runs = [run for run, is_it in zip(runs, is_commanded, strict=True) if is_it]
     return tuple(runs), tuple(warnings)
 
 

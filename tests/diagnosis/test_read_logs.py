@@ -19,7 +19,10 @@ from spot_model.policy.policy import load_policy
 POLICIES = Path(__file__).parents[2] / "policies"
 
 
-def _log(folder: Path, name: str, n: int = 400) -> Path:
+def _log(folder: Path, name: str, n: int = 400, *, is_commanded: bool = False) -> Path:
+    signals = {"position": {"from": "q", "unit": "rad"}}
+    if is_commanded:
+        signals["setpoint_position"] = signals["position"]
     time_s = np.arange(n) * 0.005
     np.savez(folder / "data.npz", t=time_s, q=np.sin(time_s)[:, None])
     mapping = Mapping.model_validate(
@@ -28,7 +31,7 @@ def _log(folder: Path, name: str, n: int = 400) -> Path:
             "joint_names": ["hip"],
             "foot_names": [],
             "time": {"from": "t"},
-            "signals": {"position": {"from": "q", "unit": "rad"}},
+            "signals": signals,
         }
     )
     import_log(mapping, folder / "data.npz", folder / name)
@@ -52,6 +55,16 @@ def test_bad_files_are_left_out_and_said(tmp_path: Path) -> None:
     assert "missing.mcap: left out: " in text
     assert "cut.mcap: " in text
     assert told == sorted(told)
+
+
+def test_a_robot_that_got_no_command_says_nothing_beside_one_that_did(tmp_path: Path) -> None:
+    idle, other = _log(tmp_path, "idle.mcap"), _log(tmp_path, "other.mcap")
+    commanded = _log(tmp_path, "walk.mcap", is_commanded=True)
+    runs, warnings = read_all([idle, commanded])
+    assert [r.path.name for r in runs] == ["walk.mcap"]
+    assert "idle.mcap: left out: the robot got no command in it" in warnings
+    # Recordings without any commands are diagnosed all the same.
+    assert len(read_all([idle, other])[0]) == 2
 
 
 def test_nothing_left_is_one_error_with_every_reason(tmp_path: Path) -> None:
