@@ -140,10 +140,13 @@ def images_tell_when_and_where(server: Server) -> str:
     """Each image has a time of the robot's clock, a sensor that hangs together with the body, and a focal length."""
     server.require("image")
     client = server.robot.ensure_client("image")
-    now_ns = server.robot_stamp(0.0).ToNanoseconds()
-    for answer in client.get_image_from_sources([source.name for source in client.list_image_sources()]):
+    sources = [source.name for source in client.list_image_sources()]
+    asked_ns = server.robot_stamp(0.0).ToNanoseconds()
+    answers = client.get_image_from_sources(sources)
+    answered_ns = server.robot_stamp(0.0).ToNanoseconds()
+    for answer in answers:
         shot, name = answer.shot, answer.source.name
-        if abs(shot.acquisition_time.ToNanoseconds() - now_ns) > _NEAR_NS:
+        if not asked_ns - _NEAR_NS <= shot.acquisition_time.ToNanoseconds() <= answered_ns + _NEAR_NS:
             return f"{name}: taken at another time"
         if get_a_tform_b(shot.transforms_snapshot, BODY_FRAME_NAME, shot.frame_name_image_sensor) is None:
             return f"{name}: its sensor has no frame"

@@ -108,6 +108,15 @@ def check_options(command: Any, words: list[str]) -> None:
     return None
 
 
+def with_siblings(script: Path) -> str:
+    """Text of a script, and of the benchmarks that it imports by name alone."""
+    text = script.read_text(encoding="utf-8")
+    siblings = [
+        REPOSITORY / "benchmarks" / f"{name}.py" for name in re.findall(r"^from (\w+) import", text, re.MULTILINE)
+    ]
+    return "\n".join([text, *(file.read_text(encoding="utf-8") for file in siblings if file.is_file())])
+
+
 def check_line(words: list[str]) -> None:
     """Read one line of a page."""
     program = words[0].rpartition("/")[2]
@@ -124,7 +133,7 @@ def check_line(words: list[str]) -> None:
         script = REPOSITORY / words[1]
         assert script.is_file(), f"there is no script {words[1]}"
         options = [word for word in words if word.startswith("--")]
-        assert all(f'"{option}"' in script.read_text(encoding="utf-8") for option in options), options
+        assert all(f'"{option}"' in with_siblings(script) for option in options), options
     elif program == "sudo" and words[1] == "python3":
         assert (REPOSITORY / "deploy" / words[2]).is_file()
     else:
