@@ -10,11 +10,11 @@ from spot_protos import operator_pb2, run_link_pb2
 from spot_runtime.operator.server.pending import PendingRequests
 from spot_runtime.operator.server.run_process import RunProcess
 from spot_runtime.operator.server.states import State
+from spot_runtime.stops import StopReason
 
 KILL_AFTER_S: Final = 15.0
 SILENT_S: Final = 5.0
 """A control process that is silent for so long hangs; what it last sent has long lapsed, so it is ended."""
-
 ABORT_TAKES_S: Final = 2.0
 
 
@@ -50,9 +50,10 @@ class ArmedRun:
             self._ended = message.ended
 
     def outcome(self, code: int) -> operator_pb2.Outcome:
-        """How the run ended, now that its process has; requests that still wait are released."""
+        """How the run ended, well only by its last word, now that its process has; waiting requests are released."""
         self.waiting.let_all_go()
-        died = operator_pb2.Outcome(outcome="control_process_died", exit_code=code, sentence=_how_it_died(code))
+        own = min(code, 0) or StopReason.INTERNAL_ERROR.exit_code
+        died = operator_pb2.Outcome(outcome="control_process_died", exit_code=own, sentence=_how_it_died(code))
         return self._ended or died
 
     def keep_times(self, state: State, since_s: float, arm_timeout_s: float) -> tuple[str, str] | None:

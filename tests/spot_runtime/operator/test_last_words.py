@@ -10,6 +10,7 @@ import socket
 import subprocess
 import sys
 import threading
+from typing import cast
 
 import pytest
 
@@ -18,6 +19,7 @@ from spot_model.io.child_process import ChildProcess
 from spot_protos import operator_pb2, run_link_pb2
 from spot_runtime.operator.run.link import RunLink, receive
 from spot_runtime.operator.server import run_process
+from spot_runtime.operator.server.armed_run import ArmedRun
 from spot_runtime.operator.server.run_process import RunProcess
 
 from .conftest import wait_until
@@ -160,3 +162,12 @@ def test_the_last_word_is_read_though_the_other_end_closed_before_it_had_read_ou
         received = receive(ours, run_link_pb2.FromRun, 10)
     assert [message.ended.outcome for message in received.messages] == ["no_credentials"]
     assert received.is_end
+
+
+@pytest.mark.parametrize(("code", "expected"), [(0, 70), (10, 70), (83, 70), (-9, -9)])
+def test_without_a_last_word_no_end_counts_as_good(code: int, expected: int) -> None:
+    run = ArmedRun(cast("RunProcess", None))
+    outcome = run.outcome(code)
+    assert (outcome.outcome, outcome.exit_code) == ("control_process_died", expected)
+    run.take(run_link_pb2.FromRun(ended=operator_pb2.Outcome(outcome="said", exit_code=10)))
+    assert run.outcome(code).exit_code == 10
