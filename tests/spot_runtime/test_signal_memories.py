@@ -170,7 +170,7 @@ def test_what_the_inertial_unit_felt_fades_and_adds_up() -> None:
         angular_vel_of_link_in_link_rad_s=np.array([0.0, 0.0, 3.0]),
         odom_from_link_wxyz=wxyz(Rotation.from_rotvec([0.3, 0.0, 0.0])),
     )
-    before = imu.ImuMemory(np.array([0.1, 0.2, 4.0]), 0.5, 2, 3)
+    before = imu.ImuMemory(np.array([0.1, 0.2, 4.0]), 0.5, 2, 3, has_reported=True)
     seen = window(imu=(packet,), linear_vel_of_body_in_odom_m_s=np.array([0.01, 0.0, 0.02]))
     after = imu.after_window(before, seen)
     fade = 1.0 - 0.018 / 1.0
@@ -180,10 +180,12 @@ def test_what_the_inertial_unit_felt_fades_and_adds_up() -> None:
     assert (after.angle_windows, after.turn_rate_windows) == (3, 4)
     assert imu.after_window(imu.ImuMemory(), window()) == imu.ImuMemory()
     assert imu.after_window(before, window()) == before._replace(silent_windows=1)
-    assert imu.after_window(imu.ImuMemory(unknown_windows=1), window()).silent_windows == 1
+    assert imu.after_window(imu.ImuMemory(), seen).has_reported
     assert imu.after_window(before._replace(silent_windows=5), seen).silent_windows == 0
     broken = window(imu=(replace(packet, odom_from_link_wxyz=np.full(4, np.nan)),))
     assert imu.after_window(before._replace(silent_windows=5), broken).silent_windows == 0
+    assert imu.after_window(imu.ImuMemory(), broken).has_reported
+    assert imu.after_window(imu.ImuMemory(), seen._replace(hole_s=1.01 * bounds.GRAVITY_HOLE_S)).has_reported
     holed = imu.after_window(before, seen._replace(hole_s=1.01 * bounds.GRAVITY_HOLE_S))
     assert (holed.felt_s, holed.angle_windows, holed.turn_rate_windows) == (0.5, 3, 4)
     assert holed.force_m_s2 is before.force_m_s2
@@ -204,7 +206,7 @@ def test_a_tilt_is_told_once_enough_is_felt_and_gravity_is_there() -> None:
 
 def test_an_inertial_unit_that_reports_what_is_no_number_is_counted_and_leaves_the_memory_good() -> None:
     good = ImuPacket(0, np.array([0.0, 0.0, 9.81]), np.zeros(3), LEVEL)
-    before = imu.ImuMemory(np.array([0.1, 0.2, 4.0]), 0.5, 2, 3, 1)
+    before = imu.ImuMemory(np.array([0.1, 0.2, 4.0]), 0.5, 2, 3, 1, has_reported=True)
     for changes in (
         {"acceleration_of_imu_in_link_m_s2": np.array([0.0, np.nan, 9.81])},
         {"angular_vel_of_link_in_link_rad_s": np.array([0.0, 0.0, np.inf])},

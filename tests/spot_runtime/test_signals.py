@@ -292,9 +292,18 @@ def test_an_inertial_unit_that_falls_silent_is_doubted_and_one_that_never_spoke_
     assert found[0] == pytest.approx(bounds.IMU_SILENT_WINDOWS * 0.018, abs=0.05)
     quiet = [replace(state, imu=()) for state in walking()[:8]]
     for windows, count in ((2, 0), (1, 1)):
-        last = imu.ImuMemory(felt_s=0.5, silent_windows=bounds.IMU_SILENT_WINDOWS - windows)
+        last = imu.ImuMemory(has_reported=True, silent_windows=bounds.IMU_SILENT_WINDOWS - windows)
         _, stops = check.check_signals(check.SignalMemory(imu=last), quiet, is_standing=False, is_driven=False)
         assert len(stops) == count
+
+
+def test_an_inertial_unit_that_falls_silent_is_doubted_at_any_rate_of_states() -> None:
+    states = walking()[::3]  # too far apart for gravity to be felt
+    silent = [state if index < len(states) // 3 else replace(state, imu=()) for index, state in enumerate(states)]
+    for stream, is_doubted in ((states, False), (silent, True)):
+        memory, stops = check.check_signals(check.SignalMemory(), stream, is_standing=False, is_driven=False)
+        assert memory.imu.felt_s == 0.0
+        assert any(stop.detail == "the inertial unit no longer reports" for stop in stops) == is_doubted
 
 
 def test_feet_of_which_none_stands_contradict_the_bodys_velocity() -> None:

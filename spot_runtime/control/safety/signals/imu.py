@@ -27,6 +27,7 @@ class ImuMemory(NamedTuple):
     """In a row with a packet that holds what is no number."""
     silent_windows: int = 0
     """In a row without a packet, of a unit that has reported."""
+    has_reported: bool = False
 
     @property
     def tilt_error_rad(self) -> float:
@@ -41,14 +42,13 @@ class ImuMemory(NamedTuple):
 def after_window(memory: ImuMemory, window: Window) -> ImuMemory:
     """The memory after one more window; where no packet ever came, nothing is judged."""
     if not window.imu:
-        has_reported = memory.felt_s > 0.0 or memory.unknown_windows > 0
-        return memory._replace(silent_windows=memory.silent_windows + has_reported)
+        return memory._replace(silent_windows=memory.silent_windows + memory.has_reported)
     packets, last = window.imu, window.last
     force = np.mean([packet.acceleration_of_imu_in_link_m_s2 for packet in packets], axis=0)
     turn_rate = np.mean([packet.angular_vel_of_link_in_link_rad_s for packet in packets], axis=0)
     attitude = packets[-1].odom_from_link_wxyz
     if not np.isfinite(np.concatenate([force, turn_rate, attitude])).all():
-        return memory._replace(unknown_windows=memory.unknown_windows + 1, silent_windows=0)
+        return memory._replace(unknown_windows=memory.unknown_windows + 1, silent_windows=0, has_reported=True)
     force_m_s2, felt_s = memory.force_m_s2, memory.felt_s
     if window.hole_s <= bounds.GRAVITY_HOLE_S:
         force_m_s2, felt_s = _felt(memory, window, force)
@@ -61,6 +61,7 @@ def after_window(memory: ImuMemory, window: Window) -> ImuMemory:
         felt_s,
         memory.angle_windows + 1 if angle > bounds.IMU_ANGLE_RAD else 0,
         memory.turn_rate_windows + 1 if rate_error > bounds.IMU_TURN_RATE_RAD_S else 0,
+        has_reported=True,
     )
 
 
