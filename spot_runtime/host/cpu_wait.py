@@ -26,7 +26,7 @@ class CpuWait:
     def since_mark_s(self) -> float | None:
         """The longest time that any one thread has waited since the mark; None where the system does not count."""
         waited_ns = self._waited_ns()
-        if not waited_ns or not self._marked_ns:
+        if not any(waited_ns.values()) or not self._marked_ns:  # a kernel that does not count says 0
             return None
         return max(ns - self._marked_ns.get(thread, 0) for thread, ns in waited_ns.items()) / NS_PER_S
 

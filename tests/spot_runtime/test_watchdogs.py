@@ -247,6 +247,15 @@ def test_the_wait_for_a_processor_is_that_of_the_thread_that_waited_longest(tmp_
     assert CpuWait(tmp_path / "none").since_mark_s() is None
 
 
+def test_a_kernel_that_does_not_count_waits_says_nothing_of_them(tmp_path: Path) -> None:
+    for thread in ("t1", "t2"):
+        (tmp_path / thread).mkdir()
+        (tmp_path / thread / "schedstat").write_text("0 0 0\n")
+    watch = CpuWait(tmp_path)
+    watch.mark()
+    assert watch.since_mark_s() is None
+
+
 def test_the_echo_counts_where_the_policy_runs(dogs: Dogs, make_state: MakeState) -> None:
     dogs.screen([make_state(START_NS + 3 * i * MS) for i in range(101)], START_NS + 300 * MS)
     for mode in Mode:
