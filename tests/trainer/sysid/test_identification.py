@@ -109,7 +109,8 @@ def test_the_contact_with_the_best_score_is_taken(logs: list[LoggedRun], policy_
     change = preparation.changes[-1]
     assert change.what == "contact time constant"
     assert change.value in CONTACT_CHOICES_S
-    scores = {float(w.split(" ms ")[0]): float(w.split(" ms ")[1]) for w in change.source.split(": ")[1].split(", ")}
+    pairs = [w.removesuffix(" ms").split(" at ") for w in change.source.split(": ")[1].split(", ")]
+    scores = {float(time_ms): float(score) for score, time_ms in pairs}
     assert scores[1e3 * change.value] == min(scores.values())
 
 

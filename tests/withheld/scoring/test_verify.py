@@ -77,7 +77,7 @@ def test_parts_are_merged(run: Path, tmp_path: Path) -> None:
     put(other, outcome((), number=7, kind="faultless"))
     assert [o.case.number for o in check([run, other]).outcomes] == [0, 1, 7]
     put(other, outcome((), number=1, kind="faultless"))
-    with pytest.raises(BadInputError, match="case 1 lies in"):
+    with pytest.raises(BadInputError, match="case 1 is in"):
         check([run, other])
 
 
