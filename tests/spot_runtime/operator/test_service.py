@@ -26,6 +26,7 @@ from proof.attacks.certificates import Authority, role
 from spot_model.io.child_process import ChildProcess
 from spot_protos import operator_pb2, operator_pb2_grpc
 from spot_runtime.config import RunConfig
+from spot_runtime.host.descriptors import is_ready
 from spot_runtime.host.service_manager import ServiceManager
 from spot_runtime.operator.server.server import SERVICE_NAME, OperatorServer
 from spot_runtime.operator.server.supervisor import Supervisor
@@ -213,13 +214,34 @@ def how_this_process_is() -> str:
     )
 
 
+def how_it_hangs(supervisor: Supervisor) -> list[str]:
+    """What the control process waits for, and both ends of its link, while it should long have ended."""
+    run = supervisor._run
+    if run is None:
+        return []
+    told = [f"ready to read: {is_ready(run.process._socket, 0.0)}, ended: {run.process._process._has_ended(0.0)}"]
+    for name in ("cmdline", "wchan", "syscall", "status"):
+        with contextlib.suppress(OSError):
+            told.append(f"{name}: {Path(f'/proc/{run.process.pid}/{name}').read_text()[:400]}")
+    for process in (run.process.pid, os.getpid()):
+        for entry in Path(f"/proc/{process}/fd").iterdir():
+            with contextlib.suppress(OSError):
+                told.append(f"{process} {entry.name}: {entry.readlink()}")
+    return told
+
+
 def test_arming_a_robot_that_is_not_there_is_refused_and_ends_idle(tmp_path: Path) -> None:
     with serving(listen=f"unix:{tmp_path}/o.sock") as (server, supervisor), OperatorClient(server.address) as client:
+        hung: list[str] = []
+        look = threading.Timer(30.0, lambda: hung.extend(how_it_hangs(supervisor)))
+        look.start()
         with pytest.raises(RefusedError, match="arming did not succeed: ") as refused:
             client.call("Arm", operator_pb2.ArmRequest(policy="walk"), 120.0)
+        look.cancel()
         if "said nothing more" in str(refused.value):
             told = [(event.host_stamp_ns, event.name, event.text) for event in supervisor.events.after(0)]
-            pytest.xfail(f"the control process's status and last word were lost; {how_this_process_is()}; {told}")
+            how = f"{how_this_process_is()}; after 30 s: {hung}; {told}"
+            pytest.xfail(f"the control process's status and last word were lost; {how}")
         assert re.search("user name|answers", str(refused.value))
         status = client.call("GetStatus", operator_pb2.GetStatusRequest())
         assert status.state == "idle"
