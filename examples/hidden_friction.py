@@ -7,7 +7,7 @@ Under ten minutes on two cores. The simulator knows the robot's rotor inertia, a
 
 from __future__ import annotations
 
-import sys
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from pathlib import Path
 
 import spot_rl
@@ -42,4 +42,6 @@ def main(out: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1] if len(sys.argv) > 1 else "hidden_friction"))
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
+    parser.add_argument("out", nargs="?", type=Path, default=Path("hidden_friction"), help="folder of logs and page")
+    main(parser.parse_args().out)
