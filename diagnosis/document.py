@@ -6,18 +6,16 @@ import json
 from pathlib import Path
 from typing import Any, Final, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
+
+from spot_model.io.settings import Settings
 
 SCHEMA: Final = "spot-rl/verdict/1"
 
 Status = Literal["explained", "partly_explained", "unknown_effect", "no_gap", "cannot_tell"]
 
 
-class _Part(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True, allow_inf_nan=False)
-
-
-class GapCell(_Part):
+class GapCell(Settings):
     """The gap of one signal at one joint in one regime."""
 
     signal: str
@@ -38,7 +36,7 @@ class GapCell(_Part):
     n_samples: int = 0
 
 
-class Number(_Part):
+class Number(Settings):
     """A fitted number with its 90 % interval."""
 
     value: float
@@ -47,7 +45,7 @@ class Number(_Part):
     unit: str = ""
 
 
-class Split(_Part):
+class Split(Settings):
     """The recording that would tell the members of a group apart."""
 
     name: str
@@ -59,7 +57,7 @@ class Split(_Part):
     """Velocity sequence written beside the verdict."""
 
 
-class FoundEffect(_Part):
+class FoundEffect(Settings):
     """An effect, or a group of effects that these logs cannot tell apart."""
 
     name: str
@@ -84,7 +82,7 @@ class FoundEffect(_Part):
     """Where that gain comes from, nats by channel."""
 
 
-class SeenEffect(_Part):
+class SeenEffect(Settings):
     """An effect that is likely there and does not matter here: closed loops are hardly others with it."""
 
     name: str
@@ -95,7 +93,7 @@ class SeenEffect(_Part):
     """As for an effect that was found; null where nothing could be simulated."""
 
 
-class Dependence(_Part):
+class Dependence(Settings):
     """A quantity on which an unexplained residual depends, with the fitted curve."""
 
     quantity: str
@@ -104,7 +102,7 @@ class Dependence(_Part):
     residual: tuple[float, ...]
 
 
-class FormulaTerm(_Part):
+class FormulaTerm(Settings):
     """One term: ``value`` times ``code``, in the angle q, the speed v and the torque."""
 
     code: str
@@ -115,7 +113,7 @@ class FormulaTerm(_Part):
     width_rad: float | None = None
 
 
-class Formula(_Part):
+class Formula(Settings):
     """A torque that would explain what is left: the sum of its terms."""
 
     terms: tuple[FormulaTerm, ...]
@@ -123,7 +121,7 @@ class Formula(_Part):
     """Share of what is left that it predicts, in runs that it was not fitted to."""
 
 
-class UnknownEffect(_Part):
+class UnknownEffect(Settings):
     """What no effect of the library explains."""
 
     joints: tuple[str, ...]
@@ -138,14 +136,14 @@ class UnknownEffect(_Part):
     """A short formula for it, where there is one; ``unknown_effect.py`` beside the verdict holds it as an effect."""
 
 
-class Placebo(_Part):
+class Placebo(Settings):
     """The best wrong effect with as many parameters."""
 
     name: str
     s: float
 
 
-class OtherGap(_Part):
+class OtherGap(Settings):
     """A gap of another signal, before and after."""
 
     name: str
@@ -155,7 +153,7 @@ class OtherGap(_Part):
     floor: float
 
 
-class Shrink(_Part):
+class Shrink(Settings):
     """How much of the gap closes with the effects added, in closed loop, on sequences not used for fitting."""
 
     metric: Literal["w1_mmd"] = "w1_mmd"
@@ -171,7 +169,7 @@ class Shrink(_Part):
     beside: tuple[OtherGap, ...] = ()
 
 
-class Stretch(_Part):
+class Stretch(Settings):
     """A stretch of a log: cut out, or carrying much of the gap."""
 
     log: str
@@ -181,7 +179,7 @@ class Stretch(_Part):
     reason: str
 
 
-class Verdict(_Part):
+class Verdict(Settings):
     """All that a diagnosis says."""
 
     schema_name: Literal["spot-rl/verdict/1"] = Field(default=SCHEMA, alias="schema")

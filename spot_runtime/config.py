@@ -6,20 +6,17 @@ import json
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import AliasChoices, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AliasChoices, Field, ValidationError
 
 from spot_model.errors import BadInputError
+from spot_model.io.settings import Settings, between, positive
 from spot_model.io.validation import explain
 from spot_model.io.yaml_text import read_yaml
 from spot_runtime.safety_limits import SafetyLimits
 from spot_runtime.service_config import ServiceConfig
 
 
-class _Part(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class RobotConfig(_Part):
+class RobotConfig(Settings):
     """Connection to the robot. Passwords are not part of it; they come from a file or the environment."""
 
     hal: str = Field(
@@ -38,32 +35,24 @@ class RobotConfig(_Part):
         description="'external' relies on an existing endpoint, 'own' replaces it, 'auto' makes one only "
         "where no endpoint answers.",
     )
-    estop_timeout_s: float = Field(default=9.0, ge=1.0, le=60.0)
-    rpc_timeout_s: float = Field(default=3.0, gt=0.0, le=30.0)
-    power_timeout_s: float = Field(default=20.0, gt=0.0, le=120.0)
-    stand_timeout_s: float = Field(default=10.0, gt=0.0, le=60.0)
-    slow_state_rate_hz: float = Field(default=5.0, gt=0.0, le=20.0)
-    lease_period_s: float = Field(
-        default=0.06,
-        ge=0.02,
-        le=4.0,
-        description="Period of keeping the lease, and so the delay until a lost lease is noticed.",
+    estop_timeout_s: float = between(9.0, 1.0, 60.0)
+    rpc_timeout_s: float = positive(3.0, 30.0)
+    power_timeout_s: float = positive(20.0, 120.0)
+    stand_timeout_s: float = positive(10.0, 60.0)
+    slow_state_rate_hz: float = positive(5.0, 20.0)
+    lease_period_s: float = between(
+        0.06, 0.02, 4.0, "Period of keeping the lease, and so the delay until a lost lease is noticed."
     )
-    time_sync_period_s: float = Field(default=2.0, ge=0.1, le=60.0)
+    time_sync_period_s: float = between(2.0, 0.1, 60.0)
 
 
-class ControlConfig(_Part):
+class ControlConfig(Settings):
     """What every command carries."""
 
-    end_time_ahead_s: float = Field(
-        default=0.05,
-        ge=0.02,
-        le=0.1,
-        description="A command expires this long after it was sent, by the robot's clock.",
+    end_time_ahead_s: float = between(
+        0.05, 0.02, 0.1, "A command expires this long after it was sent, by the robot's clock."
     )
-    velocity_safety_limit_rad_s: float = Field(
-        default=40.0, gt=0.0, le=100.0, description="Joint speed above which the robot itself stops."
-    )
+    velocity_safety_limit_rad_s: float = positive(40.0, 100.0, "Joint speed above which the robot itself stops.")
     resend_on_state: bool = Field(
         default=True, description="Send the current set-points again, with a new end time, on each state message."
     )
@@ -79,24 +68,19 @@ class ControlConfig(_Part):
     )
 
 
-class HandoverConfig(_Part):
+class HandoverConfig(Settings):
     """From the vendor's stand to the policy, and back."""
 
-    settle_s: float = Field(
-        default=0.3, ge=0.3, le=10.0, description="Time before the take-over, to average loads and check signals."
-    )
-    activation_timeout_s: float = Field(default=3.0, gt=0.0, le=30.0)
-    ramp_in_s: float = Field(default=2.0, ge=0.1, le=20.0)
-    ramp_out_s: float = Field(default=1.0, ge=0.1, le=20.0)
-    soft_stop_s: float = Field(default=1.0, ge=0.0, le=10.0, description="Time in which the velocity command fades.")
-    soft_stop_settle_s: float = Field(default=0.6, ge=0.0, le=10.0, description="Standing time after it.")
-    damping_s: float = Field(default=1.5, ge=0.1, le=10.0)
-    damping_kd_nm_s_per_rad: float = Field(default=8.0, gt=0.0, le=50.0)
-    urgent_share: float = Field(
-        default=0.5,
-        ge=0.1,
-        le=1.0,
-        description="Factor on the times of the way back if battery or motors require haste.",
+    settle_s: float = between(0.3, 0.3, 10.0, "Time before the take-over, to average loads and check signals.")
+    activation_timeout_s: float = positive(3.0, 30.0)
+    ramp_in_s: float = between(2.0, 0.1, 20.0)
+    ramp_out_s: float = between(1.0, 0.1, 20.0)
+    soft_stop_s: float = between(1.0, 0.0, 10.0, "Time in which the velocity command fades.")
+    soft_stop_settle_s: float = between(0.6, 0.0, 10.0, "Standing time after it.")
+    damping_s: float = between(1.5, 0.1, 10.0)
+    damping_kd_nm_s_per_rad: float = positive(8.0, 50.0)
+    urgent_share: float = between(
+        0.5, 0.1, 1.0, "Factor on the times of the way back if battery or motors require haste."
     )
 
     def hastened(self) -> HandoverConfig:
@@ -105,33 +89,27 @@ class HandoverConfig(_Part):
         return self.model_copy(update={name: getattr(self, name) * self.urgent_share for name in names})
 
 
-class OperatorConfig(_Part):
+class OperatorConfig(Settings):
     """Keyboard and gamepad."""
 
-    top_v_x_m_s: float = Field(default=1.0, gt=0.0, le=5.0)
-    top_v_y_m_s: float = Field(default=0.5, gt=0.0, le=5.0)
-    top_yaw_rate_rad_s: float = Field(default=1.0, gt=0.0, le=5.0)
-    acceleration_m_s2: float = Field(default=2.0, gt=0.0, le=20.0, description="Rise of the command; rad/s² for turns.")
-    release_s: float = Field(
-        default=0.25, gt=0.0, le=2.0, description="Time in which a released command fades to zero."
-    )
-    keyboard_silence_s: float = Field(
-        default=0.6, gt=0.0, le=5.0, description="Dead-man: no key for this long counts as released."
-    )
-    gamepad_index: int = Field(default=0, ge=0, le=15)
-    gamepad_deadman_button: int = Field(default=4, ge=0, le=31)
-    gamepad_axis_v_x: int = Field(default=1, ge=0, le=15)
-    gamepad_axis_v_y: int = Field(default=0, ge=0, le=15)
-    gamepad_axis_yaw: int = Field(default=3, ge=0, le=15)
+    top_v_x_m_s: float = positive(1.0, 5.0)
+    top_v_y_m_s: float = positive(0.5, 5.0)
+    top_yaw_rate_rad_s: float = positive(1.0, 5.0)
+    acceleration_m_s2: float = positive(2.0, 20.0, "Rise of the command; rad/s² for turns.")
+    release_s: float = positive(0.25, 2.0, "Time in which a released command fades to zero.")
+    keyboard_silence_s: float = positive(0.6, 5.0, "Dead-man: no key for this long counts as released.")
+    gamepad_index: int = between(0, 0, 15)
+    gamepad_deadman_button: int = between(4, 0, 31)
+    gamepad_axis_v_x: int = between(1, 0, 15)
+    gamepad_axis_v_y: int = between(0, 0, 15)
+    gamepad_axis_yaw: int = between(3, 0, 15)
     gamepad_dead_zone: float = Field(default=0.1, ge=0.0, lt=1.0)
 
 
-class RealTimeConfig(_Part):
+class RealTimeConfig(Settings):
     """Requests to the operating system; refusals are logged once, with the permission to grant."""
 
-    fifo_priority: int = Field(
-        default=40, ge=0, le=98, description="SCHED_FIFO for the whole process; 0 asks for none."
-    )
+    fifo_priority: int = between(40, 0, 98, "SCHED_FIFO for the whole process; 0 asks for none.")
     lock_memory: bool = True
     cpu_affinity: tuple[Annotated[int, Field(ge=0, le=4095)], ...] = Field(
         default=(), description="CPUs to stay on; empty: all."
@@ -140,10 +118,10 @@ class RealTimeConfig(_Part):
         default=True, description="Watch how long threads wait for a processor, which tells why a state is old."
     )
     freeze_garbage_collection: bool = True
-    switch_interval_s: float = Field(default=0.0005, ge=0.0001, le=0.01)
+    switch_interval_s: float = between(0.0005, 0.0001, 0.01)
 
 
-class LogConfig(_Part):
+class LogConfig(Settings):
     """Folder of the logs."""
 
     directory: Path = Path("logs")
@@ -151,10 +129,8 @@ class LogConfig(_Part):
     stop_on_failure: bool = Field(default=False, description="End the run when the log no longer records.")
 
 
-class RunConfig(_Part):
+class RunConfig(Settings):
     """Everything that decides how a run goes."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True, allow_inf_nan=False)
 
     schema_name: Literal["spot-rl/run/1"] = Field(default="spot-rl/run/1", alias="schema")
     robot: RobotConfig = RobotConfig()

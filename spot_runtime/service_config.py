@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import Field, field_validator
+
+from spot_model.io.settings import Settings, between, positive
 
 
-class ServiceConfig(BaseModel):
+class ServiceConfig(Settings):
     """Operator's service (``spot-rl serve``): access, rates, and reactions when no operator is present."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     listen: str = Field(
         default="",
@@ -28,28 +28,14 @@ class ServiceConfig(BaseModel):
         default=None,
         description="PEM file of Ed25519 public keys: if given, only policies that one of them has signed may run.",
     )
-    deadman_s: float = Field(
-        default=0.25,
-        gt=0.0,
-        le=2.0,
-        description="Silence of the steering operator after which the velocity fades to zero.",
+    deadman_s: float = positive(0.25, 2.0, "Silence of the steering operator after which the velocity fades to zero.")
+    attendance_s: float = between(
+        10.0, 1.0, 600.0, "Silence of all operators after which the robot stops, sits and powers off."
     )
-    attendance_s: float = Field(
-        default=10.0,
-        ge=1.0,
-        le=600.0,
-        description="Silence of all operators after which the robot stops, sits and powers off.",
-    )
-    arm_timeout_s: float = Field(
-        default=90.0, ge=5.0, le=600.0, description="Longest time from arming to standing, and from the end to rest."
-    )
-    requests_per_s: float = Field(
-        default=50.0, ge=1.0, le=1000.0, description="Calls that each client may make, steering apart."
-    )
-    steering_per_s: float = Field(default=100.0, ge=10.0, le=1000.0, description="SetVelocity calls of each client.")
-    live_port: int = Field(
-        default=0, ge=0, le=65535, description="TCP port of the live view for Foxglove, on loopback; 0: none."
-    )
+    arm_timeout_s: float = between(90.0, 5.0, 600.0, "Longest time from arming to standing, and from the end to rest.")
+    requests_per_s: float = between(50.0, 1.0, 1000.0, "Calls that each client may make, steering apart.")
+    steering_per_s: float = between(100.0, 10.0, 1000.0, "SetVelocity calls of each client.")
+    live_port: int = between(0, 0, 65535, "TCP port of the live view for Foxglove, on loopback; 0: none.")
 
     @field_validator("policy_sha256")
     @classmethod

@@ -6,9 +6,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, Literal, Protocol, runtime_checkable
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from spot_model.io.model_file import RobotModel
+from spot_model.io.settings import Settings
 from spot_model.io.velocity_sequence import VelocitySequence
 from spot_model.policy.policy import Policy
 from withheld.features import Features
@@ -36,11 +37,7 @@ Detail = Literal["stream", "import"]
 """What a log holds: the whole state stream with ticks, or what a foreign recording has at 50 to 60 Hz."""
 
 
-class _Part(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class Fault(_Part):
+class Fault(Settings):
     """One thing that is different in a reality."""
 
     names: tuple[str, ...]
@@ -56,7 +53,7 @@ class Fault(_Part):
     """The catalogue's own name of it."""
 
 
-class Truth(_Part):
+class Truth(Settings):
     """What a perfect diagnosis would find."""
 
     faults: tuple[Fault, ...]
@@ -65,7 +62,7 @@ class Truth(_Part):
     """Of the ordinary errors of this robot."""
 
 
-class FaultRequest(_Part):
+class FaultRequest(Settings):
     """One fault that a case asks for."""
 
     kind: str

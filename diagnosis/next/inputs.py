@@ -5,19 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 
 from spot_model.errors import BadInputError
+from spot_model.io.settings import Settings
 from spot_model.io.validation import explain
 from spot_model.io.whole import write_over
 
 NAME: Final = "inputs.json"
 
 
-class Inputs(BaseModel):
+class Inputs(Settings):
     """The words of a ``spot-rl diagnose``; paths are absolute."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
 
     schema_name: Literal["spot-rl/diagnosis-inputs/1"] = Field(default="spot-rl/diagnosis-inputs/1", alias="schema")
     logs: tuple[str, ...]

@@ -19,10 +19,11 @@ from typing import Any, Final, Literal
 
 import numpy as np
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from diagnosis.read.recording import Array
 from spot_model.errors import BadInputError
+from spot_model.io.settings import Settings
 from spot_model.io.validation import explain
 from spot_model.robot import facts
 
@@ -30,10 +31,8 @@ SCHEMA: Final = "spot-rl/robot/1"
 PerJoint = float | tuple[float, ...]
 
 
-class RobotFile(BaseModel):
+class RobotFile(Settings):
     """The file's keys. A number stands for all joints."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True, allow_inf_nan=False)
 
     schema_name: Literal["spot-rl/robot/1"] = Field(alias="schema")
     name: str

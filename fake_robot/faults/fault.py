@@ -5,18 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, ClassVar, Final
 
-from pydantic import BaseModel, ConfigDict
-
 from fake_robot.body.fault_effects import FaultEffects
+from spot_model.io.settings import Settings
 
 FAULTS: Final[dict[str, type[Fault]]] = {}
 """Every fault by its name: those of the body, and those of the services."""
 
 
-class Fault(BaseModel):
+class Fault(Settings):
     """A fault of the body; the fields are its parameters."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
     name: ClassVar[str]
 
     @classmethod

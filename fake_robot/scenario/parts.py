@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
+from spot_model.io.settings import Settings
 from spot_model.plant.delay import Delay, LogNormalDelay
 from spot_model.robot.facts import JOINT_NAMES, ROBOT_CLOCK_SKEW_S, STATE_PERIOD_NS
 
@@ -14,10 +15,10 @@ JointName = Literal[
 ]
 
 
-class Part(BaseModel):
-    """A part of a scenario: frozen, and a key that it does not know is an error."""
+class Part(Settings):
+    """A part of a scenario; what stands below a key is its description."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
+    model_config = ConfigDict(use_attribute_docstrings=True)
 
 
 class PhysicsConfig(Part):

@@ -14,7 +14,7 @@ import json
 from pathlib import Path
 from typing import Any, Final, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
+from pydantic import BaseModel, Field, PrivateAttr, ValidationError
 
 from fake_robot.scenario.parts import (
     COMMAND_CHANNEL,
@@ -26,6 +26,7 @@ from fake_robot.scenario.parts import (
     JointControlConfig,
     MotionConfig,
     MotorConfig,
+    Part,
     PayloadConfig,
     PhysicsConfig,
     PowerConfig,
@@ -62,19 +63,15 @@ DEFAULT_EFFECTS: Final[tuple[dict[str, Any], ...]] = (
 """What the paper identified on the real robot, but for the delay, which is the channels'."""
 
 
-class ModelConfig(BaseModel):
+class ModelConfig(Part):
     """The robot's hidden truth, in the format of a model file."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
     robot: Literal["spot"] = "spot"
     effects: tuple[dict[str, Any], ...] = DEFAULT_EFFECTS
 
 
-class Scenario(BaseModel):
+class Scenario(Part):
     """A fake robot. Every key has a default, so that an empty file is the default robot."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True, use_attribute_docstrings=True)
 
     schema_name: Literal["spot-rl/scenario/1"] = Field(default=SCHEMA, alias="schema")
     description: str = Field(default="", max_length=2000)

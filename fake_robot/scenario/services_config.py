@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
+
+from fake_robot.scenario.parts import Part
 
 
-class ServicesConfig(BaseModel):
+class ServicesConfig(Part):
     """The ``services`` part of a scenario. Times are in seconds.
 
     Timeouts of leases and e-stop endpoints run on robot time. In lock-step they also wait for as much host time,
     because a client's keep-alive thread runs on the host's clock (``liveness_clock: both``).
     """
-
-    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
     serial_number: str = Field(default="spot-FAKE-00000001", min_length=1, max_length=64)
     nickname: str = Field(default="fake", max_length=64)

@@ -15,9 +15,10 @@ from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
+from pydantic import Field, TypeAdapter, ValidationError, model_validator
 
 from spot_model.errors import BadInputError
+from spot_model.io.settings import Settings
 from spot_model.io.validation import explain
 from spot_model.io.whole import write_new
 from spot_model.io.yaml_text import read_yaml
@@ -31,9 +32,7 @@ ON_GROUND_RAD: Final = 0.15
 """A joint whose foot stays on the ground swings by no more: it moves the body."""
 
 
-class _Experiment(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True, allow_inf_nan=False)
-
+class _Experiment(Settings):
     schema_name: Literal["spot-rl/joint-experiment/1"] = Field(default=SCHEMA, alias="schema")
     name: str = Field(min_length=1, max_length=100)
     duration_s: float = Field(ge=4.0, le=60.0)

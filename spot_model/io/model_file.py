@@ -17,7 +17,7 @@ from typing import Any, Final, Literal
 
 import numpy as np
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 
 from spot_model.effects.base import Effect
 from spot_model.effects.command.command_delay import CommandDelay
@@ -27,6 +27,7 @@ from spot_model.effects.limits.torque_limit import TorqueLimit
 from spot_model.effects.limits.torque_speed_curve import TorqueSpeedCurve
 from spot_model.effects.registry import make_effect
 from spot_model.errors import BadInputError
+from spot_model.io.settings import Settings
 from spot_model.io.validation import explain
 from spot_model.io.whole import write_new
 from spot_model.io.yaml_text import read_yaml
@@ -36,10 +37,8 @@ from spot_model.robot.knee_table import KNEE_MOTOR_TORQUE_NM
 SCHEMA: Final = "spot-rl/model/1"
 
 
-class ModelFileData(BaseModel):
+class ModelFileData(Settings):
     """The file's keys; each entry of ``effects`` has ``effect``, ``joints`` and the effect's parameters."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
 
     schema_name: Literal["spot-rl/model/1"] = Field(default=SCHEMA, alias="schema")
     robot: Literal["spot"] = "spot"

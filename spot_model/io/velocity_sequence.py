@@ -13,9 +13,10 @@ from typing import Final, Literal
 import numpy as np
 import yaml
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 
 from spot_model.errors import BadInputError
+from spot_model.io.settings import Settings
 from spot_model.io.validation import explain
 from spot_model.io.whole import write_new
 from spot_model.io.yaml_text import read_yaml
@@ -25,10 +26,8 @@ Array = NDArray[np.float64]
 SCHEMA: Final = "spot-rl/velocity-sequence/1"
 
 
-class Waypoint(BaseModel):
+class Waypoint(Settings):
     """The command from this instant on; ``ramp`` reaches it in a straight line from the waypoint before."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     time_s: float = Field(ge=0.0, le=3600.0)
     v_x_m_s: float = Field(default=0.0, ge=-10.0, le=10.0)
@@ -42,10 +41,8 @@ class Waypoint(BaseModel):
         return (self.v_x_m_s, self.v_y_m_s, self.yaw_rate_rad_s)
 
 
-class VelocitySequence(BaseModel):
+class VelocitySequence(Settings):
     """A named sequence of velocity commands over ``duration_s``."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
 
     schema_name: Literal["spot-rl/velocity-sequence/1"] = Field(default=SCHEMA, alias="schema")
     name: str = Field(min_length=1, max_length=100)

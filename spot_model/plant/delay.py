@@ -11,19 +11,16 @@ from typing import Annotated, Literal, Union
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from spot_model.errors import BadInputError
 from spot_model.io.bounded_file import read_at_most
+from spot_model.io.settings import Settings
 
 MAX_CSV_BYTES = 1024 * 1024
 
 
-class _Delay(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class ConstantDelay(_Delay):
+class ConstantDelay(Settings):
     """Always the same."""
 
     kind: Literal["constant"] = "constant"
@@ -34,7 +31,7 @@ class ConstantDelay(_Delay):
         return np.full(n, self.delay_s)
 
 
-class LogNormalDelay(_Delay):
+class LogNormalDelay(Settings):
     """A floor plus a log-normal part, by its median and the standard deviation of its logarithm."""
 
     kind: Literal["log_normal"] = "log_normal"
@@ -47,7 +44,7 @@ class LogNormalDelay(_Delay):
         return self.floor_s + rng.lognormal(math.log(self.median_s), self.sigma, n)
 
 
-class GammaDelay(_Delay):
+class GammaDelay(Settings):
     """A floor plus a gamma-distributed part."""
 
     kind: Literal["gamma"] = "gamma"
@@ -60,7 +57,7 @@ class GammaDelay(_Delay):
         return self.floor_s + rng.gamma(self.shape, self.scale_s, n)
 
 
-class EmpiricalDelay(_Delay):
+class EmpiricalDelay(Settings):
     """A measured histogram: bins between edges, drawn by their counts, evenly within a bin."""
 
     kind: Literal["empirical"] = "empirical"

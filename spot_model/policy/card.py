@@ -12,9 +12,10 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 
 from spot_model.errors import BadInputError
+from spot_model.io.settings import Settings
 from spot_model.io.validation import explain
 from spot_model.io.whole import write_new
 from spot_model.io.yaml_text import read_yaml
@@ -26,10 +27,8 @@ SUFFIX: Final = ".card.yaml"
 WIDTH: Final = 22
 
 
-class PolicyCard(BaseModel):
+class PolicyCard(Settings):
     """The card's keys."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
 
     schema_name: Literal["spot-rl/policy-card/1"] = Field(default=SCHEMA, alias="schema")
     policy_sha256: str

@@ -5,9 +5,10 @@ from __future__ import annotations
 import hashlib
 from typing import Final, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 
 from spot_model.errors import SpotRlError
+from spot_model.io.settings import Settings
 from spot_model.io.validation import explain
 from spot_model.policy.observation import N_OBSERVATION, OBSERVATION_LAYOUT
 from spot_model.policy.onnx_head import OnnxHeadError, read_head
@@ -29,10 +30,8 @@ class PolicyError(SpotRlError):
     exit_code = 3
 
 
-class TrainingRecord(BaseModel):
+class TrainingRecord(Settings):
     """Where the policy came from."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     run: str = ""
     revision: str = ""
@@ -42,20 +41,16 @@ class TrainingRecord(BaseModel):
     """Digest of the robot model it was trained on."""
 
 
-class StoredPair(BaseModel):
+class StoredPair(Settings):
     """One input with the output that the network must reproduce when it is loaded."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     observation: tuple[float, ...] = Field(min_length=N_OBSERVATION, max_length=MAX_HISTORY * N_OBSERVATION)
     action: tuple[float, ...] = Field(min_length=facts.N_JOINTS, max_length=facts.N_JOINTS)
     tolerance: float = Field(default=1e-4, gt=0.0, le=1e-2)
 
 
-class StatedGait(BaseModel):
+class StatedGait(Settings):
     """The gait at one forward speed, measured in simulation at export; see :class:`spot_model.robot.gait.Gait`."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     v_x_m_s: float
     """Commanded."""
@@ -67,10 +62,8 @@ class StatedGait(BaseModel):
     flight_share: float = Field(ge=0.0, le=1.0)
 
 
-class PolicyContract(BaseModel):
+class PolicyContract(Settings):
     """All that a runtime must know to run a policy. Per-joint values stand in the order of ``joint_names``."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True, allow_inf_nan=False)
 
     schema_name: Literal["spot-rl/policy/1"] = Field(default="spot-rl/policy/1", alias="schema")
     name: str = Field(min_length=1, max_length=100)

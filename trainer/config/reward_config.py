@@ -8,7 +8,7 @@ from typing import Final
 
 from pydantic import ConfigDict, Field, model_validator
 
-from trainer.config.base import Config
+from spot_model.io.settings import Settings
 
 ENTRY_POINT_GROUP: Final = "spot_rl.rewards"
 """Where installed packages name their rewards."""
@@ -23,7 +23,7 @@ def check_reward_names(names: Iterable[str]) -> None:
             raise ValueError(f"no reward is called {name}; allowed: {allowed}")
 
 
-class RewardWeights(Config):
+class RewardWeights(Settings):
     """One weight a reward term; each term is weighted, multiplied by the policy period and added up.
 
     A reward of one's own has the key ``module:function``, or the name under which it is installed in the entry-point
@@ -75,7 +75,7 @@ class RewardWeights(Config):
         return {name: float(weight) for name, weight in self.model_dump().items()}
 
 
-class RewardShape(Config):
+class RewardShape(Settings):
     """The numbers inside the reward formulas; see :mod:`trainer.task.rewards`."""
 
     linear_velocity_scale_m_s: float = Field(default=1.0, gt=0.0)

@@ -6,12 +6,13 @@ from typing import Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
+from spot_model.io.settings import Settings
 from spot_model.robot.mjcf_options import FlatTerrain, NoiseTerrain, Terrain
-from trainer.config.base import Config, Range
+from trainer.config.range import Range
 from trainer.config.reward_config import RewardShape, RewardWeights, check_reward_names
 
 
-class CommandConfig(Config):
+class CommandConfig(Settings):
     """Velocity commands: drawn uniformly, held, then drawn again. Source: the paper."""
 
     v_x_m_s: Range = (-2.0, 5.5)
@@ -32,7 +33,7 @@ class CommandConfig(Config):
     curriculum_start: float = Field(default=0.3, gt=0.0, le=1.0)
 
 
-class RandomisationConfig(Config):
+class RandomisationConfig(Settings):
     """What differs between episodes (initial state) and between simulations (friction, mass). Source: the paper."""
 
     foot_friction: Range = (0.3, 1.0)
@@ -56,7 +57,7 @@ class RandomisationConfig(Config):
     """Additional effects, as in a model file; a parameter may be [low, high], drawn once per simulation."""
 
 
-class NoiseConfig(Config):
+class NoiseConfig(Settings):
     """Standard deviations of the observation noise.
 
     Source: the paper's estimate (spectrum times frequency, averaged over the upper half of the band), applied to a
@@ -72,7 +73,7 @@ class NoiseConfig(Config):
     joint_velocity_rad_s: float = Field(default=0.45, ge=0.0)
 
 
-class TerrainConfig(Config):
+class TerrainConfig(Settings):
     """The ground; ``noise`` is low-poly rough ground."""
 
     kind: Literal["flat", "noise"] = "flat"
@@ -90,7 +91,7 @@ class TerrainConfig(Config):
         )
 
 
-class LateRewards(Config):
+class LateRewards(Settings):
     """Reward weights that change during the training, so that the gait is learned first and refined later."""
 
     weights: dict[str, float] = Field(default_factory=dict)
@@ -110,7 +111,7 @@ class LateRewards(Config):
         return min(1.0, max(0.0, (iteration - self.from_iteration) / self.over_iterations))
 
 
-class TaskConfig(Config):
+class TaskConfig(Settings):
     """The environment."""
 
     episode_s: float = Field(default=20.0, gt=0.0)

@@ -6,19 +6,19 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 import yaml
-from pydantic import ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 
 from spot_model.errors import BadInputError
+from spot_model.io.settings import Settings
 from spot_model.io.validation import explain
 from spot_model.io.yaml_text import read_yaml
-from trainer.config.base import Config
 from trainer.config.overrides import allowed_keys, apply_overrides
 from trainer.config.task_config import TaskConfig
 
 SCHEMA: Final = "spot-rl/train/1"
 
 
-class PpoConfig(Config):
+class PpoConfig(Settings):
     """PPO's hyper-parameters; the defaults are those released with the paper's task."""
 
     hidden: tuple[int, ...] = Field(default=(512, 256, 128), min_length=1)
@@ -51,7 +51,7 @@ class PpoConfig(Config):
     mixed_precision: bool = False
 
 
-class TrainConfig(Config):
+class TrainConfig(Settings):
     """A whole training run."""
 
     schema_name: Literal["spot-rl/train/1"] = Field(default=SCHEMA, alias="schema")
@@ -68,8 +68,6 @@ class TrainConfig(Config):
     """Checkpoint whose networks this run starts from; empty to start from scratch."""
     task: TaskConfig = TaskConfig()
     ppo: PpoConfig = PpoConfig()
-
-    model_config = ConfigDict(populate_by_name=True)
 
 
 def config_from_data(data: Any, *, source: str, overrides: tuple[str, ...] = ()) -> TrainConfig:

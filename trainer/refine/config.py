@@ -9,13 +9,14 @@ from pydantic import Field, ValidationError, field_validator
 
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel, load_model, model_from_data
+from spot_model.io.settings import Settings
 from spot_model.io.validation import explain
 from spot_model.io.yaml_text import read_yaml
 from spot_model.robot.mjcf import MjcfOptions
-from trainer.config.base import Config, Range
+from trainer.config.range import Range
 
 
-class RobotConfig(Config):
+class RobotConfig(Settings):
     """One robot on which the gait is tried."""
 
     model: str = "paper_identified"
@@ -46,7 +47,7 @@ class RobotConfig(Config):
         return MjcfOptions(timestep_s=self.timestep_s, integrator=self.integrator)
 
 
-class StartConfig(Config):
+class StartConfig(Settings):
     """Random starts, as in the randomised episodes, with a body mass, a floor and a number of robots of their own."""
 
     robots: int = Field(default=200, ge=1, le=10_000)
@@ -61,7 +62,7 @@ class StartConfig(Config):
     """Of the share that falls."""
 
 
-class WeightConfig(Config):
+class WeightConfig(Settings):
     """What a shortfall costs; the search minimises the sum."""
 
     duty_spread: float = Field(default=10.0, ge=0.0)
@@ -76,7 +77,7 @@ class WeightConfig(Config):
     """Of each robot that falls in steady running."""
 
 
-class RefineConfig(Config):
+class RefineConfig(Settings):
     """A whole refinement."""
 
     schema_name: Literal["spot-rl/refine/1"] = Field(default="spot-rl/refine/1", alias="schema")

@@ -9,9 +9,10 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Final, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 
 from spot_model.errors import BadInputError
+from spot_model.io.settings import Settings
 from spot_model.io.validation import explain
 from withheld.blind import frozen
 from withheld.blind.jail import Level
@@ -22,10 +23,8 @@ SEED_FILE: Final = "seed.json"
 NUMBERS: Final = ("mujoco", "numpy", "onnxruntime", "scikit-learn", "scipy")
 
 
-class RunHead(BaseModel):
+class RunHead(Settings):
     """``run.json``: fixed before the first case."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
 
     schema_name: Literal["spot-rl/withheld-run/2"] = Field(default=SCHEMA, alias="schema")
     protocol: str
@@ -52,10 +51,8 @@ class RunHead(BaseModel):
         return self.search_every > 0 and number % self.search_every == 0
 
 
-class Secret(BaseModel):
+class Secret(Settings):
     """``seed.json``: readable by the generator's user alone; cases can be made again from it."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     seed: int
     nonce: str

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict
 
 from spot_model.errors import BadInputError
+from spot_model.io.settings import Settings
 from spot_model.io.velocity_sequence import VelocitySequence
 from spot_model.policy.contract import PolicyContract
 from spot_model.policy.policy import load_policy
@@ -22,10 +22,8 @@ SMALLEST_LOGS = (2, 3.0)
 """Repeats and seconds of a trial run; too short for a figure."""
 
 
-class Case(BaseModel):
+class Case(Settings):
     """All of a case but its reality's own draws."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     number: int
     attempt: int = 0

@@ -5,8 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from spot_model.io.settings import Settings
 from spot_model.policy.contract import PolicyError
 from spot_model.policy.policy import Policy, load_policy
 from spot_runtime.admission import admission
@@ -15,10 +16,8 @@ from spot_runtime.config import RunConfig
 MAX_SPEC_BYTES: Final = 1 << 20
 
 
-class RunSpec(BaseModel):
+class RunSpec(Settings):
     """One arming of a robot."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     robot: str
     config: RunConfig

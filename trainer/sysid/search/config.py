@@ -5,10 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Final, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import load_model
+from spot_model.io.settings import Settings
 from spot_model.io.validation import explain
 from spot_model.io.yaml_text import read_yaml
 from spot_model.robot import facts
@@ -20,11 +21,7 @@ CONTACT_CHOICES_S: Final = (0.0075, 0.01, 0.0125, 0.016, 0.02, 0.025)
 """Contact time constants that are tried, stiff to soft; MuJoCo's default is 0.02 s."""
 
 
-class _Part(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, populate_by_name=True)
-
-
-class ParameterConfig(_Part):
+class ParameterConfig(Settings):
     """One searched parameter: an effect of the model, its joints, the parameter, and the bounds of the search."""
 
     effect: str
@@ -68,7 +65,7 @@ def _paper_parameters() -> tuple[ParameterConfig, ...]:
     )
 
 
-class SearchConfig(_Part):
+class SearchConfig(Settings):
     """CMA-ES. Defaults: the paper's 100 iterations of 10 samples."""
 
     generations: int = Field(default=100, ge=1, le=100_000)
@@ -78,7 +75,7 @@ class SearchConfig(_Part):
     seed: int = Field(default=0, ge=0)
 
 
-class SimulationConfig(_Part):
+class SimulationConfig(Settings):
     """How a candidate is simulated."""
 
     robots_per_sequence: int = Field(default=1, ge=1, le=64)
@@ -100,7 +97,7 @@ class SimulationConfig(_Part):
     """Whether the reflected inertia that the logged torques show is put into the model; the paper's model has none."""
 
 
-class SysidConfig(_Part):
+class SysidConfig(Settings):
     """A whole identification."""
 
     schema_name: Literal["spot-rl/sysid/1"] = Field(default=SCHEMA, alias="schema")

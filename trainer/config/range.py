@@ -1,16 +1,10 @@
-"""What every part of a training config shares: frozen, strict, and explained errors."""
+"""Bounds of what is drawn."""
 
 from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import AfterValidator, BaseModel, ConfigDict
-
-
-class Config(BaseModel):
-    """A frozen part of a config; an unknown key is an error."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+from pydantic import AfterValidator
 
 
 def _rises(value: tuple[float, float]) -> tuple[float, float]:
