@@ -65,10 +65,15 @@ class ControlLoop:
     ) -> None:
         """Prepare; the robot stands under the vendor's control.
 
-        ``hal``: the robot; ``policy``: the network with its contract; ``source``: where velocity commands come from;
-        ``config``: the run's configuration; ``sink``: the log; ``on_event``: also told of every event; must not block;
-        ``wall_s``: measures how long computing takes; ``cpu_wait``: tells whether this computer is why states are old;
-        None where robot time waits for it.
+        Args:
+            hal: The robot.
+            policy: The network with its contract.
+            source: Where velocity commands come from.
+            config: The run's configuration.
+            sink: The log.
+            on_event: Also told of every event; must not block.
+            wall_s: Measures how long computing takes.
+            cpu_wait: Tells whether this computer is why states are old; None where robot time waits for it.
         """
         self._cpu_wait = cpu_wait
         self._hal, self._sink, self._on_event, self._wall_s = hal, sink, on_event, wall_s

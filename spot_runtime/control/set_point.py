@@ -52,8 +52,7 @@ def damping_setpoint(position_rad: Array, kd_nm_s_per_rad: float) -> Setpoint:
 def blend(hold: Setpoint, policy: Setpoint, hold_weight: float) -> Setpoint:
     """The servo law whose torque is the weighted sum of the two laws' torques.
 
-    ``hold``: the held pose; ``policy``: the policy's set-point; ``hold_weight``: 1 gives ``hold``, 0 gives ``policy``,
-    unchanged.
+    A weight of 1 gives ``hold``, and one of 0 gives ``policy``, unchanged.
 
     Raises:
         ValueError: The weight is outside [0, 1].
@@ -104,10 +103,14 @@ def asked_setpoint(
 ) -> Setpoint:
     """The set-point that a mode asks for, before any limit.
 
-    ``mode``: one that sends; ``in_mode_s``: robot time since it began; ``hold``: the pose in which the vendor's stand
-    handed over; ``policy_rad``: the policy's set-point of this tick, shape (12,); None in modes that run no policy;
-    ``policy_gains``: the policy's gains; ``measured_rad``: the newest measured pose, shape (12,); ``config``: the
-    ramps.
+    Args:
+        mode: One that sends.
+        in_mode_s: Robot time since it began.
+        hold: The pose in which the vendor's stand handed over.
+        policy_rad: The policy's set-point of this tick, shape (12,); None in modes that run no policy.
+        policy_gains: The policy's gains.
+        measured_rad: The newest measured pose, shape (12,).
+        config: The ramps.
 
     Raises:
         ValueError: The mode runs the policy, but the policy's set-point is missing.

@@ -49,11 +49,7 @@ class WarmReceiver:
     """Receives the state of a tick after a dry run of it."""
 
     def __init__(self, hal: Hal, *, may_poll: bool | None = None) -> None:
-        """Receive from ``hal``.
-
-        ``hal``: the robot; ``may_poll``: whether to poll; by default only with a real-time priority, without which
-        nothing is gained.
-        """
+        """Receive from ``hal``; poll by default only with a real-time priority, without which nothing is gained."""
         self._hal = hal
         self._may_poll = has_real_time_priority() if may_poll is None else may_poll
         self._took_ns: deque[int] = deque(maxlen=JUDGED)

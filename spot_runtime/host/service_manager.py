@@ -30,9 +30,10 @@ class ServiceManager:
     ) -> None:
         """Connect.
 
-        ``address``: path of a datagram socket, or ``@name`` for an abstract one; empty for none; ``watchdog_ns``: the
-        interval within which the manager expects a sign of progress; 0 for none; ``monotonic_ns``: the clock of the
-        watchdog.
+        Args:
+            address: Path of a datagram socket, or ``@name`` for an abstract one; empty for none.
+            watchdog_ns: The interval within which the manager expects a sign of progress; 0 for none.
+            monotonic_ns: The clock of the watchdog.
         """
         self._address = "\0" + address[1:] if address.startswith("@") else address
         self._monotonic_ns = monotonic_ns

@@ -129,9 +129,12 @@ def guarded(
 ) -> Callable[[LogSink], Hal]:
     """What makes the adapter, guarded where it is the vendor's; any other is as it is, and its robot on its own.
 
-    ``adapter``: the one that was found; ``request``: what it is made for; ``service_pid``: the operator's service,
-    which acts before the guardian does; 0: there is none; ``on_pause``: told of each look at a motion of the vendor's;
-    ``tell``: also told of every event; must not block.
+    Args:
+        adapter: The one that was found.
+        request: What it is made for.
+        service_pid: The operator's service, which acts before the guardian does; 0: there is none.
+        on_pause: Told of each look at a motion of the vendor's.
+        tell: Also told of every event; must not block.
     """
     if request.config.robot.hal != "spot":
         return adapter.make

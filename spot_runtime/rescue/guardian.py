@@ -48,10 +48,16 @@ def start_guardian(
 ) -> ChildProcess:
     """Start one that watches. Raises OSError.
 
-    ``robot``: the robot's address; ``config``: how to reach it; ``folder``: where the note lies; ``control_pid``: the
-    process in control; ``heartbeat``: what that shows; ``silent_s``: without a beat for so long it hangs; ``note``: of
-    its lease; ``service_pid``: the operator's service, which comes first; 0: there is none; ``lock_step``: admin
-    address of a fake robot in lock-step mode, whose time stands still while nobody controls it.
+    Args:
+        robot: The robot's address.
+        config: How to reach it.
+        folder: Where the note lies.
+        control_pid: The process in control.
+        heartbeat: What that shows.
+        silent_s: Without a beat for so long it hangs.
+        note: Of its lease.
+        service_pid: The operator's service, which comes first; 0: there is none.
+        lock_step: Admin address of a fake robot in lock-step mode, whose time stands still while nobody controls it.
     """
     watch = {
         "control_pid": control_pid,
@@ -128,8 +134,11 @@ def outlive(
 
     Looks are counted, not seconds: while a computer sleeps, nobody looks.
 
-    ``control``: the process; ``heartbeat``: what it shows; letting the robot go counts as a beat; ``silent_s``: without
-    a beat for so long it hangs; ``may_be_silent``: holds in which it need not beat.
+    Args:
+        control: The process.
+        heartbeat: What it shows; letting the robot go counts as a beat.
+        silent_s: Without a beat for so long it hangs.
+        may_be_silent: Holds in which it need not beat.
     """
     last, silent, is_ending = (heartbeat.count, heartbeat.hold), 0, False
     while not control.has_ended(LOOK_PERIOD_S):

@@ -50,9 +50,11 @@ class Safety(Enum):
 def make_safe(note: LeaseNote, config: RunConfig, *, lock_step: str = "", within_s: float = WITHIN_S) -> Safety:
     """Bring the robot of a note to rest, however often that must be tried.
 
-    ``note``: what the dead process left; ``config``: how to reach the robot; ``lock_step``: admin address of a fake
-    robot in lock-step mode; ``within_s``: no new try after so many seconds; one that is under way takes at most some 30
-    s more.
+    Args:
+        note: What the dead process left.
+        config: How to reach the robot.
+        lock_step: Admin address of a fake robot in lock-step mode.
+        within_s: No new try after so many seconds; one that is under way takes at most some 30 s more.
 
     Raises:
         NotSafeError: It could not be done.
@@ -76,9 +78,13 @@ def make_safe_by_note(
 ) -> str:
     """Make one robot safe if there is a note of it. Returns what was done.
 
-    ``robot``: the robot's address; ``config``: how to reach it; ``folder``: where the note lies; ``lock_step``: admin
-    address of a fake robot in lock-step mode; ``within_s``: as :func:`make_safe` has it; ``known``: what stood in the
-    note, for one that is gone or damaged, or whose holder cannot be ended.
+    Args:
+        robot: The robot's address.
+        config: How to reach it.
+        folder: Where the note lies.
+        lock_step: Admin address of a fake robot in lock-step mode.
+        within_s: As :func:`make_safe` has it.
+        known: What stood in the note, for one that is gone or damaged, or whose holder cannot be ended.
 
     Raises:
         NotSafeError: It could not be done; the note stays, for the next try.

@@ -80,9 +80,12 @@ class RobotSession:
     ) -> None:
         """Prepare.
 
-        ``signals``: entered; what the operator asks by them ends the session; ``event``: writes an event; ``limits``:
-        by which a robot that was handed back is looked at; ``say``: takes words about progress; ``on_shut_down``:
-        called when shutting down begins; once, so that its own failure cannot keep the power on.
+        Args:
+            signals: Entered; what the operator asks by them ends the session.
+            event: Writes an event.
+            limits: By which a robot that was handed back is looked at.
+            say: Takes words about progress.
+            on_shut_down: Called when shutting down begins; once, so that its own failure cannot keep the power on.
         """
         self._limits = limits or SafetyLimits()
         self._signals, self._event, self._say, self._on_shut_down = signals, event, say, on_shut_down
@@ -107,8 +110,8 @@ class RobotSession:
     def shut_down(self, reaction: Reaction = Reaction.EXPIRE, *, may_stand: bool = False) -> None:
         """Bring the robot to rest and see that its motors are off. :meth:`drive` then returns lease and e-stop.
 
-        ``reaction``: the strongest that anything has asked for; the e-stop is pressed first; ``may_stand``: whether to
-        let the vendor's controller stand first; any signal then cuts that short.
+        The reaction is the strongest that anything has asked for; an e-stop is pressed first. With ``may_stand`` the
+        vendor's controller stands first; any signal then cuts that short.
         """
         hal = self.hal
         if hal is None:

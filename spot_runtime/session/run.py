@@ -102,9 +102,13 @@ def run(
 ) -> RunSummary:
     """Drive the robot through one run; it ends at rest and without power, or the summary says why not.
 
-    ``request``: what to run; ``make_hal``: makes the adapter, given the log; ``make_sink``: opens the log; ``console``:
-    where progress goes; ``manager``: told of readiness, progress and the end; nobody if None; ``tell``: takes events in
-    the console's place; must not block.
+    Args:
+        request: What to run.
+        make_hal: Makes the adapter, given the log.
+        make_sink: Opens the log.
+        console: Where progress goes.
+        manager: Told of readiness, progress and the end; nobody if None.
+        tell: Takes events in the console's place; must not block.
 
     Raises:
         SpotRlError: The log cannot be opened. Whatever happens later is in the summary, and in the log.

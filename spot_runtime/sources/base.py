@@ -22,10 +22,9 @@ class CommandSource(Protocol):
     name: str
 
     def sample(self, active_s: float, host_stamp_ns: int) -> Wanted:
-        """The command at this instant.
+        """The command at this instant: so much robot time after the policy came into full control.
 
-        ``active_s``: robot time since the policy has been in full control; ``host_stamp_ns``: the host's clock, for
-        dead-man timers.
+        The host's clock is for dead-man timers.
         """
 
     def close(self) -> None:

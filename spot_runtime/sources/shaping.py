@@ -19,11 +19,7 @@ class Shaper:
         self._last_ns: int | None = None
 
     def follow(self, wanted: Array | None, host_stamp_ns: int) -> Array:
-        """The command now.
-
-        ``wanted``: v_x, V_y (m/s), ω_z (rad/s), shape (3,); None when nobody holds the dead-man; ``host_stamp_ns``: the
-        host's clock.
-        """
+        """The command now: V_x, V_y (m/s), ω_z (rad/s), shape (3,); None is wanted when nobody holds the dead-man."""
         elapsed_s = 0.0 if self._last_ns is None else max(0.0, (host_stamp_ns - self._last_ns) / 1e9)
         self._last_ns = host_stamp_ns
         if wanted is not None:

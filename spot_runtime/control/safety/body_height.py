@@ -25,8 +25,10 @@ _FOOT_RADIUS_M: Final = facts.FOOT_RADIUS_M
 def is_body_above(bound_m: float, position_rad: Array, world_from_body_wxyz: Array) -> bool:
     """Whether the body's origin is at least so far above the sole of its lowest foot.
 
-    ``bound_m``: height, m; ``position_rad``: joint positions, shape (12,), canonical order; ``world_from_body_wxyz``:
-    the body's attitude, unit quaternion, shape (4,).
+    Args:
+        bound_m: Height, m.
+        position_rad: Joint positions, shape (12,), canonical order.
+        world_from_body_wxyz: The body's attitude, unit quaternion, shape (4,).
     """
     joints, up = position_rad.tolist(), _up_in_body(world_from_body_wxyz)
     # One leg that reaches far enough down is an answer, and nearly always the first one does.

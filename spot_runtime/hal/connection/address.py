@@ -85,8 +85,11 @@ def _is_host(text: str) -> bool:
 def explain_no_connection(address: Address, trusted_pem: bytes, reason: str, timeout_s: float) -> HalError:
     """Find out why no secure connection came about, by trying its steps one by one.
 
-    ``address``: where the robot should be; ``trusted_pem``: the certificates that are trusted, PEM; ``reason``: the
-    failed call's own words, used if every step succeeds here; ``timeout_s``: bound of each step.
+    Args:
+        address: Where the robot should be.
+        trusted_pem: The certificates that are trusted, PEM.
+        reason: The failed call's own words, used if every step succeeds here.
+        timeout_s: Bound of each step.
     """
     try:
         connection = connect(address, timeout_s)

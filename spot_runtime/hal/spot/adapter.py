@@ -59,8 +59,11 @@ class BosdynHal:
     def __init__(self, address: Address, config: RunConfig, sink: LogSink, pace: Pace | None = None) -> None:
         """Prepare; nothing is sent yet.
 
-        ``address``: where the robot is; ``config``: the run's configuration; ``sink``: takes every state as its wire
-        bytes, and every slow state; ``pace``: how robot time passes; by itself unless told otherwise.
+        Args:
+            address: Where the robot is.
+            config: The run's configuration.
+            sink: Takes every state as its wire bytes, and every slow state.
+            pace: How robot time passes; by itself unless told otherwise.
         """
         self._config, self._sink = config, sink
         clock = HostClock()

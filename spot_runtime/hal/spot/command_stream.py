@@ -35,10 +35,7 @@ class CommandEncoder:
         self._load: Array | None = None
 
     def encode(self, command: JointCommand, host_stamp_ns: int) -> bytes:
-        """The wire bytes of one command.
-
-        ``command``: what to send; ``host_stamp_ns``: when it is sent, host clock, for the header.
-        """
+        """The wire bytes of one command, which is sent at this instant of the host's clock."""
         stamp = self._message.header.request_timestamp
         stamp.seconds, stamp.nanos = divmod(host_stamp_ns, NS_PER_S)
         joint = self._message.joint_command
@@ -111,9 +108,11 @@ class CommandStream:
     ) -> None:
         """Open the stream.
 
-        ``channel``: secure channel to the command streaming service; ``first``: key and wire bytes of the first
-        command; ``now_ns``: the host's clock; ``on_end``: takes the robot's verdict when the stream ends other than by
-        :meth:`stop`.
+        Args:
+            channel: Secure channel to the command streaming service.
+            first: Key and wire bytes of the first command.
+            now_ns: The host's clock.
+            on_end: Takes the robot's verdict when the stream ends other than by :meth:`stop`.
         """
         self._slot: LatestSlot[tuple[int, bytes]] = LatestSlot()
         self._slot.put(first)

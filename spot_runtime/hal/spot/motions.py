@@ -77,9 +77,13 @@ class Motions:
     ) -> None:
         """Prepare.
 
-        ``calls``: reaches the robot; ``config``: time-outs; ``helm``: taken over; ``is_powered``: asks the robot
-        whether its motors have power; ``is_without_power``: asks whether they have none; while they are being powered
-        on, neither is so; ``pause``: lets robot time pass.
+        Args:
+            calls: Reaches the robot.
+            config: Time-outs.
+            helm: Taken over.
+            is_powered: Asks the robot whether its motors have power.
+            is_without_power: Asks whether they have none; while they are being powered on, neither is so.
+            pause: Lets robot time pass.
         """
         self._calls, self._config, self._pause = calls, config, pause
         self._is_powered, self._is_without_power = is_powered, is_without_power
@@ -139,8 +143,8 @@ class Motions:
     def power_off(self, *, even_if_off: bool = False) -> None:
         """Sit where needed and cut power; returns when it is cut.
 
-        ``even_if_off``: ask for it also where the motors are off, since a request to power them on may be under way: it
-        bears an older lease, and is refused from now on.
+        With ``even_if_off`` it is also asked for where the motors are off, since a request to power them on may be
+        under way: that bears an older lease, and is refused from now on.
         """
         if not even_if_off and self._is_without_power():
             return

@@ -78,9 +78,12 @@ class Session:
     ) -> None:
         """Prepare; nothing is sent yet.
 
-        ``address``: where the robot is; ``config``: how to reach it; ``clock``: the host's clock, for time sync;
-        ``estimate``: takes the round trips; ``host_now_ns``: stamps what is received; in lock-step, host time passes
-        with robot time.
+        Args:
+            address: Where the robot is.
+            config: How to reach it.
+            clock: The host's clock, for time sync.
+            estimate: Takes the round trips.
+            host_now_ns: Stamps what is received; in lock-step, host time passes with robot time.
         """
         self._host_now_ns = host_now_ns
         self._address, self._config, self._clock, self._estimate = address, config, clock, estimate

@@ -15,9 +15,7 @@ from spot_runtime.stops import CRITICAL
 
 
 def slow_state_from_message(message: robot_state_pb2.RobotState, host_stamp_ns: int) -> SlowState:
-    """Convert an answer of GetRobotState.
-
-    ``message``: the vendor's message; ``host_stamp_ns``: when it was received, host clock.
+    """Convert an answer of GetRobotState, received at this instant of the host's clock.
 
     Returns:
         The slow state; a charge that the robot does not report is NaN, any other such value 0 or missing.

@@ -51,10 +51,13 @@ class StateReceiver:
     ) -> None:
         """Open the stream.
 
-        ``channel``: secure channel to the state streaming service; ``request``: the request, header filled; ``now_ns``:
-        the host's clock; ``on_wire``: takes each message's bytes and the instant of its receipt; ``on_end``: takes the
-        reason when the stream ends other than by :meth:`stop`; ``on_reopen``: takes for how many seconds a stream was
-        open that the robot closed, and that was opened again.
+        Args:
+            channel: Secure channel to the state streaming service.
+            request: The request, header filled.
+            now_ns: The host's clock.
+            on_wire: Takes each message's bytes and the instant of its receipt.
+            on_end: Takes the reason when the stream ends other than by :meth:`stop`.
+            on_reopen: Takes for how many seconds a stream was open that the robot closed, and that was opened again.
         """
         self.states: StateQueue = queue.SimpleQueue()
         self._now_ns, self._on_wire, self._on_end, self._on_reopen = now_ns, on_wire, on_end, on_reopen

@@ -23,10 +23,9 @@ class Acceptor:
     """Keeps the newest connections whose clients are still there, until they are taken."""
 
     def __init__(self, listener: socket.socket, wake: Callable[[], None]) -> None:
-        """Accept on ``listener`` from now on.
+        """Accept on a bound socket from now on.
 
-        ``listener``: a bound socket; ``wake``: called in another thread when there is something to take, once until it
-        is taken.
+        ``wake`` is called in another thread when there is something to take, once until it is taken.
         """
         self._listener, self._wake = listener, wake
         self._waiting: dict[str, deque[socket.socket]] = {}

@@ -43,8 +43,10 @@ class Caller(NamedTuple):
 def caller_of(about: Mapping[str, Sequence[bytes]], peer: Peer, *, is_tls: bool) -> Caller:
     """Who calls.
 
-    ``about``: what gRPC knows of the connection's security; ``peer``: the other end, as the kernel names it;
-    ``is_tls``: whether certificates are required; without them, every client that reaches the service operates.
+    Args:
+        about: What gRPC knows of the connection's security.
+        peer: The other end, as the kernel names it.
+        is_tls: Whether certificates are required; without them, every client that reaches the service operates.
     """
     if not is_tls:
         return Caller(peer.identity, "", Role.OPERATE)

@@ -32,8 +32,10 @@ class Connection:
     ) -> None:
         """Take over an accepted socket; call it from the event loop.
 
-        ``outer``: the accepted socket; ``on_first_byte``: called once; :meth:`open` should follow; ``on_end``: called
-        once, when either end has gone.
+        Args:
+            outer: The accepted socket.
+            on_first_byte: Called once; :meth:`open` should follow.
+            on_end: Called once, when either end has gone.
         """
         self.peer: Peer = peer_of(outer)
         self.group = self.peer.group

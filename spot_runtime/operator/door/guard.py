@@ -44,8 +44,10 @@ class Guard(aio.ServerInterceptor):  # type: ignore[misc,unused-ignore]
     def __init__(self, gate: Gate, rules: Mapping[str, Rule], *, is_tls: bool) -> None:
         """Let in whom ``gate`` lets in.
 
-        ``gate``: of roles and rates; ``rules``: by methods' full names; any other method is for those who observe;
-        ``is_tls``: whether roles come from certificates.
+        Args:
+            gate: Of roles and rates.
+            rules: By methods' full names; any other method is for those who observe.
+            is_tls: Whether roles come from certificates.
         """
         self._gate, self._rules, self._is_tls = gate, rules, is_tls
         self._waiting: dict[str, OrderedDict[asyncio.Future[Any], None]] = {}

@@ -55,9 +55,12 @@ class OperatedRun:
     ) -> None:
         """Prepare.
 
-        ``spec``: what to run; ``policy``: the one that ``spec`` names, loaded; ``link``: to the operator's service;
-        ``make_sink``: opens a log; ``manager``: told of progress while this process is answerable for the robot; nobody
-        if None.
+        Args:
+            spec: What to run.
+            policy: The one that ``spec`` names, loaded.
+            link: To the operator's service.
+            make_sink: Opens a log.
+            manager: Told of progress while this process is answerable for the robot; nobody if None.
         """
         self._spec, self.config, self.link = spec, spec.config, link
         self._manager = manager or ServiceManager()

@@ -15,10 +15,7 @@ STATE_SILENCE_S: Final = 1.0
 
 
 def check_standing(hal: Hal, newest_host_ns: int, limits: SafetyLimits) -> Stop | None:
-    """What ends the waiting, if anything does.
-
-    ``hal``: the robot; ``newest_host_ns``: when the newest state was received, host clock; ``limits``: the bounds.
-    """
+    """What ends the waiting, if anything does; the newest state was received at this instant of the host's clock."""
     problems = hal.problems()
     if problems:
         return max(problems, key=lambda stop: stop.reason.reaction.level)

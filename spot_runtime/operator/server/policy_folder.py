@@ -51,9 +51,9 @@ class PolicyFolder:
         return [policy for policy in found if policy is not None]
 
     def find(self, name: str, sha256: str) -> OfferedPolicy:
-        """The policy that may be armed under this name.
+        """The policy that may be armed under this name, its file's without the ending.
 
-        ``name``: file name without its ending; ``sha256``: the digest that the operator expects; empty: any.
+        The digest is the one that the operator expects; empty: any.
 
         Raises:
             Refusal: There is none, or it is not the expected one, or not an allowed one.

@@ -57,9 +57,12 @@ class Supervisor:
     ) -> None:
         """Begin idle.
 
-        ``robot``: the robot's address; ``config``: of every run, and of the service; ``manager``: the service manager;
-        ``tell``: also told of every event; must not block; ``lock_step``: admin address of a fake robot in lock-step
-        mode.
+        Args:
+            robot: The robot's address.
+            config: Of every run, and of the service.
+            manager: The service manager.
+            tell: Also told of every event; must not block.
+            lock_step: Admin address of a fake robot in lock-step mode.
         """
         self._robot, self._config, self._lock_step = robot, config, lock_step
         self._manager = manager
@@ -178,8 +181,10 @@ class Supervisor:
     def steer(self, request: run_link_pb2.ToRun, identity: str, name: str) -> None:
         """Pass a velocity on; no answer is waited for.
 
-        ``request``: the velocity; ``identity``: who steers, by certificate or user; whoever steers keeps others out;
-        ``name``: what they call themselves, which tells two of one identity apart.
+        Args:
+            request: The velocity.
+            identity: Who steers, by certificate or user; whoever steers keeps others out.
+            name: What they call themselves, which tells two of one identity apart.
 
         Raises:
             Refusal: The policy is not in full control, or somebody else steers.

@@ -43,10 +43,7 @@ class AnswerMemory(NamedTuple):
 
 
 def after_window(memory: AnswerMemory, window: Window, command: JointCommand) -> AnswerMemory:
-    """The memory after one more window.
-
-    ``memory``: before it; ``window``: the newest; ``command``: the newest that the robot says it has.
-    """
+    """The memory after one more window; ``command`` is the newest that the robot says it has."""
     state = window.last
     asked, load = torque_nm(command, state.position_rad, state.velocity_rad_s), state.load_nm
     apart = _apart(command)

@@ -53,8 +53,11 @@ def check_signals(
 ) -> tuple[SignalMemory, tuple[Stop, ...]]:
     """Judge the states that may be used, oldest first.
 
-    ``memory``: from the last call; ``states``: those that have arrived since; ``is_standing``: the vendor's stand has
-    the joints, so the robot must be at rest; ``is_driven``: the joints do what the commands ask.
+    Args:
+        memory: From the last call.
+        states: Those that have arrived since.
+        is_standing: The vendor's stand has the joints, so the robot must be at rest.
+        is_driven: The joints do what the commands ask.
 
     Returns:
         The new memory, and a stop for each kind of thing that cannot be true.

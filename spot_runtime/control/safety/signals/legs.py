@@ -35,8 +35,7 @@ def foot_jacobians(position_rad: Array) -> tuple[Array, Array]:
     """Where the feet's centres are, and how they move with each joint, in the body's frame.
 
     A leg turns by hx about x at its hip, by hy about y at the upper leg's end, and by kn about y at the knee.
-
-    ``position_rad``: joint positions, shape (12,), canonical order.
+    Joint positions have shape (12,), canonical order.
 
     Returns:
         Positions of shape (4, 3), m, and their derivatives by hx, hy and kn of the leg, in columns: (4, 3, 3), m/rad.
@@ -55,10 +54,7 @@ def foot_jacobians(position_rad: Array) -> tuple[Array, Array]:
 
 
 def feet(position_rad: Array, velocity_rad_s: Array) -> Feet:
-    """Forward kinematics of positions and velocities.
-
-    ``position_rad``: joint positions, shape (12,), canonical order; ``velocity_rad_s``: joint velocities, as above.
-    """
+    """Forward kinematics of joint positions and velocities, each of shape (12,), canonical order."""
     position, jacobians = foot_jacobians(position_rad)
     rates, hx = velocity_rad_s.reshape(facts.N_LEGS, 3), position_rad[::3]
     shank_rate = rates[:, 1] + rates[:, 2]
@@ -72,8 +68,7 @@ def ground_forces_n(position_rad: Array, load_nm: Array) -> Array:
     The legs' own weight is left out.
 
     For each leg, load = -Jᵀ·force, with J the foot's Jacobian in the body's frame.
-
-    ``position_rad``: joint positions, shape (12,), canonical order; ``load_nm``: measured loads, as above.
+    Joint positions and measured loads have shape (12,), canonical order.
     """
     _, jacobians = foot_jacobians(position_rad)
     forces = np.linalg.solve(jacobians.transpose(0, 2, 1), load_nm.reshape(facts.N_LEGS, 3, 1))[..., 0]

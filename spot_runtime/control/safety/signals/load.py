@@ -15,7 +15,7 @@ from spot_runtime.control.safety.signals.window import Window
 def disagreeing(window: Window, commands: Sequence[JointCommand]) -> NDArray[np.bool_]:
     """Joints whose load lies far from whatever the servo law could have asked of them. Shape (12,).
 
-    ``window``: the newest window; ``commands``: recent commands, at least one; the load may answer any of them.
+    The load may answer any of these recent commands, of which there is at least one.
     """
     state = window.last
     asked = np.array([torque_nm(command, state.position_rad, state.velocity_rad_s) for command in commands])
