@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 from bosdyn.api import estop_pb2, license_pb2, robot_state_pb2
 
@@ -21,6 +20,7 @@ from spot_runtime.hal.spot.slow_state import (
     reporting_battery,
     slow_state_from_message,
 )
+from spot_runtime.hal.spot.vendor_errors import enum_word
 from spot_runtime.stops import CRITICAL
 from spot_tools.doctor.check import Check, Finding, Verdict, fail, ok, skipped, warn
 from spot_tools.doctor.link import Link
@@ -145,7 +145,7 @@ class RobotDoctor:
         percent, battery = charge_percent(message), reporting_battery(message)
         if math.isnan(percent):
             return fail("the robot does not report its battery's charge", "see the robot's own page")
-        name = status_word(robot_state_pb2.BatteryState.Status, battery.status)
+        name = enum_word(robot_state_pb2.BatteryState.Status, battery.status, "STATUS_")
         found = f"{percent:.0f} %" + (f", {battery.voltage.value:.1f} V, {name}" if battery.HasField("voltage") else "")
         if percent < bound:
             return fail(found, f"below {bound:g} % a run ends at once: charge or change it")
@@ -207,16 +207,10 @@ class RobotDoctor:
         except NoServiceError:
             return warn("the robot offers no licence service", NO_FEATURE_ADVICE)
         named = info.id or "without a number"
-        name = status_word(license_pb2.LicenseInfo.Status, info.status)
+        name = enum_word(license_pb2.LicenseInfo.Status, info.status, "STATUS_")
         if info.status != license_pb2.LicenseInfo.STATUS_VALID:
             return fail(f"licence {named}: {name}", "ask the vendor for a licence with joint control")
         features = ", ".join(info.licensed_features) or "none named"
         if not reader.has_feature(JOINT_CONTROL_FEATURE):
             return warn(f"licence {named} is valid, features: {features}", NO_FEATURE_ADVICE)
         return ok(f"licence {named} is valid and names joint control")
-
-
-def status_word(enum: Any, number: int) -> str:
-    """A status by its name, or by its number where another server's is newer than ours."""
-    value = enum.DESCRIPTOR.values_by_number.get(number)
-    return f"status {number}" if value is None else value.name.removeprefix("STATUS_").lower()

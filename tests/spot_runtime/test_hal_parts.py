@@ -34,7 +34,7 @@ from spot_runtime.hal.spot.jobs import Jobs
 from spot_runtime.hal.spot.session import Session
 from spot_runtime.hal.spot.slow_state import charge_percent, slow_state_from_message
 from spot_runtime.hal.spot.state_receiver import StateReceiver
-from spot_runtime.hal.spot.vendor_errors import translate
+from spot_runtime.hal.spot.vendor_errors import enum_word, translate
 from spot_runtime.host.clock import ClockSample, HostClock, RobotClockEstimate
 from spot_runtime.stops import StopReason
 
@@ -182,6 +182,22 @@ def test_the_slow_state_takes_every_value_from_its_place() -> None:
     assert slow.motor_temperature_c == {"fl_kn": 44.0}
     assert slow.system_faults == ("critical: battery (cell)", "camera")
     assert slow.behavior_faults == ("fall (3)",)
+
+
+def test_words_of_a_robot_whose_software_is_newer_than_ours() -> None:
+    message = robot_state_pb2.RobotState()
+    message.behavior_fault_state.faults.add(behavior_fault_id=12, cause=9)
+    message.system_fault_state.faults.add(name="novel", severity=7)
+    message.estop_states.add(name="curtain", type=5, state=6)
+    slow = slow_state_from_message(message, STAMP_NS)
+    assert slow.behavior_faults == ("value 9 of newer software (12)",)
+    assert slow.system_faults == ("novel",)
+    assert not slow.estopped
+    with pytest.raises(EstopError, match=r"pressed: tablet \(value 9 of newer software\)"):
+        needs_own_endpoint(estop_status(CUT, ("tablet", 9, 1.0)), "auto", "spot-rl")
+    status = robot_command_pb2.JointControlStreamResponse.Status
+    assert enum_word(status, 77) == "value 77 of newer software"
+    assert enum_word(status, 3) == "STATUS_INACTIVE"
 
 
 def test_the_charge_is_the_summary_of_the_robot_else_that_of_the_emptiest_battery_that_reports_one() -> None:

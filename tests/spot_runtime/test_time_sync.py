@@ -96,9 +96,10 @@ def test_a_robot_that_knows_no_client_refuses_the_second_command_too(
         client.synced(lambda: client.robot_command(RobotCommandBuilder.synchro_stand_command()))
 
 
-def test_a_sync_that_is_not_reached_is_given_up() -> None:
+@pytest.mark.parametrize("status", [time_sync_pb2.TimeSyncState.STATUS_SERVICE_NOT_READY, 9], ids=["known", "newer"])
+def test_a_sync_that_is_not_reached_is_given_up(status: int) -> None:
     service = TimeSyncService()
-    service.status = time_sync_pb2.TimeSyncState.STATUS_SERVICE_NOT_READY
+    service.status = status
     sync = TimeSync(service, HostClock(), 1.0)
     sync.renew("")
     assert len(service.asked) == ATTEMPTS

@@ -109,6 +109,9 @@ def environment(**terms: dict[str, Any]) -> dict[str, Any]:
 class TheirRobot:
     """What a foreign framework would feed its network, by name and joint by joint; keeps its own memory."""
 
+    clip = np.inf
+    """Of the actions, by the learner's wrapper."""
+
     def __init__(self, path: Path, terms: list[dict[str, Any]], joints: list[str], pose: dict[str, float]) -> None:
         self.session = onnxruntime.InferenceSession(path.read_bytes(), providers=["CPUExecutionProvider"])
         self.terms, self.joints, self.pose = terms, joints, pose
@@ -138,7 +141,7 @@ class TheirRobot:
             past.append(row)
             seen += [value for old in past for value in old]
         (action,) = self.session.run(["actions"], {"obs": np.array([seen], dtype=np.float32)})
-        self.last = dict(zip(self.joints, action[0].tolist(), strict=True))
+        self.last = dict(zip(self.joints, np.clip(action[0], -self.clip, self.clip).tolist(), strict=True))
         return dict(self.last)
 
 
@@ -247,6 +250,34 @@ def test_another_layout_scales_clips_and_a_history(run: Callable[..., Path]) -> 
         seen.append(tick.observation)
         last_three = [seen[max(0, tick.index - age)] for age in range(3)]
         np.testing.assert_allclose(tick.action, made.act(np.concatenate(last_three, axis=-1)), atol=1e-6)
+
+
+def test_the_learners_file_names_groups_and_clips_actions(run: Callable[..., Path]) -> None:
+    env = environment(base_lin_vel=None)
+    env["observations"]["estimated"] = {"base_lin_vel": {"func": "isaaclab.envs.mdp.observations:base_lin_vel"}}
+    path = run(env)
+    agent = {"clip_actions": 0.5, "obs_groups": {"actor": ["policy", "estimated"], "critic": ["policy"]}}
+    (path.parent.parent / "params" / "agent.yaml").write_text(yaml.dump(agent))
+    assert "clipped to ±0.5" in invoke("import", str(path), "--like", "isaac-lab", "--yes").output
+    theirs = TheirRobot(path, [*TERMS[1:], TERMS[0]], ISAAC, pose_of(ISAAC))
+    theirs.clip = 0.5
+    made = load_policy(path.with_name("policy.spot.onnx"))
+    assert_same_setpoints(made, theirs, dict.fromkeys(ISAAC, 0.2))
+    assert max(abs(value) for value in theirs.last.values()) == 0.5
+
+
+@pytest.mark.parametrize(
+    ("agent", "told"),
+    [
+        ({"clip_actions": -1.0}, "clip_actions = -1.0; it must be a positive number"),
+        ({"obs_groups": {"actor": "policy"}}, "obs_groups = {'actor': 'policy'}; it must name lists"),
+        ({"obs_groups": {"actor": ["policy", "camera"]}}, "no observations.camera"),
+    ],
+)
+def test_a_learners_file_that_cannot_be_is_refused(run: Callable[..., Path], agent: dict[str, Any], told: str) -> None:
+    path = run(environment())
+    (path.parent.parent / "params" / "agent.yaml").write_text(yaml.dump(agent))
+    assert told in str(invoke("import", str(path), "--like", "isaac-lab", "--yes", code=1).exception)
 
 
 def test_joints_in_any_order_with_a_scale_each(run: Callable[..., Path]) -> None:
@@ -368,6 +399,69 @@ def test_torchscript(tmp_path: Path, run: Callable[..., Path]) -> None:
     row = np.random.default_rng(0).normal(size=48).astype(np.float32)
     with torch.no_grad():
         np.testing.assert_allclose(made.act(row), net(torch.from_numpy(row)).numpy(), atol=1e-5)
+
+
+@pytest.mark.filterwarnings("ignore:.*torch.jit.*is deprecated:DeprecationWarning")
+def test_legged_gym_by_the_file_in_the_documentation(tmp_path: Path) -> None:
+    """The observation as ``compute_observations`` of legged_gym puts it together, the action as ``step`` clips it."""
+    import torch
+
+    page = (Path(__file__).parents[2] / "docs" / "other-frameworks.md").read_text()
+    (tmp_path / "env.yaml").write_text(page.partition("```yaml\n")[2].partition("```")[0])
+    (tmp_path / "agent.yaml").write_text("clip_actions: 1.5\n")
+    order = page.partition("--joint-order ")[2].split()[0]
+    torch.manual_seed(1)
+    actor = torch.nn.Sequential(torch.nn.Linear(48, 16), torch.nn.ELU(), torch.nn.Linear(16, 12))
+    torch.jit.script(actor).save(str(tmp_path / "policy_1.pt"))
+    invoke("import", str(tmp_path / "policy_1.pt"), "--like", "isaac-lab", "--joint-order", order, "--yes")
+    made, rng = load_policy(tmp_path / "policy_1.spot.onnx"), np.random.default_rng(3)
+    urdf = [f"{leg}_{joint}" for leg in ("fl", "fr", "hl", "hr") for joint in ("hx", "hy", "kn")]
+    pose = np.array([0.1, 0.9, -1.5, -0.1, 0.9, -1.5, 0.1, 1.1, -1.5, -0.1, 1.1, -1.5])
+    ours = [urdf.index(name) for name in facts.JOINT_NAMES]
+    actions, last = np.zeros(12), np.zeros(12, dtype=np.float32)
+    for _ in range(5):
+        state, command = random_state(rng), rng.normal(size=3)
+        attitude = state.odom_from_body_wxyz
+        theirs = [facts.JOINT_NAMES.index(name) for name in urdf]
+        seen = np.concatenate(
+            [
+                rotate_inverse_wxyz(attitude, state.linear_vel_of_body_in_odom_m_s) * 2.0,
+                rotate_inverse_wxyz(attitude, state.angular_vel_of_body_in_odom_rad_s) * 0.25,
+                rotate_inverse_wxyz(attitude, np.array([0.0, 0.0, -1.0])),
+                command * [2.0, 2.0, 0.25],
+                state.position_rad[theirs] - pose,
+                state.velocity_rad_s[theirs] * 0.05,
+                actions,
+            ]
+        )
+        with torch.no_grad():
+            actions = np.clip(actor(torch.from_numpy(seen.astype(np.float32))[None]).numpy()[0], -1.5, 1.5)
+        last = made.act(made.observe(state, command, last))
+        np.testing.assert_allclose(made.setpoint_rad(last), (0.25 * actions + pose)[ours], atol=2e-5)
+
+
+@pytest.mark.filterwarnings("ignore:.*torch.jit.*is deprecated:DeprecationWarning")
+def test_torchscript_with_a_memory_is_refused(run: Callable[..., Path]) -> None:
+    """As Isaac Lab and legged_gym export recurrent networks: the state is a buffer, and no input shows it."""
+    import torch
+
+    class Recurrent(torch.nn.Module):
+        def __init__(self) -> None:
+            super().__init__()
+            self.rnn = torch.nn.LSTM(48, 12)
+            self.register_buffer("hidden_state", torch.zeros(1, 1, 12))
+            self.register_buffer("cell_state", torch.zeros(1, 1, 12))
+
+        def forward(self, x: torch.Tensor) -> torch.Tensor:
+            out, (h, c) = self.rnn(x.unsqueeze(0), (self.hidden_state, self.cell_state))
+            self.hidden_state[:] = h
+            self.cell_state[:] = c
+            return out.squeeze(0)
+
+    path = run(environment()).with_suffix(".pt")
+    torch.jit.save(torch.jit.script(Recurrent()), path)
+    told = str(invoke("import", str(path), "--like", "isaac-lab", "--yes", code=1).exception)
+    assert "has a memory; only networks without memory are run" in told
 
 
 @pytest.mark.parametrize(

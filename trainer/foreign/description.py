@@ -56,6 +56,8 @@ class ForeignPolicy:
     rate_hz: float
     command_low: tuple[float, float, float]
     command_high: tuple[float, float, float]
+    action_clip: float = math.inf
+    """The training's wrapper kept actions within plus and minus this; so did the last action that it observed."""
     assumed: tuple[str, ...] = ()
     """What no file said, and what was taken instead."""
 

@@ -6,6 +6,7 @@ Tags of Python objects are read as the plain lists, mappings and texts under the
 from __future__ import annotations
 
 import json
+import math
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -52,6 +53,26 @@ def read_environment(path: Path) -> dict[str, Any]:
     if not isinstance(data, dict):
         raise BadInputError(f"environment file {path} holds no mapping; give the env.yaml of the training run")
     return data
+
+
+def read_agent(environment: Path) -> dict[str, Any]:
+    """The learner's configuration, which Isaac Lab and mjlab write beside the environment's; empty without one.
+
+    Raises:
+        BadInputError: It cannot be read.
+    """
+    path = environment.with_name("agent.yaml")
+    return read_environment(path) if path.is_file() else {}
+
+
+def action_clip(agent: Mapping[str, Any]) -> float:
+    """What the learner's wrapper clips actions to, plus and minus; infinity where it does not."""
+    clip = agent.get("clip_actions")
+    if clip is None:
+        return math.inf
+    if isinstance(clip, bool) or not isinstance(clip, (int, float)) or not clip > 0.0:
+        raise BadInputError(f"agent.yaml: clip_actions = {clip!r:.60}; it must be a positive number, or null")
+    return float(clip)
 
 
 def gains_of(environment: Mapping[str, Any], key: str, joints: tuple[str, ...]) -> tuple[float, ...]:

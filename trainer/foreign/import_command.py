@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -82,6 +83,7 @@ def text_of(policy: ForeignPolicy) -> str:
     )
     lines += [f"{joint:6} {q:11.4g} {s:10.4g} {kp:12.4g} {kd:14.4g}" for joint, q, s, kp, kd in rows]
     low, high = policy.command_low, policy.command_high
+    lines += ["", f"actions clipped to ±{policy.action_clip:g}"] if math.isfinite(policy.action_clip) else []
     lines += ["", f"velocity commands {low} to {high} m/s, m/s, rad/s"]
     lines += [f"assumed: {what}" for what in policy.assumed]
     return "\n".join(lines)

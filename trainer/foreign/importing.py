@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import io
 import warnings
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
+
+import numpy as np
+import onnxruntime
 
 from spot_model.errors import BadInputError
 from spot_model.io.bounded_file import FileTooLargeError, read_at_most
@@ -13,7 +17,8 @@ from spot_model.policy.contract import MAX_POLICY_BYTES
 from spot_model.policy.onnx_head import OnnxHeadError, read_head
 from trainer.foreign import isaac_lab, mjlab, spot_rl_example
 from trainer.foreign.description import ForeignPolicy
-from trainer.foreign.environment import read_environment
+from trainer.foreign.environment import action_clip, read_agent, read_environment
+from trainer.foreign.rewrite import PROOFS, TOLERANCE
 
 TORCHSCRIPT: Final = (".pt", ".pth", ".jit", ".torchscript")
 _BESIDE: Final = (
@@ -40,7 +45,8 @@ def describe_file(
     if like == "mjlab":
         if env is not None or joint_order:
             raise BadInputError("mjlab's policies say all in their own metadata; leave out --env and --joint-order")
-        return mjlab.describe(_metadata(policy), name)
+        described = mjlab.describe(_metadata(policy), name)
+        return replace(described, action_clip=action_clip(read_agent(policy.parent / "params" / "env.yaml")))
     if like == "spot-rl-example":
         if joint_order:
             raise BadInputError("the example has a joint order of its own; leave out --joint-order")
@@ -48,7 +54,7 @@ def describe_file(
     found = env or next((policy.parent / at for at in _BESIDE if (policy.parent / at).is_file()), None)
     if found is None:
         raise BadInputError(f"no env.yaml beside {policy}; name the training run's with --env")
-    return isaac_lab.describe(read_environment(found), name, joint_order=joint_order)
+    return isaac_lab.describe(read_environment(found), name, agent=read_agent(found), joint_order=joint_order)
 
 
 def read_network(policy: Path, width: int) -> bytes:
@@ -76,17 +82,31 @@ def _traced(torch: Any, data: bytes, width: int, policy: Path) -> bytes:
         warnings.simplefilter("ignore")
         network: Any = torch.jit.load(io.BytesIO(data), map_location="cpu").eval()
         buffer: Any = io.BytesIO()
-        observation = torch.zeros(1, width)
+        observations = torch.randn(PROOFS, 1, width, generator=torch.Generator().manual_seed(48))
         with torch.no_grad():
-            network(observation)
-            torch.onnx.export(
-                network, (observation,), buffer, input_names=["obs"], output_names=["actions"], dynamo=False
+            actions = [network(row).clone() for row in observations]
+            has_memory = any(
+                not torch.equal(network(row), action) for row, action in zip(observations, actions, strict=True)
             )
+            torch.onnx.export(
+                network, (observations[0],), buffer, input_names=["obs"], output_names=["actions"], dynamo=False
+            )
+        made = onnxruntime.InferenceSession(buffer.getvalue(), providers=["CPUExecutionProvider"])
+        apart = max(
+            float(np.abs(made.run(None, {"obs": row.numpy()})[0] - action.numpy()).max())
+            for row, action in zip(observations, actions, strict=True)
+        )
     except Exception as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise BadInputError(f"TorchScript file {policy} cannot be turned into ONNX: {reason}; export ONNX") from error
-    data = buffer.getvalue()
-    return bytes(data)
+    if has_memory:
+        raise BadInputError(
+            f"TorchScript file {policy}: the same observation gives another action the second time, so the network has "
+            f"a memory; only networks without memory are run"
+        )
+    if not apart <= TOLERANCE:
+        raise BadInputError(f"TorchScript file {policy} as ONNX gives actions {apart:g} apart; export ONNX")
+    return bytes(buffer.getvalue())
 
 
 def _metadata(policy: Path) -> dict[str, str]:

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from spot_model.errors import BadInputError
 from trainer.foreign.description import BREADTH_FIRST, MAX_HISTORY, ForeignPolicy, Term, by_joint, canonical_joints
-from trainer.foreign.environment import command_ranges, gains_of, get
+from trainer.foreign.environment import action_clip, command_ranges, gains_of, get
 from trainer.foreign.terms import JOINT_FIELDS, LAST_ACTION, meaning_of
 
 _ABSOLUTE: Final = "joint_pos"
@@ -23,12 +23,19 @@ _NOT_TERMS: Final = frozenset(
 )
 
 
-def describe(environment: Mapping[str, Any], name: str, *, joint_order: tuple[str, ...] = ()) -> ForeignPolicy:
+def describe(
+    environment: Mapping[str, Any],
+    name: str,
+    *,
+    agent: Mapping[str, Any] | None = None,
+    joint_order: tuple[str, ...] = (),
+) -> ForeignPolicy:
     """What the configuration says.
 
     Args:
         environment: See :func:`trainer.foreign.environment.read_environment`.
         name: The policy's name.
+        agent: The learner's configuration, as far as there is one: which groups it observes, and its actions' clip.
         joint_order: The articulation's joints, where it is not breadth first.
 
     Raises:
@@ -43,10 +50,12 @@ def describe(environment: Mapping[str, Any], name: str, *, joint_order: tuple[st
     default = by_joint(pose, joints, "init_state.joint_pos")
     (low, high), assumed = command_ranges(environment)
     rate_hz = 1.0 / (float(get(environment, "sim.dt")) * int(get(environment, "decimation")))
-    group = get(environment, "observations.policy")
-    terms = _terms(group, natural, joints)
+    agent = agent or {}
+    groups = _groups(agent)
+    terms = _observed(environment, groups, natural, joints)
     other = natural[::-1]
-    is_told = _ordered(action, other, "actions.joint_pos") == joints and _terms(group, other, joints) == terms
+    order_of_other = _ordered(action, other, "actions.joint_pos")
+    is_told = order_of_other == joints and _observed(environment, groups, other, joints) == terms
     order = () if joint_order or is_told else (_ASSUMED_ORDER,)
     return ForeignPolicy(
         name=name,
@@ -59,6 +68,7 @@ def describe(environment: Mapping[str, Any], name: str, *, joint_order: tuple[st
         rate_hz=rate_hz,
         command_low=low,
         command_high=high,
+        action_clip=action_clip(agent),
         assumed=(*order, *assumed),
     )
 
@@ -80,27 +90,47 @@ def _check_action(action: Mapping[str, Any]) -> None:
         raise BadInputError("actions.joint_pos.clip is not supported; train without it")
 
 
-def _terms(group: Mapping[str, Any], natural: tuple[str, ...], acted: tuple[str, ...]) -> tuple[Term, ...]:
+def _groups(agent: Mapping[str, Any]) -> tuple[str, ...]:
+    """Groups of observations that the actor sees, one after the other."""
+    sets = agent.get("obs_groups") or {}
+    groups = sets.get("actor") or sets.get("policy") or ["policy"] if isinstance(sets, Mapping) else None
+    if not isinstance(groups, list) or not all(isinstance(group, str) for group in groups):
+        raise BadInputError(f"agent.yaml: obs_groups = {sets!r:.60}; it must name lists of groups")
+    return tuple(groups)
+
+
+def _observed(
+    environment: Mapping[str, Any], groups: tuple[str, ...], natural: tuple[str, ...], acted: tuple[str, ...]
+) -> tuple[Term, ...]:
+    terms: list[Term] = []
+    for name in groups:
+        where = f"observations.{name}"
+        terms += _terms(get(environment, where), where, natural, acted)
+    return tuple(terms)
+
+
+def _terms(group: Mapping[str, Any], where: str, natural: tuple[str, ...], acted: tuple[str, ...]) -> list[Term]:
     terms = []
     of_all = group.get("history_length")
+    if group.get("concatenate_terms") is False:
+        raise BadInputError(f"{where}.concatenate_terms is false; a network here sees one row of numbers")
     for name, config in group.items():
         if name in _NOT_TERMS or config is None:
             continue
         if not isinstance(config, Mapping):
-            raise BadInputError(f"observations.policy.{name} = {config!r:.60} is no observation term")
-        terms.append(_term(name, config, natural, acted, of_all))
+            raise BadInputError(f"{where}.{name} = {config!r:.60} is no observation term")
+        terms.append(_term(f"{where}.{name}", config, natural, acted, of_all))
     if not terms:
-        raise BadInputError("observations.policy has no terms")
-    return tuple(terms)
+        raise BadInputError(f"{where} has no terms")
+    return terms
 
 
 def _term(
-    name: str, config: Mapping[str, Any], natural: tuple[str, ...], acted: tuple[str, ...], of_all: int | None
+    where: str, config: Mapping[str, Any], natural: tuple[str, ...], acted: tuple[str, ...], of_all: int | None
 ) -> Term:
     """One term; the last action has the joints of the action, ``acted``, the others those of the robot, ``natural``."""
-    where = f"observations.policy.{name}"
     function = str(config.get("func", "")).rpartition(":")[2].rpartition(".")[2]
-    meaning = meaning_of("joint_pos_abs" if function == _ABSOLUTE else function or name, where)
+    meaning = meaning_of("joint_pos_abs" if function == _ABSOLUTE else function or where.rpartition(".")[2], where)
     asset = (config.get("params") or {}).get("asset_cfg") or {}
     joints: tuple[str, ...] = acted if meaning.field == LAST_ACTION else ()
     if meaning.field in JOINT_FIELDS - {LAST_ACTION}:

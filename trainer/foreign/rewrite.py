@@ -40,9 +40,9 @@ def ours_from(network: bytes, policy: ForeignPolicy, *, revision: str) -> bytes:
     asked = [
         session.run([target], {source: seen(row[None]).astype(np.float32)})[0][0] for row in ours.astype(np.float64)
     ]
-    actions = np.array(asked) * gain
+    actions = np.clip(asked, -policy.action_clip, policy.action_clip) * gain
     contract = _contract(policy, ours[0], actions[0], revision)
-    data = _joined(theirs, source, target, seen, gain, contract)
+    data = _joined(theirs, source, target, seen, policy.action_clip, gain, contract)
     made = policy_from_bytes(data, source="the imported policy")
     error = max(float(np.abs(made.act(row) - action).max()) for row, action in zip(ours, actions, strict=True))
     if not error <= TOLERANCE:
@@ -83,15 +83,19 @@ def _joined(
     source: str,
     target: str,
     seen: ObservationMap,
+    clip: float,
     gain: NDArray[np.float64],
     contract: PolicyContract,
 ) -> bytes:
     graph = compose.add_prefix_graph(theirs.graph, PREFIX)
     before, weights = _observation_nodes(seen, PREFIX + source)
-    after = helper.make_node("Mul", [PREFIX + target, "joint_gain"], [OUTPUT_NAME])
-    weights.append(_tensor("joint_gain", gain[None]))
+    steps = [("Mul", "joint_gain", gain[None])]
+    if np.isfinite(clip):
+        steps = [("Max", "action_low", np.array([[-clip]])), ("Min", "action_high", np.array([[clip]])), *steps]
+    after, gains = _chain(PREFIX + target, steps, OUTPUT_NAME)
+    weights += gains
     width = contract.observation_history * N_OBSERVATION
-    nodes = [*before, *graph.node, after]
+    nodes = [*before, *graph.node, *after]
     joined = helper.make_graph(
         nodes,
         "policy",
@@ -121,7 +125,12 @@ def _observation_nodes(seen: ObservationMap, out: str) -> tuple[list[Any], list[
         ]
     if (seen.scale != 1.0).any():
         steps.append(("Mul", "observation_scale", seen.scale[None]))
-    nodes, current = [], INPUT_NAME
+    return _chain(INPUT_NAME, steps, out)
+
+
+def _chain(source: str, steps: list[tuple[str, str, NDArray[np.float64]]], out: str) -> tuple[list[Any], list[Any]]:
+    """Nodes and weights of one step after the other: an operator, its weight's name, and the weight."""
+    nodes, current = [], source
     for i, (operator, name, _) in enumerate(steps):
         result = out if i + 1 == len(steps) else f"{name}_done"
         nodes.append(helper.make_node(operator, [current, name], [result]))

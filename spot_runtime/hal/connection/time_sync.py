@@ -38,7 +38,7 @@ class TimeSync:
         self._lock = threading.RLock()
         self.clock_identifier = ""
         """The service's name for this client, which commands carry; empty before the first answer."""
-        self.status = "no answer yet"
+        self.status: int = time_sync_pb2.TimeSyncState.STATUS_UNKNOWN
         """The service's own word about the sync."""
 
     def round_trip(self) -> ClockSample:
@@ -82,13 +82,13 @@ class TimeSync:
         trip.server_tx.CopyFrom(header.response_timestamp)
         trip.client_rx.seconds, trip.client_rx.nanos = divmod(sent_unix_ns + ended_ns - sent_ns, NS_PER_S)
         self._previous, self.clock_identifier = trip, str(response.clock_identifier)
-        self.status = time_sync_pb2.TimeSyncState.Status.Name(response.state.status)
+        self.status = int(response.state.status)
         return ClockSample(sent_ns, _ns(trip.server_rx), _ns(trip.server_tx), ended_ns)
 
     @property
     def is_established(self) -> bool:
         """Whether the service calls the clocks synced."""
-        return self.status == "STATUS_OK"
+        return bool(self.status == time_sync_pb2.TimeSyncState.STATUS_OK)
 
 
 class SyncedCommandClient(RobotCommandClient):  # type: ignore[misc]

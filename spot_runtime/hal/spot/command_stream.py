@@ -12,7 +12,7 @@ from bosdyn.api import robot_command_pb2
 
 from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import Array, Gains, JointCommand
-from spot_runtime.hal.spot.vendor_errors import describe
+from spot_runtime.hal.spot.vendor_errors import describe, enum_word
 
 COMMAND_METHOD: Final = "/bosdyn.api.RobotCommandStreamingService/JointControlStream"
 T = TypeVar("T")
@@ -164,5 +164,5 @@ class CommandStream:
         except grpc.FutureCancelledError:
             return
         else:
-            name = robot_command_pb2.JointControlStreamResponse.Status.Name(response.status)
+            name = enum_word(robot_command_pb2.JointControlStreamResponse.Status, response.status)
             self._on_end(f"{name}: {response.message}" if response.message else name)

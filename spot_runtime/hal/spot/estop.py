@@ -10,6 +10,7 @@ from bosdyn.api import estop_pb2
 from bosdyn.client.estop import EstopClient, EstopEndpoint, IncorrectChallengeResponseError
 
 from spot_runtime.hal.errors import EstopError
+from spot_runtime.hal.spot.vendor_errors import enum_word
 
 Policy = Literal["auto", "own", "external"]
 
@@ -29,7 +30,7 @@ def needs_own_endpoint(status: Any, policy: Policy, our_name: str) -> bool:
     pressed = [endpoint for endpoint in alive if endpoint.stop_level != estop_pb2.ESTOP_LEVEL_NONE]
     left_by_us = [endpoint for endpoint in pressed if endpoint.endpoint.name == our_name]
     if left_by_us and len(left_by_us) == len(pressed):
-        left_s = max(_timeout_s(endpoint) - _silent_s(endpoint) for endpoint in left_by_us)
+        left_s = max(_seconds(e.endpoint.timeout) - _seconds(e.time_since_valid_response) for e in left_by_us)
         raise EstopError(
             f"an earlier run pressed the e-stop: {_names(pressed)}; check the robot, then start again in {left_s:.0f} s"
         )
@@ -52,7 +53,7 @@ def needs_own_endpoint(status: Any, policy: Policy, our_name: str) -> bool:
 def is_alive(endpoint: Any) -> bool:
     """Whether an endpoint (vendor's EstopEndpointWithStatus) has answered within its own time-out."""
     has_answered = bool(endpoint.HasField("time_since_valid_response"))
-    return has_answered and _silent_s(endpoint) <= _timeout_s(endpoint)
+    return has_answered and _seconds(endpoint.time_since_valid_response) <= _seconds(endpoint.endpoint.timeout)
 
 
 class OwnEstop:
@@ -96,20 +97,10 @@ def _is_taken_back(endpoint: Any, our_name: str) -> bool:
     return bool(endpoint.endpoint.name == our_name and endpoint.stop_level == estop_pb2.ESTOP_LEVEL_CUT)
 
 
-def _timeout_s(endpoint: Any) -> float:
-    return _seconds(endpoint.endpoint.timeout)
-
-
-def _silent_s(endpoint: Any) -> float:
-    return _seconds(endpoint.time_since_valid_response)
-
-
 def _seconds(duration: Any) -> float:
     return float(duration.seconds + duration.nanos * 1e-9)
 
 
 def _names(endpoints: Sequence[Any]) -> str:
-    def level(endpoint: Any) -> str:
-        return str(estop_pb2.EstopStopLevel.Name(endpoint.stop_level)).removeprefix("ESTOP_LEVEL_").lower()
-
-    return ", ".join(f"{e.endpoint.name or 'unnamed'} ({level(e)})" for e in endpoints)
+    levels = [enum_word(estop_pb2.EstopStopLevel, e.stop_level, "ESTOP_LEVEL_") for e in endpoints]
+    return ", ".join(f"{e.endpoint.name or 'unnamed'} ({level})" for e, level in zip(endpoints, levels, strict=True))

@@ -14,6 +14,7 @@ from spot_runtime.config import RobotConfig
 from spot_runtime.hal.connection.time_sync import SyncedCommandClient
 from spot_runtime.hal.errors import MotionError
 from spot_runtime.hal.spot.calls import Calls
+from spot_runtime.hal.spot.vendor_errors import enum_word
 
 POLL_S: Final = 0.05
 """Robot time between two looks at the progress of a motion."""
@@ -101,15 +102,15 @@ class Motions:
         client, timeout_s = self._calls.client(PowerClient), self._config.rpc_timeout_s
         request = power_pb2.PowerCommandRequest.REQUEST_ON_MOTORS
         answer = self._ask_for_power(lambda: client.power_command(request, timeout=timeout_s))
-        command_id = answer.power_command_id
 
         def is_done() -> bool:
             status = self._calls.make(
-                "powering on", lambda: client.power_command_feedback(command_id, timeout=timeout_s)
+                "powering on", lambda: client.power_command_feedback(answer.power_command_id, timeout=timeout_s)
             )
             if status in (power_pb2.STATUS_SUCCESS, power_pb2.STATUS_IN_PROGRESS):
                 return bool(status == power_pb2.STATUS_SUCCESS)
-            raise MotionError(f"powering on failed: {power_pb2.PowerCommandStatus.Name(status)}; see the robot's page")
+            word = enum_word(power_pb2.PowerCommandStatus, status)
+            raise MotionError(f"powering on failed: {word}; see the robot's page")
 
         if answer.status != power_pb2.STATUS_SUCCESS:
             self._wait(is_done, "power on", self._config.power_timeout_s)
@@ -179,7 +180,7 @@ class Motions:
         answer = self._calls.make("standing", lambda: client.robot_command_feedback(command_id, timeout=timeout_s))
         feedback = answer.feedback.synchronized_feedback.mobility_command_feedback
         if feedback.status != _FEEDBACK.STATUS_PROCESSING:
-            name = _FEEDBACK.Status.Name(feedback.status)
+            name = enum_word(_FEEDBACK.Status, feedback.status)
             raise MotionError(f"standing was not carried out: {name}; see the robot's own page")
         return bool(feedback.stand_feedback.status == _STANDS)
 

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Any, Final
 
 import grpc
-from bosdyn.api import power_pb2, robot_state_pb2
+from bosdyn.api import power_pb2, robot_state_pb2, time_sync_pb2
 from bosdyn.client.auth import AuthClient, InvalidTokenError
 from bosdyn.client.directory import DirectoryClient
 from bosdyn.client.estop import EstopClient
@@ -36,7 +36,7 @@ from spot_runtime.hal.spot.calls import Calls, patiently
 from spot_runtime.hal.spot.estop import OwnEstop, needs_own_endpoint
 from spot_runtime.hal.spot.motions import POLL_S, Helm, Motions, Pause
 from spot_runtime.hal.spot.slow_state import pressed_estops, refuse_arm, slow_state_from_message
-from spot_runtime.hal.spot.vendor_errors import SDK_ERRORS, translate
+from spot_runtime.hal.spot.vendor_errors import SDK_ERRORS, enum_word, translate
 from spot_runtime.host.clock import HostClock, RobotClockEstimate
 from spot_runtime.stops import CRITICAL
 
@@ -123,7 +123,8 @@ class Session:
             if attempt + 1 >= SYNC_ROUND_TRIPS and self._time_sync.is_established:
                 self._time_sync.timeout_s = min(LATER_SYNC_TIMEOUT_S, self._config.rpc_timeout_s)
                 return
-        raise ClockError(f"time sync was not established in {ATTEMPTS} round trips ({self._time_sync.status})")
+        status = enum_word(time_sync_pb2.TimeSyncState.Status, self._time_sync.status)
+        raise ClockError(f"time sync was not established in {ATTEMPTS} round trips ({status})")
 
     def sync_once(self) -> int:
         """One round trip. Returns how far it lies from the estimate, ns."""

@@ -11,6 +11,7 @@ from spot_model.robot.facts import N_JOINTS
 from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import SlowState
 from spot_runtime.hal.errors import HalError
+from spot_runtime.hal.spot.vendor_errors import enum_word
 from spot_runtime.stops import CRITICAL
 
 
@@ -87,8 +88,7 @@ def _system_fault(fault: robot_state_pb2.SystemFault) -> str:
 
 
 def _behavior_fault(fault: robot_state_pb2.BehaviorFault) -> str:
-    cause = robot_state_pb2.BehaviorFault.Cause.Name(fault.cause).removeprefix("CAUSE_").lower()
-    return f"{cause} ({fault.behavior_fault_id})"
+    return f"{enum_word(robot_state_pb2.BehaviorFault.Cause, fault.cause, 'CAUSE_')} ({fault.behavior_fault_id})"
 
 
 def _service_fault(fault: service_fault_pb2.ServiceFault) -> str:

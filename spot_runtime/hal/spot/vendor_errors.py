@@ -81,6 +81,13 @@ def _lease_held(error: lease.ResourceAlreadyClaimedError) -> LeaseHeldError:
     )
 
 
+def enum_word(enum: Any, number: int, prefix: str = "") -> str:
+    """The name of a value without its prefix, in lower case if it has one; its number if it is newer than our API."""
+    value = enum.DESCRIPTOR.values_by_number.get(number)
+    name = f"value {number} of newer software" if value is None else str(value.name)
+    return name.removeprefix(prefix).lower() if prefix else name
+
+
 def code_of(error: Exception) -> grpc.StatusCode | None:
     """The code of a call's error, given gRPC's or the SDK's around it; None if it has none."""
     code = getattr(getattr(error, "error", error), "code", None)
@@ -97,7 +104,6 @@ def _faults(error: sdk.ResponseError) -> str:
     """Names of the faults that a power or robot-command answer carries, as far as it does."""
     response = error.response
     names = [fault.name for fault in getattr(response, "blocking_faults", ())]
-    names += [fault.DESCRIPTOR.name for fault in getattr(response, "behavior_faults", ())]
     message = getattr(response, "message", "")
     return (f" ({', '.join(names)})" if names else "") + (f" ({message})" if message else "")
 

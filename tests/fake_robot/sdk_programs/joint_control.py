@@ -26,6 +26,8 @@ from bosdyn.util import now_timestamp, seconds_to_duration, seconds_to_timestamp
 KP = [624, 936, 286] * 4
 KD = [5.20, 5.20, 2.04] * 4
 HOLD_SECONDS_AT_MOST = 60.0
+# A robot on which this program must stay in control although the computer stalls: far beyond what a person would allow.
+END_SECONDS_AHEAD = 8.0
 
 
 class StateReader:
@@ -79,7 +81,9 @@ class Commander:
             request.header.client_name = "joint_control"
             request.header.request_timestamp.CopyFrom(now_timestamp())
             command = request.joint_command
-            command.end_time.CopyFrom(self._robot.time_sync.robot_timestamp_from_local_secs(time.time() + 0.2))
+            command.end_time.CopyFrom(
+                self._robot.time_sync.robot_timestamp_from_local_secs(time.time() + END_SECONDS_AHEAD)
+            )
             command.extrapolation_duration.CopyFrom(seconds_to_duration(0.005))
             command.position.extend(pose)
             command.velocity.extend([0.0] * 12)
