@@ -37,14 +37,14 @@ from diagnosis.selection.scoring import null_of
 from diagnosis.verdict.causes import ERRORS, Causes, decide
 from diagnosis.verdict.diagnose import diagnose
 from diagnosis.verdict.explain import explain
-from diagnosis.verdict.left_over import excess
+from diagnosis.verdict.left_over import excess, only_alike
 from diagnosis.verdict.posterior import ordinary_gap
 from spot_log import read_run
 from spot_log.read.run import Run
 from spot_model.errors import SpotRlError
 from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import Policy, load_policy
-from withheld.cases.draw import Case, draw, kind_of
+from withheld.cases.draw import Case, chosen, draw
 from withheld.cases.sequences import ordinary_sequences
 from withheld.cases.source import Source, source_of
 from withheld.measuring.distances import SHRINK_REPEATS, TWIN_REPEATS, make_runs, moved, true_shrink
@@ -52,7 +52,7 @@ from withheld.plan import Reality, RecordingPlan
 from withheld.scoring.sizes import LARGE, SMALL
 from withheld.simulator.simulation import RealityDivergedError
 
-KINDS: Final = ("faultless", "single", "double")
+KINDS: Final = ("faultless", "single", "double", "outside")
 POLICIES: Final = Path("policies")
 
 
@@ -81,14 +81,15 @@ def robot(seed: int, number: int, out: Path) -> str:
     }
     whole_rng = np.random.default_rng(case.diagnosis_seed)
     whole_found = diagnose(runs, reality.nominal, policy, whole_rng, lambda _: None, library=whole)
-    kept |= compared(whole_found.causes)
+    kept |= compared(whole_found.causes) | {"status": whole_found.verdict.status, "policy": case.policy}
     if any(m is not None and m >= LARGE for m in by):
         shrink = whole_found.verdict.shrink
         kept["named"] = [effect.name for effect in whole_found.verdict.effects]
         kept["stated_s"] = None if shrink is None else shrink.s
         kept["true_s"] = new_shrink(case, reality, whole_found.corrected, policy)
-        less = {name: entry for name, entry in whole.items() if name not in hidden}
-        kept["without"] = diagnosed(runs, reality.nominal, policy, less, case.diagnosis_seed)
+        if hidden:
+            less = {name: entry for name, entry in whole.items() if name not in hidden}
+            kept["without"] = diagnosed(runs, reality.nominal, policy, less, case.diagnosis_seed)
     file.write_text(json.dumps(kept))
     return f"{number}: {case.kind}, {time.monotonic() - began_s:.0f} s"
 
@@ -135,10 +136,15 @@ def compared(causes: Causes) -> dict[str, Any]:
     return {
         "distance": causes.distances.get(ERRORS),
         "scatter_nm": causes.scatter_nm,
+        "model_scatter": causes.model_scatter,
         "errors": causes.errors,
         "best": causes.left,
         "beyond": first.remainder().beyond(USUAL_LEFT),
         "excess": excess(first.board, null_of(first.board)),
+        "left": excess(first.board, first.selection.best or null_of(first.board)),
+        "alike": only_alike(first.board, first.selection.best or null_of(first.board)),
+        "causes": dict(belief.effects),
+        "odd": causes.odd,
         "found": [
             {"name": n, "nats": gains[n], "nearer": belief.nearer.get(n), "moved": causes.moved.get(n), "p": p}
             for n, p in belief.there.items()
@@ -167,7 +173,7 @@ def new_shrink(case: Case, reality: Reality, delivered: RobotModel, policy: Poli
 def robots(given: Namespace) -> None:
     """Make what is missing."""
     given.out.mkdir(parents=True, exist_ok=True)
-    numbers = [n for n in range(given.first, given.to) if kind_of(given.seed, n) in (given.kind or KINDS)]
+    numbers = chosen(given.seed, range(given.first, given.to), given.kind or KINDS)
     began_s = time.monotonic()
     with ProcessPoolExecutor(given.workers) as pool:
         late_s = began_s + given.until
@@ -253,7 +259,9 @@ def unknowns(rows: list[dict[str, Any]]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _left(row: dict[str, Any]) -> tuple[float, float]:
-    usual = ordinary_gap(row["scatter_nm"], row["errors"]) + LEFT_SHARE * max(row["distance"] - row["best"], 0.0)
+    usual = ordinary_gap(row["scatter_nm"], row["errors"], row["odd"], row["model_scatter"]) + LEFT_SHARE * max(
+        row["distance"] - row["best"], 0.0
+    )
     return float(np.log(row["best"] / usual)), float(np.log1p(row["beyond"]))
 
 

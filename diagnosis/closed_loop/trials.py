@@ -151,6 +151,16 @@ class Trials:
         """The floor's W1 part, over the sequences; NaN where nothing was compared."""
         return float(np.exp(np.mean([np.log(c.scale[0]) for c in self.compared]))) if self.compared else float("nan")
 
+    def scatter_of(self, name: str, policy: Policy) -> float:
+        """What a model's own runs scatter by, in the robot's floors; NaN if unknown."""
+        own = features_by_sequence(self.runs[name], policy)
+        ratios = [
+            float(np.mean(SequenceReference.build(c.sequence, list(own[c.sequence])).scale / c.scale))
+            for c in self.compared
+            if c.real.shape[0] > 1 and len(own.get(c.sequence, ())) > 1
+        ]
+        return float(np.exp(np.mean(np.log(ratios)))) if ratios else float("nan")
+
     def moved(self, name: str, other: str, policy: Policy) -> float:
         """How far one model's runs lie from another's, beyond their scatter, in the robot's floors; NaN if unknown."""
         first, second = (features_by_sequence(self.runs[key], policy) for key in (name, other))

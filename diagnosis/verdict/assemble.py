@@ -9,7 +9,7 @@ import numpy as np
 from diagnosis.channels.channel import Channel
 from diagnosis.closed_loop.gap_map import GapMap
 from diagnosis.closed_loop.trials import NOMINAL
-from diagnosis.decision_constants import CLOSES_SOME, NO_GAP_IS_LIKELY, PARTLY, UNKNOWN_IS_LIKELY
+from diagnosis.decision_constants import CLOSES_SOME, PARTLY, UNKNOWN_IS_LIKELY
 from diagnosis.document import FoundEffect, SeenEffect, Shrink, Status, Stretch, Verdict
 from diagnosis.library.registry import LIBRARY
 from diagnosis.selection.fitted import numbers
@@ -49,7 +49,7 @@ def status_of(causes: Causes) -> Status:
         return "unknown_effect"
     if found.selection.best is None:
         # Without a gap there is nothing to explain; with one, nothing explains it.
-        return "no_gap" if belief.none >= NO_GAP_IS_LIKELY else "unknown_effect"
+        return "no_gap" if belief.none >= belief.unknown else "unknown_effect"
     return "partly_explained" if belief.unknown > PARTLY else "explained"
 
 

@@ -58,6 +58,8 @@ class Causes:
     """By effect of the best set, (D − floor)/floor between runs with it and without it."""
     scatter_nm: float
     """The floor's W1 part, N·m; NaN where nothing was simulated."""
+    model_scatter: float
+    """What runs of the best set's model scatter by, in the robot's floors; NaN where nothing was simulated."""
     errors: float
     """Size of the robot's ordinary errors, in published standard deviations."""
     odd: float
@@ -102,6 +104,11 @@ def name_of(scored: Scored) -> str:
     return " + ".join(sorted(t.effect.name for t in scored.terms)) or ERRORS
 
 
+def name_of_best(found: Explained) -> str:
+    """Of the set that was found, maybe none."""
+    return name_of(found.selection.best) if found.selection.best is not None else ERRORS
+
+
 @dataclass(frozen=True)
 class Tried:
     """Closed loops of all candidates."""
@@ -113,6 +120,8 @@ class Tried:
     notes: tuple[str, ...] = ()
     scatter_nm: float = float("nan")
     """The floor's W1 part, N·m."""
+    model_scatter: float = float("nan")
+    """What runs of the best set's model scatter by, in the robot's floors."""
 
 
 def try_out(
@@ -129,7 +138,7 @@ def try_out(
     compared differs in one effect.
     """
     bench = with_environment(bench, found, nominal)
-    best = name_of(found.selection.best) if found.selection.best is not None else ERRORS
+    best = name_of_best(found)
     like = {name: best for name in candidates if name not in (best, ERRORS)}
     simulated = dict(candidates)
     if len(found.effects) == 1:
@@ -141,7 +150,8 @@ def try_out(
         less = ALONE if len(found.effects) == 1 else " + ".join(sorted(set(found.effects) - {effect}))
         if best in trials.runs and less in trials.runs:
             moved[effect] = trials.moved(best, less, bench.policy)
-    return Tried(trials.distances(), moved, trials.notes, trials.scatter_nm())
+    scatter = trials.scatter_of(best, bench.policy) if best in trials.runs else float("nan")
+    return Tried(trials.distances(), moved, trials.notes, trials.scatter_nm(), scatter)
 
 
 def decide(
@@ -162,10 +172,39 @@ def decide(
         rng: Draws seeds.
         tell: Called with the share that is done.
     """
-    candidates = candidates_of(found)
+    first = found
+    compared = _compare(found, nominal, bench, rng, lambda share: tell(0.6 * share))
+    rival = compared.likeliest()
+    if rival != name_of_best(found):
+        # Closed loops prefer what residuals put second. Its ordinary errors are others: so are those of the sets less
+        # an effect with which it is compared.
+        found = found.with_effects(compared.candidates[rival], library)
+        compared = _compare(found, nominal, bench, rng, lambda share: tell(0.6 + 0.4 * share))
+    return _kept(found, first, compared, library)
+
+
+@dataclass(frozen=True)
+class _Compared:
+    """Candidates, and what residuals and closed loops say of each."""
+
+    best: str
+    candidates: Mapping[str, Scored]
+    hypotheses: Mapping[str, Hypothesis]
+    tried: Tried
+
+    def likeliest(self) -> str:
+        """Of the sets with as many effects as the best."""
+        best = self.hypotheses[self.best]
+        rivals = {n: h for n, h in self.hypotheses.items() if len(h.effects) == len(best.effects)}
+        return max(rivals, key=lambda name: log_odds(rivals[name], best))
+
+
+def _compare(
+    found: Explained, nominal: RobotModel, bench: Bench | None, rng: np.random.Generator, tell: Tell
+) -> _Compared:
+    candidates, best = candidates_of(found), name_of_best(found)
     tried = try_out(found, nominal, candidates, bench, rng, tell) if bench is not None else Tried({}, {})
     distances = dict(tried.distances)
-    best = name_of(found.selection.best) if found.selection.best is not None else ERRORS
     if ERRORS in distances and best in distances:
         # A robot that lies where the plain nominal model lies has no gap either.
         distances[ERRORS] = min(distances[ERRORS], distances[NOMINAL])
@@ -177,55 +216,36 @@ def decide(
         for name, s in candidates.items()
         if not distances or name in distances
     }
-    return _kept(found, candidates, hypotheses, tried, library)
+    return _Compared(best, candidates, hypotheses, tried)
 
 
-def _kept(
-    found: Explained,
-    candidates: Mapping[str, Scored],
-    hypotheses: Mapping[str, Hypothesis],
-    tried: Tried,
-    library: Mapping[str, LibraryEffect],
-) -> Causes:
+def _kept(found: Explained, first: Explained, compared: _Compared, library: Mapping[str, LibraryEffect]) -> Causes:
     """The likeliest set less what is not there, or does not matter."""
-    moved, first = dict(tried.moved), found
-    residuals_best = hypotheses[name_of(found.selection.best) if found.selection.best is not None else ERRORS]
-    likeliest = max(
-        (name for name, h in hypotheses.items() if len(h.effects) == len(found.effects)),
-        key=lambda name: log_odds(hypotheses[name], residuals_best),
-    )
-    for ours, rival in zip(
-        set(found.effects) - set(hypotheses[likeliest].effects),
-        set(hypotheses[likeliest].effects) - set(found.effects),
-        strict=True,
-    ):
-        # Closed loops prefer an effect that residuals put second: it stands for the same change of the motion.
-        moved[rival] = moved.pop(ours, float("nan"))
-        found = found.with_effects(candidates[likeliest], library)
+    tried, best = compared.tried, found.selection.best or null_of(found.board)
     gains = dict(zip(found.effects, found.selection.gains, strict=True))
     beyond = found.remainder().beyond(USUAL_LEFT)
-    best = found.selection.best or null_of(found.board)
     errors, odd = size_of_errors(found.board, best.pulls), is_odd(excess(found.board, best))
-    ordinary = ordinary_gap(tried.scatter_nm, errors, odd)
+    ordinary = ordinary_gap(tried.scatter_nm, errors, odd, tried.model_scatter)
     alike = only_alike(found.board, best)
-    belief = believe(tuple(hypotheses.values()), found.effects, gains, found.n_runs, beyond, moved, ordinary, alike)
+    hypotheses = tuple(compared.hypotheses.values())
+    belief = believe(hypotheses, found.effects, gains, found.n_runs, beyond, tried.moved, ordinary, alike)
     kept, seen = best, []
     for term in best.terms:
         if not _is_cause(found, best, term, belief):
             kept = without(kept, kept.terms.index(term))
             if belief.there[term.effect.name] > 0.5:
-                seen.append(Seen(term, best, moved.get(term.effect.name)))
-    chosen = kept if kept.terms else None
+                seen.append(Seen(term, best, tried.moved.get(term.effect.name)))
     return Causes(
-        found.with_effects(chosen, library),
+        found.with_effects(kept, library),
         first,
         belief,
         tuple(seen),
-        name_of(chosen) if chosen is not None else ERRORS,
-        dict(candidates),
+        name_of(kept),
+        dict(compared.candidates),
         dict(tried.distances),
-        moved,
+        dict(tried.moved),
         tried.scatter_nm,
+        tried.model_scatter,
         errors,
         odd,
         tried.notes,

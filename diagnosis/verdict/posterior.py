@@ -18,7 +18,7 @@ explains.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -148,31 +148,35 @@ def believe(
     }
     if not is_simulated or nothing.distance is None:
         unknown = beyond_nats / (beyond_nats + sum(USUAL_LEFT.values()))
-        none = min((1.0 - max(there.values(), default=0.0)) * (1.0 - unknown), float(expit(most_log_odds(n_runs))))
         effects = {n: p * (1.0 - unknown) for n, p in there.items()}
+        none = min((1.0 - either_of(there.values())) * (1.0 - unknown), float(expit(most_log_odds(n_runs))))
         return replace(so_far, none=none, unknown=unknown, there=there, effects=effects)
     explained = max(nothing.distance - float(stated.distance or 0.0), 0.0)
     unknown = is_unknown(float(stated.distance or 0.0), explained, beyond_nats, ordinary)
     gap = is_gap(nothing.distance, ordinary)
     closed = closed_by(nothing.distance, explained, nearer, ordinary)
-    effects = {n: p * either(matters(moved.get(n, 0.0)), gap * (1.0 - unknown) * closed[n]) for n, p in there.items()}
-    none = (1.0 - gap) * (1.0 - max(effects.values(), default=0.0))
-    none = min(none, float(expit(most_log_odds(n_runs))))
-    # What makes no gap does not matter.
-    unknown = min(unknown, 1.0 - none)
-    return replace(so_far, none=none, unknown=unknown, there=there, effects=effects)
+    effects = {
+        n: p * either_of((matters(moved.get(n, 0.0)), gap * (1.0 - unknown) * closed[n])) for n, p in there.items()
+    }
+    known = either_of(effects.values())
+    none = min((1.0 - gap) * (1.0 - known), float(expit(most_log_odds(n_runs))))
+    # A gap has a cause: where no effect of the library is one, it is unknown.
+    return replace(so_far, none=none, unknown=1.0 - none - known * (1.0 - unknown), there=there, effects=effects)
 
 
-def ordinary_gap(scatter_nm: float, errors: float, odd: float = 0.0) -> float:
+def ordinary_gap(scatter_nm: float, errors: float, odd: float = 0.0, model_scatter: float = 1.0) -> float:
     """Distance in floors that 95 of 100 robots without a fault keep from a model with their ordinary errors.
 
     Args:
         scatter_nm: The floor's W1 part: between repeats of the robot's own runs, N·m.
         errors: Size of the robot's ordinary errors, in published standard deviations.
         odd: Probability that residuals leave more than ordinary errors do: the errors fitted to them mean little then.
+        model_scatter: What the model's own runs scatter by, in floors; NaN if unknown. Runs of two that scatter by 1
+            and by m lie √((1 + m²)/2) apart, even where nothing else differs.
     """
     largest = LARGEST_ERRORS + odd * (USUAL_ERRORS - LARGEST_ERRORS)
-    return float(np.hypot(RUNS_APART, ORDINARY_LEFT_NM * min(errors, largest) / max(scatter_nm, 1e-6)))
+    apart = RUNS_APART * np.sqrt((1.0 + (model_scatter if np.isfinite(model_scatter) else 1.0) ** 2) / 2.0)
+    return float(np.hypot(apart, ORDINARY_LEFT_NM * min(errors, largest) / max(scatter_nm, 1e-6)))
 
 
 def closed_by(distance: float, explained: float, nearer: Mapping[str, float], ordinary: float) -> dict[str, float]:
@@ -190,9 +194,9 @@ def closed_by(distance: float, explained: float, nearer: Mapping[str, float], or
     return {n: whole * floors / total if total > 0.0 else 0.0 for n, floors in each.items()}
 
 
-def either(p: float, q: float) -> float:
-    """Probability of one or the other of two that are independent."""
-    return 1.0 - (1.0 - p) * (1.0 - q)
+def either_of(probabilities: Iterable[float]) -> float:
+    """Probability of one or another of some that are independent."""
+    return 1.0 - float(np.prod([1.0 - p for p in probabilities]))
 
 
 def is_gap(distance: float, ordinary: float) -> float:

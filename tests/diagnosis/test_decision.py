@@ -208,17 +208,13 @@ def test_effects_that_make_up_for_each_other_and_lead_away_from_the_robot_are_no
 
 
 def test_what_stays_of_gap_and_residuals_is_unknown() -> None:
-    def unknown(distance: float, beyond_nats: float) -> float:
-        hypotheses = (Hypothesis((), 0.0, distance), Hypothesis(("torque_ripple",), 40.0, distance))
-        return _believed(hypotheses, ("torque_ripple",), beyond_nats, torque_ripple=0.2).unknown
-
     at, by_distance, by_nats = UNKNOWN
     log_odds = at + by_distance * np.log(2.0) + by_nats * np.log(101.0)
-    assert unknown(2.0 * ORDINARY_GAP, 100.0) == pytest.approx(1.0 / (1.0 + np.exp(-log_odds)))
-    assert unknown(2.0 * ORDINARY_GAP, 300.0) > 0.9
+    assert is_unknown(2.0 * ORDINARY_GAP, 0.0, 100.0, ORDINARY_GAP) == pytest.approx(1.0 / (1.0 + np.exp(-log_odds)))
+    assert is_unknown(2.0 * ORDINARY_GAP, 0.0, 300.0, ORDINARY_GAP) > 0.9
     # A gap that residuals know nothing of, and residuals that make no gap, are doubtful.
-    assert unknown(ORDINARY_GAP, 0.0) < 0.1
-    assert unknown(0.3 * ORDINARY_GAP, 50.0) < 0.3
+    assert is_unknown(ORDINARY_GAP, 0.0, 0.0, ORDINARY_GAP) < 0.1
+    assert is_unknown(0.3 * ORDINARY_GAP, 0.0, 50.0, ORDINARY_GAP) < 0.3
 
 
 def test_what_robots_without_a_fault_keep_is_no_gap() -> None:
@@ -256,10 +252,34 @@ def test_one_run_does_not_prove_that_nothing_is_wrong(distance: float | None) ->
     assert none(3) > 0.99
 
 
-def test_what_makes_no_gap_is_no_unknown_that_matters() -> None:
-    near = believe((Hypothesis((), 0.0, 0.5 * ORDINARY_GAP),), (), {}, 9, 1e4, {}, ORDINARY_GAP)
-    assert near.none > 0.95
-    assert near.unknown == pytest.approx(1.0 - near.none)
+@pytest.mark.parametrize("distance", [0.5, 1.0, 1.2, 3.0])
+def test_a_gap_that_no_effect_makes_is_unknown_and_what_makes_none_does_not_matter(distance: float) -> None:
+    found = believe((Hypothesis((), 0.0, distance * ORDINARY_GAP),), (), {}, 9, 1e4, {}, ORDINARY_GAP)
+    assert found.none == pytest.approx(1.0 - is_gap(distance * ORDINARY_GAP, ORDINARY_GAP))
+    assert found.unknown == pytest.approx(1.0 - found.none)
+
+
+def test_no_gap_a_known_cause_and_an_unknown_one_alone_add_up_to_one() -> None:
+    both = ("payload_mass", "leg_mass")
+    sets = (
+        Hypothesis((), 0.0, 1.3 * ORDINARY_GAP),
+        Hypothesis(both, 12.0, ORDINARY_GAP),
+        Hypothesis(("payload_mass",), 8.0, 1.1 * ORDINARY_GAP),
+        Hypothesis(("leg_mass",), 8.0, 1.2 * ORDINARY_GAP),
+    )
+    found = _believed(sets, both, 5.0, payload_mass=1.0, leg_mass=0.5)
+    known = 1.0 - np.prod([1.0 - p for p in found.effects.values()])
+    assert 0.05 < known < 0.95
+    beside = is_unknown(ORDINARY_GAP, 0.3 * ORDINARY_GAP, 5.0, ORDINARY_GAP)
+    alone = found.unknown - known * beside
+    assert alone == pytest.approx(is_gap(1.3 * ORDINARY_GAP, ORDINARY_GAP) * (1.0 - known))
+    assert found.none + known + alone == pytest.approx(1.0)
+
+
+def test_a_model_that_scatters_more_than_the_robot_lies_farther_from_it() -> None:
+    # Seven floors of scatter and the robot's one: runs lie five floors apart.
+    assert ordinary_gap(100.0 * ORDINARY_LEFT_NM, 0.5, 0.0, 7.0) == pytest.approx(5.0 * RUNS_APART, rel=1e-4)
+    assert ordinary_gap(0.2, 0.3, 0.0, float("nan")) == ordinary_gap(0.2, 0.3)
 
 
 def test_the_right_effects_may_leave_a_share_of_what_they_close() -> None:
@@ -298,7 +318,7 @@ def test_without_the_smaller_set_nearer_is_infinite() -> None:
 
 @pytest.mark.parametrize(
     ("none", "unknown", "status"),
-    [(0.9, 0.05, "no_gap"), (0.5, 0.5, "no_gap"), (0.24, 0.04, "unknown_effect"), (0.1, 0.8, "unknown_effect")],
+    [(0.9, 0.05, "no_gap"), (0.5, 0.5, "no_gap"), (0.24, 0.34, "unknown_effect"), (0.1, 0.8, "unknown_effect")],
 )
 def test_a_gap_that_no_cause_explains_is_unknown_however_doubtful_each_cause_is(
     none: float, unknown: float, status: str
