@@ -23,17 +23,18 @@ TITLES: Final = {
 
 @dataclass(frozen=True)
 class SignalDifference:
-    """One signal of the twelve joints, the other run less the reference."""
+    """One signal of the twelve joints, the other run minus the reference."""
 
     signal: str
+    """Its name: position_rad, velocity_rad_s, load_nm or set_point_rad."""
     over_time: Array
-    """Other less reference at each sample. Shape (n, 12)."""
+    """Other minus reference at each sample. Shape (n, 12)."""
     rms: Array
-    """Root mean square of that. Two walks drift out of step, so it grows with time. Shape (12,)."""
+    """Root mean square of that. Two walks drift out of phase, so it grows with time. Shape (12,)."""
     distance: Array
-    """1-Wasserstein distance of the values, whatever the step. Shape (12,)."""
+    """1-Wasserstein distance of the distributions of values, which ignores phase. Shape (12,)."""
     spread: Array
-    """Standard deviation of the reference, to compare with. Shape (12,)."""
+    """Standard deviation of the reference, for scale. Shape (12,)."""
 
     @property
     def share(self) -> Array:
@@ -52,13 +53,15 @@ class Differences:
     """All differences of one run from the reference."""
 
     name: str
+    """Name of the run."""
     signals: dict[str, SignalDifference]
+    """By name of the signal; below."""
     forward_speed_m_s: tuple[float, float]
     """Mean over the stretch, reference and other."""
     speed_error_m_s: tuple[float, float]
     """Mean of |commanded − measured| forward speed, reference and other; NaN without commands."""
     end_distance_m: float
-    """How far apart the two bodies have come, when both start in the same place and direction."""
+    """Distance between the two bodies at the end, if both start in the same place and direction."""
 
     @property
     def largest(self) -> tuple[str, str, float]:

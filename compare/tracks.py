@@ -27,7 +27,9 @@ class Track:
     """Signals of one run, n samples :data:`STEP_S` apart; joints in canonical order, NaN where the run has no value."""
 
     name: str
+    """Name of the run."""
     is_simulated: bool
+    """Whether it was simulated."""
     start_ns: int
     """Stamp of the first sample, the robot's clock."""
     stamp_ns: NDArray[np.int64]
@@ -37,19 +39,19 @@ class Track:
     set_point_rad: Array
     """Joint positions that were asked for. Shape (n, 12)."""
     position_rad: Array
-    """Shape (n, 12)."""
+    """Measured joint positions. Shape (n, 12)."""
     velocity_rad_s: Array
-    """Shape (n, 12)."""
+    """Measured joint velocities. Shape (n, 12)."""
     load_nm: Array
-    """Shape (n, 12)."""
+    """Torques that the joints report. Shape (n, 12)."""
     body_velocity: Array
     """V_x, V_y (m/s) and ω_z (rad/s) in the body frame. Shape (n, 3)."""
     position_of_body_in_odom_m: Array
-    """Shape (n, 3)."""
+    """Position of the body in odom. Shape (n, 3)."""
     odom_from_body_wxyz: Array
-    """Shape (n, 4)."""
+    """Its orientation, scalar first. Shape (n, 4)."""
     foot_contact: Flags
-    """Shape (n, 4), or (n, 0) where the run has none."""
+    """Whether each foot is on the ground. Shape (n, 4), or (n, 0) where the run has none."""
 
     def __len__(self) -> int:
         return len(self.stamp_ns)

@@ -19,8 +19,11 @@ class GapCell(Settings):
     """The gap of one signal at one joint in one regime."""
 
     signal: str
+    """What was compared: a joint's position, velocity or load, or a velocity of the body."""
     joint: str
+    """Name of the joint; `body` for the body."""
     regime: str
+    """The part of the motion, such as stance or swing."""
     gap: float
     """Mean Wasserstein distance of real and nominal runs of the same commands, in ``unit``."""
     floor: float
@@ -28,29 +31,38 @@ class GapCell(Settings):
     ratio: float | None
     """gap / floor; null without repeats."""
     p_value: float | None
-    """Of permuting whole runs between real and nominal, adjusted after Benjamini and Hochberg; null without repeats."""
+    """From permuting whole runs between real and nominal, adjusted by Benjamini–Hochberg; null without repeats."""
     low: float | None = None
     high: float | None = None
     """Interval of the gap from blocks of one second, where there are no repeats."""
     unit: str = ""
+    """Unit of `gap` and `floor`."""
     n_samples: int = 0
+    """Samples of the real runs in this cell."""
 
 
 class Number(Settings):
     """A fitted number with its 90 % interval."""
 
     value: float
+    """The estimate."""
     low: float
+    """Lower end of the interval."""
     high: float
+    """Upper end."""
     unit: str = ""
+    """Its unit; empty for a share."""
 
 
 class Split(Settings):
-    """The recording that would tell the members of a group apart."""
+    """The recording that would distinguish the members of a group."""
 
     name: str
+    """Name of the recording."""
     text: str
+    """What to do, in a sentence."""
     by_hand: str = ""
+    """What has to be done by hand, if anything."""
     command: str
     """For a terminal."""
     sequence_file: str = ""
@@ -58,125 +70,171 @@ class Split(Settings):
 
 
 class FoundEffect(Settings):
-    """An effect, or a group of effects that these logs cannot tell apart."""
+    """An effect, or a group of effects that these logs do not distinguish."""
 
     name: str
+    """Name of the effect, as in a model file."""
     title: str = ""
+    """The same in words."""
     probability: float = Field(ge=0.0, le=1.0)
+    """That an effect of this group is present and matters."""
     group: tuple[str, ...]
-    """Names within the margin of the best, best first; the effect alone where nothing else comes near."""
+    """Effects that the logs do not distinguish from it, most likely first, itself included."""
     joints: tuple[str, ...]
+    """Where it acts."""
     split_by: str
-    """What to record to tell the group's members apart; empty for a group of one."""
+    """What to record to distinguish the group's members; empty for a group of one."""
     split: Split | None = None
+    """The recording that distinguishes them, with the command; null for a group of one."""
     parameters: dict[str, Number]
+    """Fitted parameters of the effect, by name."""
     rivals: dict[str, float] = Field(default_factory=dict)
     """Probability of each effect in this place, adding up to ``probability`` with the other members."""
     gain_nats: float = 0.0
-    """What it adds to the log-likelihood of folds that the fit never saw."""
+    """Evidence for it: what it adds to the log-likelihood of data not used for fitting, nats (3: odds of 20 to 1)."""
     nearer_floors: float | None = None
-    """By how much closed loops come nearer to the robot with it, in distances between the robot's own repeats."""
+    """How much closer closed loops come to the robot with it, in floors; null if nothing was simulated."""
     moved_floors: float | None = None
-    """(D − floor)/floor of closed loops of the simulator with it and without it: how much it matters here."""
+    """How much it matters: (D − floor)/floor, with D the distance between closed loops with and without it."""
     channels: dict[str, float] = Field(default_factory=dict)
-    """Where that gain comes from, nats by channel."""
+    """The same evidence by channel, in nats."""
 
 
 class SeenEffect(Settings):
-    """An effect that is likely there and does not matter here: closed loops are hardly others with it."""
+    """An effect that is probably present but does not matter here: closed loops hardly change with it."""
 
     name: str
+    """Name of the effect, as in a model file."""
     title: str = ""
+    """The same in words."""
     joints: tuple[str, ...]
+    """Where it acts."""
     parameters: dict[str, Number]
+    """Fitted parameters, by name."""
     moved_floors: float | None = None
-    """As for an effect that was found; null where nothing could be simulated."""
+    """As for a cause; null if nothing was simulated."""
 
 
 class Dependence(Settings):
     """A quantity on which an unexplained residual depends, with the fitted curve."""
 
     quantity: str
+    """Name of the quantity."""
     importance: float
+    """Share of the residual that it predicts."""
     at: tuple[float, ...]
+    """Values of the quantity at which the curve is given."""
     residual: tuple[float, ...]
+    """Mean residual there, in the channel's unit."""
 
 
 class FormulaTerm(Settings):
     """One term: ``value`` times ``code``, in the angle q, the speed v and the torque."""
 
     code: str
+    """The term's formula."""
     unit: str
+    """Unit of `value`."""
     value: float
+    """Its factor."""
     at_rad: float | None = None
-    """Of a term about one angle."""
+    """The angle around which the term acts, if it does."""
     width_rad: float | None = None
+    """Width of that term."""
 
 
 class Formula(Settings):
-    """A torque that would explain what is left: the sum of its terms."""
+    """A torque that would explain the remaining residual: the sum of its terms."""
 
     terms: tuple[FormulaTerm, ...]
+    """The terms."""
     predicted_share: float
-    """Share of what is left that it predicts, in runs that it was not fitted to."""
+    """Share of the remaining residual that it predicts, in runs that it was not fitted to."""
 
 
 class UnknownEffect(Settings):
     """What no effect of the library explains."""
 
     joints: tuple[str, ...]
+    """Where the residual is."""
     regime: str
+    """The part of the motion in which it is largest."""
     depends_on: tuple[str, ...]
+    """The quantities that predict it best."""
     channel: str = ""
+    """The channel in which it shows."""
     unit: str = ""
+    """Unit of the residual."""
     predictable_share: float = 0.0
     """Share of the remaining residual that is predictable from signals, in runs that the fit never saw."""
     curves: tuple[Dependence, ...] = ()
+    """The residual over each of these quantities."""
     formula: Formula | None = None
     """A short formula for it, where there is one; ``unknown_effect.py`` beside the verdict holds it as an effect."""
 
 
 class Placebo(Settings):
-    """The best wrong effect with as many parameters."""
+    """The gap closed without any cause: the nominal model with only ordinary errors added."""
 
     name: str
+    """What was added instead of the effects."""
     s: float
+    """Share of the gap that it closes."""
 
 
 class OtherGap(Settings):
     """A gap of another signal, before and after."""
 
     name: str
+    """The signal."""
     unit: str
+    """Unit of the figures."""
     before: float
+    """Distance from the robot without the effects."""
     after: float
+    """The same with them."""
     floor: float
+    """Distance between real runs."""
 
 
 class Shrink(Settings):
     """How much of the gap closes with the effects added, in closed loop, on sequences not used for fitting."""
 
     metric: Literal["w1_mmd"] = "w1_mmd"
+    """The mean of two distances, 1-Wasserstein and MMD, each over its floor."""
     d0: float
+    """Distance from the robot before, in floors."""
     d1: float
+    """Distance after."""
     floor: float
+    """Distance between two real runs, in the same unit."""
     s: float | None
     """(d0 - d1) / (d0 - floor); null where the gap does not exceed its floor."""
     s_low: float | None
+    """Lower end of its 90 % interval."""
     s_high: float | None
+    """Upper end."""
     held_out: tuple[str, ...]
+    """Sequences on which it was measured."""
     placebo: Placebo | None
+    """The same with ordinary errors only, for comparison."""
     beside: tuple[OtherGap, ...] = ()
+    """Gaps of single signals."""
 
 
 class Stretch(Settings):
     """A stretch of a log: cut out, or carrying much of the gap."""
 
     log: str
+    """Name of the log."""
     kind: str
+    """Whether it was cut out, or contains much of the gap."""
     start_s: float
+    """From the log's first state."""
     end_s: float
+    """Likewise."""
     reason: str
+    """Why, in words."""
 
 
 class Verdict(Settings):
@@ -184,6 +242,7 @@ class Verdict(Settings):
 
     schema_name: Literal["spot-rl/verdict/1"] = Field(default=SCHEMA, alias="schema")
     status: Status
+    """The answer, in one word; see [how it is decided](../diagnosis.md#how-it-works)."""
     where: tuple[GapCell, ...]
     """Where the gap is largest, largest first."""
     effects: tuple[FoundEffect, ...]
@@ -196,7 +255,7 @@ class Verdict(Settings):
     probability_none: float = Field(ge=0.0, le=1.0)
     """Probability that there is no cause: only ordinary errors."""
     probability_unknown: float = Field(ge=0.0, le=1.0)
-    """Probability that an effect acts that the library lacks."""
+    """Probability of an effect that the library lacks."""
     unknown: UnknownEffect | None
     """What no effect explains; null if nothing remains to be described."""
     channels: dict[str, str]
@@ -206,7 +265,7 @@ class Verdict(Settings):
     shrink: Shrink | None
     """How much of the gap closes; null if nothing could be simulated or nothing was found."""
     synthesis: dict[str, Any] | None = None
-    """What the diagnosis says of the nominal simulator with the effects added; null if it was not asked for."""
+    """The diagnosis of the nominal simulator with the effects added (``--synthesis``); null if not asked for."""
     log_advice: tuple[str, ...]
     """What to record next, a sentence each."""
     timeline: tuple[Stretch, ...] = ()

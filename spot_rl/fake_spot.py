@@ -17,10 +17,12 @@ from typing_extensions import Self
 from fake_robot.scenario.scenario import scenario_from_data
 from fake_robot.start.process import FakeProcess
 from spot_model.errors import BadInputError, SpotRlError
-from spot_rl.paths import AnyPath, existing, to_path
+from spot_rl.paths import AnyPath, to_path
+from spot_rl.simulation import policy_file
 
 if TYPE_CHECKING:
     from spot_log.read.run import Run
+    from spot_model.policy.policy import Policy
 
 
 class WalkError(SpotRlError):
@@ -54,7 +56,11 @@ class FakeSpot:
         """Start the robot and wait until it serves."""
         with ExitStack() as stack:
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="spot-rl-")))
-            process = stack.enter_context(FakeProcess(scenario=self._scenario, is_lock_step=self.is_lock_step))
+            # Effects of one's own are found where the script finds them.
+            environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+            process = stack.enter_context(
+                FakeProcess(scenario=self._scenario, is_lock_step=self.is_lock_step, environment=environment)
+            )
             self._stack, self._running = stack.pop_all(), (process, folder)
         return self
 
@@ -85,7 +91,7 @@ class FakeSpot:
 
     def walk(
         self,
-        policy: AnyPath,
+        policy: AnyPath | Policy,
         *,
         velocity: Sequence[float] | None = None,
         sequence: str | AnyPath | None = None,
@@ -96,7 +102,7 @@ class FakeSpot:
         """Run a policy on the robot, from sitting to sitting, and read the log.
 
         Args:
-            policy: ONNX file.
+            policy: An ONNX file, or a policy of :func:`load_policy`.
             velocity: V_x, V_y (m/s) and ω_z (rad/s), held for the whole run; standing by default.
             sequence: In place of ``velocity``: a built-in sequence (``forward``, ``six_directions``, ``random``,
                 ``standing``) or a YAML file.
@@ -110,7 +116,7 @@ class FakeSpot:
         Raises:
             SpotRlError: The policy is not valid, an argument is not allowed, or no log was written.
         """
-        words = self._words(existing(policy, "policy"), velocity, sequence, duration_s)
+        words = self._words(policy_file(policy), velocity, sequence, duration_s)
         folder = to_path(log_dir, "log_dir") if log_dir is not None else self._robot()[1] / "logs"
         before = set(folder.glob("*.mcap"))
         words += ["--log-dir", str(folder)]

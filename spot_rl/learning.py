@@ -13,6 +13,7 @@ from spot_rl.paths import AnyPath, existing, to_path
 
 if TYPE_CHECKING:
     from spot_model.io.model_file import RobotModel
+    from spot_model.policy.policy import Policy
     from trainer.config.train_config import TrainConfig
 
 
@@ -69,32 +70,42 @@ def export(run: AnyPath, out: AnyPath, *, name: str | None = None) -> Path:
 
 
 def evaluate(
-    policy: AnyPath, *, model: str | AnyPath | RobotModel = "paper_identified", n: int = 100, seed: int = 0
+    policy: AnyPath | Policy,
+    *,
+    model: str | AnyPath | RobotModel = "paper_identified",
+    n: int = 100,
+    seed: int = 0,
 ) -> dict[str, Any]:
     """Measure a policy in simulation: tracking, top speed, gait, falls, pushes, a slippery patch.
 
     Args:
-        policy: ONNX file.
+        policy: An ONNX file, or a policy of :func:`load_policy`.
         model: The simulated robot: a built-in name, a model file, or a model.
         n: Robots in each trial that counts falls; 100 take some minutes on two cores.
         seed: Random seed.
 
     Returns:
-        Figures by trial, as in the ``evaluation.json`` of ``spot-rl evaluate``: ``tracking``
-        (``mean_forward_error_m_s``, ``mean_yaw_error_rad_s``, …), ``top_speed`` (``sustained_m_s``), ``episodes_slow``
-        (``episodes``, ``falls``), ``pushes`` and ``slippery_patch``.
+        Figures by trial, as in the ``evaluation.json`` of ``spot-rl evaluate``; speeds in m/s, power in W.
+        ``tracking``, single commands on flat ground: ``mean_forward_error_m_s``, ``mean_lateral_error_m_s``,
+        ``mean_yaw_error_rad_s``, ``standing_speed_m_s``. ``top_speed``: ``sustained_m_s`` (None if it falls at every
+        speed), ``commanded_m_s``, ``power_w``, ``gait``, ``stride_hz``, ``curve`` (commanded, held, upright).
+        ``episodes_slow`` (up to 3 m/s) and, for faster policies, ``episodes_fast``: ``falls`` of ``episodes`` of 20 s
+        with random friction (0.3 to 1.0, times the scale of an effect ``ground_friction``), masses, starts and pushes.
+        ``pushes`` of 1 m/s and ``slippery_patch``: ``survived`` of ``trials``.
 
     Raises:
         SpotRlError: A file is missing or not valid.
     """
     from spot_model.errors import BadInputError
+    from spot_model.policy.policy import Policy
     from spot_rl.simulation import load_policy, model_of
     from trainer.evaluate.report import evaluate as run_trials
     from trainer.evaluate.setting import Setting
 
     if n < 1:
         raise BadInputError(f"n = {n}; allowed: 1 or more robots")
-    return run_trials(Setting(policy=load_policy(policy), model=model_of(model)[0], seed=seed), n=n)
+    loaded = policy if isinstance(policy, Policy) else load_policy(policy)
+    return run_trials(Setting(policy=loaded, model=model_of(model)[0], seed=seed), n=n)
 
 
 def training_config(config: AnyPath | Mapping[str, Any], changes: Mapping[str, Any] | None) -> TrainConfig:

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from diagnosis.document import Verdict
     from spot_log.read.run import Run
     from spot_model.io.model_file import RobotModel
+    from spot_model.policy.policy import Policy
     from trainer.sysid.identify.result import ResultData
     from trainer.sysid.search.config import SysidConfig
 
@@ -41,9 +42,9 @@ def diagnose(
     nominal: str | AnyPath | RobotModel,
     out: AnyPath,
     *,
-    policy: AnyPath | None = None,
+    policy: AnyPath | Policy | None = None,
     without: Iterable[str] = (),
-    add_effects: Iterable[str] = (),
+    add_effects: Iterable[str | type] = (),
     seed: int = 0,
     progress: bool = False,
 ) -> Verdict:
@@ -57,7 +58,7 @@ def diagnose(
         out: Folder for verdict.json, report.html and corrected_model.yaml; nothing in it is overwritten.
         policy: The policy that ran; by default the file in ``policies/`` with the logs' digest, if there is one.
         without: Effects to exclude from the library.
-        add_effects: Effects of your own, ``module:Class``.
+        add_effects: Effects of your own: each a class, or ``module:Class``.
         seed: Random seed.
         progress: Whether to show stage, share and time left on stderr.
 
@@ -74,7 +75,7 @@ def diagnose(
     from diagnosis.progress import Progress
     from diagnosis.report.output import check_free
     from diagnosis.session import Request, run_session
-    from spot_rl.simulation import model_of
+    from spot_rl.simulation import model_of, policy_file
 
     folder = to_path(out, "out")
     paths = existing_all(logs, "logs")
@@ -85,7 +86,7 @@ def diagnose(
         nominal=model,
         nominal_name=name,
         out=folder,
-        policy=existing(policy, "policy") if policy is not None else None,
+        policy=policy_file(policy) if policy is not None else None,
         library=chosen_library(list(add_effects), list(without)),
         seed=seed,
     )
@@ -95,7 +96,7 @@ def diagnose(
 
 def identify(
     logs: AnyPath | Iterable[AnyPath],
-    policy: AnyPath,
+    policy: AnyPath | Policy,
     out: AnyPath,
     *,
     config: AnyPath | Mapping[str, Any] | None = None,
@@ -109,9 +110,12 @@ def identify(
 
     Args:
         logs: Log files of one policy, or folders of them; each has at least five seconds under it.
-        policy: The policy that ran, an ONNX file.
+        policy: The policy that ran: an ONNX file, or a policy of :func:`load_policy`.
         out: Folder for identified.yaml, result.json and report.html; nothing in it is overwritten.
-        config: Parameters and settings of the search: a YAML file, or its keys as a mapping. Default: the paper's.
+        config: Parameters and settings of the search: a YAML file, or its keys as a mapping ([all
+            keys](files.md#search-of-an-identification)), such as ``{"parameters": [{"effect": "coulomb_friction",
+            "joints": ["knees"], "parameter": "level_nm", "initial": 0.0, "low": 0.0, "high": 1.5}]}``. Default: the
+            paper's.
         generations: Generations of the search, in place of the config's.
         workers: Processes, which import the script that calls this: put its own lines under
             ``if __name__ == "__main__":``, or give 1. The result does not depend on them.
@@ -127,6 +131,7 @@ def identify(
 
     from spot_model.errors import BadInputError
     from spot_model.policy.policy import load_policy
+    from spot_rl.simulation import policy_file
     from trainer.shared.engine import Place
     from trainer.sysid.identify.run_identification import run_identification
     from trainer.sysid.logs.read_logs import read_logs
@@ -138,7 +143,7 @@ def identify(
             'if __name__ == "__main__":, or give workers=1'
         )
     settings = _sysid_config(config, generations)
-    file = existing(policy, "policy")
+    file = policy_file(policy)
     log_set = read_logs(existing_all(logs, "logs"), load_policy(file))
     return run_identification(log_set, file, settings, to_path(out, "out"), resume=resume, place=Place(workers))
 

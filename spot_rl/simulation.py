@@ -13,6 +13,7 @@ from spot_rl.paths import AnyPath, existing, to_path
 if TYPE_CHECKING:
     from compare.compare import Comparison
     from spot_log.read.run import Run
+    from spot_model.effects.base import Effect
     from spot_model.io.model_file import RobotModel
     from spot_model.policy.policy import Policy
 
@@ -35,13 +36,26 @@ def load_policy(path: AnyPath) -> Policy:
     return load(existing(path, "policy"))
 
 
-def load_model(name_or_path: AnyPath, *, effects: Sequence[Mapping[str, Any]] = ()) -> RobotModel:
+def policy_file(policy: AnyPath | Policy) -> Path:
+    """The file of a policy that was given as a path, or as :func:`load_policy` returned it."""
+    from spot_model.errors import BadInputError
+    from spot_model.policy.policy import Policy
+
+    if not isinstance(policy, Policy):
+        return existing(policy, "policy")
+    if policy.path is None:
+        raise BadInputError(f"policy {policy.contract.name} was not loaded from a file; give the path of its ONNX file")
+    return existing(policy.path, "policy")
+
+
+def load_model(name_or_path: AnyPath, *, effects: Sequence[Mapping[str, Any] | Effect] = ()) -> RobotModel:
     """Load the model of a simulated Spot: the effects that act in it.
 
     Args:
         name_or_path: ``ideal``, ``paper_initial``, ``paper_identified``, or a model file (YAML).
-        effects: More of them, each with the keys of a model file, such as
-            ``{"effect": "coulomb_friction", "joints": ["knees"], "level_nm": 5.0}``.
+        effects: More effects, each as the keys of a model file, such as
+            ``{"effect": "coulomb_friction", "joints": ["knees"], "level_nm": 5.0}``, or as an object of an effect's
+            class, such as your own.
 
     Returns:
         The model; ``model.effects`` are those that act in it.
@@ -49,11 +63,15 @@ def load_model(name_or_path: AnyPath, *, effects: Sequence[Mapping[str, Any]] = 
     Raises:
         SpotRlError: There is no such model or effect, or a key or value is not allowed.
     """
+    from spot_model.effects.base import Effect
     from spot_model.io.model_file import load_model as load
     from spot_model.io.model_file import model_from_data
 
-    added = model_from_data({"effects": list(effects)}, source="load_model")
-    return load(os.fspath(name_or_path)).with_effects(*added.effects)
+    model = load(os.fspath(name_or_path))
+    for effect in effects:
+        made = [effect] if isinstance(effect, Effect) else model_from_data({"effects": [effect]}).effects
+        model = model.with_effects(*made)
+    return model
 
 
 def model_of(given: str | AnyPath | RobotModel) -> tuple[RobotModel, str]:

@@ -28,7 +28,7 @@ def make_safe(
 ) -> None:
     """Sit a robot down and cut its power after its control process died, unless another client has had it since.
 
-    Does nothing where no process of this computer has left a robot so, and never touches anybody else's lease.
+    Does nothing if no process on this computer left a robot under control; never uses another client's lease.
     """
     settings = resolve_config(config, ca_file=ca_file, credentials_file=credentials_file, log_dir=None)
     folder = state_dir or note_folder(os.environ)

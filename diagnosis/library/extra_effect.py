@@ -12,8 +12,12 @@ from spot_model.effects.base import Effect
 from spot_model.errors import BadInputError
 
 
-def chosen_library(added: Sequence[str], left_out: Sequence[str]) -> dict[str, LibraryEffect]:
+def chosen_library(added: Sequence[str | type], left_out: Sequence[str]) -> dict[str, LibraryEffect]:
     """The library with effects added and left out.
+
+    Args:
+        added: Each as ``module:Class``, or the class itself.
+        left_out: Names of the library.
 
     Raises:
         BadInputError: A name is unknown, or a class cannot be loaded.
@@ -36,13 +40,8 @@ def chosen_library(added: Sequence[str], left_out: Sequence[str]) -> dict[str, L
     return library
 
 
-def _load(value: str) -> LibraryEffect:
-    if value.count(":") != 1:
-        raise BadInputError(f"--add-effect {value!r}; allowed: module:Class, a subclass of LibraryEffect")
-    try:
-        made = EntryPoint(name="effect", value=value, group="spot_rl.library").load()
-    except (ImportError, AttributeError) as error:
-        raise BadInputError(f"--add-effect {value!r} cannot be loaded: {error}; is it on the Python path?") from error
+def _load(value: str | type) -> LibraryEffect:
+    made = value if isinstance(value, type) else _found(value)
     if isinstance(made, type) and issubclass(made, Effect):
         return entry_of(made)
     if not (isinstance(made, type) and issubclass(made, LibraryEffect)):
@@ -55,3 +54,12 @@ def _load(value: str) -> LibraryEffect:
     except TypeError as error:
         raise BadInputError(f"--add-effect {value!r} cannot be made: {error}; write what is missing") from error
     return effect
+
+
+def _found(value: str) -> object:
+    if value.count(":") != 1:
+        raise BadInputError(f"--add-effect {value!r}; allowed: module:Class, a subclass of Effect or LibraryEffect")
+    try:
+        return EntryPoint(name="effect", value=value, group="spot_rl.library").load()
+    except (ImportError, AttributeError) as error:
+        raise BadInputError(f"--add-effect {value!r} cannot be loaded: {error}; is it on the Python path?") from error

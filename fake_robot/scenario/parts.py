@@ -31,13 +31,19 @@ class PhysicsConfig(Part):
     substeps_per_state: int = Field(default=2, ge=1, le=12)
     """Physics steps in the 3 ms between two state messages; 2 gives steps of 1.5 ms."""
     integrator: Literal["Euler", "implicitfast", "implicit"] = "implicitfast"
+    """MuJoCo's integrator."""
     cone: Literal["pyramidal", "elliptic"] = "elliptic"
+    """MuJoCo's friction cone."""
     solver_iterations: int = Field(default=20, ge=1, le=200)
+    """Largest number of solver iterations."""
     contact_time_constant_s: float = Field(default=0.012, ge=0.002, le=0.2)
+    """MuJoCo's contact time constant."""
     contact_damping_ratio: float = Field(default=1.1, gt=0.0, le=5.0)
+    """MuJoCo's contact damping ratio."""
     armature_hip_kg_m2: float = Field(default=0.0403, ge=0.0, le=1.0)
+    """Reflected rotor inertia of a hip joint."""
     armature_knee_kg_m2: float = Field(default=0.0731, ge=0.0, le=1.0)
-    """Reflected rotor inertias; the defaults are one public estimate."""
+    """The same of a knee; both defaults are from one public estimate."""
     unpowered_damping_nm_s_per_rad: float = Field(default=6.0, ge=0.0, le=100.0)
     """Drag of gears and shorted motors without power: the robot sinks to the ground, it does not drop."""
 
@@ -57,24 +63,33 @@ class TerrainConfig(Part):
     """The ground."""
 
     kind: Literal["flat", "noise"] = "flat"
+    """`flat`, or `noise`: rough ground."""
     friction: float = Field(default=0.8, ge=0.0, le=3.0)
+    """Friction coefficient."""
     amplitude_m: float = Field(default=0.03, gt=0.0, le=0.3)
+    """Largest height of the rough ground."""
     cell_m: float = Field(default=0.25, gt=0.05, le=2.0)
+    """Distance between its grid points."""
     half_size_m: float = Field(default=15.0, gt=1.0, le=50.0)
+    """Half the side of the square of rough ground."""
 
 
 class PayloadConfig(Part):
     """A mass bolted to the body; 0 kg for none."""
 
     mass_kg: float = Field(default=0.0, ge=0.0, le=40.0)
+    """Its mass."""
     com_in_body_m: tuple[float, float, float] = (0.0, 0.0, 0.12)
+    """Its centre of mass in the body frame: forward, left, up."""
 
 
 class ChannelConfig(Part):
     """One direction of the network between client and robot, in robot time. Whole messages, in order."""
 
     delay: Delay
+    """Its distribution, one of [the kinds below](#delays)."""
     drop_probability: float = Field(default=0.0, ge=0.0, le=1.0)
+    """Probability that a message is lost."""
 
 
 STATE_CHANNEL = ChannelConfig(delay=LogNormalDelay(floor_s=0.0009, median_s=0.0006, sigma=0.26))
@@ -90,14 +105,23 @@ class SensorConfig(Part):
     """Standard deviations of white noise on what the robot reports, and where its sensors sit."""
 
     position_rad: float = Field(default=3e-4, ge=0.0, le=0.1)
+    """Joint positions."""
     velocity_rad_s: float = Field(default=0.03, ge=0.0, le=5.0)
+    """Joint velocities."""
     load_nm: float = Field(default=0.4, ge=0.0, le=20.0)
+    """Joint loads."""
     body_velocity_m_s: float = Field(default=0.015, ge=0.0, le=2.0)
+    """Body velocity, each axis."""
     body_angular_velocity_rad_s: float = Field(default=0.01, ge=0.0, le=2.0)
+    """Turn rate of the body, each axis."""
     attitude_rad: float = Field(default=0.001, ge=0.0, le=0.2)
+    """Attitude of the body, each axis."""
     imu_acceleration_m_s2: float = Field(default=0.15, ge=0.0, le=10.0)
+    """The inertial unit's accelerations."""
     imu_angular_velocity_rad_s: float = Field(default=0.008, ge=0.0, le=2.0)
+    """The inertial unit's turn rates."""
     imu_from_body_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Position of the inertial unit in the body frame."""
     contact_threshold_n: float = Field(default=15.0, ge=0.0, le=200.0)
     """A foot is said to touch the ground above this normal force."""
     has_negated_imu_quaternion: bool = True
@@ -110,8 +134,11 @@ class FrameConfig(Part):
     odom_position_m: tuple[float, float, float] = (-1.3, 0.4, 0.33)
     """Origin of odom in the world, m. Its z makes odom report 0.19 m for a body that stands at 0.52 m, as recorded."""
     odom_yaw_rad: float = Field(default=-0.35, ge=-3.2, le=3.2)
+    """Heading of odom in the world."""
     vision_position_m: tuple[float, float, float] = (0.2, -0.7, 0.31)
+    """Origin of vision in the world."""
     vision_yaw_rad: float = Field(default=0.8, ge=-3.2, le=3.2)
+    """Heading of vision in the world."""
 
 
 class ClockConfig(Part):
@@ -129,14 +156,21 @@ class BatteryConfig(Part):
     """The battery. Defaults are plausible for a pack of 58.8 V and 605 Wh, not identified."""
 
     charge_percent: float = Field(default=92.0, ge=0.0, le=100.0)
+    """Initial charge."""
     energy_wh: float = Field(default=605.0, gt=0.0, le=5000.0)
+    """Energy of a full battery."""
     full_voltage_v: float = Field(default=58.8, gt=10.0, le=100.0)
+    """Open-circuit voltage when full."""
     empty_voltage_v: float = Field(default=44.0, gt=5.0, le=100.0)
+    """Open-circuit voltage when empty."""
     resistance_ohm: float = Field(default=0.045, ge=0.0, le=2.0)
+    """Internal resistance."""
     idle_power_w: float = Field(default=90.0, ge=0.0, le=1000.0)
+    """Power of the computers and sensors."""
     motors_on_power_w: float = Field(default=60.0, ge=0.0, le=1000.0)
     """Drives that are on and idle."""
     temperature_c: float = Field(default=27.0, ge=-40.0, le=120.0)
+    """Temperature of the cells."""
     critical_percent: float = Field(default=2.0, ge=0.0, le=50.0)
     """At or below it the robot raises a critical system fault and sits down."""
 
@@ -151,13 +185,19 @@ class MotorConfig(Part):
     """Losses and heating of the twelve motors. Plausible, not identified."""
 
     hip_loss_w_per_nm2: float = Field(default=0.045, ge=0.0, le=10.0)
+    """Copper loss of a hip per squared joint torque."""
     knee_loss_w_per_nm2: float = Field(default=0.025, ge=0.0, le=10.0)
-    """Copper loss a squared joint torque: I²R through the gear."""
+    """The same of a knee."""
     regeneration_efficiency: float = Field(default=0.6, ge=0.0, le=1.0)
+    """Share of braking power that returns to the battery."""
     heat_capacity_j_per_k: float = Field(default=420.0, gt=0.0, le=1e5)
+    """Heat capacity of a motor."""
     thermal_resistance_k_per_w: float = Field(default=0.9, gt=0.0, le=100.0)
+    """Thermal resistance from a motor to the air."""
     ambient_c: float = Field(default=22.0, ge=-40.0, le=60.0)
+    """Temperature of the air."""
     start_temperature_c: float = Field(default=30.0, ge=-40.0, le=150.0)
+    """Initial temperature of the motors."""
     limit_c: float = Field(default=95.0, ge=0.0, le=300.0)
     """Above it the robot raises a critical system fault."""
 
@@ -166,14 +206,18 @@ class PowerConfig(Part):
     """How long the motors' supply takes."""
 
     power_on_s: float = Field(default=2.0, ge=0.0, le=60.0)
+    """From the command to motors with power."""
     power_off_s: float = Field(default=0.3, ge=0.0, le=10.0)
+    """From the command to motors without power."""
 
 
 class MotionConfig(Part):
     """The vendor's own stand and sit, as far as they can be seen from outside."""
 
     stand_s: float = Field(default=1.6, gt=0.1, le=20.0)
+    """Duration of standing up."""
     sit_s: float = Field(default=1.6, gt=0.1, le=20.0)
+    """Duration of sitting down."""
     stand_height_m: float = Field(default=0.52, gt=0.3, le=0.62)
     """Height of the body's origin over the ground in a stand without offset."""
     damping_nm_s_per_rad: float = Field(default=8.0, ge=0.0, le=100.0)
@@ -194,6 +238,7 @@ class JointControlConfig(Part):
     """What the body does once the newest command is past its end time, or the stream has ended: damp the joints, return
     to the vendor's own stand, or keep the last torque for ``freeze_torque_s`` and then damp."""
     freeze_torque_s: float = Field(default=0.5, gt=0.0, le=5.0)
+    """Duration of `freeze_torque`."""
     activation_wait_s: float = Field(default=5.0, ge=0.0, le=60.0)
     """How long a stream may run without joint control (then INACTIVE), and joint control without a command (then the
     robot returns to its stand)."""

@@ -67,7 +67,9 @@ class ModelConfig(Part):
     """The robot's hidden truth, in the format of a model file."""
 
     robot: Literal["spot"] = "spot"
+    """The robot's body."""
     effects: tuple[dict[str, Any], ...] = DEFAULT_EFFECTS
+    """As in a [model file](reference/files.md#model-file); they replace the default ones."""
 
 
 class Scenario(Part):
@@ -75,6 +77,7 @@ class Scenario(Part):
 
     schema_name: Literal["spot-rl/scenario/1"] = Field(default=SCHEMA, alias="schema")
     description: str = Field(default="", max_length=2000)
+    """Text for the reader."""
     seed: int = Field(default=1, ge=0, le=2**63 - 1)
     """Of all noise, delays, drops and terrain; the same seed and the same commands give the same robot bit for bit."""
     time_mode: Literal["real_time", "lock_step"] = "real_time"

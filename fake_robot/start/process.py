@@ -54,6 +54,7 @@ class FakeProcess:
         cpus: Sequence[int] = (),
         state_dir: Path | None = None,
         is_silent: bool = False,
+        environment: Mapping[str, str] | None = None,
     ) -> None:
         """Choose what runs.
 
@@ -64,13 +65,14 @@ class FakeProcess:
             cpus: Where it stays; empty for all.
             state_dir: Folder of its certificates and password; one a user if None.
             is_silent: Whether what it logs is shown only in the error of a start that fails.
+            environment: Its own; this process's if None.
         """
         words = ["fake-robot", "--port", "0", "--json", "--until-stdin-closes"]
         words += ["--lock-step"] if is_lock_step else []
         words += [] if state_dir is None else ["--state-dir", str(state_dir)]
         stay = ",".join(str(cpu) for cpu in cpus)
         self._arguments = [str(fifo_priority), stay, *words]
-        self._scenario, self._is_silent = scenario, is_silent
+        self._scenario, self._is_silent, self._environment = scenario, is_silent, environment
         self._stack = ExitStack()
         self.ready: Mapping[str, Any] = {}
         """What it prints once it serves, as ``fake-robot --json``."""
@@ -94,6 +96,7 @@ class FakeProcess:
                 *self._arguments,
                 "--scenario",
                 os.fspath(scenario),
+                environment=self._environment,
                 output=HEARD,
                 errors=log,
                 has_own_session=True,

@@ -8,10 +8,12 @@ from pathlib import Path
 
 from diagnosis.channels.channel import CHANNEL_TITLES
 from diagnosis.library.registry import LIBRARY
+from spot_model.effects import base
 from spot_model.effects.base import Effect, Hook
 from spot_model.effects.registry import BUILT_IN
 
-from .words import page, plain, table
+from .python_api import method_text
+from .words import attribute_docs, page, plain, table
 
 HOOKS = {
     Hook.MODEL: ("edit", "The physics model, once, before the first step"),
@@ -35,8 +37,42 @@ effect is one line:
 *null* value a parameter has no influence at all. *Looks like* describes the effect in a log and the channels of the
 diagnosis that show it; *confused with* lists effects that look similar, and *told apart by* the recording that
 distinguishes them. Each picture shows the front left knee over 0.6 s of walking in the paper's identified model,
-without (grey) and with the effect (red), from the same start. To write your own, see [add an
-effect](../add-an-effect.md)."""
+without (grey) and with the effect (red), from the same start. To write your own, see [below](#effects-of-your-own)
+and [add an effect](../add-an-effect.md)."""
+OWN = """\
+## Effects of your own
+
+A frozen, keyword-only dataclass derived from one of these classes of `spot_model.effects.base`, with one method. Each
+parameter is a field `NAME: Any = parameter(null=…, low=…, high=…, unit="…", source="…")`; `self.mask` tells the joints
+on which the effect acts, shape (12,). Arrays hold one row per simulated robot and twelve joints in the order fl, fr,
+hl, hr × hx, hy, kn. A model effect edits fields of the MuJoCo model: `fields["dof_damping"][:, fields.joint_dofs]` has
+shape (n, 12), and `fields.body_id(NAME)` and `fields.geom_id(NAME)` find bodies and geoms. Write the formula with
+operators and methods of arrays, so that it runs on NumPy and torch.
+
+```python
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from spot_model.effects.base import TorqueEffect, parameter
+
+
+@dataclass(frozen=True, kw_only=True)
+class OilDrag(TorqueEffect):
+    \"""Drag that grows with the square of the speed.\"""
+
+    name: ClassVar[str] = "oil_drag"
+    drag_nm_s2_per_rad2: Any = parameter(null=0.0, low=0.0, high=1.0, unit="N·m·s²/rad²", source="my gearbox")
+
+    def torque(self, torque_nm, motion, memory):
+        speed = motion.velocity_rad_s
+        return torque_nm - self.drag_nm_s2_per_rad2 * speed * abs(speed), memory
+```
+
+In a file `my_effects.py`, it is `my_effects:OilDrag` wherever an effect is named, if the file's folder is on
+`PYTHONPATH`. In Python, `spot_rl.load_model(MODEL, effects=[OilDrag(joints=("knees",), drag_nm_s2_per_rad2=0.1)])`
+adds it to a model, and `spot_rl.diagnose(..., add_effects=[OilDrag])` looks for it in logs. The diagnosis can look for
+torque effects, and for model effects that edit friction, damping or armature.
+"""
 
 
 def effects_page() -> str:
@@ -49,7 +85,20 @@ def effects_page() -> str:
         found = sorted((n, c) for n, c in BUILT_IN.items() if c.hook is hook)
         if found:
             parts += [f"\n## Hook: {hook.value}\n\n{about}.\n", *(section(name, cls) for name, cls in found)]
-    return page("Effects", ABOUT, parts)
+    return page("Effects", ABOUT, [*parts, "\n" + OWN, *_bases()])
+
+
+def _bases() -> list[str]:
+    """The classes that an effect is derived from, and what its formula is given."""
+    found = []
+    hooks = (base.ModelEffect, base.TorqueEffect, base.SoftwareEffect, base.CommandEffect)
+    for cls in (*hooks, base.SensorEffect, base.EstimateEffect):
+        method = getattr(cls, HOOKS[cls.hook][0])
+        found.append(f"### {cls.__name__}\n\n{plain(cls.__doc__ or '')}\n\n{method_text(method)}")
+    for given in (base.Motion, base.JointReading, base.BodyEstimate):
+        rows = [(f"`{name}`", text) for name, text in attribute_docs(given).items()]
+        found.append(f"### {given.__name__}\n\n{plain(given.__doc__ or '')}\n\n{table(('attribute', 'what'), rows)}")
+    return found
 
 
 def section(name: str, cls: type[Effect]) -> str:

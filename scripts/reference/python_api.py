@@ -16,6 +16,7 @@ from spot_log.format.records import EventRecord, RunHeader
 from spot_log.read import run as tables
 from spot_log.tools.gaits import GaitSpan
 from spot_model.policy.contract import PolicyContract, StatedGait, TrainingRecord
+from spot_model.policy.observation import COLUMNS, OBSERVATION
 from spot_model.robot.gait import Gait
 from trainer.sysid.identify.result import MeasuredData, ResultData
 from trainer.sysid.identify.verdict import ParameterVerdict
@@ -63,12 +64,26 @@ def python_page() -> str:
     functions = [_function(name, found) for name, found in named if inspect.isfunction(found)]
     classes = [_class(name, found) for name, found in named if inspect.isclass(found)]
     fields = [f"### {where}\n\n{_fields(cls)}" for where, cls in ARRAYS]
-    parts = ["## Functions\n", *functions, "## Classes\n", *classes, "## What they hold\n", *fields]
+    parts = ["## Functions\n", *functions, "## Classes\n", *classes, "## What they hold\n", *fields, _observation()]
     return page("Python reference", ABOUT, parts)
+
+
+def _observation() -> str:
+    """The layout of the 48 numbers."""
+    rows = [
+        (f"`{field.name}`", f"{COLUMNS[field.name].start} to {COLUMNS[field.name].stop - 1}", field.unit, field.source)
+        for field in OBSERVATION
+    ]
+    return f"### The observation\n\n48 numbers, float32.\n\n{table(('part', 'columns', 'unit', 'source'), rows)}"
 
 
 def _function(name: str, function: Any, prefix: str = "spot_rl.", level: str = "###") -> str:
     return f"{level} {name}\n\n```python\n{prefix}{name}{_signature(function)}\n```\n\n{_docstring(function)}"
+
+
+def method_text(method: Any) -> str:
+    """A method's signature and docstring."""
+    return f"```python\n{method.__name__}{_signature(method)}\n```\n\n{_docstring(method)}"
 
 
 def _signature(function: Any) -> str:
@@ -82,7 +97,7 @@ def _signature(function: Any) -> str:
             is_keyword_only = True
         annotation = "" if p.annotation is p.empty else f": {p.annotation}".replace("AnyPath", "path")
         default = "" if p.default is p.empty else f" = {p.default!r}"
-        shown.append(f"{p.name}{annotation}{default}")
+        shown.append(f"{'*' * (p.kind is p.VAR_POSITIONAL)}{p.name}{annotation}{default}")
     result = inspect.signature(function).return_annotation
     returns = "" if result is inspect.Signature.empty else f" -> {result}"
     one = f"({', '.join(shown)}){returns}"

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from fake_robot.scenario.scenario import Scenario, shipped_names
+from spot_model.plant.delay import ConstantDelay, EmpiricalDelay, GammaDelay, LogNormalDelay
 
-from .words import page, sections
+from .words import keys_table, page, sections
 
 ABOUT = """\
 A scenario describes one fake robot: its hidden [effects](reference/effects.md) (`model`), ground, payload, network,
@@ -17,6 +18,13 @@ terrain: {friction: 0.4}
 payload: {mass_kg: 5}
 ```"""
 
+DELAYS = """\
+## Delays
+
+The key `delay` of a channel takes one of these kinds, such as `{kind: constant, delay_s: 0.005}`, or `{kind: csv, path:
+FILE}`, a histogram with the columns `low_s`, `high_s` and `count`.
+"""
+
 
 def scenario_page() -> str:
     """The page."""
@@ -24,5 +32,12 @@ def scenario_page() -> str:
     return page(
         "The fake robot's scenario",
         f"{ABOUT}\n\n`--scenario NAME` selects a built-in one: {shipped}.",
-        sections(Scenario),
+        [
+            *sections(Scenario),
+            DELAYS,
+            *(
+                f"### {kind.model_fields['kind'].default}\n\n{kind.__doc__}\n\n{keys_table(kind)}"
+                for kind in (ConstantDelay, LogNormalDelay, GammaDelay, EmpiricalDelay)
+            ),
+        ],
     )

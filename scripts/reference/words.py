@@ -68,7 +68,7 @@ def keys_table(model: type[BaseModel]) -> str:
     for name, field in model.model_fields.items():
         if is_part(field.annotation) or name == "schema_name":
             continue
-        meaning = " ".join(w for w in (field.description or docs.get(name, ""), _bounds(field.metadata)) if w)
+        meaning = " ".join(w for w in (plain(field.description or docs.get(name, "")), _bounds(field.metadata)) if w)
         rows.append((f"`{field.alias or name}`", type_words(field.annotation), default_words(field), meaning))
     return table(("key", "type", "default", "meaning"), rows)
 

@@ -30,14 +30,15 @@ class RunHeader:
     """What is known before the first state; written once, first."""
 
     run_id: str
-    """Of this run alone, hexadecimal."""
+    """Unique, hexadecimal."""
     started_host_stamp_ns: int
     """When the run began, host clock."""
     robot_id: str = ""
-    """What ``--robot`` named."""
+    """Value of ``--robot``."""
     adapter: str = ""
     """The HAL adapter: ``spot``, ``replay``, or one of your own."""
     policy_name: str = ""
+    """Name of the policy; empty if none ran."""
     policy_sha256: str = ""
     """Digest of the policy's file, by which ``simulate`` and ``diagnose`` find it."""
     policy_contract_json: str = ""
@@ -47,16 +48,19 @@ class RunHeader:
     command_sequence: str = ""
     """Name of the sequence of velocity commands."""
     repeat: int = 0
-    """Which run of that sequence it is, from 0."""
+    """Number of the run of that sequence, from 0."""
     labels: Mapping[str, str] = field(default_factory=dict)
-    """Of ``--label``."""
+    """From ``--label``."""
     software_version: str = ""
+    """Version of spot-rl."""
     software_revision: str = ""
+    """Revision of its sources, if known."""
     joint_names: tuple[str, ...] = JOINT_NAMES
     """Order of the joints in every array."""
     foot_names: tuple[str, ...] = LEG_NAMES
     """Order of the feet."""
     schema: str = SCHEMA_NAME
+    """Version of the log's format."""
 
 
 class WireState(NamedTuple):
@@ -107,14 +111,16 @@ class TickRecord:
 
 
 class EventRecord(NamedTuple):
-    """Something that a reader of the log should know."""
+    """One event."""
 
     host_stamp_ns: int
+    """When it happened, host clock."""
     robot_stamp_ns: int
     """The same instant by the estimated robot clock; 0 where there is no estimate."""
     severity: Severity
+    """info, warning or error."""
     name: str
-    """From the runtime's closed table of event names."""
+    """What happened, such as `mode` or `stop`."""
     text: str
     """One sentence for a person."""
     values: Mapping[str, float] = {}

@@ -53,19 +53,19 @@ class StateTable(Table):
     load_nm: Array = column(np.float64, "joints")
     """Torque that each joint reports. Shape (n, J)."""
     position_of_body_in_odom_m: Array = column(np.float64, AXES)
-    """Shape (n, 3)."""
+    """Position of the body in odom. Shape (n, 3)."""
     odom_from_body_wxyz: Array = column(np.float64, WXYZ)
     """Orientation of the body in odom, scalar first. Shape (n, 4)."""
     linear_vel_of_body_in_odom_m_s: Array = column(np.float64, AXES)
-    """Shape (n, 3)."""
+    """Velocity of the body, in the axes of odom. Shape (n, 3)."""
     angular_vel_of_body_in_odom_rad_s: Array = column(np.float64, AXES)
-    """Shape (n, 3)."""
+    """Turn rate of the body, in the axes of odom. Shape (n, 3)."""
     foot_contact: NDArray[np.bool_] = column(np.bool_, "feet")
     """Whether each foot is on the ground. Shape (n, F), or (n, 0) where the source has none."""
     last_command_key: Ints = column(np.int64)
-    """Newest command that the robot had received; 0 before the first. Shape (n,)."""
+    """Key of the newest command that the robot had received; 0 before the first. Shape (n,)."""
     last_command_robot_stamp_ns: Ints = column(np.int64)
-    """When it had, robot clock; 0 before the first. Shape (n,)."""
+    """When it was received, robot clock; 0 before the first. Shape (n,)."""
     imu: ImuTable = dataclasses.field(default_factory=lambda: ImuTable.of(0, {}))
 
     def rows(self, index: NDArray[Any] | slice) -> Self:

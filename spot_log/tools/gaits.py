@@ -35,13 +35,15 @@ class GaitSpan:
     """A stretch of time under one velocity command, or under one that changes steadily."""
 
     start_s: float
-    """After the first state, robot time."""
+    """Seconds after the first state, robot time."""
     end_s: float
+    """Likewise."""
     first_command: Velocity
     """V_x, V_y (m/s), ω_z (rad/s) at the start."""
     command: Velocity
-    """The same at the end; another than at the start in a ramp."""
+    """The same at the end; it differs from the start in a ramp."""
     gait: Gait
+    """The gait; below."""
 
 
 def gaits(run: Run) -> list[GaitSpan]:

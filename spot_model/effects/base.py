@@ -90,11 +90,11 @@ class Motion:
     """What a torque effect may look at: the joints at this physics step."""
 
     position_rad: AnyArray
-    """Shape (n, 12), canonical joint order."""
+    """Joint positions, shape (n, 12), canonical joint order."""
     velocity_rad_s: AnyArray
-    """Shape (n, 12)."""
+    """Joint velocities, shape (n, 12)."""
     dt_s: float
-    """Length of the physics step."""
+    """Length of the physics step, s."""
 
 
 @dataclass(frozen=True)
@@ -168,7 +168,7 @@ class ModelEffect(Effect):
 
     @abstractmethod
     def edit(self, fields: ModelFields) -> None:
-        """Edit the model in place, for the joints in :attr:`mask`; adds to what stands there."""
+        """Edit the model in place, at the joints of :attr:`mask`; add to its values instead of replacing them."""
 
 
 class TorqueEffect(Effect):
@@ -190,12 +190,17 @@ class TorqueEffect(Effect):
 
     @abstractmethod
     def torque(self, torque_nm: AnyArray, motion: Motion, memory: Memory) -> tuple[AnyArray, Memory]:
-        """The torque that comes out, for all twelve joints, and the new memory. Call on :meth:`arrays_like` effects.
+        """Change the torque of all twelve joints; joints outside :attr:`mask` are restored by the caller.
+
+        The effect's parameters are arrays here (see :meth:`arrays_like`).
 
         Args:
-            torque_nm: Torque that goes in. Shape (n, 12), N·m.
+            torque_nm: The torque so far. Shape (n, 12), N·m.
             motion: The joints at this step.
-            memory: From :meth:`start` or the step before.
+            memory: What :meth:`start` (None by default) or the previous step returned.
+
+        Returns:
+            The changed torque, and the memory for the next step.
         """
 
     def apply(
@@ -215,9 +220,9 @@ class CommandEffect(Effect):
 
     @abstractmethod
     def arrival_s(self, issued_s: AnyArray, rng: np.random.Generator) -> AnyArray:
-        """When a command takes effect that was issued at ``issued_s``, shape (n,), s; infinity if it is lost.
+        """Time at which commands take effect that were issued at ``issued_s``, shape (n,), s; infinity if lost.
 
-        The channel keeps order by itself: no command takes effect before one that was issued earlier.
+        The channel keeps the order: no command takes effect before one that was issued earlier.
         """
 
 
@@ -228,7 +233,7 @@ class SoftwareEffect(Effect):
 
     @abstractmethod
     def setpoint_rad(self, position_rad: AnyArray) -> AnyArray:
-        """What is sent in place of the position set-points, shape (n, 12), canonical order, rad."""
+        """Change the position set-points that the program sends, shape (n, 12), canonical order, rad."""
 
 
 @dataclass(frozen=True)
@@ -236,10 +241,13 @@ class JointReading:
     """What the joints' sensors report, each of shape (n, 12)."""
 
     position_rad: AnyArray
+    """Joint positions."""
     velocity_rad_s: AnyArray
+    """Joint velocities."""
     load_nm: AnyArray
+    """Joint loads."""
     servo_velocity_rad_s: AnyArray | None = None
-    """What the servos damp, where that is not what is reported."""
+    """The velocity that the servos damp, if it is not the reported one."""
 
 
 class SensorEffect(Effect):
@@ -255,13 +263,16 @@ class SensorEffect(Effect):
     def read(
         self, reading: JointReading, dt_s: float, memory: Memory, rng: np.random.Generator
     ) -> tuple[JointReading, Memory]:
-        """The reading that comes out, for all twelve joints, and the new memory. Call on :meth:`arrays_like` effects.
+        """Change the reading of all twelve joints. The effect's parameters are arrays here.
 
         Args:
-            reading: What would be read without the effect, at this instant.
-            dt_s: Time since the reading before.
-            memory: From :meth:`start` or the reading before.
-            rng: For effects that draw.
+            reading: The reading without the effect, at this instant.
+            dt_s: Time since the previous reading.
+            memory: What :meth:`start` (None by default) or the previous reading returned.
+            rng: For random effects.
+
+        Returns:
+            The changed reading, and the memory for the next one.
         """
 
 
@@ -270,13 +281,13 @@ class BodyEstimate:
     """What the state estimator reports."""
 
     linear_vel_of_body_in_body_m_s: AnyArray
-    """Shape (n, 3)."""
+    """Velocity of the body in its own frame, shape (n, 3)."""
     angular_vel_of_body_in_body_rad_s: AnyArray
-    """Shape (n, 3)."""
+    """Turn rate of the body in its own frame, shape (n, 3)."""
     world_from_body_wxyz: AnyArray
-    """Shape (n, 4)."""
+    """Orientation of the body, scalar first, shape (n, 4)."""
     foot_contact: AnyArray
-    """Shape (n, 4), 1 where a foot is said to touch the ground, else 0; floating point."""
+    """1 where a foot is reported to touch the ground, else 0; floating point, shape (n, 4)."""
 
 
 class EstimateEffect(Effect):
@@ -292,9 +303,9 @@ class EstimateEffect(Effect):
     def estimate(
         self, estimate: BodyEstimate, joints: JointReading, dt_s: float, memory: Memory, rng: np.random.Generator
     ) -> tuple[BodyEstimate, Memory]:
-        """The estimate that comes out and the new memory; arguments as in :meth:`SensorEffect.read`.
+        """Change the estimate; returns it with the new memory. Arguments as in :meth:`SensorEffect.read`.
 
-        ``joints`` is what the joints' sensors report at this instant.
+        ``joints`` holds the reading of the joints' sensors at this instant.
         """
 
 

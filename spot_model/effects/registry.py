@@ -53,9 +53,21 @@ def effect_class(name: str) -> type[Effect]:
         try:
             return _checked(name, pkgutil.resolve_name(name))
         except (ImportError, AttributeError, ValueError) as error:
-            raise BadInputError(f"effect {name!r} cannot be loaded: {error}; check module and class name") from error
+            raise BadInputError(
+                f"effect {name!r} cannot be loaded: {error}; check the names of module and class, and "
+                "that the module's folder is on PYTHONPATH"
+            ) from error
     known = ", ".join(sorted([*BUILT_IN, *plugins]))
     raise BadInputError(f"effect {name!r} is unknown; allowed: {known}, or module:Class for one of your own")
+
+
+def reference_of(effect: type[Effect]) -> str:
+    """Name by which :func:`effect_class` finds a class: its own if built in or a plug-in, else ``module:Class``."""
+    if BUILT_IN.get(effect.name) is effect:
+        return effect.name
+    path = f"{effect.__module__}:{effect.__qualname__}"
+    plugins = {entry.name for entry in entry_points(group=ENTRY_POINT_GROUP) if entry.value == path}
+    return effect.name if effect.name in plugins else path
 
 
 def make_effect(name: str, fields: dict[str, Any]) -> Effect:

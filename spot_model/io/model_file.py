@@ -25,7 +25,7 @@ from spot_model.effects.drive.coulomb_friction import CoulombFriction
 from spot_model.effects.limits.position_torque_limit import PositionTorqueLimit
 from spot_model.effects.limits.torque_limit import TorqueLimit
 from spot_model.effects.limits.torque_speed_curve import TorqueSpeedCurve
-from spot_model.effects.registry import make_effect
+from spot_model.effects.registry import make_effect, reference_of
 from spot_model.errors import BadInputError
 from spot_model.io.settings import Settings
 from spot_model.io.validation import explain
@@ -42,7 +42,9 @@ class ModelFileData(Settings):
 
     schema_name: Literal["spot-rl/model/1"] = Field(default=SCHEMA, alias="schema")
     robot: Literal["spot"] = "spot"
+    """The robot's body."""
     effects: tuple[dict[str, Any], ...] = ()
+    """Each has `effect` (its name), `joints`, and the effect's parameters; missing parameters are at null."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +52,9 @@ class RobotModel:
     """A robot and the effects that act in it, in the order in which they act."""
 
     effects: tuple[Effect, ...] = ()
+    """The effects, in that order."""
     robot: str = "spot"
+    """The robot's body; always `spot`."""
 
     def with_effects(self, *effects: Effect) -> RobotModel:
         """The same model with more effects at the end."""
@@ -148,7 +152,7 @@ BUILT_IN: Final = {
 
 
 def _effect_data(effect: Effect) -> dict[str, Any]:
-    data: dict[str, Any] = {"effect": effect.name, "joints": list(effect.joints)}
+    data: dict[str, Any] = {"effect": reference_of(type(effect)), "joints": list(effect.joints)}
     for p in effect.parameters():
         value = getattr(effect, p.name)
         if np.ndim(value) != 0:

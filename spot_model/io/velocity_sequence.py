@@ -27,13 +27,18 @@ SCHEMA: Final = "spot-rl/velocity-sequence/1"
 
 
 class Waypoint(Settings):
-    """The command from this instant on; ``ramp`` reaches it in a straight line from the waypoint before."""
+    """The command from one instant on."""
 
     time_s: float = Field(ge=0.0, le=3600.0)
+    """When, s; 0 for the first waypoint, then rising."""
     v_x_m_s: float = Field(default=0.0, ge=-10.0, le=10.0)
+    """Forward, m/s."""
     v_y_m_s: float = Field(default=0.0, ge=-10.0, le=10.0)
+    """To the left, m/s."""
     yaw_rate_rad_s: float = Field(default=0.0, ge=-10.0, le=10.0)
+    """Turn to the left, rad/s."""
     ramp: bool = False
+    """Whether the command changes linearly from the previous waypoint, instead of in a step."""
 
     @property
     def command(self) -> tuple[float, float, float]:
@@ -46,8 +51,11 @@ class VelocitySequence(Settings):
 
     schema_name: Literal["spot-rl/velocity-sequence/1"] = Field(default=SCHEMA, alias="schema")
     name: str = Field(min_length=1, max_length=100)
+    """Name of the sequence, for the log."""
     duration_s: float = Field(gt=0.0, le=3600.0)
+    """Its length, s."""
     waypoints: tuple[Waypoint, ...] = Field(min_length=1, max_length=100_000)
+    """The commands, below."""
 
     def model_post_init(self, _context: object) -> None:
         """Check that waypoint times rise from 0 within the duration."""

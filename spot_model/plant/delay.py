@@ -25,6 +25,7 @@ class ConstantDelay(Settings):
 
     kind: Literal["constant"] = "constant"
     delay_s: float = Field(ge=0.0, le=10.0)
+    """The delay."""
 
     def sample(self, rng: np.random.Generator, n: int) -> NDArray[np.float64]:
         """Draw ``n`` delays, s, shape (n,)."""
@@ -36,6 +37,7 @@ class LogNormalDelay(Settings):
 
     kind: Literal["log_normal"] = "log_normal"
     floor_s: float = Field(default=0.0, ge=0.0, le=10.0)
+    """Smallest delay."""
     median_s: float = Field(gt=0.0, le=10.0, description="Median of the part above the floor.")
     sigma: float = Field(ge=0.0, le=3.0, description="Standard deviation of the logarithm.")
 
@@ -49,8 +51,11 @@ class GammaDelay(Settings):
 
     kind: Literal["gamma"] = "gamma"
     floor_s: float = Field(default=0.0, ge=0.0, le=10.0)
+    """Smallest delay."""
     shape: float = Field(gt=0.0, le=1000.0)
+    """Shape parameter of the part above it."""
     scale_s: float = Field(gt=0.0, le=10.0)
+    """Scale parameter of that part; its mean is shape × scale."""
 
     def sample(self, rng: np.random.Generator, n: int) -> NDArray[np.float64]:
         """Draw ``n`` delays, s, shape (n,)."""
@@ -62,7 +67,9 @@ class EmpiricalDelay(Settings):
 
     kind: Literal["empirical"] = "empirical"
     edges_s: tuple[float, ...] = Field(min_length=2)
+    """Edges of the bins, rising."""
     counts: tuple[float, ...] = Field(min_length=1)
+    """Count of each bin; one fewer than edges."""
 
     def model_post_init(self, _context: object) -> None:
         """Check that edges rise and counts fit them."""

@@ -32,12 +32,17 @@ class PolicyCard(Settings):
 
     schema_name: Literal["spot-rl/policy-card/1"] = Field(default=SCHEMA, alias="schema")
     policy_sha256: str
+    """Digest of the policy's file, so that a card of another file is noticed."""
     about: str = ""
+    """What the policy is, in a sentence."""
     gait: str = ""
+    """Its gait, in a sentence."""
     figures: dict[str, str] = Field(default_factory=dict)
     """What was measured in simulation, by name."""
     tried_on: tuple[str, ...] = ()
+    """What it was tried on."""
     not_tried_on: tuple[str, ...] = ()
+    """What it was not tried on."""
 
 
 def card_path(policy: Path) -> Path:

@@ -34,9 +34,13 @@ class TrainingRecord(Settings):
     """Where the policy came from."""
 
     run: str = ""
+    """Name of the run folder."""
     revision: str = ""
+    """Revision of the sources."""
     command: str = ""
+    """The command that trained it."""
     seed: int | None = None
+    """Random seed."""
     model_sha256: str = ""
     """Digest of the robot model it was trained on."""
 
@@ -55,11 +59,17 @@ class StatedGait(Settings):
     v_x_m_s: float
     """Commanded."""
     name: str = Field(min_length=1, max_length=40)
+    """trot, flying trot, pronk, …"""
     clarity: float = Field(ge=0.0, le=1.0)
+    """Share of strides that have this gait."""
     stride_hz: float = Field(ge=0.0)
+    """Strides per second."""
     diagonals_agree: float = Field(ge=0.0, le=1.0)
+    """Share of time in which both feet of a diagonal are up, or both down; the lower of two."""
     others_agree: float = Field(ge=0.0, le=1.0)
+    """The highest such share of the other pairs."""
     flight_share: float = Field(ge=0.0, le=1.0)
+    """Share of time with no foot on the ground."""
 
 
 class PolicyContract(Settings):
@@ -67,22 +77,33 @@ class PolicyContract(Settings):
 
     schema_name: Literal["spot-rl/policy/1"] = Field(default="spot-rl/policy/1", alias="schema")
     name: str = Field(min_length=1, max_length=100)
+    """The policy's name."""
     joint_names: tuple[str, ...] = facts.JOINT_NAMES
+    """Order of the joints in the observation and the action."""
     default_position_rad: tuple[float, ...] = tuple(float(v) for v in facts.DEFAULT_POSITION_RAD)
+    """Joint positions at an action of zero. Shape (12,)."""
     action_scale_rad: float = Field(default=facts.ACTION_SCALE_RAD, gt=0.0, le=2.0)
+    """Change of a set-point for an action of 1."""
     kp_nm_per_rad: tuple[float, ...] = (facts.POLICY_KP_NM_PER_RAD,) * facts.N_JOINTS
+    """Stiffness of the joints' servos. Shape (12,)."""
     kd_nm_s_per_rad: tuple[float, ...] = (facts.POLICY_KD_NM_S_PER_RAD,) * facts.N_JOINTS
+    """Damping of the joints' servos. Shape (12,)."""
     rate_hz: float = Field(default=facts.POLICY_RATE_HZ, ge=1.0, le=333.0)
+    """Ticks per second."""
     observation_layout: tuple[tuple[str, int], ...] = OBSERVATION_LAYOUT
+    """Name and width of each part of the observation, in order."""
     observation_history: int = Field(default=1, ge=1, le=MAX_HISTORY)
-    """How many ticks of observations the network sees, the newest first."""
+    """Number of ticks whose observations the network gets, the newest first."""
     velocity_command_low: tuple[float, float, float]
-    """Least V_x, V_y (m/s), ω_z (rad/s) that the policy was trained on."""
+    """Smallest V_x, V_y (m/s), ω_z (rad/s) that the policy was trained on."""
     velocity_command_high: tuple[float, float, float]
+    """The largest ones."""
     training: TrainingRecord = TrainingRecord()
+    """Where it came from; below."""
     gait: tuple[StatedGait, ...] = Field(default=(), max_length=100)
-    """By commanded speed, rising; empty if it was not measured."""
+    """Its gait by commanded speed, rising; empty if it was not measured."""
     stored_pair: StoredPair
+    """An observation with its action, which must be reproduced when the file is loaded."""
 
     @field_validator("joint_names")
     @classmethod

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -92,13 +92,19 @@ class Policy:
     """
 
     contract: PolicyContract
+    """Rate, gains, joint order, command range and training; below."""
     sha256: str
+    """Digest of the file, hexadecimal."""
     session: Any
+    """ONNX Runtime's session."""
     policy_from_canonical: NDArray[np.intp]
     """``x[policy_from_canonical]`` reorders canonical joints into the policy's order. Shape (12,)."""
     canonical_from_policy: NDArray[np.intp]
+    """The way back. Shape (12,)."""
     default_position_rad: Array
     """Policy order, shape (12,)."""
+    path: Path | None = field(default=None, kw_only=True)
+    """The file that it was loaded from."""
 
     @cached_property
     def _act_on_one(self) -> _OneRow:
@@ -106,22 +112,22 @@ class Policy:
 
     @property
     def command_low(self) -> tuple[float, ...]:
-        """Least of what may be asked: V_x, V_y (m/s), ω_z (rad/s)."""
+        """Smallest velocity command that it was trained on: V_x, V_y (m/s), ω_z (rad/s)."""
         return self.contract.velocity_command_low
 
     @property
     def command_high(self) -> tuple[float, ...]:
-        """Most of what may be asked."""
+        """The largest one."""
         return self.contract.velocity_command_high
 
     @property
     def setpoint_speed_rad_s(self) -> float:
-        """Beyond what the safety core allows any policy, a network's set-points are not limited further."""
+        """Largest speed of its set-points, rad/s: unlimited, beyond the runtime's own limit."""
         return float("inf")
 
     @property
     def width(self) -> int:
-        """Numbers that the network sees: 48 a tick of its history."""
+        """Length of the network's input: 48 for each tick of its history."""
         return self.contract.observation_history * N_OBSERVATION
 
     @cached_property
@@ -142,7 +148,7 @@ class Policy:
         return TickMemory(action, observation), TickResult(observation, action, self.setpoint_rad(action))
 
     def warm_up(self, ticks: int = 20) -> None:
-        """Tick on a standing robot and discard the results: the first ticks load modules, which takes 0.1 s."""
+        """Run some ticks and discard the results, because the first ticks load modules, which takes 0.1 s."""
         still, joints = np.zeros(3), np.zeros(facts.N_JOINTS)
         asked, feet = np.zeros(len(self.command_low)), np.ones(facts.N_LEGS, dtype=np.bool_)
         state = RobotState(
@@ -192,11 +198,11 @@ class Policy:
         )
 
     def window(self, observation: NDArray[Any], before: NDArray[Any] | None) -> NDArray[Any]:
-        """What the network sees now: the last observations, the newest first. Shape (width,), or (n, width).
+        """The network's input: the last observations, the newest first. Shape (width,), or (n, width).
 
         Args:
             observation: This tick's, shape (48,), or (n, 48).
-            before: The window of the tick before; None at the first, which then stands for those before it.
+            before: The window of the previous tick; None at the first tick, whose observation is then repeated.
         """
         if self.width == N_OBSERVATION:
             return observation
@@ -226,10 +232,10 @@ class Policy:
     def with_joints_in_policy_order(self, observation: Array) -> Array:
         """A copy of values laid out as an observation, shape (..., 48), whose joints stood in canonical order."""
         ordered = np.array(observation)
-        for field in OBSERVATION:
-            if field.is_of_joints:
-                values = observed(observation, field.name)
-                observed(ordered, field.name)[...] = values[..., self.policy_from_canonical]
+        for part in OBSERVATION:
+            if part.is_of_joints:
+                values = observed(observation, part.name)
+                observed(ordered, part.name)[...] = values[..., self.policy_from_canonical]
         return ordered
 
     def setpoint_rad(self, action: NDArray[Any]) -> Array:
@@ -264,10 +270,10 @@ def load_policy(path: Path, *, provider: str = "cpu", admit: Callable[[str], Non
         raise PolicyError(f"policy {path} cannot be read: {error.strerror or error}; give an ONNX file") from error
     if admit is not None:
         admit(sha256_hex(data))
-    return policy_from_bytes(data, source=str(path), provider=provider)
+    return policy_from_bytes(data, source=str(path), provider=provider, path=path)
 
 
-def policy_from_bytes(data: bytes, *, source: str, provider: str = "cpu") -> Policy:
+def policy_from_bytes(data: bytes, *, source: str, provider: str = "cpu", path: Path | None = None) -> Policy:
     """Like :func:`load_policy`, for a file's content; ``source`` names it in errors."""
     text = contract_text(data, source)
     contract = read_contract(text, source)
@@ -285,6 +291,7 @@ def policy_from_bytes(data: bytes, *, source: str, provider: str = "cpu") -> Pol
         policy_from_canonical=policy_from_canonical,
         canonical_from_policy=np.argsort(policy_from_canonical),
         default_position_rad=np.array(contract.default_position_rad),
+        path=path,
     )
     with words_for(source):
         _check_stored_pair(policy, source)

@@ -40,8 +40,8 @@ FLYING_FROM: Final = 0.05
 """Share of time with no foot on the ground from which a trot is a flying one."""
 SHORTEST_PHASE_S: Final = 0.02
 """Contacts and gaps below this are chatter of the contact, not steps: no phase of a leg's swing is this short."""
-STANDING_SHARE: Final = 0.95
-"""Share of time that every foot is on the ground while standing."""
+STANDING_SHARE: Final = 0.5
+"""Share of time on four feet from which a robot without a regular gait is said to stand."""
 HOPS: Final = frozenset({"pronk", "bound"})
 """Gaits in which the feet of a pair leave the ground together."""
 
@@ -80,7 +80,7 @@ class Gait:
     def sentence(self) -> str:
         """The gait in a line."""
         if self.name == "stand":
-            return "stand"
+            return "stand" if self.clarity > 0.95 else f"stand ({self.clarity:.0%} of the time on four feet)"
         name = "no regular gait" if self.name == "none" else f"{self.name} ({self.clarity:.0%} of strides)"
         return (
             f"{name}, {self.stride_hz:.1f} strides/s, "

@@ -79,28 +79,40 @@ class RewardShape(Settings):
     """The numbers inside the reward formulas; see :mod:`trainer.task.rewards`."""
 
     linear_velocity_scale_m_s: float = Field(default=1.0, gt=0.0)
+    """Velocity error at which *linear_velocity* falls to 1/e."""
     linear_velocity_ramp_from_m_s: float = Field(default=1.0, ge=0.0)
+    """Commanded speed from which *linear_velocity* is worth more."""
     linear_velocity_ramp_s_per_m: float = Field(default=0.5, ge=0.0)
+    """How much more, per m/s."""
     yaw_rate_scale_rad_s: float = Field(default=2.0, gt=0.0)
+    """Error at which *yaw_rate* falls to 1/e."""
     swing_time_s: float = Field(default=0.3, gt=0.0)
+    """Longest swing or stance that *air_time* rewards."""
     moving_above_m_s: float = Field(default=0.5, ge=0.0)
     """A robot that is commanded to stand counts as moving above this speed."""
     standing_command_below: float = Field(default=0.05, ge=0.0)
     """A command whose norm over V_x, V_y (m/s), ω_z (rad/s) is below this means: stand."""
     gait_scale_s2: float = Field(default=0.1, gt=0.0)
+    """Scale of the squared time differences in *gait*."""
     gait_largest_error_s: float = Field(default=0.2, gt=0.0)
+    """Larger time differences count as this in *gait*."""
     gait_stride_s: float = Field(default=0.0, ge=0.0)
-    """The gait term's times are scaled as if the last strides had lasted this long; 0: seconds, as in the paper."""
+    """*gait* scales its times to strides of this length; 0: seconds, as in the paper."""
     flight_allowed_m_s: tuple[float, float] = (1.0, 2.0)
-    """Commanded speed at which flight begins to count as part of a trot, and from which on it counts in full."""
+    """Commanded speeds from which flight starts to count as part of a trot, and from which it counts fully."""
     clearance_height_m: float = Field(default=0.1, gt=0.0)
+    """Desired height of a swinging foot."""
     clearance_scale_m2: float = Field(default=0.05, gt=0.0)
+    """Scale of the squared height error in *foot_clearance*."""
     clearance_speed_factor_s_per_m: float = Field(default=2.0, gt=0.0)
+    """Height errors are weighted by tanh(this × horizontal speed of the foot)."""
     variance_cap_s: float = Field(default=0.5, gt=0.0)
+    """Longer phases count as this in *air_time_variance*."""
     duty_window_s: float = Field(default=1.0, ge=0.02)
     """Time constant of the mean behind uneven_duty."""
     foot_impact_relief_s_per_m: float = Field(default=0.0, ge=0.0)
-    """A touch-down speed counts divided by 1 + this × commanded speed: fast feet cannot land as softly as slow ones."""
+    """Touch-down speeds are divided by 1 + this × commanded speed, because fast feet cannot land as softly."""
     foot_distance_m: float = Field(default=0.18, gt=0.0)
     """Horizontal distance below which two feet count as too close."""
     standing_position_factor: float = Field(default=5.0, ge=0.0)
+    """Factor of *joint_position* when the robot is commanded to stand."""

@@ -22,33 +22,48 @@ class PpoConfig(Settings):
     """PPO's hyper-parameters; the defaults are those released with the paper's task."""
 
     hidden: tuple[int, ...] = Field(default=(512, 256, 128), min_length=1)
+    """Widths of the hidden layers."""
     initial_std: float = Field(default=1.0, gt=0.0)
+    """Initial standard deviation of the actions."""
     start_std: float | None = Field(default=None, gt=0.0)
     """Standard deviation of a run with `start_from`; None keeps the checkpoint's."""
     steps_per_iteration: int = Field(default=24, ge=1)
+    """Policy steps of each robot per iteration."""
     learning_rate: float = Field(default=1.0e-3, gt=0.0)
+    """Learning rate of Adam."""
     schedule: Literal["adaptive", "fixed"] = "adaptive"
+    """`adaptive` adjusts the learning rate to `desired_kl`."""
     desired_kl: float = Field(default=0.01, gt=0.0)
+    """Target of the KL divergence between old and new policy."""
     clip: float = Field(default=0.2, gt=0.0)
+    """Clipping of the probability ratio."""
     entropy: float = Field(default=0.0025, ge=0.0)
+    """Weight of the entropy bonus."""
     value_loss: float = Field(default=0.5, gt=0.0)
+    """Weight of the value loss."""
     epochs: int = Field(default=5, ge=1)
+    """Passes over each iteration's data."""
     mini_batches: int = Field(default=4, ge=1)
+    """Batches per pass."""
     gamma: float = Field(default=0.99, gt=0.0, le=1.0)
+    """Discount factor."""
     lam: float = Field(default=0.95, gt=0.0, le=1.0)
+    """λ of generalised advantage estimation."""
     max_grad_norm: float = Field(default=1.0, gt=0.0)
+    """Clipping of the gradient's norm."""
     clip_value_loss: bool = True
-    """Holds values within ``clip`` of the old ones at each update, as released; slow where returns are large."""
+    """Whether updates keep values within ``clip`` of the old ones; learning is slow then if returns are large."""
     normalise_observations: bool = False
-    """Running mean and deviation; folded into the first layer at export."""
+    """Whether observations are normalised by running mean and deviation; export folds this into the first layer."""
     mirror_loss: float = Field(default=0.0, ge=0.0)
     """Weight of the left–right symmetry loss; 0 switches it off."""
     mirror_from_iteration: int = Field(default=0, ge=0)
-    """Iteration from which the symmetry loss acts: before there is a gait, it would favour hopping with both sides."""
+    """Iteration from which the symmetry loss acts; before there is a gait, it favours hopping."""
     settle_iterations: int = Field(default=0, ge=0)
-    """Last iterations, over which the entropy weight falls to 0 and ``desired_kl`` to a fifth: what is exported is the
-    mean of the policy, and it is judged without the noise that exploring needs."""
+    """Last iterations, over which the entropy weight falls to 0 and ``desired_kl`` to a fifth, because the exported
+    policy acts without exploration noise."""
     mixed_precision: bool = False
+    """Whether the networks compute in 16 bits on a GPU."""
 
 
 class TrainConfig(Settings):
@@ -56,12 +71,17 @@ class TrainConfig(Settings):
 
     schema_name: Literal["spot-rl/train/1"] = Field(default=SCHEMA, alias="schema")
     name: str = Field(min_length=1, max_length=100)
+    """Name of the run and of the exported policy."""
     seed: int = Field(default=0, ge=0)
+    """Random seed."""
     model: str = "paper_identified"
     """Built-in model name, or a model file; its effects act in training."""
     n_envs: int = Field(default=4096, ge=1)
+    """Robots that are simulated in parallel; per GPU with several."""
     iterations: int = Field(ge=1)
+    """Iterations of PPO."""
     save_every: int = Field(default=100, ge=1)
+    """Iterations between checkpoints."""
     logger: Literal["tensorboard", "wandb"] = "tensorboard"
     """Where metrics go, in addition to metrics.jsonl; ``wandb`` is rsl-rl's writer for Weights & Biases."""
     start_from: str = ""

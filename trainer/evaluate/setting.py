@@ -46,10 +46,16 @@ class Setting:
         """Robots at rest in the default pose."""
         return Plant(self.model.effects, n, PlantOptions(mjcf=self.mjcf, n_threads=self.n_threads))
 
+    def grip(self) -> Array:
+        """Factors by which the model's effects change the friction of each foot, shape (4,)."""
+        plant = self.plant(1)
+        feet = [plant.model.geom(name).id for name in FOOT_GEOMS]
+        return np.asarray(plant.fields["geom_friction"][0, feet, 0] / self.mjcf.foot_friction)
+
     def random_plant(self, n: int, rng: np.random.Generator) -> Plant:
-        """Robots with drawn friction, mass and initial state."""
+        """Robots with drawn friction (times the factors of the model), mass and initial state."""
         plant, r = self.plant(n), self.randomisation
-        set_friction(plant, rng.uniform(*r.foot_friction, n))
+        set_friction(plant, rng.uniform(*r.foot_friction, n)[:, None] * self.grip())
         body = plant.model.body("body").id
         mass, inertia = plant.fields["body_mass"], plant.fields["body_inertia"]
         ratio = 1.0 + rng.uniform(*r.added_body_mass_kg, n) / mass[:, body]
@@ -80,11 +86,10 @@ class Setting:
         return self.policy.with_joints_in_policy_order(canonical)
 
 
-def set_friction(plant: Plant, friction: Array | float) -> None:
-    """Give the feet of each simulation their sliding friction, shape (n,) or one number."""
-    field_ = plant.fields["geom_friction"]
-    for name in FOOT_GEOMS:
-        field_[:, plant.model.geom(name).id, 0] = friction
+def set_friction(plant: Plant, friction: Array) -> None:
+    """Give the feet of each simulation their sliding friction, shape (n, 4)."""
+    feet = [plant.model.geom(name).id for name in FOOT_GEOMS]
+    plant.fields["geom_friction"][:, feet, 0] = friction
     plant.fields.commit()
 
 

@@ -151,17 +151,17 @@ def pushes(setting: Setting, n: int = 100, speed_m_s: float = 1.0, v_x_m_s: floa
 
 
 def slippery_patch(setting: Setting, n: int = 100, friction: float = 0.3, v_x_m_s: float = 2.0) -> dict[str, Any]:
-    """Robots at 2 m/s meet μ 0.3 for one second; how many still walk 5 s later."""
+    """Robots at 2 m/s meet μ 0.3 (times the factors of the model) for one second; how many walk 5 s later."""
     rng = np.random.default_rng(setting.seed + 2)
     rate = setting.policy.contract.rate_hz
     when = round(6.0 * rate) + rng.integers(0, round(rate), n)
-    usual = setting.mjcf.foot_friction
+    usual, grip = setting.mjcf.foot_friction, setting.grip()
 
     def change(robots: Plant, tick: int) -> None:
         since = tick - when
         inside = (since >= 0) & (since < round(rate))
         if np.isin(since, (0, round(rate))).any():
-            set_friction(robots, np.where(inside, friction, usual))
+            set_friction(robots, np.where(inside, friction, usual)[:, None] * grip)
 
     return _survival(setting, n, v_x_m_s, 12.0, change, rng)
 

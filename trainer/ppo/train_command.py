@@ -13,7 +13,7 @@ import typer
 def train(
     config: Annotated[Path | None, typer.Option("--config", help="Config file (YAML).")] = None,
     set_: Annotated[list[str] | None, typer.Option("--set", help="Override: key.path=value; repeatable.")] = None,
-    resume: Annotated[Path | None, typer.Option("--resume", help="Continue this run folder exactly.")] = None,
+    resume: Annotated[Path | None, typer.Option("--resume", help="Run folder of a training to continue.")] = None,
     device: Annotated[str, typer.Option("--device", help="cpu, cuda or cuda:N.")] = "cpu",
     out: Annotated[Path | None, typer.Option("--out", help="Run folder; default runs/NAME-TIME.")] = None,
 ) -> None:

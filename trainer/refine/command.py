@@ -23,7 +23,7 @@ def refine(
     jobs: Annotated[int, typer.Option("--jobs", help="Processes; 0: one per CPU.", min=0)] = 0,
     generations: Annotated[int | None, typer.Option("--generations", help="In place of the config's.", min=1)] = None,
 ) -> None:
-    """Search a trained policy's gains in whole-gait trials: even feet, safe starts, top speed."""
+    """Optimise a trained policy's gains over whole runs: even gait, safe starts, top speed."""
     from spot_model.errors import BadInputError
     from spot_model.io.progress import Progress
     from spot_model.io.whole import check_new, whole_file, write_over

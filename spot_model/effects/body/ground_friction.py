@@ -10,7 +10,9 @@ from spot_model.effects.base import ModelEffect, ModelFields, legs_of, parameter
 
 @dataclass(frozen=True, kw_only=True)
 class GroundFriction(ModelEffect):
-    """The sliding friction coefficient between foot and ground is scaled. Acts on the legs of ``joints``.
+    """The sliding friction coefficient between foot and ground, 0.8 in the simulator, is scaled.
+
+    Acts on the legs of ``joints``.
 
     Source: the paper randomises static friction in 0.3 to 1.0.
     """

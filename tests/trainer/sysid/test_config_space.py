@@ -75,7 +75,7 @@ ENTRY = {
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        ({"effect": "gravity"}, "the model has no effect 'gravity' on joints"),
+        ({"effect": "gravity"}, "effect 'gravity' is unknown; allowed: action_scale"),
         ({"parameter": "size"}, "no parameter 'size'; allowed: level_nm"),
         ({"low": -1}, "bounds -1 to 1; coulomb_friction.level_nm allows 0 to 5"),
         ({"low": 1}, "low must be below high"),

@@ -29,22 +29,31 @@ class _Data(BaseModel):
 
 
 class MeasuredData(_Data):
-    """A number that was read off the logs and put into the model."""
+    """A quantity that was measured from the logs and put into the model."""
 
     what: str
+    """Name of the quantity."""
     value: float
+    """The number."""
     unit: str
+    """Its unit."""
     source: str
+    """What it was measured from."""
 
 
 class SequenceData(_Data):
     """One command sequence: floor and distances, Wasserstein in N·m, MMD without unit."""
 
     name: str
+    """Name of the sequence."""
     repeats: int
+    """Real runs of it."""
     floor_w1_nm: float | None
+    """Mean Wasserstein distance between real runs; null without repeats."""
     floor_mmd: float | None
+    """The same for MMD."""
     mmd_bandwidth_nm: float
+    """Median distance between two samples, which sets the kernels' widths."""
 
 
 class ResultData(_Data):
@@ -52,27 +61,39 @@ class ResultData(_Data):
 
     schema_name: Literal["spot-rl/sysid-result/1"] = Field(default=SCHEMA, alias="schema")
     policy_sha256: str
+    """Digest of the policy that ran."""
     logs: list[str]
+    """Names of the logs that were used."""
     confidence: float
+    """Of all intervals: 0.9."""
     parameters: list[ParameterVerdict]
+    """The searched parameters; below."""
     measured: list[MeasuredData]
+    """Quantities measured directly and put into the model; below."""
     score: dict[str, float | None]
-    """Of the initial values, the search's mean and the identified model; in units of the floor where there is one."""
+    """Of the initial values, the search's mean and the identified model."""
     score_is_over_floor: bool
+    """Whether scores are in units of the floor: 1 is as close as two real runs."""
     score_by_generation: list[float | None]
     """Best score of each generation."""
     sequences: list[SequenceData]
+    """Each command sequence: `name`, `repeats`, floors."""
     command_delay_median_s: float | None
     """From the hand-over of a command to its receipt."""
     path_delay_median_s: float | None
     """From the acquisition of a state to the receipt of the command that answers it."""
     observation_noise_sigma: list[float]
+    """Standard deviation of the noise of each observation, shape (48,)."""
     load_noise_nm: list[float | None]
+    """The same of each joint's load."""
     torque_residual_nm: float | None
+    """What the fit of the loads leaves, root mean square."""
     time_offset_s: float | None
-    """How much earlier than the sampled motion the sampled load was made."""
+    """By how much a sampled load is older than the motion in the same state."""
     warnings: list[str]
+    """Logs that were left out, and other limits, a sentence each."""
     config: dict[str, Any]
+    """The whole configuration of the identification."""
 
 
 def result_data(found: Identification, config: SysidConfig) -> ResultData:

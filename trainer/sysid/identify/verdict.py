@@ -54,19 +54,21 @@ class ParameterVerdict:
     name: str
     """Effect, joints and parameter."""
     unit: str
+    """Its unit."""
     initial: float
-    """Where the search began."""
+    """Where the search started."""
     value: float
     """For the model file; where the parameter is not identified, a value that the logs do not contradict."""
     low: float
+    """Lower end of its 90 % interval."""
     high: float
-    """Bounds of its interval."""
+    """Upper end."""
     identified: bool
     """Whether the logs determine it."""
     source: Source
     """``measured torque``, ``distributions``, or ``not identified``."""
     reason: str
-    """Why it is, or is not."""
+    """Why it is identified, or is not."""
     by_search: Estimate
     """From the distributions of joint position, velocity and action: the paper's method."""
     by_torque: Estimate | None

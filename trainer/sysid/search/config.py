@@ -7,8 +7,9 @@ from typing import Any, Final, Literal
 
 from pydantic import Field, ValidationError
 
+from spot_model.effects.registry import make_effect
 from spot_model.errors import BadInputError
-from spot_model.io.model_file import load_model
+from spot_model.io.model_file import RobotModel, load_model
 from spot_model.io.settings import Settings
 from spot_model.io.validation import explain
 from spot_model.io.yaml_text import read_yaml
@@ -25,11 +26,17 @@ class ParameterConfig(Settings):
     """One searched parameter: an effect of the model, its joints, the parameter, and the bounds of the search."""
 
     effect: str
+    """Name of a built-in effect, or ``module:Class``."""
     joints: tuple[str, ...] = ("all",)
+    """Joints on which it acts, as in the model."""
     parameter: str
+    """Name of its parameter."""
     initial: float
+    """Where the search starts."""
     low: float
+    """Lower bound of the search."""
     high: float
+    """Upper bound."""
     fraction_of: str = ""
     """Search this parameter as a share (0 to 1) of another one of the same effect that is searched too."""
 
@@ -69,7 +76,9 @@ class SearchConfig(Settings):
     """CMA-ES. Defaults: the paper's 100 iterations of 10 samples."""
 
     generations: int = Field(default=100, ge=1, le=100_000)
+    """Iterations of the search."""
     population: int = Field(default=10, ge=4, le=10_000)
+    """Candidates per generation."""
     sigma: float = Field(default=0.2, gt=0.0, le=1.0)
     """Initial standard deviation as a share of each parameter's bounds."""
     seed: int = Field(default=0, ge=0)
@@ -79,22 +88,21 @@ class SimulationConfig(Settings):
     """How a candidate is simulated."""
 
     robots_per_sequence: int = Field(default=1, ge=1, le=64)
-    """Simulated robots a command sequence, started as that many of its real runs were."""
+    """Simulated robots per command sequence, each started like one of its real runs."""
     final_robots_per_sequence: int = Field(default=5, ge=1, le=64)
-    """The same for the scores that the result states: a single run of a running robot is one draw of many."""
+    """The same for the scores in the result, which need more because runs with the same model differ."""
     timestep_s: float = Field(default=0.002, gt=0.0, le=0.005)
-    """Physics step: short enough that contacts as stiff as a floor's, and delays of a few steps, come out right."""
+    """Physics step."""
     foot_friction: float = Field(default=0.8, gt=0.0, le=2.0)
+    """Friction coefficient of feet and ground."""
     contact_time_constant_s: float | None = Field(default=None, gt=0.0, le=0.1)
-    """MuJoCo's contact time constant; none: the one of :data:`CONTACT_CHOICES_S` with the best score is taken before
-    the search.
-    """
+    """MuJoCo's contact time constant; none: chosen from six values by score, before the search."""
     sensor_noise: bool = False
-    """Whether the simulated policy sees noise of the logs' own size; the paper's simulated data has none."""
+    """Whether the simulated policy sees sensor noise as large as in the logs; in the paper it sees none."""
     measured_delay: bool = True
-    """Whether the model's command delay is set to the median that the logs show, from state to servo."""
+    """Whether the model's command delay is set to the logs' median, from state to servo."""
     measured_inertia: bool = True
-    """Whether the reflected inertia that the logged torques show is put into the model; the paper's model has none."""
+    """Whether the model gets the rotor inertia that the logged torques show; the paper's model has none."""
 
 
 class SysidConfig(Settings):
@@ -102,7 +110,7 @@ class SysidConfig(Settings):
 
     schema_name: Literal["spot-rl/sysid/1"] = Field(default=SCHEMA, alias="schema")
     model: str = "paper_initial"
-    """The nominal model: a built-in name or a model file; it must hold every effect that is searched."""
+    """The nominal model: a built-in name or a model file. A searched effect that it lacks is added, at null."""
     parameters: tuple[ParameterConfig, ...] = Field(default_factory=_paper_parameters, min_length=1)
     search: SearchConfig = SearchConfig()
     simulation: SimulationConfig = SimulationConfig()
@@ -113,9 +121,9 @@ class SysidConfig(Settings):
         """The search space.
 
         Raises:
-            BadInputError: A parameter is not in the model, twice in the list, or its bounds do not fit.
+            BadInputError: An effect or parameter does not exist, is twice in the list, or its bounds do not fit.
         """
-        model = load_model(self.model)
+        model = self._whole_model()
         parameters = []
         for number, entry in enumerate(self.parameters):
             where = f"parameters.{number}"
@@ -130,6 +138,18 @@ class SysidConfig(Settings):
         if twice:
             raise BadInputError(f"parameters: {', '.join(sorted(twice))} is listed twice; list it once")
         return space
+
+    def _whole_model(self) -> RobotModel:
+        """The model, with the searched effects that it lacks."""
+        model = load_model(self.model)
+        present = {effect.name for effect in model.effects}
+        for name, joints in dict.fromkeys((entry.effect, entry.joints) for entry in self.parameters):
+            if name not in present:
+                try:
+                    model = model.with_effects(make_effect(name, {"joints": joints}))
+                except BadInputError as error:
+                    raise BadInputError(f"parameters: {error}") from error
+        return model
 
 
 def config_from_data(data: Any, *, source: str) -> SysidConfig:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot_model.effects.base import Effect, Parameter
+from spot_model.effects.registry import reference_of
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel
 
@@ -125,7 +126,7 @@ def find_parameter(model: RobotModel, effect: str, joints: tuple[str, ...], para
         BadInputError: The model has no such effect on these joints, or the effect no such parameter.
     """
     for index, candidate in enumerate(model.effects):
-        if candidate.name == effect and candidate.joints == joints:
+        if effect in (candidate.name, reference_of(type(candidate))) and candidate.joints == joints:
             for declared in candidate.parameters():
                 if declared.name == parameter:
                     return index, declared
