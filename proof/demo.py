@@ -71,7 +71,8 @@ def _walk(address: FakeAddress, policy: Path, sequence: Path, folder: Path, more
     if is_interrupted:
         raise KeyboardInterrupt
     if code != 0:
-        raise DemoError(f"the run ended with exit code {code}; its reason stands above, its log is in {folder}")
+        slow = "" if more else "; on a slow or busy computer, add --lock-step (make demo ARGS=--lock-step)"
+        raise DemoError(f"the run ended with exit code {code}, for the reason above; its log is in {folder}{slow}")
 
 
 def _say(began_s: float, text: str) -> None:

@@ -42,7 +42,7 @@ def commands_page() -> str:
     """Every command with its arguments and options."""
     parts = [
         "# Commands\n",
-        f"{NOTE}Exit codes: 0 done, 1 and 2 bad usage or input; those of runs are in [runtime](runtime.md).\n",
+        f"{NOTE}[Exit codes](runtime.md#exit-codes) are the same for all commands.\n",
     ]
     for entry in sorted(entry_points(group=COMMAND_GROUP), key=lambda e: e.name):
         if entry.value.startswith(("spot_", "fake_robot", "trainer", "diagnosis", "compare", "proof", "withheld")):

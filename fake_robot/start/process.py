@@ -25,7 +25,7 @@ STOP_TIMEOUT_S: Final = 10.0
 class FakeProcessError(SpotRlError):
     """The fake robot did not start."""
 
-    exit_code = 91
+    exit_code = 77
 
 
 @dataclass(frozen=True)

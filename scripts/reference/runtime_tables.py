@@ -8,6 +8,9 @@ import itertools
 from collections.abc import Iterator
 from types import ModuleType
 
+from fake_robot.start.process import FakeProcessError
+from proof.demo import DemoError
+from proof.loop_bench import BenchError
 from spot_log.live.process import LiveViewError
 from spot_model.errors import SpotRlError
 from spot_runtime.control.safety import battery, states
@@ -20,10 +23,15 @@ from spot_runtime.rescue.make_safe import NotSafeError
 from spot_runtime.safety_limits import SafetyLimits
 from spot_runtime.stops import StopReason
 from spot_tools.client.client import RefusedError, UnreachableError
+from trainer.collect.collect import CollectionError
 
 from .words import plain, table
 
 COMMAND_ERRORS: tuple[type[SpotRlError], ...] = (
+    CollectionError,
+    FakeProcessError,
+    BenchError,
+    DemoError,
     LeaseNoteError,
     NotSafeError,
     AlreadyRunningError,

@@ -119,3 +119,13 @@ def test_boundaries_lie_half_way_between_the_textbook_gaits():
 def test_spans_that_say_nothing_are_refused(time, contact):
     with pytest.raises(ValueError, match="rising stamps"):
         measure_gait(time, contact)
+
+
+def test_a_robot_that_mostly_stands_is_said_to_stand():
+    rng = np.random.default_rng(3)
+    contact = np.ones((2000, 4), dtype=bool)
+    for start in rng.integers(0, 1900, 12):
+        contact[start : start + 20, rng.integers(0, 4)] = False
+    gait = measure_gait(np.arange(2000) / 200.0, contact)
+    assert gait.name == "stand"
+    assert gait.sentence() == f"stand ({gait.clarity:.0%} of the time on four feet)"

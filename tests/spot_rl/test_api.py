@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import multiprocessing
 import os
@@ -119,6 +120,27 @@ def test_a_model_takes_more_effects() -> None:
     more = spot_rl.load_model("paper_identified", effects=[{"effect": "payload_mass", "mass_kg": 8.0}])
     assert more.effects[: len(plain.effects)] == plain.effects
     assert [(e.name, e.mass_kg) for e in more.effects[len(plain.effects) :]] == [("payload_mass", 8.0)]
+
+
+def test_a_model_takes_effects_of_a_class_and_names_them_so_that_others_find_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.syspath_prepend(str(REPOSITORY / "examples"))
+    from oil_drag import OilDrag
+
+    model = spot_rl.load_model("ideal", effects=[OilDrag(joints=("knees",), drag=0.1), {"effect": "armature"}])
+    data = model.to_data()
+    assert [effect["effect"] for effect in data["effects"]] == ["oil_drag:OilDrag", "armature"]
+    assert spot_rl.load_model("ideal", effects=data["effects"]).effects == model.effects
+
+
+def test_a_policy_is_given_as_a_file_or_as_it_was_loaded(in_project: None, tmp_path: Path) -> None:
+    policy = spot_rl.load_policy(WALK)
+    with pytest.raises(spot_rl.SpotRlError, match=r"the fake robot is not running"):
+        spot_rl.FakeSpot().walk(policy)
+    unnamed = dataclasses.replace(policy, path=None)
+    with pytest.raises(spot_rl.SpotRlError, match=r"was not loaded from a file; give the path"):
+        spot_rl.FakeSpot().walk(unnamed)
 
 
 def test_the_environment_is_seeded_and_ends_once(in_project: None) -> None:

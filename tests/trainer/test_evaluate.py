@@ -6,7 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from spot_model.effects.base import Effect
+from spot_model.effects.body.ground_friction import GroundFriction
 from spot_model.errors import BadInputError
+from spot_model.io.model_file import RobotModel
 from spot_model.policy.policy import load_policy
 from trainer.evaluate import report
 from trainer.evaluate.command import _evaluated
@@ -14,7 +17,7 @@ from trainer.evaluate.figures import gait, mean_velocity, tracking_error
 from trainer.evaluate.page import evaluation_page
 from trainer.evaluate.report import evaluate
 from trainer.evaluate.rollout import Recording, roll_out
-from trainer.evaluate.setting import Setting
+from trainer.evaluate.setting import FOOT_GEOMS, Setting
 from trainer.evaluate.trials import _grid
 
 POLICY = Path(__file__).parents[2] / "policies" / "walk.onnx"
@@ -132,3 +135,13 @@ def test_an_interrupted_evaluation_goes_on_and_takes_no_trials_of_another(
     kept.write_text("{")
     with pytest.raises(BadInputError, match="cannot be read"):
         _evaluated(setting, 3, kept)
+
+
+def test_the_drawn_friction_keeps_that_of_the_models_effects():
+    def feet(effects: tuple[Effect, ...]) -> np.ndarray:
+        setting = Setting(policy=None, model=RobotModel(effects=effects))
+        plant = setting.random_plant(3, np.random.default_rng(5))
+        return plant.fields["geom_friction"][:, [plant.model.geom(name).id for name in FOOT_GEOMS], 0]
+
+    plain, icy = feet(()), feet((GroundFriction(joints=("fl", "hr"), scale=0.25),))
+    np.testing.assert_array_equal(icy, plain * [0.25, 1.0, 1.0, 0.25])

@@ -102,3 +102,13 @@ def test_an_unknown_key_is_named() -> None:
 def test_a_file_that_is_not_there_is_named() -> None:
     with pytest.raises(BadInputError, match=r"config none\.yaml cannot be read"):
         load_config(Path("none.yaml"))
+
+
+def test_a_searched_effect_that_the_model_lacks_is_added_at_null() -> None:
+    entry = {"effect": "payload_mass", "parameter": "mass_kg", "initial": 1, "low": 0, "high": 9}
+    space = config_from_data({"model": "paper_identified", "parameters": [entry]}, source="x").space()
+    assert space.model.effects[-1].name == "payload_mass"
+    assert space.model.effects[-1].is_null
+    # An effect that is there on other joints is not doubled unasked.
+    with pytest.raises(BadInputError, match=r"has no effect 'coulomb_friction' on joints \['all'\]; it has: "):
+        config_from_data({"model": "paper_identified", "parameters": [ENTRY | {"joints": ["all"]}]}, source="x").space()
