@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import sys
 from pathlib import Path
 
 import typer
 from bosdyn.client.exceptions import Error as SdkError
-from bosdyn.client.sdk import create_standard_sdk
+from bosdyn.client.robot import Robot
+from bosdyn.client.sdk import Sdk, create_standard_sdk
 from rich.console import Console
 from rich.table import Table
 
@@ -20,6 +22,7 @@ from spot_model.errors import BadInputError, SpotRlError
 
 SYNC_TIMEOUT_S = 20.0
 _COLOUR = {Verdict.PASS: "green", Verdict.FAIL: "bold red", Verdict.DIFFERS: "yellow", Verdict.SKIPPED: "dim"}
+_HOST_AND_PORT = re.compile(r"(\[[^\]]+\]|[^:]+):(\d{1,5})")
 _LOCAL = ("ipv4:127.", "unix:", "localhost", "127.")
 
 
@@ -79,16 +82,24 @@ def connect(robot: str, ca_file: Path | None) -> Server:
     trusted = ca_file or (Path(os.environ["SPOT_RL_CA_FILE"]) if "SPOT_RL_CA_FILE" in os.environ else None)
     sdk = create_standard_sdk(CLIENT_NAME, cert_resource_glob=None if trusted is None else str(trusted))
     try:
-        known = sdk.create_robot(robot)
+        known = _robot_at(sdk, robot)
         known.authenticate(username, password)
         known.time_sync.wait_for_sync(timeout_sec=SYNC_TIMEOUT_S)
-        stranger = create_standard_sdk(
-            CLIENT_NAME, cert_resource_glob=None if trusted is None else str(trusted)
-        ).create_robot(robot)
+        another = create_standard_sdk(CLIENT_NAME, cert_resource_glob=None if trusted is None else str(trusted))
+        stranger = _robot_at(another, robot)
     except SdkError as error:
         what = str(error) or f"no time sync within {SYNC_TIMEOUT_S:g} s; the suite needs one to stamp its commands"
-        raise UnreachableError(f"{robot}: {type(error).__name__}: {what}") from error
+        raise UnreachableError(f"{robot}: {what}; check the address, the login, and --ca-file") from error
     return Server(known, stranger)
+
+
+def _robot_at(sdk: Sdk, address: str) -> Robot:
+    """The SDK's robot; the SDK itself takes a host alone, and nothing that says its port."""
+    found = _HOST_AND_PORT.fullmatch(address)
+    robot = sdk.create_robot(found[1] if found else address)
+    if found:
+        robot.update_secure_channel_port(int(found[2]))
+    return robot
 
 
 def line_of(result: Result) -> str:

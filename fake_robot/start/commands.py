@@ -106,7 +106,7 @@ def exec_program(context: typer.Context) -> None:
 
 @app.command("conformance")
 def conformance(
-    robot: Annotated[str, typer.Option(help="Host of a server that claims to be a Spot.")],
+    robot: Annotated[str, typer.Option(help="Server that claims to be a Spot: HOST, HOST:PORT or unix:/path.")],
     i_stand_beside_it: Annotated[
         bool, typer.Option("--i-stand-beside-it", help="Needed for a host that may be a real robot.")
     ] = False,

@@ -10,7 +10,10 @@ SLEW_S_PER_S: Final = 0.002
 """How fast the estimate may be bent: far above any crystal's drift, far below what could hurt an end time."""
 
 WINDOW: Final = 16
-"""Samples among which the one with the shortest round trip counts."""
+"""Samples among which the best counts: that of the shortest round trip, to which its age adds."""
+
+DRIFT_S_PER_S: Final = 1e-4
+"""How far two clocks may part while a sample grows old: two crystals, each good to 50 parts in a million."""
 
 
 class HostClock:
@@ -70,8 +73,8 @@ class RobotClockEstimate:
             clock was set, 0 otherwise.
         """
         self._samples.append(sample)
-        best = min(self._samples, key=lambda s: s.round_trip_ns)
         host_ns = sample.host_received_ns
+        best = min(self._samples, key=lambda s: s.round_trip_ns + 2.0 * DRIFT_S_PER_S * (host_ns - s.host_received_ns))
         skew_ns = best.skew_ns if self._line is None else self._skew_at(self._line, host_ns)
         self._line = _Line(host_ns, skew_ns, best.skew_ns)
         return max(0, abs(sample.skew_ns - skew_ns) - sample.round_trip_ns // 2)

@@ -579,11 +579,15 @@ def test_the_command_prints_json_and_fails_for_a_broken_rule(
     assert told.exit_code == 0, told.output
     assert json.loads(told.stdout)[0]["seen"] == "STATUS_NONEXISTENT_SERVICE"
     monkeypatch.setattr(directory_entries.DirectoryEntries, "entry", lambda self, _name: self.entries()[0])
+    words[2] = host.removeprefix("ipv4:").partition(",")[0]  # as people write it, which the SDK does not take
     told = CliRunner().invoke(app, words)
     assert told.exit_code == 1
     assert "expected STATUS_NONEXISTENT_SERVICE" in told.stdout
     told = CliRunner().invoke(app, [*words[:-1], "no_such_check"])
     assert "there is no check no_such_check" in str(told.exception)
+    told = CliRunner().invoke(app, [*words[:1], "--robot", "127.0.0.1:1", *words[3:]])
+    assert "127.0.0.1:1: " in str(told.exception)
+    assert "check the address, the login, and --ca-file" in str(told.exception)
 
 
 def test_the_table_stands_in_the_documentation() -> None:

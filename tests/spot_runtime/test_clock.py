@@ -67,14 +67,13 @@ def test_robot_time_always_runs_forward(delays_ns: list[tuple[int, int]]) -> Non
 
 
 def test_a_drifting_clock_is_followed() -> None:
-    """100 parts in a million, synced every 2 s: never more than 2 ms off, and no offence is taken."""
+    """150 parts in a million, synced every 2 s, every tenth time on a quicker way: never 1.5 ms off after a minute."""
     estimate = RobotClockEstimate()
     for i in range(300):
-        host_ns = T0 + 2 * i * S
-        drift_ns = round(2 * i * S * 1e-4)
-        assert estimate.add(sample(host_ns, SKEW_NS + drift_ns)) < 50 * MS
-    wanted = SKEW_NS + round(598 * S * 1e-4)
-    assert abs(estimate.skew_ns(T0 + 598 * S) - wanted) < 4 * MS
+        host_ns, way_ns = T0 + 2 * i * S, MS // (1 if i % 10 else 2)
+        skew_ns = SKEW_NS + round(2 * i * S * 1.5e-4)
+        assert estimate.add(sample(host_ns, skew_ns, way_ns, way_ns)) < 50 * MS
+        assert i < 30 or abs(estimate.skew_ns(host_ns + S) - skew_ns) < 1.5 * MS
 
 
 def test_without_a_sample_there_is_no_robot_time() -> None:

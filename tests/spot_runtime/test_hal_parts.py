@@ -12,10 +12,11 @@ from typing import Any, Literal
 import grpc
 import numpy as np
 import pytest
-from bosdyn.api import estop_pb2, robot_command_pb2, robot_state_pb2
+from bosdyn.api import estop_pb2, power_pb2, robot_command_pb2, robot_state_pb2
 from bosdyn.client import exceptions as sdk
 from bosdyn.client.channel import translate_exception
 from bosdyn.client.lease import ResourceAlreadyClaimedError
+from bosdyn.client.power import KeepaliveMotorsOffError
 from bosdyn.client.robot import UnregisteredServiceNameError
 
 from spot_log.format.vendor_state import StateMessageError, robot_state_from_wire
@@ -346,6 +347,9 @@ def test_no_connection_is_explained_where_that_is_asked() -> None:
     told = translate(UnregisteredServiceNameError("robot-command-streaming"), "finding robot-command-streaming")
     assert isinstance(told, NoServiceError)
     assert "the robot does not offer it" in str(told)
+    keeps_off = power_pb2.PowerCommandResponse(status=power_pb2.STATUS_KEEPALIVE_MOTORS_OFF)
+    told = translate(KeepaliveMotorsOffError(keeps_off, "off"), "powering on")
+    assert "have the program that set this keepalive policy check in" in str(told)
 
 
 def test_two_calls_that_one_expired_token_refuses_are_both_served_by_one_login() -> None:

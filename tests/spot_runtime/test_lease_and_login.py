@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -14,6 +15,8 @@ from bosdyn.api import auth_pb2, header_pb2, lease_pb2, lease_service_pb2_grpc
 from bosdyn.client import auth
 from bosdyn.client import exceptions as sdk
 from bosdyn.client.lease import Lease, LeaseClient, LeaseWallet, LeaseWalletResponseProcessor
+from bosdyn.client.robot_command import RobotCommandStreamingClient
+from bosdyn.client.robot_state import RobotStateStreamingClient
 
 from spot_runtime.config import RobotConfig
 from spot_runtime.hal.connection.address import parse_address
@@ -290,3 +293,25 @@ def test_a_token_that_is_valid_needs_no_password(monkeypatch: pytest.MonkeyPatch
     robot = StrangeLogin(lambda: None)
     assert log_in(robot, monkeypatch) == "spot-1 rex"
     assert robot.passwords == 0
+
+
+# Channels ------------------------------------------------------------------------------------------------------------
+
+
+def test_a_session_that_ends_at_once_leaves_no_thread_with_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A robot may have both streaming services at one authority, and then they share a channel."""
+    errors: list[Any] = []
+    monkeypatch.setattr(threading, "excepthook", errors.append)
+    server = grpc.server(ThreadPoolExecutor(2))
+    channel = grpc.insecure_channel(f"127.0.0.1:{server.add_insecure_port('127.0.0.1:0')}")
+    server.start()
+    session = new_session()
+    session._robot = SimpleNamespace(ensure_channel=lambda _name, **_: channel)
+    before = set(threading.enumerate())
+    for service in (RobotCommandStreamingClient, RobotStateStreamingClient):
+        assert session.streaming_channel(service) is channel
+    channel.close()
+    for thread in set(threading.enumerate()) - before:
+        thread.join(10.0)
+    server.stop(None)
+    assert not errors

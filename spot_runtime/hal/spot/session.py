@@ -94,6 +94,7 @@ class Session:
         self._lease: Any = None
         self.has_lease = False
         self._client_name = ""
+        self._connected: set[grpc.Channel] = set()
         self._helm = Helm(lambda: self._robot.lease_wallet.advance(BODY).lease_proto)
 
     # Connecting ------------------------------------------------------------------------------------------------------
@@ -124,7 +125,7 @@ class Session:
                 self._time_sync.timeout_s = min(LATER_SYNC_TIMEOUT_S, self._config.rpc_timeout_s)
                 return
         status = enum_word(time_sync_pb2.TimeSyncState.Status, self._time_sync.status)
-        raise ClockError(f"time sync was not established in {ATTEMPTS} round trips ({status})")
+        raise ClockError(f"time sync was not established in {ATTEMPTS} round trips ({status}); try again later")
 
     def sync_once(self) -> int:
         """One round trip. Returns how far it lies from the estimate, ns."""
@@ -257,10 +258,13 @@ class Session:
         name = service.default_service_name
         options = [(ONE_THREAD_A_STREAM, 1)]
         channel = self.calls.make(f"finding {name}", lambda: self._robot.ensure_channel(name, options=options))
+        if channel in self._connected:  # asked twice, gRPC's thread fails where the channel is closed soon after
+            return channel
         try:
             grpc.channel_ready_future(channel).result(timeout=self._timeout_s)
         except grpc.FutureTimeoutError as error:
             raise HalError(f"the service {name} did not answer within {self._timeout_s:g} s; check the link") from error
+        self._connected.add(channel)
         return channel
 
     def close(self) -> None:

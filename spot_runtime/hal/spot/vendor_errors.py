@@ -119,6 +119,11 @@ _TABLE: tuple[tuple[tuple[type[Exception], ...], type[HalError], str], ...] = (
         FaultError,
         "clear the cause on the robot's own page",
     ),
+    (
+        (power.KeepaliveMotorsOffError,),
+        MotionError,
+        "have the program that set this keepalive policy check in, or remove the policy",
+    ),
     ((UnregisteredServiceError,), NoServiceError, "the robot does not offer it; its software may be too old"),
     ((robot_command.BehaviorFaultError,), FaultError, "clear the behaviour fault on the tablet"),
     (
