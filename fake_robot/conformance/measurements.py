@@ -252,12 +252,12 @@ def estops_are_known(server: Server) -> str:
 
 @check("RobotState.GetRobotHardwareConfiguration", "", "links of every joint", source="robot_state.proto: skeleton")
 def skeleton_has_the_legs(server: Server) -> str:
-    """The skeleton has a body and a link behind each joint, under the names that its URDF uses where it tells one."""
+    """The skeleton has a body and a link behind each joint, under the names that its URDF uses."""
     skeleton = server.robot.ensure_client("robot-state").get_robot_hardware_configuration().skeleton
     links = {link.name for link in skeleton.links}
     if len(links) <= len(_NAMES):
         return f"{len(links)} links"
-    unknown = links - set(_URDF_LINK.findall(skeleton.urdf)) if skeleton.urdf else set()
+    unknown = links - set(_URDF_LINK.findall(skeleton.urdf))
     return f"not in the URDF: {', '.join(sorted(unknown))}" if unknown else "links of every joint"
 
 

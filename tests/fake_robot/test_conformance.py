@@ -328,6 +328,14 @@ PLANTED: dict[str, tuple[Callable[[pytest.MonkeyPatch], None], set[str]]] = {
         ),
         {"skeleton_has_the_legs"},
     ),
+    "the skeleton has no URDF": (
+        _answers(
+            RobotStateService,
+            "GetRobotHardwareConfiguration",
+            lambda r: r.hardware_configuration.skeleton.ClearField("urdf"),
+        ),
+        {"skeleton_has_the_legs"},
+    ),
     "the skew is another's": (
         lambda m: m.setattr(TimeSyncClients, "best", _ahead(TimeSyncClients.best)),
         {"skew_is_the_clocks"},

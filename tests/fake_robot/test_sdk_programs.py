@@ -94,7 +94,7 @@ SDK_COMMANDS = [
     (["dir", "get", "lease"], "bosdyn.api.LeaseService"),
     (["state", "full"], "motor_power_state: STATE_OFF"),
     (["state", "metrics"], "distance"),
-    (["state", "hardware"], "front_left_hip"),
+    (["state", "hardware"], "fl.hip"),
     (["time-sync"], "Local time to robot time: -"),
     (["lease", "list"], "mobility"),
     (["estop", "status"], "ESTOP_LEVEL_NONE"),

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import struct
 import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
+import mujoco
 import pytest
 from bosdyn.api import data_buffer_pb2, data_index_pb2, payload_pb2, power_pb2, ray_cast_pb2, service_fault_pb2
 from bosdyn.api.data_acquisition_pb2 import AcquisitionRequestList, DataCapture, ImageSourceCapture
@@ -80,17 +82,39 @@ def test_state_metrics_and_hardware(robot: Any, call: Callable[..., Any], stub: 
     labels = [metric.label for metric in call(RobotStateClient, "get_robot_metrics").metrics]
     assert "distance" in labels
     hardware = call(RobotStateClient, "get_robot_hardware_configuration")
-    assert hardware.skeleton.links[0].name == "body"
+    assert hardware.skeleton.links[0].name == "base"
     assert len(hardware.skeleton.links) == 13
     states = robot.ensure_client(RobotStateClient.default_service_name)
     models = [link.obj_model for link in states.get_hardware_config_with_link_info().skeleton.links]
-    assert [model.file_name for model in models[:2]] == ["body.obj", "front_left_hip.obj"]
+    assert [model.file_name for model in models[:2]] == ["base.obj", "fl.hip.obj"]
     assert all(model.file_contents.count("\nv ") == 8 and model.file_contents.count("\nf ") == 6 for model in models)
     with pytest.raises(InvalidRequestError, match="no model of link 'tail'"):
         robot.ensure_client("robot-state").get_robot_link_model("tail")
     assert robot.has_arm() is False
     assert robot.is_powered_on() is False
     assert robot.get_cached_hardware_hardware_configuration() == hardware
+
+
+def test_the_urdf_is_a_robot_with_its_feet_in_place(call: Callable[..., Any]) -> None:
+    """MuJoCo reads it; where the feet are, worked out by hand from the vendor's dimensions."""
+    urdf = call(RobotStateClient, "get_robot_hardware_configuration").skeleton.urdf
+    model = mujoco.MjModel.from_xml_string(urdf)
+    data = mujoco.MjData(model)
+    assert [model.joint(i).name for i in range(model.njnt)] == [name.replace("_", ".") for name in JOINT_NAMES]
+    assert model.joint("hr.hy").range == pytest.approx([-0.898845, 2.295108])
+    assert model.body_mass.sum() == pytest.approx(4 * (1.13688 + 2.25620 + 0.33))  # MuJoCo drops the fixed base's
+    hx, hy, kn = 0.2, 0.9, -1.6
+    data.qpos[:] = [hx, hy, kn] * 4
+    mujoco.mj_kinematics(model, data)
+    down = 0.3205 * math.cos(hy) + 0.025 * math.sin(hy) + 0.3365 * math.cos(hy + kn)
+    ahead = 0.025 * math.cos(hy) - 0.3205 * math.sin(hy) - 0.3365 * math.sin(hy + kn)
+    for leg, end, side in (("fl", 1, 1), ("fr", 1, -1), ("hl", -1, 1), ("hr", -1, -1)):
+        shin = data.body(f"{leg}.lleg")
+        foot = shin.xpos + shin.xmat.reshape(3, 3) @ [0.0, 0.0, -0.3365]
+        out = side * 0.110945
+        y = side * 0.055 + out * math.cos(hx) + down * math.sin(hx)
+        z = out * math.sin(hx) - down * math.cos(hx)
+        assert foot == pytest.approx([end * 0.29785 + ahead, y, z], abs=1e-6)
 
 
 def test_frames_of_the_polled_state_form_a_tree(robot: Any) -> None:
