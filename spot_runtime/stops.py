@@ -53,6 +53,9 @@ class StopReason(Enum):
     SERVICE_LOST = StopRule(
         Reaction.HAND_BACK, 14, "the operator's service is gone", "see its journal; it restarts idle"
     )
+    UNGUARDED = StopRule(
+        Reaction.HAND_BACK, 15, "no guardian watches over this program", "see to this computer, then start again"
+    )
     STATE_STALE = StopRule(
         Reaction.DAMP,
         20,

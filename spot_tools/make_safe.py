@@ -8,9 +8,9 @@ from typing import Annotated
 
 import typer
 
-from spot_runtime.options import CaFile, ConfigFile, CredentialsFile, LockStepAddress, RobotAddress, resolve_config
 from spot_runtime.rescue.lease_note import note_folder
 from spot_runtime.rescue.make_safe import WITHIN_S, make_safe_by_note
+from spot_tools.options import CaFile, ConfigFile, CredentialsFile, LockStepAddress, RobotAddress, resolve_config
 
 
 def make_safe(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import count
@@ -53,8 +54,19 @@ def silent_imu(rig: Rig) -> Finding:
 @tried_with
 def polled(rig: Rig, spoilt: Callable[[SlowState], SlowState]) -> Finding:
     """What is polled cannot follow from what was polled before."""
-    drive = rig.drive(lambda hal: hal.spoil_slow(spoilt, 0.0))
+    drive = rig.drive(lambda hal: hal.spoil_slow(spoilt, 0.0), seconds=6.0)
     return reacted(drive, judge(drive, "battery_unknown"), "soft_stop")
+
+
+def unknown_for_a_second(rig: Rig) -> Finding:
+    """Some polls without a battery are passed over."""
+
+    def without(slow: SlowState) -> SlowState:
+        nothing = math.nan
+        return replace(slow, battery_charge_percent=nothing, battery_voltage_v=nothing, motor_temperature_c={})
+
+    drive = rig.drive(lambda hal: hal.spoil_slow(without, 1.0))
+    return went_on(drive, judge(drive, "completed"))
 
 
 ROWS = (
@@ -65,6 +77,8 @@ ROWS = (
     Row("100 Hz, and the attitude frozen", 300.0, slower_and_spoilt("odom_from_body_wxyz", "frozen", "signal_frozen")),
     Row("100 Hz, and velocities of zero", 300.0, slower_and_spoilt("velocity_rad_s", "zero", "signals_contradict")),
     Row("inertial unit falls silent", 700.0, silent_imu),
-    Row("battery's charge leaps", 300.0, polled(lambda slow: replace(slow, battery_charge_percent=31.0))),
-    Row("temperatures are missing", 300.0, polled(lambda slow: replace(slow, motor_temperature_c={}))),
+    Row("battery's charge leaps", 3300.0, polled(lambda slow: replace(slow, battery_charge_percent=31.0))),
+    Row("temperatures are missing", 3300.0, polled(lambda slow: replace(slow, motor_temperature_c={}))),
+    Row("no charge in any poll", 3300.0, polled(lambda slow: replace(slow, battery_charge_percent=math.nan))),
+    Row("no charge, voltage and temperatures for a second", 0.0, unknown_for_a_second),
 )

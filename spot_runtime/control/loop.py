@@ -220,10 +220,11 @@ class ControlLoop:
         return Snapshot(host_ns, robot_ns, states, control, problems, hal.slow_state, hal.clock_age_s, log, waited_s)
 
     def _cpu_wait_s(self, newest: RobotState | None, robot_ns: int) -> float | None:
-        if self._cpu_wait is None or newest is None or self.memory.ending is not None:
+        """Asked for once: where a state is so old that the run ends."""
+        if self._cpu_wait is None or newest is None or self.mode is Mode.READY or self.memory.ending is not None:
             return None
-        is_old = (robot_ns - newest.robot_stamp_ns) / NS_PER_S > self._plan.limits.state_age_warn_s
-        return self._cpu_wait.since_mark_s() if is_old else None
+        is_stale = (robot_ns - newest.robot_stamp_ns) / NS_PER_S >= self._plan.limits.state_age_damp_s
+        return self._cpu_wait.since_mark_s() if is_stale else None
 
     def _now(self) -> Snapshot:
         return Snapshot(self._hal.host_now_ns(), self._hal.robot_now_ns(), joint_control=self._hal.joint_control)

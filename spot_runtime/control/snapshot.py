@@ -27,7 +27,7 @@ class Snapshot(NamedTuple):
     log: SinkHealth | None = None
     """How the log is doing; None between two looks at it."""
     cpu_wait_s: float | None = None
-    """Longest time that a thread of this process has waited for a processor of late; None unless states are old."""
+    """Longest time that a thread of this process has waited for a processor of late; None unless states are stale."""
 
 
 class Phase(NamedTuple):

@@ -163,7 +163,7 @@ def _end_and_move(
         inputs = ModeInputs(
             in_mode_s=(now.robot_ns - phase.since_ns) / NS_PER_S,
             reaction=None if memory.ending is None else memory.ending.reaction,
-            is_activation_asked=phase.mode is Mode.READY and memory.loads.is_full and is_fresh,
+            is_activation_asked=memory.loads.is_full and is_fresh and not memory.watch.battery.is_unknown,
             is_active=now.joint_control is JointControl.ACTIVE,
         )
         following = next_mode(phase.mode, inputs, memory.handover)

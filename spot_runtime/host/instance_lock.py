@@ -5,6 +5,7 @@ The lease refuses it robot-wide; this lock says so sooner, and also while the fi
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import os
 import tempfile
@@ -64,7 +65,8 @@ class InstanceLock:
 
     def __exit__(self, *_: object) -> None:
         if self._descriptor is not None:
-            self._path.unlink(missing_ok=True)
+            with contextlib.suppress(OSError):  # a disk that takes nothing any more; the lock ends all the same
+                self._path.unlink(missing_ok=True)
             os.close(self._descriptor)
             self._descriptor = None
 

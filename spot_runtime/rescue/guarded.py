@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections import deque
+import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -27,6 +27,7 @@ from spot_runtime.rescue.guardian import start_guardian
 from spot_runtime.rescue.heartbeat import Heartbeat, Hold
 from spot_runtime.rescue.keeper import GuardianKeeper, longest_silence_s
 from spot_runtime.rescue.lease_note import HeldNote, LeaseNote, LeaseNoteError, note_folder, note_path
+from spot_runtime.stops import Stop, StopReason
 
 GUARD_PERIOD_S: Final = 1.0
 
@@ -47,10 +48,9 @@ class NotingHal(BosdynHal):
         tell: Callable[[EventRecord], None] = lambda _: None,
     ) -> None:
         """As its parent; notes lie in ``folder``, and the rest is as :func:`guarded` has it."""
-        super().__init__(address, config, sink, pace)
-        self._on_pause, self._start_guardian, self._tell = on_pause, guardian, tell
+        super().__init__(address, config, sink, pace, tell=tell)
+        self._on_pause, self._start_guardian = on_pause, guardian
         self._guardian: GuardianKeeper | None = None
-        self._ended_guardians: deque[str] = deque()
         self._heartbeat = Heartbeat.new()
         self._robot, self._path = str(address), note_path(str(address), folder)
         self._note: HeldNote | None = None
@@ -58,13 +58,13 @@ class NotingHal(BosdynHal):
     def stand(self) -> None:
         """See the protocol. The note is there, and a guardian watches, before the motors have power."""
         lease = self._session.lease
-        if self._note is None and lease is not None:
+        if lease is not None:
             note = LeaseNote(self._robot, lease.resource, lease.epoch, lease.sequence[0], self._session.token)
             try:
-                self._note = HeldNote.write(self._path, note)
+                self._note = self._note or HeldNote.write(self._path, note)
             except LeaseNoteError as error:
                 raise HalError(str(error)) from error
-            if self._start_guardian is not None:
+            if self._guardian is None and self._start_guardian is not None:
                 self._guard(partial(self._start_guardian, note, self._heartbeat))
         self._heartbeat.hold = Hold.IN_HAND
         super().stand()
@@ -72,7 +72,6 @@ class NotingHal(BosdynHal):
     def receive(self, until_robot_ns: int, timeout_s: float) -> list[RobotState]:
         """See the protocol."""
         self._heartbeat.beat()
-        self._tell_of_guardians()
         return super().receive(until_robot_ns, timeout_s)
 
     def power_off(self) -> None:
@@ -81,22 +80,22 @@ class NotingHal(BosdynHal):
         self._heartbeat.hold = Hold.AT_REST
 
     def _guard(self, start: Callable[[], ChildProcess]) -> None:
-        keeper = self._guardian = GuardianKeeper(start, self._heartbeat, self._ended_guardians.append)
-        keeper.begin()
-        pace = self._pace
-        self._jobs.add("guardian", GUARD_PERIOD_S, lambda: keeper.look(pace.chore_now_s()), now_s=pace.chore_now_s())
+        def tell(text: str) -> None:
+            self._occurred(EventName.GUARDIAN_LOST, text)
 
-    def _tell_of_guardians(self) -> None:
-        """By the thread that writes the run's events, whichever thread looked at the guardian."""
-        while self._ended_guardians:
-            name, text = EventName.GUARDIAN_LOST, self._ended_guardians.popleft()
-            record = EventRecord(self.host_now_ns(), 0, name.severity, name.label, text)
-            self._sink.put(record)
-            self._tell(record)
+        def give_up(text: str) -> None:
+            self._problems.append(Stop(StopReason.UNGUARDED, text))
+
+        keeper = GuardianKeeper(start, self._heartbeat, tell, give_up)
+        keeper.begin()
+        self._guardian = keeper
+        # By this computer's clock, which is a guardian's, also where robot time has another pace.
+        self._jobs.add(
+            "guardian", GUARD_PERIOD_S, lambda: keeper.look(time.monotonic()), now_s=self._pace.chore_now_s()
+        )
 
     def _pause(self, duration_s: float) -> None:
         self._heartbeat.beat()
-        self._tell_of_guardians()
         self._on_pause()
         super()._pause(duration_s)
 

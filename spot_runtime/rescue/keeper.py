@@ -18,9 +18,11 @@ SPARE_S: Final = 5.0
 WATCHES_WITHIN_S: Final = 20.0
 """It starts within half a second, unless the computer is very busy."""
 LOOK_S: Final = 0.02
-LEAST_PAUSE_S: Final = 1.0
-LONGEST_PAUSE_S: Final = 60.0
-"""Between two successors. Each costs a process, which a computer that cannot keep one should not start every second."""
+UNGUARDED_S: Final = 10.0
+"""A robot with power that nobody has guarded for so long sits down. A guardian begins to watch within half a second."""
+LASTS_S: Final = 60.0
+MOST_ENDS: Final = 5
+"""So many guardians may end in a row, none of which lasted."""
 
 
 def longest_silence_s(robot: RobotConfig) -> float:
@@ -31,11 +33,26 @@ def longest_silence_s(robot: RobotConfig) -> float:
 class GuardianKeeper:
     """Starts guardians, which share a heartbeat."""
 
-    def __init__(self, start: Callable[[], ChildProcess], heartbeat: Heartbeat, tell: Callable[[str], None]) -> None:
-        """With what starts one or raises OSError, what one shows, and what is told in words of each that has ended."""
-        self._start, self._heartbeat, self._tell = start, heartbeat, tell
+    def __init__(
+        self,
+        start: Callable[[], ChildProcess],
+        heartbeat: Heartbeat,
+        tell: Callable[[str], None],
+        give_up: Callable[[str], None],
+    ) -> None:
+        """Prepare.
+
+        Args:
+            start: Starts one or raises OSError.
+            heartbeat: What one shows.
+            tell: Told in words of each that has ended.
+            give_up: Told once, when the robot must not keep its power for want of one.
+        """
+        self._start, self._heartbeat, self._tell, self._give_up = start, heartbeat, tell, give_up
         self._guardian: ChildProcess | None = None
-        self._pause_s, self._began_s, self._alive_s = 0.0, 0.0, 0.0
+        self._began_s, self._ends, self._has_given_up = 0.0, 0, False
+        self._missed_s: float | None = None
+        """When nobody was first seen to watch; None while somebody does."""
 
     def begin(self) -> None:
         """Start the first one, and wait until it watches. Raises HalError."""
@@ -53,23 +70,32 @@ class GuardianKeeper:
         raise _refusal(f"it did not begin within {WATCHES_WITHIN_S:g} s")
 
     def look(self, now_s: float) -> None:
-        """Replace one that has ended: the first at once, further ones after pauses that grow unless one lasts."""
-        if self._guardian is not None and self._guardian.exit_code is None:
-            self._alive_s = now_s
+        """Replace one that has ended; call it about once a second. Where that does not help, give up."""
+        is_there = self._guardian is not None and self._guardian.exit_code is None
+        if is_there and self._heartbeat.is_watched:
+            self._missed_s = None
+            self._ends = 0 if now_s - self._began_s > LASTS_S else self._ends
             return
-        if now_s - self._began_s < self._pause_s:
-            return
-        has_lasted = self._alive_s - self._began_s > LONGEST_PAUSE_S
-        self._pause_s = LEAST_PAUSE_S if has_lasted else min(max(2.0 * self._pause_s, LEAST_PAUSE_S), LONGEST_PAUSE_S)
-        self._began_s = now_s
+        self._missed_s = now_s if self._missed_s is None else self._missed_s
+        if not is_there:
+            self._replace(now_s)
+        unguarded_s = now_s - self._missed_s
+        if not self._has_given_up and (unguarded_s > UNGUARDED_S or self._ends > MOST_ENDS):
+            self._has_given_up = True
+            self._give_up(f"{self._ends} ended in a row, and nobody has watched for {unguarded_s:.0f} s")
+
+    def _replace(self, now_s: float) -> None:
         words = "no guardian" if self._guardian is None else f"the guardian has ended ({self._guardian.end_in_words})"
+        self._ends += self._guardian is not None
+        self._began_s, self._heartbeat.is_watched = now_s, False
         try:
             self._guardian = self._start()
             words += "; another one was started"
         except OSError as error:
             self._guardian = None
             words += f", and none can be started: {error}; if this program dies, the robot may be left with power"
-        self._tell(words)
+        if not self._has_given_up:
+            self._tell(words)
 
     def end(self) -> None:
         """End the one that there is: the robot is at rest."""

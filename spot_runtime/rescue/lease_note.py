@@ -6,6 +6,7 @@ lease by which the robot can tell whether anybody has had it since. The note is 
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import os
@@ -118,8 +119,9 @@ class HeldNote:
         return held, note
 
     def remove(self) -> None:
-        """The robot is at rest, or no longer ours."""
-        self._path.unlink(missing_ok=True)
+        """The robot is at rest, or no longer ours. Where it cannot be removed, the next process asks the robot."""
+        with contextlib.suppress(OSError):
+            self._path.unlink(missing_ok=True)
         self.let_go()
 
     def let_go(self) -> None:

@@ -116,13 +116,13 @@ class RobotSession:
         hal = self.hal
         if hal is None:
             return
+        if reaction is Reaction.ESTOP:
+            hal.estop()
         if self.robot_id and not self._has_told_shut_down:
             self._has_told_shut_down = True
             self._on_shut_down()
         try:
-            if reaction is Reaction.ESTOP:
-                hal.estop()
-            else:
+            if reaction is not Reaction.ESTOP:
                 self._signals.interrupt_waits(only_estop=not may_stand)
             if may_stand:
                 self._stand(hal)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
+import threading
 import time
 import uuid
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from pathlib import Path
+from typing import Final
 
 from spot_log import recover_leftovers
 from spot_log.format.events import EventName
@@ -49,6 +52,9 @@ class RunRequest:
     repeat: int = 0
     labels: dict[str, str] = field(default_factory=dict)
 
+
+RECORD_TIMEOUT_S: Final = 5.0
+"""Longest wait for an incident file, once the robot is at rest."""
 
 HalFactory = Callable[[LogSink], Hal]
 SinkFactory = Callable[[Path, RunHeader], LogSink]
@@ -150,6 +156,8 @@ class _Attempt:
         self._loop: ControlLoop | None = None
         self._stats = LoopStats()
         self._refusals: tuple[str, ...] = ()
+        self._recorders: list[threading.Thread] = []
+        self._recorded: tuple[EventName, str] | None = None
         self._control_s = (0.0, 0.0)
         self._rss_start_mb = resident_mb()
 
@@ -171,7 +179,9 @@ class _Attempt:
         try:
             self.session.drive(lambda: self._make(make_hal), self._control)
         finally:
-            self._write_flight_record()
+            self._record_flight(RECORD_TIMEOUT_S)
+            if self._recorded is not None:
+                self._event(*self._recorded)
 
     def summary(self) -> RunSummary:
         """What a person and a program want to know."""
@@ -222,13 +232,23 @@ class _Attempt:
 
     def _shutting_down(self) -> None:
         self._manager.stopping()
-        self._write_flight_record()
+        self._record_flight(0.0)
         self._say("sitting and powering off …")
 
-    def _write_flight_record(self) -> None:
-        told = self._sink.write(self._request.log_path, self._header, self.session.outcome.label)
-        if told is not None:
-            self._event(*told)
+    def _record_flight(self, within_s: float) -> None:
+        """Write what led to a stop, in a thread of its own: a slow disk must not keep the robot standing."""
+        path, header, label = self._request.log_path, self._header, self.session.outcome.label
+
+        def write() -> None:
+            told = self._sink.write(path, header, label)
+            self._recorded = told or self._recorded
+
+        with contextlib.suppress(RuntimeError):  # there is no room for another thread
+            recorder = threading.Thread(target=write, name="flight record", daemon=True)
+            recorder.start()
+            self._recorders.append(recorder)
+        for recorder in self._recorders:
+            recorder.join(within_s)
 
     def _event(self, name: EventName, text: str) -> None:
         hal = self.session.hal

@@ -12,11 +12,11 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from spot_runtime.options import CaFile, ConfigFile, CredentialsFile, resolve_config
 from spot_tools.doctor.check import Result, Verdict, is_fit, make
 from spot_tools.doctor.computer import checks_of_computer
 from spot_tools.doctor.host import Host
 from spot_tools.doctor.robot import RobotDoctor
+from spot_tools.options import CaFile, ConfigFile, CredentialsFile, resolve_config
 
 _COLOUR = {Verdict.OK: "green", Verdict.WARN: "yellow", Verdict.FAIL: "bold red", Verdict.SKIPPED: "dim"}
 

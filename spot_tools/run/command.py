@@ -26,12 +26,12 @@ from spot_runtime.host.console import Console
 from spot_runtime.host.instance_lock import InstanceLock
 from spot_runtime.host.journal import Journal, tell_by
 from spot_runtime.host.service_manager import ServiceManager
-from spot_runtime.options import CaFile, ConfigFile, CredentialsFile, LockStepAddress, RobotAddress, resolve_config
 from spot_runtime.rescue.guarded import guarded
 from spot_runtime.session.labels import parse_labels
 from spot_runtime.session.run import RunRequest, log_file_name, recover_at_start
 from spot_runtime.session.run import run as run_once
 from spot_runtime.sources.base import CommandSource
+from spot_tools.options import CaFile, ConfigFile, CredentialsFile, LockStepAddress, RobotAddress, resolve_config
 from spot_tools.run.joint_script import JointScriptSource
 from spot_tools.run.manual import manual_source
 from spot_tools.run.scripted import ScriptedSource

@@ -500,11 +500,48 @@ def test_what_a_spot_might_just_do_is_used(make_state: MakeState, changes: dict[
         ({"motor_temperature_c": {"fl_hx": 310.0, "hr_kn": -61.0}}, "fl_hx, hr_kn"),
     ],
 )
-def test_what_is_no_number_is_unknown_and_unknown_is_not_good(
+def test_what_is_no_number_is_unknown_and_unknown_is_not_good_for_long(
     make_slow: MakeSlow, changes: dict[str, Any], names: str
 ) -> None:
-    slow = make_slow(START_NS, **changes)
-    assert check_slow_state(slow, START_NS, LIMITS) == Stop(StopReason.BATTERY_UNKNOWN, names)
+    temperatures = {"fl_hx": 20.0, "hr_kn": 20.0}
+    good = make_slow(START_NS, battery_temperature_c=(30.0, 30.0), motor_temperature_c=temperatures)
+    memory, stop = check_slow_state(BatteryMemory(), good, START_NS, LIMITS)
+    assert (memory.since_ns, memory.charge_percent, memory.is_unknown, stop) == (START_NS, 80.0, False, None)
+    for late_ns in (200 * MS, 3000 * MS):
+        bad = replace(good, host_stamp_ns=START_NS + late_ns, **changes)
+        assert check_slow_state(memory, bad, START_NS + late_ns, LIMITS) == (memory, None)
+    assert check_slow_state(memory, replace(bad, **changes), START_NS + 3001 * MS, LIMITS) == (
+        memory,
+        Stop(StopReason.BATTERY_UNKNOWN, names, {"unknown_s": 3.001, "bound_s": 3.0}),
+    )
+    known_again = replace(good, host_stamp_ns=START_NS + 3001 * MS)
+    after, stop = check_slow_state(memory, known_again, START_NS + 3001 * MS, LIMITS)
+    assert (after.since_ns, stop) == (START_NS + 3001 * MS, None)
+
+
+@pytest.mark.parametrize(("longest_s", "bound_s"), [(3.0, 1.0), (0.5, 0.5)])
+def test_a_battery_that_was_never_known_is_waited_for_a_shorter_time(
+    make_slow: MakeSlow, longest_s: float, bound_s: float
+) -> None:
+    slow = make_slow(START_NS, battery_charge_percent=float("nan"))
+    memory, stop = watch(BatteryMemory(), slow, START_NS, longest_s)
+    assert (memory.is_unknown, memory.since_ns, BatteryMemory().is_unknown, stop) == (True, START_NS, False, None)
+    bound_ns = START_NS + round(bound_s * 1e9)
+    assert watch(memory, slow, bound_ns, longest_s) == (memory, None)
+    values = {"unknown_s": bound_s + 0.001, "bound_s": bound_s}
+    assert watch(memory, slow, bound_ns + MS, longest_s)[1] == Stop(StopReason.BATTERY_UNKNOWN, "charge", values)
+
+
+def test_what_cannot_be_true_is_neither_low_nor_hot(make_slow: MakeSlow) -> None:
+    for changes in ({"battery_charge_percent": -0.1}, {"motor_temperature_c": {"fl_kn": 200.1}}):
+        assert check_slow_state(BatteryMemory(), make_slow(START_NS, **changes), START_NS, LIMITS)[1] is None
+    for changes, reason in (
+        ({"battery_charge_percent": 0.0}, StopReason.BATTERY_LOW),
+        ({"motor_temperature_c": {"fl_kn": 200.0}}, StopReason.MOTOR_HOT),
+    ):
+        stop = check_slow_state(BatteryMemory(), make_slow(START_NS, **changes), START_NS, LIMITS)[1]
+        assert stop is not None
+        assert stop.reason is reason
 
 
 def test_the_ends_of_what_a_battery_does_are_believed_and_so_is_one_that_reports_neither_voltage_nor_current(
@@ -515,11 +552,11 @@ def test_the_ends_of_what_a_battery_does_are_believed_and_so_is_one_that_reports
         {"battery_voltage_v": 65.0, "battery_current_a": 200.0, "battery_temperature_c": (-60.0, 200.0)},
         {"battery_voltage_v": 0.0, "battery_current_a": 0.0},
     ):
-        assert check_slow_state(make_slow(START_NS, **changes), START_NS, LIMITS) is None
+        assert not watch(BatteryMemory(), make_slow(START_NS, **changes), START_NS, 3.0)[0].is_unknown
 
 
 def test_an_empty_battery_is_low_and_not_unknown(make_slow: MakeSlow) -> None:
-    stop = check_slow_state(make_slow(START_NS, battery_charge_percent=0.0), START_NS, LIMITS)
+    _, stop = check_slow_state(BatteryMemory(), make_slow(START_NS, battery_charge_percent=0.0), START_NS, LIMITS)
     assert stop is not None
     assert stop.reason is StopReason.BATTERY_LOW
 
@@ -530,7 +567,7 @@ def test_a_battery_does_not_charge_for_long_while_the_motors_have_power(make_slo
         memory = BatteryMemory()
         for second, current_a in enumerate(currents):
             slow = make_slow(START_NS + second * 1000 * MS, battery_current_a=current_a, **changes)
-            memory, stop = watch(memory, slow)
+            memory, stop = watch(memory, slow, slow.host_stamp_ns, 3.0)
             if stop is not None:
                 values = {"charging_s": 10.0, "bound_s": 10.0}
                 assert stop == Stop(
@@ -817,7 +854,7 @@ def test_a_request_that_is_no_number_names_its_joints_and_changes_no_memory() ->
     ],
 )
 def test_the_slow_state_at_its_bounds(make_slow: MakeSlow, changes: dict[str, object], stop: Stop | None) -> None:
-    assert check_slow_state(make_slow(**changes), START_NS, LIMITS) == stop
+    assert check_slow_state(BatteryMemory(), make_slow(**changes), START_NS, LIMITS)[1] == stop
 
 
 def test_of_several_causes_the_one_that_needs_most_is_told(make_slow: MakeSlow) -> None:
@@ -838,12 +875,12 @@ def test_of_several_causes_the_one_that_needs_most_is_told(make_slow: MakeSlow) 
         ("motor_temperature_c", {}),
         ("system_faults", ()),
     ):
-        stop = check_slow_state(make_slow(**worst), START_NS, LIMITS)
+        _, stop = check_slow_state(BatteryMemory(), make_slow(**worst), START_NS, LIMITS)
         assert stop is not None
         told.append(stop.reason.label)
         worst[name] = healthy
     assert told == ["estopped", "behavior_fault", "motors_off", "battery_low", "motor_hot", "system_fault"]
-    assert check_slow_state(make_slow(**worst), START_NS, LIMITS) is None
+    assert check_slow_state(BatteryMemory(), make_slow(**worst), START_NS, LIMITS)[1] is None
 
 
 # The last gate -------------------------------------------------------------------------------------------------------
@@ -954,22 +991,27 @@ def test_the_joint_that_goes_furthest_beyond_what_it_may_is_named() -> None:
     assert (stop.reason, stop.detail) == (StopReason.SETPOINT_OVERSHOOT, "fr_kn")
 
 
-@pytest.mark.parametrize(("before", "after", "leaps"), [(90, 80, 0), (90, 79.9, 1), (20, 30.1, 1), (50, np.nan, 0)])
+@pytest.mark.parametrize(("before", "after", "leaps"), [(90, 80, 0), (90, 79.9, 1), (20, 30.1, 1)])
 def test_the_charge_of_a_battery_does_not_leap(make_slow: MakeSlow, before: float, after: float, leaps: int) -> None:
-    memory, stop = watch(BatteryMemory(), make_slow(START_NS, battery_charge_percent=float(before)))
+    memory, stop = watch(BatteryMemory(), make_slow(START_NS, battery_charge_percent=float(before)), START_NS, 3.0)
     assert stop is None
-    memory, stop = watch(memory, make_slow(START_NS, battery_charge_percent=float(after)))
-    assert memory.charge_percent == pytest.approx(after, nan_ok=True)
+    later_ns = START_NS + 3001 * MS
+    later, stop = watch(memory, make_slow(later_ns, battery_charge_percent=float(after)), later_ns, 3.0)
+    assert later.charge_percent == pytest.approx(before if leaps else after)
     assert (stop is not None) == bool(leaps)
     if stop is not None:
-        assert (stop.reason, stop.detail) == (StopReason.BATTERY_UNKNOWN, "charge: it leaps")
-        assert stop.values == {"leap_percent": pytest.approx(abs(after - before)), "bound_percent": 10.0}
+        words = f"charge, which leaps from {before} to {after:.0f} %"
+        assert (stop.reason, stop.detail) == (StopReason.BATTERY_UNKNOWN, words)
 
 
 def test_temperatures_that_are_no_longer_reported_are_unknown(make_slow: MakeSlow) -> None:
     all_of_them = make_slow(START_NS, motor_temperature_c={"fl_hx": 30.0, "fl_hy": 31.0}, battery_temperature_c=(25.0,))
-    memory, stop = watch(BatteryMemory(), all_of_them)
+    memory, stop = watch(BatteryMemory(), all_of_them, START_NS, 3.0)
     assert (memory.temperatures, stop) == (3, None)
-    assert watch(memory, all_of_them)[1] is None
-    _, stop = watch(memory, make_slow(START_NS, motor_temperature_c={"fl_hx": 30.0}, battery_temperature_c=()))
-    assert stop == Stop(StopReason.BATTERY_UNKNOWN, "temperatures: some are missing", {"missing": 2.0})
+    assert watch(memory, all_of_them, START_NS, 3.0)[1] is None
+    fewer = make_slow(START_NS, motor_temperature_c={"fl_hx": 30.0}, battery_temperature_c=())
+    assert watch(memory, fewer, START_NS, 3.0) == (memory, None)
+    values = {"unknown_s": 4.0, "bound_s": 3.0}
+    stop = watch(memory, fewer, START_NS + 4000 * MS, 3.0)[1]
+    assert stop == Stop(StopReason.BATTERY_UNKNOWN, "2 temperatures", values)
+    assert watch(memory._replace(temperatures=1), fewer, START_NS + 4000 * MS, 3.0)[1] is None

@@ -19,9 +19,12 @@ import numpy as np
 import pytest
 from bosdyn.api import estop_pb2, power_pb2
 from bosdyn.client.estop import IncorrectChallengeResponseError
+from bosdyn.client.exceptions import TimedOutError
 from bosdyn.client.power import CommandInProgressError
 
-from spot_log.format.records import EventRecord, Record
+from spot_log import read_run
+from spot_log.format.records import EventRecord, Record, RunHeader
+from spot_log.write.flight_recorder import FlightRecorder
 from spot_log.write.sink import MemorySink
 from spot_model.io.velocity_sequence import standing_sequence
 from spot_model.policy.policy import Policy
@@ -35,6 +38,7 @@ from spot_runtime.hal.spot.calls import Calls
 from spot_runtime.hal.spot.estop import OwnEstop
 from spot_runtime.hal.spot.motions import CUT_S, Helm, Motions
 from spot_runtime.host.console import Console
+from spot_runtime.session import run as run_module
 from spot_runtime.session.robot_session import ControlEnd, RobotSession
 from spot_runtime.session.run import RunRequest, run
 from spot_runtime.session.signals import OperatorInterrupt, StopSignals
@@ -232,48 +236,119 @@ def test_a_robot_that_may_have_power_is_told_of_whatever_ended_the_run(
     assert "power_off_failed" in robot.said()
 
 
+# A disk that takes its time -------------------------------------------------------------------------------------------
+
+
+def without_lease(troubles: dict[tuple[str, int], Callable[[], None]]) -> Troubled:
+    robot = Troubled(troubles=troubles)
+    robot.waiting.append(Stop(StopReason.LEASE_LOST, "taken"))
+    return robot
+
+
+def test_no_incident_file_keeps_the_robot_standing(
+    zero_policy: Policy, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    at_rest = threading.Event()
+    waited: list[bool] = []
+    write = FlightRecorder._write
+
+    def slowly(recorder: FlightRecorder, path: Path, header: RunHeader, outcome: str) -> None:
+        waited.append(at_rest.wait(60.0))
+        write(recorder, path, header, outcome)
+
+    monkeypatch.setattr(FlightRecorder, "_write", slowly)
+    robot = without_lease({("power_off", 1): at_rest.set})
+    assert robot.drive(zero_policy, tmp_path).outcome == "lease_lost"
+    assert waited == [True]
+    assert robot.said()[-1] == "incident"
+    assert read_run(tmp_path / "incidents" / "run.mcap").outcome == "lease_lost"
+
+
+def test_a_disk_that_hangs_keeps_no_run_from_its_end(
+    zero_policy: Policy, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    is_over = threading.Event()
+    monkeypatch.setattr(run_module, "RECORD_TIMEOUT_S", 0.1)
+    monkeypatch.setattr(FlightRecorder, "_write", lambda *_: is_over.wait(60.0))
+    assert without_lease({}).drive(zero_policy, tmp_path).outcome == "lease_lost"
+    is_over.set()
+
+
 # The e-stop ----------------------------------------------------------------------------------------------------------
 
 
 class SlowEndpoint:
-    """Takes its time for a check-in; a press meanwhile would be answered wrongly by the robot."""
+    """A robot's e-stop by its book: each answer to a challenge is used once, and brings the next challenge.
 
-    def __init__(self) -> None:
+    It takes its time for a check-in, and acts on it when it comes or, if ``is_late``, just before it answers.
+    """
+
+    def __init__(self, *, is_late: bool) -> None:
+        self.is_late, self.challenge, self.known, self.level = is_late, 1, 1, "none"
         self.calls: list[str] = []
         self.has_begun, self.may_end = threading.Event(), threading.Event()
-        self._challenge = threading.Lock()
 
     def allow(self, timeout: float) -> None:
-        with self._once():
-            self.calls.append("allow")
-            self.has_begun.set()
-            assert self.may_end.wait(30.0)
+        answered, self.calls = self.known, [*self.calls, "allow"]
+        if not self.is_late:
+            self._take(answered, "none")
+        self.has_begun.set()
+        assert self.may_end.wait(30.0)
+        if self.is_late:
+            self._take(answered, "none")
+        self.known = self.challenge
 
     def settle_then_cut(self, timeout: float) -> None:
-        with self._once():
-            self.calls.append("press")
+        answered, self.calls = self.known, [*self.calls, "press"]
+        is_right = self._take(answered, "settle")
+        self.known = self.challenge
+        if not is_right:
+            raise IncorrectChallengeResponseError(estop_pb2.EstopCheckInResponse(), "incorrect")
 
-    def _once(self) -> threading.Lock:
-        if self._challenge.locked():
-            raise HalError("two check-ins answer one challenge")
-        return self._challenge
+    def _take(self, answered: int, level: str) -> bool:
+        is_right = answered == self.challenge
+        self.challenge += 1
+        self.level = level if is_right else self.level
+        return is_right
 
 
-def test_a_press_waits_for_the_check_in_under_way_and_no_other_follows() -> None:
-    endpoint = SlowEndpoint()
+@pytest.mark.parametrize("is_late", [True, False])
+def test_a_press_acts_at_once_though_a_check_in_is_under_way_and_no_other_follows(is_late: bool) -> None:
+    endpoint = SlowEndpoint(is_late=is_late)
     own = OwnEstop.__new__(OwnEstop)
     own._lock, own._is_pressed, own._rpc_timeout_s, own._endpoint = threading.Lock(), False, 3.0, endpoint
     checking, pressing = threading.Thread(target=own.check_in), threading.Thread(target=own.press)
     checking.start()
     assert endpoint.has_begun.wait(30.0)
     pressing.start()
-    while not own._is_pressed and pressing.is_alive():
+    while endpoint.level != "settle" and pressing.is_alive() and len(endpoint.calls) < 4:
         time.sleep(0.001)
+    assert (endpoint.level, checking.is_alive()) == ("settle", True)
     endpoint.may_end.set()
     for thread in (checking, pressing):
         thread.join(30.0)
     own.check_in()
-    assert endpoint.calls == ["allow", "press"]
+    assert endpoint.level == "settle"
+    assert (endpoint.calls[0], set(endpoint.calls[1:])) == ("allow", {"press"})
+
+
+def test_a_press_that_is_refused_beside_a_check_in_is_made_again_after_it() -> None:
+    class Unreachable(SlowEndpoint):
+        def settle_then_cut(self, timeout: float) -> None:
+            if not self.may_end.is_set():
+                self.may_end.set()
+                raise TimedOutError(ValueError("3 s"), "no answer")
+            super().settle_then_cut(timeout)
+
+    endpoint = Unreachable(is_late=False)
+    own = OwnEstop.__new__(OwnEstop)
+    own._lock, own._is_pressed, own._rpc_timeout_s, own._endpoint = threading.Lock(), False, 3.0, endpoint
+    checking = threading.Thread(target=own.check_in)
+    checking.start()
+    assert endpoint.has_begun.wait(30.0)
+    own.press()
+    checking.join(30.0)
+    assert endpoint.level == "settle"
 
 
 class Forgetful:

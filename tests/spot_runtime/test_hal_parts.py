@@ -22,8 +22,10 @@ from bosdyn.client.robot import UnregisteredServiceNameError
 from spot_log.format.vendor_state import StateMessageError, robot_state_from_wire
 from spot_log.write.sink import MemorySink
 from spot_model.robot import facts
+from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import Gains, JointCommand
 from spot_runtime.config import RobotConfig, RunConfig
+from spot_runtime.control.safety.battery import BatteryMemory
 from spot_runtime.control.safety.slow_state import check_slow_state
 from spot_runtime.hal.connection.address import parse_address
 from spot_runtime.hal.errors import CredentialsError, EstopError, FaultError, HalError, NoRobotError, NoServiceError
@@ -39,6 +41,7 @@ from spot_runtime.hal.spot.vendor_errors import enum_word, translate
 from spot_runtime.host.clock import ClockSample, HostClock, RobotClockEstimate
 from spot_runtime.stops import StopReason
 
+LIMITS = RunConfig().safety
 STAMP_NS = 1_700_000_000_123_456_789
 
 
@@ -226,11 +229,11 @@ def test_a_robot_with_an_arm_is_refused_before_anything_moves(monkeypatch: pytes
     for name in ("fl.hx", "hr.kn"):
         state.kinematic_state.joint_states.add(name=name)
     monkeypatch.setattr(session, "_state", lambda: state)
-    assert session.check_faults(8.0).battery_charge_percent == 80.0
+    assert session.check_faults(LIMITS, lambda _: None).battery_charge_percent == 80.0
     for name in ("arm0.sh0", "arm0.f1x"):
         state.kinematic_state.joint_states.add(name=name)
     with pytest.raises(HalError, match=r"an arm \(2 joints, arm0.sh0 to arm0.f1x\).* take the arm off"):
-        session.check_faults(8.0)
+        session.check_faults(LIMITS, lambda _: None)
 
 
 def test_a_charge_that_is_not_reported_is_not_known_and_starts_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -240,15 +243,45 @@ def test_a_charge_that_is_not_reported_is_not_known_and_starts_nothing(monkeypat
     for _ in range(2):  # no battery; one that tells its voltage alone
         slow = slow_state_from_message(state, STAMP_NS)
         assert np.isnan(slow.battery_charge_percent)
-        stop = check_slow_state(replace(slow, motors_powered=True), STAMP_NS, RunConfig().safety)
+        never_known = BatteryMemory(since_ns=STAMP_NS - 2 * NS_PER_S)
+        _, stop = check_slow_state(never_known, replace(slow, motors_powered=True), STAMP_NS, LIMITS)
         assert stop is not None
         assert (stop.reason.label, stop.detail) == ("battery_unknown", "charge")
         with pytest.raises(FaultError, match="does not report its battery's charge"):
-            session.check_faults(8.0)
+            session.check_faults(LIMITS, lambda _: None)
         state.battery_states.add().voltage.value = 52.0
     state.battery_states[0].charge_percentage.value = 0.0
     with pytest.raises(FaultError, match="holds 0 %"):
-        session.check_faults(8.0)
+        session.check_faults(LIMITS, lambda _: None)
+
+
+def test_a_charge_that_is_missing_for_a_moment_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock, state = HostClock(), robot_state_pb2.RobotState()
+    session = Session(parse_address("127.0.0.1:1"), RobotConfig(), clock, RobotClockEstimate(), clock.now_ns)
+    monkeypatch.setattr(session, "_state", lambda: state)
+    waited_s: list[float] = []
+
+    def pause(duration_s: float) -> None:
+        waited_s.append(duration_s)
+        if len(waited_s) == 4:
+            state.battery_states.add().charge_percentage.value = 80.0
+
+    assert session.check_faults(LIMITS, pause).battery_charge_percent == 80.0
+    assert len(waited_s) == 4
+    del state.battery_states[:]
+    with pytest.raises(FaultError, match="does not report its battery's charge"):
+        session.check_faults(LIMITS, waited_s.append)
+    assert sum(waited_s[4:]) == pytest.approx(LIMITS.slow_state_age_s, abs=0.06)
+
+
+def test_an_answer_that_does_not_tell_of_the_power_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock, state = HostClock(), robot_state_pb2.RobotState()
+    session = Session(parse_address("127.0.0.1:1"), RobotConfig(), clock, RobotClockEstimate(), clock.now_ns)
+    monkeypatch.setattr(session, "_state", lambda: state)
+    with pytest.raises(HalError, match="does not say whether its motors have power"):
+        session.poll()
+    state.power_state.motor_power_state = robot_state_pb2.PowerState.MOTOR_POWER_STATE_OFF
+    assert not session.poll().motors_powered
 
 
 def test_one_pressed_estop_is_enough() -> None:
@@ -488,6 +521,8 @@ def test_a_state_stream_that_was_opened_again_is_an_event_in_the_log(monkeypatch
     states: Any = hal._states
     assert len(list(iter(states.states.get, None))) == 5
     states.stop()
+    assert sink.events == [], "another thread writes the run's events"
+    hal.receive(0, 0.0)
     assert [(event.name, event.text) for event in sink.events] == [("states_reopened", "it had been open for 2.5 s")]
     assert [stop.reason for stop in hal.problems()] == [StopReason.STATE_LOST]
 

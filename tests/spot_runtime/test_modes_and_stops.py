@@ -162,6 +162,7 @@ TABLE = {
     "operator_estop": (ESTOP, 12, False),
     "operator_gone": (HAND_BACK, 13, False),
     "service_lost": (HAND_BACK, 14, False),
+    "unguarded": (HAND_BACK, 15, False),
     "state_stale": (DAMP, 20, False),
     "state_lost": (EXPIRE, 21, False),
     "state_not_finite": (DAMP, 22, False),

@@ -17,8 +17,8 @@ from spot_runtime.hal.connection.address import parse_address
 from spot_runtime.hal.connection.credentials import PASSWORD_VARIABLE, USERNAME_VARIABLE, find_credentials
 from spot_runtime.hal.errors import CredentialsError
 from spot_runtime.operator.listening import is_loopback
-from spot_runtime.options import resolve_config
 from spot_runtime.session.labels import parse_labels
+from spot_tools.options import resolve_config
 
 CONFIGS = {
     "a key twice": (b"safety: {tilt_rad: 0.5}\nsafety: {tilt_rad: 1.4}\n", r"line 2: the key 'safety' comes twice"),

@@ -8,8 +8,8 @@ import pytest
 
 from spot_model.errors import BadInputError
 from spot_runtime.config import RunConfig, load_config
-from spot_runtime.options import resolve_config
 from spot_runtime.session.labels import parse_labels
+from spot_tools.options import resolve_config
 
 
 def write(path: Path, text: str) -> Path:

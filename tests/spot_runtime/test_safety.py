@@ -12,6 +12,7 @@ from hypothesis.extra.numpy import arrays
 
 from spot_model.robot import facts
 from spot_model.robot.state import Gains, JointCommand, RobotState, SlowState
+from spot_runtime.control.safety.battery import BatteryMemory
 from spot_runtime.control.safety.commands import SetpointMemory, check_command, limit_setpoint
 from spot_runtime.control.safety.slow_state import check_slow_state
 from spot_runtime.control.safety.states import StateMemory, check_age, check_echo, screen_state
@@ -257,7 +258,7 @@ def test_one_good_tick_forgives_the_cut_ones_before() -> None:
     ],
 )
 def test_the_slow_state(make_slow: MakeSlow, changes: dict[str, object], reason: StopReason | None) -> None:
-    stop = check_slow_state(make_slow(**changes), START_NS, LIMITS)
+    _, stop = check_slow_state(BatteryMemory(), make_slow(**changes), START_NS, LIMITS)
     assert (stop.reason if stop else None) is reason
 
 

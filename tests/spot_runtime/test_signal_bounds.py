@@ -20,6 +20,7 @@ from spot_runtime.control.safety.signals.check import SignalMemory, check_signal
 from spot_runtime.control.safety.signals.window import Window, length, turned_rad, window_of
 from spot_runtime.control.safety.states import StateMemory
 from spot_runtime.control.safety.watchdogs import WatchMemory
+from spot_runtime.stops import Stop
 from tests.spot_runtime.conftest import STAND_LOAD_NM
 from tests.spot_runtime.walking_robot import WalkingRobot
 
@@ -663,9 +664,12 @@ def test_half_an_ampere_is_a_charge_or_a_discharge() -> None:
     def slow(current_a: float, stamp_s: float) -> SlowState:
         return SlowState(0, round(stamp_s * 1e9), True, False, 50.0, 52.0, current_a)
 
-    assert watch_battery(BatteryMemory(), slow(-0.5, 1.0))[0].has_discharged
-    assert not watch_battery(BatteryMemory(), slow(0.0, 1.0))[0].has_discharged
-    charging, stop = watch_battery(BatteryMemory(has_discharged=True), slow(0.5, 1.0))
+    def after(memory: BatteryMemory, current_a: float, stamp_s: float) -> tuple[BatteryMemory, Stop | None]:
+        return watch_battery(memory, slow(current_a, stamp_s), round(stamp_s * 1e9), 3.0)
+
+    assert after(BatteryMemory(), -0.5, 1.0)[0].has_discharged
+    assert not after(BatteryMemory(), 0.0, 1.0)[0].has_discharged
+    charging, stop = after(BatteryMemory(has_discharged=True), 0.5, 1.0)
     assert stop is None
     assert charging.charging_since_ns == 1_000_000_000
-    assert watch_battery(charging, slow(0.5, 11.0))[1] is not None
+    assert after(charging, 0.5, 11.0)[1] is not None

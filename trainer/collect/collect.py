@@ -11,7 +11,7 @@ import typer
 from spot_model.errors import SpotRlError
 from spot_model.io.command_line import INTERRUPTED_EXIT_CODE
 from spot_model.io.signals import run_in_foreground
-from spot_runtime.options import CaFile, CredentialsFile, LockStepAddress, RobotAddress
+from spot_tools.options import CaFile, CredentialsFile, LockStepAddress, RobotAddress
 
 
 class CollectionError(SpotRlError):

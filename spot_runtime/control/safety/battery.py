@@ -26,50 +26,59 @@ CHARGE_LEAP_PERCENT: Final = 10.0
 corrects itself."""
 
 
-class BatteryMemory(NamedTuple):
-    """What was seen of charge, current and temperatures."""
+NEVER_KNOWN_S: Final = 1.0
+"""Longest wait for a battery that was never known, five polls: shorter than any other wait before control begins."""
 
+
+class BatteryMemory(NamedTuple):
+    """What was last known of charge and temperatures, and what was seen of the current."""
+
+    since_ns: int = 0
+    """When all of it was last known, or first looked at; host clock, 0 before."""
+    charge_percent: float | None = None
+    """As it was then; None if it was never known."""
+    temperatures: int = 0
+    """How many there were then, of motors and battery."""
     has_discharged: bool = False
     """Whether the battery ever gave current; a robot that reports none, or counts it the other way, is not judged."""
     charging_since_ns: int = 0
     """Host clock; 0 while it does not charge."""
-    charge_percent: float | None = None
-    """Of the last poll; None before any."""
-    temperatures: int = 0
-    """How many the last poll held, of motors and battery."""
+
+    @property
+    def is_unknown(self) -> bool:
+        """Whether it was looked at, and never known."""
+        return self.since_ns > 0 and self.charge_percent is None
 
 
-def unknown(slow: SlowState) -> str:
-    """Names of the values that cannot be true; a voltage or a current of exactly 0 is one that is not reported."""
-    return ", ".join(_unknown(slow))
+def watch(
+    memory: BatteryMemory, slow: SlowState, host_now_ns: int, longest_s: float
+) -> tuple[BatteryMemory, Stop | None]:
+    """Hold what was polled against what it was, and the current against the motors, which have power.
 
-
-def watch(memory: BatteryMemory, slow: SlowState) -> tuple[BatteryMemory, Stop | None]:
-    """Hold what was polled against what it was, and the current against the motors, which have power."""
-    after, charging_s = _with_current(memory, slow)
-    if after.temperatures < memory.temperatures:
-        missing = memory.temperatures - after.temperatures
-        return after, Stop(StopReason.BATTERY_UNKNOWN, "temperatures: some are missing", {"missing": float(missing)})
-    charge = slow.battery_charge_percent
-    leap_percent = abs(charge - (charge if memory.charge_percent is None else memory.charge_percent))
-    if leap_percent > CHARGE_LEAP_PERCENT:
-        values = {"leap_percent": leap_percent, "bound_percent": CHARGE_LEAP_PERCENT}
-        return after, Stop(StopReason.BATTERY_UNKNOWN, "charge: it leaps", values)
-    if after.has_discharged and charging_s >= CHARGING_S:
+    A poll in which something is missing, or cannot be true, is passed over; for ``longest_s`` at most.
+    """
+    temperatures = len(slow.motor_temperature_c) + len(slow.battery_temperature_c)
+    doubts = [*_unknown(slow)]
+    if temperatures < memory.temperatures:
+        doubts.append(f"{memory.temperatures - temperatures} temperatures")
+    charge, before = slow.battery_charge_percent, memory.charge_percent
+    if "charge" not in doubts and before is not None and abs(charge - before) > CHARGE_LEAP_PERCENT:
+        doubts.append(f"charge, which leaps from {before:.0f} to {charge:.0f} %")
+    if doubts:
+        memory = memory._replace(since_ns=memory.since_ns or host_now_ns)
+        unknown_s = (host_now_ns - memory.since_ns) / NS_PER_S
+        bound_s = min(longest_s, NEVER_KNOWN_S) if memory.is_unknown else longest_s
+        values = {"unknown_s": unknown_s, "bound_s": bound_s}
+        return memory, Stop(StopReason.BATTERY_UNKNOWN, ", ".join(doubts), values) if unknown_s > bound_s else None
+    stamp_ns, current_a = slow.host_stamp_ns, slow.battery_current_a
+    has_discharged = memory.has_discharged or current_a < 0.0
+    since_ns = (memory.charging_since_ns or stamp_ns) if slow.motors_powered and current_a > 0.0 else 0
+    after = BatteryMemory(stamp_ns, charge, temperatures, has_discharged, since_ns)
+    charging_s = (stamp_ns - (since_ns or stamp_ns)) / NS_PER_S
+    if has_discharged and charging_s >= CHARGING_S:
         values = {"charging_s": charging_s, "bound_s": CHARGING_S}
         return after, Stop(StopReason.BATTERY_UNKNOWN, "current: it charges though the motors have power", values)
     return after, None
-
-
-def _with_current(memory: BatteryMemory, slow: SlowState) -> tuple[BatteryMemory, float]:
-    """The memory after one more poll, and for how long the battery has charged, s."""
-    charge, temperatures = slow.battery_charge_percent, len(slow.motor_temperature_c) + len(slow.battery_temperature_c)
-    if not slow.motors_powered or slow.battery_current_a <= 0.0:
-        has_discharged = memory.has_discharged or slow.battery_current_a < 0.0
-        return BatteryMemory(has_discharged, 0, charge, temperatures), 0.0
-    since_ns = memory.charging_since_ns or slow.host_stamp_ns
-    charging_s = (slow.host_stamp_ns - since_ns) / NS_PER_S
-    return BatteryMemory(memory.has_discharged, since_ns, charge, temperatures), charging_s
 
 
 def _unknown(slow: SlowState) -> Iterator[str]:

@@ -14,7 +14,6 @@ from spot_runtime.config import RunConfig
 from spot_runtime.control.modes import Mode
 from spot_runtime.control.notes import Notes
 from spot_runtime.control.safety.battery import BatteryMemory
-from spot_runtime.control.safety.battery import watch as watch_battery
 from spot_runtime.control.safety.command_loss import LossMemory, confirm
 from spot_runtime.control.safety.slow_state import check_slow_state
 from spot_runtime.control.safety.states import StateMemory, check_age, check_echo, screen_state
@@ -85,9 +84,9 @@ def look(
     if phase.mode is not Mode.READY:
         stops += _ages(memory, now, phase, config.safety, notes)
     if now.slow is not None:
-        battery, doubt = watch_battery(memory.battery, now.slow)
+        battery, stop = check_slow_state(memory.battery, now.slow, now.host_ns, config.safety)
         memory = memory._replace(battery=battery)
-        stops += _some(check_slow_state(now.slow, now.host_ns, config.safety) or doubt)
+        stops += _some(stop)
     if now.log is not None:
         memory = memory._replace(next_log_check_ns=now.robot_ns + LOG_CHECK_PERIOD_NS)
         _look_at_clock(now.clock_age_s, config, notes)
@@ -127,10 +126,10 @@ def why_old(age_s: float, cpu_wait_s: float | None) -> str:
     """Whether this computer or what lies before it is why a state is so old; empty where that is not known."""
     if cpu_wait_s is None:
         return ""
-    waited = f"{cpu_wait_s * 1e3:.1f} ms of the last half second"
+    waited = f"{cpu_wait_s * 1e3:.1f} ms for a processor of late"
     if cpu_wait_s >= OWN_SHARE * age_s:
-        return f"this computer is too busy, a thread of this program waited {waited} for a processor"
-    return f"it was sent or carried late, for no thread of this program waited more than {waited} for a processor"
+        return f"this computer is too busy, a thread of this program waited {waited}"
+    return f"it was sent or carried late, for no thread of this program waited more than {waited}"
 
 
 def _look_at_clock(clock_age_s: float, config: RunConfig, notes: Notes) -> None:

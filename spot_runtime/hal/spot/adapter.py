@@ -56,7 +56,15 @@ RETRY_S: Final = 0.5
 class BosdynHal:
     """Keeps the protocol of :class:`spot_runtime.hal.base.Hal` over the vendor's SDK."""
 
-    def __init__(self, address: Address, config: RunConfig, sink: LogSink, pace: Pace | None = None) -> None:
+    def __init__(
+        self,
+        address: Address,
+        config: RunConfig,
+        sink: LogSink,
+        pace: Pace | None = None,
+        *,
+        tell: Callable[[EventRecord], None] = lambda _: None,
+    ) -> None:
         """Prepare; nothing is sent yet.
 
         Args:
@@ -64,7 +72,10 @@ class BosdynHal:
             config: The run's configuration.
             sink: Takes every state as its wire bytes, and every slow state.
             pace: How robot time passes; by itself unless told otherwise.
+            tell: Also told of every event; must not block.
         """
+        self._tell = tell
+        self._events: deque[EventRecord] = deque()
         self._config, self._sink = config, sink
         clock = HostClock()
         self._estimate = RobotClockEstimate()
@@ -93,7 +104,7 @@ class BosdynHal:
         robot_id = session.log_in()
         session.sync_clocks()
         self._synced_ns = self.host_now_ns()
-        self._slow = session.check_faults(self._config.safety.battery_percent)
+        self._slow = session.check_faults(self._config.safety, self._pause)
         # The lease first: only the robot's holder may replace an e-stop.
         session.acquire_lease()
         now_s = self._pace.chore_now_s()
@@ -126,6 +137,7 @@ class BosdynHal:
         """See the protocol."""
         if self._states is None:
             raise HalError("there is no state stream; connect first")
+        self._tell_events()
         return self._pace.receive(self._states.states, until_robot_ns, timeout_s)
 
     def go_on(self, until_robot_ns: int, timeout_s: float) -> None:
@@ -246,7 +258,18 @@ class BosdynHal:
                 self._is_power_in_doubt &= type(error) is HalError
             self._pause(RETRY_S)
 
+    def _occurred(self, name: EventName, text: str) -> None:
+        """In any thread; the one that writes the run's other events tells of it."""
+        self._events.append(EventRecord(self.host_now_ns(), self.robot_now_ns(), name.severity, name.label, text))
+
+    def _tell_events(self) -> None:
+        while self._events:
+            record = self._events.popleft()
+            self._sink.put(record)
+            self._tell(record)
+
     def _pause(self, duration_s: float) -> None:
+        self._tell_events()
         self._pace.pause(duration_s)
         for problem in tuple(self._problems):  # another thread may add to them
             if problem.reason is StopReason.LEASE_LOST:
@@ -270,9 +293,7 @@ class BosdynHal:
         stamp.seconds, stamp.nanos = divmod(self._pace.host_now_ns(), NS_PER_S)
 
         def reopened(lived_s: float) -> None:
-            name, text = EventName.STATES_REOPENED, f"it had been open for {lived_s:.1f} s"
-            host_ns, robot_ns = self.host_now_ns(), self.robot_now_ns()
-            self._sink.put(EventRecord(host_ns, robot_ns, name.severity, name.label, text))
+            self._occurred(EventName.STATES_REOPENED, f"it had been open for {lived_s:.1f} s")
 
         return StateReceiver(
             self._session.streaming_channel(RobotStateStreamingClient),

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 from collections.abc import Sequence
 from typing import Any, Literal
 
 from bosdyn.api import estop_pb2
 from bosdyn.client.estop import EstopClient, EstopEndpoint, IncorrectChallengeResponseError
+from bosdyn.client.exceptions import Error
 
 from spot_runtime.hal.errors import EstopError
 from spot_runtime.hal.spot.vendor_errors import enum_word
@@ -81,16 +83,27 @@ class OwnEstop:
     def press(self) -> None:
         """Have the robot settle on the ground and cut its motors' power. Raises the SDK's errors.
 
-        A check-in that is under way is let through first: overtaken, it would release the e-stop again, and side by
-        side with it the robot would refuse the press, for both answer one challenge.
+        At once, also while a check-in is under way: both answer one challenge, so the robot refuses whichever comes
+        second. Then once more when that check-in is over, lest it came after this and with the newer challenge.
         """
         self._is_pressed = True
-        with self._lock:
+        if self._lock.acquire(blocking=False):
             try:
-                self._endpoint.settle_then_cut(timeout=self._rpc_timeout_s)
-            except IncorrectChallengeResponseError:
-                # The answer to a check-in got lost, and its challenge with it. The refusal has brought another one.
-                self._endpoint.settle_then_cut(timeout=self._rpc_timeout_s)
+                self._settle()
+            finally:
+                self._lock.release()
+            return
+        with contextlib.suppress(Error):
+            self._settle()
+        with self._lock:
+            self._settle()
+
+    def _settle(self) -> None:
+        try:
+            self._endpoint.settle_then_cut(timeout=self._rpc_timeout_s)
+        except IncorrectChallengeResponseError:
+            # The answer to a check-in got lost, or came first, and its challenge with it. The refusal brought another.
+            self._endpoint.settle_then_cut(timeout=self._rpc_timeout_s)
 
 
 def _is_taken_back(endpoint: Any, our_name: str) -> bool:

@@ -38,6 +38,7 @@ from spot_runtime.hal.spot.motions import POLL_S, Helm, Motions, Pause
 from spot_runtime.hal.spot.slow_state import pressed_estops, refuse_arm, slow_state_from_message
 from spot_runtime.hal.spot.vendor_errors import SDK_ERRORS, enum_word, translate
 from spot_runtime.host.clock import HostClock, RobotClockEstimate
+from spot_runtime.safety_limits import SafetyLimits
 from spot_runtime.stops import CRITICAL
 
 SYNC_ROUND_TRIPS: Final = 12
@@ -133,8 +134,23 @@ class Session:
             raise ClockError("time sync has not begun; connect first")
         return self._estimate.add(self.calls.make("syncing clocks", self._time_sync.round_trip))
 
-    def check_faults(self, battery_percent: float) -> SlowState:
-        """Refuse a robot that must not move, has an arm, or less charge than this. Returns its slow state."""
+    def check_faults(self, limits: SafetyLimits, pause: Pause) -> SlowState:
+        """Refuse a robot that must not move, has an arm, or too little charge. Returns its slow state.
+
+        A charge that is missing is asked for again, as long as it may be missing later.
+        """
+        waited_s = 0.0
+        while math.isnan((slow := self._slow_without_faults()).battery_charge_percent):
+            if waited_s >= limits.slow_state_age_s:
+                raise FaultError("the robot does not report its battery's charge; see the robot's own page")
+            pause(POLL_S)
+            waited_s += POLL_S
+        if slow.battery_charge_percent < limits.battery_percent:
+            holds, needed = f"{slow.battery_charge_percent:.0f} %", f"{limits.battery_percent:g} %"
+            raise FaultError(f"the battery holds {holds}; needed: {needed}; charge it")
+        return slow
+
+    def _slow_without_faults(self) -> SlowState:
         state = self._state()
         refuse_arm(state)
         slow = slow_state_from_message(state, self._host_now_ns())
@@ -145,12 +161,6 @@ class Session:
             raise FaultError(
                 f"the robot reports a behaviour fault: {', '.join(slow.behavior_faults)}; clear it on the tablet, "
                 f"it is never cleared by this program"
-            )
-        if math.isnan(slow.battery_charge_percent):
-            raise FaultError("the robot does not report its battery's charge; see the robot's own page")
-        if slow.battery_charge_percent < battery_percent:
-            raise FaultError(
-                f"the battery holds {slow.battery_charge_percent:.0f} %; needed: {battery_percent:g} %; charge it"
             )
         return slow
 
@@ -225,8 +235,11 @@ class Session:
         self.has_lease = True
 
     def poll(self) -> SlowState:
-        """Battery, temperatures, power and faults, now."""
-        return slow_state_from_message(self._state(), self._host_now_ns())
+        """Battery, temperatures, power and faults, now; an answer that does not tell of the power is none."""
+        state = self._state()
+        if not state.power_state.motor_power_state:
+            raise HalError("the robot does not say whether its motors have power; see the robot's own page")
+        return slow_state_from_message(state, self._host_now_ns())
 
     def is_without_power(self) -> bool:
         """Whether the motors are off, now; while they are being powered on or off, they are not."""

@@ -46,6 +46,12 @@ class BackgroundTask:
         self._result = self._then = self._thread = None
         then(value, error)
 
+    def wait(self) -> None:
+        """Wait for the end of one that is under way, and take up its result."""
+        if self._thread is not None:
+            self._thread.join()
+        self.finish()
+
     def _work(self, task: Callable[[], Any]) -> None:
         try:
             self._result = (task(), None)

@@ -24,6 +24,7 @@ from spot_model.version import software_revision
 from spot_protos import operator_pb2
 from spot_runtime.admission import gait_event
 from spot_runtime.control.loop import ControlLoop
+from spot_runtime.control.safety.battery import BatteryMemory
 from spot_runtime.hal.base import Hal
 from spot_runtime.host.clock import HostClock
 from spot_runtime.host.cpu_wait import cpu_wait
@@ -32,7 +33,7 @@ from spot_runtime.host.service_manager import ServiceManager
 from spot_runtime.operator.run.background_tasks import BackgroundTask
 from spot_runtime.operator.run.link import RunLink
 from spot_runtime.operator.run.requests import Requests
-from spot_runtime.operator.run.run_logs import RunLogs, SwitchedSink
+from spot_runtime.operator.run.run_logs import NewLog, RunLogs, SwitchedSink
 from spot_runtime.operator.run.run_spec import RunSpec
 from spot_runtime.operator.run.run_status import STATUS_PERIOD_NS, status_of
 from spot_runtime.operator.run.standby import check_standing
@@ -95,6 +96,7 @@ class OperatedRun:
                     self.event(EventName.REAL_TIME_REFUSED, refusal)
                 session.drive(lambda: self._make(make_hal), lambda hal: self._serve(hal, signals))
             finally:
+                self.background.wait()
                 self._end_log(session.outcome.label or StopReason.INTERNAL_ERROR.label)
             outcome = operator_pb2.Outcome(
                 outcome=session.outcome.label,
@@ -125,13 +127,17 @@ class OperatedRun:
                 hal.estop()
             self.event(stop.event_name, f"{stop.reason.label}: {stop.sentence()}")
 
-    def begin_log(self, labels: dict[str, str]) -> Path:
-        """Open a log. Raises LogError."""
+    def open_log(self, labels: dict[str, str]) -> NewLog:
+        """Open a log; in any thread. Raises LogError."""
         request = self._request(labels)
-        path = self._logs.begin(request.log_path, header_of(request, self._now_ns()))
-        self.event(EventName.RUN_STARTED, f"policy {self.policy.contract.name}, {request.source.name}")
+        return self._logs.open(request.log_path, header_of(request, self._now_ns()))
+
+    def begin_log(self, log: NewLog) -> Path:
+        """Write to this log from now on."""
+        self._logs.begin(log)
+        self.event(EventName.RUN_STARTED, f"policy {self.policy.contract.name}, {self.source.name}")
         self.event(*gait_event(self.policy.contract))
-        return path
+        return log.path
 
     def event(self, name: EventName, text: str) -> None:
         """Write an event to the log of the moment, and tell the service."""
@@ -170,12 +176,12 @@ class OperatedRun:
     def _stand_by(self, hal: Hal, signals: StopSignals) -> Stop | None:
         """Until a start is asked for (None), or the end."""
         self.stop, self.is_start_asked = None, False
-        newest_ns = hal.host_now_ns()
+        newest_ns, battery = hal.host_now_ns(), BatteryMemory()
         while self._waits():
             states = hal.receive(0, STANDBY_WAIT_S)
             newest_ns = states[-1].host_stamp_ns if states else newest_ns
             self._look(signals)
-            wrong = check_standing(hal, newest_ns, self.config.safety)
+            battery, wrong = check_standing(hal, newest_ns, battery, self.config.safety)
             if wrong is not None:
                 self.end(wrong)
             self.background.finish()
@@ -186,7 +192,7 @@ class OperatedRun:
         return self.stop
 
     def _waits(self) -> bool:
-        return self.background.is_busy or (self.stop is None and not self.is_start_asked)
+        return self.stop is None and (self.background.is_busy or not self.is_start_asked)
 
     def _control(self, hal: Hal, signals: StopSignals) -> ControlEnd:
         self.keeps_standing = False
@@ -236,8 +242,9 @@ class OperatedRun:
 
     def _log_ended(self, _: None, error: Exception | None) -> None:
         if error is not None:
-            raise error
-        self._tell_armed()
+            self.end(Stop(StopReason.INTERNAL_ERROR, f"{type(error).__name__}: {error}"))
+        elif self.stop is None:
+            self._tell_armed()
 
     # Details ----------------------------------------------------------------------------------------------------------
 

@@ -145,13 +145,13 @@ class Requests:
     def _open_log(
         self, message: run_link_pb2.ToRun, labels: dict[str, str], then: Callable[[run_link_pb2.ToRun, Path], None]
     ) -> None:
-        def take_up(path: Any, error: Exception | None) -> None:
+        def take_up(log: Any, error: Exception | None) -> None:
             if error is not None:
                 self._refuse(message, _words(error))
             else:
-                then(message, path)
+                then(message, self._run.begin_log(log))
 
-        self._run.background.run(lambda: self._run.begin_log(labels), take_up)
+        self._run.background.run(lambda: self._run.open_log(labels), take_up)
 
     def _done(self, message: run_link_pb2.ToRun, text: str) -> None:
         self._run.link.answer(message.request_id, is_done=True, text=text)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import NamedTuple
 
 from spot_log.format.events import EventName
 from spot_log.format.records import RunHeader
@@ -47,38 +48,46 @@ class SwitchedSink(ForwardingSink):
             self._dropped_before[topic] += count
 
 
+class NewLog(NamedTuple):
+    """A log that is open."""
+
+    path: Path
+    header: RunHeader
+    flight: FlightRecorder
+
+
 class RunLogs:
     """Opens logs under names of their own and remembers where they are."""
 
     def __init__(self, make_sink: SinkFactory, sink: SwitchedSink) -> None:
         self._make_sink, self._sink = make_sink, sink
         self.paths: list[Path] = []
-        self._flight: FlightRecorder | None = None
-        self._header: RunHeader | None = None
+        self._newest: NewLog | None = None
 
     @property
     def path(self) -> Path | None:
         """The log of the moment."""
         return self.paths[-1] if self._sink.is_logging else None
 
-    def begin(self, path: Path, header: RunHeader) -> Path:
+    def open(self, path: Path, header: RunHeader) -> NewLog:
         """Open a log; where the name is taken, as by a second start within a second, under the next free one.
 
         Raises:
             LogError: The log cannot be opened.
         """
         free = free_path(path)
-        self._flight, self._header = FlightRecorder(self._make_sink(free, header), WANTED_ENDS), header
-        self._sink.open(self._flight)
-        self.paths.append(free)
-        return free
+        return NewLog(free, header, FlightRecorder(self._make_sink(free, header), WANTED_ENDS))
+
+    def begin(self, log: NewLog) -> None:
+        """Pass everything on to this log from now on."""
+        self._newest = log
+        self._sink.open(log.flight)
+        self.paths.append(log.path)
 
     def write_flight_record(self, outcome: str) -> tuple[EventName, str] | None:
         """Write what led to a stop, if there was one in the log of the moment. Returns the event to tell."""
-        flight, header = self._flight, self._header
-        if flight is None or header is None or not self._sink.is_logging:
-            return None
-        return flight.write(self.paths[-1], header, outcome)
+        log = self._newest
+        return log.flight.write(log.path, log.header, outcome) if log is not None and self._sink.is_logging else None
 
     def end(self, outcome: str) -> None:
         """Close the log of the moment."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from spot_model.robot.stamps import NS_PER_S
+from spot_runtime.control.safety.battery import BatteryMemory
 from spot_runtime.control.safety.slow_state import check_slow_state
 from spot_runtime.hal.base import Hal
 from spot_runtime.safety_limits import SafetyLimits
@@ -14,14 +15,19 @@ STATE_SILENCE_S: Final = 1.0
 """The vendor's controller does not need our states, so a short gap is not a reason to sit down."""
 
 
-def check_standing(hal: Hal, newest_host_ns: int, limits: SafetyLimits) -> Stop | None:
-    """What ends the waiting, if anything does; the newest state was received at this instant of the host's clock."""
+def check_standing(
+    hal: Hal, newest_host_ns: int, battery: BatteryMemory, limits: SafetyLimits
+) -> tuple[BatteryMemory, Stop | None]:
+    """What is known of the battery now, and what ends the waiting, if anything does.
+
+    The newest state was received at ``newest_host_ns`` of the host's clock.
+    """
     problems = hal.problems()
     if problems:
-        return max(problems, key=lambda stop: stop.reason.reaction.level)
-    host_ns = hal.host_now_ns()
+        return battery, max(problems, key=lambda stop: stop.reason.reaction.level)
+    host_ns, slow = hal.host_now_ns(), hal.slow_state
     silent_s = (host_ns - newest_host_ns) / NS_PER_S
     if silent_s > STATE_SILENCE_S:
-        return Stop(StopReason.STATE_LOST, "while standing by", {"silent_s": silent_s, "bound_s": STATE_SILENCE_S})
-    slow = hal.slow_state
-    return None if slow is None else check_slow_state(slow, host_ns, limits)
+        values = {"silent_s": silent_s, "bound_s": STATE_SILENCE_S}
+        return battery, Stop(StopReason.STATE_LOST, "while standing by", values)
+    return (battery, None) if slow is None else check_slow_state(battery, slow, host_ns, limits)

@@ -1,7 +1,8 @@
-"""A robot gets power only while a guardian watches; one that ends is told of, and replaced ever more seldom."""
+"""A robot gets power, and keeps it, only while a guardian watches; one that ends is told of and replaced."""
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -26,7 +27,7 @@ from spot_runtime.operator.run.operated_run import OperatedRun
 from spot_runtime.operator.run.run_spec import RunSpec
 from spot_runtime.rescue import keeper
 from spot_runtime.rescue.heartbeat import Heartbeat
-from spot_runtime.rescue.keeper import CALLS_IN_A_ROW, LONGEST_PAUSE_S, GuardianKeeper, longest_silence_s
+from spot_runtime.rescue.keeper import CALLS_IN_A_ROW, LASTS_S, MOST_ENDS, GuardianKeeper, longest_silence_s
 from tests.spot_runtime.conftest import HandMadeRobot
 
 from .conftest import Operator
@@ -68,9 +69,10 @@ class Kept:
         self.heartbeat = Heartbeat.new()
         self.started: list[Guardian] = []
         self.told: list[str] = []
+        self.given_up: list[str] = []
         self.error = ""
         self._make = make
-        self.keeper = GuardianKeeper(self._start, self.heartbeat, self.told.append)
+        self.keeper = GuardianKeeper(self._start, self.heartbeat, self.told.append, self.given_up.append)
 
     def _start(self) -> ChildProcess:
         if self.error:
@@ -102,38 +104,64 @@ def test_without_one_that_watches_nobody_goes_on(monkeypatch: pytest.MonkeyPatch
         none.keeper.begin()
 
 
-def test_one_that_ends_is_told_of_and_replaced_ever_more_seldom() -> None:
+def test_one_that_ends_is_told_of_and_replaced_at_once_and_after_too_many_the_robot_must_sit() -> None:
     kept = Kept()
     kept.keeper.begin()
-    began = []
-    for second in range(1, 400):
+    for second in range(1, 9):
         kept.started[-1].code = 1  # none of them lives for long
-        before = len(kept.started)
         kept.keeper.look(float(second))
-        began += [second] * (len(kept.started) - before)
-    assert began == [1, 2, 4, 8, 16, 32, 64, 124, 184, 244, 304, 364]
-    assert kept.told == ["the guardian has ended (exit code 1); another one was started"] * len(began)
+        assert bool(kept.given_up) == (second > MOST_ENDS)
+        assert not kept.heartbeat.is_watched
+        kept.heartbeat.is_watched = True
+    assert len(kept.started) == 9
+    assert kept.told == ["the guardian has ended (exit code 1); another one was started"] * (MOST_ENDS + 1)
+    assert kept.given_up == ["6 ended in a row, and nobody has watched for 5 s"]
 
 
-def test_one_that_lasted_is_replaced_soon() -> None:
+def test_ends_count_anew_after_one_that_lasted() -> None:
     kept = Kept()
     kept.keeper.begin()
-    for second in (1, 2, 4, 8):
+    for number in range(20):
+        began_s = number * (LASTS_S + 3.0)
         kept.started[-1].code = 1
-        kept.keeper.look(float(second))
-    kept.keeper.look(8.0 + LONGEST_PAUSE_S + 1.0)  # it lives
-    kept.started[-1].code = 1
-    kept.keeper.look(71.0)
-    kept.started[-1].code = 1
-    kept.keeper.look(72.0)
-    assert len(kept.started) == 7
+        kept.keeper.look(began_s)
+        kept.heartbeat.is_watched = True
+        kept.keeper.look(began_s + 1.0)
+        kept.keeper.look(began_s + LASTS_S + 1.0)  # it lives
+    assert (len(kept.started), kept.given_up) == (21, [])
+
+
+def test_a_robot_that_nobody_has_guarded_for_long_must_sit() -> None:
+    for error, ends in (("no memory", False), ("", False), ("", True)):  # none starts; it never watches; nor lives
+        kept = Kept()
+        kept.keeper.begin()
+        kept.started[-1].code, kept.error = 1, error
+        for second in range(12):
+            assert kept.given_up == []
+            kept.keeper.look(100.0 + second)
+            if ends and second % 4 == 3:
+                kept.started[-1].code = 1
+        assert len(kept.given_up) == 1, "once is enough"
+        assert "nobody has watched for 11 s" in kept.given_up[0]
+
+
+def test_one_that_watches_within_time_is_enough() -> None:
+    kept = Kept()
+    kept.keeper.begin()
+    for failure in range(3):
+        kept.started[-1].code = 1
+        for second in range(10):
+            kept.keeper.look(100.0 * failure + second)
+        kept.heartbeat.is_watched = True
+        kept.keeper.look(100.0 * failure + 10.0)
+    assert (len(kept.started), kept.given_up) == (4, [])
 
 
 def test_that_none_can_be_started_is_told_each_time() -> None:
     kept = Kept()
     kept.keeper.begin()
     kept.started[-1].code, kept.error = 1, "no memory"
-    for second in (1.0, 2.0, 3.0):
+    for second in (1.0, 2.0):
         kept.keeper.look(second)
     lost = "none can be started: no memory; if this program dies, the robot may be left with power"
     assert kept.told == [f"the guardian has ended (exit code 1), and {lost}", f"no guardian, and {lost}"]
@@ -253,6 +281,47 @@ def test_a_standing_robot_is_looked_after_while_its_log_closes(zero_policy: Poli
     robot.operator.ours.close()
     assert outcome.outcome == "operator_stop", outcome.sentence
     assert [log.looks >= 3 for log in logs] == [True]
+
+
+@pytest.mark.parametrize("asks", [1, 3], ids=["it opens", "it closes"])
+def test_a_stop_does_not_wait_for_a_log(zero_policy: Policy, tmp_path: Path, asks: int) -> None:
+    hand_over = HandoverConfig(ramp_in_s=0.1, soft_stop_s=0.0, soft_stop_settle_s=0.0)
+    config = RunConfig(handover=hand_over, real_time=for_lock_step(RunConfig()).real_time)
+    config = config.model_copy(update={"log": config.log.model_copy(update={"directory": tmp_path})})
+    is_at_rest = threading.Event()
+    waits: list[bool] = []
+
+    class Hurried(Watching):
+        def receive(self, until_robot_ns: int, timeout_s: float) -> list[RobotState]:
+            time.sleep(1e-4)
+            if not self.asks and "asked" not in self.calls and (asks == 1 or self.operator.states[-1:] == ["arming"]):
+                self.calls.append("asked")
+                self.operator.send(stop=operator_pb2.StopRequest())
+            return super().receive(until_robot_ns, timeout_s)
+
+        def power_off(self) -> None:
+            super().power_off()
+            is_at_rest.set()
+
+    class Stuck(NullSink):
+        def close(self, outcome: str) -> None:
+            waits.append(asks == 1 or is_at_rest.wait(60.0))
+
+    def make_sink(path: Path, header: RunHeader) -> LogSink:
+        waits.append(asks == 3 or is_at_rest.wait(60.0))
+        return Stuck()
+
+    robot = Hurried()
+    robot.asks = robot.asks[: asks - 1] or robot.asks[:1]
+    link = RunLink(robot.operator.theirs)
+    spec = RunSpec(robot="by hand", config=config, policy=tmp_path, policy_sha256="")
+    outcome = OperatedRun(spec, zero_policy, link, make_sink, manager=None).drive(lambda _: robot)
+    robot.operator.read()
+    link.close()
+    robot.operator.ours.close()
+    assert outcome.outcome == "operator_stop", outcome.sentence
+    assert waits == [True, True]
+    assert robot.operator.states[-1] == "ending"
 
 
 @dataclass

@@ -294,6 +294,10 @@ def test_background_tasks() -> None:
 
     wait_until(is_finished, "the task ends")
     assert got[-1] is ZeroDivisionError
+    beside.run(lambda: 4, lambda value, _: got.append(value))
+    beside.wait()
+    assert (got[-1], beside.is_busy) == (4, False)
+    beside.wait()
 
 
 def test_tables_are_whole() -> None:

@@ -20,7 +20,8 @@ from spot_runtime.host.journal import Journal, tell_by
 from spot_runtime.host.service_manager import ServiceManager
 from spot_runtime.operator.server.server import OperatorServer
 from spot_runtime.operator.server.supervisor import Supervisor
-from spot_runtime.options import (
+from spot_runtime.session.run import recover_at_start
+from spot_tools.options import (
     CaFile,
     ConfigFile,
     CredentialsFile,
@@ -29,7 +30,6 @@ from spot_runtime.options import (
     check_encodable,
     resolve_config,
 )
-from spot_runtime.session.run import recover_at_start
 
 
 def serve(
