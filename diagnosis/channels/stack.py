@@ -12,12 +12,9 @@ from numpy.typing import NDArray
 from diagnosis.channels.channel_view import Array, Flags, Ints
 from diagnosis.read.recording import Recording
 from diagnosis.read.segments import Segmentation, cut
-from diagnosis.read.smoothing import NOISE_GAIN, REACH, eroded, rate, smooth
+from diagnosis.read.smoothing import NOISE_GAIN, REACH, eroded, rate, smooth, too_coarse
 from spot_model.errors import BadInputError
 
-LONGEST_PERIOD_S: Final = 0.01
-"""A leg swings within 0.2 s, and its acceleration turns twice meanwhile: nine states, the filter's reach, must not
-span more than half of that."""
 MIN_NOISE: Final = 1e-6
 """No channel's noise counts as less than this, in its own unit: simulated logs may have none."""
 
@@ -75,9 +72,7 @@ class Stack:
 
     def too_coarse(self) -> str:
         """Why accelerations cannot be had from these states; empty if they can."""
-        if self.period_s <= LONGEST_PERIOD_S:
-            return ""
-        return f"a state every {1e3 * self.period_s:.0f} ms says too little of accelerations"
+        return too_coarse(self.period_s)
 
     def starts(self) -> Ints:
         """First row of each recording, shape (n_runs,)."""

@@ -12,7 +12,7 @@ import numpy as np
 from diagnosis.read.pairing import rows_apart, servo_law
 from diagnosis.read.recording import Array
 from diagnosis.read.robot_file import RobotDescription
-from diagnosis.read.smoothing import rate, smooth
+from diagnosis.read.smoothing import rate, smooth, too_coarse
 from spot_log.read.run import CommandTable, ImuTable, Run, StateTable
 from spot_model.errors import BadInputError
 
@@ -124,7 +124,10 @@ def _with_load(run: Run, model: mujoco.MjModel, robot: RobotDescription) -> Run:
 
 
 def _checked(run: Run, notes: list[str]) -> Run:
-    """Take computed loads out again where they have next to nothing in common with what was asked for."""
+    """Take computed loads out again where they mean nothing: from states far apart, or unlike what was asked for."""
+    if coarse := too_coarse(_period_s(run)):
+        notes.append(f"log {run.path.name}: {coarse}: loads computed from its motion are not used")
+        return _without_loads(run)
     apart = rows_apart([run]) if len(run.commands) else 0.0
     pulled, own = servo_law(run) if len(run.commands) else (run.states.load_nm, run.states.load_nm)
     rows = np.arange(len(run.states), dtype=np.float64)
@@ -140,6 +143,10 @@ def _checked(run: Run, notes: list[str]) -> Run:
         f"{np.median(agreement) if agreement else 0.0:.2f}; at least {MIN_AGREEMENT} is needed): velocities are too "
         "coarse, or the MJCF is of another robot; they are not used"
     )
+    return _without_loads(run)
+
+
+def _without_loads(run: Run) -> Run:
     return replace(run, states=replace(run.states, load_nm=np.full_like(run.states.load_nm, np.nan)))
 
 

@@ -18,6 +18,10 @@ Flags = NDArray[np.bool_]
 REACH: Final = 4
 """Samples on either side that a smoothed value depends on: 12 ms on a 3 ms stream; half amplitude at 42 Hz."""
 
+LONGEST_PERIOD_S: Final = 0.01
+"""A leg swings within 0.2 s, and its acceleration turns twice meanwhile: nine states, the filter's reach, must not
+span more than half of that."""
+
 _AT = np.arange(-REACH, REACH + 1)
 _KERNEL = (1.0 + np.cos(np.pi * _AT / REACH)) / (2.0 * REACH)
 _BAND_RAD = np.linspace(0.02, 1.3, 64)
@@ -63,3 +67,10 @@ def eroded(flags: Flags, before: int, after: int) -> Flags:
     # The structure's centre lies at size // 2; the origin moves it so that `before` samples lie before.
     origin = (size // 2) - before
     return np.asarray(binary_erosion(flags, structure=structure, origin=(-origin,) + (0,) * (flags.ndim - 1)))
+
+
+def too_coarse(period_s: float) -> str:
+    """Why accelerations cannot be had from states so far apart; empty if they can."""
+    if period_s <= LONGEST_PERIOD_S:
+        return ""
+    return f"a state every {1e3 * period_s:.0f} ms says too little of accelerations"

@@ -158,6 +158,12 @@ def test_loads_from_motion_are_those_of_a_pendulum(tmp_path: Path) -> None:
     (made,), notes = prepared([asked], load_robot(file))
     np.testing.assert_allclose(made.states.load_nm[10:-10, 0], expected[10:-10], atol=0.03)
     assert "computed from the motion" in " ".join(notes)
+    # As far apart as a policy's ticks: differences of velocities are no accelerations.
+    stamps = asked.states.robot_stamp_ns
+    slow = replace(asked, states=replace(asked.states, robot_stamp_ns=stamps[0] + 7 * (stamps - stamps[0])))
+    (coarse,), notes = prepared([slow], load_robot(file))
+    assert np.isnan(coarse.states.load_nm).all()
+    assert "says too little of accelerations: loads computed from its motion are not used" in " ".join(notes)
     (unrelated,), notes = prepared([one], load_robot(file))
     assert np.isnan(unrelated.states.load_nm).all()
     assert "do not follow the set-points" in " ".join(notes)
