@@ -115,7 +115,6 @@ def _is_left_to_us(told: dict[str, Any]) -> bool:
     """Wait for the end of the control process, and for others who act. Returns whether it left a robot with power."""
     control, service = LivingProcess(told["control_pid"]), LivingProcess(told["service_pid"])
     heartbeat = Heartbeat(told["heartbeat"])
-    heartbeat.is_watched = True
     outlive(control, heartbeat, told["silent_s"], told["may_be_silent"])
     if heartbeat.hold is Hold.AT_REST:
         return False
@@ -141,7 +140,9 @@ def outlive(
         may_be_silent: Holds in which it need not beat.
     """
     last, silent, is_ending = (heartbeat.count, heartbeat.hold), 0, False
+    heartbeat.look()
     while not control.has_ended(LOOK_PERIOD_S):
+        heartbeat.look()
         now = heartbeat.count, heartbeat.hold
         beats = now != last or heartbeat.hold in may_be_silent
         last, silent = now, 0 if beats and not is_ending else silent + 1

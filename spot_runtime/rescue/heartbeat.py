@@ -13,7 +13,7 @@ from typing import Final
 
 _COUNT: Final = 0
 _HOLD: Final = 1
-_WATCHED: Final = 2
+_LOOKS: Final = 2
 _BYTES: Final = 3
 
 
@@ -63,10 +63,14 @@ class Heartbeat:
         self._shared[_HOLD] = hold
 
     @property
-    def is_watched(self) -> bool:
-        """Whether a guardian has begun to watch."""
-        return bool(self._shared[_WATCHED])
+    def looks(self) -> int:
+        """How often a guardian has looked, 1 to 255 and again; 0: none has begun to watch."""
+        return self._shared[_LOOKS]
 
-    @is_watched.setter
-    def is_watched(self, is_watched: bool) -> None:
-        self._shared[_WATCHED] = is_watched
+    @looks.setter
+    def looks(self, looks: int) -> None:
+        self._shared[_LOOKS] = looks
+
+    def look(self) -> None:
+        """A guardian watches."""
+        self.looks = self.looks % 255 + 1

@@ -20,6 +20,8 @@ WATCHES_WITHIN_S: Final = 20.0
 LOOK_S: Final = 0.02
 UNGUARDED_S: Final = 10.0
 """A robot with power that nobody has guarded for so long sits down. A guardian begins to watch within half a second."""
+HANGS_S: Final = 3.0
+"""A guardian that watched, and has not looked for so long, is killed. It looks five times a second."""
 LASTS_S: Final = 60.0
 MOST_ENDS: Final = 5
 """So many guardians may end in a row, none of which lasted."""
@@ -50,7 +52,7 @@ class GuardianKeeper:
         """
         self._start, self._heartbeat, self._tell, self._give_up = start, heartbeat, tell, give_up
         self._guardian: ChildProcess | None = None
-        self._began_s, self._ends, self._has_given_up = 0.0, 0, False
+        self._began_s, self._looks, self._ends, self._has_given_up = 0.0, 0, 0, False
         self._missed_s: float | None = None
         """When nobody was first seen to watch; None while somebody does."""
 
@@ -62,7 +64,7 @@ class GuardianKeeper:
             raise _refusal(str(error)) from error
         for _ in range(round(WATCHES_WITHIN_S / LOOK_S)):
             has_ended = guardian.wait(LOOK_S) is not None
-            if self._heartbeat.is_watched:
+            if self._heartbeat.looks:
                 return
             if has_ended:
                 raise _refusal(f"it ended at once, {guardian.end_in_words}")
@@ -71,15 +73,18 @@ class GuardianKeeper:
 
     def look(self, now_s: float) -> None:
         """Replace one that has ended; call it about once a second. Where that does not help, give up."""
-        is_there = self._guardian is not None and self._guardian.exit_code is None
-        if is_there and self._heartbeat.is_watched:
-            self._missed_s = None
+        guardian, looks = self._guardian, self._heartbeat.looks
+        is_there = guardian is not None and guardian.exit_code is None
+        if is_there and looks not in (0, self._looks):
+            self._looks, self._missed_s = looks, None
             self._ends = 0 if now_s - self._began_s > LASTS_S else self._ends
             return
         self._missed_s = now_s if self._missed_s is None else self._missed_s
+        unguarded_s = now_s - self._missed_s
         if not is_there:
             self._replace(now_s)
-        unguarded_s = now_s - self._missed_s
+        elif guardian is not None and unguarded_s > HANGS_S and looks:
+            guardian.kill()
         if not self._has_given_up and (unguarded_s > UNGUARDED_S or self._ends > MOST_ENDS):
             self._has_given_up = True
             self._give_up(f"{self._ends} ended in a row, and nobody has watched for {unguarded_s:.0f} s")
@@ -87,7 +92,7 @@ class GuardianKeeper:
     def _replace(self, now_s: float) -> None:
         words = "no guardian" if self._guardian is None else f"the guardian has ended ({self._guardian.end_in_words})"
         self._ends += self._guardian is not None
-        self._began_s, self._heartbeat.is_watched = now_s, False
+        self._began_s, self._looks, self._heartbeat.looks = now_s, 0, 0
         try:
             self._guardian = self._start()
             words += "; another one was started"

@@ -122,9 +122,12 @@ def test_what_one_process_shows_another_sees() -> None:
     for _ in range(255):
         shown.beat()
     assert seen.count == 0
-    assert not shown.is_watched
-    seen.is_watched = True
-    assert (shown.is_watched, shown.count, shown.hold) == (True, 0, Hold.AT_REST)
+    assert not shown.looks
+    for _ in range(255):
+        seen.look()
+    assert (shown.looks, shown.count, shown.hold) == (255, 0, Hold.AT_REST)
+    seen.look()
+    assert shown.looks == 1
 
 
 # Real processes -------------------------------------------------------------------------------------------------------

@@ -45,7 +45,8 @@ class Guardian:
 
     def wait(self, timeout_s: float | None = None) -> int | None:
         self.waits += 1
-        self.heartbeat.is_watched = self.heartbeat.is_watched or self.waits >= self.watches_at
+        if self.waits >= self.watches_at:
+            self.heartbeat.look()
         self.code = 1 if self.waits >= self.ends_at else None
         return self.code
 
@@ -60,6 +61,9 @@ class Guardian:
     def end(self, timeout_s: float = 0.0) -> int:
         self.code = -9
         return self.code
+
+    def kill(self) -> None:
+        self.code = -9
 
 
 class Kept:
@@ -111,8 +115,8 @@ def test_one_that_ends_is_told_of_and_replaced_at_once_and_after_too_many_the_ro
         kept.started[-1].code = 1  # none of them lives for long
         kept.keeper.look(float(second))
         assert bool(kept.given_up) == (second > MOST_ENDS)
-        assert not kept.heartbeat.is_watched
-        kept.heartbeat.is_watched = True
+        assert not kept.heartbeat.looks
+        kept.heartbeat.look()
     assert len(kept.started) == 9
     assert kept.told == ["the guardian has ended (exit code 1); another one was started"] * (MOST_ENDS + 1)
     assert kept.given_up == ["6 ended in a row, and nobody has watched for 5 s"]
@@ -125,8 +129,9 @@ def test_ends_count_anew_after_one_that_lasted() -> None:
         began_s = number * (LASTS_S + 3.0)
         kept.started[-1].code = 1
         kept.keeper.look(began_s)
-        kept.heartbeat.is_watched = True
+        kept.heartbeat.look()
         kept.keeper.look(began_s + 1.0)
+        kept.heartbeat.look()
         kept.keeper.look(began_s + LASTS_S + 1.0)  # it lives
     assert (len(kept.started), kept.given_up) == (21, [])
 
@@ -145,6 +150,24 @@ def test_a_robot_that_nobody_has_guarded_for_long_must_sit() -> None:
         assert "nobody has watched for 11 s" in kept.given_up[0]
 
 
+def test_one_that_no_longer_looks_is_killed_and_replaced() -> None:
+    kept = Kept()
+    kept.keeper.begin()
+    kept.heartbeat.looks = 254
+    for second in range(5):
+        kept.heartbeat.look()
+        kept.keeper.look(100.0 + second)
+    assert kept.heartbeat.looks == 4
+    for second in range(5):  # it is stopped
+        assert kept.started[0].code is None
+        kept.keeper.look(105.0 + second)
+    assert kept.started[0].code == -9
+    kept.keeper.look(110.0)
+    kept.heartbeat.look()
+    kept.keeper.look(111.0)
+    assert (len(kept.started), kept.given_up) == (2, [])
+
+
 def test_one_that_watches_within_time_is_enough() -> None:
     kept = Kept()
     kept.keeper.begin()
@@ -152,7 +175,7 @@ def test_one_that_watches_within_time_is_enough() -> None:
         kept.started[-1].code = 1
         for second in range(10):
             kept.keeper.look(100.0 * failure + second)
-        kept.heartbeat.is_watched = True
+        kept.heartbeat.look()
         kept.keeper.look(100.0 * failure + 10.0)
     assert (len(kept.started), kept.given_up) == (4, [])
 
