@@ -56,7 +56,7 @@ def joint_map(found: Differences) -> str:
             if known:
                 tip = (
                     f"{TITLES[name]}, {joint}\ndistance {signal.distance[j]:.3g} {unit}, {100 * share:.0f} % of the "
-                    f"spread\nrms in step {signal.rms[j]:.3g} {unit}"
+                    f"standard deviation\nrms in step {signal.rms[j]:.3g} {unit}"
                 )
             fill = heat(share / FULL_SHARE) if known else "var(--empty)"
             parts.append(rect(left + cell * j + 1, y, cell - 2, row - 2, fill, tip, radius=3))

@@ -61,7 +61,7 @@ def sentence(reference: Track, found: Differences) -> str:
     distance = found.signals[signal].distance[JOINT_NAMES.index(joint)]
     return told + (
         f"They differ most in the {TITLES[signal]} of {joint}: by {distance:.3g} {SIGNALS[signal]}, "
-        f"{100 * share:.0f} % of its spread."
+        f"{100 * share:.0f} % of its standard deviation."
     )
 
 
@@ -95,7 +95,7 @@ def _velocity(tracks: Sequence[Track], causes: Sequence[Cause]) -> str:
 
 def _by_joint(found: Sequence[Differences]) -> str:
     about = (
-        "How far apart the values of each signal lie, whatever the step (1-Wasserstein distance), in per cent of the "
+        "Distance between the distributions of each signal (1-Wasserstein, which ignores phase), in per cent of the "
         "signal's standard deviation in the first run."
     )
     parts = [f"<h3>{esc(d.name)}</h3>{joint_map(d)}" for d in found]
@@ -112,7 +112,7 @@ def _worst_joint(tracks: Sequence[Track], found: Sequence[Differences], causes: 
         lines = [(COLOURS[i % len(COLOURS)], 1.8, getattr(t, name)[rows, j]) for i, t in enumerate(tracks)]
         shaded = [c for c in causes if c.end_s > from_s and c.start_s < rows.stop * STEP_S]
         figures.append(over_time(lines, f"{TITLES[name]}, {SIGNALS[name]}", from_s=from_s, height=150, causes=shaded))
-    about = f"{joint}, {SPAN_S:g} s in which the joints move most. Steps drift apart: each run is its own closed loop."
+    about = f"{joint}, {SPAN_S:g} s in which the joints move most. The gaits drift out of phase."
     return boxed("The joint that differs most", about, _key(tracks) + "".join(figures))
 
 
@@ -137,7 +137,7 @@ def _all_joints(tracks: Sequence[Track], found: Sequence[Differences], causes: S
             title = f"{TITLES[name]}, {SIGNALS[name]}"
             figures.append(over_time(lines, title, height=110, causes=causes))
         parts.append(f"<details><summary>{joint}</summary>{''.join(figures)}</details>")
-    about = f"Difference from {tracks[0].name} over time. A simulated run drifts out of step, so it grows by itself."
+    about = f"Difference from {tracks[0].name} over time. A simulated run drifts out of phase, so it grows with time."
     return boxed("Every joint", about, f"<div class='joints'>{''.join(parts)}</div>")
 
 

@@ -39,7 +39,8 @@ def read_all(
         warnings += [f"{file.name}: {text}" for text in run.damage]
         runs.append(run)
     if not runs:
-        raise BadInputError("no log can be diagnosed:\n" + "\n".join(f"  {w}" for w in warnings))
+        told = "\n".join(f"  {w}" for w in warnings)
+        raise BadInputError(f"no log can be diagnosed:\n{told}\ngive logs of 'spot-rl collect' or 'spot-rl run'")
     is_commanded = [bool(len(run.commands) or len(policy_ticks(run))) for run in runs]
     if any(is_commanded):
         # One log that lacks a signal switches its channels off for all.

@@ -74,13 +74,14 @@ def gap_map_figure(cells: Sequence[GapCell], joints: Sequence[str]) -> str:
 
 def note(cells: Sequence[GapCell]) -> str:
     """How to read it."""
+    error = "Load error: measured load minus the torque that the servo asks for. "
     if has_floor(cells):
-        return (
+        return error + (
             "Distance of your simulator's runs from the robot's, divided by that between the robot's own runs. "
             f"A dot marks what is not due to chance (p ≤ {SIGNIFICANT}, corrected for the number of "
             "cells). Hover for figures."
         )
-    return (
+    return error + (
         "Distance of your simulator's runs from the robot's, each signal on its own scale. No sequence was repeated, "
         "so it is not known how much of it is due to chance."
     )

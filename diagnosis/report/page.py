@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Final
 
 from diagnosis.channels.channel import CHANNEL_TITLES
 from diagnosis.document import FoundEffect, GapCell, Verdict
@@ -16,6 +17,7 @@ from diagnosis.report.strips import strips
 from diagnosis.report.trace_choice import trace_figure
 from diagnosis.terminal import joints_in_short
 from diagnosis.verdict.diagnose import Diagnosis
+from spot_log.page.cells import facts
 from spot_log.page.look import boxed, framed
 from spot_log.page.svg import esc, legend
 from spot_model.robot.facts import JOINT_NAMES
@@ -25,6 +27,21 @@ COLOURS = (
     ("var(--real)", "real"),
     ("var(--nominal)", "nominal model"),
     ("var(--corrected)", "corrected model"),
+)
+
+
+MOST_NAMED: Final = 6
+"""Effects that were left out and are named on the page; the verdict lists all."""
+TERMS: Final = (
+    ("nominal model", "your simulator, before any correction"),
+    ("corrected model", "the simulator with the effects found, in corrected_model.yaml"),
+    ("gap", "distance between real and simulated runs of the same commands"),
+    ("floor", "the same distance between two real runs, the smallest gap that a simulator can have"),
+    ("closed loop", "a simulated run in which the policy controls the simulated robot"),
+    ("ordinary errors", "small errors of gains, masses, friction and sensors that every robot has; no finding"),
+    ("channel", "one relation between signals of a log, such as set-point to load"),
+    ("held out", "not used for fitting, so that it tests the fit"),
+    ("nats", "evidence: the natural logarithm of the odds; 3 nats are odds of 20 to 1"),
 )
 
 
@@ -55,6 +72,7 @@ def page(result: Diagnosis) -> str:
     body += [_limits(v), _channels(v), _timeline(result)]
     if v.notes:
         body.append(boxed("Notes", "", _list(v.notes)))
+    body.append(boxed("Terms", "", f"<details><summary>What the words mean</summary>{facts(TERMS)}</details>"))
     return framed("Diagnosis", body)
 
 
@@ -66,7 +84,8 @@ def _head(result: Diagnosis) -> str:
     v = result.verdict
     names = sorted({run.header.command_sequence or "unnamed" for run in result.runs})
     seconds = sum(run.duration_s for run in result.runs)
-    left_out = f" · left out of the library: {', '.join(v.without)}" if v.without else ""
+    more = f" and {len(v.without) - MOST_NAMED} more" if len(v.without) > MOST_NAMED else ""
+    left_out = f" · left out of the library: {', '.join(v.without[:MOST_NAMED])}{more}" if v.without else ""
     return (
         f"<section><span class='badge {_colour(v)}'>{esc(words.BADGES[v.status])}</span>"
         f"<h1>{esc(words.headline(v))}</h1><p class='lead'>{esc(words.second_line(v))}</p>"

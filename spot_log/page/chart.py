@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from spot_log.page.frame import QUARTER, WIDE, Frame
-from spot_log.page.svg import disc, line, rect, svg, text, thinned
+from spot_log.page.svg import disc, line, rect, rounded, svg, text, thinned
 
 MAX_POINTS: Final = 600
 
@@ -153,14 +153,16 @@ def histogram(values: ArrayLike, title: str, *, width: float = QUARTER, height: 
     for count, a, b in zip(counts, edges[:-1], edges[1:], strict=True):
         (left, y), (right, base) = frame.at(float(a), float(count)), frame.at(float(b), 0.0)
         parts.append(
-            rect(left, y, right - left, base - y, "var(--floor)", f"{count} from {a:.4g} to {b:.4g}", radius=0)
+            rect(
+                left, y, right - left, base - y, "var(--floor)", f"{count} from {rounded(a)} to {rounded(b)}", radius=0
+            )
         )
     p50, p99 = (float(p) for p in np.percentile(known, [50, 99]))
     for value in (p50, p99):
         x = frame.at(value, 0.0)[0]
         parts.append(line([(x, frame.top), (x, frame.top + height)], "var(--nominal)", 1.5, "stroke-dasharray:3 4;"))
-    parts.append(text(4, 33, f"median {p50:.4g}, 99 % {p99:.4g}", size=12, css="soft"))
+    parts.append(text(4, 33, f"median {rounded(p50)}, 99 % below {rounded(p99)}", size=12, css="soft"))
     beyond = int(np.sum(known > edges[-1]))
     if beyond:
-        parts.append(text(4, 49, f"{beyond} more, up to {known.max():.4g}", size=12, css="soft"))
+        parts.append(text(4, 49, f"{beyond} more, up to {rounded(float(known.max()))}", size=12, css="soft"))
     return svg(width, frame.total_height, parts, title)

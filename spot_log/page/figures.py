@@ -152,7 +152,8 @@ def power(run: Run) -> str:
         Series(FEET[(j // 3) % 4], time_s, slow.motor_temperature_c[:, j]) for j in range(len(run.header.joint_names))
     ]
     drawn.append(_panel(temperatures, "motor temperatures, °C", least_span=1.0))
-    return panels(drawn)
+    legs = run.header.foot_names if len(run.header.foot_names) == len(FEET) else ()
+    return legend([(colour, f"motors of {leg}") for colour, leg in zip(FEET, legs, strict=False)]) + panels(drawn)
 
 
 def torque_limit_nm(run: Run, joint: int) -> NDArray[Any] | None:

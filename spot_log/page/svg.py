@@ -76,13 +76,19 @@ def legend(entries: Iterable[tuple[str, str]]) -> str:
 
 
 def nice_ticks(low: float, high: float, n: int = 5) -> list[float]:
-    """About ``n`` round numbers from low to high."""
+    """About ``n`` round numbers from low to high, at least two."""
     span = max(high - low, 1e-12)
     raw = span / max(n, 1)
     power = 10.0 ** np.floor(np.log10(raw))
     step = float(min((s for s in (1.0, 2.0, 2.5, 5.0, 10.0) if s * power >= raw), default=10.0) * power)
     first = float(np.ceil(low / step - 1e-9)) * step
-    return [first + i * step for i in range(int((high - first) / step + 1e-9) + 1)]
+    ticks = [first + i * step for i in range(int((high - first) / step + 1e-9) + 1)]
+    return ticks if len(ticks) >= 2 or n > 8 else nice_ticks(low, high, n + 1)
+
+
+def rounded(value: float) -> str:
+    """Four digits, without an exponent where a person expects none."""
+    return f"{float(f'{value:.4g}'):g}"
 
 
 def thinned(values: ArrayLike, at_most: int) -> NDArray[np.intp]:

@@ -91,7 +91,8 @@ def gait_line(span: GaitSpan) -> str:
         for a, b in zip(span.first_command, span.command, strict=True)
     )
     touchdown = span.gait.touchdown_m_s
-    hard = f", touch-down at {touchdown:.2f} m/s" if math.isfinite(touchdown) and span.gait.stride_hz else ""
+    is_walk = math.isfinite(touchdown) and span.gait.stride_hz and span.gait.name != "stand"
+    hard = f", touch-down at {touchdown:.2f} m/s" if is_walk else ""
     return f"{span.start_s:.1f} to {span.end_s:.1f} s at ({v_x}, {v_y} m/s, {yaw} rad/s): {span.gait.sentence()}{hard}"
 
 

@@ -12,7 +12,7 @@ from typing import Annotated, Any, cast
 
 import typer
 
-from spot_model.errors import DISK_FULL, SpotRlError
+from spot_model.errors import DISK_FULL, BadInputError, SpotRlError
 from spot_model.io.command_registry import describe_command, explain_missing_module, find_commands, load_command
 from spot_model.text import plain_lines
 
@@ -61,10 +61,23 @@ def main(arguments: Sequence[str] | None = None) -> None:
         raise SystemExit(INTERRUPTED_EXIT_CODE) from None
     except Exception as error:  # noqa: BLE001 - the last place where an error can become a line for the user
         told = explain_missing_module(entry, error) if entry and isinstance(error, ModuleNotFoundError) else error
+        told = _opengl_error(error) or told
         if is_debug:
             traceback.print_exception(error)
         typer.echo(error_line(told, chosen, is_debug=is_debug), err=True)
         raise SystemExit(exit_code_of(told)) from None
+
+
+def _opengl_error(error: Exception) -> Exception | None:
+    """A drawing library that MUJOCO_GL names and the system lacks: it fails as MuJoCo is imported, in its own words."""
+    chosen = os.environ.get("MUJOCO_GL")
+    last = traceback.extract_tb(error.__traceback__)[-1:]
+    if not chosen or not any("OpenGL" in frame.filename or "gl_context" in frame.filename for frame in last):
+        return None
+    return BadInputError(
+        f"MUJOCO_GL={chosen}: this drawing library cannot be loaded ({error}); install it (Debian: libegl1 for egl, "
+        "libosmesa6 for osmesa), or unset MUJOCO_GL"
+    )
 
 
 def _in_capitals(command: Any) -> Any:
@@ -144,6 +157,10 @@ def _system_words(error: OSError) -> str:
         return f"{told}; make room, or write elsewhere, and run the command again"
     if error.errno in (errno.EROFS, errno.EACCES, errno.EPERM) and error.filename:
         return f"{told}; check its permissions, or name another path"
+    if error.errno == errno.ENOTDIR and error.filename:
+        return f"{told}; name a folder, or a path that is free"
+    if error.errno == errno.EISDIR and error.filename:
+        return f"{told}; name a file"
     if error.errno == errno.EEXIST and error.filename:
         return f"{told}; nothing is overwritten: choose another name"
     if error.errno == errno.ENOENT and error.filename:

@@ -56,7 +56,11 @@ def whole_folder(folder: Path, *, replace: bool = False) -> Iterator[Path]:
         OutputExistsError: One of the files exists; none is written then.
         OSError: A file cannot be written; that of a full disk names it.
     """
-    part = Path(mkdtemp(prefix=PART, dir=_nearest_that_exists(folder / "any")))
+    try:
+        part = Path(mkdtemp(prefix=PART, dir=_nearest_that_exists(folder / "any")))
+    except OSError as error:
+        error.filename = str(folder)
+        raise
     made: list[Path] = []
     try:
         yield part

@@ -275,3 +275,15 @@ def test_a_negative_velocity_is_no_option(tmp_path: Path, capsys) -> None:
             ["ctl", "--address", f"unix:{tmp_path}/none.sock", "velocity", "-0.2", "-.1", "-1", "--for", "1"]
         )
     assert "no service answers" in capsys.readouterr().err
+
+
+def test_a_drawing_library_that_cannot_be_loaded_is_named() -> None:
+    told = subprocess.run(
+        [sys.executable, "-m", "spot_model", "compare", "a", "b", "--out", "c"],
+        env={**os.environ, "MUJOCO_GL": "nonsense"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert told.returncode == 2
+    assert told.stderr.startswith("spot-rl compare: error: MUJOCO_GL=nonsense: this drawing library cannot be loaded (")

@@ -49,7 +49,7 @@ def test_what_touches_the_ground_is_named() -> None:
 def test_the_sentence_says_when_and_why() -> None:
     fall = Fall(3, 10.4, (0.5, 0.0, -0.2), 0.4, (0.1, 0.6, 0.0), np.radians(12.0), ("hl lower leg",), ("hl_kn",))
     assert fall.sentence() == (
-        "robot 3 stumbles upright at 10.40 s, 0.4 s after it was told (0.50, 0.00 m/s, -0.20 rad/s), moving at "
+        "robot 3 falls upright at 10.40 s, 0.4 s into the command (0.50, 0.00 m/s, -0.20 rad/s), moving at "
         "(0.10, 0.60 m/s, 0.00 rad/s): hl lower leg on the ground first, tilt 12°; at a joint stop: hl_kn"
     )
     tipped = Fall(0, 2.0, (0.0, 0.0, 0.0), 2.0, (0.0, 0.0, 0.0), 1.4, ("body", "hr upper leg"), ())

@@ -56,10 +56,10 @@ class Fall:
 
     def sentence(self) -> str:
         """The fall in a line."""
-        how = "tips over" if self.tilt_rad > UPRIGHT_RAD else "stumbles upright"
+        how = "tips over" if self.tilt_rad > UPRIGHT_RAD else "falls upright"
         stops = f"; at a joint stop: {', '.join(self.at_stop)}" if self.at_stop else ""
         return (
-            f"robot {self.robot} {how} at {self.time_s:.2f} s, {self.command_age_s:.1f} s after it was told "
+            f"robot {self.robot} {how} at {self.time_s:.2f} s, {self.command_age_s:.1f} s into the command "
             f"{_words(self.command)}, moving at {_words(self.velocity)}: {' and '.join(self.touched) or 'something'} "
             f"on the ground first, tilt {np.degrees(self.tilt_rad):.0f}°{stops}"
         )

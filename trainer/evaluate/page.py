@@ -80,11 +80,12 @@ def _head(result: Mapping[str, Any]) -> str:
 
 
 def _sentences(top: Mapping[str, Any], tracking: Mapping[str, Any], slow: Mapping[str, Any]) -> Iterator[str]:
-    error = tracking["mean_forward_error_m_s"]
-    follows = "" if error is None else f"It follows a forward command within {error:.3f} m/s on average. "
+    held = top["sustained_m_s"]
+    error, is_walk = tracking["mean_forward_error_m_s"], held is not None and top.get("gait") != "stand"
+    follows = f"It follows a forward command within {error:.3f} m/s on average. " if is_walk and error else ""
     high = slow["v_x_m_s"][1]
     yield f"{follows}{slow['falls']} of {slow['episodes']} randomised episodes up to {high:g} m/s end in a fall."
-    if top["sustained_m_s"] is not None:
+    if is_walk:
         named = f"a {top['gait']}, " if top.get("gait") not in (None, "", "none") else ""
         yield (
             f"At its highest speed: {named}{top['stride_hz']:.1f} strides a second, all feet in the air for "
@@ -126,14 +127,12 @@ def _trials(result: Mapping[str, Any]) -> str:
             rows.append((what, f"{trial['falls']} of {trial['episodes']} fell", f"{trial['falls_per_hour']:g} an hour"))
     for key, what in (("pushes", "a push of 1 m/s"), ("slippery_patch", "a second on slippery ground (μ = 0.3)")):
         trial = result[key]
-        rows.append(
-            (f"{what}, at {trial['v_x_m_s']:g} m/s", f"{trial['survived']} of {trial['trials']} kept walking", "")
-        )
+        rows.append((f"{what}, at {trial['v_x_m_s']:g} m/s", f"{trial['survived']} of {trial['trials']} stayed up", ""))
     rows += [
-        (f"told to turn at {yaw:g} rad/s while it walks at {v_x:g} m/s", f"turns at {held:.2f} rad/s", "")
+        (f"commanded to turn at {yaw:g} rad/s while walking at {v_x:g} m/s", f"turns at {held:.2f} rad/s", "")
         for v_x, yaw, held in turns_at_speed(result["tracking"])
     ]
-    rows.append(("told to stand", f"moves at {result['tracking']['standing_speed_m_s']:.3f} m/s", ""))
+    rows.append(("commanded to stand", f"moves at {result['tracking']['standing_speed_m_s']:.3f} m/s", ""))
     rows.append(("largest torque", f"{result['tracking']['peak_torque_nm']:g} N·m", ""))
     cells = "".join(f"<tr><th>{esc(a)}</th><td><b>{esc(b)}</b></td><td>{esc(c)}</td></tr>" for a, b, c in rows)
     falls = [(TRIALS[name], fall["why"]) for name, figures in result.items() for fall in _fell(figures)]

@@ -36,6 +36,7 @@ def export(
 
     if networks is not None:
         check_new(networks)
+    typer.echo("measuring the gait at each speed", err=True)
     path = export_policy(run, out, name)
     if networks is not None:
         save_networks(find_checkpoint(run), networks)

@@ -75,7 +75,7 @@ def test_an_instant_is_a_stripe_that_can_be_seen():
 def test_a_histogram_tells_its_percentiles_and_what_lies_beyond():
     values = np.concatenate([np.linspace(0.0, 10.0, 1001), [500.0], [np.nan]])
     picture = histogram(values, "wait, ms")
-    assert "median 5.005, 99 % 9.91" in picture
+    assert "median 5.005, 99 % below 9.91" in picture
     # 99.5 % lie up to 9.95995.
     assert "6 more, up to 500" in picture
     assert sum(int(count) for count in re.findall(r'data-t="(\d+) from', picture)) == 996

@@ -195,7 +195,7 @@ def _overlay(sequence: str, stretch: slice, rate_hz: float, traces: Traces) -> s
                 x = (stretch.start + np.arange(len(shown))) / rate_hz
                 lines.append(Series(colour, x, shown, width=1.5))
             figures.append(f"<div>{chart(lines, f'{joint} {title}', x_unit=' s', width=HALF, height=150)}</div>")
-    about = "Two knees, in the seconds with the largest velocities. Steps drift apart: each run is its own closed loop."
+    about = "Two knees, in the seconds with the largest velocities. The gaits drift out of phase."
     content = legend(RUNS) + f"<div class='two' style='margin:0'>{''.join(figures)}</div>"
     return boxed(f"Robot and simulation: {_plain(sequence)}", about, content)
 
