@@ -117,6 +117,13 @@ def parse_yaml(text: str | bytes) -> Any:
         return loader.construct_document(node)
     except YamlError:
         raise
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        where = f"line {mark.line + 1}, column {mark.column + 1}: " if mark is not None else ""
+        begun = f"{error.context}, " if str(error.problem).startswith("but") else ""
+        raise YamlError(f"{where}{begun}{error.problem or error.context}") from error
+    except UnicodeDecodeError as error:
+        raise YamlError(f"byte {error.start} is no UTF-8 text") from error
     except _PROBLEMS as error:
         raise YamlError(" ".join(str(error).split()) or type(error).__name__) from error
     finally:

@@ -95,7 +95,9 @@ def card_of(
     try:
         told = json.loads(evaluation.read_text(encoding="utf-8"))
     except OSError as error:
-        raise BadInputError(f"evaluation {evaluation} cannot be read: {error.strerror}") from error
+        raise BadInputError(
+            f"evaluation {evaluation} cannot be read: {error.strerror}; give an evaluation.json"
+        ) from error
     except ValueError as error:
         raise BadInputError(
             f"evaluation {evaluation} is no JSON ({error}); give the evaluation.json of 'spot-rl evaluate'"

@@ -132,7 +132,9 @@ def _read_trusted(path: Path, *, forbidden_mode: int = 0o022) -> bytes:
             status = os.fstat(stream.fileno())
             data = stream.read(MAX_PEM_BYTES + 1) if stat.S_ISREG(status.st_mode) else b""
     except OSError as error:
-        raise PolicyError(f"key file {path} cannot be read: {error.strerror}") from error
+        raise PolicyError(
+            f"key file {path} cannot be read: {error.strerror}; 'spot-rl policy key' makes keys"
+        ) from error
     if not stat.S_ISREG(status.st_mode) or len(data) > MAX_PEM_BYTES:
         raise PolicyError(f"key file {path} is no file of at most {MAX_PEM_BYTES} bytes; give a PEM file")
     if status.st_mode & forbidden_mode:

@@ -42,7 +42,7 @@ def test_plain_data(text: str | bytes, data: object) -> None:
         ("x" * (MAX_BYTES + 1), "allowed: at most 1048576"),
         ("a: 2020-99-99", "month must be in"),
         ("? [a]\n: b", "unhashable"),
-        (b"a: \xff\xfe", "decode"),
+        (b"a: \xff\xfe", "byte 3 is no UTF-8 text"),
         ("a: \x07", "special characters"),
         ("--- 1\n--- 2", "single document"),
         ("a: 0x" + "f" * 40, "line 1: a whole number has more than 128 bits"),

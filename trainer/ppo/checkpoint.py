@@ -60,7 +60,9 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
     except OSError as error:
         raise BadInputError(f"checkpoint {path} cannot be read: {error.strerror}") from error
     except Exception as error:
-        raise BadInputError(f"checkpoint {path} is no readable checkpoint: {type(error).__name__}") from error
+        raise BadInputError(
+            f"checkpoint {path} cannot be read ({type(error).__name__}); give a checkpoint_*.pt of 'spot-rl train'"
+        ) from error
     if not isinstance(content, dict) or content.get("schema") != SCHEMA:
         found = content.get("schema") if isinstance(content, dict) else type(content).__name__
         raise BadInputError(f"checkpoint {path} has the schema {found!r}; allowed: {SCHEMA!r}")
