@@ -22,6 +22,8 @@ def explain(error: ValidationError, model: type[BaseModel] | None = None) -> str
             message = "unknown key"
             allowed = _keys_at(model, problem["loc"][:-1]) if model is not None else ()
             message += f"; allowed: {', '.join(allowed)}" if allowed else ""
+        elif problem["type"] in ("model_type", "dict_type"):
+            message = "allowed: keys with values, 'key: value'"
         lines.append(f"  {where}{value}: {message}")
     return "\n".join(lines)
 

@@ -101,6 +101,8 @@ def find_checkpoint(run: Path) -> Path:
     if run.is_file():
         return run
     checkpoints = sorted(run.glob("checkpoint_*.pt"))
+    if not run.exists():
+        raise BadInputError(f"run {run} does not exist; give a run folder that 'spot-rl train' made, or a checkpoint")
     if not checkpoints:
         raise BadInputError(f"run {run} has no checkpoint_*.pt; give a run folder that 'spot-rl train' made, or a file")
     return checkpoints[-1]
