@@ -35,7 +35,7 @@ def test_what_is_written_is_read_back(tmp_path: Path) -> None:
         ("control: {end_time_ahead_s: 0.5}", ["control.end_time_ahead_s = 0.5", "less than or equal to 0.1"]),
         ("control: {end_time_ahead_s: .nan}", ["control.end_time_ahead_s"]),
         ("robot: {estop: maybe}", ["robot.estop = 'maybe'", "'auto', 'own' or 'external'"]),
-        ("- 1", ["should be an object"]),
+        ("- 1", ["allowed: keys with values"]),
         ("a: [", ["is not valid YAML"]),
         ("!!python/object/apply:os.system [true]", ["is not valid YAML"]),
         ("schema: spot-rl/run/9", ["schema", "'spot-rl/run/1'"]),
