@@ -34,6 +34,7 @@ from spot_runtime.hal.spot.calls import RETRY_PAUSES_S, Calls, patiently
 from spot_runtime.hal.spot.command_stream import CommandEncoder, LatestSlot
 from spot_runtime.hal.spot.estop import needs_own_endpoint
 from spot_runtime.hal.spot.jobs import Jobs
+from spot_runtime.hal.spot.pace import RealTime
 from spot_runtime.hal.spot.session import Session
 from spot_runtime.hal.spot.slow_state import charge_percent, slow_state_from_message
 from spot_runtime.hal.spot.state_receiver import StateReceiver
@@ -159,6 +160,29 @@ def test_chores_run_when_they_are_due_and_one_that_fails_stays() -> None:
     jobs.remove("poll")
     jobs.remove("poll")
     assert [job.name for job in jobs._jobs] == ["lease"]
+
+
+def test_a_chore_that_waits_for_its_answer_holds_up_no_other() -> None:
+    polled, may_end = threading.Event(), threading.Event()
+    polls: list[int] = []
+    jobs, pace = Jobs(lambda *_: None), RealTime(HostClock(), RobotClockEstimate())
+
+    def check_in() -> None:
+        may_end.wait(60.0)
+
+    def poll() -> None:
+        polls.append(1)
+        if len(polls) == 3:
+            polled.set()
+
+    pace.start(jobs)
+    jobs.add("estop", 0.001, check_in, now_s=pace.chore_now_s())
+    jobs.add("slow_state", 0.001, poll, now_s=pace.chore_now_s())
+    assert polled.wait(30.0)
+    assert not may_end.is_set()
+    may_end.set()
+    pace.stop()
+    assert not any(thread.name in ("estop", "slow_state") for thread in threading.enumerate())
 
 
 # Slow state ----------------------------------------------------------------------------------------------------------

@@ -107,9 +107,8 @@ class BosdynHal:
         self._slow = session.check_faults(self._config.safety, self._pause)
         # The lease first: only the robot's holder may replace an e-stop.
         session.acquire_lease()
-        now_s = self._pace.chore_now_s()
-        self._jobs.add("lease", robot.lease_period_s, session.retain_lease, now_s=now_s)
         self._pace.start(self._jobs)
+        self._jobs.add("lease", robot.lease_period_s, session.retain_lease, now_s=self._pace.chore_now_s())
         if session.set_up_estop():
             now_s = self._pace.chore_now_s()
             self._jobs.add("estop", robot.estop_timeout_s / 3.0, self._check_in, now_s=now_s)

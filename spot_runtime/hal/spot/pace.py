@@ -74,22 +74,26 @@ class Pace(Protocol):
 
 
 class RealTime:
-    """Robot time passes by itself; chores run in a thread of their own."""
+    """Robot time passes by itself; each chore has a thread of its own, so that a slow answer holds up no other."""
 
     def __init__(self, clock: HostClock, estimate: RobotClockEstimate) -> None:
         self._clock = clock
         self._estimate = estimate
         self._wake = threading.Event()
-        self._thread: threading.Thread | None = None
+        self._threads: list[threading.Thread] = []
 
     def sync(self, round_trip: Callable[[], int]) -> int:
         """Ask the robot."""
         return round_trip()
 
     def start(self, jobs: Jobs) -> None:
-        """Run the chores in a thread of their own."""
-        self._thread = threading.Thread(target=self._run, args=(jobs,), name="chores", daemon=True)
-        self._thread.start()
+        """Run the chores that come from now on."""
+
+        def begin(name: str) -> None:
+            self._threads.append(threading.Thread(target=self._run, args=(jobs, name), name=name, daemon=True))
+            self._threads[-1].start()
+
+        jobs.on_add = begin
 
     def chore_now_s(self) -> float:
         """The monotonic clock."""
@@ -142,12 +146,12 @@ class RealTime:
         """Nothing waits for it."""
 
     def stop(self) -> None:
-        """End the thread."""
+        """End the threads."""
         self._wake.set()
-        if self._thread is not None and self._thread is not threading.current_thread():
-            self._thread.join(timeout=5.0)
+        until_s = time.monotonic() + 5.0
+        for thread in self._threads:
+            thread.join(max(0.0, until_s - time.monotonic()))
 
-    def _run(self, jobs: Jobs) -> None:
+    def _run(self, jobs: Jobs, name: str) -> None:
         while not self._wake.is_set():
-            wait_s = jobs.run_due(self.chore_now_s())
-            self._wake.wait(min(wait_s, 0.2))
+            self._wake.wait(min(jobs.run_due(self.chore_now_s(), name), 0.2))
