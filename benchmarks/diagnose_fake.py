@@ -26,7 +26,7 @@ import yaml
 
 from fake_robot.scenario.scenario import DEFAULT_EFFECTS
 from fake_robot.start.process import FakeAddress, FakeProcess
-from spot_model.io.velocity_sequence import VelocitySequence, Waypoint, save_sequence
+from spot_model.io.velocity_sequence import VelocitySequence, save_sequence, sequence_of
 from spot_model.robot.facts import JOINT_NAMES
 from spot_model.robot.joints import select_joints
 
@@ -99,27 +99,19 @@ CASES: Final[tuple[Case, ...]] = (
 
 def sequences() -> tuple[VelocitySequence, ...]:
     """Three sequences of eight seconds that every committed policy can follow."""
-
-    def made(name: str, *points: tuple[float, float, float, float, bool]) -> VelocitySequence:
-        return VelocitySequence(
-            name=name,
-            duration_s=8.0,
-            waypoints=tuple(
-                Waypoint(time_s=t, v_x_m_s=x, v_y_m_s=y, yaw_rate_rad_s=w, ramp=r) for t, x, y, w, r in points
-            ),
-        )
-
     return (
-        made(
+        sequence_of(
             "ahead",
+            8.0,
             (0, 0, 0, 0, False),
             (0.5, 0, 0, 0, False),
             (4, 2.0, 0, 0, True),
             (6.5, 2.0, 0, 0, True),
             (7.5, 0, 0, 0, True),
         ),
-        made(
+        sequence_of(
             "around",
+            8.0,
             (0, 0, 0, 0, False),
             (0.5, 0.8, 0, 0, False),
             (2, -0.8, 0, 0, False),
@@ -128,8 +120,9 @@ def sequences() -> tuple[VelocitySequence, ...]:
             (6, 0, 0, 1.0, False),
             (7.2, 0, 0, 0, False),
         ),
-        made(
+        sequence_of(
             "mixed",
+            8.0,
             (0, 0, 0, 0, False),
             (0.5, 1.4, 0.3, 0.4, False),
             (2.3, 0.3, -0.4, -0.8, False),

@@ -27,7 +27,7 @@ from diagnosis.next.session import Session, diagnosed
 from spot_log import read_run
 from spot_model.errors import SpotRlError
 from spot_model.io.model_file import save_model
-from spot_model.io.velocity_sequence import VelocitySequence, Waypoint, save_sequence
+from spot_model.io.velocity_sequence import VelocitySequence, save_sequence, sequence_of
 from withheld.cases.draw import draw, kind_of
 from withheld.cases.source import source_of
 from withheld.plan import RecordingPlan
@@ -39,8 +39,7 @@ WANTED_M_S: Final = 0.15
 def ramp(speed_m_s: float) -> VelocitySequence:
     """Up to a speed in 4 s, held for 3 s, and down."""
     points = ((0.0, 0.0), (0.5, 0.0), (4.0, speed_m_s), (7.0, speed_m_s), (8.0, 0.0))
-    waypoints = tuple(Waypoint(time_s=t, v_x_m_s=v, ramp=i > 1) for i, (t, v) in enumerate(points))
-    return VelocitySequence(name=f"ramp_{speed_m_s:g}", duration_s=8.0, waypoints=waypoints)
+    return sequence_of(f"ramp_{speed_m_s:g}", 8.0, *points, is_ramped=True)
 
 
 def robot(number: int, given: Namespace) -> str:

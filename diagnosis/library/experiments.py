@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from spot_model.io.velocity_sequence import VelocitySequence, Waypoint, forward_sequence, standing_sequence
+from spot_model.io.velocity_sequence import VelocitySequence, forward_sequence, sequence_of, standing_sequence
 
 
 @dataclass(frozen=True)
@@ -22,16 +22,7 @@ class Experiment:
     """What a person must do besides: payload, surface, attitude."""
 
 
-def _steps(name: str, duration_s: float, *points: tuple[float, float, float, float]) -> VelocitySequence:
-    """A sequence of steps, each (time s, V_x m/s, V_y m/s, ω_z rad/s)."""
-    return VelocitySequence(
-        name=name,
-        duration_s=duration_s,
-        waypoints=tuple(Waypoint(time_s=t, v_x_m_s=x, v_y_m_s=y, yaw_rate_rad_s=w) for t, x, y, w in points),
-    )
-
-
-WALK = _steps(
+WALK = sequence_of(
     "walk_and_turn",
     20.0,
     (0, 0, 0, 0),
@@ -41,9 +32,9 @@ WALK = _steps(
     (15, -0.6, 0, 0),
     (19, 0, 0, 0),
 )
-SLOW = _steps("slow_walk", 20.0, (0, 0, 0, 0), (1, 0.2, 0, 0), (10, -0.2, 0, 0), (19, 0, 0, 0))
-TURN_IN_PLACE = _steps("turn_in_place", 20.0, (0, 0, 0, 0), (2, 0, 0, 1.0), (9, 0, 0, -1.0), (16, 0, 0, 0))
-SIDEWAYS = _steps("mirrored_sideways", 20.0, (0, 0, 0, 0), (1, 0, 0.8, 0), (10, 0, -0.8, 0), (19, 0, 0, 0))
+SLOW = sequence_of("slow_walk", 20.0, (0, 0, 0, 0), (1, 0.2, 0, 0), (10, -0.2, 0, 0), (19, 0, 0, 0))
+TURN_IN_PLACE = sequence_of("turn_in_place", 20.0, (0, 0, 0, 0), (2, 0, 0, 1.0), (9, 0, 0, -1.0), (16, 0, 0, 0))
+SIDEWAYS = sequence_of("mirrored_sideways", 20.0, (0, 0, 0, 0), (1, 0, 0.8, 0), (10, 0, -0.8, 0), (19, 0, 0, 0))
 FAST = forward_sequence(4.0)
 
 OTHER_KD = Experiment(
@@ -70,7 +61,7 @@ STAND = Experiment("stand", "Stand still: loads alone must carry the known weigh
 LONG_WALK = Experiment(
     "long_walk",
     "Walk for two minutes: heat grows with time, a gain does not.",
-    _steps("long_walk", 120.0, (0, 0, 0, 0), (1, 1.0, 0, 0), (119, 0, 0, 0)),
+    sequence_of("long_walk", 120.0, (0, 0, 0, 0), (1, 1.0, 0, 0), (119, 0, 0, 0)),
 )
 TURN = Experiment(
     "turn_in_place",

@@ -23,7 +23,6 @@ from fake_robot.start.process import FakeAddress, FakeProcess
 from proof.bench_signals import ending_the_bench
 from proof.faults.drive import Drive, read_log
 from proof.faults.faulty_hal import FaultyHal, When
-from spot_log.format.records import RunHeader
 from spot_log.write.logger_process import LoggerProcess
 from spot_log.write.sink import LogSink
 from spot_model.io.velocity_sequence import VelocitySequence, Waypoint
@@ -38,7 +37,7 @@ from spot_runtime.hal.spot.pace import Pace
 from spot_runtime.hal.spot.session import Session
 from spot_runtime.host.clock import HostClock, RobotClockEstimate
 from spot_runtime.host.console import Console
-from spot_runtime.session.run import RunRequest, run
+from spot_runtime.session.run import RunRequest, SinkFactory, run
 from spot_runtime.sources.base import CommandSource
 from spot_tools.run.scripted import ScriptedSource
 
@@ -77,6 +76,8 @@ class Rig:
     is_lock_step: bool = True
     calm: Mapping[str, Mapping[str, Any]] = field(default_factory=lambda: CALM)
     """What every run's configuration begins with."""
+    make_sink: SinkFactory = LoggerProcess.start
+    """Opens the log of a run."""
     _count: int = field(default=0)
     estops: tuple[str, ...] = ()
     """Who held the robot's e-stop before the first run."""
@@ -170,7 +171,7 @@ class Rig:
         seconds: float = 3.0,
         source: CommandSource | None = None,
         policy: Policy | None = None,
-        make_sink: Callable[[Path, RunHeader], LogSink] = LoggerProcess.start,
+        make_sink: SinkFactory | None = None,
         make_faulty: Callable[[Address, RunConfig, LogSink, Pace | None], FaultyHal] = FaultyHal,
         **changes: Mapping[str, Any],
     ) -> Drive:
@@ -189,7 +190,7 @@ class Rig:
         console = Console(io.StringIO())
         with self.environment(), ending_the_bench():
             try:
-                summary = run(request, make_hal, make_sink, console)
+                summary = run(request, make_hal, make_sink or self.make_sink, console)
             finally:
                 console.close()
         log, problem = read_log(path)

@@ -15,11 +15,12 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
-from array_api_compat import array_namespace, device
+from array_api_compat import device
 from numpy.typing import NDArray
 from typing_extensions import Self
 
 from spot_model.errors import BadInputError
+from spot_model.robot.arrays import namespace_of
 from spot_model.robot.facts import LEG_NAMES
 from spot_model.robot.joints import select_joints
 from spot_model.robot.rotation import AnyArray
@@ -152,7 +153,7 @@ class Effect(ABC):
 
         A float becomes shape (1, 1); arrays keep their shape. Formulas rely on this.
         """
-        xp = array_namespace(like)
+        xp = namespace_of(like)
 
         def as_array(value: Any) -> AnyArray:
             array = xp.asarray(value, dtype=like.dtype, device=device(like))
@@ -210,7 +211,7 @@ class TorqueEffect(Effect):
         changed, memory = self.torque(torque_nm, motion, memory)
         if mask is None:
             return changed, memory
-        return array_namespace(torque_nm).where(mask, changed, torque_nm), memory
+        return namespace_of(torque_nm).where(mask, changed, torque_nm), memory
 
 
 class CommandEffect(Effect):

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from array_api_compat import array_namespace
-
+from spot_model.robot.arrays import namespace_of
 from spot_model.robot.rotation import AnyArray
 
 STICK_SPEED_RAD_S: Final = 0.1
@@ -14,7 +13,7 @@ STICK_SPEED_RAD_S: Final = 0.1
 
 def smooth_sign(velocity_rad_s: AnyArray, speed_rad_s: float = STICK_SPEED_RAD_S) -> AnyArray:
     """Sign of a velocity, smooth over ``speed_rad_s`` about zero; any shape."""
-    return array_namespace(velocity_rad_s).tanh(velocity_rad_s / speed_rad_s)
+    return namespace_of(velocity_rad_s).tanh(velocity_rad_s / speed_rad_s)
 
 
 def built_up(direction: AnyArray, velocity_rad_s: AnyArray, dt_s: float, distance_rad: Any) -> AnyArray:
@@ -28,6 +27,6 @@ def built_up(direction: AnyArray, velocity_rad_s: AnyArray, dt_s: float, distanc
         dt_s: Length of the step.
         distance_rad: Over which a contact that sticks gives way, > 0.
     """
-    xp = array_namespace(velocity_rad_s)
+    xp = namespace_of(velocity_rad_s)
     towards = xp.sign(velocity_rad_s)
     return towards + (direction - towards) * xp.exp(-xp.abs(velocity_rad_s) * dt_s / distance_rad)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from bisect import bisect_right
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from operator import attrgetter
 from pathlib import Path
@@ -91,29 +91,28 @@ class VelocitySequence(Settings):
         return self.model_copy(update={"waypoints": tuple(clip(w) for w in self.waypoints)})
 
 
+def sequence_of(name: str, duration_s: float, *points: Sequence[float], is_ramped: bool = False) -> VelocitySequence:
+    """A sequence of points: time (s), V_x, V_y (m/s), ω_z (rad/s), ramp; a point may leave out those at its end.
+
+    With ``is_ramped``, each but the first is reached in a straight line unless it says otherwise.
+    """
+    fields = ("time_s", "v_x_m_s", "v_y_m_s", "yaw_rate_rad_s", "ramp")
+    told = [{"ramp": is_ramped and i > 0, **dict(zip(fields, point, strict=False))} for i, point in enumerate(points)]
+    waypoints = tuple(Waypoint.model_validate(values) for values in told)
+    return VelocitySequence(name=name, duration_s=duration_s, waypoints=waypoints)
+
+
 def forward_sequence(top_speed_m_s: float = 4.0) -> VelocitySequence:
     """Run forward: from a standstill at rising speed to the top, hold, and back to a stop. Source: the paper."""
-    return VelocitySequence(
-        name="forward",
-        duration_s=20.0,
-        waypoints=(
-            Waypoint(time_s=0.0),
-            Waypoint(time_s=1.0),
-            Waypoint(time_s=11.0, v_x_m_s=top_speed_m_s, ramp=True),
-            Waypoint(time_s=16.0, v_x_m_s=top_speed_m_s, ramp=True),
-            Waypoint(time_s=18.5, ramp=True),
-        ),
-    )
+    top = (top_speed_m_s, 0.0, 0.0, True)
+    return sequence_of("forward", 20.0, (0.0,), (1.0,), (11.0, *top), (16.0, *top), (18.5, 0.0, 0.0, 0.0, True))
 
 
 def six_directions_sequence(speed: float = 1.5) -> VelocitySequence:
     """Forward, back, left, right (m/s), turn left, turn right (rad/s) at moderate speed. Source: the paper."""
     directions = ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1))
-    points = [Waypoint(time_s=0.0)]
-    for i, (x, y, yaw) in enumerate(directions):
-        points.append(Waypoint(time_s=1.0 + 3.0 * i, v_x_m_s=speed * x, v_y_m_s=speed * y, yaw_rate_rad_s=speed * yaw))
-    points.append(Waypoint(time_s=19.0))
-    return VelocitySequence(name="six_directions", duration_s=20.0, waypoints=tuple(points))
+    points = [(1.0 + 3.0 * i, speed * x, speed * y, speed * yaw) for i, (x, y, yaw) in enumerate(directions)]
+    return sequence_of("six_directions", 20.0, (0.0,), *points, (19.0,))
 
 
 def random_sequence(
@@ -123,17 +122,13 @@ def random_sequence(
 ) -> VelocitySequence:
     """Commands drawn evenly within bounds, a new one every 2 s. Source: the paper's randomly changing commands."""
     rng = np.random.default_rng(seed)
-    points = [Waypoint(time_s=0.0)]
-    for i in range(9):
-        x, y, yaw = (float(v) for v in rng.uniform(low, high))
-        points.append(Waypoint(time_s=1.0 + 2.0 * i, v_x_m_s=x, v_y_m_s=y, yaw_rate_rad_s=yaw))
-    points.append(Waypoint(time_s=19.0))
-    return VelocitySequence(name="random", duration_s=20.0, waypoints=tuple(points))
+    points = [(1.0 + 2.0 * i, *rng.uniform(low, high).tolist()) for i in range(9)]
+    return sequence_of("random", 20.0, (0.0,), *points, (19.0,))
 
 
 def standing_sequence(duration_s: float = 20.0) -> VelocitySequence:
     """Stand still."""
-    return VelocitySequence(name="standing", duration_s=duration_s, waypoints=(Waypoint(time_s=0.0),))
+    return sequence_of("standing", duration_s, (0.0,))
 
 
 BUILT_IN: Final[dict[str, Callable[[], VelocitySequence]]] = {

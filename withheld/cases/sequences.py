@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from spot_model.io.velocity_sequence import VelocitySequence, Waypoint
+from spot_model.io.velocity_sequence import VelocitySequence, sequence_of
 from spot_model.policy.contract import PolicyContract
 
 COMFORT: Final = 0.75
@@ -98,13 +98,6 @@ def _range(contract: PolicyContract) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _sequence(name: str, duration_s: float, *points: tuple[float, float, float, float, bool]) -> VelocitySequence:
-    return VelocitySequence(
-        name=name,
-        duration_s=duration_s,
-        waypoints=tuple(
-            Waypoint(
-                time_s=round(share * duration_s, 3), v_x_m_s=float(x), v_y_m_s=float(y), yaw_rate_rad_s=float(w), ramp=r
-            )
-            for share, x, y, w, r in points
-        ),
-    )
+    """Of points with their time as a share of the duration."""
+    told = [(round(share * duration_s, 3), float(x), float(y), float(w), r) for share, x, y, w, r in points]
+    return sequence_of(name, duration_s, *told)

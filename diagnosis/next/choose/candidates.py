@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from spot_model.io.joint_experiment import JointExperiment, Squat, Standing, Sweep
-from spot_model.io.velocity_sequence import VelocitySequence, Waypoint
+from spot_model.io.velocity_sequence import VelocitySequence, sequence_of
 from spot_model.policy.contract import PolicyContract
 from spot_model.robot import facts
 
@@ -107,7 +107,7 @@ def _walks(policy: PolicyContract) -> tuple[Candidate, ...]:
             "run ahead with rising speed, then stop",
             f"the policy, and {0.4 * top * 12.0 + 2.0:.0f} m straight ahead",
             {"speed_m_s": fast, "duration_s": Free(8.0, 6.0, 12.0, "s")},
-            lambda v: _sequence(
+            lambda v: sequence_of(
                 "sprint",
                 v["duration_s"],
                 (0.0, 0.0, 0.0, 0.0),
@@ -136,7 +136,7 @@ def _walks(policy: PolicyContract) -> tuple[Candidate, ...]:
                 "turn_rad_s": Free(0.6 * turn, 0.3 * turn, turn, "rad/s"),
                 "aside_m_s": Free(0.6 * aside, 0.2 * aside, aside, "m/s"),
             },
-            lambda v: _sequence(
+            lambda v: sequence_of(
                 "turns",
                 8.0,
                 (0.0, 0.0, 0.0, 0.0),
@@ -152,7 +152,7 @@ def _walks(policy: PolicyContract) -> tuple[Candidate, ...]:
             "walk slowly",
             needs,
             {"speed_m_s": Free(0.25, 0.1, 0.5, "m/s")},
-            lambda v: _sequence(
+            lambda v: sequence_of(
                 "slow_walk",
                 8.0,
                 (0.0, 0.0, 0.0, 0.0),
@@ -261,20 +261,6 @@ def _to_and_fro(speed_m_s: float, period_s: float) -> VelocitySequence:
     for i, t in enumerate(np.arange(0.5 + quarter_s, duration_s - 1.0 - quarter_s, 2.0 * quarter_s)):
         speed = speed_m_s * (-1.0) ** i
         points += [(float(t), speed, 0.0, 0.0), (float(t + quarter_s), speed, 0.0, 0.0)]
-    return _sequence(
+    return sequence_of(
         "to_and_fro", duration_s, (0.0, 0.0, 0.0, 0.0), *points, (duration_s - 0.5, 0.0, 0.0, 0.0), is_ramped=True
-    )
-
-
-def _sequence(
-    name: str, duration_s: float, *points: tuple[float, float, float, float], is_ramped: bool = False
-) -> VelocitySequence:
-    """Waypoints are (time s, V_x m/s, V_y m/s, ω_z rad/s)."""
-    return VelocitySequence(
-        name=name,
-        duration_s=duration_s,
-        waypoints=tuple(
-            Waypoint(time_s=t, v_x_m_s=x, v_y_m_s=y, yaw_rate_rad_s=w, ramp=is_ramped and i > 0)
-            for i, (t, x, y, w) in enumerate(points)
-        ),
     )

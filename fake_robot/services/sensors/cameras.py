@@ -13,7 +13,6 @@ import numpy as np
 from bosdyn.api import image_pb2
 from bosdyn.client.math_helpers import Quat, SE3Pose
 from numpy.typing import NDArray
-from PIL import Image as Picture
 
 from fake_robot.network.camera_view import CameraView
 from fake_robot.network.status import Snapshot
@@ -210,6 +209,8 @@ def _source(camera: Camera, size: tuple[int, int]) -> image_pb2.ImageSource:
 
 
 def _encoded(pixels: NDArray[Any], size: tuple[int, int], *, is_jpeg: bool) -> bytes:
+    from PIL import Image as Picture  # a robot that shows no image starts without it
+
     picture = Picture.fromarray(pixels)
     if picture.size != size:
         # A mean of depths would lie where nothing is.

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
-from array_api_compat import array_namespace
-
 from spot_model.effects.base import Memory, Motion, TorqueEffect, parameter
+from spot_model.robot.arrays import namespace_of
 from spot_model.robot.rotation import AnyArray
 
 
@@ -34,12 +33,12 @@ class Backlash(TorqueEffect):
 
     def start(self, torque_nm: AnyArray) -> Memory:
         """The motor rests in the middle of the gap."""
-        zeros = array_namespace(torque_nm).zeros_like(torque_nm)
+        zeros = namespace_of(torque_nm).zeros_like(torque_nm)
         return GapMemory(zeros + 0.5 * self.gap_rad, zeros)
 
     def torque(self, torque_nm: AnyArray, motion: Motion, memory: Memory) -> tuple[AnyArray, Memory]:
         """Pass the torque on where the motor touches the side it pushes against."""
-        xp = array_namespace(torque_nm)
+        xp = namespace_of(torque_nm)
         zeros = xp.zeros_like(torque_nm)
         speed = memory.speed_rad_s + motion.dt_s * torque_nm / self.rotor_inertia_kg_m2
         place = memory.place_rad + motion.dt_s * speed

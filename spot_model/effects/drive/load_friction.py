@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from array_api_compat import array_namespace
-
 from spot_model.effects.base import Memory, Motion, TorqueEffect, parameter
 from spot_model.effects.friction import smooth_sign
+from spot_model.robot.arrays import namespace_of
 from spot_model.robot.rotation import AnyArray
 
 
@@ -29,5 +28,5 @@ class LoadFriction(TorqueEffect):
 
     def torque(self, torque_nm: AnyArray, motion: Motion, memory: Memory) -> tuple[AnyArray, Memory]:
         """What is passed on."""
-        xp = array_namespace(torque_nm)
+        xp = namespace_of(torque_nm)
         return torque_nm / (1.0 + self.share * xp.sign(torque_nm) * smooth_sign(motion.velocity_rad_s)), memory

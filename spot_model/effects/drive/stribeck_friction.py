@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from array_api_compat import array_namespace
-
 from spot_model.effects.base import Memory, Motion, TorqueEffect, parameter
 from spot_model.effects.friction import built_up
+from spot_model.robot.arrays import namespace_of
 from spot_model.robot.rotation import AnyArray
 
 
@@ -32,11 +31,11 @@ class StribeckFriction(TorqueEffect):
 
     def start(self, torque_nm: AnyArray) -> Memory:
         """At rest, and held by nothing yet."""
-        return array_namespace(torque_nm).zeros_like(torque_nm)
+        return namespace_of(torque_nm).zeros_like(torque_nm)
 
     def torque(self, torque_nm: AnyArray, motion: Motion, memory: Memory) -> tuple[AnyArray, Memory]:
         """Subtract the friction."""
-        xp = array_namespace(torque_nm)
+        xp = namespace_of(torque_nm)
         ratio = motion.velocity_rad_s / self.speed_rad_s
         held = built_up(memory, motion.velocity_rad_s, motion.dt_s, self.builds_up_rad)
         return torque_nm - self.level_nm * xp.exp(-ratio * ratio) * held, held

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from array_api_compat import array_namespace
-
 from spot_model.effects.base import Memory, Motion, TorqueEffect, parameter
+from spot_model.robot.arrays import namespace_of
 from spot_model.robot.rotation import AnyArray
 
 
@@ -24,11 +23,11 @@ class TorqueBandwidth(TorqueEffect):
 
     def start(self, torque_nm: AnyArray) -> Memory:
         """No torque before the first step."""
-        return array_namespace(torque_nm).zeros_like(torque_nm)
+        return namespace_of(torque_nm).zeros_like(torque_nm)
 
     def torque(self, torque_nm: AnyArray, motion: Motion, memory: Memory) -> tuple[AnyArray, Memory]:
         """Move the torque towards what was asked."""
-        xp = array_namespace(torque_nm)
+        xp = namespace_of(torque_nm)
         at_once = self.time_constant_s <= 0.0
         ones = xp.ones_like(self.time_constant_s)
         keep = xp.exp(-motion.dt_s / xp.where(at_once, ones, self.time_constant_s))

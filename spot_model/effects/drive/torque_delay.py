@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final
 
-from array_api_compat import array_namespace
-
 from spot_model.effects.base import Memory, Motion, TorqueEffect, parameter
+from spot_model.robot.arrays import namespace_of
 from spot_model.robot.rotation import AnyArray
 
 N_STEPS: Final = 64
@@ -30,12 +29,12 @@ class TorqueDelay(TorqueEffect):
 
     def start(self, torque_nm: AnyArray) -> Memory:
         """No torque before the first step. Shape (n, 12, :data:`N_STEPS`), newest first."""
-        xp = array_namespace(torque_nm)
+        xp = namespace_of(torque_nm)
         return xp.zeros_like(xp.stack([torque_nm] * N_STEPS, axis=-1))
 
     def torque(self, torque_nm: AnyArray, motion: Motion, memory: Memory) -> tuple[AnyArray, Memory]:
         """The torque that was asked for a delay ago."""
-        xp = array_namespace(torque_nm)
+        xp = namespace_of(torque_nm)
         asked = xp.concat([torque_nm[..., None], memory[..., :-1]], axis=-1)
         steps = xp.minimum(self.delay_s / motion.dt_s, xp.ones_like(self.delay_s) * (N_STEPS - 1))
         ages = xp.cumulative_sum(xp.ones_like(asked[:1, :1]), axis=-1) - 1.0

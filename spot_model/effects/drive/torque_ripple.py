@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from array_api_compat import array_namespace
-
 from spot_model.effects.base import Memory, Motion, TorqueEffect, parameter
+from spot_model.robot.arrays import namespace_of
 from spot_model.robot.rotation import AnyArray
 
 
@@ -29,7 +28,7 @@ class TorqueRipple(TorqueEffect):
 
     def torque(self, torque_nm: AnyArray, motion: Motion, memory: Memory) -> tuple[AnyArray, Memory]:
         """Add the ripple."""
-        xp = array_namespace(torque_nm)
+        xp = namespace_of(torque_nm)
         angle = self.cycles_per_rad * motion.position_rad
         first = self.amplitude_nm * xp.sin(angle + self.phase_rad)
         return torque_nm + first + self.second_nm * xp.sin(2.0 * angle + self.second_phase_rad), memory

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from array_api_compat import array_namespace
-
 from spot_model.effects.base import Memory, Motion, TorqueEffect, parameter
+from spot_model.robot.arrays import namespace_of
 from spot_model.robot.rotation import AnyArray
 
 
@@ -36,11 +35,11 @@ class BusSag(TorqueEffect):
 
     def start(self, torque_nm: AnyArray) -> Memory:
         """No power, as a value for each simulation."""
-        return array_namespace(torque_nm).zeros_like(torque_nm[:, :1])
+        return namespace_of(torque_nm).zeros_like(torque_nm[:, :1])
 
     def torque(self, torque_nm: AnyArray, motion: Motion, memory: Memory) -> tuple[AnyArray, Memory]:
         """Bound the driving torque by the voltage that is left."""
-        xp = array_namespace(torque_nm)
+        xp = namespace_of(torque_nm)
         velocity = motion.velocity_rad_s
         bound = self.bound_nm(memory, velocity)
         driving = torque_nm * velocity > 0.0
@@ -50,13 +49,13 @@ class BusSag(TorqueEffect):
 
     def power_w(self, torque_nm: AnyArray, velocity_rad_s: AnyArray) -> AnyArray:
         """What all motors draw, shape (..., 1), from torque and velocity of shape (..., J)."""
-        xp = array_namespace(torque_nm)
+        xp = namespace_of(torque_nm)
         drawn = _positive(torque_nm * velocity_rad_s)
         return xp.sum(drawn + self.copper_w_per_nm2 * torque_nm * torque_nm, axis=-1, keepdims=True)
 
     def bound_nm(self, power_w: AnyArray, velocity_rad_s: AnyArray) -> AnyArray:
         """Largest driving torque, shape (..., J), while the motors draw a power of shape (..., 1)."""
-        xp = array_namespace(velocity_rad_s)
+        xp = namespace_of(velocity_rad_s)
         open_v = self.open_voltage_v
         root = xp.sqrt(_positive(open_v * open_v - 4.0 * self.resistance_ohm * power_w))
         voltage = 0.5 * (open_v + root)

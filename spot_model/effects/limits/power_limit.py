@@ -6,9 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final
 
-from array_api_compat import array_namespace
-
 from spot_model.effects.base import Memory, Motion, TorqueEffect, parameter
+from spot_model.robot.arrays import namespace_of
 from spot_model.robot.rotation import AnyArray
 
 LARGEST_W: Final = 1e9
@@ -34,7 +33,7 @@ class PowerLimit(TorqueEffect):
 
     def torque(self, torque_nm: AnyArray, motion: Motion, memory: Memory) -> tuple[AnyArray, Memory]:
         """Scale the driving torques to the power that is left."""
-        xp = array_namespace(torque_nm)
+        xp = namespace_of(torque_nm)
         scale = scale_to_power(torque_nm, motion.velocity_rad_s, self.power_w, self.copper_w_per_nm2)
         return xp.where(torque_nm * motion.velocity_rad_s > 0.0, scale * torque_nm, torque_nm), memory
 
@@ -54,7 +53,7 @@ def scale_to_power(torque_nm: AnyArray, velocity_rad_s: AnyArray, power_w: Any, 
     Returns:
         Shape (..., 1).
     """
-    xp = array_namespace(torque_nm)
+    xp = namespace_of(torque_nm)
     shaft = torque_nm * velocity_rad_s
     heat = copper_w_per_nm2 * torque_nm * torque_nm
     zero = xp.zeros_like(shaft)

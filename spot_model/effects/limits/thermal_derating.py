@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from array_api_compat import array_namespace
-
 from spot_model.effects.base import Memory, Motion, TorqueEffect, parameter
+from spot_model.robot.arrays import namespace_of
 from spot_model.robot.rotation import AnyArray
 
 
@@ -28,11 +27,11 @@ class ThermalDerating(TorqueEffect):
 
     def start(self, torque_nm: AnyArray) -> Memory:
         """Cold motors."""
-        return array_namespace(torque_nm).zeros_like(torque_nm)
+        return namespace_of(torque_nm).zeros_like(torque_nm)
 
     def torque(self, torque_nm: AnyArray, motion: Motion, memory: Memory) -> tuple[AnyArray, Memory]:
         """Derate, then heat by what flowed."""
-        xp = array_namespace(torque_nm)
+        xp = namespace_of(torque_nm)
         gain = xp.clip(1.0 - self.loss_per_k * memory, 0.2, 1.0)
         torque = gain * torque_nm
         rise = memory + motion.dt_s * (self.heating_k_per_nm2_s * torque * torque - memory / self.cooling_time_s)

@@ -10,20 +10,18 @@ import pytest
 from bosdyn.api import robot_state_pb2
 
 from spot_log.format.records import (
-    TOPIC_OF_RECORD,
     CommandRecord,
     EventRecord,
-    Record,
     RunHeader,
     Severity,
     TickRecord,
     WireState,
 )
-from spot_log.write import hand_off
 from spot_log.write.run_writer import RunWriter
 from spot_log.write.sink import LogSink
 from spot_model.robot.facts import DEFAULT_POSITION_RAD, JOINT_NAMES
 from spot_model.robot.state import Gains, JointCommand, SlowState
+from tests.spot_runtime.file_sink import FileSink
 
 START_HOST_NS = 1_750_000_000_000_000_000
 ROBOT_MINUS_HOST_NS = -199_190_000_000
@@ -212,25 +210,6 @@ class SyntheticRun:
         self.feed(sink)
         sink.writer.close({}, outcome)
         return path
-
-
-class FileSink:
-    """A sink that writes at once, through the same packing as the real one."""
-
-    def __init__(self, writer: RunWriter, flush_every: int) -> None:
-        self.writer = writer
-        self._flush_every = flush_every
-        self._n = 0
-        self._numbers: dict[str, int] = {}
-
-    def put(self, record: Record) -> None:
-        topic = TOPIC_OF_RECORD[type(record)]
-        number = self._numbers.get(topic, 0)
-        self._numbers[topic] = number + 1
-        self.writer.add(hand_off.unpack(hand_off.pack(number, record)).message, number)
-        self._n += 1
-        if self._n % self._flush_every == 0:
-            self.writer.flush()
 
 
 @pytest.fixture(scope="session")
