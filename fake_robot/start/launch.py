@@ -13,7 +13,6 @@ from spot_model.io.command_line import main
 
 if __name__ == "__main__":
     priority, stay, *words = sys.argv[1:]
-    os.environ.setdefault("MUJOCO_GL", "disable")  # a robot draws nothing, and starts sooner without OpenGL
     if stay:
         os.sched_setaffinity(0, [int(cpu) for cpu in stay.split(",")])
     if int(priority):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -16,16 +16,19 @@ PAGE = (ROOT / "docs" / "runtime.md").read_text(encoding="utf-8")
 PACKAGES = ("spot_runtime", "spot_log", "spot_tools")
 
 
-def trees() -> Iterator[ast.AST]:
-    for package in PACKAGES:
-        for path in sorted((ROOT / package).rglob("*.py")):
-            yield from ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+@cache
+def nodes() -> tuple[ast.Call | ast.ClassDef, ...]:
+    """Calls and classes of all files that make an outcome or declare an exit code."""
+    paths = [path for package in PACKAGES for path in sorted((ROOT / package).rglob("*.py"))]
+    texts = [path.read_text(encoding="utf-8") for path in paths]
+    trees = [ast.parse(text) for text in texts if "Outcome(" in text or "exit_code" in text]
+    return tuple(node for tree in trees for node in ast.walk(tree) if isinstance(node, (ast.Call, ast.ClassDef)))
 
 
 def written_outcomes() -> set[str]:
     """Labels that are written out where an outcome is made, or prefixed to one."""
     found = set()
-    for node in trees():
+    for node in nodes():
         if isinstance(node, ast.Call) and getattr(node.func, "id", getattr(node.func, "attr", "")) == "Outcome":
             given = [*node.args[:1], *(k.value for k in node.keywords if k.arg in ("label", "outcome"))]
             found |= {value.value for value in given if isinstance(value, ast.Constant)}
@@ -34,7 +37,7 @@ def written_outcomes() -> set[str]:
 
 def exit_codes() -> set[int]:
     """Codes that classes of errors declare; 1 to 3 and 70 stand in the sentence above the tables."""
-    declared = (node for node in trees() if isinstance(node, ast.ClassDef))
+    declared = (node for node in nodes() if isinstance(node, ast.ClassDef))
     assignments = (line for node in declared for line in node.body if isinstance(line, ast.Assign))
     return {
         line.value.value
