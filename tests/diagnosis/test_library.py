@@ -133,7 +133,7 @@ def test_the_order_spectrum_finds_a_line_at_any_speed():
 def test_a_planted_effect_is_recovered_by_its_own_channels(case):
     entry = LIBRARY[case.effect]
     effect = entry.effect(joints=case.joints, **case.values)
-    runs = planted_runs(Truth(effects=(effect,)), 2, sequence=walk_sequence(case.duration_s))
+    runs = planted_runs(Truth(effects=(effect,)), case.runs, sequence=walk_sequence(case.duration_s))
     views, _ = build_views(stack([record(r) for r in runs]), NOMINAL)
     found = fit(entry, views, select_joints(case.joints))
     assert found.cost < found.cost_null
