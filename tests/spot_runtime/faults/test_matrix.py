@@ -16,7 +16,6 @@ from proof.faults import command
 from proof.faults.rig import CALM, Rig, rig
 from proof.faults.rows import Finding, Row, left_alone, tidy, try_row
 from spot_model.errors import BadInputError
-from tests.spot_runtime.file_sink import FileSink
 
 WALK = Path(__file__).parents[3] / "policies" / "walk.onnx"
 
@@ -55,7 +54,6 @@ class Kept:
             folder = self._folder / str(self._count)
             self._rig = self._closing.enter_context(rig(folder, WALK, scenario=brisk(folder)))
             self._rig.calm = {**CALM, "handover": BRISK_HANDOVER}
-            self._rig.make_sink = FileSink.start  # rows about the log's process bring one
         return self._rig
 
     def drop(self) -> None:
