@@ -63,9 +63,9 @@ def test_what_is_whole_is_not_made_again(policy_path: Path) -> None:
     assert [p.repeat for p in missing_runs(plan, found)] == [2, 3]
 
 
-def test_a_run_that_leaves_no_log_is_tried_again_and_then_named(policy_path: Path, tmp_path: Path) -> None:
+def test_a_run_that_leaves_no_log_is_tried_again_and_ends_the_collection(policy_path: Path, tmp_path: Path) -> None:
     collection = Collection.prepare(
-        policy=policy_path, folder=tmp_path / "logs", sequences="standing", repeats=1, other_gains=None
+        policy=policy_path, folder=tmp_path / "logs", sequences="standing", repeats=2, other_gains=None
     )
     started: list[list[str]] = []
     said: list[str] = []
@@ -75,8 +75,9 @@ def test_a_run_that_leaves_no_log_is_tried_again_and_then_named(policy_path: Pat
         return 3
 
     left = collection.record(["--robot", "host"], start, attempts=2, say=said.append)
-    assert [(p.sequence.name, p.repeat) for p in left] == [("standing", 1)]
+    assert [(p.sequence.name, p.repeat) for p in left] == [("standing", 1), ("standing", 2)]
     assert len(started) == 2
+    assert said[-1] == "no run can begin, for the reason above; after that is mended, give the command again"
     assert started[0][:5] == ["run", "--policy", str(policy_path), "--sequence", "standing"]
     assert started[0][-2:] == ["--robot", "host"]
     assert "attempt 2 of 2 does not count: it left no log (exit code 3)" in said

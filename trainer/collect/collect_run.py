@@ -12,6 +12,11 @@ from trainer.collect.plan import FoundRun, PlannedRun, find_runs, missing_runs, 
 from trainer.export.gain_variant import write_gain_variant
 
 ROBOT_FAULT = "robot_fault"
+STOPPING = {
+    ROBOT_FAULT: "the robot reports a fault that a person must clear; after that, give the command again",
+    "": "no run can begin, for the reason above; after that is mended, give the command again",
+}
+"""Outcomes of a run after which no other is tried, with what is then said; empty: it left no log."""
 """Outcome of a run that the robot refused for a fault, such as the fall before it."""
 Starter = Callable[[list[str]], int]
 """Runs ``spot-rl`` with arguments and gives its exit code."""
@@ -63,7 +68,7 @@ class Collection:
     ) -> tuple[PlannedRun, ...]:
         """Make what is missing; returns what is missing still."""
         left: list[PlannedRun] = []
-        has_fault = False
+        is_stopped = False
         for part in self.parts:
             found = find_runs(part.folder, part.policy, part.plan)
             for run in found:
@@ -72,23 +77,23 @@ class Collection:
             missing = missing_runs(part.plan, found)
             say(f"{part.label}: {len(part.plan) - len(missing)} of {len(part.plan)} runs are recorded already")
             for number, planned in enumerate(missing, start=1):
-                if has_fault:
+                if is_stopped:
                     left.append(planned)
                     continue
                 say(f"{part.label}: run {number} of {len(missing)}: {planned.sequence.name}, repeat {planned.repeat}")
                 outcome = _make(part, planned, shared, start, attempts, say)
                 if outcome is not None:
                     left.append(planned)
-                    has_fault = outcome == ROBOT_FAULT
-                if has_fault:
-                    say("the robot reports a fault that a person must clear; after that, give the command again")
+                    is_stopped = outcome in STOPPING
+                    if is_stopped:
+                        say(STOPPING[outcome])
         return tuple(left)
 
 
 def _make(
     part: Part, planned: PlannedRun, shared: Sequence[str], start: Starter, attempts: int, say: Callable[[str], None]
 ) -> str | None:
-    """None once a whole run is there, else how the last attempt ended."""
+    """None once a whole run is there, else how the last attempt ended: empty if it left no log."""
     arguments = ["run", "--policy", str(part.policy_path), "--sequence", planned.source, "--log-dir", str(part.folder)]
     arguments += ["--repeat", str(planned.repeat), "--label", f"collection={part.label}", *shared]
     outcome = ""
