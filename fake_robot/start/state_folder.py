@@ -41,7 +41,8 @@ def ensure_credentials(folder: Path, *, username: str = DEFAULT_USERNAME) -> Cre
                 write_private(path, secrets.token_urlsafe(12).encode() + b"\n")
         return Credentials(username, read_password(path))
     except OSError as error:
-        raise StateFolderError(f"the folder {folder} cannot be used: {error}; choose --state-dir") from error
+        told = error.strerror or error
+        raise StateFolderError(f"the folder {folder} cannot be used: {told}; choose --state-dir") from error
 
 
 def read_password(path: Path) -> str:

@@ -29,12 +29,15 @@ def sysid(
     ray_address: Annotated[str | None, typer.Option("--ray-address", help="A running Ray cluster.")] = None,
 ) -> None:
     """Identify a robot's physical parameters from its logs (Wasserstein, MMD and CMA-ES, and measured torques)."""
+    from spot_model.io.whole import check_new
     from spot_model.policy.policy import load_policy
     from trainer.shared.engine import Place
+    from trainer.sysid.identify.result import OUTPUTS
     from trainer.sysid.identify.run_identification import run_identification
     from trainer.sysid.logs.read_logs import read_logs
     from trainer.sysid.search.config import SysidConfig, load_config
 
+    check_new(*(out / name for name in OUTPUTS))
     settings = load_config(config) if config is not None else SysidConfig()
     loaded = load_policy(policy)
     log_set = read_logs(logs, loaded)
