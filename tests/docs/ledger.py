@@ -38,6 +38,11 @@ ELSEWHERE = {
         "trainer/test_foreign_policies.py",
         '"import", str(path), "--like", "isaac-lab"',
     ),
+    "spot-rl policy import policy_1.pt --like isaac-lab --joint-order "
+    "fl_hx,fl_hy,fl_kn,fr_hx,fr_hy,fr_kn,hl_hx,hl_hy,hl_kn,hr_hx,hr_hy,hr_kn": (
+        "trainer/test_foreign_policies.py",
+        'invoke("import", str(tmp_path / "policy_1.pt"), "--like", "isaac-lab", "--joint-order", order',
+    ),
     "spot-rl export policies/walk.onnx --for mjlab --out walk_mjlab.onnx": (
         "trainer/test_foreign_policies.py",
         '"--for", "mjlab"',
@@ -156,6 +161,8 @@ NOT_RUN = {
     "python benchmarks/gpu_parity.py": GPU,
     "python benchmarks/calibrate_diagnosis.py": CORES,
     "python benchmarks/calibrate_diagnosis.py robots --seed 20261 --to 240 --out ensemble": CORES,
+    "python benchmarks/calibrate_diagnosis.py robots --seed 311001 --to 80 --kind faultless --out clean": CORES,
+    "python benchmarks/calibrate_diagnosis.py robots --seed 311002 --to 200 --kind faultless --out clean": CORES,
     "python benchmarks/calibrate_diagnosis.py fit ensemble": CORES,
     "spot-rl withheld run --cases 800 --kind outside --seed 97885689941007904 --out DIR": CORES,
     "python benchmarks/withheld_share.py share --first 0 --end 800 --seed 2555331358616426029 --minutes 6.7 "
