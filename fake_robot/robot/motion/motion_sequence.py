@@ -14,7 +14,7 @@ from fake_robot.network.status import Mode, StanceProgress, StreamFailure
 from fake_robot.network.walk_plan import WalkPlan
 from fake_robot.robot.joint_control import Expiry, JointControl
 from fake_robot.robot.motion.falls import FallWatch
-from fake_robot.robot.motion.stance import MAX_ROUNDS, REACH_M, stance_path
+from fake_robot.robot.motion.stance import AIM_SHARE, MAX_ROUNDS, REACH_M, stance_path
 from fake_robot.robot.motion.steering import GroundPose
 from fake_robot.robot.motion.vendor_motion import Path, hold_path, sit_path, stand_path
 from fake_robot.robot.motion.walker import Walker
@@ -103,10 +103,10 @@ class MotionSequence:
         if self.mode is Mode.STEPPING:
             return
         if self.mode is Mode.STANDING:
-            self._begin_steps(feet_in_odom_m, accuracy_m)
+            self._begin_steps(feet_in_odom_m, accuracy_m, feet_in_odom_m)
         else:
             self.stand()
-            self._next = lambda: self._begin_steps(feet_in_odom_m, accuracy_m)
+            self._next = lambda: self._begin_steps(feet_in_odom_m, accuracy_m, feet_in_odom_m)
 
     def sit(self) -> None:
         """Start to sit down; a walk comes to a stop first."""
@@ -216,20 +216,28 @@ class MotionSequence:
         self._walker.start(plan, self.now_ns, position, load)
         self._enter(Mode.WALKING)
 
-    def _begin_steps(self, feet_in_odom_m: Array, accuracy_m: float, rounds: int = MAX_ROUNDS) -> None:
+    def _begin_steps(
+        self, feet_in_odom_m: Array, accuracy_m: float, aim_in_odom_m: Array, rounds: int = MAX_ROUNDS
+    ) -> None:
+        """Step to ``aim_in_odom_m``, which moves by what each round has missed: feet slip as they land."""
         pose = self._body_on_ground()
         cos, sin = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
-        goal = (feet_in_odom_m - (pose.x_m, pose.y_m)) @ np.array([[cos, -sin], [sin, cos]])
+        body_from_odom = np.array([[cos, -sin], [sin, cos]])
+        place_m = np.array([pose.x_m, pose.y_m])
         position_rad = self._body.joint_position_rad.copy()
-        distance_m = float(np.linalg.norm(goal - foot_position_in_body_m(position_rad)[:, :2], axis=1).max())
+        feet_in_body_m = foot_position_in_body_m(position_rad)[:, :2]
+        missed_m = feet_in_odom_m - place_m - feet_in_body_m @ body_from_odom.T
+        distance_m = float(np.linalg.norm(missed_m, axis=1).max())
         if distance_m <= accuracy_m:
             self.stance_progress = StanceProgress.REACHED
         elif distance_m > REACH_M or rounds == 0:
             self.stance_progress = StanceProgress.TOO_FAR
         else:
             self.stance_progress = StanceProgress.MOVING
-            self._follow(Mode.STEPPING, stance_path(position_rad, goal, mass_kg=self._mass_kg))
-            self._next = lambda: self._begin_steps(feet_in_odom_m, accuracy_m, rounds - 1)
+            aim_m = aim_in_odom_m + AIM_SHARE * missed_m if rounds < MAX_ROUNDS else aim_in_odom_m
+            goal_m = (aim_m - place_m) @ body_from_odom
+            self._follow(Mode.STEPPING, stance_path(position_rad, goal_m, mass_kg=self._mass_kg))
+            self._next = lambda: self._begin_steps(feet_in_odom_m, accuracy_m, aim_m, rounds - 1)
 
     def _is_stopped_first(self, do_next: Callable[[], None]) -> bool:
         """Whether the robot walks, so that it has to come to a stop before it does something else."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from fake_robot.robot.motion.vendor_motion import ROWS_PER_S, Path, leg_angles_rad, smooth, weight_load_nm
@@ -10,8 +12,10 @@ from spot_model.robot.leg_kinematics import foot_position_in_body_m
 
 REACH_M = 0.25
 """How far a foot may be moved by a stance; further away is too far. The vendor publishes no bound."""
-MAX_ROUNDS = 3
+MAX_ROUNDS = 5
 """How often each foot may step until all stand as exactly as asked."""
+AIM_SHARE = 0.6
+"""How much of what a round has missed the next one aims beyond; at 1, rounds overshoot by turns."""
 _LEAN_SHARE = 0.4
 """How far the body leans from over four feet to over the three that stand."""
 _LEAN_S, _SWING_S, _LIFT_M = 0.6, 0.5, 0.06
@@ -30,7 +34,8 @@ def stance_path(start_rad: Array, goal_in_body_m: Array, *, mass_kg: float) -> P
         mass_kg: Mass that the legs bear.
     """
     feet = foot_position_in_body_m(start_rad).copy()
-    goal = np.concatenate([goal_in_body_m, feet[:, 2:]], axis=1)
+    # All feet end at one height, or the body would lean a little more with every round of steps.
+    goal = np.column_stack([goal_in_body_m, np.full(N_LEGS, feet[:, 2].mean())])
     body = np.zeros(3)
     rows, shares = [feet.copy()], [load_shares(feet)]
     for leg in _ORDER:
@@ -48,8 +53,12 @@ def stance_path(start_rad: Array, goal_in_body_m: Array, *, mass_kg: float) -> P
             shares.append(load_shares(rows[-1], without=leg))
         feet[leg] = goal[leg]
     centre = feet.mean(axis=0) * (1.0, 1.0, 0.0)
+    ahead = feet[:2].mean(axis=0) - feet[2:].mean(axis=0)
+    turn_rad = math.atan2(ahead[1], ahead[0])
     for weight in _weights(_LEAN_S):
-        rows.append(feet - (body + weight * (centre - body)))
+        cos, sin = math.cos(weight * turn_rad), math.sin(weight * turn_rad)
+        turned = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+        rows.append((feet - (body + weight * (centre - body))) @ turned)
         shares.append(load_shares(rows[-1]))
     angles = leg_angles_rad(np.array(rows))
     # The first rows lead from the true joints to the path, which may differ at the limits.

@@ -184,6 +184,20 @@ def test_feet_step_to_their_places(standing: Callable[..., Any]) -> None:
     assert driver.robot.snapshot().mode is Mode.STANDING
 
 
+def test_a_stance_that_is_asked_for_again_and_again_is_reached_and_kept(standing: Callable[..., Any]) -> None:
+    """As the vendor's stance example, which sends it every second for ever."""
+    driver = standing()
+    x, y, _ = driver.robot.snapshot().position_of_body_in_odom_m
+    goal = np.add([[0.35, 0.18], [0.35, -0.18], [-0.35, 0.18], [-0.35, -0.18]], (x + 0.05, y + 0.02))
+    for _ in range(25):
+        driver.robot.place_feet(goal, 0.02)
+        driver.run(1.0)
+    assert driver.robot.snapshot().mode is Mode.STANDING
+    assert driver.robot.snapshot().stance_progress is StanceProgress.REACHED
+    assert np.linalg.norm(feet_in_odom_m(driver) - goal, axis=1).max() < 0.02
+    assert driver.robot.truth().body_height_m == pytest.approx(0.52, abs=0.015)
+
+
 def test_shares_of_the_weight_balance_it() -> None:
     feet = np.array([[0.3, 0.2, -0.5], [0.3, -0.2, -0.5], [-0.3, 0.2, -0.5], [-0.3, -0.2, -0.5]]) - (0.05, 0.03, 0.0)
     for without in (None, 0, 3):
