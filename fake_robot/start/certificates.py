@@ -10,6 +10,7 @@ import datetime as dt
 import fcntl
 import ipaddress
 import os
+import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -26,6 +27,7 @@ from spot_model.errors import SpotRlError
 VALIDITY = dt.timedelta(days=365)
 RENEW_BEFORE_EXPIRY = dt.timedelta(days=7)
 CLOCK_TOLERANCE = dt.timedelta(days=1)
+_PEM = serialization.Encoding.PEM
 CA_FILE, CERTIFICATE_FILE, KEY_FILE = "ca.pem", "server.pem", "server.key"
 
 
@@ -46,6 +48,9 @@ class ServerCertificates:
 def ensure_certificates(folder: Path, *, addresses: tuple[str, ...] = ()) -> ServerCertificates:
     """Load the certificates in ``folder``, or make them where there are none or they no longer serve.
 
+    A robot that runs keeps those that it began with. So new ones name what the old ones named, and the file that
+    clients trust keeps the authority before.
+
     Args:
         folder: Made with mode 0700 if missing. Keys get mode 0600. The authority's own key is never stored.
         addresses: IP addresses or host names that the leaf must name beside ``*.spot.robot``, ``localhost`` and
@@ -60,7 +65,7 @@ def ensure_certificates(folder: Path, *, addresses: tuple[str, ...] = ()) -> Ser
             stored = _load(folder)
             if stored is not None and _serves(stored, addresses):
                 return stored
-            _write(folder, addresses)
+            _write(folder, addresses, stored)
             made = _load(folder)
     except OSError as error:
         raise CertificateError(
@@ -100,20 +105,37 @@ def _serves(stored: ServerCertificates, addresses: tuple[str, ...]) -> bool:
     except (ValueError, TypeError, InvalidSignature):
         return False
     now = dt.datetime.now(dt.UTC)
-    names = leaf.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
     return (
         key.public_key() == leaf.public_key()
         and all(c.not_valid_before_utc <= now <= c.not_valid_after_utc - RENEW_BEFORE_EXPIRY for c in (ca, leaf))
-        and all(_general_name(address) in list(names) for address in addresses)
+        and all(_general_name(address) in _names(leaf) for address in addresses)
     )
 
 
-def _write(folder: Path, addresses: tuple[str, ...]) -> None:
+def _names(leaf: x509.Certificate) -> list[x509.GeneralName]:
+    return list(leaf.extensions.get_extension_for_class(x509.SubjectAlternativeName).value)
+
+
+def _before(stored: ServerCertificates | None) -> tuple[list[x509.GeneralName], bytes]:
+    """Names of a stored leaf and the newest authority, PEM; nothing where they cannot be read."""
+    if stored is None:
+        return [], b""
+    try:
+        ca = x509.load_pem_x509_certificate(stored.ca_pem)
+        return _names(x509.load_pem_x509_certificate(stored.certificate_pem)), ca.public_bytes(_PEM)
+    except ValueError:
+        return [], b""
+
+
+def _write(folder: Path, addresses: tuple[str, ...], stored: ServerCertificates | None) -> None:
     """Make an authority and a leaf, and replace the files one by one, the key first."""
     now = dt.datetime.now(dt.UTC)
+    names_before, ca_before = _before(stored)
     ca_key, leaf_key = ec.generate_private_key(ec.SECP256R1()), ec.generate_private_key(ec.SECP256R1())
-    ca_name = _name("spot-rl fake robot CA")
-    names = [x509.DNSName("*.spot.robot"), *map(_general_name, dict.fromkeys(("localhost", "127.0.0.1", *addresses)))]
+    # A name of its own: OpenSSL looks for the authority by name, and takes the first of two.
+    ca_name = _name(f"spot-rl fake robot CA {secrets.token_hex(4)}")
+    own = [x509.DNSName("*.spot.robot"), *map(_general_name, ("localhost", "127.0.0.1", *addresses))]
+    names = list(dict.fromkeys([*own, *names_before]))
     ca = (
         _builder(ca_name, ca_name, ca_key.public_key(), now)
         .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
@@ -128,12 +150,10 @@ def _write(folder: Path, addresses: tuple[str, ...]) -> None:
         .add_extension(x509.SubjectAlternativeName(names), critical=False)
         .sign(ca_key, hashes.SHA256())
     )
-    key_pem = leaf_key.private_bytes(
-        serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
-    )
+    key_pem = leaf_key.private_bytes(_PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption())
     write_private(folder / KEY_FILE, key_pem)
-    write_private(folder / CERTIFICATE_FILE, leaf.public_bytes(serialization.Encoding.PEM))
-    write_private(folder / CA_FILE, ca.public_bytes(serialization.Encoding.PEM))
+    write_private(folder / CERTIFICATE_FILE, leaf.public_bytes(_PEM))
+    write_private(folder / CA_FILE, ca.public_bytes(_PEM) + ca_before)
 
 
 def write_private(path: Path, content: bytes) -> None:

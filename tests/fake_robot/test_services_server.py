@@ -5,11 +5,13 @@ from __future__ import annotations
 import datetime as dt
 import os
 import socket
+import ssl
 import stat
 import subprocess
 import sys
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -62,6 +64,34 @@ def test_certificates_are_made_anew_when_they_no_longer_serve(tmp_path: Path, mo
     (tmp_path / "ca.pem").unlink()
     short = ensure_certificates(tmp_path)
     assert ensure_certificates(tmp_path) != short, "it ends within a week"
+
+
+def test_a_robot_that_runs_is_still_trusted_after_others_were_made(tmp_path: Path) -> None:
+    runs, later = ensure_certificates(tmp_path), ensure_certificates(tmp_path, addresses=("192.168.80.3",))
+    assert _is_trusted(runs, later.ca_pem, tmp_path)
+    assert _is_trusted(later, later.ca_pem, tmp_path)
+    assert not _is_trusted(later, runs.ca_pem, tmp_path)
+    assert ensure_certificates(tmp_path, addresses=("10.0.0.7",)) != later
+    both = ensure_certificates(tmp_path, addresses=("192.168.80.3", "10.0.0.7"))
+    assert both == ensure_certificates(tmp_path), "two addresses do not take turns"
+
+
+def _is_trusted(server: ServerCertificates, ca_pem: bytes, folder: Path) -> bool:
+    """Whether a TLS client that trusts ``ca_pem`` accepts this server, without a socket."""
+    chain = folder / "chain.pem"
+    chain.write_bytes(server.certificate_pem + server.key_pem)
+    there = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    there.load_cert_chain(chain)
+    here = ssl.create_default_context(cadata=ca_pem.decode())
+    up, down = ssl.MemoryBIO(), ssl.MemoryBIO()
+    ends = [here.wrap_bio(down, up, server_hostname="api.spot.robot"), there.wrap_bio(up, down, server_side=True)]
+    try:
+        for end in ends * 4:
+            with suppress(ssl.SSLWantReadError):
+                end.do_handshake()
+    except ssl.SSLCertVerificationError:
+        return False
+    return ends[0].version() is not None
 
 
 def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
