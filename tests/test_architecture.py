@@ -149,11 +149,12 @@ def test_a_field_of_the_observation_is_at_most_four_files() -> None:
     from spot_model.policy.observation import OBSERVATION
 
     where_it_is_built = naming("build_observation(", "spot_model", "spot_log", "spot_runtime", "fake_robot", "trainer")
-    assert where_it_is_built == {
+    noise = naming("class NoiseConfig(", "trainer")
+    assert where_it_is_built | noise == {
         "spot_model/policy/observation.py",
         "spot_model/policy/policy.py",
-        "trainer/sysid/logs/noise.py",
         "trainer/task/task.py",
+        "trainer/config/task_config.py",
     }
     for field in (field for field in OBSERVATION if field.noise):
         assert len(naming(f'"{field.name}"', "spot_model", "spot_log", "spot_runtime", "trainer")) <= 4

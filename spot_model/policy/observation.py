@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import accumulate
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from spot_model.robot import facts
 from spot_model.robot.arrays import namespace_of
 from spot_model.robot.rotation import AnyArray, matrix_entries, matrix_from_wxyz
 
@@ -127,6 +128,25 @@ def build_observation(
         ],
         axis=-1,
     )
+
+
+def observations_at_rest(measured: Any, rows: slice) -> NDArray[np.float64]:
+    """Observations of what a robot measured, as if nothing were asked of it; shape (n, 48), canonical order.
+
+    ``measured`` has the arrays of :class:`~spot_model.robot.state.Measured` with a row a state, as a log's table has.
+    """
+    n = len(measured.position_rad[rows])
+    observation = build_observation(
+        world_from_body_wxyz=measured.odom_from_body_wxyz[rows],
+        linear_vel_of_body_in_world_m_s=measured.linear_vel_of_body_in_odom_m_s[rows],
+        angular_vel_of_body_in_world_rad_s=measured.angular_vel_of_body_in_odom_rad_s[rows],
+        velocity_command=np.zeros((n, 3)),
+        position_rad=measured.position_rad[rows],
+        velocity_rad_s=measured.velocity_rad_s[rows],
+        last_action=np.zeros((n, facts.N_JOINTS)),
+        default_position_rad=facts.DEFAULT_POSITION_RAD,
+    )
+    return np.asarray(observation)
 
 
 def observation_of_one(

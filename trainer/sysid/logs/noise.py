@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from spot_model.errors import BadInputError
 from spot_model.io.whole import write_new
-from spot_model.policy.observation import N_OBSERVATION, OBSERVATION, ObservationField, build_observation, observed
+from spot_model.policy.observation import N_OBSERVATION, OBSERVATION, ObservationField, observations_at_rest, observed
 from spot_model.robot import facts
 from trainer.sysid.logs.logged_run import LoggedRun
 
@@ -119,19 +119,8 @@ def write_noise(noise: ObservationNoise, path: Path) -> None:
 
 
 def _signals(run: LoggedRun, piece: slice) -> Array:
-    s = run.states
-    n = len(s.robot_stamp_ns[piece])
-    observation = build_observation(
-        world_from_body_wxyz=s.odom_from_body_wxyz[piece],
-        linear_vel_of_body_in_world_m_s=s.linear_vel_of_body_in_odom_m_s[piece],
-        angular_vel_of_body_in_world_rad_s=s.angular_vel_of_body_in_odom_rad_s[piece],
-        velocity_command=np.zeros((n, 3)),
-        position_rad=s.position_rad[piece],
-        velocity_rad_s=s.velocity_rad_s[piece],
-        last_action=np.zeros((n, facts.N_JOINTS)),
-        default_position_rad=facts.DEFAULT_POSITION_RAD,
-    )
-    return np.concatenate([np.asarray(observation), np.nan_to_num(s.load_nm[piece])], axis=1)
+    observation = observations_at_rest(run.states, piece)
+    return np.concatenate([observation, np.nan_to_num(run.states.load_nm[piece])], axis=1)
 
 
 def _is_measured(run: LoggedRun) -> NDArray[np.bool_]:
