@@ -97,7 +97,7 @@ def _round(number: int, asked: Asked) -> str:
         "experiment": f"{esc(asked.title)} ({esc(asked.values)})",
         "separates": esc(asked.parts),
         "outcome": esc(came) + (f"<br><code>{esc(Path(asked.log).name)}</code>" if asked.log else ""),
-        "beliefs": "<br>".join([*(moved or ["changed by less than 1 %"]), bits])
+        "probabilities": "<br>".join([*(moved or ["changed by less than 1 %"]), bits])
         if asked.found
         else "not diagnosed yet",
         "verdict": esc(asked.sentence) + _report(asked),
@@ -141,7 +141,8 @@ def _lead(design: Design) -> str:
     title = best.candidate.title
     return (
         f"{title[0].upper()}{title[1:]}. Expected to give {best.told.bits:.2f} of the {best.told.of_bits:.2f} bits "
-        f"that decide between the causes, in {best.robot_s:.0f} s of robot time."
+        f"that decide between the causes, in {best.robot_s:.0f} s of robot time. (One bit decides between two equally "
+        "likely causes.)"
     )
 
 

@@ -142,7 +142,7 @@ def _ending(found: Found, story: Story, limits: Limits) -> str:
     cause, odds = found.top
     # Ordinary errors alone are no answer where the verdict sees a gap: of that they explain nothing.
     if odds >= SURE and (cause != in_words(()) or found.status == "no_gap"):
-        return f"{cause} stands at {odds:.2f}"
+        return f"{cause} has a probability of {odds:.2f}"
     if len(story.failed) >= MOST_FAILURES:
         return f"{len(story.failed)} experiments did not run to their end; see to the robot"
     return f"{limits.rounds} experiments were run" if len(story.rounds) >= limits.rounds else ""

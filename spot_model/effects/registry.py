@@ -53,10 +53,10 @@ def effect_class(name: str) -> type[Effect]:
         try:
             return _checked(name, pkgutil.resolve_name(name))
         except (ImportError, AttributeError, ValueError) as error:
-            raise BadInputError(
-                f"effect {name!r} cannot be loaded: {error}; check the names of module and class, and "
-                "that the module's folder is on PYTHONPATH"
-            ) from error
+            advice = "check the names of module and class, and that the module's folder is on PYTHONPATH"
+            if name.startswith("__main__:"):
+                advice = "a script's own class is not found by other programs: put it into a file of its own"
+            raise BadInputError(f"effect {name!r} cannot be loaded: {error}; {advice}") from error
     known = ", ".join(sorted([*BUILT_IN, *plugins]))
     raise BadInputError(f"effect {name!r} is unknown; allowed: {known}, or module:Class for one of your own")
 

@@ -445,11 +445,11 @@ def test_it_goes_on_until_one_cause_stands(tmp_path: Path) -> None:
     story = fake.ask()
     assert fake.ran == ["a", "a"]
     assert story.robot_s == pytest.approx(26.0)
-    assert story.ending == "torque gain stands at 0.97"
+    assert story.ending == "torque gain has a probability of 0.97"
     assert [next(iter(r.after.values())) for r in story.rounds] == pytest.approx([0.8, 0.97])
     assert "Experiment 2" in fake.pages[-1]
     assert "href='round_2/found/report.html'" in fake.pages[-1]
-    assert '"ending": "torque gain stands at 0.97"' in story.to_json()
+    assert '"ending": "torque gain has a probability of 0.97"' in story.to_json()
 
 
 def test_a_cause_that_stands_already_asks_for_nothing(tmp_path: Path) -> None:
@@ -492,7 +492,7 @@ def test_after_ctrl_c_another_start_goes_on_with_the_logs_there_are(tmp_path: Pa
     story = fake.ask()
     assert fake.ran == ["a", "a"]
     assert [bool(r.found) for r in story.rounds] == [True, True]
-    assert story.ending == "torque gain stands at 0.97"
+    assert story.ending == "torque gain has a probability of 0.97"
 
 
 @pytest.mark.parametrize(
@@ -541,7 +541,7 @@ def test_experiments_that_fail_are_not_asked_again_and_two_end_it(tmp_path: Path
 
 def test_what_told_nothing_is_not_asked_again(tmp_path: Path) -> None:
     fake = FakeLab(tmp_path, [0.6, 0.61, 0.8, 0.97])
-    assert fake.ask().ending == "torque gain stands at 0.97"
+    assert fake.ask().ending == "torque gain has a probability of 0.97"
     assert fake.ran == ["a", "b", "b"]
 
 

@@ -38,8 +38,9 @@ def page(data: Mapping[str, Any], checked: Checked, out: Path) -> str:
         boxed(
             "Figures",
             "'Not shown' means that the interval contains the target. A fault matters if it moves the gap "
-            "between this robot and the same one without it by twice the gap's floor.",
-            _table(("figure", "measured (cases; 95 % interval)", "asked", ""), map(_figure, shown)) + _unasked(empty),
+            "between this robot and the same one without it by twice the gap's floor. S: share of the gap that the "
+            "delivered model closes. F1: 1 if all joints are named, and no other.",
+            _table(("figure", "measured (cases; 95 % interval)", "target", ""), map(_figure, shown)) + _unasked(empty),
         ),
         boxed(
             "Right answers by kind of case",
