@@ -280,6 +280,19 @@ def test_a_learners_file_that_cannot_be_is_refused(run: Callable[..., Path], age
     assert told in str(invoke("import", str(path), "--like", "isaac-lab", "--yes", code=1).exception)
 
 
+def test_weights_in_a_file_beside_the_policy_are_taken_in(run: Callable[..., Path]) -> None:
+    """As PyTorch's exporter writes them by default, and with it those of rsl-rl and Isaac Lab."""
+    path = run(environment())
+    theirs = TheirRobot(path, TERMS, ISAAC, pose_of(ISAAC))
+    onnx.save(onnx.load(path), path, save_as_external_data=True, location="policy.onnx.data", size_threshold=0)
+    invoke("import", str(path), "--like", "isaac-lab", "--yes")
+    assert_same_setpoints(load_policy(path.with_name("policy.spot.onnx")), theirs, dict.fromkeys(ISAAC, 0.2))
+    path.with_name("policy.onnx.data").unlink()
+    told = invoke("import", str(path), "--like", "isaac-lab", "--yes", "--out", str(path.with_name("b.onnx")), code=1)
+    assert "is not whole" in str(told.exception)
+    assert "with the .data file beside it" in str(told.exception)
+
+
 def test_joints_in_any_order_with_a_scale_each(run: Callable[..., Path]) -> None:
     rng = np.random.default_rng(7)
     robot_order, action_order = ([str(n) for n in rng.permutation(facts.JOINT_NAMES)] for _ in range(2))

@@ -9,7 +9,10 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+import onnx
 import onnxruntime
+from google.protobuf.message import DecodeError
+from onnx.external_data_helper import load_external_data_for_model, uses_external_data
 
 from spot_model.errors import BadInputError
 from spot_model.io.bounded_file import FileTooLargeError, read_at_most
@@ -69,7 +72,7 @@ def read_network(policy: Path, width: int) -> bytes:
     """
     data = _bytes_of(policy)
     if policy.suffix.lower() not in TORCHSCRIPT:
-        return data
+        return _with_weights(data, policy)
     import torch
 
     with warnings.catch_warnings():
@@ -107,6 +110,23 @@ def _traced(torch: Any, data: bytes, width: int, policy: Path) -> bytes:
     if not apart <= TOLERANCE:
         raise BadInputError(f"TorchScript file {policy} as ONNX gives actions {apart:g} apart; export ONNX")
     return bytes(buffer.getvalue())
+
+
+def _with_weights(data: bytes, policy: Path) -> bytes:
+    """The model with the weights that its exporter put into a file beside it, as PyTorch's does by default."""
+    try:
+        model = onnx.load_from_string(data)
+        if not any(uses_external_data(tensor) for tensor in model.graph.initializer):
+            return data
+        load_external_data_for_model(model, str(policy.parent))
+    except (DecodeError, OSError, ValueError, onnx.checker.ValidationError) as error:
+        raise BadInputError(
+            f"policy {policy} is not whole: {error}; give the ONNX file with the .data file beside it"
+        ) from error
+    whole: bytes = model.SerializeToString()
+    if len(whole) > MAX_POLICY_BYTES:
+        raise BadInputError(f"policy {policy} has {len(whole)} bytes with its weights; allowed: {MAX_POLICY_BYTES}")
+    return whole
 
 
 def _metadata(policy: Path) -> dict[str, str]:
