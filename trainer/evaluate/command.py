@@ -25,7 +25,7 @@ def evaluate(
     n: Annotated[int, typer.Option("--n", help="Robots in the trials that count falls.", min=1)] = 100,
     seed: Annotated[int, typer.Option("--seed", help="Random seed.", min=0)] = 0,
     timestep: Annotated[float, typer.Option("--timestep", help="Physics step, s; must divide 0.02.")] = 0.005,
-    integrator: Annotated[str, typer.Option("--integrator", help="Euler or implicitfast.")] = "Euler",
+    integrator: Annotated[str, typer.Option("--integrator", help="Euler, implicitfast, implicit or RK4.")] = "Euler",
     video: Annotated[bool, typer.Option("--video", help="Also write video.mp4 (needs EGL or OSMesa).")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
 ) -> None:

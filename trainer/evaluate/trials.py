@@ -124,7 +124,7 @@ def episodes(setting: Setting, n: int = 100, *, bottom_m_s: float, top_m_s: floa
         disturb=shove,
     )
     falls = int((~recording.survived).sum())
-    hours = float(recording.alive.sum()) / rate / 3600.0
+    hours = max(1.0, float(recording.alive.sum())) / rate / 3600.0  # a robot may fall in its first tick
     return {
         "episodes": n,
         "falls": falls,
