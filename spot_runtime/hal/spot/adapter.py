@@ -65,14 +65,10 @@ class BosdynHal:
         *,
         tell: Callable[[EventRecord], None] = lambda _: None,
     ) -> None:
-        """Prepare; nothing is sent yet.
+        """Prepare; nothing is sent yet. The sink takes every state as its wire bytes, and every slow state.
 
-        Args:
-            address: Where the robot is.
-            config: The run's configuration.
-            sink: Takes every state as its wire bytes, and every slow state.
-            pace: How robot time passes; by itself unless told otherwise.
-            tell: Also told of every event; must not block.
+        Robot time passes by itself unless ``pace`` says otherwise; ``tell`` is also told of every event, and must not
+        block.
         """
         self._tell = tell
         self._events: deque[EventRecord] = deque()
@@ -212,10 +208,7 @@ class BosdynHal:
 
     def problems(self) -> Sequence[Stop]:
         """See the protocol."""
-        found = []
-        while self._problems:
-            found.append(self._problems.popleft())
-        return found
+        return [self._problems.popleft() for _ in range(len(self._problems))]
 
     def power_off(self) -> None:
         """See the protocol."""
