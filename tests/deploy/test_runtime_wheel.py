@@ -59,7 +59,7 @@ def test_only_what_runs_on_the_robot_is_left(trimming: ModuleType, wheel: Path) 
         names = archive.namelist()
         points = archive.read("spot_rl-9.9.dist-info/entry_points.txt").decode()
     assert {name.split("/")[0] for name in names} == {*trimming.PACKAGES, "spot_rl-9.9.dist-info"}
-    assert "serve = spot_runtime" in points
+    assert "serve = spot_tools" in points
     assert "log = spot_log" in points
     for package in gone:
         assert f"= {package}" not in points
