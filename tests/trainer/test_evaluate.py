@@ -105,7 +105,7 @@ def test_a_whole_evaluation_and_its_page() -> None:
     result["tracking"]["points"].append(point)
     result["pushes"]["fell"] = [{"why": f"fall {i}"} for i in range(7)]
     page = evaluation_page(result)
-    assert "told to turn at 1 rad/s while it walks at 2 m/s</th><td><b>turns at 0.72 rad/s" in page
+    assert "commanded to turn at 1 rad/s while walking at 2 m/s</th><td><b>turns at 0.72 rad/s" in page
     assert page.index("fall 4") < page.index("2 more") < page.index("fall 5")
     assert "src=" not in page
     assert len(page) < 1_500_000
