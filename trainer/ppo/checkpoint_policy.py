@@ -25,7 +25,7 @@ OPSET = 18
 NORMALISER_FLOOR = 1.0e-2
 """Added to the deviation by rsl-rl's normaliser."""
 LARGEST_ERROR = 1.0e-5
-"""Largest difference between torch and onnxruntime on the check inputs, as a share of the largest action if that is above 1."""
+"""Largest difference between torch and onnxruntime on the check inputs, a share of the largest action if above 1."""
 
 Layers = list[tuple[torch.Tensor, torch.Tensor]]
 """Weight (out, in) and bias (out,) of each linear layer; ELU between them."""
