@@ -28,7 +28,7 @@ from sklearn.linear_model import LogisticRegression
 
 from diagnosis.closed_loop.engine import LocalEngine
 from diagnosis.closed_loop.trials import Bench
-from diagnosis.decision_constants import LEFT_SHARE, ORDINARY_EXCESS, RUNS_APART, USUAL_LEFT
+from diagnosis.decision_constants import LARGEST_ERRORS, LEFT_SHARE, ORDINARY_EXCESS, USUAL_LEFT
 from diagnosis.library.base import LibraryEffect
 from diagnosis.library.registry import LIBRARY
 from diagnosis.read.prepare import prepared
@@ -38,7 +38,7 @@ from diagnosis.verdict.causes import ERRORS, Causes, decide
 from diagnosis.verdict.diagnose import diagnose
 from diagnosis.verdict.explain import explain
 from diagnosis.verdict.left_over import excess, only_alike
-from diagnosis.verdict.posterior import ordinary_gap
+from diagnosis.verdict.posterior import ordinary_gap, runs_apart
 from spot_log import read_run
 from spot_log.read.run import Run
 from spot_model.errors import SpotRlError
@@ -191,10 +191,12 @@ def fit(given: Namespace) -> None:
     """Print the numbers."""
     rows = [json.loads(path.read_text()) for path in sorted(given.folder.glob("*.json"))]
     clean = [r for r in rows if not r["faults"] and r["distance"] is not None]
-    distance, scatter_nm, errors = (np.array([r[name] for r in clean]) for name in ("distance", "scatter_nm", "errors"))
-    left_nm = scatter_nm * np.sqrt(np.maximum(distance**2 - RUNS_APART**2, 0.0)) / errors
+    distance, scatter_nm = (np.array([r[name] for r in clean]) for name in ("distance", "scatter_nm"))
+    errors = np.minimum([r["errors"] for r in clean], LARGEST_ERRORS)
+    apart = np.array([runs_apart(r["model_scatter"]) for r in clean])
+    left_nm = scatter_nm * np.sqrt(np.maximum(distance**2 - apart**2, 0.0)) / errors
     most_nm = float(np.quantile(left_nm, 0.95))
-    slope = 1.7 / np.std(np.log(distance / np.hypot(RUNS_APART, most_nm * errors / scatter_nm)))
+    slope = 1.7 / np.std(np.log(distance / np.hypot(apart, most_nm * errors / scatter_nm)))
     quantiles = np.quantile(left_nm, [0.5, 0.95, 1.0]).round(2)
     print(f"ORDINARY_LEFT_NM: {len(clean)} faultless robots, 50, 95, 100 %: {quantiles}")
     print(f"GAP_SLOPE: {slope:.1f}")

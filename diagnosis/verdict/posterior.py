@@ -175,8 +175,12 @@ def ordinary_gap(scatter_nm: float, errors: float, odd: float = 0.0, model_scatt
             and by m lie √((1 + m²)/2) apart, even where nothing else differs.
     """
     largest = LARGEST_ERRORS + odd * (USUAL_ERRORS - LARGEST_ERRORS)
-    apart = RUNS_APART * np.sqrt((1.0 + (model_scatter if np.isfinite(model_scatter) else 1.0) ** 2) / 2.0)
-    return float(np.hypot(apart, ORDINARY_LEFT_NM * min(errors, largest) / max(scatter_nm, 1e-6)))
+    return float(np.hypot(runs_apart(model_scatter), ORDINARY_LEFT_NM * min(errors, largest) / max(scatter_nm, 1e-6)))
+
+
+def runs_apart(model_scatter: float) -> float:
+    """Distance in floors that a model without any error keeps whose own runs scatter by so many; NaN counts as 1."""
+    return float(RUNS_APART * np.sqrt((1.0 + (model_scatter if np.isfinite(model_scatter) else 1.0) ** 2) / 2.0))
 
 
 def closed_by(distance: float, explained: float, nearer: Mapping[str, float], ordinary: float) -> dict[str, float]:
