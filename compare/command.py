@@ -30,6 +30,7 @@ def compare(
     seed: Annotated[int, typer.Option("--seed", min=0, help="Random seed of simulated sensors and delays.")] = 0,
 ) -> None:
     """Compare a log with other logs or simulations: one page, and a ghost Spot in Foxglove."""
+    typer.echo("loading the simulator …", err=True)
     from compare.cause import read_verdict
     from compare.compare import FILES, LAYOUT_NAME, LOG_NAME, PAGE_NAME, Named, compare_runs, named, write_comparison
     from compare.sources import is_model, read_other, read_reference

@@ -73,6 +73,7 @@ def explain_logs(
     seed: Annotated[int, typer.Option("--seed", min=0, help="Random seed.")] = 0,
 ) -> object:  # A Diagnosis: naming it would make --help import it.
     """Explain a sim-to-real gap: where it lies, which effect causes it, how far it shrinks."""
+    typer.echo("loading the library of effects and the simulator …", err=True)
     from diagnosis.library.extra_effect import chosen_library
     from diagnosis.next.inputs import Inputs, absolute, save_inputs
     from diagnosis.progress import Progress

@@ -33,11 +33,11 @@ def demo(
     top_speed: Annotated[
         float, typer.Option(min=0.0, max=5.0, help="Top speed of the sequence, m/s; 0: the policy's own.")
     ] = 0.0,
-    lock_step: Annotated[
-        bool, typer.Option("--lock-step", help="Do not run in real time; works on a slow computer, too.")
+    real_time: Annotated[
+        bool, typer.Option("--real-time", help="Run in real time instead of lock-step; needs an idle computer.")
     ] = False,
 ) -> None:
-    """Walk a fake Spot through the forward sequence in real time; write a log, a summary and a page of plots."""
+    """Walk a fake Spot through the forward sequence; write a log, a summary and a page of plots."""
     began_s = time.monotonic()
     contract = load_policy(policy).contract
     speed_m_s = min(contract.velocity_command_high[0], top_speed or float("inf"))
@@ -48,10 +48,10 @@ def demo(
     sequence = folder / "sequence.yaml"
     save_sequence(forward_sequence(speed_m_s).model_copy(update={"name": f"forward_{speed_m_s:g}"}), sequence)
     _say(began_s, f"starting a fake Spot (scenario {scenario}) in a process of its own")
-    pace = "in lock-step" if lock_step else "in real time over the real API (about 30 s)"
-    with FakeProcess(scenario=scenario, is_lock_step=lock_step, fifo_priority=0 if lock_step else 30) as fake:
+    pace = "in real time (30 s)" if real_time else "in lock-step (25 s of robot time, as fast as this computer can)"
+    with FakeProcess(scenario=scenario, is_lock_step=not real_time, fifo_priority=30 if real_time else 0) as fake:
         _say(began_s, f"walking forward up to {speed_m_s:g} m/s, {pace}")
-        _walk(fake.address, policy, sequence, folder, ["--lock-step", fake.address.admin] if lock_step else [])
+        _walk(fake.address, policy, sequence, folder, [] if real_time else ["--lock-step", fake.address.admin])
     (log,) = folder.glob("*.mcap")
     _say(began_s, "reading the log")
     run = read_run(log)
@@ -71,7 +71,7 @@ def _walk(address: FakeAddress, policy: Path, sequence: Path, folder: Path, more
     if is_interrupted:
         raise KeyboardInterrupt
     if code != 0:
-        slow = "" if more else "; on a slow or busy computer, add --lock-step (make demo ARGS=--lock-step)"
+        slow = "" if more else "; on a slow or busy computer, leave out --real-time"
         raise DemoError(f"the run ended with exit code {code}, for the reason above; its log is in {folder}{slow}")
 
 

@@ -60,7 +60,7 @@ class StopReason(Enum):
         Reaction.DAMP,
         20,
         "the newest state is too old",
-        "check link and load; a slower link needs a larger safety.state_age_damp_s",
+        "end other programs, or check the link (a slow one: safety.state_age_damp_s); a fake robot: use --lock-step",
     )
     STATE_LOST = StopRule(Reaction.EXPIRE, 21, "no state arrives any more", "check the link to the robot")
     STATE_NOT_FINITE = StopRule(Reaction.DAMP, 22, "a state contains a non-finite value", "check the robot's sensors")
@@ -78,7 +78,7 @@ class StopReason(Enum):
     SETPOINT_OVERSHOOT = StopRule(
         Reaction.DAMP, 32, "set-points stay far beyond a joint's stop", "check the policy's scale and joint order"
     )
-    TICKS_SKIPPED = StopRule(Reaction.DAMP, 33, "too many policy ticks were lost", "check load and priority")
+    TICKS_SKIPPED = StopRule(Reaction.DAMP, 33, "too many policy ticks were lost", "end other programs; see 'doctor'")
     SIGNAL_FROZEN = StopRule(
         Reaction.DAMP, 34, "a signal is frozen although its neighbours move", "check the robot's sensors"
     )

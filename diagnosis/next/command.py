@@ -38,6 +38,7 @@ def next_experiment(
     seed: Annotated[int, typer.Option("--seed", min=0, help="Random seed.")] = 0,
 ) -> None:
     """Propose the experiment that tells most about a cause; with --run, run experiments until one cause is left."""
+    typer.echo("loading the library of effects and the simulator …", err=True)
     from diagnosis.next.files import load_motion
     from diagnosis.next.robot_run import is_here
     from diagnosis.next.rounds import Limits
@@ -94,6 +95,7 @@ def predict_run(
     seed: Annotated[int, typer.Option("--seed", min=0, help="Random seed.")] = 0,
 ) -> None:
     """Predict a run of a new command sequence; afterwards, compare the run with the prediction."""
+    typer.echo("loading the library of effects and the simulator …", err=True)
     from diagnosis.next.session import Session
     from spot_model.errors import BadInputError
 

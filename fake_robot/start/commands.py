@@ -9,17 +9,20 @@ import signal
 import sys
 import threading
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from google.protobuf.message import DecodeError
 
 from fake_robot.start.certificates import write_private
-from fake_robot.start.running import FakeOptions, RunningFake
-from fake_robot.start.server import FakeServer
+from fake_robot.start.options import FakeOptions
 from fake_robot.start.state_folder import DEFAULT_USERNAME
 from spot_model.errors import BadInputError
 from spot_model.io.signals import answered, run_in_foreground
+
+if TYPE_CHECKING:
+    from fake_robot.start.running import RunningFake
+    from fake_robot.start.server import FakeServer
 
 HOST_PLACEHOLDER = "HOST"
 HOST_VARIABLE = "SPOT_RL_FAKE_HOST"
@@ -68,7 +71,10 @@ def fake_robot(
         context.obj = options
         return
     stop = threading.Event()
-    with answered(lambda _: stop.set(), signal.SIGINT, signal.SIGTERM), RunningFake(options) as fake:
+    with (
+        answered(lambda _: stop.set(), signal.SIGINT, signal.SIGTERM),
+        _started(options, is_silent=json_output) as fake,
+    ):
         description = json.dumps(fake.description())
         if ready_file is not None:
             _write_ready_file(ready_file, description)
@@ -93,7 +99,7 @@ def exec_program(context: typer.Context) -> None:
     options: FakeOptions = context.obj
     if options.port == FakeOptions.port:
         options = FakeOptions(**{**vars(options), "port": 0})
-    with RunningFake(options) as fake:
+    with _started(options) as fake:
         host = fake.endpoints.sdk_host
         words = [host if word == HOST_PLACEHOLDER else word for word in context.args]
         environment = {**os.environ, **fake.environment.variables(), HOST_VARIABLE: host}
@@ -137,6 +143,14 @@ def in_one_line(record: logging.LogRecord) -> bool:
     if isinstance(error, DecodeError):
         record.msg, record.args, record.exc_info = "a client's request cannot be read: %s", (error,), None
     return True
+
+
+def _started(options: FakeOptions, *, is_silent: bool = False) -> RunningFake:
+    if not is_silent:
+        typer.echo("starting a fake Spot …", err=True)  # loading gRPC and MuJoCo takes seconds on a busy computer
+    from fake_robot.start.running import RunningFake
+
+    return RunningFake(options)
 
 
 def _write_ready_file(path: Path, description: str) -> None:

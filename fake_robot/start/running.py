@@ -6,7 +6,6 @@ import contextlib
 import os
 import shlex
 import tempfile
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
@@ -15,27 +14,13 @@ from fake_robot.scenario.scenario import Scenario, load_scenario
 from fake_robot.services.identity.tokens import Credentials
 from fake_robot.start.certificates import ensure_certificates
 from fake_robot.start.listen import SDK_PORT, BindError
+from fake_robot.start.options import FakeOptions
 from fake_robot.start.sdk_environment import SdkEnvironment, write_sdk_folder
 from fake_robot.start.server import Endpoints, FakeServer
-from fake_robot.start.state_folder import DEFAULT_USERNAME, default_state_folder, ensure_credentials, read_password
+from fake_robot.start.state_folder import default_state_folder, ensure_credentials, read_password
 
 LOOPBACK = ("127.0.0.1:", "localhost:", "[::1]:")
 ADMIN_SOCKET = "admin.sock"
-
-
-@dataclass(frozen=True)
-class FakeOptions:
-    """What the command line asked for."""
-
-    scenario: str = ""
-    lock_step: bool = False
-    address: str = "127.0.0.1"
-    port: int = 8443
-    socket: Path | None = None
-    admin: str = ""
-    state_dir: Path | None = None
-    username: str = DEFAULT_USERNAME
-    password_file: Path | None = None
 
 
 class RunningFake:

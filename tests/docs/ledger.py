@@ -133,6 +133,7 @@ NOT_RUN = {
     "python deploy/check_wheels.py": "needs a network: it asks the package index",
     "python scripts/draw_effects.py": "draws the pictures of effects that have none; each has one",
     "pip install wandb": "needs a network",
+    "make demo ARGS=--real-time": "wants an idle computer; in lock-step it runs",
     "tensorboard --logdir runs": "serves until somebody ends it",
     "pip install mjlab==1.6.0": "needs a network, and an environment of its own",
     "sudo systemctl start spot-rl": SYSTEMD,

@@ -51,9 +51,9 @@ def test_set_up_and_activate(project: Path) -> None:
     assert "fake-robot" in told
 
 
-@runs("make demo", "make demo ARGS=--lock-step", "spot-rl user-sequence LOG --out FILE.yaml")
+@runs("make demo", "spot-rl user-sequence LOG --out FILE.yaml")
 def test_the_demo_in_lock_step(project: Path) -> None:
-    told = bash("make demo ARGS=--lock-step", project)
+    told = bash("make demo", project)
     assert "outcome   completed" in told
     assert "nothing dropped" in told
     page = Path(told.splitlines()[-1].split()[-1])

@@ -212,10 +212,10 @@ def test_ages_count_in_every_mode_but_ready(dogs: Dogs, make_state: MakeState) -
     ("cpu_wait_s", "words"),
     [
         (None, ""),
-        (0.0, "it was sent or carried late, for no thread of this program waited more than 0.0 ms"),
-        (0.0249, "it was sent or carried late, for no thread of this program waited more than 24.9 ms"),
-        (0.025, "this computer is too busy, a thread of this program waited 25.0 ms"),
-        (0.3, "this computer is too busy, a thread of this program waited 300.0 ms"),
+        (0.0, "the robot or the link was late; no thread of this program waited more than 0.0 ms"),
+        (0.0249, "the robot or the link was late; no thread of this program waited more than 24.9 ms"),
+        (0.025, "this computer is too busy; a thread of this program had to wait 25.0 ms"),
+        (0.3, "this computer is too busy; a thread of this program had to wait 300.0 ms"),
     ],
 )
 def test_a_stale_state_tells_whose_doing_it_is(

@@ -11,6 +11,9 @@ from spot_model.robot.mjcf_options import FlatTerrain, NoiseTerrain, Terrain
 from trainer.config.range import Range
 from trainer.config.reward_config import RewardShape, RewardWeights, check_reward_names
 
+FREE_HEIGHT_M = 0.01
+"""Room under the lowest foot at the start of an episode."""
+
 
 class CommandConfig(Settings):
     """Velocity commands: drawn uniformly, held, then drawn again. Source: the paper."""

@@ -37,16 +37,17 @@ def evaluate(
     from spot_model.io.whole import check_new, whole_folder
     from spot_model.policy.policy import load_policy
     from spot_model.robot.mjcf import MjcfOptions
+
+    check_new(out / "evaluation.json", out / "evaluation.html", *([out / "video.mp4"] if video else []))
+    loaded = load_policy(policy)
+    typer.echo("loading the simulator …", err=True)
     from trainer.evaluate.page import evaluation_page
     from trainer.evaluate.setting import Setting
     from trainer.play.film import check_film, top_speed_ramp, write_film
     from trainer.play.walk import Walk
 
-    check_new(out / "evaluation.json", out / "evaluation.html")
     if video:
-        check_new(out / "video.mp4")
         check_film(out / "video.mp4")
-    loaded = load_policy(policy)
     period = 1.0 / loaded.contract.rate_hz
     if timestep <= 0.0 or abs(period / timestep - round(period / timestep)) > 1e-6:
         raise BadInputError(f"--timestep {timestep}: it must divide the policy's period of {period} s")

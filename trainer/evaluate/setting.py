@@ -12,9 +12,8 @@ from spot_model.policy.policy import Policy
 from spot_model.robot import facts
 from spot_model.robot.leg_kinematics import foot_position_in_body_m
 from spot_model.robot.mjcf import MjcfOptions
-from trainer.config.task_config import NoiseConfig, RandomisationConfig
+from trainer.config.task_config import FREE_HEIGHT_M, NoiseConfig, RandomisationConfig
 from trainer.evaluate.rollout import Array
-from trainer.task.initial_state import FREE_HEIGHT_M
 from trainer.task.observation_noise import noise_sigmas
 
 FOOT_GEOMS = tuple(f"{leg}_foot" for leg in facts.LEG_NAMES)
@@ -82,7 +81,7 @@ class Setting:
 
     def noise_sigma(self) -> Array:
         """Noise of each observation feature in the policy's joint order, shape (48,)."""
-        canonical = noise_sigmas(self.noise, "cpu").numpy().astype(np.float64)
+        canonical = noise_sigmas(self.noise).astype(np.float64)
         return self.policy.with_joints_in_policy_order(canonical)
 
 

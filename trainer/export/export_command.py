@@ -31,11 +31,12 @@ def export(
             typer.echo(f"{path} ({path.stat().st_size} bytes)")
         return
     from spot_model.io.whole import check_new
+
+    check_new(out, *(() if networks is None else (networks,)))
+    typer.echo("loading torch …", err=True)
     from trainer.export.export import export_policy
     from trainer.ppo.checkpoint import find_checkpoint, save_networks
 
-    if networks is not None:
-        check_new(networks)
     typer.echo("measuring the gait at each speed", err=True)
     path = export_policy(run, out, name)
     if networks is not None:

@@ -33,6 +33,7 @@ def play(
 
     from spot_model.errors import BadInputError
 
+    typer.echo("loading the simulator …", err=True)
     try:
         import mujoco  # noqa: F401 - it loads the OpenGL that MUJOCO_GL names
     except Exception as error:

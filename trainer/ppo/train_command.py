@@ -28,6 +28,7 @@ def train(
         raise BadInputError("give either --config FILE or --resume RUN")
     # A mistake in the config is told before torch is loaded, which takes seconds.
     checked = load_config(config, overrides) if config is not None else None
+    typer.echo("loading torch …", err=True)
     from trainer.ppo.train import resume as resume_run
     from trainer.ppo.train import train as train_run
     from trainer.shared.run_folder import command_line

@@ -30,6 +30,9 @@ def refine(
     from spot_model.policy.contract import TrainingRecord, sha256_hex
     from spot_model.policy.policy import load_policy
     from spot_model.version import software_revision
+
+    check_new(out)
+    typer.echo("loading torch …", err=True)
     from trainer.refine.config import load_refine_config
     from trainer.refine.gains import gains_of, with_gains
     from trainer.refine.judge import in_words
@@ -38,7 +41,6 @@ def refine(
     from trainer.shared.engine import Place
     from trainer.shared.run_folder import command_line
 
-    check_new(out)
     settings = load_refine_config(config)
     if generations is not None:
         settings = settings.model_copy(update={"generations": generations})

@@ -31,6 +31,9 @@ def sysid(
     """Identify a robot's physical parameters from its logs (Wasserstein, MMD and CMA-ES, and measured torques)."""
     from spot_model.io.whole import check_new
     from spot_model.policy.policy import load_policy
+
+    loaded = load_policy(policy)
+    typer.echo("loading the simulator …", err=True)
     from trainer.shared.engine import Place
     from trainer.sysid.identify.result import OUTPUTS
     from trainer.sysid.identify.run_identification import run_identification
@@ -39,7 +42,6 @@ def sysid(
 
     check_new(*(out / name for name in OUTPUTS))
     settings = load_config(config) if config is not None else SysidConfig()
-    loaded = load_policy(policy)
     log_set = read_logs(logs, loaded)
     for warning in log_set.warnings:
         typer.echo(f"note: {warning}", err=True)

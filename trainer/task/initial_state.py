@@ -10,10 +10,7 @@ from spot_model.robot import facts
 from spot_model.robot.leg_kinematics import foot_position_in_body_m
 from trainer.backends.backend import InitialState, SimulationDraws
 from trainer.backends.random_draws import Draws
-from trainer.config.task_config import RandomisationConfig, TerrainConfig
-
-FREE_HEIGHT_M = 0.01
-"""Room under the lowest foot at the start."""
+from trainer.config.task_config import FREE_HEIGHT_M, RandomisationConfig, TerrainConfig
 
 
 def draw_initial_state(config: RandomisationConfig, terrain: TerrainConfig, n: int, draws: Draws) -> InitialState:

@@ -59,7 +59,7 @@ class Task:
         self.feet = FootTimers(n, device, config.reward_shape.duty_window_s)
         self._ground = Ground(config.terrain, device)
         self._default = torch.tensor(facts.DEFAULT_POSITION_RAD, device=device, dtype=torch.float32)
-        self._sigmas = noise_sigmas(config.noise, device)
+        self._sigmas = torch.from_numpy(noise_sigmas(config.noise)).to(device)
         self._first_weights, self._late_weights = (
             PERIOD_S * torch.tensor([weights[name] for name in self.stats.terms], device=device)
             for weights in (first, {**first, **config.late_rewards.weights})

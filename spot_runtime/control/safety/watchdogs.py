@@ -126,10 +126,10 @@ def why_old(age_s: float, cpu_wait_s: float | None) -> str:
     """Whether this computer or what lies before it is why a state is so old; empty where that is not known."""
     if cpu_wait_s is None:
         return ""
-    waited = f"{cpu_wait_s * 1e3:.1f} ms for a processor of late"
+    waited = f"{cpu_wait_s * 1e3:.1f} ms for a processor"
     if cpu_wait_s >= OWN_SHARE * age_s:
-        return f"this computer is too busy, a thread of this program waited {waited}"
-    return f"it was sent or carried late, for no thread of this program waited more than {waited}"
+        return f"this computer is too busy; a thread of this program had to wait {waited}"
+    return f"the robot or the link was late; no thread of this program waited more than {waited}"
 
 
 def _look_at_clock(clock_age_s: float, config: RunConfig, notes: Notes) -> None:
