@@ -127,7 +127,9 @@ class RobotDoctor:
         return ok(f"{len(message.kinematic_state.joint_states)}, no arm")
 
     def faults(self, reader: Reader) -> Finding:
-        """No fault that keeps the motors off."""
+        """No fault, and no wall power, that keeps the motors off."""
+        if reader.state().power_state.shore_power_state == robot_state_pb2.PowerState.SHORE_POWER_STATE_ON:
+            return fail("on wall power, so the motors stay off", "unplug it or have it leave its dock")
         slow = slow_state_from_message(reader.state(), 0)
         critical = [fault.removeprefix(CRITICAL) for fault in slow.system_faults if fault.startswith(CRITICAL)]
         if critical:

@@ -121,6 +121,16 @@ def test_an_ill_robot(
     assert advice in results[check].advice
 
 
+def test_wall_power_is_told_before_the_motors_are_refused_it() -> None:
+    patient, message = RobotDoctor("192.168.80.3", RunConfig()), robot_state_pb2.RobotState()
+    reader: Any = SimpleNamespace(state=lambda: message)
+    message.power_state.shore_power_state = message.power_state.SHORE_POWER_STATE_OFF
+    assert patient.faults(reader).verdict is Verdict.OK
+    message.power_state.shore_power_state = message.power_state.SHORE_POWER_STATE_ON
+    told = patient.faults(reader)
+    assert (told.verdict, told.advice) == (Verdict.FAIL, "unplug it or have it leave its dock")
+
+
 def test_an_arm_is_told_before_a_run_is_refused_for_it() -> None:
     patient, message = RobotDoctor("192.168.80.3", RunConfig()), robot_state_pb2.RobotState()
     reader: Any = SimpleNamespace(state=lambda: message)

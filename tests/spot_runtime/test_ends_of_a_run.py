@@ -17,10 +17,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bosdyn.api import estop_pb2, power_pb2
+from bosdyn.api import estop_pb2, power_pb2, robot_command_pb2
 from bosdyn.client.estop import IncorrectChallengeResponseError
 from bosdyn.client.exceptions import TimedOutError
 from bosdyn.client.power import CommandInProgressError
+from bosdyn.client.robot_command import NotPoweredOnError
 
 from spot_log import read_run
 from spot_log.format.records import EventRecord, Record, RunHeader
@@ -481,6 +482,45 @@ def test_a_change_of_power_that_is_under_way_is_waited_for(under_way_s: float, i
     with nullcontext() if is_on else pytest.raises(MotionError, match="cannot be overwritten"):
         motions.power_on()
     assert sum(waited) == pytest.approx(min(under_way_s, config.power_timeout_s), abs=0.06)
+
+
+@pytest.mark.parametrize(
+    ("starts_s", "loses_power_s", "stands"), [(0.0, 1e6, True), (1.0, 1e6, True), (1e6, 1e6, False), (1e6, 0.5, False)]
+)
+def test_motors_that_have_just_got_power_may_need_a_moment_until_the_robot_stands(
+    starts_s: float, loses_power_s: float, stands: bool
+) -> None:
+    """The status for motors without power is waited out as long as the robot says that they have some."""
+    waited: list[float] = []
+    config = RobotConfig()
+
+    def robot_command(*_: Any, **__: Any) -> int:
+        if sum(waited) < starts_s:
+            raise NotPoweredOnError(robot_command_pb2.RobotCommandResponse(), "still starting")
+        return 7
+
+    def robot_command_feedback(*_: Any, **__: Any) -> Any:
+        answer = robot_command_pb2.RobotCommandFeedbackResponse()
+        mobility = answer.feedback.synchronized_feedback.mobility_command_feedback
+        mobility.status, mobility.stand_feedback.status = 1, 1
+        return answer
+
+    robot = SimpleNamespace(
+        ensure_client=lambda _name: SimpleNamespace(
+            robot_command=robot_command, robot_command_feedback=robot_command_feedback, synced=lambda send: send()
+        )
+    )
+    motions = Motions(
+        Calls(robot),
+        config,
+        helm=Helm(lambda: None),
+        is_powered=lambda: sum(waited) < loses_power_s,
+        is_without_power=lambda: False,
+        pause=waited.append,
+    )
+    with nullcontext() if stands else pytest.raises(MotionError, match="still starting"):
+        motions.stand()
+    assert sum(waited) == pytest.approx(min(starts_s, loses_power_s, config.power_timeout_s), abs=0.06)
 
 
 # A terminal that goes away -------------------------------------------------------------------------------------------

@@ -12,12 +12,14 @@ from typing import Any, Literal
 import grpc
 import numpy as np
 import pytest
-from bosdyn.api import estop_pb2, power_pb2, robot_command_pb2, robot_state_pb2
+from bosdyn.api import estop_pb2, lease_pb2, power_pb2, robot_command_pb2, robot_state_pb2
 from bosdyn.client import exceptions as sdk
+from bosdyn.client.auth import TemporarilyLockedOutError
 from bosdyn.client.channel import translate_exception
-from bosdyn.client.lease import ResourceAlreadyClaimedError
-from bosdyn.client.power import KeepaliveMotorsOffError
+from bosdyn.client.lease import InvalidResourceError, ResourceAlreadyClaimedError
+from bosdyn.client.power import KeepaliveMotorsOffError, ShorePowerConnectedError
 from bosdyn.client.robot import UnregisteredServiceNameError
+from bosdyn.client.robot_command import DockedError
 
 from spot_log.format.vendor_state import StateMessageError, robot_state_from_wire
 from spot_log.write.sink import MemorySink
@@ -28,7 +30,16 @@ from spot_runtime.config import RobotConfig, RunConfig
 from spot_runtime.control.safety.battery import BatteryMemory
 from spot_runtime.control.safety.slow_state import check_slow_state
 from spot_runtime.hal.connection.address import parse_address
-from spot_runtime.hal.errors import CredentialsError, EstopError, FaultError, HalError, NoRobotError, NoServiceError
+from spot_runtime.hal.errors import (
+    CredentialsError,
+    EstopError,
+    FaultError,
+    HalError,
+    LeaseHeldError,
+    MotionError,
+    NoRobotError,
+    NoServiceError,
+)
 from spot_runtime.hal.spot.adapter import BosdynHal
 from spot_runtime.hal.spot.calls import RETRY_PAUSES_S, Calls, patiently
 from spot_runtime.hal.spot.command_stream import CommandEncoder, LatestSlot
@@ -407,6 +418,30 @@ def test_no_connection_is_explained_where_that_is_asked() -> None:
     keeps_off = power_pb2.PowerCommandResponse(status=power_pb2.STATUS_KEEPALIVE_MOTORS_OFF)
     told = translate(KeepaliveMotorsOffError(keeps_off, "off"), "powering on")
     assert "have the program that set this keepalive policy check in" in str(told)
+
+
+@pytest.mark.parametrize(
+    ("error", "kind", "advice"),
+    [
+        (TemporarilyLockedOutError, CredentialsError, "wait some minutes, then try again"),
+        (InvalidResourceError, NoServiceError, "the robot does not offer it"),
+        (ShorePowerConnectedError, FaultError, "unplug it or have it leave its dock"),
+        (DockedError, MotionError, "have it leave its dock"),
+    ],
+)
+def test_a_refusal_tells_the_next_step(error: type[sdk.ResponseError], kind: type[HalError], advice: str) -> None:
+    told = translate(error(robot_command_pb2.RobotCommandResponse()), "doing it")
+    assert type(told) is kind
+    assert advice in str(told)
+    assert ".;" not in str(told)
+
+
+def test_who_has_taken_the_lease_is_named() -> None:
+    use = lease_pb2.LeaseUseResult(status=lease_pb2.LeaseUseResult.STATUS_OLDER)
+    use.owner.client_name = "tablet-7"
+    told = translate(sdk.LeaseUseError(lease_pb2.RetainLeaseResponse(), use), "keeping the lease")
+    assert type(told) is LeaseHeldError
+    assert "(held by tablet-7); see who holds the lease" in str(told)
 
 
 def test_two_calls_that_one_expired_token_refuses_are_both_served_by_one_login() -> None:

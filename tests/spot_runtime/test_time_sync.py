@@ -21,6 +21,7 @@ from bosdyn.api import (
 from bosdyn.client.robot_command import NoTimeSyncError, RobotCommandBuilder
 
 from spot_runtime.hal.connection.time_sync import ATTEMPTS, SyncedCommandClient, TimeSync
+from spot_runtime.hal.errors import ClockError
 from spot_runtime.host.clock import HostClock
 
 IDENTIFIER = "client-17"
@@ -94,6 +95,22 @@ def test_a_robot_that_knows_no_client_refuses_the_second_command_too(
     client.use(TimeSync(service, HostClock(), 1.0))
     with pytest.raises(NoTimeSyncError):
         client.synced(lambda: client.robot_command(RobotCommandBuilder.synchro_stand_command()))
+
+
+@pytest.mark.parametrize("stamp", ["request_received_timestamp", "response_timestamp"])
+def test_an_answer_without_stamps_says_nothing_of_the_robots_clock(monkeypatch: pytest.MonkeyPatch, stamp: str) -> None:
+    """Read as zeros, they would be a clock of 1970, and every state then comes from the future."""
+    service = TimeSyncService()
+    whole = service.get_time_sync_update
+
+    def without_stamp(*asked: Any, timeout: float) -> Any:
+        answer = whole(*asked, timeout=timeout)
+        answer.header.ClearField(stamp)
+        return answer
+
+    monkeypatch.setattr(service, "get_time_sync_update", without_stamp)
+    with pytest.raises(ClockError, match="bears no stamps"):
+        TimeSync(service, HostClock(), 1.0).round_trip()
 
 
 @pytest.mark.parametrize("status", [time_sync_pb2.TimeSyncState.STATUS_SERVICE_NOT_READY, 9], ids=["known", "newer"])

@@ -14,6 +14,7 @@ from bosdyn.client.robot_command import NoTimeSyncError, RobotCommandClient
 from bosdyn.client.time_sync import TimeSyncClient
 
 from spot_model.robot.stamps import NS_PER_S
+from spot_runtime.hal.errors import ClockError
 from spot_runtime.host.clock import ClockSample, HostClock
 
 T = TypeVar("T")
@@ -74,6 +75,8 @@ class TimeSync:
         response = self._client.get_time_sync_update(previous, identifier, timeout=timeout_s)
         ended_ns = self._clock.now_ns()
         header = response.header
+        if not (header.HasField("request_received_timestamp") and header.HasField("response_timestamp")):
+            raise ClockError("the robot's answer bears no stamps, so its clock is not known; see the robot's own page")
         sent_unix_ns = _ns(header.request_header.request_timestamp)
         sent_ns = min(max(sent_unix_ns + host_from_unix_ns, began_ns), ended_ns)
         trip = time_sync_pb2.TimeSyncRoundTrip()

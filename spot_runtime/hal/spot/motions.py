@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from bosdyn.api import basic_command_pb2, power_pb2
 from bosdyn.client.power import CommandInProgressError, PowerClient
-from bosdyn.client.robot_command import RobotCommandBuilder
+from bosdyn.client.robot_command import NotPoweredOnError, RobotCommandBuilder
 
 from spot_runtime.config import RobotConfig
 from spot_runtime.hal.connection.time_sync import SyncedCommandClient
@@ -101,7 +101,11 @@ class Motions:
             return
         client, timeout_s = self._calls.client(PowerClient), self._config.rpc_timeout_s
         request = power_pb2.PowerCommandRequest.REQUEST_ON_MOTORS
-        answer = self._ask_for_power(lambda: client.power_command(request, timeout=timeout_s))
+        # A change of power that is under way cannot be overwritten, as of a run that has just ended.
+        answer = self._ask_again_while(
+            lambda refusal: isinstance(refusal, CommandInProgressError),
+            lambda: self._calls.make("powering on", lambda: client.power_command(request, timeout=timeout_s)),
+        )
 
         def is_done() -> bool:
             status = self._calls.make(
@@ -115,22 +119,24 @@ class Motions:
         if answer.status != power_pb2.STATUS_SUCCESS:
             self._wait(is_done, "power on", self._config.power_timeout_s)
 
-    def _ask_for_power(self, call: Callable[[], Any]) -> Any:
-        """A change of power that is under way cannot be overwritten, as of a run that has just ended; wait for it."""
+    def _ask_again_while(self, may_pass: Callable[[BaseException | None], bool], ask: Callable[[], Any]) -> Any:
         waited_s = 0.0
         while True:
             try:
-                return self._calls.make("powering on", call)
+                return ask()
             except MotionError as error:
-                is_under_way = isinstance(error.__cause__, CommandInProgressError)
-                if not is_under_way or waited_s >= self._config.power_timeout_s:
+                if not may_pass(error.__cause__) or waited_s >= self._config.power_timeout_s:
                     raise
             self._pause(POLL_S)
             waited_s += POLL_S
 
     def stand(self) -> None:
         """Let the vendor's controller stand; returns when it does."""
-        command_id = self._command(RobotCommandBuilder.synchro_stand_command(), "standing")
+        # Motors that have power may not be ready yet: a robot says so by the status for motors without power.
+        command_id = self._ask_again_while(
+            lambda refusal: isinstance(refusal, NotPoweredOnError) and self._is_powered(),
+            lambda: self._command(RobotCommandBuilder.synchro_stand_command(), "standing"),
+        )
         self._wait(lambda: self._stands(command_id), "stand", self._config.stand_timeout_s)
 
     def ask_for_stand(self) -> None:

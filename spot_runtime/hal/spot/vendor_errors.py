@@ -67,18 +67,22 @@ def describe(error: Exception) -> str:
     elif isinstance(error, grpc.RpcError):
         text = _details(error)
     elif isinstance(error, sdk.ResponseError):
-        text = f"{type(error).__name__}: {error.error_message or type(error).__doc__}" + _faults(error)
+        said = (error.error_message or type(error).__doc__ or "").rstrip(".")
+        text = f"{type(error).__name__}: {said}" + _details_of_answer(error)
     else:
         text = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
     return " ".join(text.split())
 
 
 def _lease_held(error: lease.ResourceAlreadyClaimedError) -> LeaseHeldError:
-    owner = error.response.lease_owner
-    who = " / ".join(name for name in (owner.client_name, owner.user_name) if name) or "an unnamed client"
+    who = _named(error.response.lease_owner) or "an unnamed client"
     return LeaseHeldError(
         f"the lease is held by {who}; it is never taken by force: release it there (or on the tablet), then start again"
     )
+
+
+def _named(owner: Any) -> str:
+    return " / ".join(name for name in (owner.client_name, owner.user_name) if name)
 
 
 def enum_word(enum: Any, number: int, prefix: str = "") -> str:
@@ -100,31 +104,34 @@ def _details(error: Any) -> str:
     return f"{code().name}: {details()}" if callable(code) and callable(details) else str(error)
 
 
-def _faults(error: sdk.ResponseError) -> str:
-    """Names of the faults that a power or robot-command answer carries, as far as it does."""
-    response = error.response
-    names = [fault.name for fault in getattr(response, "blocking_faults", ())]
-    message = getattr(response, "message", "")
-    return (f" ({', '.join(names)})" if names else "") + (f" ({message})" if message else "")
+def _details_of_answer(error: sdk.ResponseError) -> str:
+    """What an answer names: who has the lease, the faults in the way, what the robot adds."""
+    holder = _named(error.lease_use_result.owner) if isinstance(error, sdk.LeaseUseError) else ""
+    names = [fault.name for fault in getattr(error.response, "blocking_faults", ())]
+    told = (holder and f"held by {holder}", ", ".join(names), getattr(error.response, "message", ""))
+    return "".join(f" ({words})" for words in told if words)
 
 
 _TABLE: tuple[tuple[tuple[type[Exception], ...], type[HalError], str], ...] = (
+    ((auth.TemporarilyLockedOutError,), CredentialsError, "too many logins failed: wait some minutes, then try again"),
     ((auth.AuthResponseError,), CredentialsError, "check user name and password"),
     ((sdk.LicenseError,), LicenseError, "ask the vendor for a licence with joint control"),
+    (
+        (UnregisteredServiceError, lease.InvalidResourceError),
+        NoServiceError,
+        "the robot does not offer it; its software may be too old",
+    ),
     ((lease.LeaseResponseError, lease.Error, sdk.LeaseUseError), LeaseHeldError, "see who holds the lease"),
     ((estop.MotorsOnError,), EstopError, "have the robot sit and power off (on the tablet), then start again"),
     ((power.EstoppedError, estop.EstopResponseError), EstopError, "release every e-stop, then start again"),
-    (
-        (power.FaultedError, power.BatteryMissingError, power.ShorePowerConnectedError),
-        FaultError,
-        "clear the cause on the robot's own page",
-    ),
+    ((power.ShorePowerConnectedError,), FaultError, "unplug it or have it leave its dock, then start again"),
+    ((robot_command.DockedError,), MotionError, "have it leave its dock (on the tablet), then start again"),
+    ((power.FaultedError, power.BatteryMissingError), FaultError, "clear the cause on the robot's own page"),
     (
         (power.KeepaliveMotorsOffError,),
         MotionError,
         "have the program that set this keepalive policy check in, or remove the policy",
     ),
-    ((UnregisteredServiceError,), NoServiceError, "the robot does not offer it; its software may be too old"),
     ((robot_command.BehaviorFaultError,), FaultError, "clear the behaviour fault on the tablet"),
     (
         (robot_command.NoTimeSyncError, robot_command.ExpiredError, robot_command.TooDistantError),
