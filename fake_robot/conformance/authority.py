@@ -5,7 +5,7 @@ from __future__ import annotations
 from bosdyn.api import estop_pb2, lease_pb2
 
 from fake_robot.conformance.check import Basis, Needs, check
-from fake_robot.conformance.server import Server, SkippedError, enum_name, status_of
+from fake_robot.conformance.server import RPC_TIMEOUT_S, Server, SkippedError, enum_name, status_of
 
 _LEASE = "lease.proto"
 _ESTOP = "estop.proto"
@@ -169,7 +169,7 @@ def power_without_lease(server: Server) -> str:
 )
 def power_while_stopped(server: Server) -> str:
     """Only where the robot is stopped already: no check presses or releases a stop."""
-    if not server.robot.is_estopped():
+    if not server.robot.is_estopped(timeout=RPC_TIMEOUT_S):
         raise SkippedError("the e-stop is released")
     with server.lease() as lease:
         return status_of(server.ask("power", "PowerCommand", lease=lease, request="REQUEST_ON_MOTORS"))

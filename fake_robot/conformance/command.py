@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.table import Table
 
 from fake_robot.conformance.check import Needs, Result, Verdict
-from fake_robot.conformance.server import CLIENT_NAME, Server
+from fake_robot.conformance.server import CLIENT_NAME, RPC_TIMEOUT_S, Server
 from fake_robot.conformance.table import CHECKS, has_failed, run_checks, summary
 from spot_model.errors import BadInputError, SpotRlError
 
@@ -83,7 +83,7 @@ def connect(robot: str, ca_file: Path | None) -> Server:
     sdk = create_standard_sdk(CLIENT_NAME, cert_resource_glob=None if trusted is None else str(trusted))
     try:
         known = _robot_at(sdk, robot)
-        known.authenticate(username, password)
+        known.authenticate(username, password, timeout=RPC_TIMEOUT_S)
         known.time_sync.wait_for_sync(timeout_sec=SYNC_TIMEOUT_S)
         another = create_standard_sdk(CLIENT_NAME, cert_resource_glob=None if trusted is None else str(trusted))
         stranger = _robot_at(another, robot)

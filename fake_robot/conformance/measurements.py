@@ -21,6 +21,8 @@ _STILL_RAD_S = 0.2
 _NEAR_S, _NEAR_RAD, _NEAR_M, _NEAR_NM = 1.0, 0.1, 0.1, 10.0
 _REST_M_S, _REST_RAD_S = 0.1, 0.2
 _GRAVITY_M_S2 = (9.3, 10.3)
+MIN_BATTERY_V, MAX_BATTERY_V = 10.0, 100.0
+"""Far around a Spot's 42 to 58.8 V, so that only another unit lies beyond."""
 _URDF_LINK = re.compile(r"""<link\s[^>]*?name=["']([^"']+)["']""")
 
 
@@ -232,13 +234,17 @@ def _header_ns(server: Server) -> int:
 
 @check(f"{_POLL}: battery_states", "", "plausible", source="robot_state.proto: percent, volts")
 def battery_is_plausible(server: Server) -> str:
-    """Of each battery that is in: charge within 0 and 100 percent, and a voltage above 0, where they are told."""
+    """Of each battery that is in: a charge and a voltage at which a robot answers, in percent and volts.
+
+    A charge up to 1 is a share of one, a voltage beyond the bounds is in other units.
+    """
     for battery in server.state().battery_states:
         if battery.status in {battery.STATUS_MISSING, battery.STATUS_BOOTING}:
             continue
-        charge, is_flat = battery.charge_percentage.value, battery.HasField("voltage") and battery.voltage.value <= 0.0
-        if not 0.0 <= charge <= 100.0 or is_flat:
-            return f"{charge:g} %, {battery.voltage.value:g} V"
+        charge, volts = battery.charge_percentage, battery.voltage
+        is_odd = battery.HasField("charge_percentage") and not 1.0 < charge.value <= 100.0
+        if is_odd or (battery.HasField("voltage") and not MIN_BATTERY_V < volts.value < MAX_BATTERY_V):
+            return f"{charge.value:g} %, {volts.value:g} V"
     return "plausible"
 
 

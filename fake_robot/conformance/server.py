@@ -195,9 +195,9 @@ def powered(server: Server) -> Iterator[lease_pb2.Lease]:
         SkippedError: Somebody holds the lease, or the e-stop is pressed.
     """
     robot = server.robot
-    if robot.is_estopped():
+    if robot.is_estopped(timeout=RPC_TIMEOUT_S):
         raise SkippedError("the e-stop is pressed")
-    if robot.is_powered_on():
+    if robot.is_powered_on(timeout=RPC_TIMEOUT_S):
         raise SkippedError("the motors are on already")
     with server.lease(), LeaseKeepAlive(robot.ensure_client("lease"), return_at_exit=False):
         try:

@@ -7,18 +7,21 @@ import secrets
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from bosdyn.api import lease_pb2, robot_command_pb2, robot_state_pb2, time_sync_pb2
 from bosdyn.api.local_grid_pb2 import LocalGrid
+from bosdyn.client.exceptions import Error as SdkError
 from bosdyn.client.frame_helpers import get_a_tform_b
+from bosdyn.client.robot import Robot as SdkRobot
 from bosdyn.client.sdk import create_standard_sdk
 from typer.testing import CliRunner
 
 from fake_robot.conformance.check import Basis, Needs, Verdict
-from fake_robot.conformance.command import run_suite
-from fake_robot.conformance.server import Server
+from fake_robot.conformance.command import UnreachableError, connect, run_suite
+from fake_robot.conformance.server import RPC_TIMEOUT_S, Server, SkippedError, powered
 from fake_robot.conformance.table import CHECKS, markdown, run_checks
 from fake_robot.eyes.eyes import Eyes
 from fake_robot.robot import state_message, streamed_command
@@ -302,7 +305,21 @@ PLANTED: dict[str, tuple[Callable[[pytest.MonkeyPatch], None], set[str]]] = {
     ),
     "a battery's charge is a share": (
         _answers(
+            RobotStateService,
+            "GetRobotState",
+            lambda r: _set(r.robot_state.battery_states[0].charge_percentage, value=0.82),
+        ),
+        {"battery_is_plausible"},
+    ),
+    "a battery has no voltage": (
+        _answers(
             RobotStateService, "GetRobotState", lambda r: _set(r.robot_state.battery_states[0].voltage, value=0.0)
+        ),
+        {"battery_is_plausible"},
+    ),
+    "a battery's voltage is in millivolts": (
+        _answers(
+            RobotStateService, "GetRobotState", lambda r: _set(r.robot_state.battery_states[0].voltage, value=52100.0)
         ),
         {"battery_is_plausible"},
     ),
@@ -584,6 +601,29 @@ def test_a_host_that_may_be_a_robot_needs_somebody_beside_it() -> None:
         run_suite("192.168.80.3", is_attended=False, **keywords)
     with pytest.raises(BadInputError, match="BOSDYN_CLIENT_USERNAME"):
         run_suite("127.0.0.1", is_attended=False, **keywords)
+
+
+def test_a_server_that_never_answers_is_not_waited_for_for_ever(
+    certificates: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The SDK's own default for these three calls is no deadline at all."""
+    given: list[float | None] = []
+
+    def told(*_: Any, timeout: float | None = None) -> bool:
+        given.append(timeout)
+        if len(given) == 1:
+            raise SdkError("nobody answers")
+        return len(given) > 2
+
+    monkeypatch.setattr(SdkRobot, "authenticate", told)
+    monkeypatch.setenv("BOSDYN_CLIENT_USERNAME", "user")
+    monkeypatch.setenv("BOSDYN_CLIENT_PASSWORD", "horse")
+    with pytest.raises(UnreachableError, match="nobody answers"):
+        connect("127.0.0.1:1", certificates.ca_path)
+    robot: Any = SimpleNamespace(is_estopped=told, is_powered_on=told)
+    with pytest.raises(SkippedError, match="on already"), powered(Server(robot, robot)):
+        pass
+    assert given == [RPC_TIMEOUT_S] * 3
 
 
 def test_the_command_prints_json_and_fails_for_a_broken_rule(
