@@ -33,6 +33,7 @@ def explain_and_compare(**asked: Any) -> None:
     folder = Path(asked["out"]) / FOLDER
     check_new(folder)
     result = cast("Diagnosis", command.explain_logs(**asked))
+    typer.echo("comparing one log with the simulators …", err=True)
     try:
         typer.echo(f"compare    {set_beside(result, folder)}")
     except CompareError as error:

@@ -147,6 +147,7 @@ class Session:
             def tell(share: float) -> None:
                 bar.update(round(100 * share), "trying experiments on simulated robots")
 
+            tell(0.0)
             return design(
                 posterior,
                 self.policy,

@@ -23,7 +23,7 @@ from spot_model.io.child_process import ChildProcess
 from spot_protos import log_pb2
 
 SEND_BUFFER_BYTES: Final = 4 << 20
-START_TIMEOUT_S: Final = 20.0
+START_TIMEOUT_S: Final = 60.0
 CLOSE_TIMEOUT_S: Final = 10.0
 _ENCODING_ERRORS: Final = (TypeError, ValueError, AttributeError, OverflowError, struct.error)
 _FLAGS: Final = socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL

@@ -305,3 +305,6 @@ def test_the_site_builds_and_asks_nobody_else(tmp_path: Path) -> None:
     for page in (tmp_path / "site").rglob("*.html"):
         text = page.read_text(encoding="utf-8")
         assert not re.findall(r"<(?:script|link|img)[^>]+(?:src|href)=\"https?:", text), page.name
+        prose = re.sub(r"<pre.*?</pre>", "", text, flags=re.DOTALL)
+        swallowed = re.findall(r"\n\s*(?:\d+\.|-) (?:<strong>)?\w.*", prose)
+        assert not swallowed, f"{page.name}: put an empty line before this item of a list: {swallowed}"

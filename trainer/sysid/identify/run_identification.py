@@ -71,6 +71,7 @@ def run_identification(
     if resume and not checkpoint.exists():
         raise BadInputError(f"folder {out} holds no unfinished search; leave --resume out to start one")
     out.mkdir(parents=True, exist_ok=True)
+    say(f"measuring noise, delay, inertia and contact in {counted(len(logs.runs), 'log')} …")
     preparation = prepare(logs, load_policy(policy), policy.read_bytes(), config)
     problem = preparation.problem
     place = replace(place, workers=min(place.workers, useful_workers(problem)))
@@ -79,6 +80,8 @@ def run_identification(
         def show(generation: Generation[CandidateResult]) -> None:
             best = min(problem.score(result) for result in generation.results)
             progress.update(generation.index + 1, f"best score of the generation {best:.3f}")
+            if generation.index + 1 == config.search.generations:
+                say("fitting measured torques and scoring the result …")
 
         found = identify(preparation, config, engine, checkpoint, show)
     with whole_folder(out) as part:
