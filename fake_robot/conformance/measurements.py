@@ -4,22 +4,30 @@ from __future__ import annotations
 
 import math
 import re
+import time
+from collections.abc import Callable
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
+import numpy as np
 from bosdyn.api import robot_state_pb2
 from bosdyn.client.frame_helpers import get_a_tform_b
 from bosdyn.client.math_helpers import Quat, SE3Pose
+from bosdyn.client.robot_command import RobotCommandBuilder
 
 from fake_robot.conformance.check import Basis, Needs, check
+from fake_robot.conformance.commands import send
 from fake_robot.conformance.reports import states
-from fake_robot.conformance.server import Server, SkippedError, powered
+from fake_robot.conformance.server import Server, SkippedError, powered, status_of
 from spot_model.robot.facts import JOINT_NAMES, LEG_NAMES
+from spot_model.robot.state import Array
 
 _STREAM, _POLL = "GetRobotStateStream", "RobotState.GetRobotState"
 _STILL_RAD_S = 0.2
 _NEAR_S, _NEAR_RAD, _NEAR_M, _NEAR_NM = 1.0, 0.1, 0.1, 10.0
 _REST_M_S, _REST_RAD_S = 0.1, 0.2
+_PIECES = 10
 _GRAVITY_M_S2 = (9.3, 10.3)
 MIN_BATTERY_V, MAX_BATTERY_V = 10.0, 100.0
 """Far around a Spot's 42 to 58.8 V, so that only another unit lies beyond."""
@@ -104,6 +112,63 @@ def velocity_is_the_slope(server: Server) -> str:
         if abs(travel_rad - moved_rad) > _NEAR_RAD:
             return f"{name} moved by {moved_rad:.2f} rad, by its velocity {travel_rad:.2f}"
     return "the slope of position"
+
+
+@check(
+    f"{_STREAM}: velocities",
+    "a robot that steps and turns",
+    "the slopes of positions and attitude",
+    source="robot_state.proto",
+    needs=Needs.MOTION,
+)
+def rates_are_slopes(server: Server) -> str:
+    """While the robot steps, joints travel as their velocities say, and the body turns as its inertial unit says."""
+    with powered(server) as lease:
+        sent = send(server, lease, RobotCommandBuilder.synchro_velocity_command(0.2, 0.0, 0.5), end_s=4.0)
+        if status_of(sent) != "STATUS_OK":
+            raise SkippedError(f"a velocity was answered by {status_of(sent)}")
+        time.sleep(1.0)
+        seen = states(server)
+    ticks = [_ns(state.joint_states.acquisition_timestamp) * 1e-9 for state in seen]
+    for index, name in enumerate(_NAMES):
+        position = np.array([[state.joint_states.position[index]] for state in seen])
+        velocity = np.array([[state.joint_states.velocity[index]] for state in seen])
+        if _strays(np.array(ticks), velocity, partial(_travel, position)):
+            return f"{name} does not travel as its velocity says"
+    packets = [packet for state in seen for packet in state.inertial_state.packets]
+    if packets:
+        rate = np.array([_xyz(packet.angular_velocity_rt_odom_in_link_frame) for packet in packets])
+        turned = [Quat.from_proto(packet.odom_rot_link) for packet in packets]
+        stamps = np.array([_ns(packet.timestamp) * 1e-9 for packet in packets])
+        if _strays(stamps, rate, lambda a, b: _turn_between(turned[a], turned[b])):
+            return "the body does not turn as its inertial unit says"
+    return "the slopes of positions and attitude"
+
+
+def _strays(stamps_s: Array, rate: Array, moved: Callable[[int, int], Array]) -> bool:
+    """Whether what was moved differs from the rates' integral by half of itself and more, over pieces of the time."""
+    edges = np.linspace(0, len(stamps_s) - 1, _PIECES + 1).astype(int)
+    pieces = list(pairwise(int(edge) for edge in edges))
+    travelled = [np.trapezoid(rate[a : b + 1], stamps_s[a : b + 1], axis=0) for a, b in pieces]
+    path = [moved(a, b) for a, b in pieces]
+    length = float(np.linalg.norm(path, axis=1).sum())
+    off = float(np.linalg.norm(np.array(path) - np.array(travelled), axis=1).sum())
+    return off > max(0.5 * length, _NEAR_RAD)
+
+
+def _travel(position: Array, first: int, last: int) -> Array:
+    return np.asarray(position[last] - position[first])
+
+
+def _turn_between(first: Quat, last: Quat) -> Array:
+    """The turn from one attitude to another, as a rotation vector in the link."""
+    turn = first.inverse() * last
+    sine = np.array([turn.x, turn.y, turn.z]) * (1.0 if turn.w >= 0.0 else -1.0)
+    return np.asarray(2.0 * sine)  # of the small turns of one piece
+
+
+def _xyz(vector: Any) -> tuple[float, float, float]:
+    return vector.x, vector.y, vector.z
 
 
 @check("velocity_of_body", "a robot at rest", "at rest", source="robot_state.proto")

@@ -499,6 +499,33 @@ def test_a_planted_error_is_found(serve: Serve, monkeypatch: pytest.MonkeyPatch,
     assert not missed, {name: results[name].seen for name in missed}
 
 
+@pytest.mark.parametrize(
+    ("change", "seen"),
+    [
+        (lambda _s: None, "the slopes of positions and attitude"),
+        (
+            lambda s: s.joint_states.velocity.__setitem__(slice(None), [-v for v in s.joint_states.velocity]),
+            "fl.hx does not travel as its velocity says",
+        ),
+        (
+            lambda s: [
+                _set(p.angular_velocity_rt_odom_in_link_frame, z=57.3 * p.angular_velocity_rt_odom_in_link_frame.z)
+                for p in s.inertial_state.packets
+            ],
+            "the body does not turn as its inertial unit says",
+        ),
+    ],
+    ids=["none", "velocities of the other sign", "a turn rate in degrees"],
+)
+def test_errors_that_show_in_motion_alone_are_found_there(
+    serve: Serve, monkeypatch: pytest.MonkeyPatch, change: Callable[[Any], Any], seen: str
+) -> None:
+    _states(change)(monkeypatch)
+    brisk = {"power": {"power_on_s": 0.2, "power_off_s": 0.1}, "motion": {"stand_s": 0.8, "sit_s": 0.8}}
+    results = list(run_checks(serve(**brisk), Needs.MOTION, ("rates_are_slopes",)))
+    assert [result.seen for result in results] == [seen]
+
+
 def test_what_a_server_does_not_offer_is_skipped(serve: Serve, monkeypatch: pytest.MonkeyPatch) -> None:
     for table in (directory_entries.OWN_SERVICES, directory_entries.LISTED_ONLY):
         for name in ("world-objects", "image", "directory-registration"):

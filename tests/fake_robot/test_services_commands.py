@@ -219,6 +219,15 @@ def test_commands_reach_the_robot(commands: Any, stub: Any, command: Any, call: 
     commands.robot_command_feedback_async().result()
 
 
+def test_feedback_tells_how_the_commands_lease_was_used(commands: Any, stub: Any) -> None:
+    """The proto names the field, and clients in other languages read it without asking whether it is there."""
+    stub.robot.set(motor_power=MotorPower.ON)
+    number = commands.robot_command(RobotCommandBuilder.synchro_stand_command())
+    use = commands.robot_command_feedback(number).lease_use_result
+    assert (use.status, use.attempted_lease.resource) == (use.STATUS_OK, "body")
+    assert list(use.attempted_lease.sequence) == list(use.latest_known_lease.sequence)
+
+
 def test_feedback_follows_the_robot(commands: Any, stub: Any) -> None:
     def mobility(number: int) -> Any:
         return commands.robot_command_feedback(number).feedback.synchronized_feedback.mobility_command_feedback

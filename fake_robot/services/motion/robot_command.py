@@ -37,7 +37,7 @@ class RobotCommandService:
         self._world = world
         self._bounds = WalkBounds(world.config.max_walking_speed_m_s, world.config.max_turn_rate_rad_s)
         self._lock = threading.Lock()
-        self._commands: OrderedDict[int, Command] = OrderedDict()
+        self._commands: OrderedDict[int, tuple[Command, lease_pb2.LeaseUseResult]] = OrderedDict()
         self._last_id = 0
 
     def RobotCommand(self, request: Any) -> Any:  # noqa: N802
@@ -61,7 +61,7 @@ class RobotCommandService:
             with self._lock:
                 commands.start(command, self._world.robot)
                 self._last_id += 1
-                self._commands[self._last_id] = command
+                self._commands[self._last_id] = command, response.lease_use_result
                 response.robot_command_id = self._last_id
                 while len(self._commands) > MAX_COMMANDS:
                     self._commands.popitem(last=False)
@@ -72,16 +72,17 @@ class RobotCommandService:
         return response
 
     def RobotCommandFeedback(self, request: Any) -> Any:  # noqa: N802
-        """How a motion goes; without a number, the newest one."""
+        """How a motion goes, and how its lease was used; without a number, the newest one."""
         response = robot_command_pb2.RobotCommandFeedbackResponse()
         with self._lock:
             wanted = request.robot_command_id or self._last_id
-            command, is_current = self._commands.get(wanted), wanted == self._last_id
-        if command is None:
+            given, is_current = self._commands.get(wanted), wanted == self._last_id
+        if given is None:
             told = f"there is no robot command {wanted}" if wanted else "no robot command was given yet"
             return refuse_request(response, told)
-        snapshot = self._world.robot.snapshot()
-        response.feedback.CopyFrom(feedback(command, snapshot, is_current=is_current))
+        command, lease_use = given
+        response.lease_use_result.CopyFrom(lease_use)
+        response.feedback.CopyFrom(feedback(command, self._world.robot.snapshot(), is_current=is_current))
         return response
 
     def ClearBehaviorFault(self, request: Any) -> Any:  # noqa: N802
