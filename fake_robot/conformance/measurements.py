@@ -299,18 +299,19 @@ def _header_ns(server: Server) -> int:
 
 @check(f"{_POLL}: battery_states", "", "plausible", source="robot_state.proto: percent, volts")
 def battery_is_plausible(server: Server) -> str:
-    """Of each battery that is in: a charge and a voltage at which a robot answers, in percent and volts.
+    """Of each battery that is in, and of the robot's summary: a charge and a voltage at which a robot answers.
 
     A charge up to 1 is a share of one, a voltage beyond the bounds is in other units.
     """
-    for battery in server.state().battery_states:
-        if battery.status in {battery.STATUS_MISSING, battery.STATUS_BOOTING}:
-            continue
-        charge, volts = battery.charge_percentage, battery.voltage
-        is_odd = battery.HasField("charge_percentage") and not 1.0 < charge.value <= 100.0
-        if is_odd or (battery.HasField("voltage") and not MIN_BATTERY_V < volts.value < MAX_BATTERY_V):
-            return f"{charge.value:g} %, {volts.value:g} V"
-    return "plausible"
+    state = server.state()
+    batteries = [b for b in state.battery_states if b.status not in {b.STATUS_MISSING, b.STATUS_BOOTING}]
+    charges = [b.charge_percentage.value for b in batteries if b.HasField("charge_percentage")]
+    if state.power_state.HasField("locomotion_charge_percentage"):
+        charges.append(state.power_state.locomotion_charge_percentage.value)
+    odd = [f"{charge:g} %" for charge in charges if not 1.0 < charge <= 100.0]
+    volts = [b.voltage.value for b in batteries if b.HasField("voltage")]
+    odd += [f"{volt:g} V" for volt in volts if not MIN_BATTERY_V < volt < MAX_BATTERY_V]
+    return ", ".join(odd) or "plausible"
 
 
 @check(f"{_POLL}: estop_states", "", "a name, a type and a state each", source="robot_state.proto")

@@ -311,6 +311,14 @@ PLANTED: dict[str, tuple[Callable[[pytest.MonkeyPatch], None], set[str]]] = {
         ),
         {"battery_is_plausible"},
     ),
+    "the summary of the charge is a share": (
+        _answers(
+            RobotStateService,
+            "GetRobotState",
+            lambda r: _set(r.robot_state.power_state.locomotion_charge_percentage, value=0.82),
+        ),
+        {"battery_is_plausible"},
+    ),
     "a battery has no voltage": (
         _answers(
             RobotStateService, "GetRobotState", lambda r: _set(r.robot_state.battery_states[0].voltage, value=0.0)
