@@ -39,7 +39,7 @@ def main(out: Path, fault: str) -> None:
     hidden = spot_rl.load_model("paper_identified", effects=[HIDDEN[fault]])
     out.mkdir(parents=True)
     save_model(spot_rl.load_model("paper_identified", effects=ROTORS), out / "nominal.yaml")
-    with spot_rl.FakeSpot({"model": {"effects": hidden.to_data()["effects"]}}) as spot:
+    with spot_rl.FakeSpot(model=hidden) as spot:
         spot.walk(POLICY, velocity=(0.5, 0.0, 0.0), duration_s=5.0, log_dir=out / "logs")
         words = ["diagnose", "next", str(out / "found"), "--logs", str(out / "logs"), "--nominal"]
         words += [str(out / "nominal.yaml"), "--policy", POLICY, "--run", "--yes", "--robot", spot.address]

@@ -28,7 +28,7 @@ def main(out: Path) -> None:
     nominal = spot_rl.load_model("paper_identified", effects=ROTORS)
     friction = {"effect": "coulomb_friction", "joints": ["knees"], "level_nm": HIDDEN_NM}
     hidden = spot_rl.load_model("paper_identified", effects=[friction])
-    with spot_rl.FakeSpot({"model": {"effects": hidden.to_data()["effects"]}}) as spot:
+    with spot_rl.FakeSpot(model=hidden) as spot:
         for velocity in WALKS:
             for repeat in range(REPEATS):
                 run = spot.walk(POLICY, velocity=velocity, duration_s=6.0, log_dir=out / "logs")

@@ -14,14 +14,15 @@ from typing import TYPE_CHECKING, Any
 
 from typing_extensions import Self
 
-from fake_robot.scenario.scenario import scenario_from_data
+from fake_robot.scenario.scenario import load_scenario, scenario_from_data
 from fake_robot.start.process import FakeProcess
 from spot_model.errors import BadInputError, SpotRlError
 from spot_rl.paths import AnyPath, to_path
-from spot_rl.simulation import policy_file
+from spot_rl.simulation import model_of, policy_file
 
 if TYPE_CHECKING:
     from spot_log.read.run import Run
+    from spot_model.io.model_file import RobotModel
     from spot_model.policy.policy import Policy
 
 
@@ -39,11 +40,21 @@ class FakeSpot:
 
     Args:
         scenario: The robot: a scenario file, the name of a built-in one, or its keys as a mapping.
+        model: The robot's effects, in place of the scenario's: a built-in name, a model file, or a model.
         lock_step: Whether robot time advances only when the runtime asks for it, as fast as the computer can. In real
             time, a busy computer ends runs with ``state_stale``.
     """
 
-    def __init__(self, scenario: str | AnyPath | Mapping[str, Any] = "default", *, lock_step: bool = True) -> None:
+    def __init__(
+        self,
+        scenario: str | AnyPath | Mapping[str, Any] = "default",
+        *,
+        model: str | AnyPath | RobotModel | None = None,
+        lock_step: bool = True,
+    ) -> None:
+        if model is not None:
+            keys = scenario if isinstance(scenario, Mapping) else load_scenario(os.fspath(scenario)).to_data()
+            scenario = {**keys, "model": {"effects": model_of(model)[0].to_data()["effects"]}}
         if isinstance(scenario, Mapping):
             scenario_from_data(dict(scenario))  # so that a wrong key is named here
         self.is_lock_step = lock_step

@@ -64,7 +64,7 @@ DEFAULT_EFFECTS: Final[tuple[dict[str, Any], ...]] = (
 
 
 class ModelConfig(Part):
-    """The robot's hidden truth, in the format of a model file."""
+    """The robot's hidden truth, as in a model file, without its key ``schema``."""
 
     robot: Literal["spot"] = "spot"
     """The robot's body."""

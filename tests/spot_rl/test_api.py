@@ -220,6 +220,8 @@ def test_the_walking_policy_walks_in_the_environment(in_project: None) -> None:
         (lambda: spot_rl.make_env().reset(options={"comand": (0, 0, 0)}), r"'comand' is unknown; allowed: command"),
         (lambda: spot_rl.make_env().reset(options={"command": (0, 0)}), r"allowed: three numbers"),
         (lambda: spot_rl.FakeSpot({"payloadd": {}}), r"payloadd"),
+        (lambda: spot_rl.FakeSpot({"payloadd": {}}, model="ideal"), r"payloadd"),
+        (lambda: spot_rl.FakeSpot(model="nothing"), r"allowed: a YAML file, or one of ideal"),
         (lambda: spot_rl.FakeSpot().walk(WALK), r"use it in a block"),
     ],
 )
