@@ -103,7 +103,7 @@ def exec_program(context: typer.Context) -> None:
         host = fake.endpoints.sdk_host
         words = [host if word == HOST_PLACEHOLDER else word for word in context.args]
         environment = {**os.environ, **fake.environment.variables(), HOST_VARIABLE: host}
-        typer.echo(f"it serves at {host}; starting {words[0]}", err=True)
+        typer.echo(f"it serves; starting {words[0]} …", err=True)
         try:
             code = run_in_foreground(words, environment).code
         except OSError as error:

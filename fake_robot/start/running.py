@@ -104,7 +104,8 @@ class RunningFake:
         return "\n".join(
             [
                 "A fake Spot serves Boston Dynamics' API; Ctrl-C ends it.",
-                f"  host argument  {self.endpoints.sdk_host}",
+                f"  spot-rl        --robot {self.endpoints.robot}",
+                f"  host argument  {self.endpoints.sdk_host} (of SDK programs)",
                 f"  admin service  {self.endpoints.admin}",
                 f"  certificate    {self.environment.ca_path}",
                 "An unmodified SDK program reaches it with this environment:",
