@@ -5,6 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 
 from bosdyn.api import robot_state_pb2, robot_state_service_pb2_grpc
+from bosdyn.client.frame_helpers import ValidateFrameTreeError, get_odom_tform_body
 
 from fake_robot.conformance.check import Basis, check
 from fake_robot.conformance.server import RPC_TIMEOUT_S, Server, enum_name, header, status_of
@@ -162,6 +163,16 @@ def no_localization(server: Server) -> str:
     """Where the robot is on a map that it has not."""
     answer = server.ask("graph-nav-service", "GetLocalizationState")
     return "a waypoint" if answer.localization.waypoint_id else "no waypoint"
+
+
+@check("GraphNav.GetLocalizationState: robot_kinematics", "", "body in odom", source="graph_nav.proto")
+def localization_tells_kinematics(server: Server) -> str:
+    """Programs look for the body in odom there, on a map or not."""
+    kinematics = server.ask("graph-nav-service", "GetLocalizationState").robot_kinematics
+    try:
+        return "body in odom" if get_odom_tform_body(kinematics.transforms_snapshot) else "no odom"
+    except ValidateFrameTreeError as error:
+        return str(error)
 
 
 @check(

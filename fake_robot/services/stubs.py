@@ -26,6 +26,7 @@ from bosdyn.api.spot import spot_check_service_pb2
 from fake_robot.services.calls.access import refuse_request
 from fake_robot.services.calls.unary import Answer, Call
 from fake_robot.services.reports.log_status import ANSWERS as LOG_ANSWERS
+from fake_robot.services.reports.robot_state_message import fill_kinematics
 from fake_robot.services.sensors.local_grids import get_grids, list_types
 from fake_robot.services.sensors.ray_cast import cast_ray
 
@@ -86,6 +87,7 @@ def _no_mission(call: Call) -> None:
 
 def _not_localized(call: Call) -> None:
     call.response.lost_detector_state.SetInParent()
+    fill_kinematics(call.response.robot_kinematics, call.world.robot.snapshot())
 
 
 _NO_SPOT_CHECK: Final = _refused("the robot has no cameras to calibrate and no payload to check")

@@ -28,6 +28,7 @@ from fake_robot.robot import state_message, streamed_command
 from fake_robot.robot.joint_control import JointControl
 from fake_robot.robot.robot import Robot
 from fake_robot.scenario.scenario import scenario_from_data
+from fake_robot.services import stubs
 from fake_robot.services.authority.estop import EstopService
 from fake_robot.services.authority.estop_endpoints import EstopEndpoints
 from fake_robot.services.authority.lease import LeaseService
@@ -302,6 +303,10 @@ PLANTED: dict[str, tuple[Callable[[pytest.MonkeyPatch], None], set[str]]] = {
     "states bear the host's time": (
         _states(lambda s: _late(s.joint_states.acquisition_timestamp)),
         {"stamps_are_robot_time"},
+    ),
+    "a map tells no kinematics": (
+        lambda monkeypatch: monkeypatch.setattr(stubs, "fill_kinematics", _always(None)),
+        {"localization_tells_kinematics"},
     ),
     "a battery's charge is a share": (
         _answers(

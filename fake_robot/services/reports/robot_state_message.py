@@ -59,7 +59,7 @@ def robot_state_message(
     wifi.current_mode, wifi.essid = robot_state_pb2.WiFiState.MODE_ACCESS_POINT, "fake-spot"
     _fill_estops(state, snapshot)
     _fill_faults(state, snapshot)
-    _fill_kinematics(state.kinematic_state, snapshot)
+    fill_kinematics(state.kinematic_state, snapshot)
     _fill_feet(state, snapshot)
     for name, temperature_c in snapshot.motor_temperature_c.items():
         state.system_state.motor_temperatures.add(name=_vendor_joint(name), temperature=temperature_c)
@@ -148,7 +148,8 @@ def _fill_faults(state: robot_state_pb2.RobotState, snapshot: Snapshot) -> None:
             state.system_fault_state.aggregated[attribute] = worst
 
 
-def _fill_kinematics(kinematics: robot_state_pb2.KinematicState, snapshot: Snapshot) -> None:
+def fill_kinematics(kinematics: robot_state_pb2.KinematicState, snapshot: Snapshot) -> None:
+    """Joints, velocities and frames of one instant."""
     kinematics.acquisition_timestamp.CopyFrom(timestamp_from_ns(snapshot.robot_stamp_ns))
     rows = zip(
         JOINT_NAMES,
