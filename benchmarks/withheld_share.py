@@ -7,6 +7,8 @@
 ``share`` needs the repository's sources, the wheels and NumPy, SciPy, scikit-learn, ONNX Runtime, Typer and PyYAML of
 the machine itself. It begins no case after its minutes, finishes those that it has begun, and leaves one file; with
 ``--from`` such a file it goes on where that stopped. Every share of a run has the same seed; ``merge`` scores them.
+
+    python3 benchmarks/withheld_share.py share ... -- --reality calibrating --kind single
 """
 
 from __future__ import annotations
@@ -75,7 +77,7 @@ def share(
     wheels: Path,
     to: Path,
     begun: Path | None,
-    is_quick: bool,
+    more: list[str],
 ) -> None:
     """Run cases ``first`` to ``end`` of a run, as many as the minutes allow, and pack what is done."""
     site, run = to.parent / "withheld-site", to.parent / f"withheld-{first}-{end}"
@@ -91,8 +93,9 @@ def share(
         with tarfile.open(begun) as archive:
             archive.extractall(run, filter="data")
     is_begun = (run / "run.json").exists()
-    words += ["--quick"] if is_quick else []
-    words += ["--resume"] if is_begun else ["--cases", str(cases), "--seed", str(seed), "--only", f"{first}:{end}"]
+    words += (
+        ["--resume"] if is_begun else ["--cases", str(cases), "--seed", str(seed), "--only", f"{first}:{end}", *more]
+    )
     subprocess.run([sys.executable, "-c", COMMAND, *words], check=True, cwd=ROOT, env=environment)  # noqa: S603 - our own command
     to.mkdir(parents=True, exist_ok=True)
     file = to / f"share-{first}-{end}.tar.gz"
@@ -127,8 +130,8 @@ def main() -> None:
     two.add_argument("--minutes", type=float, default=8.0)
     two.add_argument("--workers", type=int, default=len(os.sched_getaffinity(0)))
     two.add_argument("--from", dest="begun", type=Path)
-    two.add_argument("--quick", action="store_true", help="short runs: to try it out, no figure")
     two.add_argument("--to", type=Path, required=True)
+    two.add_argument("more", nargs="*", help="more words for spot-rl withheld run, after --")
     for step in (one, two):
         step.add_argument("--wheels", type=Path, default=Path(".whl"))
     three = steps.add_parser("merge")
@@ -148,7 +151,7 @@ def main() -> None:
             given.wheels,
             given.to.resolve(),
             given.begun,
-            given.quick,
+            given.more,
         )
     else:
         merge(given.files, given.out)
