@@ -19,6 +19,7 @@ from diagnosis.channels.drive.power import power_view
 from diagnosis.channels.drive.sensor_noise import noise_view
 from diagnosis.channels.replay import Actor, replay_view
 from diagnosis.channels.stack import Stack
+from diagnosis.channels.thinning import thinned
 from diagnosis.channels.timing import timing_view
 from spot_model.io.model_file import RobotModel
 from spot_model.robot import facts
@@ -83,4 +84,4 @@ def build_views(
     by_name = {view.name: view for view in found}
     on = {name: view for name in Channel if isinstance(view := by_name[name], ChannelView)}
     off = tuple(view for name in Channel if isinstance(view := by_name[name], ChannelOff))
-    return on, off
+    return thinned(on, stack.n), off

@@ -8,8 +8,8 @@ less its null value. Numbers that do not enter linearly are the effect's *shape*
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +19,20 @@ from diagnosis.channels.channel import Channel
 Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
 Flags = NDArray[np.bool_]
+Rows = slice | Flags
+"""Some samples."""
 
 Shape = Mapping[str, float]
 """Values of the parameters that do not enter linearly, by name; empty where there are none."""
+
+
+@runtime_checkable
+class Thinnable(Protocol):
+    """Signals of a channel whose samples can be thinned."""
+
+    def thinned(self, every: int) -> tuple[Any, Rows]:
+        """Signals of about one of ``every`` samples, and these samples."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -76,6 +87,18 @@ class ChannelView:
     def n(self) -> int:
         """Number of samples."""
         return len(self.run)
+
+    def of_rows(self, signals: Any, rows: Rows) -> ChannelView:
+        """Some samples, with the signals that belong to them."""
+        return replace(
+            self,
+            response=self.response[rows],
+            usable=self.usable[rows],
+            run=self.run[rows],
+            state=self.state[rows],
+            nuisance=self.nuisance[rows],
+            signals=signals,
+        )
 
     def of_run(self, run: int) -> Flags:
         """Samples of one recording, shape (n,)."""

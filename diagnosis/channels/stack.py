@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from diagnosis.channels.channel_view import Array, Flags, Ints
 from diagnosis.read.recording import Recording
 from diagnosis.read.segments import Segmentation, cut
-from diagnosis.read.smoothing import NOISE_GAIN, REACH, eroded, rate, smooth, too_coarse
+from diagnosis.read.smoothing import NOISE_GAIN, REACH, Rows, eroded, rate, smooth, too_coarse
 from spot_model.errors import BadInputError
 
 MIN_NOISE: Final = 1e-6
@@ -49,13 +49,13 @@ class Stack:
         """Like :meth:`cat`, with 0 for what is missing; :attr:`used` has it marked."""
         return np.nan_to_num(self.cat(part).astype(np.float64))
 
-    def smooth(self, values: Array) -> Array:
-        """Smoothed along time."""
-        return smooth(values)
+    def smooth(self, values: Array, at: Rows | None = None) -> Array:
+        """Smoothed along time, of all rows or those of ``at``."""
+        return smooth(values, at)
 
-    def rate(self, values: Array) -> Array:
+    def rate(self, values: Array, at: Rows | None = None) -> Array:
         """Derivative of the smoothed values along time, per second."""
-        return rate(values, self.period_s)
+        return rate(values, self.period_s, at)
 
     def inner(self, flags: Flags, before: int = REACH, after: int = REACH) -> Flags:
         """Flags of shape (n, ...) that hold throughout the filter's reach, within one recording."""

@@ -18,6 +18,7 @@ from spot_model.plant.start import put_at
 from spot_model.policy.policy import Policy
 from spot_model.robot import facts
 from spot_model.robot.mjcf import MjcfOptions
+from trainer.shared.threads import available_threads
 from trainer.sysid.simulation import recorded_loop
 from trainer.sysid.simulation.recorded_loop import RecordedLoop, Told
 
@@ -71,7 +72,7 @@ def simulate(
     mjcf = MjcfOptions(
         timestep_s=step_s, cone="elliptic", collision="all", link_torque_sensors=not only_ticks, visuals=False
     )
-    plant = Plant(own, len(scripts), PlantOptions(mjcf=mjcf, n_threads=1, on_divergence="flag"))
+    plant = Plant(own, len(scripts), PlantOptions(mjcf=mjcf, n_threads=available_threads(), on_divergence="flag"))
     last_action = put_at(plant, [script.start for script in scripts])
 
     def arrival_s(issued_s: Array) -> Array:

@@ -9,7 +9,6 @@ import numpy as np
 from diagnosis.channels.body.dynamics import DynamicsSignals, wrench_of_joints
 from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelView, Flags, Shape, Views
-from diagnosis.channels.drive.actuator import STRIDE
 from diagnosis.library.base import LibraryEffect
 
 MOTION: Final = (Channel.LOAD_TO_MOTION, Channel.BASE_WRENCH)
@@ -42,7 +41,7 @@ class ThroughMotion:
         if signals.drive is None:
             raise ValueError(f"channel {view.name} has measured loads")
         self._effect, self._shape, self._drive = effect, shape, signals.drive
-        self._rows = signals.rows // STRIDE
+        self._rows = signals.rows // signals.drive.signals.stride
         self._wrench = wrench_of_joints(signals) if view.name == Channel.BASE_WRENCH else None
         every = np.ones(len(signals.drive.rows), dtype=np.bool_)
         self._whole = self._drives(every) if Channel.SET_POINT_TO_LOAD in effect.separable else None
@@ -53,4 +52,4 @@ class ThroughMotion:
         return -added if self._wrench is None else -np.einsum("njk,njr->nrk", added, self._wrench)
 
     def _drives(self, joints: Flags) -> Array:
-        return self._effect.columns(self._drive, self._shape, joints)[self._rows]
+        return np.asarray(self._effect.columns(self._drive, self._shape, joints)[self._rows])

@@ -14,6 +14,8 @@ from scipy.ndimage import binary_erosion, convolve1d
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Rows = slice | NDArray[np.intp]
+"""Some rows of a signal, in order."""
 
 REACH: Final = 4
 """Samples on either side that a smoothed value depends on: 12 ms on a 3 ms stream; half amplitude at 42 Hz."""
@@ -36,22 +38,33 @@ def _derivative() -> Array:
     return np.concatenate([-taps[::-1], [0.0], taps])
 
 
-# Convolution flips the kernel.
 _DERIVATIVE = -_derivative()
 
 NOISE_GAIN: Final = float(np.sqrt(np.sum(_KERNEL**2)))
 """Standard deviation of smoothed white noise over that of the noise."""
 
 
-def smooth(signal: Array) -> Array:
-    """Weighted mean over the kernel along the first axis; shape as given. A NaN spreads over the kernel."""
-    return np.asarray(convolve1d(np.asarray(signal, dtype=np.float64), _KERNEL, axis=0, mode="nearest"))
+def smooth(signal: Array, at: Rows | None = None) -> Array:
+    """Weighted mean over the kernel along the first axis, of all rows or those of ``at``. A NaN spreads over it."""
+    return _filtered(signal, _KERNEL, at)
 
 
-def rate(signal: Array, period_s: float) -> Array:
-    """Derivative of :func:`smooth` along the first axis, per second; shape as given."""
-    changed = convolve1d(np.asarray(signal, dtype=np.float64), _DERIVATIVE, axis=0, mode="nearest")
-    return np.asarray(changed / period_s)
+def rate(signal: Array, period_s: float, at: Rows | None = None) -> Array:
+    """Derivative of :func:`smooth` along the first axis, per second, of all rows or those of ``at``."""
+    return _filtered(signal, _DERIVATIVE, at) / period_s
+
+
+def _filtered(signal: Array, taps: Array, at: Rows | None) -> Array:
+    signal = np.asarray(signal, dtype=np.float64)
+    if at is None:
+        return np.asarray(convolve1d(signal, taps, axis=0, mode="nearest"))
+    n = len(signal)
+    padded = np.concatenate([np.repeat(signal[:1], REACH, axis=0), signal, np.repeat(signal[-1:], REACH, axis=0)])
+    out = np.zeros_like(padded[:n][at])
+    # Convolution flips the kernel.
+    for shift, tap in enumerate(taps[::-1]):
+        out += tap * padded[shift : shift + n][at]
+    return out
 
 
 def eroded(flags: Flags, before: int, after: int) -> Flags:

@@ -11,14 +11,13 @@ import numpy as np
 
 from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelView, Flags, Ints, Shape, Views
+from diagnosis.channels.thinning import MAX_SAMPLES
 from diagnosis.decision_constants import DEGREES_OF_FREEDOM, DISCREPANCY, FORMULA_ERROR, ErrorScale
 from diagnosis.library.base import LibraryEffect
 from diagnosis.library.through_motion import ThroughMotion, drive_of, with_stand_in
 from diagnosis.selection.nuisance import Ordinary, ordinary
 from diagnosis.selection.places import Robot
 
-MAX_SAMPLES: Final = 6_000
-"""Of each channel's samples about so many are used, evenly thinned."""
 MIN_SAMPLES: Final = 30
 COUNTED: Final = (Channel.TIME_STAMPS,)
 FAR: Final = 20.0

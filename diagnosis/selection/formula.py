@@ -17,7 +17,7 @@ from sklearn.linear_model import orthogonal_mp_gram
 
 from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, Flags
-from diagnosis.channels.drive.actuator import STRIDE, ActuatorSignals
+from diagnosis.channels.drive.actuator import ActuatorSignals
 from diagnosis.document import Formula, FormulaTerm
 from diagnosis.selection.evidence import Board
 from spot_model.effects.friction import smooth_sign
@@ -95,7 +95,7 @@ class _Columns:
         self.y = self._joined([residuals[n] for n in self.numbers])
         self.fold = np.concatenate([board.blocks[n].fold for n in self.numbers])
         self.angle_rad = np.concatenate(
-            [self.s.position_rad[::STRIDE][board.blocks[n].samples, board.blocks[n].row] for n in self.numbers]
+            [self.s.position_rad[self.s.kept][board.blocks[n].samples, board.blocks[n].row] for n in self.numbers]
         )
 
     def of(self, term: Term) -> Array:

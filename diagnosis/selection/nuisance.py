@@ -165,7 +165,7 @@ def _own_numbers(board: Any) -> list[Array]:
     found = []
     for i, effect in enumerate(s.effects):
         if isinstance(effect, CoulombFriction) and not effect.is_null:
-            late = direction(s.still_velocity_rad_s) - presliding(s.position_rad, s.stack.starts(), BUILDS_UP_RAD)
+            late = direction(s.still_velocity_rad_s) - presliding(s.position_rad, s.stack.run, BUILDS_UP_RAD)
             found.append(s.finish(effect.level_nm * effect.mask * late))
         if not isinstance(effect, TorqueEffect) or effect.is_null:
             continue

@@ -9,7 +9,6 @@ import numpy as np
 
 from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelView, Ints
-from diagnosis.channels.drive.actuator import STRIDE
 from diagnosis.channels.stack import Stack
 from diagnosis.read.recording import Recording
 from spot_model.robot.rotation import projected_gravity
@@ -104,16 +103,16 @@ class Quantities:
                 kept["A " + name] = make()
             return kept["A " + name]
 
-        power = thin("power", lambda: np.maximum(s.torque_nm * s.velocity_rad_s, 0.0).sum(axis=1)[::STRIDE])
+        power = thin("power", lambda: np.maximum(s.torque_nm * s.velocity_rad_s, 0.0).sum(axis=1)[s.kept])
         table = {
-            "position": s.position_rad[::STRIDE][samples, row],
+            "position": s.position_rad[s.kept][samples, row],
             "velocity": thin("velocity", lambda: s.finish(s.velocity_rad_s))[samples, row],
             "torque": thin("torque", lambda: s.finish(s.torque_nm))[samples, row],
             "acceleration": thin("acceleration", lambda: s.finish_rate(s.velocity_rad_s))[samples, row],
             "torque rate": thin("rate", lambda: s.finish_rate(s.torque_nm))[samples, row],
             "total power": power[samples],
-            "time since start": (s.stack.state * s.stack.period_s)[::STRIDE][samples],
-            "torque history": thin("heat", lambda: s.integrated(s.load_nm**2, HEAT_S)[::STRIDE])[samples, row],
-            "time since set-point": np.minimum(s.command_age_s, LATEST_S)[::STRIDE][samples],
+            "time since start": (s.stack.state * s.stack.period_s)[s.kept][samples],
+            "torque history": thin("heat", lambda: s.integrated(s.load_nm**2, HEAT_S)[s.kept])[samples, row],
+            "time since set-point": np.minimum(s.command_age_s, LATEST_S)[s.kept][samples],
         }
         return tuple(table), np.stack(list(table.values()), axis=1)

@@ -7,6 +7,8 @@ import pytest
 from diagnosis.channels.build import build_views
 from diagnosis.channels.channel import Channel
 from diagnosis.channels.stack import stack
+from diagnosis.library.effects.friction import ViscousEntry
+from diagnosis.library.effects.rigid_body import LegMassEntry
 from diagnosis.read.recording import record
 from spot_log.read.run import CommandTable, StateTable
 from spot_model.effects.drive.armature import Armature
@@ -290,3 +292,25 @@ def test_logs_of_two_robots_are_refused(null_runs):
     other = cropped(null_runs[1], (1, 2, 5), ("shoulder", "elbow", "wrist"))
     with pytest.raises(BadInputError, match="diagnose logs of one robot at a time"):
         stack([record(null_runs[0]), record(other)])
+
+
+def test_long_logs_are_thinned_and_tell_what_all_rows_tell(null_runs, monkeypatch):
+    monkeypatch.setattr("diagnosis.channels.thinning.LONG", 10**9)
+    whole, _ = views_of(null_runs)
+    monkeypatch.setattr("diagnosis.channels.thinning.LONG", sum(len(run.states) for run in null_runs) // 3)
+    thin, _ = views_of(null_runs)
+    for name in (Channel.SET_POINT_TO_LOAD, Channel.JOINT_RATES, Channel.LOAD_TO_MOTION, Channel.STANCE_KINEMATICS):
+        every, some = whole[name], thin[name]
+        assert some.n == pytest.approx(every.n / 3, rel=0.1)
+        rows = np.flatnonzero(np.isin(every.run * 10**6 + every.state, some.run * 10**6 + some.state))
+        np.testing.assert_array_equal(every.response[rows], some.response)
+        np.testing.assert_array_equal(every.noise, some.noise)
+    for entry, name in (
+        (ViscousEntry(), Channel.SET_POINT_TO_LOAD),
+        (LegMassEntry(), Channel.LOAD_TO_MOTION),
+        (LegMassEntry(), Channel.BASE_WRENCH),
+    ):
+        every, some = whole[name], thin[name]
+        rows = np.flatnonzero(np.isin(every.run * 10**6 + every.state, some.run * 10**6 + some.state))
+        joints = np.arange(12) < 3
+        np.testing.assert_allclose(entry.columns(some, {}, joints), entry.columns(every, {}, joints)[rows], atol=1e-9)

@@ -16,7 +16,7 @@ from diagnosis.verdict.explain import _legs
 def test_dry_friction_builds_up_over_its_distance_and_turns_with_the_motion() -> None:
     there = np.linspace(0.0, 0.1, 101)
     position = np.concatenate([there, there[-2::-1]])[:, None]
-    felt = presliding(position, np.array([0]), 0.01)[:, 0]
+    felt = presliding(position, np.zeros(len(position), dtype=np.intp), 0.01)[:, 0]
     assert felt[10] == pytest.approx(1.0 - np.exp(-1.0))
     assert felt[100] == pytest.approx(1.0, abs=1e-3)
     assert felt[110] == pytest.approx(-1.0 + 2.0 * np.exp(-1.0), abs=1e-3)
@@ -25,7 +25,7 @@ def test_dry_friction_builds_up_over_its_distance_and_turns_with_the_motion() ->
 
 def test_dry_friction_begins_anew_with_each_recording() -> None:
     position = np.array([0.0, 1.0, 5.0, 5.0])[:, None]
-    assert presliding(position, np.array([0, 2]), 0.01)[:, 0].tolist() == pytest.approx([0.0, 1.0, 0.0, 0.0])
+    assert presliding(position, np.array([0, 0, 1, 1]), 0.01)[:, 0].tolist() == pytest.approx([0.0, 1.0, 0.0, 0.0])
 
 
 def test_short_waits_overtake_no_command_and_long_ones_most() -> None:

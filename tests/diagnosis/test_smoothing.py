@@ -39,3 +39,10 @@ def test_a_smoothed_value_depends_on_its_reach_alone():
     touched = np.flatnonzero((smooth(signal) != 0.0) | (rate(signal, 1.0) != 0.0))
     assert touched.min() >= 20 - REACH
     assert touched.max() <= 20 + REACH
+
+
+def test_some_rows_are_filtered_as_all_are() -> None:
+    signal = np.random.default_rng(3).normal(size=(101, 2))
+    for rows in (slice(None, None, 5), np.array([0, 1, 50, 99, 100])):
+        np.testing.assert_allclose(smooth(signal, rows), smooth(signal)[rows], atol=1e-12)
+        np.testing.assert_allclose(rate(signal, 0.003, rows), rate(signal, 0.003)[rows], atol=1e-9)

@@ -16,6 +16,7 @@ from trainer.config.train_config import PpoConfig, TrainConfig
 from trainer.ppo.symmetry import with_mirror_images
 from trainer.ppo.training_log import TrainingLog
 from trainer.ppo.vec_env import TaskVecEnv
+from trainer.shared.threads import available_threads
 
 SETTLED_KL_SHARE = 0.2
 """Of the KL target, at the end of the settling iterations."""
@@ -72,12 +73,6 @@ class CheckedPpo(PPO):  # type: ignore[misc]  # rsl_rl has no types
         return entropy * share, desired_kl * (SETTLED_KL_SHARE + (1.0 - SETTLED_KL_SHARE) * share)
 
 
-def _learning_threads() -> int:
-    """One for each CPU, or as few as OMP_NUM_THREADS says: on shared CPUs, torch's threads wait for each other."""
-    available, wanted = len(os.sched_getaffinity(0)), os.environ.get("OMP_NUM_THREADS", "")
-    return min(available, int(wanted)) if wanted.isdecimal() and int(wanted) else available
-
-
 class PpoRunner(OnPolicyRunner):  # type: ignore[misc]  # rsl_rl has no types
     """rsl-rl's loop with our log; checkpoints are :mod:`trainer.ppo.checkpoint`'s."""
 
@@ -90,7 +85,7 @@ class PpoRunner(OnPolicyRunner):  # type: ignore[misc]  # rsl_rl has no types
         self.alg.mirror_from_iteration = config.ppo.mirror_from_iteration
         self.alg.settle_iterations = config.ppo.settle_iterations
         self.alg.total_iterations = config.iterations
-        self.alg.learning_threads = _learning_threads() if device == "cpu" else 1
+        self.alg.learning_threads = available_threads() if device == "cpu" else 1
 
     def run(self, iterations: int, *, is_fresh: bool) -> None:
         """Learn for so many iterations; a fresh run spreads the ends of its first episodes."""

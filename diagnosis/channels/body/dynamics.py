@@ -102,6 +102,25 @@ class DynamicsSignals:
     """What the nominal drive gives, where it stands in for loads that no log has."""
     cache: dict[object, Any] = field(default_factory=dict, compare=False)
 
+    def thinned(self, every: int) -> tuple[DynamicsSignals, Flags]:
+        """Signals of one of ``every`` rows, and these rows."""
+        keep = self.rows % (STRIDE * every) == 0
+        known = Known(self.known.force[keep], (self.known.place[0][keep], self.known.place[1][keep]))
+        made = replace(
+            self,
+            rows=self.rows[keep],
+            inputs=_of_rows(self.inputs, keep),
+            load_rate_nm_s=self.load_rate_nm_s[keep],
+            position_rate_rad_s=self.position_rate_rad_s[keep],
+            position_curvature_rad_s2=self.position_curvature_rad_s2[keep],
+            nominal=_of_rows(self.nominal, keep),
+            reference=_of_rows(self.reference, keep),
+            known=known,
+            drive=None if self.drive is None else self.drive.of_rows(*self.drive.signals.thinned(every)),
+            cache={},
+        )
+        return made, keep
+
     def with_inputs(self, key: object, **changes: Array) -> Residuals:
         """Residuals of the nominal model for other inputs; kept under ``key``."""
         if key not in self.cache:
@@ -156,6 +175,11 @@ class DynamicsSignals:
         return found
 
 
+def _of_rows(values: Any, keep: Flags) -> Any:
+    """Inputs or residuals of some rows."""
+    return replace(values, **{f.name: getattr(values, f.name)[keep] for f in fields(values)})
+
+
 def missing_for_dynamics(stack: Stack) -> str:
     """What logs lack for channels *load to motion* and *base wrench*, loads apart; empty if nothing."""
     if stack.recordings[0].joint_names != facts.JOINT_NAMES:
@@ -200,13 +224,13 @@ def dynamics_signals(stack: Stack, effects: Sequence[Effect], drive: ChannelView
         acceleration_rad_s2=slope(velocity, stack.period_s),
         load_nm=load,
     )
-    inputs = Inputs(**{f.name: stack.smooth(getattr(raw, f.name))[rows] for f in fields(Inputs)})
+    inputs = Inputs(**{f.name: stack.smooth(getattr(raw, f.name), rows) for f in fields(Inputs)})
     length = np.linalg.norm(inputs.world_from_body_wxyz, axis=1, keepdims=True)
     inputs = replace(inputs, world_from_body_wxyz=inputs.world_from_body_wxyz / np.maximum(length, 1e-9))
     position_rate = stack.rate(raw.position_rad)
     model = BodyModel(effects)
     full = residuals(model, raw)
-    nominal = Residuals(*(stack.smooth(getattr(full, f.name))[rows] for f in fields(Residuals)))
+    nominal = Residuals(*(stack.smooth(getattr(full, f.name), rows) for f in fields(Residuals)))
     force = needed_forces(model, inputs)
     place = contact_point_and_jacobian(inputs.position_rad, inputs.world_from_body_wxyz, model.foot_radius_m)
     has_flags = all(r.has("foot_contact") for r in stack.recordings)
@@ -217,9 +241,9 @@ def dynamics_signals(stack: Stack, effects: Sequence[Effect], drive: ChannelView
         model=model,
         rows=rows,
         inputs=inputs,
-        load_rate_nm_s=stack.rate(load)[rows],
+        load_rate_nm_s=stack.rate(load, rows),
         position_rate_rad_s=position_rate[rows],
-        position_curvature_rad_s2=stack.rate(position_rate)[rows],
+        position_curvature_rad_s2=stack.rate(position_rate, rows),
         contact=flags.astype(np.bool_),
         has_flags=has_flags,
         nominal=nominal,

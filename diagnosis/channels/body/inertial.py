@@ -6,7 +6,7 @@ that lags, which need a second derivative, keep their size.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -39,14 +39,19 @@ class InertialSignals:
     velocity_rate_in_body_m_s2: Array
     """Rate of the velocity's components in the body frame, by the unit, at its own stamps."""
 
+    def thinned(self, every: int) -> tuple[InertialSignals, NDArray[np.bool_]]:
+        """Signals of one of ``every`` rows, and these rows."""
+        keep = self.rows % (STRIDE * every) == 0
+        return replace(self, rows=self.rows[keep]), keep
+
     def finish(self, in_odom: Array) -> Array:
         """An acceleration in odom (N, 3) as the channel's rows have it, shape (n, 6)."""
-        twice = self.stack.smooth(self.stack.smooth(in_odom))[self.rows]
+        twice = self.stack.smooth(self.stack.smooth(in_odom), self.rows)
         return np.concatenate([twice, np.zeros_like(twice)], axis=1)
 
     def finish_rate(self, in_odom: Array) -> Array:
         """The derivative of a velocity, likewise."""
-        once = self.stack.smooth(self.stack.rate(in_odom))[self.rows]
+        once = self.stack.smooth(self.stack.rate(in_odom), self.rows)
         return np.concatenate([once, np.zeros_like(once)], axis=1)
 
 

@@ -69,8 +69,13 @@ class StanceSignals:
     acceleration_in_body_m_s2: Array
     """Rate of the body's velocity as seen in the body, by the inertial unit where there is one. Shape (N, 3)."""
     dynamics: DynamicsSignals | None
-    """For forces, where there are loads; its rows are these rows."""
+    """For forces, where there are loads."""
     cache: dict[object, Any] = field(default_factory=dict, compare=False)
+
+    def thinned(self, every: int) -> tuple[StanceSignals, Flags]:
+        """Signals of one of ``every`` rows, and these rows."""
+        keep = self.rows % (STRIDE * every) == 0
+        return replace(self, rows=self.rows[keep], nominal=self.nominal[keep], cache={}), keep
 
     def corrected(self, key: object, *, foot_radius_m: Array | None = None, **changes: Array) -> Array:
         """The response if signals were others, smoothed, shape (n, 16); kept under ``key``."""
@@ -84,12 +89,12 @@ class StanceSignals:
         """Computed for the one leg that differs, where it is one; the others' bits stay as they are."""
         legs = self._changed_legs(radius, changes)
         if legs is None:
-            return self.stack.smooth(feet(replace(self.kinematics, **changes), radius, self.standing))[self.rows]
+            return self.stack.smooth(feet(replace(self.kinematics, **changes), radius, self.standing), self.rows)
         heading, height = motion_of_feet(replace(self.kinematics, **changes), radius, legs)
         heights = self.raw[1].copy()
         heights[:, legs] = height
         raw = np.concatenate([heading.reshape(len(heading), -1), above_mean(heights, self.standing)], axis=1)
-        new = self.stack.smooth(raw)[self.rows]
+        new = self.stack.smooth(raw, self.rows)
         out = self.nominal.copy()
         out[:, 3 * legs.start : 3 * legs.stop] = new[:, : -facts.N_LEGS]
         out[:, 3 * facts.N_LEGS :] = new[:, -facts.N_LEGS :]
@@ -111,7 +116,7 @@ class StanceSignals:
         heading = _in_heading(self.kinematics.odom_from_body_wxyz, in_body)
         per_foot = np.tile(heading, (1, facts.N_LEGS))
         return np.concatenate(
-            [self.stack.smooth(per_foot)[self.rows], np.zeros((len(self.rows), facts.N_LEGS))], axis=1
+            [self.stack.smooth(per_foot, self.rows), np.zeros((len(self.rows), facts.N_LEGS))], axis=1
         )
 
 
@@ -151,7 +156,7 @@ def stance_view(
         rows = dynamics.rows
     radius = BodyModel(effects).foot_radius_m
     raw = motion_of_feet(kinematics, radius)
-    response = stack.smooth(_rows_of(*raw, standing))[rows]
+    response = stack.smooth(_rows_of(*raw, standing), rows)
     steady = stack.inner(standing)[rows]
     # A height means something against another foot's, and the same feet must stand throughout the filter's reach.
     unchanged = np.all((stack.inner(contact) | stack.inner(~contact))[rows], axis=1)

@@ -62,18 +62,30 @@ class ActuatorSignals:
     cache: dict[object, Any] = field(default_factory=dict, compare=False)
     """Columns that are expensive to compute, by who computed them."""
 
+    stride: int = STRIDE
+    """Every so many rows one is kept."""
+
     @property
     def period_s(self) -> float:
         """Time between rows."""
         return self.stack.period_s
 
+    @property
+    def kept(self) -> slice:
+        """The rows of the channel."""
+        return slice(None, None, self.stride)
+
+    def thinned(self, every: int) -> tuple[ActuatorSignals, slice]:
+        """Signals of one of ``every`` rows, and these rows."""
+        return replace(self, stride=self.stride * every, cache={}), slice(None, None, every)
+
     def finish(self, raw: Array) -> Array:
-        """A raw column of shape (N, J) as the channel's rows have it: smoothed, every second one."""
-        return self.stack.smooth(raw)[::STRIDE]
+        """A raw column of shape (N, J) as the channel's rows have it: smoothed, at those that are kept."""
+        return self.stack.smooth(raw, self.kept)
 
     def finish_rate(self, raw: Array) -> Array:
         """The derivative of a raw column, likewise."""
-        return self.stack.rate(raw)[::STRIDE]
+        return self.stack.rate(raw, self.kept)
 
     def loss_motion(self) -> LossMotion:
         """The motion as the channel's rows have it, for losses between motor and load cell."""

@@ -6,7 +6,7 @@ of the load's lag: over the step that ends at a state, a discrete servo and its 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -28,9 +28,16 @@ class RateSignals:
     velocity_rad_s: Array
     """Shape (N, J)."""
 
+    stride: int = STRIDE
+    """Every so many rows one is kept."""
+
+    def thinned(self, every: int) -> tuple[RateSignals, slice]:
+        """Signals of one of ``every`` rows, and these rows."""
+        return replace(self, stride=self.stride * every), slice(None, None, every)
+
     def finish_rate(self, raw: Array) -> Array:
         """The derivative of (N, J) as the channel's rows have it."""
-        return self.stack.rate(raw)[::STRIDE]
+        return self.stack.rate(raw, slice(None, None, self.stride))
 
 
 def rate_view(stack: Stack, velocity_age_s: float = 0.0) -> ChannelView | ChannelOff:

@@ -76,17 +76,29 @@ def torque_after_nm(
     if not _carries(ready, torque_nm[:1], period_s):
         motion = Motion(position_rad, velocity_rad_s, period_s)
         return np.asarray(ready.torque(torque_nm, motion, ready.start(torque_nm))[0])
+    (torque, position, velocity), place = side_by_side(run, torque_nm, position_rad, velocity_rad_s)
+    out, memory = np.empty_like(torque), ready.start(torque[0])
+    for k in range(len(out)):
+        out[k], memory = ready.torque(torque[k], Motion(position[k], velocity[k], period_s), memory)
+    return np.asarray(out[place])
+
+
+def side_by_side(run: Ints, *values: Array) -> tuple[Array, tuple[Ints, Ints]]:
+    """Recordings beside each other, zero after their ends, so that one step serves all.
+
+    Args:
+        run: Recording of each row, rising. Shape (N,).
+        values: Each of shape (N, J).
+
+    Returns:
+        Shape (number of values, longest recording, number of recordings, J), and the place of each row in it.
+    """
     numbers, first, sizes = np.unique(run, return_index=True, return_counts=True)
-    place = np.arange(len(run)) - np.repeat(first, sizes)
-    shape = (int(sizes.max()), len(numbers), torque_nm.shape[1])
-    row = np.repeat(np.arange(len(numbers)), sizes)
-    given = np.zeros((3, *shape))
-    for padded, values in zip(given, (torque_nm, position_rad, velocity_rad_s), strict=True):
-        padded[place, row] = values
-    out, memory = np.empty(shape), ready.start(given[0, 0])
-    for k in range(shape[0]):
-        out[k], memory = ready.torque(given[0, k], Motion(given[1, k], given[2, k], period_s), memory)
-    return out[place, row]
+    place = np.arange(len(run)) - np.repeat(first, sizes), np.repeat(np.arange(len(numbers)), sizes)
+    out = np.zeros((len(values), int(sizes.max()), len(numbers), values[0].shape[1]))
+    for padded, value in zip(out, values, strict=True):
+        padded[place] = value
+    return out, place
 
 
 def _carries(effect: TorqueEffect, torque: Array, period_s: float) -> bool:
@@ -101,21 +113,20 @@ def direction(velocity_rad_s: Array) -> Array:
     return np.asarray(smooth_sign(velocity_rad_s, FRICTION_SPEED_RAD_S))
 
 
-def presliding(position_rad: Array, starts: Ints, distance_rad: float) -> Array:
+def presliding(position_rad: Array, run: Ints, distance_rad: float) -> Array:
     """Dry friction over its level, as it builds up over a distance after each reversal (Dahl); same shape.
 
     Args:
         position_rad: Shape (N, J).
-        starts: First row of each recording.
+        run: Recording of each row, rising. Shape (N,).
         distance_rad: Over which a contact that sticks gives way, > 0.
     """
-    moved = np.diff(position_rad, axis=0, prepend=position_rad[:1])
-    moved[starts] = 0.0
+    (position,), place = side_by_side(run, position_rad)
+    moved = np.diff(position, axis=0, prepend=position[:1])
     towards, keep = np.sign(moved), np.exp(-np.abs(moved) / distance_rad)
-    out = np.empty_like(position_rad)
-    first = set(starts.tolist())
-    held = np.zeros(position_rad.shape[1])
+    out = np.empty_like(position)
+    held = np.zeros(position.shape[1:])
     for i in range(len(out)):
-        held = np.zeros_like(held) if i in first else towards[i] + (held - towards[i]) * keep[i]
+        held = towards[i] + (held - towards[i]) * keep[i]
         out[i] = held
-    return out
+    return np.asarray(out[place])

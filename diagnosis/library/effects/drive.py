@@ -9,7 +9,7 @@ import numpy as np
 
 from diagnosis.channels.channel import Channel
 from diagnosis.channels.channel_view import Array, ChannelView, Flags, Shape, Views
-from diagnosis.channels.drive.actuator import STRIDE, ActuatorSignals
+from diagnosis.channels.drive.actuator import ActuatorSignals
 from diagnosis.library.base import ALL_OF_IT, STEPS, Coefficient, Grid, LibraryEffect, on_joints
 from diagnosis.library.effects.order_spectrum import slow_orders, strongest_orders
 from diagnosis.library.experiments import LONG_WALK, OTHER_KP, SLOW_WALK, Experiment
@@ -110,7 +110,7 @@ class RippleEntry(LibraryEffect):
         """The strongest slow lines, of which a leg's swing holds a wave or two, and those of the order spectrum."""
         view = views[Channel.SET_POINT_TO_LOAD]
         s: ActuatorSignals = view.signals
-        at, usable = s.position_rad[::STRIDE], view.usable & joints
+        at, usable = s.position_rad[s.kept], view.usable & joints
         trends = (s.finish(s.torque_nm), s.finish(s.velocity_rad_s), s.finish_rate(s.velocity_rad_s))
         legs = view.leg_of_joint
         within = np.array([np.sum(legs[:j] == leg) for j, leg in enumerate(legs)])

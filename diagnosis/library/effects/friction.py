@@ -45,7 +45,7 @@ def _built_up(s: ActuatorSignals, distance_rad: float) -> Array:
     """Direction against which dry friction acts, -1 to 1, built up over a distance; shape (N, J)."""
     key = ("presliding", distance_rad)
     if key not in s.cache:
-        s.cache[key] = presliding(s.position_rad, s.stack.starts(), distance_rad)
+        s.cache[key] = presliding(s.position_rad, s.stack.run, distance_rad)
     found: Array = s.cache[key]
     return found
 

@@ -113,6 +113,6 @@ def _sunk(k: StanceSignals, legs: Flags) -> Array:
     force: Array = k.cache["force"]
     mine = np.where(k.standing & legs, force, 0.0)
     mean = mine.sum(axis=1, keepdims=True) / np.maximum(k.standing.sum(axis=1, keepdims=True), 1)
-    out[:, 2 : 3 * facts.N_LEGS : 3] = -(k.stack.rate(force) * legs)[k.rows]
+    out[:, 2 : 3 * facts.N_LEGS : 3] = -k.stack.rate(force, k.rows) * legs
     out[:, 3 * facts.N_LEGS :] = -(mine - mean)[k.rows]
     return out
