@@ -66,7 +66,7 @@ def features_by_sequence(runs: Sequence[Run], policy: Policy) -> dict[str, list[
     return {name: [f for f in own if len(f) >= WHOLE * max(len(g) for g in own)] for name, own in found.items()}
 
 
-def compare(sequence: str, real: Features, models: Mapping[str, Features], seed: int = 0) -> Compared:
+def compare(sequence: str, real: Features, models: Mapping[str, Features], seed: int = 0, steady: str = "") -> Compared:
     """Distances of one sequence.
 
     Args:
@@ -74,13 +74,16 @@ def compare(sequence: str, real: Features, models: Mapping[str, Features], seed:
         real: Real runs' features.
         models: By model, its runs' features.
         seed: Of the measure's random features.
+        steady: Model that scatters at least as a robot does that walks. Where the robot did not repeat itself, models
+            that stumble give no larger floor than this one.
     """
     reference = SequenceReference.build(sequence, list(real), seed)
     scale = reference.scale
     if len(real) == 1:
         # The robot did not repeat itself: what its models scatter by stands in for what it scatters by.
-        own = [SequenceReference.build(sequence, list(runs), seed).scale for runs in models.values() if len(runs) > 1]
-        scale = np.median(own, axis=0) if own else scale
+        own = {n: SequenceReference.build(sequence, list(r), seed).scale for n, r in models.items() if len(r) > 1}
+        scale = np.median(list(own.values()), axis=0) if own else scale
+        scale = np.minimum(scale, own.get(steady, scale))
 
     def one_number(distances: Array) -> Array:
         return np.asarray(np.mean(distances / scale, axis=-1))

@@ -278,7 +278,8 @@ def compared_by_sequence(bench: Bench, models: Mapping[str, Sequence[Run]]) -> t
         short = sum((r.header.command_sequence or "unnamed") == sequence for r in bench.runs) - len(real[sequence])
         if short:
             notes.append(f"sequence {sequence}: {short} real runs that fell or were cut short are not compared")
-        compared.append(compare(sequence, real[sequence], {name: part[sequence] for name, part in parts.items()}))
+        own = {name: part[sequence] for name, part in parts.items()}
+        compared.append(compare(sequence, real[sequence], own, steady=NOMINAL))
     repeated = [c for c in compared if c.real.shape[0] > 1]
     if repeated and len(repeated) < len(compared):
         # Without a floor of its own, a sequence's distances have another unit.

@@ -35,6 +35,12 @@ WIDENS = (
     "closed loops with the stated effects are farther from the robot ({after:.1f} floors) than without ({before:.1f}); "
     "do not train on this model"
 )
+CLOSES_MOST = 0.5
+"""What explains a gap closes this share of it at least."""
+CLOSES_LITTLE = (
+    "the stated effects close {share:.0f} % of the gap on sequences to which nothing was fitted; something else makes "
+    "the rest"
+)
 WIDER = 0.5
 """Floors by which closed loops must be farther off with a model than without, to say so."""
 
@@ -110,7 +116,7 @@ def assemble(
 
 
 def _sanity(status: Status, found: Explained, shrink: Shrink | None) -> tuple[Status, str]:
-    """Plain errors of the loads are no "no gap", and what widens the gap does not explain it."""
+    """Plain errors of the loads are no "no gap"; what widens the gap, or closes little of it, does not explain it."""
     share = load_error_share(found.views)
     if status == "no_gap" and share > PLAIN_SHARE:
         return "cannot_tell", PLAIN.format(share=100.0 * share)
@@ -118,6 +124,8 @@ def _sanity(status: Status, found: Explained, shrink: Shrink | None) -> tuple[St
         before, after = shrink.d0 / shrink.floor, shrink.d1 / shrink.floor
         if after > before + WIDER:
             return "partly_explained", WIDENS.format(before=before, after=after)
+        if shrink.s is not None and shrink.s < CLOSES_MOST:
+            return "partly_explained", CLOSES_LITTLE.format(share=100.0 * max(shrink.s, 0.0))
     return status, ""
 
 

@@ -48,6 +48,25 @@ def test_runs_of_the_same_law_lie_at_the_floor() -> None:
     assert found.models["other"].mean() > 3.0
 
 
+def test_models_that_stumble_do_not_widen_the_floor_of_a_robot_that_ran_once() -> None:
+    rng = np.random.default_rng(4)
+
+    def runs(scatter: float) -> list[np.ndarray]:
+        return [
+            (rng.standard_normal((400, 36)) + scatter * rng.standard_normal(36)).astype(np.float32) for _ in range(3)
+        ]
+
+    models = {"nominal": runs(0.1), "limited": runs(3.0), "heavier": runs(3.0)}
+    real = runs(0.1)[:1]
+    wide, narrow = compare("a", real, models), compare("a", real, models, steady="nominal")
+    assert narrow.scale[0] < 0.3 * wide.scale[0]
+    assert narrow.models["nominal"].mean() > 3.0 * wide.models["nominal"].mean()
+    repeated = runs(0.1)
+    np.testing.assert_array_equal(
+        compare("a", repeated, models).scale, compare("a", repeated, models, steady="nominal").scale
+    )
+
+
 def test_intervals_of_few_sequences_and_runs_are_wider_by_hand() -> None:
     # Three sequences: √(3/2), and Student's 2.920 with two degrees of freedom over the normal 1.645.
     assert _few([5, 5, 5]) == pytest.approx(np.sqrt(1.5) * 2.9200 / 1.6449, rel=1e-3)
