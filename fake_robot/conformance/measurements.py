@@ -65,9 +65,12 @@ def stream_agrees_with_poll(server: Server) -> str:
 
 @check(f"{_STREAM}: joint_states", "a robot that stands", "as polled", source="robot_state.proto", needs=Needs.MOTION)
 def stream_agrees_while_standing(server: Server) -> str:
-    """The same with power, when loads carry the robot."""
+    """The same with power, when loads carry the robot, and once it has said that it stands."""
     with powered(server):
-        return _compared(server)
+        try:
+            return _compared(server)
+        except SkippedError:
+            return "the robot still moves"
 
 
 def _compared(server: Server) -> str:

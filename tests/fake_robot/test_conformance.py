@@ -40,6 +40,8 @@ from fake_robot.services.identity.license import LicenseService
 from fake_robot.services.identity.robot_id import RobotIdService
 from fake_robot.services.identity.time_sync_clients import TimeSyncClients
 from fake_robot.services.identity.tokens import Credentials, LoginResult, TokenMint
+from fake_robot.services.motion import robot_command
+from fake_robot.services.motion.feedback import feedback
 from fake_robot.services.motion.robot_command import RobotCommandService
 from fake_robot.services.reports import robot_state_message
 from fake_robot.services.reports.robot_state import RobotStateService
@@ -537,6 +539,19 @@ def test_errors_that_show_in_motion_alone_are_found_there(
     brisk = {"power": {"power_on_s": 0.2, "power_off_s": 0.1}, "motion": {"stand_s": 0.8, "sit_s": 0.8}}
     results = list(run_checks(serve(**brisk), Needs.MOTION, ("rates_are_slopes",)))
     assert [result.seen for result in results] == [seen]
+
+
+def test_a_robot_that_says_too_early_that_it_stands_is_found(serve: Serve, monkeypatch: pytest.MonkeyPatch) -> None:
+    def hasty(*arguments: Any, **keywords: Any) -> Any:
+        told = feedback(*arguments, **keywords)
+        stand = told.synchronized_feedback.mobility_command_feedback.stand_feedback
+        stand.status = stand.STATUS_IS_STANDING
+        return told
+
+    monkeypatch.setattr(robot_command, "feedback", hasty)
+    slow = {"power": {"power_on_s": 0.2, "power_off_s": 0.1}, "motion": {"stand_s": 3.0, "sit_s": 0.8}}
+    results = list(run_checks(serve(**slow), Needs.MOTION, ("stream_agrees_while_standing",)))
+    assert [(result.verdict, result.seen) for result in results] == [(Verdict.FAIL, "the robot still moves")]
 
 
 def test_what_a_server_does_not_offer_is_skipped(serve: Serve, monkeypatch: pytest.MonkeyPatch) -> None:
