@@ -241,8 +241,7 @@ class Policy:
     def setpoint_rad(self, action: NDArray[Any]) -> Array:
         """Joint position set-points of an action, canonical order. Shape (..., 12), rad."""
         policy_order = self.contract.action_scale_rad * np.asarray(action, dtype=np.float64) + self.default_position_rad
-        reordered: Array = policy_order[..., self.canonical_from_policy]
-        return reordered
+        return policy_order.take(self.canonical_from_policy, axis=-1)
 
     def gains(self) -> Gains:
         """The contract's gains, canonical order."""

@@ -32,22 +32,18 @@ class Mode(Enum):
     RELEASED = "released", "nothing is sent any more"
 
     meaning: str
+    sends: bool
+    """Whether commands are sent in this mode."""
+    runs_policy: bool
+    """Whether the policy ticks in this mode."""
 
     def __new__(cls, value: str, meaning: str) -> Self:
         """A mode has its name in logs as its value."""
         mode = object.__new__(cls)
         mode._value_, mode.meaning = value, meaning
+        mode.sends = value not in ("ready", "released")
+        mode.runs_policy = value in ("ramping_in", "active", "soft_stop", "ramping_out")
         return mode
-
-    @property
-    def sends(self) -> bool:
-        """Whether commands are sent in this mode."""
-        return self not in (Mode.READY, Mode.RELEASED)
-
-    @property
-    def runs_policy(self) -> bool:
-        """Whether the policy ticks in this mode."""
-        return self in (Mode.RAMPING_IN, Mode.ACTIVE, Mode.SOFT_STOP, Mode.RAMPING_OUT)
 
 
 class ModeInputs(NamedTuple):

@@ -245,12 +245,11 @@ def _asked_of_policy(memory: Memory, state: RobotState, now: Snapshot, plan: Pla
         return plan.rest, False
     wanted = plan.wanted_at(max(0.0, (state.robot_stamp_ns - phase.active_since_ns) / NS_PER_S), now.host_ns)
     policy, command = plan.policy, wanted.command.tolist()
-    bounds = zip(command, policy.command_low, policy.command_high, strict=True)
-    within = [min(max(value, low), high) for value, low, high in bounds]
-    if within == command:
+    low, high = policy.command_low, policy.command_high
+    if not any(value < least or value > most for value, least, most in zip(command, low, high, strict=True)):
         return wanted.command, wanted.is_finished
     notes.once(EventName.COMMAND_CLIPPED, "the command was cut to the policy's range")
-    return np.array(within), wanted.is_finished
+    return np.clip(command, low, high), wanted.is_finished
 
 
 def _aim(

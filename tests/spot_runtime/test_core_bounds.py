@@ -532,6 +532,24 @@ def test_a_battery_that_was_never_known_is_waited_for_a_shorter_time(
     assert watch(memory, slow, bound_ns + MS, longest_s)[1] == Stop(StopReason.BATTERY_UNKNOWN, "charge", values)
 
 
+def test_a_poll_is_believed_once_and_what_is_wrong_with_one_is_said_each_time(make_slow: MakeSlow) -> None:
+    good = make_slow(START_NS, battery_current_a=5.0)
+    memory, stop = watch(BatteryMemory(has_discharged=True), good, START_NS, 3.0)
+    assert stop is None
+    assert memory.believed is good
+    again, stop = watch(memory, good, START_NS + 60_000 * MS, 3.0)
+    assert stop is None
+    assert again is memory
+    late_ns = START_NS + 10_000 * MS
+    doubted = make_slow(late_ns, battery_charge_percent=-1.0)
+    charging = make_slow(late_ns, battery_current_a=5.0)
+    for wrong in (doubted, charging):
+        after, first = watch(memory, wrong, late_ns, 3.0)
+        _, second = watch(after, wrong, late_ns, 3.0)
+        assert first is not None
+        assert first == second
+
+
 def test_what_cannot_be_true_is_neither_low_nor_hot(make_slow: MakeSlow) -> None:
     for changes in ({"battery_charge_percent": -0.1}, {"motor_temperature_c": {"fl_kn": 200.1}}):
         assert check_slow_state(BatteryMemory(), make_slow(START_NS, **changes), START_NS, LIMITS)[1] is None

@@ -71,7 +71,7 @@ def test_it_takes_a_dry_run_shortly_before_and_then_polls() -> None:
     states = warm_receiver(robot).receive(newest, 0, 0.004, lambda: at.append(robot.host_ns))
     assert at == [robot.host_ns - LEAD_NS]
     assert [state.robot_stamp_ns for state in states] == [newest.robot_stamp_ns + 3 * MS]
-    assert robot.asked_s == [pytest.approx(0.0025)] + [0.0] * (LEAD_NS // POLL_NS + 1)
+    assert robot.asked_s == [pytest.approx(0.002)] + [0.0] * (LEAD_NS // POLL_NS + 1)
 
 
 def test_without_a_real_time_priority_it_sleeps_after_the_dry_run() -> None:
@@ -79,7 +79,7 @@ def test_without_a_real_time_priority_it_sleeps_after_the_dry_run() -> None:
     newest = state_at(robot.now_ns, robot.host_ns)
     states = warm_receiver(robot, may_poll=False).receive(newest, 0, 0.004, lambda: at.append(robot.host_ns))
     assert len(at) == len(states) == 1
-    assert robot.asked_s == pytest.approx([0.0025, 0.0015])
+    assert robot.asked_s == pytest.approx([0.002, 0.002])
 
 
 def test_dry_runs_end_where_they_would_delay_the_tick_they_are_for() -> None:
@@ -109,10 +109,14 @@ def test_a_state_that_comes_before_the_dry_run_is_answered_without_it() -> None:
     assert len(states) == 1
 
 
-def test_too_late_for_a_dry_run_it_only_waits() -> None:
-    robot = PunctualRobot()
+def test_a_loop_that_was_busy_takes_a_late_dry_run_and_one_that_was_too_busy_only_waits() -> None:
+    robot, at = PunctualRobot(), []
     newest = state_at(robot.now_ns, robot.host_ns)
-    robot.host_ns += 3 * MS - LEAD_NS
+    robot.host_ns += 3 * MS - LEAD_NS // 2
+    assert len(warm_receiver(robot).receive(newest, 0, 0.004, lambda: at.append(robot.host_ns))) == 1
+    assert at == [robot.host_ns - LEAD_NS // 2 + POLL_NS]
+    robot = PunctualRobot()
+    robot.host_ns += 3 * MS - LEAD_NS // 2 + 1
     assert len(warm_receiver(robot).receive(newest, 0, 0.004, pytest.fail)) == 1
     assert robot.asked_s == [0.004]
 

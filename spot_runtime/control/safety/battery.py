@@ -43,6 +43,8 @@ class BatteryMemory(NamedTuple):
     """Whether the battery ever gave current; a robot that reports none, or counts it the other way, is not judged."""
     charging_since_ns: int = 0
     """Host clock; 0 while it does not charge."""
+    believed: SlowState | None = None
+    """The newest poll that was not doubted: most steps see it again, and need not hold it against itself."""
 
     @property
     def is_unknown(self) -> bool:
@@ -57,6 +59,8 @@ def watch(
 
     A poll in which something is missing, or cannot be true, is passed over; for ``longest_s`` at most.
     """
+    if slow is memory.believed:
+        return memory, None
     temperatures = len(slow.motor_temperature_c) + len(slow.battery_temperature_c)
     doubts = [*_unknown(slow)]
     if temperatures < memory.temperatures:
@@ -78,7 +82,7 @@ def watch(
     if has_discharged and charging_s >= CHARGING_S:
         values = {"charging_s": charging_s, "bound_s": CHARGING_S}
         return after, Stop(StopReason.BATTERY_UNKNOWN, "current: it charges though the motors have power", values)
-    return after, None
+    return after._replace(believed=slow), None
 
 
 def _unknown(slow: SlowState) -> Iterator[str]:

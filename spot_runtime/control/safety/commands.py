@@ -129,7 +129,8 @@ def _is_small_step(sent_rad: Array | None, requested_rad: Array, limits: SafetyL
     if sent_rad is None:
         return True
     step_rad = limits.setpoint_step_rad
-    return bool(((sent_rad - step_rad <= requested_rad) & (requested_rad <= sent_rad + step_rad)).all())
+    pairs = zip(sent_rad.tolist(), requested_rad.tolist(), strict=True)
+    return all(sent - step_rad <= requested <= sent + step_rad for sent, requested in pairs)
 
 
 def _names(mask: NDArray[np.bool_]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from operator import sub
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -176,10 +177,11 @@ def _out_of_bounds(state: RobotState, limits: SafetyLimits) -> Stop | None:
         height_m = body_height_m(state.position_rad, state.odom_from_body_wxyz)
         return Stop(StopReason.BODY_LOW, "", {"height_m": height_m, "bound_m": limits.body_height_m})
     bound_rad_s = limits.joint_velocity_rad_s
-    speed = np.abs(state.velocity_rad_s)
-    if speed.max() > bound_rad_s:
-        values = {"velocity_rad_s": float(speed.max()), "bound_rad_s": bound_rad_s}
-        return Stop(StopReason.JOINT_VELOCITY, facts.JOINT_NAMES[int(speed.argmax())], values)
+    speeds = list(map(abs, state.velocity_rad_s.tolist()))
+    speed = max(speeds)
+    if speed > bound_rad_s:
+        values = {"velocity_rad_s": speed, "bound_rad_s": bound_rad_s}
+        return Stop(StopReason.JOINT_VELOCITY, facts.JOINT_NAMES[speeds.index(speed)], values)
     margin_rad = limits.joint_position_margin_rad
     is_within = is_between(state.position_rad, state.position_rad)
     if not is_within and not is_between(state.position_rad - margin_rad, state.position_rad + margin_rad):
@@ -204,12 +206,12 @@ def _leap(newest: RobotState | None, state: RobotState, limits: SafetyLimits) ->
     if newest is None:
         return None
     passed_s = (state.robot_stamp_ns - newest.robot_stamp_ns) / NS_PER_S
-    moved_rad = np.abs(state.position_rad - newest.position_rad)
-    bound_rad = limits.joint_velocity_rad_s * passed_s + LEAP_RAD
-    if moved_rad.max() > bound_rad:
-        joint = int(moved_rad.argmax())
-        values = {"moved_rad": float(moved_rad[joint]), "bound_rad": bound_rad}
-        return Stop(StopReason.SIGNAL_OUT_OF_RANGE, f"position of {facts.JOINT_NAMES[joint]}", values)
+    moves_rad = list(map(abs, map(sub, state.position_rad.tolist(), newest.position_rad.tolist())))
+    moved_rad, bound_rad = max(moves_rad), limits.joint_velocity_rad_s * passed_s + LEAP_RAD
+    if moved_rad > bound_rad:
+        values = {"moved_rad": moved_rad, "bound_rad": bound_rad}
+        joint = facts.JOINT_NAMES[moves_rad.index(moved_rad)]
+        return Stop(StopReason.SIGNAL_OUT_OF_RANGE, f"position of {joint}", values)
     cosine = abs(float(state.odom_from_body_wxyz.dot(newest.odom_from_body_wxyz)))
     turned_rad, bound_rad = 2.0 * math.acos(min(1.0, cosine)), limits.body_turn_rate_rad_s * passed_s + LEAP_RAD
     if turned_rad > bound_rad:
