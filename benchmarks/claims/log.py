@@ -183,8 +183,7 @@ def read_mcap(path: Path) -> list[Any]:
     """By the mcap package's reader."""
     with path.open("rb") as file:
         rows = [
-            robot_state_from_wire(message.data, message.log_time, with_imu=False)
-            for _, _, message in make_reader(file).iter_messages()
+            robot_state_from_wire(message.data, message.log_time) for _, _, message in make_reader(file).iter_messages()
         ]
     return [np.array([getattr(row, name) for row in rows]) for name in FIELDS]
 

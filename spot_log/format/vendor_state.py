@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from bosdyn.api import robot_state_pb2
@@ -22,15 +22,25 @@ class StateMessageError(BadInputError):
     """A state message is not one of Spot's; the text says what is wrong with it."""
 
 
-def robot_state_from_wire(
-    wire: bytes, host_stamp_ns: int | Callable[[int], int], *, with_imu: bool = True
-) -> RobotState:
+class _ImuPackets(Sequence[ImuPacket]):
+    """Decoded each time they are asked for: it takes as long as all the rest of a state, and no command needs it."""
+
+    def __init__(self, packets: Sequence[robot_state_pb2.ImuState.Packet]) -> None:
+        self._packets = packets
+
+    def __len__(self) -> int:
+        return len(self._packets)
+
+    def __getitem__(self, place: Any) -> Any:
+        return _imu_packet(self._packets[place])
+
+
+def robot_state_from_wire(wire: bytes, host_stamp_ns: int | Callable[[int], int]) -> RobotState:
     """Decode the wire bytes of a RobotStateStreamResponse.
 
     Args:
         wire: The message as it came from the network.
         host_stamp_ns: When it was received, host clock; or what tells this from the state's own stamp.
-        with_imu: Also decode the IMU packets, which takes as long as all the rest.
 
     Raises:
         StateMessageError: The bytes are no such message, or arrays have other lengths than Spot's.
@@ -40,14 +50,12 @@ def robot_state_from_wire(
         message.ParseFromString(wire)
     except DecodeError as error:
         raise StateMessageError(f"state message of {len(wire)} bytes cannot be parsed: {error}") from error
-    return robot_state_from_message(message, host_stamp_ns, with_imu=with_imu)
+    return robot_state_from_message(message, host_stamp_ns)
 
 
 def robot_state_from_message(
     message: robot_state_pb2.RobotStateStreamResponse,
     host_stamp_ns: int | Callable[[int], int],
-    *,
-    with_imu: bool = True,
 ) -> RobotState:
     """Convert a RobotStateStreamResponse; the seven arm joints, where there are any, are left out.
 
@@ -76,7 +84,7 @@ def robot_state_from_message(
         foot_contact=np.array(contacts[:]) == _CONTACT_MADE if contacts else np.zeros(N_LEGS, dtype=np.bool_),
         last_command_key=last.user_command_key,
         last_command_robot_stamp_ns=_stamp_ns(last.received_timestamp),
-        imu=tuple(_imu_packet(packet) for packet in message.inertial_state.packets) if with_imu else (),
+        imu=_ImuPackets(message.inertial_state.packets),
     )
 
 

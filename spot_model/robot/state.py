@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -62,7 +63,7 @@ class RobotState(Measured):
     """Key of the newest command that the robot has received; 0 before the first."""
     last_command_robot_stamp_ns: int
     """When the robot received that command, robot clock; 0 before the first."""
-    imu: tuple[ImuPacket, ...] = ()
+    imu: Sequence[ImuPacket] = ()
 
 
 @dataclass(frozen=True)

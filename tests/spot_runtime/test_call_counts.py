@@ -14,6 +14,7 @@ from statistics import median
 from typing import Any
 
 from spot_log.format.records import RunHeader, WireState
+from spot_log.format.vendor_state import robot_state_from_wire
 from spot_log.read.reader import read_run
 from spot_log.write.logger_process import LoggerProcess
 from spot_log.write.run_writer import RunWriter
@@ -21,6 +22,7 @@ from spot_model.policy.policy import Policy
 from spot_model.robot.state import JointCommand
 from spot_runtime.control.modes import Mode
 from spot_runtime.hal.spot.command_stream import CommandEncoder
+from tests.spot_runtime.log.conftest import SyntheticRun
 from tests.spot_runtime.log.test_wire_columns import state
 from tests.spot_runtime.test_loop import drive_until, make_loop
 
@@ -64,6 +66,13 @@ def test_a_state_handed_to_the_log() -> None:
     assert theirs.recv(1 << 20).endswith(wire)
     ours.close()
     theirs.close()
+
+
+def test_a_state_decoded_for_the_loop() -> None:
+    message = SyntheticRun().message(3)
+    assert len(message.inertial_state.packets) == 3
+    wire = message.SerializeToString()
+    assert calls(lambda: robot_state_from_wire(wire, 1)) < 35  # 26: the inertial unit's packets wait
 
 
 def test_a_command_encoded(robot: Any, zero_policy: Policy) -> None:
