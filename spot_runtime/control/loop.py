@@ -217,7 +217,8 @@ class ControlLoop:
         log = self._sink.health() if robot_ns >= watch.next_log_check_ns else None
         newest = states[-1] if states else watch.newest
         waited_s, control, problems = self._cpu_wait_s(newest, robot_ns), hal.joint_control, hal.problems()
-        return Snapshot(host_ns, robot_ns, states, control, problems, hal.slow_state, hal.clock_age_s, log, waited_s)
+        clock_age_s = 0.0 if log is None else hal.clock_age_s
+        return Snapshot(host_ns, robot_ns, states, control, problems, hal.slow_state, clock_age_s, log, waited_s)
 
     def _cpu_wait_s(self, newest: RobotState | None, robot_ns: int) -> float | None:
         """Asked for once: where a state is so old that the run ends."""

@@ -24,6 +24,7 @@ class Snapshot(NamedTuple):
     """What went wrong beside the streams since the last step."""
     slow: SlowState | None = None
     clock_age_s: float = 0.0
+    """Time since the clocks were compared; 0 between two looks at the log."""
     log: SinkHealth | None = None
     """How the log is doing; None between two looks at it."""
     cpu_wait_s: float | None = None

@@ -382,7 +382,7 @@ def test_a_link_too_slow_for_the_bounds_is_refused_with_the_key_that_would_have_
     assert loop.stop is not None
     assert loop.stop.reason is StopReason.STATE_STALE
     assert loop.stop.values == {"age_s": 0.045, "bound_s": 0.04}
-    assert "a larger safety.state_age_damp_s" in loop.stop.sentence()
+    assert "a slow one: safety.state_age_damp_s" in loop.stop.sentence()
 
 
 def test_a_link_just_within_the_bounds_is_used(robot: Any, zero_policy: Policy) -> None:
