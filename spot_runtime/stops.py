@@ -54,7 +54,7 @@ class StopReason(Enum):
         Reaction.HAND_BACK, 14, "the operator's service is gone", "see its journal; it restarts idle"
     )
     UNGUARDED = StopRule(
-        Reaction.HAND_BACK, 15, "no guardian watches over this program", "see to this computer, then start again"
+        Reaction.HAND_BACK, 15, "no guardian watches over this program", "check this computer, then start again"
     )
     STATE_STALE = StopRule(
         Reaction.DAMP,
