@@ -57,6 +57,9 @@ ARRAYS = (
     ("an entry of ResultData.measured", MeasuredData),
 )
 
+OF_THE_RUNTIME = ("tick", "warm_up", "observe", "observe_many", "gains")
+"""Methods that take or return what only the runtime has; the page does not describe it."""
+
 
 def python_page() -> str:
     """The page."""
@@ -129,7 +132,7 @@ def _class(name: str, cls: Any) -> str:
     lines += [
         _function(k, v, prefix=f"{name}.", level="####")
         for k, v in own.items()
-        if inspect.isfunction(v) and not k.startswith("_") and v.__doc__
+        if inspect.isfunction(v) and not k.startswith("_") and k not in OF_THE_RUNTIME and v.__doc__
     ]
     return "\n".join(line for line in lines if line)
 

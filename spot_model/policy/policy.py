@@ -88,7 +88,8 @@ class _OneRow:
 class Policy:
     """A network with its contract.
 
-    Observations and actions are in the contract's joint order, set-points in the canonical one.
+    Observations and actions are in the contract's joint order, set-points in the canonical one of all logs
+    (fl_hx, fl_hy, fl_kn, fr_hx, …).
     """
 
     contract: PolicyContract
@@ -122,7 +123,7 @@ class Policy:
 
     @property
     def setpoint_speed_rad_s(self) -> float:
-        """Largest speed of its set-points, rad/s: unlimited, beyond the runtime's own limit."""
+        """Largest speed of its set-points, rad/s: infinite, so only the runtime limits it."""
         return float("inf")
 
     @property
@@ -211,7 +212,7 @@ class Policy:
         return np.concatenate([observation, before[..., :-N_OBSERVATION]], axis=-1)
 
     def act(self, observation: NDArray[Any]) -> NDArray[np.float32]:
-        """Run the network. Shape (48,) gives (12,), a batch (n, 48) gives (n, 12); with a history, 48 a tick.
+        """Run the network. Shape (48,) gives (12,), a batch (n, 48) gives (n, 12); with a history, 48 for each tick.
 
         Raises:
             PolicyError: The observation has another width: the caller keeps no history.
