@@ -122,7 +122,7 @@ def ranking_lines(design: Design, offers: Sequence[Offer]) -> list[str]:
     lines += [f"  {w:5.2f}  {in_words(c)}" for c, w in zip(design.causes, design.weights, strict=True)]
     for number, p in enumerate(design.proposals, start=1):
         lines.append("")
-        lines.append(f"{number}. {p.candidate.title} ({p.values})")
+        lines.append(f"{number}. {p.candidate.title}{f' ({p.values})' if p.values else ''}")
         if p.refused:
             lines += [f"   refused: {reason}" for reason in p.refused]
             continue

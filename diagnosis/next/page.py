@@ -94,7 +94,7 @@ def _round(number: int, asked: Asked) -> str:
     came = f"{asked.outcome}, {asked.robot_s:.0f} s of robot time"
     bits = f"{asked.came_bits:.2f} bits of information; {asked.expected_bits:.2f} were expected" if asked.found else ""
     rows = {
-        "experiment": f"{esc(asked.title)} ({esc(asked.values)})",
+        "experiment": esc(asked.title + (f" ({asked.values})" if asked.values else "")),
         "separates": esc(asked.parts),
         "outcome": esc(came) + (f"<br><code>{esc(Path(asked.log).name)}</code>" if asked.log else ""),
         "probabilities": "<br>".join([*(moved or ["changed by less than 1 %"]), bits])

@@ -369,6 +369,7 @@ def test_a_users_own_experiment_is_run_whatever_it_tells_if_it_is_safe(refused: 
     own = Proposal(given(SQUAT), SQUAT, Told(0.0, 1.0, np.zeros((2, 2))), "", refused, is_proved=True)
     plan = Design((("torque_gain",), ()), np.array([0.6, 0.4]), (own,))
     assert plan.worthwhile == (() if refused else (own,))
+    assert ranking_lines(plan, [])[4] == f"1. {SQUAT.name}, from a file", "a file's numbers are not ours to list"
 
 
 def test_files_commands_and_pages_of_a_ranking(tmp_path: Path) -> None:
