@@ -8,6 +8,7 @@ nothing does.
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable
 from typing import Final, NamedTuple
@@ -53,17 +54,20 @@ def fall_of(hal: Hal, limits: SafetyLimits) -> Stop | None:
     return None
 
 
+def _lean_rad(hal: Hal, looks: int) -> float:
+    """Between the body's z axis and the vertical, by the newest state; 0 where none came in so many looks."""
+    for _ in range(looks):
+        for state in hal.receive(0, 0.1)[-1:]:
+            return float(tilt_rad(state.odom_from_body_wxyz))
+    return 0.0
+
+
 def _refuse_if_tipped(hal: Hal) -> None:
     """Raise FaultError for a robot that lies on its side or back: neither stand nor policy is asked to right it."""
-    for _ in range(LOOKS):
-        states = hal.receive(0, 0.1)
-        if not states:
-            continue
-        lean_rad = float(tilt_rad(states[-1].odom_from_body_wxyz))
-        # Values that are not finite are left to the loop, which checks every state before it takes over.
-        if lean_rad > TIPPED_RAD:
-            raise FaultError(f"the body is tilted by {math.degrees(lean_rad):.0f}°; set the robot on its belly or feet")
-        return
+    lean_rad = _lean_rad(hal, LOOKS)
+    # Values that are not finite are left to the loop, which checks every state before it takes over.
+    if lean_rad > TIPPED_RAD:
+        raise FaultError(f"the body is tilted by {math.degrees(lean_rad):.0f}°; set the robot on its belly or feet")
 
 
 class RobotSession:
@@ -188,4 +192,17 @@ class RobotSession:
             self.outcome = self.outcome.after_power_failure(error)
         else:
             if self.robot_id:  # of a robot that was never reached, nothing is known
-                self._event(EventName.POWER_OFF, "the robot sits and its motors are off")
+                self._look_at_rest(hal)
+
+    def _look_at_rest(self, hal: Hal) -> None:
+        """Tell how the robot rests: one that tipped over as it sat down did not end well."""
+        lean_rad = 0.0
+        with contextlib.suppress(HalError):
+            lean_rad = _lean_rad(hal, 1)
+        if not lean_rad > TIPPED_RAD:
+            self._event(EventName.POWER_OFF, "the robot sits and its motors are off")
+            return
+        self._event(EventName.POWER_OFF, "the motors are off; the robot has tipped over: see to it")
+        # After an e-stop it drops as it is, and what went wrong before stays the outcome.
+        if not self.outcome.is_fault and self.outcome.label != StopReason.OPERATOR_ESTOP.label:
+            self._interrupted(Stop(StopReason.TILT, "", {"tilt_rad": lean_rad, "bound_rad": TIPPED_RAD}))

@@ -162,6 +162,26 @@ def test_a_robot_that_lies_on_its_back_is_not_asked_to_stand(
     assert not robot.sent or stands
 
 
+@pytest.mark.parametrize(
+    ("end", "outcome"), [(StopReason.COMPLETED, "tilt"), (StopReason.OPERATOR_ESTOP, "operator_estop")]
+)
+def test_a_robot_that_tips_over_as_it_sits_down_is_not_said_to_sit(end: StopReason, outcome: str) -> None:
+    robot = Troubled()
+
+    def tip() -> None:
+        robot.mutate = lambda state: [replace(state, odom_from_body_wxyz=np.array([0.0, 1.0, 0.0, 0.0]))]
+
+    robot.troubles = {("power_off", 1): tip}
+    told: list[str] = []
+    with StopSignals() as signals:
+        session = RobotSession(signals, lambda _, text: told.append(text))
+        session.drive(lambda: robot, lambda _: ControlEnd(Stop(end), may_stand=False))
+    assert session.outcome.label == outcome
+    assert "the motors are off; the robot has tipped over: see to it" in told
+    assert not any(text.startswith("the robot sits") for text in told)
+    assert robot.calls[-2:] == ["power_off", "close"]
+
+
 def test_a_failure_of_what_is_told_of_shutting_down_keeps_no_power_on() -> None:
     robot = Troubled()
 
