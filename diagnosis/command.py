@@ -14,6 +14,7 @@ import typer
 from typer.core import TyperGroup
 
 from diagnosis.next.command import next_experiment, predict_run
+from spot_model.errors import BadInputError
 
 EXPLAIN = "explain"
 
@@ -73,6 +74,8 @@ def explain_logs(
     seed: Annotated[int, typer.Option("--seed", min=0, help="Random seed.")] = 0,
 ) -> object:  # A Diagnosis: naming it would make --help import it.
     """Explain a sim-to-real gap: where it lies, which effect causes it, how far it shrinks."""
+    if not any(path.exists() for path in logs):
+        raise BadInputError(f"there is no log {logs[0]}; give files written by spot-rl (*.mcap), or folders of them")
     typer.echo("loading the library of effects and the simulator …", err=True)
     from diagnosis.library.extra_effect import chosen_library
     from diagnosis.next.inputs import Inputs, absolute, save_inputs

@@ -15,6 +15,7 @@ from compare import diagnose_command
 from compare.compare import DATA_NAME, LOG_NAME, PAGE_NAME
 from diagnosis import command
 from diagnosis.verdict.diagnose import Diagnosis
+from spot_model.errors import BadInputError
 from spot_model.io.whole import OutputExistsError
 from tests.diagnosis import report_case
 
@@ -72,3 +73,11 @@ def test_the_options_are_those_of_the_diagnosis() -> None:
     assert (inspect.signature(ours), ours.__doc__) == (inspect.signature(theirs), theirs.__doc__)
     names = [[c.name for c in app.registered_commands] for app in (diagnose_command.diagnose, command.diagnose)]
     assert names[0] == names[1]
+
+
+def test_logs_that_are_not_there_are_told_before_anything_is_loaded(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(BadInputError, match=r"there is no log .*nowhere; give files written by spot-rl"):
+        command.explain_logs([tmp_path / "nowhere"], "ideal", tmp_path / "out")
+    assert capsys.readouterr().err == ""
