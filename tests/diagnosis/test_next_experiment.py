@@ -612,6 +612,8 @@ def test_a_prediction_comes_back_from_its_file_and_says_whether_it_held(tmp_path
 def test_words_that_are_no_command_are_logs(tmp_path: Path) -> None:
     (tmp_path / "verdict.json").write_text("{}")
     words = [str(tmp_path / "a.mcap"), "--nominal", "ideal", "--out", str(tmp_path)]
+    assert "there is no log" in str(CliRunner().invoke(diagnose, words).exception)
+    (tmp_path / "a.mcap").touch()
     assert "verdict.json exists" in str(CliRunner().invoke(diagnose, words).exception)
 
 

@@ -286,4 +286,4 @@ def test_a_drawing_library_that_cannot_be_loaded_is_named() -> None:
         check=False,
     )
     assert told.returncode == 2
-    assert told.stderr.startswith("spot-rl compare: error: MUJOCO_GL=nonsense: this drawing library cannot be loaded (")
+    assert "spot-rl compare: error: MUJOCO_GL=nonsense: this drawing library cannot be loaded (" in told.stderr
