@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import Final, NamedTuple
 
@@ -85,8 +85,11 @@ class StopReason(Enum):
     SIGNALS_CONTRADICT = StopRule(
         Reaction.DAMP, 35, "signals contradict each other", "check the robot's sensors and its joint order"
     )
-    SIGNAL_DOUBTED = StopRule(
-        Reaction.HAND_BACK, 36, "a signal that control does not need is wrong", "check the robot's sensors"
+    POSITION_REFUSED = StopRule(
+        Reaction.HAND_BACK,
+        39,
+        "joints are not where they are reported",
+        "check the robot's joint order, signs and calibration",
     )
     SIGNAL_OUT_OF_RANGE = StopRule(
         Reaction.DAMP, 37, "a signal is beyond the range of a Spot", "check the robot's sensors and units"
@@ -182,6 +185,8 @@ class Ending:
     """What began it. A mild end that somebody wanted gives way to whatever comes later; the first fault stays."""
     reaction: Reaction
     """The strongest reaction that any stop has asked for since."""
+    fall: Stop | None = None
+    """That the body tilted too far after something else had begun the end."""
 
 
 def ending_after(ending: Ending | None, stop: Stop) -> Ending:
@@ -191,6 +196,9 @@ def ending_after(ending: Ending | None, stop: Stop) -> Ending:
         return Ending(stop, reaction)
     gives_way = ending.reaction is Reaction.HAND_BACK and not ending.cause.reason.is_fault
     is_stronger = reaction.level > ending.reaction.level
-    if not is_stronger and not (gives_way and stop.reason.is_fault):
+    if gives_way and (is_stronger or stop.reason.is_fault):
+        return Ending(stop, reaction if is_stronger else ending.reaction)
+    is_fall = stop.reason is StopReason.TILT and ending.cause.reason is not StopReason.TILT and ending.fall is None
+    if not is_stronger and not is_fall:
         return ending
-    return Ending(stop if gives_way else ending.cause, reaction if is_stronger else ending.reaction)
+    return replace(ending, reaction=reaction if is_stronger else ending.reaction, fall=stop if is_fall else ending.fall)

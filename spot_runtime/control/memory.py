@@ -18,6 +18,7 @@ from spot_runtime.control.load_average import LoadAverage
 from spot_runtime.control.modes import Mode
 from spot_runtime.control.safety.commands import SetpointMemory
 from spot_runtime.control.safety.signals.check import SignalMemory
+from spot_runtime.control.safety.signals.readers import Doubt
 from spot_runtime.control.safety.watchdogs import WatchMemory
 from spot_runtime.control.set_point import Setpoint
 from spot_runtime.control.snapshot import Phase
@@ -44,6 +45,11 @@ class Plan(NamedTuple):
     """Those of the configuration, for this policy's rate."""
     refusal: Stop | None = None
     """Why this policy must not have the joints."""
+
+    @property
+    def observation_fields(self) -> tuple[str, ...]:
+        """Names of what the policy observes."""
+        return tuple(name for name, _ in self.policy.contract.observation_layout)
 
     @property
     def rest(self) -> Array:
@@ -78,15 +84,15 @@ class Memory(NamedTuple):
     ending: Ending | None = None
     watch: WatchMemory = WatchMemory()
     drive: Drive = Drive()
-    told: frozenset[EventName] = frozenset()
-    """Once-only events that have been reported."""
+    told: frozenset[tuple[EventName, str]] = frozenset()
+    """Once-only events that have been reported, and what they were about."""
     key: int = 0
     """Of the newest command."""
     sent_ns: int = 0
     """When it was made, robot clock."""
     signals: SignalMemory = SignalMemory()
     """What the checks of the robot's signals remember."""
-    found: tuple[Stop, ...] = ()
+    found: tuple[Doubt, ...] = ()
     """What they found since the last step."""
 
 

@@ -10,19 +10,23 @@ damping ──► released (nothing is sent)
 from __future__ import annotations
 
 from enum import Enum
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from typing_extensions import Self
 
 from spot_runtime.config import HandoverConfig
 from spot_runtime.stops import Reaction
 
+TAKE_HOLD_S: Final = 0.4
+"""Robot time in which joint control takes hold: twenty policy periods, so that a tenfold stiffness rises by an eighth in
+each of them, and has not doubled before the answer to it is back."""
+
 
 class Mode(Enum):
     """What the loop does with the joints."""
 
     READY = "ready", "the vendor's stand holds the robot, the load is averaged, nothing is sent"
-    ACTIVATING = "activating", "the measured pose is sent while the robot switches to joint control"
+    ACTIVATING = "activating", "the robot switches to joint control, and its pose is held ever more stiffly"
     RAMPING_IN = "ramping_in", "from the measured pose with the stand's gains to the policy"
     ACTIVE = "active", "the policy follows the velocity command"
     SOFT_STOP = "soft_stop", "the policy, while the velocity command fades to zero"
@@ -54,8 +58,8 @@ class ModeInputs(NamedTuple):
     reaction: Reaction | None = None
     """How the run is to end; None while it goes on."""
     is_activation_asked: bool = False
-    is_active: bool = False
-    """The robot has confirmed joint control."""
+    held_s: float = 0.0
+    """Robot time since it confirmed joint control; 0 before."""
 
 
 def next_mode(mode: Mode, inputs: ModeInputs, config: HandoverConfig) -> Mode:
@@ -66,7 +70,7 @@ def next_mode(mode: Mode, inputs: ModeInputs, config: HandoverConfig) -> Mode:
             return forced
     if mode is Mode.READY and inputs.is_activation_asked:
         return Mode.ACTIVATING
-    if mode is Mode.ACTIVATING and inputs.is_active:
+    if mode is Mode.ACTIVATING and inputs.held_s >= TAKE_HOLD_S:
         return Mode.RAMPING_IN
     if mode is Mode.RAMPING_IN and inputs.in_mode_s >= config.ramp_in_s:
         return Mode.ACTIVE

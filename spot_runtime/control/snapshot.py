@@ -36,6 +36,8 @@ class Phase(NamedTuple):
 
     mode: Mode
     since_ns: int
+    held_since_ns: int = 0
+    """When the robot confirmed joint control; 0 before."""
     control_since_ns: int = 0
     """When the policy began to tick; 0 before."""
     active_since_ns: int = 0

@@ -21,8 +21,9 @@ from spot_runtime.control.modes import Mode, ModeInputs, next_mode
 from spot_runtime.control.notes import Notes
 from spot_runtime.control.safety import watchdogs
 from spot_runtime.control.safety.commands import check_command, limit_setpoint
-from spot_runtime.control.safety.signals.check import asked, check_signals
-from spot_runtime.control.set_point import Setpoint, asked_setpoint, hold_setpoint, within_stops
+from spot_runtime.control.safety.signals.check import Situation, asked, check_signals
+from spot_runtime.control.safety.signals.readers import relied_on
+from spot_runtime.control.set_point import Setpoint, asked_setpoint, hold_setpoint, taking_hold, within_stops
 from spot_runtime.control.snapshot import Phase, Snapshot
 from spot_runtime.hal.base import JointControl
 from spot_runtime.hal.errors import HalError
@@ -82,10 +83,11 @@ def check_step(step: Step) -> Memory:
         The step's memory with what was found.
     """
     memory = step.memory
-    signals, mode = memory.signals, memory.phase.mode
+    signals, mode, is_confirmed = memory.signals, memory.phase.mode, memory.phase.held_since_ns > 0
     if step.command is not None and (step.tick is not None or Act.BEGIN in step.acts):
         signals = asked(signals, step.command)
-    signals, found = check_signals(signals, step.usable, is_standing=mode is Mode.READY, is_driven=mode.runs_policy)
+    situation = Situation(mode is Mode.READY, mode is Mode.ACTIVATING and is_confirmed, mode.runs_policy)
+    signals, found = check_signals(signals, step.usable, situation)
     return memory._replace(signals=signals, found=found)
 
 
@@ -110,12 +112,22 @@ def after_failure(memory: Memory, error: Exception, now: Snapshot) -> Step:
 
 
 def _found(memory: Memory, plan: Plan, notes: Notes) -> tuple[Stop, ...]:
-    """What stands against this policy, and what the checks of the signals found after the last step."""
-    refused = () if plan.refusal is None else (plan.refusal,)
-    if memory.found and plan.limits.signals == "warn":
-        notes.once(EventName.SIGNAL_DOUBTED, memory.found[0].sentence(), memory.found[0].values)
-        return refused
-    return (*refused, *memory.found)
+    """What stands against this policy, and what the checks of the signals found after the last step.
+
+    A doubt about signals on which nothing relies is only told.
+    """
+    stops = () if plan.refusal is None else (plan.refusal,)
+    if not memory.found:
+        return stops
+    relied = relied_on(plan.observation_fields, memory.phase.mode)
+    for doubt in memory.found:
+        if doubt.suspects & relied and plan.limits.signals == "stop":
+            stops += (doubt.stop,)
+        else:
+            why = "the configuration only warns" if doubt.suspects & relied else "nothing in control relies on it"
+            about = ", ".join(sorted(signal.value for signal in doubt.suspects))
+            notes.once(EventName.SIGNAL_DOUBTED, f"{doubt.stop.sentence()}; {why}", doubt.stop.values, about=about)
+    return stops
 
 
 # Modes ---------------------------------------------------------------------------------------------------------------
@@ -127,6 +139,9 @@ def _end_and_move(
     """Take every stop, then move the mode machine as far as it goes now."""
     acts: tuple[Act, ...] = ()
     newest = memory.watch.newest
+    phase = memory.phase
+    if phase.mode is Mode.ACTIVATING and not phase.held_since_ns and now.joint_control is JointControl.ACTIVE:
+        memory = memory._replace(phase=phase._replace(held_since_ns=now.robot_ns))
     # A link on which no state is fresh enough would end the run as soon as it has begun.
     is_fresh = newest is not None and now.robot_ns - newest.robot_stamp_ns < limits.state_age_damp_s * NS_PER_S
     for stop in stops:
@@ -138,7 +153,7 @@ def _end_and_move(
             in_mode_s=(now.robot_ns - phase.since_ns) / NS_PER_S,
             reaction=None if memory.ending is None else memory.ending.reaction,
             is_activation_asked=memory.loads.is_full and is_fresh and not memory.watch.battery.is_unknown,
-            is_active=now.joint_control is JointControl.ACTIVE,
+            held_s=(now.robot_ns - phase.held_since_ns) / NS_PER_S if phase.held_since_ns else 0.0,
         )
         following = next_mode(phase.mode, inputs, memory.handover)
         if following is phase.mode:
@@ -156,15 +171,15 @@ def _end(memory: Memory, stop: Stop, notes: Notes) -> tuple[Memory, tuple[Act, .
     # A hand-back that has begun keeps its pace: a ramp must not jump.
     is_hastened = memory.ending is None and stop.reason.is_urgent
     handover = memory.handover.hastened() if is_hastened else memory.handover
-    return memory._replace(ending=ending, handover=handover), (
-        (Act.ESTOP,) if ending.reaction is Reaction.ESTOP else ()
-    )
+    is_pressed = memory.ending is not None and memory.ending.reaction is Reaction.ESTOP
+    acts = (Act.ESTOP,) if ending.reaction is Reaction.ESTOP and not is_pressed else ()
+    return memory._replace(ending=ending, handover=handover), acts
 
 
 def _enter(memory: Memory, mode: Mode, now: Snapshot, notes: Notes) -> tuple[Memory, tuple[Act, ...]]:
-    phase, drive = memory.phase, memory.drive
-    notes.event(EventName.MODE, f"{phase.mode.value} → {mode.value}")
-    phase = Phase(mode, now.robot_ns, phase.control_since_ns, phase.active_since_ns)
+    phase, drive, before = memory.phase, memory.drive, memory.phase.mode
+    notes.event(EventName.MODE, f"{before.value} → {mode.value}")
+    phase = phase._replace(mode=mode, since_ns=now.robot_ns)
     acts: tuple[Act, ...] = ()
     if mode is Mode.ACTIVATING:
         drive, acts = _held(memory), (Act.BEGIN,)
@@ -175,7 +190,9 @@ def _enter(memory: Memory, mode: Mode, now: Snapshot, notes: Notes) -> tuple[Mem
     elif mode is Mode.SOFT_STOP:
         drive = drive._replace(fade_from=drive.command)
     elif mode is Mode.STANDING:
-        drive, acts = drive._replace(current=drive.hold, command=np.zeros_like(drive.command)), (Act.END,)
+        # A pose that is not held firmly yet may be another than the robot's, so it does not become firmer.
+        hold = drive.current if before is Mode.ACTIVATING else drive.hold
+        drive, acts = drive._replace(hold=hold, current=hold, command=np.zeros_like(drive.command)), (Act.END,)
     elif mode is Mode.RELEASED:
         acts = (Act.RELEASE,)
     return memory._replace(phase=phase, drive=drive), acts
@@ -188,7 +205,8 @@ def _held(memory: Memory) -> Drive:
         raise RuntimeError("joint control cannot begin without a state")
     hold = hold_setpoint(within_stops(newest.position_rad), memory.loads.mean_nm())
     limits = memory.drive.limits._replace(sent_rad=hold.position_rad)
-    return memory.drive._replace(hold=hold, current=hold, requested_rad=hold.position_rad, limits=limits)
+    current = taking_hold(hold, 0.0)
+    return memory.drive._replace(hold=hold, current=current, requested_rad=hold.position_rad, limits=limits)
 
 
 # Set-points ----------------------------------------------------------------------------------------------------------
@@ -246,7 +264,7 @@ def _limited(
         raise RuntimeError("there is no held pose; joint control has not begun")
     asked = asked_setpoint(
         phase.mode,
-        (now.robot_ns - phase.since_ns) / NS_PER_S,
+        (now.robot_ns - _began_ns(phase, now)) / NS_PER_S,
         hold=hold,
         policy_rad=None if result is None else result.setpoint_rad,
         policy_gains=plan.policy_gains,
@@ -262,6 +280,11 @@ def _limited(
     current = Setpoint(limited.position_rad, asked.load_nm, asked.gains)
     drive = Drive(hold, current, asked.position_rad, after, drive.policy, drive.command, drive.fade_from)
     return memory._replace(drive=drive), stop
+
+
+def _began_ns(phase: Phase, now: Snapshot) -> int:
+    """When the set-point of a mode began to change: taking hold waits until the robot has confirmed joint control."""
+    return (phase.held_since_ns or now.robot_ns) if phase.mode is Mode.ACTIVATING else phase.since_ns
 
 
 # Commands ------------------------------------------------------------------------------------------------------------

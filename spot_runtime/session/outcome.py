@@ -1,7 +1,8 @@
-"""How a run ended: the first thing that went wrong stays the outcome, whatever follows."""
+"""How a run ended: the first thing that went wrong stays the outcome, whatever follows, unless the robot fell."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 from spot_runtime.hal.errors import HalError
@@ -24,6 +25,12 @@ class Outcome:
         reason = stop.reason
         return self._after(Outcome(reason.label, reason.exit_code, stop.sentence(), is_fault=reason.is_fault))
 
+    def after_fall(self, lean_rad: float) -> Outcome:
+        """The outcome once the robot is seen to lie on its side or back."""
+        words = f"the robot fell and lies at {math.degrees(lean_rad):.0f}°; see to it"
+        tilt = StopReason.TILT
+        return Outcome(tilt.label, tilt.exit_code, f"{self.sentence}; then {words}" if self.sentence else words, is_fault=True)
+
     def after_error(self, error: HalError) -> Outcome:
         """The outcome once the robot could not be used."""
         return self._after(Outcome(error.label, error.exit_code, str(error), is_fault=True))
@@ -36,6 +43,7 @@ class Outcome:
         return Outcome("power_off_failed", error.exit_code, f"{self.sentence}; then {words}", is_fault=True)
 
     def _after(self, later: Outcome) -> Outcome:
-        if not self.is_fault:
+        is_fall = self.sentence and later.label == StopReason.TILT.label
+        if not self.is_fault and not is_fall:
             return later
-        return replace(self, sentence=f"{self.sentence}; then {later.sentence}")
+        return replace(later if is_fall else self, sentence=f"{self.sentence}; then {later.sentence}")

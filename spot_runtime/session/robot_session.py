@@ -37,6 +37,8 @@ class ControlEnd(NamedTuple):
     may_stand: bool
     """Whether the vendor's controller may be asked to stand first, so that the robot sits down in good order: not when
     it stands already, must be quick, lies, is tipped, or is not believed."""
+    fall: Stop | None = None
+    """That the body tilted too far afterwards."""
 
 
 def control_end(ending: Ending | None) -> ControlEnd:
@@ -44,7 +46,7 @@ def control_end(ending: Ending | None) -> ControlEnd:
     if ending is None:
         return ControlEnd(Stop(StopReason.COMPLETED), may_stand=True)
     is_mild = ending.reaction is Reaction.HAND_BACK and not ending.cause.reason.is_urgent
-    return ControlEnd(ending.cause, may_stand=is_mild)
+    return ControlEnd(ending.cause, may_stand=is_mild, fall=ending.fall)
 
 
 def fall_of(hal: Hal, limits: SafetyLimits) -> Stop | None:
@@ -60,14 +62,6 @@ def _lean_rad(hal: Hal, looks: int) -> float:
         for state in hal.receive(0, 0.1)[-1:]:
             return float(tilt_rad(state.odom_from_body_wxyz))
     return 0.0
-
-
-def _refuse_if_tipped(hal: Hal) -> None:
-    """Raise FaultError for a robot that lies on its side or back: neither stand nor policy is asked to right it."""
-    lean_rad = _lean_rad(hal, LOOKS)
-    # Values that are not finite are left to the loop, which checks every state before it takes over.
-    if lean_rad > TIPPED_RAD:
-        raise FaultError(f"the body is tilted by {math.degrees(lean_rad):.0f}°; set the robot on its belly or feet")
 
 
 class RobotSession:
@@ -93,7 +87,7 @@ class RobotSession:
         """
         self._limits = limits or SafetyLimits()
         self._signals, self._event, self._say, self._on_shut_down = signals, event, say, on_shut_down
-        self._has_told_shut_down = False
+        self._has_told_shut_down, self._is_fall_told = False, False
         self.hal: Hal | None = None
         self.robot_id = ""
         """Who answered; empty before."""
@@ -144,6 +138,8 @@ class RobotSession:
             self._signals.interrupts = False
             end = control(hal)
             self.outcome = self.outcome.after_stop(end.stop)
+            if end.fall is not None:
+                self.outcome = self.outcome.after_stop(end.fall)
             self.shut_down(may_stand=end.may_stand)
         except HalError as error:
             self.outcome = self.outcome.after_error(error)
@@ -161,7 +157,11 @@ class RobotSession:
         round_trip_ms = info.round_trip_s * 1e3
         text = f"{info.robot_id}; clock {info.clock_skew_s:+.3f} s from ours, round trip {round_trip_ms:.1f} ms"
         self._event(EventName.CONNECTED, text)
-        _refuse_if_tipped(hal)
+        lean_rad = _lean_rad(hal, LOOKS)
+        # Values that are not finite are left to the loop, which checks every state before it takes over.
+        if lean_rad > TIPPED_RAD:  # neither stand nor policy is asked to right it
+            self._is_fall_told = True
+            raise FaultError(f"the body is tilted by {math.degrees(lean_rad):.0f}°; set the robot on its belly or feet")
         self._say("powering on and standing …")
         hal.stand()
 
@@ -184,25 +184,23 @@ class RobotSession:
             self._interrupted(stop)
 
     def _power_off(self, hal: Hal) -> None:
-        """Sit and cut power; if that fails, log, outcome and summary say so."""
+        """Sit and cut power, and look how the robot rests; log, outcome and summary say what did not go well."""
+        is_off = True
         try:
             hal.power_off()
         except HalError as error:
+            is_off = False
             self._event(EventName.POWER_OFF_FAILED, f"{error}; see to the robot")
             self.outcome = self.outcome.after_power_failure(error)
-        else:
-            if self.robot_id:  # of a robot that was never reached, nothing is known
-                self._look_at_rest(hal)
-
-    def _look_at_rest(self, hal: Hal) -> None:
-        """Tell how the robot rests: one that tipped over as it sat down did not end well."""
+        if not self.robot_id:  # of a robot that was never reached, nothing is known
+            return
         lean_rad = 0.0
         with contextlib.suppress(HalError):
             lean_rad = _lean_rad(hal, 1)
-        if not lean_rad > TIPPED_RAD:
-            self._event(EventName.POWER_OFF, "the robot sits and its motors are off")
-            return
-        self._event(EventName.POWER_OFF, "the motors are off; the robot has tipped over: see to it")
-        # After an e-stop it drops as it is, and what went wrong before stays the outcome.
-        if not self.outcome.is_fault and self.outcome.label != StopReason.OPERATOR_ESTOP.label:
-            self._interrupted(Stop(StopReason.TILT, "", {"tilt_rad": lean_rad, "bound_rad": TIPPED_RAD}))
+        has_fallen = lean_rad > TIPPED_RAD
+        if is_off:
+            lies = "the motors are off; the robot has tipped over: see to it"
+            self._event(EventName.POWER_OFF, lies if has_fallen else "the robot sits and its motors are off")
+        if has_fallen and not self._is_fall_told:
+            self._is_fall_told = True
+            self.outcome = self.outcome.after_fall(lean_rad)

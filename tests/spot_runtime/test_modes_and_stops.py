@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from spot_log.format.records import Severity
 from spot_runtime.config import HandoverConfig
-from spot_runtime.control.modes import Mode, ModeInputs, next_mode
+from spot_runtime.control.modes import TAKE_HOLD_S, Mode, ModeInputs, next_mode
 from spot_runtime.stops import Ending, Reaction, Stop, StopReason, ending_after
 
 CONFIG = HandoverConfig()
@@ -33,7 +33,8 @@ def test_the_way_of_a_good_run() -> None:
         ModeInputs(0.0),
         ModeInputs(0.3, is_activation_asked=True),
         ModeInputs(late),
-        ModeInputs(0.1, is_active=True),
+        ModeInputs(0.1, held_s=math.nextafter(TAKE_HOLD_S, 0.0)),
+        ModeInputs(0.1, held_s=TAKE_HOLD_S),
         ModeInputs(CONFIG.ramp_in_s - 0.001),
         ModeInputs(CONFIG.ramp_in_s),
         ModeInputs(late),
@@ -44,6 +45,7 @@ def test_the_way_of_a_good_run() -> None:
         ModeInputs(late, reaction=HAND_BACK),
     ) == [
         Mode.READY,
+        Mode.ACTIVATING,
         Mode.ACTIVATING,
         Mode.ACTIVATING,
         Mode.RAMPING_IN,
@@ -76,16 +78,16 @@ def test_before_joint_control_every_stop_means_that_nothing_is_ever_sent(reactio
     assert next_mode(Mode.READY, ModeInputs(0.0, reaction), CONFIG) is Mode.RELEASED
 
 
-@given(st.floats(0.0, 1e6), st.one_of(st.none(), REACTIONS), st.booleans(), st.booleans())
+@given(st.floats(0.0, 1e6), st.one_of(st.none(), REACTIONS), st.booleans(), st.floats(0.0, 1e6))
 def test_nothing_leads_back_from_release(
-    in_mode_s: float, reaction: Reaction | None, is_asked: bool, is_active: bool
+    in_mode_s: float, reaction: Reaction | None, is_asked: bool, held_s: float
 ) -> None:
-    assert next_mode(Mode.RELEASED, ModeInputs(in_mode_s, reaction, is_asked, is_active), CONFIG) is Mode.RELEASED
+    assert next_mode(Mode.RELEASED, ModeInputs(in_mode_s, reaction, is_asked, held_s), CONFIG) is Mode.RELEASED
 
 
-@given(st.floats(0.0, 1e6), REACTIONS, st.booleans())
-def test_damping_ends_in_release_alone(in_mode_s: float, reaction: Reaction, is_active: bool) -> None:
-    following = next_mode(Mode.DAMPING, ModeInputs(in_mode_s, reaction, False, is_active), CONFIG)
+@given(st.floats(0.0, 1e6), REACTIONS, st.floats(0.0, 1e6))
+def test_damping_ends_in_release_alone(in_mode_s: float, reaction: Reaction, held_s: float) -> None:
+    following = next_mode(Mode.DAMPING, ModeInputs(in_mode_s, reaction, False, held_s), CONFIG)
     is_over = in_mode_s >= CONFIG.damping_s or reaction is EXPIRE
     assert following is (Mode.RELEASED if is_over else Mode.DAMPING)
 
@@ -98,7 +100,7 @@ def test_damping_ends_at_its_time() -> None:
 @given(st.sampled_from([m for m in Mode if m.sends]), REACTIONS)
 def test_a_stopped_run_never_becomes_active_again(mode: Mode, reaction: Reaction) -> None:
     for in_mode_s in (0.0, 1.0, 10.0, 100.0) * 5:
-        mode_after = next_mode(mode, ModeInputs(in_mode_s, reaction, True, True), CONFIG)
+        mode_after = next_mode(mode, ModeInputs(in_mode_s, reaction, True, 100.0), CONFIG)
         assert mode_after is not Mode.ACTIVE or mode is Mode.ACTIVE
         assert mode_after is not Mode.RAMPING_IN
         mode = mode_after
@@ -121,6 +123,24 @@ def test_the_first_thing_that_goes_wrong_stays_the_cause_and_the_reaction_only_g
     ending = ending_after(ending, lost)
     assert (ending.cause, ending.reaction) == (tilt, EXPIRE)
     assert ending_after(ending, stale) is ending
+
+
+def test_a_body_that_tilts_later_is_kept_beside_the_cause() -> None:
+    stale, tilt, later, done = (
+        Stop(StopReason.STATE_STALE),
+        Stop(StopReason.TILT, values={"tilt_rad": 0.8}),
+        Stop(StopReason.TILT, values={"tilt_rad": 1.2}),
+        Stop(StopReason.COMPLETED),
+    )
+    ending = ending_after(ending_after(None, stale), tilt)
+    assert ending == Ending(stale, DAMP, fall=tilt)
+    assert ending_after(ending, later) is ending
+    assert ending_after(ending_after(None, Stop(StopReason.STATE_LOST)), tilt).reaction is EXPIRE
+    lost = ending_after(ending, Stop(StopReason.STATE_LOST))
+    assert lost == Ending(stale, EXPIRE, fall=tilt)
+    # What gave way is no cause beside which anything is kept, and a tilt that is the cause is not told twice.
+    assert ending_after(ending_after(None, done), tilt) == Ending(tilt, DAMP)
+    assert ending_after(Ending(tilt, DAMP), later) == Ending(tilt, DAMP)
 
 
 def test_only_an_end_that_somebody_wanted_gives_way() -> None:
@@ -179,9 +199,9 @@ TABLE = {
     "ticks_skipped": (DAMP, 33, False),
     "signal_frozen": (DAMP, 34, False),
     "signals_contradict": (DAMP, 35, False),
-    "signal_doubted": (HAND_BACK, 36, False),
     "signal_out_of_range": (DAMP, 37, False),
     "policy_out_of_bounds": (DAMP, 38, False),
+    "position_refused": (HAND_BACK, 39, False),
     "command_unconfirmed": (DAMP, 40, False),
     "command_refused": (EXPIRE, 41, False),
     "activation_failed": (EXPIRE, 42, False),

@@ -32,20 +32,32 @@ class AnswerMemory(NamedTuple):
     """Its product with the measured load. Shape (12,)."""
     load_load: Array = _NO_JOINTS
     """Squares of that load. Shape (12,)."""
+    unasked: Array = _NO_JOINTS
+    """Load that was not asked, N·m·s. Shape (12,)."""
     apart: Array = _NO_LEGS
     """Squares of what each leg would have been asked with the set-points of another, less what it was. Shape (4, 4)."""
     missed: Array = _NO_LEGS
     """Squares of each leg's loads, less what it would have been asked with the set-points of another. Shape (4, 4)."""
     wrong_windows: NDArray[np.int64] = _NO_JOINT_COUNTS
-    """In a row in which the load turned against what was asked, or far exceeded it. Shape (12,)."""
+    """In a row in which the load turned against what was asked, far exceeded it, or lay beside it. Shape (12,)."""
     anothers_windows: NDArray[np.int64] = _NO_LEG_COUNTS
     """In a row in which a leg's loads answered another leg. Shape (4,)."""
 
 
-def after_window(memory: AnswerMemory, window: Window, command: JointCommand) -> AnswerMemory:
-    """The memory after one more window; ``command`` is the newest that the robot says it has."""
+def after_window(
+    memory: AnswerMemory, window: Window, command: JointCommand, is_measured: NDArray[np.bool_]
+) -> AnswerMemory:
+    """The memory after one more window.
+
+    Args:
+        memory: Before it.
+        window: The states.
+        command: The newest that the robot says it has.
+        is_measured: Joints whose load lives; one that repeats itself says nothing about its joint. Shape (12,).
+    """
     state = window.last
-    asked, load = torque_nm(command, state.position_rad, state.velocity_rad_s), state.load_nm
+    asked = torque_nm(command, state.position_rad, state.velocity_rad_s)
+    load = np.where(is_measured, state.load_nm, asked)
     apart = _apart(command)
     missed = _legs(load - asked)[:, np.newaxis] - apart
     fade = max(0.0, 1.0 - window.duration_s / bounds.ANSWER_MEMORY_S)
@@ -58,6 +70,7 @@ def after_window(memory: AnswerMemory, window: Window, command: JointCommand) ->
         summed(memory.asked_asked, asked * asked),
         summed(memory.asked_load, asked * load),
         summed(memory.load_load, load * load),
+        summed(memory.unasked, load - asked),
         summed(memory.apart, (apart * apart).sum(axis=2)),
         summed(memory.missed, (missed * missed).sum(axis=2)),
     )
@@ -71,7 +84,10 @@ def after_window(memory: AnswerMemory, window: Window, command: JointCommand) ->
 
 def _is_wrong(memory: AnswerMemory) -> NDArray[np.bool_]:
     is_known = memory.asked_asked >= bounds.ANSWER_NM**2 * memory.felt_s
-    return is_known & ((memory.asked_load < 0.0) | (memory.asked_load > bounds.ANSWER_MOST * memory.asked_asked))
+    is_turned = is_known & ((memory.asked_load < 0.0) | (memory.asked_load > bounds.ANSWER_MOST * memory.asked_asked))
+    asked_rms_nm = np.sqrt(memory.asked_asked / memory.felt_s)
+    allowed_nm = bounds.UNASKED_NM + bounds.UNASKED_SHARE * asked_rms_nm
+    return is_turned | (np.abs(memory.unasked) > allowed_nm * memory.felt_s)
 
 
 def _is_anothers(memory: AnswerMemory) -> NDArray[np.bool_]:

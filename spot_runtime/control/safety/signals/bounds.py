@@ -118,6 +118,10 @@ IMU_TURN_RATE_SHARE: Final = 0.3
 IMU_WINDOWS: Final = 5
 """In a row, 0.1 s."""
 
+IMU_STAMP_S: Final = 0.1
+"""Between the stamp of a packet and that of the joints in the same message, which is sent every 3 ms: five policy
+periods."""
+
 IMU_SILENT_WINDOWS: Final = 25
 """Windows in a row without a packet, half a second: those of a link that loses nine states of ten hold some."""
 
@@ -144,6 +148,10 @@ LOWEST_HIP_M: Final = 0.25
 TRAVEL_M: Final = 1.25 * 2.0 * math.sqrt(LEG_M**2 - LOWEST_HIP_M**2)
 """The body cannot travel further with the same feet on the ground: twice the reach of a stretched leg under a hip at
 its lowest allowed height, and a quarter for feet that slide and odometry that errs."""
+
+TRAVEL_MEMORY_S: Final = TRAVEL_M / 0.4
+"""The path fades with this time constant: a body that sways at 0.4 m/s for ever, the push of a robot at rest, stays
+below the bound."""
 
 AIRBORNE_S: Final = 0.8
 """No foot on the ground for longer than a jump to twice the height of the hips, 0.8 m: 2·sqrt(2·0.8 m / g)."""
@@ -182,6 +190,18 @@ neither turn such a load round nor double it."""
 ANSWER_MOST: Final = 2.0
 """Load as a multiple of what was asked, by least squares: gains and sensors err by a quarter of that."""
 
+UNASKED_NM: Final = 10.0
+"""Mean load that nobody asked for: a sensor's offset of 5 N·m and friction of 5 N·m that always opposes the same way."""
+
+UNASKED_SHARE: Final = 0.4
+"""The same as a share of what is asked: motor and sensor that err by 10 % each, and gears that lose 20 %."""
+
+REPEATED_LOADS: Final = 3
+"""Windows in a row, 0.06 s, after which a load that is the same bit for bit is not held against its joint's position."""
+
+HELD_WINDOWS: Final = 2
+"""In a row, while joint control takes hold: the robot is still, so no impact or step is mistaken for an error."""
+
 # The body at rest, before anything is taken over ----------------------------------------------------------------------
 
 REST_SPEED_M_S: Final = 0.4
@@ -207,6 +227,15 @@ SIDEWAYS_SHARE: Final = 1.0
 """Force along the ground on a foot of a robot that stands, as a share of the upward one. Rubber holds this much on dry
 concrete (OpenStax, College Physics, table 5.1), and a robot may press its feet apart with all of it. On the vendor's
 steepest slope, 30°, a share of 0.58 is its own weight's. Legs taken for others may seem to press harder."""
+
+NET_SIDEWAYS_SHARE: Final = 0.35
+"""Sum of the forces along the ground, as a share of the weight. A robot at rest has none; loads that are off by 5 N·m in
+the same way at four hips half a metre above the ground make 0.13, gains that differ by 20 % between front and hind hips
+0.1, and the legs' own weight and a vertical that is 4° off 0.07 more each."""
+
+TWIST_M: Final = 0.3
+"""Height of two diagonal feet over the other two, added up: one foot on a step of 0.3 m, the highest that the vendor
+allows."""
 
 FOOT_LEAST_SHARE: Final = 0.1
 """Of the weight on one foot; the direction of a smaller force says little."""

@@ -15,10 +15,13 @@ from numpy.typing import NDArray
 from spot_model.robot import facts
 from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import JointCommand, RobotState
-from spot_runtime.control.safety.signals import answer, bounds, ground, imu, load, motion, still, weight
+from spot_runtime.control.safety.signals import answer, bounds, ground, hold, imu, load, motion, stance, still, weight
+from spot_runtime.control.safety.signals.legs import ground_forces_n
+from spot_runtime.control.safety.signals.readers import Doubt, Signal
 from spot_runtime.control.safety.signals.window import Window, length, window_of
 from spot_runtime.stops import Stop, StopReason
 
+POSITION, VELOCITY, ATTITUDE, BODY_VELOCITY, TURN_RATE, LOAD, CONTACTS, INERTIAL_UNIT = Signal
 _NO_COUNTS: Final = np.zeros(facts.N_JOINTS, dtype=np.int64)
 
 
@@ -34,13 +37,31 @@ class SignalMemory(NamedTuple):
     imu: imu.ImuMemory = imu.ImuMemory()
     weight: weight.WeightMemory = weight.WeightMemory()
     answer: answer.AnswerMemory = answer.AnswerMemory()
+    hold: hold.HoldMemory = hold.HoldMemory()
     still: still.Counts = still.NO_COUNTS
     load_windows: NDArray[np.int64] = _NO_COUNTS
     """In a row in which each joint's load disagreed. Shape (12,)."""
+    repeated_loads: NDArray[np.int64] = _NO_COUNTS
+    """Windows in a row after which each joint's load was what it had been before. Shape (12,)."""
+    has_loads: bool = False
+    """Whether any load ever was other than zero; where none ever is, loads are not reported at all."""
     restless_windows: int = 0
     """In a row in which a robot that should stand did not."""
-    burdened_windows: int = 0
-    """In a row in which the loads of a robot that stands did not carry its weight."""
+    wrong_stances: int = 0
+    """Windows in a row in which a robot could not stand as its joints and loads say."""
+    explanations: tuple[str, ...] = ()
+    """Single errors that would explain the last of them."""
+
+
+class Situation(NamedTuple):
+    """Who has the joints."""
+
+    is_standing: bool = False
+    """The vendor's stand, so the robot must be at rest."""
+    is_held: bool = False
+    """Joint control, which holds the pose of the stand ever more stiffly."""
+    is_driven: bool = False
+    """Joint control; the joints do what the commands ask."""
 
 
 def asked(memory: SignalMemory, command: JointCommand) -> SignalMemory:
@@ -49,20 +70,19 @@ def asked(memory: SignalMemory, command: JointCommand) -> SignalMemory:
 
 
 def check_signals(
-    memory: SignalMemory, states: Sequence[RobotState], *, is_standing: bool, is_driven: bool
-) -> tuple[SignalMemory, tuple[Stop, ...]]:
+    memory: SignalMemory, states: Sequence[RobotState], situation: Situation
+) -> tuple[SignalMemory, tuple[Doubt, ...]]:
     """Judge the states that may be used, oldest first.
 
     Args:
         memory: From the last call.
         states: Those that have arrived since.
-        is_standing: The vendor's stand has the joints, so the robot must be at rest.
-        is_driven: The joints do what the commands ask.
+        situation: Who has the joints.
 
     Returns:
-        The new memory, and a stop for each kind of thing that cannot be true.
+        The new memory, and a doubt for each kind of thing that cannot be true.
     """
-    stops: tuple[Stop, ...] = ()
+    doubts: tuple[Doubt, ...] = ()
     for state in states:
         window_states = (*memory.states, state)
         if (state.robot_stamp_ns - window_states[0].robot_stamp_ns) / NS_PER_S < bounds.WINDOW_S:
@@ -71,32 +91,54 @@ def check_signals(
         window = window_of(window_states)
         memory = memory._replace(states=(state,))
         if window is not None:
-            memory = _after_window(memory, window, is_standing=is_standing, is_driven=is_driven)
-            stops = (*stops, *_stops(memory))
-    return memory, stops
+            memory = _after_window(memory, window, window_states, situation)
+            doubts = (*doubts, *_doubts(memory))
+    return memory, doubts
 
 
-def _after_window(memory: SignalMemory, window: Window, *, is_standing: bool, is_driven: bool) -> SignalMemory:
-    load_windows, answered = _NO_COUNTS, answer.AnswerMemory()
-    received = sum(command.key <= window.last.last_command_key for command in memory.commands)
-    if is_driven and memory.commands:
+def _after_window(
+    memory: SignalMemory, window: Window, states: Sequence[RobotState], situation: Situation
+) -> SignalMemory:
+    first, last = window.first, window.last
+    has_loads = memory.has_loads or bool(last.load_nm.any())
+    repeated = np.where(last.load_nm == first.load_nm, memory.repeated_loads + 1, 0)
+    # A load that repeats itself says nothing about its joint; that of a resting joint may do so once by chance.
+    is_measured = (repeated < bounds.REPEATED_LOADS) & has_loads
+    carried_n = None
+    if is_measured.all():
+        carried_n = ground_forces_n(last.position_rad, last.load_nm) @ window.odom_from_body[2]
+    load_windows, answered, held, carrying = _NO_COUNTS, answer.AnswerMemory(), hold.HoldMemory(), weight.WeightMemory()
+    received = sum(command.key <= last.last_command_key for command in memory.commands)
+    if situation.is_driven and memory.commands:
         # A load may answer the newest command that the robot says it has, those before, and later ones.
         commands = memory.commands[max(0, received - bounds.SETPOINTS) :]
-        load_windows = np.where(load.disagreeing(window, commands), memory.load_windows + 1, 0)
-    if is_driven and received and window.last.load_nm.any():  # where all are zero, they are not reported
-        answered = answer.after_window(memory.answer, window, memory.commands[received - 1])
+        load_windows = np.where(load.disagreeing(window, commands) & is_measured, memory.load_windows + 1, 0)
+    if received and has_loads:
+        newest = memory.commands[received - 1]
+        if situation.is_driven:
+            answered = answer.after_window(memory.answer, window, newest, is_measured)
+        elif situation.is_held:
+            held = hold.after_window(memory.hold, states, newest, is_measured)
+    if situation.is_driven and carried_n is not None:
+        carrying = weight.after_window(memory.weight, window, carried_n)
+    is_stance_wrong = situation.is_standing and stance.is_stance_wrong(window)
+    resting = motion.resting(window) & situation.is_driven
     return SignalMemory(
         memory.states,
         memory.commands,
         motion.after_window(memory.motion, window),
-        ground.after_window(memory.ground, window),
+        ground.after_window(memory.ground, window, carried_n),
         imu.after_window(memory.imu, window),
-        weight.after_window(memory.weight, window) if is_driven else weight.WeightMemory(),
+        carrying,
         answered,
-        still.still_windows(memory.still, window.first, window.last, motion.resting(window) & is_driven),
+        held,
+        still.still_windows(memory.still, first, last, resting, has_loads=has_loads),
         load_windows,
-        memory.restless_windows + 1 if is_standing and _is_restless(window) else 0,
-        memory.burdened_windows + 1 if is_standing and weight.is_burden_wrong(window) else 0,
+        repeated,
+        has_loads,
+        memory.restless_windows + 1 if situation.is_standing and _is_restless(window) else 0,
+        memory.wrong_stances + 1 if is_stance_wrong else 0,
+        stance.explanations(window) if is_stance_wrong else (),
     )
 
 
@@ -109,62 +151,87 @@ def _is_restless(window: Window) -> bool:
     )
 
 
-def _stops(memory: SignalMemory) -> Iterator[Stop]:
-    is_still = memory.still >= still.WINDOWS
-    if is_still.any():
-        needed, other = is_still & still.IS_NEEDED, is_still & ~still.IS_NEEDED
-        if needed.any():
-            yield Stop(StopReason.SIGNAL_FROZEN, _names(needed, still.NAMES))
-        if other.any():
-            yield Stop(StopReason.SIGNAL_DOUBTED, f"{_names(other, still.NAMES)} no longer change")
+def _doubts(memory: SignalMemory) -> Iterator[Doubt]:
+    yield from _frozen(memory.still >= still.WINDOWS)
     slope = memory.motion.slope_windows >= bounds.SLOPE_WINDOWS
     if slope.any():
-        yield _contradiction(f"velocity and position of {_names(slope, facts.JOINT_NAMES)}")
+        yield _contradiction({POSITION, VELOCITY}, f"velocity and position of {_names(slope, facts.JOINT_NAMES)}")
     if memory.motion.turn_windows >= bounds.TURN_WINDOWS:
-        yield _contradiction("attitude and turn rate of the body")
-    if memory.imu.tilt_error_rad > bounds.GRAVITY_ANGLE_RAD:
-        values = {"angle_rad": memory.imu.tilt_error_rad, "bound_rad": bounds.GRAVITY_ANGLE_RAD}
-        yield _contradiction("attitude and gravity", values)
-    if memory.imu.angle_windows >= bounds.IMU_WINDOWS:
-        yield _contradiction("attitude of the body and of its inertial unit")
-    if memory.imu.turn_rate_windows >= bounds.IMU_WINDOWS:
-        yield _contradiction("turn rate of the body and of its inertial unit")
-    if memory.imu.unknown_windows >= bounds.IMU_WINDOWS:
-        yield Stop(StopReason.SIGNAL_DOUBTED, "the inertial unit reports what is no number")
-    if memory.imu.silent_windows >= bounds.IMU_SILENT_WINDOWS:
-        yield Stop(StopReason.SIGNAL_DOUBTED, "the inertial unit no longer reports")
-    if memory.ground.sliding_share > bounds.FOOT_SHARE:
-        values = {"foot_speed_m_s": memory.ground.speed_m_s, "share": memory.ground.sliding_share}
-        yield _contradiction("the body's velocity and feet that stand", values)
-    if memory.ground.travel_m > bounds.TRAVEL_M:
-        values = {"travel_m": memory.ground.travel_m, "bound_m": bounds.TRAVEL_M}
-        feet_agree = memory.ground.sliding_s < 0.5 * memory.ground.touching_s
-        reason = StopReason.SIGNAL_DOUBTED if feet_agree else StopReason.SIGNALS_CONTRADICT
-        yield Stop(reason, "contacts do not change while the body travels", values)
-    if memory.ground.has_touched and memory.ground.airborne_s > bounds.AIRBORNE_S:
-        values = {"airborne_s": memory.ground.airborne_s, "bound_s": bounds.AIRBORNE_S}
-        yield Stop(StopReason.SIGNAL_DOUBTED, "no foot touches the ground", values)
+        yield _contradiction({ATTITUDE, TURN_RATE}, "attitude and turn rate of the body")
+    yield from _about_inertial_unit(memory.imu)
+    yield from _about_ground(memory.ground)
+    yield from _about_loads(memory)
+    if memory.restless_windows >= bounds.REST_WINDOWS:
+        suspects = {POSITION, VELOCITY, BODY_VELOCITY, TURN_RATE}
+        yield _contradiction(suspects, "a robot that stands, and its velocities")
+
+
+def _frozen(is_still: NDArray[np.bool_]) -> Iterator[Doubt]:
+    for suspects in dict.fromkeys(suspects for suspects, frozen in zip(still.SUSPECTS, is_still, strict=True) if frozen):
+        names = [name for name, s, frozen in zip(still.NAMES, still.SUSPECTS, is_still, strict=True) if frozen and s == suspects]
+        yield Doubt(suspects, Stop(StopReason.SIGNAL_FROZEN, ", ".join(names)))
+
+
+def _about_inertial_unit(memory: imu.ImuMemory) -> Iterator[Doubt]:
+    if memory.tilt_error_rad > bounds.GRAVITY_ANGLE_RAD:
+        values = {"angle_rad": memory.tilt_error_rad, "bound_rad": bounds.GRAVITY_ANGLE_RAD}
+        yield _contradiction({ATTITUDE, INERTIAL_UNIT}, "attitude and gravity", values)
+    if memory.angle_windows >= bounds.IMU_WINDOWS:
+        yield _contradiction({ATTITUDE, INERTIAL_UNIT}, "attitude of the body and of its inertial unit")
+    if memory.turn_rate_windows >= bounds.IMU_WINDOWS:
+        yield _contradiction({TURN_RATE, INERTIAL_UNIT}, "turn rate of the body and of its inertial unit")
+    if memory.stamp_windows >= bounds.IMU_WINDOWS:
+        values = {"apart_s": memory.stamp_error_s, "bound_s": bounds.IMU_STAMP_S}
+        yield _contradiction({INERTIAL_UNIT}, "stamps of the inertial unit and of the joints", values)
+    if memory.unknown_windows >= bounds.IMU_WINDOWS:
+        yield _contradiction({INERTIAL_UNIT}, "the inertial unit reports what is no number")
+    if memory.silent_windows >= bounds.IMU_SILENT_WINDOWS:
+        yield _contradiction({INERTIAL_UNIT}, "the inertial unit no longer reports")
+
+
+def _about_ground(memory: ground.GroundMemory) -> Iterator[Doubt]:
+    if memory.sliding_share > bounds.FOOT_SHARE:
+        values = {"foot_speed_m_s": memory.speed_m_s, "share": memory.sliding_share}
+        suspects = {POSITION, VELOCITY, BODY_VELOCITY, TURN_RATE, CONTACTS}
+        yield _contradiction(suspects, "the body's velocity and feet that stand", values)
+    if memory.unloaded_share > bounds.FOOT_SHARE:
+        yield _contradiction({CONTACTS}, "feet in contact and their loads", {"share": memory.unloaded_share})
+    if memory.travel_m > bounds.TRAVEL_M:
+        feet_agree = memory.sliding_s < 0.5 * memory.touching_s
+        values = {"travel_m": memory.travel_m, "bound_m": bounds.TRAVEL_M}
+        suspects = {CONTACTS} if feet_agree else {CONTACTS, BODY_VELOCITY}
+        yield _contradiction(suspects, "contacts do not change while the body travels", values)
+    if memory.has_touched and memory.airborne_s > bounds.AIRBORNE_S:
+        values = {"airborne_s": memory.airborne_s, "bound_s": bounds.AIRBORNE_S}
+        yield _contradiction({CONTACTS}, "no foot touches the ground", values)
+
+
+def _about_loads(memory: SignalMemory) -> Iterator[Doubt]:
+    """A load that does not fit may be right, and the position wrong at which its joint is thought to be."""
+    suspects = {LOAD, POSITION}
     loads = memory.load_windows >= bounds.LOAD_WINDOWS
     if loads.any():
-        yield _contradiction(f"load and set-point of {_names(loads, facts.JOINT_NAMES)}")
+        yield _contradiction(suspects, f"load and set-point of {_names(loads, facts.JOINT_NAMES)}")
     anothers = memory.answer.anothers_windows >= bounds.LOAD_WINDOWS
     if anothers.any():
-        yield _contradiction(f"set-points of {_names(anothers, facts.LEG_NAMES)} and loads, which answer another leg's")
+        names = _names(anothers, facts.LEG_NAMES)
+        yield _contradiction(suspects, f"set-points of {names} and loads, which answer another leg's")
     wrong = memory.answer.wrong_windows >= bounds.LOAD_WINDOWS
     if wrong.any():
         names = _names(wrong, facts.JOINT_NAMES)
-        yield Stop(StopReason.SIGNAL_DOUBTED, f"load of {names} does not answer what is asked")
+        yield _contradiction(suspects, f"position of {names} and load, which does not answer what is asked")
     if memory.weight.is_wrong:
         values = {f"{leg}_share": float(memory.weight.legs_share[i]) for i, leg in enumerate(facts.LEG_NAMES)}
-        yield Stop(StopReason.SIGNAL_DOUBTED, "loads do not carry the robot's weight", values)
-    if memory.restless_windows >= bounds.REST_WINDOWS:
-        yield _contradiction("a robot that stands, and its velocities")
-    if memory.burdened_windows >= bounds.REST_WINDOWS:
-        yield _contradiction("loads, legs and weight of a robot that stands")
+        yield _contradiction(suspects, "the robot's weight and the loads of its legs", values)
+    if memory.hold.is_wrong.any():
+        yield Doubt(frozenset(suspects), Stop(StopReason.POSITION_REFUSED, hold.words(memory.hold)))
+    if memory.wrong_stances >= bounds.REST_WINDOWS:
+        explained = f", unless {' or '.join(memory.explanations)}" if memory.explanations else ""
+        yield _contradiction(suspects, f"joints, loads and weight of a robot that stands{explained}")
 
 
-def _contradiction(what: str, values: dict[str, float] | None = None) -> Stop:
-    return Stop(StopReason.SIGNALS_CONTRADICT, what, values or {})
+def _contradiction(suspects: set[Signal], what: str, values: dict[str, float] | None = None) -> Doubt:
+    return Doubt(frozenset(suspects), Stop(StopReason.SIGNALS_CONTRADICT, what, values or {}))
 
 
 def _names(mask: NDArray[np.bool_], names: Sequence[str]) -> str:

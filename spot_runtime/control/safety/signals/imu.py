@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import Array
 from spot_runtime.control.safety.signals import bounds
 from spot_runtime.control.safety.signals.window import Window, length, turned_rad
@@ -25,6 +26,10 @@ class ImuMemory(NamedTuple):
     turn_rate_windows: int = 0
     unknown_windows: int = 0
     """In a row with a packet that holds what is no number."""
+    stamp_windows: int = 0
+    """In a row in which the newest packet was not of the time of its message."""
+    stamp_error_s: float = 0.0
+    """By how much, in the newest window."""
     silent_windows: int = 0
     """In a row without a packet, of a unit that has reported."""
     has_reported: bool = False
@@ -56,11 +61,14 @@ def after_window(memory: ImuMemory, window: Window) -> ImuMemory:
     angle = length(turned_rad(last.odom_from_body_wxyz, attitude)) if attitude.any() else 0.0
     expected = window.turn_rad / window.duration_s
     rate_error = length(window.odom_from_body @ turn_rate - expected) - bounds.IMU_TURN_RATE_SHARE * length(expected)
+    stamp_error_s = (packets[-1].robot_stamp_ns - last.robot_stamp_ns) / NS_PER_S
     return ImuMemory(
         force_m_s2,
         felt_s,
         memory.angle_windows + 1 if angle > bounds.IMU_ANGLE_RAD else 0,
         memory.turn_rate_windows + 1 if rate_error > bounds.IMU_TURN_RATE_RAD_S else 0,
+        stamp_windows=memory.stamp_windows + 1 if abs(stamp_error_s) > bounds.IMU_STAMP_S else 0,
+        stamp_error_s=stamp_error_s,
         has_reported=True,
     )
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from spot_model.robot import facts
 from spot_model.robot.state import Array, RobotState
 from spot_runtime.control.safety.signals import bounds
+from spot_runtime.control.safety.signals.readers import Signal
 
 Counts = NDArray[np.int64]
 N_SIGNALS: Final = 4 * facts.N_JOINTS + 7
@@ -30,8 +31,14 @@ WINDOWS: Final = np.array(
 )
 """Windows after which a signal is no longer trusted. Shape (55,)."""
 
-IS_NEEDED: Final[NDArray[np.bool_]] = np.array([not name.startswith("load") for name in NAMES])
-"""Whether control needs the signal: nothing does need a load."""
+SUSPECTS: Final = (
+    *[frozenset({kind}) for kind in (Signal.POSITION, Signal.VELOCITY, Signal.LOAD) for _ in facts.JOINT_NAMES],
+    *[frozenset({Signal.POSITION, Signal.VELOCITY})] * facts.N_JOINTS,
+    frozenset({Signal.ATTITUDE}),
+    *[frozenset({Signal.BODY_VELOCITY})] * 3,
+    *[frozenset({Signal.TURN_RATE})] * 3,
+)
+"""What each of them belongs to."""
 
 NO_COUNTS: Final[Counts] = np.zeros(N_SIGNALS, dtype=np.int64)
 NO_COUNTS.flags.writeable = False
@@ -44,7 +51,9 @@ _BODY: Final = slice(4 * facts.N_JOINTS, N_SIGNALS)
 _RESOLUTIONS: Final = np.array([bounds.POSITION_NOISE_RAD, bounds.VELOCITY_NOISE_RAD_S, bounds.LOAD_NOISE_NM])
 
 
-def still_windows(counts: Counts, first: RobotState, last: RobotState, resting: NDArray[np.bool_]) -> Counts:
+def still_windows(
+    counts: Counts, first: RobotState, last: RobotState, resting: NDArray[np.bool_], *, has_loads: bool
+) -> Counts:
     """Count on, signal by signal, in how many windows in a row it stood still while its neighbours moved.
 
     Args:
@@ -52,6 +61,7 @@ def still_windows(counts: Counts, first: RobotState, last: RobotState, resting: 
         first: State at the start of the window.
         last: State at its end.
         resting: Joints that are known to rest; their positions and velocities may repeat, not both. Shape (12,).
+        has_loads: Whether the robot reports loads.
 
     Returns:
         The new counts. Where neighbours move quickly, a window counts as much as two; where they stand, nothing. A
@@ -79,10 +89,10 @@ def still_windows(counts: Counts, first: RobotState, last: RobotState, resting: 
                 step = bounds.STILL_WINDOWS // bounds.QUICK_WINDOWS if is_quick else 1
         elif kind is not _POSITIONS and not change.any():
             # All of a kind stand still; loads that are all zero are not reported at all.
-            step = int(np.delete(moves, number).min() > 1.0 and (kind is not _LOADS or last.load_nm.any()))
+            step = int(np.delete(moves, number).min() > 1.0 and (kind is not _LOADS or has_loads))
         is_judged = (kind is _LOADS) | ~resting | is_pair
         after[kind] = np.where(change == 0.0, counts[kind] + step * is_judged, 0)
-    is_reported = np.array([True, True, last.load_nm.any()])
+    is_reported = np.array([True, True, has_loads])
     is_same = (changes == 0.0).all(axis=0)
     # Coarse sensors of a robot at rest repeat, but for one that cannot decide between two of its steps.
     is_alive = (changes[is_reported] > 0.0).all(axis=0).any() or (moves_most[:2] > bounds.QUICK_FACTOR).any()

@@ -9,7 +9,6 @@ import numpy as np
 from spot_model.robot import facts
 from spot_model.robot.state import Array
 from spot_runtime.control.safety.signals import bounds
-from spot_runtime.control.safety.signals.legs import ground_forces_n
 from spot_runtime.control.safety.signals.window import Window
 
 _NO_LEGS = np.zeros(facts.N_LEGS)
@@ -24,13 +23,11 @@ class WeightMemory(NamedTuple):
     """Upward momentum that the robot gained; it fades."""
     felt_s: float = 0.0
     """Time of both."""
-    has_loads: bool = False
-    """Whether any load ever was other than zero; where none ever is, loads are not reported at all."""
 
     @property
     def legs_share(self) -> Array:
         """Mean force of the ground on each foot as a share of the robot's weight; NaN until enough is known."""
-        if self.felt_s < bounds.WEIGHT_LEAST_S or not self.has_loads:
+        if self.felt_s < bounds.WEIGHT_LEAST_S:
             return np.full(facts.N_LEGS, np.nan)
         share: Array = self.pushed_n_s / (bounds.WEIGHT_N * self.felt_s)
         return share
@@ -44,30 +41,16 @@ class WeightMemory(NamedTuple):
         return is_pulling or carried < bounds.CARRIED_LEAST or carried > bounds.CARRIED_MOST
 
 
-def after_window(memory: WeightMemory, window: Window) -> WeightMemory:
-    """The memory after one more window, of a robot that stands on its legs or jumps, but is not held."""
+def after_window(memory: WeightMemory, window: Window, carried_n: Array) -> WeightMemory:
+    """The memory after one more window, of a robot that stands on its legs or jumps, but is not held.
+
+    ``carried_n`` is the upward force of the ground on each foot. Shape (4,).
+    """
     first, last = window.first, window.last
     fade = max(0.0, 1.0 - window.duration_s / bounds.WEIGHT_MEMORY_S)
-    upward_n = ground_forces_n(last.position_rad, last.load_nm) @ window.odom_from_body[2]
     risen_m_s = float(last.linear_vel_of_body_in_odom_m_s[2] - first.linear_vel_of_body_in_odom_m_s[2])
     return WeightMemory(
-        memory.pushed_n_s * fade + upward_n * window.duration_s,
+        memory.pushed_n_s * fade + carried_n * window.duration_s,
         memory.gained_n_s * fade + facts.TOTAL_MASS_KG * risen_m_s,
         memory.felt_s * fade + window.duration_s,
-        memory.has_loads or bool(last.load_nm.any()),
     )
-
-
-def is_burden_wrong(window: Window) -> bool:
-    """Whether the loads of a robot that stands still do not carry its weight straight down."""
-    state = window.last
-    if not state.load_nm.any():  # not reported
-        return False
-    forces, up = ground_forces_n(state.position_rad, state.load_nm), window.odom_from_body[2]
-    carried = forces @ up
-    share = float(carried.sum()) / bounds.WEIGHT_N
-    if not bounds.CARRIED_LEAST <= share <= bounds.CARRIED_MOST:
-        return True
-    sideways = np.linalg.norm(forces - np.outer(carried, up), axis=1)
-    is_pressing = sideways > bounds.SIDEWAYS_SHARE * carried
-    return bool((is_pressing & (carried > bounds.FOOT_LEAST_SHARE * bounds.WEIGHT_N)).any())

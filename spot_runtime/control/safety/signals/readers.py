@@ -1,0 +1,56 @@
+"""Who relies on each signal: a doubt ends a run only where the loaded policy or the safety core reads what is doubted."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from enum import Enum
+from typing import Final, NamedTuple
+
+from spot_runtime.control.modes import Mode
+from spot_runtime.stops import Stop
+
+
+class Signal(Enum):
+    """What a robot reports of itself. The values are the words for it in the documentation."""
+
+    POSITION = "joint position"
+    VELOCITY = "joint velocity"
+    ATTITUDE = "attitude"
+    BODY_VELOCITY = "body velocity"
+    TURN_RATE = "turn rate of the body"
+    LOAD = "load"
+    CONTACTS = "contacts"
+    INERTIAL_UNIT = "packets of the inertial unit"
+
+
+class Doubt(NamedTuple):
+    """Something that cannot be true."""
+
+    suspects: frozenset[Signal]
+    """The signals of which at least one is wrong."""
+    stop: Stop
+    """What to do if any of them is relied on."""
+
+
+READ_BY_CORE: Final = frozenset({Signal.POSITION, Signal.VELOCITY, Signal.ATTITUDE})
+"""Joint stops and speeds, tilt and height of the body."""
+
+READ_BY_HAND_OVER: Final = frozenset({Signal.LOAD})
+"""The mean load becomes the feed-forward torque with which joint control begins."""
+
+READ_FOR_OBSERVATION: Final = {
+    "linear_vel_of_body_in_body_m_s": frozenset({Signal.BODY_VELOCITY, Signal.ATTITUDE}),
+    "angular_vel_of_body_in_body_rad_s": frozenset({Signal.TURN_RATE, Signal.ATTITUDE}),
+    "projected_gravity_in_body": frozenset({Signal.ATTITUDE}),
+    "velocity_command": frozenset[Signal](),
+    "joint_position_offset_rad": frozenset({Signal.POSITION}),
+    "joint_velocity_rad_s": frozenset({Signal.VELOCITY}),
+    "last_action": frozenset[Signal](),
+}
+"""What each field of a policy's observation is made of."""
+
+
+def relied_on(observation_fields: Iterable[str], mode: Mode) -> frozenset[Signal]:
+    """The signals on which control relies in this mode, with a policy that observes these fields."""
+    read = frozenset[Signal]().union(READ_BY_CORE, *(READ_FOR_OBSERVATION[name] for name in observation_fields))
+    return read | READ_BY_HAND_OVER if mode in (Mode.READY, Mode.ACTIVATING) else read
