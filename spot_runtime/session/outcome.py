@@ -29,7 +29,9 @@ class Outcome:
         """The outcome once the robot is seen to lie on its side or back."""
         words = f"the robot fell and lies at {math.degrees(lean_rad):.0f}°; see to it"
         tilt = StopReason.TILT
-        return Outcome(tilt.label, tilt.exit_code, f"{self.sentence}; then {words}" if self.sentence else words, is_fault=True)
+        return Outcome(
+            tilt.label, tilt.exit_code, f"{self.sentence}; then {words}" if self.sentence else words, is_fault=True
+        )
 
     def after_error(self, error: HalError) -> Outcome:
         """The outcome once the robot could not be used."""

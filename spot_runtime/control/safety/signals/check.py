@@ -167,8 +167,14 @@ def _doubts(memory: SignalMemory) -> Iterator[Doubt]:
 
 
 def _frozen(is_still: NDArray[np.bool_]) -> Iterator[Doubt]:
-    for suspects in dict.fromkeys(suspects for suspects, frozen in zip(still.SUSPECTS, is_still, strict=True) if frozen):
-        names = [name for name, s, frozen in zip(still.NAMES, still.SUSPECTS, is_still, strict=True) if frozen and s == suspects]
+    for suspects in dict.fromkeys(
+        suspects for suspects, frozen in zip(still.SUSPECTS, is_still, strict=True) if frozen
+    ):
+        names = [
+            name
+            for name, s, frozen in zip(still.NAMES, still.SUSPECTS, is_still, strict=True)
+            if frozen and s == suspects
+        ]
         yield Doubt(suspects, Stop(StopReason.SIGNAL_FROZEN, ", ".join(names)))
 
 

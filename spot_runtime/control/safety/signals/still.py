@@ -64,8 +64,8 @@ def still_windows(
         has_loads: Whether the robot reports loads.
 
     Returns:
-        The new counts. Where neighbours move quickly, a window counts as much as two; where they stand, nothing. A
-        signal that changes begins anew.
+        The new counts. Where neighbours move quickly, a window counts as much as two; where they stand, it takes one
+        back, so that nothing gathers while nothing happens. A signal that changes begins anew.
     """
     after = np.empty_like(counts)
     changes = np.abs(
@@ -80,29 +80,30 @@ def still_windows(
     # Half of the neighbours move by at least this much, in units of what a sensor resolves.
     moved = np.sort(changes, axis=1)[:, middle]
     moves, moves_most = moved / _RESOLUTIONS, changes.max(axis=1) / _RESOLUTIONS
+    is_quick = moves[:2].max() > bounds.QUICK_FACTOR
     for number, kind in enumerate(_KINDS):
-        change, step = changes[number], 0
-        if moves[number] > 1.0:
-            # Neighbours that move by few steps of their sensors say nothing.
-            if moved[number] >= bounds.STEPS * change[change > 0.0].min():
-                is_quick = kind is not _LOADS and moves[number] > bounds.QUICK_FACTOR
-                step = bounds.STILL_WINDOWS // bounds.QUICK_WINDOWS if is_quick else 1
-        elif kind is not _POSITIONS and not change.any():
-            # All of a kind stand still; loads that are all zero are not reported at all.
-            step = int(np.delete(moves, number).min() > 1.0 and (kind is not _LOADS or has_loads))
+        change, step = changes[number], -1
+        if not change.any():
+            # All of a kind stand still, which their own sensors' steps may do until the joints move quickly.
+            step = int(kind is not _POSITIONS and is_quick and (kind is not _LOADS or has_loads)) or -1
+        elif moves[number] > 1.0 and moved[number] >= bounds.STEPS * change[change > 0.0].min():
+            # Neighbours that move by fewer steps of their sensors say nothing.
+            most = bounds.STILL_WINDOWS // bounds.QUICK_WINDOWS
+            step = most if kind is not _LOADS and moves[number] > bounds.QUICK_FACTOR else 1
         is_judged = (kind is _LOADS) | ~resting | is_pair
-        after[kind] = np.where(change == 0.0, counts[kind] + step * is_judged, 0)
+        counted = np.maximum(counts[kind] + np.where(is_judged, step, -1), 0)
+        after[kind] = np.where(change == 0.0, counted, 0)
     is_reported = np.array([True, True, has_loads])
     is_same = (changes == 0.0).all(axis=0)
-    # Coarse sensors of a robot at rest repeat, but for one that cannot decide between two of its steps.
-    is_alive = (changes[is_reported] > 0.0).all(axis=0).any() or (moves_most[:2] > bounds.QUICK_FACTOR).any()
+    # Coarse sensors of a robot at rest repeat, but for some joints that cannot decide between two of their steps.
+    lives = (changes[is_reported] > 0.0).all(axis=0)
+    is_alive = lives.mean() >= bounds.MOVING_SHARE or (moves_most[:2] > bounds.QUICK_FACTOR).any()
     after[_WHOLE] = np.where(is_same & is_alive, counts[_WHOLE] + 1, 0)
+    # An estimator may hold attitude and rates of a robot at rest.
     body = _body(last)
-    # An estimator may hold the rates of a robot at rest at exactly zero.
-    tells = moves[:2].max() > np.where(body == 0.0, bounds.QUICK_FACTOR, 1.0)
     is_same = body == _body(first)
     is_same[0] = bool((last.odom_from_body_wxyz == first.odom_from_body_wxyz).all())
-    after[_BODY] = np.where(is_same, counts[_BODY] + tells, 0)
+    after[_BODY] = np.where(is_same, np.maximum(counts[_BODY] + (1 if is_quick else -1), 0), 0)
     return after
 
 
