@@ -18,8 +18,8 @@ from spot_runtime.config import HandoverConfig
 from spot_runtime.stops import Reaction
 
 TAKE_HOLD_S: Final = 0.4
-"""Robot time in which joint control takes hold: twenty policy periods, so that a tenfold stiffness rises by an eighth in
-each of them, and has not doubled before the answer to it is back."""
+"""Robot time in which joint control takes hold: in twenty policy periods a stiffness that becomes tenfold rises by an
+eighth in each, and has not doubled before the answer to it is back."""
 
 
 class Mode(Enum):

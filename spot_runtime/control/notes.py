@@ -22,7 +22,7 @@ class Notes:
         self.events.append(record)
 
     def once(self, name: EventName, text: str, values: Mapping[str, float] | None = None, *, about: str = "") -> None:
-        """Write an event whose repetitions would only flood the log; one of the same name about another thing is none."""
+        """Write an event whose repetitions, of the same name and about the same, would only flood the log."""
         if (name, about) not in self.told:
             self.told |= {(name, about)}
             self.event(name, text, values)

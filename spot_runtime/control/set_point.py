@@ -23,8 +23,8 @@ _NO_LOAD: Final = np.zeros(facts.N_JOINTS)
 _NO_LOAD.flags.writeable = False
 
 FIRST_STIFFNESS: Final = 0.1
-"""Of the stand's: 62 and 94 N·m/rad at the hips and 29 at the knees. A knee that carries a quarter of the body on a foot
-0.28 m below it needs 22 N·m/rad not to give way."""
+"""Of the stand's: 62 and 94 N·m/rad at the hips and 29 at the knees. A knee that carries a quarter of the body on a
+foot 0.28 m below it needs 22 N·m/rad not to give way."""
 
 
 class Setpoint(NamedTuple):
@@ -51,7 +51,7 @@ def taking_hold(hold: Setpoint, held_s: float) -> Setpoint:
     """The held pose, as stiff as it is so long after the robot confirmed joint control.
 
     The feed-forward torque carries the body, so stiffness can rise from a tenth by equal factors: a joint that is not
-    where it is said to be shows in its load while little is asked of it. Where no load is reported, all of the stiffness
+    where it is said to be shows in its load while little is asked of it. Where no load is reported, the whole stiffness
     carries the body from the beginning.
     """
     if not hold.load_nm.any():

@@ -191,13 +191,13 @@ ANSWER_MOST: Final = 2.0
 """Load as a multiple of what was asked, by least squares: gains and sensors err by a quarter of that."""
 
 UNASKED_NM: Final = 10.0
-"""Mean load that nobody asked for: a sensor's offset of 5 N·m and friction of 5 N·m that always opposes the same way."""
+"""Mean load that nobody asked for: a sensor's offset of 5 N·m, and friction of 5 N·m that always acts the same way."""
 
 UNASKED_SHARE: Final = 0.4
 """The same as a share of what is asked: motor and sensor that err by 10 % each, and gears that lose 20 %."""
 
 REPEATED_LOADS: Final = 3
-"""Windows in a row, 0.06 s, after which a load that is the same bit for bit is not held against its joint's position."""
+"""Windows in a row, 0.06 s, after which a load that is the same bit for bit says nothing about its joint's position."""
 
 HELD_WINDOWS: Final = 2
 """In a row, while joint control takes hold: the robot is still, so no impact or step is mistaken for an error."""
@@ -229,9 +229,9 @@ concrete (OpenStax, College Physics, table 5.1), and a robot may press its feet 
 steepest slope, 30°, a share of 0.58 is its own weight's. Legs taken for others may seem to press harder."""
 
 NET_SIDEWAYS_SHARE: Final = 0.35
-"""Sum of the forces along the ground, as a share of the weight. A robot at rest has none; loads that are off by 5 N·m in
-the same way at four hips half a metre above the ground make 0.13, gains that differ by 20 % between front and hind hips
-0.1, and the legs' own weight and a vertical that is 4° off 0.07 more each."""
+"""Sum of the forces along the ground, as a share of the weight. A robot at rest has none; loads that are off by 5 N·m
+in the same way at four hips half a metre above the ground make 0.13, gains that differ by 20 % between front and hind
+hips 0.1, and the legs' own weight and a vertical that is 4° off 0.07 more each."""
 
 TWIST_M: Final = 0.3
 """Height of two diagonal feet over the other two, added up: one foot on a step of 0.3 m, the highest that the vendor

@@ -1,8 +1,8 @@
 """Where the joints are, by the servo law, while joint control takes hold of a robot that stands.
 
-The set-point is the pose that the robot reports and the feed-forward torque the load that carries it, so that nothing
-beside that torque is asked. A servo that sees the joint elsewhere adds its stiffness times the difference, which the load
-shows.
+The set-point is the pose that the robot reports, and the feed-forward torque the load that carries it, so that nothing
+beside that torque is asked. A servo that sees the joint elsewhere adds its stiffness times the difference, and the load
+shows it.
 """
 
 from __future__ import annotations

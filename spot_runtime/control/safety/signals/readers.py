@@ -1,4 +1,4 @@
-"""Who relies on each signal: a doubt ends a run only where the loaded policy or the safety core reads what is doubted."""
+"""Who relies on each signal: a doubt ends a run only where policy, hand-over or safety core read what is doubted."""
 
 from __future__ import annotations
 
