@@ -116,7 +116,7 @@ def _found(memory: Memory, plan: Plan, notes: Notes) -> tuple[Stop, ...]:
 
     A doubt about signals on which nothing relies is only told.
     """
-    stops = () if plan.refusal is None else (plan.refusal,)
+    stops: tuple[Stop, ...] = () if plan.refusal is None else (plan.refusal,)
     if not memory.found:
         return stops
     relied = relied_on(plan.observation_fields, memory.phase.mode)

@@ -167,15 +167,10 @@ def _doubts(memory: SignalMemory) -> Iterator[Doubt]:
 
 
 def _frozen(is_still: NDArray[np.bool_]) -> Iterator[Doubt]:
-    for suspects in dict.fromkeys(
-        suspects for suspects, frozen in zip(still.SUSPECTS, is_still, strict=True) if frozen
-    ):
-        names = [
-            name
-            for name, s, frozen in zip(still.NAMES, still.SUSPECTS, is_still, strict=True)
-            if frozen and s == suspects
-        ]
-        yield Doubt(suspects, Stop(StopReason.SIGNAL_FROZEN, ", ".join(names)))
+    frozen = list(compress(zip(still.SUSPECTS, still.NAMES, strict=True), is_still))
+    for suspects in dict.fromkeys(suspects for suspects, _ in frozen):
+        names = ", ".join(name for of, name in frozen if of == suspects)
+        yield Doubt(suspects, Stop(StopReason.SIGNAL_FROZEN, names))
 
 
 def _about_inertial_unit(memory: imu.ImuMemory) -> Iterator[Doubt]:

@@ -1,4 +1,4 @@
-"""Joints, loads and gravity of a robot that stands: its feet lie in a plane, and the ground's forces balance its weight.
+"""Joints, loads and gravity of a robot that stands: its feet lie in a plane, and the forces on them carry it.
 
 A joint that is mirrored, taken for another or far from where it is said to be breaks that balance.
 """
