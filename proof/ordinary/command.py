@@ -27,11 +27,14 @@ def ordinary(
     runs: Annotated[int, typer.Option(min=1, help="Runs of each policy, each on another robot.")] = 100,
     policy: Annotated[list[Path] | None, typer.Option(help="ONNX file with its contract; repeatable.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the robots and the commands.")] = 0,
+    quiet_minutes: Annotated[
+        float, typer.Option(min=0.2, max=60.0, help="Length of every fifth robot's runs, in which nothing happens.")
+    ] = 10.0,
     minutes: Annotated[
         float, typer.Option(min=0.1, show_default=False, help="Start no robot after this many minutes.")
     ] = 1e6,
 ) -> None:
-    """Walk randomly drawn robots (ground, pushes, payload, sensors, delays) and count false stops."""
+    """Walk randomly drawn robots (ground, pushes, payload, sensors, delays), or let them be; count false stops."""
     policies = policy or POLICIES
     for path in policies:
         load_policy(path)
@@ -44,12 +47,12 @@ def ordinary(
                 break
             missing = [path for path in policies if (number, path.stem) not in done]
             with tempfile.TemporaryDirectory(prefix="spot-rl-ordinary-") as folder:
-                for outcome in tried(number, seed, missing, Path(folder)):
+                for outcome in tried(number, seed, missing, Path(folder), 60.0 * quiet_minutes):
                     done[number, outcome.policy] = outcome
                     file.write(outcome.to_json() + "\n")
                     file.flush()
                     is_told = outcome.verdict in _WRONG
-                    text = f"{number} {outcome.policy}: {outcome.verdict} {outcome.sentence}"
+                    text = f"{number} {outcome.policy} {outcome.command}: {outcome.verdict} {outcome.sentence}"
                     progress.update(len(done), text, is_told=is_told)
     _tell(done, policies, seed, json_output)
     raise typer.Exit(EXIT_FAILED if any(outcome.verdict in _WRONG for outcome in done.values()) else 0)

@@ -32,6 +32,9 @@ class Sensors:
     position_step_rad: float
     velocity_step_rad_s: float
     load_step_nm: float
+    velocity_bias_m_s: tuple[float, float, float]
+    """Of the state estimator, in odom."""
+    turn_rate_bias_rad_s: tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -42,6 +45,15 @@ class Push:
     forward_m_s: float
     left_m_s: float
     yaw_rad_s: float
+
+
+@dataclass(frozen=True)
+class Walk:
+    """What is asked of the robot, and what people do to it meanwhile."""
+
+    commands: VelocitySequence
+    nudge: Push | None = None
+    """Given again and again, ``at_s`` apart."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +73,8 @@ def draw_reality(rng: np.random.Generator) -> Reality:
         position_step_rad=2.0 * np.pi / float(np.exp(rng.uniform(np.log(COARSE_COUNTS), np.log(FINE_COUNTS)))),
         velocity_step_rad_s=float(_log_uniform(rng, 1e-4, 0.02)),
         load_step_nm=float(_log_uniform(rng, 0.005, 0.25)),
+        velocity_bias_m_s=tuple(rng.normal(0.0, 0.02, 3).tolist()),
+        turn_rate_bias_rad_s=tuple(rng.normal(0.0, 0.01, 3).tolist()),
     )
     pushes = tuple(
         Push(float(rng.uniform(1.0, 10.0)), *(float(v) for v in rng.normal(0.0, (0.4, 0.4, 0.6))))
@@ -83,7 +97,26 @@ def draw_reality(rng: np.random.Generator) -> Reality:
     return Reality(data, sensors, pushes)
 
 
-def draw_walk(rng: np.random.Generator, contract: PolicyContract) -> VelocitySequence:
+def draw_quiet(rng: np.random.Generator, duration_s: float) -> Walk:
+    """Minutes of standing, stepping in place, creeping, being held back, or a pause between two walks."""
+    kind = str(rng.choice(["standing", "marching", "creeping", "held", "pause"]))
+    size, sign = float(rng.uniform(0.5, 1.0)), float(rng.choice([-1.0, 1.0]))
+    waypoints = {
+        "standing": [Waypoint(time_s=0.0)],
+        "marching": [Waypoint(time_s=0.0, yaw_rate_rad_s=0.05 * size * sign)],
+        "creeping": [Waypoint(time_s=0.0, v_x_m_s=0.05 * size)],
+        "held": [Waypoint(time_s=0.0, v_x_m_s=0.2 * size)],
+        "pause": [
+            Waypoint(time_s=0.0, v_x_m_s=0.3 * size),
+            Waypoint(time_s=5.0),
+            Waypoint(time_s=max(6.0, duration_s - 5.0), v_x_m_s=0.3 * size, yaw_rate_rad_s=0.3 * sign),
+        ],
+    }[kind]
+    commands = VelocitySequence(name=kind, duration_s=duration_s, waypoints=tuple(waypoints))
+    return Walk(commands, Push(0.5, -0.1 * size, 0.0, 0.0) if kind == "held" else None)
+
+
+def draw_walk(rng: np.random.Generator, contract: PolicyContract) -> Walk:
     """Commands within a policy's range: some seconds each, reached at once or by a ramp, small ones more often."""
     low, high = np.array(contract.velocity_command_low), np.array(contract.velocity_command_high)
     duration_s, time_s = float(rng.uniform(*SECONDS)), 0.0
@@ -93,7 +126,7 @@ def draw_walk(rng: np.random.Generator, contract: PolicyContract) -> VelocitySeq
         v_x, v_y, yaw = (float(v) for v in np.where(share > 0.0, share * high, -share * low))
         is_ramp = bool(rng.random() < 0.5)
         waypoints.append(Waypoint(time_s=time_s, v_x_m_s=v_x, v_y_m_s=v_y, yaw_rate_rad_s=yaw, ramp=is_ramp))
-    return VelocitySequence(name="drawn", duration_s=duration_s, waypoints=tuple(waypoints))
+    return Walk(VelocitySequence(name="drawn", duration_s=duration_s, waypoints=tuple(waypoints)))
 
 
 def _effects(rng: np.random.Generator) -> list[dict[str, Any]]:

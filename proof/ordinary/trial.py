@@ -15,11 +15,11 @@ import yaml
 
 from proof.faults.faulty_hal import FaultyHal
 from proof.faults.rig import Rig, rig, tilt_rad
-from proof.ordinary.draw import Reality, Sensors, draw_reality, draw_walk
+from proof.ordinary.draw import Push, Reality, Sensors, Walk, draw_quiet, draw_reality, draw_walk
 from spot_log.format.events import EventName
 from spot_log.write.sink import MemorySink
 from spot_model.io.signals import exit_on_termination
-from spot_model.policy.policy import load_policy
+from spot_model.policy.policy import Policy, load_policy
 from spot_model.robot.facts import STATE_PERIOD_NS
 from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import JointCommand, RobotState
@@ -36,6 +36,8 @@ BEFORE_FALL_S: Final = 2.0
 """What is doubted so shortly before the robot itself falls was rightly doubted."""
 
 EDGE_M: Final = 15.0
+QUIET_ONE_IN: Final = 5
+"""Of so many robots, the last has a quiet run."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +46,8 @@ class Outcome:
 
     number: int
     policy: str
+    command: str
+    """Name of the commands: ``drawn``, or what kind of quiet it was."""
     outcome: str
     sentence: str
     """Of what was doubted first; otherwise of the stop."""
@@ -75,6 +79,8 @@ class SensorModel:
             position_rad=_stepped(state.position_rad, s.position_step_rad),
             velocity_rad_s=_stepped(state.velocity_rad_s, s.velocity_step_rad_s),
             load_nm=_stepped(self._load, s.load_step_nm),
+            linear_vel_of_body_in_odom_m_s=state.linear_vel_of_body_in_odom_m_s + s.velocity_bias_m_s,
+            angular_vel_of_body_in_odom_rad_s=state.angular_vel_of_body_in_odom_rad_s + s.turn_rate_bias_rad_s,
         )
 
 
@@ -111,8 +117,8 @@ class Watched(FaultyHal):
             self.at_stop, self.stopped_ns = self.rig.truth(), self.robot_now_ns()
 
 
-def tried(number: int, seed: int, policies: Sequence[Path], folder: Path) -> Iterator[Outcome]:
-    """A robot that follows from seed and number, and a run of each policy on it.
+def tried(number: int, seed: int, policies: Sequence[Path], folder: Path, quiet_s: float) -> Iterator[Outcome]:
+    """A robot that follows from seed and number, and a run of each policy on it; for some robots a quiet one.
 
     One that has fallen, or left its ground, is replaced by one of the same kind.
     """
@@ -127,20 +133,24 @@ def tried(number: int, seed: int, policies: Sequence[Path], folder: Path) -> Ite
             is_good = True
             while left and is_good:
                 policy = left.pop(0)
-                outcome = _walked(robot, policy, reality, number, np.random.default_rng([seed, number, 1]))
+                rng, walks = np.random.default_rng([seed, number, 1]), load_policy(policy)
+                is_quiet = number % QUIET_ONE_IN == QUIET_ONE_IN - 1
+                walk = draw_quiet(rng, quiet_s) if is_quiet else draw_walk(rng, walks.contract)
+                outcome = _walked(robot, walks, reality, number, walk)
                 yield outcome
                 x, y, _ = robot.truth().position_of_body_in_world_m
                 is_good = outcome.verdict == "completed" and max(abs(x), abs(y)) < EDGE_M and not robot.restore()
 
 
-def _walked(robot: Rig, policy: Path, reality: Reality, number: int, rng: np.random.Generator) -> Outcome:
+def _walked(robot: Rig, policy: Policy, reality: Reality, number: int, walk: Walk) -> Outcome:
     """One run. What the checks of the signals find is told, and ends nothing, so that it is seen what comes of it."""
-    walks, sink, made = load_policy(policy), MemorySink(), list[Watched]()
+    sink, made = MemorySink(), list[Watched]()
 
     def begin(faulty: FaultyHal) -> None:
         for push in reality.pushes:
-            values = {"forward_m_s": push.forward_m_s, "left_m_s": push.left_m_s, "yaw_rad_s": push.yaw_rad_s}
-            faulty.plan(push.at_s, partial(robot.inject, "push", 0.01, **values))
+            faulty.plan(push.at_s, partial(_push, robot, push))
+        if walk.nudge is not None:
+            _nudge(robot, faulty, walk.nudge)
 
     def make_watched(*given: Any) -> FaultyHal:
         made.append(Watched(*given))
@@ -150,8 +160,8 @@ def _walked(robot: Rig, policy: Path, reality: Reality, number: int, rng: np.ran
     summary = robot.drive(
         begin,
         at_s=0.0,
-        source=ScriptedSource(draw_walk(rng, walks.contract)),
-        policy=walks,
+        source=ScriptedSource(walk.commands),
+        policy=policy,
         make_sink=lambda _path, _header: sink,
         make_faulty=make_watched,
         safety={"signals": "warn"},
@@ -164,7 +174,19 @@ def _walked(robot: Rig, policy: Path, reality: Reality, number: int, rng: np.ran
     ]
     verdict = _verdict(summary, made[0], doubts[0].robot_stamp_ns if doubts else None, robot)
     sentence = doubts[0].text if doubts else "" if summary.outcome == "completed" else summary.sentence
-    return Outcome(number, policy.stem, summary.outcome, sentence, verdict, round(summary.control_robot_s, 2))
+    control_s = round(summary.control_robot_s, 2)
+    return Outcome(number, policy.contract.name, walk.commands.name, summary.outcome, sentence, verdict, control_s)
+
+
+def _push(robot: Rig, push: Push) -> None:
+    values = {"forward_m_s": push.forward_m_s, "left_m_s": push.left_m_s, "yaw_rad_s": push.yaw_rad_s}
+    robot.inject("push", 0.01, **values)
+
+
+def _nudge(robot: Rig, faulty: FaultyHal, nudge: Push) -> None:
+    """Push now, and again after the nudge's time."""
+    _push(robot, nudge)
+    faulty.plan(nudge.at_s, partial(_nudge, robot, faulty, nudge))
 
 
 def _verdict(summary: RunSummary, hal: Watched, doubted_ns: int | None, robot: Rig) -> str:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from spot_model.robot import facts
 from spot_model.robot.state import Array, JointCommand
 from spot_runtime.control.safety.signals import bounds
-from spot_runtime.control.safety.signals.load import torque_nm
+from spot_runtime.control.safety.signals.load import motor_torque_nm, torque_nm
 from spot_runtime.control.safety.signals.window import Window
 
 _NO_JOINTS: Final = np.zeros(facts.N_JOINTS)
@@ -33,7 +33,9 @@ class AnswerMemory(NamedTuple):
     load_load: Array = _NO_JOINTS
     """Squares of that load. Shape (12,)."""
     unasked: Array = _NO_JOINTS
-    """Load that was not asked, N·m·s. Shape (12,)."""
+    """Load beside what was asked, within what the motors give, N·m·s. Shape (12,)."""
+    given_given: Array = _NO_JOINTS
+    """Squares of what was asked within that. Shape (12,)."""
     apart: Array = _NO_LEGS
     """Squares of what each leg would have been asked with the set-points of another, less what it was. Shape (4, 4)."""
     missed: Array = _NO_LEGS
@@ -57,7 +59,9 @@ def after_window(
     """
     state = window.last
     asked = torque_nm(command, state.position_rad, state.velocity_rad_s)
-    load = np.where(is_measured, state.load_nm, asked)
+    most = motor_torque_nm(state.position_rad)
+    given = np.minimum(np.maximum(asked, -most), most)
+    load = np.where(is_measured, state.load_nm, given)
     apart = _apart(command)
     missed = _legs(load - asked)[:, np.newaxis] - apart
     fade = max(0.0, 1.0 - window.duration_s / bounds.ANSWER_MEMORY_S)
@@ -70,7 +74,8 @@ def after_window(
         summed(memory.asked_asked, asked * asked),
         summed(memory.asked_load, asked * load),
         summed(memory.load_load, load * load),
-        summed(memory.unasked, load - asked),
+        summed(memory.unasked, load - given),
+        summed(memory.given_given, given * given),
         summed(memory.apart, (apart * apart).sum(axis=2)),
         summed(memory.missed, (missed * missed).sum(axis=2)),
     )
@@ -85,8 +90,7 @@ def after_window(
 def _is_wrong(memory: AnswerMemory) -> NDArray[np.bool_]:
     is_known = memory.asked_asked >= bounds.ANSWER_NM**2 * memory.felt_s
     is_turned = is_known & ((memory.asked_load < 0.0) | (memory.asked_load > bounds.ANSWER_MOST * memory.asked_asked))
-    asked_rms_nm = np.sqrt(memory.asked_asked / memory.felt_s)
-    allowed_nm = bounds.UNASKED_NM + bounds.UNASKED_SHARE * asked_rms_nm
+    allowed_nm = bounds.UNASKED_NM + bounds.UNASKED_SHARE * np.sqrt(memory.given_given / memory.felt_s)
     return is_turned | (np.abs(memory.unasked) > allowed_nm * memory.felt_s)
 
 

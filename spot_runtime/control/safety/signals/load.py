@@ -7,6 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from spot_model.robot import facts
+from spot_model.robot.knee_table import KNEE_TABLE_POSITION_RAD, KNEE_TABLE_TORQUE_NM
 from spot_model.robot.state import Array, JointCommand
 from spot_runtime.control.safety.signals import bounds
 from spot_runtime.control.safety.signals.window import Window
@@ -30,6 +32,13 @@ def disagreeing(window: Window, commands: Sequence[JointCommand]) -> NDArray[np.
     # Less torque than was asked is what limits and weak motors do; it never turns round.
     low, high = np.minimum(least, 0.0) - allowed, np.maximum(largest, 0.0) + allowed
     return np.asarray((state.load_nm < low) | (state.load_nm > high))
+
+
+def motor_torque_nm(position_rad: Array) -> Array:
+    """Most that the motors give at these positions: that of a knee depends on its lever. Shape (12,)."""
+    most = np.full(facts.N_JOINTS, facts.HIP_TORQUE_LIMIT_NM)
+    most[2::3] = np.interp(position_rad[2::3], KNEE_TABLE_POSITION_RAD, KNEE_TABLE_TORQUE_NM)
+    return most
 
 
 def torque_nm(command: JointCommand, position_rad: Array, velocity_rad_s: Array) -> Array:
