@@ -25,6 +25,7 @@ from spot_model.robot.stamps import NS_PER_S
 from spot_model.robot.state import JointCommand, RobotState
 from spot_runtime.hal.errors import MotionError
 from spot_runtime.session.summary import RunSummary
+from spot_runtime.stops import StopReason
 from spot_tools.run.scripted import ScriptedSource
 
 TIPPED_RAD: Final = 0.7
@@ -199,7 +200,8 @@ def _verdict(summary: RunSummary, hal: Watched, doubted_ns: int | None, robot: R
         return "false stop"
     if summary.outcome == "completed":
         return "completed"
-    if summary.outcome == MotionError.label and not is_down and _is_down(robot.truth()):
+    fell_later = (MotionError.label, StopReason.TILT.label)
+    if summary.outcome in fell_later and not is_down and _is_down(robot.truth()):
         return "fell later"
     return "fell" if is_down else "false stop"
 

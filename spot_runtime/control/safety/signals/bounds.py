@@ -190,6 +190,10 @@ neither turn such a load round nor double it."""
 ANSWER_MOST: Final = 2.0
 """Load as a multiple of what was asked, by least squares: gains and sensors err by a quarter of that."""
 
+STOP_RAD: Final = 0.05
+"""From a joint's stop, within which it may lie on it: 1° each of backlash, of an encoder's offset, and by which the stop
+gives way."""
+
 UNASKED_NM: Final = 10.0
 """Mean load that nobody asked for: a sensor's offset of 5 N·m, and friction of 5 N·m that always acts the same way."""
 

@@ -103,9 +103,10 @@ def _after_window(
     has_loads = memory.has_loads or bool(last.load_nm.any())
     repeated = np.where(last.load_nm == first.load_nm, memory.repeated_loads + 1, 0)
     # A load that repeats itself says nothing about its joint; that of a resting joint may do so once by chance.
-    is_measured = (repeated < bounds.REPEATED_LOADS) & has_loads
+    lives = (repeated < bounds.REPEATED_LOADS) & has_loads
+    is_measured = lives & ~load.at_stop(last.position_rad)
     carried_n = None
-    if is_measured.all():
+    if lives.all():
         carried_n = ground_forces_n(last.position_rad, last.load_nm) @ window.odom_from_body[2]
     load_windows, answered, held, carrying = _NO_COUNTS, answer.AnswerMemory(), hold.HoldMemory(), weight.WeightMemory()
     received = sum(command.key <= last.last_command_key for command in memory.commands)

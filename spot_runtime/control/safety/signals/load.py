@@ -34,6 +34,12 @@ def disagreeing(window: Window, commands: Sequence[JointCommand]) -> NDArray[np.
     return np.asarray((state.load_nm < low) | (state.load_nm > high))
 
 
+def at_stop(position_rad: Array) -> NDArray[np.bool_]:
+    """Joints that may lie on their stops, whose force their loads contain. Shape (12,)."""
+    low, high = facts.POSITION_LOW_RAD + bounds.STOP_RAD, facts.POSITION_HIGH_RAD - bounds.STOP_RAD
+    return np.asarray((position_rad < low) | (position_rad > high))
+
+
 def motor_torque_nm(position_rad: Array) -> Array:
     """Most that the motors give at these positions: that of a knee depends on its lever. Shape (12,)."""
     most = np.full(facts.N_JOINTS, facts.HIP_TORQUE_LIMIT_NM)
