@@ -191,7 +191,7 @@ ANSWER_MOST: Final = 2.0
 """Load as a multiple of what was asked, by least squares: gains and sensors err by a quarter of that."""
 
 STOP_RAD: Final = 0.05
-"""From a joint's stop, within which it may lie on it: 1° each of backlash, of an encoder's offset, and by which the stop
+"""From a joint's stop, within which it may lie on it: 1° each of backlash, of an encoder's offset and of a stop that
 gives way."""
 
 UNASKED_NM: Final = 10.0
