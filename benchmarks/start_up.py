@@ -28,7 +28,13 @@ def help_s() -> float:
 
 
 def start_of_a_run(address: FakeAddress, folder: Path) -> dict[str, float]:
-    """One run: from the start of its process to its first state, s, and its memory at the end, MB."""
+    """One run: from the start of its process to its first state, s, and its memory at the end, MB.
+
+    Args:
+        address: Of the fake robot.
+        folder: A new one: a run overwrites no summary.
+    """
+    folder.mkdir()
     summary = folder / "summary.json"
     words = ["run", "--robot", address.robot, "--policy", "policies/walk.onnx", "--sequence", "standing"]
     words += ["--duration", "1", "--log-dir", str(folder), "--summary-json", str(summary)]
@@ -46,7 +52,7 @@ def main() -> None:
     help_s()  # files into the system's cache
     found = {"help_s": [help_s() for _ in range(count)]}
     with FakeProcess(fifo_priority=30) as fake, tempfile.TemporaryDirectory() as folder:
-        runs = [start_of_a_run(fake.address, Path(folder)) for _ in range(count)]
+        runs = [start_of_a_run(fake.address, Path(folder) / str(number)) for number in range(count)]
     found |= {name: [run[name] for run in runs] for name in runs[0]}
     worst = {name: {"median": round(statistics.median(v), 3), "worst": round(max(v), 3)} for name, v in found.items()}
     print(json.dumps(worst, indent=2))
