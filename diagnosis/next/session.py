@@ -19,7 +19,8 @@ from diagnosis.next.choose.robots import all_beliefs
 from diagnosis.next.files import free_folder, ranking_lines, run_words, save_motion, write_offers
 from diagnosis.next.inputs import Inputs, absolute, load_inputs, save_inputs
 from diagnosis.next.page import ranking_page, story_page
-from diagnosis.next.predict.prediction import load_prediction, predict, with_log
+from diagnosis.next.predict.check import check_log, check_prediction
+from diagnosis.next.predict.prediction import digest_of, load_prediction, predict, with_log
 from diagnosis.next.robot_run import Ran, run_on_robot, start_here
 from diagnosis.next.rounds import Lab, Limits, ask_robot
 from diagnosis.next.story import SURE, Found, Story, read_story
@@ -35,7 +36,7 @@ from spot_model.io.model_file import load_model
 from spot_model.io.progress import Progress as Bar
 from spot_model.io.validation import explain
 from spot_model.io.velocity_sequence import load_sequence
-from spot_model.io.whole import whole_folder, write_new, write_over
+from spot_model.io.whole import check_new, whole_folder, write_new, write_over
 from spot_model.policy.policy import Policy, load_policy
 
 
@@ -163,14 +164,17 @@ class Session:
         """Predict a run, or compare a prediction with the log of the run.
 
         Raises:
-            BadInputError: There is no policy, or the command is beyond its range.
+            BadInputError: There is no policy, the command is beyond its range, the prediction that is there is of
+                something else, or the log is of no whole run of that command that began after it.
         """
         if self.policy is None:
             raise BadInputError("a walk needs its policy; give --policy FILE.onnx")
         wanted = load_sequence(sequence)
         path = out or self.folder / f"prediction_{wanted.name}.json"
-        if path.exists():
+        posterior, is_new = self.found.posterior, not path.exists()
+        if not is_new:
             made = load_prediction(path)
+            check_prediction(made, path, wanted, self.policy, digest_of(posterior))
         elif log is not None:
             raise BadInputError(
                 f"{path} is not there: a run can only be compared with a prediction that was made before it"
@@ -178,14 +182,21 @@ class Session:
         else:
             clipped = wanted.clipped(np.array(self.policy.command_low), np.array(self.policy.command_high))
             if clipped != wanted:
-                raise BadInputError(f"sequence {wanted.name} asks for more than the policy knows; ask for less")
+                raise BadInputError(
+                    f"sequence {wanted.name} asks for more than policy {self.policy.contract.name} was trained on, "
+                    f"{self.policy.command_low} to {self.policy.command_high} (m/s, m/s, rad/s); ask for less"
+                )
+            check_new(path)
             library = chosen_library(list(self.inputs.add_effect), list(self.inputs.without))
             runs, _ = read_all([Path(p) for p in self.inputs.logs])
-            made = predict(self.found.posterior, dict(library), wanted, self.policy, runs, self.seed)
+            made = predict(posterior, dict(library), wanted, self.policy, runs, self.seed)
             write_new(path, made.to_json())
         if log is None:
-            return [*made.lines(), f"written to {path}; after the run give --log LOG"]
-        return with_log(made, read_run(log)).lines()
+            where = f"written to {path}" if is_new else f"{path} was there: this is what was predicted then"
+            return [*made.lines(), f"{where}; after the run give --log LOG"]
+        run = read_run(log)
+        check_log(made, run, self.policy)
+        return [*with_log(made, run).lines(), *(f"  log {log}: {text}" for text in run.damage)]
 
 
 def diagnosed(inputs: Inputs, more_logs: Sequence[Path], out: Path) -> Found:

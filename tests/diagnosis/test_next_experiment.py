@@ -1,4 +1,4 @@
-"""The next experiment: information by hand, safety, the choice, the rounds, the prediction."""
+"""The next experiment: information by hand, safety, the choice, the rounds."""
 
 from __future__ import annotations
 
@@ -33,8 +33,6 @@ from diagnosis.next.choose.trial import try_on
 from diagnosis.next.files import free_folder, load_motion, ranking_lines, run_words, write_offers
 from diagnosis.next.inputs import Inputs, save_inputs
 from diagnosis.next.page import ranking_page, story_page
-from diagnosis.next.predict.outcome import MOTION
-from diagnosis.next.predict.prediction import Forecast, Prediction, _forecast, load_prediction
 from diagnosis.next.robot_run import WHOLE, Ran, is_here, run_on_robot
 from diagnosis.next.rounds import Lab, Limits, ask_robot
 from diagnosis.next.session import Session, found_in
@@ -576,34 +574,6 @@ def test_an_effect_that_moves_nothing_is_no_cause() -> None:
 def test_a_run_that_leaves_no_log_is_told(tmp_path: Path) -> None:
     ran = run_on_robot(["run"], tmp_path, lambda _: False)
     assert (ran.log, ran.outcome) == (None, "it left no log")
-
-
-# The prediction ------------------------------------------------------------------------------------------------------
-
-
-def test_an_interval_by_hand() -> None:
-    """No log: centre = mean, half = t(0.95, 4) · usual · mean = 2.1318 · 0.04 · 2."""
-    made = _forecast(MOTION[0], np.full(5, 2.0), np.zeros(0))
-    assert made.value == pytest.approx(2.0)
-    assert made.high - made.value == pytest.approx(2.1318 * 0.04 * 2.0, rel=1e-4)
-
-
-def test_logs_that_are_met_narrow_and_logs_that_are_missed_widen_and_shift() -> None:
-    numbers = np.full(5, 2.0)
-    none, met, missed = (_forecast(MOTION[0], numbers, np.array(e)) for e in ([], [0.0] * 3, [0.2] * 3))
-    assert met.high - met.low < none.high - none.low < missed.high - missed.low
-    assert missed.value == pytest.approx(2.0 * (1.0 + 0.6 / 4))
-
-
-def test_a_prediction_comes_back_from_its_file_and_says_whether_it_held(tmp_path: Path) -> None:
-    made = Prediction("fast", (Forecast("top_speed", "top speed", "m/s", 2.0, 1.8, 2.2, 2.3),), 0.0, ("a note",))
-    path = tmp_path / "p.json"
-    path.write_text(made.to_json())
-    assert load_prediction(path) == made
-    assert "did not hold" in "\n".join(made.lines())
-    path.write_text("{}")
-    with pytest.raises(BadInputError, match="no prediction"):
-        load_prediction(path)
 
 
 # The command line ----------------------------------------------------------------------------------------------------

@@ -12,13 +12,13 @@ freedom. Heat and battery are not simulated: they follow from loads by what the 
 
 from __future__ import annotations
 
-import json
+import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
+from pydantic import Field, ValidationError
 from scipy.stats import t as student
 
 from diagnosis.closed_loop.merged_models import merged
@@ -42,7 +42,10 @@ from diagnosis.verdict.posterior_file import Posterior
 from spot_log.read.run import Run
 from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel
+from spot_model.io.settings import Settings
+from spot_model.io.validation import explain
 from spot_model.io.velocity_sequence import VelocitySequence
+from spot_model.policy.contract import sha256_hex
 from spot_model.policy.policy import Policy
 from spot_model.robot.facts import Array
 
@@ -54,8 +57,7 @@ SEQUENCES: Final = 6
 """Logged sequences that are simulated, at most."""
 
 
-@dataclass(frozen=True)
-class Forecast:
+class Forecast(Settings):
     """One predicted number."""
 
     name: str
@@ -72,24 +74,33 @@ class Forecast:
         return None if self.measured is None else self.low <= self.measured <= self.high
 
 
-@dataclass(frozen=True)
-class Prediction:
-    """All that is predicted of a command."""
+class Prediction(Settings):
+    """All that is predicted of a command, and what tells the log of its run from others."""
 
-    sequence: str
+    schema_name: Literal["spot-rl/prediction/2"] = Field(default="spot-rl/prediction/2", alias="schema")
+    level: float = LEVEL
+    sequence: VelocitySequence
+    """The command."""
+    policy_sha256: str
+    """Digest of the policy that will run."""
+    posterior_sha256: str
+    """Digest of what was still possible after the diagnosis."""
+    logs: tuple[tuple[str, int], ...]
+    """The logs that were diagnosed, each as :func:`recorded`."""
+    made_host_stamp_ns: int
+    """When it was made, this computer's clock."""
     forecasts: tuple[Forecast, ...]
-    fell: float
+    fell: float = Field(ge=0.0, le=1.0)
     """Share of simulated robots that fell or were stopped."""
     notes: tuple[str, ...] = ()
 
     def to_json(self) -> str:
         """As text."""
-        data = {"schema": "spot-rl/prediction/1", "level": LEVEL, **asdict(self)}
-        return json.dumps(data, indent=1) + "\n"
+        return self.model_dump_json(by_alias=True, indent=1) + "\n"
 
     def lines(self) -> list[str]:
         """For a terminal."""
-        out = [f"{self.sequence}: what the robot will do ({100 * LEVEL:.0f} % intervals)"]
+        out = [f"{self.sequence.name}: what the robot will do ({100 * self.level:.0f} % intervals)"]
         for f in self.forecasts:
             line = f"  {f.title:36s} {f.value:7.2f} {f.unit:4s} {f.low:7.2f} to {f.high:.2f}"
             if f.measured is not None:
@@ -100,18 +111,31 @@ class Prediction:
         return out + [f"  {note}" for note in self.notes]
 
 
+def recorded(run: Run) -> tuple[str, int]:
+    """What tells a log from others: the run's name, and when it began."""
+    return run.header.run_id, run.header.started_host_stamp_ns
+
+
+def digest_of(posterior: Posterior) -> str:
+    """By which a prediction knows the diagnosis that it was made from."""
+    return sha256_hex(posterior.model_dump_json(by_alias=True).encode())
+
+
 def load_prediction(path: Path) -> Prediction:
     """Read a ``prediction.json``.
 
     Raises:
-        BadInputError: It cannot be read, or is none.
+        BadInputError: It cannot be read, or is none of this release.
     """
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-        forecasts = tuple(Forecast(**f) for f in data["forecasts"])
-        return Prediction(data["sequence"], forecasts, data["fell"], tuple(data["notes"]))
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise BadInputError(f"{path} is no prediction of 'spot-rl diagnose predict': {error}") from error
+        return Prediction.model_validate_json(path.read_bytes())
+    except OSError as error:
+        raise BadInputError(f"prediction {path} cannot be read: {error.strerror}") from error
+    except ValidationError as error:
+        raise BadInputError(
+            f"{path} is no prediction of this release's 'spot-rl diagnose predict':\n{explain(error)}\n"
+            "give --out FILE for a new one, made before the run"
+        ) from error
 
 
 def predict(
@@ -145,7 +169,16 @@ def predict(
         notes.append("no log of the policy: intervals rest on the usual error of simulations alone")
     forecasts = [_forecast(q, numbers[whole, k], errors[:, k]) for k, q in enumerate(MOTION)]
     forecasts += _of_heat_and_battery([r for r, w in zip(runs, whole, strict=True) if w], logs, notes)
-    return Prediction(sequence.name, tuple(forecasts), float(1.0 - whole.mean()), tuple(notes))
+    return Prediction(
+        sequence=sequence,
+        policy_sha256=policy.sha256,
+        posterior_sha256=digest_of(posterior),
+        logs=tuple(recorded(log) for log in logs),
+        made_host_stamp_ns=time.time_ns(),
+        forecasts=tuple(forecasts),
+        fell=float(1.0 - whole.mean()),
+        notes=tuple(notes),
+    )
 
 
 def with_log(prediction: Prediction, run: Run) -> Prediction:
@@ -153,12 +186,10 @@ def with_log(prediction: Prediction, run: Run) -> Prediction:
     measured = dict(zip((q.name for q in MOTION), motion_numbers(run).tolist(), strict=True))
     measured |= {HEAT.name: float(np.max(warmed_c(run))), BATTERY.name: battery_used_percent(run)}
     forecasts = tuple(
-        Forecast(f.name, f.title, f.unit, f.value, f.low, f.high, measured[f.name])
-        if np.isfinite(measured[f.name])
-        else f
+        f.model_copy(update={"measured": measured[f.name]}) if np.isfinite(measured.get(f.name, np.nan)) else f
         for f in prediction.forecasts
     )
-    return Prediction(prediction.sequence, forecasts, prediction.fell, prediction.notes)
+    return prediction.model_copy(update={"forecasts": forecasts})
 
 
 def _is_whole(run: Run, sequence: VelocitySequence) -> bool:
@@ -191,7 +222,7 @@ def _forecast(q: Quantity, numbers: Array, errors: Array) -> Forecast:
     centre = mean * (1.0 + float(errors.sum()) / (n + 1))
     off = np.sqrt((KNOWN * q.usual**2 + float(np.sum(errors**2))) / (KNOWN + n)) * abs(centre)
     half = float(student.ppf(0.5 + 0.5 * LEVEL, KNOWN + n) * np.hypot(off, numbers.std()))
-    return Forecast(q.name, q.title, q.unit, centre, centre - half, centre + half)
+    return _around(q, centre, half)
 
 
 def _of_heat_and_battery(runs: Sequence[Run], logs: Sequence[Run], notes: list[str]) -> list[Forecast]:
@@ -217,4 +248,8 @@ def _linear(q: Quantity, x: Array, y: Array, new: Array, n_runs: int) -> Forecas
     mean = float(values.mean())
     off = np.sqrt(float(left.var()) + (q.usual * mean) ** 2 + float(values.var()))
     half = float(student.ppf(0.5 + 0.5 * LEVEL, KNOWN) * off)
-    return Forecast(q.name, q.title, q.unit, mean, mean - half, mean + half)
+    return _around(q, mean, half)
+
+
+def _around(q: Quantity, value: float, half: float) -> Forecast:
+    return Forecast(name=q.name, title=q.title, unit=q.unit, value=value, low=value - half, high=value + half)
