@@ -17,14 +17,16 @@ def explain(error: ValidationError, model: type[BaseModel] | None = None) -> str
     for problem in error.errors(include_url=False):
         where = ".".join(str(part) for part in problem["loc"]) or "file"
         value = "" if problem["type"] == "missing" else f" = {_short(problem['input'])}"
-        message = problem["msg"]
+        message = problem["msg"].removeprefix("Value error, ")
+        if problem["type"] == "value_error" and not problem["loc"]:
+            where = value = ""  # of several keys, which the message names
         if problem["type"] == "extra_forbidden":
             message = "unknown key"
             allowed = _keys_at(model, problem["loc"][:-1]) if model is not None else ()
             message += f"; allowed: {', '.join(allowed)}" if allowed else ""
         elif problem["type"] in ("model_type", "dict_type"):
             message = "allowed: keys with values, 'key: value'"
-        lines.append(f"  {where}{value}: {message}")
+        lines.append(f"  {where}{value}: {message}" if where else f"  {message}")
     return "\n".join(lines)
 
 

@@ -22,6 +22,8 @@ OUTPUT_NAME: Final = "action"
 MAX_POLICY_BYTES: Final = 16 * 1024 * 1024
 MAX_HISTORY: Final = 50
 """Ticks of observations that a network may see."""
+MAX_KP_NM_PER_RAD: Final = 1000.0
+MAX_KD_NM_S_PER_RAD: Final = 50.0
 
 
 class PolicyError(SpotRlError):
@@ -129,18 +131,27 @@ class PolicyContract(Settings):
                 f"stored_pair.observation has {len(self.stored_pair.observation)} values; "
                 f"{self.observation_history} ticks of {N_OBSERVATION} are needed"
             )
-        if min(self.kp_nm_per_rad) < 0.0 or min(self.kd_nm_s_per_rad) < 0.0:
-            raise ValueError("kp_nm_per_rad and kd_nm_s_per_rad must be at least 0")
-        if max(self.kp_nm_per_rad) > 1000.0 or max(self.kd_nm_s_per_rad) > 50.0:
-            raise ValueError("kp_nm_per_rad must be at most 1000 (the vendor's stand: 936), kd_nm_s_per_rad at most 50")
-        for name, angle in zip(self.joint_names, self.default_position_rad, strict=True):
+        for name, kp, kd, angle in zip(
+            self.joint_names, self.kp_nm_per_rad, self.kd_nm_s_per_rad, self.default_position_rad, strict=True
+        ):
+            if not 0.0 < kp <= MAX_KP_NM_PER_RAD:
+                raise ValueError(
+                    f"kp_nm_per_rad of {name} is {kp:g}; allowed: above 0 (at 0 the joint ignores its set-point), at "
+                    f"most {MAX_KP_NM_PER_RAD:g} (the vendor's stand: 936)"
+                )
+            if not 0.0 <= kd <= MAX_KD_NM_S_PER_RAD:
+                raise ValueError(f"kd_nm_s_per_rad of {name} is {kd:g}; allowed: 0 to {MAX_KD_NM_S_PER_RAD:g}")
             joint = facts.JOINT_NAMES.index(name)
             low, high = facts.POSITION_LOW_RAD[joint], facts.POSITION_HIGH_RAD[joint]
             if not low <= angle <= high:
-                raise ValueError(f"default_position_rad of {name} is {angle:g}; allowed: {low:g} to {high:g}")
+                raise ValueError(
+                    f"default_position_rad of {name} is {angle:g}; allowed: {low:g} to {high:g} (radians, not degrees)"
+                )
         for low, high in zip(self.velocity_command_low, self.velocity_command_high, strict=True):
             if low > high:
-                raise ValueError("velocity_command_low must not exceed velocity_command_high")
+                raise ValueError(
+                    f"velocity_command_low must not exceed velocity_command_high: {low:g} exceeds {high:g}"
+                )
         return self
 
     def to_json(self) -> str:

@@ -74,7 +74,7 @@ def motion_of(experiment: JointExperiment) -> JointMotion:
         body_m, pose, air = _poses(experiment, time_s)
     except ValueError as error:
         raise BadInputError(f"joint experiment {experiment.name}: {error}") from error
-    setpoint = pose + _carried_nm(pose, air) / experiment.kp_nm_per_rad
+    setpoint = pose + carried_nm(pose, air) / experiment.kp_nm_per_rad
     _check(experiment.name, setpoint)
     _check_body(experiment.name, body_m)
     return JointMotion(setpoint[0], setpoint - setpoint[0])
@@ -118,8 +118,8 @@ def _with_body_at(body_m: Array, air: Array) -> Array:
     return joints_of_feet(feet, facts.DEFAULT_POSITION_RAD)
 
 
-def _carried_nm(pose_rad: Array, air: Array) -> Array:
-    """Joint torques that carry the nominal weight, shape (n, 12), with relieved feet as in :func:`_poses`.
+def carried_nm(pose_rad: Array, air: Array) -> Array:
+    """Joint torques that carry the nominal weight, shape (n, 12), of poses, (n, 12), and relieved feet, (n, 4), 0 to 1.
 
     The loads of the feet balance weight and moments about the body's centre; of all that do, the smallest. Where a foot
     is relieved, loads go over from those on four feet to those on the others.

@@ -23,6 +23,7 @@ WALK = Path(__file__).parents[2] / "policies" / "walk.onnx"
 LEVEL = np.zeros(N_OBSERVATION)
 LEVEL[COLUMNS["projected_gravity_in_body"]] = (0.0, 0.0, -1.0)
 
+
 def test_an_interval_by_hand() -> None:
     """No log: centre = mean, half = t(0.95, 4) · usual · mean = 2.1318 · 0.04 · 2."""
     made = _forecast(MOTION[0], np.full(5, 2.0), np.zeros(0))

@@ -103,7 +103,7 @@ def test_another_joint_order_is_undone_on_both_sides():
                 weight,
                 joint_names=ISAAC_LAB,
                 default_position_rad=tuple(facts.DEFAULT_POSITION_RAD[isaac]),
-                kp_nm_per_rad=tuple(np.arange(12.0)[isaac]),
+                kp_nm_per_rad=tuple(np.arange(1.0, 13.0)[isaac]),
             ).to_json(),
         ),
         source="p",
@@ -114,7 +114,7 @@ def test_another_joint_order_is_undone_on_both_sides():
     np.testing.assert_allclose(observation[12:24], isaac, atol=1e-12)
     action = np.array([float(i) for i in isaac])
     np.testing.assert_allclose(policy.setpoint_rad(action), facts.DEFAULT_POSITION_RAD + 0.2 * np.arange(12))
-    np.testing.assert_array_equal(policy.gains().kp_nm_per_rad, np.arange(12.0))
+    np.testing.assert_array_equal(policy.gains().kp_nm_per_rad, np.arange(1.0, 13.0))
 
 
 def test_what_does_not_hold_is_refused_with_what_was_expected(tmp_path: Path):
@@ -143,7 +143,12 @@ def test_what_does_not_hold_is_refused_with_what_was_expected(tmp_path: Path):
     refused(changed(joint_names=["fl_hx"] * 12), "joint_names.*must name each of fl_hx")
     refused(changed(rate_hz=5000), "rate_hz = 5000")
     refused(changed(kp_nm_per_rad=[60.0] * 11), "kp_nm_per_rad has 11 values; 12 are needed")
-    refused(changed(kp_nm_per_rad=[-60.0] * 12), "must be at least 0")
+    for kp in (-60.0, 0.0, 7500.0):
+        refused(changed(kp_nm_per_rad=[60.0, kp] * 6), f"kp_nm_per_rad of fl_hy is {kp:g}; allowed: above 0")
+    refused(changed(kd_nm_s_per_rad=[1.5] * 11 + [51.0]), "kd_nm_s_per_rad of hr_kn is 51; allowed: 0 to 50")
+    refused(
+        changed(default_position_rad=[0.0, 51.6, -1.5] * 4), r"of fl_hy is 51.6; allowed: .* \(radians, not degrees"
+    )
     refused(changed(schema="spot-rl/policy/9"), "schema = 'spot-rl/policy/9'")
     refused(changed(extra=1), "extra = 1")
     refused(changed(velocity_command_low=[2, 0, 0]), "must not exceed")

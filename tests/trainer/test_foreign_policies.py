@@ -5,12 +5,16 @@ The foreign side is written anew here, from names and in loops, so that it share
 
 from __future__ import annotations
 
+import contextlib
+import copy
+import functools
 import json
+import operator
 import shutil
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import onnx
@@ -30,6 +34,8 @@ from spot_model.robot import facts
 from spot_model.robot.rotation import rotate_inverse_wxyz
 from spot_model.robot.state import RobotState
 from trainer.export.export_command import export
+from trainer.foreign import isaac_lab, mjlab, spot_rl_example
+from trainer.foreign.description import checked
 from trainer.foreign.import_command import import_policy
 
 WALK = Path(__file__).parents[2] / "policies" / "walk.onnx"
@@ -269,7 +275,7 @@ def test_the_learners_file_names_groups_and_clips_actions(run: Callable[..., Pat
 @pytest.mark.parametrize(
     ("agent", "told"),
     [
-        ({"clip_actions": -1.0}, "clip_actions = -1.0; it must be a positive number"),
+        ({"clip_actions": -1.0}, "clip_actions = -1; it must be above 0"),
         ({"obs_groups": {"actor": "policy"}}, "obs_groups = {'actor': 'policy'}; it must name lists"),
         ({"obs_groups": {"actor": ["policy", "camera"]}}, "no observations.camera"),
     ],
@@ -490,6 +496,142 @@ def test_what_cannot_be_is_refused_by_name(run: Callable[..., Path], change: dic
     path = run(environment(**change))
     assert told in str(invoke("import", str(path), "--like", "isaac-lab", "--yes", code=1).exception)
     assert not path.with_name("policy.spot.onnx").exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"pose": {**POSE, ".*_hx": 1.5}}, "default_position_rad of fl_hx is 1.5; allowed: -0.785398 to 0.785398"),
+        ({"pose": {**POSE, ".*_hy": 51.6}}, "of fl_hy is 51.6; allowed: -0.898845 to 2.29511 (radians, not degrees)"),
+        ({"stiffness": 7500.0}, "kp_nm_per_rad of fl_kn is 7500; allowed: above 0"),
+        ({"stiffness": 0.0}, "kp_nm_per_rad of fl_kn is 0; allowed: above 0 (at 0 the joint ignores its set-point)"),
+        ({"stiffness": 5.0}, "the stiffness of fl_kn is 5 N·m/rad; allowed: at least 14.9"),
+        ({"damping": -1.0}, "kd_nm_s_per_rad of fl_kn is -1; allowed: 0 to 50"),
+        ({"dt": 0.0001}, "rate_hz = 1000.0: Input should be less than or equal to 333"),
+        ({"scale": 0.0}, "action scale of fl_hx is 0; allowed: any number but 0"),
+        ({"scale": 11.46}, "action_scale_rad = 11.46: Input should be less than or equal to 2"),
+    ],
+)
+def test_numbers_that_no_robot_bears_are_refused_before_anybody_is_asked(
+    run: Callable[..., Path], change: dict[str, Any], told: str
+) -> None:
+    env = environment()
+    robot = env["scene"]["robot"]
+    robot["init_state"]["joint_pos"] = change.get("pose", POSE)
+    knee = robot["actuators"]["spot_knee"]
+    knee |= {key: change[key] for key in ("stiffness", "damping") if key in change}
+    env["sim"]["dt"] = change.get("dt", 0.002)
+    env["actions"]["joint_pos"]["scale"] = change.get("scale", 0.2)
+    path = run(env)
+    found = invoke("import", str(path), "--like", "isaac-lab", code=1)
+    assert isinstance(found.exception, BadInputError)
+    assert told in str(found.exception)
+    assert "Is this what" not in found.output
+    assert sorted(file.name for file in path.parent.iterdir()) == [path.name]
+
+
+BAD: Final = (
+    None,
+    True,
+    "x",
+    "",
+    -1,
+    0,
+    1e9,
+    float("nan"),
+    10**400,
+    [],
+    [None],
+    ["("],
+    [1, "y", {}],
+    {},
+    {"(": 1},
+    {"a": []},
+)
+
+
+def places(data: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """Where a file's data have a value, however deep."""
+    for key in data if isinstance(data, dict) else range(len(data)) if isinstance(data, list) else ():
+        yield (*path, key)
+        yield from places(data[key], (*path, key))
+
+
+def test_whatever_stands_anywhere_in_a_side_file_is_taken_or_refused_in_words() -> None:
+    """Every place of a full env.yaml with every bad value: no exception but ours."""
+    params = {"asset_cfg": {"joint_names": list(facts.JOINT_NAMES), "preserve_order": True}}
+    whole = environment(joint_pos={"params": params, "scale": [1.0], "clip": [-9.0, 9.0], "history_length": 2})
+    agent = {"clip_actions": 100.0, "obs_groups": {"policy": ["policy"]}}
+    n = n_refused = 0
+    for path in [("agent", *place) for place in places(agent)] + [("env", *place) for place in places(whole)]:
+        for bad in BAD:
+            data = copy.deepcopy({"env": whole, "agent": agent})
+            held = functools.reduce(operator.getitem, path[:-1], data)
+            held[path[-1]] = bad  # type: ignore[index]
+            n += 1
+            try:
+                checked(isaac_lab.describe(data["env"], "p", agent=data["agent"]))
+                checked(spot_rl_example.describe(data["env"], "p"))
+            except BadInputError:
+                n_refused += 1
+    assert n > 1000
+    assert n_refused > n // 3
+
+
+def test_whatever_stands_in_metadata_is_taken_or_refused_in_words() -> None:
+    of_terms = {"scale": "1.0", "clip": "-9;9", "history_length": "2"}
+    more = {f"observation_terms_{key}": ",".join([value] * 7) for key, value in of_terms.items()}
+    whole = mjlab_metadata(list(facts.JOINT_NAMES), **more)
+    for key in whole:
+        for bad in (
+            "",
+            "x",
+            ",",
+            "0",
+            "-1",
+            "nan",
+            "inf",
+            "1e400",
+            "1;2;3",
+            ",".join(["nan"] * 12),
+            ",".join(["0"] * 12),
+        ):
+            with contextlib.suppress(BadInputError):
+                checked(mjlab.describe({**whole, key: bad}, "p"))
+    checked(mjlab.describe(whole, "p"))
+
+
+def graph_without_output(path: Path) -> None:
+    model = onnx.load(path)
+    del model.graph.output[:]
+    onnx.save(model, path)
+
+
+def with_weights_of_nan(path: Path) -> None:
+    model = onnx.load(path)
+    model.graph.initializer[0].CopyFrom(numpy_helper.from_array(np.full((48, 16), np.nan, dtype=np.float32), "w0"))
+    onnx.save(model, path)
+
+
+def of_doubles(path: Path) -> None:
+    model = onnx.load(path)
+    model.graph.input[0].type.tensor_type.elem_type = TensorProto.DOUBLE
+    onnx.save(model, path)
+
+
+def of_three_axes(path: Path) -> None:
+    model = onnx.load(path)
+    model.graph.input[0].CopyFrom(helper.make_tensor_value_info("obs", TensorProto.FLOAT, [1, 5, 48]))
+    onnx.save(model, path)
+
+
+@pytest.mark.parametrize("spoil", [graph_without_output, with_weights_of_nan, of_doubles, of_three_axes])
+def test_a_network_that_is_none_is_refused_in_words(run: Callable[..., Path], spoil: Callable[[Path], None]) -> None:
+    path = run(environment())
+    spoil(path)
+    told = invoke("import", str(path), "--like", "isaac-lab", "--yes", code=1)
+    assert isinstance(told.exception, BadInputError)
+    assert sorted(file.name for file in path.parent.iterdir()) == [path.name]
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spot_model.policy.observation import COLUMNS, N_OBSERVATION, OBSERVATION
-from trainer.foreign.description import ForeignPolicy, Term
+from trainer.foreign.description import ForeignPolicy, Term, common_scale
 from trainer.foreign.terms import LAST_ACTION
 
 Array = NDArray[np.float64]
@@ -52,11 +52,6 @@ def observation_map(policy: ForeignPolicy) -> ObservationMap:
             scale[columns] = term.scale
             start += term.width
     return ObservationMap(matrix, offset, low, high, scale)
-
-
-def common_scale(policy: ForeignPolicy) -> float:
-    """The one action scale of our contract; a joint's own share of it goes into the network."""
-    return float(max(policy.action_scale_rad))
 
 
 def _rows(term: Term, joint_names: tuple[str, ...]) -> NDArray[np.intp]:

@@ -4,12 +4,19 @@ from __future__ import annotations
 
 import math
 import re
+import reprlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
+
+import numpy as np
+from pydantic import ValidationError
 
 from spot_model.errors import BadInputError
-from spot_model.policy.observation import OBSERVATION
+from spot_model.io.validation import explain
+from spot_model.policy.contract import PolicyContract, StoredPair, TrainingRecord
+from spot_model.policy.joint_motion import carried_nm
+from spot_model.policy.observation import N_OBSERVATION, OBSERVATION
 from spot_model.robot import facts
 
 BREADTH_FIRST: Final = tuple(f"{leg}_{joint}" for joint in ("hx", "hy", "kn") for leg in facts.LEG_NAMES)
@@ -72,6 +79,79 @@ class ForeignPolicy:
         return max(term.history for term in self.terms)
 
 
+def checked(policy: ForeignPolicy) -> ForeignPolicy:
+    """The policy, if it can be one of ours.
+
+    Raises:
+        BadInputError: A value is out of its range; the message names it.
+    """
+    for term in policy.terms:
+        if len(term.scale) not in (1, term.width) or not all(math.isfinite(v) and v != 0.0 for v in term.scale):
+            raise BadInputError(
+                f"observation term {term.field}: scale {', '.join(f'{v:g}' for v in term.scale)}; allowed: one number, "
+                f"or {term.width}, none of them 0"
+            )
+        if not term.clip[0] < term.clip[1]:
+            raise BadInputError(
+                f"observation term {term.field}: clip {term.clip[0]:g} to {term.clip[1]:g}; allowed: low below high"
+            )
+    for joint, scale in zip(policy.joint_names, policy.action_scale_rad, strict=True):
+        if not (math.isfinite(scale) and scale != 0.0):
+            raise BadInputError(
+                f"action scale of {joint} is {scale:g}; allowed: any number but 0, in rad for an action of 1"
+            )
+    pair = StoredPair(observation=(0.0,) * policy.history * N_OBSERVATION, action=(0.0,) * facts.N_JOINTS)
+    _check_stiffness(contract_of(policy, pair))
+    return policy
+
+
+def contract_of(policy: ForeignPolicy, pair: StoredPair, revision: str = "") -> PolicyContract:
+    """Our contract of a foreign policy.
+
+    Raises:
+        BadInputError: A value is out of the contract's range; the message names it.
+    """
+    try:
+        return PolicyContract(
+            name=policy.name,
+            joint_names=policy.joint_names,
+            default_position_rad=policy.default_position_rad,
+            action_scale_rad=common_scale(policy),
+            kp_nm_per_rad=policy.kp_nm_per_rad,
+            kd_nm_s_per_rad=policy.kd_nm_s_per_rad,
+            rate_hz=policy.rate_hz,
+            observation_history=policy.history,
+            velocity_command_low=policy.command_low,
+            velocity_command_high=policy.command_high,
+            training=TrainingRecord(run=revision, command="spot-rl policy import"),
+            stored_pair=pair,
+        )
+    except ValidationError as error:
+        raise BadInputError(
+            f"policy {policy.name} cannot be one of ours:\n{explain(error)}\n"
+            "correct the file that says so, or name the training run's with --env"
+        ) from error
+
+
+def common_scale(policy: ForeignPolicy) -> float:
+    """The one action scale of our contract; a joint's own share of it goes into the network."""
+    return max(abs(scale) for scale in policy.action_scale_rad)
+
+
+def _check_stiffness(contract: PolicyContract) -> None:
+    """Refuse a servo that, with its set-point at the joint's stop, carries less than the robot weighs as it stands."""
+    order = [contract.joint_names.index(name) for name in facts.JOINT_NAMES]
+    pose, kp = np.array(contract.default_position_rad)[order], np.array(contract.kp_nm_per_rad)[order]
+    torque_nm = carried_nm(pose[None], np.zeros((1, facts.N_LEGS)))[0]
+    room_rad = np.where(torque_nm > 0.0, facts.POSITION_HIGH_RAD - pose, pose - facts.POSITION_LOW_RAD)
+    for joint, own, needed in zip(facts.JOINT_NAMES, kp, np.abs(torque_nm) / np.maximum(room_rad, 1e-6), strict=True):
+        if own < needed:
+            raise BadInputError(
+                f"policy {contract.name}: the stiffness of {joint} is {own:g} N·m/rad; allowed: at least {needed:.3g}, "
+                "or the joint cannot carry its share of the robot in the default pose, even with the set-point at its stop"
+            )
+
+
 def canonical_joints(names: Sequence[str], source: str) -> tuple[str, ...]:
     """Joint names as ours (``fl.hx`` is ``fl_hx``), each of the twelve once.
 
@@ -87,23 +167,73 @@ def canonical_joints(names: Sequence[str], source: str) -> tuple[str, ...]:
     return cleaned
 
 
-def by_joint(value: float | Mapping[str, float], joint_names: Sequence[str], source: str) -> tuple[float, ...]:
+def number(value: Any, source: str) -> float:
+    """A number of a file, or a text that is one (YAML reads 1e-3 as a text).
+
+    Raises:
+        BadInputError: It is none.
+    """
+    if not isinstance(value, bool) and isinstance(value, (int, float, str)):
+        try:
+            if math.isfinite(found := float(value)):
+                return found
+        except (ValueError, OverflowError):
+            pass
+    raise BadInputError(f"{source} = {reprlib.repr(value)}; it must be a number")
+
+
+def history_length(value: Any, source: str) -> int:
+    """Ticks that a term holds; 0 is one, too. Raises ``BadInputError`` where it is no such number."""
+    found = number(value, source)
+    if found != int(found) or not 0 <= found <= MAX_HISTORY:
+        raise BadInputError(f"{source} = {found:g}; allowed: at most {MAX_HISTORY}, a whole number")
+    return max(int(found), 1)
+
+
+def mapping(value: Any, source: str) -> Mapping[str, Any]:
+    """Keys with values of a file; none where it says nothing.
+
+    Raises:
+        BadInputError: It is something else.
+    """
+    if value is not None and not isinstance(value, Mapping):
+        raise BadInputError(f"{source} = {reprlib.repr(value)}; it must hold keys with values")
+    return value or {}
+
+
+def matching(expressions: Any, names: Sequence[str], source: str) -> list[list[str]]:
+    """For each regular expression, the names that it matches as a whole.
+
+    Raises:
+        BadInputError: There is no list of texts, or one is no regular expression.
+    """
+    listed = [expressions] if isinstance(expressions, str) else expressions
+    if not isinstance(listed, (list, tuple)) or not all(isinstance(e, str) for e in listed):
+        raise BadInputError(
+            f"{source} = {reprlib.repr(expressions)}; it must be a regular expression, or a list of them"
+        )
+    found = []
+    for expression in listed:
+        try:
+            pattern = re.compile(expression)
+        except re.error as error:
+            raise BadInputError(f"{source}: {expression!r:.60} is no regular expression: {error}") from error
+        found.append([name for name in names if pattern.fullmatch(name)])
+    return found
+
+
+def by_joint(value: Any, joint_names: Sequence[str], source: str) -> tuple[float, ...]:
     """A value a joint: one for all, or by regular expressions that match whole names.
 
     Raises:
         BadInputError: A joint is not matched, or a value is not a number.
     """
-    if isinstance(value, (int, float)) and not isinstance(value, bool):
-        return (float(value),) * len(joint_names)
     if not isinstance(value, Mapping):
-        raise BadInputError(f"{source} = {value!r:.60}; it must be a number, or numbers by joint")
+        return (number(value, source),) * len(joint_names)
     found: dict[str, float] = {}
-    for expression, number in value.items():
-        try:
-            pattern = re.compile(str(expression))
-        except re.error as error:
-            raise BadInputError(f"{source}: {expression!r} is no regular expression: {error}") from error
-        found |= {name: float(number) for name in joint_names if pattern.fullmatch(name)}
+    for expression, own in value.items():
+        (names,) = matching([str(expression)], joint_names, source)
+        found |= dict.fromkeys(names, number(own, f"{source}.{expression}"))
     missing = [name for name in joint_names if name not in found]
     if missing:
         raise BadInputError(f"{source} says nothing of {', '.join(missing)}")

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import math
-import re
+import reprlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
@@ -16,7 +16,7 @@ import yaml
 
 from spot_model.errors import BadInputError
 from spot_model.io.bounded_file import FileTooLargeError, read_at_most
-from trainer.foreign.description import by_joint
+from trainer.foreign.description import by_joint, mapping, matching, number
 
 MAX_BYTES: Final = 4 * 1024 * 1024
 DEFAULT_COMMANDS: Final = ((-1.0, -0.5, -1.0), (1.0, 0.5, 1.0))
@@ -48,7 +48,7 @@ def read_environment(path: Path) -> dict[str, Any]:
     try:
         text = read_at_most(path, MAX_BYTES).decode("utf-8")
         data = json.loads(text) if path.suffix == ".json" else yaml.load(text, Loader=_PlainLoader)  # noqa: S506 - see it
-    except (OSError, FileTooLargeError, UnicodeDecodeError, ValueError, yaml.YAMLError) as error:
+    except (OSError, FileTooLargeError, UnicodeDecodeError, ValueError, RecursionError, yaml.YAMLError) as error:
         raise BadInputError(f"environment file {path} cannot be read: {error}") from error
     if not isinstance(data, dict):
         raise BadInputError(f"environment file {path} holds no mapping; give the env.yaml of the training run")
@@ -70,9 +70,18 @@ def action_clip(agent: Mapping[str, Any]) -> float:
     clip = agent.get("clip_actions")
     if clip is None:
         return math.inf
-    if isinstance(clip, bool) or not isinstance(clip, (int, float)) or not clip > 0.0:
-        raise BadInputError(f"agent.yaml: clip_actions = {clip!r:.60}; it must be a positive number, or null")
-    return float(clip)
+    found = number(clip, "agent.yaml: clip_actions")
+    if found <= 0.0:
+        raise BadInputError(f"agent.yaml: clip_actions = {found:g}; it must be above 0, or null")
+    return found
+
+
+def rate_of(environment: Mapping[str, Any]) -> float:
+    """Rate of the policy, Hz: one action in ``decimation`` physics steps of ``sim.dt``."""
+    step_s = number(get(environment, "sim.dt"), "sim.dt") * number(get(environment, "decimation"), "decimation")
+    if step_s <= 0.0:
+        raise BadInputError(f"sim.dt · decimation = {step_s:g} s; it must be above 0")
+    return 1.0 / step_s
 
 
 def gains_of(environment: Mapping[str, Any], key: str, joints: tuple[str, ...]) -> tuple[float, ...]:
@@ -82,28 +91,41 @@ def gains_of(environment: Mapping[str, Any], key: str, joints: tuple[str, ...]) 
         BadInputError: A joint has none; the message names it.
     """
     found: dict[str, float] = {}
-    for name, group in get(environment, "scene.robot.actuators").items():
-        expressions = group.get("joint_names_expr") or [".*"]
-        named = [joint for joint in joints if any(re.fullmatch(str(e), joint) for e in expressions)]
+    where = "scene.robot.actuators"
+    for name, given in mapping(get(environment, where), where).items():
+        group, here = mapping(given, f"{where}.{name}"), f"{where}.{name}"
+        of_each = matching(group.get("joint_names_expr") or [".*"], joints, f"{here}.joint_names_expr")
+        named = [joint for joint in joints if any(joint in own for own in of_each)]
         if group.get(key) is None:
-            raise BadInputError(f"scene.robot.actuators.{name}.{key} is not in the file; give numbers there")
-        found |= dict(zip(named, by_joint(group[key], named, f"actuators.{name}.{key}"), strict=True))
+            raise BadInputError(f"{here}.{key} is not in the file; give numbers there")
+        found |= dict(zip(named, by_joint(group[key], named, f"{here}.{key}"), strict=True))
     missing = [joint for joint in joints if joint not in found]
     if missing:
-        raise BadInputError(f"scene.robot.actuators has no {key} of {', '.join(missing)}")
+        raise BadInputError(f"{where} has no {key} of {', '.join(missing)}")
     return tuple(found[joint] for joint in joints)
 
 
 def command_ranges(environment: Mapping[str, Any]) -> tuple[Ranges, tuple[str, ...]]:
     """Least and largest velocity command, and what was assumed where no command names a range."""
-    commands = environment.get("commands") or {}
-    ranges = next((c["ranges"] for c in commands.values() if isinstance(c, Mapping) and c.get("ranges")), None)
+    commands = mapping(environment.get("commands"), "commands")
+    found = ((name, c["ranges"]) for name, c in commands.items() if isinstance(c, Mapping) and c.get("ranges"))
+    name, ranges = next(found, ("", None))
     if ranges is None:
         return DEFAULT_COMMANDS, ("velocity commands within ±1 m/s, ±0.5 m/s, ±1 rad/s: no file names a range",)
-    keys = ("lin_vel_x", "lin_vel_y", "ang_vel_z")
-    pairs = [tuple(float(v) for v in get(ranges, key)) for key in keys]
+    where = f"commands.{name}.ranges"
+    pairs = [
+        pair(get(mapping(ranges, where), key), f"{where}.{key}") for key in ("lin_vel_x", "lin_vel_y", "ang_vel_z")
+    ]
     (a, b), (c, d), (e, f) = pairs
     return ((a, c, e), (b, d, f)), ()
+
+
+def pair(value: Any, source: str) -> tuple[float, float]:
+    """Two numbers of a file, low and high. Raises ``BadInputError`` where there are others."""
+    if not isinstance(value, (list, tuple)) or len(value) != 2:
+        raise BadInputError(f"{source} = {reprlib.repr(value)}; it must be two numbers, low and high")
+    low, high = (number(v, source) for v in value)
+    return low, high
 
 
 def get(data: Mapping[str, Any], dotted: str) -> Any:

@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from spot_model.errors import BadInputError
-from trainer.foreign.description import ForeignPolicy
+from trainer.foreign.description import ForeignPolicy, checked
 
 
 class Framework(str, enum.Enum):
@@ -51,7 +51,7 @@ def import_policy(
     check_new(target)
     order = tuple(word for word in joint_order.split(",") if word)
     described = describe_file(policy, like.value, env, name or policy.stem, order)
-    described = _with_options(described, rate_hz, commands)
+    described = checked(_with_options(described, rate_hz, commands))
     typer.echo(text_of(described))
     if not yes and not typer.confirm("Is this what the policy was trained with?"):
         raise BadInputError("nothing was written; correct the side file, or name it with --env")

@@ -6,12 +6,23 @@ Joint order is not in the file: unless ``preserve_order`` fixes it, it is the ar
 from __future__ import annotations
 
 import re
+import reprlib
 from collections.abc import Mapping
 from typing import Any, Final
 
 from spot_model.errors import BadInputError
-from trainer.foreign.description import BREADTH_FIRST, MAX_HISTORY, ForeignPolicy, Term, by_joint, canonical_joints
-from trainer.foreign.environment import action_clip, command_ranges, gains_of, get
+from trainer.foreign.description import (
+    BREADTH_FIRST,
+    ForeignPolicy,
+    Term,
+    by_joint,
+    canonical_joints,
+    history_length,
+    mapping,
+    matching,
+    number,
+)
+from trainer.foreign.environment import action_clip, command_ranges, gains_of, get, pair, rate_of
 from trainer.foreign.terms import JOINT_FIELDS, LAST_ACTION, meaning_of
 
 _ABSOLUTE: Final = "joint_pos"
@@ -44,12 +55,11 @@ def describe(
     pose = get(environment, "scene.robot.init_state.joint_pos")
     natural = canonical_joints(joint_order, "--joint-order") if joint_order else BREADTH_FIRST
     natural += _others(pose)
-    action = get(environment, "actions.joint_pos")
+    action = mapping(get(environment, "actions.joint_pos"), "actions.joint_pos")
     _check_action(action)
     joints = _ordered(action, natural, "actions.joint_pos")
     default = by_joint(pose, joints, "init_state.joint_pos")
     (low, high), assumed = command_ranges(environment)
-    rate_hz = 1.0 / (float(get(environment, "sim.dt")) * int(get(environment, "decimation")))
     agent = agent or {}
     groups = _groups(agent)
     terms = _observed(environment, groups, natural, joints)
@@ -65,7 +75,7 @@ def describe(
         action_scale_rad=by_joint(action.get("scale", 1.0), joints, "actions.joint_pos.scale"),
         kp_nm_per_rad=gains_of(environment, "stiffness", joints),
         kd_nm_s_per_rad=gains_of(environment, "damping", joints),
-        rate_hz=rate_hz,
+        rate_hz=rate_of(environment),
         command_low=low,
         command_high=high,
         action_clip=action_clip(agent),
@@ -95,7 +105,7 @@ def _groups(agent: Mapping[str, Any]) -> tuple[str, ...]:
     sets = agent.get("obs_groups") or {}
     groups = sets.get("actor") or sets.get("policy") or ["policy"] if isinstance(sets, Mapping) else None
     if not isinstance(groups, list) or not all(isinstance(group, str) for group in groups):
-        raise BadInputError(f"agent.yaml: obs_groups = {sets!r:.60}; it must name lists of groups")
+        raise BadInputError(f"agent.yaml: obs_groups = {reprlib.repr(sets)}; it must name lists of groups")
     return tuple(groups)
 
 
@@ -105,7 +115,7 @@ def _observed(
     terms: list[Term] = []
     for name in groups:
         where = f"observations.{name}"
-        terms += _terms(get(environment, where), where, natural, acted)
+        terms += _terms(mapping(get(environment, where), where), where, natural, acted)
     return tuple(terms)
 
 
@@ -117,29 +127,25 @@ def _terms(group: Mapping[str, Any], where: str, natural: tuple[str, ...], acted
     for name, config in group.items():
         if name in _NOT_TERMS or config is None:
             continue
-        if not isinstance(config, Mapping):
-            raise BadInputError(f"{where}.{name} = {config!r:.60} is no observation term")
-        terms.append(_term(f"{where}.{name}", config, natural, acted, of_all))
+        terms.append(_term(f"{where}.{name}", mapping(config, f"{where}.{name}"), natural, acted, of_all))
     if not terms:
         raise BadInputError(f"{where} has no terms")
     return terms
 
 
-def _term(
-    where: str, config: Mapping[str, Any], natural: tuple[str, ...], acted: tuple[str, ...], of_all: int | None
-) -> Term:
+def _term(where: str, config: Mapping[str, Any], natural: tuple[str, ...], acted: tuple[str, ...], of_all: Any) -> Term:
     """One term; the last action has the joints of the action, ``acted``, the others those of the robot, ``natural``."""
     function = str(config.get("func", "")).rpartition(":")[2].rpartition(".")[2]
     meaning = meaning_of("joint_pos_abs" if function == _ABSOLUTE else function or where.rpartition(".")[2], where)
-    asset = (config.get("params") or {}).get("asset_cfg") or {}
+    params = mapping(config.get("params"), f"{where}.params")
+    asset = mapping(params.get("asset_cfg"), f"{where}.params.asset_cfg")
     joints: tuple[str, ...] = acted if meaning.field == LAST_ACTION else ()
     if meaning.field in JOINT_FIELDS - {LAST_ACTION}:
         joints = _ordered(asset, natural, where)
     scale = config.get("scale")
     clip = config.get("clip")
-    history = max(int((config.get("history_length") if of_all is None else of_all) or 1), 1)
-    if history > MAX_HISTORY:
-        raise BadInputError(f"{where}.history_length = {history}; allowed: at most {MAX_HISTORY}")
+    asked = config.get("history_length") if of_all is None else of_all
+    history = history_length(1 if asked is None else asked, f"{where}.history_length")
     if config.get("modifiers"):
         raise BadInputError(f"{where}.modifiers are not supported; train without them")
     return Term(
@@ -147,16 +153,14 @@ def _term(
         joint_names=joints,
         is_absolute=meaning.is_absolute,
         scale=_numbers(1.0 if scale is None else scale, f"{where}.scale"),
-        clip=Term.clip if clip is None else (float(clip[0]), float(clip[1])),
+        clip=Term.clip if clip is None else pair(clip, f"{where}.clip"),
         history=history,
     )
 
 
 def _ordered(config: Mapping[str, Any], natural: tuple[str, ...], where: str) -> tuple[str, ...]:
     """The joints that a term or action names, in its order."""
-    expressions = config.get("joint_names") or [".*"]
-    expressions = [expressions] if isinstance(expressions, str) else list(expressions)
-    matches = [[name for name in natural if re.fullmatch(str(e), name)] for e in expressions]
+    matches = matching(config.get("joint_names") or [".*"], natural, f"{where}.joint_names")
     chosen = [name for group in matches for name in group]
     if not config.get("preserve_order", False):
         chosen = [name for name in natural if name in chosen]
@@ -164,8 +168,4 @@ def _ordered(config: Mapping[str, Any], natural: tuple[str, ...], where: str) ->
 
 
 def _numbers(value: Any, where: str) -> tuple[float, ...]:
-    values = value if isinstance(value, (list, tuple)) else [value]
-    try:
-        return tuple(float(v) for v in values)
-    except (TypeError, ValueError) as error:
-        raise BadInputError(f"{where} = {value!r:.60}; it must be a number, or a list of them") from error
+    return tuple(number(v, where) for v in (value if isinstance(value, (list, tuple)) else [value]))

@@ -13,7 +13,7 @@ from typing import Final
 from spot_model.errors import BadInputError
 from spot_model.policy.contract import PolicyContract
 from spot_model.robot import facts
-from trainer.foreign.description import MAX_HISTORY, ForeignPolicy, Term, canonical_joints
+from trainer.foreign.description import ForeignPolicy, Term, canonical_joints, history_length
 from trainer.foreign.environment import DEFAULT_COMMANDS
 from trainer.foreign.terms import JOINT_FIELDS, MJLAB_NAMES, meaning_of
 
@@ -88,17 +88,16 @@ _OF_TERMS: Final = (
 
 def _term(name: str, scale: str, clip: str, history: str, *, joints: tuple[str, ...]) -> Term:
     meaning = meaning_of(name.strip(), "observation_names")
-    low, high = _floats(clip.split(";"), "observation_terms_clip")
-    length = max(int(float(history)), 1)
-    if length > MAX_HISTORY:
-        raise BadInputError(f"observation_terms_history_length = {length}; allowed: at most {MAX_HISTORY}")
+    limits = _floats(clip.split(";"), "observation_terms_clip")
+    if len(limits) != 2:
+        raise BadInputError(f"observation_terms_clip holds {clip!r:.60}; an entry is two numbers, 'low;high'")
     return Term(
         meaning.field,
         joint_names=joints if meaning.field in JOINT_FIELDS else (),
         is_absolute=meaning.is_absolute,
         scale=_floats(scale.split(";"), "observation_terms_scale"),
-        clip=(low, high),
-        history=length,
+        clip=(limits[0], limits[1]),
+        history=history_length(history, "observation_terms_history_length"),
     )
 
 

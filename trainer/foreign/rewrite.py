@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any, Final
 
 import numpy as np
@@ -10,13 +12,13 @@ import onnxruntime
 from numpy.typing import NDArray
 from onnx import TensorProto, compose, helper, numpy_helper
 
-from spot_model.errors import BadInputError
-from spot_model.policy.contract import INPUT_NAME, METADATA_KEY, OUTPUT_NAME, PolicyContract, StoredPair, TrainingRecord
+from spot_model.errors import BadInputError, SpotRlError
+from spot_model.policy.contract import INPUT_NAME, METADATA_KEY, OUTPUT_NAME, PolicyContract, StoredPair
 from spot_model.policy.observation import N_OBSERVATION
 from spot_model.policy.policy import policy_from_bytes
 from spot_model.robot import facts
-from trainer.foreign.affine import ObservationMap, common_scale, observation_map
-from trainer.foreign.description import ForeignPolicy
+from trainer.foreign.affine import ObservationMap, observation_map
+from trainer.foreign.description import ForeignPolicy, common_scale, contract_of
 
 PREFIX: Final = "theirs_"
 PROOFS: Final = 64
@@ -31,6 +33,26 @@ def ours_from(network: bytes, policy: ForeignPolicy, *, revision: str) -> bytes:
         BadInputError: The network is recurrent, has other shapes than the description, or the file that was made does
             not give the foreign network's actions.
     """
+    with _words_for_the_network():
+        return _ours_from(network, policy, revision)
+
+
+@contextmanager
+def _words_for_the_network() -> Iterator[None]:
+    """Our words for what ONNX and ONNX Runtime raise: bare pybind exceptions of many types."""
+    try:
+        yield
+    except SpotRlError:
+        raise
+    except Exception as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise BadInputError(
+            f"the network cannot be run as a policy: {reason}; export it with one float input [1, numbers seen] and "
+            f"one output [1, {facts.N_JOINTS}]"
+        ) from error
+
+
+def _ours_from(network: bytes, policy: ForeignPolicy, revision: str) -> bytes:
     theirs = onnx.load_from_string(network)
     source, target = _ends(theirs, policy)
     seen = observation_map(policy)
@@ -40,8 +62,13 @@ def ours_from(network: bytes, policy: ForeignPolicy, *, revision: str) -> bytes:
     asked = [
         session.run([target], {source: seen(row[None]).astype(np.float32)})[0][0] for row in ours.astype(np.float64)
     ]
+    if np.shape(asked) != (PROOFS, facts.N_JOINTS) or not np.isfinite(asked).all():
+        raise BadInputError(
+            f"the network's action {target!r} is not {facts.N_JOINTS} numbers; is it trained, and whole?"
+        )
     actions = np.clip(asked, -policy.action_clip, policy.action_clip) * gain
-    contract = _contract(policy, ours[0], actions[0], revision)
+    pair = StoredPair(observation=tuple(map(float, ours[0])), action=tuple(map(float, actions[0])))
+    contract = contract_of(policy, pair, revision)
     data = _joined(theirs, source, target, seen, policy.action_clip, gain, contract)
     made = policy_from_bytes(data, source="the imported policy")
     error = max(float(np.abs(made.act(row) - action).max()) for row, action in zip(ours, actions, strict=True))
@@ -140,22 +167,3 @@ def _chain(source: str, steps: list[tuple[str, str, NDArray[np.float64]]], out: 
 
 def _tensor(name: str, values: NDArray[np.float64]) -> onnx.TensorProto:
     return numpy_helper.from_array(values.astype(np.float32), name)
-
-
-def _contract(
-    policy: ForeignPolicy, ours: NDArray[np.float32], action: NDArray[np.float64], revision: str
-) -> PolicyContract:
-    return PolicyContract(
-        name=policy.name,
-        joint_names=policy.joint_names,
-        default_position_rad=policy.default_position_rad,
-        action_scale_rad=common_scale(policy),
-        kp_nm_per_rad=policy.kp_nm_per_rad,
-        kd_nm_s_per_rad=policy.kd_nm_s_per_rad,
-        rate_hz=policy.rate_hz,
-        observation_history=policy.history,
-        velocity_command_low=policy.command_low,
-        velocity_command_high=policy.command_high,
-        training=TrainingRecord(run=revision, command="spot-rl policy import"),
-        stored_pair=StoredPair(observation=tuple(map(float, ours)), action=tuple(map(float, action))),
-    )

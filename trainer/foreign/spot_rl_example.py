@@ -13,8 +13,8 @@ from typing import Any
 from spot_model.errors import BadInputError
 from spot_model.policy.contract import PolicyContract
 from spot_model.policy.observation import OBSERVATION
-from trainer.foreign.description import BREADTH_FIRST, ForeignPolicy, Term, by_joint
-from trainer.foreign.environment import DEFAULT_COMMANDS, command_ranges, gains_of, get
+from trainer.foreign.description import BREADTH_FIRST, ForeignPolicy, Term, by_joint, mapping
+from trainer.foreign.environment import DEFAULT_COMMANDS, command_ranges, gains_of, get, rate_of
 
 STANDING_HEIGHT_M = 0.5
 
@@ -39,8 +39,8 @@ def describe(environment: Mapping[str, Any], name: str) -> ForeignPolicy:
     """
     joints = BREADTH_FIRST
     rate_hz, assumed = 50.0, ["50 Hz: the file names no rate; --rate-hz names another"]
-    if "decimation" in environment and "dt" in (environment.get("sim") or {}):
-        rate_hz, assumed = 1.0 / (float(environment["sim"]["dt"]) * int(environment["decimation"])), []
+    if "decimation" in environment and "dt" in mapping(environment.get("sim"), "sim"):
+        rate_hz, assumed = rate_of(environment), []
     (low, high), told = command_ranges(environment) if "commands" in environment else (DEFAULT_COMMANDS, ())
     return ForeignPolicy(
         name=name,

@@ -68,8 +68,8 @@ def check_log(made: Prediction, run: Run, policy: Policy) -> None:
     if header.started_host_stamp_ns <= made.made_host_stamp_ns:
         raise BadInputError(
             f"log {path} began at {_utc(header.started_host_stamp_ns)}, before the prediction was made at "
-            f"{_utc(made.made_host_stamp_ns)}; give a run made since then (if the clock of the computer that recorded it "
-            "was wrong, set it and run again)"
+            f"{_utc(made.made_host_stamp_ns)}; give a run made since then (if the clock of the computer that recorded "
+            "it was wrong, set it and run again)"
         )
     if header.policy_sha256 not in ("", policy.sha256):
         raise BadInputError(
