@@ -10,6 +10,7 @@ from diagnosis.library.plain_effect import entry_of
 from diagnosis.library.registry import LIBRARY
 from spot_model.effects.base import Effect
 from spot_model.errors import BadInputError
+from spot_model.user_code import users_code
 
 
 def chosen_library(added: Sequence[str | type], left_out: Sequence[str]) -> dict[str, LibraryEffect]:
@@ -41,7 +42,11 @@ def chosen_library(added: Sequence[str | type], left_out: Sequence[str]) -> dict
 
 
 def _load(value: str | type) -> LibraryEffect:
-    made = value if isinstance(value, type) else _found(value)
+    with users_code(f"--add-effect {value!r}", "is it on the Python path, and whole?"):
+        return _entry(value, value if isinstance(value, type) else _found(value))
+
+
+def _entry(value: str | type, made: object) -> LibraryEffect:
     if isinstance(made, type) and issubclass(made, Effect):
         return entry_of(made)
     if not (isinstance(made, type) and issubclass(made, LibraryEffect)):
@@ -59,7 +64,4 @@ def _load(value: str | type) -> LibraryEffect:
 def _found(value: str) -> object:
     if value.count(":") != 1:
         raise BadInputError(f"--add-effect {value!r}; allowed: module:Class, a subclass of Effect or LibraryEffect")
-    try:
-        return EntryPoint(name="effect", value=value, group="spot_rl.library").load()
-    except (ImportError, AttributeError) as error:
-        raise BadInputError(f"--add-effect {value!r} cannot be loaded: {error}; is it on the Python path?") from error
+    return EntryPoint(name="effect", value=value, group="spot_rl.library").load()

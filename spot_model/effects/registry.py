@@ -11,6 +11,7 @@ from typing import Any
 import spot_model.effects
 from spot_model.effects.base import Effect
 from spot_model.errors import BadInputError
+from spot_model.user_code import users_code
 
 ENTRY_POINT_GROUP = "spot_rl.effects"
 
@@ -48,15 +49,14 @@ def effect_class(name: str) -> type[Effect]:
         return BUILT_IN[name]
     plugins = {entry.name: entry for entry in entry_points(group=ENTRY_POINT_GROUP)}
     if name in plugins:
-        return _checked(name, plugins[name].load())
+        with users_code(f"effect {name!r}", "mend or uninstall the package that brings it"):
+            return _checked(name, plugins[name].load())
     if ":" in name:
-        try:
+        advice = "check the names of module and class, and that the module's folder is on PYTHONPATH"
+        if name.startswith("__main__:"):
+            advice = "a script's own class is not found by other programs: put it into a file of its own"
+        with users_code(f"effect {name!r}", advice):
             return _checked(name, pkgutil.resolve_name(name))
-        except (ImportError, AttributeError, ValueError) as error:
-            advice = "check the names of module and class, and that the module's folder is on PYTHONPATH"
-            if name.startswith("__main__:"):
-                advice = "a script's own class is not found by other programs: put it into a file of its own"
-            raise BadInputError(f"effect {name!r} cannot be loaded: {error}; {advice}") from error
     known = ", ".join(sorted([*BUILT_IN, *plugins]))
     raise BadInputError(f"effect {name!r} is unknown; allowed: {known}, or module:Class for one of your own")
 

@@ -13,8 +13,15 @@ from typing import Annotated, Any, cast
 import typer
 
 from spot_model.errors import DISK_FULL, BadInputError, SpotRlError
-from spot_model.io.command_registry import describe_command, explain_missing_module, find_commands, load_command
+from spot_model.io.command_registry import (
+    describe_command,
+    explain_missing_module,
+    find_commands,
+    load_command,
+    source_of,
+)
 from spot_model.text import plain_lines
+from spot_model.user_code import users_error
 
 INTERNAL_ERROR_EXIT_CODE = 70
 INTERRUPTED_EXIT_CODE = 130
@@ -61,7 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         raise SystemExit(INTERRUPTED_EXIT_CODE) from None
     except Exception as error:  # noqa: BLE001 - the last place where an error can become a line for the user
         told = explain_missing_module(entry, error) if entry and isinstance(error, ModuleNotFoundError) else error
-        told = _opengl_error(error) or told
+        told = _opengl_error(error) or users_error(error, source_of(entry.module) if entry else None) or told
         if is_debug:
             traceback.print_exception(error)
         typer.echo(error_line(told, chosen, is_debug=is_debug), err=True)

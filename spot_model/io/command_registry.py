@@ -19,13 +19,10 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
 from spot_model.errors import SpotRlError
+from spot_model.user_code import OWN_PACKAGES
 
 COMMAND_GROUP = "spot_rl.commands"
 EXTRAS_FOR_PYTHON_3_10 = frozenset({"runtime", "gamepad"})
-OWN_PACKAGES = (
-    *("spot_protos", "spot_model", "spot_log", "spot_runtime", "spot_tools", "fake_robot", "trainer"),
-    *("diagnosis", "compare", "proof", "withheld", "spot_rl"),
-)
 
 
 class CommandUnavailableError(SpotRlError):
@@ -61,7 +58,7 @@ def describe_command(entry: EntryPoint) -> str:
 
     A function answers with its own docstring, an app with its module's. Empty where there is no source or docstring.
     """
-    source = _source_of(entry.module)
+    source = source_of(entry.module)
     if source is None:
         return ""
     tree = ast.parse(source.read_text(encoding="utf-8"))
@@ -105,7 +102,7 @@ def _words(entry: EntryPoint) -> str:
     return f"'spot-rl {entry.name.replace('.', ' ')}'"
 
 
-def _source_of(module: str) -> Path | None:
+def source_of(module: str) -> Path | None:
     """Return the source file of ``module``, found from its top package so that not even its parents are imported."""
     top, *rest = module.split(".")
     spec = importlib.util.find_spec(top)

@@ -9,6 +9,7 @@ from typing import Final, NamedTuple
 
 from spot_log.write.sink import LogSink
 from spot_model.errors import BadInputError
+from spot_model.user_code import users_code
 from spot_runtime.config import RunConfig
 from spot_runtime.hal.base import Hal
 
@@ -53,8 +54,6 @@ def find_adapter(request: HalRequest) -> Adapter:
     if not target:
         known = ", ".join(sorted({*BUILT_IN, *installed}))
         raise BadInputError(f"HAL adapter {name!r} is unknown; allowed: {known}, or module:function of your own")
-    try:
+    with users_code(f"HAL adapter {name!r}", "check module and function"):
         factory: AdapterFactory = pkgutil.resolve_name(target)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise BadInputError(f"HAL adapter {name!r} cannot be loaded: {error}; check module and function") from error
     return factory(request)

@@ -148,7 +148,7 @@ def _check_stiffness(contract: PolicyContract) -> None:
         if own < needed:
             raise BadInputError(
                 f"policy {contract.name}: the stiffness of {joint} is {own:g} N·m/rad; allowed: at least {needed:.3g}, "
-                "or the joint cannot carry its share of the robot in the default pose, even with the set-point at its stop"
+                "or the joint cannot carry its share of the robot in the default pose, wherever its set-point is"
             )
 
 

@@ -7,6 +7,7 @@ from importlib.metadata import entry_points
 from typing import Any
 
 from spot_model.errors import BadInputError
+from spot_model.user_code import users_code
 from trainer.config.reward_config import ENTRY_POINT_GROUP
 from trainer.task.rewards import TERMS, Term
 
@@ -20,13 +21,11 @@ def reward_term(name: str) -> Term:
     if name in TERMS:
         return TERMS[name]
     installed = {entry.name: entry for entry in entry_points(group=ENTRY_POINT_GROUP)}
-    try:
+    with users_code(f"reward {name!r}", "check module and function name"):
         if name in installed:
             return _checked(name, installed[name].load())
         if ":" in name:
             return _checked(name, pkgutil.resolve_name(name))
-    except (ImportError, AttributeError, ValueError) as error:
-        raise BadInputError(f"reward {name!r} cannot be loaded: {error}; check module and function name") from error
     known = ", ".join(sorted([*TERMS, *installed]))
     raise BadInputError(f"reward {name!r} is unknown; allowed: {known}, or module:function for one of your own")
 

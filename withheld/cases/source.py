@@ -8,6 +8,7 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Final, Protocol
 
 from spot_model.errors import BadInputError
+from spot_model.user_code import users_code
 from withheld.plan import FaultRequest, Reality
 from withheld.realities.calibrating.catalogue import CATALOGUE as CALIBRATING
 from withheld.realities.fault_kind import FaultKind
@@ -81,10 +82,8 @@ def _load(name: str) -> Any:
             f"--reality {name!r}; allowed: {', '.join([*CATALOGUES, *plugins])}, or module:Class with the methods of "
             "withheld.plan.Reality"
         )
-    try:
+    with users_code(f"--reality {name!r}", "is it on the Python path?"):
         made = plugins.get(name, EntryPoint(name, name, ENTRY_POINT_GROUP)).load()
-    except (ImportError, AttributeError) as error:
-        raise BadInputError(f"--reality {name!r} cannot be loaded: {error}; is it on the Python path?") from error
     missing = [m for m in ("record", "truth", "nominal") if not hasattr(made, m)]
     if missing:
         raise BadInputError(f"--reality {name!r} lacks {', '.join(missing)}; see withheld.plan.Reality")
