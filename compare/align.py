@@ -6,12 +6,16 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from compare.errors import DifferentCommandsError, TooShortError
-from compare.tracks import LEAST_S, STEP_S, Track
+from compare.tracks import LEAST_S, STEP_S, Array, Track
 
 ALLOWED: Final = 0.15
-"""Mean difference of the velocity commands (m/s, rad/s) up to which two runs count as told the same."""
+"""Largest difference of the velocity commands (m/s, rad/s) at any instant up to which two runs were told the same."""
+AXES: Final = (("forward", "m/s"), ("to the left", "m/s"), ("turning", "rad/s"))
+SLIP_S: Final = 0.1
+"""A command may come so much earlier or later: five ticks of a policy, which a busy computer may lose."""
 STRIDE: Final = 2
 """Shifts are tried every so many samples: commands change with the policy's 50 Hz."""
 LEAST_SHARE: Final = 0.5
@@ -51,12 +55,34 @@ def shift(reference: Track, other: Track) -> int:
     if 0 not in candidates:
         candidates.insert(0, 0)
     differences = [_difference(a, b, s) for s in candidates]
-    best = int(np.argmin(np.round(differences, 3)))  # ties: the first, which is the smallest shift
-    if not differences[best] <= ALLOWED:
-        raise DifferentCommandsError(reference.name, other.name, differences[best], ALLOWED)
-    return candidates[best]
+    best = candidates[int(np.argmin(np.round(differences, 3)))]  # ties: the first, which is the smallest shift
+    _check_same(reference, other, best)
+    return best
 
 
-def _difference(a: np.ndarray, b: np.ndarray, s: int) -> float:
+def _overlap(a: Array, b: Array, s: int) -> tuple[Array, Array]:
     begin, end = max(0, -s), min(len(a), len(b) - s)
-    return float(np.nanmean(np.abs(a[begin:end] - b[begin + s : end + s]))) if end > begin else np.inf
+    return a[begin:end], b[begin + s : end + s]
+
+
+def _difference(a: Array, b: Array, s: int) -> float:
+    first, second = _overlap(a, b, s)
+    return float(np.nanmean(np.abs(first - second))) if len(first) else np.inf
+
+
+def _check_same(reference: Track, other: Track, s: int) -> None:
+    """Refuse a run that at any instant was told something else, on any axis; steps may come a little early or late."""
+    first, second = _overlap(reference.velocity_command, other.velocity_command, s)
+    apart = np.nan_to_num(np.maximum(_beyond(first, second), _beyond(second, first)))
+    at, axis = np.unravel_index(int(np.argmax(apart)), apart.shape)
+    if apart[at, axis] > ALLOWED:
+        at_s = (max(0, -s) + int(at)) * STEP_S
+        told = (float(first[at, axis]), float(second[at, axis]))
+        raise DifferentCommandsError(reference.name, other.name, at_s, AXES[axis], told, ALLOWED)
+
+
+def _beyond(command: Array, other: Array) -> Array:
+    """How far a command leaves what the other one is about that time, shape (n, 3)."""
+    size = 2 * round(SLIP_S / STEP_S) + 1
+    low, high = minimum_filter1d(other, size, axis=0), maximum_filter1d(other, size, axis=0)
+    return np.asarray(np.maximum(low - command, command - high))

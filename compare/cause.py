@@ -40,6 +40,19 @@ def read_verdict(path: Path) -> Verdict:
         raise CompareError(f"{file} is no verdict of 'spot-rl diagnose'") from error
 
 
+def check_verdict(verdict: Verdict, path: Path, run: Run) -> None:
+    """Refuse a diagnosis of other logs.
+
+    Raises:
+        CompareError: The run is none of the logs that were diagnosed, by run and by file name.
+    """
+    is_timed = any(stretch.log == run.header.run_id for stretch in verdict.timeline)
+    if not is_timed and run.path.name not in {Path(log).name for log in verdict.logs}:
+        more = f" and {len(verdict.logs) - 1} more" if len(verdict.logs) > 1 else ""
+        known = f"{Path(verdict.logs[0]).name}{more}" if verdict.logs else "none that it names"
+        raise CompareError(f"the diagnosis {path} is of other logs ({known}) than {run.path}; give one of this log")
+
+
 def cause_in_words(verdict: Verdict) -> str:
     """The cause in one phrase; empty where the diagnosis names none."""
     if verdict.status == "unknown_effect":

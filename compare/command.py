@@ -31,7 +31,7 @@ def compare(
 ) -> None:
     """Compare a log with other logs or simulations: one page, and a ghost Spot in Foxglove."""
     typer.echo("loading the simulator …", err=True)
-    from compare.cause import read_verdict
+    from compare.cause import check_verdict, read_verdict
     from compare.compare import FILES, LAYOUT_NAME, LOG_NAME, PAGE_NAME, Named, compare_runs, named, write_comparison
     from compare.sources import is_model, read_other, read_reference
     from spot_model.io.whole import check_new
@@ -39,6 +39,8 @@ def compare(
     check_new(*(out / name for name in FILES))
     told = read_verdict(verdict) if verdict is not None else None
     reference = read_reference(log)
+    if told is not None and verdict is not None:
+        check_verdict(told, verdict, reference)
     runs = [Named(log, reference)]
     for other in others:
         if is_model(other):
@@ -46,6 +48,6 @@ def compare(
         runs.append(Named(other, read_other(other, reference, policy, seed), is_model(other)))
     found = compare_runs(named(runs), told)
     paths = write_comparison(found, out, beside)
-    for line in found.sentences:
+    for line in (*found.sentences, *found.notes):
         typer.echo(line)
     typer.echo(f"page {paths[PAGE_NAME]}  Foxglove {paths[LOG_NAME]}  layout {paths[LAYOUT_NAME]}")

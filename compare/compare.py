@@ -16,7 +16,7 @@ from compare.cause import Cause, cause_in_words, causes
 from compare.differences import SIGNALS, Differences, differences
 from compare.errors import CompareError
 from compare.ghost import write_ghosts
-from compare.page import comparison_page, sentence
+from compare.page import comparison_page, sentence, stretch
 from compare.tracks import STEP_S, Track, track_of
 from diagnosis.document import Verdict
 from spot_log.read.run import Run
@@ -61,8 +61,8 @@ class Comparison:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """What differs most, one sentence for each other run."""
-        return tuple(sentence(self.tracks[0], d) for d in self.differences)
+        """What differs most, one sentence for each other run; then which part of each run is compared."""
+        return (*(sentence(self.tracks[0], d) for d in self.differences), stretch(self.tracks))
 
     def to_json(self) -> dict[str, Any]:
         """The figures as plain data."""
@@ -71,6 +71,8 @@ class Comparison:
             "reference": self.tracks[0].name,
             "seconds": round(len(self.tracks[0]) * STEP_S, 3),
             "cause": self.cause,
+            "compared": stretch(self.tracks),
+            "notes": list(self.notes),
             "runs": [_figures(d) for d in self.differences],
         }
 
@@ -108,6 +110,12 @@ def compare_runs(runs: Sequence[Named], verdict: Verdict | None = None) -> Compa
         raise CompareError("a comparison needs two runs: a log, and another log or a model")
     tracks = aligned([track_of(r.run, r.name, is_simulated=r.is_simulated) for r in runs])
     notes = [f"{r.name}: {text}" for r in runs for text in r.run.damage]
+    untold = [t.name for t in tracks if np.isnan(t.velocity_command).all()]
+    if untold:
+        notes.append(
+            f"{' and '.join(untold)} holds no velocity commands: the starts are aligned, and nothing shows that "
+            "the commands were the same"
+        )
     found = Comparison(tuple(tracks), tuple(differences(tracks[0], t) for t in tracks[1:]), notes=tuple(notes))
     if verdict is None:
         return found

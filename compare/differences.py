@@ -64,6 +64,11 @@ class Differences:
     """Distance between the two bodies at the end, if both start in the same place and direction."""
 
     @property
+    def is_known(self) -> bool:
+        """Whether the two runs have a signal of the joints in common; set-points left out."""
+        return any(np.isfinite(s.distance).any() for s in self.signals.values() if s.signal != "set_point_rad")
+
+    @property
     def largest(self) -> tuple[str, str, float]:
         """Signal, joint and share of the largest difference of distributions; set-points left out."""
         told = [(s.signal, facts.JOINT_NAMES[s.worst], float(s.share[s.worst])) for s in self.signals.values()]

@@ -12,11 +12,20 @@ class CompareError(BadInputError):
 class DifferentCommandsError(CompareError):
     """Two runs were told to do different things."""
 
-    def __init__(self, first: str, second: str, difference: float, allowed: float) -> None:
+    def __init__(
+        self,
+        first: str,
+        second: str,
+        at_s: float,
+        axis: tuple[str, str],
+        told: tuple[float, float],
+        allowed: float,
+    ) -> None:
+        """``at_s``: since the policy took over in the first; ``axis``: its name and unit; ``told``: both commands."""
         super().__init__(
-            f"{first} and {second} follow different velocity commands: they differ by {difference:.2f} m/s on average, "
-            f"{allowed:g} is allowed; compare runs of one command sequence, or a log with a model, "
-            "which is simulated with the log's own commands"
+            f"{first} and {second} follow different velocity commands: after {at_s:.1f} s they are told {told[0]:.2f} "
+            f"and {told[1]:.2f} {axis[1]} {axis[0]}; {allowed:g} apart is allowed; compare runs of one sequence, "
+            "or a log with a model, which is simulated with the log's own commands"
         )
 
 

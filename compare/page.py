@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from compare.align import SLIP_S
 from compare.cause import Cause
 from compare.differences import SIGNALS, TITLES, Differences, SignalDifference
 from compare.figures import COLOURS, joint_map, liveliest, over_time
@@ -52,30 +53,50 @@ def comparison_page(
 
 
 def sentence(reference: Track, found: Differences) -> str:
-    """What differs most, in one sentence."""
-    signal, joint, share = found.largest
+    """What differs most, in one sentence, and whether that is close."""
     speeds = found.forward_speed_m_s
-    told = f"{reference.name} walks at {speeds[0]:.2f} m/s, {found.name} at {speeds[1]:.2f} m/s. "
+    told = ""
+    if np.isfinite(speeds).all():
+        told = f"{reference.name} walks at {speeds[0]:.2f} m/s, {found.name} at {speeds[1]:.2f} m/s. "
+    if not found.is_known:
+        return f"{told}{reference.name} and {found.name} have no joint signal in common."
+    signal, joint, share = found.largest
     if share == 0.0:
         return told + "Every joint does the same."
     distance = found.signals[signal].distance[JOINT_NAMES.index(joint)]
+    bound = f"{'close, below' if is_close(found) else 'not close, which is below'} {100 * CLOSE:.0f} %"
     return told + (
         f"They differ most in the {TITLES[signal]} of {joint}: by {distance:.3g} {SIGNALS[signal]}, "
-        f"{100 * share:.0f} % of its standard deviation."
+        f"{100 * share:.1f} % of its standard deviation ({bound})."
     )
+
+
+def stretch(tracks: Sequence[Track]) -> str:
+    """How much of each run is compared, in one sentence."""
+    shared_s = len(tracks[0]) * STEP_S
+    if all(track.whole_s < shared_s + SLIP_S and not track.fell for track in tracks):
+        return f"Compared: all {shared_s:.1f} s of each run."
+    parts = []
+    for track in tracks:
+        is_whole = track.whole_s < shared_s + SLIP_S
+        fell = ", which falls" if track.fell else ""
+        parts.append(f"{'all' if is_whole else f'{shared_s:.1f} of'} {track.whole_s:.1f} s of {track.name}{fell}")
+    return f"Compared: {'; '.join(parts)}."
+
+
+def is_close(found: Differences) -> bool:
+    """Whether every signal of every joint has nearly the distribution that it has in the first run."""
+    return found.is_known and found.largest[2] < CLOSE
 
 
 def _head(tracks: Sequence[Track], found: Sequence[Differences], cause: str) -> str:
     reference = tracks[0]
-    is_close = max(d.largest[2] for d in found) < CLOSE
+    close, apart = ([d.name for d in found if is_close(d) == wanted] for wanted in (True, False))
     lines = [sentence(reference, d) for d in found] + ([f"The diagnosis: {cause}."] if cause else [])
-    meta = (
-        f"{len(reference) * STEP_S:.1f} s under the same velocity commands · simulated runs are in closed loop, with "
-        "the policy that ran"
-    )
-    verb = "walks like" if is_close else "walks differently from"
-    headline = f"{reference.name} {verb} {' and '.join(t.name for t in tracks[1:])}"
-    return headed("Close" if is_close else "Apart", "good" if is_close else "bad", headline, lines, meta)
+    meta = f"{stretch(tracks)} The commands are the same. Simulated runs are in closed loop, with the policy that ran."
+    badge, kind = ("Some close", "fair") if close and apart else ("Close", "good") if close else ("Apart", "bad")
+    told = [f"{verb} {' and '.join(names)}" for verb, names in (("like", close), ("differently from", apart)) if names]
+    return headed(badge, kind, f"{reference.name} walks {', and '.join(told)}", lines, meta)
 
 
 def _key(tracks: Sequence[Track]) -> str:

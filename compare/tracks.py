@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Final
+from dataclasses import dataclass, replace
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from compare.errors import DifferentJointsError, TooShortError
 from diagnosis.read.policy_ticks import policy_ticks
 from spot_log.read.run import Run
+from spot_model.policy.observation import is_fallen
 from spot_model.robot import facts
 from spot_model.robot.rotation import rotate_inverse_wxyz
 
@@ -30,6 +31,10 @@ class Track:
     """Name of the run."""
     is_simulated: bool
     """Whether it was simulated."""
+    whole_s: float
+    """How long the run is under the policy, of which the samples may be a part."""
+    fell: bool
+    """Whether the run ended in a fall."""
     start_ns: int
     """Stamp of the first sample, the robot's clock."""
     stamp_ns: NDArray[np.int64]
@@ -65,7 +70,8 @@ class Track:
         """The samples of ``rows``, as a track of their own."""
         arrays = {name: value[rows] for name, value in vars(self).items() if isinstance(value, np.ndarray)}
         start_ns = int(arrays["stamp_ns"][0]) if len(arrays["stamp_ns"]) else self.start_ns
-        return Track(name=self.name, is_simulated=self.is_simulated, start_ns=start_ns, **arrays)
+        given: dict[str, Any] = {**arrays, "start_ns": start_ns}
+        return replace(self, **given)
 
 
 def track_of(run: Run, name: str, *, is_simulated: bool = False) -> Track:
@@ -95,6 +101,8 @@ def track_of(run: Run, name: str, *, is_simulated: bool = False) -> Track:
     return Track(
         name=name,
         is_simulated=is_simulated,
+        whole_s=length_s,
+        fell=len(rows) < len(run.policy_rows) and bool(is_fallen(run.ticks.observation[run.policy_rows]).any()),
         start_ns=first_ns,
         stamp_ns=grid_ns,
         velocity_command=_held(run.ticks.robot_stamp_ns, run.ticks.velocity_command, grid_ns, 3),

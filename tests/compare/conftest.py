@@ -32,6 +32,8 @@ def make_track() -> Callable[..., Track]:
         return Track(
             name=name,
             is_simulated=False,
+            whole_s=n * STEP_S,
+            fell=False,
             start_ns=int(stamps[0]),
             stamp_ns=stamps,
             velocity_command=command,

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import dataclasses
+from pathlib import Path
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from compare.align import aligned, shift
+from compare.cause import check_verdict
 from compare.compare import Comparison
 from compare.differences import differences
-from compare.errors import DifferentCommandsError, TooShortError
+from compare.errors import CompareError, DifferentCommandsError, TooShortError
 from compare.ghost import _place
-from compare.page import comparison_page, sentence
+from compare.page import comparison_page, sentence, stretch
 from compare.tracks import STEP_S
+from diagnosis.document import Verdict
 
 
 def test_a_run_that_does_the_same_later_is_brought_to_one_clock(make_track) -> None:
@@ -36,6 +42,65 @@ def test_runs_that_were_told_other_things_are_refused(make_track) -> None:
     other.velocity_command[:] = [-1.0, 0.5, 0.0]
     with pytest.raises(DifferentCommandsError, match=r"log and other follow different velocity commands.*simulated"):
         aligned([make_track(), other])
+
+
+@pytest.mark.parametrize(("axis", "words"), [(0, "m/s forward"), (1, "m/s to the left"), (2, "rad/s turning")])
+@pytest.mark.parametrize("rows", [slice(200, 230), slice(None)])
+def test_one_axis_for_a_moment_is_another_command(make_track, axis: int, words: str, rows: slice) -> None:
+    """A mean over axes and time would hide 0.3 m/s in one of them, and 0.3 s of anything."""
+    other = make_track("other")
+    other.velocity_command[rows, axis] += 0.3
+    for tracks in ([make_track(), other], [other, make_track()]):
+        with pytest.raises(DifferentCommandsError, match=rf"{words}; 0.15 apart is allowed"):
+            aligned(tracks)
+
+
+def test_commands_of_one_sequence_that_come_a_tick_early_or_late_are_the_same(make_track) -> None:
+    other = make_track("other")
+    other.velocity_command[95:101, 0] = 1.0
+    other.velocity_command[:, 1] += 0.1
+    assert shift(make_track(), other) in range(-8, 9)
+
+
+def test_what_is_cut_is_told(make_track) -> None:
+    tracks = aligned([make_track(n=400), make_track("short", n=300)])
+    assert stretch(tracks) == "Compared: 3.0 of 4.0 s of log; all 3.0 s of short."
+    assert stretch(aligned([make_track(), make_track("again")])) == "Compared: all 4.0 s of each run."
+    fell = dataclasses.replace(make_track("model", n=300), fell=True)
+    found = Comparison(tuple(aligned([make_track(), fell])), ())
+    assert found.sentences[-1] == "Compared: 3.0 of 4.0 s of log; all 3.0 s of model, which falls."
+    assert found.to_json()["compared"] == found.sentences[-1]
+
+
+def test_each_run_is_close_or_not_for_itself(make_track) -> None:
+    log, close, far = make_track(), make_track("corrected", offset_rad=0.005), make_track("nominal", offset_rad=0.05)
+    both = [differences(log, run) for run in (close, far)]
+    assert "7.1 % of its standard deviation (close, below 10 %)" in sentence(log, both[0])
+    assert "70.7 % of its standard deviation (not close, which is below 10 %)" in sentence(log, both[1])
+    page = comparison_page([log, close, far], both, [], "", [])
+    assert "Some close" in page
+    assert "log walks like corrected, and differently from nominal" in page
+    assert "badge bad" not in page
+    assert ">Apart<" in comparison_page([log, far], both[1:], [], "", [])
+    assert ">Close<" in comparison_page([log, close], both[:1], [], "", [])
+
+
+def test_runs_without_a_common_signal_are_not_said_to_do_the_same(make_track) -> None:
+    other = make_track("other")
+    for name in ("position_rad", "velocity_rad_s", "load_nm"):
+        getattr(other, name)[:] = np.nan
+    found = differences(make_track(), other)
+    assert sentence(make_track(), found).endswith("log and other have no joint signal in common.")
+    assert ">Apart<" in comparison_page([make_track(), other], [found], [], "", [])
+
+
+def test_a_diagnosis_of_other_logs_marks_nothing() -> None:
+    verdict = Verdict.model_construct(logs=("/there/a.mcap", "b.mcap"), timeline=())
+    run = SimpleNamespace(path=Path("/here/a.mcap"), header=SimpleNamespace(run_id="1"))
+    check_verdict(verdict, Path("gap"), run)
+    run.path = Path("/here/c.mcap")
+    with pytest.raises(CompareError, match=r"gap is of other logs \(a.mcap and 1 more\) than /here/c.mcap"):
+        check_verdict(verdict, Path("gap"), run)
 
 
 def test_runs_that_share_too_little_are_refused(make_track) -> None:
