@@ -198,7 +198,7 @@ class OtherGap(Settings):
 
 
 class Shrink(Settings):
-    """How much of the gap closes with the effects added, in closed loop, on sequences not used for fitting."""
+    """How much of the gap closes with the effects added, in closed loop, on sequences to which no size was fitted."""
 
     metric: Literal["w1_mmd"] = "w1_mmd"
     """The mean of two distances, 1-Wasserstein and MMD, each over its floor."""
@@ -207,7 +207,9 @@ class Shrink(Settings):
     d1: float
     """Distance after."""
     floor: float
-    """Distance between two real runs, in the same unit."""
+    """Distance between two runs of ``floor_of``, in the same unit."""
+    floor_of: Literal["robot", "model"] = "robot"
+    """Whose: the robot's, or, where it repeated no command sequence, the model's."""
     s: float | None
     """(d0 - d1) / (d0 - floor); null where the gap does not exceed its floor."""
     s_low: float | None
@@ -215,7 +217,7 @@ class Shrink(Settings):
     s_high: float | None
     """Upper end."""
     held_out: tuple[str, ...]
-    """Sequences on which it was measured."""
+    """Sequences, each run by a model with numbers fitted to the others; empty: by the model that was fitted to all."""
     placebo: Placebo | None
     """The same with ordinary errors only, for comparison."""
     beside: tuple[OtherGap, ...] = ()

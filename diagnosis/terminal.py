@@ -107,4 +107,5 @@ def _shrink(v: Verdict) -> str:
         return f"D0 {s.d0:.2f} does not exceed its floor {s.floor:.2f}"
     placebo = f"; placebo {s.placebo.name} {s.placebo.s:.2f}" if s.placebo else ""
     interval = f"90 % interval {s.s_low:.2f} to {s.s_high:.2f}"
-    return f"S {s.s:.2f} ({interval}): distance {s.d0:.2f} to {s.d1:.2f}, floor {s.floor:.2f}{placebo}"
+    whose = "" if s.floor_of == "robot" else " of simulated runs"
+    return f"S {s.s:.2f} ({interval}): distance {s.d0:.2f} to {s.d1:.2f}, floor{whose} {s.floor:.2f}{placebo}"

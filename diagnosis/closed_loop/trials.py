@@ -238,7 +238,7 @@ def _fitted_models(
 
 
 def measure_shrink(bench: Bench, trials: Trials, stated: str, wrong: str, rng: np.random.Generator) -> Shrink | None:
-    """How much of the gap the stated model closes, on sequences that its numbers never saw.
+    """How much of the gap the stated model closes; where trials are crossed, on sequences that its numbers never saw.
 
     Args:
         bench: Real logs.
@@ -256,6 +256,7 @@ def measure_shrink(bench: Bench, trials: Trials, stated: str, wrong: str, rng: n
         d0=after.d0,
         d1=after.d1,
         floor=after.floor,
+        floor_of="robot" if compared[0].real.shape[0] > 1 else "model",
         s=after.s,
         s_low=after.low,
         s_high=after.high,

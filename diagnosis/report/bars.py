@@ -12,22 +12,35 @@ from spot_log.page.svg import disc, esc, heat, line, nice_ticks, rect, svg, text
 WIDTH: Final = 560
 LABELS: Final = 250
 MAX_EFFECTS: Final = 9
+MEANING: Final = {
+    "var(--found)": "Red: found.",
+    "var(--group)": "Orange: these logs cannot rule it out.",
+    "var(--other)": "Grey: tried instead, and worse.",
+}
+"""What the colours of effects say."""
+FLOORS: Final = {"robot": "two runs of the robot", "model": "two simulated runs"}
+"""Whose distance the floor of a shrink is."""
 
 
-def ranking(verdict: Verdict) -> str:
-    """Probabilities of effects, none and unknown."""
+def ranked(verdict: Verdict) -> list[tuple[str, float, str]]:
+    """The effects that :func:`ranking` draws: name, probability, colour."""
     rows: dict[str, float] = {}
     for effect in verdict.effects:
         for name, p in effect.rivals.items():
             rows[name] = max(rows.get(name, 0.0), p)
     chosen = {e.name for e in verdict.effects}
     grouped = {m for e in verdict.effects for m in e.group}
-    bars = [
+    return [
         (n, rows[n], "var(--found)" if n in chosen else "var(--group)" if n in grouped else "var(--other)")
         for n in sorted(rows, key=lambda n: -rows[n])[:MAX_EFFECTS]
         if rows[n] >= 0.005 or n in chosen
     ]
-    bars += [
+
+
+def ranking(verdict: Verdict) -> str:
+    """Probabilities of effects, none and unknown."""
+    bars = [
+        *ranked(verdict),
         ("none", verdict.probability_none, "var(--none)"),
         ("unknown", verdict.probability_unknown, "var(--unknown)"),
     ]
@@ -73,7 +86,7 @@ def shrink_line(shrink: Shrink) -> str:
             text(at(tick), y + 24, f"{100 * tick:.0f} %", size=12, anchor="middle", css="soft"),
         ]
     parts.append(text(at(0.0), y + 42, "no change", size=12, anchor="middle", css="soft"))
-    parts.append(text(at(1.0), y + 42, "as close as its own runs", size=12, anchor="middle", css="soft"))
+    parts.append(text(at(1.0), y + 42, f"as close as {FLOORS[shrink.floor_of]}", size=12, anchor="middle", css="soft"))
     told = f"{100 * shrink.s:.0f} % of the gap closes"
     if shrink.s_low is not None and shrink.s_high is not None:
         told += f", 90 % interval {100 * shrink.s_low:.0f} to {100 * shrink.s_high:.0f} %"
@@ -101,7 +114,7 @@ def shrink_line(shrink: Shrink) -> str:
 
 def gap_bars(shrink: Shrink) -> str:
     """Before, after and floor of each measure, each on its own scale."""
-    rows = [("all signals", "× own runs", shrink.d0, shrink.d1, shrink.floor)]
+    rows = [("all signals", "× floor", shrink.d0, shrink.d1, shrink.floor)]
     rows += [(o.name, o.unit, o.before, o.after, o.floor) for o in shrink.beside]
     colours = ("var(--nominal)", "var(--corrected)", "var(--floor)")
     bar, gap, left, width = 15, 18, 118, 520
@@ -118,7 +131,7 @@ def gap_bars(shrink: Shrink) -> str:
             parts.append(text(left + span + 6, y + bar - 4, f"{value:.3g}", size=12))
             y += bar
         y += gap
-    return svg(width, y, parts, "Gap before and after, and between two runs of the robot")
+    return svg(width, y, parts, f"Gap before and after, and between {FLOORS[shrink.floor_of]}")
 
 
 def parameters(effect: FoundEffect) -> str:

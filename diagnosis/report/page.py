@@ -36,7 +36,7 @@ TERMS: Final = (
     ("nominal model", "your simulator, before any correction"),
     ("corrected model", "the simulator with the effects found, in corrected_model.yaml"),
     ("gap", "distance between real and simulated runs of the same commands"),
-    ("floor", "the same distance between two real runs, the smallest gap that a simulator can have"),
+    ("floor", "the same distance between two real runs, or, where none was repeated, between two simulated ones"),
     ("closed loop", "a simulated run in which the policy controls the simulated robot"),
     ("ordinary errors", "small errors of gains, masses, friction and sensors that every robot has; no finding"),
     ("channel", "one relation between signals of a log, such as set-point to load"),
@@ -127,23 +127,28 @@ def _where(result: Diagnosis, by_joint: dict[str, GapCell], named: frozenset[str
 
 
 def _which_note(v: Verdict) -> str:
-    if any(len(e.group) > 1 for e in v.effects):
-        return "Red: found. Orange: these logs cannot rule it out."
-    return "Red: found. Grey: tried instead, and worse." if v.effects else "Nothing in the library is found."
+    if not v.effects:
+        return "Nothing in the library is found."
+    drawn = {colour for _, _, colour in bars.ranked(v)}
+    told = [words for colour, words in bars.MEANING.items() if colour in drawn]
+    return f"{' '.join(told)} Several can be there at once, so these do not add up to 1."
 
 
 def _shrink(v: Verdict) -> str:
     s = v.shrink
     if s is None:
         return ""
-    held = (
-        f"measured on sequences that were not used for fitting ({', '.join(s.held_out)})"
+    fitted = (
+        f"For each command sequence ({', '.join(s.held_out)}), the sizes of the effects were fitted to the other ones; "
+        "which effects act was chosen on all, and corrected_model.yaml is fitted to all."
         if s.held_out
-        else ("measured on the sequence that was used for fitting")
+        else "The corrected model was fitted to these same logs."
     )
+    own = bars.FLOORS[s.floor_of]
+    alone = "" if s.floor_of == "robot" else " (the robot repeated no command sequence)"
     about = (
-        "The policy runs in closed loop on the nominal model and on the corrected one, "
-        f"{held}. 100 % means that the simulator is as close to the robot as two runs of the robot are to each other."
+        f"The policy runs in closed loop on the nominal model and on the corrected one. {fitted} 100 % means that the "
+        f"simulator is as close to the robot as {own} are to each other{alone}."
     )
     left = bars.shrink_line(s) or "<p>The gap does not exceed its floor: there is nothing to shrink.</p>"
     placebo = ""
@@ -155,7 +160,7 @@ def _shrink(v: Verdict) -> str:
         (
             ("var(--nominal)", "nominal"),
             ("var(--corrected)", "with the effects"),
-            ("var(--floor)", "two runs of the robot"),
+            ("var(--floor)", own),
         )
     )
     content = f"<div class='two' style='margin:0'><div>{left}{placebo}</div><div>{key}{bars.gap_bars(s)}</div></div>"

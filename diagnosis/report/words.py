@@ -117,8 +117,8 @@ def second_line(v: Verdict) -> str:
             what = "Added to the simulator, they close"
         parts.append(f"{what} {_share(s)}.")
     named = "; ".join(f"{_found(e)} {100 * e.probability:.0f} %" for e in v.effects[:2])
-    none = f"no effect {100 * v.probability_none:.0f} %, an unknown one {100 * v.probability_unknown:.0f} %"
-    parts.append(f"Probabilities: {named + '; ' if named else ''}{none}.")
+    none = f"no effect {100 * v.probability_none:.0f} %; an unknown one{', alone or beside these,' if named else ''}"
+    parts.append(f"Probabilities: {named + '; ' if named else ''}{none} {100 * v.probability_unknown:.0f} %.")
     return " ".join(parts)
 
 

@@ -37,10 +37,7 @@ WIDENS = (
 )
 CLOSES_MOST = 0.5
 """What explains a gap closes this share of it at least."""
-CLOSES_LITTLE = (
-    "the stated effects close {share:.0f} % of the gap on sequences to which nothing was fitted; something else makes "
-    "the rest"
-)
+CLOSES_LITTLE = "the stated effects close {share:.0f} % of the gap{where}; something else makes the rest"
 WIDER = 0.5
 """Floors by which closed loops must be farther off with a model than without, to say so."""
 
@@ -125,7 +122,10 @@ def _sanity(status: Status, found: Explained, shrink: Shrink | None) -> tuple[St
         if after > before + WIDER:
             return "partly_explained", WIDENS.format(before=before, after=after)
         if shrink.s is not None and shrink.s < CLOSES_MOST:
-            return "partly_explained", CLOSES_LITTLE.format(share=100.0 * max(shrink.s, 0.0))
+            return "partly_explained", CLOSES_LITTLE.format(
+                share=100.0 * max(shrink.s, 0.0),
+                where=" on sequences to which their sizes were not fitted" if shrink.held_out else "",
+            )
     return status, ""
 
 

@@ -134,10 +134,17 @@ def diagnose(
 
 def _about(bench: Bench, is_crossed: bool) -> list[str]:
     notes = []
-    if not is_crossed:
-        notes.append("all logs are of one command sequence: the shrink is measured on sequences that the fit saw")
-    if any(len(own) < 2 for own in bench.real().values()):
-        notes.append("each sequence was run once: the floor is the scatter of simulated runs")
+    if len(bench.sequences) == 1:
+        notes.append(
+            "one command sequence can be simulated: the shrink is measured with the model that was fitted to it"
+        )
+    elif not is_crossed:
+        notes.append(
+            "some command sequences are too short, or at other gains, to be simulated: the shrink is measured with the "
+            "model that was fitted to all logs"
+        )
+    if all(len(own) < 2 for own in bench.real().values()):
+        notes.append("no command sequence has two whole runs: the floor is the scatter of simulated runs")
     return notes
 
 

@@ -13,7 +13,8 @@ import pytest
 from diagnosis.library.registry import LIBRARY
 from diagnosis.report import words
 from diagnosis.report.output import check_free, write_all
-from diagnosis.report.page import page
+from diagnosis.report.page import _shrink, _which_note, page
+from diagnosis.terminal import twelve_lines
 from diagnosis.verdict.diagnose import Diagnosis
 from spot_log.page.svg import heat, nice_ticks
 from spot_model.errors import BadInputError
@@ -102,6 +103,48 @@ def test_everything_is_on_it(text: str) -> None:
         assert said in text or said.lower() in text, said
     for label in ("Spot, joints coloured", "Probability of each effect", "Gap before and after", "Logs over time"):
         assert label in text
+
+
+def test_the_floor_is_said_to_be_of_whom_it_is(diagnosed: Diagnosis) -> None:
+    told = diagnosed.verdict
+    assert told.shrink is not None
+    assert "as two runs of the robot are to each other." in page(diagnosed)
+    single = told.model_copy(update={"shrink": told.shrink.model_copy(update={"floor_of": "model", "beside": ()})})
+    found = _shrink(single)
+    assert "as two simulated runs are to each other (the robot repeated no command sequence)." in found
+    assert "two runs of the robot" not in found
+    assert "floor of simulated runs 1.00" in "\n".join(twelve_lines(single, {}))
+    assert "simulated runs" not in "\n".join(twelve_lines(told, {}))
+
+
+def test_sequences_are_said_to_be_fitted_as_they_were(diagnosed: Diagnosis) -> None:
+    told = diagnosed.verdict
+    assert told.shrink is not None
+    found = page(diagnosed)
+    assert "For each command sequence (a, b), the sizes of the effects were fitted to the other ones" in found
+    assert "not used for fitting (" not in found
+    own = told.model_copy(update={"shrink": told.shrink.model_copy(update={"held_out": ()})})
+    assert "The corrected model was fitted to these same logs." in page(replace(diagnosed, verdict=own))
+
+
+@pytest.mark.parametrize(
+    ("rivals", "group", "told", "not_told"),
+    [
+        ({"coulomb_friction": 0.7}, ("coulomb_friction",), "Red: found. Several", "Grey"),
+        ({"coulomb_friction": 0.6, "armature": 0.1}, ("coulomb_friction",), "Red: found. Grey: tried", "Orange"),
+        ({"coulomb_friction": 0.6, "armature": 0.1}, ("coulomb_friction", "armature"), "Red: found. Orange", "Grey"),
+        ({"coulomb_friction": 0.6, "armature": 0.001}, ("coulomb_friction",), "Red: found. Several", "Grey"),
+    ],
+)
+def test_the_legend_explains_the_bars_that_are_there(
+    rivals: dict[str, float], group: tuple[str, ...], told: str, not_told: str
+) -> None:
+    base = verdict(())
+    effect = base.effects[0].model_copy(update={"rivals": rivals, "group": group})
+    note = _which_note(base.model_copy(update={"effects": (effect,)}))
+    assert told in note
+    assert not_told not in note
+    assert "do not add up to 1" in note
 
 
 def test_text_of_a_log_cannot_become_markup(diagnosed: Diagnosis) -> None:

@@ -1,7 +1,12 @@
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
 from diagnosis.closed_loop.shrink import Compared, _few, compare, shrinkage
+from diagnosis.closed_loop.trials import NOMINAL, Bench, Trials, measure_shrink
+from diagnosis.verdict.diagnose import _about
 
 
 def _pairs(n: int, value: float) -> np.ndarray:
@@ -15,6 +20,30 @@ def test_share_by_hand() -> None:
     assert found.s == pytest.approx(0.75)
     assert found.low == pytest.approx(0.75)
     assert found.high == pytest.approx(0.75)
+
+
+@pytest.mark.parametrize(("n_real", "whose"), [(1, "model"), (3, "robot")])
+def test_whose_floor_it_is_is_kept(n_real: int, whose: str) -> None:
+    models = {NOMINAL: np.full((3, n_real), 5.0), "best": np.full((3, n_real), 2.0)}
+    trials = Trials({name: [] for name in models}, (Compared("a", _pairs(n_real, 1.0), models),), False, ())
+    bench: Any = Bench((), (), None, None)  # type: ignore[arg-type]
+    found = measure_shrink(bench, trials, "best", "best", np.random.default_rng(0))
+    assert found is not None
+    assert (found.floor_of, found.held_out) == (whose, ())
+
+
+@pytest.mark.parametrize(
+    ("runs", "is_crossed", "told"),
+    [
+        ({"a": 2, "b": 1}, True, []),
+        ({"a": 1, "b": 1}, True, ["no command sequence has two whole runs"]),
+        ({"a": 2}, False, ["one command sequence can be simulated"]),
+        ({"a": 2, "b": 2}, False, ["some command sequences are too short, or at other gains"]),
+    ],
+)
+def test_notes_say_what_was_so(runs: dict[str, int], is_crossed: bool, told: list[str]) -> None:
+    bench: Any = SimpleNamespace(sequences=list(runs), real=lambda: {name: [0] * n for name, n in runs.items()})
+    assert [note.partition(":")[0].partition(", to be")[0] for note in _about(bench, is_crossed)] == told
 
 
 def test_a_gap_at_its_floor_has_no_share() -> None:
