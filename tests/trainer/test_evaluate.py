@@ -14,7 +14,7 @@ from spot_model.policy.policy import load_policy
 from trainer.evaluate import report
 from trainer.evaluate.command import _evaluated
 from trainer.evaluate.figures import gait, mean_velocity, tracking_error
-from trainer.evaluate.page import evaluation_page
+from trainer.evaluate.page import _an_hour, evaluation_page
 from trainer.evaluate.report import evaluate
 from trainer.evaluate.rollout import Recording, roll_out
 from trainer.evaluate.setting import FOOT_GEOMS, Setting
@@ -97,18 +97,32 @@ def test_a_whole_evaluation_and_its_page() -> None:
     assert json.loads(json.dumps(result)) == result
     assert result["top_speed"]["sustained_m_s"] == pytest.approx(0.5, abs=0.15)
     assert result["pushes"]["trials"] == 3
-    page = evaluation_page(result)
-    assert f"holds {result['top_speed']['sustained_m_s']:.2f} m/s" in page
+    page = evaluation_page(result, "mine.onnx")
+    assert f"Policy mine.onnx holds {result['top_speed']['sustained_m_s']:.2f} m/s" in page
+    assert "walk by its contract" in page
+    assert "0 of 3 fell</b></td><td>0 to 180 falls an hour (90 % interval, from 60 s of robot time)" in page
     assert "Speed against command" in page
     assert "told to turn" not in page  # no command of these turns while it walks
     point = {**result["tracking"]["points"][-1], "command": [2.0, 0.0, 1.0], "velocity": [2.0, 0.0, 0.72]}
     result["tracking"]["points"].append(point)
     result["pushes"]["fell"] = [{"why": f"fall {i}"} for i in range(7)]
-    page = evaluation_page(result)
+    page = evaluation_page(result, "mine.onnx")
     assert "commanded to turn at 1 rad/s while walking at 2 m/s</th><td><b>turns at 0.72 rad/s" in page
     assert page.index("fall 4") < page.index("2 more") < page.index("fall 5")
     assert "src=" not in page
     assert len(page) < 1_500_000
+
+
+@pytest.mark.parametrize(
+    ("falls", "robot_s", "told"),
+    [
+        (0, 3600.0, "0 to 3 falls"),  # −ln 0.05
+        (2, 41.8, "31 to 540 falls"),  # 0.355 and 6.296 events in 41.8 s
+        (100, 36000.0, "8.4 to 12 falls"),
+    ],
+)
+def test_falls_an_hour_by_hand(falls: int, robot_s: float, told: str) -> None:
+    assert _an_hour({"falls": falls, "robot_s": robot_s}).startswith(told)
 
 
 def test_an_interrupted_evaluation_goes_on_and_takes_no_trials_of_another(

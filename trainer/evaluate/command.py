@@ -58,7 +58,7 @@ def evaluate(
     setting = Setting(policy=loaded, model=load_model(model), mjcf=mjcf, seed=seed)
     result = _evaluated(setting, n, out / UNFINISHED)
     with whole_folder(out) as part:
-        (part / "evaluation.html").write_text(evaluation_page(result), encoding="utf-8")
+        (part / "evaluation.html").write_text(evaluation_page(result, policy.name), encoding="utf-8")
         (part / "evaluation.json").write_text(_json(result), encoding="utf-8")
     (out / UNFINISHED).unlink(missing_ok=True)
     if video:

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 import numpy as np
+from scipy.stats import chi2
 
 from spot_log.page.cells import facts
 from spot_log.page.chart import Series, chart
@@ -36,8 +37,13 @@ STRIDES: Final = 3
 SAMPLES: Final = 60
 
 
-def evaluation_page(result: dict[str, Any]) -> str:
-    """The page's text."""
+def evaluation_page(result: dict[str, Any], file: str) -> str:
+    """The page's text.
+
+    Args:
+        result: Of :func:`trainer.evaluate.report.evaluate`.
+        file: Name of the policy's file, by which people know it; its contract may have the name of another.
+    """
     data = (
         f"<details><summary>All figures, as in evaluation.json</summary><pre>{esc(json.dumps(result, indent=1))}</pre>"
     )
@@ -47,7 +53,7 @@ def evaluation_page(result: dict[str, Any]) -> str:
         f"{result['seed']}. The digests of policy and model are among the figures."
     )
     body = [
-        _head(result),
+        _head(result, file),
         "<div class='two'>",
         boxed("Speed against command", "Forward, held for 10 s. A gap means that the robot fell.", _speed(result)),
         boxed("Tracking error", "One command at a time, from a straight walk.", _errors(result)),
@@ -61,22 +67,22 @@ def evaluation_page(result: dict[str, Any]) -> str:
         boxed("Power", "Positive work of all motors.", _power(result)),
         boxed("Where this comes from", about, data + "</details>"),
     ]
-    return framed(f"{result['policy']}: evaluation", body)
+    return framed(f"{file}: evaluation", body)
 
 
-def _head(result: Mapping[str, Any]) -> str:
+def _head(result: Mapping[str, Any], file: str) -> str:
     top, tracking, slow = result["top_speed"], result["tracking"], result["episodes_slow"]
     share = slow["falls"] / slow["episodes"]
     badge, kind = ("Steady", "good") if share <= STEADY else ("Walks", "fair") if share <= WALKS else ("Falls", "bad")
-    name = result["policy"]
     held = top["sustained_m_s"]
     if held is None:
-        headline = f"Policy {name} falls at every speed"
+        headline = f"Policy {file} falls at every speed"
     elif top.get("gait") == "stand":
-        badge, kind, headline = "Stands", "bad", f"Policy {name} does not walk"
+        badge, kind, headline = "Stands", "bad", f"Policy {file} stands still at every speed"
     else:
-        headline = f"Policy {name} holds {held:.2f} m/s"
-    return headed(badge, kind, headline, _sentences(top, tracking, slow), "simulated; a robot may differ")
+        headline = f"Policy {file} holds {held:.2f} m/s"
+    meta = f"{result['policy']} by its contract · simulated; a robot may differ"
+    return headed(badge, kind, headline, _sentences(top, tracking, slow), meta)
 
 
 def _sentences(top: Mapping[str, Any], tracking: Mapping[str, Any], slow: Mapping[str, Any]) -> Iterator[str]:
@@ -124,7 +130,7 @@ def _trials(result: Mapping[str, Any]) -> str:
             trial = result[key]
             low, high = trial["v_x_m_s"]
             what = f"20 s with noise and a push, {low:g} to {high:g} m/s"
-            rows.append((what, f"{trial['falls']} of {trial['episodes']} fell", f"{trial['falls_per_hour']:g} an hour"))
+            rows.append((what, f"{trial['falls']} of {trial['episodes']} fell", _an_hour(trial)))
     for key, what in (("pushes", "a push of 1 m/s"), ("slippery_patch", "a second on slippery ground (μ = 0.3)")):
         trial = result[key]
         rows.append((f"{what}, at {trial['v_x_m_s']:g} m/s", f"{trial['survived']} of {trial['trials']} stayed up", ""))
@@ -140,6 +146,20 @@ def _trials(result: Mapping[str, Any]) -> str:
     if falls[SHOWN:]:
         why += f"<details><summary>{len(falls) - SHOWN} more</summary>{facts(falls[SHOWN:])}</details>"
     return f"<table>{cells}</table>{why}"
+
+
+def _an_hour(trial: Mapping[str, Any]) -> str:
+    """Falls an hour with their exact Poisson interval: few episodes tell little."""
+    falls, hours = trial["falls"], trial["robot_s"] / 3600.0
+    low, high = (
+        0.5 * float(chi2.ppf(p, n)) / hours if n else 0.0 for p, n in ((0.05, 2 * falls), (0.95, 2 * falls + 2))
+    )
+    return f"{_two(low)} to {_two(high)} falls an hour (90 % interval, from {trial['robot_s']:.0f} s of robot time)"
+
+
+def _two(value: float) -> str:
+    """Two digits of a number, without an exponent."""
+    return f"{float(f'{value:.2g}'):g}"
 
 
 def turns_at_speed(tracking: Mapping[str, Any]) -> Iterator[tuple[float, float, float]]:

@@ -124,11 +124,12 @@ def episodes(setting: Setting, n: int = 100, *, bottom_m_s: float, top_m_s: floa
         disturb=shove,
     )
     falls = int((~recording.survived).sum())
-    hours = max(1.0, float(recording.alive.sum())) / rate / 3600.0  # a robot may fall in its first tick
+    robot_s = max(1.0, float(recording.alive.sum())) / rate  # a robot may fall in its first tick
     return {
         "episodes": n,
         "falls": falls,
-        "falls_per_hour": round(falls / hours, 2),
+        "robot_s": round(robot_s, 2),
+        "falls_per_hour": round(3600.0 * falls / robot_s, 2),
         "v_x_m_s": [bottom_m_s, float(_episode_bounds(setting, top_m_s)[1][0])],
         "fell": _told(recording),
     }
