@@ -17,6 +17,7 @@ from spot_model.plant.model_fields import FIRST_JOINT_DOF
 from spot_model.plant.sensing import Sensing
 from spot_model.robot import facts
 from spot_model.robot.facts import N_JOINTS, N_LEGS, Array
+from spot_model.robot.mjcf_terrain import BEYOND_GEOM, GROUND_GEOM
 from spot_model.robot.rotation import rotate_inverse_wxyz
 
 _FOOT_SENSOR_SIZE = 4
@@ -40,7 +41,8 @@ class Body:
         self._dt_s = scenario.physics.timestep_s
         self._drag = scenario.physics.unpowered_damping_nm_s_per_rad
         self._is_flat = scenario.terrain.kind == "flat"
-        self._ground = int(self.model.geom("ground").id)
+        self._ground = int(self.model.geom(GROUND_GEOM).id)
+        self._beyond_m = 0.0 if self._is_flat else float(self.model.geom(BEYOND_GEOM).pos[2])
         data = self._data
         self.base_position_m: Array = data.qpos[:3]
         self.base_wxyz: Array = data.qpos[3:7]
@@ -131,14 +133,14 @@ class Body:
         return np.abs(self._feet[:, 3])
 
     def height_m(self) -> float:
-        """Height of the body's origin over the ground beneath it; NaN beyond the ground's edge."""
+        """Height of the body's origin over the ground beneath it."""
         height = float(self.base_position_m[2])
         if self._is_flat:
             return height
         down = np.array([0.0, 0.0, -1.0])
         above = self.base_position_m + np.array([0.0, 0.0, 5.0])
         distance = float(mujoco.mj_rayHfield(self.model, self._data, self._ground, above, down))
-        return distance - 5.0 if distance >= 0.0 else float("nan")
+        return distance - 5.0 if distance >= 0.0 else height - self._beyond_m
 
     def tilt_rad(self) -> float:
         """Angle between the body's z axis and the vertical."""

@@ -37,7 +37,11 @@ def scene_model(scenario: Scenario) -> mujoco.MjModel:
 def _options(scenario: Scenario) -> MjcfOptions:
     physics, ground = scenario.physics, scenario.terrain
     noise = NoiseTerrain(
-        seed=scenario.seed, amplitude_m=ground.amplitude_m, cell_m=ground.cell_m, half_size_m=ground.half_size_m
+        seed=scenario.seed,
+        amplitude_m=ground.amplitude_m,
+        cell_m=ground.cell_m,
+        half_size_m=ground.half_size_m,
+        goes_on=True,
     )
     armature = [
         physics.armature_knee_kg_m2 if name.endswith("kn") else physics.armature_hip_kg_m2 for name in JOINT_NAMES

@@ -71,7 +71,7 @@ class TerrainConfig(Part):
     cell_m: float = Field(default=0.25, gt=0.05, le=2.0)
     """Distance between its grid points."""
     half_size_m: float = Field(default=15.0, gt=1.0, le=50.0)
-    """Half the side of the square of rough ground."""
+    """Half the side of the square of rough ground, beyond which the ground is flat."""
 
 
 class PayloadConfig(Part):

@@ -24,6 +24,7 @@ class NoiseTerrain:
         cell_m: Grid spacing, m, > 0; rounded so that a whole number of cells spans the ground.
         half_size_m: The ground covers [-half_size_m, half_size_m] in x and y, m.
         flat_radius_m: Ground nearer than this to the origin stays at z = 0, m, so that a robot starts level.
+        goes_on: Beyond the edge, which is then at the lowest height, a plane goes on; otherwise a robot falls off.
     """
 
     seed: int
@@ -31,6 +32,7 @@ class NoiseTerrain:
     cell_m: float = 0.25
     half_size_m: float = 10.0
     flat_radius_m: float = 0.8
+    goes_on: bool = False
 
     def __post_init__(self) -> None:
         for name in ("amplitude_m", "cell_m", "half_size_m"):

@@ -8,6 +8,7 @@ from spot_model.robot.facts import Array
 from spot_model.robot.mjcf_options import NoiseTerrain, Terrain
 
 GROUND_GEOM = "ground"
+BEYOND_GEOM = "beyond"
 _BASE_THICKNESS_M = 0.5
 
 
@@ -18,6 +19,9 @@ def terrain_heights_m(terrain: NoiseTerrain) -> Array:
     axis = np.linspace(-terrain.half_size_m, terrain.half_size_m, n)
     x, y = np.meshgrid(axis, axis)
     heights[np.hypot(x, y) < terrain.flat_radius_m] = 0.0
+    if terrain.goes_on:
+        edge = np.maximum(np.abs(x), np.abs(y)) > terrain.half_size_m - 0.5 * terrain.cell_m
+        heights[edge] = heights.min()
     return heights
 
 
@@ -36,9 +40,10 @@ def terrain_asset(terrain: Terrain) -> str:
 
 
 def terrain_geom(terrain: Terrain) -> str:
-    """The ground's geom; the only one that the robot can touch."""
-    common = f'name="{GROUND_GEOM}" material="ground" contype="1" conaffinity="0" priority="0"'
-    if isinstance(terrain, NoiseTerrain):
-        lowest = float(terrain_heights_m(terrain).min())
-        return f'<geom {common} type="hfield" hfield="ground" pos="0 0 {lowest!r}"/>'
-    return f'<geom {common} type="plane" size="0 0 0.05"/>'
+    """The ground's geom, and a plane beyond its edge where it goes on; nothing else can be touched by the robot."""
+    common = 'material="ground" contype="1" conaffinity="0" priority="0"'
+    if not isinstance(terrain, NoiseTerrain):
+        return f'<geom name="{GROUND_GEOM}" {common} type="plane" size="0 0 0.05"/>'
+    place = f'pos="0 0 {float(terrain_heights_m(terrain).min())!r}"'
+    plane = f'<geom name="{BEYOND_GEOM}" {common} type="plane" size="0 0 0.05" {place}/>' if terrain.goes_on else ""
+    return f'<geom name="{GROUND_GEOM}" {common} type="hfield" hfield="ground" {place}/>{plane}'

@@ -210,6 +210,21 @@ def test_rough_ground_is_seeded_bounded_and_level_at_the_start() -> None:
     assert heights[12, 12] == 0.0
 
 
+def test_rough_ground_that_goes_on_has_no_edge_to_fall_off() -> None:
+    """Along a line across the edge there is ground everywhere, without a step higher than the ground's own."""
+    terrain = NoiseTerrain(seed=3, amplitude_m=0.05, half_size_m=3.0, goes_on=True)
+    model = mujoco.MjModel.from_xml_string(spot_mjcf(MjcfOptions(terrain=terrain)))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    down, geom_id = np.array([0.0, 0.0, -1.0]), np.zeros(1, np.int32)
+    starts = [np.array([x, 0.01, 1.0]) for x in np.arange(2.0, 6.0, 0.05)]
+    heights = [1.0 - mujoco.mj_ray(model, data, start, down, None, True, -1, geom_id) for start in starts]
+    assert np.abs(np.diff(heights)).max() < 1.5 * 0.05 * (2 * 0.05 / 0.25)  # the steepest cell rises by two amplitudes
+    assert np.ptp(heights[-40:]) == 0.0
+    inner = terrain_heights_m(NoiseTerrain(seed=3, amplitude_m=0.05, half_size_m=3.0))
+    np.testing.assert_array_equal(terrain_heights_m(terrain)[1:-1, 1:-1], inner[1:-1, 1:-1])
+
+
 def test_rough_ground_lies_where_its_heights_say() -> None:
     terrain = NoiseTerrain(seed=3, amplitude_m=0.05, half_size_m=3.0)
     model = mujoco.MjModel.from_xml_string(spot_mjcf(MjcfOptions(terrain=terrain)))

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 import yaml
 
+from fake_robot.body.body import Body
 from fake_robot.robot.robot import Robot
+from fake_robot.scenario.parts import TerrainConfig
 from fake_robot.scenario.scenario import Scenario, load_scenario, scenario_from_data, shipped_names
 from spot_model.errors import BadInputError
 
@@ -129,3 +131,15 @@ def test_payload_and_friction_reach_the_model():
     assert model.body_inertia[body].sum() == pytest.approx(trace)
     assert model.geom_friction[foot, 0] == 0.3
     np.testing.assert_allclose(model.dof_frictionloss[6:], [0, 0, 0.7] + [0] * 9)
+
+
+def test_a_robot_beyond_the_rough_ground_stands_on_flat_ground():
+    """It does not fall off the end of the world: at 1.7 m/s that came after some ten seconds."""
+    rough = Scenario(terrain=TerrainConfig(kind="noise", half_size_m=2.0), time_mode="lock_step")
+    body = Body(rough, np.random.default_rng(0))
+    lain_m = body.height_m()
+    body.base_position_m[:2] = (9.0, 0.0)
+    for _ in range(2000):
+        body.step(None)
+    assert body.height_m() == pytest.approx(lain_m, abs=0.02)
+    assert not body.has_diverged()
