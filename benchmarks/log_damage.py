@@ -1,6 +1,6 @@
 """400 truncations and 400 bit flips of a log: each is recovered or refused in words, and only what was written is read.
 
-python benchmarks/log_damage.py LOG.mcap
+python benchmarks/log_damage.py LOG.mcap [TIMES]
 """
 
 from __future__ import annotations
@@ -14,8 +14,6 @@ import numpy as np
 
 from spot_log import LogReadError, read_run, recover_log
 from spot_log.read.mcap_scan import scan_mcap
-
-TIMES = 400
 
 
 def damaged(data: bytes, kind: str, rng: np.random.Generator) -> bytes:
@@ -43,12 +41,13 @@ def outcome(path: Path, result: Path) -> str:
 
 def main() -> None:
     """Damage, read, count."""
+    times = int(sys.argv[2]) if len(sys.argv) > 2 else 400
     data = Path(sys.argv[1]).read_bytes()
     written, rng, counts = set(scan_mcap(data).messages), np.random.default_rng(1), Counter[str]()
     with tempfile.TemporaryDirectory() as folder:
         path, result = Path(folder) / "damaged.mcap", Path(folder) / "result.mcap"
         for kind in ("cut", "bit flipped"):
-            for _ in range(TIMES):
+            for _ in range(times):
                 path.write_bytes(damaged(data, kind, rng))
                 if not set(scan_mcap(path.read_bytes()).messages) <= written:
                     raise AssertionError("a message was read that nobody wrote")

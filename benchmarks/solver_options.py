@@ -5,7 +5,7 @@ periods of a policy, continue for twelve periods under the same random set-point
 CPU time of a step (the least of the rounds), and how far joints are from the model with MuJoCo's warm start: the
 median and the largest of the robots, each by its worst joint. One thread.
 
-    python benchmarks/solver_options.py [--policy policies/fast.onnx] [--rounds 8]
+    python benchmarks/solver_options.py [--policy policies/fast.onnx] [--rounds 8] [--robots 512]
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from spot_model.robot.facts import Array
 from trainer.config.train_config import config_from_data
 from trainer.task.make_task import make_task
 
-N_ROBOTS, PERIODS, SUBSTEPS = 512, 12, 4
+PERIODS, SUBSTEPS = 12, 4
 Off = mujoco.mjtDisableBit
 WARM = int(Off.mjDSBL_ISLAND | Off.mjDSBL_MIDPHASE)
 COLD = WARM | int(Off.mjDSBL_WARMSTART)
@@ -56,10 +56,10 @@ OPTIONS: dict[str, dict[str, float]] = {
 }
 
 
-def walked(policy: Path) -> Plant:
+def walked(policy: Path, n_robots: int) -> Plant:
     """The robots of a training task, after sixty periods."""
     torch.set_num_threads(1)
-    config = config_from_data({"name": "options", "iterations": 1}, source="options", overrides=(f"n_envs={N_ROBOTS}",))
+    config = config_from_data({"name": "options", "iterations": 1}, source="options", overrides=(f"n_envs={n_robots}",))
     task, loaded = make_task(config, "cpu", seed=1, n_threads=1), load_policy(policy)
     result = task.start()
     for _ in range(60):
@@ -73,10 +73,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--policy", type=Path, default=Path("policies/fast.onnx"))
     parser.add_argument("--rounds", type=int, default=8)
+    parser.add_argument("--robots", type=int, default=512)
     chosen = parser.parse_args()
-    plant, rng = walked(chosen.policy), np.random.default_rng(0)
+    plant, rng = walked(chosen.policy, chosen.robots), np.random.default_rng(0)
     begin = plant.snapshot()
-    setpoints = facts.DEFAULT_POSITION_RAD + rng.normal(0.0, 0.1, (PERIODS, N_ROBOTS, facts.N_JOINTS))
+    setpoints = facts.DEFAULT_POSITION_RAD + rng.normal(0.0, 0.1, (PERIODS, chosen.robots, facts.N_JOINTS))
     took: dict[str, float] = dict.fromkeys(OPTIONS, float("inf"))
     ends: dict[str, Array] = {}
     for _ in range(chosen.rounds):
@@ -92,7 +93,7 @@ def main() -> None:
     told = {}
     for name, end in ends.items():
         off = np.abs(end - ends["warm start"]).max(axis=1)
-        step_us = 1e6 * took[name] / (PERIODS * SUBSTEPS * N_ROBOTS)
+        step_us = 1e6 * took[name] / (PERIODS * SUBSTEPS * chosen.robots)
         told[name] = {
             "step_us": round(step_us, 2),
             "median_rad": float(f"{np.median(off):.1e}"),

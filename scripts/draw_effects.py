@@ -68,6 +68,9 @@ SIZES = {
 def main() -> None:
     chosen = sys.argv[1:] or [name for name in BUILT_IN if not (PICTURES / f"{name}.svg").is_file()]
     PICTURES.mkdir(exist_ok=True)
+    if not chosen:
+        print(f"each of {len(BUILT_IN)} effects has its picture; name those that are to be drawn anew")
+        return
     plain = walk()
     for name in chosen:
         try:

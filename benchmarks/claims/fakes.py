@@ -32,7 +32,6 @@ ASKED_MS = ((0.0, 0.0), (1.5, 3.0), (5.0, 10.0))
 """Delays of states and of commands."""
 STATES_HZ = 1e3 / 3.0
 HELD = 0.99
-MOST_FAKES = 12
 
 
 def delays(seconds: float) -> dict[str, float]:
@@ -90,13 +89,13 @@ def slowest_hz(clients: list[RobotStateStreamingClient], seconds: float) -> floa
     return min(rates)
 
 
-def fakes_held(seconds: float) -> dict[str, Any]:
+def fakes_held(seconds: float, most: int) -> dict[str, Any]:
     """How many fakes hold their rate, and the slowest's rate by number of fakes."""
     clients: list[RobotStateStreamingClient] = []
     told: dict[str, Any] = {"fakes_held": 0}
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        while len(clients) < MOST_FAKES:
+        while len(clients) < most:
             clients += [standing(stack, folder) for _ in range(2)]
             told[f"slowest_of_{len(clients)}_hz"] = hz = round(slowest_hz(clients, seconds), 1)
             if hz < HELD * STATES_HZ:
@@ -109,8 +108,9 @@ def main() -> None:
     """Print one JSON object."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=4.0, help="of each measurement")
+    parser.add_argument("--most", type=int, default=12, help="fakes, an even number")
     chosen = parser.parse_args()
-    print(json.dumps({"delay_ms": delays(chosen.seconds), **fakes_held(chosen.seconds)}))
+    print(json.dumps({"delay_ms": delays(chosen.seconds), **fakes_held(chosen.seconds, chosen.most)}))
 
 
 if __name__ == "__main__":

@@ -7,6 +7,8 @@ import pytest
 from . import test_apart, test_in_a_clone, test_installing
 from .blocks import PAGES, REPOSITORY, all_blocks, is_to_be_run, spans_of
 from .ledger import BY_CI, ELSEWHERE, FORMS, NOT_RUN, RUN_APART
+from .scripts import LEDGER as SCRIPTS
+from .scripts import SCRIPT
 
 MARKED = ("run", "play", "session", "gpu")
 """Orders of blocks whose commands ``test_docs.py`` runs."""
@@ -18,7 +20,11 @@ IN_BLOCKS = {
     for words in block.commands
 }
 IN_SENTENCES = {" ".join(words) for page in PAGES for words in spans_of(page) if is_to_be_run(words)}
-RUN = {command for command, order in IN_BLOCKS.items() if order in MARKED}
+OF_SCRIPTS = {
+    command for command in IN_BLOCKS.keys() | IN_SENTENCES if (found := SCRIPT.search(command)) and found[0] in SCRIPTS
+}
+"""Commands of scripts that ``test_scripts.py`` knows."""
+RUN = {command for command, order in IN_BLOCKS.items() if order in MARKED} | OF_SCRIPTS
 LEDGER = {**RUN_APART, **dict.fromkeys(BY_CI, ".ci/run"), **ELSEWHERE, **FORMS, **NOT_RUN}
 
 
