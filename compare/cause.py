@@ -36,7 +36,7 @@ def read_verdict(path: Path) -> Verdict:
         raise CompareError(
             f"verdict {file} cannot be read: {error.strerror}; give a folder of 'spot-rl diagnose'"
         ) from error
-    except (ValidationError, UnicodeDecodeError) as error:
+    except ValidationError as error:
         raise CompareError(f"{file} is no verdict of 'spot-rl diagnose'") from error
 
 

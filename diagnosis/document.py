@@ -292,7 +292,7 @@ def load_verdict(path: Path) -> Verdict:
     Raises:
         pydantic.ValidationError: It does not follow the schema.
     """
-    return Verdict.model_validate_json(path.read_text(encoding="utf-8"))
+    return Verdict.model_validate_json(path.read_bytes())
 
 
 def json_schema() -> str:

@@ -37,7 +37,7 @@ def users_code(what: str, advice: str) -> Iterator[None]:
     except SpotRlError:
         raise
     except (Exception, SystemExit) as error:
-        told = str(error) if isinstance(error, _PLAIN) else _named(error)
+        told = str(getattr(error, "msg", error)) if isinstance(error, _PLAIN) else _named(error)
         raise BadInputError(f"{what} cannot be loaded: {told}{_at(error)}; {advice}") from error
 
 

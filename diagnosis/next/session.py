@@ -13,13 +13,14 @@ from rich.console import Console
 
 from diagnosis.document import load_verdict
 from diagnosis.library.extra_effect import chosen_library
-from diagnosis.next.choose.candidates import Motion
+from diagnosis.next.choose.candidates import Motion, given
 from diagnosis.next.choose.design import Design, Proposal, design
 from diagnosis.next.choose.robots import all_beliefs
 from diagnosis.next.files import free_folder, ranking_lines, run_words, save_motion, write_offers
 from diagnosis.next.inputs import Inputs, absolute, load_inputs, save_inputs
 from diagnosis.next.page import ranking_page, story_page
 from diagnosis.next.predict.check import check_log, check_prediction
+from diagnosis.next.predict.outcome import HELD_S
 from diagnosis.next.predict.prediction import digest_of, load_prediction, predict, with_log
 from diagnosis.next.robot_run import Ran, run_on_robot, start_here
 from diagnosis.next.rounds import Lab, Limits, ask_robot
@@ -170,7 +171,7 @@ class Session:
         if self.policy is None:
             raise BadInputError("a walk needs its policy; give --policy FILE.onnx")
         wanted = load_sequence(sequence)
-        path = out or self.folder / f"prediction_{wanted.name}.json"
+        path = out or self.folder / f"prediction_{given(wanted).name}.json"
         posterior, is_new = self.found.posterior, not path.exists()
         if not is_new:
             made = load_prediction(path)
@@ -185,6 +186,11 @@ class Session:
                 raise BadInputError(
                     f"sequence {wanted.name} asks for more than policy {self.policy.contract.name} was trained on, "
                     f"{self.policy.command_low} to {self.policy.command_high} (m/s, m/s, rad/s); ask for less"
+                )
+            if wanted.duration_s < HELD_S:
+                raise BadInputError(
+                    f"sequence {wanted.name}: duration_s is {wanted.duration_s:g}; allowed: at least {HELD_S:g} s, for "
+                    "which a top speed is held"
                 )
             check_new(path)
             library = chosen_library(list(self.inputs.add_effect), list(self.inputs.without))
@@ -236,7 +242,9 @@ def found_in(folder: Path) -> Found:
     try:
         verdict, posterior = load_verdict(folder / NAMES["verdict"]), load_posterior(folder / NAMES["posterior"])
     except ValidationError as error:
-        raise BadInputError(f"{folder}: a diagnosis of another release; diagnose again:\n{explain(error)}") from error
+        raise BadInputError(
+            f"{folder}: a diagnosis of another release, or damaged; diagnose again:\n{explain(error)}"
+        ) from error
     moves = prod(posterior.matters.get(effect, 1.0) for effect in next(iter(all_beliefs(posterior))))
     told = f" (that it moves the gap: {100.0 * moves:.0f} %)" if moves < SURE else ""
     return Found(folder, posterior, verdict.status, headline(verdict) + told)

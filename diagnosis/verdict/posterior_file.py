@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from diagnosis.channels.channel_view import Array
 from diagnosis.closed_loop.surroundings import Surroundings
@@ -22,6 +22,7 @@ from diagnosis.selection.nuisance_model import by_joint, with_errors
 from diagnosis.selection.scoring import Scored
 from diagnosis.verdict.causes import Causes
 from diagnosis.verdict.posterior import Belief
+from spot_model.errors import BadInputError
 from spot_model.io.model_file import RobotModel, model_from_data
 from spot_model.robot.facts import JOINT_NAMES
 
@@ -58,17 +59,32 @@ class Posterior(_Part):
     """All sets that were compared; weights add up to 1."""
 
     schema_name: Literal["spot-rl/posterior/1"] = Field(default="spot-rl/posterior/1", alias="schema")
-    possibilities: tuple[Possibility, ...]
+    possibilities: tuple[Possibility, ...] = Field(min_length=1)
     matters: dict[str, float] = Field(default_factory=dict)
     """By effect, the probability that it moves the gap if it is there; 1 for those that are not named."""
     unknown: float = Field(default=0.0, ge=0.0, le=1.0)
     """Probability of something that no effect of the library is."""
+
+    @model_validator(mode="after")
+    def _can_be_drawn(self) -> Posterior:
+        if not sum(p.weight for p in self.possibilities) > 0.0:
+            raise ValueError("the weights of the possibilities add up to 0; one has to be above")
+        for term in (term for p in self.possibilities for term in p.terms):
+            n = len(term.mean)
+            if [len(row) for row in term.covariance] != [n] * n:
+                raise ValueError(f"the covariance of {term.effect} is not {n} × {n}, as it has {n} coefficients")
+        return self
 
     def draw(self, library: Mapping[str, LibraryEffect], rng: np.random.Generator) -> RobotModel:
         """One robot that the logs allow: a set by its weight, its numbers by their covariance, within bounds."""
         weights = np.array([p.weight for p in self.possibilities])
         chosen = self.possibilities[int(rng.choice(len(weights), p=weights / weights.sum()))]
         model = model_from_data(chosen.model, source="posterior")
+        unknown = sorted({term.effect for term in chosen.terms} - library.keys())
+        if unknown:
+            raise BadInputError(
+                f"the diagnosis names {', '.join(unknown)}, which the library of effects does not have; diagnose again"
+            )
         for term in sorted(chosen.terms, key=lambda term: acts_last(library[term.effect])):
             effect = library[term.effect]
             low, high = (np.array([getattr(c, side) for c in effect.coefficients]) for side in ("low", "high"))
@@ -133,4 +149,4 @@ def load_posterior(path: Path) -> Posterior:
     Raises:
         pydantic.ValidationError: It does not follow the schema.
     """
-    return Posterior.model_validate_json(path.read_text(encoding="utf-8"))
+    return Posterior.model_validate_json(path.read_bytes())

@@ -49,7 +49,7 @@ def evaluate(
     if video:
         check_film(out / "video.mp4")
     period = 1.0 / loaded.contract.rate_hz
-    if timestep <= 0.0 or abs(period / timestep - round(period / timestep)) > 1e-6:
+    if not timestep > 0.0 or abs(period / timestep - round(period / timestep)) > 1e-6:
         raise BadInputError(f"--timestep {timestep}: it must divide the policy's period of {period} s")
     try:
         mjcf = MjcfOptions(timestep_s=timestep, integrator=integrator)  # type: ignore[arg-type]

@@ -48,8 +48,13 @@ def read_environment(path: Path) -> dict[str, Any]:
     try:
         text = read_at_most(path, MAX_BYTES).decode("utf-8")
         data = json.loads(text) if path.suffix == ".json" else yaml.load(text, Loader=_PlainLoader)  # noqa: S506 - see it
-    except (OSError, FileTooLargeError, UnicodeDecodeError, ValueError, RecursionError, yaml.YAMLError) as error:
-        raise BadInputError(f"environment file {path} cannot be read: {error}") from error
+    except RecursionError as error:
+        raise BadInputError(f"environment file {path} is nested too deep; give the training run's env.yaml") from error
+    except (OSError, FileTooLargeError, UnicodeDecodeError, ValueError, yaml.YAMLError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise BadInputError(
+            f"environment file {path} cannot be read: {reason}; give the training run's env.yaml, or its JSON"
+        ) from error
     if not isinstance(data, dict):
         raise BadInputError(f"environment file {path} holds no mapping; give the env.yaml of the training run")
     return data

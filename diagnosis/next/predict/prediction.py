@@ -102,9 +102,9 @@ class Prediction(Settings):
         """For a terminal."""
         out = [f"{self.sequence.name}: what the robot will do ({100 * self.level:.0f} % intervals)"]
         for f in self.forecasts:
-            line = f"  {f.title:36s} {f.value:7.2f} {f.unit:4s} {f.low:7.2f} to {f.high:.2f}"
+            line = f"  {f.title:36s} {f.value:8.3f} {f.unit:4s} {f.low:8.3f} to {f.high:.3f}"
             if f.measured is not None:
-                line += f"   measured {f.measured:.2f}: {'held' if f.holds else 'did not hold'}"
+                line += f"   measured {f.measured:.3f}: {'held' if f.holds else 'did not hold'}"
             out.append(line)
         if self.fell > 0.0:
             out.append(f"  {100 * self.fell:.0f} % of the simulated robots fell")
