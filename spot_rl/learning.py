@@ -9,7 +9,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from spot_rl.paths import AnyPath, existing, to_path
+from spot_rl.paths import AnyPath, existing, to_path, whole
 
 if TYPE_CHECKING:
     from spot_model.io.model_file import RobotModel
@@ -96,14 +96,12 @@ def evaluate(
     Raises:
         SpotRlError: A file is missing or not valid.
     """
-    from spot_model.errors import BadInputError
     from spot_model.policy.policy import Policy
     from spot_rl.simulation import load_policy, model_of
     from trainer.evaluate.report import evaluate as run_trials
     from trainer.evaluate.setting import Setting
 
-    if n < 1:
-        raise BadInputError(f"n = {n}; allowed: 1 or more robots")
+    n, seed = whole(n, "n", 1), whole(seed, "seed")
     loaded = policy if isinstance(policy, Policy) else load_policy(policy)
     return run_trials(Setting(policy=loaded, model=model_of(model)[0], seed=seed), n=n)
 

@@ -6,7 +6,7 @@ import io
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
-from spot_rl.paths import AnyPath, existing, existing_all, to_path
+from spot_rl.paths import AnyPath, existing, existing_all, one_or_more, to_path, whole
 
 if TYPE_CHECKING:
     from diagnosis.document import Verdict
@@ -87,8 +87,8 @@ def diagnose(
         nominal_name=name,
         out=folder,
         policy=policy_file(policy) if policy is not None else None,
-        library=chosen_library(list(add_effects), list(without)),
-        seed=seed,
+        library=chosen_library(one_or_more(add_effects, "add_effects"), one_or_more(without, "without")),
+        seed=whole(seed, "seed"),
     )
     result, _ = run_session(request, Progress(None if progress else Console(file=io.StringIO())))
     return result.verdict

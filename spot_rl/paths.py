@@ -1,14 +1,16 @@
-"""Paths that a script gives: text or a path, checked where they enter."""
+"""What a script gives, checked where it enters: paths as text or as a path, whole numbers, one name or several."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterable
 from pathlib import Path
+from typing import TypeVar
 
 from spot_model.errors import BadInputError
 
 AnyPath = str | os.PathLike[str]
+T = TypeVar("T")
 
 
 def to_path(value: AnyPath, name: str) -> Path:
@@ -45,3 +47,28 @@ def existing_all(values: AnyPath | Iterable[AnyPath], name: str) -> list[Path]:
     if not given:
         raise BadInputError(f"{name} is empty; give at least one file or folder")
     return [existing(value, name) for value in given]
+
+
+def whole(value: int, name: str, least: int = 0) -> int:
+    """The whole number that was given, as a seed or a count.
+
+    Raises:
+        BadInputError: It is none, or below ``least``.
+    """
+    given: object = value
+    if not isinstance(given, int) or isinstance(given, bool) or not least <= given < 2**63:
+        raise BadInputError(f"{name} = {value!r}; allowed: a whole number, {least} or more")
+    return given
+
+
+def one_or_more(values: T | Iterable[T], name: str) -> list[T]:
+    """One text or class, or several.
+
+    Raises:
+        BadInputError: It is something else.
+    """
+    if isinstance(values, (str, type)):
+        return [values]
+    if not isinstance(values, Iterable):
+        raise BadInputError(f"{name} = {values!r:.60}; allowed: one, or a list of them")
+    return list(values)

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from spot_rl.paths import AnyPath, existing, to_path
+from spot_rl.paths import AnyPath, existing, to_path, whole
 
 if TYPE_CHECKING:
     from compare.compare import Comparison
@@ -67,7 +67,7 @@ def load_model(name_or_path: AnyPath, *, effects: Sequence[Mapping[str, Any] | E
     from spot_model.io.model_file import load_model as load
     from spot_model.io.model_file import model_from_data
 
-    model = load(os.fspath(name_or_path))
+    model = load(str(to_path(name_or_path, "model")))
     for effect in effects:
         made = [effect] if isinstance(effect, Effect) else model_from_data({"effects": [effect]}).effects
         model = model.with_effects(*made)
@@ -128,7 +128,7 @@ def simulate(
         )
     sensors = SensorNoise() if noise else SensorNoise(0.0, 0.0, 0.0, 0.0, 0.0)
     simulated, name = model_of(model)
-    made = simulate_like(run, simulated, chosen, np.random.default_rng(seed), sensors)
+    made = simulate_like(run, simulated, chosen, np.random.default_rng(whole(seed, "seed")), sensors)
     # A comparison names its runs by their paths.
     footer = RunFooter(host_stamp_ns=0, messages={}, dropped={}, outcome="simulated")
     return dataclasses.replace(made, path=Path(f"simulated-{Path(name).stem}"), footer=footer)
@@ -156,6 +156,8 @@ def compare(runs: Sequence[Run], out: AnyPath | None = None, *, names: Sequence[
         _check_run(run)
     if names is not None and len(names) != len(runs):
         raise BadInputError(f"{len(names)} names for {len(runs)} runs; give one name a run")
+    if names is not None and (len(set(names)) < len(names) or not all(isinstance(name, str) for name in names)):
+        raise BadInputError(f"names = {list(names)!r:.80}; allowed: texts, each another one")
     simulated = [str(run.path).startswith("simulated-") for run in runs]
     if names is not None:
         chosen = [Named(name, run, is_it) for name, run, is_it in zip(names, runs, simulated, strict=True)]

@@ -61,7 +61,7 @@ def _entry(value: str | type, made: object) -> LibraryEffect:
     return effect
 
 
-def _found(value: str) -> object:
-    if value.count(":") != 1:
+def _found(value: object) -> object:
+    if not isinstance(value, str) or value.count(":") != 1:
         raise BadInputError(f"--add-effect {value!r}; allowed: module:Class, a subclass of Effect or LibraryEffect")
     return EntryPoint(name="effect", value=value, group="spot_rl.library").load()

@@ -7,15 +7,21 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
+from diagnosis.next.inputs import Inputs
 from diagnosis.next.predict.check import check_log, check_prediction
 from diagnosis.next.predict.outcome import MOTION
 from diagnosis.next.predict.prediction import Forecast, Prediction, _forecast, load_prediction
+from diagnosis.next.session import Session
+from diagnosis.next.story import Found
 from diagnosis.read.recording import ACTIVE
+from diagnosis.verdict.posterior_file import Posterior
 from spot_log.format.records import RunHeader
 from spot_log.read.run import Run, run_of_columns
 from spot_model.errors import BadInputError
-from spot_model.io.velocity_sequence import VelocitySequence, sequence_of, standing_sequence
+from spot_model.io.model_file import RobotModel
+from spot_model.io.velocity_sequence import VelocitySequence, save_sequence, sequence_of, standing_sequence
 from spot_model.policy.observation import COLUMNS, N_OBSERVATION
 from spot_model.policy.policy import load_policy
 
@@ -127,3 +133,54 @@ def test_a_prediction_that_is_there_serves_what_it_is_of_alone(made: Prediction,
     check_prediction(made_of(ramp()), Path("p.json"), ramp(), policy, "0" * 64)
     with pytest.raises(BadInputError, match=rf"p.json holds a prediction of {told}.*give --out FILE"):
         check_prediction(made, Path("p.json"), ramp(), policy, "0" * 64)
+
+
+SOUND: dict[str, Any] = {
+    "schema": "spot-rl/posterior/1",
+    "possibilities": [
+        {
+            "weight": 1.0,
+            "distance_floors": None,
+            "model": RobotModel().to_data(),
+            "terms": [{"effect": "warp", "joints": ["knees"], "shape": {}, "mean": [1.0], "covariance": [[0.0]]}],
+        }
+    ],
+}
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"weight": 0.0}, "the weights of the possibilities add up to 0"),
+        ({"terms": [{**SOUND["possibilities"][0]["terms"][0], "covariance": [[1.0, 0.0]]}]}, "of warp is not 1 × 1"),
+        (None, "at least 1 item"),
+    ],
+)
+def test_a_posterior_from_which_nothing_can_be_drawn_is_told(change: dict[str, Any] | None, told: str) -> None:
+    some = [] if change is None else [{**SOUND["possibilities"][0], **change}]
+    with pytest.raises(ValidationError, match=told):
+        Posterior.model_validate({**SOUND, "possibilities": some})
+
+
+def test_an_effect_that_the_library_lacks_is_named() -> None:
+    posterior = Posterior.model_validate(SOUND)
+    with pytest.raises(BadInputError, match="names warp, which the library of effects does not have; diagnose again"):
+        posterior.draw({}, np.random.default_rng(0))
+
+
+@pytest.mark.parametrize(
+    ("told", "file", "error"),
+    [
+        (ramp(name="../../a"), "prediction__a.json", None),
+        (sequence_of("brief", 0.5, (0.0, 0.5)), None, "duration_s is 0.5; allowed: at least 1 s"),
+        (sequence_of("fast", 4.0, (0.0, 9.0)), None, "asks for more than policy walk was trained on"),
+    ],
+)
+def test_what_is_asked_for_is_looked_at_before_anything_is_simulated(
+    told: VelocitySequence, file: str | None, error: str | None, tmp_path: Path
+) -> None:
+    save_sequence(told, tmp_path / "asked.yaml")
+    found = Found(tmp_path, Posterior.model_validate(SOUND), "explained", "")
+    session = Session(tmp_path, Inputs(logs=(), nominal="ideal"), found, load_policy(WALK), 0)
+    with pytest.raises(BadInputError, match=error or rf"/{file} is not there: a run can only be compared"):
+        session.predicted(str(tmp_path / "asked.yaml"), None if error else tmp_path / "log.mcap", None)
