@@ -131,7 +131,7 @@ def _which_note(v: Verdict) -> str:
         return "Nothing in the library is found."
     drawn = {colour for _, _, colour in bars.ranked(v)}
     told = [words for colour, words in bars.MEANING.items() if colour in drawn]
-    return f"{' '.join(told)} Several can be there at once, so these do not add up to 1."
+    return f"{' '.join(told)} Several can be there at once, so these need not add up to 1."
 
 
 def _shrink(v: Verdict) -> str:

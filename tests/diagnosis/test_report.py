@@ -144,7 +144,7 @@ def test_the_legend_explains_the_bars_that_are_there(
     note = _which_note(base.model_copy(update={"effects": (effect,)}))
     assert told in note
     assert not_told not in note
-    assert "do not add up to 1" in note
+    assert "need not add up to 1" in note
 
 
 def test_text_of_a_log_cannot_become_markup(diagnosed: Diagnosis) -> None:
