@@ -73,7 +73,9 @@ def test_a_simulated_run_follows_the_same_commands(walks: list[Run], in_project:
 def test_a_comparison_is_a_page_and_a_ghost(walks: list[Run], in_project: None, tmp_path: Path) -> None:
     runs = [*walks, spot_rl.simulate(walks[0], "ideal")]
     found = spot_rl.compare(runs, tmp_path / "side-by-side", names=["first", "second", "ideal"])
-    for sentence, name in zip(found.sentences, ("second", "ideal"), strict=True):
+    *told, compared = found.sentences
+    assert compared.startswith("Compared: ")
+    for sentence, name in zip(told, ("second", "ideal"), strict=True):
         assert sentence.startswith("first walks at 0.")
         assert f", {name} at 0." in sentence
     # The same robot twice is nearer to itself than to a model without its friction, limits and rotors.
