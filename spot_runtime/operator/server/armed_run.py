@@ -27,7 +27,13 @@ class ArmedRun:
         self.status: operator_pb2.RunStatus | None = None
         self._told_s = time.monotonic()
         self._ended: operator_pb2.Outcome | None = None
-        self._is_asked_to_end = False
+        self._is_asked_to_end = self._is_signalled = False
+
+    def signal_stop(self) -> None:
+        """Without the socket, and once: a second such signal would damp the robot of an operator who asks twice."""
+        if not self._is_signalled:
+            self._is_signalled = True
+            self.process.ask_to_stop()
 
     @property
     def silent_s(self) -> float:
@@ -76,7 +82,7 @@ class ArmedRun:
             if silent_s > SILENT_S + ABORT_TAKES_S:  # stopped or blocked, it has not even seen the abort
                 self.process.kill()
         elif in_state_s > arm_timeout_s and self._is_first_measure():
-            self.process.ask_to_stop()
+            self.signal_stop()
             return "late", f"{state.value} takes too long; it is broken off"
         elif in_state_s > arm_timeout_s + KILL_AFTER_S:
             self.process.kill()

@@ -166,8 +166,13 @@ class Supervisor:
             if client:
                 self._at.say("asked", f"{name}, by {client}")
         if run is not None and state is State.ARMING:
-            run.process.ask_to_stop()
-            return "arming is broken off: the robot sits down and powers off"
+            run.signal_stop()
+            return "arming is broken off; a robot that has power already sits down and loses it"
+        if state is State.ENDING and is_damping:
+            raise not_now(
+                f"{name}: the policy has the joints no more; the vendor's controller lets the robot sit and cuts the "
+                "power, which the e-stop alone does sooner"
+            )
         if state is State.ENDING:
             return "the robot is being brought to rest already"
         try:
@@ -175,7 +180,7 @@ class Supervisor:
         except Refusal as refusal:
             if refusal.code is not unavailable("").code or run is None:
                 raise
-            run.process.ask_to_damp() if is_damping else run.process.ask_to_stop()
+            run.process.ask_to_damp() if is_damping else run.signal_stop()
             return "the control process did not read the request, so it was sent a signal"
 
     def steer(self, request: run_link_pb2.ToRun, identity: str, name: str) -> None:
@@ -247,7 +252,7 @@ class Supervisor:
             # The service manager may have sent it the same signal, and a second one would mean damping.
             stop = run_link_pb2.ToRun(stop=operator_pb2.StopRequest())
             if self._at.now is State.ARMING or (self._at.now is not State.ENDING and not run.process.tell(stop)):
-                run.process.ask_to_stop()
+                run.signal_stop()
         deadline_s = time.monotonic() + self._config.service.arm_timeout_s
         while self._run is not None or self._rescue is not None:
             if self._run is not None and time.monotonic() > deadline_s:

@@ -86,3 +86,28 @@ def test_it_is_sent_a_signal_though_others_wait(
     waiting_of(supervisor).let_all_go()
     for other in others:
         other.join()
+
+
+def test_a_stop_that_is_asked_for_again_is_not_sent_as_the_signal_that_damps(
+    deaf: tuple[Supervisor, DeafProcess],
+) -> None:
+    supervisor, process = deaf
+    for _ in range(3):
+        message = run_link_pb2.ToRun(stop=operator_pb2.StopRequest())
+        assert "was sent a signal" in supervisor.end("stop", message, "", is_damping=False)
+    assert process.signals == ["stop"]
+
+
+def test_a_robot_that_is_brought_to_rest_is_stopped_already_and_cannot_be_damped(
+    deaf: tuple[Supervisor, DeafProcess],
+) -> None:
+    supervisor, process = deaf
+    supervisor._take(run_link_pb2.FromRun(state="ending"))
+    stop, damp = (
+        run_link_pb2.ToRun(stop=operator_pb2.StopRequest()),
+        run_link_pb2.ToRun(damp=operator_pb2.DampRequest()),
+    )
+    assert "already" in supervisor.end("stop", stop, "", is_damping=False)
+    with pytest.raises(Refusal, match="which the e-stop alone does sooner"):
+        supervisor.end("damp", damp, "", is_damping=True)
+    assert (process.signals, process.told) == ([], [])
