@@ -170,6 +170,7 @@ class OperatedRun:
         while True:
             stop = self._stand_by(hal, signals)
             if stop is not None:
+                self.refuse_start(stop.sentence())
                 return ControlEnd(stop, may_stand=False)
             end = self._control(hal, signals)
             if not (self.keeps_standing and end.may_stand and end.stop.reason is StopReason.OPERATOR_STOP):
@@ -198,8 +199,6 @@ class OperatedRun:
             self._manager.progressed()
             if self._spec.lock_step:
                 time.sleep(LOCK_STEP_PAUSE_S)
-        if self.stop is not None:
-            self.refuse_start(f"{self.stop.reason.label}: {self.stop.sentence()}")
         return self.stop
 
     def _waits(self) -> bool:
