@@ -17,7 +17,7 @@ from spot_runtime.operator.door.callers import Caller, caller_of
 from spot_runtime.operator.door.frames import HEAD_BYTES, Frames
 from spot_runtime.operator.door.outflow import PART_BYTES, WOULD_BLOCK, Outflow
 from spot_runtime.operator.door.peers import peer_of
-from spot_runtime.operator.door.turns import Ask, Turns
+from spot_runtime.operator.door.turns import Place, Turns
 
 SEEN_WITHIN_S: Final = 0.1
 """Time for which a connection's next call waits for gRPC to show the one before; it may have been broken off."""
@@ -75,10 +75,6 @@ class Connection:
             self._outer = way.tls.wrap_socket(outer, server_side=True, do_handshake_on_connect=False)
         self._loop.add_reader(self._outer, self._wake)
 
-    def ask_of(self) -> Ask:
-        """See :class:`~spot_runtime.operator.door.turns.Asker`."""
-        return self.is_admitted, self.group
-
     def turn(self) -> None:
         """Do a little: a step of the handshake, or pass on what may pass now."""
         try:
@@ -115,7 +111,7 @@ class Connection:
         self._is_over = True
         for timer in self._timers.values():
             timer.cancel()
-        self._way.turns.withdraw(self)
+        self._way.turns.withdraw(self.turn)
         self._loop.remove_reader(self._outer)
         self._loop.remove_writer(self._outer)
         if self._answers is not None:
@@ -189,7 +185,7 @@ class Connection:
 
     def _ask(self) -> None:
         if not (self._is_over or self._is_resting):
-            self._way.turns.ask(self)
+            self._way.turns.ask(self.turn, Place(self.is_admitted, self.group))
 
     def _wake(self) -> None:
         """Something can be read, or written again."""

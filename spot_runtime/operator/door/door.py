@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Final
 
 from spot_runtime.operator.door.connection import Connection, Way, has_hung_up
-from spot_runtime.operator.door.turns import Turns
+from spot_runtime.operator.door.turns import Place, Turns
 
 BACKLOG: Final = 4096
 ACCEPTED_AT_ONCE: Final = 64
@@ -121,12 +121,12 @@ class Door:
             self.admit(connection, connection.caller.identity)
 
     def _move(self, connection: Connection, group: str, *, is_admitted: bool) -> None:
-        has_waited = self._turns.withdraw(connection)
+        has_waited = self._turns.withdraw(connection.turn)
         self._remove(connection)
         connection.group, connection.is_admitted = group, is_admitted
         self._crowds(connection).setdefault(group, {})[connection.name] = connection
         if has_waited:
-            self._turns.ask(connection)
+            self._turns.ask(connection.turn, Place(is_admitted, group))
 
     def _remove(self, connection: Connection) -> None:
         crowds = self._crowds(connection)

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import asyncio
 from collections import OrderedDict
-from typing import Final, Protocol
+from collections.abc import Callable
+from typing import NamedTuple
 
-Ask = tuple[bool, str]
+Turn = Callable[[], None]
 
 
-class Asker(Protocol):
-    """Something that asks for turns."""
+class Place(NamedTuple):
+    """Where somebody waits."""
 
-    def ask_of(self) -> Ask:
-        """Whether it has a role, and whose share it takes."""
-
-    def turn(self) -> None:
-        """Do a little."""
+    has_role: bool
+    peer: str
+    """Whose share it takes."""
 
 
 class Turns:
@@ -28,33 +27,32 @@ class Turns:
 
     def __init__(self) -> None:
         """Use it within one event loop."""
-        self._loop: Final = asyncio.get_running_loop()
-        self._waiting: dict[bool, OrderedDict[str, OrderedDict[Asker, None]]] = {
+        self._loop = asyncio.get_running_loop()
+        self._peers: dict[bool, OrderedDict[str, OrderedDict[Turn, None]]] = {
             has_role: OrderedDict() for has_role in (True, False)
         }
-        self._places: dict[Asker, Ask] = {}
+        self._places: dict[Turn, Place] = {}
         self._handle: asyncio.Handle | None = None
         self._had_role = False
 
-    def ask(self, asker: Asker) -> None:
-        """Let it wait for its turn; whoever waits already keeps the place."""
-        if asker in self._places:
+    def ask(self, turn: Turn, place: Place) -> None:
+        """Call ``turn`` when it is due, once; what waits already keeps its place."""
+        if turn in self._places:
             return
-        has_role, peer = self._places[asker] = asker.ask_of()
-        self._waiting[has_role].setdefault(peer, OrderedDict())[asker] = None
+        self._places[turn] = place
+        self._peers[place.has_role].setdefault(place.peer, OrderedDict())[turn] = None
         if self._handle is None:
             self._handle = self._loop.call_soon(self._grant)
 
-    def withdraw(self, asker: Asker) -> bool:
+    def withdraw(self, turn: Turn) -> bool:
         """It waits no more. Returns whether it did."""
-        place = self._places.pop(asker, None)
+        place = self._places.pop(turn, None)
         if place is None:
             return False
-        has_role, peer = place
-        crowd = self._waiting[has_role][peer]
-        del crowd[asker]
-        if not crowd:
-            del self._waiting[has_role][peer]
+        peers = self._peers[place.has_role]
+        del peers[place.peer][turn]
+        if not peers[place.peer]:
+            del peers[place.peer]
         return True
 
     def close(self) -> None:
@@ -66,12 +64,12 @@ class Turns:
         self._handle = None
         if not self._places:
             return
-        self._had_role = not self._had_role if self._waiting[not self._had_role] else self._had_role
-        peers = self._waiting[self._had_role]
+        self._had_role = not self._had_role if self._peers[not self._had_role] else self._had_role
+        peers = self._peers[self._had_role]
         peer = next(iter(peers))
         peers.move_to_end(peer)
-        asker = next(iter(peers[peer]))
-        self.withdraw(asker)
+        turn = next(iter(peers[peer]))
+        self.withdraw(turn)
         if self._places:
             self._handle = self._loop.call_soon(self._grant)
-        asker.turn()
+        turn()

@@ -19,7 +19,7 @@ from proof.attacks.wire import DATA, END_HEADERS, HEADERS, PING, PREFACE, SETTIN
 from spot_runtime.operator.door import connection
 from spot_runtime.operator.door.door import MAX_ADMITTED, MAX_NEWCOMERS
 from spot_runtime.operator.door.frames import MOST_FRAMES, Frames
-from spot_runtime.operator.door.turns import Ask, Turns
+from spot_runtime.operator.door.turns import Place, Turns
 
 TIMEOUT_S = 60.0
 
@@ -68,17 +68,15 @@ class Asking:
     """Asks for turns as often as it is told."""
 
     def __init__(self, name: str, order: list[str], *, has_role: bool = True, peer: str = "", times: int = 1) -> None:
-        self.name, self.order, self.has_role, self.peer, self.times = name, order, has_role, peer or name, times
+        self.name, self.order, self.times = name, order, times
+        self.place = Place(has_role, peer or name)
         self.turns: Turns | None = None
-
-    def ask_of(self) -> Ask:
-        return self.has_role, self.peer
 
     def turn(self) -> None:
         self.order.append(self.name)
         self.times -= 1
         if self.times and self.turns is not None:
-            self.turns.ask(self)
+            self.turns.ask(self.turn, self.place)
 
 
 def granted(*askers: Asking) -> None:
@@ -86,8 +84,8 @@ def granted(*askers: Asking) -> None:
         turns = Turns()
         for asker in askers:
             asker.turns = turns
-            turns.ask(asker)
-            turns.ask(asker)  # counts once
+            turns.ask(asker.turn, asker.place)
+            turns.ask(asker.turn, asker.place)  # counts once
         for _ in range(sum(asker.times for asker in askers) + 3):
             await asyncio.sleep(0)
         turns.close()
@@ -118,10 +116,10 @@ def test_whoever_withdraws_has_no_turn() -> None:
 
     async def run() -> None:
         turns, gone, other = Turns(), Asking("gone", order), Asking("other", order)
-        turns.ask(gone)
-        turns.ask(other)
-        assert turns.withdraw(gone)
-        assert not turns.withdraw(gone)
+        turns.ask(gone.turn, gone.place)
+        turns.ask(other.turn, other.place)
+        assert turns.withdraw(gone.turn)
+        assert not turns.withdraw(gone.turn)
         for _ in range(4):
             await asyncio.sleep(0)
 
