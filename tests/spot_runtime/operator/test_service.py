@@ -189,9 +189,15 @@ def test_calls_that_come_too_often_are_refused(tmp_path: Path) -> None:
                     client.call(name, request)
 
 
-def test_arming_a_robot_that_is_not_there_is_refused_and_ends_idle(tmp_path: Path) -> None:
-    with serving(listen=f"unix:{tmp_path}/o.sock") as (server, supervisor), OperatorClient(server.address) as client:
-        with pytest.raises(RefusedError, match=r"arming did not succeed: .*(user name|answers|no robot)"):
+def test_arming_a_robot_that_is_not_there_is_refused_and_ends_idle(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))  # other tests lock the same address
+    monkeypatch.setenv("BOSDYN_CLIENT_USERNAME", "user")
+    monkeypatch.setenv("BOSDYN_CLIENT_PASSWORD", "password")
+    service = serving(listen=f"unix:{tmp_path}/o.sock", arm_timeout_s=600.0)
+    with service as (server, supervisor), OperatorClient(server.address) as client:
+        with pytest.raises(RefusedError, match=r"arming did not succeed: no robot at 127\.0\.0\.1:1: Connection"):
             client.call("Arm", operator_pb2.ArmRequest(policy="walk"), 600.0)
         status = client.call("GetStatus", operator_pb2.GetStatusRequest())
         assert status.state == "idle"
