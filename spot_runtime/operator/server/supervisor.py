@@ -18,6 +18,7 @@ from spot_log.format import codec
 from spot_log.format.records import EventRecord, Severity
 from spot_protos import operator_pb2, run_link_pb2
 from spot_runtime.config import RunConfig
+from spot_runtime.control.modes import Mode
 from spot_runtime.host.clock import HostClock
 from spot_runtime.host.service_manager import ServiceManager
 from spot_runtime.operator.refusal import Refusal, not_now, unavailable
@@ -199,7 +200,7 @@ class Supervisor:
             self._steering.check(identity, name)
             run = self._run
             mode = "" if run is None else run.mode
-            if mode not in ("active", "ramping_in"):
+            if mode != Mode.ACTIVE.value:  # in any other, the control process would not follow
                 raise not_now(f"velocity: the policy is not in full control, the mode is {mode or 'not known yet'}")
             self._steering.take(identity, name)
             self._seen()

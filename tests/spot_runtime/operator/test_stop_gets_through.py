@@ -80,9 +80,9 @@ def test_steering_belongs_to_who_steers_not_to_a_name(tmp_path: Path) -> None:
             OperatorClient(server.address, ca=authority.file, certificate=pair[0], key=pair[1]) for pair in pairs
         )
         with anna, eve:
-            assert anna.call("SetVelocity", request).text == "steering"
+            assert anna.call("SetVelocity", request).text == "sent to the control process"
             with pytest.raises(RefusedError, match="anna steers; wait until they stop"):
                 eve.call("SetVelocity", request)
-            assert anna.call("SetVelocity", request).text == "steering"
+            assert anna.call("SetVelocity", request).text == "sent to the control process"
     finally:
         server.close()
