@@ -309,10 +309,8 @@ def count_calls(monkeypatch: pytest.MonkeyPatch, name: str) -> list[str]:
     return calls
 
 
-def test_a_robot_that_is_turned_over_while_it_stands_by_ends_the_arming(arming: Arming) -> None:
-    """The last test: the fake robot lies on its side from now on."""
-    operator = arming.operator
-    arming.admin.ClearFaults(fake_admin_pb2.ClearFaultsRequest())
+def test_a_robot_that_is_turned_over_while_it_stands_by_ends_the_arming(spare_arming: Arming) -> None:
+    arming, operator = spare_arming, spare_arming.operator
     attend(arming)
     over = fake_admin_pb2.InjectFaultRequest(name="push", numbers={"roll_rad_s": 12.0, "up_m_s": 2.5})
     operator.at(0.3, lambda: arming.admin.InjectFault(over))
