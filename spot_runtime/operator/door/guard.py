@@ -23,6 +23,7 @@ from spot_runtime.operator.door.door import DENIED_REST_S, Door
 from spot_runtime.operator.refusal import Refusal, bad_request
 
 MESSAGE_TIMEOUT_S: Final = 1.0
+TOO_OFTEN_REST_S: Final = 0.05
 
 
 class Rule(NamedTuple):
@@ -115,7 +116,11 @@ class Guard(aio.ServerInterceptor):  # type: ignore[misc,unused-ignore]
                 connection.rest(DENIED_REST_S)
             raise
         door.admit(connection)
-        self._gate.check_rate(rule.command, caller, connection.name, rule.lane)
+        try:
+            self._gate.check_rate(rule.command, caller, connection.name, rule.lane)
+        except Refusal:
+            connection.rest(TOO_OFTEN_REST_S)  # a stop on it must not wait for long
+            raise
         return caller, connection
 
     def _find(self, context: Any) -> tuple[Caller, Connection]:

@@ -20,6 +20,7 @@ from proof.attacks.certificates import Authority, role
 from spot_protos import operator_pb2, operator_pb2_grpc
 from spot_runtime.config import RunConfig
 from spot_runtime.host.service_manager import ServiceManager
+from spot_runtime.operator.door import guard
 from spot_runtime.operator.server.server import SERVICE_NAME, OperatorServer
 from spot_runtime.operator.server.supervisor import Supervisor
 from spot_tools.client.client import OperatorClient, RefusedError, UnreachableError
@@ -187,6 +188,20 @@ def test_calls_that_come_too_often_are_refused(tmp_path: Path) -> None:
             for _ in range(5):  # never too often
                 with pytest.raises(RefusedError, match="needs the state"):
                     client.call(name, request)
+
+
+def test_a_connection_whose_calls_come_too_often_rests(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(guard, "TOO_OFTEN_REST_S", 1e6)
+    look = operator_pb2.GetStatusRequest()
+    with serving(listen=f"unix:{tmp_path}/o.sock", requests_per_s=1.0) as (server, _):
+        with OperatorClient(server.address) as client:
+            client.call("GetStatus", look)
+            with pytest.raises(RefusedError, match="call less often"):
+                client.call("GetStatus", look)
+            with pytest.raises(UnreachableError, match="Deadline"):
+                client.call("GetStatus", look, 1.5)
+        with OperatorClient(server.address) as another, pytest.raises(RefusedError, match="it is idle"):
+            another.call("Stop", operator_pb2.StopRequest())
 
 
 def test_arming_a_robot_that_is_not_there_is_refused_and_ends_idle(
