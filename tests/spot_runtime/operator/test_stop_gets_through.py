@@ -17,7 +17,7 @@ from spot_tools.client.client import OperatorClient, RefusedError
 
 CASES = [
     *((attack, "unix") for attack in ATTACKS),
-    *((attack, "tls") for attack in ("idle connections", "hanging calls", "half headers", "call flood")),
+    *((attack, "tls") for attack in ("heads in a storm", "half handshakes", "hanging calls", "call flood")),
     *((attack, "loopback") for attack in ("idle connections", "hanging calls")),
 ]
 
