@@ -26,10 +26,9 @@ demo: $(INSTALLED) ## Walk the fake robot, write a log, a summary and a page wit
 	@".venv/bin/spot-rl" demo $(ARGS)
 
 # Programs that tests start find their modules compiled, whatever the shell says.
-# Many tests drive real processes over real sockets in real time: one that fails is tried once more, and the summary names it.
 test: $(INSTALLED) ## Run all tests
 	@unset PYTHONDONTWRITEBYTECODE && folder=$$(mktemp -d) && trap 'rm -rf "$$folder"' EXIT && \
-	$(RUN) -m pytest -n $(PYTEST_WORKERS) --dist loadfile --no-loadscope-reorder --reruns 1 -raR --basetemp "$$folder/t" $(ARGS)
+	$(RUN) -m pytest -n $(PYTEST_WORKERS) --dist loadfile --no-loadscope-reorder -ra --basetemp "$$folder/t" $(ARGS)
 
 safety: $(INSTALLED) ## Every line, branch and, for 90 s, mutant of the safety core; ARGS=--all tries all mutants
 	$(RUN) scripts/check_safety.py $(ARGS)

@@ -152,7 +152,7 @@ class OperatorServicer:
         raise NotImplementedError('Method not implemented!')
 
     def Start(self, request, context):
-        """From armed: hand the joints to the policy. Answers when the control loop begins.
+        """From armed: hand the joints to the policy. Answers when the robot has handed them over, or will not.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
@@ -167,7 +167,7 @@ class OperatorServicer:
         raise NotImplementedError('Method not implemented!')
 
     def Damp(self, request, context):
-        """Damp the joints at once: the robot sinks to the ground.
+        """Damp the joints at once: the robot sinks to the ground. Refused while the vendor's controller ends the arming.
         [observe]
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)

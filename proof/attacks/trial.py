@@ -19,7 +19,6 @@ from spot_tools.client.client import OperatorClient
 Listen = Literal["unix", "loopback", "tls"]
 LISTENS: Final[tuple[Listen, ...]] = ("unix", "loopback", "tls")
 BOUND_S: Final = 0.5
-ATTACKERS: Final = 2
 PAUSE_S: Final = 0.1
 TIMEOUT_S: Final = 10.0
 
@@ -40,16 +39,17 @@ class Trial:
         return max(self.latencies_s, default=float("inf"))
 
     @property
-    def is_good(self) -> bool:
-        """Whether every stop got through in time."""
-        return not self.refusals and self.worst_s <= BOUND_S
+    def slow(self) -> int:
+        """Stops that took longer than the bound."""
+        return sum(latency_s > BOUND_S for latency_s in self.latencies_s)
 
 
 @dataclass
 class _Service:
     address: str
     operator: dict[str, Path]
-    attacker: list[str]
+    attackers: list[list[str]]
+    """What each is given: over TLS a certificate without a role, and one of somebody who may only look."""
 
 
 def try_attack(attack: str, listen: Listen, stops: int) -> Trial:
@@ -60,8 +60,8 @@ def try_attack(attack: str, listen: Listen, stops: int) -> Trial:
         service = stack.enter_context(_serving(listen, folder))
         kept = stack.enter_context(OperatorClient(service.address, **service.operator))
         kept.call("Stop", operator_pb2.StopRequest(), TIMEOUT_S)
-        for _ in range(ATTACKERS):
-            stack.enter_context(_child("proof.attacks.attackers", attack, service.address, *service.attacker))
+        for attacker in service.attackers:
+            stack.enter_context(_child("proof.attacks.attackers", attack, service.address, *attacker))
         for _ in range(stops):
             with OperatorClient(service.address, **service.operator) as new:
                 _stop(new, trial)
@@ -83,15 +83,16 @@ def _stop(client: OperatorClient, trial: Trial) -> None:
 def _serving(listen: Listen, folder: Path) -> Iterator[_Service]:
     words = [f"unix:{folder}/operator.sock" if listen == "unix" else "127.0.0.1:0"]
     operator: dict[str, Path] = {}
-    attacker: list[str] = []
+    attackers: list[list[str]] = [[], []]
     if listen == "tls":
         authority = Authority(folder, "authority")
         words += [str(path) for path in authority.sign("robot", LOOPBACK)] + [str(authority.file)]
         certificate, key = authority.sign("otto", role("observe"))
         operator = {"ca": authority.file, "certificate": certificate, "key": key}
-        attacker = [str(path) for path in (authority.file, *authority.sign("mallory"))]
+        pairs = (authority.sign("mallory"), authority.sign("eve", role("observe")))
+        attackers = [[str(path) for path in (authority.file, *pair)] for pair in pairs]
     with _child("proof.attacks.target", *words) as address:
-        yield _Service(address, operator, attacker)
+        yield _Service(address, operator, attackers)
 
 
 @contextmanager

@@ -5,11 +5,12 @@ from __future__ import annotations
 import socket
 import ssl
 import struct
+from functools import cache
 from pathlib import Path
 from typing import Final
 
 PREFACE: Final = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n"
-DATA, HEADERS, RST_STREAM, SETTINGS, PING, CONTINUATION = 0, 1, 3, 4, 6, 9
+DATA, HEADERS, RST_STREAM, SETTINGS, PING, WINDOW_UPDATE, CONTINUATION = 0, 1, 3, 4, 6, 8, 9
 END_STREAM, END_HEADERS = 1, 4
 
 
@@ -39,7 +40,12 @@ def connect(address: str, tls: tuple[Path, Path, Path] | None = None, timeout_s:
     plain = socket.create_connection((host, int(port)), timeout=timeout_s)
     if tls is None:
         return plain
-    context = ssl.create_default_context(cafile=str(tls[0]))
-    context.load_cert_chain(tls[1], tls[2])
+    return _context(*tls).wrap_socket(plain, server_hostname=host)
+
+
+@cache
+def _context(authority: Path, certificate: Path, key: Path) -> ssl.SSLContext:
+    context = ssl.create_default_context(cafile=str(authority))
+    context.load_cert_chain(certificate, key)
     context.set_alpn_protocols(["h2"])
-    return context.wrap_socket(plain, server_hostname=host)
+    return context

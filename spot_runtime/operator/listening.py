@@ -6,13 +6,12 @@ import contextlib
 import ipaddress
 import os
 import socket
+import ssl
 import stat
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
-
-import grpc
 
 from spot_model.errors import BadInputError, SpotRlError
 from spot_model.io.bounded_file import open_to_read
@@ -47,11 +46,6 @@ def user_socket(environment: Mapping[str, str]) -> Path:
     return folder / SOCKET_NAME
 
 
-def stop_path(path: Path) -> Path:
-    """The socket beside a service's own that clients use to stop and damp: a storm on the other does not reach it."""
-    return path.with_name(path.name + ".stop")
-
-
 def is_unix(address: str) -> bool:
     """Whether an address is that of a Unix socket."""
     return address.startswith("unix:")
@@ -77,8 +71,8 @@ def is_loopback(address: str) -> bool:
     return host == "localhost"
 
 
-def server_credentials(config: ServiceConfig, address: str) -> grpc.ServerCredentials | None:
-    """The credentials of mutual TLS, if the three files are named; None on a socket of this computer.
+def server_tls(config: ServiceConfig, address: str) -> ssl.SSLContext | None:
+    """The server's side of mutual TLS, if the three files are named; None on a socket of this computer.
 
     Raises:
         BadInputError: Only some are named, or none where the network is served; or one cannot be read safely.
@@ -96,8 +90,22 @@ def server_credentials(config: ServiceConfig, address: str) -> grpc.ServerCreden
         return None
     if is_unix(address):
         raise BadInputError("service: TLS is for HOST:PORT, and a Unix socket is listened on; name one of the two")
-    pair = (_read(key, is_secret=True), _read(certificate, is_secret=False))
-    return grpc.ssl_server_credentials([pair], _read(client_ca, is_secret=False), require_client_auth=True)
+    _read(key, is_secret=True)
+    _read(certificate, is_secret=False)
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.verify_mode = ssl.CERT_REQUIRED
+    context.set_alpn_protocols(["h2"])
+    context.options |= ssl.OP_NO_TICKET | ssl.OP_NO_RENEGOTIATION
+    context.num_tickets = 0  # every connection shows its certificate
+    try:
+        context.load_cert_chain(certificate, key, password=lambda: b"")  # nobody is there to be asked for one
+        context.load_verify_locations(cadata=_read(client_ca, is_secret=False).decode("ascii"))
+    except (ssl.SSLError, ValueError) as error:
+        raise BadInputError(
+            f"tls_certificate {certificate}, tls_key {key} and tls_client_ca {client_ca} cannot be used: {error}; give "
+            "PEM files, a key without a password, and the certificate that belongs to it"
+        ) from error
+    return context
 
 
 class SocketFile:
@@ -125,18 +133,15 @@ class SocketFile:
         except OSError as error:
             raise ListenError(f"socket {path} cannot be made: {error.strerror}; name another") from error
 
-    def bind(self) -> list[socket.socket]:
-        """The socket and the one for stops beside it, so that only this user and group may connect. Raises OSError."""
-        made: list[socket.socket] = []
+    def bind(self) -> socket.socket:
+        """The socket, so that only this user and group may connect. Raises OSError."""
+        made = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         before = os.umask(0o117)
         try:
-            for path in (self.path, stop_path(self.path)):
-                path.unlink(missing_ok=True)  # of a service that was killed: the lock is ours
-                made.append(socket.socket(socket.AF_UNIX, socket.SOCK_STREAM))
-                made[-1].bind(str(path))
+            self.path.unlink(missing_ok=True)  # of a service that was killed: the lock is ours
+            made.bind(str(self.path))
         except OSError:
-            for one in made:
-                one.close()
+            made.close()
             raise
         finally:
             os.umask(before)
@@ -145,7 +150,6 @@ class SocketFile:
     def close(self) -> None:
         """Remove the socket, the lock, and the folder if it was made for them."""
         self.path.unlink(missing_ok=True)
-        stop_path(self.path).unlink(missing_ok=True)
         self._lock_path.unlink(missing_ok=True)
         os.close(self._descriptor)
         if self._has_made_folder:
@@ -154,7 +158,7 @@ class SocketFile:
 
 
 class Listener:
-    """The sockets that operators reach: made, but not listening yet."""
+    """The socket that operators reach: made, but not listening yet."""
 
     def __init__(self, wanted: str) -> None:
         """Take an address of the form that :func:`is_loopback` allows; port 0 is any free one.
@@ -165,13 +169,13 @@ class Listener:
         """
         self._file = SocketFile(Path(wanted.removeprefix("unix:"))) if is_unix(wanted) else None
         try:
-            self.sockets = [_bound(wanted)] if self._file is None else self._file.bind()
+            self.socket = _bound(wanted) if self._file is None else self._file.bind()
         except OSError as error:
             self.close()
             raise ListenError(f"the service cannot listen on {wanted}: {error}; name another address") from error
         self.address = wanted
         if self._file is None:
-            self.address = f"{wanted.rpartition(':')[0]}:{self.sockets[0].getsockname()[1]}"
+            self.address = f"{wanted.rpartition(':')[0]}:{self.socket.getsockname()[1]}"
 
     def close(self) -> None:
         """Give the address back."""

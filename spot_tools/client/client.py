@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Mapping
-from itertools import cycle
+from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,12 +17,25 @@ from spot_model.errors import BadInputError, SpotRlError
 from spot_model.io.bounded_file import FileTooLargeError, read_at_most
 from spot_model.text import plain
 from spot_protos import operator_pb2_grpc
-from spot_runtime.operator.listening import MAX_PEM_BYTES, SYSTEM_SOCKET, is_loopback, is_unix, stop_path, user_socket
+from spot_runtime.operator.listening import MAX_PEM_BYTES, SYSTEM_SOCKET, is_loopback, user_socket
 
 ADDRESS_VARIABLE: Final = "SPOT_RL_OPERATOR"
 TIMEOUT_S: Final = 30.0
 ARM_TIMEOUT_S: Final = 120.0
-STOP_TRIED_S: Final = 2.0
+INSISTED_ON: Final = ("Stop", "Damp", "Attend")
+"""Calls that may be made twice without harm, and that a cut connection must not keep from the robot."""
+INSIST_S: Final = 5.0
+TRY_S: Final = 1.0
+"""Of the first try that gets no answer; each one after it may take twice as long, for slow links."""
+PAUSE_S: Final = 0.02
+VERDICTS: Final = (
+    grpc.StatusCode.FAILED_PRECONDITION,
+    grpc.StatusCode.INVALID_ARGUMENT,
+    grpc.StatusCode.PERMISSION_DENIED,
+    grpc.StatusCode.UNAUTHENTICATED,
+    grpc.StatusCode.UNIMPLEMENTED,
+)
+"""Answers of the service; with anything else a call may not even have reached it."""
 OPTIONS: Final = (
     ("grpc.keepalive_time_ms", 10_000),
     ("grpc.enable_retries", 0),
@@ -67,62 +81,77 @@ class OperatorClient:
         self.address = address
         if ca is not None and certificate is not None and key is not None:
             credentials = grpc.ssl_channel_credentials(_read(ca), _read(key), _read(certificate))
-            self._channels = [grpc.secure_channel(address, credentials, OPTIONS)]
+            self._connect = partial(grpc.secure_channel, address, credentials, OPTIONS)
         elif ca or certificate or key:
             raise BadInputError("--ca, --cert and --key go together; name all three")
         elif not is_loopback(address):
             raise BadInputError(f"{address} is reached over a network, which needs --ca, --cert and --key")
         else:
-            self._channels = [grpc.insecure_channel(address, OPTIONS)]
-        if is_unix(address) and stop_path(Path(address.removeprefix("unix:"))).exists():
-            beside = stop_path(Path(address.removeprefix("unix:")))
-            self._channels.append(grpc.insecure_channel(f"unix:{beside}", OPTIONS))
-        self._stubs: list[Any] = [operator_pb2_grpc.OperatorStub(c) for c in self._channels]  # type: ignore[no-untyped-call]
+            self._connect = partial(grpc.insecure_channel, address, OPTIONS)
+        self._channel = self._connect()
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        for channel in self._channels:
-            channel.close()
+        self._channel.close()
 
-    def call(self, name: str, request: Any, timeout_s: float = TIMEOUT_S) -> Any:
-        """One call; a stop goes by a socket of its own where there is one, and is tried again where that was cut.
+    def call(self, name: str, request: Any, timeout_s: float | None = None) -> Any:
+        """One call; stop, damp and attend are tried again until the time is over, each time on a new connection.
+
+        Args:
+            name: Of the method.
+            request: Its message.
+            timeout_s: Until when it is answered; None: :data:`INSIST_S` for those, :data:`TIMEOUT_S` for the others.
 
         Raises:
             RefusedError: The service refused.
             UnreachableError: It does not answer.
         """
-        is_stop = name in ("Stop", "Damp")
-        until_s = time.monotonic() + (STOP_TRIED_S if is_stop else 0.0)
-        for stub in cycle(reversed(self._stubs) if is_stop else self._stubs[:1]):
-            try:
-                return plain_message(getattr(stub, name)(request, timeout=timeout_s))
-            except grpc.RpcError as error:
-                explained = self._explain(error)
-                was_cut = error.code() is grpc.StatusCode.UNAVAILABLE and isinstance(explained, UnreachableError)
-                if not was_cut or time.monotonic() >= until_s:
-                    raise explained from None
-            time.sleep(0.02)
-        raise AssertionError("unreachable")
+        if name in INSISTED_ON:
+            return self._insist(name, request, timeout_s or INSIST_S)
+        try:
+            return plain_message(getattr(_stub(self._channel), name)(request, timeout=timeout_s or TIMEOUT_S))
+        except grpc.RpcError as error:
+            raise self._explain(error) from None
 
     def stream(self, name: str, request: Any) -> Any:
         """One call that answers again and again. Raises as :meth:`call` does."""
         try:
-            yield from map(plain_message, getattr(self._stubs[0], name)(request))
+            yield from map(plain_message, getattr(_stub(self._channel), name)(request))
         except grpc.RpcError as error:
             raise self._explain(error) from None
 
+    def _insist(self, name: str, request: Any, timeout_s: float) -> Any:
+        until_s, try_s, channel = time.monotonic() + timeout_s, TRY_S, self._channel
+        with ExitStack() as made:
+            while True:
+                left_s = until_s - time.monotonic()
+                try:
+                    return plain_message(getattr(_stub(channel), name)(request, timeout=min(try_s, left_s)))
+                except grpc.RpcError as error:
+                    if error.code() in VERDICTS or time.monotonic() + PAUSE_S >= until_s:
+                        raise self._explain(error) from None
+                    try_s *= 2.0 if error.code() is grpc.StatusCode.DEADLINE_EXCEEDED else 1.0
+                time.sleep(PAUSE_S)
+                made.close()
+                channel = made.enter_context(self._connect())
+
     def _explain(self, error: grpc.RpcError) -> SpotRlError:
         code, words = error.code(), plain(error.details() or "")
-        nobody = code is grpc.StatusCode.UNAVAILABLE and not words.partition(":")[0].replace("-", "").isalpha()
-        if nobody or code is grpc.StatusCode.DEADLINE_EXCEEDED:
+        is_by_service = words.partition(":")[0].replace("-", "").isalpha()
+        is_busy = code is grpc.StatusCode.RESOURCE_EXHAUSTED or (code is grpc.StatusCode.UNAVAILABLE and is_by_service)
+        if code not in VERDICTS and not is_busy:
             reason = words.rpartition(" error: ")[2]  # gRPC's innermost
             return UnreachableError(
                 f"no service answers at {self.address} ({reason}); start it with 'spot-rl serve', or name its "
                 f"address with --address or {ADDRESS_VARIABLE}"
             )
         return RefusedError(words or str(code))
+
+
+def _stub(channel: grpc.Channel) -> Any:
+    return operator_pb2_grpc.OperatorStub(channel)  # type: ignore[no-untyped-call]
 
 
 def plain_message(message: Any) -> Any:

@@ -236,7 +236,7 @@ def _client(context: typer.Context) -> OperatorClient:
     return client
 
 
-def _ask(context: typer.Context, name: str, request: Any, timeout_s: float = 30.0) -> None:
+def _ask(context: typer.Context, name: str, request: Any, timeout_s: float | None = None) -> None:
     with _client(context) as client:
         typer.echo(client.call(name, request, timeout_s).text)
 

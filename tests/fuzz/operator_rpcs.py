@@ -190,7 +190,8 @@ class StubOperated:
         self.policy: Any = None
         self.config = RunConfig()
         self.log_path = ""
-        self.is_start_asked = self.keeps_standing = False
+        self.start_asked: Any = None
+        self.keeps_standing = False
         self.answers = 0
 
     def _answer(self, request_id: int, *, is_done: bool, text: str) -> None:
@@ -209,6 +210,12 @@ class StubOperated:
     def end(self, stop: Any) -> None:
         """A stop."""
         self.stop = stop
+
+    def refuse_start(self, why: str) -> None:
+        """A start that waits for its answer has it."""
+        if self.start_asked is not None:
+            self.start_asked = None
+            self._answer(0, is_done=False, text=why)
 
     def begin_log(self, labels: dict[str, str]) -> Path:
         """A log."""
@@ -239,9 +246,10 @@ def run_link(data: bytes) -> None:
         except DecodeError:
             continue
         modes = list(Mode)
-        run.loop = None if chosen[0] % 2 else SimpleNamespace(mode=modes[chosen[0] // 2 % len(modes)])
+        run.loop = None if chosen[0] % 2 else SimpleNamespace(mode=modes[chosen[0] // 2 % len(modes)], ending=None)
         before = run.answers
         requests.handle(message, 1)
+        run.refuse_start("the hand-over failed")
         if run.answers != before + 1:
             raise AssertionError(f"{run.answers - before} answers to one request")
 

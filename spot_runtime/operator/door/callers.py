@@ -7,7 +7,6 @@ clients with a certificate are served, and the certificate states the role as a 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from enum import Enum
 from functools import lru_cache
 from typing import Final, NamedTuple
@@ -20,7 +19,6 @@ from spot_model.text import plain
 from spot_runtime.operator.door.peers import Peer
 
 ROLE_URI: Final = "urn:spot-rl:role:"
-PEM_PROPERTY: Final = "x509_pem_cert"
 
 
 class Role(Enum):
@@ -40,23 +38,22 @@ class Caller(NamedTuple):
     role: Role | None
 
 
-def caller_of(about: Mapping[str, Sequence[bytes]], peer: Peer, *, is_tls: bool) -> Caller:
+def caller_of(certificate: bytes | None, peer: Peer, *, is_tls: bool) -> Caller:
     """Who calls.
 
     Args:
-        about: What gRPC knows of the connection's security.
+        certificate: The client's, in DER; None where it has none.
         peer: The other end, as the kernel names it.
         is_tls: Whether certificates are required; without them, every client that reaches the service operates.
     """
     if not is_tls:
         return Caller(peer.identity, "", Role.OPERATE)
-    pem = b"".join(about.get(PEM_PROPERTY, ()))
-    return _caller_of_certificate(pem) if pem else Caller(peer.identity, "", None)
+    return Caller(peer.identity, "", None) if certificate is None else _caller_of_certificate(certificate)
 
 
 @lru_cache(maxsize=256)
-def _caller_of_certificate(pem: bytes) -> Caller:
-    certificate = x509.load_pem_x509_certificate(pem)
+def _caller_of_certificate(der: bytes) -> Caller:
+    certificate = x509.load_der_x509_certificate(der)
     identity = f"certificate {certificate.fingerprint(hashes.SHA256()).hex()}"
     names = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
     name = plain(str(names[0].value))[:64] if names else ""

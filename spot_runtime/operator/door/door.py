@@ -1,9 +1,11 @@
 """Where connections come in. There is always room for one more: the client that takes most of it gives way.
 
-gRPC itself would keep every connection that anybody opens, so a few thousand idle ones would keep an operator out who
-wants to stop the robot. Here a newcomer is always taken. Connections on which nobody with a role has called yet are
-cheap and many; the oldest of the peer that has most of them is closed for a newcomer. Those of somebody with a role are
-few; one that offends goes first, then one that is idle, then the one that was used longest ago.
+    accepted ──► handshake: who calls ──► frames ──► gRPC, on a socket of its own
+                 └──────────── in turns ────────┘
+
+Everything that a client makes the service do waits for its turn here, so that none waits behind another's flood.
+Connections without a call by somebody with a role are many; the oldest of the peer that has most of them is closed for
+a newcomer. Those of somebody with a role are few; of whoever has most, the one that was used longest ago is closed.
 """
 
 from __future__ import annotations
@@ -11,24 +13,24 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import socket
+import ssl
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
-from spot_runtime.operator.door.acceptor import Acceptor
-from spot_runtime.operator.door.connection import Connection
-from spot_runtime.operator.door.queue import Queue
+from spot_runtime.operator.door.connection import Connection, Way, has_hung_up
+from spot_runtime.operator.door.turns import Place, Turns
 
-MAX_NEWCOMERS: Final = 128
-"""At 400 a second none of them waits longer than 0.3 s for its turn."""
-
+BACKLOG: Final = 4096
+ACCEPTED_AT_ONCE: Final = 64
+MAX_NEWCOMERS: Final = 256
 MAX_ADMITTED: Final = 64
 MAX_OF_ONE: Final = 32
 """Admitted connections of one process, one user of loopback, or one certificate."""
 
-DENIED_HOLD_S: Final = 1.0
-"""Time for which nothing is read from a connection after a call without a role, s."""
+DENIED_REST_S: Final = 1.0
+"""Time for which nothing is taken from a connection after a call without a role, s."""
 
 ROLE_TIMEOUT_S: Final = 5.0
 """Time after which a connection without a call by a client with a role is closed, s."""
@@ -41,30 +43,29 @@ Crowds = dict[str, dict[str, Connection]]
 class Door:
     """Accepts connections and passes them on to gRPC's own socket. All of it runs in one event loop."""
 
-    def __init__(self, listeners: Sequence[socket.socket], inner_path: Path) -> None:
-        """Accept on ``listeners`` for the gRPC server at ``inner_path``; call it from the event loop."""
-        self._queue = Queue(lambda connection: connection.open(inner_path))
+    def __init__(self, listener: socket.socket, inner_path: Path, tls: ssl.SSLContext | None) -> None:
+        """Accept on ``listener`` for the gRPC server at ``inner_path``; call it from the event loop."""
+        self._listener, self._turns = listener, Turns()
+        self._way = Way(self._turns, inner_path, tls, self._met, self._ended, self._crowd)
         self._connections: dict[str, Connection] = {}
         self._newcomers: Crowds = {}
         self._admitted: Crowds = {}
         self._loop = asyncio.get_running_loop()
-        self._acceptors = [Acceptor(listener, self._wake) for listener in listeners]
+        listener.setblocking(False)
+        listener.listen(BACKLOG)
+        self._loop.add_reader(listener, self._accept)
         self._sweeper = self._loop.call_later(SWEEP_PERIOD_S, self._sweep)
 
     def find(self, grpc_peer: str) -> Connection | None:
         """The connection that gRPC calls by this name."""
         return self._connections.get(grpc_peer.rpartition(":")[2])
 
-    def admit(self, connection: Connection, identity: str) -> None:
-        """Somebody with a role calls on it: it counts as theirs from now on."""
+    def admit(self, connection: Connection, group: str = "") -> None:
+        """Somebody with a role is at its other end: it counts as theirs from now on; of its group if none is given."""
         connection.used_s = time.monotonic()
         if connection.is_admitted:
             return
-        _remove(self._newcomers, connection)
-        connection.admit()
-        if connection.peer.user_id is None:  # of another computer, where one process is as good as another
-            connection.group = identity
-        self._admitted.setdefault(connection.group, {})[connection.name] = connection
+        self._move(connection, group or connection.group, is_admitted=True)
         crowd = self._admitted[connection.group]
         if len(crowd) <= MAX_OF_ONE:
             if _count(self._admitted) <= MAX_ADMITTED:
@@ -72,43 +73,73 @@ class Door:
             crowd = max(self._admitted.values(), key=len)
         others = [other for other in crowd.values() if other is not connection]
         if others:
-            min(others, key=lambda other: (other.standing, other.used_s)).close()
-
-    def deny(self, connection: Connection) -> None:
-        """Somebody without a role called. A connection that waits costs less than the new one after a cut."""
-        connection.hold(DENIED_HOLD_S)
-
-    def slow_down(self, connection: Connection, hold_s: float = 0.05) -> None:
-        """Calls come too often on it: it waits for ``hold_s`` and each connection that there is."""
-        connection.offended_s = time.monotonic()
-        connection.hold(hold_s * min(_count(self._admitted), 16))
+            min(others, key=lambda other: (other.stops_open, other.used_s)).close()
 
     def close(self) -> None:
         """Accept no more connections, and cut all."""
         self._sweeper.cancel()
-        for acceptor in self._acceptors:
-            acceptor.close()
-        self._queue.close()
+        self._loop.remove_reader(self._listener)
+        self._listener.close()
+        self._turns.close()
         for connection in list(self._connections.values()):
             connection.close()
 
-    def _wake(self) -> None:
-        with contextlib.suppress(RuntimeError):  # the loop has ended
-            self._loop.call_soon_threadsafe(self._take)
-
-    def _take(self) -> None:
-        for acceptor in self._acceptors:
-            for accepted in acceptor.take():
-                self._begin(accepted)
+    def _accept(self) -> None:
+        for _ in range(ACCEPTED_AT_ONCE):
+            try:
+                accepted, _ = self._listener.accept()
+            except (BlockingIOError, InterruptedError):
+                return
+            except ConnectionAbortedError:
+                continue
+            except OSError:  # no descriptors are left
+                self._close_oldest_newcomer()
+                return
+            if has_hung_up(accepted):
+                accepted.close()
+                continue
+            self._begin(accepted)
 
     def _begin(self, accepted: socket.socket) -> None:
         with contextlib.suppress(OSError):  # TCP alone has it
             accepted.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        connection = Connection(accepted, on_first_byte=self._queue.add, on_end=self._ended)
+        try:
+            connection = Connection(accepted, self._way)
+        except (OSError, ValueError):  # it has gone meanwhile
+            accepted.close()
+            return
         self._connections[connection.name] = connection
         self._newcomers.setdefault(connection.group, {})[connection.name] = connection
         if _count(self._newcomers) > MAX_NEWCOMERS:
             self._close_oldest_newcomer()
+
+    def _met(self, connection: Connection) -> None:
+        """Those with half a handshake do not make room for those with none; a certificate with a role is somebody's."""
+        if connection.caller is None:
+            self._move(connection, f"{connection.group}, greeted", is_admitted=False)
+        elif self._way.tls is not None and connection.caller.role is not None:
+            self.admit(connection, connection.caller.identity)
+
+    def _move(self, connection: Connection, group: str, *, is_admitted: bool) -> None:
+        has_waited = self._turns.withdraw(connection.turn)
+        self._remove(connection)
+        connection.group, connection.is_admitted = group, is_admitted
+        self._crowds(connection).setdefault(group, {})[connection.name] = connection
+        if has_waited:
+            self._turns.ask(connection.turn, Place(is_admitted, group))
+
+    def _remove(self, connection: Connection) -> None:
+        crowds = self._crowds(connection)
+        crowd = crowds.get(connection.group, {})
+        crowd.pop(connection.name, None)
+        if not crowd:
+            crowds.pop(connection.group, None)
+
+    def _crowds(self, connection: Connection) -> Crowds:
+        return self._admitted if connection.is_admitted else self._newcomers
+
+    def _crowd(self, connection: Connection) -> int:
+        return len(self._crowds(connection).get(connection.group, ()))
 
     def _close_oldest_newcomer(self) -> None:
         if self._newcomers:
@@ -117,7 +148,7 @@ class Door:
 
     def _ended(self, connection: Connection) -> None:
         self._connections.pop(connection.name, None)
-        _remove(self._admitted if connection.is_admitted else self._newcomers, connection)
+        self._remove(connection)
 
     def _sweep(self) -> None:
         """Close what has shown no role in time."""
@@ -131,10 +162,3 @@ class Door:
 
 def _count(crowds: Mapping[str, Mapping[str, Connection]]) -> int:
     return sum(map(len, crowds.values()))
-
-
-def _remove(crowds: Crowds, connection: Connection) -> None:
-    crowd = crowds.get(connection.group, {})
-    crowd.pop(connection.name, None)
-    if not crowd:
-        crowds.pop(connection.group, None)

@@ -10,14 +10,17 @@ import contextlib
 import socket
 import time
 from collections.abc import Sequence
-from typing import Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from google.protobuf.message import DecodeError
 
-from spot_log.format import codec
-from spot_log.format.records import EventRecord
+from spot_model.errors import SpotRlError
 from spot_protos import operator_pb2, run_link_pb2
 from spot_runtime.host.descriptors import is_ready
+from spot_runtime.stops import StopReason
+
+if TYPE_CHECKING:  # a control process has its first word to say before it imports what takes long
+    from spot_log.format.records import EventRecord
 
 MAX_DATAGRAM_BYTES: Final = 16_384
 MAX_SENTENCE: Final = 2_000
@@ -27,6 +30,12 @@ LAST_WORD_S: Final = 1.0
 
 MAX_TAKEN: Final = 8
 """Messages taken at once; what more there is waits for the next cycle, 3 ms later."""
+
+
+class LinkError(SpotRlError):
+    """The service and its control process cannot talk to each other."""
+
+    exit_code = StopReason.SERVICE_LOST.exit_code
 
 
 class Received(NamedTuple):
@@ -65,8 +74,18 @@ class RunLink:
         self._socket.setblocking(False)
         self.is_lost = False
         """Whether the service has gone."""
+        self._has_ended = False
         self.untold = 0
         """Messages that were dropped because the service did not take them."""
+
+    def begin(self) -> None:
+        """Say the first word, before any robot is touched: a process of which none is heard has touched none.
+
+        Raises:
+            LinkError: It cannot be said.
+        """
+        if not self._tell(run_link_pb2.FromRun(state="arming")):
+            raise LinkError("the operator's service does not hear its control process; see its journal, then arm again")
 
     def take(self) -> Sequence[run_link_pb2.ToRun]:
         """What has come since the last call, oldest first; at most :data:`MAX_TAKEN`. Never waits."""
@@ -93,10 +112,15 @@ class RunLink:
 
     def event(self, record: EventRecord) -> None:
         """Tell of an event."""
+        from spot_log.format import codec
+
         self._tell(run_link_pb2.FromRun(event=codec.event_to_proto(record)))
 
     def ended(self, outcome: operator_pb2.Outcome) -> None:
-        """Tell how the run ended: the last word, which waits a moment for room and is cut where it is too long."""
+        """Tell how the run ended, once: the last word waits a moment for room, and is cut where it is too long."""
+        if self._has_ended:
+            return
+        self._has_ended = True
         message = run_link_pb2.FromRun(ended=outcome)
         if message.ByteSize() > MAX_DATAGRAM_BYTES:
             message.ended.sentence = f"{outcome.sentence[:MAX_SENTENCE]} … (cut; see the journal)"
@@ -120,10 +144,10 @@ class RunLink:
             return False
         try:
             self._socket.send(data, socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
-        except (BlockingIOError, InterruptedError):
-            self.untold += 1
-        except OSError:
+        except ConnectionError:
             self.is_lost = True
+        except OSError:  # there is no room, or no memory: the next one may get through
+            self.untold += 1
         else:
             return True
         return False

@@ -21,7 +21,7 @@ from spot_log.format.records import EventRecord
 from spot_model.policy.policy import Policy
 from spot_model.robot.state import RobotState
 from spot_model.version import software_revision
-from spot_protos import operator_pb2
+from spot_protos import operator_pb2, run_link_pb2
 from spot_runtime.admission import gait_event
 from spot_runtime.control.loop import ControlLoop
 from spot_runtime.control.safety.battery import BatteryMemory
@@ -80,7 +80,8 @@ class OperatedRun:
         """Why the whole arming ends; None while it goes on."""
         self.keeps_standing = False
         """Whether the robot goes on standing by after the control that ends now."""
-        self.is_start_asked = False
+        self.start_asked: run_link_pb2.ToRun | None = None
+        """The request to start; it is answered once the robot has handed the joints over, or will not."""
         self._session: RobotSession | None = None
         self._status_due_ns = 0
         self._status_ticks = -1
@@ -127,6 +128,12 @@ class OperatedRun:
                 hal.estop()
             self.event(stop.event_name, f"{stop.reason.label}: {stop.sentence()}")
 
+    def refuse_start(self, why: str) -> None:
+        """A start that was asked for, if one was, is not carried out."""
+        asked, self.start_asked = self.start_asked, None
+        if asked is not None:
+            self.link.answer(asked.request_id, is_done=False, text=f"the policy did not get the joints; {why}")
+
     def open_log(self, labels: dict[str, str]) -> NewLog:
         """Open a log; in any thread. Raises LogError."""
         request = self._request(labels)
@@ -155,33 +162,36 @@ class OperatedRun:
     def _serve(self, hal: Hal, signals: StopSignals) -> ControlEnd:
         """Stand by and control in turn, until something ends it."""
         self.attendance = Attendance(self.config, hal.host_now_ns())
+        fallen = self._fall(hal)
+        if fallen is not None:
+            return fallen
         self.event(EventName.ARMED, f"policy {self.policy.contract.name}")
         self._tell_armed()
         while True:
             stop = self._stand_by(hal, signals)
             if stop is not None:
+                self.refuse_start(stop.sentence())
                 return ControlEnd(stop, may_stand=False)
             end = self._control(hal, signals)
             if not (self.keeps_standing and end.may_stand and end.stop.reason is StopReason.OPERATOR_STOP):
                 return end
             self.link.state("arming")
             hal.stand()
-            fallen = fall_of(hal, self.config.safety)
+            fallen = self._fall(hal)
             if fallen is not None:
-                self.event(fallen.event_name, f"{fallen.reason.label}: {fallen.sentence()}")
-                return ControlEnd(fallen, may_stand=False)
+                return fallen
             # Only now: a robot that does not stand has not ended as the operator wanted. A slow disk takes seconds.
             self.background.run(partial(self._logs.end, end.stop.reason.label), self._log_ended)
 
     def _stand_by(self, hal: Hal, signals: StopSignals) -> Stop | None:
         """Until a start is asked for (None), or the end."""
-        self.stop, self.is_start_asked = None, False
+        self.stop, self.start_asked = None, None
         newest_ns, battery = hal.host_now_ns(), BatteryMemory()
         while self._waits():
             states = hal.receive(0, STANDBY_WAIT_S)
             newest_ns = states[-1].host_stamp_ns if states else newest_ns
             self._look(signals)
-            battery, wrong = check_standing(hal, newest_ns, battery, self.config.safety)
+            battery, wrong = check_standing(hal, states[-1:], newest_ns, battery, self.config.safety)
             if wrong is not None:
                 self.end(wrong)
             self.background.finish()
@@ -192,7 +202,7 @@ class OperatedRun:
         return self.stop
 
     def _waits(self) -> bool:
-        return self.stop is None and (self.background.is_busy or not self.is_start_asked)
+        return self.stop is None and (self.background.is_busy or self.start_asked is None)
 
     def _control(self, hal: Hal, signals: StopSignals) -> ControlEnd:
         self.keeps_standing = False
@@ -208,12 +218,16 @@ class OperatedRun:
             while not loop.is_done:
                 self._look(signals)
                 loop.cycle()
+                if self.start_asked is not None and loop.mode.runs_policy:
+                    asked, self.start_asked = self.start_asked, None
+                    self.link.answer(asked.request_id, is_done=True, text="the joints are handed over to the policy")
                 if loop.stats.ticks != self._status_ticks:  # the longest pause until the next tick begins now
                     self._status_ticks = loop.stats.ticks
                     self._tell_status(hal, loop.newest)
                 self._manager.progressed()
         finally:
             self.loop = None
+            self.refuse_start("control ended" if loop.stop is None else loop.stop.sentence())
         return control_end(loop.ending)
 
     def _look(self, signals: StopSignals) -> None:
@@ -230,6 +244,14 @@ class OperatedRun:
         gone = self.attendance.check(now_ns)
         if gone is not None:
             self.end(gone)
+
+    def _fall(self, hal: Hal) -> ControlEnd | None:
+        """How it ends for a robot that does not stand as the vendor's controller says."""
+        fallen = fall_of(hal, self.config.safety)
+        if fallen is None:
+            return None
+        self.event(fallen.event_name, f"{fallen.reason.label}: {fallen.sentence()}")
+        return ControlEnd(fallen, may_stand=False)
 
     # Ends -------------------------------------------------------------------------------------------------------------
 

@@ -14,7 +14,7 @@ from spot_protos import run_link_pb2
 from spot_runtime.admission import gait_event
 from spot_runtime.control.modes import Mode
 from spot_runtime.operator.run.run_spec import load_checked
-from spot_runtime.stops import Stop, StopReason
+from spot_runtime.stops import Reaction, Stop, StopReason
 
 if TYPE_CHECKING:
     from spot_runtime.operator.run.operated_run import OperatedRun
@@ -64,30 +64,26 @@ class Requests:
 
     def _start(self, message: run_link_pb2.ToRun) -> None:
         run = self._run
-        if run.loop is not None:
+        if run.loop is not None and run.start_asked is None:
             self._refuse(message, "the policy has the joints already")
-        elif run.background.is_busy:
+        elif run.background.is_busy or run.start_asked is not None:
             self._refuse(message, _BUSY)
-        elif run.log_path:
-            run.is_start_asked = True
-            self._done(message, "the joints are handed over to the policy")
         else:
-            self._open_log(message, {}, self._start_with_log)
-
-    def _start_with_log(self, message: run_link_pb2.ToRun, path: Path) -> None:
-        del path
-        if self._run.stop is not None:
-            self._refuse(message, f"the robot sits down meanwhile: {self._run.stop.sentence()}")
-            return
-        self._run.is_start_asked = True
-        self._done(message, "the joints are handed over to the policy")
+            run.start_asked = message
+            if not run.log_path:
+                self._open_log(message, {}, lambda *_: None)
 
     def _stop(self, message: run_link_pb2.ToRun) -> None:
         run, keeps = self._run, message.stop.keep_standing
         if run.loop is None and keeps:
+            run.refuse_start("a stop came before it")
             self._done(message, "the robot stands under the vendor's control already")
             return
         run.end(Stop(StopReason.OPERATOR_STOP))
+        ending = None if run.loop is None else run.loop.ending
+        if ending is not None and ending.reaction is not Reaction.HAND_BACK:
+            self._done(message, f"the run ends already: {ending.cause.sentence()}")
+            return
         run.keeps_standing = keeps
         self._done(message, "stopping in place" + (", then standing" if keeps else ", then sitting and powering off"))
 
@@ -98,7 +94,10 @@ class Requests:
             self._done(message, "the vendor's controller has the joints: it sits and powers off")
             return
         run.end(Stop(StopReason.OPERATOR_DAMP))
-        self._done(message, "the joints are damped, the robot sinks to the ground")
+        ending = run.loop.ending
+        is_damped = run.loop.mode.sends and ending is not None and ending.reaction in (Reaction.DAMP, Reaction.ESTOP)
+        how = "the joints are damped, the robot sinks to the ground" if is_damped else "nothing is sent any more"
+        self._done(message, f"{how}; then the motors lose their power")
 
     def _switch_policy(self, message: run_link_pb2.ToRun) -> None:
         run, asked = self._run, message.switch_policy
@@ -146,10 +145,12 @@ class Requests:
         self, message: run_link_pb2.ToRun, labels: dict[str, str], then: Callable[[run_link_pb2.ToRun, Path], None]
     ) -> None:
         def take_up(log: Any, error: Exception | None) -> None:
-            if error is not None:
-                self._refuse(message, _words(error))
-            else:
+            if error is None:
                 then(message, self._run.begin_log(log))
+            elif message is self._run.start_asked:
+                self._run.refuse_start(_words(error))
+            else:
+                self._refuse(message, _words(error))
 
         self._run.background.run(lambda: self._run.open_log(labels), take_up)
 

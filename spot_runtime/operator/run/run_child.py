@@ -1,42 +1,43 @@
 """The process that controls the robot for one arming: argument is the socket's descriptor, the spec comes on stdin.
 
 It holds only what control needs: the adapter with its receiver and its command generator, the loop, and one end of the
-link. The operator's service, the log and the live view are other processes.
+link. The operator's service, the log and the live view are other processes. Its first word is said, and signals are
+answered, before anything that takes long is imported.
 """
 
 from __future__ import annotations
 
 import os
+import signal
 import socket
 import sys
+from typing import NoReturn
 
-from pydantic import ValidationError
-
-from spot_log.write.logger_process import LoggerProcess
-from spot_log.write.run_writer import make_log_folder
-from spot_model.errors import BadInputError, SpotRlError
-from spot_model.io.validation import explain
+from spot_model.errors import SpotRlError
+from spot_model.io.signals import answered
 from spot_protos import operator_pb2
-from spot_runtime.hal.registry import HalRequest, find_adapter
-from spot_runtime.host.instance_lock import InstanceLock
-from spot_runtime.host.service_manager import ServiceManager
 from spot_runtime.operator.run.link import RunLink
-from spot_runtime.operator.run.operated_run import OperatedRun
-from spot_runtime.operator.run.run_spec import MAX_SPEC_BYTES, RunSpec, load_checked
-from spot_runtime.rescue.guarded import guarded
 from spot_runtime.stops import StopReason
 
 
-def read_spec(data: bytes) -> RunSpec:
-    """The spec of a run. Raises BadInputError."""
-    try:
-        return RunSpec.model_validate_json(data)
-    except ValidationError as error:
-        raise BadInputError(f"the run's specification:\n{explain(error)}") from error
+class BrokenOffError(SpotRlError):
+    """A signal came before there was a run that could have answered it."""
+
+    exit_code = StopReason.OPERATOR_STOP.exit_code
 
 
-def drive(spec: RunSpec, link: RunLink) -> int:
-    """Carry it out. Returns the exit code. Raises SpotRlError where the robot was never touched."""
+def drive(link: RunLink) -> int:
+    """Read the spec and carry it out. Returns the exit code. Raises SpotRlError where the robot was never touched."""
+    from spot_log.write.logger_process import LoggerProcess
+    from spot_log.write.run_writer import make_log_folder
+    from spot_runtime.hal.registry import HalRequest, find_adapter
+    from spot_runtime.host.instance_lock import InstanceLock
+    from spot_runtime.host.service_manager import ServiceManager
+    from spot_runtime.operator.run.operated_run import OperatedRun
+    from spot_runtime.operator.run.run_spec import load_checked, read_spec
+    from spot_runtime.rescue.guarded import guarded
+
+    spec = read_spec(sys.stdin.buffer)
     policy = load_checked(spec.policy, spec.policy_sha256, spec.config)
     request = HalRequest(spec.robot, spec.config, spec.lock_step)
     adapter = find_adapter(request)
@@ -52,8 +53,14 @@ def drive(spec: RunSpec, link: RunLink) -> int:
 def main() -> None:
     """Run the process; leaves with the outcome's exit code."""
     link = RunLink(socket.socket(fileno=int(sys.argv[1])))
+
+    def break_off(number: int) -> NoReturn:
+        raise BrokenOffError(f"{signal.Signals(number).name} came before the robot was touched; arm again")
+
     try:
-        code = drive(read_spec(sys.stdin.buffer.read(MAX_SPEC_BYTES)), link)
+        with answered(break_off, signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+            link.begin()
+            code = drive(link)
     except SpotRlError as error:
         link.ended(operator_pb2.Outcome(outcome=type(error).__name__, exit_code=error.exit_code, sentence=str(error)))
         code = error.exit_code

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Final
+from typing import IO, Final
 
-from pydantic import Field
+from pydantic import Field, ValidationError
 
+from spot_model.errors import BadInputError
 from spot_model.io.settings import Settings
+from spot_model.io.validation import explain
 from spot_model.policy.contract import PolicyError
 from spot_model.policy.policy import Policy, load_policy
 from spot_runtime.admission import admission
@@ -26,6 +28,14 @@ class RunSpec(Settings):
     labels: dict[str, str] = Field(default_factory=dict)
     lock_step: str = ""
     """Admin address of a fake robot in lock-step mode; empty: real time."""
+
+
+def read_spec(stream: IO[bytes]) -> RunSpec:
+    """The spec of a run, up to its end. Raises BadInputError."""
+    try:
+        return RunSpec.model_validate_json(stream.read(MAX_SPEC_BYTES))
+    except ValidationError as error:
+        raise BadInputError(f"the run's specification:\n{explain(error)}") from error
 
 
 def load_checked(path: Path, sha256: str, config: RunConfig) -> Policy:

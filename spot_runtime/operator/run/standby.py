@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 from spot_model.robot.stamps import NS_PER_S
+from spot_model.robot.state import RobotState
 from spot_runtime.control.safety.battery import BatteryMemory
 from spot_runtime.control.safety.slow_state import check_slow_state
+from spot_runtime.control.safety.states import StateMemory, screen_state
 from spot_runtime.hal.base import Hal
 from spot_runtime.safety_limits import SafetyLimits
 from spot_runtime.stops import Stop, StopReason
@@ -16,15 +19,24 @@ STATE_SILENCE_S: Final = 1.0
 
 
 def check_standing(
-    hal: Hal, newest_host_ns: int, battery: BatteryMemory, limits: SafetyLimits
+    hal: Hal, newest: Sequence[RobotState], newest_host_ns: int, battery: BatteryMemory, limits: SafetyLimits
 ) -> tuple[BatteryMemory, Stop | None]:
     """What is known of the battery now, and what ends the waiting, if anything does.
 
-    The newest state was received at ``newest_host_ns`` of the host's clock.
+    Args:
+        hal: The robot.
+        newest: The newest state, if one has come since the last look.
+        newest_host_ns: When the newest of all was received, host's clock.
+        battery: What was known of the battery.
+        limits: By which the state is judged: a robot that was turned over does not stand.
     """
     problems = hal.problems()
     if problems:
         return battery, max(problems, key=lambda stop: stop.reason.reaction.level)
+    for state in newest:
+        fallen = screen_state(StateMemory(), state, hal.robot_now_ns(), limits)[2]
+        if fallen is not None:
+            return battery, fallen
     host_ns, slow = hal.host_now_ns(), hal.slow_state
     silent_s = (host_ns - newest_host_ns) / NS_PER_S
     if silent_s > STATE_SILENCE_S:

@@ -27,7 +27,14 @@ class ArmedRun:
         self.status: operator_pb2.RunStatus | None = None
         self._told_s = time.monotonic()
         self._ended: operator_pb2.Outcome | None = None
-        self._is_asked_to_end = False
+        self._has_begun = False
+        self._is_asked_to_end = self._is_signalled = False
+
+    def signal_stop(self) -> None:
+        """Without the socket, and once: a second such signal would damp the robot of an operator who asks twice."""
+        if not self._is_signalled:
+            self._is_signalled = True
+            self.process.ask_to_stop()
 
     @property
     def silent_s(self) -> float:
@@ -41,7 +48,7 @@ class ArmedRun:
 
     def take(self, message: run_link_pb2.FromRun) -> None:
         """Take an answer, a status or the last word; whatever else it tells is the service's matter."""
-        kind = message.WhichOneof("what")
+        kind, self._has_begun = message.WhichOneof("what"), True
         if kind == "answer":
             self.waiting.take(message.answer)
         elif kind == "status":
@@ -53,8 +60,8 @@ class ArmedRun:
         """How the run ended, well only by its last word, now that its process has; waiting requests are released."""
         self.waiting.let_all_go()
         own = min(code, 0) or StopReason.INTERNAL_ERROR.exit_code
-        died = operator_pb2.Outcome(outcome="control_process_died", exit_code=own, sentence=_how_it_died(code))
-        return self._ended or died
+        sentence = _how_it_died(code, has_begun=self._has_begun)
+        return self._ended or operator_pb2.Outcome(outcome="control_process_died", exit_code=own, sentence=sentence)
 
     def keep_times(self, state: State, since_s: float, arm_timeout_s: float) -> tuple[str, str] | None:
         """Abort a process that hangs, so that it tells where; kill it if that does not end it.
@@ -76,7 +83,7 @@ class ArmedRun:
             if silent_s > SILENT_S + ABORT_TAKES_S:  # stopped or blocked, it has not even seen the abort
                 self.process.kill()
         elif in_state_s > arm_timeout_s and self._is_first_measure():
-            self.process.ask_to_stop()
+            self.signal_stop()
             return "late", f"{state.value} takes too long; it is broken off"
         elif in_state_s > arm_timeout_s + KILL_AFTER_S:
             self.process.kill()
@@ -87,11 +94,16 @@ class ArmedRun:
         return is_first
 
 
-def _how_it_died(code: int) -> str:
+def _how_it_died(code: int, *, has_begun: bool) -> str:
     """A control process that ended without its last word."""
     how = f"with signal {signal.Signals(-code).name}" if code < 0 else f"with exit code {code}"
     if code == 0:
         how = "with exit code 0, or with one that the system has lost,"
+    if not has_begun:
+        return (
+            f"the control process ended {how} before it had begun, so it touched no robot; see to this computer, which "
+            "may be too busy, then arm again"
+        )
     return (
         f"the control process ended {how} and said nothing more; the robot's own time-outs ended the motion; "
         "see to the robot, then arm again"

@@ -6,11 +6,11 @@ import asyncio
 import os
 import shutil
 import socket
+import ssl
 import threading
 from collections.abc import Coroutine
 from typing import Any, Final, TypeVar
 
-import grpc
 from grpc import aio
 from grpc_health.v1 import health, health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection
@@ -21,7 +21,7 @@ from spot_runtime.operator.door.access import Gate
 from spot_runtime.operator.door.door import Door
 from spot_runtime.operator.door.guard import Guard
 from spot_runtime.operator.door.lanes import Lanes
-from spot_runtime.operator.listening import Listener, default_address, server_credentials
+from spot_runtime.operator.listening import Listener, default_address, server_tls
 from spot_runtime.operator.server.methods import RULES, SERVICE_NAME, handlers
 from spot_runtime.operator.server.request_checks import MAX_MESSAGE_BYTES
 from spot_runtime.operator.server.service import OperatorService
@@ -36,8 +36,6 @@ OPTIONS: Final = (
     ("grpc.max_receive_message_length", MAX_MESSAGE_BYTES),
     ("grpc.max_metadata_size", 8 * 1024),
     ("grpc.max_concurrent_streams", MAX_STREAMS),
-    # Half a handshake is not waited for.
-    ("grpc.server_handshake_timeout_ms", 5_000),
     # A client whose computer has vanished is noticed, and its streams end.
     ("grpc.keepalive_time_ms", 10_000),
     ("grpc.keepalive_timeout_ms", 5_000),
@@ -57,18 +55,18 @@ class OperatorServer:
             ListenError: The address is taken or cannot be used.
         """
         wanted = config.service.listen or default_address(os.environ)
-        credentials = server_credentials(config.service, wanted)
+        tls = server_tls(config.service, wanted)
         self._listener = Listener(wanted)
         self.address = self._listener.address
         self._folder = make_private_folder(os.environ, FOLDER_PREFIX, INNER_NAME, socket.SOCK_STREAM)
         gate = Gate(requests_per_s=config.service.requests_per_s, steering_per_s=config.service.steering_per_s)
-        self._guard = Guard(gate, RULES, is_tls=credentials is not None)
+        self._guard = Guard(gate, RULES)
         self._lanes, self._service = Lanes(), OperatorService(supervisor, gate)
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._loop.run_forever, name="operator", daemon=True)
         self._thread.start()
         try:
-            self._call(self._start(credentials))
+            self._call(self._start(tls))
         except BaseException:
             self._clear_up()
             raise
@@ -78,20 +76,17 @@ class OperatorServer:
         self._call(self._stop())
         self._clear_up()
 
-    async def _start(self, credentials: grpc.ServerCredentials | None) -> None:
+    async def _start(self, tls: ssl.SSLContext | None) -> None:
         server = self._server = aio.server(interceptors=[self._guard], options=OPTIONS)
         server.add_generic_rpc_handlers((handlers(self._service, self._guard, self._lanes),))
         self._health = health.aio.HealthServicer()
         health_pb2_grpc.add_HealthServicer_to_server(self._health, server)
         reflection.enable_server_reflection((SERVICE_NAME, health.SERVICE_NAME, reflection.SERVICE_NAME), server)
         inner = self._folder / INNER_NAME
-        if credentials is None:
-            server.add_insecure_port(f"unix:{inner}")
-        else:
-            server.add_secure_port(f"unix:{inner}", credentials)
+        server.add_insecure_port(f"unix:{inner}")
         await server.start()
         await self._health.set(SERVICE_NAME, health_pb2.HealthCheckResponse.SERVING)
-        self._door = self._guard.door = Door(self._listener.sockets, inner)
+        self._door = self._guard.door = Door(self._listener.socket, inner, tls)
 
     async def _stop(self) -> None:
         await self._health.enter_graceful_shutdown()

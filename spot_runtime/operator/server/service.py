@@ -110,7 +110,7 @@ class OperatorService:
         velocity = run_link_pb2.Velocity(v_x_m_s=v_x, v_y_m_s=v_y, yaw_rate_rad_s=yaw)
         name = request_checks.operator_name(request.operator) or caller.name
         self._supervisor.steer(run_link_pb2.ToRun(velocity=velocity), caller.identity, name)
-        return self._done("steering")
+        return self._done("sent to the control process")
 
     def switch_policy(self, request: operator_pb2.SwitchPolicyRequest, caller: Caller) -> operator_pb2.Done:
         """See the proto."""

@@ -22,7 +22,7 @@ class State(Enum):
         "the policy has the joints, or takes them over, or hands them back",
         "velocity stop damp label-log attend",
     )
-    ENDING = "ending", "sitting, powering off, giving the lease back", "stop damp"
+    ENDING = "ending", "sitting, powering off, giving the lease back", "stop"
 
     meaning: str
     allows: tuple[str, ...]

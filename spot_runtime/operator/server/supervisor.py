@@ -18,6 +18,7 @@ from spot_log.format import codec
 from spot_log.format.records import EventRecord, Severity
 from spot_protos import operator_pb2, run_link_pb2
 from spot_runtime.config import RunConfig
+from spot_runtime.control.modes import Mode
 from spot_runtime.host.clock import HostClock
 from spot_runtime.host.service_manager import ServiceManager
 from spot_runtime.operator.refusal import Refusal, not_now, unavailable
@@ -166,8 +167,13 @@ class Supervisor:
             if client:
                 self._at.say("asked", f"{name}, by {client}")
         if run is not None and state is State.ARMING:
-            run.process.ask_to_stop()
-            return "arming is broken off: the robot sits down and powers off"
+            run.signal_stop()
+            return "arming is broken off; a robot that has power already sits down and loses it"
+        if state is State.ENDING and is_damping:
+            raise not_now(
+                f"{name}: the policy has the joints no more; the vendor's controller lets the robot sit and cuts the "
+                "power, which the e-stop alone does sooner"
+            )
         if state is State.ENDING:
             return "the robot is being brought to rest already"
         try:
@@ -175,7 +181,7 @@ class Supervisor:
         except Refusal as refusal:
             if refusal.code is not unavailable("").code or run is None:
                 raise
-            run.process.ask_to_damp() if is_damping else run.process.ask_to_stop()
+            run.process.ask_to_damp() if is_damping else run.signal_stop()
             return "the control process did not read the request, so it was sent a signal"
 
     def steer(self, request: run_link_pb2.ToRun, identity: str, name: str) -> None:
@@ -194,7 +200,7 @@ class Supervisor:
             self._steering.check(identity, name)
             run = self._run
             mode = "" if run is None else run.mode
-            if mode not in ("active", "ramping_in"):
+            if mode != Mode.ACTIVE.value:  # in any other, the control process would not follow
                 raise not_now(f"velocity: the policy is not in full control, the mode is {mode or 'not known yet'}")
             self._steering.take(identity, name)
             self._seen()
@@ -247,7 +253,7 @@ class Supervisor:
             # The service manager may have sent it the same signal, and a second one would mean damping.
             stop = run_link_pb2.ToRun(stop=operator_pb2.StopRequest())
             if self._at.now is State.ARMING or (self._at.now is not State.ENDING and not run.process.tell(stop)):
-                run.process.ask_to_stop()
+                run.signal_stop()
         deadline_s = time.monotonic() + self._config.service.arm_timeout_s
         while self._run is not None or self._rescue is not None:
             if self._run is not None and time.monotonic() > deadline_s:

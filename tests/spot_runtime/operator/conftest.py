@@ -5,6 +5,7 @@ from __future__ import annotations
 import socket
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -188,12 +189,29 @@ def fake_process(tmp_path_factory: pytest.TempPathFactory) -> Iterator[FakeAddre
         yield process.address
 
 
+@contextmanager
+def armed_at(fake: FakeAddress, folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Arming]:
+    """A fake robot at this address, ready to be armed."""
+    for name, value in fake.environment.items():
+        monkeypatch.setenv(name, value)
+    with grpc.insecure_channel(fake.admin) as channel:
+        admin = fake_admin_pb2_grpc.FakeAdminStub(channel)  # type: ignore[no-untyped-call]
+        yield Arming(fake, admin, folder)
+        admin.ClearFaults(fake_admin_pb2.ClearFaultsRequest())
+
+
 @pytest.fixture
 def arming(fake_process: FakeAddress, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Arming]:
     """A fake robot that sits, ready to be armed."""
-    for name, value in fake_process.environment.items():
-        monkeypatch.setenv(name, value)
-    with grpc.insecure_channel(fake_process.admin) as channel:
-        admin = fake_admin_pb2_grpc.FakeAdminStub(channel)  # type: ignore[no-untyped-call]
-        yield Arming(fake_process, admin, tmp_path)
-        admin.ClearFaults(fake_admin_pb2.ClearFaultsRequest())
+    with armed_at(fake_process, tmp_path, monkeypatch) as armed:
+        yield armed
+
+
+@pytest.fixture
+def spare_arming(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Arming]:
+    """The same, of a robot that no other test needs."""
+    with (
+        FakeProcess(is_lock_step=True, state_dir=tmp_path / "state") as process,
+        armed_at(process.address, tmp_path, monkeypatch) as armed,
+    ):
+        yield armed

@@ -10,6 +10,7 @@ import pytest
 
 from spot_protos import operator_pb2, run_link_pb2
 from spot_runtime.config import RunConfig
+from spot_runtime.control.modes import Mode
 from spot_runtime.host.service_manager import ServiceManager
 from spot_runtime.operator.refusal import Refusal
 from spot_runtime.operator.server.pending import PendingRequests
@@ -86,3 +87,43 @@ def test_it_is_sent_a_signal_though_others_wait(
     waiting_of(supervisor).let_all_go()
     for other in others:
         other.join()
+
+
+def test_a_stop_that_is_asked_for_again_is_not_sent_as_the_signal_that_damps(
+    deaf: tuple[Supervisor, DeafProcess],
+) -> None:
+    supervisor, process = deaf
+    for _ in range(3):
+        message = run_link_pb2.ToRun(stop=operator_pb2.StopRequest())
+        assert "was sent a signal" in supervisor.end("stop", message, "", is_damping=False)
+    assert process.signals == ["stop"]
+
+
+def test_a_robot_that_is_brought_to_rest_is_stopped_already_and_cannot_be_damped(
+    deaf: tuple[Supervisor, DeafProcess],
+) -> None:
+    supervisor, process = deaf
+    supervisor._take(run_link_pb2.FromRun(state="ending"))
+    stop, damp = (
+        run_link_pb2.ToRun(stop=operator_pb2.StopRequest()),
+        run_link_pb2.ToRun(damp=operator_pb2.DampRequest()),
+    )
+    assert "already" in supervisor.end("stop", stop, "", is_damping=False)
+    with pytest.raises(Refusal, match="which the e-stop alone does sooner"):
+        supervisor.end("damp", damp, "", is_damping=True)
+    assert (process.signals, process.told) == ([], [])
+
+
+@pytest.mark.parametrize("mode", [mode.value for mode in Mode if mode is not Mode.ACTIVE])
+def test_nobody_is_told_to_steer_in_a_mode_in_which_no_velocity_is_followed(
+    deaf: tuple[Supervisor, DeafProcess], mode: str
+) -> None:
+    supervisor, process = deaf
+    velocity = run_link_pb2.ToRun(velocity=run_link_pb2.Velocity(v_x_m_s=0.3))
+    supervisor._take(run_link_pb2.FromRun(status=operator_pb2.RunStatus(mode=mode)))
+    with pytest.raises(Refusal, match=f"the mode is {mode}"):
+        supervisor.steer(velocity, "user 1", "anna")
+    assert process.told == []
+    supervisor._take(run_link_pb2.FromRun(status=operator_pb2.RunStatus(mode="active")))
+    supervisor.steer(velocity, "user 1", "anna")
+    assert process.told == ["velocity"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
+import os
 import resource
 import signal
 import socket
@@ -171,3 +172,76 @@ def test_without_a_last_word_no_end_counts_as_good(code: int, expected: int) -> 
     assert (outcome.outcome, outcome.exit_code) == ("control_process_died", expected)
     run.take(run_link_pb2.FromRun(ended=operator_pb2.Outcome(outcome="said", exit_code=10)))
     assert run.outcome(code).exit_code == 10
+
+
+def test_a_control_process_that_was_never_heard_touched_no_robot_and_the_verdict_says_so() -> None:
+    run = ArmedRun(cast("RunProcess", None))
+    assert "touched no robot" in run.outcome(-15).sentence
+    run.take(run_link_pb2.FromRun(state="arming"))
+    assert "said nothing more; the robot's own time-outs ended the motion" in run.outcome(-15).sentence
+
+
+def test_a_word_that_the_system_has_no_memory_for_is_lost_and_the_link_is_not() -> None:
+    ours, peer = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1)  # the least that there is, some kilobytes
+    link = RunLink(ours)
+    link.event(EventRecord(1, 2, Severity.WARNING, "mode", "x" * 12_000))
+    assert (link.untold, link.is_lost) == (1, False)
+    link.ended(operator_pb2.Outcome(outcome="tilt", exit_code=31))
+    assert run_link_pb2.FromRun.FromString(peer.recv(65536)).ended.outcome == "tilt"
+    link.close()
+    peer.close()
+
+
+def test_the_last_word_is_one() -> None:
+    ours, peer = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    link = RunLink(ours)
+    for outcome in ("tilt", "broken off"):
+        link.ended(operator_pb2.Outcome(outcome=outcome))
+    assert run_link_pb2.FromRun.FromString(peer.recv(65536)).ended.outcome == "tilt"
+    link.close()
+    assert peer.recv(65536) == b""
+    peer.close()
+
+
+def begun(told: int) -> tuple[ChildProcess, RunProcess]:
+    """A control process whose spec comes through this descriptor, once it has said its first word."""
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    words = [sys.executable, "-m", "spot_runtime.operator.run.run_child", str(theirs.fileno())]
+    process = ChildProcess(subprocess.Popen(words, pass_fds=(theirs.fileno(),), stdin=told))
+    theirs.close()
+    run = RunProcess(process, ours)
+    wait_until(lambda: [message.state for message in run.read(0.05)] == ["arming"], "it has begun")
+    return process, run
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
+def test_a_control_process_that_is_ended_while_it_still_starts_has_a_last_word(number: signal.Signals) -> None:
+    """A computer that is busy may need minutes to start it, and its time to arm may be over by then."""
+    reading, writing = os.pipe()  # the spec does not come
+    process, run = begun(reading)
+    process.send(number)
+    told: list[run_link_pb2.FromRun] = []
+
+    def is_over() -> bool:
+        told.extend(run.read(0.05))
+        return run.exit_code() is not None
+
+    wait_until(is_over, "it ends")
+    assert (told[-1].ended.outcome, told[-1].ended.exit_code, run.exit_code()) == ("BrokenOffError", 10, 10)
+    assert f"{number.name} came before the robot was touched" in told[-1].ended.sentence
+    run.close()
+    os.close(reading)
+    os.close(writing)
+
+
+def test_a_control_process_that_cannot_be_heard_goes_no_further(capfd: pytest.CaptureFixture[str]) -> None:
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    ours.close()
+    reading, writing = os.pipe()  # nothing is ever read from it
+    words = [sys.executable, "-m", "spot_runtime.operator.run.run_child", str(theirs.fileno())]
+    with theirs, subprocess.Popen(words, pass_fds=(theirs.fileno(),), stdin=reading) as process:
+        assert process.wait() == 14
+    assert capfd.readouterr().err == ""
+    os.close(reading)
+    os.close(writing)

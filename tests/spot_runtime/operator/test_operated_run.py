@@ -13,7 +13,7 @@ from spot_log import Run, read_run
 from spot_log.page.details import detail_lines
 from spot_log.tools.log_info import log_info
 from spot_model.policy.contract import sha256_hex
-from spot_protos import operator_pb2, run_link_pb2
+from spot_protos import fake_admin_pb2, operator_pb2, run_link_pb2
 from spot_runtime.hal.errors import MotionError
 from spot_runtime.hal.spot.adapter import BosdynHal
 
@@ -244,6 +244,51 @@ def test_an_urgent_end_sits_at_once_and_a_mild_one_stands_first(
     assert arming.is_at_rest()
 
 
+def test_a_start_is_answered_when_the_robot_has_handed_the_joints_over(arming: Arming) -> None:
+    operator = arming.operator
+    attend(arming)
+    start(arming)
+    stop(arming, CONTROL_S + 0.3)
+    assert arming.drive().outcome == "operator_stop"
+    told = [m for m in operator.told if m.WhichOneof("what") in ("answer", "event")]
+    at = next(i for i, m in enumerate(told) if m.answer.text == "the joints are handed over to the policy")
+    assert "activating → ramping_in" in [m.event.text for m in told[:at]]
+
+
+def test_a_robot_that_does_not_stand_though_it_says_so_is_never_armed(
+    arming: Arming, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(BosdynHal, "stand", lambda _: None)  # it says that it stands, and lies where it lay
+    outcome = arming.drive()
+    assert outcome.outcome == "body_low", outcome.sentence
+    assert arming.operator.states == ["ending"]
+
+
+def test_a_start_that_a_stop_overtakes_is_refused(arming: Arming) -> None:
+    operator = arming.operator
+    attend(arming)
+    start(arming)
+    operator.at(0.51, lambda: operator.send(stop=operator_pb2.StopRequest(keep_standing=True)))
+    stop(arming, 2.0)
+    assert arming.drive().outcome == "operator_stop"
+    first = operator.answers[1]
+    assert (first.is_done, first.text.partition(";")[0]) == (False, "the policy did not get the joints")
+
+
+def test_damp_says_what_became_of_the_joints(arming: Arming) -> None:
+    operator = arming.operator
+    attend(arming)
+    start(arming)
+    for at_s in (CONTROL_S, CONTROL_S + 0.1):
+        operator.at(at_s, lambda: operator.send(damp=operator_pb2.DampRequest()))
+    operator.at(CONTROL_S + 0.2, lambda: operator.send(stop=operator_pb2.StopRequest(keep_standing=True)))
+    assert arming.drive().outcome == "operator_damp"
+    words = [answer.text for answer in operator.answers.values()]
+    damped = "the joints are damped, the robot sinks to the ground; then the motors lose their power"
+    assert words[1:3] == [damped, damped]
+    assert words[3].startswith("the run ends already: ")
+
+
 def test_a_lease_that_is_lost_while_standing_by_ends_the_arming(arming: Arming) -> None:
     attend(arming)
     arming.operator.at(1.0, lambda: arming.inject("lease_stolen"))
@@ -262,3 +307,15 @@ def count_calls(monkeypatch: pytest.MonkeyPatch, name: str) -> list[str]:
 
     monkeypatch.setattr(BosdynHal, name, counted)
     return calls
+
+
+def test_a_robot_that_is_turned_over_while_it_stands_by_ends_the_arming(spare_arming: Arming) -> None:
+    arming, operator = spare_arming, spare_arming.operator
+    attend(arming)
+    over = fake_admin_pb2.InjectFaultRequest(name="push", numbers={"roll_rad_s": 12.0, "up_m_s": 2.5})
+    operator.at(0.3, lambda: arming.admin.InjectFault(over))
+    start(arming, 6.0)
+    outcome = arming.drive()
+    assert outcome.outcome == "tilt", outcome.sentence
+    assert operator.states == ["armed", "ending"]
+    assert not any(answer.is_done for answer in operator.answers.values())

@@ -22,7 +22,7 @@ from spot_runtime.config import RunConfig
 from spot_runtime.control.modes import Mode
 from spot_runtime.operator.door.access import Buckets, Gate, Lane
 from spot_runtime.operator.door.callers import Caller, Role
-from spot_runtime.operator.listening import SocketFile, default_address, is_loopback, server_credentials
+from spot_runtime.operator.listening import SocketFile, default_address, is_loopback, server_tls
 from spot_runtime.operator.refusal import Refusal
 from spot_runtime.operator.run.background_tasks import BackgroundTask
 from spot_runtime.operator.run.link import MAX_TAKEN, RunLink
@@ -337,21 +337,21 @@ def test_what_is_no_address(address: str) -> None:
 def test_the_network_needs_all_three_files(tmp_path: Path) -> None:
     config = RunConfig().service
     with pytest.raises(BadInputError, match="needs mutual TLS"):
-        server_credentials(config, "0.0.0.0:50")
-    assert server_credentials(config, "127.0.0.1:50") is None
+        server_tls(config, "0.0.0.0:50")
+    assert server_tls(config, "127.0.0.1:50") is None
     some = config.model_copy(update={"tls_key": tmp_path / "key"})
     with pytest.raises(BadInputError, match="name all three"):
-        server_credentials(some, "127.0.0.1:50")
+        server_tls(some, "127.0.0.1:50")
     key = tmp_path / "key"
     key.write_text("-----BEGIN")
     key.chmod(0o644)
     whole = config.model_copy(update=dict.fromkeys(("tls_key", "tls_certificate", "tls_client_ca"), key))
     with pytest.raises(BadInputError, match=f"chmod 600 {key}"):
-        server_credentials(whole, "0.0.0.0:50")
+        server_tls(whole, "0.0.0.0:50")
     key.chmod(0o600)
     key.write_text("nothing")
     with pytest.raises(BadInputError, match="holds no PEM"):
-        server_credentials(whole, "0.0.0.0:50")
+        server_tls(whole, "0.0.0.0:50")
 
 
 def test_the_socket_of_the_unit_and_of_a_user() -> None:
