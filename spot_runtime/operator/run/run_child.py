@@ -53,7 +53,9 @@ def main() -> None:
     """Run the process; leaves with the outcome's exit code."""
     link = RunLink(socket.socket(fileno=int(sys.argv[1])))
     try:
-        code = drive(read_spec(sys.stdin.buffer.read(MAX_SPEC_BYTES)), link)
+        spec = read_spec(sys.stdin.buffer.read(MAX_SPEC_BYTES))
+        os.environ.update(spec.credentials)
+        code = drive(spec, link)
     except SpotRlError as error:
         link.ended(operator_pb2.Outcome(outcome=type(error).__name__, exit_code=error.exit_code, sentence=str(error)))
         code = error.exit_code
