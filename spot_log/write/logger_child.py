@@ -117,7 +117,7 @@ class LoggerChild:
         try:
             self._writer.flush()
         except OSError as error:
-            self._lose(Counter(buffered), f"the log cannot be written: {error}")
+            self._lose(Counter(buffered), f"the log cannot be written: {error.strerror or error}")
         self._tell()
 
     def _lose(self, counts: Counter[str], problem: str) -> None:
@@ -138,15 +138,25 @@ class LoggerChild:
             self._writer.close(dropped, outcome)
         except OSError as error:
             self._writer.abandon()
-            self._lose(Counter(buffered), f"the log could not be closed: {error}")
+            self._lose(Counter(buffered), f"the log could not be closed: {error.strerror or error}")
+            if self._writer.place is None:
+                self._unwritten.update(self._writer.written)
         self._tell(is_closed=True)
+
+    def _move(self) -> str:
+        """That the log is not where it was begun; empty where it is, or is nowhere."""
+        place = self._writer.place
+        if place is None or place.parent == self._writer.path.parent:
+            return ""
+        return f"the log's folder was moved while it was being written; the log is in {place.parent}"
 
     def _tell(self, *, is_ready: bool = False, is_closed: bool = False) -> None:
         status = {
             "ready": is_ready,
             "closed": is_closed,
             "unwritten": dict(self._unwritten + self._overflowed),
-            "problem": self._problem,
+            "problem": self._problem or self._move(),
+            "path": str(self._writer.place or ""),
         }
         send_status(self._connection, status)
 
@@ -165,14 +175,13 @@ def _topic_of(datagram: bytes) -> str:
 
 
 def shed_inherited_settings() -> None:
-    """Give up what a real-time parent hands down: FIFO scheduling, CPU affinity, blocked and ignored signals."""
+    """Give up what a real-time parent hands down: FIFO scheduling, CPU affinity, and to be ended by its signals."""
     with contextlib.suppress(OSError):
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     with contextlib.suppress(OSError):
         os.sched_setaffinity(0, range(os.cpu_count() or 1))
     for number in SHARED_SIGNALS:
         signal.signal(number, signal.SIG_IGN)
-    signal.pthread_sigmask(signal.SIG_SETMASK, [])
 
 
 def main() -> None:

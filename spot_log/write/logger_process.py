@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import re
 import select
 import socket
 import struct
@@ -28,8 +26,6 @@ CLOSE_TIMEOUT_S: Final = 10.0
 _ENCODING_ERRORS: Final = (TypeError, ValueError, AttributeError, OverflowError, struct.error)
 _FLAGS: Final = socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL
 
-_SECRET: Final = re.compile(r"PASSWORD|TOKEN|SECRET|CREDENTIAL", re.IGNORECASE)
-
 
 class LoggerProcess:
     """A :class:`~spot_log.write.sink.LogSink` that writes to a file from another process."""
@@ -44,6 +40,7 @@ class LoggerProcess:
         self._child_problem = ""
         self._own_problem = ""
         self._unwritten: dict[str, int] = dict.fromkeys(TOPICS, 0)
+        self._place: str | None = None
 
     @staticmethod
     def start(path: Path, header: RunHeader, *, timeout_s: float = START_TIMEOUT_S) -> LoggerProcess:
@@ -69,7 +66,6 @@ class LoggerProcess:
                 str(path),
                 told=codec.header_to_proto(header).SerializeToString(),
                 descriptors=(theirs.fileno(),),
-                environment=without_secrets(os.environ),
             )
         sink = LoggerProcess(child, ours, path)
         try:
@@ -122,7 +118,7 @@ class LoggerProcess:
             )
         elif not problem and any(self._dropped.values()):
             problem = f"the log's process does not keep up: {sum(self._dropped.values())} messages dropped"
-        return SinkHealth(self._is_alive, self.dropped, dict(self._unwritten), problem)
+        return SinkHealth(self._is_alive, self.dropped, dict(self._unwritten), problem, self._place)
 
     def close(self, outcome: str) -> None:
         """End the log; waits until the file is whole, at most :data:`CLOSE_TIMEOUT_S`."""
@@ -140,6 +136,9 @@ class LoggerProcess:
         if self._child.wait(max(0.1, deadline_s - time.monotonic())) is None:
             self._own_problem = f"the log's process has not finished after {CLOSE_TIMEOUT_S:g} s; it goes on by itself"
         self.health()
+        if self._place is None:  # it ended by itself, or still writes
+            there = (path for path in (self.path, active_path(self.path)) if path.exists())
+            self._place = str(next(there, ""))
         self._is_closed, self._is_alive = True, False
         self._socket.close()
 
@@ -163,11 +162,7 @@ class LoggerProcess:
             status = json.loads(data)
             self._child_problem = status["problem"]
             self._unwritten = {**dict.fromkeys(TOPICS, 0), **status["unwritten"]}
-
-
-def without_secrets(environment: Mapping[str, str]) -> dict[str, str]:
-    """An environment for a process that needs no password: any user who may list processes can read it."""
-    return {name: value for name, value in environment.items() if not _SECRET.search(name)}
+            self._place = status["path"] if status["closed"] else None
 
 
 def _check_directory(path: Path) -> None:

@@ -38,6 +38,7 @@ def drive(link: RunLink) -> int:
     from spot_runtime.rescue.guarded import guarded
 
     spec = read_spec(sys.stdin.buffer)
+    os.environ.update(spec.credentials)
     policy = load_checked(spec.policy, spec.policy_sha256, spec.config)
     request = HalRequest(spec.robot, spec.config, spec.lock_step)
     adapter = find_adapter(request)
