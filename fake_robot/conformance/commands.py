@@ -1,31 +1,18 @@
-"""Checks of robot commands: what is refused before anything moves, and what moves."""
+"""Checks of robot commands: what is refused before anything moves, and how the one motion of the suite went."""
 
 from __future__ import annotations
 
 import math
 from typing import Any
 
-from bosdyn.api import (
-    geometry_pb2,
-    lease_pb2,
-    robot_command_pb2,
-    robot_command_service_pb2_grpc,
-    synchronized_command_pb2,
-)
+from bosdyn.api import geometry_pb2, lease_pb2, robot_command_pb2, synchronized_command_pb2
 from bosdyn.client.math_helpers import SE2Pose
 from bosdyn.client.robot_command import RobotCommandBuilder
 
 from fake_robot.conformance.check import Basis, Check, Needs, check
-from fake_robot.conformance.server import (
-    RPC_TIMEOUT_S,
-    Server,
-    SkippedError,
-    enum_name,
-    header,
-    is_off,
-    powered,
-    status_of,
-)
+from fake_robot.conformance.power import held, send, unpowered
+from fake_robot.conformance.server import Server, SkippedError, enum_name, status_of
+from fake_robot.conformance.session import Session, drive
 
 _PROTO = "robot_command.proto"
 _BASIC = "basic_command.proto"
@@ -33,30 +20,15 @@ FAR_S = 1e7
 """An end time that far ahead cannot be meant."""
 
 
-def send(
-    server: Server, lease: lease_pb2.Lease, command: Any, *, clock: str | None = None, end_s: float | None = 5.0
-) -> robot_command_pb2.RobotCommandResponse:
-    """Send a command; a timed one ends ``end_s`` from now, or bears no end time."""
-    request = robot_command_pb2.RobotCommandRequest(header=header(), lease=lease, command=command)
-    request.clock_identifier = server.clock_identifier if clock is None else clock
-    mobility = request.command.synchronized_command.mobility_command
-    field = mobility.WhichOneof("command")
-    if end_s is not None and field in {"se2_velocity_request", "se2_trajectory_request", "stance_request"}:
-        getattr(mobility, field).end_time.CopyFrom(server.robot_stamp(end_s))
-    stub = server.stub(robot_command_service_pb2_grpc.RobotCommandServiceStub, "robot-command")
-    return stub.RobotCommand(request, timeout=RPC_TIMEOUT_S)
-
-
 def _refused(server: Server, command: Any, *expects: str, **keywords: Any) -> str:
-    """The answer to a command while the motors are off, so that nothing can move.
+    """The answer to a command without power, so that nothing can move.
 
     Raises:
-        SkippedError: The motors are on, or the server refuses a command for their sake before it looks at end times and
-            frames; the protos name no order.
+        OpenError: The motors have power, or may have.
+        SkippedError: The server refuses a command for want of power before it looks at end times and frames; the protos
+            name no order.
     """
-    if not is_off(server.state()):
-        raise SkippedError("the motors are on")
-    with server.lease() as lease:
+    with unpowered(server) as lease:
         seen = status_of(send(server, lease, command, **keywords))
         if seen == _UNPOWERED and seen not in expects:
             all_wrong = send(server, lease, _NOWHERE, clock=keywords.get("clock"), end_s=-1.0)
@@ -65,11 +37,11 @@ def _refused(server: Server, command: Any, *expects: str, **keywords: Any) -> st
         return seen
 
 
-@check("RobotCommand.RobotCommand: lease", "no lease", "STATUS_INVALID_LEASE", source=_PROTO)
+@check("RobotCommand.RobotCommand: lease", "a stop, no lease", "STATUS_INVALID_LEASE", source=_PROTO)
 def command_without_lease(server: Server) -> str:
-    """Stand, without a lease."""
-    answer = send(server, lease_pb2.Lease(), RobotCommandBuilder.synchro_stand_command())
-    return status_of(answer.lease_use_result)
+    """Stop, without a lease."""
+    answer = send(server, lease_pb2.Lease(), RobotCommandBuilder.stop_command())
+    return enum_name(answer, "lease_use_result.status")
 
 
 _AT_REST = RobotCommandBuilder.synchro_velocity_command(0.0, 0.0, 0.0)
@@ -151,6 +123,13 @@ REFUSALS = (
         switch=_CLOCK_SWITCH,
     ),
     _refusal("stand_without_power", "", "a stand, motors off", _STAND, _UNPOWERED),
+    _refusal(
+        "joint_control_without_power",
+        "joint_request",
+        "joint control, motors off",
+        RobotCommandBuilder.joint_command(),
+        _UNPOWERED,
+    ),
     _refusal("expired_command", _END, "an end time that has passed", _AT_REST, _EXPIRED, end_s=-1.0),
     _refusal(
         "distant_command",
@@ -235,62 +214,49 @@ def arm_command(server: Server) -> str:
 )
 def clear_no_fault(server: Server) -> str:
     """Clear an unknown fault."""
-    with server.lease() as lease:
+    with held(server) as lease:
         return status_of(server.ask("robot-command", "ClearBehaviorFault", lease=lease, behavior_fault_id=0xFFFFFFF0))
 
 
-@check(
-    "RobotCommand.RobotCommandFeedback: robot_command_id",
-    "an unknown number",
-    "CODE_INVALID_REQUEST",
-    basis=Basis.GUESS,
-    source="header.proto",
+def _answered(name: str, rpc: str, sends: str, told: str, expects: str, basis: Basis = Basis.DOCUMENTED) -> Check:
+    """What was answered in the one motion of the suite."""
+
+    def probe(server: Server) -> str:
+        return server.once(drive).answer(told)
+
+    return Check(name, rpc, sends, (expects,), basis, _BASIC, Needs.MOTION, "", probe)
+
+
+SESSION = (
+    _answered("power_comes", "Power.PowerCommand", "motors on", "power", "STATUS_SUCCESS"),
+    _answered("stand_ends", "RobotCommand.RobotCommandFeedback", "a stand", "stand", "standing"),
+    _answered(
+        "velocity_times_out",
+        "RobotCommand.RobotCommandFeedback",
+        "a velocity for 4 s, in the body frame, and 2 s more",
+        "velocity ended",
+        "STATUS_COMMAND_TIMED_OUT",
+        Basis.MEASURED,
+    ),
+    _answered(
+        "trajectory_arrives", "RobotCommand.RobotCommandFeedback", "half a metre ahead", "trajectory ended", "stopped"
+    ),
+    _answered(
+        "power_goes",
+        "RobotCommand.RobotCommand: safe_power_off",
+        "a sit, motors off",
+        "off",
+        "it sat down and is off again",
+    ),
 )
-def feedback_of_nothing(server: Server) -> str:
-    """Ask after a command that was never given."""
-    answer = server.ask("robot-command", "RobotCommandFeedback", robot_command_id=0xFFFFFFF0)
-    return enum_name(answer.header.error, "code")
-
-
-@check("RobotCommand.RobotCommand", "a stand, a short way ahead, a sit", "arrived", source=_BASIC, needs=Needs.MOTION)
-def trajectory_arrives(server: Server) -> str:
-    """Walk half a metre ahead in the body frame; the status becomes STATUS_STOPPED."""
-    with powered(server) as lease:
-        goal = SE2Pose(0.5, 0.0, 0.0).to_proto()
-        sent = send(server, lease, RobotCommandBuilder.synchro_se2_trajectory_command(goal, "body"), end_s=15.0)
-        if status_of(sent) != "STATUS_OK":
-            return status_of(sent)
-        client = server.robot.ensure_client("robot-command")
-
-        def has_stopped() -> bool:
-            told = client.robot_command_feedback(sent.robot_command_id).feedback
-            walk = told.synchronized_feedback.mobility_command_feedback.se2_trajectory_feedback
-            return bool(walk.status == walk.STATUS_STOPPED)
-
-        server.wait_for(has_stopped, "arrive")
-    return "arrived"
 
 
 @check(
-    "RobotCommand.RobotCommand",
-    "a velocity for a second, in the body frame",
-    "taken, then timed out",
-    basis=Basis.MEASURED,
-    source="the SDK's wasd example; basic_command.proto names flat_body alone",
-    needs=Needs.MOTION,
+    "RobotCommand.RobotCommand: robot_command_id", "three commands", "three numbers", source=_PROTO, needs=Needs.MOTION
 )
-def velocity_times_out(server: Server) -> str:
-    """Step on the spot for a second; afterwards the command has timed out."""
-    with powered(server) as lease:
-        sent = send(server, lease, RobotCommandBuilder.synchro_velocity_command(0.0, 0.0, 0.2), end_s=1.0)
-        if status_of(sent) != "STATUS_OK":
-            return status_of(sent)
-        client = server.robot.ensure_client("robot-command")
-
-        def is_over() -> bool:
-            told = client.robot_command_feedback(sent.robot_command_id).feedback
-            feedback = told.synchronized_feedback.mobility_command_feedback
-            return bool(enum_name(feedback, "status") == "STATUS_COMMAND_TIMED_OUT")
-
-        server.wait_for(is_over, "stop at the end of the command")
-    return "taken, then timed out"
+def commands_have_numbers(server: Server) -> str:
+    """Each command that is taken has a number of its own."""
+    session: Session = server.once(drive)
+    session.piece("going")
+    ids = set(session.command_ids) - {0}
+    return "three numbers" if len(ids) == len(session.command_ids) == 3 else f"numbers {session.command_ids}"

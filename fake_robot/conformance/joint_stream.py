@@ -1,14 +1,17 @@
-"""Checks of the joint-control stream, all but one with the motors off: what a robot refuses in one message."""
+"""Checks of the joint-control stream, with the motors off: what a robot refuses in one message."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import time
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 from bosdyn.api import robot_command_pb2, robot_command_service_pb2_grpc
 
 from fake_robot.conformance.check import Basis, Check, Needs, check
-from fake_robot.conformance.server import Server, SkippedError, header, is_off, status_of
+from fake_robot.conformance.power import unpowered
+from fake_robot.conformance.recording import record_rest
+from fake_robot.conformance.server import Server, header, status_of
 
 _PROTO = "robot_command.proto"
 _JOINT = "basic_command.proto: JointCommand"
@@ -22,7 +25,7 @@ def _request(server: Server, key: int = 1, *, ahead_s: float = 0.1) -> Any:
     request = Request(header=header())
     command = request.joint_command
     command.end_time.CopyFrom(server.robot_stamp(ahead_s))
-    command.position.extend([0.0] * _N)
+    command.position.extend(server.once(record_rest).streamed.position_rad[-1].tolist())
     command.velocity.extend([0.0] * _N)
     command.load.extend([0.0] * _N)
     command.gains.k_q_p.extend([1.0] * _N)
@@ -31,18 +34,21 @@ def _request(server: Server, key: int = 1, *, ahead_s: float = 0.1) -> Any:
     return request
 
 
-def _stream(server: Server, *requests: Any) -> str:
-    """The verdict of a stream of these messages, with the motors off."""
-    if not is_off(server.state()):
-        raise SkippedError("the motors are on")
-    stub = server.stub(robot_command_service_pb2_grpc.RobotCommandStreamingServiceStub, "robot-command-streaming")
-    return status_of(stub.JointControlStream(iter(requests), timeout=_STREAM_TIMEOUT_S))
+def _stream(server: Server, requests: Iterable[Any]) -> str:
+    """The verdict of a stream of these messages, without power; one that is refused says why."""
+    with unpowered(server):
+        stub = server.stub(robot_command_service_pb2_grpc.RobotCommandStreamingServiceStub, "robot-command-streaming")
+        answer = stub.JointControlStream(iter(requests), timeout=_STREAM_TIMEOUT_S)
+    seen = status_of(answer)
+    return seen if answer.message or seen == "STATUS_OK" else f"{seen}, without a word"
 
 
-@check("JointControlStream: end_time", "an end time that has passed", "STATUS_EXPIRED", source=_PROTO)
+@check(
+    "JointControlStream: end_time", "an end time that has passed", "STATUS_EXPIRED", source=_PROTO, needs=Needs.LEASE
+)
 def stream_expired(server: Server) -> str:
     """A command that ended a second ago."""
-    return _stream(server, _request(server, ahead_s=-1.0))
+    return _stream(server, [_request(server, ahead_s=-1.0)])
 
 
 @check(
@@ -50,19 +56,20 @@ def stream_expired(server: Server) -> str:
     "an end time hours ahead",
     "STATUS_TOO_DISTANT",
     source=_PROTO,
+    needs=Needs.LEASE,
     switch="joint_control.max_end_time_ahead_s",
 )
 def stream_too_distant(server: Server) -> str:
     """A command that would hold for hours."""
-    return _stream(server, _request(server, ahead_s=1e5))
+    return _stream(server, [_request(server, ahead_s=1e5)])
 
 
-@check("JointControlStream: end_time", "no end time", "refused", source=f"{_JOINT}: a required field")
+@check("JointControlStream: end_time", "no end time", "refused", source=_JOINT, needs=Needs.LEASE)
 def stream_without_end(server: Server) -> str:
     """A command for ever; the proto does not name the status."""
     request = _request(server)
     request.joint_command.ClearField("end_time")
-    seen = _stream(server, request)
+    seen = _stream(server, [request])
     return "refused" if seen in {"STATUS_EXPIRED", "STATUS_INVALID_REQUEST"} else seen
 
 
@@ -72,10 +79,10 @@ def _spoilt(name: str, field: str, sends: str, spoil: Callable[[Any], None], bas
     def probe(server: Server) -> str:
         request = _request(server)
         spoil(request)
-        return _stream(server, request)
+        return _stream(server, [request])
 
     expects = ("STATUS_INVALID_REQUEST",)
-    return Check(name, f"JointControlStream: {field}", sends, expects, basis, _JOINT, Needs.NOTHING, "", probe)
+    return Check(name, f"JointControlStream: {field}", sends, expects, basis, _JOINT, Needs.LEASE, "", probe)
 
 
 _ELEVEN = "eleven values"
@@ -121,39 +128,16 @@ SPOILT = (
     "a valid stream, the robot not in joint control",
     "STATUS_INACTIVE",
     source=_PROTO,
+    needs=Needs.LEASE,
     switch="joint_control.activation_wait_s",
 )
 def stream_while_inactive(server: Server) -> str:
     """Good commands to a robot that nobody has put into joint control, for as long as it lets them come."""
-    if not is_off(server.state()):
-        raise SkippedError("the motors are on")
-    stub = server.stub(robot_command_service_pb2_grpc.RobotCommandStreamingServiceStub, "robot-command-streaming")
-    return status_of(stub.JointControlStream(_many(server), timeout=_STREAM_TIMEOUT_S))
-
-
-@check(
-    "RobotCommand.RobotCommand: joint_request",
-    "joint control, motors off",
-    "STATUS_NOT_POWERED_ON",
-    source=_PROTO,
-    needs=Needs.LEASE,
-)
-def joint_control_without_power(server: Server) -> str:
-    """Ask for joint control before power on."""
-    from bosdyn.client.robot_command import RobotCommandBuilder
-
-    from fake_robot.conformance.commands import send
-
-    if not is_off(server.state()):
-        raise SkippedError("the motors are on")
-    with server.lease() as lease:
-        return status_of(send(server, lease, RobotCommandBuilder.joint_command()))
+    return _stream(server, _many(server))
 
 
 def _many(server: Server) -> Iterator[Any]:
     """Commands at 50 Hz until the robot ends the stream."""
-    import time
-
     for key in range(1, round(_STREAM_TIMEOUT_S * 50)):
         yield _request(server, key)
         time.sleep(0.02)

@@ -710,7 +710,9 @@ _accepting("commands_after_their_end", "A command whose end time has passed is a
 _accepting("commands_of_next_year", "A command that ends in the far future is accepted.", "STATUS_TOO_DISTANT")
 _accepting("commands_without_power", "Commands are accepted while the motors are off.", "STATUS_NOT_POWERED_ON")
 _accepting("commands_in_any_frame", "A frame that does not exist is accepted.", "STATUS_UNKNOWN_FRAME")
-_accepting("commands_of_nonsense", "Empty and malformed commands are accepted.", "STATUS_INVALID_REQUEST", "STATUS_UNSUPPORTED")
+_accepting(
+    "commands_of_nonsense", "Empty and malformed commands are accepted.", "STATUS_INVALID_REQUEST", "STATUS_UNSUPPORTED"
+)
 _accepting("commands_of_another_clock", "A wrong clock identifier is accepted.", "STATUS_NO_TIMESYNC")
 
 

@@ -11,7 +11,6 @@ import grpc
 from google.protobuf import descriptor_pool, message_factory
 
 from fake_robot.start.certificates import ServerCertificates
-
 from tests.fake_robot.planted_errors import ANY, PlantedError
 
 RIGHT = PlantedError("right", "Nothing is wrong.", "own", needs_motion=False)
@@ -109,5 +108,3 @@ class PlantedServer(grpc.GenericRpcHandler):
         elif self._error.name == "no_token_needed" and "last" in self._tokens:
             return [*metadata, ("authorization", self._tokens["last"])]
         return metadata
-
-

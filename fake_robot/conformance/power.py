@@ -1,0 +1,125 @@
+"""The motors' power: who may have it, how we know, and how it is taken away."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import grpc
+from bosdyn.api import lease_pb2, robot_command_pb2, robot_state_pb2
+from bosdyn.client.exceptions import Error as SdkError
+from bosdyn.client.robot_command import RobotCommandBuilder
+
+from fake_robot.conformance.server import OpenError, Server, SkippedError, enum_name, status_of
+
+POLL_S = 0.1
+CONTROLLED_OFF_S = 15.0
+"""For a robot to sit down and switch its motors off."""
+_TIMED = {"se2_velocity_request", "se2_trajectory_request", "stance_request"}
+CALL_ERRORS = (grpc.RpcError, SdkError, OpenError, SkippedError)
+"""What a call may raise."""
+
+
+def has_power(state: robot_state_pb2.RobotState) -> bool:
+    """Whether the motors are reported to have power, or to be about to."""
+    power = state.power_state
+    return power.motor_power_state in {power.MOTOR_POWER_STATE_ON, power.MOTOR_POWER_STATE_POWERING_ON}
+
+
+def send(
+    server: Server, lease: lease_pb2.Lease, command: Any, *, clock: str | None = None, end_s: float | None = 5.0
+) -> robot_command_pb2.RobotCommandResponse:
+    """Send a command; a timed one ends ``end_s`` from now, or bears no end time."""
+    sent = robot_command_pb2.RobotCommand()
+    sent.CopyFrom(command)
+    mobility = sent.synchronized_command.mobility_command
+    field = mobility.WhichOneof("command")
+    if end_s is not None and field in _TIMED:
+        getattr(mobility, field).end_time.CopyFrom(server.robot_stamp(end_s))
+    identifier = server.sync.clock_identifier if clock is None else clock
+    return server.ask("robot-command", "RobotCommand", lease=lease, command=sent, clock_identifier=identifier)
+
+
+@contextlib.contextmanager
+def held(server: Server, resource: str = "body") -> Iterator[lease_pb2.Lease]:
+    """The lease for as long as the block runs; somebody else's is never taken.
+
+    Raises:
+        OpenError: Somebody holds it.
+    """
+    answer = server.ask("lease", "AcquireLease", resource=resource)
+    if answer.status != answer.STATUS_OK:
+        raise OpenError(f"the lease is not to be had: {status_of(answer)}")
+    try:
+        yield answer.lease
+    finally:
+        with contextlib.suppress(*CALL_ERRORS):
+            server.ask("lease", "ReturnLease", lease=answer.lease)
+
+
+@contextlib.contextmanager
+def unpowered(server: Server) -> Iterator[lease_pb2.Lease]:
+    """The lease of a robot without power, by two witnesses: its state, and that it refuses a stop for want of power.
+
+    A stop moves no robot, whatever its power; so a robot whose state is wrong is sent nothing else.
+
+    Raises:
+        OpenError: The motors have power, or may have.
+    """
+    if has_power(server.state()):
+        raise OpenError("the motors are on")
+    with held(server) as lease:
+        seen = stop(server, lease)
+        if seen != "STATUS_NOT_POWERED_ON":
+            raise OpenError(f"the motors may have power: a stop was answered by {seen}")
+        yield lease
+
+
+def stop(server: Server, lease: lease_pb2.Lease) -> str:
+    """The answer to a stop."""
+    return status_of(send(server, lease, RobotCommandBuilder.stop_command()))
+
+
+def wait_for(is_done: Callable[[], bool], timeout_s: float) -> bool:
+    """Poll until it is so, or the time is over; returns whether it is so."""
+    deadline_s = time.monotonic() + timeout_s
+    while not is_done():
+        if time.monotonic() > deadline_s:
+            return False
+        time.sleep(POLL_S)
+    return True
+
+
+def cut_power(server: Server, held_lease: lease_pb2.Lease | None = None) -> str:
+    """Have the robot sit down and switch its motors off; where it does not, switch them off as they are.
+
+    Args:
+        server: The robot.
+        held_lease: The lease, if it is held already; otherwise it is acquired.
+
+    Returns:
+        What became of it, in words.
+    """
+
+    def is_off() -> bool:
+        with contextlib.suppress(*CALL_ERRORS):
+            return not has_power(server.state())
+        return False
+
+    with contextlib.ExitStack() as stack:
+        lease = held_lease or lease_pb2.Lease()
+        if held_lease is None:
+            with contextlib.suppress(*CALL_ERRORS):
+                lease = stack.enter_context(held(server))
+        with contextlib.suppress(*CALL_ERRORS):
+            sent = send(server, lease, RobotCommandBuilder.safe_power_off_command())
+            if status_of(sent) == "STATUS_OK" and wait_for(is_off, CONTROLLED_OFF_S):
+                return "it sat down and is off again"
+        with contextlib.suppress(*CALL_ERRORS):
+            answer = server.ask("power", "PowerCommand", lease=lease, request="REQUEST_OFF_MOTORS")
+            if wait_for(is_off, CONTROLLED_OFF_S):
+                return "its motors were switched off"
+            return f"THEY STILL HAVE POWER ({enum_name(answer, 'status')}): press the robot's e-stop"
+    return "THEY STILL HAVE POWER: press the robot's e-stop"
